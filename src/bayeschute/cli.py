@@ -1,0 +1,244 @@
+"""The door for the shell: thin commands on public functions.
+
+Exit codes: 0 all well, 1 a check of the result failed, 2 the input is bad, 130 stopped by the user. Whatever is slow to
+import is imported inside the commands, so that `--help` and `check` stay quick.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from enum import StrEnum
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from bayeschute import __version__
+from bayeschute.errors import Fault, InputError
+
+if TYPE_CHECKING:
+    from rich.progress import Progress, TaskID
+
+app = typer.Typer(
+    name="bayeschute",
+    help="Parachute cluster dynamics from flight records: posterior, honest bands, risk numbers.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    add_completion=False,
+    rich_markup_mode=None,
+)
+
+
+class Stage(StrEnum):
+    """Stages of a run, in order."""
+
+    INGEST = "ingest"
+    STRUCTURE = "structure"
+    PRIORS = "priors"
+    FIT = "fit"
+    CHECK = "check"
+    PREDICT = "predict"
+    RISK = "risk"
+    REPORT = "report"
+
+
+StudyPath = Annotated[Path, typer.Argument(metavar="STUDY", help="Study file (TOML).", show_default=False)]
+DataDir = Annotated[
+    Path | None, typer.Option("--data", metavar="DIR", help="Folder that ${DATA} stands for in the study.")
+]
+Seed = Annotated[int | None, typer.Option(min=0, max=2**32 - 1, help="Replaces the study's seed.")]
+
+
+def say(text: str = "", error: bool = False) -> None:
+    """Print a line, to stderr if it tells a fault."""
+    typer.echo(text, err=error)
+
+
+@contextmanager
+def _told(when_stopped: str = "") -> Iterator[None]:
+    """Bad input becomes one line per fault and exit code 2; Ctrl-C becomes exit code 130."""
+    try:
+        yield
+    except InputError as error:
+        for fault in error.faults:
+            say(" ".join(str(fault).split()), error=True)
+        raise typer.Exit(2) from error
+    except KeyboardInterrupt as stop:
+        say(f"Stopped. {when_stopped}".strip(), error=True)
+        raise typer.Exit(130) from stop
+
+
+class Bars:
+    """Progress bars, one a stage; an instance is the callback that long work is given.
+
+    Call it with the stage's name, the share that is done (0 to 1), and a few words; the words given with 1 stay on the
+    screen as the stage's summary.
+    """
+
+    def __init__(self) -> None:
+        self._progress: Progress | None = None
+        self._tasks: dict[str, TaskID] = {}
+
+    def __enter__(self) -> Bars:
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+        stage, words = TextColumn("{task.description:<10}"), TextColumn("{task.fields[words]}", markup=False)
+        console = Console(stderr=True)
+        self._progress = Progress(stage, BarColumn(bar_width=24), TimeElapsedColumn(), words, console=console)
+        self._progress.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._progress is not None:
+            self._progress.stop()
+
+    def __call__(self, stage: str, done: float, words: str = "") -> None:
+        """Move the bar of a stage."""
+        if self._progress is None:
+            return
+        if stage not in self._tasks:
+            self._tasks[stage] = self._progress.add_task(stage, total=1.0, words=words)
+        self._progress.update(self._tasks[stage], completed=min(max(done, 0.0), 1.0), words=words)
+
+
+def _free_folder(out: Path) -> None:
+    """Refuse an output path that is a file."""
+    if out.exists() and not out.is_dir():
+        raise InputError(Fault(f"--out {out}", "a file", "a folder, which may exist", "Choose another path."))
+
+
+def _sound(study: Path, data: Path | None) -> None:
+    """Refuse a study that has any fault, its records read in full."""
+    from bayeschute.study.load import check_study
+
+    faults = check_study(study, data)
+    if faults:
+        raise InputError(faults)
+
+
+@app.command()
+def run(
+    study: StudyPath,
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Results.  [default: runs/NAME of the study]")] = None,
+    until: Annotated[Stage | None, typer.Option(help="Last stage to run.")] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Reuse finished stages whose inputs are the same.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Small sizes, to see that all works; not for use.")] = False,
+    data: DataDir = None,
+    seed: Seed = None,
+) -> None:
+    """Records and a study to posterior, bands and report."""
+    folder = out or Path("runs") / study.stem
+    again = f"`bayeschute run {study} --out {folder} --resume` goes on from the last finished stage."
+    with _told(again):
+        _free_folder(folder)
+        _sound(study, data)  # before anything slow is imported, and before anything is written
+        from bayeschute.study.stages import run_study
+
+        last = until.value if until else None
+        with Bars() as bars:
+            run_study(study, folder, until=last, resume=resume, quick=quick, data_dir=data, seed=seed, progress=bars)
+        say(f"Results are in {folder}")
+        if (folder / "report.html").is_file() and last in (None, "report"):
+            say(f"Report: {folder / 'report.html'}")
+        failed = [] if last not in (None, "report") else _failed_checks(folder)
+        if quick:
+            say("Quick run: sizes too small for use.")
+        elif failed:
+            say(f"Checks that failed: {', '.join(failed)}. The report says what they mean.", error=True)
+            raise typer.Exit(1)
+
+
+def _failed_checks(folder: Path) -> list[str]:
+    """Names of the checks in summary.json that failed."""
+    import json
+
+    path = folder / "summary.json"
+    checks: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")).get("checks", {}) if path.is_file() else {}
+    return [name for name, check in checks.items() if check.get("passed") is False]
+
+
+@app.command()
+def check(study: StudyPath, data: DataDir = None) -> None:
+    """Name every fault of a study and its files at once."""
+    with _told():
+        _sound(study, data)
+        say(f"{study}: no fault found")
+
+
+@app.command()
+def simulate(
+    source: Annotated[Path, typer.Argument(metavar="STUDY_OR_VEHICLE", help="Study or vehicle file (TOML).")],
+    out: Annotated[Path, typer.Option(metavar="FLIGHT", help="Folder for records and truth.", show_default=False)],
+    draws: Annotated[int, typer.Option(min=1, max=100_000, help="Drops, each with winds and noise of its own.")] = 1,
+    seed: Seed = None,
+) -> None:
+    """Fly virtual drops: records, and the truth beside."""
+    with _told("Finished drops are kept."):
+        _free_folder(out)
+        from bayeschute.study.load import load_study_or_vehicle
+
+        study = load_study_or_vehicle(source)
+        if not any(flight.virtual for flight in study.flights):
+            wanted = "a study with a [flight.virtual] table, or a vehicle"
+            raise InputError(Fault(str(source), "a study of records only", wanted))
+        from bayeschute.study.stages import simulate_study
+
+        with Bars() as bars:
+            written = simulate_study(study, out, draws=draws, seed=seed, progress=bars)
+        for path in written[:10]:
+            say(str(path))
+        if len(written) > 10:
+            say(f"and {len(written) - 10} more in {out}")
+
+
+@app.command()
+def report(folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a run.", show_default=False)]) -> None:
+    """Build report.html again from results."""
+    with _told():
+        if not folder.is_dir():
+            raise InputError(Fault(str(folder), "no such folder", "the folder of a run"))
+        from bayeschute.report.html import build_report
+
+        say(f"Report: {build_report(folder)}")
+
+
+@app.command()
+def init(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Where to put the files.", show_default=False)],
+) -> None:
+    """Copy files to begin one's own study with into DIR."""
+    with _told():
+        from bayeschute.study.templates import copy_templates
+
+        for path in copy_templates(folder):
+            say(str(path))
+        say(f"Try `bayeschute run {folder / 'virtual.toml'} --quick`; then read the top of the other studies.")
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        say(f"bayeschute {__version__}")
+        raise typer.Exit()
+
+
+@app.callback()
+def _top(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    """Parachute cluster dynamics from flight records: posterior, honest bands, risk numbers."""
+
+
+def main() -> None:
+    """Entry point of the installed command."""
+    app()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,206 @@
+"""Equations of motion of a capsule under n canopies on elastic risers (report 6.3.3, without its singular axes)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+
+from bayeschute.aero.terms import axial_coefficient, transverse_coefficient
+from bayeschute.air.airflow import (
+    SEA_LEVEL_DENSITY,
+    CanopyFlow,
+    axis_rate,
+    neighbours,
+    riser_rate,
+    squared_angle,
+    wind_direction_rate,
+)
+from bayeschute.air.vector import Component, Vec3, cross, dot, norm, perpendicular
+from bayeschute.dynamics.parameters import Capsule, Cluster, Risers, Structure
+from bayeschute.dynamics.state import ClusterState, pack, unpack
+
+_LEAST_SPEED = 1e-3  # [m/s]; keeps 1/|V| finite at rest, far below any descent
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Air:
+    """The air at one instant.
+
+    Attributes:
+        wind: Velocity of the air, NED [m/s]; components broadcast over canopies.
+        wind_rate: Its partial derivative with time [m/s^2] (only the airflow rate needs it).
+        density: [kg/m^3].
+        axial_factor: Factor on every canopy's axial coefficient, (canopy, ...) or 1: breathing (6.3.2-28).
+        shear: Derivative of the wind with altitude [1/s].
+    """
+
+    wind: Vec3
+    wind_rate: Vec3
+    density: Component
+    axial_factor: Component
+    shear: Vec3
+
+
+@dataclass(frozen=True)
+class RiserGeometry:
+    """Where the risers run: unit vectors capsule -> canopy, lengths, and what moves their ends."""
+
+    attach_n: Vec3
+    direction: Vec3
+    length: Component
+    across: Vec3
+    stretch_rate: Component
+
+
+def geometry(state: ClusterState, capsule: Capsule) -> RiserGeometry:
+    """Risers of a state (6.3.3-4, -20b)."""
+    attach_n = state.attitude.to_ned(capsule.attach_b)
+    attach_velocity = state.velocity + state.attitude.to_ned(cross(state.rate, capsule.attach_b))
+    along = state.canopy_position - (state.position + attach_n)
+    length = norm(along)
+    n = along / length
+    relative = state.canopy_velocity - attach_velocity
+    return RiserGeometry(attach_n, n, length, relative, dot(n, relative))
+
+
+def tension(geo: RiserGeometry, risers: Risers) -> Component:
+    """Tension of every riser [N], never negative, zero when slack (6.3.3-1..3, clamped)."""
+    stretch = geo.length - risers.length
+    force = risers.stiffness * stretch + risers.damping * geo.stretch_rate
+    return jnp.where(stretch > 0.0, jnp.maximum(force, 0.0), 0.0)
+
+
+def canopy_flow(state: ClusterState, geo: RiserGeometry, model: Cluster, structure: Structure, air: Air) -> CanopyFlow:
+    """Airflow at every canopy, with the riser's part of the transverse rate."""
+    canopies = model.canopies
+    axis = -geo.direction
+    v = state.canopy_velocity - air.wind
+    speed = norm(v, _LEAST_SPEED)
+    w = v / speed
+    cosine = dot(w, axis)
+    e = w - axis * cosine
+    x_dot = axis_rate(geo.direction, geo.across, geo.length)
+    q = 0.5 * air.density * speed * speed
+    reference = 0.5 * SEA_LEVEL_DENSITY * canopies.speed**2
+    return CanopyFlow(
+        axis=axis,
+        e=e,
+        rate=riser_rate(axis, x_dot, cosine) * (canopies.length / (2.0 * speed)),
+        alpha_squared=squared_angle(dot(e, e), cosine),
+        cos_alpha=cosine,
+        q=q,
+        q_ratio=q / reference,
+        speed_ratio=speed / canopies.speed - 1.0,
+        neighbours=neighbours(state.canopy_position, state.canopy_velocity, axis, canopies.length, structure.canopies),
+    )
+
+
+def canopy_force(flow: CanopyFlow, model: Cluster, structure: Structure, air: Air) -> Vec3:
+    """Aerodynamic force on every canopy, q S (-C_A x + transverse) [N], NED (6.3.3-5)."""
+    axial = axial_coefficient(structure.axial, model.axial, flow) * air.axial_factor
+    transverse = transverse_coefficient(structure.transverse, model.transverse, flow)
+    return (transverse - flow.axis * axial) * (flow.q * model.canopies.area)
+
+
+def canopy_acceleration(
+    state: ClusterState, geo: RiserGeometry, riser_tension: Component, model: Cluster, structure: Structure, air: Air
+) -> Vec3:
+    """Acceleration of every canopy [m/s^2]; weight on the dry mass, inertia with the enclosed air (6.3.3-6, corrected)."""
+    canopies = model.canopies
+    mass = canopies.dry_mass + air.density * canopies.enclosed_volume
+    flow = canopy_flow(state, geo, model, structure, air)
+    zero = jnp.zeros_like(flow.cos_alpha)
+    weight = Vec3(zero, zero, zero + canopies.dry_mass * model.gravity)
+    known = weight - geo.direction * riser_tension
+    if structure.rate == "riser":
+        return (known + canopy_force(flow, model, structure, air)) / mass
+    return _implicit_acceleration(flow, known, mass, state, model, structure, air)
+
+
+def _implicit_acceleration(
+    flow: CanopyFlow, known: Vec3, mass: Component, state: ClusterState, model: Cluster, structure: Structure, air: Air
+) -> Vec3:
+    """Solve m a = known + F(a): F is affine in a through the rate of the wind direction (PHYSICS 3)."""
+    v = state.canopy_velocity - air.wind
+    speed = norm(v, _LEAST_SPEED)
+    w = v / speed
+    scale = model.canopies.length / (2.0 * speed)
+    carried = air.wind_rate - air.shear * state.canopy_velocity.z  # altitude is minus z
+
+    def force(a: Vec3) -> Vec3:
+        turn = perpendicular(wind_direction_rate(w, a - carried, speed), flow.axis) * scale
+        moved = CanopyFlow(**{**flow.__dict__, "rate": flow.rate + turn})
+        return canopy_force(moved, model, structure, air)
+
+    zero = jnp.zeros_like(flow.cos_alpha)
+    one = zero + 1.0
+    f0 = force(Vec3(zero, zero, zero))
+    columns = [force(Vec3(*(one if i == j else zero for j in range(3)))) - f0 for i in range(3)]
+    lhs = [Vec3(zero + mass * (i == 0), zero + mass * (i == 1), zero + mass * (i == 2)) - columns[i] for i in range(3)]
+    rhs = known + f0
+    determinant = dot(lhs[0], cross(lhs[1], lhs[2]))
+    return Vec3(
+        dot(rhs, cross(lhs[1], lhs[2])) / determinant,
+        dot(lhs[0], cross(rhs, lhs[2])) / determinant,
+        dot(lhs[0], cross(lhs[1], rhs)) / determinant,
+    )
+
+
+def capsule_aerodynamics(state: ClusterState, capsule: Capsule, air: Air) -> tuple[Vec3, Vec3]:
+    """Aerodynamic force [N] and moment about the centre of mass [N m], body axes (6.3.3-11..15)."""
+    v_b = state.attitude.to_body(state.velocity - air.wind)
+    speed = norm(v_b, _LEAST_SPEED)
+    q_area = 0.5 * air.density * speed * speed * capsule.area
+    along = v_b / speed
+    slope = capsule.normal_force_slope
+    force = Vec3(-capsule.axial_force + 0.0 * along.x, -slope * along.y, -slope * along.z) * q_area
+    static = Vec3(0.0 * along.x, capsule.moment_slope * along.z, -capsule.moment_slope * along.y) * (q_area * capsule.length)
+    p, q, r = state.rate.x, state.rate.y, state.rate.z
+    damping = Vec3(capsule.roll_damping * p, capsule.pitch_damping * q, capsule.pitch_damping * r)
+    damping = damping * (q_area * capsule.length**2 / (2.0 * speed))
+    return force, static + damping + cross(capsule.reference_centre_b, force)
+
+
+def capsule_acceleration(
+    state: ClusterState, geo: RiserGeometry, riser_tension: Component, model: Cluster, air: Air, n: int
+) -> tuple[Vec3, Vec3]:
+    """Acceleration of the centre of mass, NED [m/s^2], and angular acceleration, body axes [rad/s^2] (6.3.3-16, -19)."""
+    capsule = model.capsule
+    pulls = geo.direction * riser_tension
+    pull = Vec3(*(sum((c[i] for i in range(1, n)), c[0]) for c in (pulls.x, pulls.y, pulls.z)))
+    force_b, moment_b = capsule_aerodynamics(state, capsule, air)
+    acceleration = (pull + state.attitude.to_ned(force_b)) / capsule.mass
+    acceleration = Vec3(acceleration.x, acceleration.y, acceleration.z + model.gravity)
+    moment_b = moment_b + cross(capsule.attach_b, state.attitude.to_body(pull))
+    inertia, w = capsule.inertia, state.rate
+    gyroscopic = cross(w, Vec3(inertia.x * w.x, inertia.y * w.y, inertia.z * w.z))
+    m = moment_b - gyroscopic
+    return acceleration, Vec3(m.x / inertia.x, m.y / inertia.y, m.z / inertia.z)
+
+
+def state_rate(x: jax.Array, model: Cluster, structure: Structure, air: Air) -> jax.Array:
+    """Rate of the state vector.
+
+    Args:
+        x: State (13 + 6 n, ...).
+        model: Parameters, arrays that broadcast over the batch axes.
+        structure: Terms and options.
+        air: Air at this instant.
+
+    Returns:
+        dx/dt, same shape.
+    """
+    n = structure.canopies
+    state = unpack(x, n)
+    geo = geometry(state, model.capsule)
+    pull = tension(geo, model.risers)
+    canopy = canopy_acceleration(state, geo, pull, model, structure, air)
+    acceleration, turning = capsule_acceleration(state, geo, pull, model, air, n)
+    return pack(
+        ClusterState(
+            state.velocity, acceleration, state.attitude.rate(state.rate), turning, state.canopy_velocity, canopy
+        )
+    )

@@ -1,0 +1,202 @@
+"""The three-body cluster along one record: the model of the main job."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from bayeschute.air.airflow import SEA_LEVEL_DENSITY
+from bayeschute.air.vector import Component, Vec3, dot, norm, quaternion, vec3
+from bayeschute.dynamics.cluster import Air, geometry, state_rate, tension
+from bayeschute.dynamics.integrate import rk4
+from bayeschute.dynamics.parameters import Cluster, Structure
+from bayeschute.dynamics.start import Start, initial_state
+from bayeschute.dynamics.state import unpack
+
+LOGARITHMIC = ("riser_stiffness", "riser_damping")
+
+
+def with_parameters(base: Cluster, structure: Structure, names: Sequence[str], theta: Component) -> Cluster:
+    """A cluster with some parameters replaced.
+
+    Args:
+        base: The other numbers.
+        structure: Terms, for the places of ``axial[...]`` and ``transverse[...]``.
+        names: Names of the entries of `theta`.
+        theta: Working coordinates (P, ...): logarithms for `LOGARITHMIC`, SI values otherwise.
+
+    Returns:
+        The cluster.
+
+    Raises:
+        KeyError: If a name is no parameter of this structure.
+    """
+    axial, transverse = list(base.axial), list(base.transverse)
+    risers, capsule, canopies = base.risers, base.capsule, base.canopies
+    for i, name in enumerate(names):
+        value = jnp.exp(theta[i]) if name in LOGARITHMIC else theta[i]
+        if name.startswith("axial["):
+            axial[structure.axial.index(name[6:-1])] = value
+        elif name.startswith("transverse["):
+            transverse[structure.transverse.index(name[11:-1])] = value
+        elif name.startswith("riser_"):
+            risers = replace(risers, **{name[6:]: value})
+        elif name == "capsule_mass":
+            capsule = replace(capsule, mass=value)
+        elif name == "enclosed_air_factor":
+            canopies = replace(canopies, enclosed_volume=canopies.enclosed_volume * value)
+        else:
+            raise KeyError(f"{name!r} is no parameter of the cluster")
+    return replace(base, risers=risers, capsule=capsule, canopies=canopies, axial=tuple(axial), transverse=tuple(transverse))
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class ClusterInputs:
+    """What the cluster meets at each sample; leaves (T, ...).
+
+    Attributes:
+        wind: Best-estimated wind (T, 3) [m/s].
+        density: (T,) [kg/m^3].
+        axial_factor: Breathing factor on the axial coefficients (T, n); ones when unknown.
+        attitude: Recorded attitude (T, 4), against which attitude outputs are formed.
+    """
+
+    wind: Component
+    density: Component
+    axial_factor: Component
+    attitude: Component
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class ClusterFlight:
+    """One flight of a cluster (a `FlightModel`).
+
+    Attributes:
+        base: Numbers that are not parameters.
+        start: Reference start, with its across-riser directions `basis` (2, 3, n).
+        record: Inputs at the samples.
+        dt: Sample interval [s].
+        structure: Terms and options.
+        names: Parameters, in the order of theta.
+        channels: Outputs: any of ``canopy_position`` (relative to the capsule, 3 n), ``capsule_velocity`` (3),
+            ``capsule_attitude`` (rotation vector from the recorded attitude, 3), ``riser_tension`` (n).
+        substeps: Runge-Kutta steps per sample.
+    """
+
+    base: Cluster
+    start: Start
+    basis: Component
+    record: ClusterInputs
+    dt: Component
+    structure: Structure = field(metadata={"static": True})
+    names: tuple[str, ...] = field(metadata={"static": True})
+    channels: tuple[str, ...] = field(metadata={"static": True})
+    substeps: int = field(default=4, metadata={"static": True})
+
+    def inputs(self) -> ClusterInputs:
+        """The record's inputs."""
+        return self.record
+
+    def numbers(self, theta: jax.Array) -> Cluster:
+        """The cluster with these parameters."""
+        return with_parameters(self.base, self.structure, self.names, theta)
+
+    def initial(self, numbers: Cluster, start: jax.Array) -> jax.Array:
+        """State at the first sample (13 + 6 n, ...)."""
+        rank = start.ndim - 1
+        first = jax.tree.map(lambda a: jnp.reshape(a[0], (*jnp.shape(a)[1:], *(1,) * rank)), self.record)
+        air = air_between(first, first, jnp.zeros((3, *(1,) * rank)), jnp.zeros((3, *(1,) * rank)), 0.0, self.dt)
+        return initial_state(self.start, self.basis, start, numbers, self.structure, air)
+
+    def advance(self, x: jax.Array, numbers: Cluster, now: Any, then: Any, error_now: Any, error_then: Any) -> jax.Array:
+        """State one sample later."""
+
+        def rate(state: jax.Array, share: Component) -> jax.Array:
+            air = air_between(now, then, error_now, error_then, share, self.dt)
+            return state_rate(state, numbers, self.structure, air)
+
+        return rk4(rate, x, self.dt, self.substeps)
+
+    def observe(self, x: jax.Array, numbers: Cluster, now: Any) -> jax.Array:
+        """Outputs of `channels`, in order (C, ...)."""
+        n = self.structure.canopies
+        state = unpack(x, n)
+        rows = []
+        for channel in self.channels:
+            if channel == "canopy_position":
+                apart = state.canopy_position - state.position
+                rows.append(jnp.stack([c[i] for i in range(n) for c in (apart.x, apart.y, apart.z)]))
+            elif channel == "capsule_velocity":
+                rows.append(state.velocity.stack())
+            elif channel == "capsule_attitude":
+                apart_q = quaternion(now.attitude).conjugate().times(state.attitude)
+                turn = Vec3(apart_q.x, apart_q.y, apart_q.z) * (2.0 * jnp.sign(apart_q.w))
+                rows.append(turn.stack())
+            else:
+                rows.append(tension(geometry(state, numbers.capsule), numbers.risers))
+        return jnp.concatenate(rows)
+
+
+def channel_sizes(channels: Sequence[str], n: int) -> dict[str, int]:
+    """Number of outputs of each channel with `n` canopies."""
+    sizes = {"canopy_position": 3 * n, "capsule_velocity": 3, "capsule_attitude": 3, "riser_tension": n}
+    return {channel: sizes[channel] for channel in channels}
+
+
+def air_between(now: Any, then: Any, error_now: Component, error_then: Component, share: Component, dt: Component) -> Air:
+    """Air at a share of the sample, linear between samples.
+
+    The first three rows of the errors add to the recorded wind; rows beyond, one per canopy, to the axial factors.
+    """
+    w0, w1 = now.wind + error_now[:3], then.wind + error_then[:3]
+    f0, f1 = now.axial_factor, then.axial_factor
+    if error_now.shape[0] > 3:
+        f0, f1 = f0 + error_now[3:], f1 + error_then[3:]
+    zero = jnp.zeros_like(w0[0])
+    return Air(
+        wind=vec3(w0 + (w1 - w0) * share),
+        wind_rate=vec3((w1 - w0) / dt),
+        density=now.density + (then.density - now.density) * share,
+        axial_factor=f0 + (f1 - f0) * share,
+        shear=Vec3(zero, zero, zero),
+    )
+
+
+QUANTITIES = ("swing_angle", "descent_rate", "sea_level_descent_rate", "flyout_angle")
+
+
+def quantity(name: str, x: jax.Array, density: Component, attach_b: Vec3, n: int) -> jax.Array:
+    """A reported quantity of a state: swing angle (6.1-18), flyout angle (6.1-20) [rad] or a descent rate [m/s].
+
+    Args:
+        name: One of `QUANTITIES`.
+        x: State (13 + 6 n, ...).
+        density: Air density [kg/m^3].
+        attach_b: Attach point from the centre of mass, body axes [m].
+        n: Number of canopies.
+
+    Returns:
+        The quantity, shape of the batch.
+    """
+    state = unpack(x, n)
+    if name == "descent_rate":
+        return state.velocity.z
+    if name == "sea_level_descent_rate":
+        return state.velocity.z * jnp.sqrt(density / SEA_LEVEL_DENSITY)
+    along = state.canopy_position - (state.position + state.attitude.to_ned(attach_b))
+    if name == "swing_angle":
+        mean = along.map(lambda c: c.sum(axis=0))
+        return jnp.arctan2(jnp.sqrt(mean.x**2 + mean.y**2), jnp.abs(mean.z))
+    if n == 1:
+        return jnp.zeros_like(state.velocity.z)
+    unit = along / norm(along)
+    pairs = [
+        dot(unit.map(lambda c, i=i: c[i]), unit.map(lambda c, j=j: c[j])) for i in range(n) for j in range(i + 1, n)
+    ]
+    return sum(0.5 * jnp.arccos(jnp.clip(p, -1.0, 1.0)) for p in pairs) / len(pairs)

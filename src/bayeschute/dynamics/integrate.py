@@ -1,0 +1,141 @@
+"""One simulation loop and its exact Jacobians for every model of a flight.
+
+A model advances a state from one sample of a record to the next. Simulations run through the samples in turn; Jacobians
+are taken of all steps at once along a known trajectory, then chained: their cost hardly depends on the number of
+parameters or knots.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import jax
+import jax.numpy as jnp
+
+
+class FlightModel(Protocol):
+    """A flight in discrete time: a pytree whose leaves are the record's inputs; batch axes are last.
+
+    `theta` (P, ...) are parameters in working coordinates, `start` (D, ...) deviations of the initial state, `error`
+    (A, ...) the latent disturbances at a sample.
+    """
+
+    def inputs(self) -> Any:
+        """Inputs with a leading time axis, one entry per sample."""
+
+    def numbers(self, theta: jax.Array) -> Any:
+        """What the other methods need of the parameters, computed once per simulation."""
+
+    def initial(self, numbers: Any, start: jax.Array) -> jax.Array:
+        """State at the first sample (X, ...)."""
+
+    def advance(
+        self, x: jax.Array, numbers: Any, now: Any, then: Any, error_now: jax.Array, error_then: jax.Array
+    ) -> jax.Array:
+        """State at the next sample."""
+
+    def observe(self, x: jax.Array, numbers: Any, now: Any) -> jax.Array:
+        """Outputs at a sample (C, ...)."""
+
+
+def rk4(rate: Callable[[jax.Array, Any], jax.Array], x: jax.Array, dt: float, substeps: int) -> jax.Array:
+    """Classical Runge-Kutta steps across one sample; `rate(x, share)` sees the share of the sample that has passed."""
+    h = dt / substeps
+
+    def step(state: jax.Array, i: jax.Array) -> tuple[jax.Array, None]:
+        s = i / substeps
+        half = 0.5 / substeps
+        k1 = rate(state, s)
+        k2 = rate(state + (0.5 * h) * k1, s + half)
+        k3 = rate(state + (0.5 * h) * k2, s + half)
+        k4 = rate(state + h * k3, s + 2.0 * half)
+        return state + (h / 6.0) * (k1 + 2.0 * (k2 + k3) + k4), None
+
+    return jax.lax.scan(step, x, jnp.arange(substeps) * 1.0)[0]
+
+
+def _widen(tree: Any, rank: int) -> Any:
+    return jax.tree.map(lambda a: jnp.reshape(a, (*jnp.shape(a), *(1,) * rank)), tree)
+
+
+def trajectory(model: FlightModel, theta: jax.Array, start: jax.Array, error: jax.Array) -> jax.Array:
+    """States at every sample.
+
+    Args:
+        model: The flight.
+        theta: Parameters (P, ...).
+        start: Initial deviations (D, ...).
+        error: Latent disturbances at every sample (T, A, ...).
+
+    Returns:
+        States (T, X, ...).
+    """
+    inputs = _widen(model.inputs(), theta.ndim - 1)
+    numbers = model.numbers(theta)
+    first = model.initial(numbers, start)
+
+    def step(x: jax.Array, now_then: Any) -> tuple[jax.Array, jax.Array]:
+        now, then, e0, e1 = now_then
+        x = model.advance(x, numbers, now, then, e0, e1)
+        return x, x
+
+    now, then = jax.tree.map(lambda a: a[:-1], inputs), jax.tree.map(lambda a: a[1:], inputs)
+    _, rest = jax.lax.scan(step, first, (now, then, error[:-1], error[1:]))
+    return jnp.concatenate([first[None], rest])
+
+
+def outputs(model: FlightModel, states: jax.Array, theta: jax.Array) -> jax.Array:
+    """Outputs at every sample (T, C, ...) of given states (T, X, ...)."""
+    inputs = _widen(model.inputs(), theta.ndim - 1)
+    numbers = model.numbers(theta)
+    return jax.vmap(lambda x, now: model.observe(x, numbers, now))(states, inputs)
+
+
+def jacobian(
+    model: FlightModel, theta: jax.Array, start: jax.Array, error: jax.Array, weights: jax.Array
+) -> tuple[jax.Array, jax.Array]:
+    """Outputs and their exact derivatives by parameters, initial deviations and knots.
+
+    Args:
+        model: The flight.
+        theta: Parameters (P,).
+        start: Initial deviations (D,).
+        error: Latent disturbances at every sample (T, A), equal to ``weights @ knots``.
+        weights: Interpolation weights of the knots (T, K).
+
+    Returns:
+        Outputs (T, C) and derivatives (T, C, P + D + K A); knots vary slower than axes in the last block.
+    """
+    states = trajectory(model, theta, start, error)
+    inputs = model.inputs()
+    now, then = jax.tree.map(lambda a: a[:-1], inputs), jax.tree.map(lambda a: a[1:], inputs)
+    size, p, axes, knots = states.shape[1], theta.size, error.shape[1], weights.shape[1]
+
+    def advance(x: jax.Array, theta: jax.Array, now: Any, then: Any, e0: jax.Array, e1: jax.Array) -> jax.Array:
+        return model.advance(x, model.numbers(theta), now, then, e0, e1)
+
+    step = jax.vmap(jax.jacfwd(advance, argnums=(0, 1, 4, 5)), in_axes=(0, None, 0, 0, 0, 0))
+    by_x, by_theta, by_e0, by_e1 = step(states[:-1], theta, now, then, error[:-1], error[1:])
+    first_theta, first_start = jax.jacfwd(lambda t, d: model.initial(model.numbers(t), d), argnums=(0, 1))(theta, start)
+    first = jnp.concatenate([first_theta, first_start, jnp.zeros((size, knots * axes))], axis=1)
+
+    def chain(s: jax.Array, parts: Any) -> tuple[jax.Array, jax.Array]:
+        a, b, c0, c1, w0, w1 = parts
+        by_knots = w0[None, :, None] * c0[:, None, :] + w1[None, :, None] * c1[:, None, :]
+        direct = jnp.concatenate([b, jnp.zeros((size, start.size)), by_knots.reshape(size, -1)], axis=1)
+        s = a @ s + direct
+        return s, s
+
+    _, rest = jax.lax.scan(chain, first, (by_x, by_theta, by_e0, by_e1, weights[:-1], weights[1:]))
+    sensitivity = jnp.concatenate([first[None], rest])
+    observe = jax.vmap(
+        jax.jacfwd(lambda x, t, now: model.observe(x, model.numbers(t), now), argnums=(0, 1)), in_axes=(0, None, 0)
+    )
+    out_x, out_theta = observe(states, theta, inputs)
+    total = jnp.einsum("tcx,txm->tcm", out_x, sensitivity)
+    return outputs(model, states, theta), total.at[:, :, :p].add(out_theta)
+
+
+jacobian_compiled = jax.jit(jacobian)
+trajectory_compiled = jax.jit(trajectory)

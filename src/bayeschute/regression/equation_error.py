@@ -1,0 +1,306 @@
+"""Equation error: least squares on force coefficients (report, 6.3.5), with errors that allow for colored residuals."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy import linalg, stats
+
+from bayeschute.errors import Fault, InputError
+from bayeschute.regression.colored import ColoredNoise, Labels, residual_noise
+from bayeschute.regression.orthogonal import Selection, group_variance, read_problem, row_labels
+
+_DEPENDENT = 1e-11
+
+
+class Stack(NamedTuple):
+    """A regression with its rows sorted into time series.
+
+    Attributes:
+        X: Regressors, (N, p).
+        z: Response, (N,).
+        blocks: Time series of each row.
+        groups: Label of each row; series that share it are simultaneous.
+        components: Which vector component each row is.
+    """
+
+    X: Float[np.ndarray, "N p"]
+    z: Float[np.ndarray, " N"]
+    blocks: Int[np.ndarray, " N"]
+    groups: Int[np.ndarray, " N"]
+    components: Int[np.ndarray, " N"]
+
+
+@dataclass(frozen=True)
+class EquationErrorFit:
+    """A least-squares fit.
+
+    Attributes:
+        names: Name of each regressor.
+        estimate: Coefficients, (p,).
+        covariance: Their covariance under colored residuals, (p, p).
+        white_covariance: The same as if residuals were white, sigma^2 (X'X)^-1 (6.3.5-7).
+        residual: z - X estimate, NaN in gaps, (N,) (6.3.5-11).
+        used: Rows in use, (N,).
+        sigma: Standard deviation of the residuals, with N - p (6.3.5-9) [unit of z].
+        r2: Share of the variance of z about its mean (of each component) that is explained; NaN if z is constant.
+        samples: Rows in use.
+        dof: samples - p.
+        condition: Condition number of the columns scaled to length 1.
+        noise: Autocovariance of the residuals.
+        max_leverage: Largest leverage of a row; beyond it a prediction extrapolates.
+    """
+
+    names: tuple[str, ...]
+    estimate: Float[np.ndarray, " p"]
+    covariance: Float[np.ndarray, "p p"]
+    white_covariance: Float[np.ndarray, "p p"]
+    residual: Float[np.ndarray, " N"]
+    used: Bool[np.ndarray, " N"]
+    sigma: float
+    r2: float
+    samples: int
+    dof: int
+    condition: float
+    noise: ColoredNoise
+    max_leverage: float
+
+    @property
+    def se(self) -> Float[np.ndarray, " p"]:
+        """Standard errors under colored residuals."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def white_se(self) -> Float[np.ndarray, " p"]:
+        """Standard errors as if residuals were white (6.3.5-10); far too small for flight data."""
+        return np.sqrt(np.diag(self.white_covariance))
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of the residuals [unit of z]."""
+        return float(np.sqrt(np.nanmean(self.residual**2)))
+
+    @property
+    def autocorrelation_time(self) -> float:
+        """Integrated autocorrelation time of the residuals [samples]."""
+        return self.noise.integrated_time
+
+    def intervals(self, level: float = 0.9, *, white: bool = False) -> Float[np.ndarray, "p 2"]:
+        """Intervals of the coefficients, Student's t with the degrees of freedom of the noise's spectrum.
+
+        Args:
+            level: Nominal coverage.
+            white: As if residuals were white, for comparison only.
+
+        Returns:
+            Lower and upper limits, (p, 2).
+
+        Raises:
+            InputError: If the level isn't between 0 and 1.
+        """
+        if not 0.0 < level < 1.0:
+            raise InputError(Fault("interval level", repr(level), "a share between 0 and 1"))
+        dof = float(self.dof) if white else float(np.clip(self.noise.dof, 1.0, self.dof))
+        half = stats.t.ppf(0.5 + level / 2.0, dof) * (self.white_se if white else self.se)
+        return np.stack([self.estimate - half, self.estimate + half], axis=1)
+
+    def predict(self, X: Float[np.ndarray, "N p"]) -> Float[np.ndarray, " N"]:
+        """X estimate, NaN where X has a NaN."""
+        X = np.asarray(X, dtype=np.float64)
+        if X.ndim != 2 or X.shape[1] != self.estimate.size:
+            raise InputError(Fault("predict X", f"shape {X.shape}", f"(N, {self.estimate.size})"))
+        return np.asarray(X @ self.estimate)
+
+    def leverage(self, X: Float[np.ndarray, "N p"]) -> Float[np.ndarray, " N"]:
+        """x'(X'X)^-1 x of each row, NaN where X has a NaN."""
+        X = np.asarray(X, dtype=np.float64)
+        inverse = (
+            self.white_covariance / self.sigma**2 if self.sigma > 0.0 else np.full_like(self.white_covariance, np.nan)
+        )
+        return np.asarray(np.einsum("ij,jk,ik->i", X, inverse, X))
+
+
+def fit(
+    X: Float[np.ndarray, "N p"],
+    z: Float[np.ndarray, " N"],
+    names: Sequence[str] | None = None,
+    *,
+    blocks: Labels = None,
+    groups: Labels = None,
+    components: Labels = None,
+    time: Float[np.ndarray, " N"] | None = None,
+    max_lag_fraction: float = 0.1,
+    taper: str = "parzen",
+    pool: bool = False,
+    bias_passes: int = 3,
+) -> EquationErrorFit:
+    """Least squares by QR, with white and colored covariance (6.3.5-6, -7 and the correction of its reference 16).
+
+    Rows with a NaN are left out of the fit and are gaps for the autocorrelation.
+
+    Args:
+        X: Regressors, (N, p).
+        z: Response, (N,).
+        names: Name of each regressor.
+        blocks: Time series of each row: component, record, canopy. None: one series.
+        groups: Label of each row; series that share it are simultaneous and their cross-correlation counts.
+        components: Label of each row; r2 is about the mean of each. None: one.
+        time: Time of each row [s]; None: each row of a series is one step.
+        max_lag_fraction: Lags are cut at this share of each series.
+        taper: ``"parzen"`` or ``"bartlett"``.
+        pool: One autocovariance for all series.
+        bias_passes: See `bayeschute.regression.colored.residual_noise`.
+
+    Returns:
+        The fit.
+
+    Raises:
+        InputError: For wrong shapes, infinite values, no more rows than columns, or columns that depend on each other.
+    """
+    problem = read_problem(X, z, names, "fit")
+    n, p = problem.X.shape
+    if n <= p:
+        raise InputError(Fault("fit", f"{n} usable rows for {p} columns", "more rows than columns"))
+    Q, R, inverse, singular = _factor(problem.X, problem.names)
+    along = Q.T @ problem.z
+    estimate = inverse @ along
+    rest = problem.z - Q @ along
+    rest -= Q @ (Q.T @ rest)
+    residual = np.full(problem.used.size, np.nan)
+    residual[problem.used] = rest
+    noise = residual_noise(
+        residual,
+        blocks=blocks,
+        groups=groups,
+        time=time,
+        Q=Q,
+        max_lag_fraction=max_lag_fraction,
+        taper=taper,
+        pool=pool,
+        bias_passes=bias_passes,
+    )
+    sigma2 = float(rest @ rest) / (n - p)
+    labels = row_labels(components, problem.used.size, "fit components")[problem.used]
+    variance = group_variance(problem.z, labels)
+    return EquationErrorFit(
+        names=problem.names,
+        estimate=estimate,
+        covariance=inverse @ noise.quadratic(Q) @ inverse.T,
+        white_covariance=sigma2 * inverse @ inverse.T,
+        residual=residual,
+        used=problem.used,
+        sigma=float(np.sqrt(sigma2)),
+        r2=1.0 - float(rest @ rest) / n / variance if variance > 0.0 else np.nan,
+        samples=n,
+        dof=n - p,
+        condition=float(singular[0] / singular[-1]),
+        noise=noise,
+        max_leverage=float(np.max(np.einsum("ij,ij->i", Q, Q))),
+    )
+
+
+def refit(
+    selection: Selection,
+    X: Float[np.ndarray, "N p"],
+    z: Float[np.ndarray, " N"],
+    **options: Any,
+) -> EquationErrorFit:
+    """Fit the terms that a selection kept, with their errors.
+
+    Args:
+        selection: Terms kept.
+        X: All candidates, in the order given to `select`, (N, p).
+        z: Response, (N,).
+        **options: Passed to `fit`.
+
+    Returns:
+        The fit of the kept terms, in order of choice.
+
+    Raises:
+        InputError: If no term was kept; as `fit`.
+    """
+    if not selection.selected:
+        raise InputError(Fault("refit", "a selection without terms", "at least one term", "Lower sigma_max."))
+    return fit(np.asarray(X)[:, list(selection.selected)], z, selection.terms, **options)
+
+
+def stack_components(X: Float[np.ndarray, "T c p"], z: Float[np.ndarray, "T c"]) -> Stack:
+    """A vector regression as one regression: components one after the other, simultaneous.
+
+    Args:
+        X: Regressors of each component, (T, c, p).
+        z: Response, (T, c).
+
+    Returns:
+        The stack: one series per component, all in one group.
+
+    Raises:
+        InputError: For shapes that don't fit.
+    """
+    X, z = np.asarray(X, dtype=np.float64), np.asarray(z, dtype=np.float64)
+    if X.ndim != 3 or X.shape[:2] != z.shape:
+        raise InputError(Fault("stack", f"X {X.shape}, z {z.shape}", "X (T, c, p) and z (T, c)"))
+    T, c, p = X.shape
+    which = np.repeat(np.arange(c), T)
+    rows = np.ascontiguousarray(np.swapaxes(X, 0, 1)).reshape(T * c, p)
+    return Stack(rows, z.T.reshape(T * c), which, np.zeros(T * c, dtype=np.intp), which)
+
+
+def stack_records(records: Sequence[Stack | tuple[np.ndarray, np.ndarray]]) -> Stack:
+    """Several records, canopies or flights as one regression; their series stay apart.
+
+    Args:
+        records: Stacks, or pairs X (N, p), z (N,) of one series each.
+
+    Returns:
+        The stack.
+
+    Raises:
+        InputError: For no records, or unequal numbers of columns.
+    """
+    parts = [r if isinstance(r, Stack) else _single(*r) for r in records]
+    if len({part.X.shape[1] for part in parts}) != 1:
+        got = f"records with {[part.X.shape[1] for part in parts]} columns"
+        raise InputError(Fault("stack", got, "at least one record, all with the same columns"))
+    blocks, groups, next_block, next_group = [], [], 0, 0
+    for part in parts:
+        blocks.append(part.blocks + next_block)
+        groups.append(part.groups + next_group)
+        next_block = int(blocks[-1].max(initial=next_block - 1)) + 1
+        next_group = int(groups[-1].max(initial=next_group - 1)) + 1
+    return Stack(
+        np.concatenate([part.X for part in parts]),
+        np.concatenate([part.z for part in parts]),
+        np.concatenate(blocks),
+        np.concatenate(groups),
+        np.concatenate([part.components for part in parts]),
+    )
+
+
+def _single(X: np.ndarray, z: np.ndarray) -> Stack:
+    X, z = np.asarray(X, dtype=np.float64), np.asarray(z, dtype=np.float64)
+    if X.ndim != 2 or z.shape != X.shape[:1]:
+        raise InputError(Fault("stack", f"X {X.shape}, z {z.shape}", "X (N, p) and z (N,)"))
+    zeros = np.zeros(z.size, dtype=np.intp)
+    return Stack(X, z, zeros, zeros, zeros)
+
+
+def _factor(X: np.ndarray, names: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Q, R, the inverse of R in the columns' own scale, and the singular values of the scaled columns."""
+    length = np.linalg.norm(X, axis=0)
+    if (length == 0.0).any() or not np.isfinite(length).all():
+        bad = [names[j] for j in np.flatnonzero((length == 0.0) | ~np.isfinite(length))]
+        raise InputError(Fault("fit columns", f"zeros or unbounded values in {bad}", "columns that vary", "Drop them."))
+    _, pivoted, order = linalg.qr(X / length, mode="economic", pivoting=True)
+    weak = np.abs(np.diag(pivoted)) <= _DEPENDENT
+    if weak.any():
+        bad = [names[j] for j in order[weak]]
+        did = "Drop them, or let the orthogonal functions choose."
+        raise InputError(Fault("fit columns", f"{bad} as combinations of the others", "independent columns", did))
+    Q, R = linalg.qr(X / length, mode="economic")
+    inverse = linalg.solve_triangular(R, np.eye(R.shape[0])) / length[:, None]
+    return Q, R, inverse, np.linalg.svd(R, compute_uv=False)

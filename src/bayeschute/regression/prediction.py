@@ -1,0 +1,114 @@
+"""Prediction tests: a model identified on one canopy or flight, tried on the others (report, figures 7.3-2 to -4)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from bayeschute.errors import Fault, InputError
+from bayeschute.regression.colored import Labels
+from bayeschute.regression.diagnostics import Theil, theil
+from bayeschute.regression.equation_error import EquationErrorFit, Stack
+from bayeschute.regression.orthogonal import group_variance, read_problem, row_labels
+
+
+class PredictionTest(NamedTuple):
+    """How a fit predicts a record that it has not seen.
+
+    Attributes:
+        label: Name of the record.
+        rms: Root mean square of the prediction error [unit of z].
+        rms_ratio: That over the rms of the fit's own residuals; about 1 for a good model. NaN for a perfect fit.
+        theil: Theil's inequality.
+        r2: 1 - mean squared error/variance of the data about their mean; NaN if they are constant.
+        bias: Mean prediction error [unit of z].
+        extrapolated: Share of rows whose leverage is beyond any in the fit: the model is asked what it never saw.
+        samples: Rows used.
+        residual: Data minus prediction, NaN in gaps, (N,).
+    """
+
+    label: str
+    rms: float
+    rms_ratio: float
+    theil: Theil
+    r2: float
+    bias: float
+    extrapolated: float
+    samples: int
+    residual: Float[np.ndarray, " N"]
+
+
+def predict_record(
+    fit: EquationErrorFit,
+    X: Float[np.ndarray, "N p"],
+    z: Float[np.ndarray, " N"],
+    *,
+    label: str = "",
+    components: Labels = None,
+) -> PredictionTest:
+    """Try a fit on another record.
+
+    Args:
+        fit: The model, as identified.
+        X: Its regressors along the other record, same columns in the same order, (N, p).
+        z: Force coefficient along the other record; for a vector the stacked components, (N,).
+        label: Name of the record.
+        components: Label of each row; r2 is about the mean of each. None: one.
+
+    Returns:
+        The test; rows with a NaN are left out.
+
+    Raises:
+        InputError: For bad input, or another number of columns than the fit has.
+    """
+    where = f"prediction of {label}" if label else "prediction"
+    if np.ndim(X) != 2 or np.shape(X)[1] != len(fit.names):
+        got = f"regressors of shape {np.shape(X)}"
+        raise InputError(Fault(where, got, f"{len(fit.names)} columns: {', '.join(fit.names)}"))
+    problem = read_problem(X, z, fit.names, where)
+    prediction = fit.predict(problem.X)
+    error = problem.z - prediction
+    mse = float(np.mean(error**2))
+    labels = row_labels(components, problem.used.size, f"{where} components")[problem.used]
+    variance = group_variance(problem.z, labels)
+    leverage = fit.leverage(problem.X)
+    residual = np.full(problem.used.size, np.nan)
+    residual[problem.used] = error
+    return PredictionTest(
+        label=label,
+        rms=float(np.sqrt(mse)),
+        rms_ratio=float(np.sqrt(mse)) / fit.rms if fit.rms > 0.0 else np.nan,
+        theil=theil(problem.z, prediction),
+        r2=1.0 - mse / variance if variance > 0.0 else np.nan,
+        bias=float(np.mean(error)),
+        extrapolated=float(np.mean(leverage > fit.max_leverage * (1.0 + 1e-9))),
+        samples=error.size,
+        residual=residual,
+    )
+
+
+def predict_records(
+    fit: EquationErrorFit, records: Mapping[str, Stack | tuple[np.ndarray, np.ndarray]]
+) -> dict[str, PredictionTest]:
+    """Try a fit on other canopies and flights.
+
+    Args:
+        fit: The model, as identified.
+        records: Regressors and data of each, by name.
+
+    Returns:
+        One test per record, by name.
+
+    Raises:
+        InputError: As `predict_record`.
+    """
+    tests = {}
+    for label, record in records.items():
+        if isinstance(record, Stack):
+            tests[label] = predict_record(fit, record.X, record.z, label=label, components=record.components)
+        else:
+            tests[label] = predict_record(fit, record[0], record[1], label=label)
+    return tests

@@ -1,0 +1,92 @@
+"""How figures look and how they are saved: one palette, one type size, no global state of pyplot."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from functools import wraps
+from pathlib import Path
+from typing import Any, ParamSpec
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+P = ParamSpec("P")
+
+# Colours that stay apart for the colour-blind (Okabe and Ito, 2008).
+BLUE, SKY, VERMILION, ORANGE = "#0072B2", "#56B4E9", "#D55E00", "#E69F00"
+GREEN, PURPLE = "#009E73", "#CC79A7"
+INK, SOFT, LINE, SHADE = "#1f2933", "#66727f", "#d5dbe1", "#f0ece2"
+SERIES = (BLUE, ORANGE, GREEN, PURPLE, SKY, VERMILION)
+
+WIDTH = 9.6  # [in], the width of the text at 100 %
+STYLE: dict[str, Any] = {
+    "font.family": "DejaVu Sans",
+    "font.size": 8.6,
+    "axes.titlesize": 9.0,
+    "axes.titleweight": "semibold",
+    "axes.titlelocation": "left",
+    "axes.labelsize": 8.6,
+    "axes.labelcolor": INK,
+    "axes.edgecolor": "#8b96a1",
+    "axes.linewidth": 0.7,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.axisbelow": True,
+    "axes.grid": True,
+    "grid.color": "#e6eaee",
+    "grid.linewidth": 0.7,
+    "text.color": INK,
+    "xtick.color": SOFT,
+    "ytick.color": SOFT,
+    "xtick.labelcolor": INK,
+    "ytick.labelcolor": INK,
+    "xtick.labelsize": 8.0,
+    "ytick.labelsize": 8.0,
+    "legend.frameon": False,
+    "legend.fontsize": 8.4,
+    "figure.facecolor": "white",
+    "savefig.facecolor": "white",
+    "svg.hashsalt": "bayeschute",
+    "path.simplify_threshold": 0.2,
+}
+
+
+def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
+    """Draw a figure in the house style, without leaving a trace in matplotlib's settings."""
+
+    @wraps(draw)
+    def inside(*args: P.args, **kwargs: P.kwargs) -> Figure:
+        with mpl.rc_context(STYLE):
+            return draw(*args, **kwargs)
+
+    return inside
+
+
+def sheet(height: float, rows: int = 1, columns: int = 1, **kwargs: Any) -> tuple[Figure, list[Axes]]:
+    """A figure of the report's width and its axes, row by row.
+
+    Args:
+        height: Height [in].
+        rows: Rows of axes.
+        columns: Columns of axes.
+        **kwargs: For ``Figure.subplots``; ``width`` [in] replaces the report's.
+    """
+    figure = Figure(figsize=(kwargs.pop("width", WIDTH), height), layout="constrained")
+    figure.get_layout_engine().set(w_pad=0.07, h_pad=0.05)  # type: ignore[union-attr, call-arg]
+    axes = figure.subplots(rows, columns, squeeze=False, **kwargs)
+    return figure, list(axes.ravel())
+
+
+def save(figure: Figure, folder: Path, name: str) -> Path:
+    """Write ``name.png`` (at about twice the screen's resolution) and ``name.svg``; returns the path of the SVG."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with mpl.rc_context(STYLE):
+        figure.draw_without_rendering()
+        figure.set_layout_engine("none")  # the layout is found; it need not be sought again for each format
+        for kind, options in (("png", {"dpi": 180}), ("svg", {"metadata": {"Date": None}})):
+            part = folder / f"{name}.part.{kind}"
+            figure.savefig(part, format=kind, **options)
+            os.replace(part, folder / f"{name}.{kind}")
+    return folder / f"{name}.svg"

@@ -1,0 +1,195 @@
+"""The sentences of the report that are made from numbers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from bayeschute.report.results import Results
+from bayeschute.report.wording import counted, is_number, listed, number, percent, probability, quantity, quantity_name
+
+
+def is_verified(results: Results) -> bool:
+    """Whether the run calls its intervals verified."""
+    return str(results.summary.get("label", "")).strip().lower() == "verified"
+
+
+def label(results: Results) -> str:
+    """The label of the run; without one, it is not verified."""
+    return str(results.summary.get("label") or "not verified: the summary carries no label")
+
+
+def _unseen(results: Results, flight: str) -> bool:
+    """Whether no part of a flight was fitted."""
+    facts = results.part("flights").get(flight)
+    roles = facts.get("roles", ()) if isinstance(facts, Mapping) else ()
+    return bool(roles) and "identify" not in roles and "structure" not in roles
+
+
+def _scored(results: Results) -> dict[str, dict[str, tuple[str, float]]]:
+    """Flight -> quantity -> what was scored (truth first) and the share inside the 90 % band."""
+    found: dict[str, dict[str, tuple[str, float]]] = {}
+    for flight, quantities in results.part("coverage").items():
+        for name, shares in quantities.items() if isinstance(quantities, Mapping) else ():
+            for kind in ("truth", "record"):
+                share = shares.get(kind) if isinstance(shares, Mapping) else None
+                if is_number(share):
+                    found.setdefault(flight, {}).setdefault(name, (kind, float(share)))
+    return found
+
+
+def prediction_sentence(results: Results) -> str:
+    """How the 90 % bands did, preferably on flights that the fit never saw."""
+    scored = _scored(results)
+    words = {"truth": "true", "record": "recorded"}
+    flights = [f for f in scored if _unseen(results, f)] or list(scored)
+    if not flights:
+        return "No flight has a truth or a record against which its bands could be scored."
+    if len(flights) == 1:
+        flight = flights[0]
+        names = [n for n in ("swing_angle", "descent_rate") if n in scored[flight]] or list(scored[flight])[:2]
+        parts = [
+            f"{percent(scored[flight][n][1])} of the {words[scored[flight][n][0]]} {quantity_name(n)}" for n in names
+        ]
+        where = "which the fit never saw," if _unseen(results, flight) else "in the part scored,"
+        return f"On {flight}, {where} the 90 % band holds {listed(parts)}."
+    name = "descent_rate" if any("descent_rate" in scored[f] for f in flights) else next(iter(scored[flights[0]]))
+    pairs = [scored[f][name] for f in flights if name in scored[f]]
+    shares = sorted(share for _, share in pairs)
+    kind = words[pairs[0][0]]
+    return (
+        f"Over {counted(len(shares), 'flight')} the 90 % bands hold {percent(shares[0])} to {percent(shares[-1])} "
+        f"of the {kind} {quantity_name(name)} (median {percent(float(np.median(shares)))})."
+    )
+
+
+def requirement_limit(requirement: Mapping[str, Any]) -> str:
+    """The limit of a requirement in words."""
+    unit = str(requirement.get("unit") or "1")
+    if is_number(requirement.get("at_most")):
+        return f"at most {quantity(requirement['at_most'], unit)}"
+    return f"at least {quantity(requirement.get('at_least'), unit)}"
+
+
+def requirements(results: Results) -> list[Mapping[str, Any]]:
+    """The requirements of the summary that are mappings."""
+    found = results.summary.get("requirements")
+    return [r for r in found if isinstance(r, Mapping)] if isinstance(found, list) else []
+
+
+def risk_sentence(results: Results) -> str:
+    """The requirement that is least likely met; without any, the predicted descent rate."""
+    known = [r for r in requirements(results) if is_number(r.get("probability_met"))]
+    if known:
+        worst = min(known, key=lambda r: float(r["probability_met"]))
+        where = f" on {worst['run']}" if worst.get("run") else ""
+        text = (
+            f"The requirement “{worst.get('name', 'unnamed')}”, {requirement_limit(worst)}, is met with probability "
+            f"{probability(worst['probability_met'])}{where}"
+        )
+        landings = worst.get("landings") or worst.get("draws")
+        if is_number(worst.get("simulation_low")) and is_number(landings):
+            text += (
+                f"; {landings:,.0f} simulated landings pin that number down to "
+                f"{probability(worst['simulation_low'])}–{probability(worst.get('simulation_high'))} (90 %)"
+            )
+        return text + "."
+    for flight, bands in results.predictions.items():
+        if "descent_rate" in bands:
+            rate = (
+                bands["descent_rate"].sel(quantile=[0.05, 0.95], method="nearest").transpose("quantile", "time").values
+            )
+            usable = np.flatnonzero(np.isfinite(rate).all(axis=0))
+            if usable.size:
+                low, high = (quantity(float(v), "m/s") for v in rate[:, usable[-1]])
+                return f"At the end of {flight} the descent rate lies between {low} and {high} with 90 % probability."
+    return "No requirement was stated and no descent rate was predicted."
+
+
+def truth_inside(facts: Mapping[str, Any]) -> bool | None:
+    """Whether the true value lies inside the 90 % interval; None where it is not known."""
+    values = [facts.get(key) for key in ("q05", "truth", "q95")]
+    if not all(is_number(v) for v in values):
+        return None
+    low, truth, high = (float(v) for v in values if v is not None)
+    return low <= truth <= high
+
+
+def trust_sentence(results: Results) -> str:
+    """What the checks and the known truths say."""
+    checks = {name: c for name, c in results.part("checks").items() if isinstance(c, Mapping)}
+    failed = [name for name, check in checks.items() if check.get("passed") is False]
+    not_run = [name for name, check in checks.items() if check.get("passed") is None]
+    if not checks:
+        text = "No check was recorded"
+    elif failed:
+        text = f"{len(failed)} of {counted(len(checks), 'check')} failed ({listed([plain(n) for n in failed])})"
+    elif not_run:
+        text = f"{len(checks) - len(not_run)} of {counted(len(checks), 'check')} passed, the others were not run"
+    else:
+        text = "The one check passed" if len(checks) == 1 else f"All {len(checks)} checks passed"
+    inside = [truth_inside(p) for p in results.part("parameters").values() if isinstance(p, Mapping)]
+    known = [i for i in inside if i is not None]
+    if known:
+        text += f"; {sum(known)} of {counted(len(known), 'parameter')} with a known true value "
+        text += f"{'has' if len(known) == 1 else 'have'} it inside the 90 % interval"
+    tail = "the intervals carry the label “verified”" if is_verified(results) else "the intervals are " + label(results)
+    return f"{text}; {tail}."
+
+
+def plain(name: str) -> str:
+    """A key of the summary as words."""
+    return name.replace("_", " ")
+
+
+def key_sentences(results: Results) -> list[str]:
+    """The three sentences of the header."""
+    return [risk_sentence(results), prediction_sentence(results), trust_sentence(results)]
+
+
+def structure_sentences(facts: Mapping[str, Any]) -> list[str]:
+    """What the search for the structure of one coefficient found."""
+    selected = facts.get("selected") or []
+    candidates = facts.get("candidates") or []
+    text = f"{counted(len(selected), 'term')} kept" + (
+        f" out of {counted(len(candidates), 'candidate')}" if candidates else ""
+    )
+    ranking = [r for r in facts.get("ranking") or [] if isinstance(r, Mapping)]
+    if selected and len(ranking) >= len(selected) and is_number(ranking[len(selected) - 1].get("r2")):
+        text += f"; they explain {number(float(ranking[len(selected) - 1]['r2']))} % of the variation"
+    if is_number(facts.get("snr")):
+        text += f" of a signal that stands {number(facts['snr'], 2)} times above its noise"
+    found = [text + "."]
+    null = facts.get("null_model")
+    if isinstance(null, Mapping) and is_number(null.get("r2")):
+        found.append(
+            f"For comparison: {plain(str(null.get('name', 'a null model')))} alone explains {percent(null['r2'])}."
+        )
+    collinearity = facts.get("collinearity")
+    if isinstance(collinearity, Mapping) and is_number(collinearity.get("max_correlation")):
+        pair = collinearity.get("pair")
+        between = f" ({' and '.join(map(str, pair))})" if isinstance(pair, list | tuple) and pair else ""
+        flagged = "they are hard to tell apart" if collinearity.get("flagged") else "they can be told apart"
+        found.append(
+            f"Greatest correlation between two kept terms: {number(collinearity['max_correlation'], 2)}{between}, "
+            f"greatest variance inflation {number(collinearity.get('max_vif'), 2)}: {flagged}."
+        )
+    for name, check in (facts.get("check") or {}).items():
+        if isinstance(check, Mapping) and is_number(check.get("rms_ratio")):
+            found.append(
+                f"On {name}, which was not used, the residual is {number(check['rms_ratio'], 2)} times that of the fit."
+            )
+    return found
+
+
+def uninformed(results: Results, least: float = 0.1) -> list[str]:
+    """Parameters that the record hardly moved from their prior."""
+    found = []
+    for name, facts in results.part("parameters").items():
+        contraction = facts.get("contraction") if isinstance(facts, Mapping) else None
+        if is_number(contraction) and not math.isnan(contraction) and contraction < least:
+            found.append(str(name))
+    return found

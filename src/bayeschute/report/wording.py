@@ -1,0 +1,179 @@
+"""Numbers, units and names as a reader wants them."""
+
+from __future__ import annotations
+
+import math
+import re
+from functools import cache
+from typing import Any, TypeGuard
+
+from bayeschute.units import factor_to_si
+
+MISSING = "–"
+SHOWN_IN = {  # SI unit: unit of the report
+    "rad": "deg",
+    "rad/s": "deg/s",
+    "N/m": "kN/m",
+    "N s/m": "kN s/m",
+    "N*s/m": "kN s/m",
+    "N": "kN",
+}
+QUANTITIES = {
+    "swing_angle": "swing angle",
+    "descent_rate": "descent rate",
+    "sea_level_descent_rate": "sea-level-equivalent descent rate",
+    "flyout_angle": "flyout angle",
+    "vertical_speed": "vertical speed",
+    "horizontal_speed": "horizontal speed",
+    "swing_amplitude": "swing amplitude",
+    "sea_level_rate": "sea-level-equivalent descent rate",
+}
+ROLES = {"structure": "finding the structure", "identify": "fitting", "predict": "predicting"}
+_PARAMETERS = {
+    "riser_stiffness": "stiffness of a riser",
+    "riser_damping": "damping of a riser",
+    "riser_length": "unstretched length of a riser",
+    "cds_over_mass": "drag area over mass, C_D S / m",
+    "population_mean": "population: mean of log(C_D S / m)",
+    "population_sd": "population: sd of log(C_D S / m)",
+}
+_FACTORS = {
+    "1": "constant",
+    "alpha": "angle of attack",
+    "q": "dynamic pressure",
+    "speed": "airspeed",
+    "proximity": "closeness of the canopies",
+    "closing": "closing speed of the canopies",
+    "restoring": "restoring force at high angle",
+    "e": "static force (restores if positive)",
+    "angle": "static force by angle (restores if positive)",
+    "rate": "rate force (damps if positive)",
+    "repulsion": "repulsion of the canopies",
+    "c": "force along the cluster axis",
+    "(e.rate)": "angle times rate",
+    "side": "turned to the side",
+}
+
+
+def is_number(value: Any) -> TypeGuard[float]:
+    """Whether a value is a finite number (not a truth value)."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def number(value: Any, digits: int = 3) -> str:
+    """A number with significant digits; thousands are grouped, very small and large ones get a power of ten."""
+    if not is_number(value):
+        return MISSING if value is None or isinstance(value, float) else str(value)
+    if value == 0:
+        return "0"
+    if isinstance(value, int):
+        return f"{value:,}".replace("-", "−")
+    size = math.floor(math.log10(abs(value)))
+    if not -4 <= size < 7:
+        mantissa, power = f"{value:.{digits - 1}e}".split("e")
+        return f"{mantissa}e{int(power)}".replace("-", "−")
+    text = f"{round(value, digits - 1 - size):,.{max(digits - 1 - size, 0)}f}"
+    return text.replace("-", "−")
+
+
+def short(value: Any, digits: int = 4) -> str:
+    """A number without trailing zeros; anything else as it stands."""
+    if value is None or not is_number(value):
+        return MISSING if value is None or isinstance(value, float) else str(value)
+    text = number(value, digits)
+    return text.rstrip("0").rstrip(".") if "." in text and "e" not in text else text
+
+
+def whole(value: Any) -> str:
+    """A count."""
+    return f"{value:,.0f}" if is_number(value) else MISSING
+
+
+def at_precision(value: Any, sd: Any, digits: int = 2) -> str:
+    """A number rounded to the decimals that its standard deviation carries."""
+    if not is_number(value):
+        return MISSING
+    if not is_number(sd) or sd <= 0:
+        return number(value, 4)
+    decimals = digits - 1 - math.floor(math.log10(sd))
+    if decimals > 7:
+        return number(value, 4)
+    return f"{round(value, decimals):,.{max(decimals, 0)}f}".replace("-", "−")
+
+
+def percent(value: Any, digits: int = 0) -> str:
+    """A share in percent."""
+    return f"{100 * value:.{digits}f} %" if is_number(value) else MISSING
+
+
+def probability(value: Any) -> str:
+    """A probability, never rounded up to certainty."""
+    if not is_number(value):
+        return MISSING
+    if 0 < value < 0.001:
+        return "< 0.001"
+    if 0.999 < value < 1:
+        return "> 0.999"
+    return f"{value:.3f}" if not 0.01 <= value <= 0.99 else f"{value:.2f}"
+
+
+@cache
+def shown_unit(unit: str) -> tuple[float, str]:
+    """Factor from an SI unit to the unit the report shows, and that unit's name."""
+    if unit in SHOWN_IN:
+        scale, _ = factor_to_si(SHOWN_IN[unit], unit)
+        return 1.0 / scale, SHOWN_IN[unit]
+    return 1.0, "" if unit in ("1", "dimensionless") else unit
+
+
+@cache
+def feet_per_metre() -> float:
+    """Feet in a metre."""
+    return 1.0 / factor_to_si("ft", "m")[0]
+
+
+def quantity(value: Any, unit: str, digits: int = 3) -> str:
+    """A value with its unit as shown; speeds also in ft/s."""
+    if not is_number(value):
+        return MISSING
+    scale, name = shown_unit(unit)
+    text = f"{number(scale * value, digits)} {name}".rstrip()
+    return f"{text} ({number(value * feet_per_metre(), digits)} ft/s)" if unit == "m/s" else text
+
+
+def quantity_name(name: str) -> str:
+    """A quantity in words."""
+    return QUANTITIES.get(name, name.replace("_", " "))
+
+
+def listed(items: list[str]) -> str:
+    """Items joined as in a sentence."""
+    return items[0] if len(items) == 1 else ", ".join(items[:-1]) + " and " + items[-1] if items else "none"
+
+
+def counted(count: int, noun: str) -> str:
+    """A count and its noun, in the plural where it is due."""
+    return f"{count:,} {noun}" if count == 1 else f"{count:,} {noun}s"
+
+
+def _factor(factor: str) -> str:
+    """One factor of an aerodynamic term in words."""
+    if factor in _FACTORS:
+        return _FACTORS[factor]
+    stem = re.split(r"[(^]", factor)[0]
+    power = re.search(r"\^(\d)", factor)
+    word = _FACTORS.get(stem, factor)
+    return (
+        f"{word} {({'2': 'squared', '3': 'cubed'}).get(power.group(1), 'to the ' + power.group(1))}" if power else word
+    )
+
+
+def parameter_meaning(name: str) -> str:
+    """A parameter in words; empty if nothing is known of it."""
+    stem, _, inner = name.partition("[")
+    inner = inner.removesuffix("]")
+    if stem in ("axial", "transverse"):
+        factors = [_factor(factor.strip()) for factor in inner.split("*")]
+        return f"{stem} force: " + " × ".join(factors)
+    words = _PARAMETERS.get(stem, "")
+    return f"{words}, {inner}" if words and inner else words

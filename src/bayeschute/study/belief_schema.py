@@ -1,0 +1,132 @@
+"""Tables of a study on what is believed before the data: priors, noise of the channels, error of the wind."""
+
+from __future__ import annotations
+
+from typing import Annotated, Generic, Literal, TypeVar
+
+from pydantic import model_validator
+
+from bayeschute.study.quantities import (
+    NOT_NEGATIVE,
+    POSITIVE,
+    AreaPerMass,
+    Bounds,
+    Damping,
+    PositiveLength,
+    PositiveSpeed,
+    PositiveTime,
+    Stiffness,
+    Strict,
+    number,
+    one_of,
+    quantity,
+    refuse,
+)
+
+Q = TypeVar("Q")
+NoiseKind = Annotated[Literal["ar1+white", "ar1", "white"], one_of("ar1+white", "ar1", "white")]
+PositiveAngle = Annotated[float, quantity("rad", "0.1 deg", POSITIVE)]
+
+
+class Prior(Strict, Generic[Q]):
+    """A prior of a positive parameter: normal (mean, sd) or log-normal (median, log_sd) [its unit]."""
+
+    mean: Q | None = None
+    sd: Q | None = None
+    median: Q | None = None
+    log_sd: Annotated[float, number(Bounds(above=0.0, most=5.0))] | None = None
+
+    @model_validator(mode="after")
+    def _is_one_law(self) -> Prior[Q]:
+        given = {key for key in ("mean", "sd", "median", "log_sd") if getattr(self, key) is not None}
+        if given not in ({"mean", "sd"}, {"median", "log_sd"}):
+            refuse("either mean and sd, or median and log_sd", " and ".join(sorted(given)) or "an empty table")
+        return self
+
+    @property
+    def log_normal(self) -> bool:
+        """Whether the law is log-normal."""
+        return self.median is not None
+
+
+class GivenTable(Strict):
+    """Priors from outside, of what a record can't inform alone."""
+
+    riser_stiffness: Prior[Stiffness] | None = None
+    riser_damping: Prior[Damping] | None = None
+    riser_length: Prior[PositiveLength] | None = None
+    cds_over_mass: Prior[AreaPerMass] | None = None
+
+
+class PriorsTable(Strict):
+    """Priors.
+
+    Attributes:
+        inflation: Times the colored standard error of the equation error [1].
+        floor: Least prior sd of a force coefficient [1].
+        given: Priors from outside.
+    """
+
+    inflation: Annotated[float, number(Bounds(least=1.0, most=1e3))] = 3.0
+    floor: Annotated[float, number(NOT_NEGATIVE)] = 0.02
+    given: GivenTable = GivenTable()
+
+
+class ChannelNoise(Strict, Generic[Q]):
+    """Residual noise of a channel; medians of log-normal priors.
+
+    Attributes:
+        white: Standard deviation of the white part [the channel's unit].
+        correlated: Standard deviation of the correlated part [the channel's unit].
+        time_constant: Of the correlated part [s].
+        kind: Noise model.
+    """
+
+    white: Q | None = None
+    correlated: Q | None = None
+    time_constant: PositiveTime | None = None
+    kind: NoiseKind = "ar1+white"
+
+    @model_validator(mode="after")
+    def _is_its_kind(self) -> ChannelNoise[Q]:
+        wanted = {
+            "ar1+white": {"white", "correlated", "time_constant"},
+            "ar1": {"correlated", "time_constant"},
+            "white": {"white"},
+        }[self.kind]
+        given = {key for key in ("white", "correlated", "time_constant") if getattr(self, key) is not None}
+        if given != wanted:
+            got = ", ".join(sorted(given)) or "an empty table"
+            refuse(f"{', '.join(sorted(wanted))} and nothing else for the kind {self.kind!r}", got)
+        return self
+
+
+class WindNoise(Strict):
+    """Latent wind error: an Ornstein-Uhlenbeck process per axis.
+
+    Attributes:
+        horizontal: Standard deviation of north and east [m/s]; None in the descent model.
+        vertical: Standard deviation of down [m/s].
+        time_constant: [s].
+        knots: Time between knots [s].
+    """
+
+    horizontal: PositiveSpeed | None = None
+    vertical: PositiveSpeed
+    time_constant: PositiveTime
+    knots: PositiveTime
+
+
+class NoiseTable(Strict):
+    """Noise of the record's channels and of the wind; a channel left out is not fitted."""
+
+    canopy_position: ChannelNoise[PositiveLength] | None = None
+    capsule_velocity: ChannelNoise[PositiveSpeed] | None = None
+    capsule_attitude: ChannelNoise[PositiveAngle] | None = None
+    descent_rate: ChannelNoise[PositiveSpeed] | None = None
+    wind: WindNoise
+
+    def channels(self) -> dict[str, ChannelNoise[float]]:
+        """The channels that are fitted, by name."""
+        names = (name for name in type(self).model_fields if name != "wind")
+        return {name: channel for name in names if (channel := getattr(self, name)) is not None}

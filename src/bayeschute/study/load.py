@@ -1,0 +1,213 @@
+"""The door for files: TOML to a `Study`, with every fault of every file at once. Nothing here imports JAX."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple
+
+from pydantic import TypeAdapter, ValidationError
+
+from bayeschute.errors import Fault, InputError
+from bayeschute.study.columns import check_columns
+from bayeschute.study.crosscheck import Draft, check_span, crosscheck
+from bayeschute.study.faults import faults_of
+from bayeschute.study.files import read_toml, record_paths
+from bayeschute.study.schema import QUANTITIES, Column, FlightTable, StudyFile
+from bayeschute.study.study import Flight, Study, canonical, file_hash, study_hash
+from bayeschute.study.templates import template
+from bayeschute.study.vehicle_schema import Vehicle
+
+__all__ = [
+    "Flight",
+    "Study",
+    "canonical",
+    "check_study",
+    "file_hash",
+    "load_study",
+    "load_study_or_vehicle",
+    "load_vehicle",
+    "study_hash",
+]
+
+
+class _Reading(NamedTuple):
+    """What came of reading a study: the study if its tables are sound, every fault, the parts that are sound."""
+
+    study: Study | None
+    faults: list[Fault]
+    draft: Draft | None = None
+    paths: Mapping[int, Path] = {}
+
+
+def load_study(path: Path | str, data_dir: Path | str | None = None) -> Study:
+    """Read a study and its vehicle.
+
+    Args:
+        path: The study file.
+        data_dir: What ``${DATA}`` stands for; default: the environment variable BAYESCHUTE_DATA.
+
+    Returns:
+        The study.
+
+    Raises:
+        InputError: With every fault of the study file and the vehicle file, and of records that aren't there.
+    """
+    reading = _read_study(Path(path), data_dir)
+    if reading.study is None or reading.faults:
+        raise InputError(reading.faults)
+    return reading.study
+
+
+def check_study(path: Path | str, data_dir: Path | str | None = None) -> list[Fault]:
+    """Every fault of a study, its vehicle and its records, which are read in full.
+
+    Args:
+        path: The study file.
+        data_dir: What ``${DATA}`` stands for; default: the environment variable BAYESCHUTE_DATA.
+    """
+    _, faults, draft, paths = _read_study(Path(path), data_dir)
+    if draft is not None:
+        for index, record in paths.items():
+            faults += _record_faults(draft, index, record)
+    return list({(fault.where, fault.got): fault for fault in reversed(faults)}.values())[::-1]
+
+
+def _record_faults(draft: Draft, index: int, path: Path) -> list[Fault]:
+    """Faults of a record, read in full; places in the column map are told as places in the study file."""
+    from bayeschute.flight.read import ColumnSpec, read_record
+
+    flight = draft.flights[index]
+    own = flight.columns is not None
+    columns = (flight.columns if own else draft.tables.get("columns")) or {}
+    specs = {name: ColumnSpec(spec.column, spec.unit) for name, spec in columns.items()}
+    try:
+        record = read_record(path, specs, window=flight.window)
+    except InputError as error:
+        heading, of = ("[flight.columns", f" (flight {flight.name!r})") if own else ("[columns", "")
+        return [
+            replace(fault, where=f"{draft.file} {fault.where.replace('[columns', heading, 1)}{of}")
+            if fault.where.startswith("[columns")
+            else fault
+            for fault in error.faults
+            if specs or not fault.where.startswith("[columns")
+        ]
+    time = record["time"].values
+    return list(check_span(draft, index, float(time[0]), float(time[-1]))) if flight.window is None else []
+
+
+def load_vehicle(path: Path | str) -> Vehicle:
+    """Read a vehicle file.
+
+    Raises:
+        InputError: With every fault of the file.
+    """
+    vehicle, _, faults = _read_vehicle(Path(path))
+    if vehicle is None:
+        raise InputError(faults)
+    return vehicle
+
+
+def load_study_or_vehicle(path: Path | str) -> Study:
+    """Read a study; or a vehicle, in which case the study is one virtual drop of it, as shipped with the package.
+
+    Raises:
+        InputError: With every fault of the file.
+    """
+    path = Path(path)
+    raw, text, _ = read_toml(path)
+    if raw is None or "capsule" not in raw or "flight" in raw:
+        return load_study(path)
+    shipped = load_study(template("virtual.toml"))
+    return replace(shipped, vehicle=load_vehicle(path), vehicle_path=path, vehicle_text=text)
+
+
+def _read_vehicle(path: Path) -> tuple[Vehicle | None, str, list[Fault]]:
+    raw, text, faults = read_toml(path)
+    if raw is None:
+        return None, text, faults
+    try:
+        return Vehicle.model_validate(raw), text, []
+    except ValidationError as error:
+        return None, text, faults_of(str(path), Vehicle, error, raw)
+
+
+def _read_study(path: Path, data_dir: Path | str | None) -> _Reading:
+    raw, text, faults = read_toml(path)
+    if raw is None:
+        return _Reading(None, faults)
+    whole: StudyFile | None
+    try:
+        whole = StudyFile.model_validate(raw)
+        tables, flights = {key: getattr(whole, key) for key in raw}, dict(enumerate(whole.flight))
+    except ValidationError as error:
+        whole = None
+        faults = faults_of(str(path), StudyFile, error, raw)
+        tables, flights = _sound_tables(raw)
+    vehicle_path, vehicle, vehicle_text = None, None, ""
+    if isinstance(raw.get("vehicle"), str) and tables.get("model") != "descent":
+        vehicle_path = Path(os.path.normpath(path.parent / raw["vehicle"]))
+        vehicle, vehicle_text, vehicle_faults = _read_vehicle(vehicle_path)
+        faults += vehicle_faults
+    draft = Draft(str(path), raw, tables, flights, vehicle)
+    paths, path_faults = record_paths(draft, path.parent, data_dir)
+    faults += [*crosscheck(draft), *check_columns(draft), *path_faults]
+    if whole is None:
+        return _Reading(None, faults, draft, paths)
+    study = Study(
+        path=path,
+        title=whole.title,
+        model=whole.model,
+        seed=whole.seed,
+        flights=tuple(_flight(table, paths.get(index), whole.columns) for index, table in flights.items()),
+        priors=whole.priors,
+        noise=whole.noise,
+        sampler=whole.sampler,
+        predict=whole.predict.model_copy(update={"quantities": whole.predict.quantities or QUANTITIES[whole.model]}),
+        requirements=whole.requirement,
+        structure=whole.structure,
+        vehicle=vehicle,
+        vehicle_path=vehicle_path,
+        text=text,
+        vehicle_text=vehicle_text,
+    )
+    return _Reading(study, faults, draft, paths)
+
+
+def _sound_tables(raw: Mapping[str, Any]) -> tuple[dict[str, Any], dict[int, FlightTable]]:
+    """The tables of a faulty study that are sound by themselves, so that checks across tables still run on them."""
+    tables: dict[str, Any] = {}
+    for key, info in StudyFile.model_fields.items():
+        if key in raw and key != "flight":
+            sound = _sound(Annotated[info.annotation, *info.metadata] if info.metadata else info.annotation, raw[key])
+            if sound is not None:
+                tables[key] = sound
+    listed = raw.get("flight")
+    flights = {i: _sound(FlightTable, flight) for i, flight in enumerate(listed if isinstance(listed, list) else [])}
+    return tables, {index: flight for index, flight in flights.items() if flight is not None}
+
+
+def _sound(annotation: Any, value: Any) -> Any:
+    """A value read as a type, or None where that fails; the failure was told when the whole was read."""
+    try:
+        return TypeAdapter(annotation).validate_python(value)
+    except ValidationError:
+        return None
+
+
+def _flight(table: FlightTable, path: Path | None, columns: Mapping[str, Column] | None) -> Flight:
+    own = table.columns if table.columns is not None else columns
+    return Flight(
+        name=table.name,
+        roles=table.roles,
+        path=path,
+        virtual=table.virtual,
+        columns=dict(own or {}) if table.file is not None else {},
+        window=table.window,
+        rate=table.rate,
+        capsule_mass=table.capsule_mass,
+        skip_first=table.skip_first,
+        identify_until=table.identify_until,
+    )

@@ -1,0 +1,116 @@
+"""A study whose files are sound, and its identity: what results depend on, whatever the layout of its files."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from bayeschute.study.belief_schema import NoiseTable, PriorsTable
+from bayeschute.study.quantities import Cut, Strict
+from bayeschute.study.schema import Column, PredictTable, RequirementTable, SamplerTable, StructureTable
+from bayeschute.study.vehicle_schema import Vehicle
+from bayeschute.study.virtual_schema import VirtualFlight
+
+
+@dataclass(frozen=True)
+class Flight:
+    """A flight, ready to be read or flown.
+
+    Attributes:
+        name: Unique within the study; good as a file name.
+        roles: Of ``structure``, ``identify``, ``predict``.
+        path: The record; None for a virtual drop.
+        virtual: The drop to fly; None for a record.
+        columns: Column and unit by variable; empty for a virtual drop or a record in the schema's own names.
+        window: First and last time used [s]; None: all.
+        rate: The record is resampled to this rate [Hz]; None: its own.
+        capsule_mass: Replaces the vehicle's [kg]; None: the vehicle's.
+        skip_first: Left out at the start of the window [s].
+        identify_until: Where the held-out part begins; None: all is fitted.
+    """
+
+    name: str
+    roles: tuple[str, ...]
+    path: Path | None = None
+    virtual: VirtualFlight | None = None
+    columns: Mapping[str, Column] = field(default_factory=dict)
+    window: tuple[float, float] | None = None
+    rate: float | None = None
+    capsule_mass: float | None = None
+    skip_first: float = 0.0
+    identify_until: Cut | None = None
+
+
+@dataclass(frozen=True)
+class Study:
+    """A study whose files are sound; all numbers in SI.
+
+    Attributes:
+        path: The study file.
+        title: For the report.
+        model: ``cluster`` or ``descent``.
+        seed: Of every random number.
+        flights: In the order of the file.
+        priors: Priors.
+        noise: Noise.
+        sampler: Sampler.
+        predict: Predictions; `quantities` is never None here.
+        requirements: Requirements.
+        structure: Selection of the structure; None in the descent model.
+        vehicle: The vehicle; None in the descent model.
+        vehicle_path: The vehicle file.
+        text: The study file as read.
+        vehicle_text: The vehicle file as read.
+    """
+
+    path: Path
+    title: str
+    model: str
+    seed: int
+    flights: tuple[Flight, ...]
+    priors: PriorsTable
+    noise: NoiseTable
+    sampler: SamplerTable
+    predict: PredictTable
+    requirements: tuple[RequirementTable, ...] = ()
+    structure: StructureTable | None = None
+    vehicle: Vehicle | None = None
+    vehicle_path: Path | None = None
+    text: str = ""
+    vehicle_text: str = ""
+
+    def with_role(self, role: str) -> tuple[Flight, ...]:
+        """Flights that have a role."""
+        return tuple(flight for flight in self.flights if role in flight.roles)
+
+
+def canonical(study: Study) -> dict[str, Any]:
+    """What a study says, in SI, whatever its files' layout, comments and units: plain values for JSON."""
+
+    def plain(value: Any) -> Any:
+        return value.model_dump() if isinstance(value, Strict) else vars(value)
+
+    layout = ("path", "vehicle_path", "text", "vehicle_text")
+    said = {key: value for key, value in vars(study).items() if key not in layout}
+    said["flights"] = [
+        {key: value for key, value in vars(flight).items() if key != "path"}
+        | {"record": file_hash(flight.path) if flight.path else None}
+        for flight in study.flights
+    ]
+    return dict(json.loads(json.dumps(said, default=plain)))
+
+
+def study_hash(study: Study) -> str:
+    """SHA-256 of everything a study's results depend on: its content in SI, its vehicle, its records' bytes."""
+    text = json.dumps(canonical(study), sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def file_hash(path: Path) -> str:
+    """SHA-256 of a file's bytes."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

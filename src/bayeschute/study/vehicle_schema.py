@@ -1,0 +1,136 @@
+"""Tables of a vehicle file (`models/vehicles/*.toml`): bodies, canopies, risers and the aerodynamics flown."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator
+
+from bayeschute.aero.grammar import check_axial, check_transverse
+from bayeschute.study.quantities import (
+    Area,
+    Damping,
+    Inertia,
+    Length,
+    Mass,
+    Number,
+    PositiveLength,
+    PositiveSpeed,
+    Stiffness,
+    Strict,
+    Text,
+    Volume,
+    one_of,
+    refuse,
+    whole,
+)
+
+Rotation = Annotated[Literal["riser", "airflow"], one_of("riser", "airflow")]
+
+
+def _known_axial(terms: dict[str, float]) -> dict[str, float]:
+    faults = [fault for term in terms if (fault := check_axial(term))]
+    if faults or not terms:
+        refuse("at least one term of the axial coefficient, such as '1' or 'alpha^2'", "; ".join(faults) or "no term")
+    return terms
+
+
+def _known_transverse(terms: dict[str, float]) -> dict[str, float]:
+    faults = [fault for term in terms if (fault := check_transverse(term))]
+    if faults:
+        refuse("terms of the transverse coefficient, such as 'e' or 'e*alpha^2'", "; ".join(faults))
+    return terms
+
+
+class CapsuleTable(Strict):
+    """The payload: a rigid body; places in the structural frame (x aft, z reversed).
+
+    Attributes:
+        mass: [kg].
+        inertia: Principal moments about the centre of mass [kg m^2].
+        reference_area: [m^2].
+        reference_length: [m].
+        centre_of_mass: Structural frame [m].
+        attach_point: Where the risers end; structural frame [m].
+        reference_centre: Where force and moment coefficients are told; structural frame [m].
+        axial_force: C_A in the body frame (6.3.3-11).
+        normal_force_slope: [1/rad].
+        pitch_moment_slope: [1/rad].
+        roll_damping: C_lp (6.3.3-13).
+        pitch_damping: C_mq = C_nr (6.3.3-13).
+    """
+
+    mass: Mass
+    inertia: tuple[Inertia, Inertia, Inertia]
+    reference_area: Area
+    reference_length: PositiveLength
+    centre_of_mass: tuple[Length, Length, Length]
+    attach_point: tuple[Length, Length, Length]
+    reference_centre: tuple[Length, Length, Length]
+    axial_force: Number
+    normal_force_slope: Number
+    pitch_moment_slope: Number
+    roll_damping: Number
+    pitch_damping: Number
+
+
+class CanopiesTable(Strict):
+    """Equal canopies.
+
+    Attributes:
+        number: How many.
+        reference_length: l [m].
+        reference_area: S of one canopy [m^2].
+        reference_speed: V_o [m/s].
+        dry_mass: m_d of one canopy [kg].
+        enclosed_volume: V_ea of one canopy [m^3].
+    """
+
+    number: Annotated[int, whole(1, 12)]
+    reference_length: PositiveLength
+    reference_area: Area
+    reference_speed: PositiveSpeed
+    dry_mass: Mass
+    enclosed_volume: Volume
+
+
+class RisersTable(Strict):
+    """Risers: unstretched length [m], stiffness [N/m], damping [N s/m]."""
+
+    length: PositiveLength
+    stiffness: Stiffness
+    damping: Damping
+
+
+class AeroTable(Strict):
+    """Aerodynamics of a canopy, used to fly virtual drops and never told to an identification.
+
+    Attributes:
+        source: Where the numbers come from.
+        rate: Rate in the damping terms: the riser's direction or the wind's relative to it.
+        axial: Coefficient by term of the axial coefficient.
+        transverse: Coefficient by term of the transverse coefficient.
+    """
+
+    source: Text
+    rate: Rotation
+    axial: Annotated[dict[str, Number], AfterValidator(_known_axial)]
+    transverse: Annotated[dict[str, Number], AfterValidator(_known_transverse)]
+
+
+class Vehicle(Strict):
+    """A vehicle file.
+
+    Attributes:
+        name: For the report.
+        capsule: The payload.
+        canopies: The canopies.
+        risers: The lines between.
+        aero: The aerodynamics of virtual drops.
+    """
+
+    name: Text
+    capsule: CapsuleTable
+    canopies: CanopiesTable
+    risers: RisersTable
+    aero: AeroTable

@@ -1,0 +1,152 @@
+"""Table of a virtual drop, `[flight.virtual]`: start, wind, what the identification doesn't know, and sensors."""
+
+from __future__ import annotations
+
+from typing import Annotated, Generic, TypeVar
+
+from pydantic import model_validator
+
+from bayeschute.study.quantities import (
+    Altitude,
+    AngularRate,
+    Azimuth,
+    Bounds,
+    Duration,
+    Fraction,
+    Frequency,
+    HalfAngle,
+    NoiseAcceleration,
+    NoiseAngle,
+    NoiseAngularRate,
+    NoiseLength,
+    NoiseSpeed,
+    PositiveTime,
+    Rate,
+    Speed,
+    Strict,
+    Tilt,
+    number,
+    refuse,
+)
+
+Q = TypeVar("Q")
+FEWEST_SAMPLES, MOST_SAMPLES = 50, 1_000_000
+
+
+class WindTable(Strict):
+    """Steady wind by altitude; the air moves towards north and east.
+
+    Attributes:
+        altitude: Increasing [m].
+        north: [m/s].
+        east: [m/s].
+    """
+
+    altitude: tuple[Altitude, ...]
+    north: tuple[Speed, ...]
+    east: tuple[Speed, ...]
+
+    @model_validator(mode="after")
+    def _is_a_table(self) -> WindTable:
+        sizes = [len(self.altitude), len(self.north), len(self.east)]
+        if len(set(sizes)) > 1 or not sizes[0]:
+            got = "altitude, north and east of {}, {} and {} values".format(*sizes)
+            refuse("as many winds as altitudes, one at least", got)
+        if any(b <= a for a, b in zip(self.altitude, self.altitude[1:], strict=False)):
+            refuse("altitudes that increase", "altitudes that don't increase")
+        return self
+
+
+class TurbulenceTable(Strict):
+    """Ornstein-Uhlenbeck turbulence: standard deviations [m/s] and time constant [s]."""
+
+    horizontal: NoiseSpeed
+    vertical: NoiseSpeed
+    time_constant: PositiveTime
+
+
+class BreathingTable(Strict):
+    """Random breathing of the canopies (6.3.2-27, -28).
+
+    Attributes:
+        frequency: [Hz].
+        amplitude: Standard deviation of the axial coefficient's relative change [1].
+        damping_ratio: [1].
+    """
+
+    frequency: Frequency
+    amplitude: Fraction
+    damping_ratio: Annotated[float, number(Bounds(above=0.0, most=1.0))]
+
+
+class Sensor(Strict, Generic[Q]):
+    """Errors of a channel: standard deviations of a white and a correlated part [its unit], time constant [s]."""
+
+    white: Q = 0.0  # type: ignore[assignment]
+    correlated: Q = 0.0  # type: ignore[assignment]
+    time_constant: PositiveTime | None = None
+
+    @model_validator(mode="after")
+    def _has_time_constant(self) -> Sensor[Q]:
+        if self.correlated and self.time_constant is None:
+            refuse("a time_constant beside a correlated error", "no time_constant")
+        return self
+
+
+class DropoutsTable(Strict):
+    """Missing samples of the canopies' position: their share [1] and mean length [s]."""
+
+    share: Fraction
+    mean_length: PositiveTime
+
+
+class SensorsTable(Strict):
+    """Sensor model of a virtual record; a channel left out is recorded without error."""
+
+    canopy_position: Sensor[NoiseLength] = Sensor()
+    capsule_position: Sensor[NoiseLength] = Sensor()
+    capsule_velocity: Sensor[NoiseSpeed] = Sensor()
+    capsule_attitude: Sensor[NoiseAngle] = Sensor()
+    capsule_rate: Sensor[NoiseAngularRate] = Sensor()
+    capsule_specific_force: Sensor[NoiseAcceleration] = Sensor()
+    wind: Sensor[NoiseSpeed] = Sensor()
+    dropouts: DropoutsTable | None = None
+
+
+class VirtualFlight(Strict):
+    """A virtual drop.
+
+    Attributes:
+        duration: [s].
+        rate: Samples per second [Hz].
+        altitude: At the first sample [m].
+        swing: Angle of the cluster off the vertical at the first sample [rad].
+        swing_azimuth: From north [rad].
+        swing_rate: [rad/s].
+        flyout: Half the angle between the risers [rad].
+        flyout_azimuth: [rad].
+        wind: Steady wind.
+        turbulence: Unknown to the identification; None: still air around the steady wind.
+        breathing: Unknown to the identification; None: none.
+        sensors: Errors of the record.
+    """
+
+    duration: Duration
+    rate: Rate
+    altitude: Altitude
+    swing: Tilt
+    swing_azimuth: Azimuth
+    swing_rate: AngularRate
+    flyout: HalfAngle
+    flyout_azimuth: Azimuth
+    wind: WindTable
+    turbulence: TurbulenceTable | None = None
+    breathing: BreathingTable | None = None
+    sensors: SensorsTable = SensorsTable()
+
+    @model_validator(mode="after")
+    def _has_samples(self) -> VirtualFlight:
+        samples = self.duration * self.rate
+        if not FEWEST_SAMPLES <= samples <= MOST_SAMPLES:
+            refuse(f"{FEWEST_SAMPLES} to {MOST_SAMPLES:,} samples", f"duration times rate of {samples:.3g} samples")
+        return self

@@ -1,0 +1,66 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bayeschute.errors import InputError
+from bayeschute.regression.equation_error import fit, stack_components
+from bayeschute.regression.prediction import predict_record, predict_records
+
+
+def record(rng, n=2000, scale=1.0, slope=2.0):
+    X = np.column_stack([np.ones(n), scale * rng.uniform(-1, 1, size=n)])
+    return X, X @ [1.0, slope] + 0.2 * rng.normal(size=n)
+
+
+def test_the_same_law_predicts_as_well_as_it_fits():
+    rng = np.random.default_rng(0)
+    f = fit(*record(rng))
+    test = predict_record(f, *record(rng), label="Main 8")
+    assert test.label == "Main 8" and test.samples == 2000
+    assert test.rms_ratio == pytest.approx(1.0, abs=0.05) and test.r2 > 0.95
+    assert abs(test.bias) < 0.02 and test.extrapolated < 0.01 and test.theil.coefficient < 0.1
+
+
+def test_another_law_is_seen():
+    rng = np.random.default_rng(1)
+    f = fit(*record(rng))
+    X, z = record(rng, slope=-2.0)
+    test = predict_record(f, X, z)
+    assert test.rms_ratio > 5 and test.r2 < 0
+    assert test.rms == pytest.approx(np.sqrt(np.mean((z - X @ f.estimate) ** 2)))
+    np.testing.assert_allclose(test.residual, z - X @ f.estimate)
+
+
+def test_extrapolation_is_told():
+    rng = np.random.default_rng(2)
+    f = fit(*record(rng))
+    assert predict_record(f, *record(rng, scale=2.0)).extrapolated == pytest.approx(0.5, abs=0.05)
+
+
+def test_gaps_stay_gaps():
+    rng = np.random.default_rng(3)
+    f = fit(*record(rng))
+    X, z = record(rng)
+    z[5], X[9, 1] = np.nan, np.nan
+    test = predict_record(f, X, z)
+    assert test.samples == 1998 and np.flatnonzero(np.isnan(test.residual)).tolist() == [5, 9]
+
+
+def test_many_records_by_name():
+    rng = np.random.default_rng(4)
+    terms = rng.normal(size=(2, 400, 2, 1))
+    stacks = [stack_components(t, 0.7 * t[..., 0] + 0.1 * rng.normal(size=(400, 2))) for t in terms]
+    f = fit(stacks[0].X, stacks[0].z, ["e"], blocks=stacks[0].blocks, groups=stacks[0].groups)
+    tests = predict_records(f, {"stack": stacks[1], "pair": (stacks[1].X, stacks[1].z)})
+    assert list(tests) == ["stack", "pair"] == [t.label for t in tests.values()]
+    assert tests["stack"].rms == tests["pair"].rms and tests["stack"].rms_ratio == pytest.approx(1.0, abs=0.15)
+
+
+def test_wrong_columns_are_refused():
+    rng = np.random.default_rng(5)
+    f = fit(*record(rng), ["1", "alpha"])
+    with pytest.raises(InputError, match="alpha"):
+        predict_record(f, np.ones((5, 3)), np.ones(5))
+    with pytest.raises(InputError):
+        predict_record(f, np.full((5, 2), np.nan), np.ones(5))

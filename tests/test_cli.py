@@ -1,0 +1,177 @@
+"""The door for the shell: exit codes, words, and what it must not import."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import types
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from bayeschute import __version__
+from bayeschute.cli import Bars, app
+from bayeschute.errors import Fault, InputError
+from bayeschute.study.templates import copy_templates
+
+ROOT = Path(__file__).parents[1]
+STUDY = ROOT / "models/studies/cdt-3-11.toml"
+
+
+@pytest.fixture
+def stages(monkeypatch: pytest.MonkeyPatch) -> types.ModuleType:
+    """A stand-in for the stages, which take minutes; its functions are set by the tests."""
+    module = types.ModuleType("bayeschute.study.stages")
+    monkeypatch.setitem(sys.modules, module.__name__, module)
+    return module
+
+
+def _python(code: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, cwd=ROOT)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["--help"], ["check", str(STUDY)], ["check", str(ROOT / "models/studies/halcyon.toml")], ["run", "--help"]],
+)
+def test_help_and_check_import_neither_jax_nor_matplotlib(arguments: list[str]):
+    code = f"""
+import sys
+sys.argv = ['bayeschute', *{arguments!r}]
+from bayeschute.cli import main
+try:
+    main()
+except SystemExit as stop:
+    assert stop.code in (0, 2), stop.code
+print([name for name in ('jax', 'matplotlib', 'numpyro') if name in sys.modules])
+"""
+    done = _python(code)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[-1] == "[]"
+
+
+def test_help_imports_nothing_slow():
+    done = _python("import sys, bayeschute.cli; print([n for n in ('numpy', 'pydantic', 'pint') if n in sys.modules])")
+    assert done.stdout.strip() == "[]", done.stderr
+
+
+def test_version():
+    result = CliRunner().invoke(app, ["--version"])
+    assert result.exit_code == 0
+    assert result.stdout.strip() == f"bayeschute {__version__}"
+
+
+def test_check_of_a_sound_study():
+    result = CliRunner().invoke(app, ["check", str(STUDY)])
+    assert result.exit_code == 0
+    assert result.stdout.strip() == f"{STUDY}: no fault found"
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["frob"], ["check"], ["run", "x.toml", "--until", "tea"], ["simulate", "x.toml"], ["run", "--seed", "-1"]],
+)
+def test_a_wrong_command_line_is_exit_code_2(arguments: list[str]):
+    assert CliRunner().invoke(app, arguments).exit_code == 2
+
+
+def test_run_hands_everything_on(stages: types.ModuleType, tmp_path: Path):
+    seen: dict[str, object] = {}
+
+    def run_study(path: Path, out: Path, **options: object) -> None:
+        seen.update(path=path, out=out, **options)
+        out.mkdir()
+        (out / "report.html").touch()
+        options["progress"]("fit", 1.0, "done")  # type: ignore[operator]
+
+    stages.run_study = run_study  # type: ignore[attr-defined]
+    out = tmp_path / "out"
+    options = ["--out", str(out), "--resume", "--quick", "--seed", "7", "--data", str(tmp_path)]
+    result = CliRunner().invoke(app, ["run", str(STUDY), *options])
+    assert result.exit_code == 0, result.output
+    assert isinstance(seen.pop("progress"), Bars)
+    assert seen == {
+        "path": STUDY, "out": out, "until": None, "resume": True, "quick": True, "data_dir": tmp_path, "seed": 7,
+    }  # fmt: skip
+    assert str(out / "report.html") in result.stdout
+    assert "too small for use" in result.stdout
+
+
+def test_a_failed_check_of_the_result_is_exit_code_1(stages: types.ModuleType, tmp_path: Path):
+    summary = {"checks": {"r_hat": {"passed": False}, "coverage": {"passed": True}, "truth": {"passed": None}}}
+    (tmp_path / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
+    stages.run_study = lambda *_, **__: None  # type: ignore[attr-defined]
+    result = CliRunner().invoke(app, ["run", str(STUDY), "--out", str(tmp_path)])
+    assert result.exit_code == 1
+    assert "Checks that failed: r_hat." in result.stderr
+    until = CliRunner().invoke(app, ["run", str(STUDY), "--out", str(tmp_path), "--until", "fit"])
+    assert until.exit_code == 0
+
+
+def test_a_run_that_is_stopped_says_how_to_go_on(stages: types.ModuleType, tmp_path: Path):
+    def run_study(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    stages.run_study = run_study  # type: ignore[attr-defined]
+    result = CliRunner().invoke(app, ["run", str(STUDY), "--out", str(tmp_path)])
+    assert result.exit_code == 130
+    assert f"--out {tmp_path} --resume" in result.stderr
+
+
+def test_faults_found_late_are_told_line_by_line(stages: types.ModuleType, tmp_path: Path):
+    def run_study(*_: object, **__: object) -> None:
+        raise InputError([Fault("a", "b\nb", "c"), Fault("d", "e", "f")])
+
+    stages.run_study = run_study  # type: ignore[attr-defined]
+    result = CliRunner().invoke(app, ["run", str(STUDY), "--out", str(tmp_path)])
+    assert result.exit_code == 2
+    assert result.stderr.splitlines()[-2:] == ["a: got b b; wanted c.", "d: got e; wanted f."]
+
+
+def test_out_must_not_be_a_file(tmp_path: Path):
+    (tmp_path / "x").touch()
+    for command in ("run", "simulate"):
+        result = CliRunner().invoke(app, [command, str(STUDY), "--out", str(tmp_path / "x")])
+        assert result.exit_code == 2
+        assert "got a file" in result.stderr
+
+
+def test_simulate_takes_a_study_or_a_vehicle(stages: types.ModuleType, tmp_path: Path):
+    copy_templates(tmp_path)
+    seen = []
+
+    def simulate_study(study: object, out: Path, **options: object) -> list[Path]:
+        seen.append((study.vehicle_path.name, options["draws"], options["seed"]))  # type: ignore[attr-defined]
+        return [out / f"{i}.nc" for i in range(12)]
+
+    stages.simulate_study = simulate_study  # type: ignore[attr-defined]
+    for source in ("virtual.toml", "vehicle.toml"):
+        arguments = ["simulate", str(tmp_path / source), "--out", str(tmp_path / "f"), "--draws", "12", "--seed", "3"]
+        result = CliRunner().invoke(app, arguments)
+        assert result.exit_code == 0, result.output
+        assert "2 more" in result.stdout
+    assert seen == [("vehicle.toml", 12, 3)] * 2
+
+
+def test_simulate_needs_something_virtual(tmp_path: Path):
+    copy_templates(tmp_path)
+    (tmp_path / "my-descent.csv").write_text("time_s,altitude_m\n0,1\n", encoding="utf-8")
+    result = CliRunner().invoke(app, ["simulate", str(tmp_path / "descent.toml"), "--out", str(tmp_path / "f")])
+    assert result.exit_code == 2
+    assert "[flight.virtual]" in result.stderr
+
+
+def test_init_then_init_again(tmp_path: Path):
+    assert CliRunner().invoke(app, ["init", str(tmp_path)]).exit_code == 0
+    again = CliRunner().invoke(app, ["init", str(tmp_path)])
+    assert again.exit_code == 2
+    assert len(again.stderr.splitlines()) == 4
+
+
+def test_report_of_no_run(tmp_path: Path):
+    for folder in (tmp_path / "nowhere", tmp_path):
+        result = CliRunner().invoke(app, ["report", str(folder)])
+        assert result.exit_code == 2
+        assert "Traceback" not in result.output
