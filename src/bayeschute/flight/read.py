@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayeschute.errors import Fault, InputError
+from bayeschute.flight.netcdf import open_netcdf
 from bayeschute.flight.record import (
     LABELS,
     VARIABLES,
@@ -18,7 +19,6 @@ from bayeschute.flight.record import (
     in_si,
     make_record,
     nearest,
-    open_netcdf,
     time_faults,
     validate_record,
     with_repairs,
@@ -149,8 +149,15 @@ def _columns_si(
             continue
         values, wrong = numbers(table.frame[spec.column], f"{where} column {spec.column!r}", table.first_row)
         faults += wrong
-        if not wrong and factors is not None:
+        if wrong or factors is None:
+            continue
+        with np.errstate(over="ignore"):
             found[key] = factors[0] * values + factors[1]
+        if np.isinf(found[key]).any():
+            got = f"a value too large to convert from {spec.unit} to {target.unit}"
+            faults.append(
+                Fault(f"{where} column {spec.column!r}", got, "values that can be true", "Is the unit right?")
+            )
     return found, faults
 
 

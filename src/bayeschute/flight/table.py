@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayeschute.errors import Fault, InputError
+from bayeschute.flight.netcdf import said
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -36,11 +37,6 @@ class Table(NamedTuple):
     names: list[str]
     frame: pd.DataFrame
     first_row: int
-
-
-def said(error: BaseException) -> str:
-    """What another library said of a file: kind and message on one line, cut short."""
-    return f"{type(error).__name__}: {' '.join(str(error).split())[:120]}"
 
 
 def _unpacked(path: Path) -> bytes:
