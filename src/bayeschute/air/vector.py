@@ -11,6 +11,8 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from bayeschute import numerics as numerics  # sets 64-bit floats before any array is made
+
 Component = Any  # jax.Array, numpy.ndarray or float: whatever broadcasts
 
 

@@ -178,7 +178,7 @@ def make_record(**arrays: Any) -> xr.Dataset:
     return xr.Dataset(data, coords, {"repairs": "[]"})
 
 
-def _variable_faults(ds: xr.Dataset, name: str, variable: Variable, where: str) -> list[Fault]:
+def _variable_faults(ds: xr.Dataset, name: str, variable: Variable, where: str, empty: bool) -> list[Fault]:
     """Faults of one variable: dimensions, labels, type, unit."""
     array, place = ds[name], f"{where} {name}"
     if set(array.dims) != set(variable.dims):
@@ -200,7 +200,7 @@ def _variable_faults(ds: xr.Dataset, name: str, variable: Variable, where: str) 
         faults.append(Fault(f"{place} units", repr(unit)[:60], f"a unit of {variable.unit}", f"({error})"))
     if np.isinf(array.values).any():
         faults.append(Fault(place, f"{int(np.isinf(array.values).sum())} infinite values", "finite numbers or NaN"))
-    elif not np.isfinite(array.values).any():
+    elif not empty and not np.isfinite(array.values).any():
         faults.append(Fault(place, "no value at all", "at least one number", "Leave the variable out."))
     return faults
 
@@ -236,13 +236,16 @@ def time_faults(time: Any, where: str, rows: Any = None) -> list[Fault]:
     return faults
 
 
-def validate_record(ds: xr.Dataset, where: str, known: Mapping[str, Variable] = VARIABLES) -> list[Fault]:
+def validate_record(
+    ds: xr.Dataset, where: str, known: Mapping[str, Variable] = VARIABLES, empty: bool = False
+) -> list[Fault]:
     """Check a record against the schema.
 
     Args:
         ds: The record.
         where: File or flight, for messages.
         known: Variables that may occur.
+        empty: Whether variables may be missing throughout (as after cutting a window out of a record).
 
     Returns:
         Every fault; an empty list where the record is good.
@@ -263,7 +266,7 @@ def validate_record(ds: xr.Dataset, where: str, known: Mapping[str, Variable] = 
             faults.append(Fault(f"{where} canopy", str(labels)[:60], f"labels 1 to {count}"))
     for name in map(str, ds.data_vars):
         if name in known:
-            faults += _variable_faults(ds, name, known[name], where)
+            faults += _variable_faults(ds, name, known[name], where, empty)
         else:
             advice = nearest(name, known) or "Leave it out."
             faults.append(Fault(f"{where} {name}", "an unknown variable", "one of the schema", advice))
@@ -298,7 +301,7 @@ def write_record(ds: xr.Dataset, path: Path | str) -> Path:
         InputError: If it does not fit the schema.
     """
     path = Path(path)
-    faults = validate_record(ds, str(path), {**VARIABLES, **QUANTITIES})
+    faults = validate_record(ds, str(path), {**VARIABLES, **QUANTITIES}, empty=True)
     if faults:
         raise InputError(faults)
     summed = {str(name): {"fletcher32": True} for name in ds.data_vars}  # damage shows when the file is read
@@ -317,7 +320,7 @@ def load_record(path: Path | str) -> xr.Dataset:
         raise InputError(Fault(str(path), "no such file", "a NetCDF record"))
     known = {**VARIABLES, **QUANTITIES}
     ds = open_netcdf(path, trusted=True)
-    faults = validate_record(ds, str(path), known)
+    faults = validate_record(ds, str(path), known, empty=True)
     if faults:
         raise InputError(faults)
     return in_si(ds, known)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,32 +15,27 @@ Mask = NDArray[np.bool_]
 _FINE = 4  # at least so many points of the fine clock per new sample when averaging
 
 
-class Series(Protocol):
-    """What is resampled (see `bayeschute.flight.clean.Channel`)."""
+@dataclass(frozen=True)
+class Channel:
+    """One instrument's series: a scalar, or the components that are valid or not together.
 
-    @property
-    def name(self) -> str:
-        """Name for the list of repairs."""
+    Attributes:
+        name: Variable, with the canopy where there are several (``canopy_position.1``).
+        variable: Variable.
+        canopy: Index of the canopy, from 0, or None.
+        time: Times (T,) [s].
+        values: Samples (T, C), SI.
+        valid: Samples with all components present (T,).
+        breaks: Times of shifts of level, across which nothing is interpolated [s].
+    """
 
-    @property
-    def variable(self) -> str:
-        """Variable of the schema."""
-
-    @property
-    def time(self) -> Array:
-        """Times (T,) [s]."""
-
-    @property
-    def values(self) -> Array:
-        """Samples (T, C)."""
-
-    @property
-    def valid(self) -> Mask:
-        """Samples that count (T,)."""
-
-    @property
-    def breaks(self) -> tuple[float, ...]:
-        """Times across which nothing is interpolated [s]."""
+    name: str
+    variable: str
+    canopy: int | None
+    time: Array
+    values: Array
+    valid: Mask
+    breaks: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -124,7 +118,7 @@ class _Samples:
         return out
 
 
-def resample(channel: Series, grid: Grid) -> tuple[Array, list[Repair]]:
+def resample(channel: Channel, grid: Grid) -> tuple[Array, list[Repair]]:
     """Put a channel on a uniform clock.
 
     Args:
@@ -156,7 +150,8 @@ def resample(channel: Series, grid: Grid) -> tuple[Array, list[Repair]]:
         detail = f"interpolated from samples {native:.4g} s apart: no new information"
         notes.append(_resampled(channel.name, grid, detail))
     if attitude:
-        values = values / np.linalg.norm(values, axis=1, keepdims=True)
+        known = np.isfinite(values).all(axis=1)
+        values[known] = same_sign(values[known] / np.linalg.norm(values[known], axis=1, keepdims=True))
     elif channel.variable == "longitude":
         values = np.mod(values + np.pi, 2.0 * np.pi) - np.pi
     return values, notes

@@ -117,16 +117,29 @@ class WindNoise(Strict):
     knots: PositiveTime
 
 
+class ForceNoise(Strict):
+    """Latent fluctuation of each canopy's axial force, breathing among it: an Ornstein-Uhlenbeck process per canopy.
+
+    Attributes:
+        sd: Standard deviation of the relative change [1].
+        time_constant: [s].
+    """
+
+    sd: Annotated[float, number(Bounds(above=0.0, most=0.5))]
+    time_constant: PositiveTime
+
+
 class NoiseTable(Strict):
-    """Noise of the record's channels and of the wind; a channel left out is not fitted."""
+    """Noise of the record's channels, of the wind and of the canopies' force; a channel left out is not fitted."""
 
     canopy_position: ChannelNoise[PositiveLength] | None = None
     capsule_velocity: ChannelNoise[PositiveSpeed] | None = None
     capsule_attitude: ChannelNoise[PositiveAngle] | None = None
     descent_rate: ChannelNoise[PositiveSpeed] | None = None
     wind: WindNoise
+    canopy_force: ForceNoise | None = None
 
     def channels(self) -> dict[str, ChannelNoise[float]]:
         """The channels that are fitted, by name."""
-        names = (name for name in type(self).model_fields if name != "wind")
+        names = (name for name in type(self).model_fields if name not in ("wind", "canopy_force"))
         return {name: channel for name in names if (channel := getattr(self, name)) is not None}

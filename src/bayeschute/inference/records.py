@@ -1,0 +1,229 @@
+"""From a cleaned record to data that can be fitted: channels, reference start, knots, what is fitted and what held out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from bayeschute.air.vector import Vec3, quaternion
+from bayeschute.dynamics.cluster_flight import LOGARITHMIC, ClusterFlight, ClusterInputs, channel_sizes
+from bayeschute.dynamics.descent import DensityProfile, DescentFlight, DescentInputs
+from bayeschute.dynamics.parameters import Cluster, Structure
+from bayeschute.dynamics.stability import fastest_pole, substeps
+from bayeschute.dynamics.start import Start, deviation_names, tangent_basis
+from bayeschute.errors import Fault, InputError
+from bayeschute.inference.latent import interpolation, knot_times
+from bayeschute.inference.priors import Prior
+from bayeschute.inference.target import FlightData
+
+Array = NDArray[np.float64]
+_OPENING = 1.5  # [s] of record from which the reference start is read
+_ALTITUDE_STEP = 100.0  # [m] between nodes of a density profile
+
+
+def filled(values: Array, where: str) -> Array:
+    """A series (T, ...) with gaps interpolated linearly and ends held: for inputs of a simulation, never for data.
+
+    Raises:
+        InputError: If a component has no value at all.
+    """
+    flat = np.array(values, float).reshape(len(values), -1)
+    index = np.arange(len(flat))
+    for column in flat.T:
+        present = np.isfinite(column)
+        if not present.any():
+            raise InputError(Fault(where, "no value in the window", "at least one", "Use another window or drop the flight."))
+        column[:] = np.interp(index, index[present], column[present])
+    return flat.reshape(np.shape(values))
+
+
+def _opening(time: Array, values: Array) -> tuple[Array, Array]:
+    """Value and slope at the first sample, per column, by a quadratic through the opening of a record."""
+    near = time <= time[0] + _OPENING
+    ends = []
+    for column in values[near].reshape(int(near.sum()), -1).T:
+        present = np.isfinite(column)
+        degree = 2 if present.sum() >= 6 else 0
+        fit = np.polynomial.polynomial.polyfit(time[near][present] - time[0], column[present], degree) if present.any() else None
+        ends.append((np.nan, np.nan) if fit is None else (fit[0], fit[1] if degree else 0.0))
+    value, slope = np.array(ends).T
+    return value.reshape(values.shape[1:]), slope.reshape(values.shape[1:])
+
+
+def cluster_data(
+    record: xr.Dataset,
+    base: Cluster,
+    structure: Structure,
+    priors: Sequence[Prior],
+    channels: Sequence[str],
+    knots: float,
+    groups: tuple[int, ...],
+    until: float | None = None,
+) -> FlightData:
+    """Data of a cluster flight.
+
+    Args:
+        record: Uniform record with ``capsule_position``, ``capsule_velocity``, ``canopy_position`` and ``density``.
+        base: Numbers that are not parameters.
+        structure: Terms and options.
+        priors: Priors of the parameters, in order.
+        channels: Channels to fit; those the record lacks are left out.
+        knots: Distance of the knots of the latent disturbances [s].
+        groups: Group of every latent process.
+        until: Data after this time are held out [s].
+
+    Returns:
+        The data.
+
+    Raises:
+        InputError: If a variable is missing or the canopies aren't seen in the opening of the record.
+    """
+    needed = ("capsule_position", "capsule_velocity", "canopy_position", "density")
+    missing = [name for name in needed if name not in record]
+    if missing:
+        wanted = "capsule_position, capsule_velocity, canopy_position, density"
+        raise InputError(Fault("record of a cluster", f"no {', '.join(missing)}", wanted, "Map the columns in the study file."))
+    time, n = record["time"].values.astype(float), structure.canopies
+    dt = float(time[1] - time[0])
+    samples = time.size
+    apart = (record["canopy_position"] - record["capsule_position"]).transpose("time", "canopy", "axis").values
+    velocity = record["capsule_velocity"].values
+    recorded = "capsule_attitude" in record and bool(np.isfinite(record["capsule_attitude"].values).any())
+    attitude = _attitude(record, apart, recorded)
+    start = _start(record, base, time, apart, attitude)
+    wind = filled(record["wind"].values, "wind") if "wind" in record else np.zeros((samples, 3))
+    inputs = ClusterInputs(wind, filled(record["density"].values, "density"), np.ones((samples, n)), attitude)
+    used = tuple(c for c in channels if c in ("canopy_position", "capsule_velocity") or (c == "capsule_attitude" and recorded))
+    names = tuple(p.name for p in priors)
+    flight = ClusterFlight(base, start, tangent_basis(start.direction), inputs, dt, structure, names, used)
+    upper = np.array([p.centre + 3.0 * p.scale if p.name in LOGARITHMIC else p.centre for p in priors])
+    flight = replace(flight, substeps=substeps(fastest_pole(flight, upper, 9 + 4 * n), dt))
+
+    columns = {"canopy_position": apart.reshape(samples, -1), "capsule_velocity": velocity}
+    if recorded:
+        columns["capsule_attitude"] = np.where(np.isfinite(record["capsule_attitude"].values[:, :1]), 0.0, np.nan) * np.ones(3)
+    observed = np.concatenate([columns[c] for c in used], axis=1)
+    sizes = channel_sizes(used, n)
+    numbers = tuple(i for i, c in enumerate(channels) if c in used for _ in range(sizes[c]))
+    return _data(flight, time, observed, numbers, groups, knots, _start_scale(n, recorded, "capsule_rate" in record), until)
+
+
+def _data(model, time, observed, channel, groups, knots, start_scale, until):  # noqa: ANN001, ANN202
+    at = knot_times(time[-1] - time[0], knots)
+    present = np.isfinite(observed)
+    if until is not None:
+        present &= (time <= until)[:, None]
+    return FlightData(
+        model,
+        np.where(present, observed, 0.0),
+        present,
+        interpolation(time - time[0], at),
+        float(at[1]),
+        float(time[1] - time[0]),
+        start_scale,
+        channel,
+        groups,
+    )
+
+
+def _start_scale(n: int, attitude: bool, rate: bool) -> Array:
+    """Prior standard deviations of the initial deviations, wide beside what the opening of a record tells."""
+    by_kind = {"velocity": 0.5, "attitude": 0.02 if attitude else 0.1, "rate": 0.02 if rate else 0.2}
+    by_kind |= {"direction": 0.01, "turning": 0.02}
+    return np.array([by_kind[name.split(".")[0]] for name in deviation_names(n)])
+
+
+def _attitude(record: xr.Dataset, apart: Array, recorded: bool) -> Array:
+    """Recorded attitude with gaps filled, or upright along the mean riser where none was recorded (T, 4)."""
+    if recorded:
+        q = filled(record["capsule_attitude"].values, "capsule_attitude")
+        return q / np.linalg.norm(q, axis=1, keepdims=True)
+    axis = filled(apart.mean(axis=1), "canopy_position")
+    axis /= np.linalg.norm(axis, axis=1, keepdims=True)
+    # Shortest turn from "body x up": q = (up x axis turn) after the quarter turn that lifts body x.
+    w, v = 1.0 - axis[:, 2], np.cross(np.array([0.0, 0.0, -1.0]), axis)
+    half = np.sqrt(0.5)
+    q = half * np.stack([w - v[:, 1], v[:, 0] - v[:, 2], w + v[:, 1], v[:, 2] + v[:, 0]], axis=1)
+    return q / np.linalg.norm(q, axis=1, keepdims=True)
+
+
+def _start(record: xr.Dataset, base: Cluster, time: Array, apart: Array, attitude: Array) -> Start:
+    """Reference start of a record: values and slopes of its opening."""
+    b = base.capsule.attach_b
+    q = quaternion(attitude.T)
+    attach = np.stack([np.asarray(c) for c in _ned(q, Vec3(b.x, b.y, b.z))], axis=1)
+    riser = apart - attach[:, None]
+    direction = riser / np.linalg.norm(riser, axis=-1, keepdims=True)
+    n0, turning = _opening(time, direction)
+    if not np.isfinite(n0).all():
+        got = f"no canopy position in the first {_OPENING:g} s"
+        raise InputError(Fault("record of a cluster", got, "every canopy seen there", "Move the start of the window."))
+    n0 /= np.linalg.norm(n0, axis=-1, keepdims=True)
+    turning = turning - n0 * np.sum(n0 * turning, axis=-1, keepdims=True)
+    velocity = _opening(time, filled(record["capsule_velocity"].values, "capsule_velocity"))[0]
+    rate = np.zeros(3)
+    if "capsule_rate" in record:
+        seen = _opening(time, record["capsule_rate"].values)[0]
+        rate = np.where(np.isfinite(seen), seen, 0.0)
+    position = filled(record["capsule_position"].values, "capsule_position")[0]
+    return Start(position, velocity, attitude[0], rate, n0.T, turning.T)
+
+
+def _ned(q, v: Vec3):  # noqa: ANN001, ANN202
+    turned = q.to_ned(Vec3(*(np.full(np.shape(q.w), float(c)) for c in (v.x, v.y, v.z))))
+    return turned.x, turned.y, turned.z
+
+
+def density_profile(altitude: Array, density: Array) -> DensityProfile:
+    """Density by altitude from a record's samples: bin means of the logarithm, gaps interpolated, slopes continued.
+
+    Args:
+        altitude: (T,) [m].
+        density: (T,) [kg/m^3].
+    """
+    present = np.isfinite(altitude) & np.isfinite(density)
+    h, log_rho = altitude[present], np.log(density[present])
+    lowest = np.floor(h.min() / _ALTITUDE_STEP) * _ALTITUDE_STEP
+    nodes = lowest + _ALTITUDE_STEP * np.arange(max(int(np.ceil((h.max() - lowest) / _ALTITUDE_STEP)), 2) + 1)
+    smooth = np.polynomial.Polynomial.fit(h, log_rho, 3 if np.ptp(h) > 3000.0 else 1)
+    near = np.rint((h - lowest) / _ALTITUDE_STEP).astype(int)
+    residual = log_rho - smooth(h)
+    counts = np.bincount(near, minlength=nodes.size)
+    mean = np.bincount(near, residual, minlength=nodes.size) / np.maximum(counts, 1)
+    seen = counts > 0
+    return DensityProfile(lowest, _ALTITUDE_STEP, smooth(nodes) + np.interp(nodes, nodes[seen], mean[seen]))
+
+
+def descent_data(record: xr.Dataset, knots: float, until: float | None = None) -> FlightData:
+    """Data of a descent.
+
+    Args:
+        record: Uniform record with ``altitude``, ``descent_rate`` and ``density``.
+        knots: Distance of the knots of the vertical wind error [s].
+        until: Data after this time are held out [s].
+
+    Returns:
+        The data; the single channel is the descent rate.
+
+    Raises:
+        InputError: If a variable is missing or empty.
+    """
+    missing = [name for name in ("altitude", "descent_rate", "density") if name not in record]
+    if missing:
+        wanted = "altitude, descent_rate and density, or what they derive from"
+        raise InputError(Fault("record of a descent", f"no {', '.join(missing)}", wanted, "Map the columns in the study file."))
+    time, altitude = record["time"].values.astype(float), record["altitude"].values
+    profile = density_profile(altitude, record["density"].values)
+    rate = record["descent_rate"].values
+    wind = record["wind"].values[:, 2] if "wind" in record else np.zeros(time.size)
+    first = filled(rate, "descent_rate")[:5]
+    dt = float(time[1] - time[0])
+    steps = max(2, int(np.ceil(dt / 0.25)))
+    model = DescentFlight(
+        profile, DescentInputs(wind), float(filled(altitude, "altitude")[0]), float(np.median(first)), dt, substeps=steps
+    )
+    return _data(model, time, rate[:, None], (0,), (0,), knots, np.array([2.0]), until)

@@ -1,0 +1,147 @@
+"""The job: stages in order, each cached by the hash of its inputs and resumable, each leaving files and nothing else.
+
+``ingest -> structure -> priors -> fit -> check -> predict -> risk -> report``. A stage reads what earlier ones wrote; it
+counts as finished when its marker holds the hash of the study, of the program and of the marker before it. Files are
+written aside and moved into place, so a run killed at any moment leaves whole files only.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import bayeschute
+from bayeschute.errors import Fault, InputError
+from bayeschute.study.load import Study, load_study, study_hash
+
+STAGES = ("ingest", "structure", "priors", "fit", "check", "predict", "risk", "report")
+Progress = Callable[[str, float, str], None]
+
+
+@dataclass(frozen=True)
+class Job:
+    """A run under way.
+
+    Attributes:
+        study: The study, at ``--quick`` sizes where asked.
+        out: The run's folder.
+        quick: Whether sizes are cut; results are then not for use.
+        hash: Of everything the results depend on.
+        progress: Called with stage, share done and words.
+    """
+
+    study: Study
+    out: Path
+    quick: bool
+    hash: str
+    progress: Progress
+
+    def say(self, stage: str) -> Callable[[float, str], None]:
+        """A progress function of one stage."""
+        return lambda share, words: self.progress(stage, share, words)
+
+    def save(self, name: str, value: Any) -> None:
+        """Write JSON, whole or not at all."""
+        write_whole(self.out / name, lambda path: path.write_text(json.dumps(value, indent=1) + "\n"))
+
+    def load(self, name: str) -> Any:
+        """Read JSON that a stage left."""
+        return json.loads((self.out / name).read_text())
+
+
+def write_whole(path: Path, write: Callable[[Path], Any]) -> None:
+    """Write a file aside, then move it into place."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    aside = path.with_name(f".{path.stem}.part{path.suffix}")
+    write(aside)
+    os.replace(aside, path)
+
+
+def _marker(job: Job, stage: str) -> Path:
+    return job.out / ".stages" / stage
+
+
+def _stage_hashes(job: Job) -> dict[str, str]:
+    hashes, before = {}, job.hash
+    for stage in STAGES:
+        before = hashlib.sha256(f"{before}:{stage}".encode()).hexdigest()
+        hashes[stage] = before
+    return hashes
+
+
+def run_study(
+    path: Path | str,
+    out: Path | str,
+    until: str | None = None,
+    resume: bool = False,
+    quick: bool = False,
+    data_dir: Path | str | None = None,
+    seed: int | None = None,
+    progress: Progress | None = None,
+) -> dict[str, Any]:
+    """Run a study.
+
+    Args:
+        path: Study file.
+        out: Folder of the run; made where missing.
+        until: Last stage to run; all where None.
+        resume: Reuse stages that finished with the same inputs.
+        quick: Small sizes, same code; the result says that it is not for use.
+        data_dir: Replaces ``${DATA}`` in the study's files.
+        seed: Replaces the study's seed.
+        progress: Called with stage, share done and words.
+
+    Returns:
+        ``summary.json`` as far as it exists; empty before the stage ``check``.
+
+    Raises:
+        InputError: If the study, its files or `until` are not sound, or `out` holds something else.
+    """
+    from bayeschute.study import setup, work
+
+    if until is not None and until not in STAGES:
+        raise InputError(Fault("--until", repr(until), "one of " + ", ".join(STAGES)))
+    study = load_study(path, data_dir)
+    if seed is not None:
+        study = replace(study, seed=seed)
+    if quick:
+        study = setup.smaller(study)
+    folder = Path(out)
+    if folder.exists() and any(folder.iterdir()) and not (folder / ".stages").is_dir():
+        raise InputError(Fault(str(folder), "a folder with other files", "a new folder or one of an earlier run", "Choose another --out."))
+    text = f"{study_hash(study)}:{bayeschute.__version__}:{quick}"
+    job = Job(study, folder, quick, hashlib.sha256(text.encode()).hexdigest(), progress or (lambda *_: None))
+    (folder / ".stages").mkdir(parents=True, exist_ok=True)
+    write_whole(folder / "study.toml", lambda p: p.write_text(_as_run(job)))
+    hashes = _stage_hashes(job)
+    for stage in STAGES:
+        marker = _marker(job, stage)
+        if resume and marker.exists() and marker.read_text() == hashes[stage]:
+            job.progress(stage, 1.0, "kept from an earlier run")
+        else:
+            for later in STAGES[STAGES.index(stage) :]:
+                _marker(job, later).unlink(missing_ok=True)
+            resume = False
+            job.progress(stage, 0.0, "")
+            words = getattr(work, stage)(job)
+            write_whole(marker, lambda p, h=hashes[stage]: p.write_text(h))
+            job.progress(stage, 1.0, words)
+        if stage == until:
+            break
+    summary = folder / "summary.json"
+    return dict(json.loads(summary.read_text())) if summary.exists() else {}
+
+
+def _as_run(job: Job) -> str:
+    """The study file as it ran, with what identifies the run in front."""
+    study = job.study
+    head = [
+        f"# bayeschute {bayeschute.__version__}; seed {study.seed}; {'quick, not for use' if job.quick else 'full sizes'}",
+        f"# sha256 of study, vehicle and records: {study_hash(study)}",
+    ]
+    return "\n".join([*head, "", study.text])

@@ -1,0 +1,9 @@
+"""The stages by name: what each reads, calls and leaves."""
+
+from __future__ import annotations
+
+from bayeschute.study.work_data import ingest, priors, simulate_study, structure
+from bayeschute.study.work_fit import fit
+from bayeschute.study.work_results import check, predict, report, risk
+
+__all__ = ["check", "fit", "ingest", "predict", "priors", "report", "risk", "simulate_study", "structure"]

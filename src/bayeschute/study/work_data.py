@@ -1,0 +1,219 @@
+"""Stages before the fit: records in, structure and priors out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+from bayeschute.errors import Fault, InputError
+from bayeschute.flight.clean import clean
+from bayeschute.flight.derive import derive
+from bayeschute.flight.read import ColumnSpec, read_record
+from bayeschute.flight.reconstruct import reconstruct
+from bayeschute.flight.record import load_record, repairs, write_record
+from bayeschute.forecast.virtual import fly
+from bayeschute.inference.priors import Prior, from_equation_error
+from bayeschute.regression.structure import axial_problem, flow_along, identify, transverse_problem
+from bayeschute.study import setup
+from bayeschute.study.load import Study
+from bayeschute.study.study import Flight
+
+if TYPE_CHECKING:
+    from bayeschute.study.stages import Job
+
+
+def flown(study: Study, flight: Flight, seed: int, quick: bool = False) -> tuple[xr.Dataset, xr.Dataset]:
+    """Record and truth of a virtual flight.
+
+    Raises:
+        InputError: If the simulated flight fails.
+    """
+    assert study.vehicle is not None and flight.virtual is not None
+    model, structure_ = setup.cluster(study.vehicle, flight.capsule_mass)
+    try:
+        return fly(setup.drop(flight.virtual, quick), model, structure_, seed)
+    except FloatingPointError as error:
+        do = "Check the vehicle's [aero]: rate terms may make the canopies unstable beyond bounds."
+        raise InputError(Fault(f"flight {flight.name}", str(error), "a flight that stays finite", do)) from error
+
+
+def simulate_study(
+    study: Study, out: Path | str, draws: int = 1, seed: int | None = None, progress: Callable[[str, float, str], None] | None = None
+) -> list[Path]:
+    """Fly the virtual flights of a study, or the drop of a vehicle, and store records and truth.
+
+    Args:
+        study: The study.
+        out: A folder; files are ``<flight>.nc`` and ``<flight>.truth.nc``, numbered where `draws` > 1.
+        draws: Virtual drops of each flight, with seeds of their own.
+        seed: Replaces the study's.
+        progress: Called with a name, the share done and words.
+
+    Returns:
+        The files written.
+    """
+    folder, written = Path(out), []
+    flights = [f for f in study.flights if f.virtual is not None]
+    if not flights:
+        raise InputError(Fault(str(study.path), "no virtual flight", "a [flight.virtual] table", "Add one, or use run."))
+    first = study.seed if seed is None else seed
+    folder.mkdir(parents=True, exist_ok=True)
+    for i, flight in enumerate(flights):
+        for draw in range(draws):
+            number = np.random.SeedSequence([first, i, draw]).generate_state(1)[0] if draw else _first_seed(study, flight, seed)
+            record, truth = flown(study, flight, int(number))
+            stem = flight.name if draws == 1 else f"{flight.name}.{draw:05d}"
+            written += [write_record(record, folder / f"{stem}.nc"), _write_truth(truth, folder / f"{stem}.truth.nc")]
+            if progress is not None:
+                progress("simulate", (i * draws + draw + 1) / (len(flights) * draws), stem)
+    return written
+
+
+def _first_seed(study: Study, flight: Flight, seed: int | None) -> int:
+    from dataclasses import replace
+
+    return setup.flight_seed(study if seed is None else replace(study, seed=seed), flight)
+
+
+def _write_truth(truth: xr.Dataset, path: Path) -> Path:
+    truth.drop_attrs(deep=False).to_netcdf(path, engine="h5netcdf")
+    return path
+
+
+def load_truth(job: Job, name: str) -> xr.Dataset | None:
+    """Truth of a virtual flight; None for a measured one."""
+    path = job.out / "flights" / f"{name}.truth.nc"
+    return xr.load_dataset(path, engine="h5netcdf") if path.exists() else None
+
+
+def load_flight(job: Job, name: str) -> xr.Dataset:
+    """The ingested record of a flight."""
+    return load_record(job.out / "flights" / f"{name}.nc")
+
+
+def ingest(job: Job) -> str:
+    """Read or fly every record, clean it, derive what it implies, store it."""
+    from bayeschute.study.stages import write_whole
+
+    study, listed = job.study, 0
+    for i, flight in enumerate(study.flights):
+        truth = None
+        if flight.virtual is not None:
+            raw, truth = flown(study, flight, setup.flight_seed(study, flight), job.quick)
+        else:
+            assert flight.path is not None
+            columns = {k: ColumnSpec(c.column, c.unit) for k, c in flight.columns.items()}
+            raw = read_record(flight.path, columns or None, flight.window)
+        rate = flight.rate or 1.0 / float(np.median(np.diff(raw["time"].values)))
+        record = clean(raw, rate, flight.window, flight.skip_first)
+        record = record if study.model == "cluster" and flight.virtual is not None else derive(record)
+        listed += sum(r.kind not in ("resampled", "derived", "assumed") for r in repairs(record))
+        if truth is not None:
+            truth = truth.interp(time=record["time"].values)
+            write_whole(job.out / "flights" / f"{flight.name}.truth.nc", lambda p, t=truth: _write_truth(t, p))
+        write_whole(job.out / "flights" / f"{flight.name}.nc", lambda p, r=record: write_record(r, p))
+        job.say("ingest")((i + 1) / len(study.flights), flight.name)
+    return f"{len(study.flights)} flights, {listed} repairs listed"
+
+
+def structure(job: Job) -> str:
+    """Select the aerodynamic terms by equation error; a descent has one term and skips this."""
+    study = job.study
+    if study.structure is None or study.vehicle is None:
+        job.save("structure.json", {"coefficients": {}, "sufficiency": ["A descent has one coefficient; nothing is selected."]})
+        return "nothing to select"
+    table, kinds = study.structure, {"axial": axial_problem, "transverse": transverse_problem}
+    found: dict[str, Any] = {}
+    problems: dict[str, list] = {"axial": [], "transverse": []}
+    checks: dict[str, dict] = {"axial": {}, "transverse": {}}
+    pressure, sufficiency, dt = [], [], 0.1
+    for flight in study.with_role("structure"):
+        record = load_flight(job, flight.name)
+        made = reconstruct(record, setup.geometry(study.vehicle, flight.capsule_mass))
+        dt = float(record["time"][1] - record["time"][0])
+        flow = flow_along(record, made, study.vehicle.canopies.reference_length, study.vehicle.canopies.reference_speed)
+        sufficiency += _sufficiency(flight.name, made)
+        for canopy in range(study.vehicle.canopies.number):
+            for kind, problem in kinds.items():
+                stack = problem(getattr(table, kind), flow, made, canopy)
+                if canopy + 1 in table.canopies:
+                    problems[kind].append(stack)
+                else:
+                    checks[kind][f"{flight.name}, canopy {canopy + 1}"] = stack
+            if canopy + 1 in table.canopies:
+                pressure.append(made["dynamic_pressure"].values[:, canopy])
+    for kind in kinds:
+        q = np.concatenate(pressure) if kind == "axial" else None
+        identified = identify(problems[kind], getattr(table, kind), dt, table.sigma_max, checks[kind], q)
+        found[kind] = identified.report
+        job.say("structure")(0.5 if kind == "axial" else 1.0, kind)
+    job.save("structure.json", {"coefficients": found, "sufficiency": sufficiency})
+    counts = ", ".join(f"{len(v['selected'])} of {len(v['candidates'])} {k} terms" for k, v in found.items())
+    return counts
+
+
+def _sufficiency(name: str, made: xr.Dataset) -> list[str]:
+    """What a record can tell, in words, before any fit."""
+    alpha = np.rad2deg(made["alpha_T"].values)
+    low, high = np.nanquantile(alpha, [0.02, 0.98])
+    duration = float(made["time"][-1] - made["time"][0])
+    spread = np.nanstd(made["airspeed"].values) / np.nanmean(made["airspeed"].values)
+    said = [
+        f"{name}: total angle of attack between {low:.0f} and {high:.0f} deg; nothing is known of the aerodynamics beyond.",
+        f"{name}: {duration:.0f} s, about {duration * 0.07:.0f} pendulum periods of 14 s.",
+    ]
+    if spread < 0.1:
+        said.append(f"{name}: airspeed varies by {100 * spread:.0f} % only, so terms in airspeed or dynamic pressure are weakly told.")
+    return said
+
+
+def priors(job: Job) -> str:
+    """Priors of every parameter: from equation error, or given from outside."""
+    study, made = job.study, []
+    found = job.load("structure.json")["coefficients"]
+    source = ", ".join(f.name for f in study.with_role("structure"))
+    for kind, entry in found.items():
+        for term in entry["selected"]:
+            made.append(
+                from_equation_error(
+                    f"{kind}[{term['term']}]", term["estimate"], term["se"], study.priors.inflation, study.priors.floor, flight=source
+                )
+            )
+    given = study.priors.given
+    for name, unit in _GIVEN.items():
+        table = getattr(given, name)
+        if table is not None:
+            made.append(_given(name, table, unit))
+    job.save("priors.json", [p.__dict__ for p in made])
+    return f"{len(made)} parameters"
+
+
+_GIVEN = {"riser_stiffness": "N/m", "riser_damping": "N s/m", "riser_length": "m", "cds_over_mass": "m^2/kg"}
+_POSITIVE = ("riser_stiffness", "riser_damping", "cds_over_mass")
+
+
+def _given(name: str, table: Any, unit: str) -> Prior:
+    """A prior from outside in its working coordinate; moments of the logarithm are matched where it must be positive."""
+    source = "given in the study"
+    if table.log_normal:
+        log_mean, log_sd = float(np.log(table.median)), float(table.log_sd)
+    else:
+        log_sd = float(np.sqrt(np.log1p((table.sd / table.mean) ** 2)))
+        log_mean = float(np.log(table.mean) - 0.5 * log_sd**2)
+    if name in _POSITIVE:
+        return Prior(name, log_mean, log_sd, True, unit, source)
+    if table.log_normal:
+        mean = float(np.exp(log_mean + 0.5 * log_sd**2))
+        return Prior(name, mean, mean * float(np.sqrt(np.expm1(log_sd**2))), False, unit, source)
+    return Prior(name, float(table.mean), float(table.sd), False, unit, source)
+
+
+def load_priors(job: Job) -> list[Prior]:
+    """The priors that the stage left."""
+    return [Prior(**entry) for entry in job.load("priors.json")]
+
+

@@ -1,0 +1,240 @@
+"""The stage `fit`: data, optimum, noise parameters, draws, one DataTree."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+from arviz_base import from_dict
+from numpy.typing import NDArray
+
+from bayeschute.dynamics.parameters import Structure
+from bayeschute.inference import population
+from bayeschute.inference.evidence import HyperPrior, from_vector, to_vector
+from bayeschute.inference.map import Optimum
+from bayeschute.inference.marginal import Marginal, marginalise
+from bayeschute.inference.posterior import Found, data_tree, find, sample
+from bayeschute.inference.priors import Prior
+from bayeschute.inference.records import cluster_data, descent_data
+from bayeschute.inference.target import FlightData, Hyper
+from bayeschute.samplers.protocol import Draws
+from bayeschute.study import setup
+from bayeschute.study.study import Flight
+from bayeschute.study.work_data import load_flight, load_priors
+
+if TYPE_CHECKING:
+    from bayeschute.study.stages import Job
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Group:
+    """Flights that share their parameters in one fit; a descent study has one group per flight."""
+
+    name: str
+    flights: tuple[Flight, ...]
+    priors: tuple[Prior, ...]
+
+
+def groups(job: Job) -> list[Group]:
+    """The fits of a study."""
+    study, priors = job.study, tuple(load_priors(job))
+    flights = study.with_role("identify")
+    if study.model == "cluster":
+        return [Group("all", flights, priors)]
+    several = len(flights) > 1
+    return [
+        Group(f.name, (f,), tuple(replace(p, name=f"{p.name}[{f.name}]") if several else p for p in priors)) for f in flights
+    ]
+
+
+def structure_of(priors: Sequence[Prior], canopies: int) -> Structure:
+    """The structure whose coefficients are among the parameters."""
+    terms = {kind: tuple(p.name[len(kind) + 1 : -1] for p in priors if p.name.startswith(f"{kind}[")) for kind in ("axial", "transverse")}
+    return Structure(terms["axial"], terms["transverse"], canopies)
+
+
+def data_of(job: Job, flight: Flight, priors: Sequence[Prior]) -> FlightData:
+    """A flight ready to be fitted or predicted."""
+    study, record = job.study, load_flight(job, flight.name)
+    time = record["time"].values
+    until = None if flight.identify_until is None else flight.identify_until.at(time[0], time[-1])
+    knots = study.noise.wind.knots
+    if study.model == "descent":
+        return descent_data(record, knots, until)
+    assert study.vehicle is not None
+    n = study.vehicle.canopies.number
+    base, _ = setup.cluster(study.vehicle, flight.capsule_mass)
+    structure = structure_of(priors, n)
+    blank = replace(base, axial=(0.0,) * len(structure.axial), transverse=(0.0,) * len(structure.transverse))
+    channels = tuple(study.noise.channels())
+    return cluster_data(record, blank, structure, priors, channels, knots, setup.latent_groups(study, n), until)
+
+
+def _save(job: Job, group: Group, found: Found, draws: Draws) -> None:
+    from bayeschute.study.stages import write_whole
+
+    best = found.optimum
+    arrays: dict[str, Any] = {
+        "theta": best.theta,
+        "precision": best.precision,
+        "hyper": to_vector(found.hyper),
+        "xi": draws.xi,
+        "facts": np.array([best.cost, best.converged, best.iterations, best.last_step, found.evidence, draws.failed, draws.evaluations]),
+    }
+    arrays |= {f"u{i}": u for i, u in enumerate(best.u)}
+
+    def write(path: Any) -> None:
+        with path.open("wb") as file:
+            np.savez(file, **arrays)
+
+    write_whole(job.out / "fit" / f"{group.name}.npz", write)
+
+
+@dataclass(frozen=True)
+class Stored:
+    """A finished fit, read back.
+
+    Attributes:
+        marginal: The marginal posterior.
+        optimum: The optimum.
+        hyper: Noise parameters.
+        theta: Draws in working coordinates (chain, draw, P).
+        failed: Simulations that failed while sampling.
+        evaluations: Evaluations of the exact density.
+    """
+
+    marginal: Marginal
+    optimum: Optimum
+    hyper: Hyper
+    theta: Array
+    failed: int
+    evaluations: int
+
+
+def load_fit(job: Job, group: Group) -> Stored:
+    """Read a fit back and set its marginal posterior up again."""
+    with np.load(job.out / "fit" / f"{group.name}.npz") as file:
+        a = {k: file[k] for k in file.files}
+    medians = setup.hyper(job.study)
+    hyper = from_vector(a["hyper"], int(np.size(medians.noise.white)), int(np.size(medians.latent_sd)))
+    hyper = Hyper(*(np.asarray(x) if not hasattr(x, "white") else x for x in (hyper.noise, hyper.latent_sd, hyper.latent_time_constant)))
+    cost, converged, iterations, last, _, failed, evaluations = a["facts"]
+    u = tuple(a[f"u{i}"] for i in range(len(group.flights)))
+    best = Optimum(a["theta"], u, a["precision"], float(cost), bool(converged), int(iterations), float(last), ())
+    flights = [data_of(job, f, group.priors) for f in group.flights]
+    marginal = marginalise(flights, hyper, group.priors, best)
+    theta = best.theta + a["xi"] @ np.asarray(marginal.scale).T
+    return Stored(marginal, best, hyper, theta, int(failed), int(evaluations))
+
+
+def fit(job: Job) -> str:
+    """Fit every group, draw, and store draws and DataTree."""
+    import time
+
+    from bayeschute.study.stages import write_whole
+
+    study, trees, said = job.study, [], []
+    todo, began = groups(job), time.perf_counter()
+    wall: dict[str, float] = {}
+    failed = 0
+    for i, group in enumerate(todo):
+
+        def say(share: float, words: str, a: float = 0.0, b: float = 1.0, i: int = i, name: str = group.name) -> None:
+            label = f"{name}: {words}" if len(todo) > 1 else words
+            job.say("fit")((i + a + (b - a) * share) / len(todo), label)
+
+        flights = [data_of(job, f, group.priors) for f in group.flights]
+        rounds = 1 if job.quick else 2
+        clock = time.perf_counter()
+        found = find(flights, group.priors, HyperPrior(setup.hyper(study)), rounds, lambda s, w: say(s, w, 0.0, 0.5))
+        wall["optimum_s"] = wall.get("optimum_s", 0.0) + time.perf_counter() - clock
+        table, kinds = study.sampler, ["nuts", "emcee"] if study.sampler.kind == "both" else [study.sampler.kind]
+        for kind in kinds:
+            clock = time.perf_counter()
+            draws = sample(
+                found.marginal, kind, table.chains, table.warmup, table.draws, study.seed, lambda s, w: say(s, w, 0.5, 0.8)
+            )
+            wall[f"{kind}_s"] = wall.get(f"{kind}_s", 0.0) + time.perf_counter() - clock
+            names = [f.name for f in group.flights]
+            tree = data_tree(found.marginal, group.priors, draws, study.seed, names, lambda s, w: say(s, w, 0.8, 1.0))
+            if kind == kinds[0]:
+                _save(job, group, found, draws)
+                trees.append(tree)
+                failed += draws.failed
+                said += list(draws.notes)
+            else:
+                write_whole(job.out / f"posterior.{kind}.nc", lambda p, t=tree: t.to_netcdf(p, engine="h5netcdf"))
+    tree = trees[0] if len(trees) == 1 else _joined(job, todo, trees)
+    write_whole(job.out / "posterior.nc", lambda p: tree.to_netcdf(p, engine="h5netcdf"))
+    wall["fit_s"] = time.perf_counter() - began
+    job.save("fit/facts.json", {"wall": wall, "notes": said, "failed": failed})
+    return f"{len(todo)} fits, {failed} failed simulations"
+
+
+def _joined(job: Job, todo: Sequence[Group], trees: Sequence[xr.DataTree]) -> xr.DataTree:
+    """Several bodies' posteriors side by side, with their population."""
+    study, prior = job.study, load_priors(job)[0]
+    means, sds = [], []
+    for group in todo:
+        stored = load_fit(job, group)
+        working = stored.theta.reshape(-1)
+        mean, sd = population.likelihood_of(float(working.mean()), float(working.std()), prior.centre, prior.scale)
+        means.append(mean)
+        sds.append(sd)
+    made = population.fit(
+        np.array(means), np.array(sds), (prior.centre, prior.scale), study.sampler.chains, study.sampler.warmup, study.sampler.draws, study.seed
+    )
+    rng = np.random.default_rng([study.seed, 4])
+    joined: dict[str, dict[str, Any]] = {}
+    for tree in trees:
+        for name, node in tree.children.items():
+            joined.setdefault(name, {}).update({f"{k}": v for k, v in node.ds.data_vars.items()})
+    joined["posterior"] |= {"population_mean": made.mean, "population_sd": made.sd}
+    joined["prior"] |= {
+        "population_mean": prior.centre + prior.scale * rng.standard_normal((1, 2000)),
+        "population_sd": np.abs(prior.scale * rng.standard_normal((1, 2000))),
+    }
+    kept = ("posterior", "prior", "log_likelihood", "log_prior", "posterior_predictive", "observed_data")
+    plain = {
+        name: {k: np.asarray(v) for k, v in joined[name].items()} for name in kept if name in joined
+    }
+    # Lengths of the flights differ: each keeps dimensions of its own.
+    tree = from_dict({k: v for k, v in plain.items() if k in ("posterior", "prior", "log_prior")})
+    for name in ("log_likelihood", "posterior_predictive", "observed_data"):
+        tree[name] = xr.DataTree(_own_dims(plain[name], name))
+    for variable in tree["posterior"].data_vars:
+        unit = "1" if str(variable).startswith("population") else prior.unit
+        tree["posterior"][variable].attrs["units"] = unit
+    return tree
+
+
+def _own_dims(variables: dict[str, Any], group: str) -> xr.Dataset:
+    lead = () if group == "observed_data" else ("chain", "draw")
+    made = xr.Dataset()
+    for name, array in variables.items():
+        rest = [f"{name}_{i}" for i in range(array.ndim - len(lead))]
+        made[name] = ((*lead, *rest), array)
+    return made
+
+
+def summary_draws(job: Job) -> tuple[dict[str, Array], dict[str, str]]:
+    """Draws of every parameter in its own unit (chain, draw), and the units."""
+    tree = xr.open_datatree(job.out / "posterior.nc", engine="h5netcdf")
+    posterior = tree["posterior"].ds.load()
+    tree.close()
+    draws = {str(name): posterior[name].values for name in posterior.data_vars}
+    return draws, {str(name): str(posterior[name].attrs.get("units", "1")) for name in posterior.data_vars}
+
+
+def gaussian_summary(priors: Sequence[Prior], theta: Array) -> list[Prior]:
+    """Posterior draws (chain, draw, P) as Gaussian priors, for the opening of another flight."""
+    flat = theta.reshape(-1, theta.shape[-1])
+    return [
+        replace(p, centre=float(flat[:, i].mean()), scale=float(flat[:, i].std()), source="posterior") for i, p in enumerate(priors)
+    ]
+
