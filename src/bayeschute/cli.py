@@ -186,7 +186,7 @@ def simulate(
         if not any(flight.virtual for flight in study.flights):
             wanted = "a study with a [flight.virtual] table, or a vehicle"
             raise InputError(Fault(str(source), "a study of records only", wanted))
-        from bayeschute.study.stages import simulate_study
+        from bayeschute.study.work_data import simulate_study
 
         with Bars() as bars:
             written = simulate_study(study, out, draws=draws, seed=seed, progress=bars)

@@ -37,7 +37,7 @@ def test_the_default_study_is_in_si():
     assert study.requirements[0].at_most == pytest.approx(33 * FOOT)
     assert set(study.noise.channels()) == {"canopy_position", "capsule_velocity", "capsule_attitude"}
     assert study.priors.given.riser_length is not None and not study.priors.given.riser_length.log_normal
-    assert study.structure is not None and study.structure.sigma_max == 25.0
+    assert study.structure is not None and study.structure.sigma_max == 1.0
 
 
 @pytest.mark.parametrize("name", ["dropsondes", "halcyon"])
@@ -67,7 +67,7 @@ def test_data_come_from_the_option_or_the_environment(descent: Path, spoil, monk
 def test_faults_of_study_vehicle_and_records_are_told_together(cluster: Path, descent: Path, spoil):
     spoil(cluster, '^title = ".*"', "title = 3")
     spoil(cluster, r"^canopies = \[1\]", "canopies = [7]")
-    spoil(cluster, '^knots = "2 s"', 'knots = "-2 s"')
+    spoil(cluster, '^knots = "1 s"', 'knots = "-2 s"')
     spoil(cluster.parent / "vehicle.toml", '^length = "234 ft"', "length = 234")
     told = "\n".join(map(str, check_study(cluster)))
     assert all(word in told for word in ("title", "knots", "vehicle.toml [risers] length"))

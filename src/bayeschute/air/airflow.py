@@ -59,7 +59,7 @@ class Neighbour:
 def squared_angle(sin_squared: Component, cosine: Component) -> Component:
     """Angle squared from its sine squared and cosine, smooth through zero [rad^2]."""
     small = sin_squared < 1e-8
-    sine = jnp.sqrt(jnp.where(small, 1.0, sin_squared))
+    sine = jnp.sqrt(jnp.where(small, 1e-8, sin_squared))  # at 180 deg: true to 1e-4 rad, gradient finite
     return jnp.where(small & (cosine > 0.0), sin_squared * (1.0 + sin_squared / 3.0), jnp.arctan2(sine, cosine) ** 2)
 
 
@@ -78,7 +78,9 @@ def wind_direction_rate(w: Vec3, air_acceleration: Vec3, speed: Component) -> Ve
     return perpendicular(air_acceleration, w) / speed
 
 
-def neighbours(position: Vec3, velocity: Vec3, axis: Vec3, reference_length: Component, n: int) -> tuple[Neighbour, ...]:
+def neighbours(
+    position: Vec3, velocity: Vec3, axis: Vec3, reference_length: Component, n: int
+) -> tuple[Neighbour, ...]:
     """Every other canopy of each canopy; the canopies lie on the leading axis of each component.
 
     Args:
@@ -94,5 +96,7 @@ def neighbours(position: Vec3, velocity: Vec3, axis: Vec3, reference_length: Com
         opening = velocity - velocity.map(lambda c, s=shift: jnp.roll(c, s, axis=0))
         distance = norm(apart, 1e-6)
         away = apart / distance
-        found.append(Neighbour(perpendicular(away, axis), distance / reference_length, dot(away, opening) / reference_length))
+        found.append(
+            Neighbour(perpendicular(away, axis), distance / reference_length, dot(away, opening) / reference_length)
+        )
     return tuple(found)

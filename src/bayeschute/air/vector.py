@@ -144,5 +144,5 @@ def small_rotation(rotation: Vec3) -> Quaternion:
     """The unit quaternion of a rotation vector [rad]; smooth at zero."""
     half = rotation * 0.5
     w = jnp.ones_like(half.x)
-    # A Rodrigues vector scaled to unit length: exact direction, angle 2 atan(|half|), which is |rotation| to third order.
+    # A Rodrigues vector scaled to unit length: exact direction, angle 2 atan(|half|), |rotation| to third order.
     return Quaternion(w, half.x, half.y, half.z).normalised()

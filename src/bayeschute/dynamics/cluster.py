@@ -108,7 +108,7 @@ def canopy_force(flow: CanopyFlow, model: Cluster, structure: Structure, air: Ai
 def canopy_acceleration(
     state: ClusterState, geo: RiserGeometry, riser_tension: Component, model: Cluster, structure: Structure, air: Air
 ) -> Vec3:
-    """Acceleration of every canopy [m/s^2]; weight on the dry mass, inertia with the enclosed air (6.3.3-6, corrected)."""
+    """Acceleration of every canopy [m/s^2]; weight on the dry mass, inertia with enclosed air (6.3.3-6, corrected)."""
     canopies = model.canopies
     mass = canopies.dry_mass + air.density * canopies.enclosed_volume
     flow = canopy_flow(state, geo, model, structure, air)
@@ -157,7 +157,9 @@ def capsule_aerodynamics(state: ClusterState, capsule: Capsule, air: Air) -> tup
     along = v_b / speed
     slope = capsule.normal_force_slope
     force = Vec3(-capsule.axial_force + 0.0 * along.x, -slope * along.y, -slope * along.z) * q_area
-    static = Vec3(0.0 * along.x, capsule.moment_slope * along.z, -capsule.moment_slope * along.y) * (q_area * capsule.length)
+    static = Vec3(0.0 * along.x, capsule.moment_slope * along.z, -capsule.moment_slope * along.y) * (
+        q_area * capsule.length
+    )
     p, q, r = state.rate.x, state.rate.y, state.rate.z
     damping = Vec3(capsule.roll_damping * p, capsule.pitch_damping * q, capsule.pitch_damping * r)
     damping = damping * (q_area * capsule.length**2 / (2.0 * speed))
@@ -167,7 +169,7 @@ def capsule_aerodynamics(state: ClusterState, capsule: Capsule, air: Air) -> tup
 def capsule_acceleration(
     state: ClusterState, geo: RiserGeometry, riser_tension: Component, model: Cluster, air: Air, n: int
 ) -> tuple[Vec3, Vec3]:
-    """Acceleration of the centre of mass, NED [m/s^2], and angular acceleration, body axes [rad/s^2] (6.3.3-16, -19)."""
+    """Acceleration of the centre of mass, NED [m/s^2]; angular acceleration, body axes [rad/s^2] (6.3.3-16, -19)."""
     capsule = model.capsule
     pulls = geo.direction * riser_tension
     pull = Vec3(*(sum((c[i] for i in range(1, n)), c[0]) for c in (pulls.x, pulls.y, pulls.z)))

@@ -51,7 +51,9 @@ def with_parameters(base: Cluster, structure: Structure, names: Sequence[str], t
             canopies = replace(canopies, enclosed_volume=canopies.enclosed_volume * value)
         else:
             raise KeyError(f"{name!r} is no parameter of the cluster")
-    return replace(base, risers=risers, capsule=capsule, canopies=canopies, axial=tuple(axial), transverse=tuple(transverse))
+    return replace(
+        base, risers=risers, capsule=capsule, canopies=canopies, axial=tuple(axial), transverse=tuple(transverse)
+    )
 
 
 @jax.tree_util.register_dataclass
@@ -114,7 +116,9 @@ class ClusterFlight:
         air = air_between(first, first, jnp.zeros((3, *(1,) * rank)), jnp.zeros((3, *(1,) * rank)), 0.0, self.dt)
         return initial_state(self.start, self.basis, start, numbers, self.structure, air)
 
-    def advance(self, x: jax.Array, numbers: Cluster, now: Any, then: Any, error_now: Any, error_then: Any) -> jax.Array:
+    def advance(
+        self, x: jax.Array, numbers: Cluster, now: Any, then: Any, error_now: Any, error_then: Any
+    ) -> jax.Array:
         """State one sample later."""
 
         def rate(state: jax.Array, share: Component) -> jax.Array:
@@ -149,7 +153,9 @@ def channel_sizes(channels: Sequence[str], n: int) -> dict[str, int]:
     return {channel: sizes[channel] for channel in channels}
 
 
-def air_between(now: Any, then: Any, error_now: Component, error_then: Component, share: Component, dt: Component) -> Air:
+def air_between(
+    now: Any, then: Any, error_now: Component, error_then: Component, share: Component, dt: Component
+) -> Air:
     """Air at a share of the sample, linear between samples.
 
     The first three rows of the errors add to the recorded wind; rows beyond, one per canopy, to the axial factors.
@@ -199,4 +205,5 @@ def quantity(name: str, x: jax.Array, density: Component, attach_b: Vec3, n: int
     pairs = [
         dot(unit.map(lambda c, i=i: c[i]), unit.map(lambda c, j=j: c[j])) for i in range(n) for j in range(i + 1, n)
     ]
-    return sum(0.5 * jnp.arccos(jnp.clip(p, -1.0, 1.0)) for p in pairs) / len(pairs)
+    angles = [0.5 * jnp.arccos(jnp.clip(p, -1.0, 1.0)) for p in pairs]
+    return jnp.mean(jnp.stack(angles), axis=0)

@@ -32,8 +32,9 @@ class DensityProfile:
     def density(self, altitude: Component) -> Component:
         """Density at an altitude [kg/m^3]."""
         place = (altitude - self.lowest) / self.spacing
-        below = jnp.clip(jnp.floor(place).astype(int), 0, self.log_density.shape[0] - 2)
-        low, high = self.log_density[below], self.log_density[below + 1]
+        nodes = jnp.asarray(self.log_density)
+        below = jnp.clip(jnp.floor(place).astype(int), 0, nodes.shape[0] - 2)
+        low, high = nodes[below], nodes[below + 1]
         return jnp.exp(low + (high - low) * (place - below))
 
 

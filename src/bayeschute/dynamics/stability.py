@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from bayeschute.dynamics.cluster import state_rate
@@ -15,7 +16,7 @@ _MARGIN = 0.85
 @jax.jit
 def _local_jacobian(flight: ClusterFlight, x: jax.Array, theta: jax.Array) -> jax.Array:
     now = jax.tree.map(lambda a: a[0], flight.record)
-    zero = jax.numpy.zeros(3)
+    zero = jnp.zeros(3)
     air = air_between(now, now, zero, zero, 0.0, flight.dt)
     return jax.jacfwd(lambda s: state_rate(s, flight.numbers(theta), flight.structure, air))(x)
 
@@ -28,7 +29,7 @@ def fastest_pole(flight: ClusterFlight, theta: np.ndarray, deviations: int) -> f
         theta: Parameters in working coordinates (P,).
         deviations: Number of initial deviations, all zero here.
     """
-    x = flight.initial(flight.numbers(theta), np.zeros(deviations))
+    x = flight.initial(flight.numbers(jnp.asarray(theta)), jnp.zeros(deviations))
     return float(np.max(np.abs(np.linalg.eigvals(np.asarray(_local_jacobian(flight, x, theta))))))
 
 

@@ -30,7 +30,9 @@ class Dropouts:
     mean_length: float = 0.5
 
 
-def ornstein_uhlenbeck(sd: float, time_constant: float, dt: float, shape: tuple[int, ...], rng: np.random.Generator) -> Array:
+def ornstein_uhlenbeck(
+    sd: float, time_constant: float, dt: float, shape: tuple[int, ...], rng: np.random.Generator
+) -> Array:
     """A stationary Ornstein-Uhlenbeck process sampled along the first axis, exactly."""
     phi = float(np.exp(-dt / time_constant))
     z = rng.standard_normal(shape) * sd
@@ -83,7 +85,7 @@ def record_of(
     """
     dt = float(truth["time"][1] - truth["time"][0])
     record = truth.copy(deep=True)
-    for name in record.data_vars:
+    for name in map(str, record.data_vars):
         if name in ("canopy_position", "capsule_attitude") or name not in sensors:
             continue
         record[name].values = noisy(truth[name].values, sensors[name], dt, rng)

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from bayeschute.dynamics import cluster_flight, descent
 from bayeschute.dynamics.cluster_flight import ClusterFlight
+from bayeschute.flight.sensors import ornstein_uhlenbeck
 from bayeschute.inference.map import fit
 from bayeschute.inference.marginal import Marginal, draw_unknowns, marginalise
 from bayeschute.inference.posterior import BATCH
@@ -72,79 +73,149 @@ def quantities_of(flight: FlightData) -> tuple[str, ...]:
     return cluster_flight.QUANTITIES if isinstance(flight.model, ClusterFlight) else descent.QUANTITIES
 
 
+def opening(flight: FlightData, seconds: float) -> FlightData:
+    """The first seconds of a flight as a flight of its own, up to the next knot; same knots as the whole."""
+    kept = int(np.ceil(seconds / float(flight.spacing) - 1e-9))
+    samples = int(np.floor(kept * float(flight.spacing) / float(flight.dt) + 1e-9)) + 1
+    model: Any = flight.model
+    shorter = replace(model, record=jax.tree.map(lambda a: np.asarray(a)[:samples], model.record))
+    return replace(
+        flight,
+        model=shorter,
+        observed=np.asarray(flight.observed)[:samples],
+        present=np.asarray(flight.present)[:samples],
+        weights=np.asarray(flight.weights)[:samples, : kept + 1],
+    )
+
+
 def opened(flight: FlightData, hyper: Hyper, posterior: Sequence[Prior]) -> Marginal:
-    """What the present data of a flight say of its own unknowns, the parameters as the posterior has them.
+    """What an opening's data say of its own unknowns, the parameters as the posterior has them.
 
     Args:
-        flight: The flight; data that must not be seen are absent.
+        flight: From `opening`.
         hyper: Noise parameters.
         posterior: Gaussian summary of the posterior, as priors here.
 
     Returns:
-        The marginal posterior whose unknowns `predict` draws.
+        The marginal posterior whose unknowns `predict` draws and continues.
     """
     theta = np.array([p.centre for p in posterior])
     best = fit([flight], hyper, posterior, theta, [np.zeros(flight.unknowns)], tolerance=0.1, most=12)
     return marginalise([flight], hyper, posterior, best)
 
 
-def predict(marginal: Marginal, index: int, theta: Array, seed: int, progress: Callable[[float], None] | None = None) -> Prediction:
+def latent_draws(hyper: Hyper, covariance: Array, draws: int, rng: np.random.Generator) -> Hyper:
+    """Noise parameters with the latent processes' drawn about their optimum: ``latent_sd`` and time constants (G, B)."""
+    both = np.log(np.concatenate([np.asarray(hyper.latent_sd), np.asarray(hyper.latent_time_constant)]))
+    drawn = np.exp(both[:, None] + np.linalg.cholesky(covariance) @ rng.standard_normal((both.size, draws)))
+    groups = both.size // 2
+    return Hyper(hyper.noise, drawn[:groups], drawn[groups:])
+
+
+def continued(
+    knots: Array, kept: int, total: int, hyper: Hyper, group: Sequence[int], spacing: float, z: Array
+) -> Array:
+    """Knots (total, A, B): the first `kept` as given, the rest from each draw's own process.
+
+    Args:
+        knots: Known knots (K, A, B), K >= kept.
+        kept: How many of them the data have told.
+        total: How many are wanted.
+        hyper: From `latent_draws`, (G, B).
+        group: Group of every process (A entries).
+        spacing: Distance of the knots [s].
+        z: Standard normal numbers (total, A, B).
+    """
+    sd, tau = hyper.latent_sd[list(group)], hyper.latent_time_constant[list(group)]
+    phi = np.exp(-spacing / tau)
+    made = np.empty((total, *knots.shape[1:]))
+    made[:kept] = knots[:kept]
+    for j in range(kept, total):
+        made[j] = phi * made[j - 1] + sd * np.sqrt(1.0 - phi**2) * z[j]
+    return made
+
+
+def predict(
+    marginal: Marginal,
+    index: int,
+    theta: Array,
+    hyper: Hyper,
+    seed: int,
+    whole: FlightData | None = None,
+    told: float = np.inf,
+    progress: Callable[[float], None] | None = None,
+) -> Prediction:
     """Draw a flight's quantities.
 
     Args:
         marginal: Of the fit the flight was part of, or from `opened`.
         index: Which of its flights.
-        theta: Draws of the parameters, working coordinates (draw, P).
+        theta: Draws of the parameters, working coordinates (B, P).
+        hyper: Latent processes of every draw, from `latent_draws`.
         seed: Seed of unknowns.
+        whole: The whole flight where the marginal holds its opening only.
+        told: Data end here [s from the first sample]; knots beyond follow each draw's own process.
         progress: Called with a share done.
 
     Returns:
         The prediction.
     """
-    flight = marginal.flights[index]
-    rng = np.random.default_rng([seed, index])
+    part, rng = marginal.flights[index], np.random.default_rng([seed, index])
+    flight, draws = whole or part, theta.shape[0]
+    spacing, total = float(flight.spacing), int(flight.weights.shape[1])
+    kept = min(int(np.ceil(told / spacing)) + 1 if np.isfinite(told) else total, int(part.weights.shape[1]))
     xi = np.linalg.solve(np.asarray(marginal.scale), (theta - np.asarray(marginal.centre)).T)
-    z = tuple(rng.standard_normal((f.unknowns, xi.shape[1])) for f in marginal.flights)
+    z = tuple(rng.standard_normal((f.unknowns, draws)) for f in marginal.flights)
+    beyond = rng.standard_normal((total, len(flight.group), draws))
 
-    def run(xi_part: Array, z_part: tuple[Array, ...]) -> tuple[Array, Array]:
-        u = draw_unknowns(marginal, xi_part, z_part)[index]
-        quantities, last = _simulate(flight, marginal.theta(jnp.asarray(xi_part)), u)
-        return np.asarray(quantities), np.asarray(last)
+    def unknowns(xi_part: Array, z_part: tuple[Array, ...], later: Array, law: Hyper) -> Array:
+        u = np.asarray(draw_unknowns(marginal, xi_part, z_part)[index])
+        start, knots = (np.asarray(a) for a in split(part, u))
+        knots = continued(knots, kept, total, law, flight.group, spacing, later)
+        return np.concatenate([start, knots.reshape(-1, u.shape[1])])
 
     rows, lasts = [], []
-    for at in range(0, xi.shape[1], BATCH):
-        part = np.minimum(np.arange(at, at + BATCH), xi.shape[1] - 1)
-        keep = min(BATCH, xi.shape[1] - at)
-        quantities, last = run(xi[:, part], tuple(x[:, part] for x in z))
-        rows.append(quantities[..., :keep])
-        lasts.append(last[:, :keep])
+    for at in range(0, draws, BATCH):
+        pick = np.minimum(np.arange(at, at + BATCH), draws - 1)
+        keep = min(BATCH, draws - at)
+        law = Hyper(hyper.noise, hyper.latent_sd[:, pick], hyper.latent_time_constant[:, pick])
+        u = unknowns(xi[:, pick], tuple(x[:, pick] for x in z), beyond[..., pick], law)
+        quantities, last = _simulate(flight, marginal.theta(jnp.asarray(xi[:, pick])), u)
+        rows.append(np.asarray(quantities)[..., :keep])
+        lasts.append(np.asarray(last)[:, :keep])
         if progress is not None:
-            progress(min((at + BATCH) / xi.shape[1], 1.0))
+            progress(min((at + BATCH) / draws, 1.0))
     made, last = np.concatenate(rows, axis=-1), np.concatenate(lasts, axis=-1)
     bad = ~np.isfinite(made).all(axis=(0, 1))
     made[..., bad], last[:, bad] = np.nan, np.nan
     names = quantities_of(flight)
     time = np.arange(flight.observed.shape[0]) * float(flight.dt)
-    draws = {name: made[i].T for i, name in enumerate(names)}
-    return Prediction(time, draws, last.T, int(bad.sum()), _shares(marginal, index, xi[:, :BATCH], z, names))
+
+    pick = np.minimum(np.arange(BATCH), draws - 1)
+    law = Hyper(hyper.noise, hyper.latent_sd[:, pick], hyper.latent_time_constant[:, pick])
+    few = (xi[:, pick], tuple(x[:, pick] for x in z), beyond[..., pick])
+    still = (0.0 * few[0], tuple(0.0 * x for x in few[1]), 0.0 * few[2])
+    middle, drawn = unknowns(*still, law), unknowns(still[0], few[1], few[2], law)
+    followed = unknowns(few[0], still[1], still[2], law)
+    shares = _shares(marginal, flight, few[0], middle, drawn, followed, names)
+    return Prediction(time, {name: made[i].T for i, name in enumerate(names)}, last.T, int(bad.sum()), shares)
 
 
-def _shares(marginal: Marginal, index: int, xi: Array, z: tuple[Array, ...], names: Sequence[str]) -> dict[str, dict[str, float]]:
+def _shares(
+    marginal: Marginal,
+    flight: FlightData,
+    xi: Array,
+    middle: Array,
+    drawn: Array,
+    followed: Array,
+    names: Sequence[str],
+) -> dict[str, dict[str, float]]:
     """Variance of each quantity when one source alone varies, as shares of their sum, averaged over the flight."""
-    flight = marginal.flights[index]
-    xi = xi[:, np.minimum(np.arange(BATCH), xi.shape[1] - 1)]
-    part = [x[:, np.minimum(np.arange(BATCH), x.shape[1] - 1)] for x in z]
-    still = tuple(0.0 * x for x in part)
-    middle_xi = 0.0 * xi
-    u_middle = np.asarray(draw_unknowns(marginal, middle_xi, still)[index])
-    u_drawn = np.asarray(draw_unknowns(marginal, middle_xi, tuple(part))[index])
-    u_follow = np.asarray(draw_unknowns(marginal, xi, still)[index])
-    starts, knots = flight.starts, split(flight, u_middle)[1].shape[0]
-    axes = len(flight.group)
-    kind = np.array(["initial state"] * starts + [_latent(flight, a) for _ in range(knots) for a in range(axes)])
-    cases = {"parameter": (xi, u_follow)}
+    axes, knots = len(flight.group), int(flight.weights.shape[1])
+    kind = np.array(["initial state"] * flight.starts + [_latent(flight, a) for _ in range(knots) for a in range(axes)])
+    cases = {"parameter": (xi, followed)}
     for source in dict.fromkeys(kind):
-        cases[str(source)] = (middle_xi, np.where((kind == source)[:, None], u_drawn, u_middle))
+        cases[str(source)] = (0.0 * xi, np.where((kind == source)[:, None], drawn, middle))
     variance = {}
     for source, (x, u) in cases.items():
         quantities, _ = _simulate(flight, marginal.theta(jnp.asarray(x)), u)
@@ -160,15 +231,33 @@ def _latent(flight: FlightData, axis: int) -> str:
     return "canopy force" if isinstance(flight.model, ClusterFlight) and axis >= 3 else "wind"
 
 
-def coverage(prediction: Prediction, name: str, reference: Array, counted: NDArray[np.bool_]) -> float | None:
-    """Share of counted samples whose reference lies inside the 90 % band; None if none is known."""
-    low, high = np.nanquantile(prediction.draws[name], [QUANTILES[0], QUANTILES[-1]], axis=0)
+def recorded_draws(prediction: Prediction, name: str, noise: tuple[float, float, float] | None, seed: int) -> Array:
+    """Draws of a quantity as an instrument would record it: AR(1) and white noise (white, correlated, time constant) added."""
+    values = prediction.draws[name]
+    if noise is None:
+        return values
+    white, correlated, tau = noise
+    rng = np.random.default_rng([seed, 7])
+    dt = float(prediction.time[1] - prediction.time[0])
+    drift = ornstein_uhlenbeck(correlated, tau, dt, values.T.shape, rng).T
+    return values + drift + white * rng.standard_normal(values.shape)
+
+
+def coverage(draws: Array, reference: Array, counted: NDArray[np.bool_]) -> float | None:
+    """Share of counted samples whose reference (T,) lies inside the 90 % band of draws (B, T); None if none is known."""
+    low, high = np.nanquantile(draws, [QUANTILES[0], QUANTILES[-1]], axis=0)
     known = np.isfinite(reference) & counted
     return float(np.mean((reference[known] >= low[known]) & (reference[known] <= high[known]))) if known.any() else None
 
 
 def dataset(
-    prediction: Prediction, time: Array, wanted: Sequence[str], truth: xr.Dataset | None, record: Mapping[str, Array], held_out: NDArray[np.bool_], role: str
+    prediction: Prediction,
+    time: Array,
+    wanted: Sequence[str],
+    truth: xr.Dataset | None,
+    record: Mapping[str, Array],
+    held_out: NDArray[np.bool_],
+    role: str,
 ) -> xr.Dataset:
     """The entry of ``predictions.nc`` for a flight.
 
@@ -197,10 +286,3 @@ def dataset(
     made = made.assign_coords(source=sources, quantity=names)
     made.attrs = {"role": role, "failed": prediction.failed}
     return made
-
-
-def hide_after(flight: FlightData, seconds: float) -> FlightData:
-    """The flight with data after the opening made absent."""
-    time = np.arange(flight.observed.shape[0]) * float(flight.dt)
-    seen = np.asarray(flight.present) & (time <= seconds)[:, None]
-    return replace(flight, present=seen, observed=np.where(seen, flight.observed, 0.0))

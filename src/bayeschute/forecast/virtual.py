@@ -1,4 +1,4 @@
-"""Virtual drops: flights of the simulator, with disturbances that an identification doesn't know, seen by instruments."""
+"""Virtual drops: flights of the simulator with disturbances unknown to an identification, seen by instruments."""
 
 from __future__ import annotations
 
@@ -118,9 +118,7 @@ def start_of(drop: VirtualDrop, model: Cluster, n: int) -> Start:
     axial = float(model.axial[0]) if model.axial else 1.0
     speed = float(np.sqrt(2.0 * weight / (density * n * model.canopies.area * max(axial, 0.1))))
     velocity = drop.wind.at(np.array([drop.altitude]))[0] + np.array([0.0, 0.0, speed])
-    return Start(
-        np.array([0.0, 0.0, -drop.altitude]), velocity, _upright(axis), np.zeros(3), direction.T, turning.T
-    )
+    return Start(np.array([0.0, 0.0, -drop.altitude]), velocity, _upright(axis), np.zeros(3), direction.T, turning.T)
 
 
 def _upright(axis: Array) -> Array:
@@ -137,7 +135,7 @@ def breathing_history(breathing: Breathing, dt: float, samples: int, n: int, rng
     """Factors on the axial coefficients (T, n): one plus a stationary, randomly driven oscillator per canopy."""
     omega, zeta = 2.0 * np.pi * breathing.frequency, breathing.damping_ratio
     a = np.array([[0.0, 1.0], [-(omega**2), -2.0 * zeta * omega]])
-    stationary = np.diag([1.0, omega**2]) * breathing.amplitude**2
+    stationary = np.diag([1.0, omega**2])
     step = scipy.linalg.expm(a * dt)
     driven = np.linalg.cholesky(stationary - step @ stationary @ step.T + 1e-15 * np.eye(2))
     state = np.sqrt(np.diag(stationary))[:, None] * rng.standard_normal((2, n))
@@ -145,7 +143,7 @@ def breathing_history(breathing: Breathing, dt: float, samples: int, n: int, rng
     for i in range(samples):
         history[i] = state[0]
         state = step @ state + driven @ rng.standard_normal((2, n))
-    return 1.0 + history
+    return 1.0 + breathing.amplitude * history
 
 
 def fly(
@@ -171,7 +169,7 @@ def fly(
     """
     rng = np.random.default_rng(seed)
     n, dt = structure.canopies, drop.dt
-    time = np.arange(round(drop.duration / dt) + 1) * dt
+    time = np.arange(round(drop.duration / dt) + 1, dtype=np.float64) * dt
     gusts = drop.turbulence
     sd = np.array([gusts.horizontal, gusts.horizontal, gusts.vertical])
     turbulence = sd * ornstein_uhlenbeck(1.0, gusts.time_constant, dt, (time.size, 3), rng)
@@ -182,9 +180,7 @@ def fly(
         steady = drop.wind.at(altitude)
         inputs = ClusterInputs(steady + turbulence, standard_density(altitude), factor, np.zeros((time.size, 4)))
         flight = ClusterFlight(model, start, tangent_basis(start.direction), inputs, dt, structure, (), (), substeps)
-        states = np.asarray(
-            trajectory_compiled(flight, np.zeros(0), np.zeros(9 + 4 * n), np.zeros((time.size, 3)))
-        )
+        states = np.asarray(trajectory_compiled(flight, np.zeros(0), np.zeros(9 + 4 * n), np.zeros((time.size, 3))))
         if not np.isfinite(states).all():
             bad = time[~np.isfinite(states).all(axis=1)][0]
             raise FloatingPointError(f"the virtual drop left the finite numbers at {bad:.1f} s")

@@ -1,7 +1,7 @@
 """Noise parameters by their evidence: the Laplace approximation of the marginal likelihood, maximised.
 
-Around an optimum residuals are linear in (theta, u), so the evidence is Gaussian and exact for the linearised flight; it
-is maximised over the logarithms of the noise parameters under log-normal priors, the unknowns integrated out.
+Around an optimum residuals are linear in (theta, u), so the evidence is Gaussian and exact for the linearised flight;
+it is maximised over the logarithms of the noise parameters under log-normal priors, the unknowns integrated out.
 """
 
 from __future__ import annotations
@@ -43,7 +43,18 @@ def from_vector(vector: jax.Array, channels: int, groups: int) -> Hyper:
 
 
 @partial(jax.jit, static_argnames=("channels", "groups"))
-def _objective(vector, centre, log_sd, flights, linear, prior_z, prior_scale, channels, groups):  # noqa: ANN001, ANN202
+def _objective(
+    vector: jax.Array,
+    centre: jax.Array,
+    log_sd: float,
+    flights: tuple[FlightData, ...],
+    linear: tuple[Linear, ...],
+    prior_z: jax.Array,
+    prior_scale: jax.Array,
+    channels: int,
+    groups: int,
+) -> jax.Array:
+    """Minus the log evidence and the log prior at the logarithms of the noise parameters, up to a constant."""
     hyper = from_vector(vector, channels, groups)
     p = prior_z.shape[0]
     matrix, gradient = jnp.diag(1.0 / prior_scale**2), prior_z / prior_scale
@@ -104,3 +115,37 @@ def maximise(
         objective, to_vector(hyper), jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": most, "ftol": 1e-7}
     )
     return jax.tree.map(np.asarray, from_vector(jnp.asarray(found.x), channels, groups)), float(found.fun)
+
+
+def latent_covariance(
+    flights: Sequence[FlightData],
+    linear: Sequence[Linear],
+    priors: Sequence[Prior],
+    theta: NDArray[np.float64],
+    hyper: Hyper,
+    prior: HyperPrior,
+) -> NDArray[np.float64]:
+    """Laplace covariance of the logarithms of the latent disturbances' parameters, by differences of the gradient.
+
+    Args:
+        flights: Records.
+        linear: Their linearisations at (theta, u).
+        priors: Priors of theta.
+        theta: Where the flights were linearised (P,).
+        hyper: Noise parameters of greatest evidence.
+        prior: Priors of the noise parameters.
+
+    Returns:
+        (2 G, 2 G): standard deviations of all groups, then time constants; never wider than the prior.
+    """
+    centre, scale = working(priors)
+    channels, groups = int(np.size(hyper.noise.white)), int(np.size(hyper.latent_sd))
+    fixed = (to_vector(prior.median), prior.log_sd, tuple(flights), tuple(linear), (theta - centre) / scale, scale)
+    at, step, free = to_vector(hyper), 0.05, 2 * groups
+
+    def gradient(vector: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.asarray(_gradient(vector, *fixed, channels=channels, groups=groups)[1])[-free:]
+
+    rows = [(gradient(at + step * e) - gradient(at - step * e)) / (2.0 * step) for e in np.eye(at.size)[-free:]]
+    values, vectors = np.linalg.eigh(0.5 * (np.array(rows) + np.array(rows).T))
+    return np.asarray((vectors / np.maximum(values, 1.0 / prior.log_sd**2)) @ vectors.T)

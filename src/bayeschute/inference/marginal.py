@@ -1,4 +1,4 @@
-"""The posterior of the parameters alone, initial states and latent disturbances integrated out as conditionally Gaussian.
+"""The posterior of the parameters alone, initial states and latent disturbances integrated out as Gaussian given them.
 
 At the optimum the standardised residuals have Jacobian blocks A_theta, A_u. Follow the conditional optimum ``u(theta) =
 u_hat - H_uu^-1 H_utheta (theta - theta_hat)``, simulate there once, and integrate what is left of u as a Gaussian:

@@ -32,7 +32,9 @@ def likelihood_of(mean: float, sd: float, prior_mean: float, prior_sd: float) ->
     return (mean / sd**2 - prior_mean / prior_sd**2) / precision, precision**-0.5
 
 
-def fit(mean: Array, sd: Array, prior: tuple[float, float], chains: int, warmup: int, draws: int, seed: int) -> Population:
+def fit(
+    mean: Array, sd: Array, prior: tuple[float, float], chains: int, warmup: int, draws: int, seed: int
+) -> Population:
     """Draw the population.
 
     Args:

@@ -20,7 +20,7 @@ from bayeschute.inference.map import Optimum
 from bayeschute.inference.marginal import Marginal, draw_unknowns, log_density, marginalise, projected_residuals
 from bayeschute.inference.noise import gains, whiten
 from bayeschute.inference.priors import Prior, values, working
-from bayeschute.inference.surrogate import build
+from bayeschute.inference.surrogate import Surrogate, build
 from bayeschute.inference.target import FlightData, Hyper, linearise, residuals
 from bayeschute.samplers import ensemble, nuts
 from bayeschute.samplers.protocol import Draws
@@ -32,12 +32,13 @@ BATCH = 64
 
 @dataclass(frozen=True)
 class Found:
-    """The optimum with its noise parameters, and the marginal posterior there."""
+    """The optimum with its noise parameters, the marginal posterior there, and how well the latent processes are known."""
 
     optimum: Optimum
     hyper: Hyper
     marginal: Marginal
     evidence: float
+    latent_covariance: Array
 
 
 def find(
@@ -79,7 +80,10 @@ def find(
             say((turn + 0.9) / (rounds + 1), f"noise parameters {turn + 1}")
             linear = [linearise(f, theta, x) for f, x in zip(flights, u, strict=True)]
             hyper, value = evidence.maximise(flights, linear, priors, theta, hyper, prior, most=15 if turn == 0 else 10)
-    return Found(best, hyper, marginalise(flights, hyper, priors, best), value)
+    say(0.98, "uncertainty of the noise parameters")
+    linear = [linearise(f, theta, x) for f, x in zip(flights, u, strict=True)]
+    known = evidence.latent_covariance(flights, linear, priors, theta, hyper, prior)
+    return Found(best, hyper, marginalise(flights, hyper, priors, best), value, known)
 
 
 def in_batches(function: Callable[[Array], Any], xi: Array, batch: int = BATCH) -> Any:
@@ -125,7 +129,8 @@ def sample(
     surrogate, failed = build(
         lambda xi: in_batches(lambda part: projected_residuals(marginal, part), xi), parameters, rng
     )
-    made = nuts.corrected(exact, surrogate.log_density, parameters, chains, warmup, draws, seed, progress=tell)
+    density = jax.tree_util.Partial(Surrogate.log_density, surrogate)
+    made = nuts.corrected(exact, density, parameters, chains, warmup, draws, seed, progress=tell)
     note = f"{failed} simulations failed while the surrogate was built" if failed else ""
     return made if not note else Draws(**{**made.__dict__, "notes": (*made.notes, note)})
 
@@ -196,7 +201,9 @@ def _innovations(flight: FlightData, hyper: Hyper, theta: jax.Array, u: jax.Arra
     return whiten(hyper.outputs(flight), flight.dt, flight.present, residual), residual
 
 
-def _per_sample(marginal: Marginal, draws: Draws, rng: np.random.Generator, progress: Progress | None) -> tuple[list, list]:
+def _per_sample(
+    marginal: Marginal, draws: Draws, rng: np.random.Generator, progress: Progress | None
+) -> tuple[list, list]:
     """Log likelihood per flight (chain, draw, T) and a posterior prediction per flight (chain, 25, T, C)."""
     chains, count, parameters = draws.xi.shape
     flat = draws.xi.reshape(-1, parameters).T
@@ -237,5 +244,3 @@ def _noise(noise: Any, dt: float, shape: tuple[int, ...], rng: np.random.Generat
         driven = rng.standard_normal(state.shape) * np.asarray(noise.correlated) * np.sqrt(1.0 - phi**2)
         state = phi * state + driven
     return out + rng.standard_normal(shape) * np.asarray(noise.white)
-
-

@@ -59,7 +59,9 @@ def from_equation_error(
         The prior.
     """
     scale = max(inflation * se, floor)
-    return Prior(name, estimate, scale, False, unit, f"equation error on {flight}, {inflation:g} x colored standard error")
+    return Prior(
+        name, estimate, scale, False, unit, f"equation error on {flight}, {inflation:g} x colored standard error"
+    )
 
 
 def working(priors: Sequence[Prior]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -1,4 +1,4 @@
-"""From a cleaned record to data that can be fitted: channels, reference start, knots, what is fitted and what held out."""
+"""From a cleaned record to data that can be fitted: channels, reference start, knots, what is fitted, what held out."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from bayeschute.air.vector import Vec3, quaternion
+from bayeschute.air.vector import Component, Quaternion, Vec3, quaternion
 from bayeschute.dynamics.cluster_flight import LOGARITHMIC, ClusterFlight, ClusterInputs, channel_sizes
 from bayeschute.dynamics.descent import DensityProfile, DescentFlight, DescentInputs
+from bayeschute.dynamics.integrate import FlightModel
 from bayeschute.dynamics.parameters import Cluster, Structure
 from bayeschute.dynamics.stability import fastest_pole, substeps
 from bayeschute.dynamics.start import Start, deviation_names, tangent_basis
@@ -36,7 +37,9 @@ def filled(values: Array, where: str) -> Array:
     for column in flat.T:
         present = np.isfinite(column)
         if not present.any():
-            raise InputError(Fault(where, "no value in the window", "at least one", "Use another window or drop the flight."))
+            raise InputError(
+                Fault(where, "no value in the window", "at least one", "Use another window or drop the flight.")
+            )
         column[:] = np.interp(index, index[present], column[present])
     return flat.reshape(np.shape(values))
 
@@ -48,7 +51,11 @@ def _opening(time: Array, values: Array) -> tuple[Array, Array]:
     for column in values[near].reshape(int(near.sum()), -1).T:
         present = np.isfinite(column)
         degree = 2 if present.sum() >= 6 else 0
-        fit = np.polynomial.polynomial.polyfit(time[near][present] - time[0], column[present], degree) if present.any() else None
+        fit = (
+            np.polynomial.polynomial.polyfit(time[near][present] - time[0], column[present], degree)
+            if present.any()
+            else None
+        )
         ends.append((np.nan, np.nan) if fit is None else (fit[0], fit[1] if degree else 0.0))
     value, slope = np.array(ends).T
     return value.reshape(values.shape[1:]), slope.reshape(values.shape[1:])
@@ -86,7 +93,9 @@ def cluster_data(
     missing = [name for name in needed if name not in record]
     if missing:
         wanted = "capsule_position, capsule_velocity, canopy_position, density"
-        raise InputError(Fault("record of a cluster", f"no {', '.join(missing)}", wanted, "Map the columns in the study file."))
+        raise InputError(
+            Fault("record of a cluster", f"no {', '.join(missing)}", wanted, "Map the columns in the study file.")
+        )
     time, n = record["time"].values.astype(float), structure.canopies
     dt = float(time[1] - time[0])
     samples = time.size
@@ -97,7 +106,9 @@ def cluster_data(
     start = _start(record, base, time, apart, attitude)
     wind = filled(record["wind"].values, "wind") if "wind" in record else np.zeros((samples, 3))
     inputs = ClusterInputs(wind, filled(record["density"].values, "density"), np.ones((samples, n)), attitude)
-    used = tuple(c for c in channels if c in ("canopy_position", "capsule_velocity") or (c == "capsule_attitude" and recorded))
+    used = tuple(
+        c for c in channels if c in ("canopy_position", "capsule_velocity") or (c == "capsule_attitude" and recorded)
+    )
     names = tuple(p.name for p in priors)
     flight = ClusterFlight(base, start, tangent_basis(start.direction), inputs, dt, structure, names, used)
     upper = np.array([p.centre + 3.0 * p.scale if p.name in LOGARITHMIC else p.centre for p in priors])
@@ -105,14 +116,27 @@ def cluster_data(
 
     columns = {"canopy_position": apart.reshape(samples, -1), "capsule_velocity": velocity}
     if recorded:
-        columns["capsule_attitude"] = np.where(np.isfinite(record["capsule_attitude"].values[:, :1]), 0.0, np.nan) * np.ones(3)
+        columns["capsule_attitude"] = np.where(
+            np.isfinite(record["capsule_attitude"].values[:, :1]), 0.0, np.nan
+        ) * np.ones(3)
     observed = np.concatenate([columns[c] for c in used], axis=1)
     sizes = channel_sizes(used, n)
     numbers = tuple(i for i, c in enumerate(channels) if c in used for _ in range(sizes[c]))
-    return _data(flight, time, observed, numbers, groups, knots, _start_scale(n, recorded, "capsule_rate" in record), until)
+    return _data(
+        flight, time, observed, numbers, groups, knots, _start_scale(n, recorded, "capsule_rate" in record), until
+    )
 
 
-def _data(model, time, observed, channel, groups, knots, start_scale, until):  # noqa: ANN001, ANN202
+def _data(
+    model: FlightModel,
+    time: Array,
+    observed: Array,
+    channel: tuple[int, ...],
+    groups: tuple[int, ...],
+    knots: float,
+    start_scale: Array,
+    until: float | None,
+) -> FlightData:
     at = knot_times(time[-1] - time[0], knots)
     present = np.isfinite(observed)
     if until is not None:
@@ -173,7 +197,7 @@ def _start(record: xr.Dataset, base: Cluster, time: Array, apart: Array, attitud
     return Start(position, velocity, attitude[0], rate, n0.T, turning.T)
 
 
-def _ned(q, v: Vec3):  # noqa: ANN001, ANN202
+def _ned(q: Quaternion, v: Vec3) -> tuple[Component, Component, Component]:
     turned = q.to_ned(Vec3(*(np.full(np.shape(q.w), float(c)) for c in (v.x, v.y, v.z))))
     return turned.x, turned.y, turned.z
 
@@ -215,7 +239,9 @@ def descent_data(record: xr.Dataset, knots: float, until: float | None = None) -
     missing = [name for name in ("altitude", "descent_rate", "density") if name not in record]
     if missing:
         wanted = "altitude, descent_rate and density, or what they derive from"
-        raise InputError(Fault("record of a descent", f"no {', '.join(missing)}", wanted, "Map the columns in the study file."))
+        raise InputError(
+            Fault("record of a descent", f"no {', '.join(missing)}", wanted, "Map the columns in the study file.")
+        )
     time, altitude = record["time"].values.astype(float), record["altitude"].values
     profile = density_profile(altitude, record["density"].values)
     rate = record["descent_rate"].values
@@ -224,6 +250,11 @@ def descent_data(record: xr.Dataset, knots: float, until: float | None = None) -
     dt = float(time[1] - time[0])
     steps = max(2, int(np.ceil(dt / 0.25)))
     model = DescentFlight(
-        profile, DescentInputs(wind), float(filled(altitude, "altitude")[0]), float(np.median(first)), dt, substeps=steps
+        profile,
+        DescentInputs(wind),
+        float(filled(altitude, "altitude")[0]),
+        float(np.median(first)),
+        dt,
+        substeps=steps,
     )
     return _data(model, time, rate[:, None], (0,), (0,), knots, np.array([2.0]), until)

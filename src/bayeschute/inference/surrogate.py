@@ -1,8 +1,8 @@
 """A quadratic surrogate of projected residuals: the marginal posterior as a quartic polynomial of its parameters.
 
 The marginal log density is ``-1/2 |r(xi)|^2`` with r nearly linear in xi. Fit ``r(xi) ~ C m(xi)``, m all monomials up to
-degree two, to simulations around the optimum, and compress: with ``C = Q R`` the surrogate is ``-1/2 |R m(xi)|^2``, a
-product with a triangular matrix of as many rows as monomials. It costs microseconds and has a gradient.
+degree two, to simulations around the optimum, and compress: with ``C = Q R`` the surrogate is ``-1/2 |R m(xi)|^2``,
+a product with a triangular matrix of as many rows as monomials. It costs microseconds and has a gradient.
 """
 
 from __future__ import annotations
@@ -60,7 +60,9 @@ def build(
     count = 1 + parameters + parameters * (parameters + 1) // 2
     points = spread * rng.standard_normal((parameters, factor * count))
     points[:, 0] = 0.0
-    values = np.concatenate([residuals(part) for part in np.array_split(points, factor * count // 64 + 1, axis=1)], axis=1)
+    values = np.concatenate(
+        [residuals(part) for part in np.array_split(points, factor * count // 64 + 1, axis=1)], axis=1
+    )
     good = np.isfinite(values).all(axis=0)
     if good.sum() < count:
         raise FloatingPointError(f"{(~good).sum()} of {good.size} simulations around the optimum failed")

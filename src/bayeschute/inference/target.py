@@ -1,8 +1,8 @@
 """The joint density of parameters, initial states and latent disturbances, as one vector of standardised residuals.
 
-Unknowns are the parameters theta (P,), shared by all flights, and per flight ``u`` (U,): deviations of the initial state,
-then knots of the latent disturbances. ``-log density = 1/2 |s|^2 + const`` with s = (innovations of the data, u under its prior); the prior of
-theta is added where flights are put together.
+Unknowns are the parameters theta (P,), shared by all flights, and per flight ``u`` (U,): deviations of the initial
+state, then knots of the latent disturbances. ``-log density = 1/2 |s|^2 + const`` with s = (innovations of the data, u
+under its prior); the prior of theta is added where flights are put together.
 """
 
 from __future__ import annotations
@@ -143,7 +143,7 @@ def linearise(data: FlightData, theta: jax.Array, u: jax.Array) -> Linear:
 
 
 def standardised_linear(data: FlightData, hyper: Hyper, linear: Linear) -> tuple[jax.Array, jax.Array]:
-    """s (N,) and its derivatives (N, P + U) of a linearised flight."""
+    """Standardised residuals s (N,) and their derivatives (N, P + U) of a linearised flight."""
     s = standardised(data, hyper, linear.residual, linear.u)
     parameters = linear.derivative.shape[2] - linear.u.shape[0]
     unit = jnp.concatenate([jnp.zeros((linear.u.shape[0], parameters)), jnp.eye(linear.u.shape[0])], axis=1)

@@ -112,13 +112,14 @@ def transverse_problem(names: Sequence[str], flow: CanopyFlow, made: xr.Dataset,
 
 
 def colored_variance(stack: Stack, names: Sequence[str]) -> float:
-    """The noise level that selection must beat: residual variance of the whole pool, times its correlation time in samples.
+    """The noise level that selection must beat: residual variance of the whole pool, times its correlation time.
 
     A useless regressor gains sigma^2/N from white noise, but that times the number of samples over which noise stays
-    correlated from colored noise. The floor that smoothing finds knows only the white part; with it, any pool is kept whole.
+    correlated from colored noise. The floor that smoothing finds knows only the white part; with it, any pool is kept
+    whole.
     """
-    options = {"blocks": stack.blocks, "groups": stack.groups, "components": stack.components}
-    everything = fit(stack.X, stack.z, list(names), **options)
+    labels = (stack.blocks, stack.groups, stack.components)
+    everything = fit(stack.X, stack.z, list(names), blocks=labels[0], groups=labels[1], components=labels[2])
     return everything.rms**2 * max(everything.autocorrelation_time, 1.0)
 
 
@@ -132,7 +133,9 @@ def _signal_to_noise(stack: Stack, dt: float) -> float:
             snr.append(fourier_smooth(z[run], dt).snr)
     if not snr:
         wanted = "a stretch of 40 samples without a gap"
-        raise InputError(Fault("equation error", "no such stretch", wanted, "Use a longer window or a record with fewer dropouts."))
+        raise InputError(
+            Fault("equation error", "no such stretch", wanted, "Use a longer window or a record with fewer dropouts.")
+        )
     return float(np.mean(snr))
 
 
@@ -146,7 +149,12 @@ def _longest_run(present: NDArray[np.bool_]) -> slice:
 
 
 def identify(
-    stacks: Sequence[Stack], names: Sequence[str], dt: float, ceiling: float, checks: Mapping[str, Stack], pressure: Array | None
+    stacks: Sequence[Stack],
+    names: Sequence[str],
+    dt: float,
+    ceiling: float,
+    checks: Mapping[str, Stack],
+    pressure: Array | None,
 ) -> Identified:
     """Select the structure of one coefficient and fit it.
 
@@ -168,7 +176,13 @@ def identify(
     stack = stack_records(stacks)
     noise = colored_variance(stack, names)
     found = select(
-        stack.X, stack.z, list(names), groups=stack.components, rule="fixed", sigma_max2=ceiling * noise, noise_variance=noise
+        stack.X,
+        stack.z,
+        list(names),
+        groups=stack.components,
+        rule="fixed",
+        sigma_max2=ceiling * noise,
+        noise_variance=noise,
     )
     options = {"blocks": stack.blocks, "groups": stack.groups, "components": stack.components}
     fitted = refit(found, stack.X, stack.z, **options)
@@ -190,7 +204,8 @@ def identify(
         "penalty_factor": 2.0,
         "pse_minimum_at": found.minimum,
         "sensitivity": [
-            {"sigma_max2": s.sigma_max2, "low": s.low, "high": s.high, "terms": list(s.terms)} for s in found.sensitivity()
+            {"sigma_max2": s.sigma_max2, "low": s.low, "high": s.high, "terms": list(s.terms)}
+            for s in found.sensitivity()
         ],
         "collinearity": {
             "max_correlation": near.max_correlation,
@@ -208,7 +223,11 @@ def identify(
         },
         "samples": int(np.sum(fitted.used)),
         "check": {
-            label: {"rms_ratio": predict_record(fitted, other.X[:, kept], other.z, label=label, components=other.components).rms_ratio}
+            label: {
+                "rms_ratio": predict_record(
+                    fitted, other.X[:, kept], other.z, label=label, components=other.components
+                ).rms_ratio
+            }
             for label, other in checks.items()
         },
     }
@@ -222,5 +241,3 @@ def _plain(value: Any) -> Any:
     if isinstance(value, (int, np.integer)):
         return int(value)
     return float(value) if np.isfinite(value) else None
-
-

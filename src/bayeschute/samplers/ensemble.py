@@ -43,7 +43,9 @@ def sample(
     for chain in range(chains):
         rng = np.random.default_rng([seed, chain])
         moves = [(emcee.moves.DEMove(), 0.8), (emcee.moves.DESnookerMove(), 0.2)]
-        sampler = emcee.EnsembleSampler(walkers, parameters, lambda x: counted(np.asarray(x).T), moves=moves, vectorize=True)
+        sampler = emcee.EnsembleSampler(
+            walkers, parameters, lambda x: counted(np.asarray(x).T), moves=moves, vectorize=True
+        )
         np_state = np.random.RandomState(rng.integers(2**31))
         sampler._random = np_state  # emcee takes a state only together with a position
         state = emcee.State(1.2 * rng.standard_normal((walkers, parameters)))
@@ -75,4 +77,3 @@ def sample(
         counted.evaluations,
         tuple(notes),
     )
-

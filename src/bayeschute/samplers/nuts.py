@@ -1,18 +1,21 @@
 """numpyro's No-U-Turn sampler (Hoffman & Gelman 2014), plain, and on a surrogate with exact delayed acceptance.
 
-Delayed acceptance (Christen & Fox 2005): NUTS transitions on the surrogate, which leave it invariant and are reversible,
-propose; the exact density accepts with probability ``min(1, [pi(y)/s(y)] / [pi(x)/s(x)])``. The chain's stationary law is
-the exact posterior whatever the surrogate; a poor one shows as a low acceptance rate.
+Delayed acceptance (Christen & Fox 2005): NUTS transitions on the surrogate, which leave it invariant and are
+reversible, propose; the exact density accepts with probability ``min(1, [pi(y)/s(y)] / [pi(x)/s(x)])``. The chain's
+stationary law is the exact posterior whatever the surrogate; a poor one shows as a low acceptance rate.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.tree_util import Partial
+from numpy.typing import NDArray
 from numpyro.infer import MCMC, NUTS
 
 from bayeschute.samplers.protocol import Array, Counted, Draws, LogDensity, Progress
@@ -83,7 +86,8 @@ def corrected(
 
     Args:
         log_density: Exact log densities (B,) of points (P, B).
-        surrogate: Differentiable log density of a point (P,), close to it.
+        surrogate: Differentiable log density of a point (P,), close to it. A `jax.tree_util.Partial` of a function and
+            its numbers is compiled once for all numbers.
         parameters: P.
         chains: Chains of the result.
         warmup: Steps that adapt NUTS on the surrogate; a quarter of them also warms the exact walk up.
@@ -98,19 +102,20 @@ def corrected(
     per_chain = max(streams // chains, 1)
     streams, length = per_chain * chains, int(np.ceil(draws / per_chain))
     settle = max(warmup // 10, 10)
-    kernel = NUTS(potential_fn=lambda xi: -surrogate(xi), dense_mass=True, target_accept_prob=0.85)
+    function = surrogate if isinstance(surrogate, Partial) else Partial(surrogate)
     start = jnp.asarray(np.random.default_rng([seed, 0]).standard_normal((streams, parameters)))
-    state = kernel.init(jax.random.split(jax.random.key(seed), streams), warmup, start, (), {})
-    advance = jax.jit(lambda current: jax.lax.fori_loop(0, _TRANSITIONS, lambda _, c: kernel.sample(c, (), {}), current))
-    state = jax.jit(lambda current: jax.lax.fori_loop(0, warmup, lambda _, c: kernel.sample(c, (), {}), current))(state)
+    state = _begin(function, jax.random.split(jax.random.key(seed), streams), start, warmup)
+    state = _advance(function, state, warmup, warmup)
 
     counted, rng = Counted(log_density), np.random.default_rng([seed, 1])
     exact = counted(np.asarray(state.z).T)
     rows: dict[str, list[Array]] = {"xi": [], "log_density": [], "acceptance_rate": [], "diverging": []}
     for step in range(settle + length):
-        proposed = advance(state)
+        proposed = _advance(function, state, _TRANSITIONS, warmup)
         at = counted(np.asarray(proposed.z).T)
-        with np.errstate(invalid="ignore"):  # both infinite: a walk that starts where simulations fail stays until it can leave
+        with np.errstate(
+            invalid="ignore"
+        ):  # both infinite: a walk that starts where simulations fail stays until it can leave
             gain = at - exact + np.asarray(proposed.potential_energy - state.potential_energy)
         gain = np.where(np.isfinite(at), np.where(np.isfinite(exact), gain, np.inf), -np.inf)
         taken = np.log(rng.random(streams)) < gain
@@ -133,7 +138,26 @@ def corrected(
     return Draws(xi, lp, made, counted.failed, counted.evaluations)
 
 
-def _take(taken: Array, proposed: Any, state: Any) -> Any:
+def _kernel(surrogate: ScalarLogDensity) -> NUTS:
+    return NUTS(potential_fn=lambda xi: -surrogate(xi), dense_mass=True, target_accept_prob=0.85)
+
+
+@partial(jax.jit, static_argnames="warmup")
+def _begin(surrogate: Partial, keys: jax.Array, start: jax.Array, warmup: int) -> Any:
+    """First states of NUTS at `start` (S, P)."""
+    return _kernel(surrogate).init(keys, warmup, start, (), {})
+
+
+@partial(jax.jit, static_argnames="warmup")
+def _advance(surrogate: Partial, state: Any, count: int, warmup: int) -> Any:
+    """States after `count` transitions; the first `warmup` of all adapt."""
+    kernel = _kernel(surrogate)
+    kernel.init(state.rng_key[0], warmup, state.z[0], (), {})  # numpyro keeps the schedule of adaptation in the kernel
+    step = jax.vmap(lambda current: kernel.sample(current, (), {}))
+    return jax.lax.fori_loop(0, count, lambda _, current: step(current), state)
+
+
+def _take(taken: NDArray[np.bool_], proposed: Any, state: Any) -> Any:
     """The proposed place where taken, the old one elsewhere; keys and adaptation move on."""
     pick = jnp.asarray(taken)
     return proposed._replace(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+import jax
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
@@ -94,7 +95,9 @@ def drop(virtual: VirtualFlight, quick: bool = False) -> VirtualDrop:
         flyout_azimuth=virtual.flyout_azimuth,
         wind=WindProfile(tuple(virtual.wind.altitude), tuple(virtual.wind.north), tuple(virtual.wind.east)),
         turbulence=Turbulence(gusts.horizontal, gusts.vertical, gusts.time_constant) if gusts else Turbulence(),
-        breathing=Breathing(breathing.amplitude, breathing.frequency, breathing.damping_ratio) if breathing else Breathing(),
+        breathing=Breathing(breathing.amplitude, breathing.frequency, breathing.damping_ratio)
+        if breathing
+        else Breathing(),
         sensors=sensors,
         dropouts=Dropouts(lost.share, lost.mean_length) if lost else Dropouts(),
     )
@@ -145,7 +148,7 @@ def as_plain(value: Any) -> Any:
         return {str(k): as_plain(v) for k, v in value.items()}
     if isinstance(value, (list, tuple)):
         return [as_plain(v) for v in value]
-    if isinstance(value, (np.ndarray, xr.DataArray)):
+    if isinstance(value, (np.ndarray, xr.DataArray, jax.Array)):
         return as_plain(np.asarray(value).tolist())
     if isinstance(value, (bool, np.bool_)):
         return bool(value)

@@ -1,8 +1,8 @@
 """The job: stages in order, each cached by the hash of its inputs and resumable, each leaving files and nothing else.
 
-``ingest -> structure -> priors -> fit -> check -> predict -> risk -> report``. A stage reads what earlier ones wrote; it
-counts as finished when its marker holds the hash of the study, of the program and of the marker before it. Files are
-written aside and moved into place, so a run killed at any moment leaves whole files only.
+``ingest -> structure -> priors -> fit -> check -> predict -> risk -> report``. A stage reads what earlier ones wrote;
+it counts as finished when its marker holds the hash of the study, of the program's version and of the stages before it.
+Files are written aside and moved into place, so a run killed at any moment leaves whole files only.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import json
 import os
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -97,7 +98,7 @@ def run_study(
         progress: Called with stage, share done and words.
 
     Returns:
-        ``summary.json`` as far as it exists; empty before the stage ``check``.
+        ``summary.json``; empty if the last stage has not run.
 
     Raises:
         InputError: If the study, its files or `until` are not sound, or `out` holds something else.
@@ -113,7 +114,8 @@ def run_study(
         study = setup.smaller(study)
     folder = Path(out)
     if folder.exists() and any(folder.iterdir()) and not (folder / ".stages").is_dir():
-        raise InputError(Fault(str(folder), "a folder with other files", "a new folder or one of an earlier run", "Choose another --out."))
+        wanted = "a new folder or one of an earlier run"
+        raise InputError(Fault(str(folder), "a folder with other files", wanted, "Choose another --out."))
     text = f"{study_hash(study)}:{bayeschute.__version__}:{quick}"
     job = Job(study, folder, quick, hashlib.sha256(text.encode()).hexdigest(), progress or (lambda *_: None))
     (folder / ".stages").mkdir(parents=True, exist_ok=True)
@@ -124,12 +126,11 @@ def run_study(
         if resume and marker.exists() and marker.read_text() == hashes[stage]:
             job.progress(stage, 1.0, "kept from an earlier run")
         else:
-            for later in STAGES[STAGES.index(stage) :]:
-                _marker(job, later).unlink(missing_ok=True)
+            _forget(job, stage)
             resume = False
             job.progress(stage, 0.0, "")
             words = getattr(work, stage)(job)
-            write_whole(marker, lambda p, h=hashes[stage]: p.write_text(h))
+            write_whole(marker, partial(Path.write_text, data=hashes[stage]))
             job.progress(stage, 1.0, words)
         if stage == until:
             break
@@ -137,11 +138,20 @@ def run_study(
     return dict(json.loads(summary.read_text())) if summary.exists() else {}
 
 
+def _forget(job: Job, stage: str) -> None:
+    """Count a stage and those after it as not done, and take away what tells of their results."""
+    for later in STAGES[STAGES.index(stage) :]:
+        _marker(job, later).unlink(missing_ok=True)
+    for name in ("report.html", "summary.json"):
+        (job.out / name).unlink(missing_ok=True)
+
+
 def _as_run(job: Job) -> str:
     """The study file as it ran, with what identifies the run in front."""
     study = job.study
+    sizes = "quick, not for use" if job.quick else "full sizes"
     head = [
-        f"# bayeschute {bayeschute.__version__}; seed {study.seed}; {'quick, not for use' if job.quick else 'full sizes'}",
+        f"# bayeschute {bayeschute.__version__}; seed {study.seed}; {sizes}",
         f"# sha256 of study, vehicle and records: {study_hash(study)}",
     ]
     return "\n".join([*head, "", study.text])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -42,7 +43,11 @@ def flown(study: Study, flight: Flight, seed: int, quick: bool = False) -> tuple
 
 
 def simulate_study(
-    study: Study, out: Path | str, draws: int = 1, seed: int | None = None, progress: Callable[[str, float, str], None] | None = None
+    study: Study,
+    out: Path | str,
+    draws: int = 1,
+    seed: int | None = None,
+    progress: Callable[[str, float, str], None] | None = None,
 ) -> list[Path]:
     """Fly the virtual flights of a study, or the drop of a vehicle, and store records and truth.
 
@@ -59,12 +64,18 @@ def simulate_study(
     folder, written = Path(out), []
     flights = [f for f in study.flights if f.virtual is not None]
     if not flights:
-        raise InputError(Fault(str(study.path), "no virtual flight", "a [flight.virtual] table", "Add one, or use run."))
+        raise InputError(
+            Fault(str(study.path), "no virtual flight", "a [flight.virtual] table", "Add one, or use run.")
+        )
     first = study.seed if seed is None else seed
     folder.mkdir(parents=True, exist_ok=True)
     for i, flight in enumerate(flights):
         for draw in range(draws):
-            number = np.random.SeedSequence([first, i, draw]).generate_state(1)[0] if draw else _first_seed(study, flight, seed)
+            number = (
+                np.random.SeedSequence([first, i, draw]).generate_state(1)[0]
+                if draw
+                else _first_seed(study, flight, seed)
+            )
             record, truth = flown(study, flight, int(number))
             stem = flight.name if draws == 1 else f"{flight.name}.{draw:05d}"
             written += [write_record(record, folder / f"{stem}.nc"), _write_truth(truth, folder / f"{stem}.truth.nc")]
@@ -114,8 +125,8 @@ def ingest(job: Job) -> str:
         listed += sum(r.kind not in ("resampled", "derived", "assumed") for r in repairs(record))
         if truth is not None:
             truth = truth.interp(time=record["time"].values)
-            write_whole(job.out / "flights" / f"{flight.name}.truth.nc", lambda p, t=truth: _write_truth(t, p))
-        write_whole(job.out / "flights" / f"{flight.name}.nc", lambda p, r=record: write_record(r, p))
+            write_whole(job.out / "flights" / f"{flight.name}.truth.nc", partial(_write_truth, truth))
+        write_whole(job.out / "flights" / f"{flight.name}.nc", partial(write_record, record))
         job.say("ingest")((i + 1) / len(study.flights), flight.name)
     return f"{len(study.flights)} flights, {listed} repairs listed"
 
@@ -124,7 +135,8 @@ def structure(job: Job) -> str:
     """Select the aerodynamic terms by equation error; a descent has one term and skips this."""
     study = job.study
     if study.structure is None or study.vehicle is None:
-        job.save("structure.json", {"coefficients": {}, "sufficiency": ["A descent has one coefficient; nothing is selected."]})
+        said = ["A descent has one coefficient; nothing is selected."]
+        job.save("structure.json", {"coefficients": {}, "sufficiency": said})
         return "nothing to select"
     table, kinds = study.structure, {"axial": axial_problem, "transverse": transverse_problem}
     found: dict[str, Any] = {}
@@ -163,11 +175,15 @@ def _sufficiency(name: str, made: xr.Dataset) -> list[str]:
     duration = float(made["time"][-1] - made["time"][0])
     spread = np.nanstd(made["airspeed"].values) / np.nanmean(made["airspeed"].values)
     said = [
-        f"{name}: total angle of attack between {low:.0f} and {high:.0f} deg; nothing is known of the aerodynamics beyond.",
+        f"{name}: total angle of attack between {low:.0f} and {high:.0f} deg; "
+        "nothing is known of the aerodynamics beyond.",
         f"{name}: {duration:.0f} s, about {duration * 0.07:.0f} pendulum periods of 14 s.",
     ]
     if spread < 0.1:
-        said.append(f"{name}: airspeed varies by {100 * spread:.0f} % only, so terms in airspeed or dynamic pressure are weakly told.")
+        said.append(
+            f"{name}: airspeed varies by {100 * spread:.0f} % only, "
+            "so terms in airspeed or dynamic pressure are weakly told."
+        )
     return said
 
 
@@ -180,7 +196,12 @@ def priors(job: Job) -> str:
         for term in entry["selected"]:
             made.append(
                 from_equation_error(
-                    f"{kind}[{term['term']}]", term["estimate"], term["se"], study.priors.inflation, study.priors.floor, flight=source
+                    f"{kind}[{term['term']}]",
+                    term["estimate"],
+                    term["se"],
+                    study.priors.inflation,
+                    study.priors.floor,
+                    flight=source,
                 )
             )
     given = study.priors.given
@@ -197,7 +218,7 @@ _POSITIVE = ("riser_stiffness", "riser_damping", "cds_over_mass")
 
 
 def _given(name: str, table: Any, unit: str) -> Prior:
-    """A prior from outside in its working coordinate; moments of the logarithm are matched where it must be positive."""
+    """A prior from outside in its working coordinate; one that must be positive keeps its moments as a log-normal."""
     source = "given in the study"
     if table.log_normal:
         log_mean, log_sd = float(np.log(table.median)), float(table.log_sd)
@@ -215,5 +236,3 @@ def _given(name: str, table: Any, unit: str) -> Prior:
 def load_priors(job: Job) -> list[Prior]:
     """The priors that the stage left."""
     return [Prior(**entry) for entry in job.load("priors.json")]
-
-

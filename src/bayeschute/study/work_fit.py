@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -48,13 +50,17 @@ def groups(job: Job) -> list[Group]:
         return [Group("all", flights, priors)]
     several = len(flights) > 1
     return [
-        Group(f.name, (f,), tuple(replace(p, name=f"{p.name}[{f.name}]") if several else p for p in priors)) for f in flights
+        Group(f.name, (f,), tuple(replace(p, name=f"{p.name}[{f.name}]") if several else p for p in priors))
+        for f in flights
     ]
 
 
 def structure_of(priors: Sequence[Prior], canopies: int) -> Structure:
     """The structure whose coefficients are among the parameters."""
-    terms = {kind: tuple(p.name[len(kind) + 1 : -1] for p in priors if p.name.startswith(f"{kind}[")) for kind in ("axial", "transverse")}
+    terms = {
+        kind: tuple(p.name[len(kind) + 1 : -1] for p in priors if p.name.startswith(f"{kind}["))
+        for kind in ("axial", "transverse")
+    }
     return Structure(terms["axial"], terms["transverse"], canopies)
 
 
@@ -84,7 +90,18 @@ def _save(job: Job, group: Group, found: Found, draws: Draws) -> None:
         "precision": best.precision,
         "hyper": to_vector(found.hyper),
         "xi": draws.xi,
-        "facts": np.array([best.cost, best.converged, best.iterations, best.last_step, found.evidence, draws.failed, draws.evaluations]),
+        "latent_covariance": found.latent_covariance,
+        "facts": np.array(
+            [
+                best.cost,
+                best.converged,
+                best.iterations,
+                best.last_step,
+                found.evidence,
+                draws.failed,
+                draws.evaluations,
+            ]
+        ),
     }
     arrays |= {f"u{i}": u for i, u in enumerate(best.u)}
 
@@ -106,6 +123,7 @@ class Stored:
         theta: Draws in working coordinates (chain, draw, P).
         failed: Simulations that failed while sampling.
         evaluations: Evaluations of the exact density.
+        latent_covariance: Of the logarithms of the latent processes' parameters.
     """
 
     marginal: Marginal
@@ -114,6 +132,7 @@ class Stored:
     theta: Array
     failed: int
     evaluations: int
+    latent_covariance: Array
 
 
 def load_fit(job: Job, group: Group) -> Stored:
@@ -122,14 +141,14 @@ def load_fit(job: Job, group: Group) -> Stored:
         a = {k: file[k] for k in file.files}
     medians = setup.hyper(job.study)
     hyper = from_vector(a["hyper"], int(np.size(medians.noise.white)), int(np.size(medians.latent_sd)))
-    hyper = Hyper(*(np.asarray(x) if not hasattr(x, "white") else x for x in (hyper.noise, hyper.latent_sd, hyper.latent_time_constant)))
+    hyper = Hyper(hyper.noise, np.asarray(hyper.latent_sd), np.asarray(hyper.latent_time_constant))
     cost, converged, iterations, last, _, failed, evaluations = a["facts"]
     u = tuple(a[f"u{i}"] for i in range(len(group.flights)))
     best = Optimum(a["theta"], u, a["precision"], float(cost), bool(converged), int(iterations), float(last), ())
     flights = [data_of(job, f, group.priors) for f in group.flights]
     marginal = marginalise(flights, hyper, group.priors, best)
     theta = best.theta + a["xi"] @ np.asarray(marginal.scale).T
-    return Stored(marginal, best, hyper, theta, int(failed), int(evaluations))
+    return Stored(marginal, best, hyper, theta, int(failed), int(evaluations), a["latent_covariance"])
 
 
 def fit(job: Job) -> str:
@@ -157,7 +176,13 @@ def fit(job: Job) -> str:
         for kind in kinds:
             clock = time.perf_counter()
             draws = sample(
-                found.marginal, kind, table.chains, table.warmup, table.draws, study.seed, lambda s, w: say(s, w, 0.5, 0.8)
+                found.marginal,
+                kind,
+                table.chains,
+                table.warmup,
+                table.draws,
+                study.seed,
+                lambda s, w: say(s, w, 0.5, 0.8),
             )
             wall[f"{kind}_s"] = wall.get(f"{kind}_s", 0.0) + time.perf_counter() - clock
             names = [f.name for f in group.flights]
@@ -168,12 +193,16 @@ def fit(job: Job) -> str:
                 failed += draws.failed
                 said += list(draws.notes)
             else:
-                write_whole(job.out / f"posterior.{kind}.nc", lambda p, t=tree: t.to_netcdf(p, engine="h5netcdf"))
+                write_whole(job.out / f"posterior.{kind}.nc", partial(_write_tree, tree))
     tree = trees[0] if len(trees) == 1 else _joined(job, todo, trees)
-    write_whole(job.out / "posterior.nc", lambda p: tree.to_netcdf(p, engine="h5netcdf"))
+    write_whole(job.out / "posterior.nc", partial(_write_tree, tree))
     wall["fit_s"] = time.perf_counter() - began
     job.save("fit/facts.json", {"wall": wall, "notes": said, "failed": failed})
     return f"{len(todo)} fits, {failed} failed simulations"
+
+
+def _write_tree(tree: xr.DataTree, path: Path) -> None:
+    tree.to_netcdf(path, engine="h5netcdf")
 
 
 def _joined(job: Job, todo: Sequence[Group], trees: Sequence[xr.DataTree]) -> xr.DataTree:
@@ -187,7 +216,13 @@ def _joined(job: Job, todo: Sequence[Group], trees: Sequence[xr.DataTree]) -> xr
         means.append(mean)
         sds.append(sd)
     made = population.fit(
-        np.array(means), np.array(sds), (prior.centre, prior.scale), study.sampler.chains, study.sampler.warmup, study.sampler.draws, study.seed
+        np.array(means),
+        np.array(sds),
+        (prior.centre, prior.scale),
+        study.sampler.chains,
+        study.sampler.warmup,
+        study.sampler.draws,
+        study.seed,
     )
     rng = np.random.default_rng([study.seed, 4])
     joined: dict[str, dict[str, Any]] = {}
@@ -200,15 +235,13 @@ def _joined(job: Job, todo: Sequence[Group], trees: Sequence[xr.DataTree]) -> xr
         "population_sd": np.abs(prior.scale * rng.standard_normal((1, 2000))),
     }
     kept = ("posterior", "prior", "log_likelihood", "log_prior", "posterior_predictive", "observed_data")
-    plain = {
-        name: {k: np.asarray(v) for k, v in joined[name].items()} for name in kept if name in joined
-    }
+    plain = {name: {k: np.asarray(v) for k, v in joined[name].items()} for name in kept if name in joined}
     # Lengths of the flights differ: each keeps dimensions of its own.
     tree = from_dict({k: v for k, v in plain.items() if k in ("posterior", "prior", "log_prior")})
     for name in ("log_likelihood", "posterior_predictive", "observed_data"):
         tree[name] = xr.DataTree(_own_dims(plain[name], name))
-    for variable in tree["posterior"].data_vars:
-        unit = "1" if str(variable).startswith("population") else prior.unit
+    for variable in map(str, tree["posterior"].data_vars):
+        unit = "1" if variable.startswith("population") else prior.unit
         tree["posterior"][variable].attrs["units"] = unit
     return tree
 
@@ -235,6 +268,6 @@ def gaussian_summary(priors: Sequence[Prior], theta: Array) -> list[Prior]:
     """Posterior draws (chain, draw, P) as Gaussian priors, for the opening of another flight."""
     flat = theta.reshape(-1, theta.shape[-1])
     return [
-        replace(p, centre=float(flat[:, i].mean()), scale=float(flat[:, i].std()), source="posterior") for i, p in enumerate(priors)
+        replace(p, centre=float(flat[:, i].mean()), scale=float(flat[:, i].std()), source="posterior")
+        for i, p in enumerate(priors)
     ]
-

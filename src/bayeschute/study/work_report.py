@@ -1,0 +1,163 @@
+"""The last stage: summary and report."""
+
+from __future__ import annotations
+
+import platform
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from bayeschute.flight.record import repairs
+from bayeschute.study import setup
+from bayeschute.study.load import study_hash
+from bayeschute.study.study import Flight
+from bayeschute.study.work_data import load_flight, load_priors
+from bayeschute.study.work_fit import groups, load_fit, summary_draws
+from bayeschute.study.work_results import OPENING
+
+if TYPE_CHECKING:
+    from bayeschute.study.stages import Job
+
+Array = NDArray[np.float64]
+_CHANNEL_UNIT = {"canopy_position": "m", "capsule_velocity": "m/s", "capsule_attitude": "rad", "descent_rate": "m/s"}
+_PROGRAMS = ("bayeschute", "jax", "numpyro", "emcee", "arviz-base", "numpy", "scipy")
+_UNCALIBRATED = "no calibration of this configuration is stored"
+
+
+def report(job: Job) -> str:
+    """Summary and report."""
+    from bayeschute.report.html import build_report
+
+    job.save("summary.json", setup.as_plain(_summary(job)))
+    build_report(job.out)
+    return str(job.out / "report.html")
+
+
+def _summary(job: Job) -> dict[str, Any]:
+    study, facts, checked = job.study, job.load("fit/facts.json"), job.load("checks.json")
+    missed = [name for name, entry in checked["checks"].items() if not entry["passed"]]
+    label = f"not verified: {_UNCALIBRATED}" + (f"; missed {', '.join(missed)}" if missed else "")
+    calibration = {"passed": None, "value": None, "bound": None, "detail": _UNCALIBRATED}
+    draws, units = summary_draws(job)
+    some = next(iter(draws.values()))
+    seconds = sum(v for k, v in facts["wall"].items() if k != "fit_s")
+    return {
+        "title": study.title, "model": study.model, "quick": job.quick, "label": label, "seed": study.seed,
+        "vehicle": study.vehicle.name if study.vehicle is not None else None,
+        "flights": {f.name: _flight_entry(job, f) for f in study.flights},
+        "parameters": _parameters(job, draws, units, checked),
+        "sampling": {
+            "sampler": study.sampler.kind, "chains": some.shape[0], "draws": some.shape[1],
+            "divergences": _divergences(job), "failed_solves": facts["failed"], "wall_s": seconds,
+            "wall": facts["wall"], "min_ess_per_s": min(checked["ess_bulk"].values()) / seconds,
+        },
+        **_disturbances(job),
+        "coverage": job.load("coverage.json"),
+        "checks": checked["checks"] | {"calibration": calibration},
+        "requirements": job.load("risk/requirements.json"),
+        "notes": [*facts["notes"], *_notes(job)],
+        "versions": {name: version(name) for name in _PROGRAMS} | {"python": platform.python_version()},
+        "hashes": {"study": study_hash(study), "run": job.hash},
+    }  # fmt: skip
+
+
+def _parameters(
+    job: Job, draws: dict[str, Array], units: dict[str, str], checked: dict[str, Any]
+) -> dict[str, dict[str, Any]]:
+    """Posterior and prior of every parameter in numbers, beside the truth where it is known."""
+    with xr.open_datatree(job.out / "posterior.nc", engine="h5netcdf") as tree:
+        prior = tree["prior"].ds.load()
+    truth, parameters = _true_values(job), {}
+    for name, x in draws.items():
+        before, flat = prior[name].values.ravel(), x.ravel()
+        q05, q50, q95 = np.quantile(flat, [0.05, 0.5, 0.95])
+        entry = {
+            "mean": flat.mean(), "sd": flat.std(), "q05": q05, "q50": q50, "q95": q95, "rhat": checked["rhat"][name],
+            "ess_bulk": checked["ess_bulk"][name], "ess_tail": checked["ess_tail"][name], "prior_mean": before.mean(),
+            "prior_sd": before.std(), "contraction": 1.0 - (flat.std() / before.std()) ** 2, "unit": units[name],
+        }  # fmt: skip
+        parameters[name] = entry | ({"truth": truth[name]} if name in truth else {})
+    return parameters
+
+
+def _divergences(job: Job) -> int:
+    """Divergent transitions; a sampler that knows none has none."""
+    with xr.open_datatree(job.out / "posterior.nc", engine="h5netcdf") as tree:
+        known = "sample_stats" in tree.children and "diverging" in tree["sample_stats"]
+        return int(tree["sample_stats"]["diverging"].sum()) if known else 0
+
+
+def _disturbances(job: Job) -> dict[str, Any]:
+    """Noise of the channels and of the wind as found (of the first fit, where there are several)."""
+    hyper = load_fit(job, groups(job)[0]).hyper
+    noise = {
+        name: {
+            "white": hyper.noise.white[i],
+            "correlated": hyper.noise.correlated[i],
+            "time_constant": hyper.noise.time_constant[i],
+            "unit": _CHANNEL_UNIT[name],
+        }
+        for i, name in enumerate(job.study.noise.channels())
+    }
+    knots = job.study.noise.wind.knots
+    return {
+        "noise": noise,
+        "wind": {"sd": hyper.latent_sd, "time_constant": hyper.latent_time_constant, "knots": knots},
+    }
+
+
+def _flight_entry(job: Job, flight: Flight) -> dict[str, Any]:
+    record = load_flight(job, flight.name)
+    time = record["time"].values
+    source = "virtual drop" if flight.virtual is not None else flight.path.name if flight.path else ""
+    return {
+        "roles": list(flight.roles),
+        "samples": time.size,
+        "duration_s": time[-1] - time[0],
+        "repairs": [vars(repair) for repair in repairs(record)],
+        "source": source,
+    }
+
+
+def _flown_terms(job: Job) -> dict[str, float]:
+    """Coefficients of the terms that the vehicle's virtual drops fly with, by parameter."""
+    assert job.study.vehicle is not None
+    aero = job.study.vehicle.aero
+    axial = {f"axial[{term}]": value for term, value in aero.axial.items()}
+    return axial | {f"transverse[{term}]": value for term, value in aero.transverse.items()}
+
+
+def _true_values(job: Job) -> dict[str, float]:
+    """Values the virtual drop was flown with; terms that were selected but not flown have the true value 0."""
+    study = job.study
+    if study.vehicle is None or any(f.virtual is None for f in study.with_role("identify")):
+        return {}
+    risers = study.vehicle.risers
+    flown = _flown_terms(job)
+    flown |= {"riser_length": risers.length, "riser_stiffness": risers.stiffness, "riser_damping": risers.damping}
+    return {p.name: float(flown.get(p.name, 0.0)) for p in load_priors(job)}
+
+
+def _notes(job: Job) -> list[str]:
+    """What a reader of the numbers must know."""
+    notes = [
+        "Noise parameters are set to their greatest evidence and held there while parameters are drawn; "
+        "intervals do not carry their uncertainty.",
+        "Initial states and latent disturbances are integrated out as Gaussian about the optimum; "
+        "the parameters are drawn from that density exactly.",
+    ]
+    study = job.study
+    if study.model != "cluster":
+        air = "Air density is taken by altitude from the record or the standard atmosphere, and counted as known."
+        return [*notes, air]
+    notes.append(
+        f"A flight to be predicted is known by the first {OPENING:g} s of its record and its recorded wind; "
+        "bands are scored after that."
+    )
+    missed = set(_flown_terms(job)) - {p.name for p in load_priors(job) if "[" in p.name}
+    if missed and study.flights[0].virtual is not None:
+        notes.append("Flown but not selected: " + ", ".join(sorted(missed)) + ".")
+    return notes

@@ -1,0 +1,184 @@
+"""Two small flights for all tests of inference: a descent, and a linear system whose every answer is a matrix formula."""
+
+from __future__ import annotations
+
+import importlib.util
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from bayeschute.dynamics.descent import DensityProfile, DescentFlight, DescentInputs
+from bayeschute.inference import latent
+from bayeschute.inference.latent import Latent, interpolation, knot_times
+from bayeschute.inference.noise import Noise
+from bayeschute.inference.priors import Prior
+from bayeschute.inference.target import FlightData, Hyper, residuals
+
+
+def _twin(name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(name, Path(__file__).parents[1] / "twins" / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class LinearFlight:
+    """A `FlightModel` that is linear in everything: two states, two outputs, two parameters, two disturbances."""
+
+    drive: Any
+
+    def inputs(self):
+        return self.drive
+
+    def numbers(self, theta):
+        return theta
+
+    def initial(self, numbers, start):
+        return jnp.stack([1.0 + start[0], -0.5 + start[1] + 0.3 * numbers[0]])
+
+    def advance(self, x, numbers, now, then, error_now, error_then):
+        e = 0.5 * (error_now + error_then)
+        first = 0.95 * x[0] + 0.20 * x[1] + 0.1 * e[0] + 0.05 * now * numbers[1]
+        second = -0.20 * x[0] + 0.90 * x[1] + 0.1 * e[1] + 0.02 * (now + then) + 0.05 * numbers[0]
+        return jnp.stack([first, second])
+
+    def observe(self, x, numbers, now):
+        return jnp.stack([x[0] + 0.5 * x[1] + 0.2 * numbers[1] * now, x[1]])
+
+
+def ar1(rng, shape, dt, noise):
+    """AR(1) plus white noise (T, C)."""
+    knots = latent.draw(Latent(noise.correlated, noise.time_constant), dt, shape, rng)
+    return knots + rng.standard_normal(shape) * np.asarray(noise.white)
+
+
+def _flight(model, samples, dt, spacing, outputs, start_scale, channel, group):
+    times = dt * np.arange(samples)
+    at = knot_times(times[-1], spacing)
+    empty = np.zeros((samples, outputs))
+    weights = interpolation(times, at)
+    return FlightData(model, empty, empty == 0.0, weights, float(at[1]), dt, start_scale, channel, group)
+
+
+def simulate(flight, hyper, theta, seed, gaps=0.1):
+    """The flight with data drawn from its own law, and the u that made them."""
+    rng = np.random.default_rng(seed)
+    start = flight.start_scale * rng.standard_normal(flight.starts)
+    shape = (flight.weights.shape[1], len(flight.group))
+    u = np.concatenate([start, latent.draw(hyper.latent(flight), flight.spacing, shape, rng).ravel()])
+    clean = -np.asarray(residuals(flight, jnp.asarray(theta), jnp.asarray(u)))
+    observed = clean + ar1(rng, clean.shape, flight.dt, hyper.outputs(flight))
+    present = rng.random(observed.shape) > gaps
+    present[10:14] = False
+    return replace(flight, observed=np.where(present, observed, 0.0), present=present), u
+
+
+@pytest.fixture(scope="session")
+def dense():
+    """Dense Gaussian twins."""
+    return _twin("dense_noise")
+
+
+@pytest.fixture(scope="session")
+def descent():
+    """A descent of 50 s at 2 Hz under wind error and noise, with its truth."""
+    air = DensityProfile(0.0, 500.0, np.log(1.225) - 500.0 * np.arange(8) / 9000.0)
+    model = DescentFlight(air, DescentInputs(np.zeros(101)), 2500.0, 10.0, 0.5, substeps=2)
+    empty = _flight(model, 101, 0.5, 5.0, 1, np.array([2.0]), (0,), (0,))
+    hyper = Hyper(Noise(*(np.array([x]) for x in (0.05, 0.10, 2.0))), np.array([0.4]), np.array([12.0]))
+    theta = np.array([np.log(0.2)])
+    made = [simulate(empty, hyper, theta, seed) for seed in (1, 2)]
+    priors = [Prior("cds_over_mass", float(np.log(0.22)), 0.3, True, "m^2/kg", "a guess")]
+    return SimpleNamespace(
+        flights=[f for f, _ in made], u=[u for _, u in made], hyper=hyper, theta=theta, priors=priors, simulate=simulate
+    )
+
+
+@pytest.fixture(scope="session")
+def linear(dense):
+    """The linear flight with its truth, and its matrices in plain NumPy."""
+    samples, dt = 60, 0.2
+    model = LinearFlight(np.sin(0.4 * np.arange(samples)))
+    empty = _flight(model, samples, dt, 1.5, 2, np.array([0.5, 0.4]), (1, 0), (0, 1))
+    noise = Noise(np.array([0.04, 0.06]), np.array([0.10, 0.05]), np.array([0.9, 2.0]))
+    hyper = Hyper(noise, np.array([0.6, 0.9]), np.array([2.5, 6.0]))
+    theta = np.array([0.7, -0.4])
+    priors = [Prior("one", 0.5, 0.6, False, "1", ""), Prior("two", 0.0, 0.8, False, "1", "")]
+    flight, u = simulate(empty, hyper, theta, 3)
+    names = ("theta", "u", "flight", "hyper", "priors")
+    return SimpleNamespace(**dict(zip(names, (theta, u, flight, hyper, priors), strict=True)), matrices=_Matrices(dense))
+
+
+class _Matrices:
+    """Everything about a linear flight from dense matrices."""
+
+    def __init__(self, dense):
+        self.dense = dense
+
+    def model(self, flight):
+        """Stacked data y, prediction at zero and Jacobian by (theta, u): y ~ zero + by @ (theta, u)."""
+
+        def out(x):
+            theta, start, knots = x[:2], x[2:4], x[4:].reshape(-1, 2)
+            error, drive = flight.weights @ knots, flight.model.drive
+            state, rows = np.array([1.0 + start[0], -0.5 + start[1] + 0.3 * theta[0]]), []
+            for t in range(len(drive)):
+                if t:
+                    e, now, then = 0.5 * (error[t - 1] + error[t]), drive[t - 1], drive[t]
+                    known = np.array([0.05 * now * theta[1], 0.02 * (now + then) + 0.05 * theta[0]])
+                    state = np.array([[0.95, 0.2], [-0.2, 0.9]]) @ state + 0.1 * e + known
+                rows.append([state[0] + 0.5 * state[1] + 0.2 * theta[1] * drive[t], state[1]])
+            return self.dense.stack(np.array(rows), flight.present)
+
+        size = 2 + flight.unknowns
+        zero = out(np.zeros(size))
+        by = np.stack([out(e) - zero for e in np.eye(size)], axis=1)
+        return self.dense.stack(flight.observed, flight.present), zero, by
+
+    def covariances(self, flight, hyper, priors):
+        """Covariance of the noise, of u and of theta."""
+        noise = [np.asarray(a)[list(flight.channel)] for a in (hyper.noise.white, hyper.noise.correlated, hyper.noise.time_constant)]
+        times = flight.dt * np.arange(len(flight.observed))
+        r = self.dense.noise_covariance(times, flight.present, *noise)
+        knots = flight.weights.shape[1]
+        at = flight.spacing * np.arange(knots)
+        u = np.zeros((flight.unknowns,) * 2)
+        u[:2, :2] = np.diag(flight.start_scale**2)
+        for a, g in enumerate(flight.group):
+            where = 2 + a + 2 * np.arange(knots)
+            u[np.ix_(where, where)] = self.dense.stationary_covariance(at, hyper.latent_sd[g], hyper.latent_time_constant[g])
+        return r, u, np.diag([p.scale**2 for p in priors])
+
+    def posterior(self, flight, hyper, priors):
+        """Mean and covariance of (theta, u)."""
+        y, zero, by = self.model(flight)
+        r, u, t = self.covariances(flight, hyper, priors)
+        prior = np.zeros((len(t) + len(u),) * 2)
+        prior[:2, :2], prior[2:, 2:] = t, u
+        mean = np.concatenate([[p.centre for p in priors], np.zeros(len(u))])
+        total = by @ prior @ by.T + r
+        gain = np.linalg.solve(total, by @ prior).T
+        covariance = prior - gain @ by @ prior
+        return mean + gain @ (y - zero - by @ mean), covariance
+
+    def evidence(self, flight, hyper, priors):
+        """Log density of the data, theta and u integrated out."""
+        y, zero, by = self.model(flight)
+        r, u, t = self.covariances(flight, hyper, priors)
+        centre = np.array([p.centre for p in priors])
+        total = r + by[:, :2] @ t @ by[:, :2].T + by[:, 2:] @ u @ by[:, 2:].T
+        return self.dense.gaussian_log_density(y - zero - by[:, :2] @ centre, total)
+
+    def given_theta(self, flight, hyper, theta):
+        """Log density of the data given theta, u integrated out."""
+        y, zero, by = self.model(flight)
+        r, u, _ = self.covariances(flight, hyper, [])
+        return self.dense.gaussian_log_density(y - zero - by[:, :2] @ theta, r + by[:, 2:] @ u @ by[:, 2:].T)
