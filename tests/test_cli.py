@@ -22,7 +22,7 @@ STUDY = ROOT / "models/studies/cdt-3-11.toml"
 
 @pytest.fixture
 def stages(monkeypatch: pytest.MonkeyPatch) -> types.ModuleType:
-    """A stand-in for the stages, which take minutes; its functions are set by the tests."""
+    """A stand-in for the stages, to see what they are given and to let them fail; the real ones: tests/acceptance."""
     module = types.ModuleType("bayeschute.study.stages")
     monkeypatch.setitem(sys.modules, module.__name__, module)
     return module
@@ -54,6 +54,12 @@ print([name for name in ('jax', 'matplotlib', 'numpyro') if name in sys.modules]
 
 def test_help_imports_nothing_slow():
     done = _python("import sys, bayeschute.cli; print([n for n in ('numpy', 'pydantic', 'pint') if n in sys.modules])")
+    assert done.stdout.strip() == "[]", done.stderr
+
+
+def test_reading_studies_and_records_sets_up_no_jax():
+    modules = "bayeschute.cli, bayeschute.study.schema, bayeschute.study.load, bayeschute.flight.read"
+    done = _python(f"import sys, {modules}; print([n for n in ('jax', 'bayeschute.numerics') if n in sys.modules])")
     assert done.stdout.strip() == "[]", done.stderr
 
 
@@ -138,21 +144,41 @@ def test_out_must_not_be_a_file(tmp_path: Path):
         assert "got a file" in result.stderr
 
 
-def test_simulate_takes_a_study_or_a_vehicle(stages: types.ModuleType, tmp_path: Path):
+def test_simulate_takes_a_study(tmp_path: Path):
+    copy_templates(tmp_path)
+    study = tmp_path / "virtual.toml"
+    study.write_text(study.read_text(encoding="utf-8").replace('"90 s"', '"10 s"'), encoding="utf-8")
+    arguments = ["simulate", str(study), "--out", str(tmp_path / "f"), "--draws", "3", "--seed", "3"]
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 0, result.output
+    assert len(list((tmp_path / "f").iterdir())) == 2 * 2 * 3
+    lines = result.stdout.splitlines()
+    assert [Path(line).name for line in lines[:2]] == ["cdt-3-11.00000.nc", "cdt-3-11.00000.truth.nc"]
+    assert lines[-1] == f"and 2 more in {tmp_path / 'f'}"
+
+
+def test_simulate_takes_a_vehicle(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     copy_templates(tmp_path)
     seen = []
 
     def simulate_study(study: object, out: Path, **options: object) -> list[Path]:
         seen.append((study.vehicle_path.name, options["draws"], options["seed"]))  # type: ignore[attr-defined]
-        return [out / f"{i}.nc" for i in range(12)]
+        return [out / "x.nc"]
 
-    stages.simulate_study = simulate_study  # type: ignore[attr-defined]
-    for source in ("virtual.toml", "vehicle.toml"):
-        arguments = ["simulate", str(tmp_path / source), "--out", str(tmp_path / "f"), "--draws", "12", "--seed", "3"]
-        result = CliRunner().invoke(app, arguments)
-        assert result.exit_code == 0, result.output
-        assert "2 more" in result.stdout
-    assert seen == [("vehicle.toml", 12, 3)] * 2
+    monkeypatch.setattr("bayeschute.study.work_data.simulate_study", simulate_study)
+    arguments = [
+        "simulate",
+        str(tmp_path / "vehicle.toml"),
+        "--out",
+        str(tmp_path / "f"),
+        "--draws",
+        "12",
+        "--seed",
+        "3",
+    ]
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 0, result.output
+    assert seen == [("vehicle.toml", 12, 3)]
 
 
 def test_simulate_needs_something_virtual(tmp_path: Path):

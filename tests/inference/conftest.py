@@ -71,6 +71,8 @@ def _flight(model, samples, dt, spacing, outputs, start_scale, channel, group):
 def simulate(flight, hyper, theta, seed, gaps=0.1):
     """The flight with data drawn from its own law, and the u that made them."""
     rng = np.random.default_rng(seed)
+    nothing = np.zeros_like(flight.observed)
+    flight = replace(flight, observed=nothing, present=nothing == 0.0)
     start = flight.start_scale * rng.standard_normal(flight.starts)
     shape = (flight.weights.shape[1], len(flight.group))
     u = np.concatenate([start, latent.draw(hyper.latent(flight), flight.spacing, shape, rng).ravel()])
@@ -114,7 +116,9 @@ def linear(dense):
     priors = [Prior("one", 0.5, 0.6, False, "1", ""), Prior("two", 0.0, 0.8, False, "1", "")]
     flight, u = simulate(empty, hyper, theta, 3)
     names = ("theta", "u", "flight", "hyper", "priors")
-    return SimpleNamespace(**dict(zip(names, (theta, u, flight, hyper, priors), strict=True)), matrices=_Matrices(dense))
+    return SimpleNamespace(
+        **dict(zip(names, (theta, u, flight, hyper, priors), strict=True)), matrices=_Matrices(dense)
+    )
 
 
 class _Matrices:
@@ -145,7 +149,10 @@ class _Matrices:
 
     def covariances(self, flight, hyper, priors):
         """Covariance of the noise, of u and of theta."""
-        noise = [np.asarray(a)[list(flight.channel)] for a in (hyper.noise.white, hyper.noise.correlated, hyper.noise.time_constant)]
+        noise = [
+            np.asarray(a)[list(flight.channel)]
+            for a in (hyper.noise.white, hyper.noise.correlated, hyper.noise.time_constant)
+        ]
         times = flight.dt * np.arange(len(flight.observed))
         r = self.dense.noise_covariance(times, flight.present, *noise)
         knots = flight.weights.shape[1]
@@ -154,7 +161,9 @@ class _Matrices:
         u[:2, :2] = np.diag(flight.start_scale**2)
         for a, g in enumerate(flight.group):
             where = 2 + a + 2 * np.arange(knots)
-            u[np.ix_(where, where)] = self.dense.stationary_covariance(at, hyper.latent_sd[g], hyper.latent_time_constant[g])
+            u[np.ix_(where, where)] = self.dense.stationary_covariance(
+                at, hyper.latent_sd[g], hyper.latent_time_constant[g]
+            )
         return r, u, np.diag([p.scale**2 for p in priors])
 
     def posterior(self, flight, hyper, priors):

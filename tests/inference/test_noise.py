@@ -15,7 +15,9 @@ def test_whitening_is_linear_and_serves_derivatives():
     present = jnp.asarray(rng.random((40, 2)) > 0.2)
     a, b = jnp.asarray(rng.standard_normal((2, 40, 2)))
     both = whiten(NOISE, 0.1, present, 2.0 * a - 3.0 * b)
-    np.testing.assert_allclose(both, 2.0 * whiten(NOISE, 0.1, present, a) - 3.0 * whiten(NOISE, 0.1, present, b), atol=1e-11)
+    np.testing.assert_allclose(
+        both, 2.0 * whiten(NOISE, 0.1, present, a) - 3.0 * whiten(NOISE, 0.1, present, b), atol=1e-11
+    )
     columns = whiten(NOISE, 0.1, present, jnp.stack([a, b], axis=-1))
     np.testing.assert_allclose(columns[..., 1], whiten(NOISE, 0.1, present, b), atol=1e-12)
 

@@ -1,8 +1,8 @@
 """Bands of quantities of interest: parameters, initial state and latent disturbances drawn together.
 
 A flight to be predicted is known by the opening of its record only: those samples fix the initial state (and what they
-say of the disturbances); beyond them the disturbances follow their process. The same code serves a part of a record held
-out in time, and the smoothing of a fitted flight.
+say of the disturbances); beyond them the disturbances follow their process. The same code serves a part of a record
+held out in time, and the smoothing of a fitted flight.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ def opened(flight: FlightData, hyper: Hyper, posterior: Sequence[Prior]) -> Marg
 
 
 def latent_draws(hyper: Hyper, covariance: Array, draws: int, rng: np.random.Generator) -> Hyper:
-    """Noise parameters with the latent processes' drawn about their optimum: ``latent_sd`` and time constants (G, B)."""
+    """Noise parameters, those of the latent processes drawn about their optimum: sd and time constants (G, B)."""
     both = np.log(np.concatenate([np.asarray(hyper.latent_sd), np.asarray(hyper.latent_time_constant)]))
     drawn = np.exp(both[:, None] + np.linalg.cholesky(covariance) @ rng.standard_normal((both.size, draws)))
     groups = both.size // 2
@@ -170,7 +170,7 @@ def predict(
 
     def unknowns(xi_part: Array, z_part: tuple[Array, ...], later: Array, law: Hyper) -> Array:
         u = np.asarray(draw_unknowns(marginal, xi_part, z_part)[index])
-        start, knots = (np.asarray(a) for a in split(part, u))
+        start, knots = (np.asarray(a) for a in split(part, jnp.asarray(u)))
         knots = continued(knots, kept, total, law, flight.group, spacing, later)
         return np.concatenate([start, knots.reshape(-1, u.shape[1])])
 
@@ -220,7 +220,7 @@ def _shares(
     for source, (x, u) in cases.items():
         quantities, _ = _simulate(flight, marginal.theta(jnp.asarray(x)), u)
         variance[source] = np.nanmean(np.nanvar(np.asarray(quantities), axis=-1), axis=-1)
-    total = sum(variance.values())
+    total = np.sum(list(variance.values()), axis=0)
     return {
         name: {source: float(v[i] / total[i]) if total[i] > 0.0 else 0.0 for source, v in variance.items()}
         for i, name in enumerate(names)
@@ -232,7 +232,7 @@ def _latent(flight: FlightData, axis: int) -> str:
 
 
 def recorded_draws(prediction: Prediction, name: str, noise: tuple[float, float, float] | None, seed: int) -> Array:
-    """Draws of a quantity as an instrument would record it: AR(1) and white noise (white, correlated, time constant) added."""
+    """Draws of a quantity as instruments record it: with AR(1) and white noise (white, correlated, time constant)."""
     values = prediction.draws[name]
     if noise is None:
         return values
@@ -244,7 +244,7 @@ def recorded_draws(prediction: Prediction, name: str, noise: tuple[float, float,
 
 
 def coverage(draws: Array, reference: Array, counted: NDArray[np.bool_]) -> float | None:
-    """Share of counted samples whose reference (T,) lies inside the 90 % band of draws (B, T); None if none is known."""
+    """Share of counted samples with the reference (T,) inside the 90 % band of draws (B, T); None if none is known."""
     low, high = np.nanquantile(draws, [QUANTILES[0], QUANTILES[-1]], axis=0)
     known = np.isfinite(reference) & counted
     return float(np.mean((reference[known] >= low[known]) & (reference[known] <= high[known]))) if known.any() else None

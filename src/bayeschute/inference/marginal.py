@@ -113,7 +113,7 @@ def projected_residuals(marginal: Marginal, xi: jax.Array) -> jax.Array:
 
 @jax.jit
 def log_density(marginal: Marginal, xi: jax.Array) -> jax.Array:
-    """Marginal log density (B,) up to a constant at standard coordinates (P, B); not finite where a simulation fails."""
+    """Marginal log density (B,) up to a constant at standard coordinates (P, B); NaN where a simulation fails."""
     theta = marginal.theta(xi)
     shift = theta - marginal.centre[:, None]
     z = (theta - marginal.prior_centre[:, None]) / marginal.prior_scale[:, None]

@@ -47,13 +47,14 @@ def fit(
         draws: Draws per chain.
         seed: Seed.
     """
-    m, s = jnp.asarray(mean), jnp.asarray(sd)
-
-    def log_density(x: jax.Array) -> jax.Array:
-        mu, spread = prior[0] + prior[1] * x[0], prior[1] * jnp.exp(x[1])
-        variance = s**2 + spread**2
-        bodies = -0.5 * jnp.sum((m - mu) ** 2 / variance + jnp.log(variance))
-        return bodies - 0.5 * x[0] ** 2 - 0.5 * (spread / prior[1]) ** 2 + x[1]
-
-    made = nuts.plain(log_density, 2, chains, warmup, draws, seed, thinning=3).xi
+    density = jax.tree_util.Partial(_log_density, jnp.asarray(mean), jnp.asarray(sd), *prior)
+    made = nuts.plain(density, 2, chains, warmup, draws, seed, thinning=3).xi
     return Population(prior[0] + prior[1] * made[..., 0], prior[1] * np.exp(made[..., 1]))
+
+
+def _log_density(mean: jax.Array, sd: jax.Array, prior_mean: float, prior_sd: float, x: jax.Array) -> jax.Array:
+    """Log density of the population's mean in units of its prior, and of the logarithm of its sd, the bodies out."""
+    mu, spread = prior_mean + prior_sd * x[0], prior_sd * jnp.exp(x[1])
+    variance = sd**2 + spread**2
+    bodies = -0.5 * jnp.sum((mean - mu) ** 2 / variance + jnp.log(variance))
+    return bodies - 0.5 * x[0] ** 2 - 0.5 * (spread / prior_sd) ** 2 + x[1]

@@ -32,7 +32,7 @@ BATCH = 64
 
 @dataclass(frozen=True)
 class Found:
-    """The optimum with its noise parameters, the marginal posterior there, and how well the latent processes are known."""
+    """The optimum, its noise parameters, the marginal posterior there, and how well the latent processes are known."""
 
     optimum: Optimum
     hyper: Hyper
@@ -115,7 +115,7 @@ def sample(
     parameters = int(np.size(marginal.centre))
 
     def exact(xi: Array) -> Array:
-        if xi.shape[1] in (16, BATCH):
+        if xi.shape[1] in (16, BATCH // 2, BATCH):
             return np.asarray(log_density(marginal, xi))
         return np.asarray(in_batches(lambda part: log_density(marginal, part), xi))
 
@@ -124,7 +124,7 @@ def sample(
             progress(done / wanted, f"{kind}: {done} of {wanted}")
 
     if kind == "emcee":
-        return ensemble.sample(exact, parameters, chains, draws, seed, walkers=BATCH * 2, progress=tell)
+        return ensemble.sample(exact, parameters, chains, draws, seed, walkers=BATCH, progress=tell)
     rng = np.random.default_rng([seed, 2])
     surrogate, failed = build(
         lambda xi: in_batches(lambda part: projected_residuals(marginal, part), xi), parameters, rng

@@ -1,7 +1,7 @@
 """A quadratic surrogate of projected residuals: the marginal posterior as a quartic polynomial of its parameters.
 
-The marginal log density is ``-1/2 |r(xi)|^2`` with r nearly linear in xi. Fit ``r(xi) ~ C m(xi)``, m all monomials up to
-degree two, to simulations around the optimum, and compress: with ``C = Q R`` the surrogate is ``-1/2 |R m(xi)|^2``,
+The marginal log density is ``-1/2 |r(xi)|^2`` with r nearly linear in xi. Fit ``r(xi) ~ C m(xi)``, m all monomials up
+to degree two, to simulations around the optimum, and compress: with ``C = Q R`` the surrogate is ``-1/2 |R m(xi)|^2``,
 a product with a triangular matrix of as many rows as monomials. It costs microseconds and has a gradient.
 """
 

@@ -23,7 +23,7 @@ BAND_UNITS = {
     "flyout_angle": "rad",
 }
 MOST_POINTS = 2000
-SOURCES = {"parameter": BLUE, "wind": SKY, "initial state": ORANGE, "noise": "#a7b0b8"}
+SOURCES = {"parameter": BLUE, "wind": SKY, "initial state": ORANGE, "canopy force": "#a7b0b8"}
 
 
 def _spans(time: np.ndarray, flag: np.ndarray) -> Iterator[tuple[float, float]]:

@@ -101,7 +101,10 @@ def noise_table(results: Results) -> Table | None:
             cells(plain(name), size("white"), correlated, number(facts.get("time_constant"), 3), Cell(shown, "muted"))
         )
     columns = columns_of("Channel:text|White:num|Correlated:num|Time constant [s]:num|Unit:text")
-    caption = "Standard deviations. Wind error: horizontal / vertical."
+    caption = (
+        "Standard deviations and time constants, as found. "
+        "Wind and canopy force: latent disturbances that the fit infers."
+    )
     return Table(columns, tuple(rows), caption, style="narrow") if rows else None
 
 

@@ -56,11 +56,13 @@ def sample(
             kept = (sampler.iteration - 5.0 * tau) * walkers / tau
             if progress is not None:
                 progress(int(draws * (chain + min(max(kept / draws, 0.0), 1.0))), draws * chains)
-            if kept > draws and sampler.iteration > 50.0 * tau:
+            if kept > draws and sampler.iteration > 20.0 * tau:
                 break
         else:
             notes.append(f"ensemble {chain + 1} ended after {most_steps} steps with autocorrelation time {tau:.0f}")
-        burn, thin = int(5 * tau), max(int(np.ceil(tau)), 1)
+        tau = tau if np.isfinite(tau) else float(sampler.iteration)  # not finite where no walker ever moved
+        burn = min(int(5 * tau), sampler.iteration // 2)
+        thin = min(max(int(np.ceil(tau)), 1), sampler.iteration - burn)
         x = sampler.get_chain(discard=burn, thin=thin, flat=True)
         value = sampler.get_log_prob(discard=burn, thin=thin, flat=True)
         pick = np.sort(rng.permutation(len(x))[: min(draws, len(x))])

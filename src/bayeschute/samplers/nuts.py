@@ -16,8 +16,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax.tree_util import Partial
 from numpy.typing import NDArray
-from numpyro.infer import MCMC, NUTS
+from numpyro.infer import NUTS
 
+from bayeschute import numerics as numerics  # sets 64-bit floats before any array is made
 from bayeschute.samplers.protocol import Array, Counted, Draws, LogDensity, Progress
 
 ScalarLogDensity = Callable[[jax.Array], jax.Array]
@@ -31,41 +32,31 @@ def plain(
     warmup: int,
     draws: int,
     seed: int,
-    chain_method: str = "vectorized",
     thinning: int = 1,
 ) -> Draws:
     """Draw with numpyro's NUTS from a differentiable log density.
 
     Args:
-        log_density: Log density of a point (P,).
+        log_density: Differentiable log density of a point (P,). A `jax.tree_util.Partial` of a function and its numbers
+            is compiled once for all numbers.
         parameters: P.
         chains: Chains.
         warmup: Adaptation steps.
         draws: Draws per chain.
         seed: Seed.
-        chain_method: As numpyro's.
         thinning: Steps per draw kept.
 
     Returns:
         The draws.
     """
-    kernel = NUTS(potential_fn=lambda xi: -log_density(xi), dense_mass=True, target_accept_prob=0.85)
-    mcmc = MCMC(
-        kernel,
-        num_warmup=warmup,
-        num_samples=draws * thinning,
-        num_chains=chains,
-        thinning=thinning,
-        chain_method=chain_method,
-        progress_bar=False,
-    )
+    function = _portable(log_density)
     start = jnp.asarray(np.random.default_rng(seed).standard_normal((chains, parameters)))
-    extra_fields = ("diverging", "accept_prob", "num_steps", "potential_energy")
-    mcmc.run(jax.random.key(seed), init_params=start if chains > 1 else start[0], extra_fields=extra_fields)
-    xi = np.asarray(mcmc.get_samples(group_by_chain=True))
-    extra = {k: np.asarray(v) for k, v in mcmc.get_extra_fields(group_by_chain=True).items()}
-    stats = {"diverging": extra["diverging"], "acceptance_rate": extra["accept_prob"], "n_steps": extra["num_steps"]}
-    return Draws(xi, -extra["potential_energy"], stats, 0, int(extra["num_steps"].sum()))
+    state = _begin(function, jax.random.split(jax.random.key(seed), chains), start, warmup)
+    kept, steps = _walk(function, state, warmup, draws, thinning)
+    made = {name: np.asarray(row) for name, row in kept.items()}
+    xi, lp = made.pop("z"), -made.pop("potential_energy")
+    stats = {"diverging": made["diverging"], "acceptance_rate": made["accept_prob"], "n_steps": made["num_steps"]}
+    return Draws(xi, lp, stats, 0, int(steps))
 
 
 def corrected(
@@ -102,7 +93,7 @@ def corrected(
     per_chain = max(streams // chains, 1)
     streams, length = per_chain * chains, int(np.ceil(draws / per_chain))
     settle = max(warmup // 10, 10)
-    function = surrogate if isinstance(surrogate, Partial) else Partial(surrogate)
+    function = _portable(surrogate)
     start = jnp.asarray(np.random.default_rng([seed, 0]).standard_normal((streams, parameters)))
     state = _begin(function, jax.random.split(jax.random.key(seed), streams), start, warmup)
     state = _advance(function, state, warmup, warmup)
@@ -138,6 +129,11 @@ def corrected(
     return Draws(xi, lp, made, counted.failed, counted.evaluations)
 
 
+def _portable(log_density: ScalarLogDensity) -> Partial:
+    """The density as an argument of compiled functions."""
+    return log_density if isinstance(log_density, Partial) else Partial(log_density)
+
+
 def _kernel(surrogate: ScalarLogDensity) -> NUTS:
     return NUTS(potential_fn=lambda xi: -surrogate(xi), dense_mass=True, target_accept_prob=0.85)
 
@@ -151,10 +147,35 @@ def _begin(surrogate: Partial, keys: jax.Array, start: jax.Array, warmup: int) -
 @partial(jax.jit, static_argnames="warmup")
 def _advance(surrogate: Partial, state: Any, count: int, warmup: int) -> Any:
     """States after `count` transitions; the first `warmup` of all adapt."""
-    kernel = _kernel(surrogate)
-    kernel.init(state.rng_key[0], warmup, state.z[0], (), {})  # numpyro keeps the schedule of adaptation in the kernel
-    step = jax.vmap(lambda current: kernel.sample(current, (), {}))
+    step = _transition(surrogate, state, warmup)
     return jax.lax.fori_loop(0, count, lambda _, current: step(current), state)
+
+
+@partial(jax.jit, static_argnames=("warmup", "draws", "thinning"))
+def _walk(
+    log_density: Partial, state: Any, warmup: int, draws: int, thinning: int
+) -> tuple[dict[str, jax.Array], jax.Array]:
+    """Kept fields of the states (S, draws, ...) after `warmup`, and all steps taken; one loop, so compiled once."""
+    step = _transition(log_density, state, warmup)
+    fields = ("z", "potential_energy", "diverging", "accept_prob", "num_steps")
+    rows = {f: jnp.zeros((draws, *getattr(state, f).shape), getattr(state, f).dtype) for f in fields}
+
+    def body(i: jax.Array, carry: tuple) -> tuple:
+        current, kept, steps = carry
+        current = step(current)
+        row = jnp.where(i < warmup, draws, (i - warmup) // thinning)  # beyond the end: dropped
+        kept = {f: kept[f].at[row].set(getattr(current, f), mode="drop") for f in fields}
+        return current, kept, steps + jnp.sum(current.num_steps)
+
+    _, rows, steps = jax.lax.fori_loop(0, warmup + draws * thinning, body, (state, rows, jnp.sum(0 * state.num_steps)))
+    return {f: jnp.swapaxes(row, 0, 1) for f, row in rows.items()}, steps
+
+
+def _transition(log_density: Partial, state: Any, warmup: int) -> Callable[[Any], Any]:
+    """One transition of all states; numpyro keeps the schedule of adaptation in the kernel, hence `init`."""
+    kernel = _kernel(log_density)
+    kernel.init(state.rng_key[0], warmup, state.z[0], (), {})
+    return jax.vmap(lambda current: kernel.sample(current, (), {}))
 
 
 def _take(taken: NDArray[np.bool_], proposed: Any, state: Any) -> Any:

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from bayeschute.study.stages import Job
 
 Array = NDArray[np.float64]
+_LATENT_UNIT = {"wind, horizontal": "m/s", "wind, vertical": "m/s", "canopy force": "1"}
 _CHANNEL_UNIT = {"canopy_position": "m", "capsule_velocity": "m/s", "capsule_attitude": "rad", "descent_rate": "m/s"}
 _PROGRAMS = ("bayeschute", "jax", "numpyro", "emcee", "arviz-base", "numpy", "scipy")
 _UNCALIBRATED = "no calibration of this configuration is stored"
@@ -102,11 +103,11 @@ def _disturbances(job: Job) -> dict[str, Any]:
         }
         for i, name in enumerate(job.study.noise.channels())
     }
-    knots = job.study.noise.wind.knots
-    return {
-        "noise": noise,
-        "wind": {"sd": hyper.latent_sd, "time_constant": hyper.latent_time_constant, "knots": knots},
-    }
+    names = ["wind, vertical"] if job.study.model == "descent" else list(_LATENT_UNIT)
+    for k, (name, sd) in enumerate(zip(names, hyper.latent_sd, strict=False)):
+        tau = hyper.latent_time_constant[k]
+        noise[name] = {"white": None, "correlated": sd, "time_constant": tau, "unit": _LATENT_UNIT[name]}
+    return {"noise": noise, "knots_s": job.study.noise.wind.knots}
 
 
 def _flight_entry(job: Job, flight: Flight) -> dict[str, Any]:

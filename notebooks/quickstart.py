@@ -1,0 +1,153 @@
+# ---
+# jupyter:
+#   jupytext:
+#     formats: py:percent
+#     text_representation:
+#       extension: .py
+#       format_name: percent
+#   kernelspec:
+#     display_name: Python 3
+#     language: python
+#     name: python3
+# ---
+
+# %% [markdown]
+# # From a record to bands and a risk number
+#
+# A sonde falls under a small parachute. All that is known of the fall is its altitude, once a second, and not without
+# error. How fast will it be going at the end of the part that we have not looked at yet, and how sure may we be?
+#
+# `bayeschute run` does what follows in one command. Here every step is a call of a public function, so that each can be
+# looked at, and replaced.
+
+# %%
+# %matplotlib inline
+from pathlib import Path
+from tempfile import mkdtemp
+
+import numpy as np
+
+from bayeschute.air.standard import standard_density
+from bayeschute.flight.clean import clean
+from bayeschute.flight.derive import derive
+from bayeschute.flight.read import ColumnSpec, read_record
+from bayeschute.flight.record import repairs
+from bayeschute.forecast import bands
+from bayeschute.forecast.requirement import requirement_check
+from bayeschute.inference.evidence import HyperPrior
+from bayeschute.inference.noise import Noise
+from bayeschute.inference.posterior import data_tree, find, sample
+from bayeschute.inference.priors import Prior
+from bayeschute.inference.records import descent_data
+from bayeschute.inference.target import Hyper
+from bayeschute.report.figures import band_figure
+
+SEED = 1
+
+# %% [markdown]
+# ## A record
+#
+# So that the answer can be compared with the truth, we make the record ourselves: a body with a known $C_D S/m$ at the
+# speed where drag and weight balance, in air that rises and sinks by some 0.4 m/s for half a minute at a time. The
+# altimeter errs by 0.3 m, and once by 40 m.
+
+# %%
+TRUE_DRAG = 0.16  # C_D S/m [m^2/kg]
+rng = np.random.default_rng(SEED)
+seconds, altitude, rate, gust = 120, np.empty(120), np.empty(120), 0.0
+height = 3000.0
+for i in range(seconds):
+    gust += -gust / 30.0 + 0.4 * np.sqrt(2.0 / 30.0) * rng.standard_normal()
+    rate[i] = np.sqrt(2.0 * 9.80665 / (TRUE_DRAG * standard_density(height))) + gust
+    altitude[i] = height + 0.3 * rng.standard_normal()
+    height -= rate[i]
+altitude[40] += 40.0
+
+file = Path(mkdtemp()) / "sonde.csv"
+table = np.column_stack([np.arange(seconds), altitude])
+np.savetxt(file, table, fmt="%.2f", delimiter=",", header="time_s,altitude_m", comments="")
+
+# %% [markdown]
+# ## Reading and cleaning
+#
+# Columns have units; whatever is dropped or derived is listed. The outlier goes, the descent rate is the slope of the
+# altitude, and since the record knows nothing of the air, its density is that of a standard day.
+
+# %%
+columns = {"time": ColumnSpec("time_s", "s"), "altitude": ColumnSpec("altitude_m", "m")}
+record = derive(clean(read_record(file, columns), rate_hz=1.0))
+for repair in repairs(record):
+    print(f"{repair.kind:10} {repair.variable:14} {repair.start:5.0f} to {repair.end:3.0f} s  {repair.detail}")
+
+# %% [markdown]
+# ## What is believed beforehand
+#
+# The maker's drag area and mass say 0.13 m²/kg, give or take a factor of 1.5. The residual of the descent rate is white
+# noise plus noise that is correlated over some seconds. And the air moves: its vertical speed is an unknown function
+# of time, an Ornstein-Uhlenbeck process at knots 10 s apart. Without it the interval would be far too narrow, since
+# samples that share a gust would count as independent.
+
+# %%
+prior = Prior("cds_over_mass", np.log(0.13), 0.4, logarithmic=True, unit="m^2/kg", source="the maker's data sheet")
+residual = Noise(white=np.array([0.3]), correlated=np.array([0.3]), time_constant=np.array([3.0]))
+noise = HyperPrior(Hyper(residual, latent_sd=np.array([0.5]), latent_time_constant=np.array([30.0])))
+
+# %% [markdown]
+# ## Fit
+#
+# Only the first 75 s are fitted. `find` looks for the optimum and for the noise parameters of greatest evidence;
+# `sample` draws from the posterior in which the motion of the air and the first speed are integrated out.
+
+# %%
+TOLD = 75.0  # [s]
+flight = descent_data(record, knots=10.0, until=TOLD)
+found = find([flight], [prior], noise)
+draws = sample(found.marginal, "nuts", chains=4, warmup=100, draws=200, seed=SEED)
+posterior = data_tree(found.marginal, [prior], draws, SEED, ["sonde"])
+drag = posterior["posterior"]["cds_over_mass"].values.ravel()
+low, high = np.quantile(drag, [0.05, 0.95])
+print(f"C_D S/m: {drag.mean():.4f} m^2/kg, 90 % between {low:.4f} and {high:.4f}; true value {TRUE_DRAG}")
+
+# %% [markdown]
+# ## Bands on what was not looked at
+#
+# Every draw of the drag goes with a draw of the air's motion: as the data have it for as long as there are data, and
+# free after that. So the band widens where the data end. The held-out part holds one or two independent gusts, so the
+# share that a single flight has inside its band scatters widely about 90 %; only many flights can tell whether the
+# bands are honest.
+
+# %%
+theta = np.log(drag)[:, None]
+law = bands.latent_draws(found.hyper, found.latent_covariance, len(theta), np.random.default_rng(SEED))
+prediction = bands.predict(found.marginal, 0, theta, law, SEED, told=TOLD)
+time = record["time"].values
+held_out = time > TOLD
+seen = {"descent_rate": record["descent_rate"].values}
+made = bands.dataset(prediction, time, ["descent_rate"], None, seen, held_out, "predict")
+covered = bands.coverage(prediction.draws["descent_rate"], rate, held_out)
+print(f"true descent rates of the held-out part inside the 90 % band: {covered:.0%}")
+
+# %%
+LIMIT = 11.0  # [m/s]
+band_figure(made, {"descent_rate": LIMIT})
+
+# %% [markdown]
+# ## A risk number
+#
+# The requirement: no more than 11 m/s at the end. The draws that meet it are counted; the interval says how much of the
+# answer is due to the number of draws.
+
+# %%
+risk = requirement_check(
+    prediction.draws["descent_rate"][:, -1],
+    name="speed at the end",
+    quantity="descent_rate",
+    unit="m/s",
+    at_most=LIMIT,
+)
+print(f"P(met) = {risk['probability_met']:.3f}, with {risk['confidence']:.0%} confidence between")
+print(f"{risk['simulation_low']:.3f} and {risk['simulation_high']:.3f}; median {risk['median']:.2f} m/s")
+
+# %% [markdown]
+# One flight says nothing about the next one's air or canopy. `models/studies/dropsondes.toml` fits several drops and
+# their population; `models/studies/cdt-3-11.toml` does all of this for a capsule under two canopies.

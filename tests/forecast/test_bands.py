@@ -1,0 +1,204 @@
+"""Bands of a small descent: what varies, what fails, what is counted."""
+
+from __future__ import annotations
+
+import importlib.util
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import xarray as xr
+
+from bayeschute.dynamics.descent import DensityProfile, DescentFlight, DescentInputs
+from bayeschute.forecast import bands
+from bayeschute.forecast.bands import Prediction
+from bayeschute.inference import latent
+from bayeschute.inference.map import fit
+from bayeschute.inference.marginal import marginalise
+from bayeschute.inference.noise import Noise
+from bayeschute.inference.priors import Prior
+from bayeschute.inference.target import FlightData, Hyper, residuals
+
+_spec = importlib.util.spec_from_file_location("dense_noise", Path(__file__).parents[1] / "twins" / "dense_noise.py")
+twin = importlib.util.module_from_spec(_spec)
+_spec.loader.exec_module(twin)
+
+HYPER = Hyper(Noise(np.array([0.05]), np.array([0.1]), np.array([2.0])), np.array([0.4]), np.array([12.0]))
+THETA, SAMPLES, DT, DRAWS = np.array([np.log(0.2)]), 101, 0.5, 80
+PRIORS = [Prior("cds_over_mass", float(THETA[0]) + 0.1, 0.3, True, "m^2/kg", "")]
+
+
+@pytest.fixture(scope="module")
+def flight():
+    """A descent with data drawn from its own law, and its noise-free descent rate."""
+    air = DensityProfile(0.0, 500.0, np.log(1.225) - 500.0 * np.arange(8) / 9000.0)
+    model = DescentFlight(air, DescentInputs(np.zeros(SAMPLES)), 2500.0, 10.0, DT, substeps=2)
+    times, nothing = DT * np.arange(SAMPLES), np.zeros((SAMPLES, 1))
+    knots = latent.knot_times(50.0, 5.0)
+    weights = latent.interpolation(times, knots)
+    empty = FlightData(model, nothing, nothing == 0.0, weights, 5.0, DT, np.array([2.0]), (0,), (0,))
+    rng = np.random.default_rng(4)
+    u = np.concatenate([[0.7], latent.draw(HYPER.latent(empty), 5.0, (11, 1), rng).ravel()])
+    clean = -np.asarray(residuals(empty, jnp.asarray(THETA), jnp.asarray(u)))
+    covariance = twin.noise_covariance(times, nothing == 0.0, *HYPER.noise.__dict__.values())
+    noise = np.linalg.cholesky(covariance) @ rng.standard_normal(SAMPLES)
+    return SimpleNamespace(data=replace(empty, observed=clean + noise[:, None]), clean=clean[:, 0])
+
+
+@pytest.fixture(scope="module")
+def fitted(flight):
+    best = fit([flight.data], HYPER, PRIORS, THETA, [np.zeros(12)])
+    return marginalise([flight.data], HYPER, PRIORS, best)
+
+
+def _theta(marginal, draws=DRAWS, seed=0):
+    xi = np.random.default_rng(seed).standard_normal((1, draws))
+    return np.array(marginal.theta(jnp.asarray(xi))).T
+
+
+def _laws(draws=DRAWS, covariance=1e-12):
+    return bands.latent_draws(HYPER, covariance * np.eye(2), draws, np.random.default_rng(1))
+
+
+@pytest.fixture(scope="module")
+def smoothed(fitted):
+    return bands.predict(fitted, 0, _theta(fitted), _laws(), seed=5)
+
+
+@pytest.fixture(scope="module")
+def forecast(flight):
+    """The flight known by its first ten seconds."""
+    posterior = [replace(PRIORS[0], centre=float(THETA[0]), scale=0.05)]
+    part = bands.opening(flight.data, 10.0)
+    return bands.predict(
+        bands.opened(part, HYPER, posterior), 0, np.tile(THETA, (DRAWS, 1)), _laws(), 6, flight.data, 10.0
+    )
+
+
+def test_shapes_and_touchdown(smoothed):
+    assert set(smoothed.draws) == {"descent_rate", "sea_level_descent_rate"}
+    assert smoothed.draws["descent_rate"].shape == (DRAWS, SAMPLES) and smoothed.failed == 0
+    assert smoothed.touchdown.shape == (DRAWS, 3)
+    np.testing.assert_array_equal(smoothed.touchdown[:, 2], smoothed.draws["descent_rate"][:, -1])
+    np.testing.assert_array_equal(smoothed.touchdown[:, :2], 0.0)
+    np.testing.assert_allclose(smoothed.time, DT * np.arange(SAMPLES))
+
+
+def test_a_fitted_flight_is_smoothed(smoothed, flight):
+    made = smoothed.draws["descent_rate"]
+    z = (made.mean(axis=0) - flight.clean) / made.std(axis=0)
+    assert np.sqrt(np.mean(z**2)) < 2.0
+    assert made.std(axis=0).mean() < 0.12  # narrower than the noise of one sample
+    assert bands.coverage(made, flight.clean, np.ones(SAMPLES, bool)) > 0.6
+
+
+def test_a_forecast_widens_after_its_opening_and_holds_the_truth(forecast, flight):
+    made = forecast.draws["descent_rate"]
+    width = made.std(axis=0)
+    assert width[60:].mean() > 2.0 * width[:15].mean()
+    # Far beyond the data, the spread is that of the stationary wind error, which the descent rate nearly follows.
+    assert 0.5 * 0.4 < width[80:].mean() < 1.3 * 0.4
+    z = (made.mean(axis=0) - flight.clean) / width
+    assert np.sqrt(np.mean(z**2)) < 2.5
+
+
+def test_shares_sum_to_one(smoothed, forecast):
+    for made in (smoothed, forecast):
+        for share in made.shares.values():
+            assert set(share) == {"parameter", "initial state", "wind"}
+            assert sum(share.values()) == pytest.approx(1.0) and min(share.values()) >= 0.0
+    assert forecast.shares["descent_rate"]["parameter"] < 1e-6  # no spread of parameters was given
+    assert forecast.shares["descent_rate"]["wind"] > 0.9
+
+
+def test_seeds_make_predictions(fitted, smoothed):
+    again = bands.predict(fitted, 0, _theta(fitted), _laws(), seed=5)
+    other = bands.predict(fitted, 0, _theta(fitted), _laws(), seed=7)
+    np.testing.assert_array_equal(again.draws["descent_rate"], smoothed.draws["descent_rate"])
+    assert not np.array_equal(other.draws["descent_rate"], smoothed.draws["descent_rate"])
+
+
+@pytest.mark.parametrize("log_area", [3.0, 6.0, 20.0, 60.0, 150.0])  # drag areas at which the integration blows up
+def test_a_failed_simulation_is_counted_and_left_empty(fitted, log_area):
+    theta = _theta(fitted)
+    theta[3] = log_area
+    heard = []
+    made = bands.predict(fitted, 0, theta, _laws(), seed=5, progress=heard.append)
+    assert made.failed == 1 and heard[-1] == 1.0
+    assert np.isnan(made.draws["descent_rate"][3]).all() and np.isnan(made.touchdown[3]).all()
+    assert np.isfinite(np.delete(made.draws["descent_rate"], 3, axis=0)).all()
+    for share in made.shares.values():
+        assert sum(share.values()) == pytest.approx(1.0)
+    kept = bands.coverage(made.draws["descent_rate"], np.full(SAMPLES, 10.0), np.ones(SAMPLES, bool))
+    assert kept is not None
+
+
+def test_opening_keeps_the_knots(flight):
+    part = bands.opening(flight.data, 10.0)
+    assert part.weights.shape == (21, 3) and part.observed.shape == (21, 1)
+    np.testing.assert_allclose(part.weights.sum(axis=1), 1.0)
+    assert part.model.record.wind.shape == (21,)
+    whole = bands.opening(flight.data, 1e6)
+    assert whole.weights.shape == flight.data.weights.shape
+
+
+def test_knots_are_continued_by_their_process():
+    draws, total = 6000, 8
+    law = Hyper(HYPER.noise, np.full((1, draws), 0.4), np.full((1, draws), 12.0))
+    z = np.random.default_rng(8).standard_normal((total, 1, draws))
+    known = np.full((3, 1, draws), 1.0)
+    made = bands.continued(known, 3, total, law, (0,), 5.0, z)
+    np.testing.assert_array_equal(made[:3], known)
+    phi = np.exp(-5.0 / 12.0)
+    for ahead in (1, 5):
+        assert made[2 + ahead].mean() == pytest.approx(phi**ahead, abs=0.03)
+        assert made[2 + ahead].std() == pytest.approx(0.4 * np.sqrt(1.0 - phi ** (2 * ahead)), rel=0.05)
+
+
+def test_latent_draws_have_the_covariance_of_their_logarithms():
+    covariance = np.array([[0.09, 0.03], [0.03, 0.25]])
+    made = bands.latent_draws(HYPER, covariance, 20_000, np.random.default_rng(9))
+    logs = np.log(np.concatenate([made.latent_sd, made.latent_time_constant]))
+    np.testing.assert_allclose(np.cov(logs), covariance, atol=0.01)
+    np.testing.assert_allclose(np.exp(logs.mean(axis=1)), [0.4, 12.0], rtol=0.02)
+
+
+def test_coverage_counts_known_and_counted_samples():
+    draws = np.tile(np.linspace(0.0, 1.0, 101)[:, None], (1, 4))  # 90 % band: 0.05 to 0.95
+    counted = np.array([True, True, True, False])
+    assert bands.coverage(draws, np.array([0.5, 0.99, np.nan, 9.0]), counted) == 0.5
+    assert bands.coverage(draws, np.array([0.06, 0.94, 0.5, 9.0]), counted) == 1.0
+    assert bands.coverage(draws, np.full(4, np.nan), counted) is None
+    draws[7] = np.nan
+    assert bands.coverage(draws, np.array([0.5, 0.99, np.nan, 9.0]), counted) == 0.5
+
+
+def test_coverage_of_gaussian_draws_is_ninety_percent():
+    rng = np.random.default_rng(10)
+    made = bands.coverage(rng.standard_normal((4000, 3000)), rng.standard_normal(3000), np.ones(3000, bool))
+    assert made == pytest.approx(0.9, abs=0.025)
+
+
+def test_dataset(smoothed, flight):
+    truth = xr.Dataset({"descent_rate": ("time", flight.clean)})
+    held = np.arange(SAMPLES) > 80
+    record = {"descent_rate": flight.data.observed[:, 0]}
+    made = bands.dataset(smoothed, smoothed.time, ("descent_rate", "swing_angle"), truth, record, held, "identify")
+    assert made["descent_rate"].dims == ("quantile", "time") and "swing_angle" not in made
+    assert (np.diff(made["descent_rate"].values, axis=0) >= 0.0).all()
+    np.testing.assert_array_equal(made["descent_rate_truth"], flight.clean)
+    np.testing.assert_array_equal(made["descent_rate_record"], record["descent_rate"])
+    assert made["variance_share"].sum("source").item() == pytest.approx(1.0)
+    assert made.attrs == {"role": "identify", "failed": 0} and made["held_out"].sum() == 20
+
+
+def test_recorded_draws_carry_the_noise_of_the_instrument():
+    still = Prediction(DT * np.arange(400), {"descent_rate": np.zeros((200, 400))}, np.zeros((200, 3)), 0, {})
+    assert bands.recorded_draws(still, "descent_rate", None, 1) is still.draws["descent_rate"]
+    made = bands.recorded_draws(still, "descent_rate", (0.3, 0.4, 2.0), 1)
+    assert made.shape == (200, 400) and made.std() == pytest.approx(0.5, rel=0.03)
+    lag = np.mean(made[:, 1:] * made[:, :-1])
+    assert lag == pytest.approx(0.16 * np.exp(-DT / 2.0), abs=0.02)

@@ -1,0 +1,121 @@
+"""The whole way: found, drawn, kept in a DataTree, read back."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import xarray as xr
+
+from bayeschute.inference import noise, posterior
+from bayeschute.inference.evidence import HyperPrior
+from bayeschute.inference.marginal import draw_unknowns, log_density
+from bayeschute.inference.target import residuals
+
+CHAINS, DRAWS, NAMES = 2, 120, ("first", "second")
+GROUPS = {
+    "posterior", "prior", "sample_stats", "log_likelihood", "log_prior", "posterior_predictive", "observed_data", "constant_data",
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def found(descent):
+    return posterior.find(descent.flights, descent.priors, HyperPrior(descent.hyper, 0.4), rounds=1)
+
+
+@pytest.fixture(scope="module")
+def draws(found):
+    return posterior.sample(found.marginal, "nuts", CHAINS, 200, DRAWS, seed=1)
+
+
+@pytest.fixture(scope="module")
+def tree(found, draws, descent):
+    return posterior.data_tree(found.marginal, descent.priors, draws, 1, NAMES)
+
+
+def test_found(found, descent):
+    assert found.optimum.converged
+    assert abs(found.optimum.theta[0] - descent.theta[0]) < 4.0 * np.sqrt(found.optimum.covariance[0, 0])
+    assert found.latent_covariance.shape == (2, 2) and np.isfinite(found.evidence)
+
+
+def test_progress_grows(descent):
+    heard = []
+    prior = HyperPrior(descent.hyper, 0.4)
+    posterior.find(descent.flights, descent.priors, prior, rounds=1, progress=lambda share, words: heard.append(share))
+    assert heard == sorted(heard) and 0.0 <= heard[0] and heard[-1] <= 1.0
+
+
+def test_draws_are_nearly_standard(draws):
+    assert draws.xi.shape == (CHAINS, DRAWS, 1) and draws.failed == 0
+    assert abs(draws.xi.mean()) < 0.35 and draws.xi.std() == pytest.approx(1.0, abs=0.2)
+    assert draws.stats["acceptance_rate"].mean() > 0.9
+
+
+def test_draws_carry_their_log_density(found, draws):
+    flat = draws.xi.reshape(-1, 1).T
+    np.testing.assert_allclose(draws.log_density.ravel(), log_density(found.marginal, flat), atol=1e-8)
+
+
+def test_emcee_agrees(found, draws):
+    other = posterior.sample(found.marginal, "emcee", 1, 0, 400, seed=2)
+    assert other.xi.shape == (1, 400, 1)
+    np.testing.assert_allclose(np.quantile(other.xi, [0.1, 0.5, 0.9]), np.quantile(draws.xi, [0.1, 0.5, 0.9]), atol=0.4)
+
+
+def test_batches_are_joined_and_padding_dropped():
+    xi = np.arange(2.0 * 70).reshape(2, 70)
+    seen = []
+    made = posterior.in_batches(lambda part: (seen.append(part.shape), part.sum(axis=0))[1], xi)
+    np.testing.assert_array_equal(made, xi.sum(axis=0))
+    assert seen == [(2, 64), (2, 64)]
+
+
+def test_log_likelihood_sums_to_the_conditional_log_density(found, draws):
+    made, predicted = posterior._per_sample(found.marginal, draws, np.random.default_rng(5), None)
+    rng, flat = np.random.default_rng(5), draws.xi.reshape(-1, 1).T
+    z = tuple(rng.standard_normal((f.unknowns, flat.shape[1])) for f in found.marginal.flights)
+    u = draw_unknowns(found.marginal, flat, z)
+    theta = found.marginal.theta(jnp.asarray(flat))
+    for i, flight in enumerate(found.marginal.flights):
+        law, present = found.hyper.outputs(flight), jnp.asarray(flight.present)
+        residual = residuals(flight, theta, u[i])
+        one = jax.jit(lambda r, law=law, flight=flight, present=present: noise.log_density(law, flight.dt, present, r))
+        wanted = [float(one(residual[..., b])) for b in range(0, flat.shape[1], 17)]
+        np.testing.assert_allclose(made[i].sum(axis=-1).ravel()[::17], wanted, rtol=1e-9)
+        assert (made[i][..., ~flight.present[:, 0]] == 0.0).all()
+        assert predicted[i].shape == (CHAINS, 25, 101, 1)
+
+
+def test_predictions_have_the_spread_of_the_noise(found, tree):
+    for name, flight in zip(NAMES, found.marginal.flights, strict=True):
+        made = tree["posterior_predictive"][name].values.reshape(-1, 101)[:, flight.present[:, 0]]
+        z = (flight.observed[flight.present] - made.mean(axis=0)) / made.std(axis=0)
+        assert 0.3 < np.sqrt(np.mean(z**2)) < 1.5
+        total = np.hypot(found.hyper.noise.white, found.hyper.noise.correlated)
+        assert 0.9 * total < made.std(axis=0).mean() < 2.0 * total
+
+
+def test_tree_round_trips_through_netcdf(tree, draws, descent, tmp_path):
+    assert set(tree.children) == GROUPS
+    tree.to_netcdf(tmp_path / "posterior.nc", engine="h5netcdf")
+    back = xr.open_datatree(tmp_path / "posterior.nc", engine="h5netcdf")
+    assert set(back.children) == GROUPS
+    for group in GROUPS:
+        xr.testing.assert_allclose(back[group].to_dataset(), tree[group].to_dataset())
+    value = back["posterior"]["cds_over_mass"]
+    assert value.dims == ("chain", "draw") and value.attrs["units"] == "m^2/kg"
+    assert value.mean() == pytest.approx(float(np.exp(descent.theta[0])), rel=0.1)
+    assert {"lp", "diverging", "acceptance_rate"} <= set(back["sample_stats"].data_vars)
+    np.testing.assert_allclose(back["sample_stats"]["lp"], draws.log_density)
+    assert back["log_likelihood"]["first"].sizes["draw"] == DRAWS
+    assert np.isnan(back["observed_data"]["first"].values[~descent.flights[0].present]).all()
+    back.close()
+
+
+def test_log_prior_is_the_density_of_the_working_coordinate(tree, descent):
+    p = descent.priors[0]
+    z = (np.log(tree["posterior"]["cds_over_mass"].values) - p.centre) / p.scale
+    wanted = -0.5 * z**2 - np.log(p.scale * np.sqrt(2.0 * np.pi))
+    np.testing.assert_allclose(tree["log_prior"]["cds_over_mass"].values, wanted, atol=1e-10)

@@ -1,0 +1,112 @@
+"""From the words of a study to the objects of the rooms below."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import xarray as xr
+
+from bayeschute.study import setup
+from bayeschute.study.load import Study, load_study
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module")
+def study() -> Study:
+    return load_study(ROOT / "models/studies/cdt-3-11.toml")
+
+
+def test_places_turn_from_the_structural_frame_into_the_body_s(study: Study):
+    # Structural x runs aft and z is reversed: the attach point ahead of the centre of mass lies at positive body x.
+    assert study.vehicle is not None
+    model, _ = setup.cluster(study.vehicle)
+    assert model.capsule.attach_b.x == pytest.approx(1.90)
+    assert (model.capsule.attach_b.y, model.capsule.attach_b.z) == (0.0, 0.0)
+    assert setup.geometry(study.vehicle).attach_b == pytest.approx((1.90, 0.0, 0.0))
+
+
+def test_the_cluster_flies_with_the_vehicle_s_aerodynamics(study: Study):
+    vehicle = study.vehicle
+    assert vehicle is not None
+    model, structure = setup.cluster(vehicle)
+    assert dict(zip(structure.axial, model.axial, strict=True)) == vehicle.aero.axial
+    assert dict(zip(structure.transverse, model.transverse, strict=True)) == vehicle.aero.transverse
+    assert (structure.canopies, structure.rate) == (2, "riser")
+    assert model.risers.length == pytest.approx(234 * 0.3048)
+
+
+def test_a_flight_s_own_mass_replaces_the_vehicle_s(study: Study):
+    assert study.vehicle is not None
+    assert setup.cluster(study.vehicle)[0].capsule.mass == study.vehicle.capsule.mass
+    assert setup.cluster(study.vehicle, 9000.0)[0].capsule.mass == 9000.0
+    assert setup.geometry(study.vehicle, 9000.0).capsule_mass == 9000.0
+
+
+def test_a_quick_drop_is_a_third_of_the_drop(study: Study):
+    virtual = study.flights[0].virtual
+    assert virtual is not None
+    whole, quick = setup.drop(virtual), setup.drop(virtual, quick=True)
+    assert whole.duration == pytest.approx(90.0) and whole.dt == pytest.approx(0.1)
+    assert replace(quick, duration=whole.duration) == whole
+    assert quick.duration == pytest.approx(30.0)
+
+
+def test_a_drop_without_disturbances_has_none(study: Study):
+    virtual = study.flights[0].virtual
+    assert virtual is not None
+    still = setup.drop(virtual.model_copy(update={"turbulence": None, "breathing": None}))
+    assert still.turbulence.horizontal == still.turbulence.vertical == still.breathing.amplitude == 0.0
+
+
+def test_every_flight_has_a_seed_of_its_own(study: Study):
+    seeds = [setup.flight_seed(study, flight) for flight in study.flights]
+    assert len(set(seeds)) == 2
+    assert seeds == [setup.flight_seed(study, flight) for flight in study.flights]
+    other = replace(study, seed=study.seed + 1)
+    assert setup.flight_seed(other, study.flights[0]) not in seeds
+    without_second = replace(study, flights=study.flights[:1])
+    assert setup.flight_seed(without_second, study.flights[0]) == seeds[0]
+
+
+def test_medians_of_the_noise_follow_channels_and_groups(study: Study, descents):
+    found = setup.hyper(study)
+    names = list(study.noise.channels())
+    assert np.size(found.noise.white) == len(names)
+    assert found.noise.white[names.index("canopy_position")] == pytest.approx(0.15)
+    assert found.noise.correlated[names.index("capsule_attitude")] == pytest.approx(np.deg2rad(0.2))
+    assert list(found.latent_sd) == pytest.approx([0.6096, 0.3048, 0.02])
+    assert setup.latent_groups(study, 2) == (0, 0, 1, 2, 2)
+    without = replace(study, noise=study.noise.model_copy(update={"canopy_force": None}))
+    assert setup.latent_groups(without, 2) == (0, 0, 1)
+    assert len(setup.hyper(without).latent_sd) == 2
+    descent = load_study(descents.study)
+    assert setup.latent_groups(descent, 0) == (0,)
+    assert list(setup.hyper(descent).latent_time_constant) == [30.0]
+
+
+def test_quick_is_smaller_and_leaves_the_rest(study: Study):
+    quick = setup.smaller(study)
+    assert quick.sampler.draws < study.sampler.draws and quick.predict.draws < study.predict.draws
+    assert replace(quick, sampler=study.sampler, predict=study.predict) == study
+
+
+def test_plain_values_are_what_json_holds():
+    given = {
+        1: np.float64(0.5), "nan": np.nan, "array": np.array([1.0, np.inf]), "jax": jnp.array([1.5, 2.5])[0],
+        "count": np.int64(3), "flag": np.bool_(True), "path": Path("x"), "none": None,
+        "xarray": xr.DataArray([1.0]), "deep": ({"a": (1, 2)},),
+    }  # fmt: skip
+    wanted = {
+        "1": 0.5, "nan": None, "array": [1.0, None], "jax": 1.5, "count": 3, "flag": True, "path": "x", "none": None,
+        "xarray": [1.0], "deep": [{"a": [1, 2]}],
+    }  # fmt: skip
+    plain = setup.as_plain(given)
+    assert plain == wanted
+    assert json.loads(json.dumps(plain, allow_nan=False)) == wanted
+    assert plain["flag"] is True and type(plain["count"]) is int

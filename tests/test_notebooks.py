@@ -1,0 +1,41 @@
+"""The notebooks run from top to bottom, and find what they say."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import jupytext
+import nbformat
+from nbclient import NotebookClient
+
+NOTEBOOKS = Path(__file__).parents[1] / "notebooks"
+
+
+def _values(name: str, expression: str, folder: Path) -> Any:
+    """Execute a notebook in a kernel of its own and a last cell that tells an expression's value."""
+    notebook = jupytext.read(NOTEBOOKS / name)
+    last = nbformat.v4.new_code_cell(f"import json\nprint(json.dumps({expression}))")
+    notebook.cells.append(last)
+    NotebookClient(notebook, timeout=300, kernel_name="python3", resources={"metadata": {"path": folder}}).execute()
+    outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
+    assert any("image/png" in output.get("data", {}) for output in outputs), "no figure is shown"
+    return json.loads(last["outputs"][-1]["text"])
+
+
+def test_quickstart(tmp_path: Path):
+    expression = """dict(
+        mean=drag.mean(), sd=drag.std(), truth=TRUE_DRAG, covered=covered, risk=risk,
+        kinds=[repair.kind for repair in repairs(record)], groups=sorted(posterior.children),
+        widths=[float((made["descent_rate"][-1] - made["descent_rate"][0])[part].mean()) for part in (~held_out, held_out)],
+    )"""
+    found = _values("quickstart.py", expression, tmp_path)
+    assert abs(found["mean"] - found["truth"]) < 4.0 * found["sd"] < 0.1
+    assert "spike" in found["kinds"]
+    assert {"posterior", "prior", "log_likelihood"} <= set(found["groups"])
+    assert found["widths"][1] > found["widths"][0]
+    assert 0.3 < found["covered"] <= 1.0  # one or two independent gusts
+    risk = found["risk"]
+    assert 0.0 < risk["simulation_low"] <= risk["probability_met"] <= risk["simulation_high"] <= 1.0
+    assert risk["failed"] == 0
