@@ -19,6 +19,6 @@ def compilation_cache() -> Path:
 
 
 jax.config.update("jax_enable_x64", True)
-if not jax.config.jax_compilation_cache_dir:
+if not getattr(jax.config, "jax_compilation_cache_dir", None):
     jax.config.update("jax_compilation_cache_dir", str(compilation_cache()))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)

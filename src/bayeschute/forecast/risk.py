@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 
 from bayeschute.errors import Fault, InputError
 from bayeschute.forecast.counting import clopper_pearson, jeffreys, wilks_sample_size
+from bayeschute.forecast.families import QUANTILES, distribution, fit_marginal
 from bayeschute.forecast.landing import (
     TOLERANCES,
     TOUCHDOWN_UNITS,
@@ -27,7 +28,6 @@ from bayeschute.forecast.landing import (
     tolerance_table,
     touchdown_table,
 )
-from bayeschute.forecast.families import QUANTILES, distribution, fit_marginal
 from bayeschute.forecast.requirement import requirement_check
 
 __all__ = [
