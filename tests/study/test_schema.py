@@ -146,3 +146,23 @@ def test_the_wind_of_the_cluster_model_has_a_horizontal_part(cluster: Path, spoi
 def test_a_bad_quantity_of_a_requirement_hides_no_second_fault(cluster: Path, spoil):
     spoil(cluster, r'^quantity = "sea_level_descent_rate"', 'quantity = "speed"')
     assert "[requirement] quantity" in str(check_study(cluster)[0])
+
+
+def test_an_airflow_rate_that_takes_all_inertia_or_enters_twice_is_refused() -> None:
+    import tomllib
+    from pathlib import Path
+
+    from pydantic import ValidationError
+
+    from bayeschute.study.vehicle_schema import Vehicle
+
+    text = (Path(__file__).parents[2] / "models" / "vehicles" / "cpas-two-mains.toml").read_text()
+    raw = tomllib.loads(text)
+    raw["aero"]["rate"] = "airflow"
+    with pytest.raises(ValidationError, match="apparent mass"):
+        Vehicle.model_validate(raw)
+    raw["aero"]["transverse"]["rate"] = -0.2
+    Vehicle.model_validate(raw)
+    raw["aero"]["transverse"]["rate*(e.rate)"] = 0.1
+    with pytest.raises(ValidationError, match="rate once"):
+        Vehicle.model_validate(raw)

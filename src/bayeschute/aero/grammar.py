@@ -40,6 +40,11 @@ def parse_term(name: str) -> tuple[str, ...]:
     return factors
 
 
+def rate_factors(name: str) -> int:
+    """How often the transverse rate enters a term; more than once is not linear in it."""
+    return sum("rate" in factor for factor in parse_term(name))
+
+
 def check_axial(name: str) -> str | None:
     """What is wrong with an axial term, in words; None if nothing."""
     try:
@@ -57,6 +62,8 @@ def check_transverse(name: str) -> str | None:
     except ValueError as error:
         return str(error)
     vectors = [f for f in factors if _VECTOR.fullmatch(f)]
+    if factors.count("side") > 1:
+        return f"{name!r} turns its vector twice; 'side' may stand once"
     if len(vectors) != 1:
         return f"{name!r} holds {len(vectors)} vector factors; a transverse term holds exactly one"
     return None

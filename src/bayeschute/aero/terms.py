@@ -14,7 +14,7 @@ Signs are such that a positive coefficient means what its name says: ``e`` and `
 | ``proximity(k)`` | (k - D_prox) where positive, summed over the other canopies |
 | ``closing`` | V_prox [1/s], summed over the other canopies |
 | ``restoring(deg)`` | ((alpha_T - deg) where positive)^2 (7.4-1) |
-| ``(e.rate)``, ``(e.c)``, ``(c.rate)`` | scalar products |
+| ``(e.rate)``, ``(e.c)``, ``(c.rate)`` | scalar products of V_perp/abs(V), r l/(2 abs(V)) and c (no sign turned) |
 | ``e`` | vector: -V_perp/abs(V), of length sin(alpha_T) |
 | ``angle`` | vector: the same direction, of length alpha_T |
 | ``rate`` | vector: -r l/(2 abs(V)) |
@@ -106,11 +106,6 @@ def _is_vector(factor: str) -> bool:
 
 def _pairwise(name: str) -> bool:
     return any(f == "c" or f.startswith(_PAIRWISE) for f in _split(name))
-
-
-def is_rate_term(name: str) -> int:
-    """How often the transverse rate enters a term (0: not at all; more than 1: not linear in it)."""
-    return sum("rate" in factor for factor in _split(name))
 
 
 def axial_term(name: str, flow: CanopyFlow) -> Component:

@@ -188,6 +188,8 @@ def fly(
         altitude = -states[:, 2]
         if change < 0.01:
             break
+    else:
+        raise FloatingPointError(f"the altitude of the virtual drop did not settle: it still changed by {change:.2f} m")
     truth = _truth(time, states, flight, steady)
     record = record_of(truth[list(_RECORDED)], drop.sensors, drop.dropouts, rng)
     return record, truth.assign(turbulence=(("time", "axis"), turbulence, {"units": "m/s"}))

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator
+from pydantic import AfterValidator, model_validator
 
-from bayeschute.aero.grammar import check_axial, check_transverse
+from bayeschute.aero.grammar import check_axial, check_transverse, rate_factors
 from bayeschute.study.quantities import (
     Area,
     Damping,
@@ -25,6 +25,7 @@ from bayeschute.study.quantities import (
     whole,
 )
 
+_SEA_LEVEL_DENSITY = 1.225  # [kg/m^3], US Standard Atmosphere 1976
 Rotation = Annotated[Literal["riser", "airflow"], one_of("riser", "airflow")]
 
 
@@ -117,6 +118,16 @@ class AeroTable(Strict):
     axial: Annotated[dict[str, Number], AfterValidator(_known_axial)]
     transverse: Annotated[dict[str, Number], AfterValidator(_known_transverse)]
 
+    @model_validator(mode="after")
+    def _is_linear_in_the_rate(self) -> AeroTable:
+        twice = [t for t in (*self.axial, *self.transverse) if rate_factors(t) > 1]
+        if self.rate == "airflow" and twice:
+            wanted = (
+                "terms that hold the rate once where rate is 'airflow': the canopy's acceleration is solved from them"
+            )
+            refuse(wanted, ", ".join(repr(t) for t in twice))
+        return self
+
 
 class Vehicle(Strict):
     """A vehicle file.
@@ -134,3 +145,14 @@ class Vehicle(Strict):
     canopies: CanopiesTable
     risers: RisersTable
     aero: AeroTable
+
+    @model_validator(mode="after")
+    def _is_well_posed(self) -> Vehicle:
+        """The airflow rate acts as an apparent mass rho S l C_rate/4; with the canopy's own it must stay above zero."""
+        k, damping = self.canopies, self.aero.transverse.get("rate", 0.0)
+        inertia = k.dry_mass + _SEA_LEVEL_DENSITY * k.enclosed_volume
+        apparent = 0.25 * _SEA_LEVEL_DENSITY * k.reference_area * k.reference_length * damping
+        if self.aero.rate == "airflow" and inertia + apparent <= 0.0:
+            wanted = f"a coefficient of 'rate' whose apparent mass stays above -{inertia:.0f} kg, or rate = 'riser'"
+            refuse(wanted, f"{damping:g}, which gives {apparent:.0f} kg")
+        return self
