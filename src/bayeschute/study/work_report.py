@@ -147,8 +147,9 @@ def _notes(job: Job) -> list[str]:
     notes = [
         "Noise parameters are set to their greatest evidence and held there while parameters are drawn; "
         "intervals do not carry their uncertainty.",
-        "Initial states and latent disturbances are integrated out as Gaussian about the optimum; "
-        "the parameters are drawn from that density exactly.",
+        "Initial states and latent disturbances are integrated out as Gaussian about the optimum, with the covariance "
+        "they have there (its change with the parameters is left out); the parameters are drawn from that density "
+        "exactly.",
     ]
     study = job.study
     if study.model != "cluster":
