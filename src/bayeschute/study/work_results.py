@@ -154,11 +154,7 @@ def predict(job: Job) -> str:
         coverage[flight.name] = {
             q: {
                 "truth": None if truth is None else bands.coverage(prediction.draws[q], truth[q].values, counted),
-                "record": bands.coverage(
-                    bands.recorded_draws(prediction, q, _channel_noise(job, stored, q), seed), recorded[q], counted
-                )
-                if q in recorded
-                else None,
+                "record": _record_coverage(job, stored, prediction, q, recorded, counted, bool(held_out.any()), seed),
             }
             for q in wanted
             if q in prediction.draws
@@ -178,6 +174,27 @@ def predict(job: Job) -> str:
 
     write_whole(job.out / "fit" / "statistics.npz", write)
     return f"{len(flights)} flights"
+
+
+def _record_coverage(
+    job: Job,
+    stored: Stored,
+    prediction: bands.Prediction,
+    quantity: str,
+    recorded: dict[str, Array],
+    counted: NDArray[np.bool_],
+    held_out: bool,
+    seed: int,
+) -> float | None:
+    """Share of recorded samples inside the band, the channel's noise added where the quantity has a channel.
+
+    A quantity derived from several channels has no noise of its own here: beside the wide band of an unseen flight
+    that does no harm, beside the narrow one of a fitted flight it would mislead, so there it is left out.
+    """
+    noise = _channel_noise(job, stored, quantity)
+    if quantity not in recorded or (noise is None and not held_out):
+        return None
+    return bands.coverage(bands.recorded_draws(prediction, quantity, noise, seed), recorded[quantity], counted)
 
 
 def _channel_noise(job: Job, stored: Stored, quantity: str) -> tuple[float, float, float] | None:
