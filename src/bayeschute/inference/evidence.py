@@ -114,6 +114,8 @@ def maximise(
     found = scipy.optimize.minimize(
         objective, to_vector(hyper), jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": most, "ftol": 1e-7}
     )
+    if not found.fun < 1e299:
+        raise FloatingPointError("the evidence is not finite at the optimum: a simulation beside it fails")
     return jax.tree.map(np.asarray, from_vector(jnp.asarray(found.x), channels, groups)), float(found.fun)
 
 

@@ -17,6 +17,7 @@ from bayeschute.inference.priors import Prior, working
 from bayeschute.inference.target import FlightData, Hyper, Linear, cost, linearise, normal_equations
 
 Array = NDArray[np.float64]
+_FREE = 1e-2  # damping below which a step counts as a Gauss-Newton step
 
 
 @dataclass(frozen=True)
@@ -119,7 +120,7 @@ def fit(
     value = total_cost(flights, hyper, priors, theta, parts)
     if not np.isfinite(value):
         raise FloatingPointError("the simulation at the starting point of the fit is not finite")
-    largest, iteration, matrix = np.inf, 0, np.empty((0, 0))
+    largest, iteration, matrix, held_back = np.inf, 0, np.empty((0, 0)), False
     while iteration < most:
         linear = [linearise(f, theta, x) for f, x in zip(flights, parts, strict=True)]
         matrix, gradient, value = assemble(flights, hyper, linear, priors, theta)
@@ -139,14 +140,18 @@ def fit(
             else:
                 damping *= 10.0
         if not accepted:
+            largest = np.inf
             break
+        held_back = shrink < 1.0 or damping > _FREE  # a short step that damping made says nothing of the optimum
         largest = float(np.max(np.abs(shrink * step)[: theta.size] / se[: theta.size]))
         (theta, parts), damping = trial, max(damping / 10.0, 1e-9)
         trace.append(new)
         if progress is not None:
             progress(iteration, new, largest)
-        if largest < tolerance:
+        if largest < tolerance and not held_back:
             break
     linear = [linearise(f, theta, x) for f, x in zip(flights, parts, strict=True)]
     matrix, _, value = assemble(flights, hyper, linear, priors, theta)
-    return Optimum(theta, tuple(parts), matrix, value, largest < tolerance, iteration, largest, tuple(trace))
+    return Optimum(
+        theta, tuple(parts), matrix, value, largest < tolerance and not held_back, iteration, largest, tuple(trace)
+    )

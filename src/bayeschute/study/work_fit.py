@@ -14,6 +14,7 @@ from arviz_base import from_dict
 from numpy.typing import NDArray
 
 from bayeschute.dynamics.parameters import Structure
+from bayeschute.errors import Fault, InputError
 from bayeschute.inference import population
 from bayeschute.inference.evidence import HyperPrior, from_vector, to_vector
 from bayeschute.inference.map import Optimum
@@ -170,7 +171,13 @@ def fit(job: Job) -> str:
         flights = [data_of(job, f, group.priors) for f in group.flights]
         rounds = 1 if job.quick else 2
         clock = time.perf_counter()
-        found = find(flights, group.priors, HyperPrior(setup.hyper(study)), rounds, lambda s, w: say(s, w, 0.0, 0.5))
+        try:
+            found = find(
+                flights, group.priors, HyperPrior(setup.hyper(study)), rounds, lambda s, w: say(s, w, 0.0, 0.5)
+            )
+        except FloatingPointError as error:
+            do = "Look at priors.json and the vehicle: the model must fly from the prior means; shorten the window."
+            raise InputError(Fault(f"fit of {group.name}", str(error), "simulations that stay finite", do)) from error
         wall["optimum_s"] = wall.get("optimum_s", 0.0) + time.perf_counter() - clock
         table, kinds = study.sampler, ["nuts", "emcee"] if study.sampler.kind == "both" else [study.sampler.kind]
         for kind in kinds:
