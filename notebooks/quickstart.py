@@ -35,6 +35,7 @@ from bayeschute.flight.record import repairs
 from bayeschute.forecast import bands
 from bayeschute.forecast.requirement import requirement_check
 from bayeschute.inference.evidence import HyperPrior
+from bayeschute.inference.latent import Latent
 from bayeschute.inference.noise import Noise
 from bayeschute.inference.posterior import data_tree, find, sample
 from bayeschute.inference.priors import Prior
@@ -84,13 +85,13 @@ for repair in repairs(record):
 #
 # The maker's drag area and mass say 0.13 m²/kg, give or take a factor of 1.5. The residual of the descent rate is white
 # noise plus noise that is correlated over some seconds. And the air moves: its vertical speed is an unknown function
-# of time, an Ornstein-Uhlenbeck process at knots 10 s apart. Without it the interval would be far too narrow, since
-# samples that share a gust would count as independent.
+# of time, an Ornstein-Uhlenbeck process. Without it the interval would be far too narrow, since samples that share a
+# gust would count as independent.
 
 # %%
 prior = Prior("cds_over_mass", np.log(0.13), 0.4, logarithmic=True, unit="m^2/kg", source="the maker's data sheet")
 residual = Noise(white=np.array([0.3]), correlated=np.array([0.3]), time_constant=np.array([3.0]))
-noise = HyperPrior(Hyper(residual, latent_sd=np.array([0.5]), latent_time_constant=np.array([30.0])))
+noise = HyperPrior(Hyper(residual, laws=(np.array([0.5, 30.0]),)))  # sd [m/s], time constant [s]
 
 # %% [markdown]
 # ## Fit
@@ -100,7 +101,7 @@ noise = HyperPrior(Hyper(residual, latent_sd=np.array([0.5]), latent_time_consta
 
 # %%
 TOLD = 75.0  # [s]
-flight = descent_data(record, knots=10.0, until=TOLD)
+flight = descent_data(record, Latent(("drift",), ((0, 0),)), until=TOLD)
 found = find([flight], [prior], noise)
 draws = sample(found.marginal, "nuts", chains=4, warmup=100, draws=200, seed=SEED)
 posterior = data_tree(found.marginal, [prior], draws, SEED, ["sonde"])
@@ -118,8 +119,8 @@ print(f"C_D S/m: {drag.mean():.4f} m^2/kg, 90 % between {low:.4f} and {high:.4f}
 
 # %%
 theta = np.log(drag)[:, None]
-law = bands.latent_draws(found.hyper, found.latent_covariance, len(theta), np.random.default_rng(SEED))
-prediction = bands.predict(found.marginal, 0, theta, law, SEED, told=TOLD)
+laws = bands.law_draws(found.hyper, found.law_covariance, 32, np.random.default_rng(SEED))
+prediction = bands.predict(found.marginal, 0, theta, laws, SEED, told=TOLD)
 time = record["time"].values
 held_out = time > TOLD
 seen = {"descent_rate": record["descent_rate"].values}

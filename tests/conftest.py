@@ -36,7 +36,6 @@ descent_rate = { white = "0.3 m/s", correlated = "0.3 m/s", time_constant = "3 s
 [noise.wind]
 vertical = "0.5 m/s"
 time_constant = "30 s"
-knots = "10 s"
 [sampler]
 chains = 2
 warmup = 50

@@ -66,7 +66,7 @@ def test_the_summary_holds_numbers_where_numbers_belong(finished):
     assert min(_numbers(noise)) > 0.0
     assert summary["sampling"]["chains"] == 2 and summary["sampling"]["draws"] == 100
     assert summary["sampling"]["failed_solves"] == 0
-    for check in ("optimum", "failed_solves", "step_error"):
+    for check in ("optimum", "failed_solves", "step_error", "log_determinant"):
         assert summary["checks"][check]["passed"], summary["checks"][check]
     assert summary["label"].startswith("not verified")
 

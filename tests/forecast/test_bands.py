@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -15,18 +16,19 @@ import xarray as xr
 from bayeschute.dynamics.descent import DensityProfile, DescentFlight, DescentInputs
 from bayeschute.forecast import bands
 from bayeschute.forecast.bands import Prediction
-from bayeschute.inference import latent
+from bayeschute.inference.latent import Latent
 from bayeschute.inference.map import fit
 from bayeschute.inference.marginal import marginalise
 from bayeschute.inference.noise import Noise
 from bayeschute.inference.priors import Prior
-from bayeschute.inference.target import FlightData, Hyper, residuals
+from bayeschute.inference.target import FlightData, Hyper, Unknowns, course, residuals
 
 _spec = importlib.util.spec_from_file_location("dense_noise", Path(__file__).parents[1] / "twins" / "dense_noise.py")
 twin = importlib.util.module_from_spec(_spec)
 _spec.loader.exec_module(twin)
 
-HYPER = Hyper(Noise(np.array([0.05]), np.array([0.1]), np.array([2.0])), np.array([0.4]), np.array([12.0]))
+GUSTS = Latent(("drift",), ((0, 0),))
+HYPER = Hyper(Noise(np.array([0.05]), np.array([0.1]), np.array([2.0])), (np.array([0.4, 12.0]),))
 THETA, SAMPLES, DT, DRAWS = np.array([np.log(0.2)]), 101, 0.5, 80
 PRIORS = [Prior("cds_over_mass", float(THETA[0]) + 0.1, 0.3, True, "m^2/kg", "")]
 
@@ -37,12 +39,10 @@ def flight():
     air = DensityProfile(0.0, 500.0, np.log(1.225) - 500.0 * np.arange(8) / 9000.0)
     model = DescentFlight(air, DescentInputs(np.zeros(SAMPLES)), 2500.0, 10.0, DT, substeps=2)
     times, nothing = DT * np.arange(SAMPLES), np.zeros((SAMPLES, 1))
-    knots = latent.knot_times(50.0, 5.0)
-    weights = latent.interpolation(times, knots)
-    empty = FlightData(model, nothing, nothing == 0.0, weights, 5.0, DT, np.array([2.0]), (0,), (0,))
+    empty = FlightData(model, nothing, nothing == 0.0, DT, np.array([2.0]), (0,), GUSTS)
     rng = np.random.default_rng(4)
-    u = np.concatenate([[0.7], latent.draw(HYPER.latent(empty), 5.0, (11, 1), rng).ravel()])
-    clean = -np.asarray(residuals(empty, jnp.asarray(THETA), jnp.asarray(u)))
+    u = Unknowns(np.array([0.35]), rng.standard_normal((SAMPLES, 1)))
+    clean = -np.asarray(residuals(empty, jnp.asarray(THETA), course(empty, HYPER, u)))
     covariance = twin.noise_covariance(times, nothing == 0.0, *HYPER.noise.__dict__.values())
     noise = np.linalg.cholesky(covariance) @ rng.standard_normal(SAMPLES)
     return SimpleNamespace(data=replace(empty, observed=clean + noise[:, None]), clean=clean[:, 0])
@@ -50,7 +50,7 @@ def flight():
 
 @pytest.fixture(scope="module")
 def fitted(flight):
-    best = fit([flight.data], HYPER, PRIORS, THETA, [np.zeros(12)])
+    best = fit([flight.data], HYPER, PRIORS, THETA)
     return marginalise([flight.data], HYPER, PRIORS, best)
 
 
@@ -59,8 +59,8 @@ def _theta(marginal, draws=DRAWS, seed=0):
     return np.array(marginal.theta(jnp.asarray(xi))).T
 
 
-def _laws(draws=DRAWS, covariance=1e-12):
-    return bands.latent_draws(HYPER, covariance * np.eye(2), draws, np.random.default_rng(1))
+def _laws(covariance=1e-12):
+    return bands.law_draws(HYPER, covariance * np.eye(5), 5, np.random.default_rng(1))
 
 
 @pytest.fixture(scope="module")
@@ -69,13 +69,16 @@ def smoothed(fitted):
 
 
 @pytest.fixture(scope="module")
-def forecast(flight):
-    """The flight known by its first ten seconds."""
+def begun(flight):
+    """What the flight's first ten seconds say."""
     posterior = [replace(PRIORS[0], centre=float(THETA[0]), scale=0.05)]
-    part = bands.opening(flight.data, 10.0)
-    return bands.predict(
-        bands.opened(part, HYPER, posterior), 0, np.tile(THETA, (DRAWS, 1)), _laws(), 6, flight.data, 10.0
-    )
+    return bands.opened(bands.opening(flight.data, 10.0), HYPER, posterior)
+
+
+@pytest.fixture(scope="module")
+def forecast(flight, begun):
+    """The flight known by its first ten seconds."""
+    return bands.predict(begun, 0, np.tile(THETA, (DRAWS, 1)), _laws(), 6, flight.data, 10.0)
 
 
 def test_shapes_and_touchdown(smoothed):
@@ -136,34 +139,59 @@ def test_a_failed_simulation_is_counted_and_left_empty(fitted, log_area):
     assert kept is not None
 
 
-def test_opening_keeps_the_knots(flight):
+def test_opening_is_a_flight_of_its_own(flight, begun):
     part = bands.opening(flight.data, 10.0)
-    assert part.weights.shape == (21, 3) and part.observed.shape == (21, 1)
-    np.testing.assert_allclose(part.weights.sum(axis=1), 1.0)
-    assert part.model.record.wind.shape == (21,)
+    assert part.samples == 21 and part.present.shape == (21, 1) and part.model.record.wind.shape == (21,)
+    np.testing.assert_array_equal(part.observed, flight.data.observed[:21])
+    assert part.latent is flight.data.latent and part.starts == 1
     whole = bands.opening(flight.data, 1e6)
-    assert whole.weights.shape == flight.data.weights.shape
+    assert whole.samples == SAMPLES and whole.model.record.wind.shape == (SAMPLES,)
+    assert abs(float(begun.centre[0]) - THETA[0]) < 0.05  # the opening hardly moves what the posterior says
 
 
-def test_knots_are_continued_by_their_process():
-    draws, total = 6000, 8
-    law = Hyper(HYPER.noise, np.full((1, draws), 0.4), np.full((1, draws), 12.0))
-    z = np.random.default_rng(8).standard_normal((total, 1, draws))
-    known = np.full((3, 1, draws), 1.0)
-    made = bands.continued(known, 3, total, law, (0,), 5.0, z)
-    np.testing.assert_array_equal(made[:3], known)
-    phi = np.exp(-5.0 / 12.0)
-    for ahead in (1, 5):
-        assert made[2 + ahead].mean() == pytest.approx(phi**ahead, abs=0.03)
-        assert made[2 + ahead].std() == pytest.approx(0.4 * np.sqrt(1.0 - phi ** (2 * ahead)), rel=0.05)
+def test_groups_of_draws_have_noise_parameters_of_their_own(flight, begun):
+    """Beyond the data the wind of every second group is wild; a prediction takes the laws in turn."""
+    laws = [replace(HYPER, laws=(np.array([sd, 12.0]),)) for sd in (0.05, 1.2)]
+    made = bands.predict(begun, 0, np.tile(THETA, (DRAWS, 1)), laws, 6, flight.data, 10.0).draws["descent_rate"]
+    wild = np.arange(DRAWS) // bands.GROUP % 2 == 1
+    assert made[wild, 80:].std() > 6.0 * made[~wild, 80:].std()
+    assert made[wild, :15].std(axis=0).mean() < 3.0 * made[~wild, :15].std(axis=0).mean()
 
 
-def test_latent_draws_have_the_covariance_of_their_logarithms():
-    covariance = np.array([[0.09, 0.03], [0.03, 0.25]])
-    made = bands.latent_draws(HYPER, covariance, 20_000, np.random.default_rng(9))
-    logs = np.log(np.concatenate([made.latent_sd, made.latent_time_constant]))
-    np.testing.assert_allclose(np.cov(logs), covariance, atol=0.01)
-    np.testing.assert_allclose(np.exp(logs.mean(axis=1)), [0.4, 12.0], rtol=0.02)
+def test_the_wind_beyond_the_data_has_the_conditional_law(flight, begun):
+    """Mean and spread of the descent rate against the wind's kernel given what the opening leaves of it."""
+    draws, calm = 640, replace(HYPER, laws=(np.array([0.4, 4.0]),))
+    made = bands.predict(begun, 0, np.tile(THETA, (draws, 1)), [calm], 6, flight.data, 10.0).draws["descent_rate"]
+    # Long after the opening the rate follows the stationary wind, slowed down by the body's own response.
+    late, lag = made[:, -10:], 8
+    speed = made[:, 60:].mean()
+    tau = speed / (2.0 * 9.80665)  # first-order response to the wind
+    sd = 0.4 * np.sqrt(4.0 / (4.0 + tau))
+    assert late.std(axis=0).mean() == pytest.approx(sd, rel=0.1)
+    wanted = (4.0 * np.exp(-lag * DT / 4.0) - tau * np.exp(-lag * DT / tau)) / (4.0 - tau)
+    pairs = np.mean((made[:, 60:-lag] - made[:, 60:-lag].mean(0)) * (made[:, 60 + lag :] - made[:, 60 + lag :].mean(0)))
+    assert pairs / late.var() == pytest.approx(wanted, abs=0.1)
+
+
+def test_held_out_data_are_not_followed(flight, fitted, smoothed):
+    """Told for twenty seconds only, a fitted flight is smoothed until then and drifts apart after."""
+    made = bands.predict(fitted, 0, _theta(fitted), _laws(), 5, told=20.0).draws["descent_rate"]
+    before = smoothed.draws["descent_rate"]
+    np.testing.assert_array_equal(made[: bands.GROUP, :41], before[: bands.GROUP, :41])  # numbers of the first group
+    assert made[:, 60:].std(axis=0).mean() > 2.0 * before[:, 60:].std(axis=0).mean()
+
+
+def test_law_draws_have_the_covariance_of_their_logarithms():
+    rng, hyper = np.random.default_rng(9), replace(HYPER, laws=(np.array([0.4, 12.0]), np.array([0.3, 0.2, 0.15])))
+    root = 0.2 * rng.standard_normal((8, 8))
+    covariance = root @ root.T + 0.01 * np.eye(8)
+    made = bands.law_draws(hyper, covariance, 800, rng)
+    assert jax.tree.structure(made[0]) == jax.tree.structure(hyper) and [law.size for law in made[0].laws] == [2, 3]
+    logs = np.array([np.log(np.concatenate(jax.tree.leaves(law))) for law in made]).T
+    centre = np.log(np.concatenate(jax.tree.leaves(hyper)))
+    sd = np.sqrt(np.diag(covariance))
+    np.testing.assert_allclose((logs.mean(axis=1) - centre) / sd, 0.0, atol=4.0 / np.sqrt(800))
+    np.testing.assert_allclose((np.cov(logs) - covariance) / np.outer(sd, sd), 0.0, atol=6.0 / np.sqrt(800))
 
 
 def test_coverage_counts_known_and_counted_samples():

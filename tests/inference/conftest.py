@@ -14,11 +14,13 @@ import numpy as np
 import pytest
 
 from bayeschute.dynamics.descent import DensityProfile, DescentFlight, DescentInputs
-from bayeschute.inference import latent
-from bayeschute.inference.latent import Latent, interpolation, knot_times
+from bayeschute.inference.latent import Latent
 from bayeschute.inference.noise import Noise
 from bayeschute.inference.priors import Prior
-from bayeschute.inference.target import FlightData, Hyper, residuals
+from bayeschute.inference.target import FlightData, Hyper, Unknowns, course, residuals
+
+GUSTS = Latent(("drift",), ((0, 0),))
+MIXED = Latent(("drift", "oscillator"), ((0, 0), (1, 0), (1, 1)))  # a law shared, and two processes in one row
 
 
 def _twin(name: str) -> ModuleType:
@@ -26,6 +28,9 @@ def _twin(name: str) -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
+
+
+_dense = _twin("dense_noise")
 
 
 @jax.tree_util.register_dataclass
@@ -54,30 +59,18 @@ class LinearFlight:
         return jnp.stack([x[0] + 0.5 * x[1] + 0.2 * numbers[1] * now, x[1]])
 
 
-def ar1(rng, shape, dt, noise):
-    """AR(1) plus white noise (T, C)."""
-    knots = latent.draw(Latent(noise.correlated, noise.time_constant), dt, shape, rng)
-    return knots + rng.standard_normal(shape) * np.asarray(noise.white)
-
-
-def _flight(model, samples, dt, spacing, outputs, start_scale, channel, group):
-    times = dt * np.arange(samples)
-    at = knot_times(times[-1], spacing)
-    empty = np.zeros((samples, outputs))
-    weights = interpolation(times, at)
-    return FlightData(model, empty, empty == 0.0, weights, float(at[1]), dt, start_scale, channel, group)
-
-
 def simulate(flight, hyper, theta, seed, gaps=0.1):
-    """The flight with data drawn from its own law, and the u that made them."""
+    """The flight with data drawn from its own law, and the unknowns that made them."""
     rng = np.random.default_rng(seed)
     nothing = np.zeros_like(flight.observed)
     flight = replace(flight, observed=nothing, present=nothing == 0.0)
-    start = flight.start_scale * rng.standard_normal(flight.starts)
-    shape = (flight.weights.shape[1], len(flight.group))
-    u = np.concatenate([start, latent.draw(hyper.latent(flight), flight.spacing, shape, rng).ravel()])
-    clean = -np.asarray(residuals(flight, jnp.asarray(theta), jnp.asarray(u)))
-    observed = clean + ar1(rng, clean.shape, flight.dt, hyper.outputs(flight))
+    u = Unknowns(rng.standard_normal(flight.starts), rng.standard_normal((flight.samples, flight.latent.size)))
+    clean = -np.asarray(residuals(flight, jnp.asarray(theta), course(flight, hyper, u)))
+    noise = jax.tree.map(np.asarray, hyper.outputs(flight))
+    times = flight.dt * np.arange(flight.samples)
+    covariance = _dense.noise_covariance(times, flight.present, noise.white, noise.correlated, noise.time_constant)
+    drawn = np.linalg.cholesky(covariance) @ rng.standard_normal(len(covariance))
+    observed = clean + drawn.reshape(clean.shape[::-1]).T
     present = rng.random(observed.shape) > gaps
     present[10:14] = False
     return replace(flight, observed=np.where(present, observed, 0.0), present=present), u
@@ -86,16 +79,17 @@ def simulate(flight, hyper, theta, seed, gaps=0.1):
 @pytest.fixture(scope="session")
 def dense():
     """Dense Gaussian twins."""
-    return _twin("dense_noise")
+    return _dense
 
 
 @pytest.fixture(scope="session")
 def descent():
-    """A descent of 50 s at 2 Hz under wind error and noise, with its truth."""
+    """A descent of 50 s at 2 Hz under wind error and noise, twice, with its truth."""
     air = DensityProfile(0.0, 500.0, np.log(1.225) - 500.0 * np.arange(8) / 9000.0)
     model = DescentFlight(air, DescentInputs(np.zeros(101)), 2500.0, 10.0, 0.5, substeps=2)
-    empty = _flight(model, 101, 0.5, 5.0, 1, np.array([2.0]), (0,), (0,))
-    hyper = Hyper(Noise(*(np.array([x]) for x in (0.05, 0.10, 2.0))), np.array([0.4]), np.array([12.0]))
+    nothing = np.zeros((101, 1))
+    empty = FlightData(model, nothing, nothing == 0.0, 0.5, np.array([2.0]), (0,), GUSTS)
+    hyper = Hyper(Noise(*(np.array([x]) for x in (0.05, 0.10, 2.0))), (np.array([0.4, 12.0]),))
     theta = np.array([np.log(0.2)])
     made = [simulate(empty, hyper, theta, seed) for seed in (1, 2)]
     priors = [Prior("cds_over_mass", float(np.log(0.22)), 0.3, True, "m^2/kg", "a guess")]
@@ -108,44 +102,42 @@ def descent():
 def linear(dense):
     """The linear flight with its truth, and its matrices in plain NumPy."""
     samples, dt = 60, 0.2
-    model = LinearFlight(np.sin(0.4 * np.arange(samples)))
-    empty = _flight(model, samples, dt, 1.5, 2, np.array([0.5, 0.4]), (1, 0), (0, 1))
+    model, nothing = LinearFlight(np.sin(0.4 * np.arange(samples))), np.zeros((samples, 2))
+    empty = FlightData(model, nothing, nothing == 0.0, dt, np.array([0.5, 0.4]), (1, 0), MIXED)
     noise = Noise(np.array([0.04, 0.06]), np.array([0.10, 0.05]), np.array([0.9, 2.0]))
-    hyper = Hyper(noise, np.array([0.6, 0.9]), np.array([2.5, 6.0]))
+    hyper = Hyper(noise, (np.array([0.6, 2.5]), np.array([0.9, 0.35, 0.15])))
     theta = np.array([0.7, -0.4])
     priors = [Prior("one", 0.5, 0.6, False, "1", ""), Prior("two", 0.0, 0.8, False, "1", "")]
     flight, u = simulate(empty, hyper, theta, 3)
     names = ("theta", "u", "flight", "hyper", "priors")
     return SimpleNamespace(
-        **dict(zip(names, (theta, u, flight, hyper, priors), strict=True)), matrices=_Matrices(dense)
+        **dict(zip(names, (theta, u, flight, hyper, priors), strict=True)),
+        matrices=_Matrices(dense),
+        simulate=simulate,
     )
 
 
 class _Matrices:
-    """Everything about a linear flight from dense matrices."""
+    """Everything about a linear flight from dense matrices; u is its standard start, then its disturbances (T, 2)."""
 
     def __init__(self, dense):
         self.dense = dense
 
     def model(self, flight):
         """Stacked data y, prediction at zero and Jacobian by (theta, u): y ~ zero + by @ (theta, u)."""
-
-        def out(x):
-            theta, start, knots = x[:2], x[2:4], x[4:].reshape(-1, 2)
-            error, drive = flight.weights @ knots, flight.model.drive
-            state, rows = np.array([1.0 + start[0], -0.5 + start[1] + 0.3 * theta[0]]), []
-            for t in range(len(drive)):
-                if t:
-                    e, now, then = 0.5 * (error[t - 1] + error[t]), drive[t - 1], drive[t]
-                    known = np.array([0.05 * now * theta[1], 0.02 * (now + then) + 0.05 * theta[0]])
-                    state = np.array([[0.95, 0.2], [-0.2, 0.9]]) @ state + 0.1 * e + known
-                rows.append([state[0] + 0.5 * state[1] + 0.2 * theta[1] * drive[t], state[1]])
-            return self.dense.stack(np.array(rows), flight.present)
-
-        size = 2 + flight.unknowns
-        zero = out(np.zeros(size))
-        by = np.stack([out(e) - zero for e in np.eye(size)], axis=1)
-        return self.dense.stack(flight.observed, flight.present), zero, by
+        drive = flight.model.drive
+        size = 2 + 2 + 2 * len(drive)
+        x = np.concatenate([np.zeros((size, 1)), np.eye(size)], axis=1)
+        theta, start, error = x[:2], flight.start_scale[:, None] * x[2:4], x[4:].reshape(len(drive), 2, -1)
+        state, rows = np.stack([1.0 + start[0], -0.5 + start[1] + 0.3 * theta[0]]), []
+        for t in range(len(drive)):
+            if t:
+                e, now, then = 0.5 * (error[t - 1] + error[t]), drive[t - 1], drive[t]
+                known = np.stack([0.05 * now * theta[1], 0.02 * (now + then) + 0.05 * theta[0]])
+                state = np.array([[0.95, 0.2], [-0.2, 0.9]]) @ state + 0.1 * e + known
+            rows.append(np.stack([state[0] + 0.5 * state[1] + 0.2 * theta[1] * drive[t], state[1]]))
+        out = self.dense.stack(np.array(rows), flight.present)
+        return self.dense.stack(flight.observed, flight.present), out[:, 0], out[:, 1:] - out[:, :1]
 
     def covariances(self, flight, hyper, priors):
         """Covariance of the noise, of u and of theta."""
@@ -155,15 +147,8 @@ class _Matrices:
         ]
         times = flight.dt * np.arange(len(flight.observed))
         r = self.dense.noise_covariance(times, flight.present, *noise)
-        knots = flight.weights.shape[1]
-        at = flight.spacing * np.arange(knots)
-        u = np.zeros((flight.unknowns,) * 2)
-        u[:2, :2] = np.diag(flight.start_scale**2)
-        for a, g in enumerate(flight.group):
-            where = 2 + a + 2 * np.arange(knots)
-            u[np.ix_(where, where)] = self.dense.stationary_covariance(
-                at, hyper.latent_sd[g], hyper.latent_time_constant[g]
-            )
+        u = np.eye(2 + 2 * times.size)
+        u[2:, 2:] = self.dense.disturbance_covariance(flight.latent, hyper.laws, times)
         return r, u, np.diag([p.scale**2 for p in priors])
 
     def posterior(self, flight, hyper, priors):

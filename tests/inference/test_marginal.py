@@ -4,18 +4,33 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from bayeschute.inference import latent
 from bayeschute.inference.map import fit
-from bayeschute.inference.marginal import draw_unknowns, log_density, marginalise, projected_residuals
-from bayeschute.inference.target import cost
+from bayeschute.inference.marginal import (
+    Determinant,
+    Normals,
+    determinant_around,
+    determinant_error,
+    determinant_slope,
+    draw_unknowns,
+    log_density,
+    log_determinant,
+    marginalise,
+    normals,
+    projected_residuals,
+)
+from bayeschute.inference.target import Hyper, cost, course
+
+POINT = np.array([1.3, -0.4])  # standard coordinates away from the optimum
 
 
 def _marginal(flights, hyper, priors, theta):
-    best = fit(flights, hyper, priors, theta, [np.zeros(f.unknowns) for f in flights], tolerance=1e-4)
-    return marginalise(flights, hyper, priors, best)
+    return marginalise(flights, hyper, priors, fit(flights, hyper, priors, theta, tolerance=1e-4))
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +40,13 @@ def straight(linear):
 
 @pytest.fixture(scope="module")
 def falling(descent):
-    return _marginal(descent.flights, descent.hyper, descent.priors, descent.theta)
+    made = _marginal(descent.flights, descent.hyper, descent.priors, descent.theta)
+    return replace(made, determinant=determinant_around(made))
+
+
+def _flat(marginal):
+    """The posterior whose determinant is held constant."""
+    return replace(marginal, determinant=jax.tree.map(np.zeros_like, marginal.determinant))
 
 
 def test_log_density_is_the_dense_one_where_all_is_linear(linear, straight):
@@ -46,53 +67,134 @@ def test_standard_coordinates_are_standard_where_all_is_linear(straight):
     np.testing.assert_allclose(ours - ours[0], -0.5 * np.sum(xi**2 - xi[:, :1] ** 2, axis=0), atol=1e-6)
 
 
-def test_a_descent_against_brute_force_integration(descent):
-    """Five samples-wide knots, three unknowns: the integral over u by a product of Gauss-Hermite rules."""
-    flight = descent.flights[0]
-    keep = slice(0, 21)
-    model = replace(flight.model, record=replace(flight.model.record, wind=np.zeros(21)))
-    weights = np.stack([1.0 - np.arange(21) / 20.0, np.arange(21) / 20.0], axis=1)
-    small = replace(
-        flight, model=model, observed=flight.observed[keep], present=flight.present[keep], weights=weights, spacing=10.0
-    )
-    made = _marginal([small], descent.hyper, descent.priors, descent.theta)
-    cond = made.conditional[0]
-    nodes, weight = np.polynomial.hermite_e.hermegauss(13)
-    z = np.stack(np.meshgrid(nodes, nodes, nodes, indexing="ij")).reshape(3, -1)
-    log_weight = np.log(np.prod(np.stack(np.meshgrid(weight, weight, weight, indexing="ij")), axis=0).ravel())
-    wanted, grid = [], np.linspace(-2.5, 2.5, 5)
-    for x in grid:
-        theta = np.asarray(made.theta(jnp.array([[x]])))[:, 0]
-        u = (cond.u + cond.slope @ (theta - made.centre))[:, None] + np.linalg.solve(cond.upper, z)
-        minus = np.asarray(cost(small, descent.hyper, jnp.broadcast_to(theta[:, None], (1, z.shape[1])), u))
-        prior = 0.5 * ((theta[0] - descent.priors[0].centre) / descent.priors[0].scale) ** 2
-        wanted.append(np.logaddexp.reduce(log_weight + 0.5 * np.sum(z**2, axis=0) - minus) - prior)
-    ours = np.asarray(log_density(made, grid[None, :]))
-    np.testing.assert_allclose(ours - ours[2], np.array(wanted) - wanted[2], atol=0.03)
-    assert np.ptp(wanted) > 2.0  # it isn't flat
+def test_determinant_is_the_dense_one_and_has_no_slope_where_all_is_linear(linear, straight):
+    _, _, by = linear.matrices.model(linear.flight)
+    r, u, _ = linear.matrices.covariances(linear.flight, linear.hyper, linear.priors)
+    wanted = 0.5 * np.linalg.slogdet(r + by[:, 2:] @ u @ by[:, 2:].T)[1]
+    for xi in (np.zeros(2), POINT):
+        assert log_determinant(straight, xi) == pytest.approx(wanted, rel=1e-9)
+    np.testing.assert_allclose(determinant_slope(straight), 0.0, atol=1e-8)
+    np.testing.assert_allclose(np.array(determinant_around(straight)), 0.0, atol=1e-8)
+    assert determinant_error(straight, 3, np.random.default_rng(0)) < 1e-9
+
+
+def test_determinant_is_a_parabola_through_exact_values(falling):
+    exact = {x: log_determinant(falling, np.array([x])) for x in (-1.0, 0.0, 0.2, 1.0)}
+    made = falling.determinant
+    assert made.slope[0] == pytest.approx(0.5 * (exact[1.0] - exact[-1.0]), rel=1e-9)
+    for x in (-1.0, 1.0):
+        assert float(made.at(np.array([x]))) == pytest.approx(exact[x] - exact[0.0], rel=1e-9)
+    assert determinant_slope(falling)[0] == pytest.approx((exact[0.2] - exact[0.0]) / 0.2, rel=1e-9)
+    two = Determinant(np.array([0.3, -0.2]), np.array([0.1, 0.4]))
+    xi = np.array([[1.0, 0.5], [2.0, -1.0]])
+    np.testing.assert_allclose(two.at(xi), [0.3 - 0.4 + 0.05 + 0.8, 0.15 + 0.2 + 0.0125 + 0.2])
+
+
+def test_determinant_error_is_what_the_polynomial_leaves(falling):
+    xi = np.random.default_rng(7).standard_normal((3, 1))
+    change = np.array([log_determinant(falling, x) for x in xi]) - log_determinant(falling, np.zeros(1))
+    found = []
+    for made in (falling, _flat(falling)):
+        left = change - np.asarray(made.determinant.at(xi.T))
+        found.append(determinant_error(made, 3, np.random.default_rng(7)))
+        assert found[-1] == pytest.approx(np.sqrt(np.mean(left**2)), rel=1e-6)
+    assert found[0] < 0.01 * found[1]
 
 
 def test_projected_residuals_agree_with_the_log_density(falling, straight):
-    for made, p in ((falling, 1), (straight, 2)):
+    bent = replace(straight, determinant=Determinant(np.array([0.4, -0.3]), np.array([0.1, 0.2])))
+    for made, p in ((falling, 1), (bent, 2)):
         xi = np.random.default_rng(2).standard_normal((p, 6)) * 1.5
+        slope, curvature = (np.asarray(a) for a in made.determinant)
         from_residuals = -0.5 * np.sum(np.asarray(projected_residuals(made, xi)) ** 2, axis=0)
+        from_residuals = from_residuals - slope @ xi - 0.5 * curvature @ xi**2
         np.testing.assert_allclose(from_residuals, log_density(made, xi), rtol=1e-9)
 
 
+def test_the_exact_profile_is_followed_to_second_order(descent, falling):
+    """Along the linear course the density without its determinant is nearly that of the conditional optimum."""
+    flat, xi = _flat(falling), np.array([[-1.5, 0.0, 1.5, 0.0, 0.0, 0.0]])
+    ours = np.asarray(log_density(flat, xi))
+    theta = np.asarray(falling.theta(xi))[0, :3]
+    tight = [[replace(descent.priors[0], centre=t, scale=1e-7)] for t in theta]  # theta held there
+    best = [fit(descent.flights, descent.hyper, p, np.array([p[0].centre])).cost for p in tight]
+    prior = descent.priors[0]
+    wanted = -np.array(best) - 0.5 * ((theta - prior.centre) / prior.scale) ** 2
+    np.testing.assert_allclose(ours[:3] - ours[1], wanted - wanted[1], atol=0.01)
+    assert np.ptp(wanted) > 0.5
+    # Without random numbers, draws are nearly that optimum.
+    still = tuple(jax.tree.map(np.zeros_like, normals(f, 6, np.random.default_rng(0))) for f in descent.flights)
+    drawn, at = draw_unknowns(falling, xi, still), np.asarray(falling.theta(xi))
+    costs = sum(np.asarray(cost(f, descent.hyper, at, u)) for f, u in zip(descent.flights, drawn, strict=True))
+    np.testing.assert_allclose(costs[:3], best, atol=0.01)
+
+
+def _columns(flight):
+    """Zeros, then each number behind a draw alone."""
+    t, c = flight.observed.shape
+    shapes = ((flight.starts,), (t, flight.latent.size), (t, c), (t, c))
+    sizes = [int(np.prod(s)) for s in shapes]
+    eye = np.concatenate([np.zeros((sum(sizes), 1)), np.eye(sum(sizes))], axis=1)
+    return Normals(*(a.reshape(*s, -1) for a, s in zip(np.split(eye, np.cumsum(sizes)[:-1]), shapes, strict=True)))
+
+
 def test_drawn_unknowns_have_the_conditional_law(linear, straight):
+    """Draws are linear in their numbers: mean and covariance are read off exactly."""
     mean, covariance = linear.matrices.posterior(linear.flight, linear.hyper, linear.priors)
-    theta = np.asarray(straight.theta(jnp.array([[1.3], [-0.4]])))[:, 0]
+    theta = np.asarray(straight.theta(jnp.asarray(POINT[:, None])))[:, 0]
     gain = np.linalg.solve(covariance[:2, :2], covariance[:2, 2:]).T
     wanted = mean[2:] + gain @ (theta - mean[:2])
     spread = covariance[2:, 2:] - gain @ covariance[:2, 2:]
-    n = linear.flight.unknowns
-    xi = np.broadcast_to(np.array([[1.3], [-0.4]]), (2, 2 * n + 1))
-    z = np.concatenate([np.zeros((n, 1)), np.eye(n), -np.eye(n)], axis=1)
-    drawn = np.asarray(draw_unknowns(straight, xi, (z,))[0])
+    numbers = _columns(linear.flight)
+    count = numbers.start.shape[-1]
+    drawn = draw_unknowns(straight, np.repeat(POINT[:, None], count, axis=1), (numbers,))[0]
+    error = np.asarray(latent.disturbances(linear.hyper.dynamics(linear.flight), drawn.shocks))
+    dense = np.concatenate([drawn.start, error.reshape(-1, count)])
     se = np.sqrt(np.diag(spread))
-    np.testing.assert_allclose(drawn[:, 0] / se, wanted / se, atol=1e-5)
-    root = drawn[:, 1 : n + 1] - drawn[:, :1]  # u is linear in z: its covariance is root @ root'
-    np.testing.assert_allclose(root @ root.T, spread, atol=1e-7 * np.abs(spread).max())
+    np.testing.assert_allclose(dense[:, 0] / se, wanted / se, atol=1e-5)
+    root = dense[:, 1:] - dense[:, :1]
+    np.testing.assert_allclose(root @ root.T / np.outer(se, se), spread / np.outer(se, se), atol=1e-6)
+    # The shocks, of which two make one disturbance: the identity less what the data tell.
+    _, _, by = linear.matrices.model(linear.flight)
+    each = jnp.eye(60 * 4).reshape(60, 4, -1)
+    shocks = np.asarray(latent.disturbances(linear.hyper.dynamics(linear.flight), each)).reshape(120, -1)
+    by_z = np.concatenate([by[:, 2:4], by[:, 4:] @ shocks], axis=1)
+    r, _, _ = linear.matrices.covariances(linear.flight, linear.hyper, linear.priors)
+    left = np.eye(len(by_z.T)) - by_z.T @ np.linalg.solve(r + by_z @ by_z.T, by_z)
+    z = np.concatenate([drawn.start, np.asarray(drawn.shocks).reshape(240, count)])
+    np.testing.assert_allclose((z[:, 1:] - z[:, :1]) @ (z[:, 1:] - z[:, :1]).T, left, atol=1e-8)
+
+
+def test_drawn_unknowns_under_other_noise_have_its_conditional_law(linear, straight):
+    """Noise parameters of a draw's own: the dense conditional law under those."""
+    law = Hyper(jax.tree.map(lambda a: 1.5 * a, linear.hyper.noise), (np.array([0.3, 4.0]), np.array([0.5, 0.5, 0.3])))
+    mean, covariance = linear.matrices.posterior(linear.flight, law, linear.priors)
+    theta = np.asarray(straight.theta(jnp.asarray(POINT[:, None])))[:, 0]
+    gain = np.linalg.solve(covariance[:2, :2], covariance[:2, 2:]).T
+    wanted, spread = mean[2:] + gain @ (theta - mean[:2]), covariance[2:, 2:] - gain @ covariance[:2, 2:]
+    numbers = _columns(linear.flight)
+    count = numbers.start.shape[-1]
+    drawn = draw_unknowns(straight, np.repeat(POINT[:, None], count, axis=1), (numbers,), law)[0]
+    error = np.asarray(course(linear.flight, law, drawn).error).reshape(-1, count)
+    dense, se = np.concatenate([drawn.start, error]), np.sqrt(np.diag(spread))
+    np.testing.assert_allclose(dense[:, 0] / se, wanted / se, atol=1e-5)
+    root = (dense[:, 1:] - dense[:, :1]) / se[:, None]
+    np.testing.assert_allclose(root @ root.T, spread / np.outer(se, se), atol=1e-6)
+
+
+def test_drawn_unknowns_of_a_descent_fit_their_data(descent, falling):
+    """Cost at a draw: half as many squares as data and unknowns, on the whole; the conditional mean has fewer."""
+    rng, xi = np.random.default_rng(3), np.zeros((1, 64))
+    numbers = tuple(normals(f, 64, rng) for f in descent.flights)
+    assert [a.shape for a in numbers[0]] == [(1, 64), (101, 1, 64), (101, 1, 64), (101, 1, 64)]
+    theta = falling.theta(jnp.asarray(xi))
+    still = draw_unknowns(falling, xi, jax.tree.map(np.zeros_like, numbers))
+    for flight, u, v in zip(descent.flights, draw_unknowns(falling, xi, numbers), still, strict=True):
+        twice = 2.0 * np.asarray(cost(flight, descent.hyper, theta, u))
+        least = 2.0 * np.asarray(cost(flight, descent.hyper, theta, v))
+        free = u.start.shape[0] + u.shocks[..., 0].size
+        assert twice.mean() - least.mean() == pytest.approx(free, abs=4.0 * np.sqrt(2.0 * free / 64))
+        assert np.ptp(least) < 1e-9 * least.mean()
 
 
 def test_two_flights_share_their_parameters(descent, falling):
@@ -101,5 +203,8 @@ def test_two_flights_share_their_parameters(descent, falling):
     assert float(falling.scale[0, 0]) == pytest.approx(precision**-0.5, rel=0.02)
 
 
-def test_a_failed_simulation_is_not_finite(falling):
-    assert not np.isfinite(np.asarray(log_density(falling, np.array([[0.0, 1e6, 0, 0, 0, 0]])))[1])
+def test_a_failed_simulation_is_nan_and_leaves_the_rest(falling):
+    xi = np.array([[0.0, 1e6, 0.3, 150.0, 0, 0]])
+    made = np.asarray(log_density(falling, xi))
+    assert np.isnan(made[1]) and np.isfinite(made[[0, 2, 4, 5]]).all()
+    np.testing.assert_allclose(made[2], np.asarray(log_density(falling, np.where(xi == 1e6, 0.0, xi)))[2], rtol=1e-12)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import jax.numpy as jnp
 import numpy as np
 
-from bayeschute.inference.noise import Noise, gains, whiten
+from bayeschute.inference.noise import Noise, colour, gains, whiten
 
 NOISE = Noise(np.array([0.1, 0.3]), np.array([0.5, 0.2]), np.array([1.0, 3.0]))
 
@@ -39,3 +39,15 @@ def test_gains_at_missing_samples_are_nil():
     assert k[1, 0] == 0.0 and s[1, 0] == 1.0
     np.testing.assert_allclose(s[0, 0], 0.26)
     assert s[2, 0] < s[0, 0]
+
+
+def test_coloured_numbers_have_the_dense_covariance(dense):
+    """`colour` is linear in its numbers: each alone gives a root of the covariance."""
+    each = np.eye(2 * 40 * 2).reshape(2, 40, 2, -1)
+    made = dense.stack(
+        np.asarray(colour(NOISE, 0.1, jnp.asarray(each[0]), jnp.asarray(each[1]))), np.ones((40, 2), bool)
+    )
+    wanted = dense.noise_covariance(0.1 * np.arange(40), np.ones((40, 2), bool), *NOISE.__dict__.values())
+    np.testing.assert_allclose(made @ made.T, wanted, atol=1e-13)
+    single = colour(NOISE, 0.1, jnp.asarray(each[0, ..., 3]), jnp.asarray(each[1, ..., 3]))
+    np.testing.assert_allclose(dense.stack(np.asarray(single), np.ones((40, 2), bool)), made[:, 3], atol=1e-15)

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 import xarray as xr
 
-from bayeschute.inference import noise, posterior
+from bayeschute.inference import posterior
 from bayeschute.inference.evidence import HyperPrior
-from bayeschute.inference.marginal import draw_unknowns, log_density
-from bayeschute.inference.target import residuals
+from bayeschute.inference.marginal import determinant_around, log_density, projected_residuals, sample_log_likelihoods
 
 CHAINS, DRAWS, NAMES = 2, 120, ("first", "second")
 GROUPS = {
@@ -37,7 +38,22 @@ def tree(found, draws, descent):
 def test_found(found, descent):
     assert found.optimum.converged
     assert abs(found.optimum.theta[0] - descent.theta[0]) < 4.0 * np.sqrt(found.optimum.covariance[0, 0])
-    assert found.latent_covariance.shape == (2, 2) and np.isfinite(found.evidence)
+    assert found.law_covariance.shape == (5, 5) and np.isfinite(found.evidence)
+    assert np.linalg.eigvalsh(found.law_covariance).min() > 0.0
+    assert 0.0 < found.determinant_error < 0.05
+
+
+def test_the_optimum_is_the_mode_of_the_marginal_posterior(found):
+    """With the determinant the density is level there; without it, it is not."""
+
+    def slope(marginal):
+        ends = np.asarray(log_density(marginal, np.array([[-0.1, 0.1]])))
+        return (ends[1] - ends[0]) / 0.2
+
+    flat = jax.tree.map(np.zeros_like, found.marginal.determinant)
+    np.testing.assert_allclose(found.marginal.determinant, determinant_around(found.marginal), rtol=1e-9)
+    assert abs(slope(found.marginal)) < 0.01
+    assert abs(slope(replace(found.marginal, determinant=flat))) > 0.03
 
 
 def test_progress_grows(descent):
@@ -72,20 +88,32 @@ def test_batches_are_joined_and_padding_dropped():
     assert seen == [(2, 64), (2, 64)]
 
 
-def test_log_likelihood_sums_to_the_conditional_log_density(found, draws):
+def test_log_likelihood_sums_to_the_marginal_one(found, draws):
+    """Together with prior and determinant, the samples' log likelihoods make up the density that was drawn from."""
     made, predicted = posterior._per_sample(found.marginal, draws, np.random.default_rng(5), None)
-    rng, flat = np.random.default_rng(5), draws.xi.reshape(-1, 1).T
-    z = tuple(rng.standard_normal((f.unknowns, flat.shape[1])) for f in found.marginal.flights)
-    u = draw_unknowns(found.marginal, flat, z)
-    theta = found.marginal.theta(jnp.asarray(flat))
-    for i, flight in enumerate(found.marginal.flights):
-        law, present = found.hyper.outputs(flight), jnp.asarray(flight.present)
-        residual = residuals(flight, theta, u[i])
-        one = jax.jit(lambda r, law=law, flight=flight, present=present: noise.log_density(law, flight.dt, present, r))
-        wanted = [float(one(residual[..., b])) for b in range(0, flat.shape[1], 17)]
-        np.testing.assert_allclose(made[i].sum(axis=-1).ravel()[::17], wanted, rtol=1e-9)
-        assert (made[i][..., ~flight.present[:, 0]] == 0.0).all()
-        assert predicted[i].shape == (CHAINS, 25, 101, 1)
+    xi = draws.xi.reshape(-1, 1).T
+    z = (
+        np.asarray(found.marginal.theta(jnp.asarray(xi)))[0] - found.marginal.prior_centre
+    ) / found.marginal.prior_scale
+    ours = sum(rows.sum(axis=-1).ravel() for rows in made) - 0.5 * z**2 - found.marginal.determinant.at(xi)
+    wanted = draws.log_density.ravel()
+    np.testing.assert_allclose(ours - ours[0], wanted - wanted[0], atol=1e-8)
+    for likelihood, seen, flight in zip(made, predicted, found.marginal.flights, strict=True):
+        assert likelihood.shape == (CHAINS, DRAWS, 101) and np.isfinite(likelihood).all()
+        assert (likelihood[..., ~flight.present[:, 0]] == 0.0).all()
+        assert seen.shape == (CHAINS, 25, 101, 1)
+        assert (np.isnan(seen) == ~flight.present).all()
+
+
+def test_log_likelihood_has_the_normaliser_of_the_filter(found):
+    flight, along = found.marginal.flights[0], found.marginal.along[0]
+    middle = np.zeros((1, 1))
+    rows = np.asarray(sample_log_likelihoods(found.marginal, middle)[0])
+    unit = np.asarray(projected_residuals(found.marginal, middle))[: flight.observed.size]
+    wanted = (
+        -0.5 * np.sum(unit**2) - float(along.gains.log_determinant) - 0.5 * flight.present.sum() * np.log(2 * np.pi)
+    )
+    assert rows.sum() == pytest.approx(wanted, rel=1e-12)
 
 
 def test_predictions_have_the_spread_of_the_noise(found, tree):

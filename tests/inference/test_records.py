@@ -7,7 +7,10 @@ import pytest
 import xarray as xr
 
 from bayeschute.errors import InputError
+from bayeschute.inference.latent import Latent
 from bayeschute.inference.records import density_profile, descent_data, filled
+
+GUSTS = Latent(("drift",), ((0, 0),))
 
 
 def _record(samples=60):
@@ -42,15 +45,15 @@ def test_density_profile_follows_the_atmosphere(top):
 def test_descent_data():
     record = _record()
     record["descent_rate"][5:8] = np.nan
-    made = descent_data(record, knots=4.0, until=20.0)
+    made = descent_data(record, GUSTS, until=20.0)
     assert made.observed.shape == made.present.shape == (60, 1)
     assert not made.present[5:8].any() and not made.present[41:].any() and made.present[:5].all()
     assert np.isfinite(made.observed).all()
-    assert float(made.dt) == 0.5 and made.spacing <= 4.0
-    np.testing.assert_allclose(made.weights.sum(axis=1), 1.0)
-    assert made.unknowns == 1 + made.weights.shape[1]
+    assert float(made.dt) == 0.5 and made.latent is GUSTS
+    assert (made.starts, made.samples) == (1, 60)
+    assert made.still().start.shape == (1,) and made.still().shocks.shape == (60, 1)
 
 
 def test_missing_variables_are_named():
     with pytest.raises(InputError, match="no density"):
-        descent_data(_record().drop_vars("density"), knots=4.0)
+        descent_data(_record().drop_vars("density"), GUSTS)

@@ -324,8 +324,9 @@ def build_run(
         "noise": {
             "canopy_position": {"white": 0.15, "correlated": 0.31, "time_constant": 2.1, "unit": "m"},
             "capsule_attitude": {"white": 0.0018, "correlated": 0.0035, "time_constant": 2.0, "unit": "rad"},
+            "wind, horizontal": {"white": None, "correlated": 0.61, "time_constant": 5.2, "unit": "m/s"},
+            "breathing": {"white": None, "correlated": 0.021, "frequency": 0.23, "damping_ratio": 0.06, "unit": "1"},
         },
-        "wind": {"horizontal": 0.61, "vertical": 0.30, "time_constant": 5.2, "knots": 2.0, "unit": "m/s"},
         "vehicle": {"name": "CPAS capsule under two mains", "capsule mass": {"value": 9463.1, "unit": "kg"}},
         "versions": {"bayeschute": "0.1.0", "jax": "0.10.2", "numpy": "2.4.6"},
         "seed": seed,

@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 
 from bayeschute.report import sentences, tables, tables_records, tables_trust
+from bayeschute.report.wording import MISSING
 
 
 def column(table, label):
@@ -40,6 +41,19 @@ def test_every_table_is_a_rectangle(results, make):
     assert shape_is_right(table)
     empty = replace(results, summary={}, structure={}, flights={}, risk={})
     assert make(empty) is None
+
+
+def test_noise_shows_what_each_law_has(results):
+    table = tables.noise_table(results)
+    labels = ["Channel", "White", "Correlated", "Time constant [s]", "Frequency [Hz]", "Damping ratio", "Unit"]
+    assert [c.label for c in table.columns] == labels
+    rows = {row[0].text: [cell.text for cell in row[1:]] for row in table.rows}
+    assert len(rows) == 4
+    assert rows["wind, horizontal"] == [MISSING, "0.610", "5.20", MISSING, MISSING, "m/s"]
+    assert rows["breathing"] == [MISSING, "0.0210", MISSING, "0.230", "0.0600", ""]
+    drifts = {name: facts for name, facts in results.summary["noise"].items() if name != "breathing"}
+    without = tables.noise_table(replace(results, summary={"noise": drifts}))
+    assert [c.label for c in without.columns] == [*labels[:4], "Unit"] and shape_is_right(without)
 
 
 def test_ranking_is_the_print_out_of_the_report(results):

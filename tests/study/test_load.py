@@ -67,10 +67,10 @@ def test_data_come_from_the_option_or_the_environment(descent: Path, spoil, monk
 def test_faults_of_study_vehicle_and_records_are_told_together(cluster: Path, descent: Path, spoil):
     spoil(cluster, '^title = ".*"', "title = 3")
     spoil(cluster, r"^canopies = \[1\]", "canopies = [7]")
-    spoil(cluster, '^knots = "1 s"', 'knots = "-2 s"')
+    spoil(cluster, '^frequency = "0.25 Hz"', 'frequency = "-2 Hz"')
     spoil(cluster.parent / "vehicle.toml", '^length = "234 ft"', "length = 234")
     told = "\n".join(map(str, check_study(cluster)))
-    assert all(word in told for word in ("title", "knots", "vehicle.toml [risers] length"))
+    assert all(word in told for word in ("title", "[noise.breathing] frequency", "vehicle.toml [risers] length"))
 
     spoil(descent, "^seed = 1", "seed = 1.5")
     spoil(descent, '^median|median = "0.15', 'medium = "0.15')

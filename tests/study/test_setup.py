@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from bayeschute.inference.latent import KINDS, Latent
 from bayeschute.study import setup
+from bayeschute.study.belief_schema import WindNoise
 from bayeschute.study.load import Study, load_study
 
 ROOT = Path(__file__).parents[2]
@@ -80,14 +82,55 @@ def test_medians_of_the_noise_follow_channels_and_groups(study: Study, descents)
     assert np.size(found.noise.white) == len(names)
     assert found.noise.white[names.index("canopy_position")] == pytest.approx(0.15)
     assert found.noise.correlated[names.index("capsule_attitude")] == pytest.approx(np.deg2rad(0.2))
-    assert list(found.latent_sd) == pytest.approx([0.6096, 0.3048, 0.02])
-    assert setup.latent_groups(study, 2) == (0, 0, 1, 2, 2)
-    without = replace(study, noise=study.noise.model_copy(update={"canopy_force": None}))
-    assert setup.latent_groups(without, 2) == (0, 0, 1)
-    assert len(setup.hyper(without).latent_sd) == 2
+    wanted = [[0.6096, 5.0], [0.3048, 5.0], [0.01, 1.0], [0.02, 0.25, 0.1]]
+    for law, numbers in zip(found.laws, wanted, strict=True):
+        assert list(law) == pytest.approx(numbers)
+    assert setup.law_names(study) == ("wind, horizontal", "wind, vertical", "canopy force", "breathing")
     descent = load_study(descents.study)
-    assert setup.latent_groups(descent, 0) == (0,)
-    assert list(setup.hyper(descent).latent_time_constant) == [30.0]
+    assert [list(law) for law in setup.hyper(descent).laws] == [[0.5, 30.0]]
+    assert setup.law_names(descent) == ("wind, vertical",)
+
+
+WIND = ((0, 0), (1, 0), (2, 1))
+
+
+@pytest.mark.parametrize(
+    ("left_out", "kinds", "processes"),
+    [
+        ((), ("drift", "oscillator"), ((3, 2), (4, 2), (3, 3), (4, 3))),
+        (("canopy_force",), ("oscillator",), ((3, 2), (4, 2))),
+        (("breathing",), ("drift",), ((3, 2), (4, 2))),
+        (("canopy_force", "breathing"), (), ()),
+    ],
+)
+def test_latent_processes_belong_to_axes_and_canopies(study: Study, left_out, kinds, processes):
+    """Wind north and east share a law; what the force of a canopy does adds up in that canopy's row."""
+    changed = replace(study, noise=study.noise.model_copy(update=dict.fromkeys(left_out)))
+    made, laws = setup.latent(changed, 2), setup.hyper(changed).laws
+    assert made.kinds == ("drift", "drift", *kinds) and made.processes == WIND + processes
+    assert made.rows == (5 if processes else 3)
+    assert [KINDS[kind] for kind in made.kinds] == [law.size for law in laws]
+    assert len(setup.law_names(changed)) == len(laws)
+
+
+def test_a_descent_has_one_latent_process(descents):
+    descent = load_study(descents.study)
+    assert setup.latent(descent, 0) == setup.latent(descent, 1) == Latent(("drift",), ((0, 0),))
+
+
+def test_slow_wind_adds_to_wind(study: Study, descents):
+    slow = WindNoise(horizontal="1 m/s", vertical="0.5 m/s", time_constant="60 s")
+    made = replace(study, noise=study.noise.model_copy(update={"slow_wind": slow}))
+    winds = ("wind, horizontal", "wind, vertical", "slow wind, horizontal", "slow wind, vertical")
+    assert setup.law_names(made) == (*winds, "canopy force", "breathing")
+    assert setup.latent(made, 1).processes == (*WIND, (0, 2), (1, 2), (2, 3), (3, 4), (3, 5))
+    assert [list(law) for law in setup.hyper(made).laws[2:4]] == [[1.0, 60.0], [0.5, 60.0]]
+    descent = load_study(descents.study)
+    up = WindNoise(vertical="0.5 m/s", time_constant="600 s")
+    both = replace(descent, noise=descent.noise.model_copy(update={"slow_wind": up}))
+    assert setup.latent(both, 1) == Latent(("drift", "drift"), ((0, 0), (0, 1)))
+    assert [list(law) for law in setup.hyper(both).laws] == [[0.5, 30.0], [0.5, 600.0]]
+    assert setup.law_names(both) == ("wind, vertical", "slow wind, vertical")
 
 
 def test_quick_is_smaller_and_leaves_the_rest(study: Study):

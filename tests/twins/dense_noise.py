@@ -10,6 +10,24 @@ def stationary_covariance(times: np.ndarray, sd: float, time_constant: float) ->
     return sd**2 * np.exp(-np.abs(times[:, None] - times[None, :]) / time_constant)
 
 
+def oscillator_covariance(times: np.ndarray, sd: float, frequency: float, damping_ratio: float) -> np.ndarray:
+    """Covariance of ``x'' + 2 zeta w x' + w^2 x = white noise`` at any times: under- or overdamped, not critical."""
+    omega, lag = 2.0 * np.pi * frequency, np.abs(times[:, None] - times[None, :])
+    damped = omega * np.sqrt(1.0 - damping_ratio**2 + 0.0j)
+    swing = np.cos(damped * lag) + damping_ratio * omega / damped * np.sin(damped * lag)
+    return sd**2 * np.exp(-damping_ratio * omega * lag) * swing.real
+
+
+def disturbance_covariance(latent, laws, times: np.ndarray) -> np.ndarray:
+    """Covariance of the disturbances (T, A) of several processes, rows of one sample next to each other."""
+    kernel = {"drift": stationary_covariance, "oscillator": oscillator_covariance}
+    rows = 1 + max(row for row, _ in latent.processes)
+    out = np.zeros((times.size, rows, times.size, rows))
+    for row, group in latent.processes:
+        out[:, row, :, row] += kernel[latent.kinds[group]](times, *laws[group])
+    return out.reshape(times.size * rows, -1)
+
+
 def noise_covariance(
     times: np.ndarray, present: np.ndarray, white: np.ndarray, correlated: np.ndarray, time_constant: np.ndarray
 ) -> np.ndarray:

@@ -8,7 +8,7 @@ parameters or knots.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import jax
 import jax.numpy as jnp
@@ -92,6 +92,55 @@ def outputs(model: FlightModel, states: jax.Array, theta: jax.Array) -> jax.Arra
     return jax.vmap(lambda x, now: model.observe(x, numbers, now))(states, inputs)
 
 
+class Steps(NamedTuple):
+    """Exact derivatives of every step along a known trajectory, and of the outputs; X states.
+
+    Attributes:
+        by_state: Next state by state (T - 1, X, X).
+        by_theta: Next state by parameters (T - 1, X, P).
+        by_now: Next state by disturbances at the sample (T - 1, X, A).
+        by_then: Next state by disturbances at the next sample (T - 1, X, A).
+        first_theta: First state by parameters (X, P).
+        first_start: First state by initial deviations (X, D).
+        out_state: Outputs by state (T, C, X).
+        out_theta: Outputs by parameters (T, C, P).
+    """
+
+    by_state: jax.Array
+    by_theta: jax.Array
+    by_now: jax.Array
+    by_then: jax.Array
+    first_theta: jax.Array
+    first_start: jax.Array
+    out_state: jax.Array
+    out_theta: jax.Array
+
+
+def step_jacobians(model: FlightModel, theta: jax.Array, start: jax.Array, error: jax.Array) -> tuple[jax.Array, Steps]:
+    """Outputs (T, C) and the derivatives of all steps at once.
+
+    Args:
+        model: The flight.
+        theta: Parameters (P,).
+        start: Initial deviations (D,).
+        error: Latent disturbances at every sample (T, A).
+    """
+    states = trajectory(model, theta, start, error)
+    inputs = model.inputs()
+    now, then = jax.tree.map(lambda a: a[:-1], inputs), jax.tree.map(lambda a: a[1:], inputs)
+
+    def advance(x: jax.Array, theta: jax.Array, now: Any, then: Any, e0: jax.Array, e1: jax.Array) -> jax.Array:
+        return model.advance(x, model.numbers(theta), now, then, e0, e1)
+
+    step = jax.vmap(jax.jacfwd(advance, argnums=(0, 1, 4, 5)), in_axes=(0, None, 0, 0, 0, 0))
+    along = step(states[:-1], theta, now, then, error[:-1], error[1:])
+    first = jax.jacfwd(lambda t, d: model.initial(model.numbers(t), d), argnums=(0, 1))(theta, start)
+    observe = jax.vmap(
+        jax.jacfwd(lambda x, t, now: model.observe(x, model.numbers(t), now), argnums=(0, 1)), in_axes=(0, None, 0)
+    )
+    return outputs(model, states, theta), Steps(*along, *first, *observe(states, theta, inputs))
+
+
 def jacobian(
     model: FlightModel, theta: jax.Array, start: jax.Array, error: jax.Array, weights: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
@@ -107,34 +156,28 @@ def jacobian(
     Returns:
         Outputs (T, C) and derivatives (T, C, P + D + K A); knots vary slower than axes in the last block.
     """
-    states = trajectory(model, theta, start, error)
-    inputs = model.inputs()
-    now, then = jax.tree.map(lambda a: a[:-1], inputs), jax.tree.map(lambda a: a[1:], inputs)
-    size, p, axes, knots = states.shape[1], theta.size, error.shape[1], weights.shape[1]
+    y, steps = step_jacobians(model, theta, start, error)
+    return y, chained(steps, weights)
 
-    def advance(x: jax.Array, theta: jax.Array, now: Any, then: Any, e0: jax.Array, e1: jax.Array) -> jax.Array:
-        return model.advance(x, model.numbers(theta), now, then, e0, e1)
 
-    step = jax.vmap(jax.jacfwd(advance, argnums=(0, 1, 4, 5)), in_axes=(0, None, 0, 0, 0, 0))
-    by_x, by_theta, by_e0, by_e1 = step(states[:-1], theta, now, then, error[:-1], error[1:])
-    first_theta, first_start = jax.jacfwd(lambda t, d: model.initial(model.numbers(t), d), argnums=(0, 1))(theta, start)
-    first = jnp.concatenate([first_theta, first_start, jnp.zeros((size, knots * axes))], axis=1)
+def chained(steps: Steps, weights: jax.Array) -> jax.Array:
+    """Derivatives of the outputs (T, C, P + D + K A) from those of the steps; see `jacobian`."""
+    size, p, axes, knots = *steps.first_theta.shape, steps.by_now.shape[2], weights.shape[1]
+    deviations = steps.first_start.shape[1]
+    first = jnp.concatenate([steps.first_theta, steps.first_start, jnp.zeros((size, knots * axes))], axis=1)
 
     def chain(s: jax.Array, parts: Any) -> tuple[jax.Array, jax.Array]:
         a, b, c0, c1, w0, w1 = parts
         by_knots = w0[None, :, None] * c0[:, None, :] + w1[None, :, None] * c1[:, None, :]
-        direct = jnp.concatenate([b, jnp.zeros((size, start.size)), by_knots.reshape(size, -1)], axis=1)
+        direct = jnp.concatenate([b, jnp.zeros((size, deviations)), by_knots.reshape(size, -1)], axis=1)
         s = a @ s + direct
         return s, s
 
-    _, rest = jax.lax.scan(chain, first, (by_x, by_theta, by_e0, by_e1, weights[:-1], weights[1:]))
+    rows = (steps.by_state, steps.by_theta, steps.by_now, steps.by_then, weights[:-1], weights[1:])
+    _, rest = jax.lax.scan(chain, first, rows)
     sensitivity = jnp.concatenate([first[None], rest])
-    observe = jax.vmap(
-        jax.jacfwd(lambda x, t, now: model.observe(x, model.numbers(t), now), argnums=(0, 1)), in_axes=(0, None, 0)
-    )
-    out_x, out_theta = observe(states, theta, inputs)
-    total = jnp.einsum("tcx,txm->tcm", out_x, sensitivity)
-    return outputs(model, states, theta), total.at[:, :, :p].add(out_theta)
+    total = jnp.einsum("tcx,txm->tcm", steps.out_state, sensitivity)
+    return total.at[:, :, :p].add(steps.out_theta)
 
 
 jacobian_compiled = jax.jit(jacobian)

@@ -20,13 +20,14 @@ from numpy.typing import NDArray
 from bayeschute.dynamics import cluster_flight, descent
 from bayeschute.dynamics.cluster_flight import ClusterFlight
 from bayeschute.flight.sensors import ornstein_uhlenbeck
+from bayeschute.inference.evidence import from_vector, to_vector
 from bayeschute.inference.map import fit
-from bayeschute.inference.marginal import Marginal, draw_unknowns, marginalise
-from bayeschute.inference.posterior import BATCH
+from bayeschute.inference.marginal import Marginal, Normals, draw_unknowns, marginalise, normals
 from bayeschute.inference.priors import Prior
-from bayeschute.inference.target import FlightData, Hyper, split, states
+from bayeschute.inference.target import Course, FlightData, Hyper, Unknowns, course, states
 
 Array = NDArray[np.float64]
+GROUP = 16  # draws that share their noise parameters
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 UNITS = {"swing_angle": "rad", "flyout_angle": "rad", "descent_rate": "m/s", "sea_level_descent_rate": "m/s"}
 
@@ -50,10 +51,14 @@ class Prediction:
     shares: Mapping[str, Mapping[str, float]]
 
 
-@jax.jit
-def _simulate(flight: FlightData, theta: jax.Array, u: jax.Array) -> tuple[jax.Array, jax.Array]:
+def _simulate(flight: FlightData, theta: jax.Array, driven: Course) -> tuple[jax.Array, jax.Array]:
     """Quantities (Q, T, B) and the last velocity (3, B)."""
-    x = states(flight, theta, u)
+    return _quantities(flight, states(flight, theta, driven))
+
+
+@jax.jit
+def _quantities(flight: FlightData, x: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Quantities (Q, T, B) and the last velocity (3, B) of states (T, X, B)."""
     model: Any = flight.model
     extra = (1,) * (x.ndim - 2)
     if isinstance(model, ClusterFlight):
@@ -74,18 +79,12 @@ def quantities_of(flight: FlightData) -> tuple[str, ...]:
 
 
 def opening(flight: FlightData, seconds: float) -> FlightData:
-    """The first seconds of a flight as a flight of its own, up to the next knot; same knots as the whole."""
-    kept = int(np.ceil(seconds / float(flight.spacing) - 1e-9))
-    samples = int(np.floor(kept * float(flight.spacing) / float(flight.dt) + 1e-9)) + 1
+    """The first seconds of a flight as a flight of its own."""
+    samples = int(round(seconds / float(flight.dt))) + 1
     model: Any = flight.model
     shorter = replace(model, record=jax.tree.map(lambda a: np.asarray(a)[:samples], model.record))
-    return replace(
-        flight,
-        model=shorter,
-        observed=np.asarray(flight.observed)[:samples],
-        present=np.asarray(flight.present)[:samples],
-        weights=np.asarray(flight.weights)[:samples, : kept + 1],
-    )
+    observed, present = (np.asarray(a)[:samples] for a in (flight.observed, flight.present))
+    return replace(flight, model=shorter, observed=observed, present=present)
 
 
 def opened(flight: FlightData, hyper: Hyper, posterior: Sequence[Prior]) -> Marginal:
@@ -100,46 +99,28 @@ def opened(flight: FlightData, hyper: Hyper, posterior: Sequence[Prior]) -> Marg
         The marginal posterior whose unknowns `predict` draws and continues.
     """
     theta = np.array([p.centre for p in posterior])
-    best = fit([flight], hyper, posterior, theta, [np.zeros(flight.unknowns)], tolerance=0.1, most=12)
+    best = fit([flight], hyper, posterior, theta, tolerance=0.1, most=12)
     return marginalise([flight], hyper, posterior, best)
 
 
-def latent_draws(hyper: Hyper, covariance: Array, draws: int, rng: np.random.Generator) -> Hyper:
-    """Noise parameters, those of the latent processes drawn about their optimum: sd and time constants (G, B)."""
-    both = np.log(np.concatenate([np.asarray(hyper.latent_sd), np.asarray(hyper.latent_time_constant)]))
-    drawn = np.exp(both[:, None] + np.linalg.cholesky(covariance) @ rng.standard_normal((both.size, draws)))
-    groups = both.size // 2
-    return Hyper(hyper.noise, drawn[:groups], drawn[groups:])
-
-
-def continued(
-    knots: Array, kept: int, total: int, hyper: Hyper, group: Sequence[int], spacing: float, z: Array
-) -> Array:
-    """Knots (total, A, B): the first `kept` as given, the rest from each draw's own process.
+def law_draws(hyper: Hyper, covariance: Array, draws: int, rng: np.random.Generator) -> list[Hyper]:
+    """Noise parameters drawn about their optimum.
 
     Args:
-        knots: Known knots (K, A, B), K >= kept.
-        kept: How many of them the data have told.
-        total: How many are wanted.
-        hyper: From `latent_draws`, (G, B).
-        group: Group of every process (A entries).
-        spacing: Distance of the knots [s].
-        z: Standard normal numbers (total, A, B).
+        hyper: Noise parameters of greatest evidence.
+        covariance: Of their logarithms (V, V).
+        draws: How many.
+        rng: Source of randomness.
     """
-    sd, tau = hyper.latent_sd[list(group)], hyper.latent_time_constant[list(group)]
-    phi = np.exp(-spacing / tau)
-    made = np.empty((total, *knots.shape[1:]))
-    made[:kept] = knots[:kept]
-    for j in range(kept, total):
-        made[j] = phi * made[j - 1] + sd * np.sqrt(1.0 - phi**2) * z[j]
-    return made
+    at, root = to_vector(hyper), np.linalg.cholesky(covariance)
+    return [from_vector(at + root @ rng.standard_normal(at.size), hyper) for _ in range(draws)]
 
 
 def predict(
     marginal: Marginal,
     index: int,
     theta: Array,
-    hyper: Hyper,
+    laws: Sequence[Hyper],
     seed: int,
     whole: FlightData | None = None,
     told: float = np.inf,
@@ -151,10 +132,10 @@ def predict(
         marginal: Of the fit the flight was part of, or from `opened`.
         index: Which of its flights.
         theta: Draws of the parameters, working coordinates (B, P).
-        hyper: Latent processes of every draw, from `latent_draws`.
+        laws: Noise parameters, from `law_draws`; groups of draws take them in turn.
         seed: Seed of unknowns.
         whole: The whole flight where the marginal holds its opening only.
-        told: Data end here [s from the first sample]; knots beyond follow each draw's own process.
+        told: Data end here [s from the first sample]; disturbances beyond are free.
         progress: Called with a share done.
 
     Returns:
@@ -162,63 +143,57 @@ def predict(
     """
     part, rng = marginal.flights[index], np.random.default_rng([seed, index])
     flight, draws = whole or part, theta.shape[0]
-    spacing, total = float(flight.spacing), int(flight.weights.shape[1])
-    kept = min(int(np.ceil(told / spacing)) + 1 if np.isfinite(told) else total, int(part.weights.shape[1]))
+    kept = min(int(np.floor(told / float(flight.dt) + 1e-9)) + 1 if np.isfinite(told) else part.samples, part.samples)
     xi = np.linalg.solve(np.asarray(marginal.scale), (theta - np.asarray(marginal.centre)).T)
-    z = tuple(rng.standard_normal((f.unknowns, draws)) for f in marginal.flights)
-    beyond = rng.standard_normal((total, len(flight.group), draws))
 
-    def unknowns(xi_part: Array, z_part: tuple[Array, ...], later: Array, law: Hyper) -> Array:
-        u = np.asarray(draw_unknowns(marginal, xi_part, z_part)[index])
-        start, knots = (np.asarray(a) for a in split(part, jnp.asarray(u)))
-        knots = continued(knots, kept, total, law, flight.group, spacing, later)
-        return np.concatenate([start, knots.reshape(-1, u.shape[1])])
+    def driven(xi: Array, numbers: tuple[Normals, ...], later: Array, law: Hyper) -> Course:
+        known = draw_unknowns(marginal, xi, numbers, law)[index]
+        return course(flight, law, Unknowns(known.start, jnp.concatenate([known.shocks[:kept], later])))
 
     rows, lasts = [], []
-    for at in range(0, draws, BATCH):
-        pick = np.minimum(np.arange(at, at + BATCH), draws - 1)
-        keep = min(BATCH, draws - at)
-        law = Hyper(hyper.noise, hyper.latent_sd[:, pick], hyper.latent_time_constant[:, pick])
-        u = unknowns(xi[:, pick], tuple(x[:, pick] for x in z), beyond[..., pick], law)
-        quantities, last = _simulate(flight, marginal.theta(jnp.asarray(xi[:, pick])), u)
+    first: Any = None
+    for i, at in enumerate(range(0, draws, GROUP)):
+        pick, keep = np.minimum(np.arange(at, at + GROUP), draws - 1), min(GROUP, draws - at)
+        numbers = tuple(normals(f, GROUP, rng) for f in marginal.flights)
+        later = rng.standard_normal((flight.samples - kept, flight.latent.size, GROUP))
+        given = (xi[:, pick], numbers, later, laws[i % len(laws)])
+        first = first or given
+        quantities, last = _simulate(flight, marginal.theta(jnp.asarray(xi[:, pick])), driven(*given))
         rows.append(np.asarray(quantities)[..., :keep])
         lasts.append(np.asarray(last)[:, :keep])
         if progress is not None:
-            progress(min((at + BATCH) / draws, 1.0))
-    made, last = np.concatenate(rows, axis=-1), np.concatenate(lasts, axis=-1)
+            progress(min((at + GROUP) / draws, 1.0))
+    made: Array = np.concatenate(rows, axis=-1)
+    ends: Array = np.concatenate(lasts, axis=-1)
     bad = ~np.isfinite(made).all(axis=(0, 1))
-    made[..., bad], last[:, bad] = np.nan, np.nan
+    made[..., bad], ends[:, bad] = np.nan, np.nan
     names = quantities_of(flight)
-    time = np.arange(flight.observed.shape[0]) * float(flight.dt)
-
-    pick = np.minimum(np.arange(BATCH), draws - 1)
-    law = Hyper(hyper.noise, hyper.latent_sd[:, pick], hyper.latent_time_constant[:, pick])
-    few = (xi[:, pick], tuple(x[:, pick] for x in z), beyond[..., pick])
-    still = (0.0 * few[0], tuple(0.0 * x for x in few[1]), 0.0 * few[2])
-    middle, drawn = unknowns(*still, law), unknowns(still[0], few[1], few[2], law)
-    followed = unknowns(few[0], still[1], still[2], law)
-    shares = _shares(marginal, flight, few[0], middle, drawn, followed, names)
-    return Prediction(time, {name: made[i].T for i, name in enumerate(names)}, last.T, int(bad.sum()), shares)
+    time = np.arange(flight.samples, dtype=float) * float(flight.dt)
+    drawn_xi, numbers, later, law = first
+    still, quiet, silence = jax.tree.map(np.zeros_like, first[:3])
+    middle, drawn = driven(still, quiet, silence, law), driven(still, numbers, later, law)
+    shares = _shares(marginal, flight, drawn_xi, middle, drawn, driven(drawn_xi, quiet, silence, law), names)
+    return Prediction(time, {name: made[i].T for i, name in enumerate(names)}, ends.T, int(bad.sum()), shares)
 
 
 def _shares(
     marginal: Marginal,
     flight: FlightData,
     xi: Array,
-    middle: Array,
-    drawn: Array,
-    followed: Array,
+    middle: Course,
+    drawn: Course,
+    followed: Course,
     names: Sequence[str],
 ) -> dict[str, dict[str, float]]:
     """Variance of each quantity when one source alone varies, as shares of their sum, averaged over the flight."""
-    axes, knots = len(flight.group), int(flight.weights.shape[1])
-    kind = np.array(["initial state"] * flight.starts + [_latent(flight, a) for _ in range(knots) for a in range(axes)])
-    cases = {"parameter": (xi, followed)}
+    cases = {"parameter": (xi, followed), "initial state": (0.0 * xi, Course(drawn.start, middle.error))}
+    kind = np.array([_latent(flight, row) for row in range(flight.latent.rows)])
     for source in dict.fromkeys(kind):
-        cases[str(source)] = (0.0 * xi, np.where((kind == source)[:, None], drawn, middle))
+        error = np.where((kind == source)[:, None], drawn.error, middle.error)
+        cases[str(source)] = (0.0 * xi, Course(middle.start, error))
     variance = {}
-    for source, (x, u) in cases.items():
-        quantities, _ = _simulate(flight, marginal.theta(jnp.asarray(x)), u)
+    for source, (x, driven) in cases.items():
+        quantities, _ = _simulate(flight, marginal.theta(jnp.asarray(x)), driven)
         variance[source] = np.nanmean(np.nanvar(np.asarray(quantities), axis=-1), axis=-1)
     total = np.sum(list(variance.values()), axis=0)
     return {
@@ -227,8 +202,8 @@ def _shares(
     }
 
 
-def _latent(flight: FlightData, axis: int) -> str:
-    return "canopy force" if isinstance(flight.model, ClusterFlight) and axis >= 3 else "wind"
+def _latent(flight: FlightData, row: int) -> str:
+    return "canopy force" if isinstance(flight.model, ClusterFlight) and row >= 3 else "wind"
 
 
 def recorded_draws(prediction: Prediction, name: str, noise: tuple[float, float, float] | None, seed: int) -> Array:

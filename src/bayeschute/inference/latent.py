@@ -1,82 +1,112 @@
-"""Latent disturbances: Ornstein-Uhlenbeck processes at knots, linear between them (METHODS 5).
+"""Latent disturbances: what a model doesn't know, as stationary Gauss-Markov processes put where the error arises.
 
-What a model doesn't know is put where it arises: the error of the wind, per axis, and the relative fluctuation of each
-canopy's axial force (breathing, change of shape). Knots must lie well inside the time constants: the part of a process
-that lines between knots can't follow is error that nothing accounts for.
+Errors of the wind are Ornstein-Uhlenbeck ("drift"); the axial force of each canopy fluctuates by a drift and by
+breathing, a randomly driven oscillator (6.3.2-27). Every process is a small linear state-space model, exact at the
+samples of a record, driven by standard normal shocks: these shocks are the unknowns of a fit. Several processes may add
+up in one disturbance.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
-from numpy.typing import NDArray
+import jax.scipy.linalg
 
 from bayeschute.air.vector import Component
 
-
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True)
-class Latent:
-    """Stationary standard deviation of every process (A,), in its own unit, and e-folding time (A,) [s]."""
-
-    sd: Component
-    time_constant: Component
+KINDS = {"drift": 2, "oscillator": 3}
+"""Parameters of each kind: drift (sd, e-folding time [s]); oscillator (sd, frequency [Hz], damping ratio)."""
+STATES = {"drift": 1, "oscillator": 2}
 
 
-def knot_times(duration: float, spacing: float) -> NDArray[np.float64]:
-    """Times of the knots [s], evenly over the record, no farther apart than `spacing`."""
-    return np.linspace(0.0, duration, max(int(np.ceil(duration / spacing - 1e-9)), 1) + 1)
+class Latent(NamedTuple):
+    """Which processes there are.
+
+    Attributes:
+        kinds: Kind of every group of processes that share their parameters (G entries).
+        processes: Disturbance (its row) and group of every process.
+    """
+
+    kinds: tuple[str, ...]
+    processes: tuple[tuple[int, int], ...]
+
+    @property
+    def rows(self) -> int:
+        """Number of disturbances A."""
+        return 1 + max(row for row, _ in self.processes)
+
+    @property
+    def size(self) -> int:
+        """Number of states L."""
+        return sum(STATES[self.kinds[group]] for _, group in self.processes)
 
 
-def interpolation(times: NDArray[np.float64], knots: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Weights (T, K) that interpolate knots linearly to the samples."""
-    return np.stack([np.interp(times, knots, row) for row in np.eye(knots.size)], axis=1)
+class Dynamics(NamedTuple):
+    """``l' = transition l + shock z``, ``l_0 = first z_0``, disturbances ``output l``; z standard normal.
+
+    Attributes:
+        transition: (L, L).
+        shock: (L, L), lower.
+        first: (L, L), lower.
+        output: (A, L).
+    """
+
+    transition: Component
+    shock: Component
+    first: Component
+    output: Component
 
 
-def whiten(latent: Latent, spacing: Component, knots: jax.Array) -> jax.Array:
-    """Standardised innovations of the knots.
+def _block(kind: str, law: Component, dt: Component) -> tuple[Component, Component, Component]:
+    """Transition, and Cholesky factors of the shocks' and the stationary covariance, of one process."""
+    if kind == "drift":
+        sd, tau = law[0], law[1]
+        return (
+            jnp.exp(-dt / tau).reshape(1, 1),
+            (sd * jnp.sqrt(-jnp.expm1(-2.0 * dt / tau))).reshape(1, 1),
+            sd.reshape(1, 1),
+        )
+    sd, omega, zeta = law[0], 2.0 * jnp.pi * law[1], law[2]
+    # States (x, x'/omega) have the stationary covariance sd^2 I.
+    generator = jnp.array([[0.0, 1.0], [-1.0, 0.0]]) * omega + jnp.array([[0.0, 0.0], [0.0, -2.0]]) * omega * zeta
+    transition = jax.scipy.linalg.expm(generator * dt)
+    driven = jnp.linalg.cholesky(jnp.eye(2) * (1.0 + 1e-13) - transition @ transition.T)
+    return transition, sd * driven, sd * jnp.eye(2)
+
+
+def dynamics(latent: Latent, laws: Sequence[Component], dt: Component) -> Dynamics:
+    """State-space model of all processes.
 
     Args:
-        latent: Parameters (A,).
-        spacing: Distance of the knots [s].
-        knots: Values (K, A, ...).
-
-    Returns:
-        Standard normal under the process, same shape.
+        latent: The processes.
+        laws: Parameters of every group, in the order of `KINDS`.
+        dt: Sample interval [s].
     """
-    extra = (1,) * (knots.ndim - 2)
-    phi = jnp.exp(-spacing / latent.time_constant).reshape(-1, *extra)
-    inner = jnp.sqrt(-jnp.expm1(-2.0 * spacing / latent.time_constant)).reshape(-1, *extra)
-    unit = knots / latent.sd.reshape(-1, *extra)
-    return jnp.concatenate([unit[:1], (unit[1:] - phi * unit[:-1]) / inner])
+    blocks = [_block(kind, jnp.asarray(law), dt) for kind, law in zip(latent.kinds, laws, strict=True)]
+    chosen = [blocks[group] for _, group in latent.processes]
+    transition, shock, first = (jax.scipy.linalg.block_diag(*(b[i] for b in chosen)) for i in range(3))
+    columns = []
+    for row, group in latent.processes:
+        columns += [[1.0 if a == row else 0.0 for a in range(latent.rows)]]
+        columns += [[0.0] * latent.rows] * (STATES[latent.kinds[group]] - 1)
+    return Dynamics(transition, shock, first, jnp.array(columns).T)
 
 
-def log_determinant(latent: Latent, spacing: Component, knots: int) -> jax.Array:
-    """Sum of the logarithms of the scales that `whiten` divides by."""
-    inner = 0.5 * jnp.log(-jnp.expm1(-2.0 * spacing / latent.time_constant))
-    return jnp.sum(knots * jnp.log(latent.sd) + (knots - 1) * inner)
+def path(made: Dynamics, shocks: jax.Array) -> jax.Array:
+    """Latent states (T, L, ...) driven by standard normal shocks (T, L, ...); the first shock is the first state's."""
+
+    def step(state: jax.Array, z: jax.Array) -> tuple[jax.Array, jax.Array]:
+        state = jnp.tensordot(made.transition, state, axes=1) + jnp.tensordot(made.shock, z, axes=1)
+        return state, state
+
+    first = jnp.tensordot(made.first, shocks[0], axes=1)
+    _, rest = jax.lax.scan(step, first, shocks[1:])
+    return jnp.concatenate([first[None], rest])
 
 
-def draw(latent: Latent, spacing: float, shape: tuple[int, ...], rng: np.random.Generator) -> NDArray[np.float64]:
-    """Draws of the knots.
-
-    Args:
-        latent: Parameters (A,).
-        spacing: Distance of the knots [s].
-        shape: (K, A, ...).
-        rng: Source of randomness.
-
-    Returns:
-        Knots of that shape.
-    """
-    extra = (1,) * (len(shape) - 2)
-    phi = np.exp(-spacing / np.asarray(latent.time_constant)).reshape(-1, *extra)
-    z = rng.standard_normal(shape)
-    knots = np.empty(shape)
-    knots[0] = z[0]
-    for j in range(1, shape[0]):
-        knots[j] = phi * knots[j - 1] + np.sqrt(1.0 - phi**2) * z[j]
-    return knots * np.asarray(latent.sd).reshape(-1, *extra)
+def disturbances(made: Dynamics, shocks: jax.Array) -> jax.Array:
+    """Disturbances (T, A, ...) of standard normal shocks (T, L, ...)."""
+    return jnp.moveaxis(jnp.tensordot(made.output, path(made, shocks), axes=(1, 1)), 0, 1)

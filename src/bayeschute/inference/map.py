@@ -1,23 +1,40 @@
-"""The most probable parameters, initial states and latent disturbances: damped Gauss-Newton with exact Jacobians.
+"""The most probable parameters, start and latent disturbances: Gauss-Newton with exact Jacobians, smoothed by a filter.
 
-Stops on the step measured in posterior standard errors, never on the cost: tens of standard errors can cost a few units
-of log density (METHODS 5).
+A flight linearised along its course is a linear state-space model, so one pass of a Kalman filter and smoother gives
+the conditional optimum of start and disturbances as a linear function of the parameters; what is left is a
+least-squares problem in the parameters, damped after Levenberg and Marquardt. Stops on the step measured in posterior
+standard errors, never on the cost alone: tens of standard errors can cost a few units of log density (METHODS 5).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
+import jax
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from bayeschute.air.vector import Component
 from bayeschute.inference.priors import Prior, working
-from bayeschute.inference.target import FlightData, Hyper, Linear, cost, linearise, normal_equations
+from bayeschute.inference.statespace import innovations, smooth
+from bayeschute.inference.target import (
+    FlightData,
+    Hyper,
+    Linear,
+    Unknowns,
+    as_series,
+    cost,
+    course,
+    filter_gains,
+    linearise,
+)
 
 Array = NDArray[np.float64]
 _FREE = 1e-2  # damping below which a step counts as a Gauss-Newton step
+_SHRINK = (1.0, 0.5, 0.25)
 
 
 @dataclass(frozen=True)
@@ -26,65 +43,70 @@ class Optimum:
 
     Attributes:
         theta: Parameters in working coordinates (P,).
-        u: Initial deviations and knots of every flight, (U_f,) each.
-        precision: Gauss-Newton matrix over (theta, u_1, u_2, ...).
-        cost: Minus the log density up to constants.
+        unknowns: Start and shocks of every flight.
+        covariance: Laplace covariance of theta, start and shocks integrated out (P, P).
+        cost: Minus the joint log density up to constants.
         converged: Whether the last step was below tolerance.
-        iterations: Jacobian evaluations spent.
+        iterations: Linearisations spent.
         last_step: Largest last step over its standard error.
         trace: Cost after every iteration.
     """
 
     theta: Array
-    u: tuple[Array, ...]
-    precision: Array
+    unknowns: tuple[Unknowns, ...]
+    covariance: Array
     cost: float
     converged: bool
     iterations: int
     last_step: float
     trace: tuple[float, ...]
 
-    @property
-    def covariance(self) -> Array:
-        """Laplace covariance of theta, u integrated out (P, P)."""
-        p = self.theta.size
-        return scipy.linalg.cho_solve(scipy.linalg.cho_factor(self.precision), np.eye(len(self.precision))[:, :p])[:p]
+
+class Conditional(NamedTuple):
+    """Start and shocks given theta near a linearisation: ``optimum - slope (theta - theta_0)``, and what is left.
+
+    Attributes:
+        optimum: Conditional optimum at the linearisation.
+        slope: Its derivatives by theta, last axis, sign turned.
+        matrix: Gauss-Newton matrix of theta, start and shocks eliminated (P, P).
+        gradient: Gradient of minus the log density by theta, likewise (P,).
+    """
+
+    optimum: Unknowns
+    slope: Unknowns
+    matrix: Component
+    gradient: Component
 
 
-def assemble(
-    flights: Sequence[FlightData], hyper: Hyper, linear: Sequence[Linear], priors: Sequence[Prior], theta: Array
-) -> tuple[Array, Array, float]:
-    """Gauss-Newton matrix, gradient and cost over (theta, u_1, u_2, ...), the prior of theta included."""
-    centre, scale = working(priors)
-    p = theta.size
-    size = p + sum(f.unknowns for f in flights)
-    matrix, gradient = np.zeros((size, size)), np.zeros(size)
-    z = (theta - centre) / scale
-    matrix[:p, :p] = np.diag(1.0 / scale**2)
-    gradient[:p], total, at = z / scale, 0.5 * float(z @ z), p
-    for flight, lin in zip(flights, linear, strict=True):
-        m, g, c = normal_equations(flight, hyper, lin)
-        where = np.r_[0:p, at : at + flight.unknowns]
-        matrix[np.ix_(where, where)] += np.asarray(m)
-        gradient[where] += np.asarray(g)
-        total, at = total + float(c), at + flight.unknowns
-    return matrix, gradient, total
+@jax.jit
+def conditional(data: FlightData, hyper: Hyper, linear: Linear) -> Conditional:
+    """Eliminate start and shocks of a linearised flight."""
+    made, series = filter_gains(data, hyper, linear), as_series(linear)
+    unit = innovations(made, series).reshape(-1, series.shape[2])
+    start, shocks = smooth(made, series)
+    return Conditional(
+        Unknowns(start[:, 0], shocks[..., 0]),
+        Unknowns(start[:, 1:], shocks[..., 1:]),
+        unit[:, 1:].T @ unit[:, 1:],
+        -unit[:, 1:].T @ unit[:, 0],
+    )
 
 
 def total_cost(
-    flights: Sequence[FlightData], hyper: Hyper, priors: Sequence[Prior], theta: Array, u: Sequence[Array]
+    flights: Sequence[FlightData], hyper: Hyper, priors: Sequence[Prior], theta: Array, unknowns: Sequence[Unknowns]
 ) -> float:
     """Minus the log density up to constants; infinite where a simulation fails."""
     centre, scale = working(priors)
     value = 0.5 * float(np.sum(((theta - centre) / scale) ** 2))
-    for flight, part in zip(flights, u, strict=True):
+    for flight, part in zip(flights, unknowns, strict=True):
         value += float(cost(flight, hyper, theta, part))
     return value if np.isfinite(value) else np.inf
 
 
-def _pieces(flights: Sequence[FlightData], vector: Array, p: int) -> tuple[Array, tuple[Array, ...]]:
-    cuts = np.cumsum([p] + [f.unknowns for f in flights])
-    return vector[:p], tuple(vector[a:b] for a, b in zip(cuts[:-1], cuts[1:], strict=True))
+def _moved(unknowns: Unknowns, given: Conditional, step: Array, share: float) -> Unknowns:
+    """Unknowns a share of the way to the conditional optimum at `step` from the linearisation."""
+    there = jax.tree.map(lambda best, slope: best - slope @ step, given.optimum, given.slope)
+    return jax.tree.map(lambda a, b: np.asarray(a + share * (b - a)), unknowns, there)
 
 
 def fit(
@@ -92,9 +114,10 @@ def fit(
     hyper: Hyper,
     priors: Sequence[Prior],
     theta: Array,
-    u: Sequence[Array],
+    unknowns: Sequence[Unknowns] | None = None,
     tolerance: float = 0.01,
     most: int = 40,
+    tilt: Array | None = None,
     progress: Callable[[int, float, float], None] | None = None,
 ) -> Optimum:
     """Find the optimum by Levenberg-Marquardt with a line search.
@@ -104,9 +127,10 @@ def fit(
         hyper: Noise parameters, fixed here.
         priors: Priors of theta.
         theta: Where to start, working coordinates (P,).
-        u: Where to start, per flight (U_f,).
-        tolerance: Largest step over its standard error at which to stop.
+        unknowns: Where to start, per flight; prior means where None.
+        tolerance: Largest step over its standard error, and gain in log density, at which to stop.
         most: Most iterations.
+        tilt: Slope of a term added to the cost (P,).
         progress: Called with iteration, cost and step over standard error.
 
     Returns:
@@ -115,25 +139,34 @@ def fit(
     Raises:
         FloatingPointError: If the simulation at the start is not finite.
     """
-    theta, parts = np.asarray(theta, float), [np.asarray(x, float) for x in u]
-    damping, trace = 1e-4, []
-    value = total_cost(flights, hyper, priors, theta, parts)
+    centre, scale = working(priors)
+    theta, tilt = np.asarray(theta, float), np.zeros(len(priors)) if tilt is None else tilt
+    parts = list(unknowns) if unknowns is not None else [f.still() for f in flights]
+
+    def value_at(theta: Array, parts: Sequence[Unknowns]) -> float:
+        return total_cost(flights, hyper, priors, theta, parts) + float(tilt @ theta)
+
+    def linearised() -> tuple[list[Conditional], Array, Array]:
+        given = [
+            conditional(f, hyper, linearise(f, theta, course(f, hyper, x))) for f, x in zip(flights, parts, strict=True)
+        ]
+        matrix = np.diag(1.0 / scale**2) + sum(np.asarray(g.matrix) for g in given)
+        return given, matrix, (theta - centre) / scale**2 + tilt + sum(np.asarray(g.gradient) for g in given)
+
+    value = value_at(theta, parts)
     if not np.isfinite(value):
         raise FloatingPointError("the simulation at the starting point of the fit is not finite")
-    largest, iteration, matrix, held_back = np.inf, 0, np.empty((0, 0)), False
+    damping, trace, largest, iteration, converged = 1e-4, [], np.inf, 0, False
     while iteration < most:
-        linear = [linearise(f, theta, x) for f, x in zip(flights, parts, strict=True)]
-        matrix, gradient, value = assemble(flights, hyper, linear, priors, theta)
+        given, matrix, gradient = linearised()
         iteration += 1
-        se = np.sqrt(np.diag(scipy.linalg.inv(matrix)))
-        accepted = False
+        se, accepted = np.sqrt(np.diag(scipy.linalg.inv(matrix))), False
         while not accepted and damping < 1e6:
             damped = matrix + damping * np.diag(np.diag(matrix))
             step = -scipy.linalg.cho_solve(scipy.linalg.cho_factor(damped), gradient)
-            for shrink in (1.0, 0.5, 0.25):
-                d_theta, d_u = _pieces(flights, shrink * step, theta.size)
-                trial = (theta + d_theta, [a + b for a, b in zip(parts, d_u, strict=True)])
-                new = total_cost(flights, hyper, priors, *trial)
+            for share in _SHRINK:
+                moved = [_moved(x, g, step, share) for x, g in zip(parts, given, strict=True)]
+                new = value_at(theta + share * step, moved)
                 if new <= value + 1e-9 * abs(value):
                     accepted = True
                     break
@@ -142,16 +175,16 @@ def fit(
         if not accepted:
             largest = np.inf
             break
-        held_back = shrink < 1.0 or damping > _FREE  # a short step that damping made says nothing of the optimum
-        largest = float(np.max(np.abs(shrink * step)[: theta.size] / se[: theta.size]))
-        (theta, parts), damping = trial, max(damping / 10.0, 1e-9)
+        held_back = share < 1.0 or damping > _FREE  # a short step that damping made says nothing of the optimum
+        largest = float(np.max(np.abs(share * step) / se))
+        gained = value - new  # parameters that hardly move don't show what start and disturbances still gain
+        theta, parts, value, damping = theta + share * step, moved, new, max(damping / 10.0, 1e-9)
         trace.append(new)
         if progress is not None:
             progress(iteration, new, largest)
-        if largest < tolerance and not held_back:
+        converged = largest < tolerance and gained < tolerance and not held_back
+        if converged:
             break
-    linear = [linearise(f, theta, x) for f, x in zip(flights, parts, strict=True)]
-    matrix, _, value = assemble(flights, hyper, linear, priors, theta)
-    return Optimum(
-        theta, tuple(parts), matrix, value, largest < tolerance and not held_back, iteration, largest, tuple(trace)
-    )
+    _, matrix, _ = linearised()
+    covariance = scipy.linalg.inv(matrix)
+    return Optimum(theta, tuple(parts), covariance, value, converged, iteration, largest, tuple(trace))

@@ -1,45 +1,76 @@
-"""The posterior of the parameters alone, initial states and latent disturbances integrated out as Gaussian given them.
+"""The posterior of the parameters alone, start and latent disturbances integrated out as Gaussian given them.
 
-At the optimum the standardised residuals have Jacobian blocks A_theta, A_u. Follow the conditional optimum ``u(theta) =
-u_hat - H_uu^-1 H_utheta (theta - theta_hat)``, simulate there once, and integrate what is left of u as a Gaussian:
-``-1/2 |s|^2 + 1/2 b' H_uu^-1 b``, ``b = A_u' s`` (METHODS 6). With ``A_u = Q R`` this is ``-1/2 |s - Q Q' s|^2``.
+At a point theta_0 the flight is linearised along its conditional optimum. For another theta follow that optimum
+linearly, simulate there once with the full equations, and integrate what is left as a Gaussian: the linear model's
+filter turns the simulation's residuals into innovations, ``log density = -1/2 |innovations|^2 - log det`` (METHODS 6).
+The determinant depends on theta through the linearisation; it is very nearly linear over the posterior, so a parabola
+along every axis stands for it (`determinant_error` tells how well). Leaving it out moves parameters by several standard
+errors.
 """
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 
 from bayeschute.air.vector import Component
-from bayeschute.inference.map import Optimum
+from bayeschute.inference.map import Optimum, conditional
+from bayeschute.inference.noise import colour
 from bayeschute.inference.priors import Prior, working
-from bayeschute.inference.target import FlightData, Hyper, linearise, residuals, standardised, standardised_linear
+from bayeschute.inference.statespace import Gains, innovations, response, smooth
+from bayeschute.inference.target import (
+    Course,
+    FlightData,
+    Hyper,
+    Linear,
+    Unknowns,
+    course,
+    filter_gains,
+    linearise,
+    residuals,
+)
 
 Array = NDArray[np.float64]
+_CORRECTIONS = 1
 
 
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True)
-class Conditional:
-    """u of one flight given theta.
+class Along(NamedTuple):
+    """A flight about the conditional optimum of its course.
 
     Attributes:
-        u: Optimum (U,).
-        slope: Derivative of the conditional optimum by theta (U, P).
-        basis: Q, orthonormal, spanning A_u (N, U).
-        upper: R with A_u = Q R (U, U).
+        driven: The course at theta_0.
+        slope: Its derivatives by theta, last axis.
+        offset: Linear response of the outputs to that course (T, C).
+        offset_slope: Its derivatives by theta (T, C, P).
+        linear: The flight linearised there.
+        gains: The filter.
     """
 
-    u: Component
+    driven: Course
+    slope: Course
+    offset: Component
+    offset_slope: Component
+    linear: Linear
+    gains: Gains
+
+
+class Determinant(NamedTuple):
+    """``log det`` about its value at theta_0, in standard coordinates: ``slope xi + 1/2 curvature xi^2``; (P,) each."""
+
     slope: Component
-    basis: Component
-    upper: Component
+    curvature: Component
+
+    def at(self, xi: Component) -> jax.Array:
+        """Values (...) at (P, ...)."""
+        return jnp.tensordot(self.slope, xi, axes=1) + 0.5 * jnp.tensordot(self.curvature, xi**2, axes=1)
 
 
 @jax.tree_util.register_dataclass
@@ -50,20 +81,22 @@ class Marginal:
     Attributes:
         flights: Records.
         hyper: Noise parameters, fixed.
-        conditional: Initial states and latent disturbances given theta, one entry per flight.
-        centre: Optimum of theta (P,).
+        along: Start and disturbances given theta, one entry per flight.
+        centre: Where the flights were linearised (P,).
         scale: Lower Cholesky factor of the Laplace covariance of theta (P, P).
         prior_centre: Prior means of theta (P,).
         prior_scale: Prior standard deviations (P,).
+        determinant: Log determinant of all flights together.
     """
 
     flights: tuple[FlightData, ...]
     hyper: Hyper
-    conditional: tuple[Conditional, ...]
+    along: tuple[Along, ...]
     centre: Component
     scale: Component
     prior_centre: Component
     prior_scale: Component
+    determinant: Determinant
 
     def theta(self, xi: Component) -> Component:
         """Parameters (P, ...) of standard coordinates (P, ...)."""
@@ -71,75 +104,212 @@ class Marginal:
         return self.centre.reshape(-1, *(1,) * rank) + jnp.tensordot(self.scale, xi, axes=1)
 
 
+@jax.jit
+def _along(flight: FlightData, hyper: Hyper, linear: Linear) -> Along:
+    given, made = conditional(flight, hyper, linear), filter_gains(flight, hyper, linear)
+    driven, slope = course(flight, hyper, given.optimum), course(flight, hyper, given.slope)
+    p = slope.start.shape[1]
+    both = response(
+        linear.steps,
+        jnp.concatenate([driven.start[:, None], -slope.start], axis=1),
+        jnp.concatenate([driven.error[..., None], -slope.error], axis=2),
+        jnp.zeros((p, 1 + p)),
+    )
+    return Along(driven, jax.tree.map(jnp.negative, slope), both[..., 0], both[..., 1:], linear, made)
+
+
 def marginalise(flights: Sequence[FlightData], hyper: Hyper, priors: Sequence[Prior], optimum: Optimum) -> Marginal:
-    """Set the marginal posterior up at an optimum."""
-    p, conditional = optimum.theta.size, []
-    for flight, u in zip(flights, optimum.u, strict=True):
-        _, by = standardised_linear(flight, hyper, linearise(flight, optimum.theta, u))
-        basis, upper = np.linalg.qr(np.asarray(by[:, p:]))
-        slope = -scipy.linalg.solve_triangular(upper, basis.T @ np.asarray(by[:, :p]))
-        conditional.append(Conditional(u, slope, basis, upper))
+    """Set the marginal posterior up at an optimum, its determinant still held constant."""
     centre, scale = working(priors)
+    along = tuple(
+        _along(f, hyper, linearise(f, optimum.theta, course(f, hyper, u)))
+        for f, u in zip(flights, optimum.unknowns, strict=True)
+    )
+    flat = Determinant(np.zeros(len(priors)), np.zeros(len(priors)))
     factor = np.linalg.cholesky(optimum.covariance)
-    return Marginal(tuple(flights), hyper, tuple(conditional), optimum.theta, factor, centre, scale)
-
-
-def _shifted(flight: FlightData, hyper: Hyper, cond: Conditional, theta: jax.Array, shift: jax.Array) -> tuple:
-    """u(theta) (U, B), s there (N, B) and Q's (U, B)."""
-    u = cond.u[:, None] + cond.slope @ shift
-    s = standardised(flight, hyper, residuals(flight, theta, u), u)
-    return u, s, cond.basis.T @ s
+    return Marginal(tuple(flights), hyper, along, optimum.theta, factor, centre, scale, flat)
 
 
 @jax.jit
-def projected_residuals(marginal: Marginal, xi: jax.Array) -> jax.Array:
-    """The vector whose ``-1/2 |.|^2`` is the marginal log density up to a constant.
+def _course(along: Along, shift: jax.Array) -> Course:
+    """Courses at ``theta_0 + shift`` (P, ...)."""
+    rank = jnp.ndim(shift) - 1
+    return Course(
+        jnp.reshape(along.driven.start, (-1, *(1,) * rank)) + along.slope.start @ shift,
+        jnp.reshape(along.driven.error, (*jnp.shape(along.driven.error), *(1,) * rank)) + along.slope.error @ shift,
+    )
+
+
+def _shifted(marginal: Marginal, xi: Component) -> tuple[jax.Array, jax.Array]:
+    theta = marginal.theta(jnp.asarray(xi))
+    return theta, theta - jnp.reshape(marginal.centre, (-1, *(1,) * (theta.ndim - 1)))
+
+
+@jax.jit
+def _seen(along: Along, residual: jax.Array, shift: jax.Array) -> jax.Array:
+    """What the linear model sees (T, C, B): residuals of the full simulation plus the linear response to its course."""
+    return residual + along.offset[..., None] + along.offset_slope @ shift
+
+
+def _series(flight: FlightData, along: Along, theta: jax.Array, shift: jax.Array) -> jax.Array:
+    return _seen(along, residuals(flight, theta, _course(along, shift)), shift)
+
+
+_innovations = jax.jit(innovations)
+
+
+def projected_residuals(marginal: Marginal, xi: Component) -> jax.Array:
+    """The vector whose ``-1/2 |.|^2`` is the marginal log density without its determinant, up to a constant.
 
     Args:
         marginal: The posterior.
         xi: Standard coordinates (P, B).
 
     Returns:
-        (N, B): for every flight ``s - Q Q' s``, then theta under its prior.
+        (N, B): innovations of every flight, then theta under its prior.
     """
-    theta = marginal.theta(xi)
-    shift = theta - marginal.centre[:, None]
-    parts = [(theta - marginal.prior_centre[:, None]) / marginal.prior_scale[:, None]]
-    for flight, cond in zip(marginal.flights, marginal.conditional, strict=True):
-        _, s, t = _shifted(flight, marginal.hyper, cond, theta, shift)
-        parts.insert(-1, s - cond.basis @ t)
-    return jnp.concatenate(parts)
+    theta, shift = _shifted(marginal, xi)
+    parts = [
+        _innovations(along.gains, _series(flight, along, theta, shift)).reshape(-1, xi.shape[1])
+        for flight, along in zip(marginal.flights, marginal.along, strict=True)
+    ]
+    prior = (theta - jnp.asarray(marginal.prior_centre)[:, None]) / jnp.asarray(marginal.prior_scale)[:, None]
+    return jnp.concatenate([*parts, prior])
 
 
-@jax.jit
-def log_density(marginal: Marginal, xi: jax.Array) -> jax.Array:
+def log_density(marginal: Marginal, xi: Component) -> jax.Array:
     """Marginal log density (B,) up to a constant at standard coordinates (P, B); NaN where a simulation fails."""
-    theta = marginal.theta(xi)
-    shift = theta - marginal.centre[:, None]
-    z = (theta - marginal.prior_centre[:, None]) / marginal.prior_scale[:, None]
-    value = -0.5 * jnp.sum(z**2, axis=0)
-    for flight, cond in zip(marginal.flights, marginal.conditional, strict=True):
-        _, s, t = _shifted(flight, marginal.hyper, cond, theta, shift)
-        value = value - 0.5 * (jnp.sum(s**2, axis=0) - jnp.sum(t**2, axis=0))
-    return value
+    return -0.5 * jnp.sum(projected_residuals(marginal, xi) ** 2, axis=0) - marginal.determinant.at(jnp.asarray(xi))
+
+
+def sample_log_likelihoods(marginal: Marginal, xi: jax.Array) -> tuple[jax.Array, ...]:
+    """Log density of every sample given all earlier ones and the parameters, start and disturbances integrated out.
+
+    Args:
+        marginal: The posterior.
+        xi: Standard coordinates (P, B).
+
+    Returns:
+        (T, B) per flight, zero where nothing was recorded; determinants are those at theta_0.
+    """
+    theta, shift = _shifted(marginal, xi)
+    pairs = zip(marginal.flights, marginal.along, strict=True)
+    return tuple(_log_likelihoods(f, a.gains, _series(f, a, theta, shift)) for f, a in pairs)
 
 
 @jax.jit
-def draw_unknowns(marginal: Marginal, xi: jax.Array, z: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
-    """Draws of every flight's u given theta.
+def _log_likelihoods(flight: FlightData, made: Gains, series: jax.Array) -> jax.Array:
+    scale = jnp.log(jnp.diagonal(made.root, axis1=1, axis2=2)) + 0.5 * jnp.log(2.0 * jnp.pi)
+    constant = jnp.sum(jnp.where(flight.present, scale, 0.0), axis=1)
+    return -0.5 * jnp.sum(innovations(made, series) ** 2, axis=1) - constant[:, None]
+
+
+_gains = jax.jit(filter_gains)
+
+
+def log_determinant(marginal: Marginal, xi: Array) -> float:
+    """Exact log determinant at one point (P,): every flight linearised anew there."""
+    theta, shift = _shifted(marginal, jnp.asarray(xi))
+    total = 0.0
+    for flight, along in zip(marginal.flights, marginal.along, strict=True):
+        linear = linearise(flight, theta, _course(along, shift))
+        total += float(_gains(flight, marginal.hyper, linear).log_determinant)
+    return total
+
+
+def _determinants(marginal: Marginal, points: Array) -> Array:
+    """Exact log determinants (N,) at points (N, P), less the value at theta_0."""
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        values = list(pool.map(lambda xi: log_determinant(marginal, xi), [0.0 * points[0], *points]))
+    return np.array(values[1:]) - values[0]
+
+
+def determinant_slope(marginal: Marginal, step: float = 0.2) -> Array:
+    """Slope of the log determinant at theta_0 in standard coordinates (P,), by one-sided differences."""
+    return _determinants(marginal, step * np.eye(np.size(marginal.centre))) / step
+
+
+def determinant_around(marginal: Marginal, step: float = 1.0) -> Determinant:
+    """Slope and curvature of the log determinant along every axis, from exact values at plus and minus `step`."""
+    axes = step * np.eye(np.size(marginal.centre))
+    up, down = np.split(_determinants(marginal, np.concatenate([axes, -axes])), 2)
+    return Determinant((up - down) / (2.0 * step), (up + down) / step**2)
+
+
+def determinant_error(marginal: Marginal, points: int, rng: np.random.Generator) -> float:
+    """Root mean square error of the polynomial of the log determinant at standard normal points."""
+    xi = rng.standard_normal((points, np.size(marginal.centre)))
+    return float(np.sqrt(np.mean((_determinants(marginal, xi) - np.asarray(marginal.determinant.at(xi.T))) ** 2)))
+
+
+class Normals(NamedTuple):
+    """Standard normal numbers behind one draw of a flight: start (D, B), shocks (T, L, B), residual noise (T, C, B)."""
+
+    start: Component
+    shocks: Component
+    drift: Component
+    white: Component
+
+
+def normals(flight: FlightData, draws: int, rng: np.random.Generator) -> Normals:
+    """Numbers for `draw_unknowns`."""
+    t, c = np.shape(flight.observed)
+    shapes = ((flight.starts,), (t, flight.latent.size), (t, c), (t, c))
+    return Normals(*(rng.standard_normal((*shape, draws)) for shape in shapes))
+
+
+def draw_unknowns(
+    marginal: Marginal, xi: Component, numbers: tuple[Normals, ...], hyper: Hyper | None = None
+) -> tuple[Unknowns, ...]:
+    """Draws of every flight's unknowns given theta, by simulation smoothing (Durbin and Koopman 2002).
+
+    A draw of the linear model is moved onto the data by the smoother. The full simulation then departs from the linear
+    one by more than the posterior's width, so the move is repeated with residuals simulated at the draw itself
+    (randomised optimisation, Bardsley et al. 2014, with fixed Jacobians).
 
     Args:
         marginal: The posterior.
         xi: Standard coordinates of the parameters (P, B).
-        z: Standard normal numbers per flight (U_f, B).
+        numbers: From `normals`, per flight; zeros give the conditional modes.
+        hyper: Noise parameters of this draw; the marginal's where None.
 
     Returns:
-        u per flight (U_f, B).
+        Start (D, B) and shocks (T, L, B) per flight.
     """
-    theta = marginal.theta(xi)
-    shift = theta - marginal.centre[:, None]
-    drawn = []
-    for flight, cond, normal in zip(marginal.flights, marginal.conditional, z, strict=True):
-        u, _, t = _shifted(flight, marginal.hyper, cond, theta, shift)
-        drawn.append(u + jax.scipy.linalg.solve_triangular(cond.upper, normal - t))
+    theta, shift = _shifted(marginal, xi)
+    law, drawn = hyper or marginal.hyper, []
+    for flight, along, z in zip(marginal.flights, marginal.along, numbers, strict=True):
+        made = along.gains if hyper is None else _gains(flight, hyper, along.linear)
+        unknowns = _drawn(flight, law, made, _series(flight, along, theta, shift), z)
+        for _ in range(_CORRECTIONS):
+            residual = residuals(flight, theta, course(flight, law, unknowns))
+            unknowns = _drawn(flight, law, made, _about(made, residual, unknowns), z)
+        drawn.append(unknowns)
     return tuple(drawn)
+
+
+@jax.jit
+def _about(made: Gains, residual: jax.Array, unknowns: Unknowns) -> jax.Array:
+    """What the linear model sees of residuals simulated at these unknowns."""
+    return residual + _linear_response(made, unknowns)
+
+
+@jax.jit
+def _drawn(flight: FlightData, hyper: Hyper, made: Gains, series: jax.Array, z: Normals) -> Unknowns:
+    """Smooth the difference between data and a draw of the linear model, and add it to the draw."""
+    seen = _linear_response(made, Unknowns(z.start, z.shocks))
+    seen = seen + colour(hyper.outputs(flight), flight.dt, z.drift, z.white)
+    start, shocks = smooth(made, series - seen)
+    return Unknowns(start + z.start, shocks + z.shocks)
+
+
+def _linear_response(made: Gains, unknowns: Unknowns) -> jax.Array:
+    """Outputs (T, C, B) of the linear model driven by standard unknowns, residual noise left out."""
+
+    def step(state: jax.Array, row: tuple) -> tuple[jax.Array, jax.Array]:
+        f, h, g, z = row
+        return f @ state + g @ z, h @ state
+
+    first = made.start @ unknowns.start + made.first @ unknowns.shocks[0]
+    later = jnp.concatenate([unknowns.shocks[1:], unknowns.shocks[:1]])  # the last is not used
+    return jax.lax.scan(step, first, (made.transition, made.output, made.shock, later))[1]

@@ -92,3 +92,19 @@ def log_density(noise: Noise, dt: Component, present: jax.Array, series: jax.Arr
     """Log density of residuals (T, C) summed over samples and outputs."""
     innovations = whiten(noise, dt, present, series)
     return -0.5 * jnp.sum(innovations**2) - log_determinant(noise, dt, present)
+
+
+def colour(noise: Noise, dt: Component, drift: jax.Array, white: jax.Array) -> jax.Array:
+    """AR(1) plus white noise (T, C, ...) made of two arrays of standard normal numbers of that shape."""
+    extra = (1,) * (drift.ndim - 2)
+    phi, sd, small = (
+        jnp.reshape(a, (-1, *extra)) for a in (jnp.exp(-dt / noise.time_constant), noise.correlated, noise.white)
+    )
+
+    def step(state: jax.Array, z: jax.Array) -> tuple[jax.Array, jax.Array]:
+        state = phi * state + sd * jnp.sqrt(1.0 - phi**2) * z
+        return state, state
+
+    first = sd * drift[0]
+    _, rest = jax.lax.scan(step, first, drift[1:])
+    return jnp.concatenate([first[None], rest]) + small * white

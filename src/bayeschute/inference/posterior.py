@@ -17,11 +17,22 @@ from bayeschute.inference import evidence
 from bayeschute.inference import map as optimum
 from bayeschute.inference.evidence import HyperPrior
 from bayeschute.inference.map import Optimum
-from bayeschute.inference.marginal import Marginal, draw_unknowns, log_density, marginalise, projected_residuals
-from bayeschute.inference.noise import gains, whiten
+from bayeschute.inference.marginal import (
+    Marginal,
+    determinant_around,
+    determinant_error,
+    determinant_slope,
+    draw_unknowns,
+    log_density,
+    marginalise,
+    normals,
+    projected_residuals,
+    sample_log_likelihoods,
+)
+from bayeschute.inference.noise import colour
 from bayeschute.inference.priors import Prior, values, working
 from bayeschute.inference.surrogate import Surrogate, build
-from bayeschute.inference.target import FlightData, Hyper, linearise, residuals
+from bayeschute.inference.target import FlightData, Hyper, Linear, Unknowns, course, linearise, residuals
 from bayeschute.samplers import ensemble, nuts
 from bayeschute.samplers.protocol import Draws
 
@@ -33,13 +44,23 @@ HORIZONS = (0.2, 0.5)  # shares fitted first: an unstable pendulum far from its 
 
 @dataclass(frozen=True)
 class Found:
-    """The optimum, its noise parameters, the marginal posterior there, and how well the latent processes are known."""
+    """The optimum, its noise parameters, the marginal posterior there, and how well the noise parameters are known.
+
+    Attributes:
+        optimum: Mode of the marginal posterior, with start and shocks there.
+        hyper: Noise parameters of greatest evidence.
+        marginal: The marginal posterior about the optimum.
+        evidence: Minus the log evidence up to a constant.
+        law_covariance: Of the logarithms of the noise parameters (V, V).
+        determinant_error: Root mean square error of the log determinant's polynomial over the posterior.
+    """
 
     optimum: Optimum
     hyper: Hyper
     marginal: Marginal
     evidence: float
-    latent_covariance: Array
+    law_covariance: Array
+    determinant_error: float
 
 
 def _until(flight: FlightData, share: float) -> FlightData:
@@ -49,6 +70,11 @@ def _until(flight: FlightData, share: float) -> FlightData:
     return replace(flight, present=seen)
 
 
+def _linearised(flights: Sequence[FlightData], hyper: Hyper, best: Optimum) -> list[Linear]:
+    pairs = zip(flights, best.unknowns, strict=True)
+    return [linearise(f, best.theta, course(f, hyper, x)) for f, x in pairs]
+
+
 def find(
     flights: Sequence[FlightData],
     priors: Sequence[Prior],
@@ -56,7 +82,10 @@ def find(
     rounds: int = 2,
     progress: Progress | None = None,
 ) -> Found:
-    """Fit parameters, initial states, latent disturbances and noise parameters, by turns.
+    """Fit parameters, start, latent disturbances and noise parameters, by turns.
+
+    The joint optimum over parameters and disturbances is not where the marginal posterior of the parameters is
+    greatest: its log determinant is then added, by its slope, and the fit repeated there.
 
     Args:
         flights: Records.
@@ -73,30 +102,37 @@ def find(
     """
     say = progress or (lambda share, words: None)
     theta, hyper = working(priors)[0], prior.median
-    u: list[Array] = [np.zeros(f.unknowns) for f in flights]
-    value = np.nan
+    unknowns: Sequence[Unknowns] | None = None
+    tilt, value = np.zeros(theta.size), np.nan
     for share in HORIZONS:
         say(0.0, f"opening {100 * share:.0f} % of the record")
         seen = [_until(f, share) for f in flights]
-        best = optimum.fit(seen, hyper, priors, theta, u, tolerance=0.5, most=12)
-        theta, u = best.theta, list(best.u)
+        best = optimum.fit(seen, hyper, priors, theta, unknowns, tolerance=0.5, most=12)
+        theta, unknowns = best.theta, best.unknowns
     for turn in range(rounds + 1):
         last = turn == rounds
 
         def tell(iteration: int, cost: float, step: float, turn: int = turn) -> None:
-            share = (turn + min(iteration / 12.0, 0.8)) / (rounds + 1)
+            share = 0.7 * (turn + min(iteration / 12.0, 0.8)) / (rounds + 1)
             say(share, f"optimum {turn + 1}: cost {cost:.1f}, step {step:.3f} standard errors")
 
-        best = optimum.fit(flights, hyper, priors, theta, u, tolerance=0.01 if last else 0.1, progress=tell)
-        theta, u = best.theta, list(best.u)
+        best = optimum.fit(flights, hyper, priors, theta, unknowns, 0.01 if last else 0.1, tilt=tilt, progress=tell)
+        theta, unknowns = best.theta, best.unknowns
         if not last:
-            say((turn + 0.9) / (rounds + 1), f"noise parameters {turn + 1}")
-            linear = [linearise(f, theta, x) for f, x in zip(flights, u, strict=True)]
-            hyper, value = evidence.maximise(flights, linear, priors, theta, hyper, prior, most=15 if turn == 0 else 10)
-    say(0.98, "uncertainty of the noise parameters")
-    linear = [linearise(f, theta, x) for f, x in zip(flights, u, strict=True)]
-    known = evidence.latent_covariance(flights, linear, priors, theta, hyper, prior)
-    return Found(best, hyper, marginalise(flights, hyper, priors, best), value, known)
+            say(0.7 * (turn + 0.9) / (rounds + 1), f"noise parameters {turn + 1}")
+            linear = _linearised(flights, hyper, best)
+            hyper, value = evidence.maximise(flights, linear, priors, hyper, prior, most=20 if turn == 0 else 12)
+    say(0.7, "log determinant")
+    slope = determinant_slope(marginalise(flights, hyper, priors, best))
+    tilt = np.linalg.solve(np.linalg.cholesky(best.covariance).T, slope)
+    best = optimum.fit(flights, hyper, priors, theta, unknowns, tolerance=0.01, tilt=tilt)
+    made = marginalise(flights, hyper, priors, best)
+    say(0.8, "log determinant at the mode")
+    made = replace(made, determinant=determinant_around(made))
+    wrong = determinant_error(made, 4, np.random.default_rng(0))
+    say(0.95, "uncertainty of the noise parameters")
+    known = evidence.law_covariance(flights, _linearised(flights, hyper, best), priors, hyper, prior)
+    return Found(best, hyper, made, value, known, wrong)
 
 
 def in_batches(function: Callable[[Array], Any], xi: Array, batch: int = BATCH) -> Any:
@@ -140,7 +176,7 @@ def sample(
         return ensemble.sample(exact, parameters, chains, draws, seed, walkers=BATCH, progress=tell)
     rng = np.random.default_rng([seed, 2])
     surrogate, failed = build(
-        lambda xi: in_batches(lambda part: projected_residuals(marginal, part), xi), parameters, rng
+        lambda xi: in_batches(lambda part: projected_residuals(marginal, part), xi), marginal.determinant, rng
     )
     density = jax.tree_util.Partial(Surrogate.log_density, surrogate)
     made = nuts.corrected(exact, density, parameters, chains, warmup, draws, seed, progress=tell)
@@ -158,8 +194,8 @@ def data_tree(
 ) -> xr.DataTree:
     """Everything about a posterior in one ArviZ DataTree.
 
-    The log likelihood is conditional on drawn initial states and latent disturbances, one entry per sample of each
-    flight (innovations of all its outputs together).
+    The log likelihood is that of every sample given all earlier ones, initial states and latent disturbances integrated
+    out; one entry per sample of each flight, all its outputs together.
 
     Args:
         marginal: The posterior.
@@ -193,8 +229,7 @@ def data_tree(
         },
         "constant_data": {
             **{f"noise.{k}": np.asarray(v) for k, v in marginal.hyper.noise.__dict__.items()},
-            "latent_sd": np.asarray(marginal.hyper.latent_sd),
-            "latent_time_constant": np.asarray(marginal.hyper.latent_time_constant),
+            **{f"latent.{i + 1}": np.asarray(law) for i, law in enumerate(marginal.hyper.laws)},
         },
     }
     tree = from_dict(groups)
@@ -208,52 +243,40 @@ def _named(priors: Sequence[Prior], array: Array) -> dict[str, Array]:
     return {p.name: array[..., i] for i, p in enumerate(priors)}
 
 
-@jax.jit
-def _innovations(flight: FlightData, hyper: Hyper, theta: jax.Array, u: jax.Array) -> tuple[jax.Array, jax.Array]:
-    residual = residuals(flight, theta, u)
-    return whiten(hyper.outputs(flight), flight.dt, flight.present, residual), residual
-
-
 def _per_sample(
     marginal: Marginal, draws: Draws, rng: np.random.Generator, progress: Progress | None
-) -> tuple[list, list]:
-    """Log likelihood per flight (chain, draw, T) and a posterior prediction per flight (chain, 25, T, C)."""
+) -> tuple[list[Array], list[Array]]:
+    """Log likelihood per flight (chain, draw, T) and posterior predictions per flight (chain, up to 25, T, C)."""
     chains, count, parameters = draws.xi.shape
     flat = draws.xi.reshape(-1, parameters).T
-    z = tuple(rng.standard_normal((f.unknowns, flat.shape[1])) for f in marginal.flights)
+    done = 0
+
+    def likelihood(part: Array) -> tuple[jax.Array, ...]:
+        nonlocal done
+        done += part.shape[1]
+        if progress is not None:
+            progress(min(done / flat.shape[1], 1.0), "log likelihood")
+        return sample_log_likelihoods(marginal, jnp.asarray(part))
+
+    rows = [row.T.reshape(chains, count, -1) for row in in_batches(likelihood, flat)]
     thin = np.unique(np.linspace(0, count - 1, min(25, count)).astype(int))
-    picked = (np.arange(chains)[:, None] * count + thin).ravel()
-    likelihood, predictive = [], []
-    for i, flight in enumerate(marginal.flights):
-        noise = marginal.hyper.outputs(flight)
-        _, _, variance = gains(noise, flight.dt, jnp.asarray(flight.present))
-        constant = -0.5 * np.sum(np.where(flight.present, np.log(2.0 * np.pi * np.asarray(variance)), 0.0), axis=1)
-        rows = np.empty((flat.shape[1], flight.observed.shape[0]))
-        seen = {}
-        for at in range(0, flat.shape[1], BATCH):
-            part = np.minimum(np.arange(at, at + BATCH), flat.shape[1] - 1)
-            u = draw_unknowns(marginal, flat[:, part], tuple(x[:, part] for x in z))[i]
-            e, residual = _innovations(flight, marginal.hyper, marginal.theta(jnp.asarray(flat[:, part])), u)
-            rows[part] = (constant[:, None] - 0.5 * np.sum(np.asarray(e) ** 2, axis=1)).T
-            for place in np.flatnonzero(np.isin(part, picked)):
-                seen[int(part[place])] = np.asarray(flight.observed) - np.asarray(residual[..., place])
-            if progress is not None:
-                progress(min((at + BATCH) / flat.shape[1], 1.0), "log likelihood and posterior predictions")
-        likelihood.append(rows.reshape(chains, count, -1))
-        clean = np.stack([seen[int(k)] for k in picked])
-        noisy = clean + _noise(marginal.hyper.outputs(flight), float(flight.dt), clean.shape, rng)
-        noisy = np.where(np.asarray(flight.present), noisy, np.nan)
-        predictive.append(noisy.reshape(chains, thin.size, *noisy.shape[1:]))
-    return likelihood, predictive
+    picked = flat[:, (np.arange(chains)[:, None] * count + thin).ravel()]
+
+    def prediction(part: Array) -> tuple[Array, ...]:
+        numbers = tuple(normals(f, part.shape[1], rng) for f in marginal.flights)
+        drawn = draw_unknowns(marginal, jnp.asarray(part), numbers)
+        theta = marginal.theta(jnp.asarray(part))
+        return tuple(_predicted(f, marginal.hyper, theta, u, rng) for f, u in zip(marginal.flights, drawn, strict=True))
+
+    made = [np.moveaxis(a, -1, 0).reshape(chains, thin.size, *a.shape[:2]) for a in in_batches(prediction, picked)]
+    return rows, made
 
 
-def _noise(noise: Any, dt: float, shape: tuple[int, ...], rng: np.random.Generator) -> Array:
-    """Draws (B, T, C) of AR(1) plus white noise."""
-    phi = np.exp(-dt / np.asarray(noise.time_constant))
-    out = np.empty(shape)
-    state = rng.standard_normal((shape[0], shape[2])) * np.asarray(noise.correlated)
-    for t in range(shape[1]):
-        out[:, t] = state
-        driven = rng.standard_normal(state.shape) * np.asarray(noise.correlated) * np.sqrt(1.0 - phi**2)
-        state = phi * state + driven
-    return out + rng.standard_normal(shape) * np.asarray(noise.white)
+def _predicted(
+    flight: FlightData, hyper: Hyper, theta: jax.Array, unknowns: Unknowns, rng: np.random.Generator
+) -> Array:
+    """Replicated data (T, C, B): outputs at the drawn unknowns, and new noise; NaN where nothing was recorded."""
+    residual = np.asarray(residuals(flight, theta, course(flight, hyper, unknowns)))
+    drift, white = (jnp.asarray(rng.standard_normal(residual.shape)) for _ in range(2))
+    noisy = np.asarray(flight.observed)[..., None] - residual + colour(hyper.outputs(flight), flight.dt, drift, white)
+    return np.where(np.asarray(flight.present)[..., None], noisy, np.nan)

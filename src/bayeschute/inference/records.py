@@ -1,4 +1,4 @@
-"""From a cleaned record to data that can be fitted: channels, reference start, knots, what is fitted, what held out."""
+"""From a cleaned record to data that can be fitted: channels, reference start, what is fitted, what held out."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from bayeschute.dynamics.parameters import Cluster, Structure
 from bayeschute.dynamics.stability import fastest_pole, substeps
 from bayeschute.dynamics.start import Start, deviation_names, tangent_basis
 from bayeschute.errors import Fault, InputError
-from bayeschute.inference.latent import interpolation, knot_times
+from bayeschute.inference.latent import Latent
 from bayeschute.inference.priors import Prior
 from bayeschute.inference.target import FlightData
 
@@ -67,8 +67,7 @@ def cluster_data(
     structure: Structure,
     priors: Sequence[Prior],
     channels: Sequence[str],
-    knots: float,
-    groups: tuple[int, ...],
+    latent: Latent,
     until: float | None = None,
 ) -> FlightData:
     """Data of a cluster flight.
@@ -79,8 +78,7 @@ def cluster_data(
         structure: Terms and options.
         priors: Priors of the parameters, in order.
         channels: Channels to fit; those the record lacks are left out.
-        knots: Distance of the knots of the latent disturbances [s].
-        groups: Group of every latent process.
+        latent: Processes of the latent disturbances.
         until: Data after this time are held out [s].
 
     Returns:
@@ -122,9 +120,7 @@ def cluster_data(
     observed = np.concatenate([columns[c] for c in used], axis=1)
     sizes = channel_sizes(used, n)
     numbers = tuple(i for i, c in enumerate(channels) if c in used for _ in range(sizes[c]))
-    return _data(
-        flight, time, observed, numbers, groups, knots, _start_scale(n, recorded, "capsule_rate" in record), until
-    )
+    return _data(flight, time, observed, numbers, latent, _start_scale(n, recorded, "capsule_rate" in record), until)
 
 
 def _data(
@@ -132,12 +128,10 @@ def _data(
     time: Array,
     observed: Array,
     channel: tuple[int, ...],
-    groups: tuple[int, ...],
-    knots: float,
+    latent: Latent,
     start_scale: Array,
     until: float | None,
 ) -> FlightData:
-    at = knot_times(time[-1] - time[0], knots)
     present = np.isfinite(observed)
     if until is not None:
         present &= (time <= until)[:, None]
@@ -145,12 +139,10 @@ def _data(
         model,
         np.where(present, observed, 0.0),
         present,
-        interpolation(time - time[0], at),
-        float(at[1]),
         float(time[1] - time[0]),
         start_scale,
         channel,
-        groups,
+        latent,
     )
 
 
@@ -222,12 +214,12 @@ def density_profile(altitude: Array, density: Array) -> DensityProfile:
     return DensityProfile(lowest, _ALTITUDE_STEP, smooth(nodes) + np.interp(nodes, nodes[seen], mean[seen]))
 
 
-def descent_data(record: xr.Dataset, knots: float, until: float | None = None) -> FlightData:
+def descent_data(record: xr.Dataset, latent: Latent, until: float | None = None) -> FlightData:
     """Data of a descent.
 
     Args:
         record: Uniform record with ``altitude``, ``descent_rate`` and ``density``.
-        knots: Distance of the knots of the vertical wind error [s].
+        latent: Processes of the vertical wind error.
         until: Data after this time are held out [s].
 
     Returns:
@@ -257,4 +249,4 @@ def descent_data(record: xr.Dataset, knots: float, until: float | None = None) -
         dt,
         substeps=steps,
     )
-    return _data(model, time, rate[:, None], (0,), (0,), knots, np.array([2.0]), until)
+    return _data(model, time, rate[:, None], (0,), latent, np.array([2.0]), until)

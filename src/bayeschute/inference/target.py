@@ -1,8 +1,8 @@
-"""The joint density of parameters, initial states and latent disturbances, as one vector of standardised residuals.
+"""The joint density of parameters, initial state and latent disturbances of one flight.
 
-Unknowns are the parameters theta (P,), shared by all flights, and per flight ``u`` (U,): deviations of the initial
-state, then knots of the latent disturbances. ``-log density = 1/2 |s|^2 + const`` with s = (innovations of the data, u
-under its prior); the prior of theta is added where flights are put together.
+Unknowns beside the parameters theta (P,) are, per flight, a standard normal start (D,) and standard normal shocks
+(T, L) of the latent processes. ``-log density = 1/2 |innovations|^2 + 1/2 |start|^2 + 1/2 |shocks|^2 + const``; the
+prior of theta is added where flights are put together.
 """
 
 from __future__ import annotations
@@ -14,10 +14,11 @@ import jax
 import jax.numpy as jnp
 
 from bayeschute.air.vector import Component
-from bayeschute.dynamics.integrate import FlightModel, jacobian, outputs, trajectory
+from bayeschute.dynamics.integrate import FlightModel, Steps, outputs, step_jacobians, trajectory
 from bayeschute.inference import latent as processes
 from bayeschute.inference.latent import Latent
-from bayeschute.inference.noise import Noise, log_determinant, whiten
+from bayeschute.inference.noise import Noise, whiten
+from bayeschute.inference.statespace import Gains, gains, response
 
 
 @jax.tree_util.register_dataclass
@@ -29,23 +30,19 @@ class FlightData:
         model: The flight's model.
         observed: Data in the order of the model's outputs (T, C).
         present: Which data exist (T, C).
-        weights: Interpolation weights of the knots (T, K).
-        spacing: Distance of the knots [s].
         dt: Sample interval [s].
         start_scale: Prior standard deviations of the initial deviations (D,).
         channel: Channel of every output, by number (C entries).
-        group: Entry of `Hyper.latent_sd` for every latent process (A entries).
+        latent: Processes of the latent disturbances.
     """
 
     model: FlightModel
     observed: Component
     present: Component
-    weights: Component
-    spacing: Component
     dt: Component
     start_scale: Component
     channel: tuple[int, ...] = field(metadata={"static": True})
-    group: tuple[int, ...] = field(metadata={"static": True})
+    latent: Latent = field(metadata={"static": True})
 
     @property
     def starts(self) -> int:
@@ -53,111 +50,125 @@ class FlightData:
         return int(self.start_scale.shape[0])
 
     @property
-    def unknowns(self) -> int:
-        """Length of u."""
-        return self.starts + int(self.weights.shape[1]) * len(self.group)
+    def samples(self) -> int:
+        """Number of samples."""
+        return int(self.observed.shape[0])
+
+    def still(self) -> Unknowns:
+        """Unknowns at their prior means."""
+        return Unknowns(jnp.zeros(self.starts), jnp.zeros((self.samples, self.latent.size)))
+
+
+class Unknowns(NamedTuple):
+    """Standard normal unknowns of a flight: start (D, ...) and shocks of the latent processes (T, L, ...)."""
+
+    start: Component
+    shocks: Component
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Hyper:
-    """Noise parameters.
+    """Noise parameters, all positive.
 
     Attributes:
         noise: Residual noise per channel.
-        latent_sd: Standard deviation per group of latent processes (G,).
-        latent_time_constant: Their e-folding times (G,) [s].
+        laws: Parameters of every group of latent processes, in the order of `latent.KINDS`.
     """
 
     noise: Noise
-    latent_sd: Component
-    latent_time_constant: Component
+    laws: tuple[Component, ...]
 
     def outputs(self, data: FlightData) -> Noise:
         """Residual noise per output."""
         return jax.tree.map(lambda a: jnp.asarray(a)[jnp.array(data.channel)], self.noise)
 
-    def latent(self, data: FlightData) -> Latent:
-        """Every latent process."""
-        group = jnp.array(data.group)
-        return Latent(jnp.asarray(self.latent_sd)[group], jnp.asarray(self.latent_time_constant)[group])
+    def dynamics(self, data: FlightData) -> processes.Dynamics:
+        """State-space model of the flight's latent processes."""
+        return processes.dynamics(data.latent, self.laws, data.dt)
 
 
-def split(data: FlightData, u: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Initial deviations (D, ...) and knots (K, A, ...) of `u` (U, ...)."""
-    return u[: data.starts], u[data.starts :].reshape(-1, len(data.group), *u.shape[1:])
+class Course(NamedTuple):
+    """What drives a flight beside its parameters: initial deviations (D, ...) and disturbances (T, A, ...)."""
+
+    start: Component
+    error: Component
 
 
-def sample_error(data: FlightData, knots: jax.Array) -> jax.Array:
-    """Latent disturbances at every sample (T, A, ...) from knots (K, A, ...)."""
-    return jnp.tensordot(data.weights, knots, axes=1)
+@jax.jit
+def course(data: FlightData, hyper: Hyper, unknowns: Unknowns) -> Course:
+    """Initial deviations and disturbances of standard unknowns."""
+    scale = jnp.reshape(data.start_scale, (-1, *(1,) * (unknowns.start.ndim - 1)))
+    return Course(scale * unknowns.start, processes.disturbances(hyper.dynamics(data), unknowns.shocks))
 
 
-def states(data: FlightData, theta: jax.Array, u: jax.Array) -> jax.Array:
+# The simulation is compiled once per batch size: what is built on it is put together outside of compiled functions.
+@jax.jit
+def states(data: FlightData, theta: jax.Array, driven: Course) -> jax.Array:
     """Simulated states (T, X, ...)."""
-    start, knots = split(data, u)
-    return trajectory(data.model, theta, start, sample_error(data, knots))
+    return trajectory(data.model, theta, driven.start, driven.error)
 
 
-def residuals(data: FlightData, theta: jax.Array, u: jax.Array) -> jax.Array:
-    """Data minus simulation (T, C, ...); zero where no datum exists."""
-    y = outputs(data.model, states(data, theta, u), theta)
+@jax.jit
+def _compared(data: FlightData, theta: jax.Array, x: jax.Array) -> jax.Array:
+    """Data minus outputs of states."""
+    y = outputs(data.model, x, theta)
     extra = (1,) * (y.ndim - 2)
-    observed, present = (a.reshape(*a.shape, *extra) for a in (data.observed, data.present))
+    observed, present = (jnp.reshape(a, (*a.shape, *extra)) for a in (data.observed, data.present))
     return jnp.where(present, observed - y, 0.0)
 
 
-def standardised(data: FlightData, hyper: Hyper, residual: jax.Array, u: jax.Array) -> jax.Array:
-    """The vector s (N, ...): innovations, then u under its prior."""
-    innovations = whiten(hyper.outputs(data), data.dt, data.present, residual)
-    start, knots = split(data, u)
-    extra = (1,) * (u.ndim - 1)
-    scaled = processes.whiten(hyper.latent(data), data.spacing, knots)
-    parts = [innovations, start / data.start_scale.reshape(-1, *extra), scaled]
-    lead = u.shape[1:]
-    return jnp.concatenate([p.reshape(-1, *lead) for p in parts])
+def residuals(data: FlightData, theta: Component, driven: Course) -> jax.Array:
+    """Data minus simulation (T, C, ...); zero where no datum exists."""
+    return _compared(data, theta, states(data, theta, driven))
 
 
-def log_normaliser(data: FlightData, hyper: Hyper) -> jax.Array:
-    """What `1/2 |s|^2` leaves out of minus the log density of data and u, up to constants of u's prior."""
-    knots = int(data.weights.shape[1])
-    prior = jnp.sum(jnp.log(data.start_scale)) + processes.log_determinant(hyper.latent(data), data.spacing, knots)
-    return log_determinant(hyper.outputs(data), data.dt, data.present) + prior
+@jax.jit
+def _joint(data: FlightData, hyper: Hyper, residual: jax.Array, unknowns: Unknowns) -> jax.Array:
+    parts = (whiten(hyper.outputs(data), data.dt, data.present, residual), unknowns.start, unknowns.shocks)
+    axes = ((0, 1), (0,), (0, 1))
+    return 0.5 * sum((jnp.sum(a**2, axis=ax) for a, ax in zip(parts, axes, strict=True)), jnp.zeros(()))
+
+
+def cost(data: FlightData, hyper: Hyper, theta: Component, unknowns: Unknowns) -> jax.Array:
+    """Minus the joint log density of one flight up to terms in `hyper`, batch axes kept."""
+    return _joint(data, hyper, residuals(data, theta, course(data, hyper, unknowns)), unknowns)
 
 
 class Linear(NamedTuple):
-    """A flight linearised at (theta, u): residuals (T, C), their derivatives by (theta, u) (T, C, P + U), and u."""
+    """A flight linearised at (theta, course): residuals (T, C) there, and the derivatives of all steps."""
 
-    residual: jax.Array
-    derivative: jax.Array
-    u: jax.Array
-
-
-@jax.jit
-def linearise(data: FlightData, theta: jax.Array, u: jax.Array) -> Linear:
-    """Residuals and exact derivatives at (theta, u)."""
-    start, knots = split(data, u)
-    y, by = jacobian(data.model, theta, start, sample_error(data, knots), data.weights)
-    residual = jnp.where(data.present, data.observed - y, 0.0)
-    return Linear(residual, jnp.where(data.present[:, :, None], -by, 0.0), u)
-
-
-def standardised_linear(data: FlightData, hyper: Hyper, linear: Linear) -> tuple[jax.Array, jax.Array]:
-    """Standardised residuals s (N,) and their derivatives (N, P + U) of a linearised flight."""
-    s = standardised(data, hyper, linear.residual, linear.u)
-    parameters = linear.derivative.shape[2] - linear.u.shape[0]
-    unit = jnp.concatenate([jnp.zeros((linear.u.shape[0], parameters)), jnp.eye(linear.u.shape[0])], axis=1)
-    return s, standardised(data, hyper, linear.derivative, unit)
+    residual: Component
+    driven: Course
+    steps: Steps
 
 
 @jax.jit
-def cost(data: FlightData, hyper: Hyper, theta: jax.Array, u: jax.Array) -> jax.Array:
-    """``1/2 |s|^2`` of one flight, batch axes kept."""
-    return 0.5 * jnp.sum(standardised(data, hyper, residuals(data, theta, u), u) ** 2, axis=0)
+def linearise(data: FlightData, theta: jax.Array, driven: Course) -> Linear:
+    """Residuals and exact derivatives of all steps at (theta, course)."""
+    y, steps = step_jacobians(data.model, theta, driven.start, driven.error)
+    return Linear(jnp.where(data.present, data.observed - y, 0.0), driven, steps)
 
 
-@jax.jit
-def normal_equations(data: FlightData, hyper: Hyper, linear: Linear) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Gauss-Newton matrix (P + U, P + U), gradient (P + U,) and cost of one flight."""
-    s, by = standardised_linear(data, hyper, linear)
-    return by.T @ by, by.T @ s, 0.5 * s @ s
+def filter_gains(data: FlightData, hyper: Hyper, linear: Linear) -> Gains:
+    """Covariance pass of the filter of a linearised flight."""
+    return gains(
+        linear.steps, data.start_scale, hyper.dynamics(data), hyper.outputs(data), data.dt, jnp.asarray(data.present)
+    )
+
+
+def as_series(linear: Linear) -> jax.Array:
+    """The linear model's data and its derivatives (T, C, 1 + P).
+
+    First column: what the data would be about the undisturbed, linearised flight at theta (residual plus the response
+    to start and disturbances that lies in it); then the derivatives of the outputs by theta.
+    """
+    start, error = jnp.asarray(linear.driven.start), jnp.asarray(linear.driven.error)
+    p = linear.steps.out_theta.shape[2]
+    wide = response(
+        linear.steps,
+        jnp.concatenate([start[:, None], jnp.zeros((start.size, p))], axis=1),
+        jnp.concatenate([error[..., None], jnp.zeros((*error.shape, p))], axis=2),
+        jnp.concatenate([jnp.zeros((p, 1)), jnp.eye(p)], axis=1),
+    )
+    return wide.at[:, :, 0].add(linear.residual)

@@ -82,28 +82,22 @@ def plain_table(mapping: Mapping[str, Any], left: str, right: str) -> Table | No
 
 
 def noise_table(results: Results) -> Table | None:
-    """The residual noise as it was taken or estimated, and the latent wind error."""
+    """Residual noise of the channels and laws of the latent disturbances, as they were found."""
+    known = {name: facts for name, facts in results.part("noise").items() if isinstance(facts, Mapping) and facts}
+    labels = {"time_constant": "Time constant [s]", "frequency": "Frequency [Hz]", "damping_ratio": "Damping ratio"}
+    keys = [key for key in labels if any(is_number(facts.get(key)) for facts in known.values())]
     rows = []
-    for name, facts in [*results.part("noise").items(), ("wind error", results.part("wind"))]:
-        if not isinstance(facts, Mapping) or not facts:
-            continue
-        unit = str(facts.get("unit") or ("m/s" if name == "wind error" else "1"))
-        scale, shown = shown_unit(unit)
-
-        def size(*keys: str, facts: Mapping[str, Any] = facts, scale: float = scale) -> str:
-            value = next((facts[k] for k in keys if is_number(facts.get(k))), None)
-            return number(scale * value, 3) if value is not None else MISSING
-
-        correlated = size("correlated", "horizontal")
-        if is_number(facts.get("vertical")):
-            correlated = f"{correlated} / {size('vertical')}"
-        rows.append(
-            cells(plain(name), size("white"), correlated, number(facts.get("time_constant"), 3), Cell(shown, "muted"))
-        )
-    columns = columns_of("Channel:text|White:num|Correlated:num|Time constant [s]:num|Unit:text")
+    for name, facts in known.items():
+        scale, shown = shown_unit(str(facts.get("unit") or "1"))
+        sizes = [number(scale * facts[k], 3) if is_number(facts.get(k)) else MISSING for k in ("white", "correlated")]
+        rest = [number(facts.get(key), 3) for key in keys]
+        rows.append(cells(plain(name), *sizes, *rest, Cell(shown, "muted")))
+    columns = columns_of(
+        "|".join(["Channel:text", "White:num", "Correlated:num", *(f"{labels[k]}:num" for k in keys), "Unit:text"])
+    )
     caption = (
-        "Standard deviations and time constants, as found. "
-        "Wind and canopy force: latent disturbances that the fit infers."
+        "Standard deviations and time constants, frequency and damping of what oscillates, as found. "
+        "Wind, canopy force and breathing: latent disturbances that the fit infers."
     )
     return Table(columns, tuple(rows), caption, style="narrow") if rows else None
 
@@ -166,7 +160,10 @@ def ceiling_table(facts: Mapping[str, Any]) -> Table | None:
         ceiling = step.get("sigma_max2")
         terms = [str(t) for t in step.get("terms") or []]
         root = number(float(ceiling) ** 0.5, 3) if is_number(ceiling) and ceiling >= 0 else MISSING
-        if is_number(used) and is_number(ceiling) and abs(ceiling - used) <= 1e-9 * abs(used):
+        low, high = step.get("low"), step.get("high")
+        if is_number(used) and is_number(low) and low <= used and (high is None or used < high):
+            marked.add(i)
+        elif is_number(used) and low is None and is_number(ceiling) and abs(ceiling - used) <= 1e-9 * abs(used):
             marked.add(i)
         rows.append(cells(root, str(len(terms)), Cell(", ".join(terms) or MISSING, "code wrap")))
     columns = columns_of("Noise ceiling σ_max:num|Terms:num|Kept:code")

@@ -12,6 +12,7 @@ from bayeschute.study.quantities import (
     AreaPerMass,
     Bounds,
     Damping,
+    Frequency,
     PositiveLength,
     PositiveSpeed,
     PositiveTime,
@@ -108,17 +109,15 @@ class WindNoise(Strict):
         horizontal: Standard deviation of north and east [m/s]; None in the descent model.
         vertical: Standard deviation of down [m/s].
         time_constant: [s].
-        knots: Time between knots [s].
     """
 
     horizontal: PositiveSpeed | None = None
     vertical: PositiveSpeed
     time_constant: PositiveTime
-    knots: PositiveTime
 
 
 class ForceNoise(Strict):
-    """Latent fluctuation of each canopy's axial force, breathing among it: an Ornstein-Uhlenbeck process per canopy.
+    """Latent fluctuation of each canopy's axial force: an Ornstein-Uhlenbeck process per canopy.
 
     Attributes:
         sd: Standard deviation of the relative change [1].
@@ -129,17 +128,40 @@ class ForceNoise(Strict):
     time_constant: PositiveTime
 
 
+class BreathingNoise(Strict):
+    """Latent breathing of each canopy's axial force: a randomly driven oscillator per canopy (6.3.2-27).
+
+    Attributes:
+        sd: Standard deviation of the relative change [1].
+        frequency: Undamped frequency [Hz].
+        damping_ratio: Share of critical damping [1].
+    """
+
+    sd: Annotated[float, number(Bounds(above=0.0, most=0.5))]
+    frequency: Frequency
+    damping_ratio: Annotated[float, number(Bounds(above=0.0, most=0.9))]
+
+
+_LATENT = ("wind", "slow_wind", "canopy_force", "breathing")
+
+
 class NoiseTable(Strict):
-    """Noise of the record's channels, of the wind and of the canopies' force; a channel left out is not fitted."""
+    """Noise of the record's channels, of the wind and of the canopies' force; a channel left out is not fitted.
+
+    The air moves on more than one scale: gusts last seconds, thermals and errors of a wind profile minutes. `slow_wind`
+    adds a second process to `wind`.
+    """
 
     canopy_position: ChannelNoise[PositiveLength] | None = None
     capsule_velocity: ChannelNoise[PositiveSpeed] | None = None
     capsule_attitude: ChannelNoise[PositiveAngle] | None = None
     descent_rate: ChannelNoise[PositiveSpeed] | None = None
     wind: WindNoise
+    slow_wind: WindNoise | None = None
     canopy_force: ForceNoise | None = None
+    breathing: BreathingNoise | None = None
 
     def channels(self) -> dict[str, ChannelNoise[float]]:
         """The channels that are fitted, by name."""
-        names = (name for name in type(self).model_fields if name not in ("wind", "canopy_force"))
+        names = (name for name in type(self).model_fields if name not in _LATENT)
         return {name: channel for name in names if (channel := getattr(self, name)) is not None}

@@ -15,6 +15,7 @@ from bayeschute.dynamics.parameters import Canopies, Capsule, Cluster, Risers, S
 from bayeschute.flight.reconstruct import ClusterGeometry
 from bayeschute.flight.sensors import Dropouts, SensorNoise
 from bayeschute.forecast.virtual import Breathing, Turbulence, VirtualDrop, WindProfile
+from bayeschute.inference.latent import Latent
 from bayeschute.inference.noise import Noise
 from bayeschute.inference.target import Hyper
 from bayeschute.study.load import Study
@@ -118,21 +119,39 @@ def hyper(study: Study) -> Hyper:
         np.array([t.correlated or tiny for t in tables]),
         np.array([t.time_constant or 1.0 for t in tables]),
     )
-    wind = study.noise.wind
-    if study.model == "descent":
-        return Hyper(noise, np.array([wind.vertical]), np.array([wind.time_constant]))
-    sd, tau = [wind.horizontal, wind.vertical], [wind.time_constant, wind.time_constant]
-    if study.noise.canopy_force is not None:
-        sd.append(study.noise.canopy_force.sd)
-        tau.append(study.noise.canopy_force.time_constant)
-    return Hyper(noise, np.array(sd), np.array(tau))
+    return Hyper(noise, tuple(np.array(law) for _, _, _, law in _groups(study)))
 
 
-def latent_groups(study: Study, canopies: int) -> tuple[int, ...]:
-    """Group of every latent process: north, east, down, then one per canopy where its force may fluctuate."""
+def latent(study: Study, canopies: int) -> Latent:
+    """Latent processes: errors of the wind north, east and down, then what makes each canopy's force fluctuate."""
+    places = {"horizontal": (0, 1), "vertical": (2,), "canopy": tuple(range(3, 3 + canopies))}
     if study.model == "descent":
-        return (0,)
-    return (0, 0, 1) + ((2,) * canopies if study.noise.canopy_force is not None else ())
+        places = {"vertical": (0,)}
+    found = _groups(study)
+    processes = [(row, group) for group, (_, place, _, _) in enumerate(found) for row in places[place]]
+    return Latent(tuple(kind for _, _, kind, _ in found), tuple(processes))
+
+
+def law_names(study: Study) -> tuple[str, ...]:
+    """Names of the groups of latent processes, in the order of `hyper`."""
+    return tuple(name for name, _, _, _ in _groups(study))
+
+
+def _groups(study: Study) -> list[tuple[str, str, str, tuple[float, ...]]]:
+    """Name, place, kind and law of every group of latent processes."""
+    table = study.noise
+    found: list[tuple[str, str, str, tuple[float, ...]]] = []
+    for name, wind in (("wind", table.wind), ("slow wind", table.slow_wind)):
+        if wind is not None and wind.horizontal is not None and study.model != "descent":
+            found.append((f"{name}, horizontal", "horizontal", "drift", (wind.horizontal, wind.time_constant)))
+        if wind is not None:
+            found.append((f"{name}, vertical", "vertical", "drift", (wind.vertical, wind.time_constant)))
+    if table.canopy_force is not None:
+        found.append(("canopy force", "canopy", "drift", (table.canopy_force.sd, table.canopy_force.time_constant)))
+    if table.breathing is not None:
+        b = table.breathing
+        found.append(("breathing", "canopy", "oscillator", (b.sd, b.frequency, b.damping_ratio)))
+    return found
 
 
 def smaller(study: Study) -> Study:

@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import jax
 import numpy as np
 import xarray as xr
 from arviz_base import from_dict
@@ -18,11 +19,11 @@ from bayeschute.errors import Fault, InputError
 from bayeschute.inference import population
 from bayeschute.inference.evidence import HyperPrior, from_vector, to_vector
 from bayeschute.inference.map import Optimum
-from bayeschute.inference.marginal import Marginal, marginalise
+from bayeschute.inference.marginal import Determinant, Marginal, marginalise
 from bayeschute.inference.posterior import Found, data_tree, find, sample
 from bayeschute.inference.priors import Prior
 from bayeschute.inference.records import cluster_data, descent_data
-from bayeschute.inference.target import FlightData, Hyper
+from bayeschute.inference.target import FlightData, Hyper, Unknowns
 from bayeschute.samplers.protocol import Draws
 from bayeschute.study import setup
 from bayeschute.study.study import Flight
@@ -70,16 +71,15 @@ def data_of(job: Job, flight: Flight, priors: Sequence[Prior]) -> FlightData:
     study, record = job.study, load_flight(job, flight.name)
     time = record["time"].values
     until = None if flight.identify_until is None else flight.identify_until.at(time[0], time[-1])
-    knots = study.noise.wind.knots
     if study.model == "descent":
-        return descent_data(record, knots, until)
+        return descent_data(record, setup.latent(study, 1), until)
     assert study.vehicle is not None
     n = study.vehicle.canopies.number
     base, _ = setup.cluster(study.vehicle, flight.capsule_mass)
     structure = structure_of(priors, n)
     blank = replace(base, axial=(0.0,) * len(structure.axial), transverse=(0.0,) * len(structure.transverse))
     channels = tuple(study.noise.channels())
-    return cluster_data(record, blank, structure, priors, channels, knots, setup.latent_groups(study, n), until)
+    return cluster_data(record, blank, structure, priors, channels, setup.latent(study, n), until)
 
 
 def _save(job: Job, group: Group, found: Found, draws: Draws) -> None:
@@ -88,10 +88,11 @@ def _save(job: Job, group: Group, found: Found, draws: Draws) -> None:
     best = found.optimum
     arrays: dict[str, Any] = {
         "theta": best.theta,
-        "precision": best.precision,
+        "covariance": best.covariance,
+        "determinant": np.stack(found.marginal.determinant),
         "hyper": to_vector(found.hyper),
         "xi": draws.xi,
-        "latent_covariance": found.latent_covariance,
+        "law_covariance": found.law_covariance,
         "facts": np.array(
             [
                 best.cost,
@@ -101,10 +102,12 @@ def _save(job: Job, group: Group, found: Found, draws: Draws) -> None:
                 found.evidence,
                 draws.failed,
                 draws.evaluations,
+                found.determinant_error,
             ]
         ),
     }
-    arrays |= {f"u{i}": u for i, u in enumerate(best.u)}
+    for i, unknowns in enumerate(best.unknowns):
+        arrays |= {f"start{i}": np.asarray(unknowns.start), f"shocks{i}": np.asarray(unknowns.shocks)}
 
     def write(path: Any) -> None:
         with path.open("wb") as file:
@@ -124,7 +127,8 @@ class Stored:
         theta: Draws in working coordinates (chain, draw, P).
         failed: Simulations that failed while sampling.
         evaluations: Evaluations of the exact density.
-        latent_covariance: Of the logarithms of the latent processes' parameters.
+        law_covariance: Of the logarithms of the noise parameters.
+        determinant_error: Root mean square error of the log determinant's polynomial.
     """
 
     marginal: Marginal
@@ -133,23 +137,30 @@ class Stored:
     theta: Array
     failed: int
     evaluations: int
-    latent_covariance: Array
+    law_covariance: Array
+    determinant_error: float
+
+
+def load_hyper(job: Job, group: Group) -> Hyper:
+    """Noise parameters of a finished fit."""
+    with np.load(job.out / "fit" / f"{group.name}.npz") as file:
+        return jax.tree.map(np.asarray, from_vector(file["hyper"], setup.hyper(job.study)))
 
 
 def load_fit(job: Job, group: Group) -> Stored:
     """Read a fit back and set its marginal posterior up again."""
     with np.load(job.out / "fit" / f"{group.name}.npz") as file:
         a = {k: file[k] for k in file.files}
-    medians = setup.hyper(job.study)
-    hyper = from_vector(a["hyper"], int(np.size(medians.noise.white)), int(np.size(medians.latent_sd)))
-    hyper = Hyper(hyper.noise, np.asarray(hyper.latent_sd), np.asarray(hyper.latent_time_constant))
-    cost, converged, iterations, last, _, failed, evaluations = a["facts"]
-    u = tuple(a[f"u{i}"] for i in range(len(group.flights)))
-    best = Optimum(a["theta"], u, a["precision"], float(cost), bool(converged), int(iterations), float(last), ())
+    hyper = load_hyper(job, group)
+    cost, converged, iterations, last, _, failed, evaluations, wrong = a["facts"]
+    unknowns = tuple(Unknowns(a[f"start{i}"], a[f"shocks{i}"]) for i in range(len(group.flights)))
+    best = Optimum(
+        a["theta"], unknowns, a["covariance"], float(cost), bool(converged), int(iterations), float(last), ()
+    )
     flights = [data_of(job, f, group.priors) for f in group.flights]
-    marginal = marginalise(flights, hyper, group.priors, best)
+    marginal = replace(marginalise(flights, hyper, group.priors, best), determinant=Determinant(*a["determinant"]))
     theta = best.theta + a["xi"] @ np.asarray(marginal.scale).T
-    return Stored(marginal, best, hyper, theta, int(failed), int(evaluations), a["latent_covariance"])
+    return Stored(marginal, best, hyper, theta, int(failed), int(evaluations), a["law_covariance"], float(wrong))
 
 
 def fit(job: Job) -> str:

@@ -15,14 +15,13 @@ from bayeschute.study import setup
 from bayeschute.study.load import study_hash
 from bayeschute.study.study import Flight
 from bayeschute.study.work_data import load_flight, load_priors
-from bayeschute.study.work_fit import groups, load_fit, summary_draws
+from bayeschute.study.work_fit import groups, load_hyper, summary_draws
 from bayeschute.study.work_results import OPENING
 
 if TYPE_CHECKING:
     from bayeschute.study.stages import Job
 
 Array = NDArray[np.float64]
-_LATENT_UNIT = {"wind, horizontal": "m/s", "wind, vertical": "m/s", "canopy force": "1"}
 _CHANNEL_UNIT = {"canopy_position": "m", "capsule_velocity": "m/s", "capsule_attitude": "rad", "descent_rate": "m/s"}
 _PROGRAMS = ("bayeschute", "jax", "numpyro", "emcee", "arviz-base", "numpy", "scipy")
 _UNCALIBRATED = "no calibration of this configuration is stored"
@@ -93,7 +92,7 @@ def _divergences(job: Job) -> int:
 
 def _disturbances(job: Job) -> dict[str, Any]:
     """Noise of the channels and of the wind as found (of the first fit, where there are several)."""
-    hyper = load_fit(job, groups(job)[0]).hyper
+    hyper = load_hyper(job, groups(job)[0])
     noise = {
         name: {
             "white": hyper.noise.white[i],
@@ -103,11 +102,11 @@ def _disturbances(job: Job) -> dict[str, Any]:
         }
         for i, name in enumerate(job.study.noise.channels())
     }
-    names = ["wind, vertical"] if job.study.model == "descent" else list(_LATENT_UNIT)
-    for k, (name, sd) in enumerate(zip(names, hyper.latent_sd, strict=False)):
-        tau = hyper.latent_time_constant[k]
-        noise[name] = {"white": None, "correlated": sd, "time_constant": tau, "unit": _LATENT_UNIT[name]}
-    return {"noise": noise, "knots_s": job.study.noise.wind.knots}
+    for name, law in zip(setup.law_names(job.study), hyper.laws, strict=True):
+        facts = {"white": None, "correlated": law[0], "unit": "m/s" if "wind" in name else "1"}
+        facts |= {"frequency": law[1], "damping_ratio": law[2]} if law.size == 3 else {"time_constant": law[1]}
+        noise[name] = facts
+    return {"noise": noise}
 
 
 def _flight_entry(job: Job, flight: Flight) -> dict[str, Any]:
@@ -147,9 +146,8 @@ def _notes(job: Job) -> list[str]:
     notes = [
         "Noise parameters are set to their greatest evidence and held there while parameters are drawn; "
         "intervals do not carry their uncertainty.",
-        "Initial states and latent disturbances are integrated out as Gaussian about the optimum, with the covariance "
-        "they have there (its change with the parameters is left out); the parameters are drawn from that density "
-        "exactly.",
+        "Initial states and latent disturbances are integrated out as Gaussian given the parameters; the log "
+        "determinant of that step is a polynomial of the parameters (its error is among the checks).",
     ]
     study = job.study
     if study.model != "cluster":

@@ -1,0 +1,159 @@
+"""Exact linear-Gaussian algebra along a linearised flight: filter, smoother, and what it takes to integrate a path out.
+
+Around a trajectory the flight is linear: states ``x' = A x + B0 e + B1 e'``, outputs ``y = H x``, disturbances e from
+their Markov processes, residual noise AR(1) + white. Together that is one linear state-space model with state
+(x, l, a): simulation, latent processes, correlated noise. A Kalman filter gives innovations, whose squares and log
+determinant are the exact marginal likelihood of the linear model; the backward recursion of Durbin and Koopman (2012,
+section 4.5) gives the expected shocks. Cost grows linearly with the record.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from bayeschute.air.vector import Component
+from bayeschute.dynamics.integrate import Steps
+from bayeschute.inference.latent import Dynamics
+from bayeschute.inference.noise import Noise
+
+
+class Gains(NamedTuple):
+    """What a filter needs of the covariances; S states, C outputs.
+
+    Attributes:
+        transition: (T, S, S); the last one is not used.
+        output: (T, C, S), zero where data are missing.
+        gain: (T, S, C): filtered minus predicted mean per innovation.
+        root: Lower Cholesky factors of the innovations' covariances (T, C, C); one where data are missing.
+        shock: Effect of the next sample's shocks on the next state (T, S, L).
+        start: Effect of the start's standard deviations on the first state (S, D).
+        first: Effect of the first shocks on it (S, L).
+    """
+
+    transition: Component
+    output: Component
+    gain: Component
+    root: Component
+    shock: Component
+    start: Component
+    first: Component
+
+    @property
+    def log_determinant(self) -> jax.Array:
+        """Half the log determinant of the data's covariance, constant aside."""
+        return jnp.sum(jnp.log(jnp.diagonal(self.root, axis1=1, axis2=2)))
+
+
+def gains(
+    steps: Steps, start_scale: Component, latent: Dynamics, noise: Noise, dt: Component, here: Component
+) -> Gains:
+    """Run the covariances of the filter.
+
+    Args:
+        steps: The linearised flight.
+        start_scale: Prior standard deviations of the initial deviations (D,).
+        latent: Processes.
+        noise: Residual noise per output.
+        dt: Sample interval [s].
+        here: Which data exist (T, C).
+    """
+    x, size, c = steps.first_start.shape[0], latent.transition.shape[0], here.shape[1]
+    total = x + size + c
+    phi = jnp.exp(-dt / jnp.asarray(noise.time_constant))
+    stationary, white = jnp.asarray(noise.correlated) ** 2, jnp.asarray(noise.white) ** 2
+    from_latent = steps.by_now @ latent.output + steps.by_then @ (latent.output @ latent.transition)
+    count = steps.by_state.shape[0]
+    f = jnp.zeros((count, total, total))
+    f = f.at[:, :x, :x].set(steps.by_state).at[:, :x, x : x + size].set(from_latent)
+    f = f.at[:, x : x + size, x : x + size].set(latent.transition).at[:, x + size :, x + size :].set(jnp.diag(phi))
+    g = jnp.zeros((count, total, size)).at[:, :x].set(steps.by_then @ (latent.output @ latent.shock))
+    g = g.at[:, x : x + size].set(latent.shock)
+    start = jnp.zeros((total, steps.first_start.shape[1])).at[:x].set(steps.first_start * start_scale)
+    first = jnp.zeros((total, size)).at[x : x + size].set(latent.first)
+    drift = jnp.zeros((total, total)).at[x + size :, x + size :].set(jnp.diag((1.0 - phi**2) * stationary))
+    h = jnp.concatenate(
+        [steps.out_state, jnp.zeros((here.shape[0], c, size)), jnp.tile(jnp.eye(c), (len(here), 1, 1))], 2
+    )
+    h = jnp.where(here[:, :, None], h, 0.0)
+    r = jnp.where(here, white, 1.0)
+    p = start @ start.T + first @ first.T
+    p = p.at[x + size :, x + size :].add(jnp.diag(stationary))
+    end = lambda a: jnp.concatenate([a, a[-1:]])  # noqa: E731
+    f, g = end(f), end(g)
+
+    def step(p: jax.Array, row: tuple) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
+        f, g, h, r = row
+        hp = h @ p
+        root = jnp.linalg.cholesky(hp @ h.T + jnp.diag(r))
+        half = jax.scipy.linalg.solve_triangular(root, hp, lower=True)
+        gain = jax.scipy.linalg.solve_triangular(root, half, lower=True, trans=1).T
+        p = p - half.T @ half
+        p = f @ (0.5 * (p + p.T)) @ f.T + g @ g.T + drift
+        return p, (gain, root)
+
+    _, (gain, root) = jax.lax.scan(step, p, (f, g, h, r))
+    return Gains(f, h, gain, root, g, start, first)
+
+
+def innovations(made: Gains, series: jax.Array) -> jax.Array:
+    """Standardised innovations (T, C, ...) of series (T, C, ...): data, or columns of derivatives."""
+    return _forward(made, series)[0]
+
+
+def _forward(made: Gains, series: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Standardised innovations, and ``S^-1`` times the innovations."""
+    wide = series.reshape(*series.shape[:2], -1)
+
+    def step(mean: jax.Array, row: tuple) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
+        f, h, gain, root, z = row
+        v = z - h @ mean
+        unit = jax.scipy.linalg.solve_triangular(root, v, lower=True)
+        return f @ (mean + gain @ v), (unit, jax.scipy.linalg.solve_triangular(root, unit, lower=True, trans=1))
+
+    here = jnp.any(made.output != 0.0, axis=2)[:, :, None]
+    rows = (made.transition, made.output, made.gain, made.root, jnp.where(here, wide, 0.0))
+    _, (unit, weighted) = jax.lax.scan(step, jnp.zeros((made.first.shape[0], wide.shape[2])), rows)
+    return unit.reshape(series.shape), weighted
+
+
+def smooth(made: Gains, series: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Expected standard start (D, ...) and shocks (T, L, ...) given series (T, C, ...)."""
+    _, weighted = _forward(made, series)
+    lead = series.shape[2:]
+
+    def step(r: jax.Array, row: tuple) -> tuple[jax.Array, jax.Array]:
+        f, h, gain, g, v = row
+        shock = g.T @ r
+        back = f.T @ r
+        return back + h.T @ (v - gain.T @ back), shock
+
+    rows = (made.transition, made.output, made.gain, made.shock, weighted)
+    zero = jnp.zeros((made.first.shape[0], weighted.shape[2]))
+    r, shocks = jax.lax.scan(step, zero, rows, reverse=True)
+    shocks = jnp.concatenate([(made.first.T @ r)[None], shocks[:-1]])
+    return (made.start.T @ r).reshape(-1, *lead), shocks.reshape(*shocks.shape[:2], *lead)
+
+
+def response(steps: Steps, start: jax.Array, disturbance: jax.Array, theta: jax.Array) -> jax.Array:
+    """Linear response of the outputs (T, C, M) to initial deviations, disturbances and parameters.
+
+    Args:
+        steps: The linearised flight.
+        start: (D, M).
+        disturbance: (T, A, M).
+        theta: (P, M).
+    """
+
+    def step(x: jax.Array, row: tuple) -> tuple[jax.Array, jax.Array]:
+        a, b, c0, c1, e0, e1 = row
+        x = a @ x + b @ theta + c0 @ e0 + c1 @ e1
+        return x, x
+
+    first = steps.first_start @ start + steps.first_theta @ theta
+    rows = (steps.by_state, steps.by_theta, steps.by_now, steps.by_then, disturbance[:-1], disturbance[1:])
+    _, rest = jax.lax.scan(step, first, rows)
+    x = jnp.concatenate([first[None], rest])
+    return steps.out_state @ x + steps.out_theta @ theta
