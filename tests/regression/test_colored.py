@@ -6,9 +6,8 @@ from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
 from bayeschute.errors import InputError
-from bayeschute.regression.colored import block_bootstrap, residual_noise, selection_frequency, time_series
+from bayeschute.regression.colored import residual_noise
 from bayeschute.regression.equation_error import fit
-from bayeschute.regression.orthogonal import select
 
 
 def ar1(rng, n, phi, series=1):
@@ -159,91 +158,16 @@ def test_integrated_time_and_degrees_of_freedom():
     assert residual_noise(np.zeros(50)).integrated_time == 1.0
 
 
-def test_bootstrap_agrees_with_the_covariance():
-    rng = np.random.default_rng(7)
-    X = pendulum(1200)
-    ratios = []
-    for _ in range(6):
-        z = X @ [1.0, 2.0, 0.0, -1.0] + ar1(rng, 1200, 0.9)
-        f = fit(X, z)
-        draws = block_bootstrap(X, z, rng=rng, replicates=150)
-        ratios.append(draws.se / f.se)
-    assert draws.block_length == 120 and draws.estimates.shape == (150, 4)
-    assert (np.abs(np.mean(ratios, 0) - 1.0) < 0.25).all()
-    pairs = block_bootstrap(X, z, rng=rng, replicates=100, kind="pairs")
-    assert (pairs.se > 2.0 * f.white_se).all()
-
-
-def test_bootstrap_is_reproducible_and_draws_components_together():
-    rng = np.random.default_rng(8)
-    e = ar1(rng, 60, 0.5)
-    X = np.column_stack([np.repeat([1.0, 0.0], 60), np.repeat([0.0, 1.0], 60)])
-    z = np.concatenate([e, e])
-    z[7] = np.nan
-    layout = {"blocks": np.repeat([0, 1], 60), "groups": np.zeros(120)}
-    one = block_bootstrap(X, z, rng=np.random.default_rng(1), replicates=50, **layout)
-    two = block_bootstrap(X, z, rng=np.random.default_rng(1), replicates=50, **layout)
-    np.testing.assert_array_equal(one.estimates, two.estimates)
-    assert np.corrcoef(one.estimates.T)[0, 1] > 0.9
-    apart = block_bootstrap(X, z, rng=np.random.default_rng(1), replicates=50, blocks=layout["blocks"])
-    assert abs(np.corrcoef(apart.estimates.T)[0, 1]) < 0.5
-
-
-@pytest.mark.parametrize("kind", ["pairs", "residual"])
-def test_selection_frequency(kind):
-    rng = np.random.default_rng(9)
-    X = np.column_stack([np.ones(400), rng.normal(size=(400, 7))])
-    z = 3.0 + 2.0 * X[:, 2] + 0.25 * X[:, 5] + rng.normal(size=400)
-    base = select(X, z, noise_variance=1.0)
-    result = selection_frequency(X, z, base, rng=rng, replicates=60, kind=kind, sigma_max2=[25.0, 1.0])
-    assert result.frequency[[0, 2]].tolist() == [1.0, 1.0] and result.frequency[[1, 3, 4, 6, 7]].max() < 0.2
-    assert sum(share for _, share in result.structures) == pytest.approx(1.0)
-    assert {"x1", "x3"} <= set(result.structures[0][0])
-    np.testing.assert_allclose(result.by_sigma_max[0], result.frequency)
-    assert (result.by_sigma_max[1] >= result.by_sigma_max[0]).all()
-    # the weak sixth term is no part of the model that "residual" redraws from
-    assert base.terms == ("x1", "x3") and (result.by_sigma_max[1, 5] > 0.9) == (kind == "pairs")
-
-
-def test_layout_faults():
-    used = np.ones(10, dtype=bool)
-    with pytest.raises(InputError, match="one length"):
-        time_series(used, blocks=[0] * 4 + [1] * 6, groups=[0] * 10)
-    with pytest.raises(InputError, match="one group"):
-        time_series(used, blocks=[0] * 10, groups=[0] * 5 + [1] * 5)
-    with pytest.raises(InputError, match="labels"):
-        time_series(used, blocks=[0] * 9)
-    for time in (np.zeros(10), np.arange(10.0)[::-1], np.r_[np.arange(9.0), np.nan], np.arange(10.0) ** 1.5):
-        with pytest.raises(InputError):
-            time_series(used, time=time)
-    with pytest.raises(InputError, match="almost all gap"):
-        time_series(used, time=np.r_[np.arange(9.0), 1e8])
-    unequal = time_series(
-        used, blocks=[0] * 4 + [1] * 6, groups=[0] * 10, time=np.r_[np.arange(2.0, 6), np.arange(6.0)]
-    )
-    assert unequal[0].length == 6 and unequal[0].places[0].tolist() == [2, 3, 4, 5]
-
-
 @pytest.mark.parametrize("options", [{"taper": "box"}, {"max_lag_fraction": 0.0}, {"max_lag_fraction": 1.0}])
 def test_bad_options_are_refused(options):
     with pytest.raises(InputError):
         residual_noise(np.arange(20.0), **options)
 
 
-def test_bad_residuals_and_bootstraps_are_refused():
+def test_bad_residuals_are_refused():
     for bad in (np.full(5, np.nan), np.array([1.0, np.inf])):
         with pytest.raises(InputError):
             residual_noise(bad)
-    rng, X, z = np.random.default_rng(0), np.ones((20, 1)), np.arange(20.0)
-    for options in ({"kind": "x"}, {"replicates": 1}, {"block_length": 0}):
-        with pytest.raises(InputError):
-            block_bootstrap(X, z, rng=rng, **options)
-    with pytest.raises(InputError, match="depend"):
-        block_bootstrap(np.ones((20, 2)), z, rng=rng)
-    z2 = np.where(np.arange(20) < 10, np.nan, z)
-    z2 = np.r_[z2, np.where(np.arange(20) < 10, z, np.nan)]
-    with pytest.raises(InputError, match="never complete"):
-        block_bootstrap(np.ones((40, 1)), z2, rng=rng, blocks=np.repeat([0, 1], 20), groups=np.zeros(40))
 
 
 def test_rows_missing_at_the_ends_and_whole_series_are_no_part_of_the_record():

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bayeschute.errors import InputError
-from bayeschute.regression.orthogonal import noise_ceiling, select
+from bayeschute.regression.orthogonal import orthonormal, select
 
 _spec = importlib.util.spec_from_file_location("naive_mof", Path(__file__).parents[1] / "twins" / "naive_mof.py")
 twin = importlib.util.module_from_spec(_spec)
@@ -233,6 +233,16 @@ def test_short_path_says_that_it_is_not_certain():
     assert select(X, z, sigma_max2=1e6, max_terms=5).certain
 
 
+def test_an_orthonormal_basis_keeps_its_digits():
+    rng = np.random.default_rng(14)
+    base = rng.normal(size=(200, 1))
+    columns = base + 1e-7 * rng.normal(size=(200, 5)) * [0, 1, 10, 1e3, 1e5]
+    Q = orthonormal(columns)
+    np.testing.assert_allclose(Q.T @ Q, np.eye(5), atol=1e-13)
+    np.testing.assert_allclose(Q @ (Q.T @ columns), columns, atol=1e-13)
+    assert orthonormal(columns[:, :0]).shape == (200, 0)
+
+
 def test_nothing_is_kept_from_noise():
     rng = np.random.default_rng(9)
     s = select(rng.normal(size=(500, 20)), rng.normal(size=500), noise_variance=1.0)
@@ -263,26 +273,6 @@ def test_groups_make_the_default_rule_blind_to_the_axes():
     assert other.order == first.order
     assert other.ceiling.value == pytest.approx(first.ceiling.value, rel=1e-12)
     np.testing.assert_allclose([r.r2 for r in other.rows], [r.r2 for r in first.rows], atol=1e-9)
-
-
-def test_rules():
-    z = np.array([1.0, 2.0, 4.0])
-    X = np.eye(3)
-    assert select(X, z).ceiling.value == pytest.approx(np.var(z))
-    assert select(X, z, sigma_max2=0.3).ceiling[:2] == (0.3, "fixed")
-    assert select(X, z, noise_variance=0.01).ceiling.value == pytest.approx(0.25)
-    assert select(X, z, noise_variance=0.01, rule="smoothing").ceiling.value == pytest.approx(0.01)
-    assert noise_ceiling("default", variance=2.0).noise_variance == pytest.approx(2.0 / 25)
-    for bad in (
-        {"rule": "smoothing"},
-        {"rule": "other"},
-        {"rule": None, "sigma_max2": 0.0},
-        {"rule": None, "noise_variance": np.nan},
-    ):
-        with pytest.raises(InputError):
-            noise_ceiling(**bad)
-    with pytest.raises(InputError, match="variance of z"):
-        select(X, np.ones(3))
 
 
 def test_rows_with_missing_values_are_left_out():

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from bayeschute.errors import InputError
-from bayeschute.regression.equation_error import fit, stack_components
+from bayeschute.regression.equation_error import fit
 from bayeschute.regression.prediction import predict_record, predict_records
+from bayeschute.regression.stack import stack_components
 
 
 def record(rng, n=2000, scale=1.0, slope=2.0):

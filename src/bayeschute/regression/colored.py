@@ -1,4 +1,4 @@
-"""Residuals that remember: covariance of least squares under colored residuals, and the block bootstrap as its check.
+"""Residuals that remember: covariance of least squares under colored residuals.
 
 ``Cov = (X'X)^-1 [X' R X] (X'X)^-1`` (report, 6.3.5 and its reference 16), R Toeplitz in each time series, from the
 biased autocorrelation of the residuals, cut at a tenth of the series and tapered by Parzen's window: both are positive
@@ -11,40 +11,15 @@ keep their place in time. Series of one group happen at the same times, and thei
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float
 from scipy.fft import irfft, next_fast_len, rfft
 
 from bayeschute.errors import Fault, InputError
-from bayeschute.regression.orthogonal import Selection, out_of_range, read_problem, row_labels, select
-
-Labels = Sequence[Hashable] | np.ndarray | None
-
-
-class Series(NamedTuple):
-    """Time series of one group, on a common uniform grid of times.
-
-    Attributes:
-        rows: For each component its rows, counted among the rows in use.
-        places: For each component the grid places of these rows.
-        length: Number of grid places from the first row in use to the last.
-    """
-
-    rows: tuple[Int[np.ndarray, " n"], ...]
-    places: tuple[Int[np.ndarray, " n"], ...]
-    length: int
-
-    def on_grid(self, values: Float[np.ndarray, "N k"]) -> Float[np.ndarray, "m L k"]:
-        """Rows laid on the grid, zeros in the gaps."""
-        out = np.zeros((len(self.rows), self.length, values.shape[1]))
-        for i, (rows, places) in enumerate(zip(self.rows, self.places, strict=True)):
-            out[i, places] = values[rows]
-        return out
+from bayeschute.regression.problem import out_of_range
+from bayeschute.regression.series import Labels, Series, time_series
 
 
 @dataclass(frozen=True)
@@ -71,92 +46,6 @@ class ColoredNoise:
         for series, covariance in zip(self.series, self.covariance, strict=True):
             total += _Transform(series, covariance.shape[2] // 2).quadratic(series.on_grid(U), covariance)
         return (total + total.T) / 2.0
-
-
-class Bootstrap(NamedTuple):
-    """Estimates over moving-block replicates.
-
-    Attributes:
-        estimates: One row per replicate, (B, p).
-        covariance: Their covariance, (p, p).
-        se: Their standard deviations, (p,).
-        block_length: Length of the blocks, longest series [samples].
-    """
-
-    estimates: Float[np.ndarray, "B p"]
-    covariance: Float[np.ndarray, "p p"]
-    se: Float[np.ndarray, " p"]
-    block_length: int
-
-
-class SelectionFrequency(NamedTuple):
-    """How often terms and structures are selected over moving-block replicates.
-
-    Attributes:
-        names: All candidates.
-        frequency: Share of replicates that keep each candidate, (p,).
-        structures: Different sets of terms (in the order of the candidates) and their shares, most frequent first.
-        sigma_max2: Further values of sigma_max^2 tried, (G,).
-        by_sigma_max: Share of replicates that keep each candidate under each of them, (G, p).
-        replicates: Number of replicates.
-    """
-
-    names: tuple[str, ...]
-    frequency: Float[np.ndarray, " p"]
-    structures: tuple[tuple[tuple[str, ...], float], ...]
-    sigma_max2: Float[np.ndarray, " G"]
-    by_sigma_max: Float[np.ndarray, "G p"]
-    replicates: int
-
-
-def time_series(
-    used: Bool[np.ndarray, " N"],
-    *,
-    blocks: Labels = None,
-    groups: Labels = None,
-    time: Float[np.ndarray, " N"] | None = None,
-) -> tuple[Series, ...]:
-    """Sort rows into time series on uniform grids.
-
-    Args:
-        used: Rows in use; the others are gaps.
-        blocks: Time series of each row; rows of one series stand in order of time. None: one series.
-        groups: Label of each row; series with the same label are simultaneous components. None: none are.
-        time: Time of each row [s]; uniform apart from gaps. None: every row of a series, used or not, is one step.
-
-    Returns:
-        One entry per group.
-
-    Raises:
-        InputError: For labels of the wrong length, a series in two groups, simultaneous series of unequal length
-            without times, or times that don't rise on a uniform grid.
-    """
-    N = used.size
-    block = row_labels(blocks, N, "blocks")
-    group = block if groups is None else row_labels(groups, N, "groups")
-    owner: dict[int, list[int]] = {}
-    for b in range(int(block.max(initial=0)) + 1):
-        inside = np.unique(group[block == b])
-        if inside.size != 1:
-            raise InputError(Fault("groups", f"block {b} in {inside.size} groups", "each block in one group"))
-        owner.setdefault(int(inside[0]), []).append(b)
-    number = np.cumsum(used) - 1
-    found = []
-    for members in owner.values():
-        everywhere = [np.flatnonzero(block == b) for b in members]
-        places = _places(everywhere, None if time is None else np.asarray(time, dtype=np.float64))
-        keep = [used[rows] for rows in everywhere]
-        present = [p[k] for p, k in zip(places, keep, strict=True)]
-        filled = np.concatenate(present)
-        first, last = (int(filled.min()), int(filled.max())) if filled.size else (0, 0)
-        found.append(
-            Series(
-                rows=tuple(number[r[k]] for r, k in zip(everywhere, keep, strict=True)),
-                places=tuple(p - first for p in present),
-                length=last - first + 1,
-            )
-        )
-    return tuple(found)
 
 
 def residual_noise(
@@ -222,116 +111,6 @@ def residual_noise(
     )
 
 
-def block_bootstrap(
-    X: Float[np.ndarray, "N p"],
-    z: Float[np.ndarray, " N"],
-    *,
-    rng: np.random.Generator,
-    blocks: Labels = None,
-    groups: Labels = None,
-    time: Float[np.ndarray, " N"] | None = None,
-    replicates: int = 400,
-    block_length: int | None = None,
-    kind: str = "residual",
-) -> Bootstrap:
-    """Moving-block bootstrap of least squares (circular blocks within each series).
-
-    Args:
-        X: Regressors, (N, p).
-        z: Response, (N,).
-        rng: Source of randomness.
-        blocks: As in `time_series`.
-        groups: As in `time_series`; simultaneous components are drawn together.
-        time: As in `time_series` [s].
-        replicates: Number of replicates.
-        block_length: Length of the blocks [samples]; None: a tenth of each series, as the lags of `residual_noise`.
-        kind: ``"residual"`` keeps X and moves blocks of residuals (matches the covariance above); ``"pairs"`` moves
-            blocks of rows.
-
-    Returns:
-        The replicate estimates.
-
-    Raises:
-        InputError: As `time_series` and `read_problem`; for dependent columns or values out of range.
-    """
-    problem = read_problem(X, z, None, "bootstrap")
-    parts = time_series(problem.used, blocks=blocks, groups=groups, time=time)
-    _check_bootstrap(kind, replicates, block_length)
-    estimates = np.empty((replicates, problem.X.shape[1]))
-    for b, (columns, response) in enumerate(
-        _replicates(problem.X, problem.z, parts, rng, replicates, block_length, kind)
-    ):
-        estimates[b] = np.linalg.lstsq(columns, response, rcond=None)[0]
-    covariance = np.atleast_2d(np.cov(estimates, rowvar=False))
-    longest = max(_block_length(s, block_length) for s in parts)
-    return Bootstrap(estimates, covariance, np.sqrt(np.diag(covariance)), longest)
-
-
-def selection_frequency(
-    X: Float[np.ndarray, "N p"],
-    z: Float[np.ndarray, " N"],
-    base: Selection,
-    *,
-    rng: np.random.Generator,
-    blocks: Labels = None,
-    groups: Labels = None,
-    time: Float[np.ndarray, " N"] | None = None,
-    replicates: int = 200,
-    block_length: int | None = None,
-    kind: str = "pairs",
-    sigma_max2: Sequence[float] = (),
-    max_terms: int = 60,
-) -> SelectionFrequency:
-    """How often terms are selected when the record is redrawn in blocks; sigma_max^2 and f are those of `base`.
-
-    ``"pairs"`` redraws rows and assumes no model, but repeats the noise that the record already holds, so that it
-    keeps somewhat more terms than new records would. ``"residual"`` adds redrawn residuals to the selected model, so
-    that terms it left out are taken as absent.
-
-    Args:
-        X: All candidates, (N, p).
-        z: Response, (N,).
-        base: Selection on the record itself.
-        rng: Source of randomness.
-        blocks: As in `time_series`.
-        groups: As in `time_series`.
-        time: As in `time_series` [s].
-        replicates: Number of replicates.
-        block_length: As in `block_bootstrap` [samples].
-        kind: ``"pairs"`` or ``"residual"``.
-        sigma_max2: Further values to judge each replicate's path by [unit of z, squared].
-        max_terms: Longest path in a replicate.
-
-    Returns:
-        Frequencies of terms and structures.
-
-    Raises:
-        InputError: As `block_bootstrap`.
-    """
-    problem = read_problem(X, z, base.names, "selection frequency")
-    parts = time_series(problem.used, blocks=blocks, groups=groups, time=time)
-    _check_bootstrap(kind, replicates, block_length)
-    p, grid = problem.X.shape[1], np.asarray(sigma_max2, dtype=np.float64)
-    kept, by_grid, found = np.zeros(p), np.zeros((grid.size, p)), Counter[tuple[int, ...]]()
-    model = list(base.selected)
-    for columns, response in _replicates(problem.X, problem.z, parts, rng, replicates, block_length, kind, model):
-        path = select(
-            columns,
-            response,
-            base.names,
-            sigma_max2=base.ceiling.value,
-            penalty_factor=base.penalty_factor,
-            max_terms=max(max_terms, base.forced),
-            forced=base.order[: base.forced],
-        )
-        kept[list(path.selected)] += 1.0
-        found[tuple(sorted(path.selected))] += 1
-        for g, value in enumerate(grid):
-            by_grid[g, list(path.order[: path.at(value).n])] += 1.0
-    shares = tuple((tuple(base.names[j] for j in chosen), n / replicates) for chosen, n in found.most_common())
-    return SelectionFrequency(base.names, kept / replicates, shares, grid, by_grid / replicates, replicates)
-
-
 class _Transform:
     """FFT on the padded grid of one series: lags -K..K don't wrap."""
 
@@ -372,31 +151,6 @@ class _Transform:
 
     def quadratic(self, U: np.ndarray, covariance: np.ndarray) -> np.ndarray:
         return np.einsum("ilp,ilq->pq", U, self.applied(U, covariance))
-
-
-def _places(everywhere: list[np.ndarray], time: np.ndarray | None) -> list[np.ndarray]:
-    if time is None:
-        if len({rows.size for rows in everywhere}) > 1:
-            sizes = [int(rows.size) for rows in everywhere]
-            raise InputError(
-                Fault("groups", f"series of {sizes} rows", "simultaneous series of one length", "Give time.")
-            )
-        return [np.arange(rows.size) for rows in everywhere]
-    t = [time[rows] for rows in everywhere]
-    steps = np.concatenate([np.diff(part) for part in t])
-    if not all(np.isfinite(part).all() for part in t) or (steps <= 0.0).any():
-        raise InputError(Fault("time", "missing or falling times within a block", "rising times", "Sort the rows."))
-    dt = float(np.median(steps)) if steps.size else 1.0
-    start = min(float(part[0]) for part in t)
-    exact = [(part - start) / dt for part in t]
-    places = [np.rint(x).astype(np.intp) for x in exact]
-    off = max(float(np.max(np.abs(x - p))) for x, p in zip(exact, places, strict=True))
-    if off > 0.25 or any((np.diff(p) == 0).any() for p in places):
-        raise InputError(Fault("time", f"times off a uniform grid by {off:.2g} steps", "uniform times", "Resample."))
-    rows = max(p.size for p in places)
-    if max(int(p[-1]) for p in places) > 1000 * rows + 1000:
-        raise InputError(Fault("time", "a series that is almost all gap", "denser series", "Split it into blocks."))
-    return places
 
 
 def _last_lag(basis: int, length: int, fraction: float) -> int:
@@ -458,55 +212,3 @@ def _spectral_dof(parts: tuple[Series, ...], lags: list[int], taper: str) -> flo
             for rows in s.rows
         )
     )
-
-
-def _check_bootstrap(kind: str, replicates: int, block_length: int | None) -> None:
-    if kind not in ("residual", "pairs"):
-        raise InputError(Fault("bootstrap kind", repr(kind), "'residual' or 'pairs'"))
-    if replicates < 2 or (block_length is not None and block_length < 1):
-        got = f"{replicates} replicates, block length {block_length}"
-        raise InputError(Fault("bootstrap", got, "at least 2 replicates and blocks of at least 1 sample"))
-
-
-def _block_length(series: Series, block_length: int | None) -> int:
-    return min(block_length or max(1, int(np.ceil(series.length / 10))), series.length)
-
-
-def _replicates(
-    X: np.ndarray,
-    z: np.ndarray,
-    parts: tuple[Series, ...],
-    rng: np.random.Generator,
-    replicates: int,
-    block_length: int | None,
-    kind: str,
-    model: list[int] | None = None,
-) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    if kind == "residual":
-        columns = X if model is None else X[:, model]
-        estimate, _, rank, _ = np.linalg.lstsq(columns, z, rcond=None)
-        if rank < columns.shape[1] or columns.shape[1] >= z.size:
-            raise InputError(Fault("bootstrap", "columns that depend on each other", "independent columns"))
-        smooth = columns @ estimate
-        rest = (z - smooth) * np.sqrt(z.size / (z.size - columns.shape[1]))
-    for _ in range(replicates):
-        source = np.empty(z.size, dtype=np.intp)
-        for series in parts:
-            _redraw(series, _block_length(series, block_length), rng, source)
-        yield (X, smooth + rest[source]) if kind == "residual" else (X[source], z[source])
-
-
-def _redraw(series: Series, block_length: int, rng: np.random.Generator, source: np.ndarray) -> None:
-    """For each row the row that it is replaced by: circular blocks over the places where no component is missing."""
-    full = np.ones(series.length, dtype=bool)
-    row_at = np.full((len(series.rows), series.length), -1)
-    for i, (rows, places) in enumerate(zip(series.rows, series.places, strict=True)):
-        row_at[i, places] = rows
-        full &= row_at[i] >= 0
-    valid = np.flatnonzero(full)
-    if valid.size == 0:
-        raise InputError(Fault("bootstrap", "a group whose series are never complete at one time", "common times"))
-    starts = rng.integers(valid.size, size=-(-series.length // block_length))
-    drawn = valid[(starts[:, None] + np.arange(block_length)) % valid.size].ravel()[: series.length]
-    for i, (rows, places) in enumerate(zip(series.rows, series.places, strict=True)):
-        source[rows] = row_at[i, drawn[places]]

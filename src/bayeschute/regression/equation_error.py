@@ -4,35 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 from scipy import linalg, stats
 
 from bayeschute.errors import Fault, InputError
-from bayeschute.regression.colored import ColoredNoise, Labels, residual_noise
-from bayeschute.regression.orthogonal import Selection, group_variance, read_problem, row_labels
+from bayeschute.regression.colored import ColoredNoise, residual_noise
+from bayeschute.regression.problem import group_variance, read_problem, row_labels
+from bayeschute.regression.selection import Selection
+from bayeschute.regression.series import Labels
 
 _DEPENDENT = 1e-11
-
-
-class Stack(NamedTuple):
-    """A regression with its rows sorted into time series.
-
-    Attributes:
-        X: Regressors, (N, p).
-        z: Response, (N,).
-        blocks: Time series of each row.
-        groups: Label of each row; series that share it are simultaneous.
-        components: Which vector component each row is.
-    """
-
-    X: Float[np.ndarray, "N p"]
-    z: Float[np.ndarray, " N"]
-    blocks: Int[np.ndarray, " N"]
-    groups: Int[np.ndarray, " N"]
-    components: Int[np.ndarray, " N"]
 
 
 @dataclass(frozen=True)
@@ -165,7 +149,7 @@ def fit(
     n, p = problem.X.shape
     if n <= p:
         raise InputError(Fault("fit", f"{n} usable rows for {p} columns", "more rows than columns"))
-    Q, R, inverse, singular = _factor(problem.X, problem.names)
+    Q, inverse, singular = _factor(problem.X, problem.names)
     along = Q.T @ problem.z
     estimate = inverse @ along
     rest = problem.z - Q @ along
@@ -228,79 +212,18 @@ def refit(
     return fit(np.asarray(X)[:, list(selection.selected)], z, selection.terms, **options)
 
 
-def stack_components(X: Float[np.ndarray, "T c p"], z: Float[np.ndarray, "T c"]) -> Stack:
-    """A vector regression as one regression: components one after the other, simultaneous.
-
-    Args:
-        X: Regressors of each component, (T, c, p).
-        z: Response, (T, c).
-
-    Returns:
-        The stack: one series per component, all in one group.
-
-    Raises:
-        InputError: For shapes that don't fit.
-    """
-    X, z = np.asarray(X, dtype=np.float64), np.asarray(z, dtype=np.float64)
-    if X.ndim != 3 or X.shape[:2] != z.shape:
-        raise InputError(Fault("stack", f"X {X.shape}, z {z.shape}", "X (T, c, p) and z (T, c)"))
-    T, c, p = X.shape
-    which = np.repeat(np.arange(c), T)
-    rows = np.ascontiguousarray(np.swapaxes(X, 0, 1)).reshape(T * c, p)
-    return Stack(rows, z.T.reshape(T * c), which, np.zeros(T * c, dtype=np.intp), which)
-
-
-def stack_records(records: Sequence[Stack | tuple[np.ndarray, np.ndarray]]) -> Stack:
-    """Several records, canopies or flights as one regression; their series stay apart.
-
-    Args:
-        records: Stacks, or pairs X (N, p), z (N,) of one series each.
-
-    Returns:
-        The stack.
-
-    Raises:
-        InputError: For no records, or unequal numbers of columns.
-    """
-    parts = [r if isinstance(r, Stack) else _single(*r) for r in records]
-    if len({part.X.shape[1] for part in parts}) != 1:
-        got = f"records with {[part.X.shape[1] for part in parts]} columns"
-        raise InputError(Fault("stack", got, "at least one record, all with the same columns"))
-    blocks, groups, next_block, next_group = [], [], 0, 0
-    for part in parts:
-        blocks.append(part.blocks + next_block)
-        groups.append(part.groups + next_group)
-        next_block = int(blocks[-1].max(initial=next_block - 1)) + 1
-        next_group = int(groups[-1].max(initial=next_group - 1)) + 1
-    return Stack(
-        np.concatenate([part.X for part in parts]),
-        np.concatenate([part.z for part in parts]),
-        np.concatenate(blocks),
-        np.concatenate(groups),
-        np.concatenate([part.components for part in parts]),
-    )
-
-
-def _single(X: np.ndarray, z: np.ndarray) -> Stack:
-    X, z = np.asarray(X, dtype=np.float64), np.asarray(z, dtype=np.float64)
-    if X.ndim != 2 or z.shape != X.shape[:1]:
-        raise InputError(Fault("stack", f"X {X.shape}, z {z.shape}", "X (N, p) and z (N,)"))
-    zeros = np.zeros(z.size, dtype=np.intp)
-    return Stack(X, z, zeros, zeros, zeros)
-
-
-def _factor(X: np.ndarray, names: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Q, R, the inverse of R in the columns' own scale, and the singular values of the scaled columns."""
+def _factor(X: np.ndarray, names: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Q, the matrix that turns Q'z into coefficients, and the singular values of the scaled columns."""
     length = np.linalg.norm(X, axis=0)
     if (length == 0.0).any() or not np.isfinite(length).all():
         bad = [names[j] for j in np.flatnonzero((length == 0.0) | ~np.isfinite(length))]
         raise InputError(Fault("fit columns", f"zeros or unbounded values in {bad}", "columns that vary", "Drop them."))
-    _, pivoted, order = linalg.qr(X / length, mode="economic", pivoting=True)
-    weak = np.abs(np.diag(pivoted)) <= _DEPENDENT
+    Q, R, order = linalg.qr(X / length, mode="economic", pivoting=True)
+    weak = np.abs(np.diag(R)) <= _DEPENDENT
     if weak.any():
         bad = [names[j] for j in order[weak]]
         did = "Drop them, or let the orthogonal functions choose."
         raise InputError(Fault("fit columns", f"{bad} as combinations of the others", "independent columns", did))
-    Q, R = linalg.qr(X / length, mode="economic")
-    inverse = linalg.solve_triangular(R, np.eye(R.shape[0])) / length[:, None]
-    return Q, R, inverse, np.linalg.svd(R, compute_uv=False)
+    inverse = np.empty_like(R)
+    inverse[order] = linalg.solve_triangular(R, np.eye(R.shape[0]))
+    return Q, inverse / length[:, None], np.linalg.svd(R, compute_uv=False)

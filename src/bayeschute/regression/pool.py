@@ -138,7 +138,7 @@ def vector_pool(
 
     Returns:
         Names such as ``e`` and ``e*alpha^2``, and the columns, (N, c, p), to be stacked by
-        `bayeschute.regression.equation_error.stack_components`.
+        `bayeschute.regression.stack.stack_components`.
 
     Raises:
         InputError: For vectors whose shape doesn't fit.

@@ -9,10 +9,11 @@ import numpy as np
 from jaxtyping import Float
 
 from bayeschute.errors import Fault, InputError
-from bayeschute.regression.colored import Labels
 from bayeschute.regression.diagnostics import Theil, theil
-from bayeschute.regression.equation_error import EquationErrorFit, Stack
-from bayeschute.regression.orthogonal import group_variance, read_problem, row_labels
+from bayeschute.regression.equation_error import EquationErrorFit
+from bayeschute.regression.problem import group_variance, read_problem, row_labels
+from bayeschute.regression.series import Labels
+from bayeschute.regression.stack import Stack
 
 
 class PredictionTest(NamedTuple):

@@ -18,6 +18,7 @@ from matplotlib.figure import Figure
 from bayeschute.report import diagnostics, figures, sentences, tables, tables_records, tables_trust
 from bayeschute.report.canvas import save
 from bayeschute.report.results import Results, read_results
+from bayeschute.report.structure_view import structure_view
 from bayeschute.report.wording import counted, is_number, listed, number, percent, quantity_name
 
 LANDING_OF = {  # quantity of a band: quantity of a landing
@@ -112,36 +113,6 @@ def _variance_picture(results: Results, folder: Path) -> Picture | None:
     )
 
 
-def _structure_view(results: Results, folder: Path) -> dict[str, Any]:
-    """What the structure section shows."""
-    coefficients = {
-        str(name): facts
-        for name, facts in (results.structure.get("coefficients") or {}).items()
-        if isinstance(facts, Mapping)
-    }
-    parts = [
-        {
-            "name": name,
-            "sentences": sentences.structure_sentences(facts),
-            "selected": tables.selected_table(facts),
-            "ceiling": tables.ceiling_table(facts),
-            "ranking": tables.ranking_table(facts),
-        }
-        for name, facts in coefficients.items()
-    ]
-    pictures = []
-    ranked = {n: f for n, f in coefficients.items() if f.get("ranking")}
-    if ranked:
-        kept = [f"{n}: {len(f.get('selected') or [])} terms kept" for n, f in ranked.items()]
-        caption = (
-            "Terms are added in order of merit. The fit error always falls; the predicted squared error (PSE) also "
-        )
-        caption += "charges for every term, and its least value says where to stop."
-        alt = f"Fit error and predicted error against the number of terms. {listed(kept)}."
-        pictures.append(_picture(diagnostics.pse_figure(ranked), folder, "structure-pse", alt, caption))
-    return {"parts": parts, "pictures": pictures, "sufficiency": results.structure.get("sufficiency") or []}
-
-
 def _autocorrelations(results: Results) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Curves of residual autocorrelation that the run left, by name."""
     sources: dict[str, Any] = {str(k): v for k, v in results.part("residuals").items()}
@@ -226,7 +197,7 @@ def _context(results: Results) -> dict[str, Any]:
         )
         alt = f"Residual autocorrelation of {listed(list(curves))}."
         chains.append(_picture(diagnostics.autocorrelation_figure(curves), folder, "residuals", alt, caption))
-    structure = _structure_view(results, folder)
+    structure = structure_view(results, lambda figure, *words: _picture(figure, folder, *words))
     summary = results.summary
     vehicle = summary.get("vehicle")
     notes = summary.get("notes")

@@ -158,8 +158,13 @@ def structure_sentences(facts: Mapping[str, Any]) -> list[str]:
         f" out of {counted(len(candidates), 'candidate')}" if candidates else ""
     )
     ranking = [r for r in facts.get("ranking") or [] if isinstance(r, Mapping)]
-    if selected and len(ranking) >= len(selected) and is_number(ranking[len(selected) - 1].get("r2")):
-        text += f"; they explain {number(float(ranking[len(selected) - 1]['r2']))} % of the variation"
+    explained = facts.get("r2")
+    if not is_number(explained) and selected and len(ranking) >= len(selected):
+        last = ranking[len(selected) - 1].get("r2")
+        explained = float(last) / 100.0 if is_number(last) else None
+    if selected and is_number(explained):
+        verb = "it explains" if len(selected) == 1 else "they explain"
+        text += f"; {verb} {number(100.0 * explained)} % of the variation"
     if is_number(facts.get("snr")):
         text += f" of a signal that stands {number(facts['snr'], 2)} times above its noise"
     found = [text + "."]
@@ -169,7 +174,7 @@ def structure_sentences(facts: Mapping[str, Any]) -> list[str]:
             f"For comparison: {plain(str(null.get('name', 'a null model')))} alone explains {percent(null['r2'])}."
         )
     collinearity = facts.get("collinearity")
-    if isinstance(collinearity, Mapping) and is_number(collinearity.get("max_correlation")):
+    if isinstance(collinearity, Mapping) and is_number(collinearity.get("max_correlation")) and len(selected) > 1:
         pair = collinearity.get("pair")
         between = f" ({' and '.join(map(str, pair))})" if isinstance(pair, list | tuple) and pair else ""
         flagged = "they are hard to tell apart" if collinearity.get("flagged") else "they can be told apart"
@@ -178,7 +183,7 @@ def structure_sentences(facts: Mapping[str, Any]) -> list[str]:
             f"greatest variance inflation {number(collinearity.get('max_vif'), 2)}: {flagged}."
         )
     for name, check in (facts.get("check") or {}).items():
-        if isinstance(check, Mapping) and is_number(check.get("rms_ratio")):
+        if isinstance(check, Mapping) and is_number(check.get("rms_ratio")) and "rms" not in check:
             found.append(
                 f"On {name}, which was not used, the residual is {number(check['rms_ratio'], 2)} times that of the fit."
             )

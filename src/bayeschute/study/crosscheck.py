@@ -10,6 +10,7 @@ from bayeschute.errors import Fault
 from bayeschute.study.belief_schema import NoiseTable, PriorsTable
 from bayeschute.study.faults import place, show
 from bayeschute.study.schema import QUANTITIES, FlightTable, PredictTable, RequirementTable
+from bayeschute.study.structure_crosscheck import check_polar, check_synthetic
 from bayeschute.study.vehicle_schema import Vehicle
 
 _CLUSTER_PRIORS = ("riser_stiffness", "riser_damping", "riser_length")
@@ -85,8 +86,9 @@ def check_model_cluster(draft: Draft) -> Iterator[Fault]:
             yield _no_use(draft, "noise", "descent_rate")
         if not any(getattr(noise, name) for name in _CLUSTER_CHANNELS):
             yield Fault(draft.at("noise", ""), "no channel", f"one at least of {', '.join(_CLUSTER_CHANNELS)}")
-        if noise.wind.horizontal is None:
-            yield Fault(draft.at("noise", "wind", "horizontal"), "nothing", "a speed (model 'cluster')", "Add it.")
+        for name, wind in (("wind", noise.wind), ("slow_wind", noise.slow_wind)):
+            if wind is not None and wind.horizontal is None:
+                yield Fault(draft.at("noise", name, "horizontal"), "nothing", "a speed (model 'cluster')", "Add it.")
     yield from _check_given(draft, needed=_CLUSTER_PRIORS, useless=("cds_over_mass",))
     for index, flight in draft.flights.items():
         for key in ("skip_first", "identify_until"):
@@ -103,9 +105,10 @@ def check_model_descent(draft: Draft) -> Iterator[Fault]:
     if noise is not None:
         if noise.descent_rate is None:
             yield Fault(draft.at("noise", "descent_rate"), "nothing", "a table of noise (model 'descent')", "Add it.")
-        if noise.wind.horizontal is not None:
-            yield _no_use(draft, "noise", "wind", "horizontal")
-        for name in _CLUSTER_CHANNELS:
+        for name, wind in (("wind", noise.wind), ("slow_wind", noise.slow_wind)):
+            if wind is not None and wind.horizontal is not None:
+                yield _no_use(draft, "noise", name, "horizontal")
+        for name in (*_CLUSTER_CHANNELS, "canopy_force", "breathing"):
             if getattr(noise, name) is not None:
                 yield _no_use(draft, "noise", name)
     priors: PriorsTable | None = draft.tables.get("priors")
@@ -154,7 +157,7 @@ def check_canopies(draft: Draft) -> Iterator[Fault]:
 
 
 def check_times(draft: Draft) -> Iterator[Fault]:
-    """Windows lie within virtual drops; knots and cuts lie within windows."""
+    """Windows lie within virtual drops; cuts lie within windows."""
     for index, flight in draft.flights.items():
         drop, window = flight.virtual, flight.window
         if drop is not None and window is not None and not 0.0 <= window[0] < window[1] <= drop.duration:
@@ -167,7 +170,7 @@ def check_times(draft: Draft) -> Iterator[Fault]:
 
 
 def check_span(draft: Draft, index: int, start: float, end: float) -> Iterator[Fault]:
-    """Knots and cuts of a flight lie within the times that are used.
+    """Cuts of a flight lie within the times that are used.
 
     Args:
         draft: The study as far as its tables could be read.
@@ -176,10 +179,6 @@ def check_span(draft: Draft, index: int, start: float, end: float) -> Iterator[F
         end: Last time used [s].
     """
     flight = draft.flights[index]
-    noise: NoiseTable | None = draft.tables.get("noise")
-    if noise is not None and noise.wind.knots * 2 > end - start and "identify" in flight.roles:
-        wanted = f"at most half of the {end - start:g} s of flight {flight.name!r}"
-        yield Fault(draft.at("noise", "wind", "knots"), f"{noise.wind.knots:g} s", wanted)
     if flight.skip_first >= end - start:
         wanted = f"less than the {end - start:g} s of the flight"
         yield Fault(draft.at("flight", index, "skip_first"), f"{flight.skip_first:g} s", wanted)
@@ -212,5 +211,5 @@ def crosscheck(draft: Draft) -> list[Fault]:
     checks: list[Callable[[Draft], Iterator[Fault]]] = [check_names, check_roles]
     if draft.model is not None:
         checks.append(by_model[draft.model])
-    checks += [check_canopies, check_times, check_predictions]
+    checks += [check_canopies, check_polar, check_synthetic, check_times, check_predictions]
     return [fault for check in checks for fault in check(draft)]

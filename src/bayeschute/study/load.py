@@ -168,6 +168,7 @@ def _read_study(path: Path, data_dir: Path | str | None) -> _Reading:
         predict=whole.predict.model_copy(update={"quantities": whole.predict.quantities or QUANTITIES[whole.model]}),
         requirements=whole.requirement,
         structure=whole.structure,
+        synthetic=whole.synthetic,
         vehicle=vehicle,
         vehicle_path=vehicle_path,
         text=text,

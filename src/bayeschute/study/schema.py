@@ -9,12 +9,10 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BeforeValidator, ValidationInfo, field_validator, model_validator
 
-from bayeschute.aero.grammar import check_axial, check_transverse
 from bayeschute.study.belief_schema import NoiseTable, PriorsTable
 from bayeschute.study.quantities import (
     Mass,
     Name,
-    NoiseCeiling,
     NotNegativeTime,
     Rate,
     Strict,
@@ -26,6 +24,7 @@ from bayeschute.study.quantities import (
     refuse,
     whole,
 )
+from bayeschute.study.structure_schema import StructureTable, SyntheticTable, distinct
 from bayeschute.study.virtual_schema import VirtualFlight
 
 ROLES = ("structure", "identify", "predict")
@@ -40,29 +39,6 @@ QUANTITIES = {"cluster": tuple(UNITS), "descent": ("descent_rate", "sea_level_de
 Role = Annotated[Literal["structure", "identify", "predict"], one_of(*ROLES)]
 Quantity = Annotated[str, one_of(*UNITS)]
 Statistic = Annotated[Literal["final", "maximum", "mean"], one_of("final", "maximum", "mean")]
-
-
-def _distinct(values: tuple[str, ...]) -> tuple[str, ...]:
-    """At least one value, none twice."""
-    if not values:
-        refuse("one at least", "an empty list")
-    if len(set(values)) < len(values):
-        refuse("each only once", f"{max(values, key=values.count)!r} more than once")
-    return values
-
-
-def _axial_pool(terms: tuple[str, ...]) -> tuple[str, ...]:
-    faults = [fault for term in terms if (fault := check_axial(term))]
-    if faults:
-        refuse("terms of the axial coefficient, such as 'alpha^2' or 'q'", "; ".join(faults))
-    return _distinct(terms)
-
-
-def _transverse_pool(terms: tuple[str, ...]) -> tuple[str, ...]:
-    faults = [fault for term in terms if (fault := check_transverse(term))]
-    if faults:
-        refuse("terms of the transverse coefficient, such as 'e*alpha^2' or 'rate'", "; ".join(faults))
-    return _distinct(terms)
 
 
 class Column(Strict):
@@ -89,7 +65,7 @@ class FlightTable(Strict):
     """
 
     name: Name
-    roles: Annotated[tuple[Role, ...], AfterValidator(_distinct)]
+    roles: Annotated[tuple[Role, ...], AfterValidator(distinct)]
     file: Text | None = None
     virtual: VirtualFlight | None = None
     columns: dict[str, Column] | None = None
@@ -114,22 +90,6 @@ class FlightTable(Strict):
         return self
 
 
-class StructureTable(Strict):
-    """Selection of the aerodynamic structure.
-
-    Attributes:
-        canopies: Canopies it is identified on, from 1; the others check it.
-        axial: Candidate terms of the axial coefficient.
-        transverse: Candidate terms of the transverse coefficient.
-        sigma_max: Noise ceiling of the predicted squared error, as a multiple of the residual variance.
-    """
-
-    canopies: Annotated[tuple[Annotated[int, whole(1, 12)], ...], AfterValidator(_distinct)]
-    axial: Annotated[tuple[str, ...], AfterValidator(_axial_pool)]
-    transverse: Annotated[tuple[str, ...], AfterValidator(_transverse_pool)]
-    sigma_max: NoiseCeiling = 25.0
-
-
 class SamplerTable(Strict):
     """Sampler, and how long it runs."""
 
@@ -143,7 +103,7 @@ class PredictTable(Strict):
     """Predictions: number of draws, and quantities; None: all that the model knows."""
 
     draws: Annotated[int, whole(50, 1_000_000)] = 400
-    quantities: Annotated[tuple[Quantity, ...], AfterValidator(_distinct)] | None = None
+    quantities: Annotated[tuple[Quantity, ...], AfterValidator(distinct)] | None = None
 
 
 class RequirementTable(Strict):
@@ -188,6 +148,7 @@ class StudyFile(Strict):
         columns: Columns of all records that don't name their own.
         flight: The flights.
         structure: Selection of the structure (cluster).
+        synthetic: Data made from published terms, to see whether a flight tells them (cluster).
         priors: Priors.
         noise: Noise.
         sampler: Sampler.
@@ -202,6 +163,7 @@ class StudyFile(Strict):
     columns: dict[str, Column] | None = None
     flight: tuple[FlightTable, ...]
     structure: StructureTable | None = None
+    synthetic: SyntheticTable | None = None
     priors: PriorsTable
     noise: NoiseTable
     sampler: SamplerTable = SamplerTable()

@@ -11,7 +11,8 @@ from typing import Any
 
 from bayeschute.study.belief_schema import NoiseTable, PriorsTable
 from bayeschute.study.quantities import Cut, Strict
-from bayeschute.study.schema import Column, PredictTable, RequirementTable, SamplerTable, StructureTable
+from bayeschute.study.schema import Column, PredictTable, RequirementTable, SamplerTable
+from bayeschute.study.structure_schema import StructureTable, SyntheticTable
 from bayeschute.study.vehicle_schema import Vehicle
 from bayeschute.study.virtual_schema import VirtualFlight
 
@@ -61,6 +62,7 @@ class Study:
         predict: Predictions; `quantities` is never None here.
         requirements: Requirements.
         structure: Selection of the structure; None in the descent model.
+        synthetic: Data made from published terms; None: none are made.
         vehicle: The vehicle; None in the descent model.
         vehicle_path: The vehicle file.
         text: The study file as read.
@@ -78,6 +80,7 @@ class Study:
     predict: PredictTable
     requirements: tuple[RequirementTable, ...] = ()
     structure: StructureTable | None = None
+    synthetic: SyntheticTable | None = None
     vehicle: Vehicle | None = None
     vehicle_path: Path | None = None
     text: str = ""

@@ -1,4 +1,4 @@
-"""Stages before the fit: records in, structure and priors out."""
+"""Stages before the fit: records in, priors out (between them: `bayeschute.study.work_structure`)."""
 
 from __future__ import annotations
 
@@ -14,11 +14,9 @@ from bayeschute.errors import Fault, InputError
 from bayeschute.flight.clean import clean
 from bayeschute.flight.derive import derive
 from bayeschute.flight.read import ColumnSpec, read_record
-from bayeschute.flight.reconstruct import reconstruct
 from bayeschute.flight.record import load_record, repairs, write_record
 from bayeschute.forecast.virtual import fly
 from bayeschute.inference.priors import Prior, from_equation_error
-from bayeschute.regression.structure import axial_problem, flow_along, identify, transverse_problem
 from bayeschute.study import setup
 from bayeschute.study.load import Study
 from bayeschute.study.study import Flight
@@ -129,62 +127,6 @@ def ingest(job: Job) -> str:
         write_whole(job.out / "flights" / f"{flight.name}.nc", partial(write_record, record))
         job.say("ingest")((i + 1) / len(study.flights), flight.name)
     return f"{len(study.flights)} flights, {listed} repairs listed"
-
-
-def structure(job: Job) -> str:
-    """Select the aerodynamic terms by equation error; a descent has one term and skips this."""
-    study = job.study
-    if study.structure is None or study.vehicle is None:
-        said = ["A descent has one coefficient; nothing is selected."]
-        job.save("structure.json", {"coefficients": {}, "sufficiency": said})
-        return "nothing to select"
-    table, kinds = study.structure, {"axial": axial_problem, "transverse": transverse_problem}
-    found: dict[str, Any] = {}
-    problems: dict[str, list] = {"axial": [], "transverse": []}
-    checks: dict[str, dict] = {"axial": {}, "transverse": {}}
-    pressure, sufficiency, dt = [], [], 0.1
-    for flight in study.with_role("structure"):
-        record = load_flight(job, flight.name)
-        made = reconstruct(record, setup.geometry(study.vehicle, flight.capsule_mass))
-        dt = float(record["time"][1] - record["time"][0])
-        flow = flow_along(record, made, study.vehicle.canopies.reference_length, study.vehicle.canopies.reference_speed)
-        sufficiency += _sufficiency(flight.name, made)
-        for canopy in range(study.vehicle.canopies.number):
-            for kind, problem in kinds.items():
-                stack = problem(getattr(table, kind), flow, made, canopy)
-                if canopy + 1 in table.canopies:
-                    problems[kind].append(stack)
-                else:
-                    checks[kind][f"{flight.name}, canopy {canopy + 1}"] = stack
-            if canopy + 1 in table.canopies:
-                pressure.append(made["dynamic_pressure"].values[:, canopy])
-    for kind in kinds:
-        q = np.concatenate(pressure) if kind == "axial" else None
-        identified = identify(problems[kind], getattr(table, kind), dt, table.sigma_max, checks[kind], q)
-        found[kind] = identified.report
-        job.say("structure")(0.5 if kind == "axial" else 1.0, kind)
-    job.save("structure.json", {"coefficients": found, "sufficiency": sufficiency})
-    counts = ", ".join(f"{len(v['selected'])} of {len(v['candidates'])} {k} terms" for k, v in found.items())
-    return counts
-
-
-def _sufficiency(name: str, made: xr.Dataset) -> list[str]:
-    """What a record can tell, in words, before any fit."""
-    alpha = np.rad2deg(made["alpha_T"].values)
-    low, high = np.nanquantile(alpha, [0.02, 0.98])
-    duration = float(made["time"][-1] - made["time"][0])
-    spread = np.nanstd(made["airspeed"].values) / np.nanmean(made["airspeed"].values)
-    said = [
-        f"{name}: total angle of attack between {low:.0f} and {high:.0f} deg; "
-        "nothing is known of the aerodynamics beyond.",
-        f"{name}: {duration:.0f} s, about {duration * 0.07:.0f} pendulum periods of 14 s.",
-    ]
-    if spread < 0.1:
-        said.append(
-            f"{name}: airspeed varies by {100 * spread:.0f} % only, "
-            "so terms in airspeed or dynamic pressure are weakly told."
-        )
-    return said
 
 
 def priors(job: Job) -> str:

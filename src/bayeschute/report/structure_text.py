@@ -1,0 +1,164 @@
+"""What the search for a structure found, as plain text: print-outs in the form of the NASA report's section 7.3."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+Entry = Mapping[str, Any]
+
+
+def structure_text(structure: Entry) -> str:
+    """All tables of a ``structure.json`` as text.
+
+    Args:
+        structure: Its content.
+
+    Returns:
+        Lines to be printed or kept beside it.
+    """
+    blocks = []
+    if structure.get("sufficiency"):
+        blocks.append("\n".join(["What the records can tell", *map(str, structure["sufficiency"])]))
+    for part in ("coefficients", "polar"):
+        for name, entry in (structure.get(part) or {}).items():
+            blocks.append(_coefficient(name, entry))
+    synthetic = structure.get("synthetic")
+    if synthetic:
+        blocks.append(_synthetic(synthetic))
+    return "\n\n".join(blocks) + "\n"
+
+
+def print_out(rows: Sequence[Entry], minimum: int, most: int = 20) -> list[str]:
+    """A ranking in the columns of the report's print-out, the term beside its index.
+
+    Args:
+        rows: Rows of the ranking.
+        minimum: Number of functions with the least predicted squared error.
+        most: Rows at most.
+    """
+    shown = rows[:most]
+    width = max([7, *(len(str(row["index"])) for row in shown)])
+    lines = [
+        f"{'o.f.':>4} {'# index':>{width}} {'sqrt(mse)':>10} {'dmse':>11} {'perr':>7} {'R2':>7} {'pe':>10} {'n':>3} "
+        f"{'F':>9}  term"
+    ]
+    for row in shown:
+        mark = "  <- least predicted error" if row["n"] == minimum else ""
+        lines.append(
+            f"{row['n']:>4} {row['index']:>{width}} {_root(row['mse']):>10.3e} {row['dmse']:>11.3e} "
+            f"{row['perr']:>7.2f} {_number(row['r2'], '.2f'):>7} {row['pe']:>10.3e} {row['n']:>3} "
+            f"{_number(row['f_ratio'], '.2f'):>9}  {row['term']}{mark}"
+        )
+    return lines
+
+
+def grid(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    """Columns of equal width, the first to the left, the others to the right."""
+    widths = [max(len(row[i]) for row in [head, *rows]) for i in range(len(head))]
+    return [
+        "  ".join(
+            cell.ljust(w) if i == 0 else cell.rjust(w) for i, (cell, w) in enumerate(zip(row, widths, strict=True))
+        )
+        for row in [head, *rows]
+    ]
+
+
+def _root(value: float) -> float:
+    return float(max(value, 0.0)) ** 0.5
+
+
+def _number(value: Any, form: str = ".4g") -> str:
+    return "-" if value is None else format(value, form)
+
+
+def _percent(value: Any) -> str:
+    return "-" if value is None else f"{100 * value:.0f} %"
+
+
+def _coefficient(name: str, entry: Entry) -> str:
+    """Terms, rivals and ranking of one coefficient."""
+    rows = [
+        [
+            term["term"],
+            _number(term["estimate"]),
+            _number(term["se"], ".2g"),
+            _number(term["white_se"], ".2g"),
+            _number(term.get("bootstrap_se"), ".2g"),
+            _number(term.get("differentiation_sd"), ".2g"),
+            _percent(term.get("frequency")),
+            term["unit"],
+        ]
+        for term in entry["selected"]
+    ]
+    noise = entry["noise"]
+    lines = [
+        f"{name}: {len(rows)} of {len(entry['candidates'])} candidates kept, R2 {_percent(entry['r2'])}, "
+        f"signal over noise {_number(entry['snr'], '.2g')}",
+        *grid(["term", "estimate", "s.e.", "white s.e.", "by blocks", "positions", "kept", "unit"], rows),
+        f"ceiling {noise['factor']:g} x sigma^2 ({noise['source']}), sigma {_number(noise['sd'], '.3g')}, memory "
+        f"{_number(noise['memory'], '.3g')} samples; null model {entry['null_model']['name']}: R2 "
+        f"{_percent(entry['null_model']['r2'])}",
+    ]
+    for label, check in entry["check"].items():
+        lines.append(f"on {label}: residual {_number(check['rms_ratio'], '.2f')} times that of the fit")
+    return "\n".join([*lines, *print_out(entry["ranking"], entry["pse_minimum_at"])])
+
+
+def _synthetic(synthetic: Entry) -> str:
+    """Data of known terms: what was selected, how intervals cover, and why terms were missed."""
+    way = "orthogonal functions" + (", then exchange of terms" if synthetic["exchange"] else "")
+    lines = [
+        f"Data of known terms ({synthetic['source']}; signs {synthetic['reading']})",
+        f"on the variables of {synthetic['flight']}, canopy {synthetic['canopy']}; noise with a time constant of "
+        f"{synthetic['time_constant']:g} s; {synthetic['replicates']} replicates; ceiling {synthetic['sigma_max']:g} "
+        f"sigma^2; {way}",
+    ]
+    for name, entry in synthetic["coefficients"].items():
+        lines += ["", *_known(name, entry)]
+    lines += ["", "What the data were made to show"]
+    for name, check in synthetic["checks"].items():
+        verdict = "reached" if check["passed"] else "MISSED"
+        bound = check["bound"]
+        text = f"{bound[0]:g} to {bound[1]:g}" if isinstance(bound, list) else f"{bound:g}"
+        beside = f" (as if white: {_number(check['white'], '.3g')})" if "white" in check else ""
+        lines.append(f"{name}: {_number(check['value'], '.3g')}{beside}, bound {text}: {verdict}")
+    return "\n".join(lines)
+
+
+def _known(name: str, entry: Entry) -> list[str]:
+    """One coefficient made of known terms."""
+    rows = [
+        [
+            t["term"], _number(t["value"]), _number(t["mean"]), _number(t["sd"], ".2g"), _number(t["se"], ".2g"),
+            _number(t["white_se"], ".2g"), _percent(t["coverage"]), _percent(t["white_coverage"]),
+            _percent(t["share"]), _percent(t["ranked"]), t["unit"],
+        ]
+        for t in entry["true"]
+    ]  # fmt: skip
+    head = ["true term", "value", "mean", "sd", "s.e.", "white s.e.", "covers", "white", "selected", "unexchanged"]
+    false = [[f["term"], _percent(f["share"]), _percent(f["ranked"])] for f in entry["false"]]
+    low, high = entry["penalty_per_term"]
+    lines = [
+        f"{name}: {entry['candidates']} candidates, {entry['samples']} samples, signal over noise {entry['snr']:g} "
+        f"(smoothing takes it for {_number(entry['seen_snr'], '.3g')}); exactly the true terms in "
+        f"{_percent(entry['exact'])}",
+        *grid([*head, "unit"], rows),
+        *(grid(["false term", "selected", "unexchanged"], false) if false else ["no false term above 2 %"]),
+        *_reasons(entry),
+        f"Ranking in the first replicate, (pe^2 - mse)/n from {low:.6e} to {high:.6e}; "
+        f"25 sigma^2 by smoothing would keep {entry['report_rule']['terms']} terms:",
+        *print_out(entry["ranking"], entry["pse_minimum_at"]),
+    ]
+    return lines
+
+
+def _reasons(entry: Entry) -> list[str]:
+    """Which neighbour stands in for a term that is missed now and then."""
+    return [
+        f"{t['term']}, selected in {_percent(t['share'])}: given the other terms it correlates "
+        f"{t['rival_correlation']:.3f} with {t['rival']} (selected in {_percent(t['rival_share'])}); "
+        f"noise confuses the two with a chance of {_percent(t['rival_chance'])}"
+        for t in entry["true"]
+        if t["share"] < 1.0 and t["rival"]
+    ]

@@ -1,0 +1,87 @@
+"""What the structure section of the report shows: coefficients of records, polar ones, and data of known terms."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from bayeschute.report import diagnostics, sentences, tables, tables_structure
+from bayeschute.report.results import Results
+from bayeschute.report.wording import listed
+
+Draw = Callable[[Figure, str, str, str], Any]  # figure, name of its file, words instead of it, caption
+
+
+def _entries(results: Results, part: str) -> dict[str, Mapping[str, Any]]:
+    found = results.structure.get(part)
+    items = found.items() if isinstance(found, Mapping) else ()
+    return {str(name): facts for name, facts in items if isinstance(facts, Mapping)}
+
+
+def _part(name: str, facts: Mapping[str, Any]) -> dict[str, Any]:
+    return {
+        "name": name,
+        "sentences": sentences.structure_sentences(facts),
+        "selected": tables.selected_table(facts),
+        "sureness": tables_structure.sureness_table(facts),
+        "structures": tables_structure.structures_table(facts),
+        "prediction": tables_structure.prediction_table(facts),
+        "ceiling": tables.ceiling_table(facts),
+        "ranking": tables.ranking_table(facts),
+    }
+
+
+def _synthetic(results: Results) -> dict[str, Any] | None:
+    found = results.structure.get("synthetic")
+    if not isinstance(found, Mapping) or not isinstance(found.get("coefficients"), Mapping):
+        return None
+    parts = [
+        {
+            "name": str(name),
+            "sentences": tables_structure.synthetic_sentences(str(name), facts),
+            "known": tables_structure.known_table(facts),
+            "false": tables_structure.false_table(facts),
+            "ranking": tables.ranking_table(facts),
+        }
+        for name, facts in found["coefficients"].items()
+        if isinstance(facts, Mapping)
+    ]
+    return {
+        "source": found.get("source"),
+        "reading": found.get("reading"),
+        "flight": found.get("flight"),
+        "canopy": found.get("canopy"),
+        "time_constant": found.get("time_constant"),
+        "replicates": found.get("replicates"),
+        "targets": tables_structure.target_table(found),
+        "parts": parts,
+    }
+
+
+def structure_view(results: Results, draw: Draw) -> dict[str, Any]:
+    """What the structure section shows.
+
+    Args:
+        results: The run.
+        draw: Keeps a figure and gives what the template sets.
+    """
+    coefficients = _entries(results, "coefficients")
+    pictures = []
+    ranked = {n: f for n, f in coefficients.items() if f.get("ranking")}
+    if ranked:
+        kept = [f"{n}: {len(f.get('selected') or [])} terms kept" for n, f in ranked.items()]
+        caption = (
+            "Terms are added in order of merit. The fit error always falls; the predicted squared error (PSE) also "
+            "charges for every term, and its least value says where to stop."
+        )
+        alt = f"Fit error and predicted error against the number of terms. {listed(kept)}."
+        pictures.append(draw(diagnostics.pse_figure(ranked), "structure-pse", alt, caption))
+    return {
+        "parts": [_part(name, facts) for name, facts in coefficients.items()],
+        "polar": [_part(name, facts) for name, facts in _entries(results, "polar").items()],
+        "synthetic": _synthetic(results),
+        "pictures": pictures,
+        "sufficiency": results.structure.get("sufficiency") or [],
+    }

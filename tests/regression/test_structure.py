@@ -1,0 +1,122 @@
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from bayeschute.errors import InputError
+from bayeschute.flight.sensors import ornstein_uhlenbeck
+from bayeschute.regression.propagation import Propagated
+from bayeschute.regression.stack import stack_components, stack_records
+from bayeschute.regression.structure import CEILINGS, Search, identify, search
+from bayeschute.regression.structure_entry import entry, plain
+
+DT = 0.1
+NAMES = ["1", "swing", "copy", "slow", "noise"]
+
+
+def regression(seed, n=1200, sd=0.1):
+    rng = np.random.default_rng(seed)
+    t = DT * np.arange(n)
+    swing = np.sin(2 * np.pi * 0.07 * t + seed)
+    copy = swing + 0.3 * np.sin(2 * np.pi * 0.23 * t)
+    X = np.column_stack([np.ones(n), swing, copy, np.cos(0.1 * t), rng.normal(size=n)])
+    z = X[:, :2] @ [0.9, 0.3] + ornstein_uhlenbeck(sd, 0.5, DT, (n,), rng)
+    return stack_components(X[:, None, :], z[:, None])
+
+
+@pytest.fixture(scope="module")
+def found():
+    return identify(regression(0), NAMES, DT, Search(sigma_max=3.0, replicates=40), np.random.default_rng(1))
+
+
+def test_true_terms_are_found_with_sound_errors(found):
+    assert set(found.fit.names) == {"1", "swing"}
+    assert (np.abs(found.fit.estimate - [0.9, 0.3]) < 3 * found.fit.se).all()
+    assert (found.fit.se > 2 * found.fit.white_se).all()
+    assert found.bootstrap is not None and np.abs(found.bootstrap.se / found.fit.se - 1).max() < 0.4
+
+
+def test_the_structure_is_told_as_uncertain(found):
+    share = dict(zip(found.frequency.names, found.frequency.frequency, strict=True))
+    assert share["1"] == 1.0 and share["swing"] + share["copy"] >= 1.0
+    best = found.structures[0]
+    assert best.terms == ("1", "swing") and best.share == max(s.share for s in found.structures)
+    assert sum(s.share for s in found.structures) <= 1.0 + 1e-9
+    np.testing.assert_allclose(best.estimate, found.fit.estimate)
+    assert found.frequency.by_sigma_max.shape == (len(CEILINGS), 5)
+    kept = found.frequency.by_sigma_max.sum(axis=1)
+    assert (np.diff(kept) <= 0).all()  # a higher ceiling keeps fewer terms
+
+
+def test_options_reach_the_search():
+    stack = regression(0)
+    given = search(stack, NAMES, DT, Search(sigma_max=2.0, noise="given", sigma=0.5, penalty_factor=1.0))
+    assert given.selection.ceiling.value == pytest.approx(0.5) and given.selection.penalty_factor == 1.0
+    forced = search(stack, NAMES, DT, Search(sigma_max=3.0, first=("slow",)))
+    assert forced.selection.terms[0] == "slow" and 3 in forced.columns
+    changed = search(stack, NAMES, DT, Search(sigma_max=3.0, exchange=True))
+    assert changed.exchanged is not None and set(changed.columns) == {0, 1}
+    with pytest.raises(InputError, match="fast"):
+        search(stack, NAMES, DT, Search(first=("fast",)))
+    with pytest.raises(InputError, match="no term that pays"):
+        identify(stack, NAMES, DT, Search(sigma_max=1e9), np.random.default_rng(0))
+
+
+def test_several_records_are_one_regression():
+    both = stack_records([regression(0), regression(1)])
+    one = identify(regression(0), NAMES, DT, Search(sigma_max=3.0), np.random.default_rng(0))
+    two = identify(both, NAMES, DT, Search(sigma_max=3.0), np.random.default_rng(0))
+    assert two.frequency is None and two.structures == ()
+    assert two.fit.se[0] == pytest.approx(one.fit.se[0] / np.sqrt(2), rel=0.4)
+
+
+def test_the_entry_is_json_and_tells_what_was_found(found):
+    how = Search(sigma_max=3.0, replicates=40)
+    moved = Propagated(0.1, 0.02, np.array([0.01, 0.02]), np.array([0.0, -0.01]), 8)
+    other = regression(2)
+    told = entry(found, NAMES, how, DT, checks={"other": other}, units=["1", "s", "s", "1", "1"], propagated=moved)
+    assert json.loads(json.dumps(told, allow_nan=False)) == told
+    first, second = told["selected"]
+    assert (first["term"], second["term"], second["unit"]) == ("1", "swing", "s")
+    assert second["differentiation_sd"] == 0.02 and second["frequency"] > 0.5 and second["bootstrap_se"] > 0
+    assert told["check"]["other"]["rms_ratio"] == pytest.approx(1.0, abs=0.2)
+    rest = other.z - other.X[:, [0, 1]] @ found.fit.estimate
+    assert told["check"]["other"]["rms"] == pytest.approx(np.sqrt(np.mean(rest**2)))
+    assert told["snr"] == pytest.approx(np.std(found.stack.z) / max(found.noise.sd, 0.02))
+    assert told["press"]["ratio"] == pytest.approx(1.0, abs=0.1) and told["press"]["reason"] is None
+    assert told["null_models"][0]["name"] == "constant" and told["noise"]["memory"] > 3
+    assert {r["term"]: r["rival"] for r in told["rivals"]}["swing"] == "copy"
+    (used,) = (step for step in told["sensitivity"] if step["low"] <= told["sigma_max2"] < (step["high"] or np.inf))
+    assert used["terms"] == ["1", "swing"]
+    penalty = [(row["pe"] ** 2 - row["mse"]) / row["n"] for row in told["ranking"]]
+    np.testing.assert_allclose(penalty, 2 * told["sigma_max2"] / told["samples"], rtol=1e-9)
+
+
+def test_a_force_that_only_restates_the_weight_is_seen(found):
+    q = 57.0 * (1 + 0.1 * np.sin(np.arange(1200) / 30))
+    stack = regression(0)._replace(z=48.0 / q)
+    stack = stack._replace(z=stack.z + 0.002 * np.random.default_rng(0).normal(size=1200))
+    again = identify(stack, NAMES, DT, Search(sigma_max=1.0), np.random.default_rng(0))
+    told = entry(again, NAMES, Search(sigma_max=1.0), DT, checks={}, pressure=q)
+    assert told["null_model"]["name"] == "constant force" and told["null_model"]["r2"] > 0.99 > told["r2"]
+
+
+def test_a_block_that_alone_carries_a_term_is_told_not_hidden():
+    n = 400
+    X = np.column_stack([np.ones(n), np.r_[np.ones(20), np.zeros(n - 20)]])
+    z = X @ [1.0, 1.0] + 0.05 * np.random.default_rng(0).normal(size=n)
+    stack = stack_components(X[:, None, :], z[:, None])
+    how = Search(sigma_max=3.0)
+    told = entry(identify(stack, ["1", "start"], DT, how, np.random.default_rng(0)), ["1", "start"], how, DT, checks={})
+    assert told["press"]["ratio"] is None and "alone carry" in told["press"]["reason"]
+
+
+def test_plain_values():
+    assert plain({"a": np.array([1.0, np.nan]), "b": (np.int64(2), None), "c": np.inf, "d": True}) == {
+        "a": [1.0, None],
+        "b": [2, None],
+        "c": None,
+        "d": True,
+    }
