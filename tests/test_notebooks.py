@@ -39,3 +39,17 @@ def test_quickstart(tmp_path: Path):
     risk = found["risk"]
     assert 0.0 < risk["simulation_low"] <= risk["probability_met"] <= risk["simulation_high"] <= 1.0
     assert risk["failed"] == 0
+
+
+def test_behaviour(tmp_path: Path):
+    expression = """dict(
+        cycle=cycle, endings=[one.ending for one in configurations], both=both.tolist(), slope=slope,
+        elasticity=sensitivity.elasticity.tolist(),
+    )"""
+    found = _values("behaviour.py", expression, tmp_path)
+    amplitude, frequency, descent = found["cycle"]
+    assert abs(amplitude - 0.380) < 0.005 and abs(frequency - 0.0698) < 0.0005 and 10.2 < descent < 10.4
+    assert found["endings"] == ["limit cycle", "limit cycle", "glide", "vertical descent"]
+    assert min(found["both"]) < -0.09 and max(found["both"]) > -0.03
+    assert 1.0 < found["slope"] < 1.25
+    assert found["elasticity"][0] < 0.0 < min(found["elasticity"][1:])

@@ -142,6 +142,8 @@ def run(
         last = until.value if until else None
         with Bars() as bars:
             run_study(study, folder, until=last, resume=resume, quick=quick, data_dir=data, seed=seed, progress=bars)
+        if last == "structure" and (folder / "structure.txt").is_file():
+            say((folder / "structure.txt").read_text(encoding="utf-8"))
         say(f"Results are in {folder}")
         if (folder / "report.html").is_file() and last in (None, "report"):
             say(f"Report: {folder / 'report.html'}")
@@ -194,6 +196,50 @@ def simulate(
             say(str(path))
         if len(written) > 10:
             say(f"and {len(written) - 10} more in {out}")
+
+
+@app.command()
+def verify(
+    case: Annotated[
+        list[str] | None, typer.Option(metavar="NAME", help="Only this case, such as 6a; may be given again.")
+    ] = None,
+    json: Annotated[
+        str | None, typer.Option(metavar="FILE", help="Results for machines; - prints them in place of the table.")
+    ] = None,
+) -> None:
+    """Fly the check cases and compare them with closed forms."""
+    with _told():
+        from bayeschute.verification.catalogue import choose
+
+        choose(case or ())  # what is wrong is told before anything slow is imported
+        if json not in (None, "-") and (Path(json).is_dir() or not Path(json).absolute().parent.is_dir()):
+            raise InputError(Fault(f"--json {json}", "no place for a file", "a file in a folder that exists"))
+        from bayeschute.verification.campaign import document, verdict, verify
+        from bayeschute.verification.results import table
+
+        with Bars() as bars:
+            results, seconds = verify(case or (), bars)
+        if json is not None:
+            _write_json(document(results, seconds), json)
+        if json != "-":
+            say("\n".join(table(results)))
+            say(f"{verdict(results)}, in {seconds:.0f} s")
+        if not all(result.passed for result in results):
+            raise typer.Exit(1)
+
+
+def _write_json(content: dict[str, Any], where: str) -> None:
+    """Write JSON to a file, or to the screen where the file is ``-``."""
+    import json
+
+    text = json.dumps(content, indent=2, allow_nan=False)
+    if where == "-":
+        say(text)
+        return
+    try:
+        Path(where).write_text(text + "\n", encoding="utf-8")
+    except OSError as error:
+        raise InputError(Fault(f"--json {where}", str(error), "a file that can be written")) from error
 
 
 @app.command()

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import jax
 import jax.numpy as jnp
 
+from bayeschute.aero.capsule_rates import angle_rates
+from bayeschute.aero.capsule_table import table_coefficients
 from bayeschute.aero.terms import axial_coefficient, transverse_coefficient
 from bayeschute.air.airflow import (
     SEA_LEVEL_DENSITY,
@@ -21,7 +23,7 @@ from bayeschute.air.vector import Component, Vec3, cross, dot, norm, perpendicul
 from bayeschute.dynamics.parameters import Capsule, Cluster, Risers, Structure
 from bayeschute.dynamics.state import ClusterState, pack, unpack
 
-_LEAST_SPEED = 1e-3  # [m/s]; keeps 1/|V| finite at rest, far below any descent
+_LEAST_SPEED = 1e-6  # [m/s]; keeps 1/|V| finite at rest and changes nothing that flies
 
 
 @jax.tree_util.register_dataclass
@@ -35,6 +37,7 @@ class Air:
         density: [kg/m^3].
         axial_factor: Factor on every canopy's axial coefficient, (canopy, ...) or 1: breathing (6.3.2-28).
         shear: Derivative of the wind with altitude [1/s].
+        aloft: The air where the canopies are, components (canopy, ...); None: the same.
     """
 
     wind: Vec3
@@ -42,6 +45,7 @@ class Air:
     density: Component
     axial_factor: Component
     shear: Vec3
+    aloft: Air | None = None
 
 
 @dataclass(frozen=True)
@@ -67,9 +71,15 @@ def geometry(state: ClusterState, capsule: Capsule) -> RiserGeometry:
 
 
 def tension(geo: RiserGeometry, risers: Risers) -> Component:
-    """Tension of every riser [N], never negative, zero when slack (6.3.3-1..3, clamped)."""
+    """Tension of every riser [N], never negative, zero when slack (6.3.3-1..3, clamped).
+
+    The damper takes hold over the first bit of stretch. Were it there at once, tension would jump by its share when a
+    riser comes taut: derivatives of a flight would miss that parameters move that moment.
+    """
     stretch = geo.length - risers.length
-    force = risers.stiffness * stretch + risers.damping * geo.stretch_rate
+    share = jnp.clip(stretch / risers.engagement, 0.0, 1.0)
+    share = share * share * (3.0 - 2.0 * share)
+    force = risers.stiffness * stretch + (risers.damping * share) * geo.stretch_rate
     return jnp.where(stretch > 0.0, jnp.maximum(force, 0.0), 0.0)
 
 
@@ -98,8 +108,10 @@ def canopy_flow(state: ClusterState, geo: RiserGeometry, model: Cluster, structu
     )
 
 
-def canopy_force(flow: CanopyFlow, model: Cluster, structure: Structure, air: Air) -> Vec3:
-    """Aerodynamic force on every canopy, q S (-C_A x + transverse) [N], NED (6.3.3-5)."""
+def canopy_force(flow: CanopyFlow, geo: RiserGeometry, model: Cluster, structure: Structure, air: Air) -> Vec3:
+    """Aerodynamic force on every canopy, q S (-C_A x + transverse) [N], NED (6.3.3-5), or what another law says."""
+    if structure.force is not None:
+        return structure.force(flow, geo, model, air)
     axial = axial_coefficient(structure.axial, model.axial, flow) * air.axial_factor
     transverse = transverse_coefficient(structure.transverse, model.transverse, flow)
     return (transverse - flow.axis * axial) * (flow.q * model.canopies.area)
@@ -109,37 +121,18 @@ def canopy_acceleration(
     state: ClusterState, geo: RiserGeometry, riser_tension: Component, model: Cluster, structure: Structure, air: Air
 ) -> Vec3:
     """Acceleration of every canopy [m/s^2]; weight on the dry mass, inertia with enclosed air (6.3.3-6, corrected)."""
+    air = air if air.aloft is None else air.aloft
     canopies = model.canopies
     mass = canopies.dry_mass + air.density * canopies.enclosed_volume
     flow = canopy_flow(state, geo, model, structure, air)
     zero = jnp.zeros_like(flow.cos_alpha)
     weight = Vec3(zero, zero, zero + canopies.dry_mass * model.gravity)
     known = weight - geo.direction * riser_tension
+    if structure.breathing and model.breathing is not None:
+        known = known - flow.axis * (flow.q * canopies.area * model.breathing.axial_slope * state.shape)
     if structure.rate == "riser":
-        return (known + canopy_force(flow, model, structure, air)) / mass
-    return _implicit_acceleration(flow, known, mass, state, model, structure, air)
-
-
-def _implicit_acceleration(
-    flow: CanopyFlow, known: Vec3, mass: Component, state: ClusterState, model: Cluster, structure: Structure, air: Air
-) -> Vec3:
-    """Solve m a = known + F(a): F is affine in a through the rate of the wind direction (PHYSICS 3)."""
-    v = state.canopy_velocity - air.wind
-    speed = norm(v, _LEAST_SPEED)
-    w = v / speed
-    scale = model.canopies.length / (2.0 * speed)
-    carried = air.wind_rate - air.shear * state.canopy_velocity.z  # altitude is minus z
-
-    def force(a: Vec3) -> Vec3:
-        turn = perpendicular(wind_direction_rate(w, a - carried, speed), flow.axis) * scale
-        moved = CanopyFlow(**{**flow.__dict__, "rate": flow.rate + turn})
-        return canopy_force(moved, model, structure, air)
-
-    zero = jnp.zeros_like(flow.cos_alpha)
-    one = zero + 1.0
-    f0 = force(Vec3(zero, zero, zero))
-    columns = [force(Vec3(*(one if i == j else zero for j in range(3)))) - f0 for i in range(3)]
-    lhs = [Vec3(zero + mass * (i == 0), zero + mass * (i == 1), zero + mass * (i == 2)) - columns[i] for i in range(3)]
+        return (known + canopy_force(flow, geo, model, structure, air)) / mass
+    lhs, f0 = _affine_force(flow, geo, mass, state, model, structure, air)
     rhs = known + f0
     determinant = dot(lhs[0], cross(lhs[1], lhs[2]))
     return Vec3(
@@ -149,21 +142,102 @@ def _implicit_acceleration(
     )
 
 
+def _affine_force(
+    flow: CanopyFlow,
+    geo: RiserGeometry,
+    mass: Component,
+    state: ClusterState,
+    model: Cluster,
+    structure: Structure,
+    air: Air,
+) -> tuple[list[Vec3], Vec3]:
+    """Columns of m I + B and F_0 where F = F_0 - B a: affine through the rate of the wind direction (PHYSICS 3)."""
+    v = state.canopy_velocity - air.wind
+    speed = norm(v, _LEAST_SPEED)
+    w = v / speed
+    scale = model.canopies.length / (2.0 * speed)
+    carried = air.wind_rate - air.shear * state.canopy_velocity.z  # altitude is minus z
+
+    def force(a: Vec3) -> Vec3:
+        turn = perpendicular(wind_direction_rate(w, a - carried, speed), flow.axis) * scale
+        moved = CanopyFlow(**{**flow.__dict__, "rate": flow.rate + turn})
+        return canopy_force(moved, geo, model, structure, air)
+
+    zero = jnp.zeros_like(flow.cos_alpha)
+    one = zero + 1.0
+    f0 = force(Vec3(zero, zero, zero))
+    columns = [force(Vec3(*(one if i == j else zero for j in range(3)))) - f0 for i in range(3)]
+    lhs = [Vec3(zero + mass * (i == 0), zero + mass * (i == 1), zero + mass * (i == 2)) - columns[i] for i in range(3)]
+    return lhs, f0
+
+
+def least_inertia(x: jax.Array, model: Cluster, structure: Structure, air: Air) -> jax.Array:
+    """Least eigenvalue of every canopy's inertia with what the airflow rate adds, over its own mass (canopy, ...).
+
+    At zero or below the acceleration is not defined by the equations: the model is ill-posed (PHYSICS 3). It is 1 where
+    the rate is the riser's.
+
+    Args:
+        x: State (13 + 6 n, ...).
+        model: Parameters.
+        structure: Terms and options.
+        air: Air at this instant.
+    """
+    state = unpack(x, structure.canopies)
+    air = air if air.aloft is None else air.aloft
+    geo = geometry(state, model.capsule)
+    flow = canopy_flow(state, geo, model, structure, air)
+    mass = model.canopies.dry_mass + air.density * model.canopies.enclosed_volume + 0.0 * flow.cos_alpha
+    if structure.rate == "riser":
+        return jnp.ones_like(mass)
+    lhs, _ = _affine_force(flow, geo, mass, state, model, structure, air)
+    matrix = jnp.stack([column.stack() for column in lhs])
+    symmetric = jnp.moveaxis(matrix + jnp.swapaxes(matrix, 0, 1), (0, 1), (-2, -1)) / 2.0
+    return jnp.linalg.eigvalsh(symmetric)[..., 0] / mass
+
+
 def capsule_aerodynamics(state: ClusterState, capsule: Capsule, air: Air) -> tuple[Vec3, Vec3]:
-    """Aerodynamic force [N] and moment about the centre of mass [N m], body axes (6.3.3-11..15)."""
+    """Aerodynamic force [N] and moment about the centre of mass [N m], body axes (6.3.3-11..15).
+
+    Without the moments that follow the rates of the angles of the airflow: see `_rate_moment`.
+    """
     v_b = state.attitude.to_body(state.velocity - air.wind)
     speed = norm(v_b, _LEAST_SPEED)
     q_area = 0.5 * air.density * speed * speed * capsule.area
     along = v_b / speed
-    slope = capsule.normal_force_slope
-    force = Vec3(-capsule.axial_force + 0.0 * along.x, -slope * along.y, -slope * along.z) * q_area
-    static = Vec3(0.0 * along.x, capsule.moment_slope * along.z, -capsule.moment_slope * along.y) * (
-        q_area * capsule.length
-    )
+    if capsule.table is None:
+        slope = capsule.normal_force_slope
+        force = Vec3(-capsule.axial_force + 0.0 * along.x, -slope * along.y, -slope * along.z) * q_area
+        static = Vec3(0.0 * along.x, capsule.moment_slope * along.z, -capsule.moment_slope * along.y) * (
+            q_area * capsule.length
+        )
+    else:
+        C_A, C_Y, C_N, C_l, C_m, C_n = table_coefficients(capsule.table, along)
+        force = Vec3(-C_A, C_Y, -C_N) * q_area
+        static = Vec3(C_l, C_m, C_n) * (q_area * capsule.length)
     p, q, r = state.rate.x, state.rate.y, state.rate.z
-    damping = Vec3(capsule.roll_damping * p, capsule.pitch_damping * q, capsule.pitch_damping * r)
+    yaw_damping = capsule.pitch_damping if capsule.yaw_damping is None else capsule.yaw_damping
+    damping = Vec3(capsule.roll_damping * p, capsule.pitch_damping * q, yaw_damping * r)
     damping = damping * (q_area * capsule.length**2 / (2.0 * speed))
     return force, static + damping + cross(capsule.reference_centre_b, force)
+
+
+def _rate_moment(state: ClusterState, capsule: Capsule, air: Air, acceleration: Vec3) -> Vec3:
+    """Moment by the rates of the angle of attack and of sideslip, body axes [N m] (6.3.3-13).
+
+    The rates are the airflow's: they follow from the acceleration, on which this moment has no effect.
+    """
+    relative = state.velocity - air.wind
+    carried = air.wind_rate - air.shear * state.velocity.z  # altitude is minus z
+    v_b = state.attitude.to_body(relative)
+    speed = norm(v_b, _LEAST_SPEED)
+    along = v_b / speed
+    turning = wind_direction_rate(along, state.attitude.to_body(acceleration - carried), speed)
+    alpha_rate, beta_rate = angle_rates(along, turning - cross(state.rate, along))
+    scale = 0.25 * air.density * speed * capsule.area * capsule.length**2
+    pitch = 0.0 if capsule.pitch_rate_damping is None else capsule.pitch_rate_damping * alpha_rate
+    yaw = 0.0 if capsule.yaw_rate_damping is None else capsule.yaw_rate_damping * beta_rate
+    return Vec3(0.0 * speed, pitch, yaw) * scale
 
 
 def capsule_acceleration(
@@ -176,6 +250,8 @@ def capsule_acceleration(
     force_b, moment_b = capsule_aerodynamics(state, capsule, air)
     acceleration = (pull + state.attitude.to_ned(force_b)) / capsule.mass
     acceleration = Vec3(acceleration.x, acceleration.y, acceleration.z + model.gravity)
+    if not (capsule.pitch_rate_damping is None and capsule.yaw_rate_damping is None):
+        moment_b = moment_b + _rate_moment(state, capsule, air, acceleration)
     moment_b = moment_b + cross(capsule.attach_b, state.attitude.to_body(pull))
     inertia, w = capsule.inertia, state.rate
     gyroscopic = cross(w, Vec3(inertia.x * w.x, inertia.y * w.y, inertia.z * w.z))
@@ -187,7 +263,7 @@ def state_rate(x: jax.Array, model: Cluster, structure: Structure, air: Air) -> 
     """Rate of the state vector.
 
     Args:
-        x: State (13 + 6 n, ...).
+        x: State (13 + 6 n, ...); (13 + 8 n, ...) if the canopies breathe.
         model: Parameters, arrays that broadcast over the batch axes.
         structure: Terms and options.
         air: Air at this instant.
@@ -201,8 +277,16 @@ def state_rate(x: jax.Array, model: Cluster, structure: Structure, air: Air) -> 
     pull = tension(geo, model.risers)
     canopy = canopy_acceleration(state, geo, pull, model, structure, air)
     acceleration, turning = capsule_acceleration(state, geo, pull, model, air, n)
+    shape = _breathing(state, model) if structure.breathing else (None, None)
     return pack(
         ClusterState(
-            state.velocity, acceleration, state.attitude.rate(state.rate), turning, state.canopy_velocity, canopy
+            state.velocity, acceleration, state.attitude.rate(state.rate), turning, state.canopy_velocity, canopy, *shape
         )
     )
+
+
+def _breathing(state: ClusterState, model: Cluster) -> tuple[Component, Component]:
+    """Rates of the canopies' shape and of its rate (6.3.2-27)."""
+    assert model.breathing is not None, "a structure that breathes wants Cluster(breathing=...)"
+    b = model.breathing
+    return state.shape_rate, -b.damping * state.shape_rate - b.stiffness * state.shape

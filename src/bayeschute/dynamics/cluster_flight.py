@@ -120,12 +120,15 @@ class ClusterFlight:
         self, x: jax.Array, numbers: Cluster, now: Any, then: Any, error_now: Any, error_then: Any
     ) -> jax.Array:
         """State one sample later."""
+        given = numbers, now, then, error_now, error_then
+        return rk4(lambda state, share: self.rate(state, *given, share), x, self.dt, self.substeps)
 
-        def rate(state: jax.Array, share: Component) -> jax.Array:
-            air = air_between(now, then, error_now, error_then, share, self.dt)
-            return state_rate(state, numbers, self.structure, air)
-
-        return rk4(rate, x, self.dt, self.substeps)
+    def rate(
+        self, x: jax.Array, numbers: Cluster, now: Any, then: Any, error_now: Any, error_then: Any, share: Component
+    ) -> jax.Array:
+        """Rate of the state when this share of the sample has passed."""
+        air = air_between(now, then, error_now, error_then, share, self.dt)
+        return state_rate(x, numbers, self.structure, air)
 
     def observe(self, x: jax.Array, numbers: Cluster, now: Any) -> jax.Array:
         """Outputs of `channels`, in order (C, ...)."""

@@ -85,13 +85,16 @@ class DescentFlight:
 
     def advance(self, x: jax.Array, numbers: Any, now: Any, then: Any, error_now: Any, error_then: Any) -> jax.Array:
         """State one sample later."""
+        given = numbers, now, then, error_now, error_then
+        return rk4(lambda state, share: self.rate(state, *given, share), x, self.dt, self.substeps)
+
+    def rate(
+        self, x: jax.Array, numbers: Any, now: Any, then: Any, error_now: Any, error_then: Any, share: Component
+    ) -> jax.Array:
+        """Rate of the state when this share of the sample has passed."""
         w0, w1 = now.wind + error_now[0], then.wind + error_then[0]
-
-        def rate(state: jax.Array, share: Component) -> jax.Array:
-            u = state[1] - (w0 + (w1 - w0) * share)
-            return jnp.stack([-state[1], STANDARD_GRAVITY - numbers * self.air.density(state[0]) * u * jnp.abs(u)])
-
-        return rk4(rate, x, self.dt, self.substeps)
+        u = x[1] - (w0 + (w1 - w0) * share)
+        return jnp.stack([-x[1], STANDARD_GRAVITY - numbers * self.air.density(x[0]) * u * jnp.abs(u)])
 
     def observe(self, x: jax.Array, numbers: Any, now: Any) -> jax.Array:
         """The descent rate (1, ...) [m/s]."""

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import jax
 
+from bayeschute.aero.capsule_table import CapsuleTable
 from bayeschute.air.vector import Component, Vec3
 
 STANDARD_GRAVITY = 9.80665  # [m/s^2]
@@ -23,11 +25,15 @@ class Capsule:
         reference_centre_b: Aerodynamic reference centre from the centre of mass, body axes [m].
         area: Reference area [m^2].
         length: Reference length [m].
-        axial_force: C_A, constant (6.3.3-11).
+        axial_force: C_A, constant (6.3.3-11); with a `table`, this and both slopes have no effect.
         normal_force_slope: Slope of the force across the body axis with the sine of the total angle of attack [1/rad].
         moment_slope: Slope of the static moment about the reference centre with that sine [1/rad].
         roll_damping: C_lp (6.3.3-13).
-        pitch_damping: C_mq = C_nr.
+        pitch_damping: C_mq, and C_nr where `yaw_damping` is None.
+        yaw_damping: C_nr.
+        pitch_rate_damping: C_m_alphadot, on the rate of the angle of attack; None: no such moment.
+        yaw_rate_damping: C_n_betadot, on the rate of the sideslip angle; None where `pitch_rate_damping` is.
+        table: Coefficients by total angle of attack and roll; None: those above.
     """
 
     mass: Component
@@ -41,6 +47,10 @@ class Capsule:
     moment_slope: Component
     roll_damping: Component
     pitch_damping: Component
+    yaw_damping: Component | None = None
+    pitch_rate_damping: Component | None = None
+    yaw_rate_damping: Component | None = None
+    table: CapsuleTable | None = None
 
 
 @jax.tree_util.register_dataclass
@@ -66,17 +76,56 @@ class Canopies:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Risers:
-    """Tension-only elastic risers (6.3.3-1..3): unstretched length [m], stiffness [N/m], damping [N s/m]."""
+    """Tension-only elastic risers (6.3.3-1..3).
+
+    Attributes:
+        length: Unstretched [m].
+        stiffness: k [N/m].
+        damping: c [N s/m].
+        engagement: Stretch over which the damper takes hold as the lines of a riser come taut [m]. Beyond it the law is
+            that of the report, to the last bit; it must lie well below the stretch that a descent has.
+    """
 
     length: Component
     stiffness: Component
     damping: Component
+    engagement: Component = 0.05
+
+
+def engagement_length(load: float, stiffness: float, count: int) -> float:
+    """Engagement of risers for a load at rest: a quarter of the stretch that it gives them [m].
+
+    Args:
+        load: Weight that hangs from all risers [N].
+        stiffness: Of one riser [N/m].
+        count: Number of risers.
+    """
+    return 0.25 * load / (count * stiffness)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Breathing:
+    """Shape eta of a canopy as a free oscillator that changes its axial coefficient by C_Aeta eta (6.3.2-27, -28).
+
+    Attributes:
+        stiffness: omega_n^2 [1/s^2].
+        damping: d [1/s].
+        axial_slope: C_Aeta.
+    """
+
+    stiffness: Component
+    damping: Component
+    axial_slope: Component
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Cluster:
-    """All numbers of the cluster; `axial` and `transverse` are the coefficients of the structure's terms."""
+    """All numbers of the cluster.
+
+    `axial` and `transverse` are the coefficients of the structure's terms; `breathing` serves a structure that breathes.
+    """
 
     capsule: Capsule
     canopies: Canopies
@@ -84,6 +133,7 @@ class Cluster:
     axial: tuple[Component, ...]
     transverse: tuple[Component, ...]
     gravity: Component = STANDARD_GRAVITY
+    breathing: Breathing | None = None
 
 
 @dataclass(frozen=True)
@@ -95,9 +145,14 @@ class Structure:
         transverse: Terms of the transverse coefficient.
         canopies: Number of canopies.
         rate: ``"riser"`` (rate of the riser alone) or ``"airflow"`` (of the wind direction relative to the riser).
+        force: A law of the canopies' force that takes the place of the terms (`bayeschute.dynamics.forces`), or None.
+            `axial` and `transverse` then only name the law's coefficients.
+        breathing: Whether the canopies breathe: the state grows by eta and its rate for each.
     """
 
     axial: tuple[str, ...]
     transverse: tuple[str, ...]
     canopies: int = 2
     rate: str = field(default="riser")
+    force: Callable[..., Vec3] | None = None
+    breathing: bool = False

@@ -26,6 +26,7 @@ class Start:
         rate: Body rate (3,) [rad/s].
         direction: Unit vectors attach point -> canopy (3, n).
         turning: Their rates (3, n) [1/s].
+        shape: eta of canopies that breathe, and its rate [1/s] (2, n); None: at rest.
     """
 
     position: Component
@@ -34,6 +35,7 @@ class Start:
     rate: Component
     direction: Component
     turning: Component
+    shape: Component | None = None
 
 
 def deviation_names(n: int) -> tuple[str, ...]:
@@ -74,7 +76,7 @@ def initial_state(
         air: Air at the first sample.
 
     Returns:
-        State (13 + 6 n, ...).
+        State (13 + 6 n, ...); (13 + 8 n, ...) if the canopies breathe.
     """
     n, batch = structure.canopies, jnp.shape(deviation)[1:]
 
@@ -95,6 +97,10 @@ def initial_state(
     velocity = vec3(widen(start.velocity)) + vec3(deviation[0:3])
     rate = vec3(widen(start.rate)) + vec3(deviation[6:9])
     position = vec3(widen(start.position) + 0.0 * velocity.x)
+    shape: tuple[Component, ...] = ()
+    if structure.breathing:
+        eta = widen(np.zeros((2, n)) if start.shape is None else start.shape) + 0.0 * turning.x
+        shape = eta[0], eta[1]
 
     def placed(pull: Component) -> ClusterState:
         length = model.risers.length + pull / model.risers.stiffness
@@ -102,7 +108,7 @@ def initial_state(
         attach_velocity = velocity + attitude.to_ned(cross(rate, model.capsule.attach_b))
         where = position + attach + direction * length
         moving = attach_velocity + turning * length
-        return ClusterState(position, velocity, attitude, rate, where, moving)
+        return ClusterState(position, velocity, attitude, rate, where, moving, *shape)
 
     weight = (model.capsule.mass * model.gravity) / n
     state = placed(weight + 0.0 * direction.x)

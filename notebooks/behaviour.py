@@ -1,0 +1,144 @@
+# ---
+# jupyter:
+#   jupytext:
+#     formats: py:percent
+#     text_representation:
+#       extension: .py
+#       format_name: percent
+#   kernelspec:
+#     display_name: Python 3
+#     language: python
+#     name: python3
+# ---
+
+# %% [markdown]
+# # Why a capsule swings under its parachutes
+#
+# Two canopies that stay together and the capsule below them make a dumbbell: two particles on a rigid line, falling in
+# a plane. This is the model of sections 6.3.1 and 7.1 of NASA/TM-2019-220410. With the five coefficients that the
+# report found in drop test CDT 3-11 it swings as the drop did. Here we look at when it does, and what could be done.
+
+# %%
+# %matplotlib inline
+from dataclasses import replace
+
+import numpy as np
+
+from bayeschute.aero.published import load_published
+from bayeschute.dynamics import modes, pendulum
+from bayeschute.dynamics.published import planar_aero
+from bayeschute.report import behaviour_figures as draw
+from bayeschute.units import to_si
+from bayeschute.verification import behaviour
+from bayeschute.verification.motion import dumbbell
+from bayeschute.verification.sets import T71
+
+FEET = 1.0 / to_si("1 ft", "m")
+table = load_published("table-7.1-2")
+aero, model, density = planar_aero(table), dumbbell(T71), T71.density
+print(table.source)
+for parameter in table.parameters:
+    print(f"{parameter.name:12} {parameter.estimate:8.4f} +- {parameter.standard_error:.4f} {parameter.unit}")
+
+# %% [markdown]
+# ## Static stability: the curves
+#
+# A canopy of little porosity pushes itself away from zero angle of attack and is at rest at $\pm\alpha_0$: it glides.
+# The report draws a porous canopy, too, but prints no formula for it; ours is the same curve read from the trim angle
+# outward, with less drag, which is what porosity costs.
+
+# %%
+porous = replace(aero, statically_stable=True)
+draw.curves_figure(aero, porous)
+
+# %% [markdown]
+# ## Dynamic stability: the limit cycle
+#
+# At $C_{N\dot\alpha}$ = -0.988 s the air feeds the swing. A small disturbance of the descent sends the canopies to one
+# trim angle, they can't stay, cross over to the other one, and end up going back and forth for good.
+
+# %%
+motion = behaviour.disturbed_descent(model, aero, density)
+cycle = behaviour.limit_cycle(model, aero, density)
+print(f"limit cycle: {cycle.amplitude:.3f} rad ({np.rad2deg(cycle.amplitude):.1f} deg) at {cycle.frequency:.4f} Hz,")
+print(f"mean descent {cycle.descent_rate:.2f} m/s ({cycle.descent_rate * FEET:.1f} ft/s)")
+draw.motion_figure(motion, float(aero.trim()))
+
+# %% [markdown]
+# Turn the sign of the damping after 50 s, and the swing dies away; the canopies are left in a glide.
+
+# %%
+flipped = behaviour.damping_flip(model, aero, density, at=50.0)
+draw.motion_figure(flipped, float(aero.trim()), flipped_at=50.0)
+
+# %% [markdown]
+# ## Four designs
+#
+# Static and dynamic stability are different things. All four designs start from the same swing.
+
+# %%
+configurations = behaviour.four_configurations(model, aero, density)
+for one in configurations:
+    kinds = [("unstable", "stable")[stable] for stable in (one.statically_stable, one.dynamically_stable)]
+    print(f"statically {kinds[0]:8} dynamically {kinds[1]:8} ends in a {one.ending}")
+draw.configuration_figure(configurations)
+
+# %% [markdown]
+# ## Between the two: it depends on how it began
+#
+# Close to zero damping both ends are possible: a glide that is disturbed a little returns to the glide, one that is
+# disturbed much locks on the limit cycle. The linear threshold $-C_{N\alpha} L_C/V$ tells only where no glide survives.
+
+# %%
+grid = np.array([-0.3, -0.26, -0.22, -0.19, -0.17, -0.15, -0.12, -0.09, -0.06, -0.04, -0.02, -0.01, 0.0, 0.02, 0.05])
+ends = behaviour.bistability(model, aero, density, grid, duration=900.0)
+both = ends.damping[ends.bistable()]
+print(f"both ends possible from {both.min():.2f} to {both.max():.2f} s; linear threshold {ends.threshold:.3f} s")
+draw.bistability_figure(ends)
+
+# %% [markdown]
+# ## How a pendulum begins
+#
+# With the damping of the table any disturbance will do, and a wind shear only decides when. In the bistable range it
+# decides whether. A steady glide falls through a layer in which the wind changes; thin layers and large changes start
+# the pendulum, and against the glide it takes a different change than along with it.
+
+# %%
+change, thickness = np.arange(-20.0, 20.1, 2.5), np.array([10.0, 30.0, 100.0, 300.0])
+onset = behaviour.shear_onset(model, replace(aero, C_Nalphadot=-0.1), density, change, thickness)
+draw.onset_figure(onset, shown=[(5, 1), (4, 1)])
+
+# %% [markdown]
+# ## The pivot point
+#
+# There is a point of the line that hardly moves aside. The closer to the capsule it is, the less the capsule swings. A
+# heavier payload, thinner air and less drag bring it closer (F-1, F-3, F-4 of the report), at the price of a faster
+# descent. They also make the *linear* pendulum grow faster, since the same damping coefficient acts with more force;
+# the limit cycle that it grows to is smaller nevertheless.
+
+# %%
+linear = pendulum.pendulum(model, density, aero.C_A0)
+omega = pendulum.natural_frequency(linear, aero.C_Nalpha)
+print(f"capsule to pivot point {pendulum.pivot_distance(linear, aero.C_Nalpha):.1f} m of {model.length:.1f} m")
+print(f"linear pendulum {omega / (2 * np.pi):.4f} Hz, limit cycle {cycle.frequency:.4f} Hz")
+sensitivity = behaviour.pivot_sensitivity(model, aero, density, np.linspace(0.7, 1.3, 7))
+for name, elasticity in zip(behaviour.QUANTITIES, sensitivity.elasticity, strict=True):
+    print(f"1 % more {name:12} moves the pivot point by {elasticity:+.2f} %")
+draw.pivot_figure(sensitivity)
+
+# %% [markdown]
+# ## Other modes, read backwards
+#
+# What is seen in a drop turns into coefficients: a flyout of 15 s, a maypole of 35 s with a radius of 50 ft, a
+# breathing of 0.23 Hz that moves the descent rate between 32 and 35.2 ft/s.
+
+# %%
+canopy = modes.Canopy(T71.canopy_mass, T71.dry_weight, T71.length)
+slope = modes.flyout_slope(canopy, T71.load, 15.0)
+turning, radius = 2 * np.pi / 35.0, to_si("50 ft", "m")
+load = modes.maypole_q_area(canopy, T71.C_A, radius, turning, T71.weight)
+breathing = modes.Breathing(T71.mass, T71.weight, to_si("34 ft/s", "m/s"), T71.C_A)
+C_Aeta = modes.breathing_axial_slope(breathing, to_si("1.6 ft/s", "m/s"), 0.23)
+print(f"flyout:    C_Nalpha = {slope:.2f} per rad")
+print(f"maypole:   C_N = {modes.maypole_normal(canopy, load, radius, turning):.4f}")
+print(f"breathing: C_Aeta = {C_Aeta:.3f} for eta = 1")

@@ -1,0 +1,100 @@
+"""Force laws in place of the terms: the default is untouched, each law is what its words say."""
+
+from __future__ import annotations
+
+import importlib.util
+from dataclasses import replace
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+
+from bayeschute.air.vector import Vec3
+from bayeschute.dynamics import forces
+from bayeschute.dynamics.cluster import Air, canopy_flow, canopy_force, geometry, state_rate
+from bayeschute.dynamics.cluster_flight import with_parameters
+from bayeschute.dynamics.parameters import Structure
+from bayeschute.dynamics.state import unpack
+
+
+def _load(name):
+    spec = importlib.util.spec_from_file_location(name, Path(__file__).parents[1] / "twins" / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+small = _load("small_cluster")
+ZERO = Vec3(0.0, 0.0, 0.0)
+AIR = Air(Vec3(2.0, -1.0, 0.5), ZERO, 1.1, np.array([0.95, 1.05]), ZERO)
+
+
+def state(seed=1):
+    rng = np.random.default_rng(seed)
+    lines = np.array([[0.2, -0.25], [0.1, 0.05], [-1.0, -0.95]]) * 74.0
+    x = np.concatenate([rng.normal(size=3), [0.5, 0.2, 10.0], small.UPRIGHT, 0.1 * rng.normal(size=3)])
+    moving = np.array([[1.0], [0.5], [10.0]]) + 2.0 * rng.normal(size=(3, 2))
+    return np.concatenate([x, lines.ravel(), moving.ravel()])
+
+
+def force_of(law, axial, transverse):
+    x, structure = unpack(state(), 2), Structure((), (), force=law)
+    model = replace(small.cluster((), ()), axial=axial, transverse=transverse)
+    geo = geometry(x, model.capsule)
+    flow = canopy_flow(x, geo, model, structure, AIR)
+    return canopy_force(flow, geo, model, structure, AIR), flow, model
+
+
+def test_drag_is_against_the_airflow_and_breathes():
+    force, flow, model = force_of(forces.drag, (0.8,), ())
+    v = np.asarray(unpack(state(), 2).canopy_velocity.stack()) - np.array([[2.0], [-1.0], [0.5]])
+    speed = np.linalg.norm(v, axis=0)
+    want = -0.5 * 1.1 * speed * v * model.canopies.area * 0.8 * np.array([0.95, 1.05])
+    np.testing.assert_allclose(force.stack(), want, rtol=1e-10)
+
+
+def test_polar_laws_have_their_signs_in_the_wind_frame():
+    force, flow, model = force_of(forces.constant_polar, (0.9,), (0.2, 0.3))
+    x, F = np.asarray(flow.axis.stack()), np.asarray(force.stack()) / (np.asarray(flow.q) * model.canopies.area)
+    z = np.asarray(flow.e.stack())
+    z = z / np.linalg.norm(z, axis=0)
+    np.testing.assert_allclose((F * x).sum(axis=0), -0.9 * np.array([0.95, 1.05]), rtol=1e-10)
+    np.testing.assert_allclose((F * z).sum(axis=0), -0.3, rtol=1e-10)
+    np.testing.assert_allclose((F * np.cross(z.T, x.T).T).sum(axis=0), 0.2, rtol=1e-10)
+
+
+def test_pitch_plane_restores_beyond_its_trim_angle_and_drives_within():
+    for alpha_0, sign in ((0.02, -1.0), (1.0, 1.0)):
+        force, flow, _ = force_of(forces.pitch_plane, (0.927, -0.329, alpha_0), (0.19, 0.0))
+        along = np.asarray(force.x * flow.e.x + force.y * flow.e.y + force.z * flow.e.z)
+        assert (np.sign(along) == sign).all()
+
+
+@pytest.mark.parametrize("rate", ["riser", "airflow"])
+def test_a_law_replaces_the_terms_and_nothing_else(rate):
+    terms, model = Structure(("1", "alpha^2"), ("e", "rate"), 2, rate), small.cluster((0.9, -0.7), (0.1, 0.3))
+    assert terms.force is None
+
+    def like_the_terms(flow, geo, model, air):
+        return canopy_force(flow, geo, model, terms, air)
+
+    plain = np.asarray(state_rate(state(), model, terms, AIR))
+    law = state_rate(state(), model, replace(terms, force=like_the_terms), AIR)
+    np.testing.assert_array_equal(plain, law)
+    drag = np.asarray(state_rate(state(), replace(model, axial=(0.9,)), replace(terms, force=forces.drag), AIR))
+    np.testing.assert_array_equal(drag[:19], plain[:19])
+    assert np.abs(drag - plain)[19:].max() > 0.1
+
+
+def test_coefficients_of_a_law_are_parameters_with_names_and_gradients():
+    structure = Structure(("C_D",), (), force=forces.drag)
+    base = replace(small.cluster((), ()), axial=(0.0,))
+
+    def sink(theta):
+        model = with_parameters(base, structure, ("axial[C_D]",), theta)
+        return state_rate(state(), model, structure, AIR)[23]
+
+    slope = jax.grad(sink)(np.array([0.8]))
+    assert float(slope[0]) == pytest.approx(float(sink(np.array([1.8])) - sink(np.array([0.8]))), rel=1e-9)
+    assert hash(structure) != hash(replace(structure, force=None))
