@@ -1,0 +1,139 @@
+"""Are parameter intervals honest? Replicate flights of the default study, fitted with the flown terms and scored.
+
+Every replicate is a new virtual drop (winds, gusts, breathing, sensor errors). It is fitted with the terms that it was
+flown with, wide priors about the truth and the study's noise model; no structure is selected and nothing is drawn: the
+mode of the marginal posterior and its Laplace covariance are scored. With ``--known`` the noise parameters are those
+that made the flight and the wind is recorded without error, so that only the treatment of the disturbances is tested.
+Rows are appended to the output as they come; replicates that are there already are not flown again.
+
+    python benchmarks/parameter_coverage.py --out runs/parameter-coverage.jsonl --replicates 20 [--known] [--json]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+STUDY = Path(__file__).parents[1] / "models" / "studies" / "cdt-3-11.toml"
+WIDE = {"axial[1]": 0.3, "axial[alpha^2]": 1.0, "transverse[e]": 0.3, "transverse[e*alpha^2]": 1.5}
+OTHERS = 0.5  # prior standard deviation of the other coefficients
+
+
+def priors_about(study: Any, structure: Any, model: Any) -> list[Any]:
+    """Priors centred on the flown values: wide for coefficients, the study's for the risers."""
+    from bayeschute.inference.priors import Prior
+
+    made = []
+    for kind, terms, values in (
+        ("axial", structure.axial, model.axial),
+        ("transverse", structure.transverse, model.transverse),
+    ):
+        for term, value in zip(terms, values, strict=True):
+            name = f"{kind}[{term}]"
+            made.append(Prior(name, float(value), WIDE.get(name, OTHERS), False, "1", "flown"))
+    risers = model.risers
+    made.append(Prior("riser_stiffness", float(np.log(risers.stiffness)), 0.2, True, "N/m", "flown"))
+    made.append(Prior("riser_damping", float(np.log(risers.damping)), 0.15, True, "N s/m", "flown"))
+    made.append(Prior("riser_length", float(risers.length), 0.3, False, "m", "flown"))
+    return made
+
+
+def known_noise(drop: Any) -> Any:
+    """The noise parameters that make a drop's record and disturbances."""
+    from bayeschute.inference.noise import Noise
+    from bayeschute.inference.target import Hyper
+
+    rows = [drop.sensors[name] for name in ("canopy_position", "capsule_velocity", "capsule_attitude")]
+    noise = Noise(*(np.array([getattr(r, k) for r in rows]) for k in ("white", "correlated", "time_constant")))
+    gusts, breathing = drop.turbulence, drop.breathing
+    return Hyper(
+        noise,
+        (
+            np.array([gusts.horizontal, gusts.time_constant]),
+            np.array([gusts.vertical, gusts.time_constant]),
+            np.array([0.002, 1.0]),  # the drop has no other fluctuation of force; zero is outside of the model
+            np.array([breathing.amplitude, breathing.frequency, breathing.damping_ratio]),
+        ),
+    )
+
+
+def one(study: Any, seed: int, known: bool) -> dict[str, Any]:
+    """Fly and fit one replicate."""
+    from bayeschute.flight.sensors import SensorNoise
+    from bayeschute.forecast.virtual import fly
+    from bayeschute.inference import map as optimum
+    from bayeschute.inference.evidence import HyperPrior
+    from bayeschute.inference.marginal import determinant_slope, marginalise
+    from bayeschute.inference.posterior import find
+    from bayeschute.inference.priors import working
+    from bayeschute.inference.records import cluster_data
+    from bayeschute.study import setup
+
+    model, structure = setup.cluster(study.vehicle)
+    drop = setup.drop(study.flights[0].virtual)
+    if known:
+        drop = replace(drop, sensors={**drop.sensors, "wind": SensorNoise()})
+    record, _ = fly(drop, model, structure, seed)
+    priors = priors_about(study, structure, model)
+    blank = replace(model, axial=(0.0,) * len(structure.axial), transverse=(0.0,) * len(structure.transverse))
+    channels = ("canopy_position", "capsule_velocity", "capsule_attitude")
+    data = [cluster_data(record, blank, structure, priors, channels, setup.latent(study, structure.canopies))]
+    if known:
+        hyper, truth = known_noise(drop), working(priors)[0]
+        best = optimum.fit(data, hyper, priors, truth, tolerance=0.05)
+        slope = determinant_slope(marginalise(data, hyper, priors, best))
+        tilt = np.linalg.solve(np.linalg.cholesky(best.covariance).T, slope)
+        best = optimum.fit(data, hyper, priors, best.theta, best.unknowns, tolerance=0.05, tilt=tilt)
+    else:
+        best = find(data, priors, HyperPrior(setup.hyper(study))).optimum
+    z = (best.theta - working(priors)[0]) / np.sqrt(np.diag(best.covariance))
+    return {
+        "seed": seed,
+        "known": known,
+        "converged": bool(best.converged),
+        "z": {p.name: float(v) for p, v in zip(priors, z, strict=True)},
+    }
+
+
+def main() -> None:
+    """Run, print the table, and with ``--json`` one object as the last line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, default=Path("runs/parameter-coverage.jsonl"))
+    parser.add_argument("--replicates", type=int, default=20)
+    parser.add_argument("--known", action="store_true", help="noise parameters known, wind recorded without error")
+    parser.add_argument("--json", action="store_true")
+    given = parser.parse_args()
+    from bayeschute.study.load import load_study
+
+    study = load_study(STUDY)
+    given.out.parent.mkdir(parents=True, exist_ok=True)
+    there = [json.loads(line) for line in given.out.read_text().splitlines()] if given.out.exists() else []
+    rows = {row["seed"]: row for row in there if row["known"] == given.known}
+    for seed in range(1001, 1001 + given.replicates):
+        if seed not in rows:
+            rows[seed] = one(study, seed, given.known)
+            with given.out.open("a") as file:
+                file.write(json.dumps(rows[seed]) + "\n")
+        shown = "  ".join(f"{name} {z:+.1f}" for name, z in rows[seed]["z"].items() if "[" in name)
+        print(f"seed {seed}: {shown}{'' if rows[seed]['converged'] else '  NOT CONVERGED'}", flush=True)
+    kept = [rows[seed] for seed in range(1001, 1001 + given.replicates)]
+    names = [name for name in kept[0]["z"] if "[" in name]  # the risers' priors sit on the truth: not scored
+    z = np.array([[row["z"][name] for name in names] for row in kept])
+    inside = np.mean(np.abs(z) < 1.6449, axis=0)
+    error = np.sqrt(0.9 * 0.1 / len(kept))
+    print(f"{len(kept)} replicates, nominal 90 % intervals (binomial standard error {100 * error:.0f} %)")
+    for name, column, share in zip(names, z.T, inside, strict=True):
+        rms = np.sqrt(np.mean(column**2))
+        print(f"  {name:28} inside {100 * share:3.0f} %   mean of z {column.mean():+.2f}   rms {rms:.2f}")
+    if given.json:
+        coverage = dict(zip(names, map(float, inside), strict=True))
+        print(json.dumps({"ratios": coverage, "context": {"replicates": len(kept), "known": given.known}}))
+
+
+if __name__ == "__main__":
+    main()
