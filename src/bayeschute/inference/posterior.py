@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -75,17 +75,26 @@ def _linearised(flights: Sequence[FlightData], hyper: Hyper, best: Optimum) -> l
     return [linearise(f, best.theta, course(f, hyper, x)) for f, x in pairs]
 
 
-def find(
+Begin = tuple[Array, Sequence[Unknowns], Hyper]  # parameters, unknowns of every flight, noise parameters
+
+
+class Settled(NamedTuple):
+    """The joint optimum over parameters and disturbances, its noise parameters, and minus the log evidence there."""
+
+    optimum: Optimum
+    hyper: Hyper
+    evidence: float
+
+
+def settle(
     flights: Sequence[FlightData],
     priors: Sequence[Prior],
     prior: HyperPrior,
     rounds: int = 2,
     progress: Progress | None = None,
-) -> Found:
+    begin: Begin | None = None,
+) -> Settled:
     """Fit parameters, start, latent disturbances and noise parameters, by turns.
-
-    The joint optimum over parameters and disturbances is not where the marginal posterior of the parameters is
-    greatest: its log determinant is then added, by its slope, and the fit repeated there.
 
     Args:
         flights: Records.
@@ -93,18 +102,18 @@ def find(
         prior: Priors of the noise parameters.
         rounds: Turns of optimum and evidence before the last optimum.
         progress: Called with a share done and words.
-
-    Returns:
-        What was found.
+        begin: Parameters, unknowns and noise parameters to begin with; from the prior means, by openings of the record,
+            where None.
 
     Raises:
         FloatingPointError: If the simulation at the prior means is not finite.
     """
     say = progress or (lambda share, words: None)
-    theta, hyper = working(priors)[0], prior.median
+    theta, hyper, value = working(priors)[0], prior.median, np.nan
     unknowns: Sequence[Unknowns] | None = None
-    tilt, value = np.zeros(theta.size), np.nan
-    for share in HORIZONS:
+    if begin is not None:
+        theta, unknowns, hyper = begin
+    for share in HORIZONS if begin is None else ():
         say(0.0, f"opening {100 * share:.0f} % of the record")
         seen = [_until(f, share) for f in flights]
         best = optimum.fit(seen, hyper, priors, theta, unknowns, tolerance=0.5, most=12)
@@ -113,26 +122,63 @@ def find(
         last = turn == rounds
 
         def tell(iteration: int, cost: float, step: float, turn: int = turn) -> None:
-            share = 0.7 * (turn + min(iteration / 12.0, 0.8)) / (rounds + 1)
+            share = (turn + min(iteration / 12.0, 0.8)) / (rounds + 1)
             say(share, f"optimum {turn + 1}: cost {cost:.1f}, step {step:.3f} standard errors")
 
-        best = optimum.fit(flights, hyper, priors, theta, unknowns, 0.01 if last else 0.1, tilt=tilt, progress=tell)
+        best = optimum.fit(flights, hyper, priors, theta, unknowns, 0.01 if last else 0.1, progress=tell)
         theta, unknowns = best.theta, best.unknowns
         if not last:
-            say(0.7 * (turn + 0.9) / (rounds + 1), f"noise parameters {turn + 1}")
+            say((turn + 0.9) / (rounds + 1), f"noise parameters {turn + 1}")
             linear = _linearised(flights, hyper, best)
             hyper, value = evidence.maximise(flights, linear, priors, hyper, prior, most=20 if turn == 0 else 12)
-    say(0.7, "log determinant")
+    return Settled(best, hyper, value)
+
+
+def conclude(
+    flights: Sequence[FlightData],
+    priors: Sequence[Prior],
+    prior: HyperPrior,
+    settled: Settled,
+    progress: Progress | None = None,
+) -> Found:
+    """Go from the joint optimum to the mode of the marginal posterior, and set that up.
+
+    The joint optimum over parameters and disturbances is not where the marginal posterior of the parameters is
+    greatest: its log determinant is added, by its slope, and the fit repeated there.
+
+    Args:
+        flights: Records.
+        priors: Priors of the parameters.
+        prior: Priors of the noise parameters.
+        settled: From `settle`.
+        progress: Called with a share done and words.
+    """
+    say = progress or (lambda share, words: None)
+    best, hyper, value = settled
+    say(0.0, "log determinant")
     slope = determinant_slope(marginalise(flights, hyper, priors, best))
-    tilt = np.linalg.solve(np.linalg.cholesky(best.covariance).T, slope)
-    best = optimum.fit(flights, hyper, priors, theta, unknowns, tolerance=0.01, tilt=tilt)
+    tilt: Array = np.linalg.solve(np.linalg.cholesky(best.covariance).T, slope)
+    best = optimum.fit(flights, hyper, priors, best.theta, best.unknowns, tolerance=0.01, tilt=tilt)
     made = marginalise(flights, hyper, priors, best)
-    say(0.8, "log determinant at the mode")
+    say(0.3, "log determinant at the mode")
     made = replace(made, determinant=determinant_around(made))
     wrong = determinant_error(made, 4, np.random.default_rng(0))
-    say(0.95, "uncertainty of the noise parameters")
+    say(0.8, "uncertainty of the noise parameters")
     known = evidence.law_covariance(flights, _linearised(flights, hyper, best), priors, hyper, prior)
     return Found(best, hyper, made, value, known, wrong)
+
+
+def find(
+    flights: Sequence[FlightData],
+    priors: Sequence[Prior],
+    prior: HyperPrior,
+    rounds: int = 2,
+    progress: Progress | None = None,
+) -> Found:
+    """The marginal posterior of the parameters: `settle`, then `conclude`."""
+    say = progress or (lambda share, words: None)
+    settled = settle(flights, priors, prior, rounds, lambda share, words: say(0.7 * share, words))
+    return conclude(flights, priors, prior, settled, lambda share, words: say(0.7 + 0.3 * share, words))
 
 
 def in_batches(function: Callable[[Array], Any], xi: Array, batch: int = BATCH) -> Any:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from bayeschute.errors import InputError
 from bayeschute.regression.collinearity import collinearity
 from bayeschute.regression.diagnostics import null_models
+from bayeschute.regression.equation_error import fit
 from bayeschute.regression.prediction import PredictionTest, predict_record
 from bayeschute.regression.propagation import Propagated
 from bayeschute.regression.residuals import autocorrelation, press
@@ -24,6 +25,7 @@ Array = NDArray[np.float64]
 _FOLDS = 10  # of PRESS: each series is cut into so many blocks, left out in turn
 _LAGS = 200  # autocorrelations told at most
 _MOST_TERMS = 12  # of the structures told by ceiling
+_WHOLE = 30  # candidates at most that are fitted all together
 _OFTEN = 0.05  # share of the replicates from which a term's frequency is told
 
 
@@ -58,6 +60,7 @@ def entry(
     nulls = null_models(stack.z, pressure, components=stack.components)
     report = {
         "selected": _selected(identified, units, propagated),
+        "left_out": _left_out(identified, names),
         "ranking": ranking(found.selection),
         "candidates": list(names),
         "snr": _signal_to_noise(identified, propagated),
@@ -94,6 +97,19 @@ def entry(
             "replicates": propagated.replicates,
         }
     return dict(plain(report))
+
+
+def _left_out(identified: Identified, names: Sequence[str]) -> list[dict[str, Any]]:
+    """Estimates of the candidates that were not selected, all candidates fitted together; none for a large pool."""
+    stack, chosen = identified.stack, set(identified.found.columns)
+    if len(names) > _WHOLE or len(chosen) == len(names):
+        return []
+    whole = fit(stack.X, stack.z, names, components=stack.components, blocks=stack.blocks, groups=stack.groups)
+    return [
+        {"term": name, "estimate": whole.estimate[k], "se": whole.se[k]}
+        for k, name in enumerate(names)
+        if k not in chosen
+    ]
 
 
 def ranking(selection: Selection, most: int = 60) -> list[dict[str, Any]]:

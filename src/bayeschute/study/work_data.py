@@ -176,5 +176,6 @@ def _given(name: str, table: Any, unit: str) -> Prior:
 
 
 def load_priors(job: Job) -> list[Prior]:
-    """The priors that the stage left."""
-    return [Prior(**entry) for entry in job.load("priors.json")]
+    """The priors of all parameters: those that the stage left, or with the terms that the fit asked for in addition."""
+    revised = "fit/priors.json" if (job.out / "fit" / "priors.json").exists() else "priors.json"
+    return [Prior(**entry) for entry in job.load(revised)]

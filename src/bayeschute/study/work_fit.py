@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -20,12 +20,14 @@ from bayeschute.inference import population
 from bayeschute.inference.evidence import HyperPrior, from_vector, to_vector
 from bayeschute.inference.map import Optimum
 from bayeschute.inference.marginal import Determinant, Marginal, marginalise
-from bayeschute.inference.posterior import Found, data_tree, find, sample
+from bayeschute.inference.omitted import scores
+from bayeschute.inference.posterior import Begin, Found, conclude, data_tree, sample, settle
 from bayeschute.inference.priors import Prior
 from bayeschute.inference.records import cluster_data, descent_data
 from bayeschute.inference.target import FlightData, Hyper, Unknowns
 from bayeschute.samplers.protocol import Draws
 from bayeschute.study import setup
+from bayeschute.study.fitted_terms import terms_left_out, with_terms
 from bayeschute.study.study import Flight
 from bayeschute.study.work_data import load_flight, load_priors
 
@@ -33,6 +35,7 @@ if TYPE_CHECKING:
     from bayeschute.study.stages import Job
 
 Array = NDArray[np.float64]
+SCORE = 4.0  # standard errors from zero at which a term that was left out is added
 
 
 @dataclass(frozen=True)
@@ -170,8 +173,10 @@ def fit(job: Job) -> str:
     from bayeschute.study.stages import write_whole
 
     study, trees, said = job.study, [], []
+    (job.out / "fit" / "priors.json").unlink(missing_ok=True)
     todo, began = groups(job), time.perf_counter()
     wall: dict[str, float] = {}
+    asked_for: dict[str, float] = {}
     failed = 0
     for i, group in enumerate(todo):
 
@@ -179,16 +184,13 @@ def fit(job: Job) -> str:
             label = f"{name}: {words}" if len(todo) > 1 else words
             job.say("fit")((i + a + (b - a) * share) / len(todo), label)
 
-        flights = [data_of(job, f, group.priors) for f in group.flights]
-        rounds = 1 if job.quick else 2
         clock = time.perf_counter()
         try:
-            found = find(
-                flights, group.priors, HyperPrior(setup.hyper(study)), rounds, lambda s, w: say(s, w, 0.0, 0.5)
-            )
+            group, found, asked = _found(job, group, say)
         except FloatingPointError as error:
             do = "Look at priors.json and the vehicle: the model must fly from the prior means; shorten the window."
             raise InputError(Fault(f"fit of {group.name}", str(error), "simulations that stay finite", do)) from error
+        asked_for |= asked
         wall["optimum_s"] = wall.get("optimum_s", 0.0) + time.perf_counter() - clock
         table, kinds = study.sampler, ["nuts", "emcee"] if study.sampler.kind == "both" else [study.sampler.kind]
         for kind in kinds:
@@ -200,11 +202,11 @@ def fit(job: Job) -> str:
                 table.warmup,
                 table.draws,
                 study.seed,
-                lambda s, w: say(s, w, 0.5, 0.8),
+                lambda s, w: say(s, w, 0.8, 0.9),
             )
             wall[f"{kind}_s"] = wall.get(f"{kind}_s", 0.0) + time.perf_counter() - clock
             names = [f.name for f in group.flights]
-            tree = data_tree(found.marginal, group.priors, draws, study.seed, names, lambda s, w: say(s, w, 0.8, 1.0))
+            tree = data_tree(found.marginal, group.priors, draws, study.seed, names, lambda s, w: say(s, w, 0.9, 1.0))
             if kind == kinds[0]:
                 _save(job, group, found, draws)
                 trees.append(tree)
@@ -215,8 +217,49 @@ def fit(job: Job) -> str:
     tree = trees[0] if len(trees) == 1 else _joined(job, todo, trees)
     write_whole(job.out / "posterior.nc", partial(_write_tree, tree))
     wall["fit_s"] = time.perf_counter() - began
-    job.save("fit/facts.json", {"wall": wall, "notes": said, "failed": failed})
+    job.save("fit/facts.json", {"wall": wall, "notes": said, "failed": failed, "scores": setup.as_plain(asked_for)})
     return f"{len(todo)} fits, {failed} failed simulations"
+
+
+def _found(
+    job: Job, group: Group, say: Callable[[float, str, float, float], None]
+) -> tuple[Group, Found, dict[str, float]]:
+    """Fit a group; terms that were left out and that the simulated flight asks for are added, and it is fitted again.
+
+    A fit without a term that is needed settles in a place of its own. So the next one begins at the prior means and,
+    for comparison, there; the greater evidence is kept.
+
+    Returns:
+        The group with the priors that were used, what was found, and the last scores of left-out terms.
+    """
+    prior, rounds = HyperPrior(setup.hyper(job.study)), 1 if job.quick else 2
+    left_out, z = terms_left_out(job), dict[str, float]()
+    begins: list[Begin | None] = [None]
+    while True:
+        flights = [data_of(job, f, group.priors) for f in group.flights]
+        tried = [
+            settle(flights, group.priors, prior, rounds, lambda s, w: say(s, w, 0.0, 0.6), begin) for begin in begins
+        ]
+        settled = min(tried, key=lambda s: s.evidence)
+        if not left_out:
+            break
+        whole, kept = with_terms(group.priors, left_out)
+        theta = np.zeros(len(whole))
+        theta[kept] = settled.optimum.theta
+        everything = [data_of(job, f, whole) for f in group.flights]
+        step, se = scores(everything, settled.hyper, whole, theta, settled.optimum.unknowns, kept)
+        z = {p.name: float(step[i] / se[i]) for i, p in enumerate(whole) if not kept[i]}
+        asked = [p for p in left_out if abs(z[p.name]) > SCORE]
+        if not asked:
+            break
+        priors, old = with_terms(group.priors, asked)
+        theta = np.zeros(len(priors))
+        theta[old] = settled.optimum.theta
+        begins = [None, (theta, settled.optimum.unknowns, settled.hyper)]
+        left_out = [p for p in left_out if p not in asked]
+        group = replace(group, priors=tuple(priors))
+        job.save("fit/priors.json", [p.__dict__ for p in priors])
+    return group, conclude(flights, group.priors, prior, settled, lambda s, w: say(s, w, 0.6, 0.8)), z
 
 
 def _write_tree(tree: xr.DataTree, path: Path) -> None:

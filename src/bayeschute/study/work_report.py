@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from bayeschute.flight.record import repairs
 from bayeschute.study import setup
+from bayeschute.study.fitted_terms import ADDED
 from bayeschute.study.load import study_hash
 from bayeschute.study.study import Flight
 from bayeschute.study.work_data import load_flight, load_priors
@@ -157,6 +158,9 @@ def _notes(job: Job) -> list[str]:
         f"A flight to be predicted is known by the first {OPENING:g} s of its record and its recorded wind; "
         "bands are scored after that."
     )
+    added = [p.name for p in load_priors(job) if ADDED in p.source]
+    if added:
+        notes.append(f"Left out by equation error, added since the fitted flight asked for it: {', '.join(added)}.")
     missed = set(_flown_terms(job)) - {p.name for p in load_priors(job) if "[" in p.name}
     if missed and study.flights[0].virtual is not None:
         notes.append("Flown but not selected: " + ", ".join(sorted(missed)) + ".")

@@ -1,0 +1,50 @@
+"""Terms that the structure left out: does the simulated flight ask for them?
+
+Equation error sees a term through airflow that is wrong by the wind's error, which can hide it altogether. At the
+fitted optimum the flight itself can be asked: with the coefficients of all left-out terms at zero, one Gauss-Newton
+step over all coefficients tells where each would go and with which standard error (a score test, Rao 1948), start and
+disturbances eliminated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayeschute.inference.map import conditional
+from bayeschute.inference.priors import Prior, working
+from bayeschute.inference.target import FlightData, Hyper, Unknowns, course, linearise
+
+Array = NDArray[np.float64]
+
+
+def scores(
+    flights: Sequence[FlightData],
+    hyper: Hyper,
+    priors: Sequence[Prior],
+    theta: Array,
+    unknowns: Sequence[Unknowns],
+    kept: NDArray[np.bool_],
+) -> tuple[Array, Array]:
+    """Step and standard error of every parameter, starting from zero for those left out.
+
+    Args:
+        flights: The flights with a structure that holds all terms.
+        hyper: Noise parameters.
+        priors: Priors of all parameters; those of left-out terms don't count.
+        theta: The optimum, zero for left-out terms (P,).
+        unknowns: Start and shocks at the optimum, per flight.
+        kept: Which parameters were fitted (P,).
+
+    Returns:
+        Steps (P,), zero for kept ones' own gradients, and standard errors (P,).
+    """
+    scale = working(priors)[1]
+    matrix, gradient = np.diag(np.where(kept, 1.0 / scale**2, 0.0)), np.zeros(theta.size)
+    for flight, x in zip(flights, unknowns, strict=True):
+        given = conditional(flight, hyper, linearise(flight, theta, course(flight, hyper, x)))
+        matrix, gradient = matrix + np.asarray(given.matrix), gradient + np.asarray(given.gradient)
+    covariance = np.linalg.inv(matrix)
+    return -covariance @ np.where(kept, 0.0, gradient), np.sqrt(np.diag(covariance))
