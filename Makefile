@@ -52,7 +52,7 @@ $(VENV)/pyvenv.cfg:
 
 $(RUNTIME): pyproject.toml constraints.txt | $(VENV)/pyvenv.cfg
 	@echo "== Installing bayeschute and what it runs on, versions from constraints.txt"
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e .
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[fast]'
 	@touch $@
 
 $(DEV): pyproject.toml constraints.txt | $(VENV)/pyvenv.cfg

@@ -21,6 +21,7 @@ from bayeschute.air.airflow import (
 )
 from bayeschute.air.vector import Component, Vec3, cross, dot, norm, perpendicular
 from bayeschute.dynamics.parameters import Capsule, Cluster, Risers, Structure
+from bayeschute.dynamics.riser_law import riser_tension
 from bayeschute.dynamics.state import ClusterState, pack, unpack
 
 _LEAST_SPEED = 1e-6  # [m/s]; keeps 1/|V| finite at rest and changes nothing that flies
@@ -71,16 +72,9 @@ def geometry(state: ClusterState, capsule: Capsule) -> RiserGeometry:
 
 
 def tension(geo: RiserGeometry, risers: Risers) -> Component:
-    """Tension of every riser [N], never negative, zero when slack (6.3.3-1..3, clamped).
-
-    The damper takes hold over the first bit of stretch. Were it there at once, tension would jump by its share when a
-    riser comes taut: derivatives of a flight would miss that parameters move that moment.
-    """
+    """Tension of every riser [N], never negative, zero when slack (6.3.3-1..3, clamped)."""
     stretch = geo.length - risers.length
-    share = jnp.clip(stretch / risers.engagement, 0.0, 1.0)
-    share = share * share * (3.0 - 2.0 * share)
-    force = risers.stiffness * stretch + (risers.damping * share) * geo.stretch_rate
-    return jnp.where(stretch > 0.0, jnp.maximum(force, 0.0), 0.0)
+    return riser_tension(stretch, geo.stretch_rate, risers.stiffness, risers.damping, risers.engagement)
 
 
 def canopy_flow(state: ClusterState, geo: RiserGeometry, model: Cluster, structure: Structure, air: Air) -> CanopyFlow:
@@ -280,7 +274,13 @@ def state_rate(x: jax.Array, model: Cluster, structure: Structure, air: Air) -> 
     shape = _breathing(state, model) if structure.breathing else (None, None)
     return pack(
         ClusterState(
-            state.velocity, acceleration, state.attitude.rate(state.rate), turning, state.canopy_velocity, canopy, *shape
+            state.velocity,
+            acceleration,
+            state.attitude.rate(state.rate),
+            turning,
+            state.canopy_velocity,
+            canopy,
+            *shape,
         )
     )
 

@@ -204,7 +204,8 @@ class DumbbellFlight:
         """Rate of the state when this share of the sample has passed."""
         w0, w1 = now.wind + error_now, then.wind + error_then
         density = now.density + (then.density - now.density) * share
-        return state_rate(x, *numbers, w0 + (w1 - w0) * share, density)
+        model, aero = numbers
+        return state_rate(x, model, aero, w0 + (w1 - w0) * share, density)
 
     def observe(self, x: jax.Array, numbers: Any, now: Any) -> jax.Array:
         """Outputs of `channels`, in order (C, ...): swing [rad], velocities of the capsule, along and down [m/s]."""

@@ -124,7 +124,7 @@ class Breathing:
 class Cluster:
     """All numbers of the cluster.
 
-    `axial` and `transverse` are the coefficients of the structure's terms; `breathing` serves a structure that breathes.
+    `axial` and `transverse` are the coefficients of the structure's terms; `breathing` serves one that breathes.
     """
 
     capsule: Capsule

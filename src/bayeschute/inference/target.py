@@ -15,6 +15,7 @@ import jax.numpy as jnp
 
 from bayeschute.air.vector import Component
 from bayeschute.dynamics.integrate import FlightModel, Steps, outputs, step_jacobians, trajectory
+from bayeschute.dynamics.kernel import flight as kernel
 from bayeschute.inference import latent as processes
 from bayeschute.inference.latent import Latent
 from bayeschute.inference.noise import Noise, whiten
@@ -104,9 +105,14 @@ def course(data: FlightData, hyper: Hyper, unknowns: Unknowns) -> Course:
 
 # The simulation is compiled once per batch size: what is built on it is put together outside of compiled functions.
 @jax.jit
-def states(data: FlightData, theta: jax.Array, driven: Course) -> jax.Array:
-    """Simulated states (T, X, ...)."""
+def _states(data: FlightData, theta: jax.Array, driven: Course) -> jax.Array:
     return trajectory(data.model, theta, driven.start, driven.error)
+
+
+def states(data: FlightData, theta: Component, driven: Course) -> jax.Array:
+    """Simulated states (T, X, ...), by machine code where `kernel.flight` has it, else by JAX."""
+    made = kernel.states(data.model, theta, driven.start, driven.error)
+    return _states(data, theta, driven) if made is None else made
 
 
 @jax.jit
@@ -144,9 +150,14 @@ class Linear(NamedTuple):
 
 
 @jax.jit
-def linearise(data: FlightData, theta: jax.Array, driven: Course) -> Linear:
-    """Residuals and exact derivatives of all steps at (theta, course)."""
-    y, steps = step_jacobians(data.model, theta, driven.start, driven.error)
+def _steps(data: FlightData, theta: jax.Array, driven: Course) -> tuple[jax.Array, Steps]:
+    return step_jacobians(data.model, theta, driven.start, driven.error)
+
+
+def linearise(data: FlightData, theta: Component, driven: Course) -> Linear:
+    """Residuals and exact derivatives of all steps at (theta, course), made like `states`."""
+    made = kernel.steps(data.model, theta, driven.start, driven.error)
+    y, steps = _steps(data, theta, driven) if made is None else made
     return Linear(jnp.where(data.present, data.observed - y, 0.0), driven, steps)
 
 

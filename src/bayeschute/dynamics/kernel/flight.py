@@ -1,0 +1,246 @@
+"""Simulations and derivatives of a flight by machine code made from its model; the numbers are those of `integrate`.
+
+The code is made of the operations that JAX records of a model's `rate` and `observe`, each done once, several flights
+or samples side by side. It serves concrete arrays on a processor, for models whose `advance` is `rk4` of their `rate`,
+where llvmlite is installed (``pip install bayeschute[fast]``). Elsewhere the functions here return None and
+`integrate` does the same more slowly; `obstacle` tells why.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from bayeschute.dynamics.integrate import FlightModel, Steps, chained
+from bayeschute.dynamics.kernel.machine import Array, aligned, processors
+from bayeschute.dynamics.kernel.programs import LANES, Programs, programs_of
+from bayeschute.dynamics.kernel.simulation import stage_plan
+from bayeschute.dynamics.kernel.trace import Traced
+
+_DRIVEN = ("theta", "error_now", "error_then")
+
+
+@jax.jit
+def _first(model: FlightModel, theta: jax.Array, start: jax.Array) -> jax.Array:
+    return model.initial(model.numbers(theta), start)
+
+
+_first_slopes = jax.jit(jax.jacfwd(_first, argnums=(1, 2)))
+_chained = jax.jit(chained)
+
+
+def _served(model: FlightModel, theta: Any, start: Any, error: Any) -> Programs | str:
+    """Programs for a call, or why there are none."""
+    if any(isinstance(a, jax.core.Tracer) for a in jax.tree.leaves((model, theta, start, error))):
+        return "the call is traced"
+    batch = np.shape(theta)[1:]
+    if len(batch) > 1 or np.shape(start)[1:] != batch or np.shape(error)[2:] != batch:
+        return "there is more than one batch axis, or not the same everywhere"
+    return programs_of(model, theta, start, error)
+
+
+def obstacle(model: FlightModel, theta: Any, start: Any, error: Any) -> str | None:
+    """Why a flight isn't simulated by machine code, in words; None where it is. Arguments as of `states`."""
+    found = _served(model, theta, start, error)
+    return found if isinstance(found, str) else None
+
+
+def states(model: FlightModel, theta: Any, start: Any, error: Any) -> jax.Array | None:
+    """States at every sample, as `integrate.trajectory`.
+
+    Args:
+        model: The flight.
+        theta: Parameters (P,) or (P, B).
+        start: Initial deviations (D,) or (D, B).
+        error: Latent disturbances (T, A) or (T, A, B).
+
+    Returns:
+        States (T, X) or (T, X, B), or None where there is an `obstacle`.
+    """
+    programs = _served(model, theta, start, error)
+    return None if isinstance(programs, str) else jnp.asarray(_states(programs, model, theta, start, error))
+
+
+def steps(model: FlightModel, theta: Any, start: Any, error: Any) -> tuple[jax.Array, Steps] | None:
+    """Outputs (T, C) and derivatives of all steps, as `integrate.step_jacobians`.
+
+    Args:
+        model: The flight.
+        theta: Parameters (P,).
+        start: Initial deviations (D,).
+        error: Latent disturbances (T, A).
+
+    Returns:
+        Outputs and derivatives, or None where there is an `obstacle`.
+    """
+    programs = _served(model, theta, start, error)
+    if isinstance(programs, str) or np.ndim(theta) != 1:
+        return None
+    x = _states(programs, model, theta, start, error)
+    along = _Along(programs, model, theta, error, x)
+    size, columns = x.shape[1], [along.rows[group] for group in _DRIVEN]
+    source = _columns([np.zeros((size, sum(columns))), np.eye(size)])
+    made = along.carried(_DRIVEN, source, restart=True)
+    by_theta, by_now, by_then, by_state, _ = np.split(made, np.cumsum([*columns, size]), axis=2)
+    y, out_state, out_theta = along.outputs()
+    first = _first_slopes(model, theta, start)
+    return jnp.asarray(y), Steps(
+        by_state=_handed_over(by_state),
+        by_theta=_handed_over(by_theta),
+        by_now=_handed_over(by_now),
+        by_then=_handed_over(by_then),
+        first_theta=first[0],
+        first_start=first[1],
+        out_state=jnp.asarray(out_state),
+        out_theta=jnp.asarray(out_theta),
+    )
+
+
+def jacobian(
+    model: FlightModel, theta: Any, start: Any, error: Any, weights: Array | None = None
+) -> tuple[jax.Array, jax.Array] | None:
+    """Outputs and their derivatives along a flight.
+
+    Args:
+        model: The flight.
+        theta: Parameters (P,).
+        start: Initial deviations (D,).
+        error: Latent disturbances (T, A).
+        weights: Interpolation weights of knots (T, K): derivatives are then those of `integrate.jacobian`. If None,
+            derivatives are by the parameters alone.
+
+    Returns:
+        Outputs (T, C) and derivatives (T, C, P + D + K A) or (T, C, P), or None where there is an `obstacle`.
+    """
+    if weights is not None:
+        made = steps(model, theta, start, error)
+        return None if made is None else (made[0], _chained(made[1], weights))
+    programs = _served(model, theta, start, error)
+    if isinstance(programs, str) or np.ndim(theta) != 1:
+        return None
+    x = _states(programs, model, theta, start, error)
+    along = _Along(programs, model, theta, error, x)
+    p = np.size(theta)
+    first = np.asarray(_first_slopes(model, theta, start)[0])
+    carried = along.carried(("theta",), _columns([first]), restart=False)[:, :, :p]
+    y, out_state, out_theta = along.outputs()
+    return jnp.asarray(y), jnp.asarray(out_state @ np.concatenate([first[None], carried]) + out_theta)
+
+
+def _shared(model: Any, traced: Traced) -> Array:
+    """Numbers of a model, in the order of their group of inputs."""
+    leaves = jax.tree.leaves(model)
+    return np.concatenate([np.zeros(0), *(np.ravel(np.asarray(leaves[i], float)) for i in traced.read)])
+
+
+def _record(model: Any) -> Array:
+    """Inputs at the samples (T, R)."""
+    leaves = [np.asarray(leaf, float) for leaf in jax.tree.leaves(model.inputs())]
+    return np.concatenate([leaf.reshape(len(leaf), -1) for leaf in leaves], axis=1)
+
+
+def _padded(a: Any, length: int) -> Array:
+    """An array with its last axis continued to a length by its last entries."""
+    a = np.asarray(a, float)
+    made = aligned(*a.shape[:-1], length)
+    made[..., : a.shape[-1]] = a
+    made[..., a.shape[-1] :] = a[..., -1:]
+    return made
+
+
+def _handed_over(part: Array) -> jax.Array:
+    """A part of an array for JAX, which takes aligned memory as it is."""
+    made = aligned(*part.shape)
+    made[...] = part
+    return jnp.asarray(made)
+
+
+def _columns(parts: list[Array]) -> Array:
+    """Columns side by side (X, M) as blocks (M / lanes, X, lanes)."""
+    whole = np.concatenate(parts, axis=1)
+    blocks = -(-whole.shape[1] // LANES)
+    made = aligned(blocks, whole.shape[0], LANES)
+    wide = np.zeros((whole.shape[0], blocks * LANES))
+    wide[:, : whole.shape[1]] = whole
+    made[:] = wide.reshape(-1, blocks, LANES).swapaxes(0, 1)
+    return made
+
+
+def _in_parts(count: int, work: Callable[[int, int], None]) -> None:
+    """Do ranges of blocks on all processors."""
+    shares = np.linspace(0, count, min(processors(), count) + 1).astype(int)
+    if len(shares) == 2:
+        return work(0, count)
+    with ThreadPoolExecutor(len(shares) - 1) as pool:
+        list(pool.map(work, shares[:-1].tolist(), shares[1:].tolist()))
+
+
+def _states(programs: Programs, model: Any, theta: Any, start: Any, error: Any) -> Array:
+    batch = np.shape(theta)[1:]
+    count = batch[0] if batch else 1
+    lanes = 1 if count == 1 else LANES
+    stride = -(-count // lanes) * lanes
+    first = np.asarray(_first(model, theta, start))
+    samples, size = np.shape(error)[0], first.shape[0]
+    theta, error = (_padded(np.reshape(a, (*np.shape(a)[:k], count)), stride) for a, k in ((theta, 1), (error, 2)))
+    made = aligned(samples, size, stride)
+    made[0] = _padded(first.reshape(size, count), stride)
+    simulate, shared, record = programs.simulate(lanes), _shared(model, programs.rate), _record(model)
+    plan = stage_plan(float(model.dt) / model.substeps, model.substeps)
+
+    def work(begin: int, end: int) -> None:
+        scratch = aligned(simulate.scratch)
+        sizes = samples, stride, begin, end, model.substeps
+        simulate.call(shared, theta, record, error, plan, made, scratch, *sizes)
+
+    _in_parts(stride // lanes, work)
+    return made[..., :count].reshape(samples, size, *batch)
+
+
+class _Along:
+    """A known flight with its samples side by side."""
+
+    def __init__(self, programs: Programs, model: Any, theta: Any, error: Any, x: Array) -> None:
+        self.model, self.x, self.theta = model, x, np.array(theta, float, order="C")
+        self.programs = programs
+        self.rows = self.programs.rate.rows
+        self.blocks = -(-len(x) // LANES)
+        self.stride = (self.blocks + 1) * LANES
+        self.record, self.error, self.states = (
+            _padded(a.T, self.stride) for a in (_record(model), np.asarray(error), x)
+        )
+
+    def carried(self, groups: tuple[str, ...], source: Array, restart: bool) -> Array:
+        """Tangents after every step (T - 1, X, M), begun anew at each sample or carried on; see `differentiation`."""
+        model, made = self.model, self.programs.differentiate(groups)
+        blocks, size = len(source), self.x.shape[1]
+        out = aligned(self.blocks * LANES, size, blocks * LANES)
+        shared = _shared(model, self.programs.rate)
+        plan = stage_plan(float(model.dt) / model.substeps, model.substeps)
+
+        def work(begin: int, end: int) -> None:
+            end_of = aligned(*source.shape) if restart else source
+            memory = aligned(made.table * model.substeps), aligned(made.scratch)
+            known = shared, self.theta, self.record, self.error, plan, self.states
+            made.call(*known, source, end_of, out, *memory, self.stride, begin, end, model.substeps, blocks)
+
+        if restart:
+            _in_parts(self.blocks, work)
+        else:
+            work(0, self.blocks)
+        return out[: len(self.x) - 1]
+
+    def outputs(self) -> tuple[Array, Array, Array]:
+        """Outputs (T, C) and their derivatives by state (T, C, X) and parameters (T, C, P)."""
+        made, traced = self.programs.observe(), self.programs.outputs
+        total, count = self.blocks * LANES, len(traced.result)
+        y, by_state, by_theta = (aligned(total, count, *s) for s in ((), (self.x.shape[1],), (self.theta.size,)))
+        shared, scratch = _shared(self.model, traced), aligned(made.scratch)
+        places = shared, self.theta, self.record, self.states, y, by_state, by_theta, scratch
+        made.call(*places, self.stride, 0, self.blocks)
+        return tuple(a[: len(self.x)] for a in (y, by_state, by_theta))  # type: ignore[return-value]
