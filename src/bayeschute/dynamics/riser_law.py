@@ -22,8 +22,8 @@ def riser_tension(
     """Tension T = r max(0, k s + c s') of a riser stretched by s, 0 when slack [N].
 
     r = 3 x^2 - 2 x^3 with x = s/engagement, and exactly 1 beyond: lines of a riser come taut one after another. Were
-    all there at once, the tension would jump by c s' where s = 0. Derivatives of a flight would then miss that parameters
-    move the moment at which a riser comes taut. With r the rate of the state is smooth there.
+    all there at once, the tension would jump by c s' where s = 0, and derivatives of a flight would miss that
+    parameters move the moment at which a riser comes taut. With r the rate of the state is smooth there.
 
     The derivative is written out below: that of nested maxima takes half of the time of a flight's Jacobian.
 

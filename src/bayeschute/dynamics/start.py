@@ -134,7 +134,21 @@ def static_tension(state: ClusterState, model: Cluster, structure: Structure, ai
     zero = 0.0 * geo.length
     residual = second_rate(zero)
     scale = model.capsule.mass * model.gravity
-    unit = [jnp.zeros((n,) + (1,) * (zero.ndim - 1)).at[j].set(1.0) * scale for j in range(n)]
-    matrix = jnp.stack([second_rate(zero + u) - residual for u in unit], axis=1)
-    solved = jnp.linalg.solve(jnp.moveaxis(matrix, (0, 1), (-2, -1)), -jnp.moveaxis(residual, 0, -1)[..., None])
-    return jnp.moveaxis(solved[..., 0], -1, 0) * scale
+    unit = [np.eye(n)[j].reshape(n, *(1,) * (zero.ndim - 1)) * scale for j in range(n)]
+    columns = [second_rate(zero + u) - residual for u in unit]
+    return jnp.stack(_solved([[c[i] for c in columns] for i in range(n)], [-residual[i] for i in range(n)])) * scale
+
+
+def _solved(matrix: list[list[Component]], right: list[Component]) -> list[Component]:
+    """Gauss elimination without a change of rows: pulls on bodies with mass make a definite matrix."""
+    n = len(right)
+    for k in range(n):
+        for i in range(k + 1, n):
+            factor = matrix[i][k] / matrix[k][k]
+            matrix[i] = [a - factor * b for a, b in zip(matrix[i], matrix[k], strict=True)]
+            right[i] = right[i] - factor * right[k]
+    solution: list[Component] = [0.0] * n
+    for i in reversed(range(n)):
+        known = sum((matrix[i][j] * solution[j] for j in range(i + 1, n)), 0.0 * right[i])
+        solution[i] = (right[i] - known) / matrix[i][i]
+    return solution

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayeschute.air.vector import Vec3
-from bayeschute.dynamics.parameters import Canopies, Capsule, Cluster, Risers
+from bayeschute.dynamics.parameters import Canopies, Capsule, Cluster, Risers, engagement_length
 from bayeschute.units import to_si
 
 Array = NDArray[np.float64]
@@ -129,7 +129,8 @@ class ParameterSet:
         """
         canopies = Canopies(self.area, self.reference_length, self.reference_speed, self.dry_mass, self.enclosed_volume)
         k = self.stiffness * stiffer
-        risers = Risers(self.length - tension / k, k, self.damping * stiffer)
+        engagement = engagement_length(self.capsule_mass * self.gravity, k, 2)
+        risers = Risers(self.length - tension / k, k, self.damping * stiffer, engagement)
         particle = self.particle() if capsule is None else capsule
         return Cluster(particle, canopies, risers, axial, transverse, self.gravity)
 
