@@ -12,13 +12,11 @@ from numpy.typing import NDArray
 
 from bayeschute.air.vector import Vec3
 from bayeschute.dynamics.parameters import (
-    STANDARD_GRAVITY,
     Canopies,
     Capsule,
     Cluster,
     Risers,
     Structure,
-    engagement_length,
 )
 from bayeschute.flight.reconstruct import ClusterGeometry
 from bayeschute.flight.sensors import Dropouts, SensorNoise

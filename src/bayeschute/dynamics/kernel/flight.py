@@ -18,19 +18,13 @@ import numpy as np
 
 from bayeschute.dynamics.integrate import FlightModel, Steps, chained
 from bayeschute.dynamics.kernel.machine import Array, aligned, processors
-from bayeschute.dynamics.kernel.programs import LANES, Programs, programs_of
+from bayeschute.dynamics.kernel.programs import LANES, Programs, opening, programs_of
 from bayeschute.dynamics.kernel.simulation import stage_plan
 from bayeschute.dynamics.kernel.trace import Traced
 
 _DRIVEN = ("theta", "error_now", "error_then")
 
 
-@jax.jit
-def _first(model: FlightModel, theta: jax.Array, start: jax.Array) -> jax.Array:
-    return model.initial(model.numbers(theta), start)
-
-
-_first_slopes = jax.jit(jax.jacfwd(_first, argnums=(1, 2)))
 _chained = jax.jit(chained)
 
 
@@ -88,14 +82,14 @@ def steps(model: FlightModel, theta: Any, start: Any, error: Any) -> tuple[jax.A
     made = along.carried(_DRIVEN, source, restart=True)
     by_theta, by_now, by_then, by_state, _ = np.split(made, np.cumsum([*columns, size]), axis=2)
     y, out_state, out_theta = along.outputs()
-    first = _first_slopes(model, theta, start)
+    by_theta_first, by_start_first = _first_slopes(programs, model, theta, start)
     return jnp.asarray(y), Steps(
         by_state=_handed_over(by_state),
         by_theta=_handed_over(by_theta),
         by_now=_handed_over(by_now),
         by_then=_handed_over(by_then),
-        first_theta=first[0],
-        first_start=first[1],
+        first_theta=jnp.asarray(by_theta_first),
+        first_start=jnp.asarray(by_start_first),
         out_state=jnp.asarray(out_state),
         out_theta=jnp.asarray(out_theta),
     )
@@ -126,7 +120,7 @@ def jacobian(
     x = _states(programs, model, theta, start, error)
     along = _Along(programs, model, theta, error, x)
     p = np.size(theta)
-    first = np.asarray(_first_slopes(model, theta, start)[0])
+    first, _ = _first_slopes(programs, model, theta, start)
     carried = along.carried(("theta",), _columns([first]), restart=False)[:, :, :p]
     y, out_state, out_theta = along.outputs()
     return jnp.asarray(y), jnp.asarray(out_state @ np.concatenate([first[None], carried]) + out_theta)
@@ -180,25 +174,38 @@ def _in_parts(count: int, work: Callable[[int, int], None]) -> None:
         list(pool.map(work, shares[:-1].tolist(), shares[1:].tolist()))
 
 
+def _first_slopes(programs: Programs, model: Any, theta: Any, start: Any) -> tuple[Array, Array]:
+    """Derivatives of the first state by parameters (X, P) and by deviations (X, D)."""
+    made, traced, size = programs.begin_slopes(), programs.first, len(programs.first.result)
+    by_theta, by_start = aligned(size, np.size(theta)), aligned(size, np.size(start))
+    given = _shared(opening(model), traced), np.array(theta, float), np.array(start, float)
+    made.call(*given, aligned(size), by_theta, by_start, aligned(made.scratch), 1, 0, 1)
+    return by_theta, by_start
+
+
 def _states(programs: Programs, model: Any, theta: Any, start: Any, error: Any) -> Array:
     batch = np.shape(theta)[1:]
     count = batch[0] if batch else 1
     lanes = 1 if count == 1 else LANES
-    stride = -(-count // lanes) * lanes
-    first = np.asarray(_first(model, theta, start))
-    samples, size = np.shape(error)[0], first.shape[0]
-    theta, error = (_padded(np.reshape(a, (*np.shape(a)[:k], count)), stride) for a, k in ((theta, 1), (error, 2)))
+    stride, blocks = -(-count // lanes) * lanes, -(-count // lanes)
+    theta, start, error = (
+        _padded(np.reshape(np.asarray(a, float), (*np.shape(a)[:k], count)), stride)
+        for a, k in ((theta, 1), (start, 1), (error, 2))
+    )
+    samples, size = len(error), len(programs.first.result)
+    begin, first = programs.begin(lanes), aligned(stride, size)
+    shared = _shared(opening(model), programs.first)
+    begin.call(shared, theta, start, first, aligned(begin.scratch), stride, 0, blocks)
     made = aligned(samples, size, stride)
-    made[0] = _padded(first.reshape(size, count), stride)
+    made[0] = first.T
     simulate, shared, record = programs.simulate(lanes), _shared(model, programs.rate), _record(model)
     plan = stage_plan(float(model.dt) / model.substeps, model.substeps)
 
     def work(begin: int, end: int) -> None:
-        scratch = aligned(simulate.scratch)
         sizes = samples, stride, begin, end, model.substeps
-        simulate.call(shared, theta, record, error, plan, made, scratch, *sizes)
+        simulate.call(shared, theta, record, error, plan, made, aligned(simulate.scratch), *sizes)
 
-    _in_parts(stride // lanes, work)
+    _in_parts(blocks, work)
     return made[..., :count].reshape(samples, size, *batch)
 
 
@@ -241,6 +248,6 @@ class _Along:
         total, count = self.blocks * LANES, len(traced.result)
         y, by_state, by_theta = (aligned(total, count, *s) for s in ((), (self.x.shape[1],), (self.theta.size,)))
         shared, scratch = _shared(self.model, traced), aligned(made.scratch)
-        places = shared, self.theta, self.record, self.states, y, by_state, by_theta, scratch
+        places = shared, self.theta, self.states, self.record, y, by_state, by_theta, scratch
         made.call(*places, self.stride, 0, self.blocks)
         return tuple(a[: len(self.x)] for a in (y, by_state, by_theta))  # type: ignore[return-value]

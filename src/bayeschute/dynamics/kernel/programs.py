@@ -10,8 +10,9 @@ import jax
 import numpy as np
 
 from bayeschute.dynamics.kernel.differentiation import differentiation
+from bayeschute.dynamics.kernel.evaluation import evaluation
+from bayeschute.dynamics.kernel.graph import SHARED
 from bayeschute.dynamics.kernel.machine import available, compiled
-from bayeschute.dynamics.kernel.observation import observation
 from bayeschute.dynamics.kernel.simulation import simulation
 from bayeschute.dynamics.kernel.trace import Traced, UnknownOperationError, trace
 
@@ -34,10 +35,11 @@ class Programs:
     Attributes:
         rate: Expressions of the rate of the state.
         outputs: Expressions of the outputs.
+        first: Expressions of the first state, of a model cut to its `opening`.
     """
 
-    def __init__(self, rate: Traced, outputs: Traced) -> None:
-        self.rate, self.outputs = rate, outputs
+    def __init__(self, rate: Traced, outputs: Traced, first: Traced) -> None:
+        self.rate, self.outputs, self.first = rate, outputs, first
         self._made: dict[Any, Compiled] = {}
 
     def simulate(self, lanes: int) -> Compiled:
@@ -60,13 +62,16 @@ class Programs:
         return self._once(tuple(groups), make)
 
     def observe(self) -> Compiled:
-        """See `observation`."""
+        """Outputs and their derivatives by state and parameters, samples side by side; see `evaluation`."""
+        return self._once("observe", lambda: _evaluation(self.outputs, ("x", "now"), ("x", "theta"), LANES))
 
-        def make() -> Compiled:
-            program = observation(self.outputs.graph.copy(), self.outputs.result, self.outputs.rows, LANES)
-            return Compiled(compiled(program), program.scratch)
+    def begin(self, lanes: int) -> Compiled:
+        """First states, flights side by side; see `evaluation`."""
+        return self._once(("begin", lanes), lambda: _evaluation(self.first, ("theta", "start"), (), lanes))
 
-        return self._once("observe", make)
+    def begin_slopes(self) -> Compiled:
+        """The first state and its derivatives by parameters and deviations; see `evaluation`."""
+        return self._once("begin_slopes", lambda: _evaluation(self.first, (), ("theta", "start"), 1))
 
     def _once(self, key: Any, make: Callable[[], Compiled]) -> Compiled:
         with _lock:
@@ -75,12 +80,27 @@ class Programs:
             return self._made[key]
 
 
+def _evaluation(traced: Traced, varied: Sequence[str], by: Sequence[str], lanes: int) -> Compiled:
+    program = evaluation(traced.graph.copy(), traced.result, traced.rows, varied, by, lanes)
+    return Compiled(compiled(program), program.scratch)
+
+
 def _rate(model: Any, theta: Any, x: Any, now: Any, then: Any, e0: Any, e1: Any, share: Any) -> jax.Array:
     return model.rate(x, model.numbers(theta), now, then, e0, e1, share)
 
 
 def _observe(model: Any, theta: Any, x: Any, now: Any) -> jax.Array:
     return model.observe(x, model.numbers(theta), now)
+
+
+def _initial(model: Any, theta: Any, start: Any) -> jax.Array:
+    return model.initial(model.numbers(theta), start)
+
+
+def opening(model: Any) -> Any:
+    """A model whose inputs end with the first sample."""
+    inputs = {id(leaf) for leaf in jax.tree.leaves(model.inputs())}
+    return jax.tree.map(lambda leaf: leaf[:1] if id(leaf) in inputs else leaf, model)
 
 
 def programs_of(model: Any, theta: Any, start: Any, error: Any) -> Programs | str:
@@ -112,10 +132,11 @@ def programs_of(model: Any, theta: Any, start: Any, error: Any) -> Programs | st
 
 def _traced(model: Any, theta: np.ndarray, start: np.ndarray, error: np.ndarray) -> Programs:
     now = jax.tree.map(lambda a: np.asarray(a, float)[0], model.inputs())
-    x = np.zeros(jax.eval_shape(lambda t, d: model.initial(model.numbers(t), d), theta, start).shape)
+    first = trace(_initial, (opening(model), theta, start), (SHARED, "theta", "start"))
+    x = np.zeros(len(first.result))
     rate = trace(
         _rate,
         (model, theta, x, now, now, error, error, 0.0),
-        ("shared", "theta", "x", "now", "then", "error_now", "error_then", "share"),
+        (SHARED, "theta", "x", "now", "then", "error_now", "error_then", "share"),
     )
-    return Programs(rate, trace(_observe, (model, theta, x, now), ("shared", "theta", "x", "now")))
+    return Programs(rate, trace(_observe, (model, theta, x, now), (SHARED, "theta", "x", "now")), first)

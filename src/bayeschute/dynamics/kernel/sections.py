@@ -17,6 +17,7 @@ LEVELS = {
     "error_now": SAMPLE,
     "error_then": SAMPLE,
     "x": STATE,
+    "start": STATE,
     "share": STATE,
 }
 
