@@ -51,7 +51,7 @@ CLUSTER = [
     (r"log_sd = 0.2", "log_sd = -0.2", "[priors.given.riser_stiffness] log_sd", "-0.2", "> 0"),
     (r'^\[noise.wind\]', '[noise.wind]\nhorizntal = "1 m/s"', "[noise.wind] horizntal", "unknown", "mean 'horizontal'"),
     (r'^\[noise.wind\]', '[noise.wind]\nknots = "1 s"', "[noise.wind] knots", "unknown", "horizontal, vertical, time_constant"),
-    (r'^\[noise.breathing\]', '[noise.slow_wind]\nvertical = "1 m/s"\ntime_constant = "60 s"\n[noise.breathing]', "[noise.slow_wind] horizontal", "nothing", "a speed"),
+    (r'^horizontal = "1 ft/s"$', "", "[noise.slow_wind] horizontal", "nothing", "a speed"),
     (r'^frequency = "0.25 Hz"', "frequency = 0.25", "[noise.breathing] frequency", "bare number", "Hz"),
     (r'^frequency = "0.25 Hz"', 'frequency = "0 Hz"', "[noise.breathing] frequency", "'0 Hz'", "> 0 Hz"),
     (r"^damping_ratio = 0.1$", "damping_ratio = 1.5", "[noise.breathing] damping_ratio", "1.5", "<= 0.9"),

@@ -82,10 +82,11 @@ def test_medians_of_the_noise_follow_channels_and_groups(study: Study, descents)
     assert np.size(found.noise.white) == len(names)
     assert found.noise.white[names.index("canopy_position")] == pytest.approx(0.15)
     assert found.noise.correlated[names.index("capsule_attitude")] == pytest.approx(np.deg2rad(0.2))
-    wanted = [[0.6096, 5.0], [0.3048, 5.0], [0.01, 1.0], [0.02, 0.25, 0.1]]
+    wanted = [[0.6096, 5.0], [0.3048, 5.0], [0.3048, 20.0], [0.3048, 20.0], [0.01, 1.0], [0.02, 0.25, 0.1]]
     for law, numbers in zip(found.laws, wanted, strict=True):
         assert list(law) == pytest.approx(numbers)
-    assert setup.law_names(study) == ("wind, horizontal", "wind, vertical", "canopy force", "breathing")
+    winds = ("wind, horizontal", "wind, vertical", "slow wind, horizontal", "slow wind, vertical")
+    assert setup.law_names(study) == (*winds, "canopy force", "breathing")
     descent = load_study(descents.study)
     assert [list(law) for law in setup.hyper(descent).laws] == [[0.5, 30.0]]
     assert setup.law_names(descent) == ("wind, vertical",)
@@ -105,7 +106,7 @@ WIND = ((0, 0), (1, 0), (2, 1))
 )
 def test_latent_processes_belong_to_axes_and_canopies(study: Study, left_out, kinds, processes):
     """Wind north and east share a law; what the force of a canopy does adds up in that canopy's row."""
-    changed = replace(study, noise=study.noise.model_copy(update=dict.fromkeys(left_out)))
+    changed = replace(study, noise=study.noise.model_copy(update=dict.fromkeys((*left_out, "slow_wind"))))
     made, laws = setup.latent(changed, 2), setup.hyper(changed).laws
     assert made.kinds == ("drift", "drift", *kinds) and made.processes == WIND + processes
     assert made.rows == (5 if processes else 3)
