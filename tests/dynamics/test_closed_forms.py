@@ -52,7 +52,7 @@ class Set:
             roll_damping=0.0, pitch_damping=0.0, reference_centre_b=zero,
         )  # fmt: skip
         canopies = Canopies(self.S, self.l, 32.0 * FT, self.m_d, (self.m_c - self.m_d) / rho)
-        risers = Risers(self.L - tension / k, k, 10000.0 * LBF * stiffer / FT)
+        risers = Risers(self.L - tension / k, k, 10000.0 * LBF * stiffer / FT, 0.25 * tension / k)
         model = small.cluster(axial, transverse, capsule=capsule, canopies=canopies, risers=risers)
         return replace(model, gravity=G)
 

@@ -221,7 +221,7 @@ def cluster_error(law, axial, transverse, aero, stiffer):
         small.CAPSULE, mass=MODEL.capsule_mass, attach_b=zero, reference_centre_b=zero, axial_force=0.0,
         normal_force_slope=0.0, moment_slope=0.0, roll_damping=0.0, pitch_damping=0.0,
     )  # fmt: skip
-    risers = Risers(MODEL.length - pull / stiffness, stiffness, stiffness * 2.0 / 3.0)
+    risers = Risers(MODEL.length - pull / stiffness, stiffness, stiffness * 2.0 / 3.0, 0.25 * pull / stiffness)
     model = replace(
         small.cluster(tuple(axial.values()), tuple(transverse.values()), capsule=particle, canopies=MODEL.canopies,
                       risers=risers),

@@ -28,7 +28,7 @@ CAPSULE = Capsule(
     -0.2,
 )
 CANOPIES = Canopies(981.8, 35.36, 9.75, 149.1, 3969.0)
-RISERS = Risers(71.3, 2.19e5, 1.46e5)
+RISERS = Risers(71.3, 2.19e5, 1.46e5, 0.05)
 
 
 def cluster(axial=(0.95, -0.8), transverse=(-0.1, 0.2, 2.0, 0.3, 0.3), **changes) -> Cluster:

@@ -82,14 +82,14 @@ class Risers:
         length: Unstretched [m].
         stiffness: k [N/m].
         damping: c [N s/m].
-        engagement: Stretch over which the damper takes hold as the lines of a riser come taut [m]. Beyond it the law is
-            that of the report, to the last bit; it must lie well below the stretch that a descent has.
+        engagement: Stretch over which the lines of a riser come taut one after another [m]. Beyond it the law is that of
+            the report, to the last bit; it must lie well below the stretch that a descent has (`engagement_length`).
     """
 
     length: Component
     stiffness: Component
     damping: Component
-    engagement: Component = 0.05
+    engagement: Component
 
 
 def engagement_length(load: float, stiffness: float, count: int) -> float:

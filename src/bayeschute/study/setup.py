@@ -12,11 +12,13 @@ from numpy.typing import NDArray
 
 from bayeschute.air.vector import Vec3
 from bayeschute.dynamics.parameters import (
+    STANDARD_GRAVITY,
     Canopies,
     Capsule,
     Cluster,
     Risers,
     Structure,
+    engagement_length,
 )
 from bayeschute.flight.reconstruct import ClusterGeometry
 from bayeschute.flight.sensors import Dropouts, SensorNoise
@@ -61,7 +63,9 @@ def cluster(vehicle: Vehicle, capsule_mass: float | None = None) -> tuple[Cluste
     )
     k = vehicle.canopies
     canopies = Canopies(k.reference_area, k.reference_length, k.reference_speed, k.dry_mass, k.enclosed_volume)
-    risers = Risers(vehicle.risers.length, vehicle.risers.stiffness, vehicle.risers.damping)
+    r = vehicle.risers
+    engagement = engagement_length(capsule.mass * STANDARD_GRAVITY, r.stiffness, k.number)
+    risers = Risers(r.length, r.stiffness, r.damping, engagement)
     structure = Structure(tuple(aero.axial), tuple(aero.transverse), k.number, aero.rate)
     return Cluster(capsule, canopies, risers, tuple(aero.axial.values()), tuple(aero.transverse.values())), structure
 
