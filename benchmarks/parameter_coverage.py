@@ -2,7 +2,8 @@
 
 Every replicate is a new virtual drop (winds, gusts, breathing, sensor errors). It is fitted with the terms that it was
 flown with, wide priors about the truth and the study's noise model; no structure is selected and nothing is drawn: the
-mode of the marginal posterior and its Laplace covariance are scored. With ``--known`` the noise parameters are those
+mode of the marginal posterior and its Laplace covariance, widened by the uncertainty of the noise parameters, are
+scored. With ``--known`` the noise parameters are those
 that made the flight and the wind is recorded without error, so that only the treatment of the disturbances is tested.
 Rows are appended to the output as they come; replicates that are there already are not flown again.
 
@@ -56,6 +57,8 @@ def known_noise(drop: Any) -> Any:
         (
             np.array([gusts.horizontal, gusts.time_constant]),
             np.array([gusts.vertical, gusts.time_constant]),
+            np.array([0.005, 20.0]),  # nor a slow error of the wind
+            np.array([0.005, 20.0]),
             np.array([0.002, 1.0]),  # the drop has no other fluctuation of force; zero is outside of the model
             np.array([breathing.amplitude, breathing.frequency, breathing.damping_ratio]),
         ),
@@ -68,6 +71,7 @@ def one(study: Any, seed: int, known: bool) -> dict[str, Any]:
     from bayeschute.forecast.virtual import fly
     from bayeschute.inference import map as optimum
     from bayeschute.inference.evidence import HyperPrior
+    from bayeschute.inference.law_slope import added
     from bayeschute.inference.marginal import determinant_slope, marginalise
     from bayeschute.inference.posterior import find
     from bayeschute.inference.priors import working
@@ -89,9 +93,12 @@ def one(study: Any, seed: int, known: bool) -> dict[str, Any]:
         slope = determinant_slope(marginalise(data, hyper, priors, best))
         tilt = np.linalg.solve(np.linalg.cholesky(best.covariance).T, slope)
         best = optimum.fit(data, hyper, priors, best.theta, best.unknowns, tolerance=0.05, tilt=tilt)
+        covariance = best.covariance
     else:
-        best = find(data, priors, HyperPrior(setup.hyper(study))).optimum
-    z = (best.theta - working(priors)[0]) / np.sqrt(np.diag(best.covariance))
+        found = find(data, priors, HyperPrior(setup.hyper(study)))
+        best = found.optimum
+        covariance = best.covariance + added(found.marginal.scale, found.law_slope, found.law_covariance)
+    z = (best.theta - working(priors)[0]) / np.sqrt(np.diag(covariance))
     return {
         "seed": seed,
         "known": known,

@@ -154,16 +154,19 @@ def test_simulate_takes_a_study(tmp_path: Path):
     assert len(list((tmp_path / "f").iterdir())) == 2 * 2 * 3
     lines = result.stdout.splitlines()
     assert [Path(line).name for line in lines[:2]] == ["cdt-3-11.00000.nc", "cdt-3-11.00000.truth.nc"]
-    assert lines[-1] == f"and 2 more in {tmp_path / 'f'}"
+    assert lines[-3:-1] == [f"and 2 more in {tmp_path / 'f'}", "Outcome: ok 6"]
+    assert lines[-1].startswith("Errors due to steps, where ok: positions up to ")
 
 
-def test_simulate_takes_a_vehicle(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+def test_simulate_takes_a_vehicle_and_tells_of_drops_that_failed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    from bayeschute.study.work_data import Drops
+
     copy_templates(tmp_path)
     seen = []
 
-    def simulate_study(study: object, out: Path, **options: object) -> list[Path]:
+    def simulate_study(study: object, out: Path, **options: object) -> Drops:
         seen.append((study.vehicle_path.name, options["draws"], options["seed"]))  # type: ignore[attr-defined]
-        return [out / "x.nc"]
+        return Drops([out / "x.nc"], {"ok": 1, "ill-posed": 1}, {"y": "ill-posed at 0.0 s"}, (1e-5, 1e-4))
 
     monkeypatch.setattr("bayeschute.study.work_data.simulate_study", simulate_study)
     arguments = [
@@ -177,7 +180,9 @@ def test_simulate_takes_a_vehicle(monkeypatch: pytest.MonkeyPatch, tmp_path: Pat
         "3",
     ]
     result = CliRunner().invoke(app, arguments)
-    assert result.exit_code == 0, result.output
+    assert result.exit_code == 1, result.output
+    assert result.stdout.splitlines()[-2] == "Outcome: ok 1, ill-posed 1"
+    assert result.stderr.splitlines()[-1] == "y: ill-posed at 0.0 s"
     assert seen == [("vehicle.toml", 12, 3)]
 
 

@@ -191,11 +191,19 @@ def simulate(
         from bayeschute.study.work_data import simulate_study
 
         with Bars() as bars:
-            written = simulate_study(study, out, draws=draws, seed=seed, progress=bars)
-        for path in written[:10]:
+            drops = simulate_study(study, out, draws=draws, seed=seed, progress=bars)
+        for path in drops.files[:10]:
             say(str(path))
-        if len(written) > 10:
-            say(f"and {len(written) - 10} more in {out}")
+        if len(drops.files) > 10:
+            say(f"and {len(drops.files) - 10} more in {out}")
+        say("Outcome: " + ", ".join(f"{words} {count}" for words, count in drops.outcomes.items()))
+        if any(drops.step_error):
+            place, speed = drops.step_error
+            say(f"Errors due to steps, where ok: positions up to {place:.1g} m, velocities up to {speed:.1g} m/s")
+        for name, what in list(drops.failed.items())[:10]:
+            say(f"{name}: {what}", error=True)
+        if drops.failed:
+            raise typer.Exit(1)
 
 
 @app.command()

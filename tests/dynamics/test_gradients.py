@@ -17,7 +17,8 @@ import pytest
 
 from bayeschute.air.vector import Vec3
 from bayeschute.dynamics.cluster import Air, geometry, state_rate
-from bayeschute.dynamics.integrate import rk4
+from bayeschute.dynamics.integrate import rk4, step_jacobians, trajectory_compiled
+from bayeschute.dynamics.kernel import flight as kernel
 from bayeschute.dynamics.parameters import Structure
 from bayeschute.dynamics.state import unpack
 
@@ -83,6 +84,7 @@ def test_the_flights_go_where_they_should():
 
 
 forward = jax.jit(jax.jacfwd(states))
+jacobians = jax.jit(step_jacobians)
 
 
 @pytest.mark.parametrize("name", STARTS)
@@ -124,6 +126,91 @@ def test_derivatives_of_coarse_steps_are_right_on_average_because_the_riser_enga
     assert mean == pytest.approx(secant, rel=0.05)
     secant, mean = secant_and_mean_derivative(1e-9)
     assert mean > 1.5 * secant
+
+
+SAMPLES, DT, SUBSTEPS = 41, 0.05, 5
+PARAMETERS = {f"axial[{name}]": value for name, value in zip(ONE.axial, (1.8, -1.2), strict=True)}
+PARAMETERS |= {f"transverse[{name}]": value for name, value in zip(ONE.transverse, (0.2, 2.0, 0.3), strict=True)}
+PARAMETERS |= {"riser_stiffness": np.log(2.19e5), "riser_damping": np.log(1.46e5), "riser_length": LENGTH}
+PARAMETERS |= {"riser_engagement": 0.05, "capsule_mass": 9463.0}
+THETA = np.array(list(PARAMETERS.values()))
+FLIGHTS = {  # lean north [rad], wind that turns from south to north and wind downward in two samples [m/s]
+    "at alpha = 0": (0.0, 0.0, 0.0),
+    "through alpha = 0": (0.0, 1.0, 0.0),
+    "through slack to taut": (0.05, 0.0, 25.0),
+}
+
+
+def whole_flight(lean, turning, gust):
+    """A flight of one canopy, its capsule hung above the centre of mass, with what drives it (theta, start, error)."""
+    hung = replace(small.CAPSULE, attach_b=Vec3(1.9, 0.0, 0.0))
+    start = small.start(np.array([[np.sin(lean)], [0.0], [-np.cos(lean)]]))
+    base = small.cluster((0.0,) * 2, (0.0,) * 3, capsule=hung)
+    options = {"names": tuple(PARAMETERS), "channels": ("canopy_position", "capsule_velocity", "riser_tension")}
+    one = small.flight(base, start, ONE, samples=SAMPLES, dt=DT, substeps=SUBSTEPS, **options)
+    error = np.zeros((SAMPLES, 3))
+    error[:, 0] = np.linspace(-turning, turning, SAMPLES)
+    error[9:11, 2] = gust
+    return one, THETA, np.zeros(13), error
+
+
+@pytest.fixture(scope="module", params=FLIGHTS)
+def flight(request):
+    return request.param, whole_flight(*FLIGHTS[request.param])
+
+
+def along(one, x, error):
+    """Signed angle of attack [rad] and stretch [m] at all samples."""
+    state = unpack(jnp.asarray(x.T), 1)
+    geo = geometry(state, one.base.capsule)
+    north, down = state.canopy_velocity.x[0] - error[:, 0], state.canopy_velocity.z[0] - error[:, 2]
+    n_north, n_down = geo.direction.x[0], geo.direction.z[0]
+    turn = jnp.arctan2(n_north * down - n_down * north, -n_north * north - n_down * down)
+    return np.asarray(turn), np.asarray(geo.length[0]) - LENGTH
+
+
+def test_whole_flights_go_where_they_should(flight):
+    name, (one, *given) = flight
+    turn, stretch = along(one, np.asarray(trajectory_compiled(one, *given)), given[2])
+    if name == "at alpha = 0":
+        assert turn[0] == 0.0 and np.abs(turn).max() < 1e-4
+    if name == "through alpha = 0":
+        assert turn.min() < -0.01 < 0.01 < turn.max()
+    slack = stretch < 0.0
+    assert slack.any() == (name == "through slack to taut") and not slack[0] and not slack[-1]
+
+
+def chained_to_the_end(steps, count):
+    """Derivatives of the last state by parameters and start (X, P + D)."""
+    by_theta, by_start = np.asarray(steps.first_theta), np.asarray(steps.first_start)
+    for a, b in zip(np.asarray(steps.by_state), np.asarray(steps.by_theta), strict=True):
+        by_theta, by_start = a @ by_theta + b, a @ by_start
+    assert by_theta.shape[1] == count
+    return np.concatenate([by_theta, by_start], axis=1)
+
+
+@pytest.mark.parametrize("how", ["jax", "machine code"])
+def test_derivatives_of_whole_flights_equal_finite_differences(flight, how):
+    name, (one, theta, start, error) = flight
+    if how == "jax":
+        fly, differentiate = trajectory_compiled, jacobians
+    else:
+        pytest.importorskip("llvmlite")
+        fly, differentiate = kernel.states, kernel.steps
+    step = 1e-5 if name == "through slack to taut" else 1e-3  # a riser's second derivatives jump as it comes taut
+    size = np.concatenate([np.where(theta > 100.0, 1e3, 1.0), np.ones(9), np.full(4, 0.1)])
+    moves = np.eye(size.size) * size * step
+    both = np.concatenate([theta, start])[:, None] + np.concatenate([k * moves for k in (3, 2, 1, -1, -2, -3)], axis=1)
+    count = both.shape[1]
+    driven = both[: theta.size], both[theta.size :], np.repeat(error[:, :, None], count, axis=2)
+    y = np.asarray(fly(one, *driven))[-1].reshape(19, 6, size.size)
+    y = y[:, :3] - y[:, :2:-1]
+    want = (y[:, 0] - 9.0 * y[:, 1] + 45.0 * y[:, 2]) / 60.0
+    got = chained_to_the_end(differentiate(one, theta, start, error)[1], theta.size) * size * step
+    scale = np.abs(want).max(axis=0)
+    felt = scale > 1e-4 * step
+    np.testing.assert_array_less(np.abs(got - want)[:, felt] / scale[felt], 1e-6)
+    np.testing.assert_allclose(got[:, ~felt], want[:, ~felt], atol=1e-12)
 
 
 @pytest.mark.slow  # most of a minute to compile

@@ -166,6 +166,15 @@ def test_wind_moves_the_air_velocity():
     assert repairs(a)[0].kind == "assumed" and repairs(a)[0].variable == "wind"
 
 
+def test_wind_of_the_canopies_moves_only_their_air():
+    rng = np.random.default_rng(0)
+    aloft = np.broadcast_to(rng.normal(size=(2, 3)), (T.size, 2, 3))
+    a, b = reconstruct(steady(), G), reconstruct(steady(), G, canopy_wind=aloft)
+    np.testing.assert_allclose(a["air_velocity"].values - b["air_velocity"].values, aloft, atol=1e-9)
+    for name in ("riser_tension", "canopy_velocity", "swing_angle"):
+        np.testing.assert_array_equal(a[name], b[name])
+
+
 @pytest.mark.parametrize("method", ["fourier", "local"])
 def test_gaps_ends_and_interpolated_stretches_give_no_forces(method):
     record = steady()

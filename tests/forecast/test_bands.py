@@ -194,6 +194,19 @@ def test_law_draws_have_the_covariance_of_their_logarithms():
     np.testing.assert_allclose((np.cov(logs) - covariance) / np.outer(sd, sd), 0.0, atol=6.0 / np.sqrt(800))
 
 
+def test_every_group_moves_with_its_noise_parameters(fitted, smoothed):
+    """With a slope, draws are those of parameters moved beforehand by the group's own noise parameters."""
+    laws, theta, slope = _laws(0.02), _theta(fitted), np.array([[0.3, -0.2, 0.0, 0.1, 0.0]])
+    at = [np.log(np.concatenate(jax.tree.leaves(law))) for law in laws]
+    off = np.array(at) - np.log(np.concatenate(jax.tree.leaves(HYPER)))
+    moved = theta + (off @ slope.T)[(np.arange(len(theta)) // bands.GROUP) % len(laws)]
+    made = bands.predict(fitted, 0, theta, laws, 5, slope=slope).draws["descent_rate"]
+    np.testing.assert_allclose(made, bands.predict(fitted, 0, moved, laws, 5).draws["descent_rate"], rtol=1e-9)
+    assert np.abs(made - bands.predict(fitted, 0, theta, laws, 5).draws["descent_rate"]).max() > 1e-3
+    still = bands.predict(fitted, 0, theta, _laws(), 5, slope=0.0 * slope).draws["descent_rate"]
+    np.testing.assert_array_equal(still, smoothed.draws["descent_rate"])
+
+
 def test_coverage_counts_known_and_counted_samples():
     draws = np.tile(np.linspace(0.0, 1.0, 101)[:, None], (1, 4))  # 90 % band: 0.05 to 0.95
     counted = np.array([True, True, True, False])

@@ -124,3 +124,12 @@ def test_batches_are_singles_side_by_side():
 def test_a_law_short_of_a_group_is_refused():
     with pytest.raises(ValueError, match="zip"):
         latent.dynamics(CASES["added up, shared, not in order"][0], (DRIFT,), 0.1)
+
+
+def test_no_process_is_rest():
+    still = Latent((), (), 3)
+    assert still.rows == 3 and still.size == 0 and hash(still) == hash(Latent((), (), 3))
+    made = latent.dynamics(still, (), 0.1)
+    np.testing.assert_array_equal(latent.disturbances(made, jnp.zeros((7, 0))), np.zeros((7, 3)))
+    np.testing.assert_array_equal(latent.disturbances(made, jnp.zeros((7, 0, 4))), np.zeros((7, 3, 4)))
+    assert Latent(("drift",), ((0, 0),), 3).rows == 3

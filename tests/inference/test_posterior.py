@@ -12,6 +12,7 @@ import xarray as xr
 
 from bayeschute.inference import posterior
 from bayeschute.inference.evidence import HyperPrior
+from bayeschute.inference.law_slope import widened
 from bayeschute.inference.marginal import determinant_around, log_density, projected_residuals, sample_log_likelihoods
 
 CHAINS, DRAWS, NAMES = 2, 120, ("first", "second")
@@ -40,6 +41,7 @@ def test_found(found, descent):
     assert abs(found.optimum.theta[0] - descent.theta[0]) < 4.0 * np.sqrt(found.optimum.covariance[0, 0])
     assert found.law_covariance.shape == (5, 5) and np.isfinite(found.evidence)
     assert np.linalg.eigvalsh(found.law_covariance).min() > 0.0
+    assert found.law_slope.shape == (1, 5) and 0.01 < np.abs(found.law_slope).max() < 2.0
     assert 0.0 < found.determinant_error < 0.05
 
 
@@ -54,6 +56,18 @@ def test_the_optimum_is_the_mode_of_the_marginal_posterior(found):
     np.testing.assert_allclose(found.marginal.determinant, determinant_around(found.marginal), rtol=1e-9)
     assert abs(slope(found.marginal)) < 0.01
     assert abs(slope(replace(found.marginal, determinant=flat))) > 0.03
+
+
+def test_widened_draws_are_the_posterior_and_the_samplers_own_are_kept(found, draws, descent, tree):
+    wide = widened(draws.xi, found.law_slope, found.law_covariance, 1)
+    made = posterior.data_tree(found.marginal, descent.priors, draws, 1, NAMES, wide=wide)
+    name = descent.priors[0].name
+    xr.testing.assert_equal(made["conditional"][name], tree["posterior"][name].drop_attrs())
+    theta = np.asarray(found.marginal.centre) + wide @ np.asarray(found.marginal.scale).T
+    np.testing.assert_allclose(np.log(made["posterior"][name]), theta[..., 0])
+    assert made["posterior"][name].attrs["units"] == tree["posterior"][name].attrs["units"]
+    xr.testing.assert_equal(made["log_likelihood"].ds, tree["log_likelihood"].ds)  # at the draws of the sampler
+    assert "conditional" not in tree
 
 
 def test_progress_grows(descent):

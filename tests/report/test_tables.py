@@ -56,6 +56,20 @@ def test_noise_shows_what_each_law_has(results):
     assert [c.label for c in without.columns] == [*labels[:4], "Unit"] and shape_is_right(without)
 
 
+def test_output_error_stands_at_the_precision_of_its_corrected_errors(results):
+    rows = [
+        {"parameter": "axial[1]", "estimate": 0.91234, "raw_sd": 0.0021, "corrected_sd": 0.0093, "unit": "1"},
+        {"parameter": "riser_length", "estimate": 71.3, "raw_sd": 0.05, "corrected_sd": 0.08, "unit": "m"},
+        {"parameter": "riser_damping", "estimate": None, "raw_sd": None, "corrected_sd": None, "unit": "N s/m"},
+    ]
+    table = tables.output_error_table(replace(results, summary={"output_error": rows}))
+    assert shape_is_right(table) and [row[0].text for row in table.rows] == [row["parameter"] for row in rows]
+    assert [cell.text for cell in table.rows[0][1:]] == ["0.9123", "0.0021", "0.0093", ""]
+    assert [cell.text for cell in table.rows[1][1:]] == ["71.300", "0.050", "0.080", "m"]
+    assert [cell.text for cell in table.rows[2][1:4]] == [MISSING] * 3
+    assert tables.output_error_table(results) is None
+
+
 def test_ranking_is_the_print_out_of_the_report(results):
     facts = results.structure["coefficients"]["axial"]
     table = tables.ranking_table(facts)

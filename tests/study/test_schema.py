@@ -113,6 +113,7 @@ DESCENT = [
     (r'^identify_until = "65 %"', 'identify_until = "165 %"', "identify_until", "'165 %'", "between 0 and 100 %"),
     (r'^identify_until = "65 %"', "identify_until = 0.65", "identify_until", "0.65", "'65 %'"),
     (r'^identify_until = "65 %"', 'identify_until = "900 s"', "identify_until (flight 'my-d", "900 s", "and 199 s"),
+    (r"^skip_first", "remove_velocity_bias = true\nskip_first", "remove_velocity_bias", "no use for", "Remove"),
     (r'^skip_first = "10 s"', 'skip_first = "500 s"', "skip_first", "500 s", "less than the 199 s"),
     (r'^skip_first = "10 s"', 'skip_first = "-1 s"', "skip_first", "'-1 s'", ">= 0 s"),
     (r"^skip_first", 'window = ["80 s", "10 s"]\nskip_first', "[flight] (flight 'my-", "80 s to 10 s", "before its end"),

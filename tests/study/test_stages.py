@@ -11,8 +11,10 @@ import pytest
 import xarray as xr
 
 from bayeschute.errors import InputError
-from bayeschute.flight.record import load_record
-from bayeschute.study.load import load_study
+from bayeschute.flight.record import load_record, repairs
+from bayeschute.forecast.virtual import fly
+from bayeschute.study import setup
+from bayeschute.study.load import Study, load_study
 from bayeschute.study.stages import STAGES, run_study
 from bayeschute.study.work_data import simulate_study
 
@@ -165,12 +167,16 @@ def drop(cluster: Path, spoil) -> Path:
 
 
 def test_simulate_writes_record_and_truth(drop: Path, tmp_path: Path):
-    written = simulate_study(load_study(drop), tmp_path / "f")
+    drops = simulate_study(load_study(drop), tmp_path / "f")
+    written = drops.files
+    assert drops.outcomes == {"ok": 2} and drops.failed == {} and 1e-9 < drops.step_error[0] < 1e-3
     names = ["cdt-3-11.nc", "cdt-3-11.truth.nc", "cdt-3-12.nc", "cdt-3-12.truth.nc"]
     assert [path.name for path in written] == names
     assert sorted(path.name for path in (tmp_path / "f").iterdir()) == names
     record, truth = load_record(written[0]), xr.load_dataset(written[1], engine="h5netcdf")
     assert record.sizes["time"] == truth.sizes["time"] == 101
+    for told in (record.attrs, truth.attrs):
+        assert told["outcome"] == "ok" and 1e-9 < told["step_error_position_m"] < 1e-3
     error = (record["capsule_velocity"] - truth["capsule_velocity"]).values
     assert 0.03 < float(np.std(error)) < 0.5  # sensor errors of some 0.13 m/s
     assert not np.isnan(truth["swing_angle"]).any()
@@ -179,7 +185,7 @@ def test_simulate_writes_record_and_truth(drop: Path, tmp_path: Path):
 
 def test_simulate_is_set_by_its_seed(drop: Path, tmp_path: Path):
     study = load_study(drop)
-    runs = [simulate_study(study, tmp_path / name, seed=seed) for name, seed in (("a", 5), ("b", 5), ("c", 6))]
+    runs = [simulate_study(study, tmp_path / name, seed=seed).files for name, seed in (("a", 5), ("b", 5), ("c", 6))]
     a, b, c = ([xr.load_dataset(path, engine="h5netcdf") for path in paths] for paths in runs)
     for one, two in zip(a, b, strict=True):
         xr.testing.assert_identical(one, two)
@@ -189,13 +195,72 @@ def test_simulate_is_set_by_its_seed(drop: Path, tmp_path: Path):
 def test_draws_are_drops_of_their_own_and_the_first_is_the_one_drawn_alone(drop: Path, tmp_path: Path):
     study = load_study(drop)
     told, listen = _listen()
-    several = simulate_study(study, tmp_path / "a", draws=2, progress=listen)
-    alone = simulate_study(study, tmp_path / "b")
+    several = simulate_study(study, tmp_path / "a", draws=2, progress=listen).files
+    alone = simulate_study(study, tmp_path / "b").files
     assert [path.name for path in several[:3]] == ["cdt-3-11.00000.nc", "cdt-3-11.00000.truth.nc", "cdt-3-11.00001.nc"]
     first, second = (load_record(path) for path in (several[0], several[2]))
     xr.testing.assert_equal(first, load_record(alone[0]))
     assert not first["capsule_velocity"].equals(second["capsule_velocity"])
     assert [share for _, share, _ in told] == [0.25, 0.5, 0.75, 1.0]
+
+
+def test_velocity_biases_are_removed_where_asked(drop: Path, tmp_path: Path, spoil, monkeypatch):
+    import bayeschute.study.work_data as work
+
+    spoil(drop, "^roles = ", "remove_velocity_bias = true\nroles = ")
+    honest = work.flown
+
+    def biased(*given: object) -> tuple[xr.Dataset, xr.Dataset]:
+        record, truth = honest(*given)
+        record["capsule_velocity"] = record["capsule_velocity"] + np.array([0.0, 2.0, 0.0])
+        record["capsule_velocity"].attrs["units"] = "m/s"
+        return record, truth
+
+    monkeypatch.setattr(work, "flown", biased)
+    run_study(drop, tmp_path / "run", until="ingest")
+    first, second = (load_record(tmp_path / f"run/flights/{name}.nc") for name in ("cdt-3-11", "cdt-3-12"))
+    (note,) = [r for r in repairs(first) if r.kind == "bias"]
+    assert note.variable == "capsule_velocity" and "east +" in note.detail
+    assert not [r for r in repairs(second) if r.kind == "bias"]
+    truth = xr.load_dataset(tmp_path / "run/flights/cdt-3-11.truth.nc", engine="h5netcdf")
+    left = (first["capsule_velocity"] - truth["capsule_velocity"]).mean("time").values
+    assert abs(left[1]) < 0.3
+
+
+def test_drops_that_fail_are_counted_and_told(drop: Path, tmp_path: Path, monkeypatch):
+    study, flights = load_study(drop), []
+    whole = fly(*_first(study), 1)
+
+    def fails_at_times(*given: object) -> object:
+        flights.append(given)
+        if len(flights) == 2:
+            raise FloatingPointError("the virtual drop left the finite numbers at 3.2 s")
+        told = {"outcome": "steps too long", "failed_at_s": 4.0} if len(flights) == 3 else {}
+        return tuple(part.assign_attrs(told) for part in whole)
+
+    monkeypatch.setattr("bayeschute.study.work_data.fly", fails_at_times)
+    drops = simulate_study(study, tmp_path / "f", draws=2)
+    assert drops.outcomes == {"ok": 2, "diverged": 1, "steps too long": 1} and len(drops.files) == 6
+    assert drops.failed == {
+        "cdt-3-11.00001": "the virtual drop left the finite numbers at 3.2 s",
+        "cdt-3-12.00000": "steps too long at 4.0 s",
+    }
+    doubtful = load_record(tmp_path / "f" / "cdt-3-12.00000.nc")
+    assert [(r.kind, r.start, r.count) for r in repairs(doubtful)] == [("simulation", 4.0, 61)]
+
+    def fails(*given: object) -> object:
+        raise FloatingPointError("the virtual drop left the finite numbers at 3.2 s")
+
+    monkeypatch.setattr("bayeschute.study.work_data.fly", fails)
+    with pytest.raises(InputError, match="left the finite numbers") as caught:
+        simulate_study(study, tmp_path / "g")
+    assert len(caught.value.faults) == 2
+
+
+def _first(study: Study) -> tuple[object, object, object]:
+    """Drop, cluster and structure of the first flight of a study."""
+    model, structure = setup.cluster(study.vehicle)
+    return setup.drop(study.flights[0].virtual), model, structure
 
 
 def test_simulate_needs_a_virtual_flight(descents, tmp_path: Path):

@@ -11,11 +11,12 @@ import jax.numpy as jnp
 
 from bayeschute.air.airflow import SEA_LEVEL_DENSITY
 from bayeschute.air.vector import Component, Vec3, dot, norm, quaternion, vec3
+from bayeschute.air.wind_field import WindField
 from bayeschute.dynamics.cluster import Air, geometry, state_rate, tension
 from bayeschute.dynamics.integrate import rk4
 from bayeschute.dynamics.parameters import Cluster, Structure
 from bayeschute.dynamics.start import Start, initial_state
-from bayeschute.dynamics.state import unpack
+from bayeschute.dynamics.state import ClusterState, unpack
 
 LOGARITHMIC = ("riser_stiffness", "riser_damping")
 
@@ -89,6 +90,7 @@ class ClusterFlight:
         channels: Outputs: any of ``canopy_position`` (relative to the capsule, 3 n), ``capsule_velocity`` (3),
             ``capsule_attitude`` (rotation vector from the recorded attitude, 3), ``riser_tension`` (n).
         substeps: Runge-Kutta steps per sample.
+        wind_field: Wind by altitude that adds to the record's, for every body at its own; None: all meet the record's.
     """
 
     base: Cluster
@@ -100,6 +102,7 @@ class ClusterFlight:
     names: tuple[str, ...] = field(metadata={"static": True})
     channels: tuple[str, ...] = field(metadata={"static": True})
     substeps: int = field(default=4, metadata={"static": True})
+    wind_field: WindField | None = None
 
     def inputs(self) -> ClusterInputs:
         """The record's inputs."""
@@ -114,6 +117,10 @@ class ClusterFlight:
         rank = start.ndim - 1
         first = jax.tree.map(lambda a: jnp.reshape(a[0], (*jnp.shape(a)[1:], *(1,) * rank)), self.record)
         air = air_between(first, first, jnp.zeros((3, *(1,) * rank)), jnp.zeros((3, *(1,) * rank)), 0.0, self.dt)
+        x = initial_state(self.start, self.basis, start, numbers, self.structure, air)
+        if self.wind_field is None:
+            return x
+        air = blown(air, self.wind_field, unpack(x, self.structure.canopies))
         return initial_state(self.start, self.basis, start, numbers, self.structure, air)
 
     def advance(
@@ -127,8 +134,15 @@ class ClusterFlight:
         self, x: jax.Array, numbers: Cluster, now: Any, then: Any, error_now: Any, error_then: Any, share: Component
     ) -> jax.Array:
         """Rate of the state when this share of the sample has passed."""
-        air = air_between(now, then, error_now, error_then, share, self.dt)
+        air = self.air(x, now, then, error_now, error_then, share)
         return state_rate(x, numbers, self.structure, air)
+
+    def air(
+        self, x: jax.Array, now: Any, then: Any, error_now: Component, error_then: Component, share: Component
+    ) -> Air:
+        """Air that a state meets when this share of the sample has passed."""
+        air = air_between(now, then, error_now, error_then, share, self.dt)
+        return air if self.wind_field is None else blown(air, self.wind_field, unpack(x, self.structure.canopies))
 
     def observe(self, x: jax.Array, numbers: Cluster, now: Any) -> jax.Array:
         """Outputs of `channels`, in order (C, ...)."""
@@ -154,6 +168,13 @@ def channel_sizes(channels: Sequence[str], n: int) -> dict[str, int]:
     """Number of outputs of each channel with `n` canopies."""
     sizes = {"canopy_position": 3 * n, "capsule_velocity": 3, "capsule_attitude": 3, "riser_tension": n}
     return {channel: sizes[channel] for channel in channels}
+
+
+def blown(air: Air, field: WindField, state: ClusterState) -> Air:
+    """Air with a wind field on top, at the altitudes of the capsule and of the canopies."""
+    low, high = field.at(-state.position.z), field.at(-state.canopy_position.z)
+    aloft = replace(air, wind=air.wind + high[0], shear=high[1])
+    return replace(air, wind=air.wind + low[0], shear=low[1], aloft=aloft)
 
 
 def air_between(

@@ -82,8 +82,8 @@ class Risers:
         length: Unstretched [m].
         stiffness: k [N/m].
         damping: c [N s/m].
-        engagement: Stretch over which the lines of a riser come taut one after another [m]. Beyond it the law is that of
-            the report, to the last bit; it must lie well below the stretch that a descent has (`engagement_length`).
+        engagement: Stretch over which the lines of a riser come taut one after another [m]. Beyond it the law is that
+            of the report, to the last bit; it must lie well below the stretch that a descent has (`engagement_length`).
     """
 
     length: Component

@@ -247,7 +247,11 @@ def _doubtful(record: xr.Dataset, time: Array, n: int, trim: float) -> NDArray[n
 
 
 def reconstruct(
-    record: xr.Dataset, geometry: ClusterGeometry, method: Method = "fourier", trim: float = 1.0
+    record: xr.Dataset,
+    geometry: ClusterGeometry,
+    method: Method = "fourier",
+    trim: float = 1.0,
+    canopy_wind: Array | None = None,
 ) -> xr.Dataset:
     """Motion, airflow, angles, riser tensions and force coefficients of every canopy along a record.
 
@@ -259,6 +263,7 @@ def reconstruct(
         method: How positions are differentiated, see `smooth_motion`.
         trim: Accelerations and what follows from them are left NaN so long beside every end of a stretch without
             gaps, where second derivatives ring [s]; and where positions were interpolated.
+        canopy_wind: Wind of the canopies less that of the capsule (T, n, 3), NED [m/s]; None: they are the same.
 
     Returns:
         A Dataset with the variables of `UNITS` over (time, canopy, axis), (time, canopy) or (time); its ``repairs``
@@ -281,8 +286,9 @@ def reconstruct(
     x = -direction
     canopy_velocity, canopy_acceleration = smooth_motion(canopies, dt, method)
     x_dot = -across(smooth_motion(riser, dt, method)[0], direction) / length[..., None]
-    air_velocity = canopy_velocity - wind[:, None]
-    air_acceleration = canopy_acceleration - _wind_rate(wind, dt)[:, None]
+    aloft = wind[:, None] if canopy_wind is None else wind[:, None] + canopy_wind
+    air_velocity = canopy_velocity - aloft
+    air_acceleration = canopy_acceleration - _wind_rate(aloft, dt)
     flow = airflow(air_velocity, air_acceleration, x, x_dot)
     near = proximity(canopies, canopy_velocity, air_velocity, x, geometry.reference_length)
     if "riser_tension" in record:
@@ -322,7 +328,7 @@ def reconstruct(
 
 
 def _wind_rate(wind: Array, dt: float) -> Array:
-    """Rate of the recorded wind by local quadratics over 1 s (T, 3) [m/s^2]."""
+    """Rate of a wind by local quadratics over 1 s, shape of the wind (T, ...) [m/s^2]."""
     window = smoothing_window(dt, _WINDOW)
     return savitzky_golay(wind, dt, window) if wind.shape[0] >= window else np.zeros_like(wind)
 

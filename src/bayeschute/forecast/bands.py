@@ -125,18 +125,21 @@ def predict(
     whole: FlightData | None = None,
     told: float = np.inf,
     progress: Callable[[float], None] | None = None,
+    slope: Array | None = None,
 ) -> Prediction:
     """Draw a flight's quantities.
 
     Args:
         marginal: Of the fit the flight was part of, or from `opened`.
         index: Which of its flights.
-        theta: Draws of the parameters, working coordinates (B, P).
+        theta: Draws of the parameters for the marginal's noise parameters, working coordinates (B, P).
         laws: Noise parameters, from `law_draws`; groups of draws take them in turn.
         seed: Seed of unknowns.
         whole: The whole flight where the marginal holds its opening only.
         told: Data end here [s from the first sample]; disturbances beyond are free.
         progress: Called with a share done.
+        slope: Derivatives of the parameters by the logarithms of the noise parameters (P, V): every group of draws is
+            moved with the noise parameters that it takes. Parameters stay where None.
 
     Returns:
         The prediction.
@@ -145,6 +148,10 @@ def predict(
     flight, draws = whole or part, theta.shape[0]
     kept = min(int(np.floor(told / float(flight.dt) + 1e-9)) + 1 if np.isfinite(told) else part.samples, part.samples)
     xi = np.linalg.solve(np.asarray(marginal.scale), (theta - np.asarray(marginal.centre)).T)
+    moves = np.zeros((len(laws), len(xi)))
+    if slope is not None:
+        off = np.array([to_vector(law) for law in laws]) - to_vector(marginal.hyper)
+        moves = np.linalg.solve(np.asarray(marginal.scale), slope @ off.T).T
 
     def driven(xi: Array, numbers: tuple[Normals, ...], later: Array, law: Hyper) -> Course:
         known = draw_unknowns(marginal, xi, numbers, law)[index]
@@ -156,9 +163,10 @@ def predict(
         pick, keep = np.minimum(np.arange(at, at + GROUP), draws - 1), min(GROUP, draws - at)
         numbers = tuple(normals(f, GROUP, rng) for f in marginal.flights)
         later = rng.standard_normal((flight.samples - kept, flight.latent.size, GROUP))
-        given = (xi[:, pick], numbers, later, laws[i % len(laws)])
+        moved = xi[:, pick] + moves[i % len(laws), :, None]
+        given = (moved, numbers, later, laws[i % len(laws)])
         first = first or given
-        quantities, last = _simulate(flight, marginal.theta(jnp.asarray(xi[:, pick])), driven(*given))
+        quantities, last = _simulate(flight, marginal.theta(jnp.asarray(moved)), driven(*given))
         rows.append(np.asarray(quantities)[..., :keep])
         lasts.append(np.asarray(last)[:, :keep])
         if progress is not None:

@@ -15,29 +15,17 @@ from numpy.typing import NDArray
 from bayeschute.air.standard import standard_density
 from bayeschute.air.vector import Vec3, vec3
 from bayeschute.dynamics.cluster import state_rate
-from bayeschute.dynamics.cluster_flight import QUANTITIES, ClusterFlight, ClusterInputs, air_between, quantity
+from bayeschute.dynamics.cluster_flight import QUANTITIES, ClusterFlight, ClusterInputs, quantity
 from bayeschute.dynamics.integrate import trajectory_compiled
+from bayeschute.dynamics.outcome import attributes, examine
 from bayeschute.dynamics.parameters import Cluster, Structure
 from bayeschute.dynamics.start import Start, tangent_basis
 from bayeschute.dynamics.state import unpack
 from bayeschute.flight.record import make_record
 from bayeschute.flight.sensors import Dropouts, SensorNoise, ornstein_uhlenbeck, record_of
+from bayeschute.forecast.virtual_wind import Gust, WindHistory, WindProfile
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class WindProfile:
-    """Steady wind by altitude: altitudes [m], northward and eastward velocity of the air [m/s]; constant beyond."""
-
-    altitude: tuple[float, ...] = (0.0, 1.0)
-    north: tuple[float, ...] = (0.0, 0.0)
-    east: tuple[float, ...] = (0.0, 0.0)
-
-    def at(self, altitude: Array) -> Array:
-        """Wind (T, 3), NED [m/s]."""
-        north, east = (np.interp(altitude, self.altitude, v) for v in (self.north, self.east))
-        return np.stack([north, east, np.zeros_like(north)], axis=-1)
 
 
 @dataclass(frozen=True)
@@ -77,7 +65,11 @@ class VirtualDrop:
         swing_rate: [rad/s].
         flyout: Angle of each riser from the cluster's axis [rad].
         flyout_azimuth: Direction of the first canopy about that axis [rad].
-        wind: Steady wind.
+        wind: By altitude.
+        history: Wind by time that adds to it; None: none.
+        gusts: Unknown to an identification.
+        every_body: Whether capsule and canopies meet the wind of their own altitudes; otherwise all meet the capsule's.
+        shape: eta of the canopies at the first sample, where the structure breathes; empty: at rest.
         turbulence: Unknown to an identification.
         breathing: Likewise.
         sensors: Noise by record variable.
@@ -93,6 +85,10 @@ class VirtualDrop:
     flyout: float = 0.15
     flyout_azimuth: float = 0.0
     wind: WindProfile = field(default_factory=WindProfile)
+    history: WindHistory | None = None
+    gusts: tuple[Gust, ...] = ()
+    every_body: bool = False
+    shape: tuple[float, ...] = ()
     turbulence: Turbulence = field(default_factory=Turbulence)
     breathing: Breathing = field(default_factory=Breathing)
     sensors: Mapping[str, SensorNoise] = field(default_factory=dict)
@@ -118,7 +114,11 @@ def start_of(drop: VirtualDrop, model: Cluster, n: int) -> Start:
     axial = float(model.axial[0]) if model.axial else 1.0
     speed = float(np.sqrt(2.0 * weight / (density * n * model.canopies.area * max(axial, 0.1))))
     velocity = drop.wind.at(np.array([drop.altitude]))[0] + np.array([0.0, 0.0, speed])
-    return Start(np.array([0.0, 0.0, -drop.altitude]), velocity, _upright(axis), np.zeros(3), direction.T, turning.T)
+    if drop.history is not None:
+        velocity = velocity + drop.history.at(np.zeros(1))[0]
+    shape = np.array([drop.shape, np.zeros(n)]) if drop.shape else None
+    place = np.array([0.0, 0.0, -drop.altitude])
+    return Start(place, velocity, _upright(axis), np.zeros(3), direction.T, turning.T, shape)
 
 
 def _upright(axis: Array) -> Array:
@@ -162,7 +162,8 @@ def fly(
         substeps: Runge-Kutta steps per sample.
 
     Returns:
-        The record as instruments saw it, and the truth (with the quantities of interest and the true wind).
+        The record as instruments saw it, and the truth (with the quantities of interest and the true wind); both with
+        the outcome and the error due to the steps in their attributes (`bayeschute.dynamics.outcome.attributes`).
 
     Raises:
         FloatingPointError: If the flight is not finite, with the time of its failure.
@@ -173,14 +174,21 @@ def fly(
     gusts = drop.turbulence
     sd = np.array([gusts.horizontal, gusts.horizontal, gusts.vertical])
     turbulence = sd * ornstein_uhlenbeck(1.0, gusts.time_constant, dt, (time.size, 3), rng)
+    for gust in drop.gusts:
+        turbulence = turbulence + gust.at(time)
+    slow = np.zeros((time.size, 3)) if drop.history is None else drop.history.at(time)
+    wind_field = drop.wind.field() if drop.every_body else None
     factor = breathing_history(drop.breathing, dt, time.size, n, rng)
     start = start_of(drop, model, n)
     altitude = drop.altitude - start.velocity[2] * time
+    still = np.zeros(0), np.zeros(9 + 4 * n), np.zeros((time.size, 3))
     for _ in range(12):
-        steady = drop.wind.at(altitude)
-        inputs = ClusterInputs(steady + turbulence, standard_density(altitude), factor, np.zeros((time.size, 4)))
-        flight = ClusterFlight(model, start, tangent_basis(start.direction), inputs, dt, structure, (), (), substeps)
-        states = np.asarray(trajectory_compiled(flight, np.zeros(0), np.zeros(9 + 4 * n), np.zeros((time.size, 3))))
+        steady = drop.wind.at(altitude) + slow
+        wind = (slow if drop.every_body else steady) + turbulence
+        inputs = ClusterInputs(wind, standard_density(altitude), factor, np.zeros((time.size, 4)))
+        basis = tangent_basis(start.direction)
+        flight = ClusterFlight(model, start, basis, inputs, dt, structure, (), (), substeps, wind_field)
+        states = np.asarray(trajectory_compiled(flight, *still))
         if not np.isfinite(states).all():
             bad = time[~np.isfinite(states).all(axis=1)][0]
             raise FloatingPointError(f"the virtual drop left the finite numbers at {bad:.1f} s")
@@ -190,7 +198,8 @@ def fly(
             break
     else:
         raise FloatingPointError(f"the altitude of the virtual drop did not settle: it still changed by {change:.2f} m")
-    truth = _truth(time, states, flight, steady)
+    told = attributes(examine(flight, *still, jnp.asarray(states)), dt, n)
+    truth = _truth(time, states, flight, steady).assign_attrs(told)
     record = record_of(truth[list(_RECORDED)], drop.sensors, drop.dropouts, rng)
     return record, truth.assign(turbulence=(("time", "axis"), turbulence, {"units": "m/s"}))
 
@@ -238,7 +247,7 @@ def _seen(flight: ClusterFlight, states: jax.Array) -> tuple[jax.Array, jax.Arra
 
     def at(x: jax.Array, now: ClusterInputs) -> tuple[jax.Array, jax.Array]:
         zero = jnp.zeros(3)
-        air = air_between(now, now, zero, zero, 0.0, 1.0)
+        air = flight.air(x, now, now, zero, zero, 0.0)
         acceleration = vec3(state_rate(x, model, flight.structure, air)[3:6])
         lifted = Vec3(acceleration.x, acceleration.y, acceleration.z - model.gravity)
         felt = unpack(x, n).attitude.to_body(lifted).stack()

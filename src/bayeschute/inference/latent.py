@@ -28,15 +28,18 @@ class Latent(NamedTuple):
     Attributes:
         kinds: Kind of every group of processes that share their parameters (G entries).
         processes: Disturbance (its row) and group of every process.
+        least: Least number of disturbances, that without a process being zero: what a flight model asks for where
+            there are no processes.
     """
 
     kinds: tuple[str, ...]
     processes: tuple[tuple[int, int], ...]
+    least: int = 0
 
     @property
     def rows(self) -> int:
         """Number of disturbances A."""
-        return 1 + max(row for row, _ in self.processes)
+        return max(self.least, *(1 + row for row, _ in self.processes), 0)
 
     @property
     def size(self) -> int:
@@ -85,6 +88,9 @@ def dynamics(latent: Latent, laws: Sequence[Component], dt: Component) -> Dynami
         laws: Parameters of every group, in the order of `KINDS`.
         dt: Sample interval [s].
     """
+    if not latent.processes:
+        none = jnp.zeros((0, 0))
+        return Dynamics(none, none, none, jnp.zeros((latent.rows, 0)))
     blocks = [_block(kind, jnp.asarray(law), dt) for kind, law in zip(latent.kinds, laws, strict=True)]
     chosen = [blocks[group] for _, group in latent.processes]
     transition, shock, first = (jax.scipy.linalg.block_diag(*(b[i] for b in chosen)) for i in range(3))

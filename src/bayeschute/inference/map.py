@@ -92,6 +92,14 @@ def conditional(data: FlightData, hyper: Hyper, linear: Linear) -> Conditional:
     )
 
 
+class _Linearised(NamedTuple):
+    """Conditional optima of all flights, and matrix and gradient of the least squares in theta, prior and tilt in."""
+
+    given: list[Conditional]
+    matrix: Array
+    gradient: Array
+
+
 def total_cost(
     flights: Sequence[FlightData], hyper: Hyper, priors: Sequence[Prior], theta: Array, unknowns: Sequence[Unknowns]
 ) -> float:
@@ -137,7 +145,7 @@ def fit(
         The optimum; `converged` tells whether the tolerance was met.
 
     Raises:
-        FloatingPointError: If the simulation at the start is not finite.
+        FloatingPointError: If the simulation at the start, or its derivative, is not finite.
     """
     centre, scale = working(priors)
     theta, tilt = np.asarray(theta, float), np.zeros(len(priors)) if tilt is None else tilt
@@ -146,19 +154,21 @@ def fit(
     def value_at(theta: Array, parts: Sequence[Unknowns]) -> float:
         return total_cost(flights, hyper, priors, theta, parts) + float(tilt @ theta)
 
-    def linearised() -> tuple[list[Conditional], Array, Array]:
-        given = [
-            conditional(f, hyper, linearise(f, theta, course(f, hyper, x))) for f, x in zip(flights, parts, strict=True)
-        ]
+    def linearised(theta: Array, parts: Sequence[Unknowns]) -> _Linearised | None:
+        pairs = zip(flights, parts, strict=True)
+        given = [conditional(f, hyper, linearise(f, theta, course(f, hyper, x))) for f, x in pairs]
         matrix = np.diag(1.0 / scale**2) + sum(np.asarray(g.matrix) for g in given)
-        return given, matrix, (theta - centre) / scale**2 + tilt + sum(np.asarray(g.gradient) for g in given)
+        gradient = (theta - centre) / scale**2 + tilt + sum(np.asarray(g.gradient) for g in given)
+        return (
+            _Linearised(given, matrix, gradient) if np.isfinite(matrix).all() and np.isfinite(gradient).all() else None
+        )
 
-    value = value_at(theta, parts)
-    if not np.isfinite(value):
-        raise FloatingPointError("the simulation at the starting point of the fit is not finite")
+    value, here = value_at(theta, parts), linearised(theta, parts)
+    if not np.isfinite(value) or here is None:
+        raise FloatingPointError("the simulation at the starting point of the fit, or its derivative, is not finite")
     damping, trace, largest, iteration, converged = 1e-4, [], np.inf, 0, False
     while iteration < most:
-        given, matrix, gradient = linearised()
+        given, matrix, gradient = here
         iteration += 1
         se, accepted = np.sqrt(np.diag(scipy.linalg.inv(matrix))), False
         while not accepted and damping < 1e6:
@@ -167,8 +177,10 @@ def fit(
             for share in _SHRINK:
                 moved = [_moved(x, g, step, share) for x, g in zip(parts, given, strict=True)]
                 new = value_at(theta + share * step, moved)
-                if new <= value + 1e-9 * abs(value):
-                    accepted = True
+                # A flight may be finite where its derivative isn't, such as one lost in its last samples.
+                there = linearised(theta + share * step, moved) if new <= value + 1e-9 * abs(value) else None
+                if there is not None:
+                    accepted, here = True, there
                     break
             else:
                 damping *= 10.0
@@ -185,6 +197,5 @@ def fit(
         converged = largest < tolerance and gained < tolerance and not held_back
         if converged:
             break
-    _, matrix, _ = linearised()
-    covariance = scipy.linalg.inv(matrix)
+    covariance = scipy.linalg.inv(here.matrix)
     return Optimum(theta, tuple(parts), covariance, value, converged, iteration, largest, tuple(trace))

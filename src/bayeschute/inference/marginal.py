@@ -131,7 +131,7 @@ def marginalise(flights: Sequence[FlightData], hyper: Hyper, priors: Sequence[Pr
 
 
 @jax.jit
-def _course(along: Along, shift: jax.Array) -> Course:
+def course_at(along: Along, shift: jax.Array) -> Course:
     """Courses at ``theta_0 + shift`` (P, ...)."""
     rank = jnp.ndim(shift) - 1
     return Course(
@@ -140,7 +140,8 @@ def _course(along: Along, shift: jax.Array) -> Course:
     )
 
 
-def _shifted(marginal: Marginal, xi: Component) -> tuple[jax.Array, jax.Array]:
+def shifted(marginal: Marginal, xi: Component) -> tuple[jax.Array, jax.Array]:
+    """Parameters at standard coordinates (P, ...), and how far they lie from the centre."""
     theta = marginal.theta(jnp.asarray(xi))
     return theta, theta - jnp.reshape(marginal.centre, (-1, *(1,) * (theta.ndim - 1)))
 
@@ -152,7 +153,7 @@ def _seen(along: Along, residual: jax.Array, shift: jax.Array) -> jax.Array:
 
 
 def _series(flight: FlightData, along: Along, theta: jax.Array, shift: jax.Array) -> jax.Array:
-    return _seen(along, residuals(flight, theta, _course(along, shift)), shift)
+    return _seen(along, residuals(flight, theta, course_at(along, shift)), shift)
 
 
 _innovations = jax.jit(innovations)
@@ -168,7 +169,7 @@ def projected_residuals(marginal: Marginal, xi: Component) -> jax.Array:
     Returns:
         (N, B): innovations of every flight, then theta under its prior.
     """
-    theta, shift = _shifted(marginal, xi)
+    theta, shift = shifted(marginal, xi)
     parts = [
         _innovations(along.gains, _series(flight, along, theta, shift)).reshape(-1, xi.shape[1])
         for flight, along in zip(marginal.flights, marginal.along, strict=True)
@@ -192,7 +193,7 @@ def sample_log_likelihoods(marginal: Marginal, xi: jax.Array) -> tuple[jax.Array
     Returns:
         (T, B) per flight, zero where nothing was recorded; determinants are those at theta_0.
     """
-    theta, shift = _shifted(marginal, xi)
+    theta, shift = shifted(marginal, xi)
     pairs = zip(marginal.flights, marginal.along, strict=True)
     return tuple(_log_likelihoods(f, a.gains, _series(f, a, theta, shift)) for f, a in pairs)
 
@@ -209,10 +210,10 @@ _gains = jax.jit(filter_gains)
 
 def log_determinant(marginal: Marginal, xi: Array) -> float:
     """Exact log determinant at one point (P,): every flight linearised anew there."""
-    theta, shift = _shifted(marginal, jnp.asarray(xi))
+    theta, shift = shifted(marginal, jnp.asarray(xi))
     total = 0.0
     for flight, along in zip(marginal.flights, marginal.along, strict=True):
-        linear = linearise(flight, theta, _course(along, shift))
+        linear = linearise(flight, theta, course_at(along, shift))
         total += float(_gains(flight, marginal.hyper, linear).log_determinant)
     return total
 
@@ -276,7 +277,7 @@ def draw_unknowns(
     Returns:
         Start (D, B) and shocks (T, L, B) per flight.
     """
-    theta, shift = _shifted(marginal, xi)
+    theta, shift = shifted(marginal, xi)
     law, drawn = hyper or marginal.hyper, []
     for flight, along, z in zip(marginal.flights, marginal.along, numbers, strict=True):
         made = along.gains if hyper is None else _gains(flight, hyper, along.linear)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from bayeschute.inference import evidence
 from bayeschute.inference import map as optimum
 from bayeschute.inference.evidence import HyperPrior
+from bayeschute.inference.law_slope import law_slope
 from bayeschute.inference.map import Optimum
 from bayeschute.inference.marginal import (
     Marginal,
@@ -39,7 +40,12 @@ from bayeschute.samplers.protocol import Draws
 Array = NDArray[np.float64]
 Progress = Callable[[float, str], None]
 BATCH = 64
-HORIZONS = (0.2, 0.5)  # shares fitted first: an unstable pendulum far from its optimum is lost late in the record
+HORIZONS = (
+    0.2,
+    0.5,
+    1.0,
+)  # shares fitted in turn: an unstable pendulum far from its optimum is lost late in the record
+_LEAST_GAIN = 0.05  # share of the record by which the fitted part must at least be lengthened
 
 
 @dataclass(frozen=True)
@@ -52,6 +58,7 @@ class Found:
         marginal: The marginal posterior about the optimum.
         evidence: Minus the log evidence up to a constant.
         law_covariance: Of the logarithms of the noise parameters (V, V).
+        law_slope: Derivatives of the parameters' standard coordinates by those logarithms (P, V).
         determinant_error: Root mean square error of the log determinant's polynomial over the posterior.
     """
 
@@ -60,6 +67,7 @@ class Found:
     marginal: Marginal
     evidence: float
     law_covariance: Array
+    law_slope: Array
     determinant_error: float
 
 
@@ -84,6 +92,33 @@ class Settled(NamedTuple):
     optimum: Optimum
     hyper: Hyper
     evidence: float
+
+
+def _lengthened(
+    flights: Sequence[FlightData], priors: Sequence[Prior], hyper: Hyper, theta: Array, say: Progress
+) -> tuple[Array, Sequence[Unknowns]]:
+    """Parameters and unknowns that follow the whole record, found on longer and longer openings of it.
+
+    Where what one opening told is lost before the end of the next, the next is shortened.
+
+    Raises:
+        FloatingPointError: If that does not help.
+    """
+    todo, done, unknowns = list(HORIZONS), 0.0, None
+    while todo:
+        share = todo[0]
+        say(0.0, f"opening {100 * share:.0f} % of the record")
+        seen = [_until(f, share) for f in flights]
+        try:
+            best = optimum.fit(seen, hyper, priors, theta, unknowns, tolerance=0.5, most=12)
+        except FloatingPointError:
+            if unknowns is None or share - done < 2.0 * _LEAST_GAIN:
+                raise
+            todo.insert(0, 0.5 * (done + share))
+            continue
+        theta, unknowns, done = best.theta, best.unknowns, todo.pop(0)
+    assert unknowns is not None
+    return theta, unknowns
 
 
 def settle(
@@ -113,11 +148,8 @@ def settle(
     unknowns: Sequence[Unknowns] | None = None
     if begin is not None:
         theta, unknowns, hyper = begin
-    for share in HORIZONS if begin is None else ():
-        say(0.0, f"opening {100 * share:.0f} % of the record")
-        seen = [_until(f, share) for f in flights]
-        best = optimum.fit(seen, hyper, priors, theta, unknowns, tolerance=0.5, most=12)
-        theta, unknowns = best.theta, best.unknowns
+    if begin is None:
+        theta, unknowns = _lengthened(flights, priors, hyper, theta, say)
     for turn in range(rounds + 1):
         last = turn == rounds
 
@@ -165,7 +197,7 @@ def conclude(
     wrong = determinant_error(made, 4, np.random.default_rng(0))
     say(0.8, "uncertainty of the noise parameters")
     known = evidence.law_covariance(flights, _linearised(flights, hyper, best), priors, hyper, prior)
-    return Found(best, hyper, made, value, known, wrong)
+    return Found(best, hyper, made, value, known, law_slope(made), wrong)
 
 
 def find(
@@ -237,6 +269,7 @@ def data_tree(
     seed: int,
     flight_names: Sequence[str],
     progress: Progress | None = None,
+    wide: Array | None = None,
 ) -> xr.DataTree:
     """Everything about a posterior in one ArviZ DataTree.
 
@@ -250,6 +283,8 @@ def data_tree(
         seed: Seed of prior draws, unknowns and posterior predictions.
         flight_names: Names of the flights, in order.
         progress: Called with a share done and words.
+        wide: The draws widened by the uncertainty of the noise parameters, for the posterior; the group
+            ``conditional`` then holds the sampler's own, which its diagnostics are about.
 
     Returns:
         Groups posterior, prior, sample_stats, log_likelihood, log_prior, posterior_predictive, observed_data,
@@ -257,7 +292,8 @@ def data_tree(
     """
     rng = np.random.default_rng([seed, 3])
     chains, count, parameters = draws.xi.shape
-    theta = np.asarray(marginal.centre) + draws.xi @ np.asarray(marginal.scale).T
+    held = np.asarray(marginal.centre) + draws.xi @ np.asarray(marginal.scale).T
+    theta = held if wide is None else np.asarray(marginal.centre) + wide @ np.asarray(marginal.scale).T
     centre, scale = working(priors)
     prior_draws = centre + scale * rng.standard_normal((1, 2000, parameters))
     log_prior = -0.5 * ((theta - centre) / scale) ** 2 - np.log(scale) - 0.5 * np.log(2.0 * np.pi)
@@ -278,6 +314,8 @@ def data_tree(
             **{f"latent.{i + 1}": np.asarray(law) for i, law in enumerate(marginal.hyper.laws)},
         },
     }
+    if wide is not None:
+        groups["conditional"] = _named(priors, values(priors, held))
     tree = from_dict(groups)
     for group in ("posterior", "prior"):
         for p in priors:

@@ -28,6 +28,8 @@ class Gains(NamedTuple):
         output: (T, C, S), zero where data are missing.
         gain: (T, S, C): filtered minus predicted mean per innovation.
         root: Lower Cholesky factors of the innovations' covariances (T, C, C); one where data are missing.
+        inverse: Inverses of the roots. Batched triangular solves, in jaxlib 0.10 on CPUs, never return when two run at
+            once.
         shock: Effect of the next sample's shocks on the next state (T, S, L).
         start: Effect of the start's standard deviations on the first state (S, D).
         first: Effect of the first shocks on it (S, L).
@@ -37,6 +39,7 @@ class Gains(NamedTuple):
     output: Component
     gain: Component
     root: Component
+    inverse: Component
     shock: Component
     start: Component
     first: Component
@@ -60,6 +63,26 @@ def gains(
         dt: Sample interval [s].
         here: Which data exist (T, C).
     """
+    return covariances(steps, start_scale, latent, noise, dt, here)[0]
+
+
+def covariances(
+    steps: Steps, start_scale: Component, latent: Dynamics, noise: Noise, dt: Component, here: Component
+) -> tuple[Gains, jax.Array, jax.Array]:
+    """`gains`, and what of the filtered covariances the gradient by the noise parameters needs.
+
+    Args:
+        steps: The linearised flight.
+        start_scale: Prior standard deviations of the initial deviations (D,).
+        latent: Processes.
+        noise: Residual noise per output.
+        dt: Sample interval [s].
+        here: Which data exist (T, C).
+
+    Returns:
+        The gains; the columns of the latent processes of transition times filtered covariance (T, S, L); and the
+        columns of the residual noise of the same (T, S, C).
+    """
     x, size, c = steps.first_start.shape[0], latent.transition.shape[0], here.shape[1]
     total = x + size + c
     phi = jnp.exp(-dt / jnp.asarray(noise.time_constant))
@@ -73,55 +96,69 @@ def gains(
     g = g.at[:, x : x + size].set(latent.shock)
     start = jnp.zeros((total, steps.first_start.shape[1])).at[:x].set(steps.first_start * start_scale)
     first = jnp.zeros((total, size)).at[x : x + size].set(latent.first)
-    drift = jnp.zeros((total, total)).at[x + size :, x + size :].set(jnp.diag((1.0 - phi**2) * stationary))
     h = jnp.concatenate(
         [steps.out_state, jnp.zeros((here.shape[0], c, size)), jnp.tile(jnp.eye(c), (len(here), 1, 1))], 2
     )
     h = jnp.where(here[:, :, None], h, 0.0)
     r = jnp.where(here, white, 1.0)
-    p = start @ start.T + first @ first.T
-    p = p.at[x + size :, x + size :].add(jnp.diag(stationary))
+    split = x + size
     end = lambda a: jnp.concatenate([a, a[-1:]])  # noqa: E731
     f, g = end(f), end(g)
+    p = start[:split] @ start[:split].T + first[:split] @ first[:split].T
 
-    def step(p: jax.Array, row: tuple) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
-        f, g, h, r = row
-        hp = h @ p
-        root = jnp.linalg.cholesky(hp @ h.T + jnp.diag(r))
-        half = jax.scipy.linalg.solve_triangular(root, hp, lower=True)
-        gain = jax.scipy.linalg.solve_triangular(root, half, lower=True, trans=1).T
-        p = p - half.T @ half
-        p = f @ (0.5 * (p + p.T)) @ f.T + g @ g.T + drift
-        return p, (gain, root)
+    # Noise of the outputs moves on its own: its rows and columns are scaled, and only the rest is multiplied out.
+    def step(
+        parts: tuple[jax.Array, jax.Array, jax.Array], row: tuple
+    ) -> tuple[tuple[jax.Array, jax.Array, jax.Array], tuple[jax.Array, ...]]:
+        (p, cross, own), (f, g, h, r, seen) = parts, row
+        hp = jnp.concatenate([h @ p[:x] + seen * cross.T, h @ cross[:x] + seen * own], axis=1)
+        root = jnp.linalg.cholesky(hp[:, :x] @ h.T + hp[:, split:] * seen.T + jnp.diag(r))
+        both = jax.scipy.linalg.solve_triangular(root, jnp.concatenate([hp, jnp.eye(c)], axis=1), lower=True)
+        half, inverse = both[:, : split + c], both[:, split + c :]
+        body, noisy = half[:, :split], half[:, split:]
+        p, cross, own = p - body.T @ body, cross - body.T @ noisy, own - noisy.T @ noisy
+        moved, mixed, kept = f @ (0.5 * (p + p.T)), f @ cross, phi[:, None] * own
+        latents = jnp.concatenate([moved[:, x:], phi[:, None] * cross[x:].T])
+        p = moved @ f.T + g @ g.T
+        after = (p, mixed * phi, kept * phi + jnp.diag((1.0 - phi**2) * stationary))
+        return after, (half.T @ inverse, root, inverse, latents, jnp.concatenate([mixed, kept]))
 
-    _, (gain, root) = jax.lax.scan(step, p, (f, g, h, r))
-    return Gains(f, h, gain, root, g, start, first)
+    rows = (f[:, :split, :split], g[:, :split], h[:, :, :x], r, jnp.asarray(here)[:, :, None] * 1.0)
+    parts = (p, jnp.zeros((split, c)), jnp.diag(stationary))
+    _, (gain, root, inverse, latents, noises) = jax.lax.scan(step, parts, rows)
+    return Gains(f, h, gain, root, inverse, g, start, first), latents, noises
 
 
 def innovations(made: Gains, series: jax.Array) -> jax.Array:
     """Standardised innovations (T, C, ...) of series (T, C, ...): data, or columns of derivatives."""
-    return _forward(made, series)[0]
+    return forward(made, series)[0]
 
 
-def _forward(made: Gains, series: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Standardised innovations, and ``S^-1`` times the innovations."""
+def forward(made: Gains, series: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """The filter's means along series (T, C, ...), whose trailing axes become one, M.
+
+    Returns:
+        Standardised innovations (T, C, ...), ``S^-1`` times the innovations (T, C, M), filtered means (T, S, M).
+    """
     wide = series.reshape(*series.shape[:2], -1)
 
     def step(mean: jax.Array, row: tuple) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
-        f, h, gain, root, z = row
+        f, h, gain, z = row
         v = z - h @ mean
-        unit = jax.scipy.linalg.solve_triangular(root, v, lower=True)
-        return f @ (mean + gain @ v), (unit, jax.scipy.linalg.solve_triangular(root, unit, lower=True, trans=1))
+        filtered = mean + gain @ v
+        return f @ filtered, (v, filtered)
 
     here = jnp.any(made.output != 0.0, axis=2)[:, :, None]
-    rows = (made.transition, made.output, made.gain, made.root, jnp.where(here, wide, 0.0))
-    _, (unit, weighted) = jax.lax.scan(step, jnp.zeros((made.first.shape[0], wide.shape[2])), rows)
-    return unit.reshape(series.shape), weighted
+    rows = (made.transition, made.output, made.gain, jnp.where(here, wide, 0.0))
+    _, (v, filtered) = jax.lax.scan(step, jnp.zeros((made.first.shape[0], wide.shape[2])), rows)
+    unit = made.inverse @ v
+    weighted = jnp.swapaxes(made.inverse, 1, 2) @ unit
+    return unit.reshape(series.shape), weighted, filtered
 
 
 def smooth(made: Gains, series: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Expected standard start (D, ...) and shocks (T, L, ...) given series (T, C, ...)."""
-    _, weighted = _forward(made, series)
+    _, weighted, _ = forward(made, series)
     lead = series.shape[2:]
 
     def step(r: jax.Array, row: tuple) -> tuple[jax.Array, jax.Array]:

@@ -214,6 +214,8 @@ def _context(results: Results) -> dict[str, Any]:
         "repairs": tables_records.repair_table(results),
         "preparation": tables_records.preparation_table(results),
         "noise": tables.noise_table(results),
+        "latent": summary.get("noise_model", "latent") == "latent",
+        "output_error": tables.output_error_table(results),
         "vehicle": tables.plain_table(vehicle, "Vehicle", "") if isinstance(vehicle, Mapping) else None,
         "vehicle_name": vehicle if isinstance(vehicle, str) else None,
         "records": _record_pictures(results, folder),

@@ -216,3 +216,29 @@ def posterior_table(results: Results) -> Table | None:
         columns += columns_of("value:num")
         groups += (("Truth", 1),)
     return Table(columns, rows, groups=groups, style="dense")
+
+
+def output_error_table(results: Results) -> Table | None:
+    """Estimates of output error with raw and corrected standard errors (the report's table 7.1-2)."""
+    rows = []
+    for facts in mappings(results.summary.get("output_error")):
+        scale, shown = shown_unit(str(facts.get("unit") or "1"))
+        estimate, raw, corrected = (
+            scale * facts[key] if is_number(facts.get(key)) else None for key in ("estimate", "raw_sd", "corrected_sd")
+        )
+        name = Cell(str(facts.get("parameter", MISSING)), "code")
+        rows.append(
+            cells(
+                name,
+                Cell(at_precision(estimate, corrected), "strong"),
+                number(raw, 2),
+                number(corrected, 2),
+                Cell(shown, "muted"),
+            )
+        )
+    columns = columns_of("Parameter:text|Estimate:num|Raw s.e.:num|Corrected s.e.:num|Unit:text")
+    caption = (
+        "Classical output error. Raw: Cramer-Rao bound as if residuals were white. Corrected: for residuals that stay "
+        "alike from sample to sample. In the form of table 7.1-2 of NASA/TM-2019-220410; priors included."
+    )
+    return Table(columns, tuple(rows), caption, style="narrow") if rows else None

@@ -25,6 +25,10 @@ from bayeschute.study.quantities import (
 )
 
 Q = TypeVar("Q")
+NoiseModel = Annotated[
+    Literal["latent", "ar1", "ar1+white", "white", "sandwich"],
+    one_of("latent", "ar1", "ar1+white", "white", "sandwich"),
+]
 NoiseKind = Annotated[Literal["ar1+white", "ar1", "white"], one_of("ar1+white", "ar1", "white")]
 PositiveAngle = Annotated[float, quantity("rad", "0.1 deg", POSITIVE)]
 
@@ -150,18 +154,29 @@ class NoiseTable(Strict):
 
     The air moves on more than one scale: gusts last seconds, thermals and errors of a wind profile minutes. `slow_wind`
     adds a second process to `wind`.
+
+    Attributes:
+        model: ``latent`` (the default) puts what the flight model doesn't know where it arises, in wind and canopies.
+            The others leave all of it to the residuals, for comparison, and have no use for the latent tables:
+            ``ar1``, ``ar1+white``, ``white`` (teaching only, not for use) and ``sandwich``, white noise whose standard
+            errors are corrected for colored residuals (classical output error).
     """
 
+    model: NoiseModel = "latent"
     canopy_position: ChannelNoise[PositiveLength] | None = None
     capsule_velocity: ChannelNoise[PositiveSpeed] | None = None
     capsule_attitude: ChannelNoise[PositiveAngle] | None = None
     descent_rate: ChannelNoise[PositiveSpeed] | None = None
-    wind: WindNoise
+    wind: WindNoise | None = None
     slow_wind: WindNoise | None = None
     canopy_force: ForceNoise | None = None
     breathing: BreathingNoise | None = None
 
     def channels(self) -> dict[str, ChannelNoise[float]]:
         """The channels that are fitted, by name."""
-        names = (name for name in type(self).model_fields if name not in _LATENT)
+        names = (name for name in type(self).model_fields if name not in (*_LATENT, "model"))
         return {name: channel for name in names if (channel := getattr(self, name)) is not None}
+
+    def has_latent(self) -> bool:
+        """Whether a table of latent disturbances is given."""
+        return any(getattr(self, name) is not None for name in _LATENT)

@@ -81,6 +81,7 @@ def check_model_cluster(draft: Draft) -> Iterator[Fault]:
     if "structure" not in draft.raw:
         yield Fault(draft.at("structure", ""), "no such table", "a table [structure] (model 'cluster')")
     noise: NoiseTable | None = draft.tables.get("noise")
+    yield from _check_wind(draft, noise)
     if noise is not None:
         if noise.descent_rate is not None:
             yield _no_use(draft, "noise", "descent_rate")
@@ -102,6 +103,7 @@ def check_model_descent(draft: Draft) -> Iterator[Fault]:
         if key in draft.raw:
             yield _no_use(draft, key)
     noise: NoiseTable | None = draft.tables.get("noise")
+    yield from _check_wind(draft, noise)
     if noise is not None:
         if noise.descent_rate is None:
             yield Fault(draft.at("noise", "descent_rate"), "nothing", "a table of noise (model 'descent')", "Add it.")
@@ -119,10 +121,19 @@ def check_model_descent(draft: Draft) -> Iterator[Fault]:
     for index, flight in draft.flights.items():
         if flight.virtual is not None:
             yield Fault(draft.at("flight", index, "virtual"), "a virtual drop", "a file (model 'descent')")
-        if flight.capsule_mass is not None:
-            yield _no_use(draft, "flight", index, "capsule_mass")
+        if flight.remove_velocity_bias:
+            yield _no_use(draft, "flight", index, "remove_velocity_bias")
+        for key in ("capsule_mass", "wind_profile"):
+            if getattr(flight, key) is not None:
+                yield _no_use(draft, "flight", index, key)
         if "structure" in flight.roles:
             yield _no_use(draft, "flight", index, "roles", got="the role 'structure'")
+
+
+def _check_wind(draft: Draft, noise: NoiseTable | None) -> Iterator[Fault]:
+    """A fit with latent disturbances has one of the wind."""
+    if noise is not None and noise.model == "latent" and noise.wind is None:
+        yield Fault(draft.at("noise", "wind"), "nothing", "a table: the latent wind error of noise model 'latent'")
 
 
 def _no_use(draft: Draft, *loc: int | str, got: str = "") -> Fault:
@@ -154,6 +165,20 @@ def check_canopies(draft: Draft) -> Iterator[Fault]:
             if canopy > number:
                 where = draft.at("structure", "canopies", index)
                 yield Fault(where, f"canopy {canopy}", f"1 to {number}: the vehicle's number of canopies")
+
+
+def check_shape(draft: Draft) -> Iterator[Fault]:
+    """A virtual drop tells the canopies' shape where the vehicle's canopies breathe, of each of them."""
+    if draft.vehicle is None:
+        return
+    number, breathes = draft.vehicle.canopies.number, draft.vehicle.canopies.breathing is not None
+    for index, flight in draft.flights.items():
+        shape = () if flight.virtual is None else flight.virtual.shape
+        if shape and not (breathes and len(shape) == number):
+            wanted = (
+                f"{number} numbers, one for each canopy" if breathes else "none: the vehicle's canopies don't breathe"
+            )
+            yield Fault(draft.at("flight", index, "virtual", "shape"), f"{len(shape)} numbers", wanted)
 
 
 def check_times(draft: Draft) -> Iterator[Fault]:
@@ -211,5 +236,5 @@ def crosscheck(draft: Draft) -> list[Fault]:
     checks: list[Callable[[Draft], Iterator[Fault]]] = [check_names, check_roles]
     if draft.model is not None:
         checks.append(by_model[draft.model])
-    checks += [check_canopies, check_polar, check_synthetic, check_times, check_predictions]
+    checks += [check_canopies, check_shape, check_polar, check_synthetic, check_times, check_predictions]
     return [fault for check in checks for fault in check(draft)]

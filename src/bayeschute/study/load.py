@@ -11,10 +11,11 @@ from typing import Annotated, Any, NamedTuple
 from pydantic import TypeAdapter, ValidationError
 
 from bayeschute.errors import Fault, InputError
+from bayeschute.study.beside import context
 from bayeschute.study.columns import check_columns
 from bayeschute.study.crosscheck import Draft, check_span, crosscheck
 from bayeschute.study.faults import faults_of
-from bayeschute.study.files import read_toml, record_paths
+from bayeschute.study.files import DATA_VARIABLE, read_toml, record_paths
 from bayeschute.study.schema import QUANTITIES, Column, FlightTable, StudyFile
 from bayeschute.study.study import Flight, Study, canonical, file_hash, study_hash
 from bayeschute.study.templates import template
@@ -129,7 +130,7 @@ def _read_vehicle(path: Path) -> tuple[Vehicle | None, str, list[Fault]]:
     if raw is None:
         return None, text, faults
     try:
-        return Vehicle.model_validate(raw), text, []
+        return Vehicle.model_validate(raw, context=context(path.parent)), text, []
     except ValidationError as error:
         return None, text, faults_of(str(path), Vehicle, error, raw)
 
@@ -139,13 +140,14 @@ def _read_study(path: Path, data_dir: Path | str | None) -> _Reading:
     if raw is None:
         return _Reading(None, faults)
     whole: StudyFile | None
+    here = context(path.parent, str(data_dir) if data_dir is not None else os.environ.get(DATA_VARIABLE, ""))
     try:
-        whole = StudyFile.model_validate(raw)
+        whole = StudyFile.model_validate(raw, context=here)
         tables, flights = {key: getattr(whole, key) for key in raw}, dict(enumerate(whole.flight))
     except ValidationError as error:
         whole = None
         faults = faults_of(str(path), StudyFile, error, raw)
-        tables, flights = _sound_tables(raw)
+        tables, flights = _sound_tables(raw, here)
     vehicle_path, vehicle, vehicle_text = None, None, ""
     if isinstance(raw.get("vehicle"), str) and tables.get("model") != "descent":
         vehicle_path = Path(os.path.normpath(path.parent / raw["vehicle"]))
@@ -177,23 +179,25 @@ def _read_study(path: Path, data_dir: Path | str | None) -> _Reading:
     return _Reading(study, faults, draft, paths)
 
 
-def _sound_tables(raw: Mapping[str, Any]) -> tuple[dict[str, Any], dict[int, FlightTable]]:
+def _sound_tables(raw: Mapping[str, Any], here: Mapping[str, str]) -> tuple[dict[str, Any], dict[int, FlightTable]]:
     """The tables of a faulty study that are sound by themselves, so that checks across tables still run on them."""
     tables: dict[str, Any] = {}
     for key, info in StudyFile.model_fields.items():
         if key in raw and key != "flight":
-            sound = _sound(Annotated[info.annotation, *info.metadata] if info.metadata else info.annotation, raw[key])
+            kind = Annotated[info.annotation, *info.metadata] if info.metadata else info.annotation
+            sound = _sound(kind, raw[key], here)
             if sound is not None:
                 tables[key] = sound
     listed = raw.get("flight")
-    flights = {i: _sound(FlightTable, flight) for i, flight in enumerate(listed if isinstance(listed, list) else [])}
+    listed = listed if isinstance(listed, list) else []
+    flights = {index: _sound(FlightTable, flight, here) for index, flight in enumerate(listed)}
     return tables, {index: flight for index, flight in flights.items() if flight is not None}
 
 
-def _sound(annotation: Any, value: Any) -> Any:
+def _sound(annotation: Any, value: Any, here: Mapping[str, str]) -> Any:
     """A value read as a type, or None where that fails; the failure was told when the whole was read."""
     try:
-        return TypeAdapter(annotation).validate_python(value)
+        return TypeAdapter(annotation).validate_python(value, context=dict(here))
     except ValidationError:
         return None
 
@@ -211,4 +215,6 @@ def _flight(table: FlightTable, path: Path | None, columns: Mapping[str, Column]
         capsule_mass=table.capsule_mass,
         skip_first=table.skip_first,
         identify_until=table.identify_until,
+        remove_velocity_bias=table.remove_velocity_bias,
+        wind_profile=table.wind_profile,
     )

@@ -26,6 +26,7 @@ from bayeschute.study.quantities import (
 )
 from bayeschute.study.structure_schema import StructureTable, SyntheticTable, distinct
 from bayeschute.study.virtual_schema import VirtualFlight
+from bayeschute.study.wind_schema import ProfileTable
 
 ROLES = ("structure", "identify", "predict")
 UNITS = {  # of the quantities that a study can predict
@@ -62,6 +63,9 @@ class FlightTable(Strict):
         capsule_mass: Replaces the vehicle's [kg].
         skip_first: Left out at the start of the window [s] (descent).
         identify_until: What comes later is held out and predicted (descent).
+        remove_velocity_bias: Whether constant biases of the recorded velocity, found against positions, are removed.
+        wind_profile: Wind by altitude about which the recorded wind, the capsule's, tells that of the canopies
+            (cluster); where no wind is recorded it stands for it. None: canopies meet the capsule's wind.
     """
 
     name: Name
@@ -74,6 +78,8 @@ class FlightTable(Strict):
     capsule_mass: Mass | None = None
     skip_first: NotNegativeTime = 0.0
     identify_until: Until | None = None
+    remove_velocity_bias: bool = False
+    wind_profile: ProfileTable | None = None
 
     @model_validator(mode="after")
     def _comes_from_somewhere(self) -> FlightTable:

@@ -10,26 +10,22 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from bayeschute.aero.capsule_table import capsule_table
 from bayeschute.air.vector import Vec3
-from bayeschute.dynamics.parameters import (
-    STANDARD_GRAVITY,
-    Canopies,
-    Capsule,
-    Cluster,
-    Risers,
-    Structure,
-    engagement_length,
-)
+from bayeschute.dynamics import parameters
+from bayeschute.dynamics.parameters import Canopies, Capsule, Cluster, Risers, Structure, engagement_length
 from bayeschute.flight.reconstruct import ClusterGeometry
 from bayeschute.flight.sensors import Dropouts, SensorNoise
-from bayeschute.forecast.virtual import Breathing, Turbulence, VirtualDrop, WindProfile
+from bayeschute.forecast.virtual import Breathing, Turbulence, VirtualDrop
+from bayeschute.forecast.virtual_wind import Gust, ShearLayer, WindHistory, WindProfile
 from bayeschute.inference.latent import Latent
-from bayeschute.inference.noise import Noise
 from bayeschute.inference.target import Hyper
+from bayeschute.study.formulation import noise_medians
 from bayeschute.study.load import Study
 from bayeschute.study.study import Flight
-from bayeschute.study.vehicle_schema import Vehicle
+from bayeschute.study.vehicle_schema import BreathingTable, CapsuleTable, Vehicle
 from bayeschute.study.virtual_schema import VirtualFlight
+from bayeschute.study.wind_schema import ProfileTable, WindTable
 
 Array = NDArray[np.float64]
 
@@ -47,27 +43,54 @@ def cluster(vehicle: Vehicle, capsule_mass: float | None = None) -> tuple[Cluste
         vehicle: The vehicle.
         capsule_mass: Replaces the vehicle's [kg].
     """
-    c, aero = vehicle.capsule, vehicle.aero
-    capsule = Capsule(
-        mass=c.mass if capsule_mass is None else capsule_mass,
+    aero, k, r = vehicle.aero, vehicle.canopies, vehicle.risers
+    capsule = _capsule(vehicle.capsule, capsule_mass)
+    canopies = Canopies(k.reference_area, k.reference_length, k.reference_speed, k.dry_mass, k.enclosed_volume)
+    usual = engagement_length(capsule.mass * parameters.STANDARD_GRAVITY, r.stiffness, k.number)
+    risers = Risers(r.length, r.stiffness, r.damping, usual if r.engagement is None else r.engagement)
+    structure = Structure(
+        tuple(aero.axial), tuple(aero.transverse), k.number, aero.rate, breathing=k.breathing is not None
+    )
+    axial, transverse = tuple(aero.axial.values()), tuple(aero.transverse.values())
+    return Cluster(capsule, canopies, risers, axial, transverse, breathing=_breathing(k.breathing)), structure
+
+
+def _capsule(c: CapsuleTable, mass: float | None) -> Capsule:
+    """The capsule of a vehicle file; coefficients that a table replaces are zero."""
+    table = None
+    if c.table is not None:
+        table = capsule_table(np.array(c.table.total_angle), np.array(c.table.roll), c.table.arrays())
+    return Capsule(
+        mass=c.mass if mass is None else mass,
         inertia=Vec3(*c.inertia),
         attach_b=_offset_b(c.attach_point, c.centre_of_mass),
         reference_centre_b=_offset_b(c.reference_centre, c.centre_of_mass),
         area=c.reference_area,
         length=c.reference_length,
-        axial_force=c.axial_force,
-        normal_force_slope=c.normal_force_slope,
-        moment_slope=c.pitch_moment_slope,
+        axial_force=c.axial_force or 0.0,
+        normal_force_slope=c.normal_force_slope or 0.0,
+        moment_slope=c.pitch_moment_slope or 0.0,
         roll_damping=c.roll_damping,
         pitch_damping=c.pitch_damping,
+        yaw_damping=c.yaw_damping,
+        pitch_rate_damping=c.pitch_rate_damping,
+        yaw_rate_damping=c.yaw_rate_damping,
+        table=table,
     )
-    k = vehicle.canopies
-    canopies = Canopies(k.reference_area, k.reference_length, k.reference_speed, k.dry_mass, k.enclosed_volume)
-    r = vehicle.risers
-    engagement = engagement_length(capsule.mass * STANDARD_GRAVITY, r.stiffness, k.number)
-    risers = Risers(r.length, r.stiffness, r.damping, engagement)
-    structure = Structure(tuple(aero.axial), tuple(aero.transverse), k.number, aero.rate)
-    return Cluster(capsule, canopies, risers, tuple(aero.axial.values()), tuple(aero.transverse.values())), structure
+
+
+def _breathing(table: BreathingTable | None) -> parameters.Breathing | None:
+    if table is None:
+        return None
+    omega = 2.0 * np.pi * table.frequency
+    return parameters.Breathing(omega**2, 2.0 * table.damping_ratio * omega, table.axial_slope)
+
+
+def _drag_coefficient(c: CapsuleTable) -> float:
+    """Drag of a capsule that descends heat shield first, over q S: the size of C_A nearest to 180 degrees."""
+    if c.table is None:
+        return abs(c.axial_force or 0.0)
+    return float(abs(np.mean(c.table.arrays().get("C_A", np.zeros((1, 1)))[-1])))
 
 
 def geometry(vehicle: Vehicle, capsule_mass: float | None = None) -> ClusterGeometry:
@@ -81,9 +104,29 @@ def geometry(vehicle: Vehicle, capsule_mass: float | None = None) -> ClusterGeom
         enclosed_volume=k.enclosed_volume,
         capsule_mass=c.mass if capsule_mass is None else capsule_mass,
         capsule_reference_area=c.reference_area,
-        capsule_drag_coefficient=abs(c.axial_force),
+        capsule_drag_coefficient=_drag_coefficient(c),
         attach_b=(attach.x, attach.y, attach.z),
     )
+
+
+def wind_profile(table: ProfileTable | WindTable) -> WindProfile:
+    """The wind by altitude of a table, layers of shear included."""
+    layers: tuple[ShearLayer, ...] = ()
+    if isinstance(table, WindTable):
+        layers = tuple(ShearLayer(k.middle, k.thickness, (k.north, k.east, k.down)) for k in table.layer)
+    if table.profile is not None:
+        altitude, north, east, down = zip(*table.profile.samples, strict=True)
+        return WindProfile(altitude, north, east, down, layers)
+    if not table.altitude:
+        return WindProfile(layers=layers)
+    return WindProfile(table.altitude, table.north, table.east, table.down or (), layers)
+
+
+def _history(table: WindTable) -> WindHistory | None:
+    if table.history is None:
+        return None
+    rows = table.history.samples
+    return WindHistory(tuple(row[0] for row in rows), tuple((row[1], row[2], row[3]) for row in rows))
 
 
 def drop(virtual: VirtualFlight, quick: bool = False) -> VirtualDrop:
@@ -104,7 +147,11 @@ def drop(virtual: VirtualFlight, quick: bool = False) -> VirtualDrop:
         swing_rate=virtual.swing_rate,
         flyout=virtual.flyout,
         flyout_azimuth=virtual.flyout_azimuth,
-        wind=WindProfile(tuple(virtual.wind.altitude), tuple(virtual.wind.north), tuple(virtual.wind.east)),
+        wind=wind_profile(virtual.wind),
+        history=_history(virtual.wind),
+        gusts=tuple(Gust(g.start, g.duration, (g.north, g.east, g.down)) for g in virtual.wind.gust),
+        every_body=virtual.wind.every_body,
+        shape=virtual.shape,
         turbulence=Turbulence(gusts.horizontal, gusts.vertical, gusts.time_constant) if gusts else Turbulence(),
         breathing=Breathing(breathing.amplitude, breathing.frequency, breathing.damping_ratio)
         if breathing
@@ -122,13 +169,7 @@ def flight_seed(study: Study, flight: Flight) -> int:
 
 def hyper(study: Study) -> Hyper:
     """Medians of the noise parameters: residual noise per channel, then groups of latent disturbances."""
-    tables = list(study.noise.channels().values())
-    tiny = 1e-6
-    noise = Noise(
-        np.array([t.white or tiny for t in tables]),
-        np.array([t.correlated or tiny for t in tables]),
-        np.array([t.time_constant or 1.0 for t in tables]),
-    )
+    noise = noise_medians(list(study.noise.channels().values()), study.noise.model)
     return Hyper(noise, tuple(np.array(law) for _, _, _, law in _groups(study)))
 
 
@@ -139,7 +180,8 @@ def latent(study: Study, canopies: int) -> Latent:
         places = {"vertical": (0,)}
     found = _groups(study)
     processes = [(row, group) for group, (_, place, _, _) in enumerate(found) for row in places[place]]
-    return Latent(tuple(kind for _, _, kind, _ in found), tuple(processes))
+    none = 0 if found else 1 if study.model == "descent" else 3  # wind rows, at rest
+    return Latent(tuple(kind for _, _, kind, _ in found), tuple(processes), none)
 
 
 def law_names(study: Study) -> tuple[str, ...]:
@@ -151,6 +193,8 @@ def _groups(study: Study) -> list[tuple[str, str, str, tuple[float, ...]]]:
     """Name, place, kind and law of every group of latent processes."""
     table = study.noise
     found: list[tuple[str, str, str, tuple[float, ...]]] = []
+    if table.model != "latent":
+        return found
     for name, wind in (("wind", table.wind), ("slow wind", table.slow_wind)):
         if wind is not None and wind.horizontal is not None and study.model != "descent":
             found.append((f"{name}, horizontal", "horizontal", "drift", (wind.horizontal, wind.time_constant)))

@@ -15,6 +15,7 @@ from bayeschute.study.schema import Column, PredictTable, RequirementTable, Samp
 from bayeschute.study.structure_schema import StructureTable, SyntheticTable
 from bayeschute.study.vehicle_schema import Vehicle
 from bayeschute.study.virtual_schema import VirtualFlight
+from bayeschute.study.wind_schema import ProfileTable
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,8 @@ class Flight:
         capsule_mass: Replaces the vehicle's [kg]; None: the vehicle's.
         skip_first: Left out at the start of the window [s].
         identify_until: Where the held-out part begins; None: all is fitted.
+        remove_velocity_bias: Whether constant biases of the recorded velocity are removed.
+        wind_profile: Wind by altitude; None: canopies meet the capsule's wind.
     """
 
     name: str
@@ -44,6 +47,8 @@ class Flight:
     capsule_mass: float | None = None
     skip_first: float = 0.0
     identify_until: Cut | None = None
+    remove_velocity_bias: bool = False
+    wind_profile: ProfileTable | None = None
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,12 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, model_validator
 
 from bayeschute.aero.grammar import check_axial, check_transverse, rate_factors
+from bayeschute.study.capsule_schema import CapsuleAeroTable
 from bayeschute.study.quantities import (
     Area,
+    Bounds,
     Damping,
+    Frequency,
     Inertia,
     Length,
     Mass,
@@ -20,13 +23,18 @@ from bayeschute.study.quantities import (
     Strict,
     Text,
     Volume,
+    number,
     one_of,
     refuse,
     whole,
 )
 
+_GRAVITY = 9.80665  # [m/s^2]
 _SEA_LEVEL_DENSITY = 1.225  # [kg/m^3], US Standard Atmosphere 1976
 Rotation = Annotated[Literal["riser", "airflow"], one_of("riser", "airflow")]
+
+
+_COEFFICIENTS = ("axial_force", "normal_force_slope", "pitch_moment_slope")
 
 
 def _known_axial(terms: dict[str, float]) -> dict[str, float]:
@@ -57,8 +65,12 @@ class CapsuleTable(Strict):
         axial_force: C_A in the body frame (6.3.3-11).
         normal_force_slope: [1/rad].
         pitch_moment_slope: [1/rad].
+        table: Takes the place of these three: coefficients by total angle of attack and roll.
         roll_damping: C_lp (6.3.3-13).
-        pitch_damping: C_mq = C_nr (6.3.3-13).
+        pitch_damping: C_mq, and C_nr where no yaw_damping is told (6.3.3-13).
+        yaw_damping: C_nr.
+        pitch_rate_damping: C_m_alphadot (6.3.3-13); None: none.
+        yaw_rate_damping: C_n_betadot (6.3.3-13); None: none.
     """
 
     mass: Mass
@@ -68,11 +80,41 @@ class CapsuleTable(Strict):
     centre_of_mass: tuple[Length, Length, Length]
     attach_point: tuple[Length, Length, Length]
     reference_centre: tuple[Length, Length, Length]
-    axial_force: Number
-    normal_force_slope: Number
-    pitch_moment_slope: Number
+    axial_force: Number | None = None
+    normal_force_slope: Number | None = None
+    pitch_moment_slope: Number | None = None
+    table: CapsuleAeroTable | None = None
     roll_damping: Number
     pitch_damping: Number
+    yaw_damping: Number | None = None
+    pitch_rate_damping: Number | None = None
+    yaw_rate_damping: Number | None = None
+
+    @model_validator(mode="after")
+    def _has_coefficients(self) -> CapsuleTable:
+        told = [name for name in _COEFFICIENTS if getattr(self, name) is not None]
+        if self.table is None and len(told) < len(_COEFFICIENTS):
+            missing = ", ".join(name for name in _COEFFICIENTS if name not in told)
+            refuse(f"{', '.join(_COEFFICIENTS)}, or a table [capsule.table]", f"no {missing}", "Add it.")
+        if self.table is not None and told:
+            refuse(
+                "coefficients or a table [capsule.table]", f"both a table and {', '.join(told)}", "Remove one of them."
+            )
+        return self
+
+
+class BreathingTable(Strict):
+    """Shape eta of a canopy, a free oscillator that changes its axial coefficient (6.3.2-27, -28).
+
+    Attributes:
+        frequency: Undamped [Hz].
+        damping_ratio: Share of critical damping [1].
+        axial_slope: C_Aeta [1].
+    """
+
+    frequency: Frequency
+    damping_ratio: Annotated[float, number(Bounds(least=0.0, most=1.0))]
+    axial_slope: Number
 
 
 class CanopiesTable(Strict):
@@ -85,6 +127,7 @@ class CanopiesTable(Strict):
         reference_speed: V_o [m/s].
         dry_mass: m_d of one canopy [kg].
         enclosed_volume: V_ea of one canopy [m^3].
+        breathing: Makes every canopy's shape part of the state; None: canopies keep their shape.
     """
 
     number: Annotated[int, whole(1, 12)]
@@ -93,14 +136,24 @@ class CanopiesTable(Strict):
     reference_speed: PositiveSpeed
     dry_mass: Mass
     enclosed_volume: Volume
+    breathing: BreathingTable | None = None
 
 
 class RisersTable(Strict):
-    """Risers: unstretched length [m], stiffness [N/m], damping [N s/m]."""
+    """Risers.
+
+    Attributes:
+        length: Unstretched [m].
+        stiffness: [N/m].
+        damping: [N s/m].
+        engagement: Stretch over which a riser takes hold as it comes taut [m]; None: a quarter of what the capsule's
+            weight stretches it.
+    """
 
     length: PositiveLength
     stiffness: Stiffness
     damping: Damping
+    engagement: PositiveLength | None = None
 
 
 class AeroTable(Strict):
@@ -155,4 +208,14 @@ class Vehicle(Strict):
         if self.aero.rate == "airflow" and inertia + apparent <= 0.0:
             wanted = f"a coefficient of 'rate' whose apparent mass stays above -{inertia:.0f} kg, or rate = 'riser'"
             refuse(wanted, f"{damping:g}, which gives {apparent:.0f} kg")
+        return self
+
+    @model_validator(mode="after")
+    def _hangs_taut(self) -> Vehicle:
+        """Risers have taken hold where the capsule hangs at rest."""
+        stretch = self.capsule.mass * _GRAVITY / (self.canopies.number * self.risers.stiffness)
+        engagement = self.risers.engagement
+        if engagement is not None and engagement > stretch:
+            wanted = f"an engagement of risers up to {stretch:.3g} m, to which the capsule's weight stretches them"
+            refuse(wanted, f"{engagement:.3g} m")
         return self

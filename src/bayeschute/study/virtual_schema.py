@@ -20,41 +20,18 @@ from bayeschute.study.quantities import (
     NoiseAngularRate,
     NoiseLength,
     NoiseSpeed,
+    Number,
     PositiveTime,
     Rate,
-    Speed,
     Strict,
     Tilt,
     number,
     refuse,
 )
+from bayeschute.study.wind_schema import WindTable
 
 Q = TypeVar("Q")
 FEWEST_SAMPLES, MOST_SAMPLES = 50, 1_000_000
-
-
-class WindTable(Strict):
-    """Steady wind by altitude; the air moves towards north and east.
-
-    Attributes:
-        altitude: Increasing [m].
-        north: [m/s].
-        east: [m/s].
-    """
-
-    altitude: tuple[Altitude, ...]
-    north: tuple[Speed, ...]
-    east: tuple[Speed, ...]
-
-    @model_validator(mode="after")
-    def _is_a_table(self) -> WindTable:
-        sizes = [len(self.altitude), len(self.north), len(self.east)]
-        if len(set(sizes)) > 1 or not sizes[0]:
-            got = "altitude, north and east of {}, {} and {} values".format(*sizes)
-            refuse("as many winds as altitudes, one at least", got)
-        if any(b <= a for a, b in zip(self.altitude, self.altitude[1:], strict=False)):
-            refuse("altitudes that increase", "altitudes that don't increase")
-        return self
 
 
 class TurbulenceTable(Strict):
@@ -125,7 +102,8 @@ class VirtualFlight(Strict):
         swing_rate: [rad/s].
         flyout: Half the angle between the risers [rad].
         flyout_azimuth: [rad].
-        wind: Steady wind.
+        shape: eta of each canopy at the first sample, for canopies that breathe as the vehicle says; empty: all 0.
+        wind: By altitude, by time, shears and gusts.
         turbulence: Unknown to the identification; None: still air around the steady wind.
         breathing: Unknown to the identification; None: none.
         sensors: Errors of the record.
@@ -139,6 +117,7 @@ class VirtualFlight(Strict):
     swing_rate: AngularRate
     flyout: HalfAngle
     flyout_azimuth: Azimuth
+    shape: tuple[Number, ...] = ()
     wind: WindTable
     turbulence: TurbulenceTable | None = None
     breathing: BreathingTable | None = None

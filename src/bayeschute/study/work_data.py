@@ -2,42 +2,68 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 
+from bayeschute.dynamics.outcome import Outcome
 from bayeschute.errors import Fault, InputError
+from bayeschute.flight.back_driving import remove_velocity_bias
 from bayeschute.flight.clean import clean
 from bayeschute.flight.derive import derive
 from bayeschute.flight.read import ColumnSpec, read_record
-from bayeschute.flight.record import load_record, repairs, write_record
+from bayeschute.flight.record import Repair, load_record, repairs, with_repairs, write_record
 from bayeschute.forecast.virtual import fly
 from bayeschute.inference.priors import Prior, from_equation_error
 from bayeschute.study import setup
 from bayeschute.study.load import Study
 from bayeschute.study.study import Flight
+from bayeschute.study.wind import with_wind
 
 if TYPE_CHECKING:
     from bayeschute.study.stages import Job
 
 
 def flown(study: Study, flight: Flight, seed: int, quick: bool = False) -> tuple[xr.Dataset, xr.Dataset]:
-    """Record and truth of a virtual flight.
+    """Record and truth of a virtual flight; where its outcome isn't ok, the record's list of repairs says so.
 
     Raises:
-        InputError: If the simulated flight fails.
+        InputError: If the simulated flight leaves the finite numbers.
     """
     assert study.vehicle is not None and flight.virtual is not None
     model, structure_ = setup.cluster(study.vehicle, flight.capsule_mass)
     try:
-        return fly(setup.drop(flight.virtual, quick), model, structure_, seed)
+        record, truth = fly(setup.drop(flight.virtual, quick), model, structure_, seed)
     except FloatingPointError as error:
         do = "Check the vehicle's [aero]: rate terms may make the canopies unstable beyond bounds."
         raise InputError(Fault(f"flight {flight.name}", str(error), "a flight that stays finite", do)) from error
+    if "failed_at_s" in record.attrs:
+        time = record["time"].values
+        since = float(record.attrs["failed_at_s"])
+        detail = f"{record.attrs['outcome']}: not to be relied on from here"
+        told = Repair("simulation", "", since, float(time[-1]), int((time >= since).sum()), detail)
+        record = with_repairs(record, [told])
+    return record, truth
+
+
+class Drops(NamedTuple):
+    """What `simulate_study` flew.
+
+    Attributes:
+        files: Records and truths, written.
+        outcomes: Number of drops by outcome, in words.
+        failed: Drops that aren't ok, with what became of them.
+        step_error: Largest error due to the steps over drops that are ok: positions [m], velocities [m/s].
+    """
+
+    files: list[Path]
+    outcomes: dict[str, int]
+    failed: dict[str, str]
+    step_error: tuple[float, float]
 
 
 def simulate_study(
@@ -46,8 +72,10 @@ def simulate_study(
     draws: int = 1,
     seed: int | None = None,
     progress: Callable[[str, float, str], None] | None = None,
-) -> list[Path]:
+) -> Drops:
     """Fly the virtual flights of a study, or the drop of a vehicle, and store records and truth.
+
+    A drop that leaves the finite numbers is counted, and leaves no files.
 
     Args:
         study: The study.
@@ -57,29 +85,56 @@ def simulate_study(
         progress: Called with a name, the share done and words.
 
     Returns:
-        The files written.
+        The files written, and what became of every drop.
+
+    Raises:
+        InputError: If the study has no virtual flight, or no drop stays finite.
     """
-    folder, written = Path(out), []
+    folder, faults = Path(out), list[Fault]()
     flights = [f for f in study.flights if f.virtual is not None]
     if not flights:
         raise InputError(
             Fault(str(study.path), "no virtual flight", "a [flight.virtual] table", "Add one, or use run.")
         )
-    first = study.seed if seed is None else seed
+    drops = Drops([], {}, {}, (0.0, 0.0))
     folder.mkdir(parents=True, exist_ok=True)
     for i, flight in enumerate(flights):
         for draw in range(draws):
-            number = (
-                np.random.SeedSequence([first, i, draw]).generate_state(1)[0]
-                if draw
-                else _first_seed(study, flight, seed)
-            )
-            record, truth = flown(study, flight, int(number))
             stem = flight.name if draws == 1 else f"{flight.name}.{draw:05d}"
-            written += [write_record(record, folder / f"{stem}.nc"), _write_truth(truth, folder / f"{stem}.truth.nc")]
+            try:
+                record, truth = flown(study, flight, _seed_of(study, flight, i, draw, seed))
+            except InputError as error:
+                faults += error.faults
+                drops = _with_drop(drops, stem, {"outcome": Outcome.DIVERGED.words, "why": error.faults[0].got})
+            else:
+                drops.files.append(write_record(record, folder / f"{stem}.nc"))
+                drops.files.append(_write_truth(truth, folder / f"{stem}.truth.nc"))
+                drops = _with_drop(drops, stem, truth.attrs)
             if progress is not None:
                 progress("simulate", (i * draws + draw + 1) / (len(flights) * draws), stem)
-    return written
+    if not drops.files:
+        raise InputError(faults)
+    return drops
+
+
+def _with_drop(drops: Drops, stem: str, attributes: Mapping[str, Any]) -> Drops:
+    """Counted: one drop more, of which the attributes tell."""
+    words = attributes["outcome"]
+    outcomes = {**drops.outcomes, words: drops.outcomes.get(words, 0) + 1}
+    if words != Outcome.OK.words:
+        why = attributes.get("why") or f"{words} at {attributes['failed_at_s']:.1f} s"
+        return drops._replace(outcomes=outcomes, failed={**drops.failed, stem: why})
+    place, speed = (attributes[f"step_error_{name}"] for name in ("position_m", "velocity_m_per_s"))
+    worst = max(drops.step_error[0], place), max(drops.step_error[1], speed)
+    return drops._replace(outcomes=outcomes, step_error=worst)
+
+
+def _seed_of(study: Study, flight: Flight, i: int, draw: int, seed: int | None) -> int:
+    """Seed of a draw of flight `i`; the first draw has that of the flight drawn alone."""
+    if not draw:
+        return _first_seed(study, flight, seed)
+    first = study.seed if seed is None else seed
+    return int(np.random.SeedSequence([first, i, draw]).generate_state(1)[0])
 
 
 def _first_seed(study: Study, flight: Flight, seed: int | None) -> int:
@@ -89,7 +144,8 @@ def _first_seed(study: Study, flight: Flight, seed: int | None) -> int:
 
 
 def _write_truth(truth: xr.Dataset, path: Path) -> Path:
-    truth.drop_attrs(deep=False).to_netcdf(path, engine="h5netcdf")
+    kept = {name: value for name, value in truth.attrs.items() if name != "repairs"}
+    truth.drop_attrs(deep=False).assign_attrs(kept).to_netcdf(path, engine="h5netcdf")
     return path
 
 
@@ -119,7 +175,11 @@ def ingest(job: Job) -> str:
             raw = read_record(flight.path, columns or None, flight.window)
         rate = flight.rate or 1.0 / float(np.median(np.diff(raw["time"].values)))
         record = clean(raw, rate, flight.window, flight.skip_first)
+        if flight.remove_velocity_bias:
+            record, _ = remove_velocity_bias(record)
         record = record if study.model == "cluster" and flight.virtual is not None else derive(record)
+        if flight.wind_profile is not None:
+            record = with_wind(record, flight.wind_profile)
         listed += sum(r.kind not in ("resampled", "derived", "assumed") for r in repairs(record))
         if truth is not None:
             truth = truth.interp(time=record["time"].values)

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from bayeschute.dynamics.parameters import Structure
 from bayeschute.errors import Fault, InputError
-from bayeschute.inference import population
+from bayeschute.inference import output_error, population
 from bayeschute.inference.evidence import HyperPrior, from_vector, to_vector
+from bayeschute.inference.law_slope import widened
 from bayeschute.inference.map import Optimum
 from bayeschute.inference.marginal import Determinant, Marginal, marginalise
 from bayeschute.inference.omitted import scores
@@ -29,6 +30,7 @@ from bayeschute.samplers.protocol import Draws
 from bayeschute.study import setup
 from bayeschute.study.fitted_terms import terms_left_out, with_terms
 from bayeschute.study.study import Flight
+from bayeschute.study.wind import by_altitude
 from bayeschute.study.work_data import load_flight, load_priors
 
 if TYPE_CHECKING:
@@ -82,10 +84,11 @@ def data_of(job: Job, flight: Flight, priors: Sequence[Prior]) -> FlightData:
     structure = structure_of(priors, n)
     blank = replace(base, axial=(0.0,) * len(structure.axial), transverse=(0.0,) * len(structure.transverse))
     channels = tuple(study.noise.channels())
-    return cluster_data(record, blank, structure, priors, channels, setup.latent(study, n), until)
+    made = cluster_data(record, blank, structure, priors, channels, setup.latent(study, n), until)
+    return made if flight.wind_profile is None else by_altitude(made, record, flight.wind_profile)
 
 
-def _save(job: Job, group: Group, found: Found, draws: Draws) -> None:
+def _save(job: Job, group: Group, found: Found, draws: Draws, wide: Array) -> None:
     from bayeschute.study.stages import write_whole
 
     best = found.optimum
@@ -95,7 +98,9 @@ def _save(job: Job, group: Group, found: Found, draws: Draws) -> None:
         "determinant": np.stack(found.marginal.determinant),
         "hyper": to_vector(found.hyper),
         "xi": draws.xi,
+        "wide": wide,
         "law_covariance": found.law_covariance,
+        "law_slope": found.law_slope,
         "facts": np.array(
             [
                 best.cost,
@@ -128,9 +133,11 @@ class Stored:
         optimum: The optimum.
         hyper: Noise parameters.
         theta: Draws in working coordinates (chain, draw, P).
+        held: The same with the noise parameters held at their optimum, as the sampler made them.
         failed: Simulations that failed while sampling.
         evaluations: Evaluations of the exact density.
         law_covariance: Of the logarithms of the noise parameters.
+        law_slope: Derivatives of the parameters by those, working coordinates (P, V).
         determinant_error: Root mean square error of the log determinant's polynomial.
     """
 
@@ -138,9 +145,11 @@ class Stored:
     optimum: Optimum
     hyper: Hyper
     theta: Array
+    held: Array
     failed: int
     evaluations: int
     law_covariance: Array
+    law_slope: Array
     determinant_error: float
 
 
@@ -162,8 +171,10 @@ def load_fit(job: Job, group: Group) -> Stored:
     )
     flights = [data_of(job, f, group.priors) for f in group.flights]
     marginal = replace(marginalise(flights, hyper, group.priors, best), determinant=Determinant(*a["determinant"]))
-    theta = best.theta + a["xi"] @ np.asarray(marginal.scale).T
-    return Stored(marginal, best, hyper, theta, int(failed), int(evaluations), a["law_covariance"], float(wrong))
+    scale, known = np.asarray(marginal.scale), a["law_covariance"]
+    theta, held = (best.theta + a[name] @ scale.T for name in ("wide", "xi"))
+    counts, by_law = (int(failed), int(evaluations)), scale @ a["law_slope"]
+    return Stored(marginal, best, hyper, theta, held, *counts, known, by_law, float(wrong))
 
 
 def fit(job: Job) -> str:
@@ -173,7 +184,8 @@ def fit(job: Job) -> str:
     from bayeschute.study.stages import write_whole
 
     study, trees, said = job.study, [], []
-    (job.out / "fit" / "priors.json").unlink(missing_ok=True)
+    for name in ("priors.json", "output_error.json"):
+        (job.out / "fit" / name).unlink(missing_ok=True)
     todo, began = groups(job), time.perf_counter()
     wall: dict[str, float] = {}
     asked_for: dict[str, float] = {}
@@ -192,23 +204,21 @@ def fit(job: Job) -> str:
             raise InputError(Fault(f"fit of {group.name}", str(error), "simulations that stay finite", do)) from error
         asked_for |= asked
         wall["optimum_s"] = wall.get("optimum_s", 0.0) + time.perf_counter() - clock
-        table, kinds = study.sampler, ["nuts", "emcee"] if study.sampler.kind == "both" else [study.sampler.kind]
+        kinds = ["nuts", "emcee"] if study.sampler.kind == "both" else [study.sampler.kind]
+        bounds = _bounds(job, group, found) if study.noise.model in ("white", "sandwich") else None
+        if study.noise.model == "sandwich":  # its covariance doesn't come from the noise parameters
+            kinds, found = ["sandwich"], replace(found, law_slope=0.0 * found.law_slope)
         for kind in kinds:
             clock = time.perf_counter()
-            draws = sample(
-                found.marginal,
-                kind,
-                table.chains,
-                table.warmup,
-                table.draws,
-                study.seed,
-                lambda s, w: say(s, w, 0.8, 0.9),
-            )
+            draws = _draws(job, i, found, bounds, kind, lambda s, w: say(s, w, 0.8, 0.9))
             wall[f"{kind}_s"] = wall.get(f"{kind}_s", 0.0) + time.perf_counter() - clock
             names = [f.name for f in group.flights]
-            tree = data_tree(found.marginal, group.priors, draws, study.seed, names, lambda s, w: say(s, w, 0.9, 1.0))
+            wide = widened(draws.xi, found.law_slope, found.law_covariance, study.seed)
+            tree = data_tree(
+                found.marginal, group.priors, draws, study.seed, names, lambda s, w: say(s, w, 0.9, 1.0), wide
+            )
             if kind == kinds[0]:
-                _save(job, group, found, draws)
+                _save(job, group, found, draws, wide)
                 trees.append(tree)
                 failed += draws.failed
                 said += list(draws.notes)
@@ -219,6 +229,29 @@ def fit(job: Job) -> str:
     wall["fit_s"] = time.perf_counter() - began
     job.save("fit/facts.json", {"wall": wall, "notes": said, "failed": failed, "scores": setup.as_plain(asked_for)})
     return f"{len(todo)} fits, {failed} failed simulations"
+
+
+def _bounds(job: Job, group: Group, found: Found) -> output_error.Bounds:
+    """Cramer-Rao bounds of a group's estimates, and their table for the summary."""
+    made = output_error.bounds(found.marginal.flights, found.hyper, group.priors, found.optimum)
+    path = job.out / "fit" / "output_error.json"
+    before = job.load("fit/output_error.json") if path.exists() else []
+    rows = [row._asdict() for row in output_error.table(made, group.priors)]
+    job.save("fit/output_error.json", [*before, *setup.as_plain(rows)])
+    return made
+
+
+def _draws(
+    job: Job, group: int, found: Found, bounds: output_error.Bounds | None, kind: str, say: Callable[[float, str], None]
+) -> Draws:
+    """Draws of the sampler, or about the estimates of output error, of the group of this number."""
+    table, seed, marginal = job.study.sampler, job.study.seed, found.marginal
+    if kind == "sandwich":
+        assert bounds is not None
+        centre, scale = np.asarray(marginal.centre), np.asarray(marginal.scale)
+        rng = np.random.default_rng([seed, 6, group])
+        return output_error.gaussian_draws(bounds, centre, scale, table.chains, table.draws, rng)
+    return sample(marginal, kind, table.chains, table.warmup, table.draws, seed, say)
 
 
 def _found(
@@ -233,7 +266,8 @@ def _found(
         The group with the priors that were used, what was found, and the last scores of left-out terms.
     """
     prior, rounds = HyperPrior(setup.hyper(job.study)), 1 if job.quick else 2
-    left_out, z = terms_left_out(job), dict[str, float]()
+    # The score test of a term takes what the noise model leaves to the residuals for evidence: latent models only.
+    left_out, z = terms_left_out(job) if job.study.noise.model == "latent" else [], dict[str, float]()
     begins: list[Begin | None] = [None]
     while True:
         flights = [data_of(job, f, group.priors) for f in group.flights]
@@ -295,10 +329,10 @@ def _joined(job: Job, todo: Sequence[Group], trees: Sequence[xr.DataTree]) -> xr
         "population_mean": prior.centre + prior.scale * rng.standard_normal((1, 2000)),
         "population_sd": np.abs(prior.scale * rng.standard_normal((1, 2000))),
     }
-    kept = ("posterior", "prior", "log_likelihood", "log_prior", "posterior_predictive", "observed_data")
+    kept = ("posterior", "conditional", "prior", "log_likelihood", "log_prior", "posterior_predictive", "observed_data")
     plain = {name: {k: np.asarray(v) for k, v in joined[name].items()} for name in kept if name in joined}
     # Lengths of the flights differ: each keeps dimensions of its own.
-    tree = from_dict({k: v for k, v in plain.items() if k in ("posterior", "prior", "log_prior")})
+    tree = from_dict({k: v for k, v in plain.items() if k in ("posterior", "conditional", "prior", "log_prior")})
     for name in ("log_likelihood", "posterior_predictive", "observed_data"):
         tree[name] = xr.DataTree(_own_dims(plain[name], name))
     for variable in map(str, tree["posterior"].data_vars):

@@ -11,10 +11,10 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from bayeschute.flight.record import repairs
-from bayeschute.study import setup
+from bayeschute.study import formulation, setup
 from bayeschute.study.fitted_terms import ADDED
 from bayeschute.study.load import study_hash
-from bayeschute.study.study import Flight
+from bayeschute.study.study import Flight, Study
 from bayeschute.study.work_data import load_flight, load_priors
 from bayeschute.study.work_fit import groups, load_hyper, summary_draws
 from bayeschute.study.work_results import OPENING
@@ -41,6 +41,7 @@ def _summary(job: Job) -> dict[str, Any]:
     study, facts, checked = job.study, job.load("fit/facts.json"), job.load("checks.json")
     missed = [name for name, entry in checked["checks"].items() if not entry["passed"]]
     label = f"not verified: {_UNCALIBRATED}" + (f"; missed {', '.join(missed)}" if missed else "")
+    label = "; ".join(filter(None, (formulation.label(study.noise.model), label)))
     calibration = {"passed": None, "value": None, "bound": None, "detail": _UNCALIBRATED}
     draws, units = summary_draws(job)
     some = next(iter(draws.values()))
@@ -51,11 +52,11 @@ def _summary(job: Job) -> dict[str, Any]:
         "flights": {f.name: _flight_entry(job, f) for f in study.flights},
         "parameters": _parameters(job, draws, units, checked),
         "sampling": {
-            "sampler": study.sampler.kind, "chains": some.shape[0], "draws": some.shape[1],
+            "sampler": formulation.sampler(study), "chains": some.shape[0], "draws": some.shape[1],
             "divergences": _divergences(job), "failed_solves": facts["failed"], "wall_s": seconds,
             "wall": facts["wall"], "min_ess_per_s": min(checked["ess_bulk"].values()) / seconds,
         },
-        **_disturbances(job),
+        **_disturbances(job), **_output_error(job),
         "coverage": job.load("coverage.json"),
         "checks": checked["checks"] | {"calibration": calibration},
         "requirements": job.load("risk/requirements.json"),
@@ -71,7 +72,7 @@ def _parameters(
     """Posterior and prior of every parameter in numbers, beside the truth where it is known."""
     with xr.open_datatree(job.out / "posterior.nc", engine="h5netcdf") as tree:
         prior = tree["prior"].ds.load()
-    truth, parameters = _true_values(job), {}
+    truth, parameters = true_values(job), {}
     for name, x in draws.items():
         before, flat = prior[name].values.ravel(), x.ravel()
         q05, q50, q95 = np.quantile(flat, [0.05, 0.5, 0.95])
@@ -101,13 +102,20 @@ def _disturbances(job: Job) -> dict[str, Any]:
             "time_constant": hyper.noise.time_constant[i],
             "unit": _CHANNEL_UNIT[name],
         }
+        | dict.fromkeys(formulation.unused(job.study.noise.model))
         for i, name in enumerate(job.study.noise.channels())
     }
     for name, law in zip(setup.law_names(job.study), hyper.laws, strict=True):
         facts = {"white": None, "correlated": law[0], "unit": "m/s" if "wind" in name else "1"}
         facts |= {"frequency": law[1], "damping_ratio": law[2]} if law.size == 3 else {"time_constant": law[1]}
         noise[name] = facts
-    return {"noise": noise}
+    return {"noise_model": job.study.noise.model, "noise": noise}
+
+
+def _output_error(job: Job) -> dict[str, Any]:
+    """The table of output error, where the noise model has one."""
+    there = (job.out / "fit" / "output_error.json").exists()
+    return {"output_error": job.load("fit/output_error.json")} if there else {}
 
 
 def _flight_entry(job: Job, flight: Flight) -> dict[str, Any]:
@@ -123,21 +131,22 @@ def _flight_entry(job: Job, flight: Flight) -> dict[str, Any]:
     }
 
 
-def _flown_terms(job: Job) -> dict[str, float]:
-    """Coefficients of the terms that the vehicle's virtual drops fly with, by parameter."""
-    assert job.study.vehicle is not None
-    aero = job.study.vehicle.aero
+def flown_terms(study: Study) -> dict[str, float]:
+    """Coefficients of the terms that the vehicle's virtual drops fly with, by parameter; none in a descent."""
+    if study.vehicle is None:
+        return {}
+    aero = study.vehicle.aero
     axial = {f"axial[{term}]": value for term, value in aero.axial.items()}
     return axial | {f"transverse[{term}]": value for term, value in aero.transverse.items()}
 
 
-def _true_values(job: Job) -> dict[str, float]:
+def true_values(job: Job) -> dict[str, float]:
     """Values the virtual drop was flown with; terms that were selected but not flown have the true value 0."""
     study = job.study
     if study.vehicle is None or any(f.virtual is None for f in study.with_role("identify")):
         return {}
     risers = study.vehicle.risers
-    flown = _flown_terms(job)
+    flown = flown_terms(study)
     flown |= {"riser_length": risers.length, "riser_stiffness": risers.stiffness, "riser_damping": risers.damping}
     return {p.name: float(flown.get(p.name, 0.0)) for p in load_priors(job)}
 
@@ -151,6 +160,7 @@ def _notes(job: Job) -> list[str]:
         "determinant of that step is a polynomial of the parameters (its error is among the checks).",
     ]
     study = job.study
+    notes += formulation.notes(study.noise)
     if study.model != "cluster":
         air = "Air density is taken by altitude from the record or the standard atmosphere, and counted as known."
         return [*notes, air]
@@ -161,7 +171,7 @@ def _notes(job: Job) -> list[str]:
     added = [p.name for p in load_priors(job) if ADDED in p.source]
     if added:
         notes.append(f"Left out by equation error, added since the fitted flight asked for it: {', '.join(added)}.")
-    missed = set(_flown_terms(job)) - {p.name for p in load_priors(job) if "[" in p.name}
+    missed = set(flown_terms(study)) - {p.name for p in load_priors(job) if "[" in p.name}
     if missed and study.flights[0].virtual is not None:
         notes.append("Flown but not selected: " + ", ".join(sorted(missed)) + ".")
     return notes

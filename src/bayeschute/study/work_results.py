@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import arviz_stats
@@ -36,7 +37,8 @@ def check(job: Job) -> str:
         checks[name] = {"passed": bool(passed), "value": float(value), "bound": bound, "detail": detail}
 
     tree = xr.open_datatree(job.out / "posterior.nc", engine="h5netcdf")
-    posterior = tree["posterior"].ds.load()
+    # Of the sampler's own draws, where the uncertainty of the noise parameters was added to the posterior.
+    posterior = tree["posterior"].ds.load().assign(tree["conditional"].ds.load().data_vars)
     tree.close()
     rhat, bulk, tail = (_over(posterior, f) for f in (arviz_stats.rhat, _ess_bulk, _ess_tail))
     add("rhat", max(rhat.values()), 1.01, max(rhat.values()) < 1.01, "largest R-hat of any parameter")
@@ -123,19 +125,44 @@ def _group_of(job: Job, flight: Flight) -> Group:
     return next((g for g in todo if flight in g.flights), todo[0])
 
 
-def predict(job: Job) -> str:
-    """Bands of every flight that is fitted or predicted."""
-    from bayeschute.study.stages import write_whole
+@dataclass(frozen=True)
+class Foretold:
+    """A flight with the draws of its quantities.
 
-    study, wanted = job.study, job.study.predict.quantities or ()
-    made: dict[str, xr.Dataset] = {}
-    finals: dict[str, dict[str, Array]] = {}
+    Attributes:
+        flight: The flight.
+        stored: The fit that tells its parameters.
+        prediction: Draws.
+        time: Times of the record [s].
+        held_out: Samples that the fit did not see.
+        record: The record.
+        truth: The truth, where known.
+        seed: Of its random numbers.
+    """
+
+    flight: Flight
+    stored: Stored
+    prediction: bands.Prediction
+    time: Array
+    held_out: NDArray[np.bool_]
+    record: xr.Dataset
+    truth: xr.Dataset | None
+    seed: int
+
+    @property
+    def counted(self) -> NDArray[np.bool_]:
+        """Samples by which bands are scored: those held out, all where none is."""
+        return self.held_out if self.held_out.any() else np.ones(self.time.size, bool)
+
+
+def foretell(job: Job) -> Iterator[Foretold]:
+    """Draw the quantities of every flight that is fitted or predicted."""
+    study = job.study
     flights = [f for f in study.flights if {"identify", "predict"} & set(f.roles)]
-    coverage: dict[str, Any] = {}
     for i, flight in enumerate(flights):
         group = _group_of(job, flight)
         stored = load_fit(job, group)
-        flat = stored.theta.reshape(-1, stored.theta.shape[-1])
+        flat = stored.held.reshape(-1, stored.held.shape[-1])
         picked = flat[np.linspace(0, len(flat) - 1, min(study.predict.draws, len(flat))).astype(int)]
         record, truth = load_flight(job, flight.name), load_truth(job, flight.name)
         time = record["time"].values
@@ -155,56 +182,57 @@ def predict(job: Job) -> str:
             job.say("predict")((i + share) / len(flights), name)
 
         seed = study.seed + 100 + i
-        prediction = bands.predict(marginal, index, picked, laws, seed, whole, until - time[0], tell)
-        held_out = time > until
-        counted = held_out if held_out.any() else np.ones(time.size, bool)
-        recorded = _recorded(job, flight, record)
-        role = "predict" if held_out.any() else "identify"
-        made[flight.name] = bands.dataset(prediction, time, wanted, truth, recorded, held_out, role)
-        coverage[flight.name] = {
+        prediction = bands.predict(marginal, index, picked, laws, seed, whole, until - time[0], tell, stored.law_slope)
+        yield Foretold(flight, stored, prediction, time, time > until, record, truth, seed)
+
+
+def predict(job: Job) -> str:
+    """Bands of every flight that is fitted or predicted."""
+    from bayeschute.study.stages import write_whole
+
+    wanted = job.study.predict.quantities or ()
+    made: dict[str, xr.Dataset] = {}
+    arrays: dict[str, Any] = {}
+    coverage: dict[str, Any] = {}
+    for one in foretell(job):
+        name, prediction, truth, counted = one.flight.name, one.prediction, one.truth, one.counted
+        recorded = _recorded(job, one.flight, one.record)
+        role = "predict" if one.held_out.any() else "identify"
+        made[name] = bands.dataset(prediction, one.time, wanted, truth, recorded, one.held_out, role)
+        coverage[name] = {
             q: {
                 "truth": None if truth is None else bands.coverage(prediction.draws[q], truth[q].values, counted),
-                "record": _record_coverage(job, stored, prediction, q, recorded, counted, bool(held_out.any()), seed),
+                "record": _record_coverage(job, one, q, recorded),
             }
             for q in wanted
             if q in prediction.draws
         }
-        finals[flight.name] = _statistics(prediction, counted)
+        arrays |= {f"{name}|{k}": v for k, v in _statistics(prediction, counted).items()}
     write_whole(
         job.out / "predictions.nc",
         lambda p: xr.DataTree.from_dict({f"/{k}": v for k, v in made.items()}).to_netcdf(p, engine="h5netcdf"),
     )
     job.save("coverage.json", setup.as_plain(coverage))
 
-    arrays: dict[str, Any] = {f"{f}|{k}": v for f, table in finals.items() for k, v in table.items()}
-
     def write(path: Any) -> None:
         with path.open("wb") as file:
             np.savez(file, **arrays)
 
     write_whole(job.out / "fit" / "statistics.npz", write)
-    return f"{len(flights)} flights"
+    return f"{len(made)} flights"
 
 
-def _record_coverage(
-    job: Job,
-    stored: Stored,
-    prediction: bands.Prediction,
-    quantity: str,
-    recorded: dict[str, Array],
-    counted: NDArray[np.bool_],
-    held_out: bool,
-    seed: int,
-) -> float | None:
+def _record_coverage(job: Job, one: Foretold, quantity: str, recorded: dict[str, Array]) -> float | None:
     """Share of recorded samples inside the band, the channel's noise added where the quantity has a channel.
 
     A quantity derived from several channels has no noise of its own here: beside the wide band of an unseen flight
     that does no harm, beside the narrow one of a fitted flight it would mislead, so there it is left out.
     """
-    noise = _channel_noise(job, stored, quantity)
-    if quantity not in recorded or (noise is None and not held_out):
+    noise = _channel_noise(job, one.stored, quantity)
+    if quantity not in recorded or (noise is None and not one.held_out.any()):
         return None
-    return bands.coverage(bands.recorded_draws(prediction, quantity, noise, seed), recorded[quantity], counted)
+    seen = bands.recorded_draws(one.prediction, quantity, noise, one.seed)
+    return bands.coverage(seen, recorded[quantity], one.counted)
 
 
 def _channel_noise(job: Job, stored: Stored, quantity: str) -> tuple[float, float, float] | None:

@@ -29,6 +29,7 @@ from bayeschute.study import setup
 from bayeschute.study.load import Study
 from bayeschute.study.structure_schema import PolarPoolTable, StructureTable
 from bayeschute.study.study import Flight
+from bayeschute.study.wind import canopy_wind
 from bayeschute.study.work_data import load_flight
 
 if TYPE_CHECKING:
@@ -91,7 +92,8 @@ def _table(study: Study) -> StructureTable:
 
 def _reconstructed(study: Study, flight: Flight, record: xr.Dataset) -> xr.Dataset:
     assert study.vehicle is not None
-    return reconstruct(record, setup.geometry(study.vehicle, flight.capsule_mass))
+    aloft = None if flight.wind_profile is None else canopy_wind(record, flight.wind_profile)
+    return reconstruct(record, setup.geometry(study.vehicle, flight.capsule_mass), canopy_wind=aloft)
 
 
 def _pool(table: PolarPoolTable) -> PolarPool:

@@ -12,6 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from bayeschute.aero.capsule_table import capsule_table
+from bayeschute.air.wind_field import wind_field
 from bayeschute.dynamics.cluster import geometry, tension
 from bayeschute.dynamics.descent import DensityProfile, DescentFlight, DescentInputs
 from bayeschute.dynamics.dumbbell import Dumbbell, DumbbellFlight, DumbbellInputs
@@ -76,6 +78,13 @@ def cluster_case(n, rate, rng, terms=None):
     model = small.flight(base, start, structure, (3.0, -2.0, 0.5), samples=T, substeps=SUBSTEPS, names=tuple(chosen), channels=CHANNELS)  # fmt: skip
     wind = np.asarray(model.record.wind) + rng.normal(size=(T, 3))
     record = replace(model.record, wind=wind, density=1.1 + 0.01 * rng.random(T), axial_factor=1 + 0.05 * rng.normal(size=(T, n)))  # fmt: skip
+    if rate == "airflow" and n > 1:
+        angle, roll = np.linspace(0.0, np.pi, 7), np.arange(4) * np.pi / 2.0
+        bump = np.sin(angle)[:, None] ** 2 * rng.normal(size=(7, 4))
+        table = capsule_table(angle, roll, {"C_A": np.cos(angle)[:, None] + bump, "C_N": bump, "C_m": 0.1 * bump})
+        capsule = replace(base.capsule, table=table, yaw_damping=-0.3, pitch_rate_damping=-0.1, yaw_rate_damping=-0.2)
+        field = wind_field([-50.0, 0.0, 40.0, 90.0], rng.normal(size=(4, 3)))
+        model = replace(model, base=replace(base, capsule=capsule), wind_field=field)
     centre = np.array([(values | RISERS | BODIES)[name] for name in chosen])
     theta = centre[:, None] * (1.0 + 0.02 * rng.normal(size=(centre.size, BATCH)))
     return Case(replace(model, record=record), theta, 0.02 * rng.normal(size=(9 + 4 * n, BATCH)), 0.2 * rng.normal(size=(T, 3 + n, BATCH)))  # fmt: skip

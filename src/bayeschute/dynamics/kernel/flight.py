@@ -16,16 +16,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from bayeschute.dynamics.integrate import FlightModel, Steps, chained
+from bayeschute.dynamics.integrate import FlightModel, Steps
+from bayeschute.dynamics.kernel import chaining
 from bayeschute.dynamics.kernel.machine import Array, aligned, processors
 from bayeschute.dynamics.kernel.programs import LANES, Programs, opening, programs_of
 from bayeschute.dynamics.kernel.simulation import stage_plan
 from bayeschute.dynamics.kernel.trace import Traced
 
 _DRIVEN = ("theta", "error_now", "error_then")
-
-
-_chained = jax.jit(chained)
 
 
 def _served(model: FlightModel, theta: Any, start: Any, error: Any) -> Programs | str:
@@ -75,23 +73,18 @@ def steps(model: FlightModel, theta: Any, start: Any, error: Any) -> tuple[jax.A
     programs = _served(model, theta, start, error)
     if isinstance(programs, str) or np.ndim(theta) != 1:
         return None
-    x = _states(programs, model, theta, start, error)
-    along = _Along(programs, model, theta, error, x)
-    size, columns = x.shape[1], [along.rows[group] for group in _DRIVEN]
-    source = _columns([np.zeros((size, sum(columns))), np.eye(size)])
-    made = along.carried(_DRIVEN, source, restart=True)
-    by_theta, by_now, by_then, by_state, _ = np.split(made, np.cumsum([*columns, size]), axis=2)
-    y, out_state, out_theta = along.outputs()
-    by_theta_first, by_start_first = _first_slopes(programs, model, theta, start)
+    y, made = _all_steps(programs, model, theta, start, error)
+    p, axes, size = np.size(theta), np.shape(error)[1], made.first_theta.shape[0]
+    by_theta, by_now, by_then, by_state, _ = np.split(made.step, np.cumsum([p, axes, axes, size]), axis=2)
     return jnp.asarray(y), Steps(
         by_state=_handed_over(by_state),
         by_theta=_handed_over(by_theta),
         by_now=_handed_over(by_now),
         by_then=_handed_over(by_then),
-        first_theta=jnp.asarray(by_theta_first),
-        first_start=jnp.asarray(by_start_first),
-        out_state=jnp.asarray(out_state),
-        out_theta=jnp.asarray(out_theta),
+        first_theta=jnp.asarray(made.first_theta),
+        first_start=jnp.asarray(made.first_start),
+        out_state=jnp.asarray(made.out_state),
+        out_theta=jnp.asarray(made.out_theta),
     )
 
 
@@ -111,12 +104,12 @@ def jacobian(
     Returns:
         Outputs (T, C) and derivatives (T, C, P + D + K A) or (T, C, P), or None where there is an `obstacle`.
     """
-    if weights is not None:
-        made = steps(model, theta, start, error)
-        return None if made is None else (made[0], _chained(made[1], weights))
     programs = _served(model, theta, start, error)
     if isinstance(programs, str) or np.ndim(theta) != 1:
         return None
+    if weights is not None:
+        y, made = _all_steps(programs, model, theta, start, error)
+        return jnp.asarray(y), jnp.asarray(chaining.chained(made, np.asarray(weights, float), np.shape(error)[1]))
     x = _states(programs, model, theta, start, error)
     along = _Along(programs, model, theta, error, x)
     p = np.size(theta)
@@ -124,6 +117,19 @@ def jacobian(
     carried = along.carried(("theta",), _columns([first]), restart=False)[:, :, :p]
     y, out_state, out_theta = along.outputs()
     return jnp.asarray(y), jnp.asarray(out_state @ np.concatenate([first[None], carried]) + out_theta)
+
+
+def _all_steps(
+    programs: Programs, model: FlightModel, theta: Any, start: Any, error: Any
+) -> tuple[Array, chaining.Along]:
+    """Outputs (T, C) and the derivatives of all steps."""
+    x = _states(programs, model, theta, start, error)
+    along = _Along(programs, model, theta, error, x)
+    size, columns = x.shape[1], sum(along.rows[group] for group in _DRIVEN)
+    source = _columns([np.zeros((size, columns)), np.eye(size)])
+    made = along.carried(_DRIVEN, source, restart=True)
+    y, out_state, out_theta = along.outputs()
+    return y, chaining.Along(made, *_first_slopes(programs, model, theta, start), out_state, out_theta)
 
 
 def _shared(model: Any, traced: Traced) -> Array:

@@ -1,0 +1,125 @@
+"""Calibration of a study: replicate flights, coverage, and the record that a claim of 90 % rests on."""
+
+from __future__ import annotations
+
+import json
+import platform
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from bayeschute.calibration.campaign import run
+from bayeschute.calibration.tables import summarise
+from bayeschute.errors import Fault, InputError
+from bayeschute.study.disturbances import DISTURBANCES
+from bayeschute.study.load import load_study
+from bayeschute.study.replicate import configuration, identity, replicate, with_noise
+from bayeschute.study.stages import write_whole
+from bayeschute.study.study import Study
+
+FIRST_SEED = 20_000
+"""Seeds of replicates begin here, away from those that studies are tried with."""
+NOISES = ("latent", "ar1", "ar1+white", "sandwich", "white")
+
+
+def _sound(study: Study, disturbance: str, noise: str | None, replicates: int) -> None:
+    faults = []
+    if study.model != "cluster" or any(f.virtual is None for f in study.flights):
+        wanted = "a cluster study whose flights are all virtual, so that truths are known"
+        do = "Describe flights like yours in [flight.virtual] tables (bayeschute init DIR shows how)."
+        faults.append(Fault(str(study.path), "a study with recorded flights", wanted, do))
+    if disturbance not in DISTURBANCES:
+        faults.append(Fault("--disturbance", repr(disturbance), "one of " + ", ".join(DISTURBANCES)))
+    if noise is not None and noise not in NOISES:
+        faults.append(Fault("--noise", repr(noise), "one of " + ", ".join(NOISES)))
+    if replicates < 2:
+        faults.append(Fault("--replicates", str(replicates), "at least 2"))
+    if faults:
+        raise InputError(faults)
+
+
+def calibrate(
+    path: Path | str,
+    out: Path | str,
+    replicates: int = 100,
+    disturbance: str = "none",
+    noise: str | None = None,
+    workers: int = 1,
+    address: str | None = None,
+    quick: bool = False,
+    first_seed: int = FIRST_SEED,
+    progress: Callable[[float, str], None] | None = None,
+) -> dict[str, Any]:
+    """Fly replicates of a study, identify and predict each as a run would, and count what intervals and bands hold.
+
+    Finished replicates are kept; called again with the same arguments, only those that are missing are made.
+
+    Args:
+        path: A study whose flights are virtual.
+        out: Folder for rows and the result.
+        replicates: How many.
+        disturbance: What is flown that the identification doesn't know, by its name in `DISTURBANCES`.
+        noise: Replaces ``[noise] model``; the study's where None.
+        workers: Local processes.
+        address: Of a Dask scheduler, in place of local processes.
+        quick: Small sizes; the result is not for use.
+        first_seed: Seed of the first replicate.
+        progress: Called with the share done and words.
+
+    Returns:
+        The result, as written to ``<noise>.<disturbance>.json``: see `bayeschute.calibration.tables.summarise`, and
+        study, noise, disturbance, the configuration's hash and the programs' versions.
+
+    Raises:
+        InputError: If study or arguments are not sound, or `out` holds rows of another campaign.
+    """
+    study = load_study(path)
+    _sound(study, disturbance, noise, replicates)
+    study = with_noise(study, noise or study.noise.model)
+    name, folder = f"{study.noise.model}.{disturbance}", Path(out)
+    rows = run(
+        partial(replicate, study=study, disturbance=disturbance, quick=quick),
+        range(first_seed, first_seed + replicates),
+        folder / f"{name}.rows.jsonl",
+        identity(study, disturbance, quick),
+        workers,
+        address,
+        progress,
+    )
+    result = {
+        "study": Path(path).stem,
+        "title": study.title,
+        "noise": study.noise.model,
+        "disturbance": disturbance,
+        "says": DISTURBANCES[disturbance].says,
+        "quick": quick,
+        "seeds": [first_seed, first_seed + replicates - 1],
+        **summarise(rows),
+        "hash": configuration(study, quick),
+        "versions": {p: version(p) for p in ("bayeschute", "jax", "numpy", "scipy")}
+        | {"python": platform.python_version()},
+    }
+    write_whole(folder / f"{name}.json", lambda p: p.write_text(json.dumps(result, indent=1) + "\n", "utf-8"))
+    return result
+
+
+def stored(study: Study, quick: bool, places: Sequence[Path]) -> dict[str, Any] | None:
+    """The calibration of a study's configuration with most replicates, flights undisturbed; None if none is stored.
+
+    Args:
+        study: The study.
+        quick: Whether sizes are cut.
+        places: Folders with results of `calibrate`.
+    """
+    wanted, found = configuration(replace(study), quick), []
+    for file in sorted(f for place in places if place.is_dir() for f in place.glob("*.json")):
+        try:
+            result = json.loads(file.read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            continue  # not a result: folders of users hold other files
+        if isinstance(result, dict) and result.get("hash") == wanted and result.get("disturbance") == "none":
+            found.append(result)
+    return max(found, key=lambda r: int(r["replicates"]), default=None)

@@ -1,0 +1,117 @@
+"""What replicate flights may hold that the identification doesn't know: named changes of a study. Free of JAX."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+from bayeschute.study.study import Study
+
+Change = Callable[[Study], Study]
+HEAVIER = 1.03
+
+
+def _same(study: Study) -> Study:
+    return study
+
+
+def _flights(study: Study, change: Callable[[Any], Any]) -> Study:
+    """The study with every virtual drop changed."""
+    flights = (f if f.virtual is None else replace(f, virtual=change(f.virtual)) for f in study.flights)
+    return replace(study, flights=tuple(flights))
+
+
+def _table(study: Study, name: str, change: Callable[[Any], dict[str, Any]]) -> Study:
+    """The study with a table of every virtual drop changed, where it has one."""
+
+    def changed(virtual: Any) -> Any:
+        table = getattr(virtual, name)
+        return virtual if table is None else virtual.model_copy(update={name: table.model_copy(update=change(table))})
+
+    return _flights(study, changed)
+
+
+def _strong_gusts(study: Study) -> Study:
+    return _table(study, "turbulence", lambda t: {"horizontal": 2.0 * t.horizontal, "vertical": 2.0 * t.vertical})
+
+
+def _short_gusts(study: Study) -> Study:
+    return _table(study, "turbulence", lambda t: {"time_constant": 1.5})
+
+
+def _long_gusts(study: Study) -> Study:
+    return _table(study, "turbulence", lambda t: {"time_constant": 30.0})
+
+
+def _breathing(study: Study) -> Study:
+    return _table(study, "breathing", lambda t: {"amplitude": 3.0 * t.amplitude})
+
+
+def _wind_profile(study: Study) -> Study:
+    def wrong(sensors: Any) -> dict[str, Any]:
+        wind = sensors.wind
+        update = {"correlated": 3.0 * max(wind.correlated, 0.3), "time_constant": 60.0}
+        return {"wind": wind.model_copy(update=update)}
+
+    return _table(study, "sensors", wrong)
+
+
+def _dropouts(study: Study) -> Study:
+    def more(sensors: Any) -> dict[str, Any]:
+        given = sensors.dropouts
+        return {} if given is None else {"dropouts": given.model_copy(update={"share": 0.2, "mean_length": 2.0})}
+
+    return _table(study, "sensors", more)
+
+
+def _mass(study: Study) -> Study:
+    vehicle = study.vehicle
+    if vehicle is None:
+        return study
+    capsule = vehicle.capsule.model_copy(update={"mass": HEAVIER * vehicle.capsule.mass})
+    flights = (
+        f if f.capsule_mass is None else replace(f, capsule_mass=HEAVIER * f.capsule_mass) for f in study.flights
+    )
+    return replace(study, vehicle=vehicle.model_copy(update={"capsule": capsule}), flights=tuple(flights))
+
+
+def _form(study: Study) -> Study:
+    vehicle = study.vehicle
+    if vehicle is None:
+        return study
+    aero = vehicle.aero
+    axial, transverse = {**aero.axial, "alpha^4": 1.0}, {**aero.transverse, "e*alpha^4": -5.0}
+    changed = aero.model_copy(update={"axial": axial, "transverse": transverse})
+    return replace(study, vehicle=vehicle.model_copy(update={"aero": changed}))
+
+
+@dataclass(frozen=True)
+class Disturbance:
+    """A change of what is flown; the identification goes on as the study says.
+
+    Attributes:
+        says: In words.
+        flown: The study that is flown.
+        terms_known: Whether true values of the aerodynamic parameters exist in the form that is fitted.
+    """
+
+    says: str
+    flown: Change = _same
+    terms_known: bool = True
+
+
+DISTURBANCES = {
+    "none": Disturbance("flights as the study has them: turbulence, breathing, sensor errors, dropouts"),
+    "strong-gusts": Disturbance("turbulence twice as strong", _strong_gusts),
+    "short-gusts": Disturbance("turbulence with a time constant of 1.5 s", _short_gusts),
+    "long-gusts": Disturbance("turbulence with a time constant of 30 s", _long_gusts),
+    "breathing": Disturbance("breathing three times as strong", _breathing),
+    "wind-profile": Disturbance("recorded wind wrong three times as much, with a time constant of 60 s", _wind_profile),
+    "mass": Disturbance("a capsule 3 % heavier than the identification is told", _mass),
+    "form": Disturbance(
+        "another aerodynamic form: alpha^4 and e*alpha^4 beside the terms, and in no pool", _form, terms_known=False
+    ),
+    "dropouts": Disturbance("a fifth of the canopies' positions missing, 2 s at a time", _dropouts),
+}
+"""By name."""

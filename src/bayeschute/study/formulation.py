@@ -1,0 +1,70 @@
+"""What a study makes of errors the flight model doesn't know: ``[noise] model`` and what must be said of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from bayeschute.inference.noise import Noise
+from bayeschute.study.belief_schema import ChannelNoise, NoiseTable
+from bayeschute.study.study import Study
+
+_TINY = 1e-6  # stands for no noise of a kind: a logarithm is needed
+_UNUSED = {"ar1": ("white",), "white": ("correlated", "time_constant"), "sandwich": ("correlated", "time_constant")}
+_LABELS = {
+    "white": "teaching only, not for use: white noise, whose intervals are several times too narrow",
+    "sandwich": "for comparison: classical output error with colored standard errors, whose intervals are too narrow",
+    "ar1": "for comparison: no latent disturbances, residual noise AR(1), whose intervals are too narrow",
+    "ar1+white": "for comparison: no latent disturbances, residual noise AR(1) + white, whose intervals are too narrow",
+}
+
+
+def noise_medians(channels: Sequence[ChannelNoise[float]], model: str) -> Noise:
+    """Medians of the residual noise per channel.
+
+    Where a model knows one part of the noise only, that part has the variance of both.
+
+    Args:
+        channels: Tables of the channels.
+        model: ``[noise] model``.
+    """
+    white, correlated = (np.array([getattr(t, key) or 0.0 for t in channels]) for key in ("white", "correlated"))
+    time_constant = np.array([t.time_constant or 1.0 for t in channels])
+    if model == "ar1":
+        white, correlated = 0.0 * white, np.hypot(white, correlated)
+    if model in ("white", "sandwich"):
+        white, correlated = np.hypot(white, correlated), 0.0 * correlated
+        time_constant = np.ones(len(channels))
+    return Noise(np.where(white > 0.0, white, _TINY), np.where(correlated > 0.0, correlated, _TINY), time_constant)
+
+
+def unused(model: str) -> tuple[str, ...]:
+    """Numbers of a channel's noise that mean nothing under a model."""
+    return _UNUSED.get(model, ())
+
+
+def label(model: str) -> str:
+    """What a result's label begins with; empty for the default."""
+    return _LABELS.get(model, "")
+
+
+def sampler(study: Study) -> str:
+    """What draws: the sampler, or ``sandwich`` for normal draws about the estimates of output error."""
+    return "sandwich" if study.noise.model == "sandwich" else str(study.sampler.kind)
+
+
+def notes(table: NoiseTable) -> list[str]:
+    """What a reader must know of a formulation that is not the default."""
+    if table.model == "latent":
+        return []
+    said = [f"Noise model {table.model!r}: latent disturbances are left out, so predictions hold no unknown wind."]
+    if table.has_latent():
+        said.append("Tables of latent disturbances in the study's [noise] are not used by this noise model.")
+    said.append("Terms that equation error left out are not tried: their test relies on latent disturbances.")
+    if table.model == "sandwich":
+        said.append(
+            "Draws are normal about the optimum of white residual noise, with the covariance that colored residuals "
+            "give the estimates (autocovariance cut at a tenth of the record, Parzen taper); no sampler has run."
+        )
+    return said

@@ -1,0 +1,120 @@
+"""A replicate: a study's virtual flights flown anew, fitted and predicted as a run would, scored against the truth."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import tempfile
+import time
+import traceback
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import bayeschute
+from bayeschute.calibration.scores import inside, score
+from bayeschute.study import setup, work
+from bayeschute.study.disturbances import DISTURBANCES
+from bayeschute.study.stages import Job
+from bayeschute.study.study import Study, canonical, study_hash
+from bayeschute.study.work_fit import summary_draws
+from bayeschute.study.work_report import flown_terms, true_values
+from bayeschute.study.work_results import Foretold, foretell
+
+Row = dict[str, Any]
+WINDOW = 30.0  # [s] of the time since the start by which scores are split
+
+
+def configuration(study: Study, quick: bool = False) -> str:
+    """Hash of how a study identifies: model, vehicle, structure, priors, noise, sampler, program; not its flights."""
+    said = canonical(study)
+    told = {key: said[key] for key in ("model", "vehicle", "structure", "priors", "noise", "sampler", "predict")}
+    text = json.dumps([told, bayeschute.__version__, quick], sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def with_noise(study: Study, model: str) -> Study:
+    """The study with another treatment of what its model doesn't know."""
+    return replace(study, noise=study.noise.model_copy(update={"model": model}))
+
+
+def identity(study: Study, disturbance: str, quick: bool) -> str:
+    """Hash of all that a row depends on beside its seed."""
+    text = f"{study_hash(replace(study, seed=0))}:{disturbance}:{quick}:{bayeschute.__version__}"
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def replicate(seed: int, study: Study, disturbance: str = "none", quick: bool = False) -> Row:
+    """Fly, identify, predict and score one replicate.
+
+    Args:
+        seed: Of its winds, noise and draws.
+        study: The study, its noise model as wanted.
+        disturbance: What is flown otherwise, by its name in `DISTURBANCES`.
+        quick: Small sizes; the result is not for use.
+
+    Returns:
+        A row for a campaign: ``ok`` false, with the error, where any step failed.
+    """
+    began = time.perf_counter()
+    try:
+        row = _scored(replace(study, seed=seed), disturbance, quick)
+    except Exception as error:  # whatever it is, it is one failed replicate: counted and told, the campaign goes on
+        frames = [f for f in traceback.extract_tb(error.__traceback__) if "bayeschute" in f.filename]
+        row = {
+            "ok": False,
+            "error": f"{type(error).__name__} in {frames[-1].name}: {' '.join(str(error).split())}"[:500],
+        }
+    return {"seed": seed, **row, "wall_s": time.perf_counter() - began}
+
+
+def _scored(study: Study, disturbance: str, quick: bool) -> Row:
+    kind = DISTURBANCES[disturbance]
+    sized = setup.smaller(study) if quick else study
+    with tempfile.TemporaryDirectory(prefix="bayeschute-") as folder:
+        job = Job(sized, Path(folder), quick, "", lambda *_: None)
+        work.ingest(replace(job, study=kind.flown(sized)))
+        for stage in ("structure", "priors", "fit", "check"):
+            getattr(work, stage)(job)
+        draws, _ = summary_draws(job)
+        truth = true_values(job) if kind.terms_known else {}
+        parameters = {
+            name: {
+                "truth": value,
+                "mean": float(draws[name].mean()),
+                "sd": float(draws[name].std()),
+                "inside": inside(draws[name].ravel(), value),
+            }
+            for name, value in truth.items()
+        }
+        left_out = sorted(name for name in flown_terms(study) if name not in draws) if kind.terms_known else []
+        checks = job.load("checks.json")["checks"]
+        return {
+            "ok": True,
+            "parameters": parameters,
+            "left_out": left_out,
+            "bands": {one.flight.name: _bands(one, job) for one in foretell(job)},
+            "missed_checks": [name for name, check in checks.items() if not check["passed"]],
+            "simulations_failed": int(checks["failed_solves"]["value"] > checks["failed_solves"]["bound"]),
+        }
+
+
+def _bands(one: Foretold, job: Job) -> dict[str, Any]:
+    """Scores of every wanted quantity of a flight: over its counted samples, and by time since the start."""
+    assert one.truth is not None
+    since, made = one.time - one.time[0], {}
+    for name in job.study.predict.quantities or ():
+        draws, truth = one.prediction.draws[name], one.truth[name].values
+        windows = {}
+        for start in np.arange(0.0, since[-1], WINDOW):
+            here = one.counted & (since >= start) & (since < start + WINDOW)
+            if here.any():
+                windows[f"{start:.0f}-{min(start + WINDOW, since[-1]):.0f} s"] = score(draws[:, here], truth[here])
+        whole = score(draws[:, one.counted], truth[one.counted])
+        entry: dict[str, Any] = whole._asdict()
+        entry["by_time"] = {key: value.coverage for key, value in windows.items()}
+        entry["role"] = "predict" if one.held_out.any() else "identify"
+        made[name] = entry
+    return made

@@ -1,0 +1,134 @@
+"""The smoother's gradient against automatic differentiation of the filter, and what noise parameters do to others."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax.flatten_util import ravel_pytree
+
+from bayeschute.inference import evidence, score
+from bayeschute.inference.evidence import HyperPrior
+from bayeschute.inference.law_slope import added, law_slope, widened
+from bayeschute.inference.map import fit
+from bayeschute.inference.marginal import determinant_slope, marginalise
+from bayeschute.inference.noise import Noise
+from bayeschute.inference.priors import working
+from bayeschute.inference.statespace import innovations
+from bayeschute.inference.target import Hyper, as_series, course, filter_gains, linearise
+
+LOG_SD = 0.7
+
+
+def _plain(vector, like, flights, linear, prior_scale, parameters=True):
+    """The objective as it is defined, for JAX to differentiate."""
+    hyper = score.from_vector(vector, like)
+    middle = ravel_pytree(jax.tree.map(jnp.log, like))[0]
+    value, matrix = 0.5 * jnp.sum(((vector - middle) / LOG_SD) ** 2), jnp.diag(1.0 / prior_scale**2)
+    for flight, lin in zip(flights, linear, strict=True):
+        made, series = filter_gains(flight, hyper, lin), as_series(lin)
+        unit = innovations(made, series).reshape(-1, series.shape[2])
+        value = value + 0.5 * unit[:, 0] @ unit[:, 0] + made.log_determinant
+        matrix = matrix + unit[:, 1:].T @ unit[:, 1:]
+    return value + 0.5 * jnp.linalg.slogdet(matrix)[1] if parameters else value
+
+
+_by_ad = jax.jit(jax.value_and_grad(_plain), static_argnums=5)
+
+
+def _gaps(flight, seed):
+    """The flight with a tenth of its data gone, a long gap and both ends among them."""
+    seen = np.array(flight.present) & (np.random.default_rng(seed).random(np.shape(flight.present)) > 0.1)
+    seen[0, 0], seen[20:30], seen[-1, -1] = False, False, False
+    return replace(flight, present=seen)
+
+
+def _case(name, request):
+    made = request.getfixturevalue(name)
+    pairs = list(zip(made.flights, made.u, strict=True)) if name == "descent" else [(made.flight, made.u)] * 2
+    flights = tuple(_gaps(f, i) for i, (f, _) in enumerate(pairs))
+    linear = tuple(linearise(f, made.theta, course(f, made.hyper, u)) for f, (_, u) in zip(flights, pairs, strict=True))
+    like = jax.tree.map(lambda a: jnp.asarray(a, float), made.hyper)
+    return made, flights, linear, like
+
+
+@pytest.mark.parametrize("name", ["linear", "descent"])
+def test_gradient_is_that_of_the_differentiated_filter(name, request):
+    """Two flights with gaps: drifts and an oscillator in one case, a simulation in the other."""
+    made, flights, linear, like = _case(name, request)
+    at = jnp.asarray(score.to_vector(made.hyper))
+    at = at + 0.4 * np.random.default_rng(3).standard_normal(at.size)
+    scale = jnp.asarray(working(made.priors)[1])
+    value, gradient = _by_ad(at, like, flights, linear, scale, True)
+    series = tuple(as_series(lin) for lin in linear)
+    ours = score.evidence_score(at, like, LOG_SD, flights, linear, series, scale)
+    assert float(ours[0]) == pytest.approx(float(value), rel=1e-11)
+    np.testing.assert_allclose(ours[1], gradient, rtol=1e-8, atol=1e-8 * np.abs(gradient).max())
+    assert (np.abs(gradient) > 1e-4).all()
+    # Parameters held: the same without their matrix, and no prior.
+    held = sum(
+        score.conditional_score(at, like, f, lin, s[..., 0]) for f, lin, s in zip(flights, linear, series, strict=True)
+    )
+    wanted = _by_ad(at, like, flights, linear, scale, False)[1] - (at - score.to_vector(made.hyper)) / LOG_SD**2
+    np.testing.assert_allclose(held, wanted, rtol=1e-8, atol=1e-8 * np.abs(wanted).max())
+
+
+def test_gradient_by_differences(descent, request):
+    _, flights, linear, _ = _case("descent", request)
+    value = evidence._function(flights, linear, descent.priors, HyperPrior(descent.hyper, LOG_SD))
+    at, step = score.to_vector(descent.hyper) + 0.2, 1e-5
+    wanted = [(value(at + step * e)[0] - value(at - step * e)[0]) / (2.0 * step) for e in np.eye(at.size)]
+    np.testing.assert_allclose(value(at)[1], wanted, rtol=1e-5, atol=1e-5)
+
+
+def _mode(descent, hyper, theta):
+    """The mode of the marginal posterior of two descents."""
+    best = fit(descent.flights, hyper, descent.priors, theta, tolerance=1e-4)
+    slope = determinant_slope(marginalise(descent.flights, hyper, descent.priors, best))
+    tilt = np.linalg.solve(np.linalg.cholesky(best.covariance).T, slope)
+    return fit(descent.flights, hyper, descent.priors, best.theta, best.unknowns, tolerance=1e-4, tilt=tilt)
+
+
+def test_law_slope_is_the_motion_of_the_mode(descent):
+    """Refitted with other noise parameters, the mode has moved by the slope."""
+    at, best = score.to_vector(descent.hyper), _mode(descent, descent.hyper, descent.theta)
+    slope = law_slope(marginalise(descent.flights, descent.hyper, descent.priors, best))
+
+    def mode(vector):
+        hyper = jax.tree.map(np.asarray, score.from_vector(vector, descent.hyper))
+        return _mode(descent, hyper, best.theta).theta[0]
+
+    sd, step = np.sqrt(best.covariance[0, 0]), 0.1
+    wanted = np.array([(mode(at + step * e) - mode(at - step * e)) / (2.0 * step * sd) for e in np.eye(5)])
+    np.testing.assert_allclose(slope, wanted[None], atol=0.02 + 0.1 * np.abs(wanted).max())
+    assert np.abs(wanted).max() > 0.2
+
+
+def test_widened_draws_have_the_joint_covariance():
+    rng = np.random.default_rng(0)
+    slope, root = rng.standard_normal((2, 3)), 0.4 * rng.standard_normal((3, 3))
+    covariance = root @ root.T + 0.05 * np.eye(3)
+    xi = rng.standard_normal((4, 5000, 2))
+    wide = widened(xi, slope, covariance, 1)
+    np.testing.assert_array_equal(wide, widened(xi, slope, covariance, 1))
+    wanted = np.eye(2) + added(np.eye(2), slope, covariance)
+    np.testing.assert_allclose(np.cov(wide.reshape(-1, 2).T), wanted, rtol=0.06, atol=0.06)
+    np.testing.assert_allclose(wide.mean(axis=(0, 1)), 0.0, atol=0.06)
+    np.testing.assert_array_equal(widened(xi, 0.0 * slope, covariance, 1), xi)
+    scale = np.array([[2.0, 0.0], [1.0, 3.0]])
+    np.testing.assert_allclose(added(scale, slope, covariance), scale @ (wanted - np.eye(2)) @ scale.T)
+
+
+def test_noise_without_processes_of_its_own_has_a_gradient(descent):
+    """Residual noise alone: no latent process is there to have a transition or a shock."""
+    flight = replace(descent.flights[0], latent=descent.flights[0].latent._replace(kinds=(), processes=(), least=1))
+    hyper = Hyper(Noise(*(jnp.asarray(a) for a in descent.hyper.noise.__dict__.values())), ())
+    lin = linearise(flight, descent.theta, course(flight, hyper, flight.still()))
+    at, scale = jnp.asarray(score.to_vector(hyper)) + 0.1, jnp.asarray(working(descent.priors)[1])
+    ours = score.evidence_score(at, hyper, LOG_SD, (flight,), (lin,), (as_series(lin),), scale)
+    value, gradient = _by_ad(at, hyper, (flight,), (lin,), scale, True)
+    assert float(ours[0]) == pytest.approx(float(value), rel=1e-11)
+    np.testing.assert_allclose(ours[1], gradient, rtol=1e-8, atol=1e-8)

@@ -1,0 +1,71 @@
+"""What a vehicle may say beyond the default: canopies that breathe, risers that take hold sooner."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bayeschute.dynamics.parameters import STANDARD_GRAVITY, engagement_length
+from bayeschute.forecast.virtual import start_of
+from bayeschute.study import setup
+from bayeschute.study.load import check_study, load_study
+
+BREATHING = '[canopies.breathing]\nfrequency = "0.23 Hz"\ndamping_ratio = 0.05\naxial_slope = 1.0\n'
+
+
+def told(study: Path) -> str:
+    return "\n".join(map(str, check_study(study)))
+
+
+def test_breathing_reaches_structure_and_start(cluster: Path, spoil):
+    spoil(cluster.parent / "vehicle.toml", r"^\[risers\]", f"{BREATHING}\n[risers]")
+    spoil(cluster, r'^flyout = "9 deg".*$', 'flyout = "9 deg"\nshape = [0.05, -0.02]')
+    study = load_study(cluster)
+    assert study.vehicle is not None and study.flights[0].virtual is not None
+    model, structure = setup.cluster(study.vehicle)
+    assert structure.breathing and model.breathing is not None
+    omega = 2.0 * np.pi * 0.23
+    assert model.breathing.stiffness == pytest.approx(omega**2)
+    assert model.breathing.damping == pytest.approx(2.0 * 0.05 * omega)
+    start = start_of(setup.drop(study.flights[0].virtual), model, 2)
+    np.testing.assert_array_equal(start.shape, [[0.05, -0.02], [0.0, 0.0]])
+
+
+def test_engagement_is_told_or_follows_from_the_load(cluster: Path, spoil):
+    vehicle = load_study(cluster).vehicle
+    assert vehicle is not None
+    weight = vehicle.capsule.mass * STANDARD_GRAVITY
+    assert setup.cluster(vehicle)[0].risers.engagement == engagement_length(weight, vehicle.risers.stiffness, 2)
+    light = engagement_length(5000.0 * STANDARD_GRAVITY, vehicle.risers.stiffness, 2)
+    assert setup.cluster(vehicle, 5000.0)[0].risers.engagement == light
+    spoil(
+        cluster.parent / "vehicle.toml",
+        r'^damping = "10000 lbf s/ft".*$',
+        'damping = "10000 lbf s/ft"\nengagement = "3 cm"',
+    )
+    vehicle = load_study(cluster).vehicle
+    assert vehicle is not None
+    assert setup.cluster(vehicle)[0].risers.engagement == pytest.approx(0.03)
+
+
+@pytest.mark.parametrize(
+    ("file", "pattern", "new", "words"),
+    [
+        ("virtual.toml", r'^flyout = "9 deg".*$', 'flyout = "9 deg"\nshape = [0.1, 0.1]', "the vehicle's canopies don't breathe"),
+        ("vehicle.toml", r"^\[risers\]", BREATHING.replace("0.05", "1.5") + "[risers]", "damping_ratio"),
+        ("vehicle.toml", r"^\[risers\]", BREATHING.replace("0.23 Hz", "4 s") + "[risers]", "frequency"),
+        ("vehicle.toml", r"^\[risers\]", '[risers]\nengagement = "1 m"', "to which the capsule's weight stretches them"),
+        ("vehicle.toml", r"^\[risers\]", '[risers]\nengagement = "0 m"', "engagement"),
+    ],
+)  # fmt: skip
+def test_faults_are_told(cluster: Path, spoil, file: str, pattern: str, new: str, words: str):
+    spoil(cluster.parent / file, pattern, new)
+    assert words in told(cluster)
+
+
+def test_as_many_shapes_as_canopies(cluster: Path, spoil):
+    spoil(cluster.parent / "vehicle.toml", r"^\[risers\]", f"{BREATHING}\n[risers]")
+    spoil(cluster, r'^flyout = "9 deg".*$', 'flyout = "9 deg"\nshape = [0.05]')
+    assert "1 numbers; wanted 2 numbers, one for each canopy" in told(cluster)
