@@ -220,8 +220,7 @@ def verify(
         from bayeschute.verification.catalogue import choose
 
         choose(case or ())  # what is wrong is told before anything slow is imported
-        if json not in (None, "-") and (Path(json).is_dir() or not Path(json).absolute().parent.is_dir()):
-            raise InputError(Fault(f"--json {json}", "no place for a file", "a file in a folder that exists"))
+        _place_for_json(json)
         from bayeschute.verification.campaign import document, verdict, verify
         from bayeschute.verification.results import table
 
@@ -236,6 +235,12 @@ def verify(
             raise typer.Exit(1)
 
 
+def _place_for_json(where: str | None) -> None:
+    """Refuse a place for results where no file can be."""
+    if where not in (None, "-") and (Path(where).is_dir() or not Path(where).absolute().parent.is_dir()):
+        raise InputError(Fault(f"--json {where}", "no place for a file", "a file in a folder that exists"))
+
+
 def _write_json(content: dict[str, Any], where: str) -> None:
     """Write JSON to a file, or to the screen where the file is ``-``."""
     import json
@@ -248,6 +253,91 @@ def _write_json(content: dict[str, Any], where: str) -> None:
         Path(where).write_text(text + "\n", encoding="utf-8")
     except OSError as error:
         raise InputError(Fault(f"--json {where}", str(error), "a file that can be written")) from error
+
+
+@app.command()
+def calibrate(
+    study: StudyPath,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Rows and results.  [default: runs/calibration/NAME]")
+    ] = None,
+    replicates: Annotated[int, typer.Option(min=2, help="Flights to fly, identify and predict.")] = 100,
+    disturbance: Annotated[
+        str, typer.Option(metavar="NAME", help="What is flown that the identification is not told; `list` names them.")
+    ] = "none",
+    noise: Annotated[
+        str | None,
+        typer.Option(metavar="MODEL", help="Replaces [noise] model: latent, ar1, ar1+white, sandwich, white."),
+    ] = None,
+    workers: Annotated[int, typer.Option(min=1, max=1024, help="Local processes.")] = 1,
+    dask: Annotated[str | None, typer.Option(metavar="ADDRESS", help="Dask scheduler, in place of --workers.")] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="Small sizes, to see that all works; not for use.")] = False,
+) -> None:
+    """Fly replicates of a study and count what its intervals and bands hold."""
+    from bayeschute.study.disturbances import DISTURBANCES
+
+    if disturbance == "list":
+        for name, kind in DISTURBANCES.items():
+            say(f"{name:14} {kind.says}")
+        return
+    folder = out or Path("runs") / "calibration" / study.stem
+    with _told("Finished replicates are kept; the same command goes on."):
+        _free_folder(folder)
+        _sound(study, None)
+        from bayeschute.calibration.tables import lines
+        from bayeschute.study.calibrate import calibrate as fly_replicates
+
+        with Bars() as bars:
+            result = fly_replicates(
+                study, folder, replicates, disturbance, noise, workers, dask, quick,
+                progress=lambda share, words: bars("calibrate", share, words),
+            )  # fmt: skip
+        say("\n".join(lines(result)))
+        for seed, error in result["failed"].items():
+            say(f"replicate {seed} failed: {error}", error=True)
+        say(f"{result['replicates']} replicates, {len(result['failed'])} failed; results are in {folder}")
+        if not result["replicates"]:
+            raise typer.Exit(1)
+
+
+@app.command()
+def modes(
+    record: Annotated[
+        Path, typer.Argument(metavar="RECORD", help="Log of a descent: csv, csv.gz, parquet or nc.", show_default=False)
+    ],
+    column: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="QUANTITY=COLUMN:UNIT",
+            help="Column of the log: time, capsule_rate, capsule_specific_force, pressure or altitude; "
+            "* in its name stands for x, y and z. Again for each; none for nc.",
+        ),
+    ] = None,
+    window: Annotated[
+        tuple[float, float] | None,
+        typer.Option(metavar="START END", help="Times of the descent [s].  [default: found in the log]"),
+    ] = None,
+    band: Annotated[
+        tuple[float, float] | None, typer.Option(metavar="LOW HIGH", help="Where to look for the swing [Hz].")
+    ] = None,
+    free: Annotated[bool, typer.Option("--free", help="Swing that no gusts drive, for comparison.")] = False,
+    seed: Annotated[int, typer.Option(min=0, max=2**32 - 1, help="Of the draws.")] = 0,
+    json: Annotated[
+        str | None, typer.Option(metavar="FILE", help="Results for machines; - prints them in place of the table.")
+    ] = None,
+) -> None:
+    """Frequency and damping of a body's swing under its parachute, from raw gyro and accelerometer."""
+    with _told():
+        _place_for_json(json)
+        from bayeschute.study.modes import document, find_modes, lines
+
+        found = find_modes(record, column or (), window, band, not free, seed)
+        if json is not None:
+            _write_json(document(found), json)
+        if json != "-":
+            say("\n".join(lines(found)))
+        if not found.swing.fit.trusted:
+            raise typer.Exit(1)
 
 
 @app.command()

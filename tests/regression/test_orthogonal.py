@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sklearn.linear_model import OrthogonalMatchingPursuit, orthogonal_mp
 
 from bayeschute.errors import InputError
 from bayeschute.regression.orthogonal import orthonormal, select
@@ -166,6 +167,35 @@ def test_matching_pursuit_agrees_where_theory_says(seed):
     )
     assert s.exhausted and s.minimum == 3
     np.testing.assert_allclose(sorted(s.estimate), [-1.5, 1.0, 2.0], rtol=1e-10)
+
+
+def pursued(X, z, terms):
+    """Order in which scikit-learn's orthogonal matching pursuit takes columns: of length 1, as it wants them."""
+    scaled = X / np.linalg.norm(X, axis=0)
+    sets = [set(np.flatnonzero(orthogonal_mp(scaled, z, n_nonzero_coefs=n))) for n in range(1, terms + 1)]
+    order = [int(j) for before, now in zip([set(), *sets], sets, strict=False) for j in now - before]
+    assert len(order) == terms
+    return order
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_scikit_learn_agrees_where_theory_says(seed):
+    rng = np.random.default_rng(100 + seed)
+    X = correlated(rng, 80, 10)
+    z = X[:, [1, 6]] @ [1.0, -0.7] + rng.normal(size=80)
+    # Nothing is chosen yet at the first step: both take the column that z leans on most.
+    assert select(X, z, max_terms=1).order[0] == pursued(X, z, 1)[0]
+    # Orthogonal columns: nothing has to be taken off a candidate, so both orders are that of |x . z|/|x|.
+    Q, _ = np.linalg.qr(X)
+    Q = Q * rng.uniform(0.1, 10.0, size=10)
+    order = pursued(Q, z, 10)
+    assert list(select(Q, z, max_terms=10).order) == order
+    assert order == list(np.argsort(-np.abs(Q.T @ z) / np.linalg.norm(Q, axis=0)))
+    # The same set has the same least squares, so where orders agree so do coefficients.
+    length = np.linalg.norm(Q, axis=0)
+    model = OrthogonalMatchingPursuit(n_nonzero_coefs=4, fit_intercept=False).fit(Q / length, z)
+    coefficients = select(Q, z, max_terms=10).coefficients(4)
+    np.testing.assert_allclose(coefficients, (model.coef_ / length)[order[:4]], rtol=1e-9)
 
 
 def test_matching_pursuit_differs_where_candidates_are_correlated():

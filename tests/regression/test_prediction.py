@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -65,3 +67,34 @@ def test_wrong_columns_are_refused():
         predict_record(f, np.ones((5, 3)), np.ones(5))
     with pytest.raises(InputError):
         predict_record(f, np.full((5, 2), np.nan), np.ones(5))
+
+
+def test_what_no_coefficients_of_these_terms_could_avoid():
+    rng = np.random.default_rng(6)
+    f = fit(*record(rng))
+    X, z = record(rng, slope=1.6)
+    z = z + 0.3 * rng.normal(size=z.size)  # a noisier record, and another law
+    test = predict_record(f, X, z)
+    own = np.linalg.lstsq(X, z, rcond=None)[0]
+    assert test.least_ratio * f.rms == pytest.approx(np.sqrt(np.mean((z - X @ own) ** 2)))
+    assert test.least_ratio == pytest.approx(np.hypot(0.2, 0.3) / 0.2, rel=0.05)
+    # The error of a prediction is the least and, orthogonal to it, that of the coefficients.
+    off = X @ (own - f.estimate)
+    assert (test.rms_ratio**2 - test.least_ratio**2) * f.rms**2 == pytest.approx(np.mean(off**2), rel=1e-9)
+    itself = predict_record(f, *record(np.random.default_rng(6)))
+    assert itself.least_ratio == pytest.approx(itself.rms_ratio, rel=1e-12)
+
+
+def test_what_the_errors_of_the_coefficients_lead_one_to_expect():
+    """Over many pairs of short records, the mean squared prediction error is the expected one."""
+    rng = np.random.default_rng(7)
+    seen, expected = [], []
+    for _ in range(300):
+        X, z = record(rng, n=12)
+        f = fit(X, z)
+        f = replace(f, covariance=0.2**2 * np.linalg.inv(X.T @ X))
+        test = predict_record(f, *record(rng, n=200))
+        seen.append(test.rms**2 - 0.2**2)
+        expected.append((test.expected_ratio**2 - 1.0) * f.rms**2)
+    assert np.mean(seen) == pytest.approx(np.mean(expected), rel=0.15)
+    assert np.mean(expected) > 0.1 * 0.2**2

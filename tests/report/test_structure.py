@@ -11,6 +11,7 @@ import pytest
 from bayeschute.report import tables, tables_structure
 from bayeschute.report.html import build_report
 from bayeschute.report.structure_text import grid, print_out, structure_text
+from bayeschute.report.wording import MISSING
 
 _spec = importlib.util.spec_from_file_location("structure_found", Path(__file__).parent / "structure_found.py")
 _module = importlib.util.module_from_spec(_spec)
@@ -43,7 +44,7 @@ def test_the_text_tells_every_part(found):
     text = structure_text(found)
     for words in (
         "What the records can tell", "So far.", "axial: 2 of 6 candidates kept", "C_A: 2 of 6 candidates kept",
-        "on other: residual 1.00 times", "Data of known terms (a table; signs conventional)",
+        "on other: residual 1.00 times that of the fit; 1.00 at the least", "as good as these terms can be there", "Data of known terms (a table; signs conventional)",
         "C_A: 6 candidates, 600 samples, signal over noise 10", "then exchange of terms", "true terms selected",
     ):  # fmt: skip
         assert words in text
@@ -77,6 +78,13 @@ def test_how_sure_the_terms_are(found):
 def test_predictions_and_known_terms(found):
     table = tables_structure.prediction_table(found["coefficients"]["axial"])
     assert column(table, "Not used") == ["other"] and column(table, "Residual / fit's") == ["1.000"]
+    assert float(column(table, "at the least")[0]) == 1.0 and column(table, "true") == [MISSING]
+    assert sum(span for _, span in table.groups) == len(table.columns) == len(table.rows[0])
+    spoilt = {"rms": 0.1, "rms_ratio": 1.3, "least_ratio": 1.0, "without": {"term": "alpha^2", "rms_ratio": 1.1}}
+    facts = found["coefficients"]["axial"] | {"check": {"other": spoilt}}
+    assert column(tables_structure.prediction_table(facts), "Better without") == ["alpha^2: 1.10"]
+    text = structure_text({"coefficients": {"axial": facts}})
+    assert "; 1.10 without alpha^2" in text and "as good as" not in text
     known = tables_structure.known_table(found["synthetic"]["coefficients"]["C_A"])
     assert column(known, "Term") == ["1", "alpha^2"] and known.rows[1][0].small == "1/rad^2"
     assert sum(span for _, span in known.groups) == len(known.columns) == len(known.rows[0])

@@ -49,6 +49,20 @@ def test_the_vector_structure_predicts_the_other_canopy_and_a_second_flight(defa
         assert check["r2"] > 0.5, label
 
 
+def test_why_the_axial_structure_predicts_worse_is_told(default):
+    """The term that chance put in, the least that its terms could leave there, and what the true ones leave."""
+    axial = default["coefficients"]["axial"]
+    true = {"1", "alpha^2"}
+    for label, check in axial["check"].items():
+        assert check["least_ratio"] < min(check["rms_ratio"], 1.1), label
+        assert 1.0 < check["expected_ratio"] < 1.2 and check["true_ratio"] < 1.2
+        if check["rms_ratio"] > 1.15:
+            assert check["without"]["term"] not in true and check["without"]["rms_ratio"] < 1.2, label
+    for check in default["coefficients"]["transverse"]["check"].values():
+        assert check["rms_ratio"] < 1.05 * check["least_ratio"]
+        assert check["true_ratio"] > 1.4  # error of the wind biases what equation error finds
+
+
 def test_what_flies_is_found(default):
     transverse = {t["term"]: t for t in default["coefficients"]["transverse"]["selected"]}
     assert {"e*alpha^2", "rate", "repulsion(0.8)"} <= set(transverse)

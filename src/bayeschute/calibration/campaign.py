@@ -83,7 +83,7 @@ def client_of(workers: int, address: str | None) -> Iterator[Any]:
             yield client
         return
     with (
-        LocalCluster(n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None) as cluster,
+        LocalCluster(n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=":0") as cluster,
         Client(cluster) as client,
     ):
         yield client
@@ -99,7 +99,7 @@ def _made(task: Task, seeds: Sequence[int], client: Any) -> Iterator[Row]:
     futures = {client.submit(task, seed, key=f"replicate-{seed}", retries=_RETRIES, pure=False): seed for seed in seeds}
     for future in as_completed(futures):
         if future.status == "error":  # the worker died, again and again: counted like any other failure
-            yield {"seed": futures[future], "ok": False, "error": f"worker lost: {future.exception()}"}
+            yield {"seed": futures[future], "ok": False, "error": f"worker lost: {future.exception()}", "wall_s": 0.0}
         else:
             yield future.result()
 

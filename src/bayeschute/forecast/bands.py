@@ -78,6 +78,11 @@ def quantities_of(flight: FlightData) -> tuple[str, ...]:
     return cluster_flight.QUANTITIES if isinstance(flight.model, ClusterFlight) else descent.QUANTITIES
 
 
+def quantities_of_states(flight: FlightData, x: Array) -> dict[str, Array]:
+    """Quantities of interest (T, B) of states (T, X, B)."""
+    return dict(zip(quantities_of(flight), np.asarray(_quantities(flight, jnp.asarray(x))[0]), strict=True))
+
+
 def opening(flight: FlightData, seconds: float) -> FlightData:
     """The first seconds of a flight as a flight of its own."""
     samples = int(round(seconds / float(flight.dt))) + 1

@@ -87,12 +87,7 @@ def residual_noise(
     if not 0.0 < max_lag_fraction < 1.0:
         raise InputError(Fault("max_lag_fraction", repr(max_lag_fraction), "a share between 0 and 1"))
     parts = time_series(used, blocks=blocks, groups=groups, time=time)
-    if pool and len({len(s.rows) for s in parts}) > 1:
-        raise InputError(Fault("pool", "groups with unlike numbers of components", "like groups", "Set pool=False."))
-    longest = max(s.length for s in parts)
-    lags = [_last_lag(longest if pool else s.length, s.length, max_lag_fraction) for s in parts]
-    if pool:
-        lags = [max(lags)] * len(parts)
+    lags = _lags(parts, max_lag_fraction, pool)
     transforms = [_Transform(s, K) for s, K in zip(parts, lags, strict=True)]
     counts = [t.correlate(t.mask, t.mask) for t in transforms]
     laid = [s.on_grid(e[:, None]) for s in parts]
@@ -151,6 +146,16 @@ class _Transform:
 
     def quadratic(self, U: np.ndarray, covariance: np.ndarray) -> np.ndarray:
         return np.einsum("ilp,ilq->pq", U, self.applied(U, covariance))
+
+
+def _lags(parts: Sequence[Series], fraction: float, pool: bool) -> list[int]:
+    """Last lag of each series; one for all that are pooled."""
+    if not pool:
+        return [_last_lag(s.length, s.length, fraction) for s in parts]
+    if len({len(s.rows) for s in parts}) > 1:
+        raise InputError(Fault("pool", "groups with unlike numbers of components", "like groups", "Set pool=False."))
+    longest = max(s.length for s in parts)
+    return [max(_last_lag(longest, s.length, fraction) for s in parts)] * len(parts)
 
 
 def _last_lag(basis: int, length: int, fraction: float) -> int:

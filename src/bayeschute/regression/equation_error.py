@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -12,7 +12,7 @@ from scipy import linalg, stats
 
 from bayeschute.errors import Fault, InputError
 from bayeschute.regression.colored import ColoredNoise, residual_noise
-from bayeschute.regression.problem import group_variance, read_problem, row_labels
+from bayeschute.regression.problem import Problem, group_variance, read_problem, row_labels
 from bayeschute.regression.selection import Selection
 from bayeschute.regression.series import Labels
 
@@ -146,42 +146,62 @@ def fit(
         InputError: For wrong shapes, infinite values, no more rows than columns, or columns that depend on each other.
     """
     problem = read_problem(X, z, names, "fit")
-    n, p = problem.X.shape
-    if n <= p:
-        raise InputError(Fault("fit", f"{n} usable rows for {p} columns", "more rows than columns"))
-    Q, inverse, singular = _factor(problem.X, problem.names)
-    along = Q.T @ problem.z
-    estimate = inverse @ along
-    rest = problem.z - Q @ along
-    rest -= Q @ (Q.T @ rest)
-    residual = np.full(problem.used.size, np.nan)
-    residual[problem.used] = rest
+    if problem.X.shape[0] <= problem.X.shape[1]:
+        got = f"{problem.X.shape[0]} usable rows for {problem.X.shape[1]} columns"
+        raise InputError(Fault("fit", got, "more rows than columns"))
+    solved = _solved(problem)
     noise = residual_noise(
-        residual,
+        solved.residual,
         blocks=blocks,
         groups=groups,
         time=time,
-        Q=Q,
+        Q=solved.Q,
         max_lag_fraction=max_lag_fraction,
         taper=taper,
         pool=pool,
         bias_passes=bias_passes,
     )
-    sigma2 = float(rest @ rest) / (n - p)
     labels = row_labels(components, problem.used.size, "fit components")[problem.used]
-    variance = group_variance(problem.z, labels)
+    return _with_errors(problem, solved, noise, group_variance(problem.z, labels))
+
+
+class _Solved(NamedTuple):
+    """Least squares: estimate, residual (NaN in gaps), basis Q, R^-1 and singular values of the scaled columns."""
+
+    estimate: np.ndarray
+    residual: np.ndarray
+    Q: np.ndarray
+    inverse: np.ndarray
+    singular: np.ndarray
+
+
+def _solved(problem: Problem) -> _Solved:
+    Q, inverse, singular = _factor(problem.X, problem.names)
+    along = Q.T @ problem.z
+    rest = problem.z - Q @ along
+    rest -= Q @ (Q.T @ rest)
+    residual = np.full(problem.used.size, np.nan)
+    residual[problem.used] = rest
+    return _Solved(inverse @ along, residual, Q, inverse, singular)
+
+
+def _with_errors(problem: Problem, solved: _Solved, noise: ColoredNoise, variance: float) -> EquationErrorFit:
+    """The fit with both covariances; `variance` is that of z about the means of its components."""
+    (n, p), Q, inverse = problem.X.shape, solved.Q, solved.inverse
+    rest = solved.residual[problem.used]
+    sigma2 = float(rest @ rest) / (n - p)
     return EquationErrorFit(
         names=problem.names,
-        estimate=estimate,
+        estimate=solved.estimate,
         covariance=inverse @ noise.quadratic(Q) @ inverse.T,
         white_covariance=sigma2 * inverse @ inverse.T,
-        residual=residual,
+        residual=solved.residual,
         used=problem.used,
         sigma=float(np.sqrt(sigma2)),
         r2=1.0 - float(rest @ rest) / n / variance if variance > 0.0 else np.nan,
         samples=n,
         dof=n - p,
-        condition=float(singular[0] / singular[-1]),
+        condition=float(solved.singular[0] / solved.singular[-1]),
         noise=noise,
         max_leverage=float(np.max(np.einsum("ij,ij->i", Q, Q))),
     )

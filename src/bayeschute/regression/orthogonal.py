@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from bayeschute.errors import Fault, InputError
-from bayeschute.regression.ceiling import noise_ceiling
+from bayeschute.regression.ceiling import Ceiling, noise_ceiling
 from bayeschute.regression.problem import Problem, group_variance, positive, read_problem, row_labels
 from bayeschute.regression.selection import Row, Selection
 
@@ -75,6 +75,13 @@ def select(
     ceiling = noise_ceiling(rule, variance=variance, sigma_max2=sigma_max2, noise_variance=noise_variance)
     path = _greedy(problem, min(max_terms, N, p), drop_tolerance, tuple(forced))
     rows = _ranking(path, problem, indices, variance)
+    return _selection(path, problem, rows, ceiling, penalty_factor, len(forced))
+
+
+def _selection(
+    path: _Path, problem: Problem, rows: tuple[Row, ...], ceiling: Ceiling, penalty_factor: float, forced: int
+) -> Selection:
+    """The path and what it is judged by, at the minimum of the predicted squared error."""
     K = len(path.order)
     bare = Selection(
         names=problem.names,
@@ -84,12 +91,12 @@ def select(
         estimate=np.zeros(0),
         ceiling=ceiling,
         penalty_factor=penalty_factor,
-        samples=N,
+        samples=problem.z.size,
         mean_square=float(np.mean(problem.z**2)),
         dropped=tuple((problem.names[j], n) for j, n in path.dropped),
         exhausted=path.exhausted,
         certain=False,
-        forced=len(forced),
+        forced=forced,
         orthogonal_estimate=path.a,
         triangular=path.triangular[:K, :K].copy(),
     )

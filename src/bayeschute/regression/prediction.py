@@ -23,6 +23,11 @@ class PredictionTest(NamedTuple):
         label: Name of the record.
         rms: Root mean square of the prediction error [unit of z].
         rms_ratio: That over the rms of the fit's own residuals; about 1 for a good model. NaN for a perfect fit.
+        least_ratio: The same ratio for the least that any coefficients of these terms leave on that record (its own
+            least squares): a record with more noise than that of the fit has more than 1 here, whatever the model.
+        expected_ratio: What the fit's residuals and the errors of its coefficients lead one to expect,
+            ``sqrt(rms^2 + mean x'Cov x)/rms``. Beyond it: chance, or errors that are the same all along a record (the
+            mean of the wind's) and that no record tells of itself.
         theil: Theil's inequality.
         r2: 1 - mean squared error/variance of the data about their mean; NaN if they are constant.
         bias: Mean prediction error [unit of z].
@@ -34,6 +39,8 @@ class PredictionTest(NamedTuple):
     label: str
     rms: float
     rms_ratio: float
+    least_ratio: float
+    expected_ratio: float
     theil: Theil
     r2: float
     bias: float
@@ -73,6 +80,9 @@ def predict_record(
     prediction = fit.predict(problem.X)
     error = problem.z - prediction
     mse = float(np.mean(error**2))
+    own, *_ = np.linalg.lstsq(problem.X, problem.z, rcond=None)
+    least = float(np.mean((problem.z - problem.X @ own) ** 2))
+    doubt = float(np.mean(np.einsum("ij,jk,ik->i", problem.X, fit.covariance, problem.X)))
     labels = row_labels(components, problem.used.size, f"{where} components")[problem.used]
     variance = group_variance(problem.z, labels)
     leverage = fit.leverage(problem.X)
@@ -81,7 +91,9 @@ def predict_record(
     return PredictionTest(
         label=label,
         rms=float(np.sqrt(mse)),
-        rms_ratio=float(np.sqrt(mse)) / fit.rms if fit.rms > 0.0 else np.nan,
+        rms_ratio=_over(mse, fit.rms),
+        least_ratio=_over(least, fit.rms),
+        expected_ratio=_over(fit.rms**2 + doubt, fit.rms),
         theil=theil(problem.z, prediction),
         r2=1.0 - mse / variance if variance > 0.0 else np.nan,
         bias=float(np.mean(error)),
@@ -89,6 +101,10 @@ def predict_record(
         samples=error.size,
         residual=residual,
     )
+
+
+def _over(mean_square: float, rms: float) -> float:
+    return float(np.sqrt(mean_square)) / rms if rms > 0.0 else np.nan
 
 
 def predict_records(

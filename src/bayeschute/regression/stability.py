@@ -120,12 +120,12 @@ def selection_frequency(
             forced=base.order[: base.forced],
         )
         compressed = compress(columns, response) if exchanged else None
-        chosen = _chosen(path, columns, response, compressed)
-        kept[list(chosen)] += 1.0
-        found[tuple(sorted(chosen))] += 1
+        found[tuple(sorted(_chosen(path, columns, response, compressed)))] += 1
         for g, value in enumerate(grid):
             other = path.with_ceiling(noise_ceiling("fixed", sigma_max2=float(value)))
             by_grid[g, list(_chosen(other, columns, response, compressed))] += 1.0
+    for chosen, times in found.items():
+        kept[list(chosen)] += times
     shares = tuple((tuple(base.names[j] for j in chosen), n / replicates) for chosen, n in found.most_common())
     return SelectionFrequency(base.names, kept / replicates, shares, grid, by_grid / replicates, replicates)
 

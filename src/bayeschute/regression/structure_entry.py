@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayeschute.errors import InputError
+from bayeschute.regression.check_entry import check_entries
 from bayeschute.regression.collinearity import collinearity
 from bayeschute.regression.diagnostics import null_models
 from bayeschute.regression.equation_error import fit
-from bayeschute.regression.prediction import PredictionTest, predict_record
 from bayeschute.regression.propagation import Propagated
 from bayeschute.regression.residuals import autocorrelation, press
 from bayeschute.regression.rivals import rivals
@@ -36,6 +36,7 @@ def entry(
     dt: float,
     *,
     checks: Mapping[str, Stack],
+    truth: Mapping[str, float] | None = None,
     pressure: Array | None = None,
     units: Sequence[str] | None = None,
     propagated: Propagated | None = None,
@@ -48,6 +49,7 @@ def entry(
         how: How it was searched for.
         dt: Sample interval [s].
         checks: Regressions of canopies and flights that were not used, by label.
+        truth: Coefficients that the flights of `checks` were flown with, by term; None where nobody knows.
         pressure: Dynamic pressure of the rows [Pa], for the constant-force null model of C_A.
         units: Unit of each candidate's coefficient; None: all 1.
         propagated: Effect of the positions' noise.
@@ -71,10 +73,7 @@ def entry(
         "exchange": _exchanged(identified),
         "sensitivity": _sensitivity(found.selection),
         "frequency": _frequency(identified),
-        "structures": [
-            s._asdict() | {"terms": list(s.terms), "estimate": s.estimate.tolist(), "se": s.se.tolist()}
-            for s in identified.structures
-        ],
+        "structures": [s._asdict() for s in identified.structures],
         "collinearity": _collinearity(stack.X[:, columns], fitted.names),
         "rivals": [r._asdict() for r in rivals(stack.X, list(names), columns, fitted.estimate, found.level.variance)],
         "null_model": {"name": nulls[-1].name, "r2": nulls[-1].r2, "rms": nulls[-1].rms},
@@ -83,19 +82,10 @@ def entry(
         "residual": _residual(identified, dt),
         "press": _press(stack, columns),
         "samples": int(np.sum(fitted.used)),
-        "check": {
-            label: _check(
-                predict_record(fitted, other.X[:, columns], other.z, label=label, components=other.components)
-            )
-            for label, other in checks.items()
-        },
+        "check": check_entries(identified, names, checks, truth),
     }
     if propagated is not None:
-        report["differentiation"] = {
-            "position_sd": propagated.position_sd,
-            "response_sd": propagated.response_sd,
-            "replicates": propagated.replicates,
-        }
+        report["differentiation"] = {k: getattr(propagated, k) for k in ("position_sd", "response_sd", "replicates")}
     return dict(plain(report))
 
 
@@ -229,15 +219,3 @@ def _press(stack: Stack, columns: list[int]) -> dict[str, Any]:
     except InputError as error:
         return {"ratio": None, "r2": None, "reason": str(error)}
     return {"ratio": left_out.ratio, "r2": left_out.r2, "reason": None}
-
-
-def _check(test: PredictionTest) -> dict[str, Any]:
-    return {
-        "rms_ratio": test.rms_ratio,
-        "rms": test.rms,
-        "r2": test.r2,
-        "bias": test.bias,
-        "theil": test.theil.coefficient,
-        "extrapolated": test.extrapolated,
-        "samples": test.samples,
-    }

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 Entry = Mapping[str, Any]
+AS_GOOD = 1.05  # times the least that its terms can leave: a prediction is as good as they can be
 
 
 def structure_text(structure: Entry) -> str:
@@ -101,8 +102,25 @@ def _coefficient(name: str, entry: Entry) -> str:
         f"{_percent(entry['null_model']['r2'])}",
     ]
     for label, check in entry["check"].items():
-        lines.append(f"on {label}: residual {_number(check['rms_ratio'], '.2f')} times that of the fit")
+        lines.append(f"on {label}: {_predicted(check)}")
     return "\n".join([*lines, *print_out(entry["ranking"], entry["pse_minimum_at"])])
+
+
+def _predicted(check: Entry) -> str:
+    """How a fit predicts what it was not found on, and why not better."""
+    ratio, least = check["rms_ratio"], check.get("least_ratio")
+    words = [f"residual {_number(ratio, '.2f')} times that of the fit"]
+    if least is not None:
+        words.append(f"{least:.2f} at the least with these terms")
+        words.append(f"{_number(check.get('expected_ratio'), '.2f')} expected from their errors")
+    if check.get("true_ratio") is not None:
+        words.append(f"{check['true_ratio']:.2f} with the true coefficients")
+    words.append(f"mean error {_number(check.get('bias'), '+.2g')}")
+    if check.get("without"):
+        words.append(f"{check['without']['rms_ratio']:.2f} without {check['without']['term']}")
+    if least is not None and ratio is not None and ratio <= AS_GOOD * least:
+        words.append("as good as these terms can be there")
+    return "; ".join(words)
 
 
 def _synthetic(synthetic: Entry) -> str:

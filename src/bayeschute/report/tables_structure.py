@@ -74,14 +74,33 @@ def prediction_table(facts: Mapping[str, Any]) -> Table | None:
                 cells(
                     str(label),
                     Cell(number(check.get("rms_ratio"), 3), "strong"),
+                    number(check.get("least_ratio"), 3),
+                    number(check.get("expected_ratio"), 3),
+                    number(check.get("true_ratio"), 3),
                     percent(check.get("r2")),
                     number(check.get("theil"), 2),
                     number(check.get("bias"), 2),
                     percent(check.get("extrapolated")),
+                    Cell(_spared(check.get("without")), "code wrap"),
                 )
             )
-    columns = columns_of("Not used:text|Residual / fit's:num|Explained:num|Theil:num|Bias:num|Extrapolated:num")
-    return Table(columns, tuple(rows), style="narrow") if rows else None
+    columns = columns_of(
+        "Not used:text|Residual / fit's:num|at the least:num|expected:num|true:num|Explained:num|Theil:num|Bias:num"
+        "|Extrapolated:num|Better without:code"
+    )
+    groups = (("", 1), ("over the fit's", 4), ("", 5))
+    caption = (
+        "At the least: the same terms fitted to that record itself; a noisier record has more than 1 here, whatever the "
+        "model. Expected: from the fit's residual and the errors of its coefficients. True: what the coefficients leave "
+        "that the flight was flown with. Better without: the term whose absence lowers the error most, and the ratio "
+        "then."
+    )
+    return Table(columns, tuple(rows), caption, style="narrow", groups=groups) if rows else None
+
+
+def _spared(without: Any) -> str:
+    """The term that a prediction would be better without, and the ratio then."""
+    return f"{without['term']}: {number(without['rms_ratio'], 3)}" if isinstance(without, Mapping) else ""
 
 
 def known_table(facts: Mapping[str, Any]) -> Table | None:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 import platform
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
@@ -15,8 +14,9 @@ from bayeschute.calibration.campaign import run
 from bayeschute.calibration.tables import summarise
 from bayeschute.errors import Fault, InputError
 from bayeschute.study.disturbances import DISTURBANCES
+from bayeschute.study.identity import configuration, identity, with_noise
 from bayeschute.study.load import load_study
-from bayeschute.study.replicate import configuration, identity, replicate, with_noise
+from bayeschute.study.replicate import replicate
 from bayeschute.study.stages import write_whole
 from bayeschute.study.study import Study
 
@@ -104,22 +104,3 @@ def calibrate(
     }
     write_whole(folder / f"{name}.json", lambda p: p.write_text(json.dumps(result, indent=1) + "\n", "utf-8"))
     return result
-
-
-def stored(study: Study, quick: bool, places: Sequence[Path]) -> dict[str, Any] | None:
-    """The calibration of a study's configuration with most replicates, flights undisturbed; None if none is stored.
-
-    Args:
-        study: The study.
-        quick: Whether sizes are cut.
-        places: Folders with results of `calibrate`.
-    """
-    wanted, found = configuration(replace(study), quick), []
-    for file in sorted(f for place in places if place.is_dir() for f in place.glob("*.json")):
-        try:
-            result = json.loads(file.read_text(encoding="utf-8"))
-        except (OSError, ValueError):
-            continue  # not a result: folders of users hold other files
-        if isinstance(result, dict) and result.get("hash") == wanted and result.get("disturbance") == "none":
-            found.append(result)
-    return max(found, key=lambda r: int(r["replicates"]), default=None)

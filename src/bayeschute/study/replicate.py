@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
+import gc
 import tempfile
 import time
 import traceback
@@ -11,39 +10,21 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import jax
 import numpy as np
 
-import bayeschute
 from bayeschute.calibration.scores import inside, score
 from bayeschute.study import setup, work
 from bayeschute.study.disturbances import DISTURBANCES
 from bayeschute.study.stages import Job
-from bayeschute.study.study import Study, canonical, study_hash
+from bayeschute.study.study import Study
 from bayeschute.study.work_fit import summary_draws
 from bayeschute.study.work_report import flown_terms, true_values
 from bayeschute.study.work_results import Foretold, foretell
 
 Row = dict[str, Any]
 WINDOW = 30.0  # [s] of the time since the start by which scores are split
-
-
-def configuration(study: Study, quick: bool = False) -> str:
-    """Hash of how a study identifies: model, vehicle, structure, priors, noise, sampler, program; not its flights."""
-    said = canonical(study)
-    told = {key: said[key] for key in ("model", "vehicle", "structure", "priors", "noise", "sampler", "predict")}
-    text = json.dumps([told, bayeschute.__version__, quick], sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()
-
-
-def with_noise(study: Study, model: str) -> Study:
-    """The study with another treatment of what its model doesn't know."""
-    return replace(study, noise=study.noise.model_copy(update={"model": model}))
-
-
-def identity(study: Study, disturbance: str, quick: bool) -> str:
-    """Hash of all that a row depends on beside its seed."""
-    text = f"{study_hash(replace(study, seed=0))}:{disturbance}:{quick}:{bayeschute.__version__}"
-    return hashlib.sha256(text.encode()).hexdigest()
+_KEPT_MAPS = 20_000  # memory maps of this process beyond which compiled functions are let go; Linux allows 65,530
 
 
 def replicate(seed: int, study: Study, disturbance: str = "none", quick: bool = False) -> Row:
@@ -67,7 +48,16 @@ def replicate(seed: int, study: Study, disturbance: str = "none", quick: bool = 
             "ok": False,
             "error": f"{type(error).__name__} in {frames[-1].name}: {' '.join(str(error).split())}"[:500],
         }
+    _let_go()
     return {"seed": seed, **row, "wall_s": time.perf_counter() - began}
+
+
+def _let_go() -> None:
+    """Forget compiled functions before they fill the process: every selected structure brings its own."""
+    maps = Path("/proc/self/maps")
+    if not maps.exists() or maps.read_bytes().count(b"\n") > _KEPT_MAPS:
+        jax.clear_caches()
+        gc.collect()
 
 
 def _scored(study: Study, disturbance: str, quick: bool) -> Row:
@@ -105,13 +95,18 @@ def _bands(one: Foretold, job: Job) -> dict[str, Any]:
     """Scores of every wanted quantity of a flight: over its counted samples, and by time since the start."""
     assert one.truth is not None
     since, made = one.time - one.time[0], {}
+    part = np.minimum(
+        np.floor(since / WINDOW + 1e-6), np.ceil(since[-1] / WINDOW - 1e-6) - 1.0
+    )  # the last takes its end
     for name in job.study.predict.quantities or ():
         draws, truth = one.prediction.draws[name], one.truth[name].values
         windows = {}
-        for start in np.arange(0.0, since[-1], WINDOW):
-            here = one.counted & (since >= start) & (since < start + WINDOW)
+        for k in range(int(np.ceil(since[-1] / WINDOW - 1e-6))):
+            here = one.counted & (part == k)
             if here.any():
-                windows[f"{start:.0f}-{min(start + WINDOW, since[-1]):.0f} s"] = score(draws[:, here], truth[here])
+                windows[f"{k * WINDOW:.0f}-{min((k + 1) * WINDOW, since[-1]):.0f} s"] = score(
+                    draws[:, here], truth[here]
+                )
         whole = score(draws[:, one.counted], truth[one.counted])
         entry: dict[str, Any] = whole._asdict()
         entry["by_time"] = {key: value.coverage for key, value in windows.items()}

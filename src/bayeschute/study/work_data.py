@@ -182,7 +182,9 @@ def ingest(job: Job) -> str:
             record = with_wind(record, flight.wind_profile)
         listed += sum(r.kind not in ("resampled", "derived", "assumed") for r in repairs(record))
         if truth is not None:
-            truth = truth.interp(time=record["time"].values)
+            last = truth["time"].values[[0, -1]]  # rounding may put a record's last time beyond the truth's
+            at = record["time"].values
+            truth = truth.interp(time=np.clip(at, *last)).assign_coords(time=at)
             write_whole(job.out / "flights" / f"{flight.name}.truth.nc", partial(_write_truth, truth))
         write_whole(job.out / "flights" / f"{flight.name}.nc", partial(write_record, record))
         job.say("ingest")((i + 1) / len(study.flights), flight.name)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from bayeschute.flight.record import repairs
 from bayeschute.study import formulation, setup
+from bayeschute.study.claims import calibration_check, verification
 from bayeschute.study.fitted_terms import ADDED
 from bayeschute.study.load import study_hash
 from bayeschute.study.study import Flight, Study
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 _CHANNEL_UNIT = {"canopy_position": "m", "capsule_velocity": "m/s", "capsule_attitude": "rad", "descent_rate": "m/s"}
 _PROGRAMS = ("bayeschute", "jax", "numpyro", "emcee", "arviz-base", "numpy", "scipy")
-_UNCALIBRATED = "no calibration of this configuration is stored"
 
 
 def report(job: Job) -> str:
@@ -39,10 +39,9 @@ def report(job: Job) -> str:
 
 def _summary(job: Job) -> dict[str, Any]:
     study, facts, checked = job.study, job.load("fit/facts.json"), job.load("checks.json")
-    missed = [name for name, entry in checked["checks"].items() if not entry["passed"]]
-    label = f"not verified: {_UNCALIBRATED}" + (f"; missed {', '.join(missed)}" if missed else "")
+    calibration = calibration_check(job)
+    label = verification(checked["checks"] | {"calibration": calibration}, f"bayeschute calibrate {study.path}")
     label = "; ".join(filter(None, (formulation.label(study.noise.model), label)))
-    calibration = {"passed": None, "value": None, "bound": None, "detail": _UNCALIBRATED}
     draws, units = summary_draws(job)
     some = next(iter(draws.values()))
     seconds = sum(v for k, v in facts["wall"].items() if k != "fit_s")

@@ -225,10 +225,18 @@ def _entry(
         _how(job, name),
         dt,
         checks=tests.get(name, {}),
+        truth=_flown_with(study, name),
         pressure=pressure,
         units=units,
         propagated=spread,
     )
+
+
+def _flown_with(study: Study, name: str) -> dict[str, float] | None:
+    """Coefficients that the study's flights are flown with; None for measured flights and polar coefficients."""
+    if name not in VECTOR or study.vehicle is None or not all(flight.virtual for flight in study.flights):
+        return None
+    return dict(getattr(study.vehicle.aero, name))
 
 
 def _say(job: Job, name: str, share: float) -> None:

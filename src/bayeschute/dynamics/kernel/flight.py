@@ -141,7 +141,7 @@ def _shared(model: Any, traced: Traced) -> Array:
 def _record(model: Any) -> Array:
     """Inputs at the samples (T, R)."""
     leaves = [np.asarray(leaf, float) for leaf in jax.tree.leaves(model.inputs())]
-    return np.concatenate([leaf.reshape(len(leaf), -1) for leaf in leaves], axis=1)
+    return np.ascontiguousarray(np.concatenate([leaf.reshape(len(leaf), -1) for leaf in leaves], axis=1))
 
 
 def _padded(a: Any, length: int) -> Array:

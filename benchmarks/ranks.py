@@ -1,0 +1,145 @@
+"""Simulation-based calibration of the dumbbell and of the cluster with latent wind: are ranks of truths uniform?
+
+Every replicate draws parameters and noise parameters from their priors, lets the model itself make the record, and
+identifies it. Ranks of parameters and derived quantities must keep within bands that hold for all of them together with
+95 %. With ``--shift 0.3`` draws are moved by 0.3 posterior standard deviations: a sampler broken on purpose, which must
+fail. Rows are kept; the same command goes on where it was stopped.
+
+    python benchmarks/ranks.py dumbbell --replicates 300 [--workers 2] [--shift 0.3] [--json]
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import sys
+from functools import lru_cache, partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import bayeschute
+from bayeschute.calibration import simulation_based as sbc
+from bayeschute.calibration.campaign import run
+from bayeschute.forecast.bands import quantities_of_states
+from bayeschute.inference.evidence import HyperPrior
+from bayeschute.inference.priors import Prior
+
+sys.path.insert(0, str(Path(__file__).parent))
+ROOT = Path(__file__).parents[1]
+STORED = ROOT / "models" / "reference" / "calibration"
+SEED = 50_000
+LEVELS = 99
+SPREAD = {"C_A0": 0.05, "C_Aalpha": 0.1, "alpha_0": 0.02, "C_Nalpha": 0.03, "C_Nalphadot": 0.1}
+CLUSTER_SPREAD = {"axial[1]": 0.05, "axial[alpha^2]": 0.15, "transverse[e]": 0.03, "transverse[e*alpha^2]": 0.3}
+LOG_SD = 0.3  # of the noise parameters
+
+
+def dumbbell() -> sbc.Template:
+    """A planar swing of 90 s with unknown wind."""
+    import dumbbell_recovery as swing
+
+    from bayeschute.forecast.virtual_swing import fly_swing
+    from bayeschute.inference.dumbbell_data import GUSTS, dumbbell_data
+
+    record, _ = fly_swing(swing.FIRST, swing.BASE, swing.AERO, 1)
+    priors = tuple(Prior(n, v, SPREAD[n], False, "1", "Table 7.1-2") for n, v in swing.TRUTH.items())
+    flight = dumbbell_data(record, swing.BASE, swing.AERO, priors, GUSTS)
+    return sbc.Template(
+        flight, priors, HyperPrior(swing.COLORED, LOG_SD),
+        lambda data, x: sbc.swing_quantities(x[:, 4], x[:, 3], float(data.dt)),
+    )  # fmt: skip
+
+
+def cluster() -> sbc.Template:
+    """The first 45 s of the default study's first flight, with the terms that it flies."""
+    from dataclasses import replace
+
+    import parameter_coverage as study_of
+
+    from bayeschute.forecast.bands import opening
+    from bayeschute.forecast.virtual import fly
+    from bayeschute.inference.records import cluster_data
+    from bayeschute.study import setup
+    from bayeschute.study.load import load_study
+
+    study = load_study(study_of.STUDY)
+    model, structure = setup.cluster(study.vehicle)
+    record, _ = fly(setup.drop(study.flights[0].virtual), model, structure, 1)
+    wide = study_of.priors_about(study, structure, model)
+    spread = [CLUSTER_SPREAD.get(p.name, 0.05 if "[" in p.name else p.scale) for p in wide]
+    priors = tuple(replace(p, scale=s) for p, s in zip(wide, spread, strict=True))
+    blank = replace(model, axial=(0.0,) * len(structure.axial), transverse=(0.0,) * len(structure.transverse))
+    channels = ("canopy_position", "capsule_velocity", "capsule_attitude")
+    flight = cluster_data(record, blank, structure, priors, channels, setup.latent(study, structure.canopies))
+
+    def quantities(data: Any, x: np.ndarray) -> dict[str, np.ndarray]:
+        seen = quantities_of_states(data, x)
+        return sbc.swing_quantities(seen["swing_angle"], seen["descent_rate"], float(data.dt))
+
+    return sbc.Template(opening(flight, 45.0), priors, HyperPrior(setup.hyper(study), LOG_SD), quantities)
+
+
+@lru_cache(maxsize=2)
+def template(name: str) -> sbc.Template:
+    """A template, made once a process."""
+    return {"dumbbell": dumbbell, "cluster": cluster}[name]()
+
+
+def one(seed: int, name: str, shift: float) -> dict[str, Any]:
+    """One row; a replicate that fails is counted."""
+    try:
+        return {"seed": seed, **sbc.ranked(seed, template(name), LEVELS, shift=shift)}
+    except (FloatingPointError, np.linalg.LinAlgError) as error:
+        return {"seed": seed, "ok": False, "error": f"{type(error).__name__}: {error}"}
+
+
+def main() -> None:
+    """Run, print the table, store the result, and with ``--json`` print one object as the last line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("model", choices=("dumbbell", "cluster"))
+    parser.add_argument("--replicates", type=int, default=300)
+    parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--shift", type=float, default=0.0)
+    parser.add_argument("--out", type=Path, default=Path("runs/ranks"))
+    parser.add_argument("--store", action="store_true", help=f"keep the result under {STORED.relative_to(ROOT)}")
+    parser.add_argument("--json", action="store_true")
+    given = parser.parse_args()
+    name = f"ranks.{given.model}" + (f".shift{given.shift:g}" if given.shift else "")
+    what = json.dumps([given.model, given.shift, LEVELS, SPREAD, CLUSTER_SPREAD, LOG_SD, bayeschute.__version__])
+    rows = run(
+        partial(one, name=given.model, shift=given.shift),
+        range(SEED, SEED + given.replicates),
+        given.out / f"{name}.rows.jsonl",
+        hashlib.sha256(what.encode()).hexdigest(),
+        given.workers,
+        progress=lambda share, words: print(f"\r{words}   ", end="", flush=True),
+    )
+    good = [row for row in rows if row["ok"]]
+    tests = sbc.tested(good, LEVELS)
+    redrawn = sum(row["redrawn"] for row in good)
+    print(f"\n{len(good)} replicates, {len(rows) - len(good)} failed, {redrawn} draws of the prior did not fly")
+    for quantity, test in tests.items():
+        says = "inside" if test.passed else "OUTSIDE"
+        middle = float(np.mean([row["ranks"][quantity] for row in good])) / LEVELS
+        print(f"  {quantity:28} {says:8} least prob. {test.value:.4f}, bound {test.bound:.4f}, mean rank {middle:.3f}")
+    passed = all(test.passed for test in tests.values())
+    print("all inside" if passed else "NOT all inside")
+    result = {
+        "study": given.model, "noise": "latent", "disturbance": "none: truths and data from the model itself",
+        "shift": given.shift, "replicates": len(good), "failed": len(rows) - len(good), "redrawn": redrawn,
+        "levels": LEVELS, "probability": 0.95, "passed": passed,
+        "quantities": {q: {"value": t.value, "bound": t.bound, "passed": t.passed} for q, t in tests.items()},
+        "version": bayeschute.__version__,
+    }  # fmt: skip
+    if given.store:
+        STORED.mkdir(parents=True, exist_ok=True)
+        (STORED / f"{name}.json").write_text(json.dumps(result, indent=1) + "\n")
+    if given.json:
+        print(json.dumps({"ratios": {"inside_band": float(passed)}, "context": result}))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,185 @@
+"""Simulation-based calibration: truths from the prior, data from the model itself, and the rank of every truth.
+
+Parameters, noise parameters, initial state, latent disturbances and residual noise of a replicate are all drawn as the
+identification believes; then it is identified, and truths are ranked among draws (Talts et al. 2018). Whatever the
+approximations of the inference do to its intervals shows in the ranks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+
+from bayeschute.calibration.ranks import EcdfTest, rank, uniform
+from bayeschute.inference.evidence import HyperPrior, from_vector, to_vector
+from bayeschute.inference.law_slope import widened
+from bayeschute.inference.marginal import draw_unknowns, normals
+from bayeschute.inference.noise import colour
+from bayeschute.inference.posterior import Found, find, sample
+from bayeschute.inference.priors import Prior, working
+from bayeschute.inference.target import Course, FlightData, Hyper, Unknowns, course, residuals, states
+
+Array = NDArray[np.float64]
+Row = dict[str, Any]
+Quantities = Callable[[FlightData, Array], dict[str, Array]]
+_TRIES = 50
+_GROUP = 16
+
+
+@dataclass(frozen=True)
+class Template:
+    """What replicates have in common.
+
+    Attributes:
+        flight: Inputs, sample times and gaps; its data are replaced.
+        priors: Priors of the parameters.
+        noise: Priors of the noise parameters.
+        quantities: From states (T, X, B) to derived quantities by name (B,).
+        most_swing: A drawn flight that is not finite, or whose outputs exceed this many times the template's own
+            greatest, is drawn anew.
+    """
+
+    flight: FlightData
+    priors: tuple[Prior, ...]
+    noise: HyperPrior
+    quantities: Quantities
+    most_swing: float = 5.0
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A replicate: data, and the truths behind them.
+
+    Attributes:
+        flight: With its data.
+        theta: Parameters, working coordinates (P,).
+        hyper: Noise parameters.
+        driven: Start and disturbances.
+        redrawn: How many draws were thrown away before.
+    """
+
+    flight: FlightData
+    theta: Array
+    hyper: Hyper
+    driven: Course
+    redrawn: int
+
+
+def draw(template: Template, seed: int) -> Drawn:
+    """Draw truths and data of a replicate.
+
+    Raises:
+        FloatingPointError: If the prior hardly ever flies.
+    """
+    rng, flight = np.random.default_rng([seed, 9]), template.flight
+    centre, scale = working(template.priors)
+    blank = replace(
+        flight, observed=np.zeros(np.shape(flight.observed)), present=np.ones(np.shape(flight.present), bool)
+    )
+    largest = template.most_swing * np.nanmax(np.abs(np.where(flight.present, flight.observed, np.nan)), axis=0)
+    middle = to_vector(template.noise.median)
+    redrawn = 0
+    while redrawn < _TRIES:
+        theta = centre + scale * rng.standard_normal(centre.size)
+        hyper = from_vector(middle + template.noise.log_sd * rng.standard_normal(middle.size), template.noise.median)
+        still = flight.still()
+        unknowns = Unknowns(*(rng.standard_normal(np.shape(a)) for a in still))
+        driven = course(flight, hyper, unknowns)
+        y = -np.asarray(residuals(blank, theta, driven))
+        if np.isfinite(y).all() and (np.abs(y).max(axis=0) <= largest).all():
+            break
+        redrawn += 1
+    else:
+        raise FloatingPointError(f"{_TRIES} draws of the prior in a row did not fly")
+    noise = colour(hyper.outputs(flight), flight.dt, *(jnp.asarray(rng.standard_normal(y.shape)) for _ in range(2)))
+    return Drawn(replace(flight, observed=y + np.asarray(noise)), theta, hyper, driven, redrawn)
+
+
+def derived(template: Template, found: Found, xi: Array, seed: int) -> dict[str, Array]:
+    """Draws of the derived quantities (B,): every group of draws has noise parameters of its own, and theta with them.
+
+    Args:
+        template: The template.
+        found: The fit.
+        xi: Draws of the parameters for held noise parameters, standard coordinates (B, P).
+        seed: Seed.
+    """
+    marginal, rng = found.marginal, np.random.default_rng([seed, 10])
+    (flight,), at = marginal.flights, to_vector(found.hyper)
+    root, parts = np.linalg.cholesky(found.law_covariance), []
+    for start in range(0, len(xi), _GROUP):
+        pick = np.minimum(np.arange(start, start + _GROUP), len(xi) - 1)
+        moved = root @ rng.standard_normal(at.size)
+        law = from_vector(at + moved, found.hyper)
+        shifted = jnp.asarray((xi[pick] + found.law_slope @ moved).T)
+        known = draw_unknowns(marginal, shifted, (normals(flight, _GROUP, rng),), law)[0]
+        x = np.asarray(states(flight, marginal.theta(shifted), course(flight, law, known)))
+        parts.append({k: v[: len(xi) - start] for k, v in template.quantities(flight, x).items()})
+    return {name: np.concatenate([p[name] for p in parts]) for name in parts[0]}
+
+
+def ranked(
+    seed: int, template: Template, levels: int = 99, chains: int = 4, draws: int = 250, shift: float = 0.0
+) -> Row:
+    """Draw, identify and rank one replicate.
+
+    Args:
+        seed: Of everything.
+        template: The template.
+        levels: Ranks go from 0 to this.
+        chains: Chains of the sampler.
+        draws: Draws of each.
+        shift: Moves all draws by this many posterior standard deviations: breaks the sampler on purpose.
+
+    Returns:
+        A row for a campaign: ranks by name, and how many truths were drawn anew.
+    """
+    made = draw(template, seed)
+    found = find([made.flight], template.priors, template.noise)
+    held = sample(found.marginal, "nuts", chains, 200, draws, seed).xi.reshape(-1, len(template.priors)) + shift
+    centre, scale = np.asarray(found.marginal.centre), np.asarray(found.marginal.scale)
+    theta = centre + widened(held, found.law_slope, found.law_covariance, seed) @ scale.T
+    ranks = {p.name: rank(theta[:, i], float(made.theta[i]), levels) for i, p in enumerate(template.priors)}
+    few = held[np.linspace(0, len(held) - 1, levels).astype(int)]
+    truth = template.quantities(made.flight, np.asarray(states(made.flight, made.theta, made.driven))[..., None])
+    for name, values in derived(template, found, few, seed).items():
+        ranks[name] = rank(np.where(np.isfinite(values), values, np.inf), float(truth[name][0]), levels)
+    return {"ok": True, "ranks": ranks, "redrawn": made.redrawn, "converged": bool(found.optimum.converged)}
+
+
+def tested(rows: Sequence[Row], levels: int = 99, probability: float = 0.95) -> dict[str, EcdfTest]:
+    """Whether ranks are uniform, by quantity, in bands that hold for all quantities together.
+
+    Args:
+        rows: Rows of `ranked` that are ok.
+        levels: As given to `ranked`.
+        probability: Of all curves of a right inference being inside.
+    """
+    names = list(rows[0]["ranks"])
+    return {
+        name: uniform(np.array([row["ranks"][name] for row in rows]), levels, probability, len(names)) for name in names
+    }
+
+
+def swing_quantities(swing: Array, descent: Array, dt: float) -> dict[str, Array]:
+    """Derived quantities of a flight: of its swing angle [rad] and descent rate [m/s], each (T, B).
+
+    Returns:
+        Swing amplitude (root two times the rms about its mean over the last half) [rad], frequency (rms rate over rms
+        angle) [Hz], mean descent rate and that at the last sample [m/s].
+    """
+    late = swing[len(swing) // 2 :]
+    late = late - late.mean(axis=0)
+    size = late.std(axis=0)
+    rate = np.gradient(late, dt, axis=0).std(axis=0)
+    return {
+        "swing amplitude": np.sqrt(2.0) * size,
+        "swing frequency": rate / size / (2.0 * np.pi),
+        "mean descent rate": descent.mean(axis=0),
+        "touchdown speed": descent[-1],
+    }

@@ -1,0 +1,66 @@
+"""What a run may claim of its 90 %: verified only where its own checks pass and replicates of its configuration did."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bayeschute.calibration.tables import ENOUGH, WANTED, promised, verdict
+from bayeschute.study.identity import stored
+
+if TYPE_CHECKING:
+    from bayeschute.study.stages import Job
+
+NONE_STORED = "no calibration of this configuration is stored"
+
+
+def places(job: Job) -> list[Path]:
+    """Folders where calibrations are looked for: the run's, that beside the study's folder, and the repository's."""
+    repository = Path(__file__).parents[3] / "models"
+    models = [job.study.path.resolve().parent.parent, repository]
+    return [job.out / "calibration", *(m / "reference" / "calibration" for m in dict.fromkeys(models))]
+
+
+def calibration_check(job: Job) -> dict[str, Any]:
+    """The check `calibration`: what replicates of the run's configuration held.
+
+    Returns:
+        ``passed`` (None where nothing is stored), ``value`` the share at 90 % farthest from it, ``bound``, ``detail``
+        in words, and ``held``: share, standard error and verdict by name.
+    """
+    found = stored(job.study, job.quick, places(job))
+    if found is None:
+        return {"passed": None, "value": None, "bound": None, "detail": NONE_STORED, "held": {}}
+    names = promised(found)
+    held = {
+        name: {
+            "share": found["coverage"][name],
+            "standard_error": found["standard_error"][name],
+            "verdict": verdict(found, name),
+        }
+        for name in names
+    }
+    off = [name for name, entry in held.items() if entry["verdict"] != "kept"]
+    worst = max(names, key=lambda name: abs(found["coverage"][name] - 0.9))
+    told = f"{found['replicates']} replicate flights, {len(found['failed'])} failed; nominal 90 % intervals of "
+    if found["replicates"] < ENOUGH:
+        says = f"only {found['replicates']} replicates are stored, {ENOUGH} are wanted"
+    elif off:
+        says = told + ", ".join(f"{n} held {100 * held[n]['share']:.0f} % ({held[n]['verdict']})" for n in off)
+    else:
+        low, high = min(h["share"] for h in held.values()), max(h["share"] for h in held.values())
+        says = told + f"all promised quantities held {100 * low:.0f} to {100 * high:.0f} %"
+    return {"passed": not off, "value": held[worst]["share"], "bound": WANTED[0], "detail": says, "held": held}
+
+
+def verification(checks: Mapping[str, Mapping[str, Any]], command: str) -> str:
+    """The label of a run's intervals: ``verified``, or what is missing and the command that makes it."""
+    missed = [name for name, entry in checks.items() if entry["passed"] is False and name != "calibration"]
+    calibration = checks["calibration"]
+    lacking = [] if calibration["passed"] else [calibration["detail"]]
+    if calibration["passed"] is None:
+        lacking[0] += f" (`{command}` makes one)"
+    if missed:
+        lacking.append(f"missed {', '.join(missed)}")
+    return "not verified: " + "; ".join(lacking) if lacking else f"verified: {calibration['detail']}"

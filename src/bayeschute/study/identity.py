@@ -1,0 +1,51 @@
+"""What identifies a configuration and a campaign, and the calibrations stored of it. Free of JAX."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import bayeschute
+from bayeschute.study.study import Study, canonical, study_hash
+
+
+def configuration(study: Study, quick: bool = False) -> str:
+    """Hash of how a study identifies: model, vehicle, structure, priors, noise, sampler, program; not its flights."""
+    said = canonical(study)
+    told = {key: said[key] for key in ("model", "vehicle", "structure", "priors", "noise", "sampler", "predict")}
+    text = json.dumps([told, bayeschute.__version__, quick], sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def with_noise(study: Study, model: str) -> Study:
+    """The study with another treatment of what its model doesn't know."""
+    return replace(study, noise=study.noise.model_copy(update={"model": model}))
+
+
+def identity(study: Study, disturbance: str, quick: bool) -> str:
+    """Hash of all that a row depends on beside its seed."""
+    text = f"{study_hash(replace(study, seed=0))}:{disturbance}:{quick}:{bayeschute.__version__}"
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def stored(study: Study, quick: bool, places: Sequence[Path]) -> dict[str, Any] | None:
+    """The calibration of a study's configuration with most replicates, flights undisturbed; None if none is stored.
+
+    Args:
+        study: The study.
+        quick: Whether sizes are cut.
+        places: Folders with results of `calibrate`.
+    """
+    wanted, found = configuration(study, quick), []
+    for file in sorted(f for place in places if place.is_dir() for f in place.glob("*.json")):
+        try:
+            result = json.loads(file.read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            continue  # not a result: folders of users hold other files
+        if isinstance(result, dict) and result.get("hash") == wanted and result.get("disturbance") == "none":
+            found.append(result)
+    return max(found, key=lambda r: int(r["replicates"]), default=None)

@@ -1,0 +1,88 @@
+"""Campaigns: the same rows whoever makes them, whatever dies on the way."""
+
+from __future__ import annotations
+
+import json
+import os
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bayeschute.calibration.campaign import read_rows, run
+from bayeschute.errors import InputError
+
+SEEDS = range(40, 48)
+
+
+def drawn(seed: int) -> dict[str, Any]:
+    """A replicate whose row follows from its seed alone; one in eight fails."""
+    if seed == 43:
+        return {"seed": seed, "ok": False, "error": "lost"}
+    return {"seed": seed, "ok": True, "value": float(np.random.default_rng(seed).standard_normal())}
+
+
+def dies_once(seed: int, folder: str) -> dict[str, Any]:
+    """The same, but the first worker that is given seed 45 is killed."""
+    mark = Path(folder) / "killed"
+    if seed == 45 and not mark.exists():
+        mark.touch()
+        os.kill(os.getpid(), 9)
+    return drawn(seed)
+
+
+def refuses(seed: int) -> dict[str, Any]:
+    raise AssertionError(f"replicate {seed} was there already")
+
+
+def test_rows_come_in_the_order_of_seeds_and_failures_are_among_them(tmp_path: Path):
+    rows = run(drawn, SEEDS, tmp_path / "rows.jsonl", "a")
+    assert rows == [drawn(seed) for seed in SEEDS]
+
+
+def test_finished_rows_are_kept(tmp_path: Path):
+    path = tmp_path / "rows.jsonl"
+    first = run(drawn, SEEDS[:5], path, "a")
+    assert run(refuses, SEEDS[:5], path, "a") == first
+    assert run(drawn, SEEDS, path, "a") == [drawn(seed) for seed in SEEDS]
+
+
+def test_a_line_cut_by_a_kill_is_made_again(tmp_path: Path):
+    path = tmp_path / "rows.jsonl"
+    run(drawn, SEEDS, path, "a")
+    path.write_text(path.read_text()[:-20])
+    assert len(read_rows(path, "a")) == len(SEEDS) - 1
+    assert run(drawn, SEEDS, path, "a") == [drawn(seed) for seed in SEEDS]
+    assert len(path.read_text().splitlines()) == len(SEEDS) + 1
+
+
+@pytest.mark.parametrize("text", ['{"campaign": "other"}\n', "binary\x00garbage\n", '{"campaign": "a"}\nx\n{}\n'])
+def test_a_file_of_something_else_is_refused(tmp_path: Path, text: str):
+    path = tmp_path / "rows.jsonl"
+    path.write_text(text)
+    with pytest.raises(InputError, match="another --out"):
+        run(drawn, SEEDS, path, "a")
+    assert path.read_text() == text
+
+
+def test_progress_tells_failures_and_what_is_left(tmp_path: Path):
+    told: list[tuple[float, str]] = []
+    run(drawn, SEEDS, tmp_path / "rows.jsonl", "a", progress=lambda *said: told.append(said))
+    assert told[-1][0] == 1.0 and "8 of 8, 1 failed" in told[-1][1]
+
+
+def test_a_dead_scheduler_is_bad_input(tmp_path: Path):
+    with pytest.raises(InputError, match="Dask scheduler"):
+        run(drawn, SEEDS, tmp_path / "rows.jsonl", "a", address="tcp://127.0.0.1:9")
+
+
+def test_a_killed_worker_changes_nothing(tmp_path: Path):
+    """Two processes, one killed in the middle: the file holds the rows that one process makes."""
+    path = tmp_path / "rows.jsonl"
+    rows = run(partial(dies_once, folder=str(tmp_path)), SEEDS, path, "a", workers=2)
+    assert (tmp_path / "killed").exists()
+    assert rows == [drawn(seed) for seed in SEEDS]
+    there = [json.loads(line) for line in path.read_text().splitlines()[1:]]
+    assert sorted(there, key=lambda row: row["seed"]) == rows
