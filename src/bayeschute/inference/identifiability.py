@@ -117,7 +117,8 @@ def law_labels(channels: Sequence[str], groups: Sequence[str], kinds: Sequence[s
         kinds: Kind of every group, of `latent.KINDS`.
     """
     assert all(len(_LAWS[kind]) == count for kind, count in KINDS.items())
-    noise = [f"{channel}, {part}" for part in ("white noise", "correlated noise", "time constant") for channel in channels]
+    parts = ("white noise", "correlated noise", "time constant")
+    noise = [f"{channel}, {part}" for part in parts for channel in channels]
     return noise + [f"{group}, {part}" for group, kind in zip(groups, kinds, strict=True) for part in _LAWS[kind]]
 
 

@@ -1,7 +1,7 @@
 """How a structure predicts what it was not found on, as plain values, and which term is to blame where it does not.
 
-A prediction error has three parts: what no coefficients of the same terms could avoid on that record, what the errors of
-the coefficients explain, and the rest. A term that the record of the fit seemed to ask for and the other does not is
+A prediction error has three parts: what no coefficients of the same terms could avoid on that record, what the errors
+of the coefficients explain, and the rest. A term that the record of the fit seemed to ask for and the other does not is
 found by leaving it out and fitting the others anew.
 """
 
@@ -86,7 +86,7 @@ def _used(stack: Stack, columns: Sequence[int]) -> NDArray[np.bool_]:
 
 def _rms(stack: Stack, columns: Sequence[int], values: Array) -> float:
     used = _used(stack, columns)
-    error = stack.z[used] - stack.X[np.ix_(used, list(columns))] @ values
+    error = stack.z[used] - stack.X[used][:, list(columns)] @ values
     return float(np.sqrt(np.mean(error**2)))
 
 

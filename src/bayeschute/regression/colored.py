@@ -11,6 +11,7 @@ keep their place in time. Series of one group happen at the same times, and thei
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
