@@ -23,7 +23,7 @@ demo: $(RUNTIME) ## run the default study and say where the report is
 
 test: $(DEV) ## run the tests
 	@echo "== Tests"
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n 2
 
 test-slow: $(DEV) ## run the tests that take minutes
 	@echo "== Slow tests"

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+
+from bayeschute.numerics import let_go
 
 TRUTH = {"low": 0.155, "high": 0.160}  # C_D S/m [m^2/kg]
 STUDY = """
@@ -99,3 +102,10 @@ def finished(descents: Descents, tmp_path_factory: pytest.TempPathFactory) -> Fi
     told: list[tuple[str, float, str]] = []
     summary = run_study(descents.study, folder, progress=lambda *said: told.append(said))
     return Finished(folder, summary, told)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _room_for_compiled_functions() -> Iterator[None]:
+    """The whole suite in one process would need more memory maps than Linux allows."""
+    yield
+    let_go()

@@ -1,13 +1,16 @@
-"""The one place that sets JAX's precision (64 bits) and keeps its compiled functions between runs."""
+"""The one place that sets JAX's precision (64 bits), and keeps and forgets its compiled functions."""
 
 from __future__ import annotations
 
+import gc
 import os
 from pathlib import Path
 
 import jax
 
 CACHE_VARIABLE = "BAYESCHUTE_CACHE"
+MOST_MAPS = 20_000
+"""Memory maps of a process beyond which `let_go` acts. Linux allows 65,530, and ends a process that wants more."""
 
 
 def compilation_cache() -> Path:
@@ -16,6 +19,26 @@ def compilation_cache() -> Path:
     if given:
         return Path(given)
     return Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "bayeschute" / "compiled"
+
+
+def let_go(most: int = MOST_MAPS) -> bool:
+    """Forget JAX's compiled functions before their memory maps fill a long-lived process.
+
+    Every structure and record length brings functions of its own, and each keeps dozens of maps. What is needed again
+    is compiled anew.
+
+    Args:
+        most: Maps up to which nothing is done.
+
+    Returns:
+        Whether functions were let go. Where maps can't be counted (not Linux) they always are.
+    """
+    maps = Path("/proc/self/maps")
+    if maps.exists() and maps.read_bytes().count(b"\n") <= most:
+        return False
+    jax.clear_caches()
+    gc.collect()
+    return True
 
 
 jax.config.update("jax_enable_x64", True)

@@ -92,8 +92,8 @@ def prediction_table(facts: Mapping[str, Any]) -> Table | None:
     caption = (
         "At the least: the same terms fitted to that record itself; a noisier record has more than 1 here, whatever "
         "the model. Expected: from the fit's residual and the errors of its coefficients. True: what the coefficients "
-        "leave that the flight was flown with. Better without: the term whose absence lowers the error most, and the ratio "
-        "then."
+        "leave that the flight was flown with. Better without: the term whose absence lowers the error most, and the "
+        "ratio then."
     )
     return Table(columns, tuple(rows), caption, style="narrow", groups=groups) if rows else None
 

@@ -183,7 +183,8 @@ def lines(modes: Modes) -> list[str]:
         change, damping = halves["frequency_change"], halves["damping_change"]
         out.append(
             f"Second half less first: {change['mean']:+.4f} Hz ({change['low']:+.4f} to {change['high']:+.4f}), "
-            f"damping ratio {damping['mean']:+.4f} ({damping['low']:+.4f} to {damping['high']:+.4f}); {_verdict(change)}"
+            f"damping ratio {damping['mean']:+.4f} ({damping['low']:+.4f} to {damping['high']:+.4f}); "
+            f"{_verdict(change)}"
         )
     else:
         out.append(f"Halves are not compared: {halves['reason']}")

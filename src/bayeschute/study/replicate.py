@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import tempfile
 import time
 import traceback
@@ -10,10 +9,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import jax
 import numpy as np
 
 from bayeschute.calibration.scores import inside, score
+from bayeschute.numerics import let_go
 from bayeschute.study import setup, work
 from bayeschute.study.disturbances import DISTURBANCES
 from bayeschute.study.stages import Job
@@ -24,7 +23,6 @@ from bayeschute.study.work_results import Foretold, foretell
 
 Row = dict[str, Any]
 WINDOW = 30.0  # [s] of the time since the start by which scores are split
-_KEPT_MAPS = 20_000  # memory maps of this process beyond which compiled functions are let go; Linux allows 65,530
 
 
 def replicate(seed: int, study: Study, disturbance: str = "none", quick: bool = False) -> Row:
@@ -48,16 +46,8 @@ def replicate(seed: int, study: Study, disturbance: str = "none", quick: bool = 
             "ok": False,
             "error": f"{type(error).__name__} in {frames[-1].name}: {' '.join(str(error).split())}"[:500],
         }
-    _let_go()
+    let_go()
     return {"seed": seed, **row, "wall_s": time.perf_counter() - began}
-
-
-def _let_go() -> None:
-    """Forget compiled functions before they fill the process: every selected structure brings its own."""
-    maps = Path("/proc/self/maps")
-    if not maps.exists() or maps.read_bytes().count(b"\n") > _KEPT_MAPS:
-        jax.clear_caches()
-        gc.collect()
 
 
 def _scored(study: Study, disturbance: str, quick: bool) -> Row:

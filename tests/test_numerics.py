@@ -1,0 +1,34 @@
+"""Compiled functions are let go only when memory maps are many, and work again afterwards."""
+
+import jax
+import jax.numpy as jnp
+
+from bayeschute.numerics import let_go
+
+
+def test_few_maps_keep_compiled_functions() -> None:
+    traced = []
+
+    @jax.jit
+    def double(x: jax.Array) -> jax.Array:
+        traced.append(1)
+        return 2.0 * x
+
+    double(jnp.ones(3))
+    assert not let_go(10**9)
+    double(jnp.ones(3))
+    assert len(traced) == 1
+
+
+def test_many_maps_let_them_go_and_they_are_made_anew() -> None:
+    traced = []
+
+    @jax.jit
+    def double(x: jax.Array) -> jax.Array:
+        traced.append(1)
+        return 2.0 * x
+
+    double(jnp.ones(3))
+    assert let_go(0)
+    assert double(jnp.ones(3)).tolist() == [2.0, 2.0, 2.0]
+    assert len(traced) == 2
