@@ -153,8 +153,8 @@ def true_values(job: Job) -> dict[str, float]:
 def _notes(job: Job) -> list[str]:
     """What a reader of the numbers must know."""
     notes = [
-        "Noise parameters are set to their greatest evidence and held there while parameters are drawn; "
-        "intervals do not carry their uncertainty.",
+        "Parameters are drawn with noise parameters at their greatest evidence; what these leave uncertain then widens "
+        "the draws, to first order.",
         "Initial states and latent disturbances are integrated out as Gaussian given the parameters; the log "
         "determinant of that step is a polynomial of the parameters (its error is among the checks).",
     ]

@@ -1,0 +1,74 @@
+"""A run is called verified only where its checks pass and enough replicates of its configuration kept the promise."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from bayeschute.study.claims import NONE_STORED, calibration_check, verification
+from bayeschute.study.identity import configuration
+from bayeschute.study.load import load_study
+from bayeschute.study.work_report import flown_terms
+
+STUDY = load_study(Path(__file__).parents[2] / "models/studies/cdt-3-11.toml")
+GOOD = {"rhat": {"passed": True}, "ess": {"passed": True}}
+BAND = "cdt-3-12/swing_angle"
+
+
+@pytest.fixture
+def label(tmp_path, monkeypatch):
+    monkeypatch.setattr("bayeschute.study.claims.places", lambda job: [tmp_path / "calibration"])
+
+    def made(checks=GOOD, replicates=None, **coverage):
+        if replicates is not None:
+            shares = {"axial[1]": 0.9, "side*e": 0.5, BAND: 0.88} | coverage
+            result = {
+                "hash": configuration(STUDY), "disturbance": "none", "replicates": replicates, "failed": {},
+                "coverage": shares, "standard_error": dict.fromkeys(shares, 0.03),
+                "parameters": {"axial[1]": {}, "side*e": {}}, "bands": {BAND: {"role": "predict"}},
+            }  # fmt: skip
+            (tmp_path / "calibration").mkdir(exist_ok=True)
+            (tmp_path / "calibration/latent.none.json").write_text(json.dumps(result))
+        job = SimpleNamespace(study=STUDY, out=tmp_path, quick=False)
+        check = calibration_check(job)
+        return check, verification(checks | {"calibration": check}, "bayeschute calibrate s.toml")
+
+    return made
+
+
+def test_nothing_stored_says_so_and_how_to_make_it(label):
+    check, says = label()
+    assert check["passed"] is None
+    assert says == f"not verified: {NONE_STORED} (`bayeschute calibrate s.toml` makes one)"
+
+
+def test_verified_where_all_that_is_promised_was_kept(label):
+    check, says = label(replicates=100)
+    assert check["passed"] is True
+    assert set(check["held"]) == {"axial[1]", BAND}
+    assert says.startswith("verified: 100 replicate flights, 0 failed") and "88 to 90 %" in says
+
+
+@pytest.mark.parametrize(("share", "word"), [(0.6, "too narrow"), (0.99, "too wide")])
+def test_a_broken_promise_is_named(label, share, word):
+    check, says = label(replicates=100, **{BAND: share})
+    assert check["passed"] is False
+    assert says.startswith("not verified: ") and f"{BAND} held {100 * share:.0f} % ({word})" in says
+    assert check["value"] == share
+
+
+def test_few_replicates_prove_nothing(label):
+    _, says = label(replicates=20)
+    assert says == "not verified: only 20 replicates are stored, 100 are wanted"
+
+
+def test_a_run_that_missed_its_own_checks_is_not_verified_by_replicates(label):
+    _, says = label(checks=GOOD | {"rhat": {"passed": False}}, replicates=100)
+    assert says == "not verified: missed rhat"
+
+
+def test_the_default_study_promises_the_terms_it_flies():
+    assert {"axial[1]", "axial[alpha^2]"} <= set(flown_terms(STUDY))
