@@ -72,8 +72,7 @@ def one(study: Any, seed: int, known: bool) -> dict[str, Any]:
     from bayeschute.inference import map as optimum
     from bayeschute.inference.evidence import HyperPrior
     from bayeschute.inference.law_slope import added
-    from bayeschute.inference.marginal import determinant_slope, marginalise
-    from bayeschute.inference.posterior import find
+    from bayeschute.inference.posterior import Settled, find, marginal_mode
     from bayeschute.inference.priors import working
     from bayeschute.inference.records import cluster_data
     from bayeschute.study import setup
@@ -90,9 +89,7 @@ def one(study: Any, seed: int, known: bool) -> dict[str, Any]:
     if known:
         hyper, truth = known_noise(drop), working(priors)[0]
         best = optimum.fit(data, hyper, priors, truth, tolerance=0.05)
-        slope = determinant_slope(marginalise(data, hyper, priors, best))
-        tilt = np.linalg.solve(np.linalg.cholesky(best.covariance).T, slope)
-        best = optimum.fit(data, hyper, priors, best.theta, best.unknowns, tolerance=0.05, tilt=tilt)
+        best = marginal_mode(data, priors, Settled(best, hyper, np.nan))
         covariance = best.covariance
     else:
         found = find(data, priors, HyperPrior(setup.hyper(study)))

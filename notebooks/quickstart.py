@@ -25,7 +25,9 @@
 from pathlib import Path
 from tempfile import mkdtemp
 
+import jax
 import numpy as np
+from numpyro.infer import MCMC, NUTS, init_to_value
 
 from bayeschute.air.standard import standard_density
 from bayeschute.flight.clean import clean
@@ -34,7 +36,9 @@ from bayeschute.flight.read import ColumnSpec, read_record
 from bayeschute.flight.record import repairs
 from bayeschute.forecast import bands
 from bayeschute.forecast.requirement import requirement_check
+from bayeschute.inference import numpyro_model
 from bayeschute.inference.evidence import HyperPrior
+from bayeschute.inference.identifiability import confounding, law_labels
 from bayeschute.inference.latent import Latent
 from bayeschute.inference.noise import Noise
 from bayeschute.inference.posterior import data_tree, find, sample
@@ -108,6 +112,40 @@ posterior = data_tree(found.marginal, [prior], draws, SEED, ["sonde"])
 drag = posterior["posterior"]["cds_over_mass"].values.ravel()
 low, high = np.quantile(drag, [0.05, 0.95])
 print(f"C_D S/m: {drag.mean():.4f} m^2/kg, 90 % between {low:.4f} and {high:.4f}; true value {TRUE_DRAG}")
+
+# %% [markdown]
+# ## The same posterior in numpyro
+#
+# `numpyro_model.model` is that posterior as a numpyro model: one site per parameter, in its own unit, and JAX gradients
+# all the way through the simulation. So whatever numpyro offers can be tried on it, here its plain NUTS sampler. That
+# needs a simulation and its gradient at every leapfrog step, where `sample` walks on a surrogate and corrects.
+
+# %%
+begin = init_to_value(values=numpyro_model.start(found.marginal, [prior]))
+plain = MCMC(
+    NUTS(numpyro_model.model(found.marginal, [prior]), init_strategy=begin), num_warmup=50, num_samples=200,
+    progress_bar=False,
+)  # fmt: skip
+plain.run(jax.random.key(SEED))
+theirs = np.asarray(plain.get_samples()["cds_over_mass"])
+print(f"numpyro: {theirs.mean():.4f} +- {theirs.std():.4f} m^2/kg, ours: {drag.mean():.4f} +- {drag.std():.4f}")
+
+# %% [markdown]
+# ## What the record tells, and what stands in for the drag
+#
+# The record takes nearly all of the prior's variance away. But a slow gust looks like another drag. Had we known the
+# gusts' size and pace exactly, would the answer be much narrower? `confounding` says how much of the variance that
+# makes, and which noise parameter goes most with the drag. Here it is very little. (The report of `bayeschute run` says
+# such things of every parameter.)
+
+# %%
+contraction = 1.0 - (np.log(drag).std() / prior.scale) ** 2
+names = law_labels(["descent rate"], ["wind"], ["drift"])
+scale = np.asarray(found.marginal.scale)
+mixed = confounding(scale @ scale.T, scale @ found.law_slope, found.law_covariance, [prior], names)
+(partner, correlation), share = mixed.strongest()["cds_over_mass"], mixed.share[0]
+print(f"taken away from the prior's variance: {contraction:.1%}")
+print(f"due to unknown noise parameters: {share:.1%} of the variance; foremost {partner} ({correlation:.2f})")
 
 # %% [markdown]
 # ## Bands on what was not looked at

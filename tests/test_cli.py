@@ -159,16 +159,17 @@ def test_simulate_takes_a_study(tmp_path: Path):
 
 
 def test_simulate_takes_a_vehicle_and_tells_of_drops_that_failed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
-    from bayeschute.study.work_data import Drops
+    from bayeschute.study.simulate import Drops
 
     copy_templates(tmp_path)
     seen = []
 
     def simulate_study(study: object, out: Path, **options: object) -> Drops:
-        seen.append((study.vehicle_path.name, options["draws"], options["seed"]))  # type: ignore[attr-defined]
+        wanted = [options[key] for key in ("draws", "seed", "workers", "address")]
+        seen.append((study.vehicle_path.name, *wanted))  # type: ignore[attr-defined]
         return Drops([out / "x.nc"], {"ok": 1, "ill-posed": 1}, {"y": "ill-posed at 0.0 s"}, (1e-5, 1e-4))
 
-    monkeypatch.setattr("bayeschute.study.work_data.simulate_study", simulate_study)
+    monkeypatch.setattr("bayeschute.study.simulate.simulate_study", simulate_study)
     arguments = [
         "simulate",
         str(tmp_path / "vehicle.toml"),
@@ -178,12 +179,16 @@ def test_simulate_takes_a_vehicle_and_tells_of_drops_that_failed(monkeypatch: py
         "12",
         "--seed",
         "3",
+        "--workers",
+        "2",
+        "--dask",
+        "tcp://x:1",
     ]
     result = CliRunner().invoke(app, arguments)
     assert result.exit_code == 1, result.output
     assert result.stdout.splitlines()[-2] == "Outcome: ok 1, ill-posed 1"
     assert result.stderr.splitlines()[-1] == "y: ill-posed at 0.0 s"
-    assert seen == [("vehicle.toml", 12, 3)]
+    assert seen == [("vehicle.toml", 12, 3, 2, "tcp://x:1")]
 
 
 def test_simulate_needs_something_virtual(tmp_path: Path):

@@ -49,6 +49,10 @@ DataDir = Annotated[
     Path | None, typer.Option("--data", metavar="DIR", help="Folder that ${DATA} stands for in the study.")
 ]
 Seed = Annotated[int | None, typer.Option(min=0, max=2**32 - 1, help="Replaces the study's seed.")]
+Workers = Annotated[int, typer.Option(min=1, max=1024, help="Local processes.")]
+DaskAddress = Annotated[
+    str | None, typer.Option("--dask", metavar="ADDRESS", help="Dask scheduler, in place of --workers.")
+]
 
 
 def say(text: str = "", error: bool = False) -> None:
@@ -178,9 +182,11 @@ def simulate(
     out: Annotated[Path, typer.Option(metavar="FLIGHT", help="Folder for records and truth.", show_default=False)],
     draws: Annotated[int, typer.Option(min=1, max=100_000, help="Drops, each with winds and noise of its own.")] = 1,
     seed: Seed = None,
+    workers: Workers = 1,
+    dask: DaskAddress = None,
 ) -> None:
     """Fly virtual drops: records, and the truth beside."""
-    with _told("Finished drops are kept."):
+    with _told("Finished drops are kept; the same command goes on."):
         _free_folder(out)
         from bayeschute.study.load import load_study_or_vehicle
 
@@ -188,14 +194,16 @@ def simulate(
         if not any(flight.virtual for flight in study.flights):
             wanted = "a study with a [flight.virtual] table, or a vehicle"
             raise InputError(Fault(str(source), "a study of records only", wanted))
-        from bayeschute.study.work_data import simulate_study
+        from bayeschute.study.simulate import simulate_study
 
         with Bars() as bars:
-            drops = simulate_study(study, out, draws=draws, seed=seed, progress=bars)
+            drops = simulate_study(study, out, draws=draws, seed=seed, progress=bars, workers=workers, address=dask)
         for path in drops.files[:10]:
             say(str(path))
         if len(drops.files) > 10:
             say(f"and {len(drops.files) - 10} more in {out}")
+        if drops.kept:
+            say(f"{drops.kept} were there already")
         say("Outcome: " + ", ".join(f"{words} {count}" for words, count in drops.outcomes.items()))
         if any(drops.step_error):
             place, speed = drops.step_error
@@ -269,8 +277,8 @@ def calibrate(
         str | None,
         typer.Option(metavar="MODEL", help="Replaces [noise] model: latent, ar1, ar1+white, sandwich, white."),
     ] = None,
-    workers: Annotated[int, typer.Option(min=1, max=1024, help="Local processes.")] = 1,
-    dask: Annotated[str | None, typer.Option(metavar="ADDRESS", help="Dask scheduler, in place of --workers.")] = None,
+    workers: Workers = 1,
+    dask: DaskAddress = None,
     quick: Annotated[bool, typer.Option("--quick", help="Small sizes, to see that all works; not for use.")] = False,
 ) -> None:
     """Fly replicates of a study and count what its intervals and bands hold."""

@@ -33,6 +33,13 @@ def dies_once(seed: int, folder: str) -> dict[str, Any]:
     return drawn(seed)
 
 
+def deadly(seed: int) -> dict[str, Any]:
+    """The same, but whoever is given seed 45 is killed, every time."""
+    if seed == 45:
+        os.kill(os.getpid(), 9)
+    return drawn(seed)
+
+
 def refuses(seed: int) -> dict[str, Any]:
     raise AssertionError(f"replicate {seed} was there already")
 
@@ -86,3 +93,10 @@ def test_a_killed_worker_changes_nothing(tmp_path: Path):
     assert rows == [drawn(seed) for seed in SEEDS]
     there = [json.loads(line) for line in path.read_text().splitlines()[1:]]
     assert sorted(there, key=lambda row: row["seed"]) == rows
+
+
+def test_a_replicate_that_kills_its_workers_takes_no_other_with_it(tmp_path: Path):
+    rows = run(deadly, SEEDS, tmp_path / "rows.jsonl", "a", workers=2)
+    bad = rows.pop(SEEDS.index(45))
+    assert bad["seed"] == 45 and not bad["ok"] and "worker lost" in bad["error"]
+    assert rows == [drawn(seed) for seed in SEEDS if seed != 45]

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import numpyro
+import numpyro.infer.util
 import pytest
 import scipy.stats
 from scipy.linalg import solve_discrete_lyapunov, toeplitz

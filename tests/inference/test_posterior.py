@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import xarray as xr
+from scipy.optimize import brentq
 
 from bayeschute.inference import posterior
 from bayeschute.inference.evidence import HyperPrior
@@ -161,3 +162,21 @@ def test_log_prior_is_the_density_of_the_working_coordinate(tree, descent):
     z = (np.log(tree["posterior"]["cds_over_mass"].values) - p.centre) / p.scale
     wanted = -0.5 * z**2 - np.log(p.scale * np.sqrt(2.0 * np.pi))
     np.testing.assert_allclose(tree["log_prior"]["cds_over_mass"].values, wanted, atol=1e-10)
+
+
+def test_the_mode_is_found_far_from_the_joint_optimum(descent, monkeypatch):
+    """A log determinant whose slope dies away: one slope goes much too far, the mode is where slope and cost balance."""
+    settled = posterior.settle(descent.flights, descent.priors, HyperPrior(descent.hyper))
+    factor = np.linalg.cholesky(settled.optimum.covariance)
+    start = settled.optimum.theta
+
+    def bent(made):
+        """Slope of 6 per standard deviation at the joint optimum, of half that at two standard deviations."""
+        away = np.linalg.solve(factor, np.asarray(made.centre) - start)
+        return 6.0 * np.exp(away * np.log(2.0) / 2.0)
+
+    monkeypatch.setattr(posterior, "determinant_slope", bent)
+    best = posterior.marginal_mode(descent.flights, descent.priors, settled)
+    away = float(np.linalg.solve(factor, best.theta - start)[0])
+    balance = brentq(lambda x: x + 6.0 * np.exp(x * np.log(2.0) / 2.0), -6.0, 0.0)
+    assert best.converged and abs(away - balance) < 0.2 < abs(-6.0 - balance)

@@ -11,7 +11,7 @@ from bayeschute.errors import InputError
 from bayeschute.report import html
 from bayeschute.report.html import build_report
 
-SECTIONS = ("fed-in", "structure", "posterior", "predictions", "trust", "risk", "left-out", "provenance")
+SECTIONS = ("fed-in", "structure", "posterior", "told", "predictions", "trust", "risk", "left-out", "provenance")
 VOID = {"meta", "img", "br"}
 
 
@@ -141,7 +141,11 @@ def test_values_of_the_wrong_kind_do_not_break_it(bare):
         "noise": {"c": None, "d": 3, "e": {"white": "loud", "frequency": None}},
         "notes": "none",
         "versions": None,
-        "sensitivity": {"a[1]": {}},
+        "identifiability": {
+            "x": 3,
+            "y": {"parameters": {"a[1]": None, "b": {"noise_share": "much", "likelihood_interval": {"low": 1}}}},
+            "z": {"parameters": 5, "directions": [{"weights": None}, 3, {"contraction": 7, "words": "b"}], "noise": []},
+        },
     }
     (bare / "summary.json").write_text(json.dumps(odd))
     (bare / "structure.json").write_text(json.dumps({"coefficients": {"axial": {}, "odd": 3}}))

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from bayeschute.report import sentences, tables, tables_records, tables_trust
+from bayeschute.report import sentences, tables, tables_identifiability, tables_records, tables_trust
 from bayeschute.report.wording import MISSING
 
 
@@ -28,7 +28,8 @@ def shape_is_right(table):
         tables.noise_table,
         tables.posterior_table,
         tables_trust.check_table,
-        tables_trust.sensitivity_table,
+        tables_identifiability.told_table,
+        tables_identifiability.direction_table,
         tables_trust.requirement_table,
         tables_trust.tolerance_report,
         tables_trust.marginal_report,

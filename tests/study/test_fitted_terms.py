@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from bayeschute.inference.priors import Prior
-from bayeschute.study.fitted_terms import ADDED, terms_left_out, with_terms
+from bayeschute.study.fitted_terms import ADDED, KEPT, terms_left_out, with_terms
 
 
 def _job(model="cluster"):
@@ -29,6 +29,10 @@ def test_priors_come_from_the_fit_of_all_candidates():
     assert [p.centre for p in made] == [0.2, -0.1]
     np.testing.assert_allclose([p.scale for p in made], [0.05, 0.3])  # the floor, and six standard errors
     assert all(ADDED in p.source and "one" in p.source for p in made)
+
+
+def test_why_a_term_is_there_is_told():
+    assert all(p.source.endswith(KEPT) for p in terms_left_out(_job(), KEPT))
 
 
 def test_a_descent_has_none():

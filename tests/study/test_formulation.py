@@ -84,6 +84,9 @@ def test_a_sandwich_runs_to_the_end_and_says_what_it_is(sandwich, descents):
     assert row["corrected_sd"] > 1.3 * row["raw_sd"]
     assert found["sd"] == pytest.approx(row["corrected_sd"], rel=0.2)
     assert abs(row["estimate"] - descents.truth["low"]) < 4.0 * row["corrected_sd"]
+    told = summary["identifiability"]["low"]
+    assert set(told["parameters"]["cds_over_mass"]) == {"shift"} and told["noise"] == {}
+    assert told["directions"][0]["contraction"] == pytest.approx(found["contraction"], abs=0.03)
     page = (folder / "report.html").read_text(encoding="utf-8")
     assert "Corrected s.e." in page and "classical output error" in page
     with xr.open_datatree(folder / "posterior.nc", engine="h5netcdf") as tree:
@@ -93,7 +96,10 @@ def test_a_sandwich_runs_to_the_end_and_says_what_it_is(sandwich, descents):
 
 
 def test_white_noise_draws_from_the_raw_bound(descents, tmp_path: Path, sandwich):
-    run_study(asking(descents, tmp_path, "white"), tmp_path / "run", until="fit")
+    run_study(asking(descents, tmp_path, "white"), tmp_path / "run", until="check")
+    told = json.loads((tmp_path / "run" / "identifiability.json").read_text(encoding="utf-8"))["low"]
+    assert set(told["noise"]) == {"descent_rate, white noise"}
+    assert told["parameters"]["cds_over_mass"]["noise_partner"] == "descent_rate, white noise"
     (row,) = json.loads((tmp_path / "run" / "fit" / "output_error.json").read_text(encoding="utf-8"))
     assert row == pytest.approx(sandwich[1]["output_error"][0])
     with xr.open_datatree(tmp_path / "run" / "posterior.nc", engine="h5netcdf") as tree:
@@ -103,7 +109,9 @@ def test_white_noise_draws_from_the_raw_bound(descents, tmp_path: Path, sandwich
 
 
 def test_ar1_fits_without_latent_disturbances_and_leaves_no_table_of_output_error(descents, tmp_path: Path, sandwich):
-    run_study(asking(descents, tmp_path, "ar1"), tmp_path / "run", until="fit")
+    run_study(asking(descents, tmp_path, "ar1"), tmp_path / "run", until="check")
+    told = json.loads((tmp_path / "run" / "identifiability.json").read_text(encoding="utf-8"))["low"]
+    assert set(told["noise"]) == {"descent_rate, correlated noise", "descent_rate, time constant"}
     facts = json.loads((tmp_path / "run" / "fit" / "facts.json").read_text(encoding="utf-8"))
     assert facts["failed"] == 0 and not (tmp_path / "run" / "fit" / "output_error.json").exists()
     with xr.open_datatree(tmp_path / "run" / "posterior.nc", engine="h5netcdf") as tree:

@@ -15,8 +15,8 @@ from bayeschute.flight.record import load_record, repairs
 from bayeschute.forecast.virtual import fly
 from bayeschute.study import setup
 from bayeschute.study.load import Study, load_study
+from bayeschute.study.simulate import simulate_study
 from bayeschute.study.stages import STAGES, run_study
-from bayeschute.study.work_data import simulate_study
 
 Told = list[tuple[str, float, str]]
 KEPT = "kept from an earlier run"

@@ -11,6 +11,8 @@ import pytest
 from typer.testing import CliRunner
 
 from bayeschute.cli import app
+from bayeschute.study.fitted_terms import KEPT
+from bayeschute.study.load import load_study
 from bayeschute.study.stages import run_study
 
 MODELS = Path(__file__).parents[2] / "models"
@@ -19,8 +21,9 @@ MODELS = Path(__file__).parents[2] / "models"
 @pytest.fixture(scope="module")
 def default(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     folder = tmp_path_factory.mktemp("default")
-    run_study(MODELS / "studies/cdt-3-11.toml", folder / "run", until="structure")
-    return dict(json.loads((folder / "run/structure.json").read_text(encoding="utf-8")))
+    run_study(MODELS / "studies/cdt-3-11.toml", folder / "run", until="priors")
+    made = dict(json.loads((folder / "run/structure.json").read_text(encoding="utf-8")))
+    return made | {"priors": json.loads((folder / "run/priors.json").read_text(encoding="utf-8"))}
 
 
 @pytest.fixture(scope="module")
@@ -47,6 +50,17 @@ def test_the_vector_structure_predicts_the_other_canopy_and_a_second_flight(defa
     for label, check in transverse["check"].items():
         assert check["rms_ratio"] < 1.2, label
         assert check["r2"] > 0.5, label
+
+
+def test_a_pool_that_is_fitted_whole_has_priors_for_all_its_terms(default):
+    study = load_study(MODELS / "studies/cdt-3-11.toml")
+    wanted = [f"axial[{t}]" for t in study.structure.axial] + [f"transverse[{t}]" for t in study.structure.transverse]
+    made = {p["name"]: p for p in default["priors"]}
+    assert study.structure.fit == "pool"
+    assert sorted(name for name in made if "[" in name) == sorted(wanted)
+    left_out = [f"{k}[{t['term']}]" for k, e in default["coefficients"].items() for t in e["left_out"]]
+    assert [name for name, p in made.items() if KEPT in p["source"]] == sorted(left_out, key=list(made).index)
+    assert left_out
 
 
 def test_why_the_axial_structure_predicts_worse_is_told(default):

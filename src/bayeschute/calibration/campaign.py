@@ -90,18 +90,38 @@ def client_of(workers: int, address: str | None) -> Iterator[Any]:
 
 
 def _made(task: Task, seeds: Sequence[int], client: Any) -> Iterator[Row]:
-    """Rows as they are finished."""
+    """Rows as they are finished.
+
+    Dask blames the death of a worker on everything it was given, so replicates that it gives up are made again one by
+    one: what kills its workers then is the replicate itself, and it is counted as failed.
+    """
     if client is None:
         yield from map(task, seeds)
         return
+    given_up = []
+    for seed, row, _ in _sent(task, seeds, client):
+        if row is None:
+            given_up.append(seed)
+        else:
+            yield row
+    for one in given_up:
+        for seed, row, why in _sent(task, [one], client):
+            yield {"seed": seed, "ok": False, "error": f"worker lost: {why}", "wall_s": 0.0} if row is None else row
+
+
+def _sent(task: Task, seeds: Sequence[int], client: Any) -> Iterator[tuple[int, Row | None, str]]:
+    """Seeds with their rows as they are finished; without one, and with the reason, where Dask gave it up."""
     from distributed import as_completed
 
-    futures = {client.submit(task, seed, key=f"replicate-{seed}", retries=_RETRIES, pure=False): seed for seed in seeds}
+    futures = {client.submit(task, seed, retries=_RETRIES, pure=False): seed for seed in seeds}
     for future in as_completed(futures):
-        if future.status == "error":  # the worker died, again and again: counted like any other failure
-            yield {"seed": futures[future], "ok": False, "error": f"worker lost: {future.exception()}", "wall_s": 0.0}
-        else:
-            yield future.result()
+        if future.cancelled():
+            do = "Start it, and give the same command again: finished replicates are kept."
+            raise InputError(
+                Fault("--workers/--dask", "the connection broke off", "a scheduler that keeps running", do)
+            )
+        lost = future.status == "error"
+        yield futures[future], None if lost else future.result(), str(future.exception()) if lost else ""
 
 
 def run(

@@ -48,6 +48,8 @@ def with_parameters(base: Cluster, structure: Structure, names: Sequence[str], t
             risers = replace(risers, **{name[6:]: value})
         elif name == "capsule_mass":
             capsule = replace(capsule, mass=value)
+        elif name == "capsule_axial_force":
+            capsule = replace(capsule, axial_force=value)
         elif name == "enclosed_air_factor":
             canopies = replace(canopies, enclosed_volume=canopies.enclosed_volume * value)
         else:

@@ -15,7 +15,15 @@ import xarray as xr
 from jinja2 import Environment, StrictUndefined
 from matplotlib.figure import Figure
 
-from bayeschute.report import diagnostics, figures, sentences, tables, tables_records, tables_trust
+from bayeschute.report import (
+    diagnostics,
+    figures,
+    sentences,
+    tables,
+    tables_identifiability,
+    tables_records,
+    tables_trust,
+)
 from bayeschute.report.canvas import save
 from bayeschute.report.results import Results, read_results
 from bayeschute.report.structure_view import structure_view
@@ -223,12 +231,16 @@ def _context(results: Results) -> dict[str, Any]:
         "posterior": tables.posterior_table(results),
         "uninformed": sentences.uninformed(results),
         "posterior_pictures": posterior,
+        "told": {
+            "sentences": tables_identifiability.told_sentences(results),
+            "parameters": tables_identifiability.told_table(results),
+            "directions": tables_identifiability.direction_table(results),
+        },
         "bands": _band_pictures(results, folder),
         "coverage": tables_trust.coverage_table(results, half),
         "variance": _variance_picture(results, folder),
         "checks": tables_trust.check_table(results),
         "sampling": tables_trust.sampling_table(results),
-        "sensitivity": tables_trust.sensitivity_table(results),
         "chains": chains,
         "requirements": tables_trust.requirement_table(results),
         "exceedance": _exceedance_picture(results, folder),

@@ -77,29 +77,6 @@ def check_table(results: Results) -> Table | None:
     return Table(columns, tuple(rows)) if rows else None
 
 
-def sensitivity_table(results: Results) -> Table | None:
-    """How strongly the posterior answers to prior and likelihood (power scaling)."""
-    rows = []
-    for name, facts in results.part("sensitivity").items():
-        if isinstance(facts, Mapping):
-            prior, likelihood = facts.get("prior"), facts.get("likelihood")
-            diagnosis = facts.get("diagnosis")
-            if not diagnosis and is_number(prior):
-                diagnosis = (
-                    "prior and data pull apart, or the prior is strong" if prior > 0.05 else "prior hardly matters"
-                )
-            rows.append(
-                cells(
-                    Cell(str(name), "code"), number(prior, 2), number(likelihood, 2), Cell(str(diagnosis or ""), "wrap")
-                )
-            )
-    columns = columns_of("Parameter:code|Prior:num|Likelihood:num|Reading:text")
-    caption = (
-        "Change of the posterior when the prior or the likelihood is made a little stronger; above 0.05 it is felt."
-    )
-    return Table(columns, tuple(rows), caption, style="narrow") if rows else None
-
-
 def requirement_table(results: Results) -> Table | None:
     """P(met) over the posterior, apart from what the number of landings leaves open."""
     rows = []

@@ -14,6 +14,7 @@ from bayeschute.study.quantities import (
     Damping,
     Frequency,
     PositiveLength,
+    PositiveNumber,
     PositiveSpeed,
     PositiveTime,
     Stiffness,
@@ -55,11 +56,22 @@ class Prior(Strict, Generic[Q]):
 
 
 class GivenTable(Strict):
-    """Priors from outside, of what a record can't inform alone."""
+    """Priors from outside, of what a record can't inform alone; a number without a prior is that of the vehicle.
+
+    Attributes:
+        riser_stiffness: [N/m].
+        riser_damping: [N s/m].
+        riser_length: [m].
+        capsule_axial_force: C_A of the capsule [1].
+        enclosed_air_factor: Times the enclosed air of the vehicle's canopies [1].
+        cds_over_mass: C_D S/m of a descent [m^2/kg].
+    """
 
     riser_stiffness: Prior[Stiffness] | None = None
     riser_damping: Prior[Damping] | None = None
     riser_length: Prior[PositiveLength] | None = None
+    capsule_axial_force: Prior[PositiveNumber] | None = None
+    enclosed_air_factor: Prior[PositiveNumber] | None = None
     cds_over_mass: Prior[AreaPerMass] | None = None
 
 

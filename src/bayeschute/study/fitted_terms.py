@@ -15,10 +15,16 @@ if TYPE_CHECKING:
     from bayeschute.study.stages import Job
 
 ADDED = "added since the fitted flight asked for it"
+KEPT = "left out by equation error, kept since the whole pool is fitted"
 
 
-def terms_left_out(job: Job) -> list[Prior]:
-    """Priors of the terms that equation error did not select, from the fit of all candidates together."""
+def terms_left_out(job: Job, why: str = ADDED) -> list[Prior]:
+    """Priors of the terms that equation error did not select, from the fit of all candidates together.
+
+    Args:
+        job: A run whose structure is known.
+        why: Ends the source of each prior.
+    """
     study = job.study
     if study.model != "cluster":
         return []
@@ -29,7 +35,7 @@ def terms_left_out(job: Job) -> list[Prior]:
         for term in entry.get("left_out", ()):
             name, table = f"{kind}[{term['term']}]", study.priors
             one = from_equation_error(name, term["estimate"], term["se"], table.inflation, table.floor, flight=flight)
-            made.append(replace(one, source=f"{one.source}; {ADDED}"))
+            made.append(replace(one, source=f"{one.source}; {why}"))
     return made
 
 

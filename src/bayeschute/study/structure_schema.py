@@ -136,6 +136,9 @@ class StructureTable(Strict):
         sigma: Standard deviations that are given instead, by coefficient.
         penalty_factor: f of the predicted squared error; the report's equation has 1, its printed table fits 2 only.
         exchange: Whether terms are exchanged after the selection as long as that lowers the predicted squared error.
+        fit: What the simulated flight is fitted with: ``selected`` terms, and those left out that it then asks for; or
+            the whole ``pool``, for a small one: what a record can't tell apart then widens intervals, whichever terms
+            equation error took.
         replicates: Block replicates of the record that tell how sure the structure is; 0 for none.
         polar: Pools of the report's polar coefficients, searched besides.
     """
@@ -148,6 +151,7 @@ class StructureTable(Strict):
     sigma: SigmaTable = SigmaTable()
     penalty_factor: PositiveNumber = 2.0
     exchange: bool = False
+    fit: Annotated[Literal["selected", "pool"], one_of("selected", "pool")] = "selected"
     replicates: Annotated[int, whole(0, 100_000)] = 100
     polar: PolarTable = PolarTable()
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from bayeschute.study.work_data import ingest, priors, simulate_study
+from bayeschute.study.simulate import simulate_study
+from bayeschute.study.work_data import ingest, priors
 from bayeschute.study.work_fit import fit
 from bayeschute.study.work_report import report
 from bayeschute.study.work_results import check, predict, risk

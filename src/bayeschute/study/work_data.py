@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
 
-from bayeschute.dynamics.outcome import Outcome
 from bayeschute.errors import Fault, InputError
 from bayeschute.flight.back_driving import remove_velocity_bias
 from bayeschute.flight.clean import clean
@@ -20,6 +18,7 @@ from bayeschute.flight.record import Repair, load_record, repairs, with_repairs,
 from bayeschute.forecast.virtual import fly
 from bayeschute.inference.priors import Prior, from_equation_error
 from bayeschute.study import setup
+from bayeschute.study.fitted_terms import KEPT, terms_left_out, with_terms
 from bayeschute.study.load import Study
 from bayeschute.study.study import Flight
 from bayeschute.study.wind import with_wind
@@ -50,100 +49,8 @@ def flown(study: Study, flight: Flight, seed: int, quick: bool = False) -> tuple
     return record, truth
 
 
-class Drops(NamedTuple):
-    """What `simulate_study` flew.
-
-    Attributes:
-        files: Records and truths, written.
-        outcomes: Number of drops by outcome, in words.
-        failed: Drops that aren't ok, with what became of them.
-        step_error: Largest error due to the steps over drops that are ok: positions [m], velocities [m/s].
-    """
-
-    files: list[Path]
-    outcomes: dict[str, int]
-    failed: dict[str, str]
-    step_error: tuple[float, float]
-
-
-def simulate_study(
-    study: Study,
-    out: Path | str,
-    draws: int = 1,
-    seed: int | None = None,
-    progress: Callable[[str, float, str], None] | None = None,
-) -> Drops:
-    """Fly the virtual flights of a study, or the drop of a vehicle, and store records and truth.
-
-    A drop that leaves the finite numbers is counted, and leaves no files.
-
-    Args:
-        study: The study.
-        out: A folder; files are ``<flight>.nc`` and ``<flight>.truth.nc``, numbered where `draws` > 1.
-        draws: Virtual drops of each flight, with seeds of their own.
-        seed: Replaces the study's.
-        progress: Called with a name, the share done and words.
-
-    Returns:
-        The files written, and what became of every drop.
-
-    Raises:
-        InputError: If the study has no virtual flight, or no drop stays finite.
-    """
-    folder, faults = Path(out), list[Fault]()
-    flights = [f for f in study.flights if f.virtual is not None]
-    if not flights:
-        raise InputError(
-            Fault(str(study.path), "no virtual flight", "a [flight.virtual] table", "Add one, or use run.")
-        )
-    drops = Drops([], {}, {}, (0.0, 0.0))
-    folder.mkdir(parents=True, exist_ok=True)
-    for i, flight in enumerate(flights):
-        for draw in range(draws):
-            stem = flight.name if draws == 1 else f"{flight.name}.{draw:05d}"
-            try:
-                record, truth = flown(study, flight, _seed_of(study, flight, i, draw, seed))
-            except InputError as error:
-                faults += error.faults
-                drops = _with_drop(drops, stem, {"outcome": Outcome.DIVERGED.words, "why": error.faults[0].got})
-            else:
-                drops.files.append(write_record(record, folder / f"{stem}.nc"))
-                drops.files.append(_write_truth(truth, folder / f"{stem}.truth.nc"))
-                drops = _with_drop(drops, stem, truth.attrs)
-            if progress is not None:
-                progress("simulate", (i * draws + draw + 1) / (len(flights) * draws), stem)
-    if not drops.files:
-        raise InputError(faults)
-    return drops
-
-
-def _with_drop(drops: Drops, stem: str, attributes: Mapping[str, Any]) -> Drops:
-    """Counted: one drop more, of which the attributes tell."""
-    words = attributes["outcome"]
-    outcomes = {**drops.outcomes, words: drops.outcomes.get(words, 0) + 1}
-    if words != Outcome.OK.words:
-        why = attributes.get("why") or f"{words} at {attributes['failed_at_s']:.1f} s"
-        return drops._replace(outcomes=outcomes, failed={**drops.failed, stem: why})
-    place, speed = (attributes[f"step_error_{name}"] for name in ("position_m", "velocity_m_per_s"))
-    worst = max(drops.step_error[0], place), max(drops.step_error[1], speed)
-    return drops._replace(outcomes=outcomes, step_error=worst)
-
-
-def _seed_of(study: Study, flight: Flight, i: int, draw: int, seed: int | None) -> int:
-    """Seed of a draw of flight `i`; the first draw has that of the flight drawn alone."""
-    if not draw:
-        return _first_seed(study, flight, seed)
-    first = study.seed if seed is None else seed
-    return int(np.random.SeedSequence([first, i, draw]).generate_state(1)[0])
-
-
-def _first_seed(study: Study, flight: Flight, seed: int | None) -> int:
-    from dataclasses import replace
-
-    return setup.flight_seed(study if seed is None else replace(study, seed=seed), flight)
-
-
-def _write_truth(truth: xr.Dataset, path: Path) -> Path:
+def write_truth(truth: xr.Dataset, path: Path) -> Path:
+    """Write the truth beside a record."""
     kept = {name: value for name, value in truth.attrs.items() if name != "repairs"}
     truth.drop_attrs(deep=False).assign_attrs(kept).to_netcdf(path, engine="h5netcdf")
     return path
@@ -185,7 +92,7 @@ def ingest(job: Job) -> str:
             last = truth["time"].values[[0, -1]]  # rounding may put a record's last time beyond the truth's
             at = record["time"].values
             truth = truth.interp(time=np.clip(at, *last)).assign_coords(time=at)
-            write_whole(job.out / "flights" / f"{flight.name}.truth.nc", partial(_write_truth, truth))
+            write_whole(job.out / "flights" / f"{flight.name}.truth.nc", partial(write_truth, truth))
         write_whole(job.out / "flights" / f"{flight.name}.nc", partial(write_record, record))
         job.say("ingest")((i + 1) / len(study.flights), flight.name)
     return f"{len(study.flights)} flights, {listed} repairs listed"
@@ -208,6 +115,8 @@ def priors(job: Job) -> str:
                     flight=source,
                 )
             )
+    if study.structure is not None and study.structure.fit == "pool":
+        made = with_terms(made, terms_left_out(job, KEPT))[0]
     given = study.priors.given
     for name, unit in _GIVEN.items():
         table = getattr(given, name)
@@ -217,7 +126,14 @@ def priors(job: Job) -> str:
     return f"{len(made)} parameters"
 
 
-_GIVEN = {"riser_stiffness": "N/m", "riser_damping": "N s/m", "riser_length": "m", "cds_over_mass": "m^2/kg"}
+_GIVEN = {
+    "riser_stiffness": "N/m",
+    "riser_damping": "N s/m",
+    "riser_length": "m",
+    "capsule_axial_force": "1",
+    "enclosed_air_factor": "1",
+    "cds_over_mass": "m^2/kg",
+}
 _POSITIVE = ("riser_stiffness", "riser_damping", "cds_over_mass")
 
 

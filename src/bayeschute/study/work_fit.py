@@ -267,7 +267,9 @@ def _found(
     """
     prior, rounds = HyperPrior(setup.hyper(job.study)), 1 if job.quick else 2
     # The score test of a term takes what the noise model leaves to the residuals for evidence: latent models only.
-    left_out, z = terms_left_out(job) if job.study.noise.model == "latent" else [], dict[str, float]()
+    here = {p.name for p in group.priors}
+    latent = job.study.noise.model == "latent"
+    left_out, z = [p for p in terms_left_out(job) if latent and p.name not in here], dict[str, float]()
     begins: list[Begin | None] = [None]
     while True:
         flights = [data_of(job, f, group.priors) for f in group.flights]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from bayeschute.flight.record import repairs
 from bayeschute.study import formulation, setup
 from bayeschute.study.claims import calibration_check, verification
-from bayeschute.study.fitted_terms import ADDED
+from bayeschute.study.fitted_terms import ADDED, KEPT
 from bayeschute.study.load import study_hash
 from bayeschute.study.study import Flight, Study
 from bayeschute.study.work_data import load_flight, load_priors
@@ -55,7 +55,7 @@ def _summary(job: Job) -> dict[str, Any]:
             "divergences": _divergences(job), "failed_solves": facts["failed"], "wall_s": seconds,
             "wall": facts["wall"], "min_ess_per_s": min(checked["ess_bulk"].values()) / seconds,
         },
-        **_disturbances(job), **_output_error(job),
+        **_disturbances(job), **_output_error(job), **_identifiability(job),
         "coverage": job.load("coverage.json"),
         "checks": checked["checks"] | {"calibration": calibration},
         "requirements": job.load("risk/requirements.json"),
@@ -117,6 +117,12 @@ def _output_error(job: Job) -> dict[str, Any]:
     return {"output_error": job.load("fit/output_error.json")} if there else {}
 
 
+def _identifiability(job: Job) -> dict[str, Any]:
+    """What the record tells, by fit; a folder whose checks are of an older program has none."""
+    there = (job.out / "identifiability.json").exists()
+    return {"identifiability": job.load("identifiability.json")} if there else {}
+
+
 def _flight_entry(job: Job, flight: Flight) -> dict[str, Any]:
     record = load_flight(job, flight.name)
     time = record["time"].values
@@ -170,6 +176,9 @@ def _notes(job: Job) -> list[str]:
     added = [p.name for p in load_priors(job) if ADDED in p.source]
     if added:
         notes.append(f"Left out by equation error, added since the fitted flight asked for it: {', '.join(added)}.")
+    kept = [p.name for p in load_priors(job) if KEPT in p.source]
+    if kept:
+        notes.append(f"Left out by equation error, fitted all the same since the whole pool is: {', '.join(kept)}.")
     missed = set(flown_terms(study)) - {p.name for p in load_priors(job) if "[" in p.name}
     if missed and study.flights[0].virtual is not None:
         notes.append("Flown but not selected: " + ", ".join(sorted(missed)) + ".")

@@ -21,6 +21,7 @@ from bayeschute.study import setup
 from bayeschute.study.study import Flight
 from bayeschute.study.work_data import load_flight, load_truth
 from bayeschute.study.work_fit import Group, Stored, data_of, gaussian_summary, groups, load_fit, summary_draws
+from bayeschute.study.work_identifiability import of_fit
 
 if TYPE_CHECKING:
     from bayeschute.study.stages import Job
@@ -45,6 +46,7 @@ def check(job: Job) -> str:
     add("ess_bulk", min(bulk.values()), 400.0, min(bulk.values()) > 400.0, "least bulk effective sample size")
     add("ess_tail", min(tail.values()), 400.0, min(tail.values()) > 400.0, "least tail effective sample size")
     steps, share, wrong, failed, evaluations, converged = [], [], [], 0, 0, True
+    told: dict[str, Any] = {}
     for i, group in enumerate(groups(job)):
         stored = load_fit(job, group)
         converged &= stored.optimum.converged
@@ -54,6 +56,7 @@ def check(job: Job) -> str:
             driven = course(flight, stored.hyper, unknowns)
             steps.append(_step_error(flight, stored, driven))
             share.append(_innovation_share(flight, stored, driven))
+        told[group.name] = of_fit(job, group, stored)
         job.say("check")((i + 1) / len(groups(job)), group.name)
     add("optimum", float(not converged), 0.0, converged, "fits whose optimum did not converge")
     add(
@@ -85,6 +88,7 @@ def check(job: Job) -> str:
         max(wrong) < 0.2,
         "root mean square error of the log determinant's polynomial over the posterior",
     )
+    job.save("identifiability.json", told)
     job.save("checks.json", {"checks": checks, "rhat": rhat, "ess_bulk": bulk, "ess_tail": tail})
     missed = [name for name, c in checks.items() if not c["passed"]]
     return "all passed" if not missed else "missed: " + ", ".join(missed)

@@ -1,0 +1,98 @@
+"""How much sooner are two workers done than one, and do they find the same?
+
+The same campaign of `bayeschute calibrate` on the default study is run three times, by processes of their own: to fill
+the compilation cache, by one worker, and by two. Efficiency is the time of one worker over twice that of two, the
+start of the processes included. Rows and tables must be the same, but for times. What is lost is told apart: replicates
+that take longer beside another one (memory, clock rate, other users of the cores), and the rest (starting, waiting for
+the last one).
+
+    python benchmarks/campaign_efficiency.py [--replicates 8] [--full] [--json]
+
+Needs two idle cores and the extra `dask`. Replicates are quick ones unless --full is given. `identical` false is exit
+code 1.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from time import perf_counter
+from typing import Any, NamedTuple
+
+ROOT = Path(__file__).parents[1]
+STUDY = ROOT / "models" / "studies" / "cdt-3-11.toml"
+COMMAND = "from bayeschute.cli import main; main()"
+
+
+class Made(NamedTuple):
+    """A campaign: time on the clock [s], rows by seed and tables without times, times of the replicates [s]."""
+
+    wall: float
+    rows: dict[int, dict[str, Any]]
+    tables: dict[str, Any]
+    each: list[float]
+
+
+def campaign(folder: Path, workers: int, replicates: int, full: bool) -> Made:
+    """Run a campaign in a process of its own and read what it left."""
+    sizes = [] if full else ["--quick"]
+    told = ["--out", str(folder), "--workers", str(workers), "--replicates", str(replicates), *sizes]
+    began = perf_counter()
+    done = subprocess.run(
+        [sys.executable, "-c", COMMAND, "calibrate", str(STUDY), *told], capture_output=True, text=True
+    )
+    wall = perf_counter() - began
+    if done.returncode:
+        raise SystemExit(f"the campaign of {workers} workers ended with {done.returncode}: {done.stderr[-2000:]}")
+    (kept,) = folder.glob("*.rows.jsonl")
+    rows = [json.loads(line) for line in kept.read_text(encoding="utf-8").splitlines()[1:]]
+    (result,) = folder.glob("*.json")
+    tables = json.loads(result.read_text(encoding="utf-8"))
+    tables.pop("wall_s")
+    each = [row.pop("wall_s") for row in rows]
+    return Made(wall, {row["seed"]: row for row in rows}, tables, each)
+
+
+def main() -> None:
+    """Run, print, and with ``--json`` one object as the last line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--replicates", type=int, default=8, help="even, so that two workers share them")
+    parser.add_argument("--full", action="store_true", help="replicates as in use, minutes each")
+    parser.add_argument("--json", action="store_true")
+    options = parser.parse_args()
+    if options.replicates < 2 or options.replicates % 2:
+        parser.error("--replicates: an even number is wanted")
+    with tempfile.TemporaryDirectory(prefix="bayeschute-") as place:
+        os.environ["BAYESCHUTE_CACHE"] = str(Path(place) / "compiled")
+        given = options.replicates, options.full
+        warm, one, two = (campaign(Path(place) / str(i), workers, *given) for i, workers in enumerate((1, 1, 2)))
+    identical = one.rows == two.rows and one.tables == two.tables
+    failed = sum(not row["ok"] for row in two.rows.values())
+    efficiency, slower = one.wall / (2.0 * two.wall), sum(two.each) / sum(one.each)
+    print(f"{options.replicates} {'full' if options.full else 'quick'} replicates, {failed} failed")
+    print(f"filling the cache {warm.wall:.0f} s, 1 worker {one.wall:.0f} s, 2 workers {two.wall:.0f} s")
+    print(f"efficiency from 1 to 2 workers: {100.0 * efficiency:.0f} %")
+    print(f"a replicate takes {slower:.2f} times as long beside another one; that alone leaves {100.0 / slower:.0f} %")
+    print(f"rows and tables are {'the same' if identical else 'NOT the same'}")
+    if options.json:
+        context = {
+            "replicates": options.replicates,
+            "full": options.full,
+            "failed": failed,
+            "cores": os.cpu_count(),
+            "load_average": round(os.getloadavg()[0], 1),
+            "wall_s": {"filling": warm.wall, "1": one.wall, "2": two.wall},
+            "slower_beside_another": slower,
+        }
+        print(json.dumps({"efficiency_1_to_2": efficiency, "identical": identical, "context": context}))
+    if not identical:
+        raise SystemExit(1)
+
+
+if __name__ == "__main__":
+    main()

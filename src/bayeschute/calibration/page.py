@@ -1,0 +1,169 @@
+"""Results of campaigns as one page of Markdown: what was promised, what was held, where it was not and by how much."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from bayeschute.calibration.scores import LEVELS
+from bayeschute.calibration.tables import ENOUGH, NOMINAL, WANTED, promised, verdict
+
+Result = dict[str, Any]
+_MARKS = {"kept": "", "too narrow": " **narrow**", "too wide": " **wide**", "too few replicates": ""}
+
+
+def _cells(values: Iterable[str]) -> str:
+    return "| " + " | ".join(values) + " |"
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+    return [_cells(head), _cells(["---"] * len(head)), *(_cells(row) for row in rows), ""]
+
+
+def _share(result: Result, name: str) -> str:
+    if name not in result["coverage"]:
+        return ""
+    return f"{100 * result['coverage'][name]:.0f} ± {100 * result['standard_error'][name]:.0f}"
+
+
+def _marked(result: Result, name: str) -> str:
+    """A share with its standard error; what lies more than two of these outside what counts as kept is marked."""
+    if name not in result["coverage"]:
+        return ""
+    share, se = result["coverage"][name], result["standard_error"][name]
+    off = share + 2.0 * se < WANTED[0] or share - 2.0 * se > WANTED[1]
+    return f"**{_share(result, name)}**" if off else _share(result, name)
+
+
+def _name(result: Result) -> str:
+    return f"`{result['noise']}`, {result['disturbance']}"
+
+
+def _pooled(result: Result) -> str:
+    names = [name for name in promised(result) if name in result["parameters"]]
+    if not names:
+        return "no true values"
+    shares = [result["coverage"][name] for name in names]
+    return f"{100 * sum(shares) / len(shares):.0f} ({100 * min(shares):.0f} to {100 * max(shares):.0f})"
+
+
+def overview(results: Sequence[Result]) -> list[str]:
+    """One row per configuration and disturbance: shares of nominal 90 % held.
+
+    Args:
+        results: As written by ``bayeschute calibrate``.
+    """
+    bands = list(dict.fromkeys(n for r in results for n, b in r["bands"].items() if b["role"] == "predict"))
+    head = ["noise model, disturbance", "replicates", "failed", "aerodynamic parameters (least to most)", *bands]
+    rows = [
+        [_name(r), str(r["replicates"]), str(len(r["failed"])), _pooled(r), *(_marked(r, b) for b in bands)]
+        for r in results
+    ]
+    return _table(head, rows)
+
+
+def whole(result: Result) -> list[str]:
+    """Everything about one configuration: all levels, widths, scores, time since the start.
+
+    Args:
+        result: As written by ``bayeschute calibrate``.
+    """
+    levels = [f"{100 * level:.0f} %" for level in LEVELS]
+    named = promised(result)
+
+    def shares(entry: dict[str, Any]) -> list[str]:
+        return [f"{100 * entry['coverage'][str(level)]:.0f}" for level in LEVELS]
+
+    made = [f"### {_name(result)}: {result['says']}", ""]
+    failed = f"{len(result['failed'])} failed" if result["failed"] else "none failed"
+    missed = ", ".join(f"`{k}` {v} times" for k, v in result["missed_checks"].items()) or "none"
+    seeds = f"seeds {result['seeds'][0]} to {result['seeds'][1]}"
+    made += [
+        f"{result['replicates']} replicates, {failed} ({seeds}); checks of single runs that were missed: {missed}."
+    ]
+    made += [""]
+    rows = []
+    for name, entry in result["parameters"].items():
+        z = "" if entry["rms_z"] is None else f"{entry['mean_z']:+.2f}, {entry['rms_z']:.2f}"
+        says = _MARKS[verdict(result, name)] if name in named else ""
+        left = str(entry["left_out"]) if entry["left_out"] else ""
+        s_e = f"{100 * entry['standard_error']:.1f}"
+        rows.append([f"`{name}`", str(entry["replicates"]), *shares(entry), s_e + says, z, left])
+    head = ["parameter", "replicates", *levels, "s.e. at 90 %", "z: mean, rms", "left out"]
+    if rows:
+        made += _table(head, rows)
+    rows = []
+    for name, entry in result["bands"].items():
+        by_time = ", ".join(f"{w}: {100 * share:.0f}" for w, share in entry["by_time"].items())
+        says = _MARKS[verdict(result, name)] if name in named else ""
+        s_e = f"{100 * entry['standard_error']:.1f}"
+        numbers = [f"{entry[key]:.3g}" for key in ("width", "interval_score", "crps")]
+        rows.append([name, *shares(entry), s_e + says, *numbers, by_time])
+    head = [
+        "flight/quantity",
+        *levels,
+        "s.e. at 90 %",
+        "mean width",
+        "interval score",
+        "CRPS",
+        "90 % by time since start",
+    ]
+    return [*made, *_table(head, rows)]
+
+
+def diagnosis(results: Sequence[Result]) -> list[str]:
+    """In words: which promised quantity is off, under which disturbance or setting, by how many standard errors.
+
+    Args:
+        results: As written by ``bayeschute calibrate``.
+    """
+    made = []
+    for result in results:
+        for name in promised(result):
+            share, se = result["coverage"][name], result["standard_error"][name]
+            if WANTED[0] <= share <= WANTED[1]:
+                continue
+            away = abs(share - NOMINAL) / se if se else float("inf")
+            sure = "beyond doubt" if away > 3.0 else "probably" if away > 2.0 else "perhaps by chance"
+            off = "too narrow" if share < NOMINAL else "too wide"
+            made.append(f"- {_name(result)}: `{name}` {off}, {_share(result, name)} % ({sure}).")
+    return made or ["Nothing that is promised lies outside 85 to 95 %."]
+
+
+def page(results: Sequence[Result], ranks: Sequence[Result], command: str) -> str:
+    """The page.
+
+    Args:
+        results: As written by ``bayeschute calibrate``, in the order of the page.
+        ranks: As stored by ``benchmarks/ranks.py``.
+        command: What makes it.
+    """
+    text = [
+        "# What intervals and bands hold",
+        "",
+        f"Written by `{command}`; do not edit. Numbers behind it: `models/reference/calibration/*.json`.",
+        "",
+        "Every replicate flies a study anew from another seed, identifies and predicts it as a run would, and counts.",
+        "A share is that of replicates whose nominal 90 % interval holds the true parameter, or the mean share of",
+        "samples of a flight whose true value lies in the 90 % band; ± is one standard error, replicates being the",
+        f"units. A promise is kept between {100 * WANTED[0]:.0f} and {100 * WANTED[1]:.0f} %, by {ENOUGH} replicates;",
+        "in the overview what lies two standard errors outside is bold.",
+        "",
+    ]
+    if results:
+        text += ["## Overview", "", *overview(results), "## What is off", "", *diagnosis(results), ""]
+    if ranks:
+        text += ["## Ranks of truths drawn from the prior", ""]
+        text += ["Records come from the model itself, so this tests the inference alone (`benchmarks/ranks.py`).", ""]
+        rows = []
+        for r in ranks:
+            off = [q for q, t in r["quantities"].items() if not t["passed"]]
+            says = "all inside" if r["passed"] else "outside: " + ", ".join(off)
+            shift = f"draws moved by {r['shift']:g} sd" if r["shift"] else "as it is"
+            rows.append([r["study"], shift, str(r["replicates"]), str(r["failed"]), str(len(r["quantities"])), says])
+        text += _table(["model", "sampler", "replicates", "failed", "quantities", "95 % simultaneous bands"], rows)
+    if results:
+        text += ["## Configurations", ""]
+        for result in results:
+            text += whole(result)
+    return "\n".join(text).rstrip() + "\n"

@@ -1,0 +1,68 @@
+"""The page of results says what the results say, and what is off."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from bayeschute.calibration.page import diagnosis, overview, page, whole
+from bayeschute.calibration.scores import LEVELS
+
+ROOT = Path(__file__).parents[2]
+
+
+def result(share=0.9, band=0.88, disturbance="none", replicates=100):
+    levels = dict.fromkeys(map(str, LEVELS), share)
+    parameter = {"share": share, "standard_error": 0.03, "replicates": replicates, "coverage": levels, "left_out": 2,
+                 "mean_z": 0.1, "rms_z": 1.1}  # fmt: skip
+    swing = {"share": band, "standard_error": 0.02, "replicates": replicates, "role": "predict", "coverage": levels,
+             "width": 0.12, "interval_score": 0.2, "crps": 0.03, "pit": [0.5] * 10, "by_time": {"0-30 s": 0.87}}  # fmt: skip
+    return {
+        "study": "cdt", "noise": "latent", "disturbance": disturbance, "says": "as it is", "replicates": replicates,
+        "failed": {"7": "lost"}, "seeds": [1, 101], "missed_checks": {"rhat": 3},
+        "coverage": {"axial[1]": share, "new/swing_angle": band},
+        "standard_error": {"axial[1]": 0.03, "new/swing_angle": 0.02},
+        "parameters": {"axial[1]": parameter}, "bands": {"new/swing_angle": swing},
+    }  # fmt: skip
+
+
+def test_the_overview_has_a_row_a_result_and_marks_what_is_surely_off():
+    made = overview([result(), result(band=0.70, disturbance="mass")])
+    assert len(made) == 2 + 2 + 1
+    assert "| `latent`, none | 100 | 1 | 90 (90 to 90) | 88 ± 2 |" in made
+    assert "**70 ± 2**" in made[3]
+
+
+def test_diagnosis_names_quantity_configuration_and_how_sure():
+    assert diagnosis([result()]) == ["Nothing that is promised lies outside 85 to 95 %."]
+    made = diagnosis([result(share=0.83, disturbance="mass"), result(band=0.99)])
+    assert made[0] == "- `latent`, mass: `axial[1]` too narrow, 83 ± 3 % (probably)."
+    assert made[1].startswith("- `latent`, none: `new/swing_angle` too wide, 99 ± 2 %") and "beyond doubt" in made[1]
+
+
+def test_one_configuration_in_full():
+    text = "\n".join(whole(result(share=0.8)))
+    assert "100 replicates, 1 failed (seeds 1 to 101); checks of single runs that were missed: `rhat` 3 times." in text
+    assert "3.0 **narrow**" in text and "+0.10, 1.10" in text and "0-30 s: 87" in text
+
+
+def test_the_page_tells_ranks_too():
+    ranks = {"study": "dumbbell", "shift": 0.3, "replicates": 300, "failed": 0, "passed": False,
+             "quantities": {"C_A0": {"passed": False}, "swing": {"passed": True}}}  # fmt: skip
+    text = page([result()], [ranks], "make calibration")
+    assert "`make calibration`" in text
+    assert "| dumbbell | draws moved by 0.3 sd | 300 | 0 | 2 | outside: C_A0 |" in text
+    assert "## Configurations" in text and text.endswith("\n")
+
+
+def test_the_shipped_page_is_that_of_the_shipped_results():
+    shipped, stored = ROOT / "docs/calibration.md", ROOT / "models/reference/calibration"
+    if not shipped.exists():
+        pytest.skip("no calibration is shipped")
+    text = shipped.read_text(encoding="utf-8")
+    for file in sorted(stored.glob("*.json")):
+        made = json.loads(file.read_text(encoding="utf-8"))
+        if "coverage" in made:
+            assert "\n".join(whole(made)) in text, file.name
