@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
-from bayeschute.study.claims import NONE_STORED, calibration_check, verification
+from bayeschute.study.claims import NONE_STORED, calibration_check, remedy, verification
 from bayeschute.study.identity import configuration
 from bayeschute.study.load import load_study
 from bayeschute.study.work_report import flown_terms
@@ -32,9 +33,10 @@ def label(tmp_path, monkeypatch):
             }  # fmt: skip
             (tmp_path / "calibration").mkdir(exist_ok=True)
             (tmp_path / "calibration/latent.none.json").write_text(json.dumps(result))
-        job = SimpleNamespace(study=STUDY, out=tmp_path, quick=False)
+        study = replace(STUDY, path=Path("s.toml"))
+        job = SimpleNamespace(study=study, out=tmp_path, quick=False)
         check = calibration_check(job)
-        return check, verification(checks | {"calibration": check}, "bayeschute calibrate s.toml")
+        return check, verification(checks | {"calibration": check}, study)
 
     return made
 
@@ -72,3 +74,9 @@ def test_a_run_that_missed_its_own_checks_is_not_verified_by_replicates(label):
 
 def test_the_default_study_promises_the_terms_it_flies():
     assert {"axial[1]", "axial[alpha^2]"} <= set(flown_terms(STUDY))
+
+
+def test_recorded_flights_and_descents_are_not_sent_to_a_command_that_refuses_them():
+    recorded = replace(STUDY, flights=tuple(replace(f, virtual=None) for f in STUDY.flights))
+    assert "given the same tables with virtual flights" in remedy(recorded)
+    assert remedy(replace(STUDY, model="descent")) == "none can be made yet of a descent"

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from bayeschute.calibration.tables import ENOUGH, WANTED, promised, verdict
 from bayeschute.study.identity import stored
+from bayeschute.study.study import Study
 
 if TYPE_CHECKING:
     from bayeschute.study.stages import Job
@@ -54,13 +55,22 @@ def calibration_check(job: Job) -> dict[str, Any]:
     return {"passed": not off, "value": held[worst]["share"], "bound": WANTED[0], "detail": says, "held": held}
 
 
-def verification(checks: Mapping[str, Mapping[str, Any]], command: str) -> str:
+def remedy(study: Study) -> str:
+    """How to make a study's calibration: truths are known of virtual flights of a cluster only."""
+    if study.model != "cluster":
+        return "none can be made yet of a descent"
+    if all(flight.virtual is not None for flight in study.flights):
+        return f"`bayeschute calibrate {study.path}` makes one"
+    return "`bayeschute calibrate` makes one, given the same tables with virtual flights like these"
+
+
+def verification(checks: Mapping[str, Mapping[str, Any]], study: Study) -> str:
     """The label of a run's intervals: ``verified``, or what is missing and the command that makes it."""
     missed = [name for name, entry in checks.items() if entry["passed"] is False and name != "calibration"]
     calibration = checks["calibration"]
     lacking = [] if calibration["passed"] else [calibration["detail"]]
     if calibration["passed"] is None:
-        lacking[0] += f" (`{command}` makes one)"
+        lacking[0] += f" ({remedy(study)})"
     if missed:
         lacking.append(f"missed {', '.join(missed)}")
     return "not verified: " + "; ".join(lacking) if lacking else f"verified: {calibration['detail']}"

@@ -40,7 +40,7 @@ def report(job: Job) -> str:
 def _summary(job: Job) -> dict[str, Any]:
     study, facts, checked = job.study, job.load("fit/facts.json"), job.load("checks.json")
     calibration = calibration_check(job)
-    label = verification(checked["checks"] | {"calibration": calibration}, f"bayeschute calibrate {study.path}")
+    label = verification(checked["checks"] | {"calibration": calibration}, study)
     label = "; ".join(filter(None, (formulation.label(study.noise.model), label)))
     draws, units = summary_draws(job)
     some = next(iter(draws.values()))
