@@ -34,6 +34,7 @@ class Job:
         quick: Whether sizes are cut; results are then not for use.
         hash: Of everything the results depend on.
         progress: Called with stage, share done and words.
+        resume: Whether what an earlier run kept of an unfinished stage may be used.
     """
 
     study: Study
@@ -41,6 +42,7 @@ class Job:
     quick: bool
     hash: str
     progress: Progress
+    resume: bool = False
 
     def say(self, stage: str) -> Callable[[float, str], None]:
         """A progress function of one stage."""
@@ -117,7 +119,8 @@ def run_study(
         wanted = "a new folder or one of an earlier run"
         raise InputError(Fault(str(folder), "a folder with other files", wanted, "Choose another --out."))
     text = f"{study_hash(study)}:{bayeschute.__version__}:{quick}"
-    job = Job(study, folder, quick, hashlib.sha256(text.encode()).hexdigest(), progress or (lambda *_: None))
+    digest, say = hashlib.sha256(text.encode()).hexdigest(), progress or (lambda *_: None)
+    job = Job(study, folder, quick, digest, say, resume)
     (folder / ".stages").mkdir(parents=True, exist_ok=True)
     write_whole(folder / "study.toml", lambda p: p.write_text(_as_run(job)))
     hashes = _stage_hashes(job)

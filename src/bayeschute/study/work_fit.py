@@ -22,12 +22,12 @@ from bayeschute.inference.law_slope import widened
 from bayeschute.inference.map import Optimum
 from bayeschute.inference.marginal import Determinant, Marginal, marginalise
 from bayeschute.inference.omitted import scores
-from bayeschute.inference.posterior import Begin, Found, conclude, data_tree, sample, settle
+from bayeschute.inference.posterior import Begin, Found, Settled, conclude, data_tree, sample, settle
 from bayeschute.inference.priors import Prior
 from bayeschute.inference.records import cluster_data, descent_data
 from bayeschute.inference.target import FlightData, Hyper, Unknowns
 from bayeschute.samplers.protocol import Draws
-from bayeschute.study import setup
+from bayeschute.study import checkpoint, setup
 from bayeschute.study.fitted_terms import terms_left_out, with_terms
 from bayeschute.study.study import Flight
 from bayeschute.study.wind import by_altitude
@@ -186,6 +186,8 @@ def fit(job: Job) -> str:
     study, trees, said = job.study, [], []
     for name in ("priors.json", "output_error.json"):
         (job.out / "fit" / name).unlink(missing_ok=True)
+    if not job.resume:
+        checkpoint.clear(job)
     todo, began = groups(job), time.perf_counter()
     wall: dict[str, float] = {}
     asked_for: dict[str, float] = {}
@@ -210,7 +212,10 @@ def fit(job: Job) -> str:
             kinds, found = ["sandwich"], replace(found, law_slope=0.0 * found.law_slope)
         for kind in kinds:
             clock = time.perf_counter()
-            draws = _draws(job, i, found, bounds, kind, lambda s, w: say(s, w, 0.8, 0.9))
+            draws = checkpoint.get_draws(job, group.name, kind)
+            if draws is None:
+                draws = _draws(job, i, found, bounds, kind, lambda s, w: say(s, w, 0.8, 0.9))
+                checkpoint.put_draws(job, group.name, kind, draws)
             wall[f"{kind}_s"] = wall.get(f"{kind}_s", 0.0) + time.perf_counter() - clock
             names = [f.name for f in group.flights]
             wide = widened(draws.xi, found.law_slope, found.law_covariance, study.seed)
@@ -228,6 +233,7 @@ def fit(job: Job) -> str:
     write_whole(job.out / "posterior.nc", partial(_write_tree, tree))
     wall["fit_s"] = time.perf_counter() - began
     job.save("fit/facts.json", {"wall": wall, "notes": said, "failed": failed, "scores": setup.as_plain(asked_for)})
+    checkpoint.clear(job)
     return f"{len(todo)} fits, {failed} failed simulations"
 
 
@@ -257,15 +263,36 @@ def _draws(
 def _found(
     job: Job, group: Group, say: Callable[[float, str, float, float], None]
 ) -> tuple[Group, Found, dict[str, float]]:
-    """Fit a group; terms that were left out and that the simulated flight asks for are added, and it is fitted again.
+    """Fit a group, or take up what an earlier run kept of it.
+
+    Returns:
+        The group with the priors that were used, what was found, and the last scores of left-out terms.
+    """
+    prior, kept = HyperPrior(setup.hyper(job.study)), checkpoint.get_settled(job, group.name)
+    if kept is None:
+        group, settled, z = _settled(job, group, prior, lambda s, w: say(s, w, 0.0, 0.6))
+        checkpoint.put_settled(job, group.name, group.priors, settled, z)
+    else:
+        priors, settled, z = kept
+        if tuple(priors) != group.priors:
+            group = replace(group, priors=tuple(priors))
+            job.save("fit/priors.json", [p.__dict__ for p in priors])
+    flights = [data_of(job, f, group.priors) for f in group.flights]
+    return group, conclude(flights, group.priors, prior, settled, lambda s, w: say(s, w, 0.6, 0.8)), z
+
+
+def _settled(
+    job: Job, group: Group, prior: HyperPrior, say: Callable[[float, str], None]
+) -> tuple[Group, Settled, dict[str, float]]:
+    """Joint optimum of a group; terms that were left out and that the simulated flight asks for are added.
 
     A fit without a term that is needed settles in a place of its own. So the next one begins at the prior means and,
     for comparison, there; the greater evidence is kept.
 
     Returns:
-        The group with the priors that were used, what was found, and the last scores of left-out terms.
+        The group with the priors that were used, its optimum, and the last scores of left-out terms.
     """
-    prior, rounds = HyperPrior(setup.hyper(job.study)), 1 if job.quick else 2
+    rounds = 1 if job.quick else 2
     # The score test of a term takes what the noise model leaves to the residuals for evidence: latent models only.
     here = {p.name for p in group.priors}
     latent = job.study.noise.model == "latent"
@@ -273,9 +300,7 @@ def _found(
     begins: list[Begin | None] = [None]
     while True:
         flights = [data_of(job, f, group.priors) for f in group.flights]
-        tried = [
-            settle(flights, group.priors, prior, rounds, lambda s, w: say(s, w, 0.0, 0.6), begin) for begin in begins
-        ]
+        tried = [settle(flights, group.priors, prior, rounds, say, begin) for begin in begins]
         settled = min(tried, key=lambda s: s.evidence)
         if not left_out:
             break
@@ -295,7 +320,7 @@ def _found(
         left_out = [p for p in left_out if p not in asked]
         group = replace(group, priors=tuple(priors))
         job.save("fit/priors.json", [p.__dict__ for p in priors])
-    return group, conclude(flights, group.priors, prior, settled, lambda s, w: say(s, w, 0.6, 0.8)), z
+    return group, settled, z
 
 
 def _write_tree(tree: xr.DataTree, path: Path) -> None:
