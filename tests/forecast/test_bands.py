@@ -173,6 +173,16 @@ def test_the_wind_beyond_the_data_has_the_conditional_law(flight, begun):
     assert pairs / late.var() == pytest.approx(wanted, abs=0.1)
 
 
+def test_gusts_beyond_the_data_may_be_stronger_or_weaker(flight, begun):
+    """A log-normal factor a draw: nothing changes before, and far beyond it multiplies every draw's departure."""
+    theta, given = np.tile(THETA, (640, 1)), (_laws()[:1], 6, flight.data, 10.0)
+    same, other = (bands.predict(begun, 0, theta, *given, gust_log_sd=s).draws["descent_rate"] for s in (0.0, 0.5))
+    np.testing.assert_array_equal(same[:, :21], other[:, :21])
+    departure = [made[:, -1] - same[:, -1].mean() for made in (same, other)]
+    assert np.std(departure[1]) / np.std(departure[0]) == pytest.approx(np.exp(0.5**2), rel=0.15)
+    assert np.corrcoef(*departure)[0, 1] > 0.8
+
+
 def test_held_out_data_are_not_followed(flight, fitted, smoothed):
     """Told for twenty seconds only, a fitted flight is smoothed until then and drifts apart after."""
     made = bands.predict(fitted, 0, _theta(fitted), _laws(), 5, told=20.0).draws["descent_rate"]

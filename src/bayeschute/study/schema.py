@@ -11,6 +11,7 @@ from pydantic import AfterValidator, BeforeValidator, ValidationInfo, field_vali
 
 from bayeschute.study.belief_schema import NoiseTable, PriorsTable
 from bayeschute.study.quantities import (
+    Bounds,
     Mass,
     Name,
     NotNegativeTime,
@@ -19,6 +20,7 @@ from bayeschute.study.quantities import (
     Text,
     Time,
     Until,
+    number,
     one_of,
     read_quantity,
     refuse,
@@ -106,9 +108,17 @@ class SamplerTable(Strict):
 
 
 class PredictTable(Strict):
-    """Predictions: number of draws, and quantities; None: all that the model knows."""
+    """Predictions.
+
+    Attributes:
+        draws: How many.
+        quantities: Which; None: all that the model knows.
+        gust_log_sd: Standard deviation of the logarithm by which disturbances beyond the data (other air, nearer to the
+            ground) may be stronger or weaker than those that were fitted; 0: they are the same.
+    """
 
     draws: Annotated[int, whole(50, 1_000_000)] = 400
+    gust_log_sd: Annotated[float, number(Bounds(least=0.0, most=3.0))] = 0.0
     quantities: Annotated[tuple[Quantity, ...], AfterValidator(distinct)] | None = None
 
 

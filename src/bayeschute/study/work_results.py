@@ -186,7 +186,8 @@ def foretell(job: Job) -> Iterator[Foretold]:
             job.say("predict")((i + share) / len(flights), name)
 
         seed = study.seed + 100 + i
-        prediction = bands.predict(marginal, index, picked, laws, seed, whole, until - time[0], tell, stored.law_slope)
+        gusts, slope = study.predict.gust_log_sd, stored.law_slope
+        prediction = bands.predict(marginal, index, picked, laws, seed, whole, until - time[0], tell, slope, gusts)
         yield Foretold(flight, stored, prediction, time, time > until, record, truth, seed)
 
 
