@@ -145,8 +145,9 @@ def page(results: Sequence[Result], ranks: Sequence[Result], command: str) -> st
         "",
         "Every replicate flies a study anew from another seed, identifies and predicts it as a run would, and counts.",
         "A share is that of replicates whose nominal 90 % interval holds the true parameter, or the mean share of",
-        "samples of a flight whose true value lies in the 90 % band; ± is one standard error, replicates being the",
-        f"units. A promise is kept between {100 * WANTED[0]:.0f} and {100 * WANTED[1]:.0f} %, by {ENOUGH} replicates;",
+        "samples of a flight whose true value lies in the 90 % band; ± is one standard error, replicates being",
+        "the independent units. Widths, interval scores and CRPS are in SI units: rad and m/s.",
+        f"A promise is kept between {100 * WANTED[0]:.0f} and {100 * WANTED[1]:.0f} %, by {ENOUGH} replicates;",
         "in the overview what lies two standard errors outside is bold.",
         "",
     ]
