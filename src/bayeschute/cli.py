@@ -151,7 +151,9 @@ def run(
         say(f"Results are in {folder}")
         if (folder / "report.html").is_file() and last in (None, "report"):
             say(f"Report: {folder / 'report.html'}")
-        failed = [] if last not in (None, "report") else _failed_checks(folder)
+        label, failed = ("", []) if last not in (None, "report") else _told_by(folder)
+        if label:
+            say(f"Intervals: {label}")
         if quick:
             say("Quick run: sizes too small for use.")
         elif failed:
@@ -159,13 +161,18 @@ def run(
             raise typer.Exit(1)
 
 
-def _failed_checks(folder: Path) -> list[str]:
-    """Names of the checks in summary.json that failed."""
+def _told_by(folder: Path) -> tuple[str, list[str]]:
+    """The label of the intervals in summary.json, and names of the run's own checks that failed.
+
+    What replicates of the configuration held is in the label; it is no failure of this run.
+    """
     import json
 
     path = folder / "summary.json"
-    checks: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")).get("checks", {}) if path.is_file() else {}
-    return [name for name, check in checks.items() if check.get("passed") is False]
+    summary: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+    checks: dict[str, Any] = summary.get("checks", {})
+    failed = [name for name, check in checks.items() if check.get("passed") is False and name != "calibration"]
+    return summary.get("label", ""), failed
 
 
 @app.command()
