@@ -27,7 +27,7 @@ from bayeschute.flight.sensors import SensorNoise
 from bayeschute.forecast.virtual import Turbulence
 from bayeschute.forecast.virtual_swing import Swing, SwingDrop, fly_swing, predict_swings, swing_of
 from bayeschute.forecast.virtual_wind import WindProfile
-from bayeschute.inference import output_error, posterior
+from bayeschute.inference import finding, output_error, posterior
 from bayeschute.inference.dumbbell_data import STILL, WIND, dumbbell_data
 from bayeschute.inference.evidence import HyperPrior
 from bayeschute.inference.law_slope import widened
@@ -115,9 +115,9 @@ def one(seed: int) -> dict[str, Any]:
     priors = priors_off(seed)
     rows: dict[str, dict[str, float]] = {}
     flights = [dumbbell_data(record, BASE, AERO, priors, STILL)]
-    settled = posterior.settle(flights, priors, HyperPrior(WHITE))
+    settled = finding.settle(flights, priors, HyperPrior(WHITE))
     bounds = output_error.bounds(flights, settled.hyper, priors, settled.optimum)
-    found = posterior.find([dumbbell_data(record, BASE, AERO, priors, WIND)], priors, HyperPrior(COLORED))
+    found = finding.find([dumbbell_data(record, BASE, AERO, priors, WIND)], priors, HyperPrior(COLORED))
     marginal = found.marginal
     xi = posterior.sample(marginal, "nuts", 4, 300, 500, seed).xi
     wide = widened(xi, found.law_slope, found.law_covariance, seed).reshape(-1, len(priors))

@@ -22,7 +22,7 @@ from parameter_coverage import STUDY, priors_about
 
 from bayeschute.forecast.virtual import fly
 from bayeschute.inference import map as optimum
-from bayeschute.inference.posterior import lengthened
+from bayeschute.inference.finding import lengthened
 from bayeschute.inference.priors import working
 from bayeschute.inference.records import cluster_data
 from bayeschute.study import setup

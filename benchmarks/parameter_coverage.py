@@ -71,8 +71,8 @@ def one(study: Any, seed: int, known: bool) -> dict[str, Any]:
     from bayeschute.forecast.virtual import fly
     from bayeschute.inference import map as optimum
     from bayeschute.inference.evidence import HyperPrior
+    from bayeschute.inference.finding import Settled, find, marginal_mode
     from bayeschute.inference.law_slope import added
-    from bayeschute.inference.posterior import Settled, find, marginal_mode
     from bayeschute.inference.priors import working
     from bayeschute.inference.records import cluster_data
     from bayeschute.study import setup

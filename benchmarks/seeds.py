@@ -45,9 +45,9 @@ def against_emcee(out: Path, seed: int, quick: bool, draws: int, ensembles: int)
     """Means of the posterior by emcee minus those by NUTS, over the posterior standard deviations."""
     from bayeschute.inference.posterior import sample
     from bayeschute.study import setup
+    from bayeschute.study.fits import groups, load_fit
     from bayeschute.study.load import load_study
     from bayeschute.study.stages import Job
-    from bayeschute.study.work_fit import groups, load_fit
 
     study = load_study(STUDY)
     job = Job(setup.smaller(study) if quick else study, out / f"seed{seed}", quick, "", lambda *_: None)

@@ -38,10 +38,11 @@ from bayeschute.forecast import bands
 from bayeschute.forecast.requirement import requirement_check
 from bayeschute.inference import numpyro_model
 from bayeschute.inference.evidence import HyperPrior
+from bayeschute.inference.finding import find
 from bayeschute.inference.identifiability import confounding, law_labels
 from bayeschute.inference.latent import Latent
 from bayeschute.inference.noise import Noise
-from bayeschute.inference.posterior import data_tree, find, sample
+from bayeschute.inference.posterior import data_tree, sample
 from bayeschute.inference.priors import Prior
 from bayeschute.inference.records import descent_data
 from bayeschute.inference.target import Hyper

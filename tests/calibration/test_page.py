@@ -49,11 +49,13 @@ def test_one_configuration_in_full():
 
 
 def test_the_page_tells_ranks_too():
-    ranks = {"study": "dumbbell", "shift": 0.3, "replicates": 300, "failed": 0, "passed": False,
-             "quantities": {"C_A0": {"passed": False}, "swing": {"passed": True}}}  # fmt: skip
+    ranks = {"study": "dumbbell", "replicates": 300, "failed": 0, "passed": True,
+             "quantities": {"C_A0": {"passed": True}, "swing": {"passed": True}},
+             "spoiled": {"shift": 0.3, "passed": False, "quantities": {"C_A0": {"passed": False}}}}  # fmt: skip
     text = page([result()], [ranks], "make calibration")
     assert "`make calibration`" in text
-    assert "| dumbbell | draws moved by 0.3 sd | 300 | 0 | 2 | outside: C_A0 |" in text
+    assert "| dumbbell | as it is | 300 | 0 | 2 | all inside |" in text
+    assert "| dumbbell | its draws moved by 0.3 sd | 300 | 0 | 1 | outside: C_A0 |" in text
     assert "## Configurations" in text and text.endswith("\n")
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import jax
 import numpy as np
 import pytest
@@ -62,9 +64,15 @@ def test_truths_come_from_the_priors(template):
     assert (np.abs(law.mean(axis=0)) < 4.0 / np.sqrt(40)).all() and (np.abs(law.std(axis=0) - 1.0) < 0.5).all()
 
 
-def test_a_prior_that_does_not_fly_is_said(template):
-    from dataclasses import replace
+def test_a_record_of_zeros_limits_no_draw(template):
+    """Attitude is told against the recorded one."""
+    flight = template.flight
+    blank = replace(flight, observed=np.asarray(flight.observed) * np.array([0.0, 1.0, 1.0]))
+    drawn = sbc.draw(replace(template, flight=blank), 1)
+    np.testing.assert_array_equal(drawn.flight.observed, sbc.draw(template, 1).flight.observed)
 
+
+def test_a_prior_that_does_not_fly_is_said(template):
     with pytest.raises(FloatingPointError, match="did not fly"):
         sbc.draw(replace(template, most_swing=1e-9), 1)
 
@@ -76,8 +84,8 @@ def test_a_row_ranks_parameters_and_derived_quantities(row):
     assert row["ok"] and row["redrawn"] >= 0
 
 
-def test_shifted_draws_shift_ranks(template, row):
-    low, high = (sbc.ranked(3, template, levels=19, chains=2, draws=60, shift=s)["ranks"] for s in (-9.0, 9.0))
+def test_spoiled_draws_shift_ranks(template, row):
+    low, high = (sbc.ranked(3, template, levels=19, chains=2, draws=60, shift=s)["spoiled"] for s in (-9.0, 9.0))
     assert all(low[name] >= row["ranks"][name] >= high[name] for name in NAMES)
     assert low["C_A0"] - high["C_A0"] > 9
 
@@ -88,6 +96,8 @@ def test_ranks_at_one_end_fail_and_even_ones_pass():
     ends = [{"ranks": {"a": i % 20, "b": min(19, i % 20 + 6)}} for i in range(100)]
     found = sbc.tested(ends, 19)
     assert found["a"].passed and not found["b"].passed
+    spoiled = [row | {"spoiled": {"a": 19}} for row in even]
+    assert not sbc.tested(spoiled, 19, which="spoiled")["a"].passed
 
 
 def test_swing_quantities_of_a_sine():

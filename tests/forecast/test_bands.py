@@ -176,7 +176,9 @@ def test_the_wind_beyond_the_data_has_the_conditional_law(flight, begun):
 def test_gusts_beyond_the_data_may_be_stronger_or_weaker(flight, begun):
     """A log-normal factor a draw: nothing changes before, and far beyond it multiplies every draw's departure."""
     theta, given = np.tile(THETA, (640, 1)), (_laws()[:1], 6, flight.data, 10.0)
-    same, other = (bands.predict(begun, 0, theta, *given, gust_log_sd=s).draws["descent_rate"] for s in (0.0, 0.5))
+    same, other = (
+        bands.predict(begun, 0, theta, *given, disturbance_log_sd=s).draws["descent_rate"] for s in (0.0, 0.5)
+    )
     np.testing.assert_array_equal(same[:, :21], other[:, :21])
     departure = [made[:, -1] - same[:, -1].mean() for made in (same, other)]
     assert np.std(departure[1]) / np.std(departure[0]) == pytest.approx(np.exp(0.5**2), rel=0.15)

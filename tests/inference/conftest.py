@@ -14,6 +14,8 @@ import numpy as np
 import pytest
 
 from bayeschute.dynamics.descent import DensityProfile, DescentFlight, DescentInputs
+from bayeschute.inference.evidence import HyperPrior
+from bayeschute.inference.finding import find
 from bayeschute.inference.latent import Latent
 from bayeschute.inference.noise import Noise
 from bayeschute.inference.priors import Prior
@@ -96,6 +98,12 @@ def descent():
     return SimpleNamespace(
         flights=[f for f, _ in made], u=[u for _, u in made], hyper=hyper, theta=theta, priors=priors, simulate=simulate
     )
+
+
+@pytest.fixture(scope="session")
+def found(descent):
+    """The marginal posterior of the falling bodies."""
+    return find(descent.flights, descent.priors, HyperPrior(descent.hyper, 0.4), rounds=1)
 
 
 @pytest.fixture(scope="session")

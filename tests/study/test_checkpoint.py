@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from bayeschute.inference.finding import Settled
 from bayeschute.inference.map import Optimum
 from bayeschute.inference.noise import Noise
-from bayeschute.inference.posterior import Settled
 from bayeschute.inference.priors import Prior
 from bayeschute.inference.target import Hyper, Unknowns
 from bayeschute.samplers.protocol import Draws

@@ -14,9 +14,9 @@ import pytest
 from bayeschute.inference import identifiability
 from bayeschute.inference.marginal import log_density
 from bayeschute.study import setup, work, work_identifiability
+from bayeschute.study.fits import groups, load_fit
 from bayeschute.study.load import load_study
 from bayeschute.study.stages import Job
-from bayeschute.study.work_fit import groups, load_fit
 from bayeschute.study.work_identifiability import noise_labels, of_fit
 
 

@@ -9,17 +9,16 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from bayeschute.calibration.workers import Lost, client_of, finished
 from bayeschute.errors import Fault, InputError
 
 Row = dict[str, Any]
 Task = Callable[[int], Row]
 Progress = Callable[[float, str], None]
-_RETRIES = 3
 
 
 def read_rows(path: Path, identity: str) -> dict[int, Row]:
@@ -58,72 +57,6 @@ def _rewrite(path: Path, identity: str, rows: dict[int, Row]) -> None:
     aside.replace(path)
 
 
-@contextmanager
-def client_of(workers: int, address: str | None) -> Iterator[Any]:
-    """A Dask client: of a cluster at an address, of local processes, or None where one worker is this process.
-
-    Raises:
-        InputError: If Dask is needed and not installed, or the cluster doesn't answer.
-    """
-    if workers <= 1 and address is None:
-        yield None
-        return
-    try:
-        from distributed import Client, LocalCluster
-    except ImportError as error:
-        do = "Install the extra: pip install 'bayeschute[dask]'."
-        raise InputError(Fault("--workers/--dask", "Dask is not installed", "the extra `dask`", do)) from error
-    if address is not None:
-        try:
-            client = Client(address, timeout="20s")
-        except (OSError, ValueError) as error:
-            do = "Start a scheduler (dask scheduler) and workers, or use --workers."
-            raise InputError(Fault(f"--dask {address}", str(error), "a Dask scheduler", do)) from error
-        with client:
-            yield client
-        return
-    with (
-        LocalCluster(n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=":0") as cluster,
-        Client(cluster) as client,
-    ):
-        yield client
-
-
-def _made(task: Task, seeds: Sequence[int], client: Any) -> Iterator[Row]:
-    """Rows as they are finished.
-
-    Dask blames the death of a worker on everything it was given, so replicates that it gives up are made again one by
-    one: what kills its workers then is the replicate itself, and it is counted as failed.
-    """
-    if client is None:
-        yield from map(task, seeds)
-        return
-    given_up = []
-    for seed, row, _ in _sent(task, seeds, client):
-        if row is None:
-            given_up.append(seed)
-        else:
-            yield row
-    for one in given_up:
-        for seed, row, why in _sent(task, [one], client):
-            yield {"seed": seed, "ok": False, "error": f"worker lost: {why}", "wall_s": 0.0} if row is None else row
-
-
-def _sent(task: Task, seeds: Sequence[int], client: Any) -> Iterator[tuple[int, Row | None, str]]:
-    """Seeds with their rows as they are finished; without one, and with the reason, where Dask gave it up."""
-    from distributed import as_completed
-
-    futures = {client.submit(task, seed, retries=_RETRIES, pure=False): seed for seed in seeds}
-    for future in as_completed(futures):
-        if future.cancelled():
-            do = "Start it, and give the same command again: finished replicates are kept."
-            raise InputError(
-                Fault("--workers/--dask", "the connection broke off", "a scheduler that keeps running", do)
-            )
-        lost = future.status == "error"
-        yield futures[future], None if lost else future.result(), str(future.exception()) if lost else ""
-
-
 def run(
     task: Task,
     seeds: Sequence[int],
@@ -149,7 +82,7 @@ def run(
         Rows of the seeds, in their order, whoever made them and whenever.
 
     Raises:
-        InputError: See `read_rows` and `client_of`.
+        InputError: See `read_rows` and `bayeschute.calibration.workers`.
     """
     say = progress or (lambda share, words: None)
     rows = read_rows(path, identity)
@@ -159,8 +92,10 @@ def run(
     say(kept / max(len(seeds), 1), f"{kept} of {len(seeds)} kept from earlier" if kept else "begins")
     cluster = client_of(workers if todo else 1, address if todo else None)
     with cluster as client, path.open("a", encoding="utf-8") as out:
-        for done, row in enumerate(_made(task, todo, client), 1):
-            rows[int(row["seed"])] = row
+        for done, (seed, made) in enumerate(finished(task, todo, client), 1):
+            lost = {"seed": seed, "ok": False, "wall_s": 0.0}
+            row = lost | {"error": f"worker lost: {made.why}"} if isinstance(made, Lost) else made
+            rows[seed] = row
             out.write(json.dumps(row) + "\n")
             out.flush()
             failed = sum(not rows[seed]["ok"] for seed in seeds if seed in rows)

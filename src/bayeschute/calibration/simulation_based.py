@@ -17,10 +17,11 @@ from numpy.typing import NDArray
 
 from bayeschute.calibration.ranks import EcdfTest, rank, uniform
 from bayeschute.inference.evidence import HyperPrior, from_vector, to_vector
+from bayeschute.inference.finding import Found, find
 from bayeschute.inference.law_slope import widened
 from bayeschute.inference.marginal import draw_unknowns, normals
 from bayeschute.inference.noise import colour
-from bayeschute.inference.posterior import Found, find, sample
+from bayeschute.inference.posterior import sample
 from bayeschute.inference.priors import Prior, working
 from bayeschute.inference.target import Course, FlightData, Hyper, Unknowns, course, residuals, states
 
@@ -41,7 +42,7 @@ class Template:
         noise: Priors of the noise parameters.
         quantities: From states (T, X, B) to derived quantities by name (B,).
         most_swing: A drawn flight that is not finite, or whose outputs exceed this many times the template's own
-            greatest, is drawn anew.
+            greatest (outputs whose record is all zero don't count), is drawn anew.
     """
 
     flight: FlightData
@@ -82,6 +83,7 @@ def draw(template: Template, seed: int) -> Drawn:
         flight, observed=np.zeros(np.shape(flight.observed)), present=np.ones(np.shape(flight.present), bool)
     )
     largest = template.most_swing * np.nanmax(np.abs(np.where(flight.present, flight.observed, np.nan)), axis=0)
+    largest[largest == 0.0] = np.inf  # attitude is told against the recorded one: its record is zero
     middle = to_vector(template.noise.median)
     redrawn = 0
     while redrawn < _TRIES:
@@ -124,9 +126,9 @@ def derived(template: Template, found: Found, xi: Array, seed: int) -> dict[str,
 
 
 def ranked(
-    seed: int, template: Template, levels: int = 99, chains: int = 4, draws: int = 250, shift: float = 0.0
+    seed: int, template: Template, levels: int = 99, chains: int = 4, draws: int = 250, shift: float = 0.3
 ) -> Row:
-    """Draw, identify and rank one replicate.
+    """Draw, identify and rank one replicate, and rank its parameters among draws that were spoiled on purpose.
 
     Args:
         seed: Of everything.
@@ -134,35 +136,45 @@ def ranked(
         levels: Ranks go from 0 to this.
         chains: Chains of the sampler.
         draws: Draws of each.
-        shift: Moves all draws by this many posterior standard deviations: breaks the sampler on purpose.
+        shift: Spoiled draws are moved by this many posterior standard deviations along every axis.
 
     Returns:
-        A row for a campaign: ranks by name, and how many truths were drawn anew.
+        A row for a campaign: ranks by name, those among spoiled draws (parameters only), and how many truths were
+        drawn anew.
     """
     made = draw(template, seed)
     found = find([made.flight], template.priors, template.noise)
-    held = sample(found.marginal, "nuts", chains, 200, draws, seed).xi.reshape(-1, len(template.priors)) + shift
+    held = sample(found.marginal, "nuts", chains, 200, draws, seed).xi.reshape(-1, len(template.priors))
     centre, scale = np.asarray(found.marginal.centre), np.asarray(found.marginal.scale)
-    theta = centre + widened(held, found.law_slope, found.law_covariance, seed) @ scale.T
-    ranks = {p.name: rank(theta[:, i], float(made.theta[i]), levels) for i, p in enumerate(template.priors)}
+    wide = widened(held, found.law_slope, found.law_covariance, seed)
+
+    def ranks_among(xi: Array) -> dict[str, int]:
+        theta = centre + xi @ scale.T
+        return {p.name: rank(theta[:, i], float(made.theta[i]), levels) for i, p in enumerate(template.priors)}
+
+    ranks, spoiled = ranks_among(wide), ranks_among(wide + shift)
     few = held[np.linspace(0, len(held) - 1, levels).astype(int)]
     truth = template.quantities(made.flight, np.asarray(states(made.flight, made.theta, made.driven))[..., None])
     for name, values in derived(template, found, few, seed).items():
         ranks[name] = rank(np.where(np.isfinite(values), values, np.inf), float(truth[name][0]), levels)
-    return {"ok": True, "ranks": ranks, "redrawn": made.redrawn, "converged": bool(found.optimum.converged)}
+    converged = bool(found.optimum.converged)
+    return {"ok": True, "ranks": ranks, "spoiled": spoiled, "redrawn": made.redrawn, "converged": converged}
 
 
-def tested(rows: Sequence[Row], levels: int = 99, probability: float = 0.95) -> dict[str, EcdfTest]:
+def tested(
+    rows: Sequence[Row], levels: int = 99, probability: float = 0.95, which: str = "ranks"
+) -> dict[str, EcdfTest]:
     """Whether ranks are uniform, by quantity, in bands that hold for all quantities together.
 
     Args:
         rows: Rows of `ranked` that are ok.
         levels: As given to `ranked`.
         probability: Of all curves of a right inference being inside.
+        which: ``"ranks"`` or ``"spoiled"``.
     """
-    names = list(rows[0]["ranks"])
+    names = list(rows[0][which])
     return {
-        name: uniform(np.array([row["ranks"][name] for row in rows]), levels, probability, len(names)) for name in names
+        name: uniform(np.array([row[which][name] for row in rows]), levels, probability, len(names)) for name in names
     }
 
 

@@ -87,7 +87,8 @@ def examine(model: FlightModel, theta: Component, start: Component, error: Compo
         error: Latent disturbances at every sample (T, A, ...).
         states: What `bayeschute.dynamics.integrate.trajectory` gives for all that (T, X, ...).
     """
-    finer: Any = replace(model, substeps=2 * model.substeps)  # type: ignore[type-var,attr-defined]
+    coarse: Any = model  # every flight model is a dataclass with substeps; its protocol says only what flying needs
+    finer = replace(coarse, substeps=2 * coarse.substeps)
     return _examined(model, jnp.asarray(theta), jnp.asarray(states), _flown(finer, theta, start, error))
 
 

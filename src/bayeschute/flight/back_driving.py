@@ -255,7 +255,8 @@ def _alike(driving: NDArray, position: NDArray, what: str) -> tuple[Array, Array
     """Both as (T, components)."""
     if np.shape(driving) != np.shape(position) or np.ndim(driving) < 1:
         raise InputError(Fault(f"back-driving, {what}", f"shape {np.shape(driving)}", f"{np.shape(position)}"))
-    return tuple(np.asarray(a, dtype=float).reshape(len(a), -1) for a in (driving, position))  # type: ignore[return-value]
+    samples = len(driving)
+    return np.asarray(driving, float).reshape(samples, -1), np.asarray(position, float).reshape(samples, -1)
 
 
 def _longest(present: NDArray[np.bool_]) -> slice:

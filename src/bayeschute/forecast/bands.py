@@ -131,7 +131,7 @@ def predict(
     told: float = np.inf,
     progress: Callable[[float], None] | None = None,
     slope: Array | None = None,
-    gust_log_sd: float = 0.0,
+    disturbance_log_sd: float = 0.0,
 ) -> Prediction:
     """Draw a flight's quantities.
 
@@ -146,7 +146,7 @@ def predict(
         progress: Called with a share done.
         slope: Derivatives of the parameters by the logarithms of the noise parameters (P, V): every group of draws is
             moved with the noise parameters that it takes. Parameters stay where None.
-        gust_log_sd: Standard deviation of the logarithm of a factor, one a draw, on disturbances beyond the data.
+        disturbance_log_sd: Standard deviation of the logarithm of a factor on disturbances beyond the data, one a draw.
 
     Returns:
         The prediction.
@@ -171,7 +171,7 @@ def predict(
         pick, keep = np.minimum(np.arange(at, at + GROUP), draws - 1), min(GROUP, draws - at)
         numbers = tuple(normals(f, GROUP, rng) for f in marginal.flights)
         later = rng.standard_normal((flight.samples - kept, flight.latent.size, GROUP))
-        later = later * np.exp(gust_log_sd * stronger.standard_normal(GROUP))
+        later = later * np.exp(disturbance_log_sd * stronger.standard_normal(GROUP))
         moved = xi[:, pick] + moves[i % len(laws), :, None]
         given = (moved, numbers, later, laws[i % len(laws)])
         first = first or given

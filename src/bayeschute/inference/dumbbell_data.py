@@ -12,7 +12,7 @@ from bayeschute.dynamics.planar import PlanarAero
 from bayeschute.errors import Fault, InputError
 from bayeschute.inference.latent import Latent
 from bayeschute.inference.priors import Prior
-from bayeschute.inference.records import _data, _opening, filled
+from bayeschute.inference.records import filled, flight_data, opening_of
 from bayeschute.inference.target import FlightData
 
 PLANE = ("along", "down")
@@ -97,11 +97,11 @@ def dumbbell_data(
     wind = filled(record["wind"].values, "wind") if "wind" in record else np.zeros((time.size, 2))
     inputs = DumbbellInputs(wind, filled(record["density"].values, "density"))
     opening = filled(np.column_stack([swing, velocity]), "swing_angle and capsule_velocity")
-    value, slope = _opening(time, opening)
+    value, slope = opening_of(time, opening)
     start = np.array([0.0, 0.0, value[1], value[2], value[0], slope[0]])
     names = tuple(p.name for p in priors)
     model = DumbbellFlight(base, aero, start, inputs, float(time[1] - time[0]), names, tuple(channels), substeps)
     columns = {"swing_angle": swing[:, None], "capsule_velocity": velocity, "air_velocity": velocity - wind}
     observed = np.concatenate([columns[c] for c in channels], axis=1)
     numbers = tuple(i for i, c in enumerate(channels) for _ in range(CHANNELS[c]))
-    return _data(model, time, observed, numbers, latent, START_SCALE, until)
+    return flight_data(model, time, observed, numbers, latent, START_SCALE, until)

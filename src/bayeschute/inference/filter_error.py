@@ -85,7 +85,10 @@ def extended_filter(data: FlightData, hyper: Hyper, theta: Component) -> Filtere
     def foretell(mean: tuple, p: jax.Array, now: Component, then: Component) -> tuple[tuple, jax.Array]:
         x, e, a = mean
         e0, e1 = made.output @ e, made.output @ (made.transition @ e)
-        advance = lambda x, e0, e1: model.advance(x, numbers, now, then, e0, e1)  # noqa: E731
+
+        def advance(x: Component, e0: Component, e1: Component) -> Component:
+            return model.advance(x, numbers, now, then, e0, e1)
+
         by_x, by_now, by_then = jax.jacfwd(advance, argnums=(0, 1, 2))(x, e0, e1)
         by_latent = by_now @ made.output + by_then @ (made.output @ made.transition)
         top = jnp.concatenate([by_x, by_latent, jnp.zeros((x.shape[0], c))], axis=1)

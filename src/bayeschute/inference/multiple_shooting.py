@@ -83,7 +83,9 @@ def tie_covariances(data: FlightData, hyper: Hyper, theta: Component, states: Co
 
         return jax.lax.scan(step, jnp.zeros((total, total)), (by_x, by_now, by_then))[0]
 
-    cut = lambda a: a.reshape(-1, length, *a.shape[1:])[:-1]  # noqa: E731
+    def cut(a: jax.Array) -> jax.Array:
+        return a.reshape(-1, length, *a.shape[1:])[:-1]
+
     spread = jax.vmap(segment)(cut(by_x), cut(by_now), cut(by_then))
     return 0.5 * (spread + spread.transpose(0, 2, 1)) + _FLOOR**2 * jnp.eye(total)
 
@@ -129,15 +131,17 @@ class _From:
     """A flight model that begins at a given state."""
 
     def __init__(self, model: Any, state: jax.Array) -> None:
-        self.inputs, self.numbers, self.advance, self.state = model.inputs, model.numbers, model.advance, state
+        self.inputs, self.numbers, self.advance, self.observe = (
+            model.inputs,
+            model.numbers,
+            model.advance,
+            model.observe,
+        )
+        self.state = state
 
     def initial(self, numbers: Any, start: jax.Array) -> jax.Array:
         """The state."""
         return self.state
-
-    def observe(self, x: jax.Array, numbers: Any, now: Any) -> jax.Array:
-        """Not used."""
-        raise NotImplementedError
 
 
 @partial(jax.jit, static_argnames="length")

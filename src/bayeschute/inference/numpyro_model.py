@@ -21,7 +21,7 @@ from bayeschute.errors import Fault, InputError
 from bayeschute.inference.marginal import Marginal, course_at
 from bayeschute.inference.priors import Prior, working
 from bayeschute.inference.statespace import innovations
-from bayeschute.inference.target import _compared, _states
+from bayeschute.inference.target import compared, jax_states
 
 Array = NDArray[np.float64]
 SITE = "log_likelihood"
@@ -32,7 +32,7 @@ def _log_likelihood(marginal: Marginal, theta: jax.Array, inverse: jax.Array) ->
     shift = theta - jnp.asarray(marginal.centre)
     total = -marginal.determinant.at(inverse @ shift)
     for flight, along in zip(marginal.flights, marginal.along, strict=True):
-        residual = _compared(flight, theta, _states(flight, theta, course_at(along, shift)))
+        residual = compared(flight, theta, jax_states(flight, theta, course_at(along, shift)))
         seen = residual + along.offset + along.offset_slope @ shift
         total = total - 0.5 * jnp.sum(innovations(along.gains, seen) ** 2)
     return total

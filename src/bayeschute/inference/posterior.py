@@ -1,32 +1,21 @@
-"""The whole way from data and priors to draws: optimum, noise parameters, marginal posterior, sampler, DataTree."""
+"""Draws of the marginal posterior, and everything about them in one ArviZ DataTree."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-import scipy.linalg
 import xarray as xr
 from arviz_base import from_dict
 from numpy.typing import NDArray
 
-from bayeschute.inference import evidence
-from bayeschute.inference import map as optimum
-from bayeschute.inference.evidence import HyperPrior
-from bayeschute.inference.law_slope import law_slope
-from bayeschute.inference.map import Optimum
 from bayeschute.inference.marginal import (
     Marginal,
-    determinant_around,
-    determinant_error,
-    determinant_slope,
     draw_unknowns,
     log_density,
-    marginalise,
     normals,
     projected_residuals,
     sample_log_likelihoods,
@@ -34,237 +23,13 @@ from bayeschute.inference.marginal import (
 from bayeschute.inference.noise import colour
 from bayeschute.inference.priors import Prior, values, working
 from bayeschute.inference.surrogate import Surrogate, build
-from bayeschute.inference.target import FlightData, Hyper, Linear, Unknowns, course, linearise, residuals
+from bayeschute.inference.target import FlightData, Hyper, Unknowns, course, residuals
 from bayeschute.samplers import ensemble, nuts
 from bayeschute.samplers.protocol import Draws
 
 Array = NDArray[np.float64]
 Progress = Callable[[float, str], None]
 BATCH = 64
-HORIZONS = (
-    0.2,
-    0.5,
-    1.0,
-)  # shares fitted in turn: an unstable pendulum far from its optimum is lost late in the record
-_MODE_STEPS, _NEAR = 8, 0.2  # most steps to the marginal mode; length of the last, in standard deviations
-_LEAST_GAIN = 0.05  # share of the record by which the fitted part must at least be lengthened
-
-
-@dataclass(frozen=True)
-class Found:
-    """The optimum, its noise parameters, the marginal posterior there, and how well the noise parameters are known.
-
-    Attributes:
-        optimum: Mode of the marginal posterior, with start and shocks there.
-        hyper: Noise parameters of greatest evidence.
-        marginal: The marginal posterior about the optimum.
-        evidence: Minus the log evidence up to a constant.
-        law_covariance: Of the logarithms of the noise parameters (V, V).
-        law_slope: Derivatives of the parameters' standard coordinates by those logarithms (P, V).
-        determinant_error: Root mean square error of the log determinant's polynomial over the posterior.
-    """
-
-    optimum: Optimum
-    hyper: Hyper
-    marginal: Marginal
-    evidence: float
-    law_covariance: Array
-    law_slope: Array
-    determinant_error: float
-
-
-def _until(flight: FlightData, share: float) -> FlightData:
-    """The flight with data beyond a share of its samples absent; shapes stay, so compiled functions serve."""
-    seen = np.array(flight.present)
-    seen[int(np.ceil(share * len(seen))) :] = False
-    return replace(flight, present=seen)
-
-
-def _linearised(flights: Sequence[FlightData], hyper: Hyper, best: Optimum) -> list[Linear]:
-    pairs = zip(flights, best.unknowns, strict=True)
-    return [linearise(f, best.theta, course(f, hyper, x)) for f, x in pairs]
-
-
-Begin = tuple[Array, Sequence[Unknowns], Hyper]  # parameters, unknowns of every flight, noise parameters
-
-
-class Settled(NamedTuple):
-    """The joint optimum over parameters and disturbances, its noise parameters, and minus the log evidence there."""
-
-    optimum: Optimum
-    hyper: Hyper
-    evidence: float
-
-
-def lengthened(
-    flights: Sequence[FlightData],
-    priors: Sequence[Prior],
-    hyper: Hyper,
-    theta: Array,
-    say: Progress,
-    unknowns: Sequence[Unknowns] | None = None,
-) -> tuple[Array, Sequence[Unknowns]]:
-    """Parameters and unknowns that follow the whole record, found on longer and longer openings of it.
-
-    Where what one opening told is lost before the end of the next, the next is shortened.
-
-    Args:
-        flights: Records.
-        priors: Priors of the parameters.
-        hyper: Noise parameters, held.
-        theta: Where to begin, working coordinates (P,).
-        say: Called with a share done and words.
-        unknowns: Where to begin, per flight; prior means where None.
-
-    Returns:
-        Parameters and unknowns near the optimum for the whole record.
-
-    Raises:
-        FloatingPointError: If shortening does not help.
-    """
-    todo, done = list(HORIZONS), 0.0
-    while todo:
-        share = todo[0]
-        say(0.0, f"opening {100 * share:.0f} % of the record")
-        seen = [_until(f, share) for f in flights]
-        try:
-            best = optimum.fit(seen, hyper, priors, theta, unknowns, tolerance=0.5, most=12)
-        except FloatingPointError:
-            if done == 0.0 or share - done < 2.0 * _LEAST_GAIN:
-                raise
-            todo.insert(0, 0.5 * (done + share))
-            continue
-        theta, unknowns, done = best.theta, best.unknowns, todo.pop(0)
-    assert unknowns is not None
-    return theta, unknowns
-
-
-def settle(
-    flights: Sequence[FlightData],
-    priors: Sequence[Prior],
-    prior: HyperPrior,
-    rounds: int = 2,
-    progress: Progress | None = None,
-    begin: Begin | None = None,
-) -> Settled:
-    """Fit parameters, start, latent disturbances and noise parameters, by turns.
-
-    Args:
-        flights: Records.
-        priors: Priors of the parameters.
-        prior: Priors of the noise parameters.
-        rounds: Turns of optimum and evidence before the last optimum.
-        progress: Called with a share done and words.
-        begin: Parameters, unknowns and noise parameters to begin with; from the prior means, by openings of the record,
-            where None.
-
-    Raises:
-        FloatingPointError: If the simulation at the prior means is not finite.
-    """
-    say = progress or (lambda share, words: None)
-    theta, hyper, value = working(priors)[0], prior.median, np.nan
-    unknowns: Sequence[Unknowns] | None = None
-    if begin is not None:
-        theta, unknowns, hyper = begin
-    if begin is None:
-        theta, unknowns = lengthened(flights, priors, hyper, theta, say)
-    for turn in range(rounds + 1):
-        last = turn == rounds
-
-        def tell(iteration: int, cost: float, step: float, turn: int = turn) -> None:
-            share = (turn + min(iteration / 12.0, 0.8)) / (rounds + 1)
-            say(share, f"optimum {turn + 1}: cost {cost:.1f}, step {step:.3f} standard errors")
-
-        best = optimum.fit(flights, hyper, priors, theta, unknowns, 0.01 if last else 0.1, progress=tell)
-        theta, unknowns = best.theta, best.unknowns
-        if not last:
-            say((turn + 0.9) / (rounds + 1), f"noise parameters {turn + 1}")
-            linear = _linearised(flights, hyper, best)
-            hyper, value = evidence.maximise(flights, linear, priors, hyper, prior, most=20 if turn == 0 else 12)
-    return Settled(best, hyper, value)
-
-
-def marginal_mode(
-    flights: Sequence[FlightData], priors: Sequence[Prior], settled: Settled, progress: Progress | None = None
-) -> Optimum:
-    """From the joint optimum to where cost and log determinant together are least.
-
-    The mode is often five and more standard errors away, too far for one slope of the determinant: every Gauss-Newton
-    step is made with the slope where it begins, and shortened by the determinant's curvature along the last one. A rest
-    of less than 0.2 standard deviations is left to the sampler, which is exact.
-
-    Args:
-        flights: Records.
-        priors: Priors of the parameters.
-        settled: The joint optimum.
-        progress: Called with a share done and words.
-
-    Returns:
-        The mode, start and shocks at their best for it; `converged` is false where steps did not become short.
-    """
-    say = progress or (lambda share, words: None)
-    best, length, last = settled.optimum, np.inf, None
-    for turn in range(_MODE_STEPS):
-        say(turn / _MODE_STEPS, "log determinant")
-        factor = np.linalg.cholesky(best.covariance)
-        slope = determinant_slope(marginalise(flights, settled.hyper, priors, best))
-        tilt: Array = scipy.linalg.solve_triangular(factor.T, slope)
-        moved = optimum.fit(flights, settled.hyper, priors, best.theta, best.unknowns, 0.01, most=1, tilt=tilt)
-        curvature = 0.0 if last is None else float(last[0] @ (tilt - last[1])) / last[2] ** 2
-        share = 1.0 / (1.0 + max(curvature, 0.0))
-        step = share * (moved.theta - best.theta)
-        length = float(np.linalg.norm(scipy.linalg.solve_triangular(factor, step, lower=True)))
-        unknowns = jax.tree.map(
-            lambda a, b, s=share: (1.0 - s) * np.asarray(a) + s * np.asarray(b), best.unknowns, moved.unknowns
-        )
-        best, last = replace(moved, theta=best.theta + step, unknowns=unknowns), (step, tilt, length)
-        if length < _NEAR:
-            break
-    return replace(best, converged=settled.optimum.converged and length < _NEAR)
-
-
-def conclude(
-    flights: Sequence[FlightData],
-    priors: Sequence[Prior],
-    prior: HyperPrior,
-    settled: Settled,
-    progress: Progress | None = None,
-) -> Found:
-    """Go from the joint optimum to the mode of the marginal posterior, and set that up.
-
-    The joint optimum over parameters and disturbances is not where the marginal posterior of the parameters is
-    greatest: see `_marginal_mode`.
-
-    Args:
-        flights: Records.
-        priors: Priors of the parameters.
-        prior: Priors of the noise parameters.
-        settled: From `settle`.
-        progress: Called with a share done and words.
-    """
-    say = progress or (lambda share, words: None)
-    best, hyper, value = settled
-    best = marginal_mode(flights, priors, settled, lambda share, words: say(0.4 * share, words))
-    made = marginalise(flights, hyper, priors, best)
-    say(0.4, "log determinant at the mode")
-    made = replace(made, determinant=determinant_around(made))
-    wrong = determinant_error(made, 4, np.random.default_rng(0))
-    say(0.8, "uncertainty of the noise parameters")
-    known = evidence.law_covariance(flights, _linearised(flights, hyper, best), priors, hyper, prior)
-    return Found(best, hyper, made, value, known, law_slope(made), wrong)
-
-
-def find(
-    flights: Sequence[FlightData],
-    priors: Sequence[Prior],
-    prior: HyperPrior,
-    rounds: int = 2,
-    progress: Progress | None = None,
-) -> Found:
-    """The marginal posterior of the parameters: `settle`, then `conclude`."""
-    say = progress or (lambda share, words: None)
-    settled = settle(flights, priors, prior, rounds, lambda share, words: say(0.7 * share, words))
-    return conclude(flights, priors, prior, settled, lambda share, words: say(0.7 + 0.3 * share, words))
 
 
 def in_batches(function: Callable[[Array], Any], xi: Array, batch: int = BATCH) -> Any:

@@ -44,7 +44,7 @@ def filled(values: Array, where: str) -> Array:
     return flat.reshape(np.shape(values))
 
 
-def _opening(time: Array, values: Array) -> tuple[Array, Array]:
+def opening_of(time: Array, values: Array) -> tuple[Array, Array]:
     """Value and slope at the first sample, per column, by a quadratic through the opening of a record."""
     near = time <= time[0] + _OPENING
     ends = []
@@ -120,10 +120,12 @@ def cluster_data(
     observed = np.concatenate([columns[c] for c in used], axis=1)
     sizes = channel_sizes(used, n)
     numbers = tuple(i for i, c in enumerate(channels) if c in used for _ in range(sizes[c]))
-    return _data(flight, time, observed, numbers, latent, _start_scale(n, recorded, "capsule_rate" in record), until)
+    return flight_data(
+        flight, time, observed, numbers, latent, _start_scale(n, recorded, "capsule_rate" in record), until
+    )
 
 
-def _data(
+def flight_data(
     model: FlightModel,
     time: Array,
     observed: Array,
@@ -132,6 +134,7 @@ def _data(
     start_scale: Array,
     until: float | None,
 ) -> FlightData:
+    """What is fitted: gaps, and all after `until` [s], are absent."""
     present = np.isfinite(observed)
     if until is not None:
         present &= (time <= until)[:, None]
@@ -174,16 +177,16 @@ def _start(record: xr.Dataset, base: Cluster, time: Array, apart: Array, attitud
     attach = np.stack([np.asarray(c) for c in _ned(q, Vec3(b.x, b.y, b.z))], axis=1)
     riser = apart - attach[:, None]
     direction = riser / np.linalg.norm(riser, axis=-1, keepdims=True)
-    n0, turning = _opening(time, direction)
+    n0, turning = opening_of(time, direction)
     if not np.isfinite(n0).all():
         got = f"no canopy position in the first {_OPENING:g} s"
         raise InputError(Fault("record of a cluster", got, "every canopy seen there", "Move the start of the window."))
     n0 /= np.linalg.norm(n0, axis=-1, keepdims=True)
     turning = turning - n0 * np.sum(n0 * turning, axis=-1, keepdims=True)
-    velocity = _opening(time, filled(record["capsule_velocity"].values, "capsule_velocity"))[0]
+    velocity = opening_of(time, filled(record["capsule_velocity"].values, "capsule_velocity"))[0]
     rate = np.zeros(3)
     if "capsule_rate" in record:
-        seen = _opening(time, record["capsule_rate"].values)[0]
+        seen = opening_of(time, record["capsule_rate"].values)[0]
         rate = np.where(np.isfinite(seen), seen, 0.0)
     position = filled(record["capsule_position"].values, "capsule_position")[0]
     return Start(position, velocity, attitude[0], rate, n0.T, turning.T)
@@ -249,4 +252,4 @@ def descent_data(record: xr.Dataset, latent: Latent, until: float | None = None)
         dt,
         substeps=steps,
     )
-    return _data(model, time, rate[:, None], (0,), latent, np.array([2.0]), until)
+    return flight_data(model, time, rate[:, None], (0,), latent, np.array([2.0]), until)

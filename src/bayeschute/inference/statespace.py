@@ -102,8 +102,7 @@ def covariances(
     h = jnp.where(here[:, :, None], h, 0.0)
     r = jnp.where(here, white, 1.0)
     split = x + size
-    end = lambda a: jnp.concatenate([a, a[-1:]])  # noqa: E731
-    f, g = end(f), end(g)
+    f, g = (jnp.concatenate([a, a[-1:]]) for a in (f, g))
     p = start[:split] @ start[:split].T + first[:split] @ first[:split].T
 
     # Noise of the outputs moves on its own: its rows and columns are scaled, and only the rest is multiplied out.

@@ -105,19 +105,20 @@ def course(data: FlightData, hyper: Hyper, unknowns: Unknowns) -> Course:
 
 # The simulation is compiled once per batch size: what is built on it is put together outside of compiled functions.
 @jax.jit
-def _states(data: FlightData, theta: jax.Array, driven: Course) -> jax.Array:
+def jax_states(data: FlightData, theta: jax.Array, driven: Course) -> jax.Array:
+    """Simulated states (T, X, ...) by JAX alone, which can differentiate them."""
     return trajectory(data.model, theta, driven.start, driven.error)
 
 
 def states(data: FlightData, theta: Component, driven: Course) -> jax.Array:
     """Simulated states (T, X, ...), by machine code where `kernel.flight` has it, else by JAX."""
     made = kernel.states(data.model, theta, driven.start, driven.error)
-    return _states(data, theta, driven) if made is None else made
+    return jax_states(data, theta, driven) if made is None else made
 
 
 @jax.jit
-def _compared(data: FlightData, theta: jax.Array, x: jax.Array) -> jax.Array:
-    """Data minus outputs of states."""
+def compared(data: FlightData, theta: jax.Array, x: jax.Array) -> jax.Array:
+    """Data minus outputs of states (T, C, ...); zero where no datum exists."""
     y = outputs(data.model, x, theta)
     extra = (1,) * (y.ndim - 2)
     observed, present = (jnp.reshape(a, (*a.shape, *extra)) for a in (data.observed, data.present))
@@ -126,7 +127,7 @@ def _compared(data: FlightData, theta: jax.Array, x: jax.Array) -> jax.Array:
 
 def residuals(data: FlightData, theta: Component, driven: Course) -> jax.Array:
     """Data minus simulation (T, C, ...); zero where no datum exists."""
-    return _compared(data, theta, states(data, theta, driven))
+    return compared(data, theta, states(data, theta, driven))
 
 
 @jax.jit

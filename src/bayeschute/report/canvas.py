@@ -11,6 +11,7 @@ from typing import Any, ParamSpec
 import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 P = ParamSpec("P")
 
@@ -73,8 +74,8 @@ def sheet(height: float, rows: int = 1, columns: int = 1, **kwargs: Any) -> tupl
         columns: Columns of axes.
         **kwargs: For ``Figure.subplots``; ``width`` [in] replaces the report's.
     """
-    figure = Figure(figsize=(kwargs.pop("width", WIDTH), height), layout="constrained")
-    figure.get_layout_engine().set(w_pad=0.07, h_pad=0.05)  # type: ignore[union-attr, call-arg]
+    layout = ConstrainedLayoutEngine(w_pad=0.07, h_pad=0.05)
+    figure = Figure(figsize=(kwargs.pop("width", WIDTH), height), layout=layout)
     axes = figure.subplots(rows, columns, squeeze=False, **kwargs)
     return figure, list(axes.ravel())
 

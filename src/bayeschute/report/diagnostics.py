@@ -152,7 +152,7 @@ def correlation_figure(names: list[str], matrix: np.ndarray) -> Figure:
                     j, i, f"{matrix[i, j]:.2f}".replace("-", "−"), ha="center", va="center", size=7.6, color=color
                 )
     bar = figure.colorbar(image, ax=axes, shrink=0.8, pad=0.02)
-    bar.outline.set_visible(False)  # type: ignore[operator]
+    bar.ax.spines["outline"].set_visible(False)
     bar.set_label("correlation [1]")
     return figure
 

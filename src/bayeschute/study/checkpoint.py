@@ -11,20 +11,18 @@ import json
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bayeschute.inference.finding import Settled
 from bayeschute.inference.map import Optimum
 from bayeschute.inference.noise import Noise
-from bayeschute.inference.posterior import Settled
 from bayeschute.inference.priors import Prior
 from bayeschute.inference.target import Hyper, Unknowns
 from bayeschute.samplers.protocol import Draws
-
-if TYPE_CHECKING:
-    from bayeschute.study.stages import Job
+from bayeschute.study.stages import Job, write_whole
 
 Arrays = dict[str, NDArray[Any]]
 _NOISE = ("white", "correlated", "time_constant")
@@ -103,8 +101,6 @@ def _count(arrays: Arrays, stem: str) -> int:
 
 
 def _write(job: Job, name: str, arrays: Arrays) -> None:
-    from bayeschute.study.stages import write_whole
-
     def write(path: Path) -> None:
         with path.open("wb") as file:
             np.savez(file, hash=np.array(job.hash), allow_pickle=False, **arrays)

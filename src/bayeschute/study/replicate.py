@@ -15,9 +15,9 @@ from bayeschute.calibration.scores import inside, score
 from bayeschute.numerics import let_go
 from bayeschute.study import setup, work
 from bayeschute.study.disturbances import DISTURBANCES
+from bayeschute.study.fits import summary_draws
 from bayeschute.study.stages import Job
 from bayeschute.study.study import Study
-from bayeschute.study.work_fit import summary_draws
 from bayeschute.study.work_report import flown_terms, true_values
 from bayeschute.study.work_results import Foretold, foretell
 
@@ -56,8 +56,9 @@ def _scored(study: Study, disturbance: str, quick: bool) -> Row:
     with tempfile.TemporaryDirectory(prefix="bayeschute-") as folder:
         job = Job(sized, Path(folder), quick, "", lambda *_: None)
         work.ingest(replace(job, study=kind.flown(sized)))
-        for stage in ("structure", "priors", "fit", "check"):
-            getattr(work, stage)(job)
+        for stage in (work.structure, work.priors, work.fit):
+            stage(job)
+        work.check(job, tell=False)
         draws, _ = summary_draws(job)
         truth = true_values(job) if kind.terms_known else {}
         parameters = {

@@ -113,12 +113,12 @@ class PredictTable(Strict):
     Attributes:
         draws: How many.
         quantities: Which; None: all that the model knows.
-        gust_log_sd: Standard deviation of the logarithm by which disturbances beyond the data (other air, nearer to the
-            ground) may be stronger or weaker than those that were fitted; 0: they are the same.
+        disturbance_log_sd: Standard deviation of the logarithm by which disturbances beyond the data (other air, nearer
+            to the ground) may be stronger or weaker than those that were fitted; 0: they are the same.
     """
 
     draws: Annotated[int, whole(50, 1_000_000)] = 400
-    gust_log_sd: Annotated[float, number(Bounds(least=0.0, most=3.0))] = 0.0
+    disturbance_log_sd: Annotated[float, number(Bounds(least=0.0, most=3.0))] = 0.0
     quantities: Annotated[tuple[Quantity, ...], AfterValidator(distinct)] | None = None
 
 

@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -22,18 +21,18 @@ import numpy as np
 import xarray as xr
 
 import bayeschute
-from bayeschute.calibration.campaign import client_of
+from bayeschute.calibration.workers import Lost, client_of, finished
 from bayeschute.dynamics.outcome import Outcome
 from bayeschute.errors import Fault, InputError
 from bayeschute.flight.record import write_record
 from bayeschute.study import setup
+from bayeschute.study.stages import write_whole
 from bayeschute.study.study import Flight, Study, canonical
 from bayeschute.study.work_data import flown, write_truth
 
 HASH = "drop_hash"
 """Attribute of records and truths: what they are drops of."""
-_RETRIES = 3
-_AHEAD = 4  # drops per core that are sent out before one is stored: results wait in workers' memory
+_AHEAD = 4  # drops per core under way at once: results wait in workers' memory
 
 
 class Drops(NamedTuple):
@@ -115,9 +114,10 @@ def simulate_study(
         say("simulate", kept / len(wanted), f"{kept} of {len(wanted)} kept from earlier")
     lost = sum(not _ok(one) for one in known.values())
     with client_of(workers if todo else 1, address if todo else None) as client:
-        for done, (one, drop) in enumerate(_made(partial(fly_drop, study=study), todo, client), 1):
+        for done, (one, made) in enumerate(finished(partial(fly_drop, study=study), todo, client, _AHEAD), 1):
+            drop = _broken(one.stem, f"worker lost: {made.why}") if isinstance(made, Lost) else made
             for name, content in _names(folder, one.stem, drop):
-                _write_whole(name, content)
+                write_whole(name, partial(Path.write_bytes, data=content))
             known[one.stem] = drop._replace(record=b"", truth=b"")
             lost += not _ok(drop)
             left = _spell((time.perf_counter() - began) / done * (len(todo) - done))
@@ -182,54 +182,6 @@ def _plain(truth: xr.Dataset) -> dict[str, Any]:
     return {name: value for name, value in truth.attrs.items() if name != "repairs"}
 
 
-def _made(task: Callable[[Wanted], Flown], todo: Sequence[Wanted], client: Any) -> Iterator[tuple[Wanted, Flown]]:
-    """Drops as they are finished, no more of them under way than workers can hold.
-
-    Dask blames the death of a worker on every drop that it was given, so those that it gives up are flown again one by
-    one: what kills its workers then is the drop itself.
-    """
-    if client is None:
-        yield from ((one, task(one)) for one in todo)
-        return
-    given_up = []
-    for one, drop, _ in _spread(task, todo, client, lambda: _AHEAD * max(sum(client.nthreads().values()), 2)):
-        if drop is None:
-            given_up.append(one)
-        else:
-            yield one, drop
-    for one, drop, why in _spread(task, given_up, client, lambda: 1):
-        yield one, _broken(one.stem, f"worker lost: {why}") if drop is None else drop
-
-
-def _spread(
-    task: Callable[[Wanted], Flown], todo: Sequence[Wanted], client: Any, most: Callable[[], int]
-) -> Iterator[tuple[Wanted, Flown | None, str]]:
-    """Drops as they are finished, none with the reason where Dask gave one up; `most` of them are under way at once."""
-    from distributed import as_completed
-
-    waiting, under_way, finished = iter(todo), dict[Any, Wanted](), as_completed()
-
-    def send() -> None:
-        limit = most()  # each time: workers come and go
-        while len(under_way) < limit and (one := next(waiting, None)) is not None:
-            future = client.submit(task, one, retries=_RETRIES, pure=False)
-            under_way[future] = one
-            finished.add(future)
-
-    send()
-    for future in finished:
-        one = under_way.pop(future)
-        if future.cancelled():
-            do = "Start it, and give the same command again: finished drops are kept."
-            raise InputError(
-                Fault("--workers/--dask", "the connection broke off", "a scheduler that keeps running", do)
-            )
-        lost = future.status == "error"
-        yield one, None if lost else future.result(), str(future.exception()) if lost else ""
-        future.release()
-        send()
-
-
 def _names(folder: Path, stem: str, drop: Flown) -> list[tuple[Path, bytes]]:
     """Files of a drop with their content; none of a drop that failed."""
     record, truth = _paths(folder, stem)
@@ -238,12 +190,6 @@ def _names(folder: Path, stem: str, drop: Flown) -> list[tuple[Path, bytes]]:
 
 def _paths(folder: Path, stem: str) -> tuple[Path, Path]:
     return folder / f"{stem}.nc", folder / f"{stem}.truth.nc"
-
-
-def _write_whole(path: Path, content: bytes) -> None:
-    aside = path.with_name(f".{path.name}.part")
-    aside.write_bytes(content)
-    os.replace(aside, path)
 
 
 def _kept(folder: Path, one: Wanted) -> dict[str, Any] | None:

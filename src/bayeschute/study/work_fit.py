@@ -3,178 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import jax
 import numpy as np
 import xarray as xr
 from arviz_base import from_dict
 from numpy.typing import NDArray
 
-from bayeschute.dynamics.parameters import Structure
 from bayeschute.errors import Fault, InputError
 from bayeschute.inference import output_error, population
-from bayeschute.inference.evidence import HyperPrior, from_vector, to_vector
+from bayeschute.inference.evidence import HyperPrior
+from bayeschute.inference.finding import Begin, Found, Settled, conclude, settle
 from bayeschute.inference.law_slope import widened
-from bayeschute.inference.map import Optimum
-from bayeschute.inference.marginal import Determinant, Marginal, marginalise
 from bayeschute.inference.omitted import scores
-from bayeschute.inference.posterior import Begin, Found, Settled, conclude, data_tree, sample, settle
-from bayeschute.inference.priors import Prior
-from bayeschute.inference.records import cluster_data, descent_data
-from bayeschute.inference.target import FlightData, Hyper, Unknowns
+from bayeschute.inference.posterior import data_tree, sample
 from bayeschute.samplers.protocol import Draws
 from bayeschute.study import checkpoint, setup
+from bayeschute.study.fits import Group, data_of, groups, load_fit, save_fit
 from bayeschute.study.fitted_terms import terms_left_out, with_terms
-from bayeschute.study.study import Flight
-from bayeschute.study.wind import by_altitude
-from bayeschute.study.work_data import load_flight, load_priors
+from bayeschute.study.work_data import load_priors
 
 if TYPE_CHECKING:
     from bayeschute.study.stages import Job
 
 Array = NDArray[np.float64]
 SCORE = 4.0  # standard errors from zero at which a term that was left out is added
-
-
-@dataclass(frozen=True)
-class Group:
-    """Flights that share their parameters in one fit; a descent study has one group per flight."""
-
-    name: str
-    flights: tuple[Flight, ...]
-    priors: tuple[Prior, ...]
-
-
-def groups(job: Job) -> list[Group]:
-    """The fits of a study."""
-    study, priors = job.study, tuple(load_priors(job))
-    flights = study.with_role("identify")
-    if study.model == "cluster":
-        return [Group("all", flights, priors)]
-    several = len(flights) > 1
-    return [
-        Group(f.name, (f,), tuple(replace(p, name=f"{p.name}[{f.name}]") if several else p for p in priors))
-        for f in flights
-    ]
-
-
-def structure_of(priors: Sequence[Prior], canopies: int) -> Structure:
-    """The structure whose coefficients are among the parameters."""
-    terms = {
-        kind: tuple(p.name[len(kind) + 1 : -1] for p in priors if p.name.startswith(f"{kind}["))
-        for kind in ("axial", "transverse")
-    }
-    return Structure(terms["axial"], terms["transverse"], canopies)
-
-
-def data_of(job: Job, flight: Flight, priors: Sequence[Prior]) -> FlightData:
-    """A flight ready to be fitted or predicted."""
-    study, record = job.study, load_flight(job, flight.name)
-    time = record["time"].values
-    until = None if flight.identify_until is None else flight.identify_until.at(time[0], time[-1])
-    if study.model == "descent":
-        return descent_data(record, setup.latent(study, 1), until)
-    assert study.vehicle is not None
-    n = study.vehicle.canopies.number
-    base, _ = setup.cluster(study.vehicle, flight.capsule_mass)
-    structure = structure_of(priors, n)
-    blank = replace(base, axial=(0.0,) * len(structure.axial), transverse=(0.0,) * len(structure.transverse))
-    channels = tuple(study.noise.channels())
-    made = cluster_data(record, blank, structure, priors, channels, setup.latent(study, n), until)
-    return made if flight.wind_profile is None else by_altitude(made, record, flight.wind_profile)
-
-
-def _save(job: Job, group: Group, found: Found, draws: Draws, wide: Array) -> None:
-    from bayeschute.study.stages import write_whole
-
-    best = found.optimum
-    arrays: dict[str, Any] = {
-        "theta": best.theta,
-        "covariance": best.covariance,
-        "determinant": np.stack(found.marginal.determinant),
-        "hyper": to_vector(found.hyper),
-        "xi": draws.xi,
-        "wide": wide,
-        "law_covariance": found.law_covariance,
-        "law_slope": found.law_slope,
-        "facts": np.array(
-            [
-                best.cost,
-                best.converged,
-                best.iterations,
-                best.last_step,
-                found.evidence,
-                draws.failed,
-                draws.evaluations,
-                found.determinant_error,
-            ]
-        ),
-    }
-    for i, unknowns in enumerate(best.unknowns):
-        arrays |= {f"start{i}": np.asarray(unknowns.start), f"shocks{i}": np.asarray(unknowns.shocks)}
-
-    def write(path: Any) -> None:
-        with path.open("wb") as file:
-            np.savez(file, **arrays)
-
-    write_whole(job.out / "fit" / f"{group.name}.npz", write)
-
-
-@dataclass(frozen=True)
-class Stored:
-    """A finished fit, read back.
-
-    Attributes:
-        marginal: The marginal posterior.
-        optimum: The optimum.
-        hyper: Noise parameters.
-        theta: Draws in working coordinates (chain, draw, P).
-        held: The same with the noise parameters held at their optimum, as the sampler made them.
-        failed: Simulations that failed while sampling.
-        evaluations: Evaluations of the exact density.
-        law_covariance: Of the logarithms of the noise parameters.
-        law_slope: Derivatives of the parameters by those, working coordinates (P, V).
-        determinant_error: Root mean square error of the log determinant's polynomial.
-    """
-
-    marginal: Marginal
-    optimum: Optimum
-    hyper: Hyper
-    theta: Array
-    held: Array
-    failed: int
-    evaluations: int
-    law_covariance: Array
-    law_slope: Array
-    determinant_error: float
-
-
-def load_hyper(job: Job, group: Group) -> Hyper:
-    """Noise parameters of a finished fit."""
-    with np.load(job.out / "fit" / f"{group.name}.npz") as file:
-        return jax.tree.map(np.asarray, from_vector(file["hyper"], setup.hyper(job.study)))
-
-
-def load_fit(job: Job, group: Group) -> Stored:
-    """Read a fit back and set its marginal posterior up again."""
-    with np.load(job.out / "fit" / f"{group.name}.npz") as file:
-        a = {k: file[k] for k in file.files}
-    hyper = load_hyper(job, group)
-    cost, converged, iterations, last, _, failed, evaluations, wrong = a["facts"]
-    unknowns = tuple(Unknowns(a[f"start{i}"], a[f"shocks{i}"]) for i in range(len(group.flights)))
-    best = Optimum(
-        a["theta"], unknowns, a["covariance"], float(cost), bool(converged), int(iterations), float(last), ()
-    )
-    flights = [data_of(job, f, group.priors) for f in group.flights]
-    marginal = replace(marginalise(flights, hyper, group.priors, best), determinant=Determinant(*a["determinant"]))
-    scale, known = np.asarray(marginal.scale), a["law_covariance"]
-    theta, held = (best.theta + a[name] @ scale.T for name in ("wide", "xi"))
-    counts, by_law = (int(failed), int(evaluations)), scale @ a["law_slope"]
-    return Stored(marginal, best, hyper, theta, held, *counts, known, by_law, float(wrong))
 
 
 def fit(job: Job) -> str:
@@ -223,7 +79,7 @@ def fit(job: Job) -> str:
                 found.marginal, group.priors, draws, study.seed, names, lambda s, w: say(s, w, 0.9, 1.0), wide
             )
             if kind == kinds[0]:
-                _save(job, group, found, draws, wide)
+                save_fit(job, group, found, draws, wide)
                 trees.append(tree)
                 failed += draws.failed
                 said += list(draws.notes)
@@ -375,21 +231,3 @@ def _own_dims(variables: dict[str, Any], group: str) -> xr.Dataset:
         rest = [f"{name}_{i}" for i in range(array.ndim - len(lead))]
         made[name] = ((*lead, *rest), array)
     return made
-
-
-def summary_draws(job: Job) -> tuple[dict[str, Array], dict[str, str]]:
-    """Draws of every parameter in its own unit (chain, draw), and the units."""
-    tree = xr.open_datatree(job.out / "posterior.nc", engine="h5netcdf")
-    posterior = tree["posterior"].ds.load()
-    tree.close()
-    draws = {str(name): posterior[name].values for name in posterior.data_vars}
-    return draws, {str(name): str(posterior[name].attrs.get("units", "1")) for name in posterior.data_vars}
-
-
-def gaussian_summary(priors: Sequence[Prior], theta: Array) -> list[Prior]:
-    """Posterior draws (chain, draw, P) as Gaussian priors, for the opening of another flight."""
-    flat = theta.reshape(-1, theta.shape[-1])
-    return [
-        replace(p, centre=float(flat[:, i].mean()), scale=float(flat[:, i].std()), source="posterior")
-        for i, p in enumerate(priors)
-    ]

@@ -18,7 +18,7 @@ from bayeschute.inference.identifiability import FELT, Confounding, Sensitivity
 from bayeschute.inference.priors import working
 from bayeschute.inference.profile import likelihood_interval, profile
 from bayeschute.study import formulation, setup
-from bayeschute.study.work_fit import Group, Stored
+from bayeschute.study.fits import Group, Stored
 
 if TYPE_CHECKING:
     from bayeschute.study.stages import Job

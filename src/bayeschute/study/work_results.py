@@ -18,9 +18,9 @@ from bayeschute.forecast import risk as risk_files
 from bayeschute.inference.statespace import innovations
 from bayeschute.inference.target import Course, FlightData, as_series, course, filter_gains, linearise, residuals
 from bayeschute.study import setup
+from bayeschute.study.fits import Group, Stored, data_of, gaussian_summary, groups, load_fit, summary_draws
 from bayeschute.study.study import Flight
 from bayeschute.study.work_data import load_flight, load_truth
-from bayeschute.study.work_fit import Group, Stored, data_of, gaussian_summary, groups, load_fit, summary_draws
 from bayeschute.study.work_identifiability import of_fit
 
 if TYPE_CHECKING:
@@ -30,8 +30,13 @@ Array = NDArray[np.float64]
 OPENING = 5.0  # [s] of its record by which a flight to be predicted is known
 
 
-def check(job: Job) -> str:
-    """Numbers that say whether the fit may be believed."""
+def check(job: Job, tell: bool = True) -> str:
+    """Numbers that say whether the fit may be believed, and what its records tell.
+
+    Args:
+        job: The run.
+        tell: Whether to work out what the records tell; replicates have no reader.
+    """
     checks: dict[str, dict[str, Any]] = {}
 
     def add(name: str, value: float, bound: float, passed: bool, detail: str) -> None:
@@ -56,7 +61,8 @@ def check(job: Job) -> str:
             driven = course(flight, stored.hyper, unknowns)
             steps.append(_step_error(flight, stored, driven))
             share.append(_innovation_share(flight, stored, driven))
-        told[group.name] = of_fit(job, group, stored)
+        if tell:
+            told[group.name] = of_fit(job, group, stored)
         job.say("check")((i + 1) / len(groups(job)), group.name)
     add("optimum", float(not converged), 0.0, converged, "fits whose optimum did not converge")
     add(
@@ -88,7 +94,8 @@ def check(job: Job) -> str:
         max(wrong) < 0.2,
         "root mean square error of the log determinant's polynomial over the posterior",
     )
-    job.save("identifiability.json", told)
+    if tell:
+        job.save("identifiability.json", told)
     job.save("checks.json", {"checks": checks, "rhat": rhat, "ess_bulk": bulk, "ess_tail": tail})
     missed = [name for name, c in checks.items() if not c["passed"]]
     return "all passed" if not missed else "missed: " + ", ".join(missed)
@@ -186,8 +193,9 @@ def foretell(job: Job) -> Iterator[Foretold]:
             job.say("predict")((i + share) / len(flights), name)
 
         seed = study.seed + 100 + i
-        gusts, slope = study.predict.gust_log_sd, stored.law_slope
-        prediction = bands.predict(marginal, index, picked, laws, seed, whole, until - time[0], tell, slope, gusts)
+        told, spread = until - time[0], study.predict.disturbance_log_sd
+        slope = stored.law_slope
+        prediction = bands.predict(marginal, index, picked, laws, seed, whole, told, tell, slope, spread)
         yield Foretold(flight, stored, prediction, time, time > until, record, truth, seed)
 
 

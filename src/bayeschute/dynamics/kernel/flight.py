@@ -256,4 +256,5 @@ class _Along:
         shared, scratch = _shared(self.model, traced), aligned(made.scratch)
         places = shared, self.theta, self.states, self.record, y, by_state, by_theta, scratch
         made.call(*places, self.stride, 0, self.blocks)
-        return tuple(a[: len(self.x)] for a in (y, by_state, by_theta))  # type: ignore[return-value]
+        count = len(self.x)
+        return y[:count], by_state[:count], by_theta[:count]

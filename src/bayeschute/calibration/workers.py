@@ -1,0 +1,111 @@
+"""Tasks among processes: in this one, in local ones, or on a Dask cluster; each is finished or its loss is told."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any, NamedTuple, TypeVar
+
+from bayeschute.errors import Fault, InputError
+
+T = TypeVar("T")
+R = TypeVar("R")
+_RETRIES = 3
+
+
+@contextmanager
+def client_of(workers: int, address: str | None) -> Iterator[Any]:
+    """A Dask client: of a cluster at an address, of local processes, or None where one worker is this process.
+
+    Raises:
+        InputError: If Dask is needed and not installed, or the cluster doesn't answer.
+    """
+    if workers <= 1 and address is None:
+        yield None
+        return
+    try:
+        from distributed import Client, LocalCluster
+    except ImportError as error:
+        do = "Install the extra: pip install 'bayeschute[dask]'."
+        raise InputError(Fault("--workers/--dask", "Dask is not installed", "the extra `dask`", do)) from error
+    if address is not None:
+        try:
+            client = Client(address, timeout="20s")
+        except (OSError, ValueError) as error:
+            do = "Start a scheduler (dask scheduler) and workers, or use --workers."
+            raise InputError(Fault(f"--dask {address}", str(error), "a Dask scheduler", do)) from error
+        with client:
+            yield client
+        return
+    with (
+        LocalCluster(n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=":0") as cluster,
+        Client(cluster) as client,
+    ):
+        yield client
+
+
+class Lost(NamedTuple):
+    """In the place of a result: the task killed every worker that it was given to, and why Dask gave it up."""
+
+    why: str
+
+
+def finished(
+    task: Callable[[T], R], todo: Sequence[T], client: Any, ahead: int | None = None
+) -> Iterator[tuple[T, R | Lost]]:
+    """Inputs with their results as they are finished.
+
+    Dask blames the death of a worker on everything it was given, so what it gives up is tried again one by one: what
+    kills its workers then is the task itself.
+
+    Args:
+        task: A function of a module or a partial of one; it tells its own failures in its result.
+        todo: Its inputs.
+        client: From `client_of`.
+        ahead: Tasks per core under way at once, where results are large; all where None.
+
+    Raises:
+        InputError: If the connection to the scheduler breaks off.
+    """
+    if client is None:
+        yield from ((one, task(one)) for one in todo)
+        return
+
+    def room() -> int:  # each time: workers come and go
+        return len(todo) if ahead is None else ahead * max(sum(client.nthreads().values()), 2)
+
+    given_up = []
+    for one, result in _spread(task, todo, client, room):
+        if isinstance(result, Lost):
+            given_up.append(one)
+        else:
+            yield one, result
+    yield from _spread(task, given_up, client, lambda: 1)
+
+
+def _spread(
+    task: Callable[[T], R], todo: Sequence[T], client: Any, room: Callable[[], int]
+) -> Iterator[tuple[T, R | Lost]]:
+    """Inputs with results or losses as they come, no more under way than there is room for."""
+    from distributed import as_completed
+
+    waiting, under_way, done = iter(todo), dict[Any, T](), as_completed()
+
+    def send() -> None:
+        limit = room()
+        while len(under_way) < limit and (one := next(waiting, None)) is not None:
+            future = client.submit(task, one, retries=_RETRIES, pure=False)
+            under_way[future] = one
+            done.add(future)
+
+    send()
+    for future in done:
+        one = under_way.pop(future)
+        if future.cancelled():
+            do = "Start it, and give the same command again: what is finished is kept."
+            raise InputError(
+                Fault("--workers/--dask", "the connection broke off", "a scheduler that keeps running", do)
+            )
+        yield one, Lost(str(future.exception())) if future.status == "error" else future.result()
+        future.release()
+        send()

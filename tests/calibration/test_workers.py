@@ -1,0 +1,64 @@
+"""Tasks among processes: inputs keep their results, few are under way at once, and a task that kills is told."""
+
+from __future__ import annotations
+
+import os
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from bayeschute.calibration.workers import Lost, client_of, finished
+from bayeschute.errors import InputError
+
+pytest.importorskip("distributed", reason="Dask is not installed")
+dask = pytest.importorskip("dask")
+
+
+def square(number: int) -> int:
+    """A task."""
+    return number**2
+
+
+def kills_on_three(number: int) -> int:
+    """A task that takes its worker with it for one of its inputs."""
+    if number == 3:
+        os.kill(os.getpid(), 9)
+    return square(number)
+
+
+def marked(number: int, folder: Path) -> int:
+    """A task that leaves a trace."""
+    (folder / str(number)).touch()
+    return number
+
+
+def test_one_worker_is_this_process_and_keeps_the_order():
+    with client_of(1, None) as client:
+        assert client is None
+        assert list(finished(square, [3, 1, 2], client)) == [(3, 9), (1, 1), (2, 4)]
+
+
+def test_every_input_comes_back_once_and_only_the_one_that_kills_is_lost():
+    with (
+        dask.config.set({"distributed.scheduler.allowed-failures": 0}),  # one death is enough: sooner done
+        client_of(2, None) as client,
+    ):
+        made = dict(finished(kills_on_three, range(8), client))
+    lost = made.pop(3)
+    assert isinstance(lost, Lost) and "died" in lost.why
+    assert made == {n: n**2 for n in range(8) if n != 3}
+
+
+def test_no_more_tasks_are_sent_than_there_is_room_for(tmp_path: Path):
+    with client_of(2, None) as client:
+        coming = finished(partial(marked, folder=tmp_path), range(40), client, ahead=2)
+        next(coming)
+        assert len(list(tmp_path.iterdir())) <= 4
+        assert len(list(coming)) == 39
+    assert len(list(tmp_path.iterdir())) == 40
+
+
+def test_a_scheduler_that_is_not_there_is_bad_input():
+    with pytest.raises(InputError, match="a Dask scheduler"), client_of(2, "not-an-address"):
+        pass

@@ -1,0 +1,60 @@
+"""The marginal posterior is found from data and priors: its mode, its noise parameters, its determinant."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import jax
+import numpy as np
+from scipy.optimize import brentq
+
+from bayeschute.inference import finding
+from bayeschute.inference.evidence import HyperPrior
+from bayeschute.inference.marginal import determinant_around, log_density
+
+
+def test_found(found, descent):
+    assert found.optimum.converged
+    assert abs(found.optimum.theta[0] - descent.theta[0]) < 4.0 * np.sqrt(found.optimum.covariance[0, 0])
+    assert found.law_covariance.shape == (5, 5) and np.isfinite(found.evidence)
+    assert np.linalg.eigvalsh(found.law_covariance).min() > 0.0
+    assert found.law_slope.shape == (1, 5) and 0.01 < np.abs(found.law_slope).max() < 2.0
+    assert 0.0 < found.determinant_error < 0.05
+
+
+def test_the_optimum_is_the_mode_of_the_marginal_posterior(found):
+    """With the determinant the density is level there; without it, it is not."""
+
+    def slope(marginal):
+        ends = np.asarray(log_density(marginal, np.array([[-0.1, 0.1]])))
+        return (ends[1] - ends[0]) / 0.2
+
+    flat = jax.tree.map(np.zeros_like, found.marginal.determinant)
+    np.testing.assert_allclose(found.marginal.determinant, determinant_around(found.marginal), rtol=1e-9)
+    assert abs(slope(found.marginal)) < 0.01
+    assert abs(slope(replace(found.marginal, determinant=flat))) > 0.03
+
+
+def test_progress_grows(descent):
+    heard = []
+    prior = HyperPrior(descent.hyper, 0.4)
+    finding.find(descent.flights, descent.priors, prior, rounds=1, progress=lambda share, words: heard.append(share))
+    assert heard == sorted(heard) and 0.0 <= heard[0] and heard[-1] <= 1.0
+
+
+def test_the_mode_is_found_far_from_the_joint_optimum(descent, monkeypatch):
+    """A log determinant whose slope dies away: one slope goes much too far, the mode is where slope and cost balance."""
+    settled = finding.settle(descent.flights, descent.priors, HyperPrior(descent.hyper))
+    factor = np.linalg.cholesky(settled.optimum.covariance)
+    start = settled.optimum.theta
+
+    def bent(made):
+        """Slope of 6 per standard deviation at the joint optimum, of half that at two standard deviations."""
+        away = np.linalg.solve(factor, np.asarray(made.centre) - start)
+        return 6.0 * np.exp(away * np.log(2.0) / 2.0)
+
+    monkeypatch.setattr(finding, "determinant_slope", bent)
+    best = finding.marginal_mode(descent.flights, descent.priors, settled)
+    away = float(np.linalg.solve(factor, best.theta - start)[0])
+    balance = brentq(lambda x: x + 6.0 * np.exp(x * np.log(2.0) / 2.0), -6.0, 0.0)
+    assert best.converged and abs(away - balance) < 0.2 < abs(-6.0 - balance)
