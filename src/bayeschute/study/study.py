@@ -100,7 +100,8 @@ def canonical(study: Study) -> dict[str, Any]:
     """What a study says, in SI, whatever its files' layout, comments and units: plain values for JSON."""
 
     def plain(value: Any) -> Any:
-        return value.model_dump() if isinstance(value, Strict) else vars(value)
+        # What is not said is left out: options that are added later leave the hashes of today's studies as they are.
+        return value.model_dump(exclude_none=True) if isinstance(value, Strict) else vars(value)
 
     layout = ("path", "vehicle_path", "text", "vehicle_text")
     said = {key: value for key, value in vars(study).items() if key not in layout}
