@@ -111,7 +111,7 @@ def test_maximise_recovers_the_noise(descent):
     best, value = evidence.maximise(flights, lin, descent.priors, off, prior)
     made, true = evidence.to_vector(best), evidence.to_vector(descent.hyper)
     # 190 samples tell white noise and the wind error; drift of the sensor, beside that of the wind, they don't.
-    se = np.sqrt(np.diag(evidence.law_covariance(flights, lin, descent.priors, best, prior)))
+    se = np.sqrt(np.diag(evidence.law_covariance(flights, lin, descent.priors, best, prior, np.zeros((1, 5)))))
     assert (np.abs(made - true) < 3.0 * se).all()
     assert (se[[0, 3, 4]] < [0.2, 0.3, 0.6]).all() and (np.abs(made - true)[[0, 3, 4]] < [0.35, 0.5, 1.0]).all()
     again, _ = evidence.maximise(flights, lin, descent.priors, descent.hyper, prior)
@@ -136,7 +136,8 @@ def test_law_covariance_is_the_inverse_curvature_and_never_wider_than_the_prior(
     lin = [_linearised(linear.flight, linear.hyper, linear.theta, linear.u)]
     prior = HyperPrior(linear.hyper, LOG_SD)
     best = evidence.maximise([linear.flight], lin, linear.priors, linear.hyper, prior)[0]
-    made = evidence.law_covariance([linear.flight], lin, linear.priors, best, prior)
+    held = np.zeros((2, 11))
+    made = evidence.law_covariance([linear.flight], lin, linear.priors, best, prior, held)
     assert made.shape == (11, 11)
     np.testing.assert_allclose(made, made.T, atol=1e-12)
     values, vectors = np.linalg.eigh(made)
@@ -147,6 +148,10 @@ def test_law_covariance_is_the_inverse_curvature_and_never_wider_than_the_prior(
     for value, way in zip(values[told], vectors.T[told], strict=True):
         curvature = (objective(at + h * way)[0] - 2.0 * middle + objective(at - h * way)[0]) / h**2
         assert value == pytest.approx(1.0 / curvature, rel=0.05)
+    # Parameters that follow the noise parameters take their part off the curvature.
+    follow = 0.5 * np.outer([1.0, 0.0], vectors[:, 0]) / np.sqrt(values[0])
+    freed = evidence.law_covariance([linear.flight], lin, linear.priors, best, prior, follow)
+    assert vectors[:, 0] @ freed @ vectors[:, 0] == pytest.approx(values[0] / 0.75, rel=1e-6)
 
 
 def test_an_evidence_that_is_not_finite_is_refused(linear):
@@ -154,3 +159,14 @@ def test_an_evidence_that_is_not_finite_is_refused(linear):
     spoiled = lin._replace(residual=np.full_like(lin.residual, np.nan))
     with pytest.raises(FloatingPointError, match="not finite"):
         evidence.maximise([linear.flight], [spoiled], linear.priors, linear.hyper, HyperPrior(linear.hyper))
+
+
+def test_a_gap_shifts_what_the_linear_model_sees(linear):
+    lin, prior = [_linearised(linear.flight, linear.hyper, linear.theta, linear.u)], HyperPrior(linear.hyper, LOG_SD)
+    at, gap = evidence.to_vector(linear.hyper), np.full(np.shape(linear.flight.observed), 0.1)
+    moved = replace(linear.flight, observed=np.asarray(linear.flight.observed) - gap)
+    other = [_linearised(moved, linear.hyper, linear.theta, linear.u)]
+    ours = evidence._function([linear.flight], lin, linear.priors, prior, [gap])(at)
+    wanted = evidence._function([moved], other, linear.priors, prior)(at)
+    assert ours[0] == pytest.approx(wanted[0], rel=1e-12)
+    np.testing.assert_allclose(ours[1], wanted[1], rtol=1e-9)

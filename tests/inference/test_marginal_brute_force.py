@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Any
 
 import jax
 import numpy as np
@@ -16,12 +17,38 @@ from bayeschute.inference.marginal import (
     determinant_error,
     determinant_slope,
     draw_unknowns,
+    gap_slope,
     log_density,
     marginalise,
     normals,
 )
 from bayeschute.inference.noise import Noise
+from bayeschute.inference.priors import Prior
 from bayeschute.inference.target import Hyper, Unknowns, cost, course, residuals
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class BentFlight:
+    """A `FlightModel` whose disturbance enters with its square as well: its mean is not the flight of the mean."""
+
+    drive: Any
+
+    def inputs(self):
+        return self.drive
+
+    def numbers(self, theta):
+        return theta
+
+    def initial(self, numbers, start):
+        return start
+
+    def advance(self, x, numbers, now, then, error_now, error_then):
+        e = 0.5 * (error_now + error_then)
+        return 0.8 * x + 0.3 * numbers + e + 0.2 * e**2
+
+    def observe(self, x, numbers, now):
+        return x
 
 
 @pytest.fixture(scope="module")
@@ -104,6 +131,35 @@ def test_a_descent_against_brute_force_integration(short, made):
     # What its polynomial leaves of the determinant is told.
     assert determinant_error(right, 8, np.random.default_rng(0)) < 0.01
     assert determinant_error(made, 8, np.random.default_rng(0)) > 0.05
+
+
+def test_the_mean_of_a_bent_flight_is_not_the_flight_of_the_mean(descent):
+    """Gusts of which the data tell little, through a square: without the gap the parameter makes up for their mean."""
+    rng, priors = np.random.default_rng(3), [Prior("drive", 1.0, 2.0, False, "1", "test")]
+    hyper = Hyper(Noise(*(np.array([x]) for x in (0.3, 0.3, 2.0))), (np.array([0.8, 3.0]),))
+    model, present = BentFlight(np.zeros(5)), np.ones((5, 1), bool)
+    flight = replace(
+        descent.flights[0], model=model, observed=np.zeros((5, 1)), present=present, start_scale=np.array([0.2])
+    )
+    u = Unknowns(rng.standard_normal(1), rng.standard_normal((5, 1)))
+    seen = -np.asarray(residuals(flight, np.array([1.0]), course(flight, hyper, u)))
+    flight = replace(flight, observed=seen + 0.3 * rng.standard_normal((5, 1)))
+    made = marginalise([flight], hyper, priors, fit([flight], hyper, priors, np.array([1.0]), tolerance=1e-4))
+    made = replace(made, determinant=determinant_around(made))
+    flat = replace(made, along=tuple(along._replace(gap=0.0 * along.gap) for along in made.along))
+    grid = np.array([-1.0, 0.0, 1.0])
+    theta = np.asarray(made.theta(grid[None]))
+    prior = -0.5 * ((theta[0] - 1.0) / 2.0) ** 2
+    wanted = np.array([_integrated(flight, hyper, t)[0] for t in theta.T]) + prior
+    slopes = {}
+    for name, marginal in (("with", made), ("without", flat)):
+        ours = np.asarray(log_density(marginal, grid[None]))
+        slopes[name] = 0.5 * float(ours[2] - ours[0] - (wanted[2] - wanted[0]))
+    assert abs(slopes["without"]) > 0.01 and abs(slopes["with"]) < 0.25 * abs(slopes["without"]), slopes
+    # The slope that the search for the mode is told of is that of the density.
+    told = float(gap_slope(made)[0] * np.asarray(made.scale)[0, 0])
+    ends = [float(np.diff(np.asarray(log_density(m, np.array([[-0.01, 0.01]]))))[0]) / 0.02 for m in (made, flat)]
+    assert told == pytest.approx(ends[1] - ends[0], rel=0.02)
 
 
 def test_draws_of_a_descent_have_the_moments_of_brute_force_integration(short, made):

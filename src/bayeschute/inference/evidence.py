@@ -18,6 +18,7 @@ import numpy as np
 import scipy.optimize
 from numpy.typing import NDArray
 
+from bayeschute.air.vector import Component
 from bayeschute.inference.priors import Prior, working
 from bayeschute.inference.score import evidence_score
 from bayeschute.inference.score import from_vector as from_vector
@@ -37,11 +38,17 @@ class HyperPrior:
 
 
 def _function(
-    flights: Sequence[FlightData], linear: Sequence[Linear], priors: Sequence[Prior], prior: HyperPrior
+    flights: Sequence[FlightData],
+    linear: Sequence[Linear],
+    priors: Sequence[Prior],
+    prior: HyperPrior,
+    gaps: Sequence[Component] | None = None,
 ) -> Callable[[Array], tuple[float, Array]]:
     """The objective and its gradient as a function of the vector alone."""
     median = jax.tree.map(lambda a: jnp.asarray(a, float), prior.median)
     series = tuple(_series(lin) for lin in linear)
+    if gaps is not None:
+        series = tuple(s.at[:, :, 0].add(-jnp.asarray(gap)) for s, gap in zip(series, gaps, strict=True))
     fixed = (median, prior.log_sd, tuple(flights), tuple(linear), series, working(priors)[1])
 
     def objective(vector: Array) -> tuple[float, Array]:
@@ -60,6 +67,7 @@ def maximise(
     hyper: Hyper,
     prior: HyperPrior,
     most: int = 60,
+    gaps: Sequence[Component] | None = None,
 ) -> tuple[Hyper, float]:
     """Noise parameters of greatest evidence at a linearisation.
 
@@ -70,6 +78,7 @@ def maximise(
         hyper: Where to start.
         prior: Priors of the noise parameters.
         most: Most iterations of L-BFGS.
+        gaps: See `inference.marginal`, per flight (T, C); none where None.
 
     Returns:
         The noise parameters and minus the log evidence up to a constant.
@@ -80,7 +89,7 @@ def maximise(
     middle = to_vector(prior.median)
     bounds = [(m - 5.0 * prior.log_sd, m + 5.0 * prior.log_sd) for m in middle]
     found = scipy.optimize.minimize(
-        _function(flights, linear, priors, prior),
+        _function(flights, linear, priors, prior, gaps),
         to_vector(hyper),
         jac=True,
         method="L-BFGS-B",
@@ -98,10 +107,13 @@ def law_covariance(
     priors: Sequence[Prior],
     hyper: Hyper,
     prior: HyperPrior,
+    slope: Array,
+    gaps: Sequence[Component] | None = None,
 ) -> Array:
     """Laplace covariance of the logarithms of all noise parameters, by differences of the gradient.
 
-    The gradient is exact, so a short step to one side will do.
+    The gradient is exact, so a short step to one side will do. It is that for held parameters; those follow the noise
+    parameters by `slope`, which takes ``slope' slope`` off the curvature.
 
     Args:
         flights: Records.
@@ -109,13 +121,15 @@ def law_covariance(
         priors: Priors of theta.
         hyper: Noise parameters of greatest evidence.
         prior: Priors of the noise parameters.
+        slope: From `law_slope.law_slope` (P, V).
+        gaps: As in `maximise`.
 
     Returns:
         (V, V), in the order of `to_vector`; never wider than the prior.
     """
-    objective, at, step = _function(flights, linear, priors, prior), to_vector(hyper), 1e-3
+    objective, at, step = _function(flights, linear, priors, prior, gaps), to_vector(hyper), 1e-3
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         rows = list(pool.map(lambda x: objective(x)[1], [at, *(at + step * np.eye(at.size))]))
     curvature = (np.array(rows[1:]) - rows[0]) / step
-    values, vectors = np.linalg.eigh(0.5 * (curvature + curvature.T))
+    values, vectors = np.linalg.eigh(0.5 * (curvature + curvature.T) - slope.T @ slope)
     return np.asarray((vectors / np.maximum(values, 1.0 / prior.log_sd**2)) @ vectors.T)

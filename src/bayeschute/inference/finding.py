@@ -21,6 +21,7 @@ from bayeschute.inference.marginal import (
     determinant_around,
     determinant_error,
     determinant_slope,
+    gap_slope,
     marginalise,
 )
 from bayeschute.inference.priors import Prior, working
@@ -34,6 +35,7 @@ HORIZONS = (
     1.0,
 )  # shares fitted in turn: an unstable pendulum far from its optimum is lost late in the record
 _MODE_STEPS, _NEAR = 8, 0.2  # most steps to the marginal mode; length of the last, in standard deviations
+_TURNS = 3  # most times that noise parameters and mode are sought in turn
 _LEAST_GAIN = 0.05  # share of the record by which the fitted part must at least be lengthened
 
 
@@ -130,7 +132,7 @@ def settle(
     flights: Sequence[FlightData],
     priors: Sequence[Prior],
     prior: HyperPrior,
-    rounds: int = 2,
+    rounds: int = 1,
     progress: Progress | None = None,
     begin: Begin | None = None,
 ) -> Settled:
@@ -174,7 +176,7 @@ def settle(
 def marginal_mode(
     flights: Sequence[FlightData], priors: Sequence[Prior], settled: Settled, progress: Progress | None = None
 ) -> Optimum:
-    """From the joint optimum to where cost and log determinant together are least.
+    """From the joint optimum to where cost, log determinant and what the gap adds are least together.
 
     The mode is often five and more standard errors away, too far for one slope of the determinant: every Gauss-Newton
     step is made with the slope where it begins, and shortened by the determinant's curvature along the last one. A rest
@@ -194,8 +196,8 @@ def marginal_mode(
     for turn in range(_MODE_STEPS):
         say(turn / _MODE_STEPS, "log determinant")
         factor = np.linalg.cholesky(best.covariance)
-        slope = determinant_slope(marginalise(flights, settled.hyper, priors, best))
-        tilt: Array = scipy.linalg.solve_triangular(factor.T, slope)
+        made = marginalise(flights, settled.hyper, priors, best)
+        tilt: Array = scipy.linalg.solve_triangular(factor.T, determinant_slope(made)) + gap_slope(made)
         moved = optimum.fit(flights, settled.hyper, priors, best.theta, best.unknowns, 0.01, most=1, tilt=tilt)
         curvature = 0.0 if last is None else float(last[0] @ (tilt - last[1])) / last[2] ** 2
         share = 1.0 / (1.0 + max(curvature, 0.0))
@@ -220,7 +222,8 @@ def conclude(
     """Go from the joint optimum to the mode of the marginal posterior, and set that up.
 
     The joint optimum over parameters and disturbances is not where the marginal posterior of the parameters is
-    greatest: see `marginal_mode`.
+    greatest: see `marginal_mode`. Nor are the noise parameters of greatest evidence the same at both places: they are
+    sought again at the mode, and the mode with them, until the mode rests.
 
     Args:
         flights: Records.
@@ -230,22 +233,37 @@ def conclude(
         progress: Called with a share done and words.
     """
     say = progress or (lambda share, words: None)
-    best, hyper, value = settled
-    best = marginal_mode(flights, priors, settled, lambda share, words: say(0.4 * share, words))
+    best = marginal_mode(flights, priors, settled, lambda share, words: say(0.3 * share, words))
+    for turn in range(_TURNS):
+        say(0.3 + 0.3 * turn / _TURNS, f"noise parameters at the mode {turn + 1}")
+        made = marginalise(flights, settled.hyper, priors, best)
+        linear, gaps = [a.linear for a in made.along], [a.gap for a in made.along]
+        hyper, value = evidence.maximise(flights, linear, priors, settled.hyper, prior, 12, gaps)
+        settled = Settled(replace(best, converged=settled.optimum.converged), hyper, value)
+        before, best = best, marginal_mode(flights, priors, settled)
+        if _length(best.theta - before.theta, before.covariance) < _NEAR:
+            break
     made = marginalise(flights, hyper, priors, best)
-    say(0.4, "log determinant at the mode")
+    say(0.6, "log determinant at the mode")
     made = replace(made, determinant=determinant_around(made))
     wrong = determinant_error(made, 4, np.random.default_rng(0))
     say(0.8, "uncertainty of the noise parameters")
-    known = evidence.law_covariance(flights, _linearised(flights, hyper, best), priors, hyper, prior)
-    return Found(best, hyper, made, value, known, law_slope(made), wrong)
+    slope = law_slope(made)
+    linear, gaps = [a.linear for a in made.along], [a.gap for a in made.along]
+    known = evidence.law_covariance(flights, linear, priors, hyper, prior, slope, gaps)
+    return Found(best, hyper, made, value, known, slope, wrong)
+
+
+def _length(step: Array, covariance: Array) -> float:
+    """Length of a step of the parameters in posterior standard deviations."""
+    return float(np.linalg.norm(scipy.linalg.solve_triangular(np.linalg.cholesky(covariance), step, lower=True)))
 
 
 def find(
     flights: Sequence[FlightData],
     priors: Sequence[Prior],
     prior: HyperPrior,
-    rounds: int = 2,
+    rounds: int = 1,
     progress: Progress | None = None,
 ) -> Found:
     """The marginal posterior of the parameters: `settle`, then `conclude`."""

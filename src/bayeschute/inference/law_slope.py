@@ -46,7 +46,7 @@ def law_slope(marginal: Marginal, step: float = 0.5) -> Array:
         total: Array = np.zeros(at.size)
         for flight, along in zip(marginal.flights, marginal.along, strict=True):
             linear = linearise(flight, theta, course_at(along, shift))
-            total = total + np.asarray(conditional_score(at, like, flight, linear, _seen(linear)))
+            total = total + np.asarray(conditional_score(at, like, flight, linear, _seen(linear) - along.gap))
         return total
 
     axes = step * np.eye(np.size(marginal.centre))

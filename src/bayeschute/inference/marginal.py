@@ -32,6 +32,7 @@ from bayeschute.inference.target import (
     Hyper,
     Linear,
     Unknowns,
+    as_series,
     course,
     filter_gains,
     linearise,
@@ -40,6 +41,7 @@ from bayeschute.inference.target import (
 
 Array = NDArray[np.float64]
 _CORRECTIONS = 1
+_PAIRS = 32  # of simulations behind the gap
 
 
 class Along(NamedTuple):
@@ -50,6 +52,8 @@ class Along(NamedTuple):
         slope: Its derivatives by theta, last axis.
         offset: Linear response of the outputs to that course (T, C).
         offset_slope: Its derivatives by theta (T, C, P).
+        gap: Mean of simulated outputs over start and disturbances given theta_0, less those at their optimum (T, C).
+        lost: How many pairs of simulations behind the gap failed.
         linear: The flight linearised there.
         gains: The filter.
     """
@@ -58,6 +62,8 @@ class Along(NamedTuple):
     slope: Course
     offset: Component
     offset_slope: Component
+    gap: Component
+    lost: Component
     linear: Linear
     gains: Gains
 
@@ -115,19 +121,63 @@ def _along(flight: FlightData, hyper: Hyper, linear: Linear) -> Along:
         jnp.concatenate([driven.error[..., None], -slope.error], axis=2),
         jnp.zeros((p, 1 + p)),
     )
-    return Along(driven, jax.tree.map(jnp.negative, slope), both[..., 0], both[..., 1:], linear, made)
+    none = jnp.zeros(jnp.shape(flight.observed))
+    return Along(
+        driven, jax.tree.map(jnp.negative, slope), both[..., 0], both[..., 1:], none, jnp.zeros(()), linear, made
+    )
+
+
+def _with_gap(flight: FlightData, hyper: Hyper, along: Along, theta: Array) -> Along:
+    """Fill the gap in: the mean displacement of simulated outputs over the conditional law of start and disturbances.
+
+    Draws come in pairs about the optimum, so that all that is linear cancels exactly. A pair of which a simulation
+    fails is left out, and counted.
+
+    Raises:
+        FloatingPointError: If a simulation of every pair fails.
+    """
+    z = normals(flight, _PAIRS, np.random.default_rng(0))
+    drawn = _drawn(flight, hyper, along.gains, jnp.zeros((*jnp.shape(flight.observed), _PAIRS)), z)
+    off = course(flight, hyper, drawn)
+    both = Course(
+        *(jnp.concatenate([m[..., None] + d, m[..., None] - d], -1) for m, d in zip(along.driven, off, strict=True))
+    )
+    wide = jnp.repeat(jnp.asarray(theta)[:, None], 2 * _PAIRS, axis=1)
+    middle = residuals(flight, jnp.asarray(theta), along.driven)
+    moved = np.asarray(middle[..., None] - residuals(flight, wide, both))
+    pairs = 0.5 * (moved[..., :_PAIRS] + moved[..., _PAIRS:])
+    good = np.isfinite(pairs).all(axis=(0, 1))
+    if not good.any():
+        raise FloatingPointError("simulations under all drawn disturbances about the optimum fail")
+    return along._replace(gap=jnp.asarray(pairs[..., good].mean(axis=-1)), lost=jnp.asarray(1.0 * (~good).sum()))
 
 
 def marginalise(flights: Sequence[FlightData], hyper: Hyper, priors: Sequence[Prior], optimum: Optimum) -> Marginal:
     """Set the marginal posterior up at an optimum, its determinant still held constant."""
     centre, scale = working(priors)
-    along = tuple(
-        _along(f, hyper, linearise(f, optimum.theta, course(f, hyper, u)))
-        for f, u in zip(flights, optimum.unknowns, strict=True)
-    )
+    along = []
+    for flight, unknowns in zip(flights, optimum.unknowns, strict=True):
+        made = _along(flight, hyper, linearise(flight, optimum.theta, course(flight, hyper, unknowns)))
+        along.append(_with_gap(flight, hyper, made, optimum.theta))
     flat = Determinant(np.zeros(len(priors)), np.zeros(len(priors)))
     factor = np.linalg.cholesky(optimum.covariance)
-    return Marginal(tuple(flights), hyper, along, optimum.theta, factor, centre, scale, flat)
+    return Marginal(tuple(flights), hyper, tuple(along), optimum.theta, factor, centre, scale, flat)
+
+
+def gap_slope(marginal: Marginal) -> Array:
+    """What the gap adds to the slope of minus the log density at theta_0, by theta (P,)."""
+    total: Array = np.zeros(np.size(marginal.centre))
+    for along in marginal.along:
+        total = total + np.asarray(_gap_slope(along))
+    return total
+
+
+@jax.jit
+def _gap_slope(along: Along) -> jax.Array:
+    by_theta = as_series(along.linear)[..., 1:]
+    unit = innovations(along.gains, jnp.concatenate([along.gap[..., None], by_theta], axis=2))
+    unit = unit.reshape(-1, unit.shape[2])
+    return unit[:, 1:].T @ unit[:, 0]
 
 
 @jax.jit
@@ -148,8 +198,8 @@ def shifted(marginal: Marginal, xi: Component) -> tuple[jax.Array, jax.Array]:
 
 @jax.jit
 def _seen(along: Along, residual: jax.Array, shift: jax.Array) -> jax.Array:
-    """What the linear model sees (T, C, B): residuals of the full simulation plus the linear response to its course."""
-    return residual + along.offset[..., None] + along.offset_slope @ shift
+    """What the linear model sees (T, C, B): residuals of the full simulation less its gap, plus the linear response."""
+    return residual + (along.offset - along.gap)[..., None] + along.offset_slope @ shift
 
 
 def _series(flight: FlightData, along: Along, theta: jax.Array, shift: jax.Array) -> jax.Array:

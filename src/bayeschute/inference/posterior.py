@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import jax
@@ -77,8 +78,16 @@ def sample(
     )
     density = jax.tree_util.Partial(Surrogate.log_density, surrogate)
     made = nuts.corrected(exact, density, parameters, chains, warmup, draws, seed, progress=tell)
-    note = f"{failed} simulations failed while the surrogate was built" if failed else ""
-    return made if not note else Draws(**{**made.__dict__, "notes": (*made.notes, note)})
+    lost = int(sum(float(along.lost) for along in marginal.along))
+    notes = [
+        words
+        for count, words in (
+            (failed, f"{failed} simulations failed while the surrogate was built"),
+            (lost, f"{lost} pairs of simulations under drawn disturbances failed and are not in the mean flight"),
+        )
+        if count
+    ]
+    return replace(made, notes=(*made.notes, *notes)) if notes else made
 
 
 def data_tree(

@@ -148,7 +148,6 @@ def _settled(
     Returns:
         The group with the priors that were used, its optimum, and the last scores of left-out terms.
     """
-    rounds = 1 if job.quick else 2
     # The score test of a term takes what the noise model leaves to the residuals for evidence: latent models only.
     here = {p.name for p in group.priors}
     latent = job.study.noise.model == "latent"
@@ -156,7 +155,7 @@ def _settled(
     begins: list[Begin | None] = [None]
     while True:
         flights = [data_of(job, f, group.priors) for f in group.flights]
-        tried = [settle(flights, group.priors, prior, rounds, say, begin) for begin in begins]
+        tried = [settle(flights, group.priors, prior, progress=say, begin=begin) for begin in begins]
         settled = min(tried, key=lambda s: s.evidence)
         if not left_out:
             break
