@@ -254,10 +254,10 @@ def test_netcdf_outside_the_schema(tmp_path):
     write_record(good, tmp_path / "b.nc")
     assert "a record from 0" in faults(tmp_path / "b.nc", window=(0.0, 99.0))[0]
     assert "can't be read" in faults(save(tmp_path, b"\x89HDF\r\n\x1a\n" + bytes(500), "c.nc"))[0]
-    truth = make_record(time=T, altitude=3000 - T, swing_angle=0 * T)
+    truth = make_record(time=T, altitude=3000 - T, flyout_angle=0 * T)
     write_record(truth, tmp_path / "d.nc")
-    assert "swing_angle" in faults(tmp_path / "d.nc")[0]
-    assert "swing_angle" in load_record(tmp_path / "d.nc")
+    assert "flyout_angle" in faults(tmp_path / "d.nc")[0]
+    assert "flyout_angle" in load_record(tmp_path / "d.nc")
 
 
 def test_a_netcdf_file_that_hangs_the_library_is_given_up(tmp_path, monkeypatch):

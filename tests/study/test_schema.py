@@ -57,7 +57,14 @@ CLUSTER = [
     (r"^damping_ratio = 0.1$", "damping_ratio = 1.5", "[noise.breathing] damping_ratio", "1.5", "<= 0.9"),
     (r"^damping_ratio = 0.1$", "", "[noise.breathing] damping_ratio", "nothing", "required"),
     (r"^\[noise.canopy_force\].*\nsd = 0.01", "[noise.canopy_force]\nsd = 0", "[noise.canopy_force] sd", "0", "> 0"),
-    (r'^(?=capsule_attitude = \{ white = "0.1 deg", correlated = "0.2 deg", time_constant = "2 s")', 'descent_rate = { white = "1 m/s", kind = "white" }\n', "[noise] descent_rate", "no use for", "this model"),  # fmt: skip
+    (r'^(?=capsule_attitude = \{ white = "0.1 deg", correlated = "0.2 deg", time_constant = "2 s")', 'tension = { white = "1 N", kind = "white" }\n', '[noise] tension', "unknown key 'tension'", 'riser_tension'),  # fmt: skip
+    (r'^(?=capsule_attitude = \{ white = "0.1 deg", correlated = "0.2 deg", time_constant = "2 s")', 'riser_tension = { white = "1 m", kind = "white" }\n', '[noise.riser_tension] white', "'1 m'", 'N'),  # fmt: skip
+    (r'^(?=capsule_attitude = \{ white = "0.1 deg", correlated = "0.2 deg", time_constant = "2 s")', 'swing_angle = { white = "1 m", kind = "white" }\n', '[noise.swing_angle] white', "'1 m'", 'rad'),  # fmt: skip
+    (r'^(?=capsule_attitude = \{ white = "0.1 deg", correlated = "0.2 deg", time_constant = "2 s")', 'descent_rate = { white = "-1 ft/s", kind = "white" }\n', '[noise.descent_rate] white', "'-1 ft/s'", '> 0 m/s'),  # fmt: skip
+    (r'^(?=riser_length = \{)', 'capsule_mass = { mean = "-9000 kg", sd = "90 kg" }\n', '[priors.given.capsule_mass] mean', "'-9000 kg'", '> 0 kg'),  # fmt: skip
+    (r'^(?=riser_length = \{)', 'canopy_mass = { mean = "149 lbf", sd = "9 kg" }\n', '[priors.given.canopy_mass] mean', "'149 lbf'", 'kg'),  # fmt: skip
+    (r'^(?=riser_length = \{)', 'capsule_mass = { mean = "9000 kg", sd = "2700 kg" }\n', '[priors.given] capsule_mass', '30%', 'at most 20% of the mass'),  # fmt: skip
+    (r'^(?=riser_length = \{)', 'canopy_mass = { median = "149 kg", log_sd = 0.3 }\n', '[priors.given] canopy_mass', '30%', 'at most 20% of the mass'),  # fmt: skip
     (r"^warmup = 300", "warmup = 3", "[sampler] warmup", "3", "from 50"),
     (r"^chains = 4", "chains = 1", "[sampler] chains", "1", "from 2"),
     (r"^draws = 500", "draws = 5e2", "[sampler] draws", "500.0", "a whole number"),

@@ -19,6 +19,14 @@ from bayeschute.dynamics.start import Start, initial_state
 from bayeschute.dynamics.state import ClusterState, unpack
 
 LOGARITHMIC = ("riser_stiffness", "riser_damping")
+CHANNELS = (
+    "canopy_position",
+    "capsule_velocity",
+    "capsule_attitude",
+    "riser_tension",
+    "swing_angle",
+    "descent_rate",
+)
 
 
 def with_parameters(base: Cluster, structure: Structure, names: Sequence[str], theta: Component) -> Cluster:
@@ -27,7 +35,7 @@ def with_parameters(base: Cluster, structure: Structure, names: Sequence[str], t
     Args:
         base: The other numbers.
         structure: Terms, for the places of ``axial[...]`` and ``transverse[...]``.
-        names: Names of the entries of `theta`.
+        names: Names of the entries of `theta`; an empty name: the entry replaces nothing.
         theta: Working coordinates (P, ...): logarithms for `LOGARITHMIC`, SI values otherwise.
 
     Returns:
@@ -50,9 +58,11 @@ def with_parameters(base: Cluster, structure: Structure, names: Sequence[str], t
             capsule = replace(capsule, mass=value)
         elif name == "capsule_axial_force":
             capsule = replace(capsule, axial_force=value)
+        elif name == "canopy_mass":
+            canopies = replace(canopies, dry_mass=value)
         elif name == "enclosed_air_factor":
             canopies = replace(canopies, enclosed_volume=canopies.enclosed_volume * value)
-        else:
+        elif name:
             raise KeyError(f"{name!r} is no parameter of the cluster")
     return replace(
         base, risers=risers, capsule=capsule, canopies=canopies, axial=tuple(axial), transverse=tuple(transverse)
@@ -90,7 +100,8 @@ class ClusterFlight:
         structure: Terms and options.
         names: Parameters, in the order of theta.
         channels: Outputs: any of ``canopy_position`` (relative to the capsule, 3 n), ``capsule_velocity`` (3),
-            ``capsule_attitude`` (rotation vector from the recorded attitude, 3), ``riser_tension`` (n).
+            ``capsule_attitude`` (rotation vector from the recorded attitude, 3), ``riser_tension`` (n) [N],
+            ``swing_angle`` (1) [rad] and ``descent_rate`` (1) [m/s] as of `quantity`.
         substeps: Runge-Kutta steps per sample.
         wind_field: Wind by altitude that adds to the record's, for every body at its own; None: all meet the record's.
     """
@@ -161,14 +172,20 @@ class ClusterFlight:
                 apart_q = quaternion(now.attitude).conjugate().times(state.attitude)
                 turn = Vec3(apart_q.x, apart_q.y, apart_q.z) * (2.0 * jnp.sign(apart_q.w))
                 rows.append(turn.stack())
-            else:
+            elif channel == "riser_tension":
                 rows.append(tension(geometry(state, numbers.capsule), numbers.risers))
+            elif channel == "swing_angle":
+                rows.append(swing_angle(state, numbers.capsule.attach_b)[None])
+            elif channel == "descent_rate":
+                rows.append(quantity(channel, x, now.density, numbers.capsule.attach_b, n)[None])
+            else:
+                raise KeyError(f"{channel!r} is no channel of the cluster")
         return jnp.concatenate(rows)
 
 
 def channel_sizes(channels: Sequence[str], n: int) -> dict[str, int]:
     """Number of outputs of each channel with `n` canopies."""
-    sizes = {"canopy_position": 3 * n, "capsule_velocity": 3, "capsule_attitude": 3, "riser_tension": n}
+    sizes = dict(zip(CHANNELS, (3 * n, 3, 3, n, 1, 1), strict=True))
     return {channel: sizes[channel] for channel in channels}
 
 
@@ -200,6 +217,29 @@ def air_between(
     )
 
 
+def _off_vertical(line: Vec3) -> Component:
+    """Angle of a line off the vertical, either way up [rad]."""
+    return jnp.arctan2(jnp.sqrt(line.x**2 + line.y**2), jnp.abs(line.z))
+
+
+def _risers(state: ClusterState, attach_b: Vec3) -> Vec3:
+    """From the attach point to every canopy, NED [m]."""
+    return state.canopy_position - (state.position + state.attitude.to_ned(attach_b))
+
+
+def swing_angle(state: ClusterState, attach_b: Vec3) -> Component:
+    """Swing angle (6.1-18) as of `quantity`, with a derivative that is finite everywhere [rad].
+
+    The angle is the distance from a point, the vertical, so it has a cone's tip there: no derivative exists. Here it is
+    zero, the mean of those in all directions; everywhere else it is exact, of size 1 over the mean riser's length. A
+    linearised fit follows the angle where the swing is large beside what is uncertain of it.
+    """
+    mean = _risers(state, attach_b).map(lambda c: c.sum(axis=0))
+    leans = mean.x**2 + mean.y**2 > 0.0
+    aside = Vec3(jnp.where(leans, mean.x, 1.0), jnp.where(leans, mean.y, 0.0), mean.z)
+    return jnp.where(leans, _off_vertical(aside), 0.0)
+
+
 QUANTITIES = ("swing_angle", "descent_rate", "sea_level_descent_rate", "flyout_angle")
 
 
@@ -221,10 +261,9 @@ def quantity(name: str, x: jax.Array, density: Component, attach_b: Vec3, n: int
         return state.velocity.z
     if name == "sea_level_descent_rate":
         return state.velocity.z * jnp.sqrt(density / SEA_LEVEL_DENSITY)
-    along = state.canopy_position - (state.position + state.attitude.to_ned(attach_b))
+    along = _risers(state, attach_b)
     if name == "swing_angle":
-        mean = along.map(lambda c: c.sum(axis=0))
-        return jnp.arctan2(jnp.sqrt(mean.x**2 + mean.y**2), jnp.abs(mean.z))
+        return _off_vertical(along.map(lambda c: c.sum(axis=0)))
     if n == 1:
         return jnp.zeros_like(state.velocity.z)
     unit = along / norm(along)

@@ -69,12 +69,12 @@ VARIABLES: Mapping[str, Variable] = MappingProxyType(
         "latitude": Variable(_T, "rad", "geodetic latitude, north positive", -np.pi / 2, np.pi / 2),
         "longitude": Variable(_T, "rad", "longitude, east positive", -2 * np.pi, 2 * np.pi),
         "descent_rate": Variable(_T, "m/s", "velocity downward", -3000.0, 3000.0),
+        "swing_angle": Variable(_T, "rad", "angle of the cluster off the vertical (6.1-18)", -np.pi, np.pi),
     }
 )
 # Beside a virtual record lies the truth: the same variables and these.
 QUANTITIES: Mapping[str, Variable] = MappingProxyType(
     {
-        "swing_angle": Variable(_T, "rad", "angle of the cluster off the vertical (6.1-18)"),
         "flyout_angle": Variable(_T, "rad", "half the angle between the risers (6.1-20)"),
         "sea_level_descent_rate": Variable(_T, "m/s", "descent rate at the same dynamic pressure in sea-level air"),
         "turbulence": Variable(("time", "axis"), "m/s", "part of the wind that the record doesn't know, NED"),

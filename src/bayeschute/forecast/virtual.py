@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from bayeschute.air.standard import standard_density
 from bayeschute.air.vector import Vec3, vec3
-from bayeschute.dynamics.cluster import state_rate
+from bayeschute.dynamics.cluster import geometry, state_rate, tension
 from bayeschute.dynamics.cluster_flight import QUANTITIES, ClusterFlight, ClusterInputs, quantity
 from bayeschute.dynamics.integrate import trajectory_compiled
 from bayeschute.dynamics.outcome import attributes, examine
@@ -72,7 +72,8 @@ class VirtualDrop:
         shape: eta of the canopies at the first sample, where the structure breathes; empty: at rest.
         turbulence: Unknown to an identification.
         breathing: Likewise.
-        sensors: Noise by record variable.
+        sensors: Noise by record variable. ``riser_tension``, ``swing_angle`` and ``descent_rate`` are recorded only
+            where they are named here; the other variables always.
         dropouts: Of the canopies' positions.
     """
 
@@ -200,7 +201,10 @@ def fly(
         raise FloatingPointError(f"the altitude of the virtual drop did not settle: it still changed by {change:.2f} m")
     told = attributes(examine(flight, *still, jnp.asarray(states)), dt, n)
     truth = _truth(time, states, flight, steady).assign_attrs(told)
-    record = record_of(truth[list(_RECORDED)], drop.sensors, drop.dropouts, rng)
+    if "riser_tension" in drop.sensors:
+        truth["riser_tension"] = (("time", "canopy"), np.asarray(_tensions(flight, states)), {"units": "N"})
+    recorded = [*_RECORDED, *(name for name in _ON_REQUEST if name in drop.sensors)]
+    record = record_of(truth[recorded], drop.sensors, drop.dropouts, rng)
     return record, truth.assign(turbulence=(("time", "axis"), turbulence, {"units": "m/s"}))
 
 
@@ -215,6 +219,7 @@ _RECORDED = (
     "density",
     "altitude",
 )
+_ON_REQUEST = ("riser_tension", "swing_angle", "descent_rate")
 
 
 def _truth(time: Array, states: Array, flight: ClusterFlight, steady: Array) -> xr.Dataset:
@@ -238,6 +243,13 @@ def _truth(time: Array, states: Array, flight: ClusterFlight, steady: Array) -> 
     for name, values in zip(QUANTITIES, quantities.T, strict=True):
         truth[name] = ("time", values, {"units": "rad" if name.endswith("angle") else "m/s"})
     return truth
+
+
+@jax.jit
+def _tensions(flight: ClusterFlight, states: jax.Array) -> jax.Array:
+    """Tension of every riser (T, n) [N]."""
+    model, n = flight.base, flight.structure.canopies
+    return jax.vmap(lambda x: tension(geometry(unpack(x, n), model.capsule), model.risers))(states)
 
 
 @jax.jit

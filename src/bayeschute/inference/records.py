@@ -10,19 +10,21 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from bayeschute.air.vector import Component, Quaternion, Vec3, quaternion
-from bayeschute.dynamics.cluster_flight import LOGARITHMIC, ClusterFlight, ClusterInputs, channel_sizes
+from bayeschute.dynamics.cluster_flight import CHANNELS, LOGARITHMIC, ClusterFlight, ClusterInputs, channel_sizes
 from bayeschute.dynamics.descent import DensityProfile, DescentFlight, DescentInputs
 from bayeschute.dynamics.integrate import FlightModel
 from bayeschute.dynamics.parameters import Cluster, Structure
 from bayeschute.dynamics.stability import fastest_pole, substeps
 from bayeschute.dynamics.start import Start, deviation_names, tangent_basis
 from bayeschute.errors import Fault, InputError
+from bayeschute.flight.record import nearest, repairs
 from bayeschute.inference.latent import Latent
 from bayeschute.inference.priors import Prior
 from bayeschute.inference.target import FlightData
 
 Array = NDArray[np.float64]
 _OPENING = 1.5  # [s] of record from which the reference start is read
+_SETTLED = 3.0  # times c/k, after which riser tensions have forgotten how the flight began
 _ALTITUDE_STEP = 100.0  # [m] between nodes of a density profile
 
 
@@ -61,6 +63,34 @@ def opening_of(time: Array, values: Array) -> tuple[Array, Array]:
     return value.reshape(values.shape[1:]), slope.reshape(values.shape[1:])
 
 
+def fitted_channels(record: xr.Dataset, channels: Sequence[str]) -> tuple[str, ...]:
+    """Those of some channels that a record of a cluster has, in order.
+
+    A descent rate that was derived from the recorded velocity is no measurement beside it: it counts only where the
+    velocity isn't fitted.
+
+    Args:
+        record: As of `cluster_data`.
+        channels: Channels wanted, of `CHANNELS`.
+
+    Raises:
+        InputError: If a channel is unknown, or the record has none of them.
+    """
+    unknown = [
+        Fault("channels", repr(c), " or ".join(CHANNELS), nearest(c, CHANNELS)) for c in channels if c not in CHANNELS
+    ]
+    if unknown:
+        raise InputError(unknown)
+    derived = any((r.kind, r.variable) == ("derived", "descent_rate") for r in repairs(record))
+    twice = ("descent_rate",) if derived and "capsule_velocity" in channels else ()
+    found = tuple(c for c in channels if c in record and c not in twice and np.isfinite(record[c].values).any())
+    if not found:
+        got = f"no value of {', '.join(channels)}" if channels else "no channel to fit"
+        do = "Record one, or give another its table of noise."
+        raise InputError(Fault("record of a cluster", got, "one channel at least with a value", do))
+    return found
+
+
 def cluster_data(
     record: xr.Dataset,
     base: Cluster,
@@ -69,23 +99,29 @@ def cluster_data(
     channels: Sequence[str],
     latent: Latent,
     until: float | None = None,
+    own: Sequence[str] = (),
 ) -> FlightData:
     """Data of a cluster flight.
 
+    Riser tensions count after three times the risers' time c/k: a simulated flight begins with risers stretched as at
+    rest in the recorded wind, a real one in its gusts, and only that much later do the two agree.
+
     Args:
-        record: Uniform record with ``capsule_position``, ``capsule_velocity``, ``canopy_position`` and ``density``.
+        record: Uniform record with ``capsule_position``, ``capsule_velocity``, ``canopy_position`` and ``density``:
+            they say where the flight begins, whatever is fitted.
         base: Numbers that are not parameters.
         structure: Terms and options.
         priors: Priors of the parameters, in order.
         channels: Channels to fit; those the record lacks are left out.
         latent: Processes of the latent disturbances.
         until: Data after this time are held out [s].
+        own: Parameters that don't hold for this flight, which has numbers of its own in `base`.
 
     Returns:
         The data.
 
     Raises:
-        InputError: If a variable is missing or the canopies aren't seen in the opening of the record.
+        InputError: If a variable is missing, a channel is unknown or the canopies aren't seen in the record's opening.
     """
     needed = ("capsule_position", "capsule_velocity", "canopy_position", "density")
     missing = [name for name in needed if name not in record]
@@ -104,15 +140,17 @@ def cluster_data(
     start = _start(record, base, time, apart, attitude)
     wind = filled(record["wind"].values, "wind") if "wind" in record else np.zeros((samples, 3))
     inputs = ClusterInputs(wind, filled(record["density"].values, "density"), np.ones((samples, n)), attitude)
-    used = tuple(
-        c for c in channels if c in ("canopy_position", "capsule_velocity") or (c == "capsule_attitude" and recorded)
-    )
-    names = tuple(p.name for p in priors)
+    used = fitted_channels(record, channels)
+    names = tuple("" if p.name in own else p.name for p in priors)
     flight = ClusterFlight(base, start, tangent_basis(start.direction), inputs, dt, structure, names, used)
     upper = np.array([p.centre + 3.0 * p.scale if p.name in LOGARITHMIC else p.centre for p in priors])
     flight = replace(flight, substeps=substeps(fastest_pole(flight, upper, 9 + 4 * n), dt))
 
     columns = {"canopy_position": apart.reshape(samples, -1), "capsule_velocity": velocity}
+    columns |= {c: record[c].values.reshape(samples, -1) for c in used if c not in (*columns, "capsule_attitude")}
+    if "riser_tension" in columns:
+        settled = time - time[0] > _SETTLED * base.risers.damping / base.risers.stiffness
+        columns["riser_tension"] = np.where(settled[:, None], columns["riser_tension"], np.nan)
     if recorded:
         columns["capsule_attitude"] = np.where(
             np.isfinite(record["capsule_attitude"].values[:, :1]), 0.0, np.nan

@@ -33,6 +33,8 @@ _PARAMETERS = {
     "riser_stiffness": "stiffness of a riser",
     "riser_damping": "damping of a riser",
     "riser_length": "unstretched length of a riser",
+    "capsule_mass": "mass of the capsule",
+    "canopy_mass": "dry mass of a canopy",
     "cds_over_mass": "drag area over mass, C_D S / m",
     "population_mean": "population: mean of log(C_D S / m)",
     "population_sd": "population: sd of log(C_D S / m)",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Generic, Literal, TypeVar
 
-from pydantic import model_validator
+from pydantic import field_validator, model_validator
 
 from bayeschute.study.quantities import (
     NOT_NEGATIVE,
@@ -13,6 +13,8 @@ from bayeschute.study.quantities import (
     Bounds,
     Damping,
     Frequency,
+    Mass,
+    PositiveForce,
     PositiveLength,
     PositiveNumber,
     PositiveSpeed,
@@ -31,6 +33,7 @@ NoiseModel = Annotated[
     one_of("latent", "ar1", "ar1+white", "white", "sandwich"),
 ]
 NoiseKind = Annotated[Literal["ar1+white", "ar1", "white"], one_of("ar1+white", "ar1", "white")]
+_LEAST_WEIGHED = 0.2  # largest prior sd of a mass, as a share of it
 PositiveAngle = Annotated[float, quantity("rad", "0.1 deg", POSITIVE)]
 
 
@@ -64,6 +67,8 @@ class GivenTable(Strict):
         riser_length: [m].
         capsule_axial_force: C_A of the capsule [1].
         enclosed_air_factor: Times the enclosed air of the vehicle's canopies [1].
+        capsule_mass: Of the vehicle's capsule [kg]; a flight with a mass of its own keeps that.
+        canopy_mass: Dry mass of one canopy, the same for all [kg].
         cds_over_mass: C_D S/m of a descent [m^2/kg].
     """
 
@@ -72,7 +77,19 @@ class GivenTable(Strict):
     riser_length: Prior[PositiveLength] | None = None
     capsule_axial_force: Prior[PositiveNumber] | None = None
     enclosed_air_factor: Prior[PositiveNumber] | None = None
+    capsule_mass: Prior[Mass] | None = None
+    canopy_mass: Prior[Mass] | None = None
     cds_over_mass: Prior[AreaPerMass] | None = None
+
+    @field_validator("capsule_mass", "canopy_mass")
+    @classmethod
+    def _is_weighed(cls, prior: Prior[float] | None) -> Prior[float] | None:
+        """Masses are normal in the fit: their prior keeps well away from zero."""
+        if prior is not None:
+            share = prior.log_sd if prior.log_sd is not None else (prior.sd or 0.0) / (prior.mean or 1.0)
+            if share > _LEAST_WEIGHED:
+                refuse(f"an sd of at most {_LEAST_WEIGHED:.0%} of the mass", f"{share:.0%}", "Weigh it.")
+        return prior
 
 
 class PriorsTable(Strict):
@@ -167,6 +184,8 @@ class NoiseTable(Strict):
     The air moves on more than one scale: gusts last seconds, thermals and errors of a wind profile minutes. `slow_wind`
     adds a second process to `wind`.
 
+    Every channel counts as a measurement of its own: one that was computed from another is not to be fitted beside it.
+
     Attributes:
         model: ``latent`` (the default) puts what the flight model doesn't know where it arises, in wind and canopies.
             The others leave all of it to the residuals, for comparison, and have no use for the latent tables:
@@ -179,6 +198,8 @@ class NoiseTable(Strict):
     capsule_velocity: ChannelNoise[PositiveSpeed] | None = None
     capsule_attitude: ChannelNoise[PositiveAngle] | None = None
     descent_rate: ChannelNoise[PositiveSpeed] | None = None
+    swing_angle: ChannelNoise[PositiveAngle] | None = None
+    riser_tension: ChannelNoise[PositiveForce] | None = None
     wind: WindNoise | None = None
     slow_wind: WindNoise | None = None
     canopy_force: ForceNoise | None = None

@@ -14,7 +14,9 @@ from bayeschute.study.structure_crosscheck import check_polar, check_synthetic
 from bayeschute.study.vehicle_schema import Vehicle
 
 _CLUSTER_PRIORS = ("riser_stiffness", "riser_damping", "riser_length")
-_CLUSTER_CHANNELS = ("canopy_position", "capsule_velocity", "capsule_attitude")
+_BODIES = ("capsule_mass", "canopy_mass")
+_CLUSTER_ONLY = ("canopy_position", "capsule_velocity", "capsule_attitude", "swing_angle", "riser_tension")
+_CLUSTER_CHANNELS = (*_CLUSTER_ONLY, "descent_rate")
 
 
 @dataclass(frozen=True)
@@ -83,14 +85,13 @@ def check_model_cluster(draft: Draft) -> Iterator[Fault]:
     noise: NoiseTable | None = draft.tables.get("noise")
     yield from _check_wind(draft, noise)
     if noise is not None:
-        if noise.descent_rate is not None:
-            yield _no_use(draft, "noise", "descent_rate")
         if not any(getattr(noise, name) for name in _CLUSTER_CHANNELS):
             yield Fault(draft.at("noise", ""), "no channel", f"one at least of {', '.join(_CLUSTER_CHANNELS)}")
         for name, wind in (("wind", noise.wind), ("slow_wind", noise.slow_wind)):
             if wind is not None and wind.horizontal is None:
                 yield Fault(draft.at("noise", name, "horizontal"), "nothing", "a speed (model 'cluster')", "Add it.")
     yield from _check_given(draft, needed=_CLUSTER_PRIORS, useless=("cds_over_mass",))
+    yield from _check_mass(draft)
     for index, flight in draft.flights.items():
         for key in ("skip_first", "identify_until"):
             if key in flight.model_fields_set:
@@ -110,14 +111,14 @@ def check_model_descent(draft: Draft) -> Iterator[Fault]:
         for name, wind in (("wind", noise.wind), ("slow_wind", noise.slow_wind)):
             if wind is not None and wind.horizontal is not None:
                 yield _no_use(draft, "noise", name, "horizontal")
-        for name in (*_CLUSTER_CHANNELS, "canopy_force", "breathing"):
+        for name in (*_CLUSTER_ONLY, "canopy_force", "breathing"):
             if getattr(noise, name) is not None:
                 yield _no_use(draft, "noise", name)
     priors: PriorsTable | None = draft.tables.get("priors")
     for key in ("inflation", "floor"):
         if priors is not None and key in priors.model_fields_set:
             yield _no_use(draft, "priors", key)
-    yield from _check_given(draft, needed=("cds_over_mass",), useless=_CLUSTER_PRIORS)
+    yield from _check_given(draft, needed=("cds_over_mass",), useless=(*_CLUSTER_PRIORS, *_BODIES))
     for index, flight in draft.flights.items():
         if flight.virtual is not None:
             yield Fault(draft.at("flight", index, "virtual"), "a virtual drop", "a file (model 'descent')")
@@ -134,6 +135,18 @@ def _check_wind(draft: Draft, noise: NoiseTable | None) -> Iterator[Fault]:
     """A fit with latent disturbances has one of the wind."""
     if noise is not None and noise.model == "latent" and noise.wind is None:
         yield Fault(draft.at("noise", "wind"), "nothing", "a table: the latent wind error of noise model 'latent'")
+
+
+def _check_mass(draft: Draft) -> Iterator[Fault]:
+    """A fitted flight has one mass: that of the vehicle, which the prior is of, or its own."""
+    priors: PriorsTable | None = draft.tables.get("priors")
+    if priors is not None and priors.given.capsule_mass is not None:
+        for index, flight in draft.flights.items():
+            if flight.capsule_mass is not None and "identify" in flight.roles:
+                where, got = draft.at("flight", index, "capsule_mass"), "a mass of its own, of a flight that is fitted"
+                yield Fault(
+                    where, got, "none beside [priors.given] capsule_mass, which is fitted", "Remove one of them."
+                )
 
 
 def _no_use(draft: Draft, *loc: int | str, got: str = "") -> Fault:

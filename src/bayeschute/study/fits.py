@@ -75,7 +75,8 @@ def data_of(job: Job, flight: Flight, priors: Sequence[Prior]) -> FlightData:
     structure = structure_of(priors, n)
     blank = replace(base, axial=(0.0,) * len(structure.axial), transverse=(0.0,) * len(structure.transverse))
     channels = tuple(study.noise.channels())
-    made = cluster_data(record, blank, structure, priors, channels, setup.latent(study, n), until)
+    own = () if flight.capsule_mass is None else ("capsule_mass",)
+    made = cluster_data(record, blank, structure, priors, channels, setup.latent(study, n), until, own)
     return made if flight.wind_profile is None else by_altitude(made, record, flight.wind_profile)
 
 

@@ -134,7 +134,7 @@ def drop(virtual: VirtualFlight, quick: bool = False) -> VirtualDrop:
     sensors, seen = {}, virtual.sensors
     for name in type(seen).model_fields:
         table = getattr(seen, name)
-        if name != "dropouts":
+        if name != "dropouts" and table is not None:
             sensors[name] = SensorNoise(table.white, table.correlated, table.time_constant or 1.0)
     lost = seen.dropouts
     gusts, breathing = virtual.turbulence, virtual.breathing

@@ -18,6 +18,7 @@ from bayeschute.study.quantities import (
     NoiseAcceleration,
     NoiseAngle,
     NoiseAngularRate,
+    NoiseForce,
     NoiseLength,
     NoiseSpeed,
     Number,
@@ -78,7 +79,10 @@ class DropoutsTable(Strict):
 
 
 class SensorsTable(Strict):
-    """Sensor model of a virtual record; a channel left out is recorded without error."""
+    """Sensor model of a virtual record; a channel left out is recorded without error.
+
+    Riser tensions, swing angle and descent rate follow from the others: left out, they are not recorded at all.
+    """
 
     canopy_position: Sensor[NoiseLength] = Sensor()
     capsule_position: Sensor[NoiseLength] = Sensor()
@@ -87,6 +91,9 @@ class SensorsTable(Strict):
     capsule_rate: Sensor[NoiseAngularRate] = Sensor()
     capsule_specific_force: Sensor[NoiseAcceleration] = Sensor()
     wind: Sensor[NoiseSpeed] = Sensor()
+    riser_tension: Sensor[NoiseForce] | None = None
+    swing_angle: Sensor[NoiseAngle] | None = None
+    descent_rate: Sensor[NoiseSpeed] | None = None
     dropouts: DropoutsTable | None = None
 
 

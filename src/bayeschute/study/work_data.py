@@ -17,6 +17,7 @@ from bayeschute.flight.read import ColumnSpec, read_record
 from bayeschute.flight.record import Repair, load_record, repairs, with_repairs, write_record
 from bayeschute.forecast.virtual import fly
 from bayeschute.inference.priors import Prior, from_equation_error
+from bayeschute.inference.records import fitted_channels
 from bayeschute.study import setup
 from bayeschute.study.fitted_terms import KEPT, terms_left_out, with_terms
 from bayeschute.study.load import Study
@@ -87,6 +88,8 @@ def ingest(job: Job) -> str:
         record = record if study.model == "cluster" and flight.virtual is not None else derive(record)
         if flight.wind_profile is not None:
             record = with_wind(record, flight.wind_profile)
+        if study.model == "cluster" and "identify" in flight.roles:
+            record = with_repairs(record, _not_fitted(record, tuple(study.noise.channels())))
         listed += sum(r.kind not in ("resampled", "derived", "assumed") for r in repairs(record))
         if truth is not None:
             last = truth["time"].values[[0, -1]]  # rounding may put a record's last time beyond the truth's
@@ -96,6 +99,18 @@ def ingest(job: Job) -> str:
         write_whole(job.out / "flights" / f"{flight.name}.nc", partial(write_record, record))
         job.say("ingest")((i + 1) / len(study.flights), flight.name)
     return f"{len(study.flights)} flights, {listed} repairs listed"
+
+
+def _not_fitted(record: xr.Dataset, channels: tuple[str, ...]) -> list[Repair]:
+    """What is to be told of channels that have noise in the study but can't be fitted to this record."""
+    used, time = fitted_channels(record, channels), record["time"].values
+    told = {name: "not recorded" for name in channels if name not in record}
+    told |= {name: "without a value" for name in channels if name in record and not record[name].notnull().any()}
+    return [
+        Repair("assumed", name, float(time[0]), float(time[-1]), 0, f"{told.get(name, 'derived')}: it is not fitted")
+        for name in channels
+        if name not in used
+    ]
 
 
 def priors(job: Job) -> str:
@@ -132,6 +147,8 @@ _GIVEN = {
     "riser_length": "m",
     "capsule_axial_force": "1",
     "enclosed_air_factor": "1",
+    "capsule_mass": "kg",
+    "canopy_mass": "kg",
     "cds_over_mass": "m^2/kg",
 }
 _POSITIVE = ("riser_stiffness", "riser_damping", "cds_over_mass")

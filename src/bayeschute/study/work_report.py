@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 _CHANNEL_UNIT = {"canopy_position": "m", "capsule_velocity": "m/s", "capsule_attitude": "rad", "descent_rate": "m/s"}
+_CHANNEL_UNIT |= {"swing_angle": "rad", "riser_tension": "N"}
 _PROGRAMS = ("bayeschute", "jax", "numpyro", "emcee", "arviz-base", "numpy", "scipy")
 
 
@@ -150,8 +151,10 @@ def true_values(job: Job) -> dict[str, float]:
     study = job.study
     if study.vehicle is None or any(f.virtual is None for f in study.with_role("identify")):
         return {}
-    risers = study.vehicle.risers
+    risers, capsule, canopies = study.vehicle.risers, study.vehicle.capsule, study.vehicle.canopies
     flown = flown_terms(study)
+    flown |= {"capsule_mass": capsule.mass, "canopy_mass": canopies.dry_mass, "enclosed_air_factor": 1.0}
+    flown |= {"capsule_axial_force": capsule.axial_force or 0.0}
     flown |= {"riser_length": risers.length, "riser_stiffness": risers.stiffness, "riser_damping": risers.damping}
     return {p.name: float(flown.get(p.name, 0.0)) for p in load_priors(job)}
 

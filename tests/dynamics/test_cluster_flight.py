@@ -1,0 +1,166 @@
+"""Outputs of a cluster's flight: each channel against its definition, derivatives, and the tip of the swing angle."""
+
+from __future__ import annotations
+
+import importlib.util
+from dataclasses import replace
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from bayeschute.air.vector import Vec3
+from bayeschute.dynamics.cluster_flight import CHANNELS, channel_sizes, quantity
+from bayeschute.dynamics.parameters import Structure
+from bayeschute.dynamics.state import unpack
+from bayeschute.flight.angles import swing_angle as recorded_swing
+
+_spec = importlib.util.spec_from_file_location(
+    "small_cluster", Path(__file__).parents[1] / "twins" / "small_cluster.py"
+)
+small = importlib.util.module_from_spec(_spec)
+_spec.loader.exec_module(small)
+
+NAMES = ("riser_stiffness", "riser_length", "capsule_mass", "canopy_mass")
+THETA = np.array([np.log(2.0e5), 71.0, 9200.0, 140.0])
+FEW = Structure(("1",), ("e",), 2, "riser")
+MODEL = small.flight(
+    small.cluster((0.95,), (-0.1,)), small.start([[0.2, -0.1], [0.1, -0.2], [-1.0, -1.0]]), FEW,
+    samples=6, substeps=4, names=NAMES, channels=CHANNELS,
+)  # fmt: skip
+NOW = jax.tree.map(lambda a: a[0], MODEL.record)
+PLACES = dict(zip(CHANNELS, np.split(np.arange(16), np.cumsum([6, 3, 3, 2, 1])), strict=True))
+
+
+@jax.jit
+def observe(x, theta):
+    return MODEL.observe(x, MODEL.numbers(theta), NOW)
+
+
+slopes = jax.jit(jax.jacfwd(observe, (0, 1)))
+
+
+def a_state(rng):
+    """Risers of 71 to 72 m within some ten degrees of the vertical, everything moving."""
+    x = np.asarray(MODEL.initial(MODEL.numbers(jnp.asarray(THETA)), 0.05 * jnp.asarray(rng.normal(size=17)))).copy()
+    x[3:6] += rng.normal(size=3)
+    x[19:25] += 0.3 * rng.normal(size=6)
+    return x
+
+
+@pytest.fixture(scope="module")
+def states():
+    rng = np.random.default_rng(4)
+    return [a_state(rng) for _ in range(5)]
+
+
+def test_sizes_are_those_of_the_outputs(states):
+    sizes = channel_sizes(CHANNELS, 2)
+    assert list(sizes) == list(CHANNELS) and list(sizes.values()) == [len(p) for p in PLACES.values()]
+    assert observe(states[0], THETA).shape == (sum(sizes.values()),)
+
+
+def test_swing_and_descent_are_the_reported_quantities(states):
+    for x in states:
+        y = np.asarray(observe(x, THETA))
+        for name in ("swing_angle", "descent_rate"):
+            want = quantity(name, jnp.asarray(x), NOW.density, small.CAPSULE.attach_b, 2)
+            np.testing.assert_allclose(y[PLACES[name]], want, rtol=1e-14)
+
+
+def test_swing_angle_is_that_of_a_reconstruction(states):
+    for x in states:
+        state, b = unpack(jnp.asarray(x), 2), small.CAPSULE.attach_b
+        place = np.asarray((state.position + state.attitude.to_ned(b)).stack())
+        line = np.asarray(state.canopy_position.stack()).T - place
+        got = np.asarray(observe(x, THETA))[PLACES["swing_angle"]]
+        np.testing.assert_allclose(got, recorded_swing(line[None]), rtol=1e-12)
+
+
+def test_tension_is_spring_and_damper_along_the_riser(states):
+    for x in states:
+        state, b = unpack(jnp.asarray(x), 2), small.CAPSULE.attach_b
+        p, v, q = (np.asarray(a.stack()) for a in (state.position, state.velocity, state.attitude))
+        w, u = q[0], q[1:]
+        turn = np.eye(3) * (w * w - u @ u) + 2.0 * np.outer(u, u) + 2.0 * w * np.cross(np.eye(3), u)  # body to NED
+        arm = np.array([b.x, b.y, b.z])
+        attach, moving = p + turn @ arm, v + turn @ np.cross(np.asarray(state.rate.stack()), arm)
+        for i in range(2):
+            line = np.asarray(state.canopy_position.stack())[:, i] - attach
+            length = np.linalg.norm(line)
+            opening = line @ (np.asarray(state.canopy_velocity.stack())[:, i] - moving) / length
+            force = 2.0e5 * (length - 71.0) + small.RISERS.damping * opening
+            want = max(force, 0.0) if length - 71.0 > small.RISERS.engagement else np.nan
+            got = float(observe(x, THETA)[PLACES["riser_tension"][i]])
+            assert np.isfinite(want) and got == pytest.approx(want, rel=1e-9, abs=1e-6)
+
+
+def test_derivatives_are_central_differences(states):
+    x = states[0]
+    by_state, by_theta = slopes(x, THETA)
+    for got, base, step, seen in (
+        (by_state, x, np.full(x.size, 1e-5), lambda v: observe(v, THETA)),
+        (by_theta, THETA, 1e-6 * THETA, lambda v: observe(x, v)),
+    ):
+        for j, h in enumerate(step):
+            away = np.zeros(base.size)
+            away[j] = h
+            want = (np.asarray(seen(base + away)) - np.asarray(seen(base - away))) / (2.0 * h)
+            scale = 1.0 + np.abs(want).max()
+            np.testing.assert_allclose(np.asarray(got)[:, j] / scale, want / scale, atol=1e-7)
+
+
+CENTRED = replace(
+    MODEL, base=replace(MODEL.base, capsule=replace(MODEL.base.capsule, attach_b=Vec3(0.0, 0.0, 0.0))), channels=("swing_angle",)
+)  # fmt: skip
+
+
+@jax.jit
+def swing_and_slope(x):
+    see = lambda v: CENTRED.observe(v, CENTRED.numbers(THETA), NOW)[0]  # noqa: E731
+    return see(x), jax.grad(see)(x)
+
+
+@pytest.mark.parametrize("off", [0.0, 1e-200, 1e-12, 1e-3, -1e-3])
+def test_the_tip_of_the_swing_angle_has_a_finite_derivative(off):
+    x = np.zeros(25)
+    x[6] = 1.0
+    x[13:19] = [off, off, 5.0, -5.0, -70.0, -70.0]  # both canopies 70 m above the attach point, moved north
+    seen = abs(off) > 1e-100  # less has a square of zero
+    swing, slope = swing_and_slope(x)
+    assert float(swing) == pytest.approx(np.arctan2(abs(off), 70.0) if seen else 0.0, rel=1e-12)
+    assert np.isfinite(np.asarray(slope)).all()
+    assert float(slope[13] + slope[14]) * 70.0 == pytest.approx(np.sign(off) if seen else 0.0, rel=1e-6)
+
+
+def test_an_unknown_channel_is_refused(states):
+    model = replace(MODEL, channels=("canopy_position", "tension"))
+    with pytest.raises(KeyError, match="'tension' is no channel"):
+        model.observe(jnp.asarray(states[0]), model.numbers(jnp.asarray(THETA)), NOW)
+    with pytest.raises(KeyError):
+        channel_sizes(("tension",), 2)
+
+
+def test_an_empty_name_replaces_nothing():
+    idle = replace(MODEL, names=("riser_stiffness", "riser_length", "", "canopy_mass"))
+    numbers = idle.numbers(jnp.asarray(THETA))
+    assert float(numbers.capsule.mass) == small.CAPSULE.mass and float(numbers.canopies.dry_mass) == 140.0
+
+
+def test_machine_code_gives_the_same_outputs_and_derivatives():
+    pytest.importorskip("llvmlite")
+    from bayeschute.dynamics.kernel import flight as kernel
+
+    start, error = 0.02 * np.random.default_rng(2).normal(size=17), np.zeros((6, 3))
+    assert kernel.obstacle(MODEL, THETA, start, error) is None
+    x = np.asarray(kernel.states(MODEL, THETA, start, error))
+    y, steps = kernel.steps(MODEL, THETA, start, error)
+    for t in range(6):
+        by_state, by_theta = slopes(x[t], THETA)
+        want = np.asarray(observe(x[t], THETA))
+        np.testing.assert_allclose(y[t], want, rtol=1e-11, atol=1e-8)
+        for got, exact in ((steps.out_state[t], by_state), (steps.out_theta[t], by_theta)):
+            size = 1e-12 + np.abs(np.asarray(exact)).max(axis=1, keepdims=True)
+            assert np.abs((np.asarray(got) - np.asarray(exact)) / size).max() < 1e-9
