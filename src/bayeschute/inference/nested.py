@@ -3,8 +3,9 @@
 The marginal posterior (`inference.marginal`) follows the conditional optimum linearly, takes the log determinant from a
 polynomial, and adds the uncertainty of the noise parameters by a slope. Here none of that is done: at every point
 (theta, eta) start and disturbances are optimised for these very values, and integrated out about their optimum with the
-determinant that belongs there (nested Laplace approximation, Rue, Martino and Chopin 2009). Draws of the fast way are
-then importance weighted; the Pareto shape of the weights tells whether they can be trusted (Vehtari et al. 2024).
+determinant that belongs there (nested Laplace approximation, Rue, Martino and Chopin 2009). The gap alone is taken from
+the fit. Draws of the fast way are then importance weighted; the Pareto shape of the weights tells whether they can be
+trusted (Vehtari et al. 2024).
 """
 
 from __future__ import annotations
@@ -51,19 +52,19 @@ class Point(NamedTuple):
 
 
 class _Eliminated(NamedTuple):
-    """Conditional optimum of start and shocks of a linearised flight, and minus its log density, integrated out."""
+    """Conditional optimum of start and shocks of a linearised flight, and minus the log density without them."""
 
     optimum: Unknowns
     value: jax.Array
 
 
 @jax.jit
-def _eliminate(flight: FlightData, hyper: Hyper, linear: Linear) -> _Eliminated:
+def _eliminate(flight: FlightData, hyper: Hyper, linear: Linear, gap: jax.Array) -> _Eliminated:
     start, error = jnp.asarray(linear.driven.start), jnp.asarray(linear.driven.error)
     none = jnp.zeros((linear.steps.out_theta.shape[2], 1))
     series = linear.residual[..., None] + response(linear.steps, start[:, None], error[..., None], none)
     made = filter_gains(flight, hyper, linear)
-    unit, (first, shocks) = innovations(made, series), smooth(made, series)
+    unit, (first, shocks) = innovations(made, series - gap[..., None]), smooth(made, series)
     return _Eliminated(Unknowns(first[:, 0], shocks[..., 0]), 0.5 * jnp.sum(unit**2) + made.log_determinant)
 
 
@@ -97,7 +98,7 @@ class Nested:
             driven: Course = course_at(along, shift)
             before = np.inf
             for _ in range(_MOST):
-                made = _eliminate(flight, hyper, linearise(flight, jnp.asarray(theta), driven))
+                made = _eliminate(flight, hyper, linearise(flight, jnp.asarray(theta), driven), along.gap)
                 now = float(made.value)
                 if not np.isfinite(now):
                     return Point(np.nan, np.inf)
