@@ -48,6 +48,15 @@ def test_one_configuration_in_full():
     assert "3.0 **narrow**" in text and "+0.10, 1.10" in text and "0-30 s: 87" in text
 
 
+def test_modes_are_told_where_a_result_has_them():
+    mode = {"share": 0.87, "standard_error": 0.03, "replicates": 40, "role": "predict", "mean_z": 0.2, "rms_z": 1.05,
+            "coverage": dict.fromkeys(map(str, LEVELS), 0.87), "pit": 0.46}  # fmt: skip
+    made = result() | {"modes": {"new/pendulum amplitude": mode}}
+    cells = "| new/pendulum amplitude | 40 | 87 | 87 | 87 | 87 | 87 | 3.0 | +0.20, 1.05 | 0.46 |"
+    assert cells in "\n".join(whole(made))
+    assert "By mode" not in "\n".join(whole(result()))
+
+
 def test_the_page_tells_ranks_too():
     ranks = {"study": "dumbbell", "replicates": 300, "failed": 0, "passed": True,
              "quantities": {"C_A0": {"passed": True}, "swing": {"passed": True}},

@@ -72,3 +72,17 @@ def test_lines_hold_every_name():
 def test_no_row_is_no_table():
     nothing = summarise([FAILED])
     assert nothing["replicates"] == 0 and nothing["coverage"] == {} and promised(nothing) == []
+
+
+def test_modes_are_counted_apart_and_rows_without_them_left_out():
+    def scored(row: dict[str, Any], held: bool) -> dict[str, Any]:
+        one = {"truth": 0.0, "mean": 1.0, "sd": 0.5, "inside": [False, False, held, held, True], "pit": 0.25}
+        return row | {"modes": {"new": {"pendulum amplitude": one}}}
+
+    made = summarise([scored(ROWS[0], True), scored(ROWS[1], False), ROWS[2], FAILED])
+    mode = made["modes"]["new/pendulum amplitude"]
+    assert mode["share"] == 0.5 and mode["replicates"] == 2 and mode["role"] == "predict"
+    assert mode["mean_z"] == 2.0 and mode["rms_z"] == 2.0 and mode["pit"] == 0.25
+    assert mode["coverage"]["0.99"] == 1.0
+    assert made["coverage"] == MADE["coverage"] and promised(made) == promised(MADE) and MADE["modes"] == {}
+    assert "new/pendulum amplitude" in "\n".join(lines(made))

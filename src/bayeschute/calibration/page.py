@@ -108,7 +108,27 @@ def whole(result: Result) -> list[str]:
         "CRPS",
         "90 % by time since start",
     ]
-    return [*made, *_table(head, rows)]
+    return [*made, *_table(head, rows), *by_mode(result)]
+
+
+def by_mode(result: Result) -> list[str]:
+    """What the modes of a flight do: shares of replicates; nothing where a result has none.
+
+    Args:
+        result: As written by ``bayeschute calibrate``.
+    """
+    rows = []
+    for name, entry in result.get("modes", {}).items():
+        shares = [f"{100 * entry['coverage'][str(level)]:.0f}" for level in LEVELS]
+        z = "" if entry["rms_z"] is None else f"{entry['mean_z']:+.2f}, {entry['rms_z']:.2f}"
+        s_e = f"{100 * entry['standard_error']:.1f}"
+        rows.append([name, str(entry["replicates"]), *shares, s_e, z, f"{entry['pit']:.2f}"])
+    if not rows:
+        return []
+    levels = [f"{100 * level:.0f} %" for level in LEVELS]
+    head = ["by mode", "replicates", *levels, "s.e. at 90 %", "z: mean, rms", "mean PIT"]
+    words = "By mode, over the samples that count: amplitude is root two times the rms, frequency rms rate over rms."
+    return [words, "", *_table(head, rows)]
 
 
 def diagnosis(results: Sequence[Result]) -> list[str]:

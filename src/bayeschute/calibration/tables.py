@@ -85,13 +85,42 @@ def coverage_of_bands(rows: Sequence[Row]) -> dict[str, dict[str, Any]]:
     return made
 
 
+def coverage_of_modes(rows: Sequence[Row]) -> dict[str, dict[str, Any]]:
+    """Share of replicates whose intervals hold what a mode does in a flight, per ``flight/what``.
+
+    Args:
+        rows: Rows of a campaign that are ok; those made before modes were scored are left out.
+
+    Returns:
+        Per flight and mode: ``coverage`` by level, ``share``, ``standard_error`` and ``replicates`` at 90 %, ``role``
+        of the flight, mean and root mean square of ``(mean - truth)/sd``, and ``pit``, mean share of draws below the
+        truth.
+    """
+    made: dict[str, dict[str, Any]] = {}
+    at = LEVELS.index(NOMINAL)
+    scored = [row for row in rows if row.get("modes")]
+    for flight, name in dict.fromkeys((f, n) for row in scored for f, modes in row["modes"].items() for n in modes):
+        seen = [row["modes"][flight][name] for row in scored if name in row["modes"].get(flight, {})]
+        z = np.array([(s["mean"] - s["truth"]) / s["sd"] for s in seen if s["sd"] > 0.0])
+        inside = np.mean([s["inside"] for s in seen], axis=0).tolist()
+        made[f"{flight}/{name}"] = {
+            **_share([s["inside"][at] for s in seen], False),
+            "role": next(iter(scored[0]["bands"][flight].values()))["role"],
+            "coverage": dict(zip(map(str, LEVELS), inside, strict=True)),
+            "mean_z": float(z.mean()) if z.size else None,
+            "rms_z": float(np.sqrt(np.mean(z**2))) if z.size else None,
+            "pit": float(np.mean([s["pit"] for s in seen])),
+        }
+    return made
+
+
 def summarise(rows: Sequence[Row]) -> dict[str, Any]:
     """Everything about a campaign in one object for JSON.
 
     Returns:
         ``replicates`` that are ok, ``failed`` with the reasons, ``nominal``, ``coverage`` and ``standard_error`` by
-        name, the full tables of ``parameters`` and ``bands``, how often each of a run's own checks was missed, and the
-        mean ``wall_s``.
+        name, the full tables of ``parameters`` and ``bands``, that of ``modes`` (no promise
+        rests on it), how often each of a run's own checks was missed, and the mean ``wall_s``.
     """
     good = [row for row in rows if row["ok"]]
     parameters, bands = coverage_of_parameters(good), coverage_of_bands(good)
@@ -105,6 +134,7 @@ def summarise(rows: Sequence[Row]) -> dict[str, Any]:
         "standard_error": {name: entry["standard_error"] for name, entry in every.items()},
         "parameters": parameters,
         "bands": bands,
+        "modes": coverage_of_modes(good),
         "missed_checks": {name: missed.count(name) for name in sorted(set(missed))},
         "wall_s": float(np.mean([row["wall_s"] for row in rows])) if rows else None,
     }
@@ -126,7 +156,7 @@ def verdict(summary: dict[str, Any], name: str) -> str:
 
 def lines(summary: dict[str, Any]) -> list[str]:
     """The table for a screen: name, share at 90 %, its standard error, shares at all levels, verdict."""
-    entries = summary["parameters"] | summary["bands"]
+    entries = summary["parameters"] | summary["bands"] | summary.get("modes", {})
     wide = max((len(name) for name in entries), default=0)
     head = "  ".join(f"{100 * level:>3.0f} %" for level in LEVELS)
     made = [f"{'':{wide}}  {head}   s.e. at 90 %"]

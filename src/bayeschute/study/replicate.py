@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from bayeschute.calibration.modes import score_modes
 from bayeschute.calibration.scores import inside, score
 from bayeschute.numerics import let_go
 from bayeschute.study import setup, work
@@ -72,11 +73,15 @@ def _scored(study: Study, disturbance: str, quick: bool) -> Row:
         }
         left_out = sorted(name for name in flown_terms(study) if name not in draws) if kind.terms_known else []
         checks = job.load("checks.json")["checks"]
+        bands, modes = {}, {}
+        for one in foretell(job):
+            bands[one.flight.name], modes[one.flight.name] = _bands(one, job), _modes(one)
         return {
             "ok": True,
             "parameters": parameters,
             "left_out": left_out,
-            "bands": {one.flight.name: _bands(one, job) for one in foretell(job)},
+            "bands": bands,
+            "modes": modes,
             "missed_checks": [name for name, check in checks.items() if not check["passed"]],
             "simulations_failed": int(checks["failed_solves"]["value"] > checks["failed_solves"]["bound"]),
         }
@@ -104,3 +109,11 @@ def _bands(one: Foretold, job: Job) -> dict[str, Any]:
         entry["role"] = "predict" if one.held_out.any() else "identify"
         made[name] = entry
     return made
+
+
+def _modes(one: Foretold) -> dict[str, Any]:
+    """Scores of what the modes of a flight do over its counted samples."""
+    assert one.truth is not None
+    drawn = {name: values[:, one.counted] for name, values in one.prediction.draws.items()}
+    true = {name: one.truth[name].values[one.counted] for name in drawn if name in one.truth}
+    return score_modes(drawn, true, float(one.time[1] - one.time[0]))
