@@ -3,7 +3,10 @@
 Every campaign is one call of ``bayeschute calibrate``; finished replicates are kept, so the same command goes on where
 it was stopped. ``--page`` writes the page again from what is stored, without flying anything.
 
-    python benchmarks/calibration.py [--workers 2] [--only latent.none white.none] [--page]
+Workers stay for all campaigns, and so does what they compiled. More replicates of the campaigns with a disturbance are
+added to those that are there:
+
+    python benchmarks/calibration.py [--workers 2] [--only latent.none white.none] [--few 20] [--page]
 """
 
 from __future__ import annotations
@@ -16,6 +19,7 @@ from time import perf_counter
 from typing import Any
 
 from bayeschute.calibration.page import page
+from bayeschute.calibration.workers import kept_open
 
 ROOT = Path(__file__).parents[1]
 STUDY = ROOT / "models" / "studies" / "cdt-3-11.toml"
@@ -23,8 +27,9 @@ STORED = ROOT / "models" / "reference" / "calibration"
 PAGE = ROOT / "docs" / "calibration.md"
 COMMAND = "python benchmarks/calibration.py"
 FEW = 20
+MANY = 100
 CAMPAIGNS = (  # noise model, disturbance, replicates
-    ("latent", "none", 100),
+    ("latent", "none", MANY),
     ("ar1", "none", FEW),
     ("sandwich", "none", FEW),
     ("white", "none", FEW),
@@ -52,31 +57,38 @@ def write_page() -> None:
     PAGE.write_text(page(*stored(), COMMAND), encoding="utf-8")
 
 
+def fly(noise: str, disturbance: str, replicates: int, out: Path, address: str | None) -> None:
+    """Fly a campaign, store it, and write the page."""
+    from bayeschute.study.calibrate import calibrate
+
+    name, began = f"{noise}.{disturbance}", perf_counter()
+
+    def tell(share: float, words: str) -> None:
+        print(f"\r{name}: {words}   ", end="", flush=True)
+
+    calibrate(STUDY, out, replicates, disturbance, noise, address=address, progress=tell)
+    STORED.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(out / f"{name}.json", STORED / f"{name}.json")
+    write_page()
+    print(f"\n{name}: {(perf_counter() - began) / 60.0:.1f} min")
+
+
 def main() -> None:
     """Fly what is asked for, store it, and write the page after every campaign."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     names = [f"{noise}.{disturbance}" for noise, disturbance, _ in CAMPAIGNS]
     parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--dask", metavar="ADDRESS", help="Dask scheduler, in place of --workers")
+    parser.add_argument("--few", type=int, default=FEW, metavar="N", help=f"replicates of all but the first ({FEW})")
     parser.add_argument("--only", nargs="+", choices=names, default=names, metavar="NOISE.DISTURBANCE")
     parser.add_argument("--out", type=Path, default=ROOT / "runs" / "calibration" / "cdt-3-11", help="for rows")
     parser.add_argument("--page", action="store_true", help="only write the page")
     given = parser.parse_args()
-    for noise, disturbance, replicates in () if given.page else CAMPAIGNS:
-        name = f"{noise}.{disturbance}"
-        if name not in given.only:
-            continue
-        from bayeschute.study.calibrate import calibrate
-
-        began = perf_counter()
-
-        def tell(share: float, words: str, name: str = name) -> None:
-            print(f"\r{name}: {words}   ", end="", flush=True)
-
-        calibrate(STUDY, given.out, replicates, disturbance, noise, given.workers, progress=tell)
-        STORED.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(given.out / f"{name}.json", STORED / f"{name}.json")
-        write_page()
-        print(f"\n{name}: {(perf_counter() - began) / 60.0:.1f} min")
+    if not given.page:
+        with kept_open(given.workers, given.dask) as address:
+            for noise, disturbance, replicates in CAMPAIGNS:
+                if f"{noise}.{disturbance}" in given.only:
+                    fly(noise, disturbance, given.few if replicates == FEW else replicates, given.out, address)
     write_page()
 
 

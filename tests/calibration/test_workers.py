@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from bayeschute.calibration.workers import Lost, client_of, finished
+from bayeschute.calibration.workers import Lost, client_of, finished, kept_open
 from bayeschute.errors import InputError
 
 pytest.importorskip("distributed", reason="Dask is not installed")
@@ -57,6 +57,23 @@ def test_no_more_tasks_are_sent_than_there_is_room_for(tmp_path: Path):
         assert len(list(tmp_path.iterdir())) <= 4
         assert len(list(coming)) == 39
     assert len(list(tmp_path.iterdir())) == 40
+
+
+def pid(number: int) -> int:
+    """Which process does it."""
+    return os.getpid()
+
+
+def test_workers_kept_open_serve_several_campaigns():
+    with kept_open(2) as address:
+        assert address is not None
+        served = []
+        for _ in range(2):
+            with client_of(1, address) as client:
+                served.append({where for _, where in finished(pid, range(20), client)})
+        assert len(served[0] | served[1]) == 2 and os.getpid() not in served[0]
+    with kept_open(1) as none, kept_open(2, "tcp://there:1") as there:
+        assert none is None and there == "tcp://there:1"
 
 
 def test_a_scheduler_that_is_not_there_is_bad_input():

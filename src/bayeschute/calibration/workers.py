@@ -44,6 +44,24 @@ def client_of(workers: int, address: str | None) -> Iterator[Any]:
         yield client
 
 
+@contextmanager
+def kept_open(workers: int, address: str | None = None) -> Iterator[str | None]:
+    """The address of workers that serve several campaigns, so that they keep what they compiled for the first.
+
+    Args:
+        workers: Local processes; with 1 the address is None: this process is the worker.
+        address: Of a Dask scheduler that is there already; it is given back.
+
+    Raises:
+        InputError: As `client_of`.
+    """
+    if address is not None:
+        yield address
+        return
+    with client_of(workers, None) as client:
+        yield None if client is None else str(client.cluster.scheduler_address)
+
+
 class Lost(NamedTuple):
     """In the place of a result: the task killed every worker that it was given to, and why Dask gave it up."""
 
