@@ -5,7 +5,10 @@ identifies it. Ranks of parameters and derived quantities must keep within bands
 95 %. The test tests itself: the same draws, moved by 0.3 posterior standard deviations, are a sampler broken on
 purpose, which must fail. Rows are kept; the same command goes on where it was stopped.
 
-    python benchmarks/ranks.py dumbbell --replicates 300 [--workers 2] [--store] [--json]
+With --posterior, truths come from the posterior of a fit to the template's own record, and record and replicate are
+then fitted together (posterior simulation-based calibration): a test where the data are, not all over the priors.
+
+    python benchmarks/ranks.py dumbbell --replicates 300 [--posterior] [--workers 2] [--store] [--json]
 """
 
 from __future__ import annotations
@@ -89,10 +92,17 @@ def template(name: str) -> sbc.Template:
     return {"dumbbell": dumbbell, "cluster": cluster}[name]()
 
 
-def one(seed: int, name: str) -> dict[str, Any]:
+@lru_cache(maxsize=2)
+def believed(name: str) -> sbc.Believed:
+    """The posterior of a template's own record, fitted once a process; the same in every process."""
+    return sbc.believe(template(name), SEED - 1)
+
+
+def one(seed: int, name: str, posterior: bool) -> dict[str, Any]:
     """One row; a replicate that fails is counted."""
     try:
-        return {"seed": seed, **sbc.ranked(seed, template(name), LEVELS, shift=SHIFT)}
+        start = believed(name) if posterior else None
+        return {"seed": seed, **sbc.ranked(seed, template(name), LEVELS, shift=SHIFT, believed=start)}
     except (FloatingPointError, np.linalg.LinAlgError) as error:
         return {"seed": seed, "ok": False, "error": f"{type(error).__name__}: {error}"}
 
@@ -113,15 +123,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("model", choices=("dumbbell", "cluster"))
     parser.add_argument("--replicates", type=int, default=300)
+    parser.add_argument("--posterior", action="store_true", help="truths from the posterior of the template's record")
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--out", type=Path, default=Path("runs/ranks"))
     parser.add_argument("--store", action="store_true", help=f"keep the result under {STORED.relative_to(ROOT)}")
     parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
-    name = f"ranks.{given.model}"
-    what = json.dumps([given.model, SHIFT, LEVELS, SPREAD, CLUSTER_SPREAD, LOG_SD, bayeschute.__version__])
+    model = given.model + (".posterior" if given.posterior else "")
+    name = f"ranks.{model}"
+    what = json.dumps([model, SHIFT, LEVELS, SPREAD, CLUSTER_SPREAD, LOG_SD, bayeschute.__version__])
     rows = run(
-        partial(one, name=given.model),
+        partial(one, name=given.model, posterior=given.posterior),
         range(SEED, SEED + given.replicates),
         given.out / f"{name}.rows.jsonl",
         hashlib.sha256(what.encode()).hexdigest(),
@@ -130,14 +142,14 @@ def main() -> None:
     )
     good = [row for row in rows if row["ok"]]
     redrawn = sum(row["redrawn"] for row in good)
-    print(f"\n{len(good)} replicates, {len(rows) - len(good)} failed, {redrawn} draws of the prior did not fly")
+    print(f"\n{len(good)} replicates, {len(rows) - len(good)} failed, {redrawn} draws did not fly")
     quantities = told(good, "ranks")
     print(f"the same draws, moved by {SHIFT} sd:")
     spoiled = told(good, "spoiled")
     passed, noticed = (all(t["passed"] for t in made.values()) for made in (quantities, spoiled))
     print("all inside" if passed else "NOT all inside", "- the broken sampler", "PASSES" if noticed else "fails")
     result = {
-        "study": given.model, "noise": "latent", "disturbance": "none: truths and data from the model itself",
+        "study": model.replace(".", ", from its "), "noise": "latent", "disturbance": "none: truths and data from the model itself",
         "replicates": len(good), "failed": len(rows) - len(good), "redrawn": redrawn,
         "levels": LEVELS, "probability": 0.95, "passed": passed, "quantities": quantities,
         "spoiled": {"shift": SHIFT, "passed": noticed, "quantities": spoiled},

@@ -16,6 +16,7 @@ from bayeschute.dynamics.published import planar_aero
 from bayeschute.forecast.virtual_swing import SwingDrop, fly_swing
 from bayeschute.inference.dumbbell_data import GUSTS, dumbbell_data
 from bayeschute.inference.evidence import HyperPrior, to_vector
+from bayeschute.inference.finding import find
 from bayeschute.inference.noise import Noise
 from bayeschute.inference.priors import Prior
 from bayeschute.inference.target import Hyper, residuals
@@ -98,6 +99,35 @@ def test_ranks_at_one_end_fail_and_even_ones_pass():
     assert found["a"].passed and not found["b"].passed
     spoiled = [row | {"spoiled": {"a": 19}} for row in even]
     assert not sbc.tested(spoiled, 19, which="spoiled")["a"].passed
+
+
+@pytest.fixture(scope="module")
+def believed(template):
+    return sbc.believe(template, 1, chains=2, draws=60)
+
+
+def test_truths_come_from_a_posterior(template, believed):
+    """Far narrower than the priors, about the fit's mean; noise parameters with their own spread, and theta's slope."""
+    centre, scale = np.asarray(believed.found.marginal.centre), np.asarray(believed.found.marginal.scale)
+    drawn = [sbc.draw(template, seed, believed) for seed in range(60)]
+    xi = np.array([np.linalg.solve(scale, d.theta - centre) for d in drawn])
+    law = np.array([to_vector(d.hyper) - to_vector(believed.found.hyper) for d in drawn])
+    slope, covariance = believed.found.law_slope, believed.found.law_covariance
+    whole = believed.xi.std(axis=0) ** 2 + np.diag(slope @ covariance @ slope.T)
+    assert (np.abs(xi.mean(axis=0) - believed.xi.mean(axis=0)) < 4.0 * np.sqrt(whole / 60)).all()
+    np.testing.assert_allclose(xi.std(axis=0), np.sqrt(whole), rtol=0.4)
+    np.testing.assert_allclose(law.std(axis=0), np.sqrt(np.diag(covariance)), rtol=0.4)
+    held = xi - law @ slope.T  # each is one of the draws for held noise parameters, moved with its noise parameters
+    assert max(np.abs(believed.xi - one).sum(axis=1).min() for one in held) < 1e-9
+
+
+def test_record_and_replicate_are_fitted_together(template, believed, monkeypatch):
+    seen = []
+    monkeypatch.setattr(sbc, "find", lambda flights, *rest: seen.append(flights) or find(flights, *rest))
+    made = sbc.ranked(3, template, levels=19, chains=2, draws=60, believed=believed)
+    assert seen[0][0] is template.flight and len(seen[0]) == 2
+    np.testing.assert_array_equal(seen[0][1].observed, sbc.draw(template, 3, believed).flight.observed)
+    assert all(0 <= r <= 19 for r in made["ranks"].values()) and len(made["ranks"]) == 6
 
 
 def test_swing_quantities_of_a_sine():

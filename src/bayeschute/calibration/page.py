@@ -174,9 +174,11 @@ def page(results: Sequence[Result], ranks: Sequence[Result], command: str) -> st
     if results:
         text += ["## Overview", "", *overview(results), "## What is off", "", *diagnosis(results), ""]
     if ranks:
-        text += ["## Ranks of truths drawn from the prior", ""]
+        text += ["## Ranks of truths drawn from what is believed", ""]
         text += [
             "Records come from the model itself, so this tests the inference alone (`benchmarks/ranks.py`).",
+            "Truths come from the priors, or from the posterior of a fit to one record; that record and the",
+            "replicate's are then fitted together, with the priors as they were (posterior simulation-based calibration).",
             "Draws that were moved are a sampler broken on purpose: the test has to notice it.",
             "",
         ]

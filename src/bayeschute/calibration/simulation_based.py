@@ -3,6 +3,11 @@
 Parameters, noise parameters, initial state, latent disturbances and residual noise of a replicate are all drawn as the
 identification believes; then it is identified, and truths are ranked among draws (Talts et al. 2018). Whatever the
 approximations of the inference do to its intervals shows in the ranks.
+
+The prior is often far wider than where a study's records lie. Truths may be drawn from the posterior of a fit to the
+template's own record instead. Record and replicate are then fitted together with the original priors: what was drawn
+from p(theta | y), with data y' of its own, is ranked among draws of p(theta | y, y'), and ranks are uniform again if
+the inference is right (Saeilynoja et al. 2025, posterior simulation-based calibration).
 """
 
 from __future__ import annotations
@@ -53,6 +58,33 @@ class Template:
 
 
 @dataclass(frozen=True)
+class Believed:
+    """The posterior of a fit to the template's own record, from which truths may be drawn.
+
+    Attributes:
+        found: The fit.
+        xi: Draws of the parameters for held noise parameters, standard coordinates (S, P).
+    """
+
+    found: Found
+    xi: Array
+
+
+def believe(template: Template, seed: int, chains: int = 4, draws: int = 250) -> Believed:
+    """Fit the template's own record.
+
+    Args:
+        template: The template; its flight has the record's data.
+        seed: Seed.
+        chains: Chains of the sampler.
+        draws: Draws of each.
+    """
+    found = find([template.flight], template.priors, template.noise)
+    xi = sample(found.marginal, "nuts", chains, 200, draws, seed).xi
+    return Believed(found, xi.reshape(-1, len(template.priors)))
+
+
+@dataclass(frozen=True)
 class Drawn:
     """A replicate: data, and the truths behind them.
 
@@ -71,24 +103,42 @@ class Drawn:
     redrawn: int
 
 
-def draw(template: Template, seed: int) -> Drawn:
+def _truth(template: Template, believed: Believed | None, rng: np.random.Generator) -> tuple[Array, Hyper]:
+    """Parameters and noise parameters, drawn together: from their priors, or from a posterior."""
+    if believed is None:
+        centre, scale = working(template.priors)
+        middle = to_vector(template.noise.median)
+        theta = centre + scale * rng.standard_normal(centre.size)
+        law = middle + template.noise.log_sd * rng.standard_normal(middle.size)
+        return theta, from_vector(law, template.noise.median)
+    found = believed.found
+    root = np.linalg.cholesky(found.law_covariance)
+    moved = root @ rng.standard_normal(len(root))
+    xi = believed.xi[rng.integers(len(believed.xi))] + found.law_slope @ moved
+    theta = np.asarray(found.marginal.centre) + np.asarray(found.marginal.scale) @ xi
+    return theta, from_vector(to_vector(found.hyper) + moved, found.hyper)
+
+
+def draw(template: Template, seed: int, believed: Believed | None = None) -> Drawn:
     """Draw truths and data of a replicate.
 
+    Args:
+        template: The template.
+        seed: Seed.
+        believed: Where truths come from; the priors where None.
+
     Raises:
-        FloatingPointError: If the prior hardly ever flies.
+        FloatingPointError: If what is drawn hardly ever flies.
     """
     rng, flight = np.random.default_rng([seed, 9]), template.flight
-    centre, scale = working(template.priors)
     blank = replace(
         flight, observed=np.zeros(np.shape(flight.observed)), present=np.ones(np.shape(flight.present), bool)
     )
     largest = template.most_swing * np.nanmax(np.abs(np.where(flight.present, flight.observed, np.nan)), axis=0)
     largest[largest == 0.0] = np.inf  # attitude is told against the recorded one: its record is zero
-    middle = to_vector(template.noise.median)
     redrawn = 0
     while redrawn < _TRIES:
-        theta = centre + scale * rng.standard_normal(centre.size)
-        hyper = from_vector(middle + template.noise.log_sd * rng.standard_normal(middle.size), template.noise.median)
+        theta, hyper = _truth(template, believed, rng)
         still = flight.still()
         unknowns = Unknowns(*(rng.standard_normal(np.shape(a)) for a in still))
         driven = course(flight, hyper, unknowns)
@@ -97,13 +147,16 @@ def draw(template: Template, seed: int) -> Drawn:
             break
         redrawn += 1
     else:
-        raise FloatingPointError(f"{_TRIES} draws of the prior in a row did not fly")
+        of = "prior" if believed is None else "posterior"
+        raise FloatingPointError(f"{_TRIES} draws of the {of} in a row did not fly")
     noise = colour(hyper.outputs(flight), flight.dt, *(jnp.asarray(rng.standard_normal(y.shape)) for _ in range(2)))
     return Drawn(replace(flight, observed=y + np.asarray(noise)), theta, hyper, driven, redrawn)
 
 
 def derived(template: Template, found: Found, xi: Array, seed: int) -> dict[str, Array]:
-    """Draws of the derived quantities (B,): every group of draws has noise parameters of its own, and theta with them.
+    """Draws of the derived quantities of the last flight (B,).
+
+    Every group of draws has noise parameters of its own, and theta with them.
 
     Args:
         template: The template.
@@ -112,21 +165,28 @@ def derived(template: Template, found: Found, xi: Array, seed: int) -> dict[str,
         seed: Seed.
     """
     marginal, rng = found.marginal, np.random.default_rng([seed, 10])
-    (flight,), at = marginal.flights, to_vector(found.hyper)
+    flight, at = marginal.flights[-1], to_vector(found.hyper)
     root, parts = np.linalg.cholesky(found.law_covariance), []
     for start in range(0, len(xi), _GROUP):
         pick = np.minimum(np.arange(start, start + _GROUP), len(xi) - 1)
         moved = root @ rng.standard_normal(at.size)
         law = from_vector(at + moved, found.hyper)
         shifted = jnp.asarray((xi[pick] + found.law_slope @ moved).T)
-        known = draw_unknowns(marginal, shifted, (normals(flight, _GROUP, rng),), law)[0]
+        numbers = tuple(normals(f, _GROUP, rng) for f in marginal.flights)
+        known = draw_unknowns(marginal, shifted, numbers, law)[-1]
         x = np.asarray(states(flight, marginal.theta(shifted), course(flight, law, known)))
         parts.append({k: v[: len(xi) - start] for k, v in template.quantities(flight, x).items()})
     return {name: np.concatenate([p[name] for p in parts]) for name in parts[0]}
 
 
 def ranked(
-    seed: int, template: Template, levels: int = 99, chains: int = 4, draws: int = 250, shift: float = 0.3
+    seed: int,
+    template: Template,
+    levels: int = 99,
+    chains: int = 4,
+    draws: int = 250,
+    shift: float = 0.3,
+    believed: Believed | None = None,
 ) -> Row:
     """Draw, identify and rank one replicate, and rank its parameters among draws that were spoiled on purpose.
 
@@ -137,13 +197,16 @@ def ranked(
         chains: Chains of the sampler.
         draws: Draws of each.
         shift: Spoiled draws are moved by this many posterior standard deviations along every axis.
+        believed: Truths come from this posterior, and the template's record is fitted together with the replicate's;
+            from the priors, the replicate's alone, where None.
 
     Returns:
         A row for a campaign: ranks by name, those among spoiled draws (parameters only), and how many truths were
         drawn anew.
     """
-    made = draw(template, seed)
-    found = find([made.flight], template.priors, template.noise)
+    made = draw(template, seed, believed)
+    flights = [made.flight] if believed is None else [template.flight, made.flight]
+    found = find(flights, template.priors, template.noise)
     held = sample(found.marginal, "nuts", chains, 200, draws, seed).xi.reshape(-1, len(template.priors))
     centre, scale = np.asarray(found.marginal.centre), np.asarray(found.marginal.scale)
     wide = widened(held, found.law_slope, found.law_covariance, seed)
