@@ -149,7 +149,8 @@ def main() -> None:
     passed, noticed = (all(t["passed"] for t in made.values()) for made in (quantities, spoiled))
     print("all inside" if passed else "NOT all inside", "- the broken sampler", "PASSES" if noticed else "fails")
     result = {
-        "study": model.replace(".", ", from its "), "noise": "latent", "disturbance": "none: truths and data from the model itself",
+        "study": model.replace(".", ", from its "), "noise": "latent",
+        "disturbance": "none: truths and data from the model itself",
         "replicates": len(good), "failed": len(rows) - len(good), "redrawn": redrawn,
         "levels": LEVELS, "probability": 0.95, "passed": passed, "quantities": quantities,
         "spoiled": {"shift": SHIFT, "passed": noticed, "quantities": spoiled},

@@ -178,7 +178,7 @@ def page(results: Sequence[Result], ranks: Sequence[Result], command: str) -> st
         text += [
             "Records come from the model itself, so this tests the inference alone (`benchmarks/ranks.py`).",
             "Truths come from the priors, or from the posterior of a fit to one record; that record and the",
-            "replicate's are then fitted together, with the priors as they were (posterior simulation-based calibration).",
+            "replicate's are then fitted together, the priors as they were (posterior simulation-based calibration).",
             "Draws that were moved are a sampler broken on purpose: the test has to notice it.",
             "",
         ]
