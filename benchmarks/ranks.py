@@ -46,11 +46,11 @@ def dumbbell() -> sbc.Template:
     import dumbbell_recovery as swing
 
     from bayeschute.forecast.virtual_swing import fly_swing
-    from bayeschute.inference.dumbbell_data import GUSTS, dumbbell_data
+    from bayeschute.inference.dumbbell_data import WIND, dumbbell_data
 
     record, _ = fly_swing(swing.FIRST, swing.BASE, swing.AERO, 1)
     priors = tuple(Prior(n, v, SPREAD[n], False, "1", "Table 7.1-2") for n, v in swing.TRUTH.items())
-    flight = dumbbell_data(record, swing.BASE, swing.AERO, priors, GUSTS)
+    flight = dumbbell_data(record, swing.BASE, swing.AERO, priors, WIND)
     return sbc.Template(
         flight, priors, HyperPrior(swing.COLORED, LOG_SD),
         lambda data, x: sbc.swing_quantities(x[:, 4], x[:, 3], float(data.dt)),
