@@ -94,12 +94,13 @@ def test_run_hands_everything_on(stages: types.ModuleType, tmp_path: Path):
 
     stages.run_study = run_study  # type: ignore[attr-defined]
     out = tmp_path / "out"
-    options = ["--out", str(out), "--resume", "--quick", "--seed", "7", "--data", str(tmp_path)]
+    options = ["--out", str(out), "--resume", "--quick", "--seed", "7", "--data", str(tmp_path), "--workers", "3"]
     result = CliRunner().invoke(app, ["run", str(STUDY), *options])
     assert result.exit_code == 0, result.output
     assert isinstance(seen.pop("progress"), Bars)
     assert seen == {
         "path": STUDY, "out": out, "until": None, "resume": True, "quick": True, "data_dir": tmp_path, "seed": 7,
+        "workers": 3, "address": None,
     }  # fmt: skip
     assert str(out / "report.html") in result.stdout
     assert "too small for use" in result.stdout

@@ -134,8 +134,10 @@ def run(
     quick: Annotated[bool, typer.Option("--quick", help="Small sizes, to see that all works; not for use.")] = False,
     data: DataDir = None,
     seed: Seed = None,
+    workers: Workers = 1,
+    dask: DaskAddress = None,
 ) -> None:
-    """Records and a study to posterior, bands and report."""
+    """Records and a study to posterior, bands and report; --workers and --dask share out the predictions."""
     folder = out or Path("runs") / study.stem
     again = f"`bayeschute run {study} --out {folder} --resume` goes on from the last finished stage."
     with _told(again):
@@ -145,7 +147,10 @@ def run(
 
         last = until.value if until else None
         with Bars() as bars:
-            run_study(study, folder, until=last, resume=resume, quick=quick, data_dir=data, seed=seed, progress=bars)
+            run_study(
+                study, folder, until=last, resume=resume, quick=quick, data_dir=data, seed=seed, progress=bars,
+                workers=workers, address=dask,
+            )  # fmt: skip
         if last == "structure" and (folder / "structure.txt").is_file():
             say((folder / "structure.txt").read_text(encoding="utf-8"))
         say(f"Results are in {folder}")

@@ -132,6 +132,7 @@ def predict(
     progress: Callable[[float], None] | None = None,
     slope: Array | None = None,
     disturbance_log_sd: float = 0.0,
+    groups: range | None = None,
 ) -> Prediction:
     """Draw a flight's quantities.
 
@@ -147,6 +148,8 @@ def predict(
         slope: Derivatives of the parameters by the logarithms of the noise parameters (P, V): every group of draws is
             moved with the noise parameters that it takes. Parameters stay where None.
         disturbance_log_sd: Standard deviation of the logarithm of a factor on disturbances beyond the data, one a draw.
+        groups: Only these groups of `GROUP` draws each, drawn as if all were; all where None. Shares of variance are
+            there with the first group only.
 
     Returns:
         The prediction.
@@ -175,6 +178,8 @@ def predict(
         moved = xi[:, pick] + moves[i % len(laws), :, None]
         given = (moved, numbers, later, laws[i % len(laws)])
         first = first or given
+        if groups is not None and i not in groups:
+            continue  # only its random numbers are taken
         quantities, last = _simulate(flight, marginal.theta(jnp.asarray(moved)), driven(*given))
         rows.append(np.asarray(quantities)[..., :keep])
         lasts.append(np.asarray(last)[:, :keep])
@@ -186,6 +191,8 @@ def predict(
     made[..., bad], ends[:, bad] = np.nan, np.nan
     names = quantities_of(flight)
     time = np.arange(flight.samples, dtype=float) * float(flight.dt)
+    if groups is not None and 0 not in groups:
+        return Prediction(time, {name: made[i].T for i, name in enumerate(names)}, ends.T, int(bad.sum()), {})
     drawn_xi, numbers, later, law = first
     still, quiet, silence = jax.tree.map(np.zeros_like, first[:3])
     middle, drawn = driven(still, quiet, silence, law), driven(still, numbers, later, law)

@@ -17,10 +17,10 @@ from bayeschute.numerics import let_go
 from bayeschute.study import setup, work
 from bayeschute.study.disturbances import DISTURBANCES
 from bayeschute.study.fits import summary_draws
+from bayeschute.study.foretell import Foretold, foretell
 from bayeschute.study.stages import Job
 from bayeschute.study.study import Study
 from bayeschute.study.work_report import flown_terms, true_values
-from bayeschute.study.work_results import Foretold, foretell
 
 Row = dict[str, Any]
 WINDOW = 30.0  # [s] of the time since the start by which scores are split

@@ -35,6 +35,8 @@ class Job:
         hash: Of everything the results depend on.
         progress: Called with stage, share done and words.
         resume: Whether what an earlier run kept of an unfinished stage may be used.
+        workers: Local processes that predictions are spread over; 1: this one.
+        address: Of a Dask scheduler, in place of local processes.
     """
 
     study: Study
@@ -43,6 +45,8 @@ class Job:
     hash: str
     progress: Progress
     resume: bool = False
+    workers: int = 1
+    address: str | None = None
 
     def say(self, stage: str) -> Callable[[float, str], None]:
         """A progress function of one stage."""
@@ -86,6 +90,8 @@ def run_study(
     data_dir: Path | str | None = None,
     seed: int | None = None,
     progress: Progress | None = None,
+    workers: int = 1,
+    address: str | None = None,
 ) -> dict[str, Any]:
     """Run a study.
 
@@ -98,12 +104,15 @@ def run_study(
         data_dir: Replaces ``${DATA}`` in the study's files.
         seed: Replaces the study's seed.
         progress: Called with stage, share done and words.
+        workers: Local processes that predictions are spread over; 1: this one. Results are the same.
+        address: Of a Dask scheduler, in place of local processes.
 
     Returns:
         ``summary.json``; empty if the last stage has not run.
 
     Raises:
-        InputError: If the study, its files or `until` are not sound, or `out` holds something else.
+        InputError: If the study, its files or `until` are not sound, or `out` holds something else; if Dask is
+            wanted and not there.
     """
     from bayeschute.study import setup, work
 
@@ -120,7 +129,7 @@ def run_study(
         raise InputError(Fault(str(folder), "a folder with other files", wanted, "Choose another --out."))
     text = f"{study_hash(study)}:{bayeschute.__version__}:{quick}"
     digest, say = hashlib.sha256(text.encode()).hexdigest(), progress or (lambda *_: None)
-    job = Job(study, folder, quick, digest, say, resume)
+    job = Job(study, folder, quick, digest, say, resume, workers, address)
     (folder / ".stages").mkdir(parents=True, exist_ok=True)
     write_whole(folder / "study.toml", lambda p: p.write_text(_as_run(job)))
     hashes = _stage_hashes(job)

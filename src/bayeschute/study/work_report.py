@@ -15,10 +15,10 @@ from bayeschute.study import formulation, setup
 from bayeschute.study.claims import calibration_check, verification
 from bayeschute.study.fits import groups, load_hyper, summary_draws
 from bayeschute.study.fitted_terms import ADDED, KEPT
+from bayeschute.study.foretell import OPENING
 from bayeschute.study.load import study_hash
 from bayeschute.study.study import Flight, Study
 from bayeschute.study.work_data import load_flight, load_priors
-from bayeschute.study.work_results import OPENING
 
 if TYPE_CHECKING:
     from bayeschute.study.stages import Job

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import arviz_stats
@@ -18,16 +17,15 @@ from bayeschute.forecast import risk as risk_files
 from bayeschute.inference.statespace import innovations
 from bayeschute.inference.target import Course, FlightData, as_series, course, filter_gains, linearise, residuals
 from bayeschute.study import setup
-from bayeschute.study.fits import Group, Stored, data_of, gaussian_summary, groups, load_fit, summary_draws
+from bayeschute.study.fits import Stored, groups, load_fit, summary_draws
+from bayeschute.study.foretell import Foretold, foretell
 from bayeschute.study.study import Flight
-from bayeschute.study.work_data import load_flight, load_truth
 from bayeschute.study.work_identifiability import of_fit
 
 if TYPE_CHECKING:
     from bayeschute.study.stages import Job
 
 Array = NDArray[np.float64]
-OPENING = 5.0  # [s] of its record by which a flight to be predicted is known
 
 
 def check(job: Job, tell: bool = True) -> str:
@@ -128,75 +126,6 @@ def _innovation_share(flight: FlightData, stored: Stored, driven: Course) -> flo
     linear = linearise(flight, stored.optimum.theta, driven)
     unit = np.asarray(innovations(filter_gains(flight, stored.hyper, linear), as_series(linear)[..., 0]))
     return float(np.mean(np.abs(unit[np.asarray(flight.present)]) < 1.6449))
-
-
-def _group_of(job: Job, flight: Flight) -> Group:
-    """The fit whose parameters predict a flight: its own where it was fitted, else the study's only one."""
-    todo = groups(job)
-    return next((g for g in todo if flight in g.flights), todo[0])
-
-
-@dataclass(frozen=True)
-class Foretold:
-    """A flight with the draws of its quantities.
-
-    Attributes:
-        flight: The flight.
-        stored: The fit that tells its parameters.
-        prediction: Draws.
-        time: Times of the record [s].
-        held_out: Samples that the fit did not see.
-        record: The record.
-        truth: The truth, where known.
-        seed: Of its random numbers.
-    """
-
-    flight: Flight
-    stored: Stored
-    prediction: bands.Prediction
-    time: Array
-    held_out: NDArray[np.bool_]
-    record: xr.Dataset
-    truth: xr.Dataset | None
-    seed: int
-
-    @property
-    def counted(self) -> NDArray[np.bool_]:
-        """Samples by which bands are scored: those held out, all where none is."""
-        return self.held_out if self.held_out.any() else np.ones(self.time.size, bool)
-
-
-def foretell(job: Job) -> Iterator[Foretold]:
-    """Draw the quantities of every flight that is fitted or predicted."""
-    study = job.study
-    flights = [f for f in study.flights if {"identify", "predict"} & set(f.roles)]
-    for i, flight in enumerate(flights):
-        group = _group_of(job, flight)
-        stored = load_fit(job, group)
-        flat = stored.held.reshape(-1, stored.held.shape[-1])
-        picked = flat[np.linspace(0, len(flat) - 1, min(study.predict.draws, len(flat))).astype(int)]
-        record, truth = load_flight(job, flight.name), load_truth(job, flight.name)
-        time = record["time"].values
-        rng = np.random.default_rng([study.seed, 5, i])
-        laws = bands.law_draws(stored.hyper, stored.law_covariance, -(-len(picked) // bands.GROUP), rng)
-        whole = None
-        if flight in group.flights:
-            marginal, index = stored.marginal, group.flights.index(flight)
-            until = flight.identify_until.at(time[0], time[-1]) if flight.identify_until is not None else np.inf
-        else:
-            whole, index, until = data_of(job, flight, group.priors), 0, time[0] + OPENING
-            marginal = bands.opened(
-                bands.opening(whole, OPENING), stored.hyper, gaussian_summary(group.priors, stored.theta)
-            )
-
-        def tell(share: float, i: int = i, name: str = flight.name) -> None:
-            job.say("predict")((i + share) / len(flights), name)
-
-        seed = study.seed + 100 + i
-        told, spread = until - time[0], study.predict.disturbance_log_sd
-        slope = stored.law_slope
-        prediction = bands.predict(marginal, index, picked, laws, seed, whole, told, tell, slope, spread)
-        yield Foretold(flight, stored, prediction, time, time > until, record, truth, seed)
 
 
 def predict(job: Job) -> str:
