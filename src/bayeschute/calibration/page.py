@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+from bayeschute.calibration.recalibration import learned
 from bayeschute.calibration.scores import LEVELS
 from bayeschute.calibration.tables import ENOUGH, NOMINAL, WANTED, promised, verdict
 
@@ -108,7 +109,16 @@ def whole(result: Result) -> list[str]:
         "CRPS",
         "90 % by time since start",
     ]
-    return [*made, *_table(head, rows), *by_mode(result)]
+    return [*made, *_table(head, rows), *_widening(result), *by_mode(result)]
+
+
+def _widening(result: Result) -> list[str]:
+    """By how much bands of unseen flights would have to be widened; nothing where a result doesn't tell."""
+    factors = learned(result)
+    if not factors:
+        return []
+    said = ", ".join(f"{name} {'too far off' if f is None else format(f, '.2f')}" for name, f in factors.items())
+    return [f"Factors by which `[predict] recalibrate` would widen bands of unseen flights: {said}.", ""]
 
 
 def by_mode(result: Result) -> list[str]:

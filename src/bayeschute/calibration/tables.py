@@ -60,7 +60,7 @@ def coverage_of_bands(rows: Sequence[Row]) -> dict[str, dict[str, Any]]:
 
     Returns:
         Per flight and quantity: as `coverage_of_parameters`, and the means of width and interval score (at 90 %), CRPS,
-        PIT, and coverage at 90 % ``by_time``.
+        PIT, and coverage at 90 % ``by_time``; where rows have it, shares by `recalibration.FACTORS` (``scaled``).
     """
     made: dict[str, dict[str, Any]] = {}
     at = LEVELS.index(NOMINAL)
@@ -82,6 +82,8 @@ def coverage_of_bands(rows: Sequence[Row]) -> dict[str, dict[str, Any]]:
                     w: float(np.mean([s["by_time"][w][at] for s in seen if w in s["by_time"]])) for w in windows
                 },
             }
+            if all("scaled" in s for s in seen):  # rows of older versions keep none
+                made[f"{flight}/{name}"]["scaled"] = np.mean([s["scaled"] for s in seen], axis=0).tolist()
     return made
 
 

@@ -35,6 +35,9 @@ def _sound(study: Study, disturbance: str, noise: str | None, replicates: int) -
         faults.append(Fault("--disturbance", repr(disturbance), "one of " + ", ".join(DISTURBANCES)))
     if noise is not None and noise not in NOISES:
         faults.append(Fault("--noise", repr(noise), "one of " + ", ".join(NOISES)))
+    if study.predict.recalibrate is not None:
+        do = "Leave that line out: recalibration learns from these replicates."
+        faults.append(Fault("[predict] recalibrate", "a study whose bands are recalibrated", "bands as predicted", do))
     if replicates < 2:
         faults.append(Fault("--replicates", str(replicates), "at least 2"))
     if faults:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from bayeschute.calibration.tables import ENOUGH, WANTED, promised, verdict
 from bayeschute.study.identity import stored
+from bayeschute.study.recalibrate import told as told_widening
 from bayeschute.study.study import Study
 
 if TYPE_CHECKING:
@@ -30,6 +31,10 @@ def calibration_check(job: Job) -> dict[str, Any]:
         ``passed`` (None where nothing is stored), ``value`` the share at 90 % farthest from it, ``bound``, ``detail``
         in words, and ``held``: share, standard error and verdict by name.
     """
+    by = told_widening(job)
+    if by is not None:
+        says = f"{by.words}; what they hold then was tried on no others"
+        return {"passed": False, "value": None, "bound": None, "detail": says, "held": {}}
     found = stored(job.study, job.quick, places(job))
     if found is None:
         return {"passed": None, "value": None, "bound": None, "detail": NONE_STORED, "held": {}}

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from bayeschute.calibration.modes import score_modes
+from bayeschute.calibration.recalibration import scaled_shares
 from bayeschute.calibration.scores import inside, score
 from bayeschute.numerics import let_go
 from bayeschute.study import setup, work
@@ -107,6 +108,7 @@ def _bands(one: Foretold, job: Job) -> dict[str, Any]:
         entry: dict[str, Any] = whole._asdict()
         entry["by_time"] = {key: value.coverage for key, value in windows.items()}
         entry["role"] = "predict" if one.held_out.any() else "identify"
+        entry["scaled"] = scaled_shares(draws[:, one.counted], truth[one.counted])
         made[name] = entry
     return made
 

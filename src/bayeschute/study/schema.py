@@ -115,11 +115,14 @@ class PredictTable(Strict):
         quantities: Which; None: all that the model knows.
         disturbance_log_sd: Standard deviation of the logarithm by which disturbances beyond the data (other air, nearer
             to the ground) may be stronger or weaker than those that were fitted; 0: they are the same.
+        recalibrate: ``replicates``: bands of unseen flights are widened by what stored replicates of the configuration
+            held; None: they stay as predicted.
     """
 
     draws: Annotated[int, whole(50, 1_000_000)] = 400
     disturbance_log_sd: Annotated[float, number(Bounds(least=0.0, most=3.0))] = 0.0
     quantities: Annotated[tuple[Quantity, ...], AfterValidator(distinct)] | None = None
+    recalibrate: Annotated[Literal["replicates"], one_of("replicates")] | None = None
 
 
 class RequirementTable(Strict):

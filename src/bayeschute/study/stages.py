@@ -112,9 +112,10 @@ def run_study(
 
     Raises:
         InputError: If the study, its files or `until` are not sound, or `out` holds something else; if Dask is
-            wanted and not there.
+            wanted and not there; if bands are to be recalibrated and no calibration tells how.
     """
     from bayeschute.study import setup, work
+    from bayeschute.study.recalibrate import widening
 
     if until is not None and until not in STAGES:
         raise InputError(Fault("--until", repr(until), "one of " + ", ".join(STAGES)))
@@ -130,6 +131,9 @@ def run_study(
     text = f"{study_hash(study)}:{bayeschute.__version__}:{quick}"
     digest, say = hashlib.sha256(text.encode()).hexdigest(), progress or (lambda *_: None)
     job = Job(study, folder, quick, digest, say, resume, workers, address)
+    learned = widening(job)  # told before anything slow where it is not there
+    if learned is not None:
+        job = replace(job, hash=hashlib.sha256(f"{digest}:{json.dumps(learned)}".encode()).hexdigest())
     (folder / ".stages").mkdir(parents=True, exist_ok=True)
     write_whole(folder / "study.toml", lambda p: p.write_text(_as_run(job)))
     hashes = _stage_hashes(job)

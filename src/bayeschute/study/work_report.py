@@ -17,6 +17,7 @@ from bayeschute.study.fits import groups, load_hyper, summary_draws
 from bayeschute.study.fitted_terms import ADDED, KEPT
 from bayeschute.study.foretell import OPENING
 from bayeschute.study.load import study_hash
+from bayeschute.study.recalibrate import told as told_widening
 from bayeschute.study.study import Flight, Study
 from bayeschute.study.work_data import load_flight, load_priors
 
@@ -56,7 +57,7 @@ def _summary(job: Job) -> dict[str, Any]:
             "divergences": _divergences(job), "failed_solves": facts["failed"], "wall_s": seconds,
             "wall": facts["wall"], "min_ess_per_s": min(checked["ess_bulk"].values()) / seconds,
         },
-        **_disturbances(job), **_output_error(job), **_identifiability(job),
+        **_disturbances(job), **_output_error(job), **_identifiability(job), **_recalibration(job),
         "coverage": job.load("coverage.json"),
         "checks": checked["checks"] | {"calibration": calibration},
         "requirements": job.load("risk/requirements.json"),
@@ -124,6 +125,12 @@ def _identifiability(job: Job) -> dict[str, Any]:
     return {"identifiability": job.load("identifiability.json")} if there else {}
 
 
+def _recalibration(job: Job) -> dict[str, Any]:
+    """By how much bands were widened, where they were."""
+    by = told_widening(job)
+    return {} if by is None else {"recalibration": by._asdict()}
+
+
 def _flight_entry(job: Job, flight: Flight) -> dict[str, Any]:
     record = load_flight(job, flight.name)
     time = record["time"].values
@@ -167,8 +174,10 @@ def _notes(job: Job) -> list[str]:
         "Initial states and latent disturbances are integrated out as Gaussian given the parameters; the log "
         "determinant of that step is a polynomial of the parameters (its error is among the checks).",
     ]
-    study = job.study
+    study, by = job.study, told_widening(job)
     notes += formulation.notes(study.noise)
+    if by is not None:
+        notes.append(by.words[0].upper() + by.words[1:] + "; requirements and risk files use the draws as predicted.")
     if study.model != "cluster":
         air = "Air density is taken by altitude from the record or the standard atmosphere, and counted as known."
         return [*notes, air]

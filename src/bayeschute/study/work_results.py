@@ -19,6 +19,8 @@ from bayeschute.inference.target import Course, FlightData, as_series, course, f
 from bayeschute.study import setup
 from bayeschute.study.fits import Stored, groups, load_fit, summary_draws
 from bayeschute.study.foretell import Foretold, foretell
+from bayeschute.study.recalibrate import NAME as RECALIBRATION
+from bayeschute.study.recalibrate import widened, widening
 from bayeschute.study.study import Flight
 from bayeschute.study.work_identifiability import of_fit
 
@@ -136,7 +138,9 @@ def predict(job: Job) -> str:
     made: dict[str, xr.Dataset] = {}
     arrays: dict[str, Any] = {}
     coverage: dict[str, Any] = {}
-    for one in foretell(job):
+    by = widening(job)
+    for foreseen in foretell(job):
+        one = widened(foreseen, by)
         name, prediction, truth, counted = one.flight.name, one.prediction, one.truth, one.counted
         recorded = _recorded(job, one.flight, one.record)
         role = "predict" if one.held_out.any() else "identify"
@@ -149,12 +153,15 @@ def predict(job: Job) -> str:
             for q in wanted
             if q in prediction.draws
         }
-        arrays |= {f"{name}|{k}": v for k, v in _statistics(prediction, counted).items()}
+        arrays |= {f"{name}|{k}": v for k, v in _statistics(foreseen.prediction, counted).items()}
     write_whole(
         job.out / "predictions.nc",
         lambda p: xr.DataTree.from_dict({f"/{k}": v for k, v in made.items()}).to_netcdf(p, engine="h5netcdf"),
     )
     job.save("coverage.json", setup.as_plain(coverage))
+    (job.out / RECALIBRATION).unlink(missing_ok=True)
+    if by is not None:
+        job.save(RECALIBRATION, by._asdict())
 
     def write(path: Any) -> None:
         with path.open("wb") as file:
