@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ import xarray as xr
 from bayeschute.inference import posterior
 from bayeschute.inference.law_slope import widened
 from bayeschute.inference.marginal import log_density, projected_residuals, sample_log_likelihoods
+from bayeschute.samplers.doubt import doubt
 
 CHAINS, DRAWS, NAMES = 2, 120, ("first", "second")
 GROUPS = {
@@ -53,6 +56,31 @@ def test_draws_carry_their_log_density(found, draws):
 def test_emcee_agrees(found, draws):
     other = posterior.sample(found.marginal, "emcee", 1, 0, 400, seed=2)
     assert other.xi.shape == (1, 400, 1)
+    np.testing.assert_allclose(np.quantile(other.xi, [0.1, 0.5, 0.9]), np.quantile(draws.xi, [0.1, 0.5, 0.9]), atol=0.4)
+
+
+def test_good_draws_come_without_a_word(draws):
+    assert draws.notes == () and draws.stats["log_ratio"].shape == (CHAINS, DRAWS)
+    assert doubt(draws) == ""
+
+
+def test_a_broken_surrogate_gives_way_to_emcee(found, draws, monkeypatch):
+    """Its density three times too narrow: NUTS on it sticks, emcee on the exact density doesn't."""
+    build, heard = posterior.build, []
+
+    def broken(*given):
+        made, failed = build(*given)
+        return replace(made, factor=3.0 * made.factor), failed
+
+    monkeypatch.setattr(posterior, "build", broken)
+    other = posterior.sample(found.marginal, "nuts", 1, 200, 400, 2, lambda share, words: heard.append(words))
+    assert len(other.notes) == 1 and "emcee drew instead" in other.notes[0] and "Pareto k" in other.notes[0]
+    assert "log_ratio" not in other.stats  # they are not the surrogate's draws
+    assert any(w.startswith("nuts") for w in heard) and heard[-1].startswith("emcee")
+    monkeypatch.undo()
+    asked = posterior.sample(found.marginal, "emcee", 1, 0, 400, seed=2)
+    np.testing.assert_array_equal(other.xi, asked.xi)
+    assert other.evaluations > asked.evaluations
     np.testing.assert_allclose(np.quantile(other.xi, [0.1, 0.5, 0.9]), np.quantile(draws.xi, [0.1, 0.5, 0.9]), atol=0.4)
 
 

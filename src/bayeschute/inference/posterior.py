@@ -26,6 +26,7 @@ from bayeschute.inference.priors import Prior, values, working
 from bayeschute.inference.surrogate import Surrogate, build
 from bayeschute.inference.target import FlightData, Hyper, Unknowns, course, residuals
 from bayeschute.samplers import ensemble, nuts
+from bayeschute.samplers.doubt import doubt
 from bayeschute.samplers.protocol import Draws
 
 Array = NDArray[np.float64]
@@ -49,7 +50,8 @@ def sample(
     Args:
         marginal: The posterior.
         kind: ``"nuts"`` (numpyro's NUTS on a quadratic surrogate, corrected exactly by delayed acceptance) or
-            ``"emcee"`` (ensembles on the same density).
+            ``"emcee"`` (ensembles on the same density). Where NUTS' draws fail their own check (`doubt`), emcee's are
+            drawn instead, and a note says why.
         chains: Chains.
         warmup: Warm-up steps.
         draws: Draws per chain.
@@ -66,28 +68,31 @@ def sample(
             return np.asarray(log_density(marginal, xi))
         return np.asarray(in_batches(lambda part: log_density(marginal, part), xi))
 
-    def tell(done: int, wanted: int) -> None:
-        if progress is not None:
-            progress(done / wanted, f"{kind}: {done} of {wanted}")
+    def tell(name: str) -> Callable[[int, int], None]:
+        return lambda done, wanted: progress(done / wanted, f"{name}: {done} of {wanted}") if progress else None
+
+    def by_emcee() -> Draws:
+        return ensemble.sample(exact, parameters, chains, draws, seed, walkers=BATCH, progress=tell("emcee"))
 
     if kind == "emcee":
-        return ensemble.sample(exact, parameters, chains, draws, seed, walkers=BATCH, progress=tell)
+        return by_emcee()
     rng = np.random.default_rng([seed, 2])
     surrogate, failed = build(
         lambda xi: in_batches(lambda part: projected_residuals(marginal, part), xi), marginal.determinant, rng
     )
     density = jax.tree_util.Partial(Surrogate.log_density, surrogate)
-    made = nuts.corrected(exact, density, parameters, chains, warmup, draws, seed, progress=tell)
+    made = nuts.corrected(exact, density, parameters, chains, warmup, draws, seed, progress=tell(kind))
     lost = int(sum(float(along.lost) for along in marginal.along))
-    notes = [
-        words
-        for count, words in (
-            (failed, f"{failed} simulations failed while the surrogate was built"),
-            (lost, f"{lost} pairs of simulations under drawn disturbances failed and are not in the mean flight"),
-        )
-        if count
-    ]
-    return replace(made, notes=(*made.notes, *notes)) if notes else made
+    notes = [f"{failed} simulations failed while the surrogate was built"] if failed else []
+    if lost:
+        notes.append(f"{lost} pairs of simulations under drawn disturbances failed and are not in the mean flight")
+    reason = doubt(made)
+    if reason:
+        other = by_emcee()
+        notes.append(f"Draws by NUTS on a surrogate failed their check ({reason}); emcee drew instead")
+        failures, evaluations = made.failed + other.failed, made.evaluations + other.evaluations
+        made = replace(other, failed=failures, evaluations=evaluations)
+    return replace(made, notes=(*made.notes, *notes))
 
 
 def data_tree(

@@ -88,7 +88,8 @@ def corrected(
         progress: Called with exact evaluations done and wanted.
 
     Returns:
-        The draws, with acceptance rates of the exact step.
+        The draws, with acceptance rates of the exact step, and ``log_ratio``: exact less surrogate log density at what
+        was proposed, minus infinity where a simulation failed (`doubt.pareto_k`).
     """
     per_chain = max(streams // chains, 1)
     streams, length = per_chain * chains, int(np.ceil(draws / per_chain))
@@ -100,7 +101,13 @@ def corrected(
 
     counted, rng = Counted(log_density), np.random.default_rng([seed, 1])
     exact = counted(np.asarray(state.z).T)
-    rows: dict[str, list[Array]] = {"xi": [], "log_density": [], "acceptance_rate": [], "diverging": []}
+    rows: dict[str, list[Array]] = {
+        "xi": [],
+        "log_density": [],
+        "acceptance_rate": [],
+        "diverging": [],
+        "log_ratio": [],
+    }
     for step in range(settle + length):
         proposed = _advance(function, state, _TRANSITIONS, warmup)
         at = counted(np.asarray(proposed.z).T)
@@ -117,6 +124,7 @@ def corrected(
             rows["log_density"].append(exact)
             rows["acceptance_rate"].append(np.exp(np.minimum(gain, 0.0)))
             rows["diverging"].append(np.asarray(proposed.diverging))
+            rows["log_ratio"].append(at + np.asarray(proposed.potential_energy))
         if progress is not None:
             progress(step + 1, settle + length)
 

@@ -19,6 +19,7 @@ from bayeschute.inference.marginal import Determinant, Marginal, marginalise
 from bayeschute.inference.priors import Prior
 from bayeschute.inference.records import cluster_data, descent_data
 from bayeschute.inference.target import FlightData, Hyper, Unknowns
+from bayeschute.samplers.doubt import pareto_k
 from bayeschute.samplers.protocol import Draws
 from bayeschute.study import setup
 from bayeschute.study.study import Flight
@@ -109,6 +110,8 @@ def save_fit(job: Job, group: Group, found: Found, draws: Draws, wide: Array) ->
     }
     for i, unknowns in enumerate(best.unknowns):
         arrays |= {f"start{i}": np.asarray(unknowns.start), f"shocks{i}": np.asarray(unknowns.shocks)}
+    if "log_ratio" in draws.stats:
+        arrays["pareto_k"] = pareto_k(draws.stats["log_ratio"])
 
     def write(path: Any) -> None:
         with path.open("wb") as file:
@@ -132,6 +135,7 @@ class Stored:
         law_covariance: Of the logarithms of the noise parameters.
         law_slope: Derivatives of the parameters by those, working coordinates (P, V).
         determinant_error: Root mean square error of the log determinant's polynomial.
+        pareto_k: Of the ratios exact/surrogate; None where the draws were not corrected ones.
     """
 
     marginal: Marginal
@@ -144,6 +148,7 @@ class Stored:
     law_covariance: Array
     law_slope: Array
     determinant_error: float
+    pareto_k: float | None
 
 
 def load_hyper(job: Job, group: Group) -> Hyper:
@@ -167,7 +172,8 @@ def load_fit(job: Job, group: Group) -> Stored:
     scale, known = np.asarray(marginal.scale), a["law_covariance"]
     theta, held = (best.theta + a[name] @ scale.T for name in ("wide", "xi"))
     counts, by_law = (int(failed), int(evaluations)), scale @ a["law_slope"]
-    return Stored(marginal, best, hyper, theta, held, *counts, known, by_law, float(wrong))
+    k = float(a["pareto_k"]) if "pareto_k" in a else None
+    return Stored(marginal, best, hyper, theta, held, *counts, known, by_law, float(wrong), k)
 
 
 def summary_draws(job: Job) -> tuple[dict[str, Array], dict[str, str]]:

@@ -16,6 +16,7 @@ from bayeschute.forecast import bands
 from bayeschute.forecast import risk as risk_files
 from bayeschute.inference.statespace import innovations
 from bayeschute.inference.target import Course, FlightData, as_series, course, filter_gains, linearise, residuals
+from bayeschute.samplers.doubt import MOST_K
 from bayeschute.study import setup
 from bayeschute.study.fits import Stored, groups, load_fit, summary_draws
 from bayeschute.study.foretell import Foretold, foretell
@@ -51,12 +52,14 @@ def check(job: Job, tell: bool = True) -> str:
     add("ess_bulk", min(bulk.values()), 400.0, min(bulk.values()) > 400.0, "least bulk effective sample size")
     add("ess_tail", min(tail.values()), 400.0, min(tail.values()) > 400.0, "least tail effective sample size")
     steps, share, wrong, failed, evaluations, converged = [], [], [], 0, 0, True
+    tails: list[float] = []
     told: dict[str, Any] = {}
     for i, group in enumerate(groups(job)):
         stored = load_fit(job, group)
         converged &= stored.optimum.converged
         failed, evaluations = failed + stored.failed, evaluations + stored.evaluations
         wrong.append(stored.determinant_error)
+        tails += [] if stored.pareto_k is None else [stored.pareto_k]
         for flight, unknowns in zip(stored.marginal.flights, stored.optimum.unknowns, strict=True):
             driven = course(flight, stored.hyper, unknowns)
             steps.append(_step_error(flight, stored, driven))
@@ -94,6 +97,12 @@ def check(job: Job, tell: bool = True) -> str:
         max(wrong) < 0.2,
         "root mean square error of the log determinant's polynomial over the posterior",
     )
+    if tails:
+        detail = (
+            "Pareto k of the importance ratios exact/surrogate at the surrogate's proposals: below 0.7 the surrogate "
+            "reaches all that the exact posterior holds, and its correction can be trusted"
+        )
+        add("pareto_k", max(tails), MOST_K, max(tails) < MOST_K, detail)
     if tell:
         job.save("identifiability.json", told)
     job.save("checks.json", {"checks": checks, "rhat": rhat, "ess_bulk": bulk, "ess_tail": tail})
