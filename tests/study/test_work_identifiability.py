@@ -88,6 +88,8 @@ def test_checks_stay_what_they_were(told, finished):
     checks = json.loads((finished.folder / "checks.json").read_text(encoding="utf-8"))
     assert set(checks) == {"checks", "rhat", "ess_bulk", "ess_tail"}
     assert "identifiability" not in checks["checks"]
+    k = checks["checks"]["pareto_k"]  # the default sampler's own check is among them
+    assert k["passed"] == (k["value"] < k["bound"]) and k["bound"] == 0.7 and "surrogate" in k["detail"]
 
 
 def test_a_folder_of_an_older_program_still_gets_its_report(finished, descents, tmp_path: Path):
