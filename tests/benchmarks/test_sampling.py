@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -114,3 +115,30 @@ def test_speedups_are_of_effective_draws_per_second_and_the_fastest_of_a_name_co
     assert both.main.speedups(mine, rows, "sampling")["speedup_vs_pints"] == pytest.approx(50.0)
     assert "not converged" in slow.remark and mine.remark == "" and "too few" in slow._replace(rhat=np.nan).remark
     assert both.main.plain(slow._replace(off=np.nan))["off"] is None
+
+
+def test_from_end_to_end_with_one_peer_absent(both, target, monkeypatch, capsys):
+    """Ours is put in; the rest runs as it is, but for the process-wide settings."""
+    draws = np.random.default_rng(2).standard_normal((4, 500, P))
+    mine = both.main.Row(2000.0, 2000, 1.0, 60.0, 30.0, 5.0, 0.0)
+
+    def absent(target, clock, seed):
+        raise ModuleNotFoundError("No module named 'nowhere'", name="nowhere")
+
+    kept = {"emcee, stretch": both.peers.PEERS["emcee, stretch"], "elsewhere": ("elsewhere", absent)}
+    monkeypatch.setattr(both.peers, "PEERS", kept)
+    monkeypatch.setitem(sys.modules, "sampling_peers", both.peers)
+    monkeypatch.setattr(both.main, "ours", lambda *_: (None, draws, mine, (55.0, 25.0)))
+    monkeypatch.setattr(both.main, "target_of", lambda marginal: target)
+    monkeypatch.setattr("jax.clear_caches", lambda: None)
+    monkeypatch.setattr("jax.config.update", lambda *_: None)
+    given = SimpleNamespace(budget=500.0, peers=None, seed=1, quick=False, wall=False, json=True)
+    both.main.measure(given, Steps(), Path("nowhere"))
+    *lines, last = capsys.readouterr().out.splitlines()
+    assert any("nowhere is not installed" in line for line in lines)
+    made = json.loads(last)
+    row = made["context"]["peers"]["emcee, stretch"]
+    assert row["seconds"] - 55.0 > row["without"] - 25.0 == row["sampling"] > 490.0
+    wanted = (2000.0 / 60.0) / (row["ess"] / row["seconds"])
+    assert made["ratios"] == {"speedup_vs_emcee_stretch": pytest.approx(wanted)}
+    assert made["context"]["absent"] == ["elsewhere"] and made["context"]["densities_differ_by"] is None
