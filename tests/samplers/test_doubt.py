@@ -34,6 +34,11 @@ def test_equal_weights_and_too_few():
     assert pareto_k(np.full(100, -np.inf)) == np.inf and pareto_k(np.arange(10.0)) == np.inf
 
 
+def test_a_tail_of_one_value_is_that_of_a_walk_that_sticks():
+    ratio = np.concatenate([np.random.default_rng(6).standard_normal(1000), np.full(1000, 9.0)])
+    assert pareto_k(ratio) == np.inf
+
+
 def test_bound_of_rhat_is_rarely_missed_by_independent_draws():
     """One in a thousand may; three in three hundred mustn't."""
     assert rhat_bound(4, 500, 14) == 1.01 < rhat_bound(4, 100, 14) < 1.05

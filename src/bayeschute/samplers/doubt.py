@@ -31,7 +31,8 @@ def pareto_k(log_ratio: Array) -> float:
             is a weight of zero.
 
     Returns:
-        The shape k; 0 where all ratios are equal, infinity where too few are finite.
+        The shape k; 0 where all ratios are equal, infinity where too few are finite or all of the tail is one value,
+        as of a walk that sticks.
     """
     good = np.ravel(log_ratio)[np.isfinite(np.ravel(log_ratio))]
     if good.size < _LEAST:
@@ -39,7 +40,10 @@ def pareto_k(log_ratio: Array) -> float:
     if np.ptp(good) < _EQUAL:
         return 0.0
     # ArviZ takes log likelihoods, whose negatives are the log weights of leaving one out.
-    return float(array_stats.psislw(-good)[1])
+    try:
+        return float(array_stats.psislw(-good)[1])
+    except ValueError:  # the tail has no width
+        return float(np.inf)
 
 
 def largest_rhat(xi: Array) -> float:
