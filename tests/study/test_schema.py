@@ -68,6 +68,8 @@ CLUSTER = [
     (r"^warmup = 300", "warmup = 3", "[sampler] warmup", "3", "from 50"),
     (r"^chains = 4", "chains = 1", "[sampler] chains", "1", "from 2"),
     (r"^draws = 500", "draws = 5e2", "[sampler] draws", "500.0", "a whole number"),
+    (r"^draws = 500", "draws = 500\nstarts = 1", "[sampler] starts", "1", "from 2"),
+    (r"^draws = 500", "draws = 500\nstarts = true", "[sampler] starts", "True", "whole number"),
     (r'^kind = "nuts"', 'kind = "hmc"', "[sampler] kind", "'hmc'", "'emcee'"),
     (r'^quantities = \["swing_angle", ', 'quantities = ["swing", ', "quantities, item 1", "'swing'", "swing_angle"),
     (r'^at_most = "33 ft/s"', 'at_most = "33 deg"', "[requirement] at_most (requirement 'mean", "'33 deg'", "m/s"),

@@ -1,8 +1,9 @@
 """What a fit keeps while it goes on: a run that was stopped goes on from there, to the same draws bit by bit.
 
-Kept are the joint optimum of every group and the draws of every sampler, in `fit/kept`, under the hash of all that the
-run depends on: what was kept for another model, record, setting or version is not used. What lies between the two is
-made again, and is the same. A fit that has ended leaves nothing there.
+Kept are the joint optimum of every group (and of every start, where there are several) and the draws of every sampler,
+in `fit/kept`, under the hash of all that the run depends on: what was kept for another model, record, setting or
+version is not used. What lies between the two is made again, and is the same. A fit that has ended leaves nothing
+there.
 """
 
 from __future__ import annotations
@@ -90,6 +91,17 @@ def get_draws(job: Job, name: str, kind: str) -> Draws | None:
     said = json.loads(str(a["said"]))
     stats = {key.removeprefix("stats."): value for key, value in a.items() if key.startswith("stats.")}
     return Draws(a["xi"], a["log_density"], stats, said["failed"], said["evaluations"], tuple(said["notes"]))
+
+
+def put_said(job: Job, name: str, value: Any) -> None:
+    """Keep plain values under a name."""
+    _write(job, name, {"said": np.array(json.dumps(value))})
+
+
+def get_said(job: Job, name: str) -> Any:
+    """Plain values as `put_said` took them; None where this run has kept none."""
+    a = _read(job, name)
+    return None if a is None else json.loads(str(a["said"]))
 
 
 def _folder(job: Job) -> Path:

@@ -99,12 +99,21 @@ class FlightTable(Strict):
 
 
 class SamplerTable(Strict):
-    """Sampler, and how long it runs."""
+    """Sampler, and how long it runs.
+
+    Attributes:
+        kind: Which.
+        chains: Chains.
+        warmup: Warm-up steps.
+        draws: Draws per chain.
+        starts: From how many places the optimum is sought: the prior means, and draws about them; None: from the means.
+    """
 
     kind: Annotated[Literal["nuts", "emcee", "both"], one_of("nuts", "emcee", "both")] = "nuts"
     chains: Annotated[int, whole(2, 64)] = 4
     warmup: Annotated[int, whole(50, 100_000)] = 300
     draws: Annotated[int, whole(50, 1_000_000)] = 500
+    starts: Annotated[int, whole(2, 100)] | None = None
 
 
 class PredictTable(Strict):

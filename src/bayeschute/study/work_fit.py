@@ -21,7 +21,7 @@ from bayeschute.inference.law_slope import widened
 from bayeschute.inference.omitted import scores
 from bayeschute.inference.posterior import data_tree, sample
 from bayeschute.samplers.protocol import Draws
-from bayeschute.study import checkpoint, setup
+from bayeschute.study import checkpoint, setup, several_starts
 from bayeschute.study.fits import Group, data_of, groups, load_fit, save_fit
 from bayeschute.study.fitted_terms import terms_left_out, with_terms
 from bayeschute.study.work_data import load_priors
@@ -88,7 +88,10 @@ def fit(job: Job) -> str:
     tree = trees[0] if len(trees) == 1 else _joined(job, todo, trees)
     write_whole(job.out / "posterior.nc", partial(_write_tree, tree))
     wall["fit_s"] = time.perf_counter() - began
-    job.save("fit/facts.json", {"wall": wall, "notes": said, "failed": failed, "scores": setup.as_plain(asked_for)})
+    facts = {"wall": wall, "notes": said, "failed": failed, "scores": setup.as_plain(asked_for)}
+    if starts := several_starts.told(job, [group.name for group in todo]):
+        facts |= {"starts": starts, "notes": [*said, *several_starts.note(starts)]}
+    job.save("fit/facts.json", facts)
     checkpoint.clear(job)
     return f"{len(todo)} fits, {failed} failed simulations"
 
@@ -154,9 +157,12 @@ def _settled(
     left_out, z = [p for p in terms_left_out(job) if latent and p.name not in here], dict[str, float]()
     begins: list[Begin | None] = [None]
     while True:
-        flights = [data_of(job, f, group.priors) for f in group.flights]
-        tried = [settle(flights, group.priors, prior, progress=say, begin=begin) for begin in begins]
-        settled = min(tried, key=lambda s: s.evidence)
+        if job.study.sampler.starts is None:
+            flights = [data_of(job, f, group.priors) for f in group.flights]
+            tried = [settle(flights, group.priors, prior, progress=say, begin=begin) for begin in begins]
+            settled = min(tried, key=lambda s: s.evidence)
+        else:
+            settled = several_starts.settled(job, group, prior, begins, say)
         if not left_out:
             break
         whole, kept = with_terms(group.priors, left_out)
