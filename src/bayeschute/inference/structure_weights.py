@@ -3,9 +3,9 @@
 A structure is scored by the log density of every sample given all earlier ones, parameters, start and disturbances
 integrated out. The sum over the whole record is the log evidence, which hangs on the priors of the terms that rivals
 don't share: widen them, and it falls without end. So samples of the opening only teach, and those after it are scored
-(leave-future-out, one step ahead: Buerkner, Gabry & Vehtari 2020, eq. 6). The weights average over Bayesian bootstraps
+(leave-future-out, one step ahead: Buerkner, Gabry & Vehtari 2020). The weights average over Bayesian bootstraps
 of the scores, so that rivals whose difference a record can't tell share the weight (pseudo-BMA+: Yao, Vehtari, Simpson
-& Gelman 2018, section 3.4). Residual differences last for seconds, so whole blocks of time are redrawn.
+& Gelman 2018). Residual differences last for seconds, so whole blocks of time are redrawn.
 
 The parameters are integrated out as the marginal posterior has them about its mode, to second order: innovations linear
 in the parameters, log determinants likewise, each kept by sample.
@@ -166,14 +166,17 @@ def weights(scores: Array, rng: np.random.Generator, blocks: int = BLOCKS) -> We
     scores = np.atleast_2d(scores)
     if scores.shape[1] < 2 or not np.isfinite(scores).all():
         raise ValueError("scores of structures must be finite, of two samples at least")
-    sums = np.array([part.sum(axis=1) for part in np.array_split(scores, min(blocks, scores.shape[1]), axis=1)])
-    total = sums.sum(axis=0)
+    parts = np.array_split(scores, min(blocks, scores.shape[1]), axis=1)
+    sums, sizes = np.array([part.sum(axis=1) for part in parts]), np.array([part.shape[1] for part in parts])
+    total, samples = sums.sum(axis=0), scores.shape[1]
     best = int(np.argmax(total))
-    count = len(sums)
-    redrawn = count * rng.dirichlet(np.ones(count), _BOOTSTRAPS) @ (sums - sums[:, [best]])
+    off = sums - sums[:, [best]]
+    drawn = rng.dirichlet(np.ones(len(parts)), _BOOTSTRAPS)
+    redrawn = samples * (drawn @ off) / (drawn @ sizes)[:, None]  # blocks may differ in length by a sample
     share = np.exp(redrawn - redrawn.max(axis=1, keepdims=True))
     weight = (share / share.sum(axis=1, keepdims=True)).mean(axis=0)
-    spread = np.sqrt(count) * np.std(sums - sums[:, [best]], axis=0, ddof=1)
+    even = np.outer(sizes, off.sum(axis=0)) / samples
+    spread = np.sqrt(len(parts)) * np.std(off - even, axis=0, ddof=1)
     return Weights(weight, total, total - total[best], spread)
 
 

@@ -10,7 +10,7 @@ from bayeschute.errors import Fault
 from bayeschute.study.belief_schema import NoiseTable, PriorsTable
 from bayeschute.study.faults import place, show
 from bayeschute.study.schema import QUANTITIES, FlightTable, PredictTable, RequirementTable
-from bayeschute.study.structure_crosscheck import check_polar, check_synthetic
+from bayeschute.study.structure_crosscheck import check_polar, check_stack, check_synthetic
 from bayeschute.study.vehicle_schema import Vehicle
 
 _CLUSTER_PRIORS = ("riser_stiffness", "riser_damping", "riser_length")
@@ -249,5 +249,6 @@ def crosscheck(draft: Draft) -> list[Fault]:
     checks: list[Callable[[Draft], Iterator[Fault]]] = [check_names, check_roles]
     if draft.model is not None:
         checks.append(by_model[draft.model])
-    checks += [check_canopies, check_shape, check_polar, check_synthetic, check_times, check_predictions]
+    checks += [check_canopies, check_shape, check_polar, check_stack, check_synthetic]
+    checks += [check_times, check_predictions]
     return [fault for check in checks for fault in check(draft)]

@@ -17,10 +17,12 @@ from numpy.typing import NDArray
 from bayeschute.calibration.workers import Lost, client_of, finished
 from bayeschute.errors import Fault, InputError
 from bayeschute.forecast import bands
+from bayeschute.forecast.mixing import mix
 from bayeschute.inference.marginal import Marginal
 from bayeschute.inference.priors import Prior
 from bayeschute.inference.target import FlightData, Hyper
 from bayeschute.study.fits import Group, Stored, data_of, gaussian_summary, groups, load_fit
+from bayeschute.study.structures import members
 from bayeschute.study.study import Flight
 from bayeschute.study.work_data import load_flight, load_truth
 
@@ -115,27 +117,53 @@ def _group_of(job: Job, flight: Flight) -> Group:
     return next((g for g in todo if flight in g.flights), todo[0])
 
 
-def _order(job: Job, i: int, flight: Flight) -> tuple[_Order, Callable[[bands.Prediction], Foretold]]:
-    """What a flight's draws need, and what becomes of them."""
-    study, group = job.study, _group_of(job, flight)
-    stored = load_fit(job, group)
+def _order(
+    job: Job, flight: Flight, group: Group, stored: Stored, draws: int, place: tuple[int, int]
+) -> tuple[_Order, Array]:
+    """What draws of a flight by one fit need; `place` is the number of the flight and that of the structure.
+
+    Returns:
+        That, and the times of its record.
+    """
+    study, (i, j) = job.study, place
     flat = stored.held.reshape(-1, stored.held.shape[-1])
-    picked = flat[np.linspace(0, len(flat) - 1, min(study.predict.draws, len(flat))).astype(int)]
-    record, truth = load_flight(job, flight.name), load_truth(job, flight.name)
-    time = record["time"].values
-    rng = np.random.default_rng([study.seed, 5, i])
+    picked = flat[np.linspace(0, len(flat) - 1, min(draws, len(flat))).astype(int)]
+    time = load_flight(job, flight.name)["time"].values
+    rng = np.random.default_rng([study.seed, 5, i, *([j] if j else [])])
     laws = bands.law_draws(stored.hyper, stored.law_covariance, -(-len(picked) // bands.GROUP), rng)
     known: Marginal | tuple[Hyper, list[Prior]] = stored.marginal
-    index, whole = 0, None
+    index, whole, until = 0, None, _until(flight, flight in group.flights, time)
     if flight in group.flights:
         index = group.flights.index(flight)
-        until = flight.identify_until.at(time[0], time[-1]) if flight.identify_until is not None else np.inf
     else:
-        whole, until = data_of(job, flight, group.priors), time[0] + OPENING
+        whole = data_of(job, flight, group.priors)
         known = (stored.hyper, gaussian_summary(group.priors, stored.theta))
-    seed, slope, spread = study.seed + 100 + i, stored.law_slope, study.predict.disturbance_log_sd
-    order = _Order(known, index, whole, picked, laws, seed, until - time[0], slope, spread)
-    return order, lambda made: Foretold(flight, stored, made, time, time > until, record, truth, seed)
+    seed, spread = study.seed + 100 + i + 10_000 * j, study.predict.disturbance_log_sd
+    return _Order(known, index, whole, picked, laws, seed, until - time[0], stored.law_slope, spread), time
+
+
+def _until(flight: Flight, fitted: bool, time: Array) -> float:
+    """Where the data end by which a flight is known [s]."""
+    if not fitted:
+        return float(time[0]) + OPENING
+    return flight.identify_until.at(time[0], time[-1]) if flight.identify_until is not None else np.inf
+
+
+Tell = Callable[[Sequence[bands.Prediction]], Foretold]
+
+
+def _orders(job: Job, i: int, flight: Flight) -> tuple[list[_Order], Tell]:
+    """What a flight's draws need, by every structure that has a share in them, and what becomes of them."""
+    group = _group_of(job, flight)
+    stored, orders = load_fit(job, group), []
+    time: Array = np.zeros(0)
+    for j, (one, draws) in enumerate(members(job, group, min(job.study.predict.draws, stored.held[..., 0].size))):
+        order, time = _order(job, flight, one, stored if one is group else load_fit(job, one), draws, (i, j))
+        orders.append(order)
+    record, truth = load_flight(job, flight.name), load_truth(job, flight.name)
+    held_out = time > _until(flight, flight in group.flights, time)
+    seed = job.study.seed + 100 + i
+    return orders, lambda made: Foretold(flight, stored, mix(made), time, held_out, record, truth, seed)
 
 
 def foretell(job: Job) -> Iterator[Foretold]:
@@ -150,16 +178,20 @@ def foretell(job: Job) -> Iterator[Foretold]:
     say = job.say("predict")
     with client_of(job.workers, job.address) as client:
         if client is not None:
-            orders, told = zip(*(_order(job, i, flight) for i, flight in enumerate(flights)), strict=True)
-            yield from (tell(made) for tell, made in zip(told, _anywhere(orders, client, say), strict=True))
+            asked = [_orders(job, i, flight) for i, flight in enumerate(flights)]
+            coming = _anywhere([order for orders, _ in asked for order in orders], client, say)
+            yield from (tell([next(coming) for _ in orders]) for orders, tell in asked)
             return
         for i, flight in enumerate(flights):
-            order, tell = _order(job, i, flight)
+            orders, tell = _orders(job, i, flight)
+            made = []
+            for j, order in enumerate(orders):
 
-            def share(done: float, i: int = i, name: str = flight.name) -> None:
-                say((i + done) / len(flights), name)
+                def share(done: float, before: float = i + j / len(orders), size: float = 1.0 / len(orders)) -> None:
+                    say((before + done * size) / len(flights), "flights")
 
-            yield tell(order.draw(share=share))
+                made.append(order.draw(share=share))
+            yield tell(made)
 
 
 def _drawn(part: tuple[int, _Order, range]) -> bands.Prediction:

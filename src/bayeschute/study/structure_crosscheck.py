@@ -1,4 +1,4 @@
-"""Checks of `[structure.polar]` and `[synthetic]` against the rest of a study and its vehicle."""
+"""Checks of `[structure]` and `[synthetic]` against the rest of a study and its vehicle."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from bayeschute.aero.published import load_published
 from bayeschute.errors import Fault, InputError
 from bayeschute.regression.polar_grammar import canonical
+from bayeschute.study.belief_schema import NoiseTable
 from bayeschute.study.faults import show
 from bayeschute.study.structure_schema import StructureTable, SyntheticTable
 
@@ -27,6 +28,15 @@ def check_polar(draft: Draft) -> Iterator[Fault]:
             if any(word in variable for word in _OF_PROXIMITY):
                 where = draft.at("structure", "polar", name, "variables", item)
                 yield Fault(where, show(variable), "variables of a single canopy: the vehicle has no other")
+
+
+def check_stack(draft: Draft) -> Iterator[Fault]:
+    """Structures are weighted by a likelihood; the sandwich has none."""
+    structure: StructureTable | None = draft.tables.get("structure")
+    noise: NoiseTable | None = draft.tables.get("noise")
+    if structure is not None and structure.stack is not None and noise is not None and noise.model == "sandwich":
+        wanted = "another noise model: the sandwich doesn't say how well a structure foretells a record"
+        yield Fault(draft.at("structure", "stack"), "stack beside [noise] model = 'sandwich'", wanted)
 
 
 def check_synthetic(draft: Draft) -> Iterator[Fault]:

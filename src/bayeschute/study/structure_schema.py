@@ -140,6 +140,8 @@ class StructureTable(Strict):
             the whole ``pool``, for a small one: what a record can't tell apart then widens intervals, whichever terms
             equation error took.
         replicates: Block replicates of the record that tell how sure the structure is; 0 for none.
+        stack: How many structures are fitted to the flight, the selected one and those that replicates select most
+            often; predictions mix them by weight. None: the selected one alone.
         polar: Pools of the report's polar coefficients, searched besides.
     """
 
@@ -153,7 +155,17 @@ class StructureTable(Strict):
     exchange: bool = False
     fit: Annotated[Literal["selected", "pool"], one_of("selected", "pool")] = "selected"
     replicates: Annotated[int, whole(0, 100_000)] = 100
+    stack: Annotated[int, whole(2, 20)] | None = None
     polar: PolarTable = PolarTable()
+
+    @model_validator(mode="after")
+    def _can_stack(self) -> StructureTable:
+        if self.stack is not None and self.fit == "pool":
+            do = 'Say fit = "selected", or remove stack.'
+            refuse("a stack of selected structures", 'stack beside fit = "pool", one structure', do)
+        if self.stack is not None and self.replicates == 0:
+            refuse("replicates, which tell the structures of the stack", "stack beside replicates = 0")
+        return self
 
 
 class SnrTable(Strict):

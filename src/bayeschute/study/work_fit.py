@@ -21,7 +21,7 @@ from bayeschute.inference.law_slope import widened
 from bayeschute.inference.omitted import scores
 from bayeschute.inference.posterior import data_tree, sample
 from bayeschute.samplers.protocol import Draws
-from bayeschute.study import checkpoint, setup, several_starts
+from bayeschute.study import checkpoint, setup, several_starts, structures
 from bayeschute.study.fits import Group, data_of, groups, load_fit, save_fit
 from bayeschute.study.fitted_terms import terms_left_out, with_terms
 from bayeschute.study.work_data import load_priors
@@ -40,14 +40,17 @@ def fit(job: Job) -> str:
     from bayeschute.study.stages import write_whole
 
     study, trees, said = job.study, [], []
-    for name in ("priors.json", "output_error.json"):
+    for name in ("priors.json", "output_error.json", "structures.json"):
         (job.out / "fit" / name).unlink(missing_ok=True)
     if not job.resume:
         checkpoint.clear(job)
     todo, began = groups(job), time.perf_counter()
     wall: dict[str, float] = {}
     asked_for: dict[str, float] = {}
-    failed = 0
+    failed, names = 0, [group.name for group in todo]
+    if study.structure is not None and study.structure.stack is not None:
+        names += _structures(job, todo[0])
+        wall["structures_s"] = time.perf_counter() - began
     for i, group in enumerate(todo):
 
         def say(share: float, words: str, a: float = 0.0, b: float = 1.0, i: int = i, name: str = group.name) -> None:
@@ -89,11 +92,20 @@ def fit(job: Job) -> str:
     write_whole(job.out / "posterior.nc", partial(_write_tree, tree))
     wall["fit_s"] = time.perf_counter() - began
     facts = {"wall": wall, "notes": said, "failed": failed, "scores": setup.as_plain(asked_for)}
-    if starts := several_starts.told(job, [group.name for group in todo]):
+    if starts := several_starts.told(job, names):
         facts |= {"starts": starts, "notes": [*said, *several_starts.note(starts)]}
     job.save("fit/facts.json", facts)
     checkpoint.clear(job)
     return f"{len(todo)} fits, {failed} failed simulations"
+
+
+def _structures(job: Job, group: Group) -> list[str]:
+    """Fit and weigh several structures; the best is then taken up like a fit that was stopped."""
+    try:
+        return structures.fit_all(job, group, lambda s, w: job.say("fit")(0.5 * s, w))
+    except FloatingPointError as error:
+        do = "Look at structure.json and the vehicle: a model must fly from its prior means; shorten the window."
+        raise InputError(Fault("fits of the structures", str(error), "simulations that stay finite", do)) from error
 
 
 def _bounds(job: Job, group: Group, found: Found) -> output_error.Bounds:

@@ -11,7 +11,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from bayeschute.flight.record import repairs
-from bayeschute.study import formulation, setup
+from bayeschute.study import formulation, setup, structures
 from bayeschute.study.claims import calibration_check, verification
 from bayeschute.study.fits import groups, load_hyper, summary_draws
 from bayeschute.study.fitted_terms import ADDED, KEPT
@@ -58,10 +58,11 @@ def _summary(job: Job) -> dict[str, Any]:
             "wall": facts["wall"], "min_ess_per_s": min(checked["ess_bulk"].values()) / seconds,
         },
         **_disturbances(job), **_output_error(job), **_identifiability(job), **_recalibration(job),
+        **({"structures": stacked} if (stacked := structures.told(job)) else {}),
         "coverage": job.load("coverage.json"),
         "checks": checked["checks"] | {"calibration": calibration},
         "requirements": job.load("risk/requirements.json"),
-        "notes": [*facts["notes"], *_notes(job)],
+        "notes": [*facts["notes"], *structures.note(stacked), *_notes(job)],
         "versions": {name: version(name) for name in _PROGRAMS} | {"python": platform.python_version()},
         "hashes": {"study": study_hash(study), "run": job.hash},
     }  # fmt: skip

@@ -17,7 +17,7 @@ from bayeschute.forecast import risk as risk_files
 from bayeschute.inference.statespace import innovations
 from bayeschute.inference.target import Course, FlightData, as_series, course, filter_gains, linearise, residuals
 from bayeschute.samplers.doubt import MOST_K
-from bayeschute.study import setup, several_starts
+from bayeschute.study import setup, several_starts, structures
 from bayeschute.study.fits import Stored, groups, load_fit, summary_draws
 from bayeschute.study.foretell import Foretold, foretell
 from bayeschute.study.recalibrate import NAME as RECALIBRATION
@@ -70,6 +70,8 @@ def check(job: Job, tell: bool = True) -> str:
     add("optimum", float(not converged), 0.0, converged, "fits whose optimum did not converge")
     if starts := job.load("fit/facts.json").get("starts"):
         checks["optima"] = several_starts.check(starts)
+    if stacked := structures.told(job):
+        checks["structures"] = structures.check(stacked)
     add(
         "failed_solves",
         failed / max(evaluations, 1),
