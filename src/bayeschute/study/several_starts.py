@@ -40,8 +40,8 @@ def settled(
     made = []
     for i, number in enumerate(numbers):
 
-        def tell(share: float, words: str, i: int = i) -> None:
-            say((i + share) / (len(numbers) + 1), f"start {i + 1} of {len(numbers)}: {words}")
+        def tell(share: float, words: str, i: int = i, number: int = number) -> None:
+            say((i + share) / (len(numbers) + 1), f"start {number}, {i + 1} of {len(numbers)}: {words}")
 
         name = f"starts/{group.name}.{len(group.priors)}.{number}"
         kept = checkpoint.get_settled(job, name)
