@@ -8,7 +8,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import xarray as xr
 
 from bayeschute.inference.finding import Settled
 from bayeschute.inference.map import Optimum
@@ -19,7 +18,6 @@ from bayeschute.samplers.protocol import Draws
 from bayeschute.study import checkpoint, structures
 from bayeschute.study.fits import Group
 from bayeschute.study.load import canonical, check_study, load_study
-from bayeschute.study.stages import run_study
 
 RNG = np.random.default_rng(5)
 HYPER = Hyper(Noise(*RNG.random((3, 2))), (RNG.random(2),))
@@ -167,26 +165,6 @@ def test_the_sandwich_can_not_be_stacked(cluster: Path, spoil):
     spoil(cluster, r"^\[noise\]", '[noise]\nmodel = "sandwich"')
     faults = "\n".join(map(str, check_study(cluster)))
     assert "[structure] stack" in faults and "another noise model" in faults
-
-
-@pytest.mark.slow
-def test_two_structures_are_fitted_and_mixed(cluster: Path, tmp_path: Path, spoil):
-    """A drop of thirty seconds."""
-    spoil(cluster, r"^fit = .*", 'fit = "selected"\nstack = 2')
-    run_study(cluster, tmp_path / "run", until="predict", quick=True)
-    rows = json.loads((tmp_path / "run/fit/structures.json").read_text(encoding="utf-8"))
-    assert sum(row["weight"] for row in rows) == pytest.approx(1.0) and len(rows) == 2
-    best = max(rows, key=lambda row: row["weight"])
-    with xr.open_datatree(tmp_path / "run/posterior.nc", engine="h5netcdf") as tree:
-        assert list(tree["posterior"].data_vars) == [p["name"] for p in best["priors"]]
-    for row in rows:
-        assert row["converged"] and (tmp_path / f"run/fit/{row['name']}.npz").exists()
-    checks = json.loads((tmp_path / "run/checks.json").read_text(encoding="utf-8"))["checks"]
-    assert checks["structures"]["passed"]
-    mixed = min(row["weight"] for row in rows) > 1.0 / 64
-    with xr.open_datatree(tmp_path / "run/predictions.nc", engine="h5netcdf") as tree:
-        assert ("structure" in tree["cdt-3-12"]["source"].values) == mixed
-    assert not (tmp_path / "run/fit/kept").exists()
 
 
 def test_what_is_not_asked_for_leaves_no_trace(cluster: Path):
