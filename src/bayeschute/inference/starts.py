@@ -76,7 +76,7 @@ def settle_from(
     prior: HyperPrior,
     number: int,
     seed: int,
-    rounds: int = 2,
+    rounds: int = 1,
     progress: Progress | None = None,
 ) -> Start:
     """Settle from one start: longer and longer openings of the record, then the turns of `finding.settle`.

@@ -187,8 +187,8 @@ def foretell(job: Job) -> Iterator[Foretold]:
             made = []
             for j, order in enumerate(orders):
 
-                def share(done: float, before: float = i + j / len(orders), size: float = 1.0 / len(orders)) -> None:
-                    say((before + done * size) / len(flights), "flights")
+                def share(done: float, before: float = i + j / len(orders), orders: int = len(orders)) -> None:
+                    say((before + done / orders) / len(flights), flights[int(before)].name)
 
                 made.append(order.draw(share=share))
             yield tell(made)

@@ -33,7 +33,6 @@ def settled(
     Raises:
         FloatingPointError: If every start failed.
     """
-    rounds = 1 if job.quick else 2
     flights = [data_of(job, f, group.priors) for f in group.flights]
     others = [begin for begin in begins if begin is not None]
     numbers = [*range(job.study.sampler.starts or 1), *range(-1, -1 - len(others), -1)]
@@ -49,9 +48,9 @@ def settled(
             made.append(Start(number, kept[1]))
             continue
         if number < 0:
-            start = Start(number, settle(flights, group.priors, prior, rounds, tell, others[-1 - number]))
+            start = Start(number, settle(flights, group.priors, prior, progress=tell, begin=others[-1 - number]))
         else:
-            start = settle_from(flights, group.priors, prior, number, job.study.seed, rounds, tell)
+            start = settle_from(flights, group.priors, prior, number, job.study.seed, progress=tell)
         if start.settled is not None:
             checkpoint.put_settled(job, name, group.priors, start.settled, {})
         made.append(start)
