@@ -60,7 +60,7 @@ def _by_sample(flight: FlightData, made: Gains) -> jax.Array:
 
 @jax.jit
 def _unit(along: Along) -> jax.Array:
-    return innovations(along.gains, as_series(along.linear))
+    return innovations(along.gains, as_series(along.linear).at[:, :, 0].add(-along.gap))
 
 
 _gains = jax.jit(filter_gains)

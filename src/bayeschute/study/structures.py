@@ -96,7 +96,7 @@ def _settled(job: Job, group: Group, prior: HyperPrior, say: Say) -> Settled:
         return kept[1]
     if job.study.sampler.starts is None:
         flights = [data_of(job, f, group.priors) for f in group.flights]
-        settled = settle(flights, group.priors, prior, 1 if job.quick else 2, say)
+        settled = settle(flights, group.priors, prior, progress=say)
     else:
         settled = several_starts.settled(job, group, prior, [None], say)
     checkpoint.put_settled(job, group.name, group.priors, settled, {})
