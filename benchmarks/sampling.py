@@ -115,7 +115,7 @@ def target_of(marginal: Any) -> Any:
         total = -numbers.determinant.at(column)[0]
         for flight, along in zip(numbers.flights, numbers.along, strict=True):
             residual = compared(flight, theta, jax_states(flight, theta, course_at(along, shift)))
-            seen = residual + along.offset[..., None] + along.offset_slope @ shift
+            seen = residual + (along.offset - along.gap)[..., None] + along.offset_slope @ shift
             total -= 0.5 * jnp.sum(innovations(along.gains, seen) ** 2)
         return total - 0.5 * jnp.sum(((theta[:, 0] - numbers.prior_centre) / numbers.prior_scale) ** 2)
 

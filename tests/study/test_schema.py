@@ -45,7 +45,7 @@ CLUSTER = [
     (r'^axial = \["1", ', 'axial = ["e", ', "[structure] axial", "vector", "terms of the axial"),
     (r'^transverse = \["e", ', 'transverse = ["q", ', "[structure] transverse", "0 vector factors", "transverse"),
     (r'^sigma_max = "1 sigma\^2"', 'sigma_max = "25"', "sigma_max", "'25'", "'25 sigma^2'"),
-    (r"^inflation = 6.0", "inflation = -1", "[priors] inflation", "-1", ">= 1"),
+    (r"^inflation = 10.0", "inflation = -1", "[priors] inflation", "-1", ">= 1"),
     (r'mean = "234 ft", sd = "1 ft"', 'mean = "234 ft", sd = "-1 ft"', "[priors.given.riser_length] sd", "'-1 ft'", "> 0 m"),
     (r'mean = "234 ft", sd = "1 ft"', 'mean = "234 ft"', "[priors.given] riser_length", "mean", "mean and sd, or"),
     (r"log_sd = 0.2", "log_sd = -0.2", "[priors.given.riser_stiffness] log_sd", "-0.2", "> 0"),
@@ -56,7 +56,7 @@ CLUSTER = [
     (r'^frequency = "0.25 Hz"', 'frequency = "0 Hz"', "[noise.breathing] frequency", "'0 Hz'", "> 0 Hz"),
     (r"^damping_ratio = 0.1$", "damping_ratio = 1.5", "[noise.breathing] damping_ratio", "1.5", "<= 0.9"),
     (r"^damping_ratio = 0.1$", "", "[noise.breathing] damping_ratio", "nothing", "required"),
-    (r"^\[noise.canopy_force\].*\nsd = 0.01", "[noise.canopy_force]\nsd = 0", "[noise.canopy_force] sd", "0", "> 0"),
+    (r"^\[noise.canopy_force\].*\nsd = 0.003", "[noise.canopy_force]\nsd = 0", "[noise.canopy_force] sd", "0", "> 0"),
     (r'^(?=capsule_attitude = \{ white = "0.1 deg", correlated = "0.2 deg", time_constant = "2 s")', 'tension = { white = "1 N", kind = "white" }\n', '[noise] tension', "unknown key 'tension'", 'riser_tension'),  # fmt: skip
     (r'^(?=capsule_attitude = \{ white = "0.1 deg", correlated = "0.2 deg", time_constant = "2 s")', 'riser_tension = { white = "1 m", kind = "white" }\n', '[noise.riser_tension] white', "'1 m'", 'N'),  # fmt: skip
     (r'^(?=capsule_attitude = \{ white = "0.1 deg", correlated = "0.2 deg", time_constant = "2 s")', 'swing_angle = { white = "1 m", kind = "white" }\n', '[noise.swing_angle] white', "'1 m'", 'rad'),  # fmt: skip

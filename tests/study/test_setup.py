@@ -82,7 +82,7 @@ def test_medians_of_the_noise_follow_channels_and_groups(study: Study, descents)
     assert np.size(found.noise.white) == len(names)
     assert found.noise.white[names.index("canopy_position")] == pytest.approx(0.15)
     assert found.noise.correlated[names.index("capsule_attitude")] == pytest.approx(np.deg2rad(0.2))
-    wanted = [[0.6096, 5.0], [0.3048, 5.0], [0.3048, 20.0], [0.3048, 20.0], [0.01, 1.0], [0.02, 0.25, 0.1]]
+    wanted = [[0.6096, 5.0], [0.3048, 5.0], [0.3048, 20.0], [0.3048, 20.0], [0.003, 1.0], [0.02, 0.25, 0.1]]
     for law, numbers in zip(found.laws, wanted, strict=True):
         assert list(law) == pytest.approx(numbers)
     winds = ("wind, horizontal", "wind, vertical", "slow wind, horizontal", "slow wind, vertical")

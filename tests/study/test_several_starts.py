@@ -32,13 +32,13 @@ def test_starts_are_kept_compared_and_told(finished, sondes: Path, tmp_path: Pat
     """A run is stopped after the second start: on resuming two are there already, a failed one is counted."""
     honest, begun = several_starts.settle_from, []
 
-    def watched(flights, priors, prior, number, *rest):
+    def watched(flights, priors, prior, number, *rest, **named):
         begun.append((priors[0].name, number))
         if priors[0].name.endswith("[low]") and number == 2:
             if len(begun) == 3:
                 raise KeyboardInterrupt
             return several_starts.Start(2, None, "lost on purpose")
-        return honest(flights, priors, prior, number, *rest)
+        return honest(flights, priors, prior, number, *rest, **named)
 
     monkeypatch.setattr(several_starts, "settle_from", watched)
     with pytest.raises(KeyboardInterrupt):
@@ -60,6 +60,6 @@ def test_starts_are_kept_compared_and_told(finished, sondes: Path, tmp_path: Pat
 
 def test_a_fit_all_of_whose_starts_fail_says_why(sondes: Path, tmp_path: Path, monkeypatch):
     failed = several_starts.Start(0, None, "lost on purpose")
-    monkeypatch.setattr(several_starts, "settle_from", lambda *given: failed)
+    monkeypatch.setattr(several_starts, "settle_from", lambda *given, **named: failed)
     with pytest.raises(work_fit.InputError, match=r"lost on purpose \(none of 3 starts led anywhere\)"):
         run_study(sondes, tmp_path / "run", until="fit")

@@ -125,7 +125,7 @@ def test_if_none_can_be_fitted_the_first_fault_is_raised(job, monkeypatch):
 
 
 def test_a_structure_that_has_settled_is_not_fitted_again(job, monkeypatch):
-    def forbidden(*given):
+    def forbidden(*given, **named):
         raise AssertionError("fitted again")
 
     monkeypatch.setattr(structures, "settle", forbidden)

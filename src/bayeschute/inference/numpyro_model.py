@@ -33,7 +33,7 @@ def _log_likelihood(marginal: Marginal, theta: jax.Array, inverse: jax.Array) ->
     total = -marginal.determinant.at(inverse @ shift)
     for flight, along in zip(marginal.flights, marginal.along, strict=True):
         residual = compared(flight, theta, jax_states(flight, theta, course_at(along, shift)))
-        seen = residual + along.offset + along.offset_slope @ shift
+        seen = residual + along.offset - along.gap + along.offset_slope @ shift
         total = total - 0.5 * jnp.sum(innovations(along.gains, seen) ** 2)
     return total
 
