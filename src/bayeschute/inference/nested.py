@@ -123,7 +123,7 @@ class Drawn(NamedTuple):
     log_proposal: Array
 
 
-def draw(found: Found, xi: Array, log_density: Array, count: int, seed: int) -> Drawn:
+def draw(found: Found, xi: Array, log_density: Array, count: int, seed: int, held: bool = False) -> Drawn:
     """Joint draws of parameters and noise parameters as the fast way makes them.
 
     Args:
@@ -132,9 +132,11 @@ def draw(found: Found, xi: Array, log_density: Array, count: int, seed: int) -> 
         log_density: Their marginal log densities (N,).
         count: Draws to make of them, spread evenly.
         seed: Seed.
+        held: Whether the noise parameters stay at those of greatest evidence.
     """
     pick = np.linspace(0, len(xi) - 1, count).astype(int)
     z = np.random.default_rng([seed, 12]).standard_normal((count, len(found.law_covariance)))
+    z = 0.0 * z if held else z
     moved = z @ np.linalg.cholesky(found.law_covariance).T
     wide = xi[pick] + moved @ found.law_slope.T
     theta = np.asarray(found.marginal.centre) + wide @ np.asarray(found.marginal.scale).T

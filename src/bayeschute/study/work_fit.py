@@ -76,10 +76,10 @@ def fit(job: Job) -> str:
                 draws = _draws(job, i, found, bounds, kind, lambda s, w: say(s, w, 0.8, 0.9))
                 checkpoint.put_draws(job, group.name, kind, draws)
             wall[f"{kind}_s"] = wall.get(f"{kind}_s", 0.0) + time.perf_counter() - clock
-            names = [f.name for f in group.flights]
+            flights = [f.name for f in group.flights]
             wide = widened(draws.xi, found.law_slope, found.law_covariance, study.seed)
             tree = data_tree(
-                found.marginal, group.priors, draws, study.seed, names, lambda s, w: say(s, w, 0.9, 1.0), wide
+                found.marginal, group.priors, draws, study.seed, flights, lambda s, w: say(s, w, 0.9, 1.0), wide
             )
             if kind == kinds[0]:
                 save_fit(job, group, found, draws, wide)
