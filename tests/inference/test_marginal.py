@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from bayeschute.inference import latent
+from bayeschute.inference.drawing import Normals, normals
 from bayeschute.inference.map import fit
 from bayeschute.inference.marginal import (
     Determinant,
-    Normals,
     determinant_around,
     determinant_error,
     determinant_slope,
@@ -21,7 +21,6 @@ from bayeschute.inference.marginal import (
     log_density,
     log_determinant,
     marginalise,
-    normals,
     projected_residuals,
 )
 from bayeschute.inference.target import Hyper, cost, course

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from bayeschute.dynamics.descent import DescentInputs
+from bayeschute.inference.drawing import normals
 from bayeschute.inference.map import fit
 from bayeschute.inference.marginal import (
     Determinant,
@@ -20,7 +21,6 @@ from bayeschute.inference.marginal import (
     gap_slope,
     log_density,
     marginalise,
-    normals,
 )
 from bayeschute.inference.noise import Noise
 from bayeschute.inference.priors import Prior

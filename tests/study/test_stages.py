@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -14,6 +15,7 @@ from bayeschute.errors import InputError
 from bayeschute.flight.record import load_record, repairs
 from bayeschute.forecast.virtual import fly
 from bayeschute.study import setup
+from bayeschute.study.identity import configuration
 from bayeschute.study.load import Study, load_study
 from bayeschute.study.simulate import simulate_study
 from bayeschute.study.stages import STAGES, run_study
@@ -75,6 +77,22 @@ def test_resume_keeps_finished_stages(finished, descents, tmp_path: Path):
     assert run_study(descents.study, folder, resume=True, progress=listen) == finished.summary
     assert _markers(folder) == before
     assert told == [(stage, 1.0, KEPT) for stage in STAGES]
+
+
+def test_resume_writes_the_report_anew_where_replicates_were_stored_since(finished, descents, tmp_path: Path):
+    folder = Path(shutil.copytree(finished.folder, tmp_path / "run"))
+    held = {
+        "hash": configuration(load_study(descents.study)), "disturbance": "none", "replicates": 3, "failed": {},
+        "coverage": {"cds_over_mass[low]": 0.9}, "standard_error": {"cds_over_mass[low]": 0.1},
+        "parameters": {"cds_over_mass[low]": {}}, "bands": {},
+    }  # fmt: skip
+    (folder / "calibration").mkdir()
+    (folder / "calibration/latent.none.json").write_text(json.dumps(held), encoding="utf-8")
+    told, listen = _listen()
+    summary = run_study(descents.study, folder, resume=True, progress=listen)
+    kept = [stage for stage, _, words in told if words == KEPT]
+    assert kept == list(STAGES[:-1])
+    assert "only 3 replicates are stored" in summary["label"] and "only 3" not in finished.summary["label"]
 
 
 def test_resume_goes_on_where_a_stage_is_not_marked(begun: Path, sondes: Path):

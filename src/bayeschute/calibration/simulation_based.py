@@ -21,10 +21,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayeschute.calibration.ranks import EcdfTest, rank, uniform
+from bayeschute.inference.drawing import normals
 from bayeschute.inference.evidence import HyperPrior, from_vector, to_vector
 from bayeschute.inference.finding import Found, find
 from bayeschute.inference.law_slope import widened
-from bayeschute.inference.marginal import draw_unknowns, normals
+from bayeschute.inference.marginal import draw_unknowns
 from bayeschute.inference.noise import colour
 from bayeschute.inference.posterior import sample
 from bayeschute.inference.priors import Prior, working

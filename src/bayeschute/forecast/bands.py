@@ -20,9 +20,10 @@ from numpy.typing import NDArray
 from bayeschute.dynamics import cluster_flight, descent
 from bayeschute.dynamics.cluster_flight import ClusterFlight
 from bayeschute.flight.sensors import ornstein_uhlenbeck
+from bayeschute.inference.drawing import Normals, normals
 from bayeschute.inference.evidence import from_vector, to_vector
 from bayeschute.inference.map import fit
-from bayeschute.inference.marginal import Marginal, Normals, draw_unknowns, marginalise, normals
+from bayeschute.inference.marginal import Marginal, draw_unknowns, marginalise
 from bayeschute.inference.priors import Prior
 from bayeschute.inference.target import Course, FlightData, Hyper, Unknowns, course, states
 

@@ -22,10 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayeschute.air.vector import Component
+from bayeschute.inference.drawing import Normals, about, drawn, normals
 from bayeschute.inference.map import Optimum, conditional
-from bayeschute.inference.noise import colour
 from bayeschute.inference.priors import Prior, working
-from bayeschute.inference.statespace import Gains, innovations, response, smooth
+from bayeschute.inference.statespace import Gains, innovations, response
 from bayeschute.inference.target import (
     Course,
     FlightData,
@@ -63,7 +63,7 @@ class Along(NamedTuple):
     offset: Component
     offset_slope: Component
     gap: Component
-    lost: Component
+    lost: int
     linear: Linear
     gains: Gains
 
@@ -111,7 +111,8 @@ class Marginal:
 
 
 @jax.jit
-def _along(flight: FlightData, hyper: Hyper, linear: Linear) -> Along:
+def _course(flight: FlightData, hyper: Hyper, linear: Linear) -> tuple[Course, Course, jax.Array, jax.Array, Gains]:
+    """All of `Along` that the linearised flight tells: course, slope, offset, its slope, gains."""
     given, made = conditional(flight, hyper, linear), filter_gains(flight, hyper, linear)
     driven, slope = course(flight, hyper, given.optimum), course(flight, hyper, given.slope)
     p = slope.start.shape[1]
@@ -121,14 +122,11 @@ def _along(flight: FlightData, hyper: Hyper, linear: Linear) -> Along:
         jnp.concatenate([driven.error[..., None], -slope.error], axis=2),
         jnp.zeros((p, 1 + p)),
     )
-    none = jnp.zeros(jnp.shape(flight.observed))
-    return Along(
-        driven, jax.tree.map(jnp.negative, slope), both[..., 0], both[..., 1:], none, jnp.zeros(()), linear, made
-    )
+    return driven, jax.tree.map(jnp.negative, slope), both[..., 0], both[..., 1:], made
 
 
-def _with_gap(flight: FlightData, hyper: Hyper, along: Along, theta: Array) -> Along:
-    """Fill the gap in: the mean displacement of simulated outputs over the conditional law of start and disturbances.
+def _gap(flight: FlightData, hyper: Hyper, made: Gains, theta: Array, driven: Course) -> tuple[jax.Array, int]:
+    """Mean displacement of simulated outputs (T, C) over the conditional law of start and disturbances.
 
     Draws come in pairs about the optimum, so that all that is linear cancels exactly. A pair of which a simulation
     fails is left out, and counted.
@@ -137,31 +135,34 @@ def _with_gap(flight: FlightData, hyper: Hyper, along: Along, theta: Array) -> A
         FloatingPointError: If a simulation of every pair fails.
     """
     z = normals(flight, _PAIRS, np.random.default_rng(0))
-    drawn = _drawn(flight, hyper, along.gains, jnp.zeros((*jnp.shape(flight.observed), _PAIRS)), z)
-    off = course(flight, hyper, drawn)
-    both = Course(
-        *(jnp.concatenate([m[..., None] + d, m[..., None] - d], -1) for m, d in zip(along.driven, off, strict=True))
-    )
+    off = course(flight, hyper, drawn(flight, hyper, made, jnp.zeros((*jnp.shape(flight.observed), _PAIRS)), z))
+    pairs = zip(driven, off, strict=True)
+    both = Course(*(jnp.concatenate([m[..., None] + d, m[..., None] - d], axis=-1) for m, d in pairs))
     wide = jnp.repeat(jnp.asarray(theta)[:, None], 2 * _PAIRS, axis=1)
-    middle = residuals(flight, jnp.asarray(theta), along.driven)
+    middle = residuals(flight, jnp.asarray(theta), driven)
     moved = np.asarray(middle[..., None] - residuals(flight, wide, both))
-    pairs = 0.5 * (moved[..., :_PAIRS] + moved[..., _PAIRS:])
-    good = np.isfinite(pairs).all(axis=(0, 1))
+    mean = 0.5 * (moved[..., :_PAIRS] + moved[..., _PAIRS:])
+    good = np.isfinite(mean).all(axis=(0, 1))
     if not good.any():
         raise FloatingPointError("simulations under all drawn disturbances about the optimum fail")
-    return along._replace(gap=jnp.asarray(pairs[..., good].mean(axis=-1)), lost=jnp.asarray(1.0 * (~good).sum()))
+    return jnp.asarray(mean[..., good].mean(axis=-1)), int((~good).sum())
+
+
+def _along(flight: FlightData, hyper: Hyper, theta: Array, unknowns: Unknowns) -> Along:
+    """A flight about the conditional optimum next to these unknowns."""
+    linear = linearise(flight, theta, course(flight, hyper, unknowns))
+    driven, slope, offset, offset_slope, made = _course(flight, hyper, linear)
+    return Along(driven, slope, offset, offset_slope, *_gap(flight, hyper, made, theta, driven), linear, made)
 
 
 def marginalise(flights: Sequence[FlightData], hyper: Hyper, priors: Sequence[Prior], optimum: Optimum) -> Marginal:
     """Set the marginal posterior up at an optimum, its determinant still held constant."""
     centre, scale = working(priors)
-    along = []
-    for flight, unknowns in zip(flights, optimum.unknowns, strict=True):
-        made = _along(flight, hyper, linearise(flight, optimum.theta, course(flight, hyper, unknowns)))
-        along.append(_with_gap(flight, hyper, made, optimum.theta))
+    pairs = zip(flights, optimum.unknowns, strict=True)
+    along = tuple(_along(flight, hyper, optimum.theta, unknowns) for flight, unknowns in pairs)
     flat = Determinant(np.zeros(len(priors)), np.zeros(len(priors)))
     factor = np.linalg.cholesky(optimum.covariance)
-    return Marginal(tuple(flights), hyper, tuple(along), optimum.theta, factor, centre, scale, flat)
+    return Marginal(tuple(flights), hyper, along, optimum.theta, factor, centre, scale, flat)
 
 
 def gap_slope(marginal: Marginal) -> Array:
@@ -293,22 +294,6 @@ def determinant_error(marginal: Marginal, points: int, rng: np.random.Generator)
     return float(np.sqrt(np.mean((_determinants(marginal, xi) - np.asarray(marginal.determinant.at(xi.T))) ** 2)))
 
 
-class Normals(NamedTuple):
-    """Standard normal numbers behind one draw of a flight: start (D, B), shocks (T, L, B), residual noise (T, C, B)."""
-
-    start: Component
-    shocks: Component
-    drift: Component
-    white: Component
-
-
-def normals(flight: FlightData, draws: int, rng: np.random.Generator) -> Normals:
-    """Numbers for `draw_unknowns`."""
-    t, c = np.shape(flight.observed)
-    shapes = ((flight.starts,), (t, flight.latent.size), (t, c), (t, c))
-    return Normals(*(rng.standard_normal((*shape, draws)) for shape in shapes))
-
-
 def draw_unknowns(
     marginal: Marginal, xi: Component, numbers: tuple[Normals, ...], hyper: Hyper | None = None
 ) -> tuple[Unknowns, ...]:
@@ -328,39 +313,12 @@ def draw_unknowns(
         Start (D, B) and shocks (T, L, B) per flight.
     """
     theta, shift = shifted(marginal, xi)
-    law, drawn = hyper or marginal.hyper, []
+    law, found = hyper or marginal.hyper, []
     for flight, along, z in zip(marginal.flights, marginal.along, numbers, strict=True):
         made = along.gains if hyper is None else _gains(flight, hyper, along.linear)
-        unknowns = _drawn(flight, law, made, _series(flight, along, theta, shift), z)
+        unknowns = drawn(flight, law, made, _series(flight, along, theta, shift), z)
         for _ in range(_CORRECTIONS):
             residual = residuals(flight, theta, course(flight, law, unknowns))
-            unknowns = _drawn(flight, law, made, _about(made, residual, unknowns), z)
-        drawn.append(unknowns)
-    return tuple(drawn)
-
-
-@jax.jit
-def _about(made: Gains, residual: jax.Array, unknowns: Unknowns) -> jax.Array:
-    """What the linear model sees of residuals simulated at these unknowns."""
-    return residual + _linear_response(made, unknowns)
-
-
-@jax.jit
-def _drawn(flight: FlightData, hyper: Hyper, made: Gains, series: jax.Array, z: Normals) -> Unknowns:
-    """Smooth the difference between data and a draw of the linear model, and add it to the draw."""
-    seen = _linear_response(made, Unknowns(z.start, z.shocks))
-    seen = seen + colour(hyper.outputs(flight), flight.dt, z.drift, z.white)
-    start, shocks = smooth(made, series - seen)
-    return Unknowns(start + z.start, shocks + z.shocks)
-
-
-def _linear_response(made: Gains, unknowns: Unknowns) -> jax.Array:
-    """Outputs (T, C, B) of the linear model driven by standard unknowns, residual noise left out."""
-
-    def step(state: jax.Array, row: tuple) -> tuple[jax.Array, jax.Array]:
-        f, h, g, z = row
-        return f @ state + g @ z, h @ state
-
-    first = made.start @ unknowns.start + made.first @ unknowns.shocks[0]
-    later = jnp.concatenate([unknowns.shocks[1:], unknowns.shocks[:1]])  # the last is not used
-    return jax.lax.scan(step, first, (made.transition, made.output, made.shock, later))[1]
+            unknowns = drawn(flight, law, made, about(made, residual, unknowns), z)
+        found.append(unknowns)
+    return tuple(found)

@@ -13,11 +13,11 @@ import xarray as xr
 from arviz_base import from_dict
 from numpy.typing import NDArray
 
+from bayeschute.inference.drawing import normals
 from bayeschute.inference.marginal import (
     Marginal,
     draw_unknowns,
     log_density,
-    normals,
     projected_residuals,
     sample_log_likelihoods,
 )
@@ -82,7 +82,7 @@ def sample(
     )
     density = jax.tree_util.Partial(Surrogate.log_density, surrogate)
     made = nuts.corrected(exact, density, parameters, chains, warmup, draws, seed, progress=tell(kind))
-    lost = int(sum(float(along.lost) for along in marginal.along))
+    lost = sum(int(along.lost) for along in marginal.along)
     notes = [f"{failed} simulations failed while the surrogate was built"] if failed else []
     if lost:
         notes.append(f"{lost} pairs of simulations under drawn disturbances failed and are not in the mean flight")

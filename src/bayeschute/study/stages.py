@@ -1,7 +1,8 @@
 """The job: stages in order, each cached by the hash of its inputs and resumable, each leaving files and nothing else.
 
 ``ingest -> structure -> priors -> fit -> check -> predict -> risk -> report``. A stage reads what earlier ones wrote;
-it counts as finished when its marker holds the hash of the study, of the program's version and of the stages before it.
+it counts as finished when its marker holds the hash of the study, of the program's version and of the stages before it;
+the report also when what stored replicates held is still the same.
 Files are written aside and moved into place, so a run killed at any moment leaves whole files only.
 """
 
@@ -18,6 +19,7 @@ from typing import Any
 
 import bayeschute
 from bayeschute.errors import Fault, InputError
+from bayeschute.study.claims import calibration_check
 from bayeschute.study.load import Study, load_study, study_hash
 
 STAGES = ("ingest", "structure", "priors", "fit", "check", "predict", "risk", "report")
@@ -78,7 +80,9 @@ def _stage_hashes(job: Job) -> dict[str, str]:
     for stage in STAGES:
         before = hashlib.sha256(f"{before}:{stage}".encode()).hexdigest()
         hashes[stage] = before
-    return hashes
+    # The report's label is of what replicates held: it is written anew where others were stored since.
+    held = json.dumps(calibration_check(job), sort_keys=True)
+    return hashes | {"report": hashlib.sha256(f"{before}:{held}".encode()).hexdigest()}
 
 
 def run_study(

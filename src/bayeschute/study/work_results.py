@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import arviz_stats
 import jax.numpy as jnp
@@ -31,6 +31,55 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
+class _Fits(NamedTuple):
+    """What the fits of a run say of themselves.
+
+    Attributes:
+        converged: Whether every optimum did.
+        failed: Simulations that failed while sampling.
+        evaluations: Of the exact density.
+        step_errors: See `_step_error`, by flight.
+        shares: See `_innovation_share`, by flight.
+        determinant_errors: Of the log determinant's polynomial, by fit.
+        tails: Pareto k, by fit that has one.
+        told: What the records tell, by fit; empty where not asked for.
+    """
+
+    converged: bool
+    failed: int
+    evaluations: int
+    step_errors: list[float]
+    shares: list[float]
+    determinant_errors: list[float]
+    tails: list[float]
+    told: dict[str, Any]
+
+
+def _of_fits(job: Job, tell: bool) -> _Fits:
+    todo = groups(job)
+    stored, steps, shares, told = [], [], [], {}
+    for i, group in enumerate(todo):
+        one = load_fit(job, group)
+        for flight, unknowns in zip(one.marginal.flights, one.optimum.unknowns, strict=True):
+            driven = course(flight, one.hyper, unknowns)
+            steps.append(_step_error(flight, one, driven))
+            shares.append(_innovation_share(flight, one, driven))
+        if tell:
+            told[group.name] = of_fit(job, group, one)
+        stored.append(one)
+        job.say("check")((i + 1) / len(todo), group.name)
+    return _Fits(
+        all(one.optimum.converged for one in stored),
+        sum(one.failed for one in stored),
+        sum(one.evaluations for one in stored),
+        steps,
+        shares,
+        [one.determinant_error for one in stored],
+        [one.pareto_k for one in stored if one.pareto_k is not None],
+        told,
+    )
+
+
 def check(job: Job, tell: bool = True) -> str:
     """Numbers that say whether the fit may be believed, and what its records tell.
 
@@ -51,42 +100,27 @@ def check(job: Job, tell: bool = True) -> str:
     add("rhat", max(rhat.values()), 1.01, max(rhat.values()) < 1.01, "largest R-hat of any parameter")
     add("ess_bulk", min(bulk.values()), 400.0, min(bulk.values()) > 400.0, "least bulk effective sample size")
     add("ess_tail", min(tail.values()), 400.0, min(tail.values()) > 400.0, "least tail effective sample size")
-    steps, share, wrong, failed, evaluations, converged = [], [], [], 0, 0, True
-    tails: list[float] = []
-    told: dict[str, Any] = {}
-    for i, group in enumerate(groups(job)):
-        stored = load_fit(job, group)
-        converged &= stored.optimum.converged
-        failed, evaluations = failed + stored.failed, evaluations + stored.evaluations
-        wrong.append(stored.determinant_error)
-        tails += [] if stored.pareto_k is None else [stored.pareto_k]
-        for flight, unknowns in zip(stored.marginal.flights, stored.optimum.unknowns, strict=True):
-            driven = course(flight, stored.hyper, unknowns)
-            steps.append(_step_error(flight, stored, driven))
-            share.append(_innovation_share(flight, stored, driven))
-        if tell:
-            told[group.name] = of_fit(job, group, stored)
-        job.say("check")((i + 1) / len(groups(job)), group.name)
-    add("optimum", float(not converged), 0.0, converged, "fits whose optimum did not converge")
+    fits = _of_fits(job, tell)
+    add("optimum", float(not fits.converged), 0.0, fits.converged, "fits whose optimum did not converge")
     if starts := job.load("fit/facts.json").get("starts"):
         checks["optima"] = several_starts.check(starts)
     if stacked := structures.told(job):
         checks["structures"] = structures.check(stacked)
     add(
         "failed_solves",
-        failed / max(evaluations, 1),
+        fits.failed / max(fits.evaluations, 1),
         0.01,
-        failed <= 0.01 * evaluations,
-        f"{failed} of {evaluations} simulations failed while sampling",
+        fits.failed <= 0.01 * fits.evaluations,
+        f"{fits.failed} of {fits.evaluations} simulations failed while sampling",
     )
     add(
         "step_error",
-        max(steps),
+        max(fits.step_errors),
         0.2,
-        max(steps) < 0.2,
+        max(fits.step_errors) < 0.2,
         "integration error over the white noise of the channel, largest",
     )
-    worst = max(share, key=lambda s: abs(s - 0.9))
+    worst = max(fits.shares, key=lambda s: abs(s - 0.9))
     add(
         "innovations",
         worst,
@@ -96,19 +130,19 @@ def check(job: Job, tell: bool = True) -> str:
     )
     add(
         "log_determinant",
-        max(wrong),
+        max(fits.determinant_errors),
         0.2,
-        max(wrong) < 0.2,
+        max(fits.determinant_errors) < 0.2,
         "root mean square error of the log determinant's polynomial over the posterior",
     )
-    if tails:
+    if fits.tails:
         detail = (
             "Pareto k of the importance ratios exact/surrogate at the surrogate's proposals: below 0.7 the surrogate "
             "reaches all that the exact posterior holds, and its correction can be trusted"
         )
-        add("pareto_k", max(tails), MOST_K, max(tails) < MOST_K, detail)
+        add("pareto_k", max(fits.tails), MOST_K, max(fits.tails) < MOST_K, detail)
     if tell:
-        job.save("identifiability.json", told)
+        job.save("identifiability.json", fits.told)
     job.save("checks.json", {"checks": checks, "rhat": rhat, "ess_bulk": bulk, "ess_tail": tail})
     missed = [name for name, c in checks.items() if not c["passed"]]
     return "all passed" if not missed else "missed: " + ", ".join(missed)
