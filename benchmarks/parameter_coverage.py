@@ -59,7 +59,6 @@ def known_noise(drop: Any) -> Any:
             np.array([gusts.vertical, gusts.time_constant]),
             np.array([0.005, 20.0]),  # nor a slow error of the wind
             np.array([0.005, 20.0]),
-            np.array([0.002, 1.0]),  # the drop has no other fluctuation of force; zero is outside of the model
             np.array([breathing.amplitude, breathing.frequency, breathing.damping_ratio]),
         ),
     )

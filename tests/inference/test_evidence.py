@@ -7,6 +7,7 @@ from dataclasses import replace
 import jax
 import numpy as np
 import pytest
+from scipy.special import digamma
 
 from bayeschute.inference import evidence
 from bayeschute.inference.evidence import HyperPrior
@@ -170,3 +171,26 @@ def test_a_gap_shifts_what_the_linear_model_sees(linear):
     wanted = evidence._function([moved], other, linear.priors, prior)(at)
     assert ours[0] == pytest.approx(wanted[0], rel=1e-12)
     np.testing.assert_allclose(ours[1], wanted[1], rtol=1e-9)
+
+
+def test_the_mean_of_skewed_noise_parameters(monkeypatch, linear):
+    """Logarithms of two standard deviations that some numbers tell: known in closed form, in turned axes."""
+    n, turn = np.array([6.0, 40.0]), np.array([[0.8, -0.6], [0.6, 0.8]])
+    at, prior = np.array([0.3, -1.0]), HyperPrior(linear.hyper)
+
+    def objective(x):
+        """About the mode `at`: n eta + n/2 exp(-2 eta) along every axis."""
+        eta = turn.T @ (x - at)
+        return float(n @ eta + 0.5 * n @ np.exp(-2.0 * eta)), turn @ (n - n * np.exp(-2.0 * eta))
+
+    monkeypatch.setattr(evidence, "_function", lambda *_: objective)
+    monkeypatch.setattr(evidence, "to_vector", lambda hyper: hyper)
+    covariance = turn @ np.diag(1.0 / (2.0 * n)) @ turn.T
+    moved = turn.T @ evidence.mean_less_mode([], [], [], at, prior, covariance)
+    np.testing.assert_allclose(moved, 0.5 * (np.log(n / 2.0) - digamma(n / 2.0)), rtol=0.15)
+    # A Gaussian has none; axes that are known well are left alone; and nothing moves by more than its width.
+    monkeypatch.setattr(evidence, "_function", lambda *_: lambda x: (0.0, np.linalg.solve(covariance, x - at)))
+    np.testing.assert_allclose(evidence.mean_less_mode([], [], [], at, prior, covariance), 0.0, atol=1e-12)
+    monkeypatch.setattr(evidence, "_function", lambda *_: lambda x: (0.0, turn @ (turn.T @ (x - at)) ** 2 * 1e3))
+    moved = turn.T @ evidence.mean_less_mode([], [], [], at, prior, turn @ np.diag([0.04, 0.0025]) @ turn.T)
+    np.testing.assert_allclose(moved, [-0.2, 0.0], atol=1e-12)

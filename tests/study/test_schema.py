@@ -56,7 +56,7 @@ CLUSTER = [
     (r'^frequency = "0.25 Hz"', 'frequency = "0 Hz"', "[noise.breathing] frequency", "'0 Hz'", "> 0 Hz"),
     (r"^damping_ratio = 0.1$", "damping_ratio = 1.5", "[noise.breathing] damping_ratio", "1.5", "<= 0.9"),
     (r"^damping_ratio = 0.1$", "", "[noise.breathing] damping_ratio", "nothing", "required"),
-    (r"^\[noise.canopy_force\].*\nsd = 0.003", "[noise.canopy_force]\nsd = 0", "[noise.canopy_force] sd", "0", "> 0"),
+    (r"^(?=\[noise.breathing\])", '[noise.canopy_force]\nsd = 0\ntime_constant = "1 s"\n', "[noise.canopy_force] sd", "0", "> 0"),
     (r'^(?=capsule_attitude = \{ white = "0.1 deg", correlated = "0.2 deg", time_constant = "2 s")', 'tension = { white = "1 N", kind = "white" }\n', '[noise] tension', "unknown key 'tension'", 'riser_tension'),  # fmt: skip
     (r'^(?=capsule_attitude = \{ white = "0.1 deg", correlated = "0.2 deg", time_constant = "2 s")', 'riser_tension = { white = "1 m", kind = "white" }\n', '[noise.riser_tension] white', "'1 m'", 'N'),  # fmt: skip
     (r'^(?=capsule_attitude = \{ white = "0.1 deg", correlated = "0.2 deg", time_constant = "2 s")', 'swing_angle = { white = "1 m", kind = "white" }\n', '[noise.swing_angle] white', "'1 m'", 'rad'),  # fmt: skip

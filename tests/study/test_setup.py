@@ -13,7 +13,7 @@ import xarray as xr
 
 from bayeschute.inference.latent import KINDS, Latent
 from bayeschute.study import setup
-from bayeschute.study.belief_schema import WindNoise
+from bayeschute.study.belief_schema import ForceNoise, WindNoise
 from bayeschute.study.load import Study, load_study
 
 ROOT = Path(__file__).parents[2]
@@ -21,7 +21,10 @@ ROOT = Path(__file__).parents[2]
 
 @pytest.fixture(scope="module")
 def study() -> Study:
-    return load_study(ROOT / "models/studies/cdt-3-11.toml")
+    """The default study, with all that a noise table may hold."""
+    plain = load_study(ROOT / "models/studies/cdt-3-11.toml")
+    force = ForceNoise(sd=0.003, time_constant="1 s")
+    return replace(plain, noise=plain.noise.model_copy(update={"canopy_force": force}))
 
 
 def test_places_turn_from_the_structural_frame_into_the_body_s(study: Study):

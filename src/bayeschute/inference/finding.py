@@ -11,6 +11,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from bayeschute.air.vector import Component
 from bayeschute.inference import evidence
 from bayeschute.inference import map as optimum
 from bayeschute.inference.evidence import HyperPrior
@@ -35,7 +36,7 @@ HORIZONS = (
     1.0,
 )  # shares fitted in turn: an unstable pendulum far from its optimum is lost late in the record
 _MODE_STEPS, _NEAR = 8, 0.2  # most steps to the marginal mode; length of the last, in standard deviations
-_TURNS = 3  # most times that noise parameters and mode are sought in turn
+_TURNS, _REST = 3, 0.4  # most turns of noise parameters and mode; a step of the mode after which there is no other
 _LEAST_GAIN = 0.05  # share of the record by which the fitted part must at least be lengthened
 
 
@@ -45,9 +46,9 @@ class Found:
 
     Attributes:
         optimum: Mode of the marginal posterior, with start and shocks there.
-        hyper: Noise parameters of greatest evidence.
+        hyper: Noise parameters: the means of their logarithms.
         marginal: The marginal posterior about the optimum.
-        evidence: Minus the log evidence up to a constant.
+        evidence: Minus the log evidence of the most probable noise parameters, up to a constant.
         law_covariance: Of the logarithms of the noise parameters (V, V).
         law_slope: Derivatives of the parameters' standard coordinates by those logarithms (P, V).
         determinant_error: Root mean square error of the log determinant's polynomial over the posterior.
@@ -174,7 +175,11 @@ def settle(
 
 
 def marginal_mode(
-    flights: Sequence[FlightData], priors: Sequence[Prior], settled: Settled, progress: Progress | None = None
+    flights: Sequence[FlightData],
+    priors: Sequence[Prior],
+    settled: Settled,
+    progress: Progress | None = None,
+    most: int = _MODE_STEPS,
 ) -> Optimum:
     """From the joint optimum to where cost, log determinant and what the gap adds are least together.
 
@@ -185,16 +190,17 @@ def marginal_mode(
     Args:
         flights: Records.
         priors: Priors of the parameters.
-        settled: The joint optimum.
+        settled: Where to begin, and the noise parameters.
         progress: Called with a share done and words.
+        most: Most steps.
 
     Returns:
         The mode, start and shocks at their best for it; `converged` is false where steps did not become short.
     """
     say = progress or (lambda share, words: None)
     best, length, last = settled.optimum, np.inf, None
-    for turn in range(_MODE_STEPS):
-        say(turn / _MODE_STEPS, "log determinant")
+    for turn in range(most):
+        say(turn / most, "log determinant")
         factor = np.linalg.cholesky(best.covariance)
         made = marginalise(flights, settled.hyper, priors, best)
         tilt: Array = scipy.linalg.solve_triangular(factor.T, determinant_slope(made)) + gap_slope(made)
@@ -223,7 +229,8 @@ def conclude(
 
     The joint optimum over parameters and disturbances is not where the marginal posterior of the parameters is
     greatest: see `marginal_mode`. Nor are the noise parameters of greatest evidence the same at both places: they are
-    sought again at the mode, and the mode with them, until the mode rests.
+    sought again at the mode, and the mode with them, until the mode rests. Then they are put at the mean of their
+    posterior (`evidence.mean_less_mode`), and the mode follows.
 
     Args:
         flights: Records.
@@ -234,24 +241,36 @@ def conclude(
     """
     say = progress or (lambda share, words: None)
     best = marginal_mode(flights, priors, settled, lambda share, words: say(0.3 * share, words))
+    hyper, value = settled.hyper, settled.evidence
     for turn in range(_TURNS):
-        say(0.3 + 0.3 * turn / _TURNS, f"noise parameters at the mode {turn + 1}")
-        made = marginalise(flights, settled.hyper, priors, best)
-        linear, gaps = [a.linear for a in made.along], [a.gap for a in made.along]
-        hyper, value = evidence.maximise(flights, linear, priors, settled.hyper, prior, 12, gaps)
-        settled = Settled(replace(best, converged=settled.optimum.converged), hyper, value)
-        before, best = best, marginal_mode(flights, priors, settled)
-        if _length(best.theta - before.theta, before.covariance) < _NEAR:
+        say(0.3 + 0.2 * turn / _TURNS, f"noise parameters at the mode {turn + 1}")
+        made = marginalise(flights, hyper, priors, best)
+        hyper, value = evidence.maximise(flights, _linear(made), priors, hyper, prior, 12, _gaps(made))
+        before, best = best, marginal_mode(flights, priors, Settled(best, hyper, value), most=1)
+        if _length(best.theta - before.theta, before.covariance) < _REST:
             break
     made = marginalise(flights, hyper, priors, best)
-    say(0.6, "log determinant at the mode")
+    say(0.5, "uncertainty of the noise parameters")
+    slope = law_slope(made)
+    known = evidence.law_covariance(flights, _linear(made), priors, hyper, prior, slope, _gaps(made))
+    moved = evidence.mean_less_mode(flights, _linear(made), priors, hyper, prior, known, _gaps(made))
+    hyper = jax.tree.map(np.asarray, evidence.from_vector(evidence.to_vector(hyper) + moved, hyper))
+    say(0.8, "log determinant at the mode")
+    began = Settled(replace(best, converged=settled.optimum.converged), hyper, value)
+    best, scale = marginal_mode(flights, priors, began), np.asarray(made.scale)
+    made = marginalise(flights, hyper, priors, best)
     made = replace(made, determinant=determinant_around(made))
     wrong = determinant_error(made, 4, np.random.default_rng(0))
-    say(0.8, "uncertainty of the noise parameters")
-    slope = law_slope(made)
-    linear, gaps = [a.linear for a in made.along], [a.gap for a in made.along]
-    known = evidence.law_covariance(flights, linear, priors, hyper, prior, slope, gaps)
+    slope = scipy.linalg.solve_triangular(np.asarray(made.scale), scale @ slope, lower=True)
     return Found(best, hyper, made, value, known, slope, wrong)
+
+
+def _linear(made: Marginal) -> list[Linear]:
+    return [along.linear for along in made.along]
+
+
+def _gaps(made: Marginal) -> list[Component]:
+    return [along.gap for along in made.along]
 
 
 def _length(step: Array, covariance: Array) -> float:
