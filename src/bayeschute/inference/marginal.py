@@ -22,7 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayeschute.air.vector import Component
-from bayeschute.inference.drawing import Normals, about, drawn, normals
+from bayeschute.inference import gap
+from bayeschute.inference.drawing import Normals, about, drawn
 from bayeschute.inference.map import Optimum, conditional
 from bayeschute.inference.priors import Prior, working
 from bayeschute.inference.statespace import Gains, innovations, response
@@ -32,7 +33,6 @@ from bayeschute.inference.target import (
     Hyper,
     Linear,
     Unknowns,
-    as_series,
     course,
     filter_gains,
     linearise,
@@ -41,7 +41,6 @@ from bayeschute.inference.target import (
 
 Array = NDArray[np.float64]
 _CORRECTIONS = 1
-_PAIRS = 32  # of simulations behind the gap
 
 
 class Along(NamedTuple):
@@ -125,34 +124,11 @@ def _course(flight: FlightData, hyper: Hyper, linear: Linear) -> tuple[Course, C
     return driven, jax.tree.map(jnp.negative, slope), both[..., 0], both[..., 1:], made
 
 
-def _gap(flight: FlightData, hyper: Hyper, made: Gains, theta: Array, driven: Course) -> tuple[jax.Array, int]:
-    """Mean displacement of simulated outputs (T, C) over the conditional law of start and disturbances.
-
-    Draws come in pairs about the optimum, so that all that is linear cancels exactly. A pair of which a simulation
-    fails is left out, and counted.
-
-    Raises:
-        FloatingPointError: If a simulation of every pair fails.
-    """
-    z = normals(flight, _PAIRS, np.random.default_rng(0))
-    off = course(flight, hyper, drawn(flight, hyper, made, jnp.zeros((*jnp.shape(flight.observed), _PAIRS)), z))
-    pairs = zip(driven, off, strict=True)
-    both = Course(*(jnp.concatenate([m[..., None] + d, m[..., None] - d], axis=-1) for m, d in pairs))
-    wide = jnp.repeat(jnp.asarray(theta)[:, None], 2 * _PAIRS, axis=1)
-    middle = residuals(flight, jnp.asarray(theta), driven)
-    moved = np.asarray(middle[..., None] - residuals(flight, wide, both))
-    mean = 0.5 * (moved[..., :_PAIRS] + moved[..., _PAIRS:])
-    good = np.isfinite(mean).all(axis=(0, 1))
-    if not good.any():
-        raise FloatingPointError("simulations under all drawn disturbances about the optimum fail")
-    return jnp.asarray(mean[..., good].mean(axis=-1)), int((~good).sum())
-
-
 def _along(flight: FlightData, hyper: Hyper, theta: Array, unknowns: Unknowns) -> Along:
     """A flight about the conditional optimum next to these unknowns."""
     linear = linearise(flight, theta, course(flight, hyper, unknowns))
     driven, slope, offset, offset_slope, made = _course(flight, hyper, linear)
-    return Along(driven, slope, offset, offset_slope, *_gap(flight, hyper, made, theta, driven), linear, made)
+    return Along(driven, slope, offset, offset_slope, *gap.mean(flight, hyper, made, theta, driven), linear, made)
 
 
 def marginalise(flights: Sequence[FlightData], hyper: Hyper, priors: Sequence[Prior], optimum: Optimum) -> Marginal:
@@ -169,16 +145,8 @@ def gap_slope(marginal: Marginal) -> Array:
     """What the gap adds to the slope of minus the log density at theta_0, by theta (P,)."""
     total: Array = np.zeros(np.size(marginal.centre))
     for along in marginal.along:
-        total = total + np.asarray(_gap_slope(along))
+        total = total + np.asarray(gap.slope(along.linear, along.gains, along.gap))
     return total
-
-
-@jax.jit
-def _gap_slope(along: Along) -> jax.Array:
-    by_theta = as_series(along.linear)[..., 1:]
-    unit = innovations(along.gains, jnp.concatenate([along.gap[..., None], by_theta], axis=2))
-    unit = unit.reshape(-1, unit.shape[2])
-    return unit[:, 1:].T @ unit[:, 0]
 
 
 @jax.jit

@@ -1,0 +1,49 @@
+"""Mean flight less flight of the mean: none of a linear flight, and what it adds to the slope by the parameters."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bayeschute.inference import gap
+from bayeschute.inference.statespace import innovations
+from bayeschute.inference.target import as_series, course, filter_gains, linearise
+
+
+@pytest.fixture(scope="module")
+def along(linear):
+    """A linear flight linearised, and its filter."""
+    made = linearise(linear.flight, linear.theta, course(linear.flight, linear.hyper, linear.u))
+    return made, filter_gains(linear.flight, linear.hyper, made)
+
+
+def test_a_linear_flight_has_none(linear, along):
+    lin, made = along
+    found, lost = gap.mean(linear.flight, linear.hyper, made, linear.theta, lin.driven)
+    assert lost == 0 and found.shape == np.shape(linear.flight.observed)
+    np.testing.assert_allclose(found, 0.0, atol=1e-9)
+
+
+def test_flights_that_all_fail_are_refused(linear, along):
+    lin, made = along
+    spoiled = replace(linear.flight, observed=np.full(np.shape(linear.flight.observed), np.nan))
+    with pytest.raises(FloatingPointError, match="all drawn disturbances"):
+        gap.mean(spoiled, linear.hyper, made, linear.theta, lin.driven)
+
+
+def test_the_slope_is_that_of_half_the_squared_innovations(linear, along):
+    lin, made = along
+    shift = np.random.default_rng(3).standard_normal(np.shape(linear.flight.observed))
+    shift = np.where(linear.flight.present, shift, 0.0)
+    series = np.asarray(as_series(lin))
+
+    def cost(theta, by):
+        seen = series[..., 0] - series[..., 1:] @ theta - by
+        return 0.5 * float(np.sum(np.square(innovations(made, seen[..., None]))))
+
+    told = gap.slope(lin, made, shift)
+    for i, axis in enumerate(np.eye(linear.theta.size)):
+        by_gap = [cost(s * axis, shift) - cost(s * axis, 0.0 * shift) for s in (1e-3, -1e-3)]
+        assert float(told[i]) == pytest.approx((by_gap[0] - by_gap[1]) / 2e-3, rel=1e-5, abs=1e-7)
