@@ -6,11 +6,13 @@ from dataclasses import replace
 
 import jax
 import numpy as np
+import pytest
 from scipy.optimize import brentq
 
 from bayeschute.inference import finding
 from bayeschute.inference.evidence import HyperPrior
 from bayeschute.inference.marginal import determinant_around, log_density
+from bayeschute.inference.score import to_vector
 
 
 def test_found(found, descent):
@@ -58,3 +60,21 @@ def test_the_mode_is_found_far_from_the_joint_optimum(descent, monkeypatch):
     away = float(np.linalg.solve(factor, best.theta - start)[0])
     balance = brentq(lambda x: x + 6.0 * np.exp(x * np.log(2.0) / 2.0), -6.0, 0.0)
     assert best.converged and abs(away - balance) < 0.2 < abs(-6.0 - balance)
+
+
+@pytest.mark.parametrize(("far", "held"), [(0.1, False), (50.0, True)])
+def test_noise_parameters_go_to_their_mean_unless_that_is_too_far(found, descent, monkeypatch, far, held):
+    """A displacement by which the parameter would move `far` standard deviations."""
+    moved = far * found.law_slope[0] / float(found.law_slope[0] @ found.law_slope[0])
+    told, mode = {}, finding.evidence.maximise
+
+    def remembered(*given, **named):
+        told["mode"] = mode(*given, **named)
+        return told["mode"]
+
+    monkeypatch.setattr(finding.evidence, "maximise", remembered)
+    monkeypatch.setattr(finding.evidence, "mean_less_mode", lambda *_: moved)
+    settled = finding.settle(descent.flights, descent.priors, HyperPrior(descent.hyper, 0.4))
+    made = finding.conclude(descent.flights, descent.priors, HyperPrior(descent.hyper, 0.4), settled)
+    went = to_vector(made.hyper) - to_vector(told["mode"][0])
+    np.testing.assert_allclose(went, 0.0 if held else moved, atol=1e-9)

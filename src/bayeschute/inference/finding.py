@@ -37,6 +37,7 @@ HORIZONS = (
 )  # shares fitted in turn: an unstable pendulum far from its optimum is lost late in the record
 _MODE_STEPS, _NEAR = 8, 0.2  # most steps to the marginal mode; length of the last, in standard deviations
 _TURNS, _REST = 3, 0.4  # most turns of noise parameters and mode; a step of the mode after which there is no other
+_FAR = 1.0  # standard deviations by which noise parameters at their mean may move a parameter
 _LEAST_GAIN = 0.05  # share of the record by which the fitted part must at least be lengthened
 
 
@@ -230,7 +231,8 @@ def conclude(
     The joint optimum over parameters and disturbances is not where the marginal posterior of the parameters is
     greatest: see `marginal_mode`. Nor are the noise parameters of greatest evidence the same at both places: they are
     sought again at the mode, and the mode with them, until the mode rests. Then they are put at the mean of their
-    posterior (`evidence.mean_less_mode`), and the mode follows.
+    posterior (`evidence.mean_less_mode`), and the mode follows; not so where that would move a parameter by more than
+    its standard deviation, farther than an expansion about the mode is good for.
 
     Args:
         flights: Records.
@@ -254,10 +256,12 @@ def conclude(
     slope = law_slope(made)
     known = evidence.law_covariance(flights, _linear(made), priors, hyper, prior, slope, _gaps(made))
     moved = evidence.mean_less_mode(flights, _linear(made), priors, hyper, prior, known, _gaps(made))
-    hyper = jax.tree.map(np.asarray, evidence.from_vector(evidence.to_vector(hyper) + moved, hyper))
+    scale = np.asarray(made.scale)
+    if np.max(np.abs(scale @ slope @ moved) / np.linalg.norm(scale, axis=1)) <= _FAR:
+        hyper = jax.tree.map(np.asarray, evidence.from_vector(evidence.to_vector(hyper) + moved, hyper))
     say(0.8, "log determinant at the mode")
     began = Settled(replace(best, converged=settled.optimum.converged), hyper, value)
-    best, scale = marginal_mode(flights, priors, began), np.asarray(made.scale)
+    best = marginal_mode(flights, priors, began)
     made = marginalise(flights, hyper, priors, best)
     made = replace(made, determinant=determinant_around(made))
     wrong = determinant_error(made, 4, np.random.default_rng(0))
