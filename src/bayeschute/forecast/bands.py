@@ -113,7 +113,7 @@ def law_draws(hyper: Hyper, covariance: Array, draws: int, rng: np.random.Genera
     """Noise parameters drawn about their optimum.
 
     Args:
-        hyper: Noise parameters of greatest evidence.
+        hyper: Noise parameters of the fit.
         covariance: Of their logarithms (V, V).
         draws: How many.
         rng: Source of randomness.

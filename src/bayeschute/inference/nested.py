@@ -132,7 +132,7 @@ def draw(found: Found, xi: Array, log_density: Array, count: int, seed: int, hel
         log_density: Their marginal log densities (N,).
         count: Draws to make of them, spread evenly.
         seed: Seed.
-        held: Whether the noise parameters stay at those of greatest evidence.
+        held: Whether the noise parameters stay at the fit's.
     """
     pick = np.linspace(0, len(xi) - 1, count).astype(int)
     z = np.random.default_rng([seed, 12]).standard_normal((count, len(found.law_covariance)))
