@@ -194,3 +194,16 @@ def test_the_mean_of_skewed_noise_parameters(monkeypatch, linear):
     monkeypatch.setattr(evidence, "_function", lambda *_: lambda x: (0.0, turn @ (turn.T @ (x - at)) ** 2 * 1e3))
     moved = turn.T @ evidence.mean_less_mode([], [], [], at, prior, turn @ np.diag([0.04, 0.0025]) @ turn.T)
     np.testing.assert_allclose(moved, [-0.2, 0.0], atol=1e-12)
+
+
+def test_axes_at_whose_ends_the_evidence_is_not_finite_are_left_out(monkeypatch, linear):
+    at, prior = np.zeros(2), HyperPrior(linear.hyper)
+
+    def objective(x):
+        """Skewed along both axes; not finite to one side of the second."""
+        return (1e300, np.zeros(2)) if x[1] < -0.1 else (0.0, x + 0.5 * x**2)
+
+    monkeypatch.setattr(evidence, "_function", lambda *_: objective)
+    monkeypatch.setattr(evidence, "to_vector", lambda hyper: hyper)
+    moved = evidence.mean_less_mode([], [], [], at, prior, np.diag([0.09, 0.16]))
+    np.testing.assert_allclose(moved, [-0.5 * 0.09 * 0.09, 0.0], atol=1e-12)

@@ -110,7 +110,7 @@ def opened(flight: FlightData, hyper: Hyper, posterior: Sequence[Prior]) -> Marg
 
 
 def law_draws(hyper: Hyper, covariance: Array, draws: int, rng: np.random.Generator) -> list[Hyper]:
-    """Noise parameters drawn about their optimum.
+    """Noise parameters drawn about those of the fit.
 
     Args:
         hyper: Noise parameters of the fit.

@@ -149,8 +149,9 @@ def mean_less_mode(
 
     A record of some correlation times says better how small a variance or a time constant is not than how large it is
     not, so their posterior leans, and parameters that follow them lean with it if they are held at their mode. With
-    third derivatives T and covariance S, the mean is off by ``-1/2 S (T : S)`` (Tierney and Kadane 1986); ``T : S`` is
-    the sum of second differences of the gradient, one standard deviation to either side along the axes of S.
+    third derivatives T and covariance S, the mean is off by ``-1/2 S (T : S)`` (Lindley 1980); ``T : S`` is the sum of
+    second differences of the gradient, one standard deviation to either side along the axes of S. An axis at whose ends
+    the evidence is not finite is left out.
 
     Args:
         flights: Records.
@@ -169,7 +170,9 @@ def mean_less_mode(
     sd = np.sqrt(values)
     axes = (vectors * sd).T[sd > _TOLD]
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        middle, *ends = pool.map(lambda x: objective(x)[1], [at, *(at + axes), *(at - axes)])
-    bent = np.sum(ends, axis=0) - 2.0 * len(axes) * middle
+        (_, middle), *ends = pool.map(objective, [at, *(at + axes), *(at - axes)])
+    both = zip(ends[: len(axes)], ends[len(axes) :], strict=True)
+    pairs = [(up[1], down[1]) for up, down in both if max(up[0], down[0]) < 1e299]
+    bent = np.sum([up for up, _ in pairs] + [down for _, down in pairs], axis=0) - 2.0 * len(pairs) * middle
     moved = -0.5 * sd * (vectors.T @ bent)  # in standard deviations along every axis
     return np.asarray(vectors @ (sd * np.clip(moved, -1.0, 1.0)))

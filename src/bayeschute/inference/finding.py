@@ -47,7 +47,7 @@ class Found:
 
     Attributes:
         optimum: Mode of the marginal posterior, with start and shocks there.
-        hyper: Noise parameters: the means of their logarithms.
+        hyper: Noise parameters: the means of their logarithms, or the most probable ones (see `conclude`).
         marginal: The marginal posterior about the optimum.
         evidence: Minus the log evidence of the most probable noise parameters, up to a constant.
         law_covariance: Of the logarithms of the noise parameters (V, V).

@@ -170,8 +170,8 @@ def true_values(job: Job) -> dict[str, float]:
 def _notes(job: Job) -> list[str]:
     """What a reader of the numbers must know."""
     notes = [
-        "Parameters are drawn with noise parameters held at the mean of theirs; what these leave uncertain then widens "
-        "the draws, to first order.",
+        "Parameters are drawn with noise parameters held at the mean of theirs, or at the most probable ones where the "
+        "mean is too far from these; what they leave uncertain then widens the draws, to first order.",
         "Initial states and latent disturbances are integrated out as Gaussian given the parameters; the log "
         "determinant of that step is a polynomial of the parameters (its error is among the checks).",
     ]
