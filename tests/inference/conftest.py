@@ -33,6 +33,7 @@ def _twin(name: str) -> ModuleType:
 
 
 _dense = _twin("dense_noise")
+_quadrature = _twin("quadrature")
 
 
 @jax.tree_util.register_dataclass
@@ -61,6 +62,30 @@ class LinearFlight:
         return jnp.stack([x[0] + 0.5 * x[1] + 0.2 * numbers[1] * now, x[1]])
 
 
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class BentFlight:
+    """A `FlightModel` whose disturbance enters with its square as well: its mean is not the flight of the mean."""
+
+    drive: Any
+
+    def inputs(self):
+        return self.drive
+
+    def numbers(self, theta):
+        return theta
+
+    def initial(self, numbers, start):
+        return start
+
+    def advance(self, x, numbers, now, then, error_now, error_then):
+        e = 0.5 * (error_now + error_then)
+        return 0.8 * x + 0.3 * numbers + e + 0.2 * e**2
+
+    def observe(self, x, numbers, now):
+        return x
+
+
 def simulate(flight, hyper, theta, seed, gaps=0.1):
     """The flight with data drawn from its own law, and the unknowns that made them."""
     rng = np.random.default_rng(seed)
@@ -85,6 +110,12 @@ def dense():
 
 
 @pytest.fixture(scope="session")
+def quadrature():
+    """Integrals over start and shocks by brute force."""
+    return _quadrature
+
+
+@pytest.fixture(scope="session")
 def descent():
     """A descent of 50 s at 2 Hz under wind error and noise, twice, with its truth."""
     air = DensityProfile(0.0, 500.0, np.log(1.225) - 500.0 * np.arange(8) / 9000.0)
@@ -98,6 +129,34 @@ def descent():
     return SimpleNamespace(
         flights=[f for f, _ in made], u=[u for _, u in made], hyper=hyper, theta=theta, priors=priors, simulate=simulate
     )
+
+
+@pytest.fixture(scope="session")
+def short(descent):
+    """Five samples of a descent in strong gusts, seen sharply: its determinant depends on the drag."""
+    flight, rng = descent.flights[0], np.random.default_rng(0)
+    model = replace(flight.model, record=DescentInputs(np.zeros(5)))
+    hyper = Hyper(Noise(*(np.array([x]) for x in (0.05, 0.05, 2.0))), (np.array([1.0, 3.0]),))
+    empty = replace(flight, model=model, observed=np.zeros((5, 1)), present=np.ones((5, 1), bool))
+    u = Unknowns(rng.standard_normal(1), rng.standard_normal((5, 1)))
+    from_truth = -np.asarray(residuals(empty, descent.theta, course(empty, hyper, u)))
+    observed = from_truth + 0.05 * rng.standard_normal((5, 1))
+    return replace(empty, observed=observed), hyper, [replace(descent.priors[0], centre=np.log(0.2))]
+
+
+@pytest.fixture(scope="session")
+def bent(descent):
+    """Five samples of a bent flight in gusts of which the data tell little."""
+    rng, priors = np.random.default_rng(3), [Prior("drive", 1.0, 2.0, False, "1", "test")]
+    hyper = Hyper(Noise(*(np.array([x]) for x in (0.3, 0.3, 2.0))), (np.array([0.8, 3.0]),))
+    model, present = BentFlight(np.zeros(5)), np.ones((5, 1), bool)
+    flight = replace(
+        descent.flights[0], model=model, observed=np.zeros((5, 1)), present=present, start_scale=np.array([0.2])
+    )
+    u = Unknowns(rng.standard_normal(1), rng.standard_normal((5, 1)))
+    seen = -np.asarray(residuals(flight, np.array([1.0]), course(flight, hyper, u)))
+    flight = replace(flight, observed=seen + 0.3 * rng.standard_normal((5, 1)))
+    return flight, hyper, priors
 
 
 @pytest.fixture(scope="session")

@@ -47,3 +47,27 @@ def test_the_slope_is_that_of_half_the_squared_innovations(linear, along):
     for i, axis in enumerate(np.eye(linear.theta.size)):
         by_gap = [cost(s * axis, shift) - cost(s * axis, 0.0 * shift) for s in (1e-3, -1e-3)]
         assert float(told[i]) == pytest.approx((by_gap[0] - by_gap[1]) / 2e-3, rel=1e-5, abs=1e-7)
+
+
+def test_where_no_pair_flies_narrower_ones_tell_the_same(bent, monkeypatch):
+    """Of a flight bent by a square the second order is all there is, so a quarter of the width tells it exactly."""
+    flight, hyper, _ = bent
+    theta, real = np.array([1.0]), gap.residuals
+    lin = linearise(flight, theta, course(flight, hyper, flight.still()))
+    made = filter_gains(flight, hyper, lin)
+    wanted, lost = gap.mean(flight, hyper, made, theta, lin.driven)
+    assert lost == 0 and np.abs(wanted).max() > 0.01
+    widths = []
+
+    def narrow(flight, theta, driven):
+        made = np.array(real(flight, theta, driven))
+        if made.ndim == 3:
+            widths.append(float(np.abs(driven.error).max()))
+            if len(widths) < 3:
+                made[3:] = np.nan
+        return made
+
+    monkeypatch.setattr(gap, "residuals", narrow)
+    found, lost = gap.mean(flight, hyper, made, theta, lin.driven)
+    assert len(widths) == 3 and widths[2] == pytest.approx(0.25 * widths[0]) and lost == 32
+    np.testing.assert_allclose(found, wanted, rtol=1e-9, atol=1e-12)

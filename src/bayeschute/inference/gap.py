@@ -18,6 +18,7 @@ from bayeschute.inference.statespace import Gains, innovations
 from bayeschute.inference.target import Course, FlightData, Hyper, Linear, as_series, course, residuals
 
 _PAIRS = 32  # of simulations
+_SHARES = (1.0, 0.5, 0.25, 0.125)  # of the conditional law's width at which pairs are tried
 
 
 def mean(
@@ -26,7 +27,8 @@ def mean(
     """Mean displacement of simulated outputs over the conditional law of start and disturbances.
 
     Draws come in pairs about the optimum, so that all that is linear cancels exactly. A pair of which a simulation
-    fails is left out, and counted.
+    fails is left out, and counted. Where none flies, as about an optimum at the edge of what does, pairs are drawn
+    together; what is left of them is of second order, so it is divided by the square of how much they were.
 
     Args:
         flight: The record.
@@ -36,23 +38,25 @@ def mean(
         driven: The conditional optimum.
 
     Returns:
-        The gap (T, C), and how many pairs failed.
+        The gap (T, C), and how many pairs failed at their full width.
 
     Raises:
-        FloatingPointError: If a simulation of every pair fails.
+        FloatingPointError: If a simulation of every pair fails at every width.
     """
     z = normals(flight, _PAIRS, np.random.default_rng(0))
     off = course(flight, hyper, drawn(flight, hyper, made, jnp.zeros((*jnp.shape(flight.observed), _PAIRS)), z))
-    pairs = zip(driven, off, strict=True)
-    both = Course(*(jnp.concatenate([m[..., None] + d, m[..., None] - d], axis=-1) for m, d in pairs))
     wide = jnp.repeat(jnp.asarray(theta)[:, None], 2 * _PAIRS, axis=1)
-    middle = residuals(flight, jnp.asarray(theta), driven)
-    moved = np.asarray(middle[..., None] - residuals(flight, wide, both))
-    by_pair = 0.5 * (moved[..., :_PAIRS] + moved[..., _PAIRS:])
-    good = np.isfinite(by_pair).all(axis=(0, 1))
-    if not good.any():
-        raise FloatingPointError("simulations under all drawn disturbances about the optimum fail")
-    return jnp.asarray(by_pair[..., good].mean(axis=-1)), int((~good).sum())
+    middle, lost = residuals(flight, jnp.asarray(theta), driven), 0
+    for share in _SHARES:
+        pairs = [(m[..., None], share * d) for m, d in zip(driven, off, strict=True)]
+        both = Course(*(jnp.concatenate([m + d, m - d], axis=-1) for m, d in pairs))
+        moved = np.asarray(middle[..., None] - residuals(flight, wide, both))
+        by_pair = 0.5 * (moved[..., :_PAIRS] + moved[..., _PAIRS:])
+        good = np.isfinite(by_pair).all(axis=(0, 1))
+        lost = lost or int((~good).sum())
+        if good.any():
+            return jnp.asarray(by_pair[..., good].mean(axis=-1) / share**2), lost
+    raise FloatingPointError("simulations under all drawn disturbances about the optimum fail")
 
 
 @jax.jit

@@ -1,0 +1,177 @@
+"""Reference posteriors: exact importance sampling of everything unknown, and the default inference beside it.
+
+``--make`` draws parameters and noise parameters about what the default inference found, weighs every draw by an
+unbiased estimate of its exact joint density (`bayeschute.inference.importance`), and keeps moments and quantiles under
+models/reference/posteriors. Nothing that makes the default inference fast is in those weights: no marginal mode, no
+parabola of the determinant, no surrogate, no noise parameters held, no linear shift for their uncertainty. Without
+``--make`` the default inference is run and compared with what is kept.
+
+    python benchmarks/reference_posteriors.py dumbbell cluster-ar1 cluster-latent [--make] [--draws 3000] [--json]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+import bayeschute
+from bayeschute.inference import importance
+from bayeschute.inference.evidence import HyperPrior
+from bayeschute.inference.finding import Found, find
+from bayeschute.inference.importance import Weighed
+from bayeschute.inference.law_slope import widened
+from bayeschute.inference.posterior import sample
+from bayeschute.inference.priors import Prior
+from bayeschute.inference.target import FlightData
+
+sys.path.insert(0, str(Path(__file__).parent))
+STORED = Path(__file__).parents[1] / "models" / "reference" / "posteriors"
+SEED = 11
+PILOT = 5  # the main run is this many times the pilot, from whose moments it draws
+LIMITS = {"mean": 0.1, "sd": 0.05, "q05": 0.15, "q95": 0.15}  # in reference sds; of the sd, its ratio less one
+
+
+@dataclass(frozen=True)
+class Case:
+    """A flight and what is believed before."""
+
+    flight: FlightData
+    priors: tuple[Prior, ...]
+    noise: HyperPrior
+
+
+def dumbbell() -> Case:
+    """The dumbbell of Table 7.1-2 on its virtual CDT 3-11 with latent wind, priors centred 10-50 % off."""
+    import dumbbell_recovery as swing
+
+    from bayeschute.forecast.virtual_swing import fly_swing
+    from bayeschute.inference.dumbbell_data import WIND, dumbbell_data
+
+    record, _ = fly_swing(swing.FIRST, swing.BASE, swing.AERO, SEED)
+    priors = tuple(swing.priors_off(SEED))
+    return Case(dumbbell_data(record, swing.BASE, swing.AERO, priors, WIND), priors, HyperPrior(swing.COLORED))
+
+
+def cluster(noise: str) -> Case:
+    """The default study's first flight with the terms that it flies."""
+    import parameter_coverage as study_of
+
+    from bayeschute.forecast.virtual import fly
+    from bayeschute.inference.records import cluster_data
+    from bayeschute.study import setup
+    from bayeschute.study.identity import with_noise
+    from bayeschute.study.load import load_study
+
+    study = with_noise(load_study(study_of.STUDY), noise)
+    model, structure = setup.cluster(study.vehicle)
+    record, _ = fly(setup.drop(study.flights[0].virtual), model, structure, SEED)
+    priors = tuple(study_of.priors_about(study, structure, model))
+    blank = replace(model, axial=(0.0,) * len(structure.axial), transverse=(0.0,) * len(structure.transverse))
+    latent = setup.latent(study, structure.canopies)
+    flight = cluster_data(record, blank, structure, priors, tuple(study.noise.channels()), latent)
+    return Case(flight, priors, HyperPrior(setup.hyper(study)))
+
+
+CASES: dict[str, Callable[[], Case]] = {
+    "dumbbell": dumbbell,
+    "cluster-ar1": lambda: cluster("ar1"),
+    "cluster-latent": lambda: cluster("latent"),
+}
+
+
+def ours(case: Case) -> tuple[Found, np.ndarray]:
+    """The default inference: what was found, and draws of the parameters, working coordinates (S, P)."""
+    found = find([case.flight], case.priors, case.noise)
+    xi = sample(found.marginal, "nuts", 4, 300, 1000, SEED).xi
+    wide = widened(xi, found.law_slope, found.law_covariance, SEED).reshape(-1, len(case.priors))
+    return found, np.asarray(found.marginal.centre) + wide @ np.asarray(found.marginal.scale).T
+
+
+def told(draws: np.ndarray, weight: np.ndarray | None = None) -> dict[str, float]:
+    """What is compared, of the draws (S,) of one parameter."""
+    w = np.full(len(draws), 1.0 / len(draws)) if weight is None else weight
+    mean, order = float(w @ draws), np.argsort(draws)
+    low, high = np.interp([0.05, 0.95], np.cumsum(w[order]) - 0.5 * w[order], draws[order])
+    return {"mean": mean, "sd": float(np.sqrt(w @ (draws - mean) ** 2)), "q05": float(low), "q95": float(high)}
+
+
+def make(name: str, case: Case, found: Found, draws: int) -> dict[str, Any]:
+    """A pilot about what was found, then the run, drawn about the pilot's weighed mean and covariance."""
+    began = perf_counter()
+
+    def weigh(proposal: importance.Proposal, count: int, seed: int) -> Weighed:
+        def tell(share: float, words: str) -> None:
+            print(f"\r{name}: {words}, {(perf_counter() - began) / 60.0:.1f} min   ", end="", flush=True)
+
+        made = importance.weigh(found, case.priors, case.noise, proposal, count, seed, progress=tell)
+        print(f"\n  {made.effective:.0f} effective draws, Pareto k {made.pareto_k:.2f}")
+        return made
+
+    proposal = importance.laplace(found)
+    pilot = weigh(proposal, draws // PILOT, SEED)
+    if pilot.effective > 3 * len(proposal.middle):
+        proposal = importance.improved(found, pilot)
+    main = weigh(proposal, draws, SEED + 1)
+    return {
+        "case": name, "seed": SEED, "draws": draws, "effective_draws": main.effective, "pareto_k": main.pareto_k,
+        "scatter": float(np.nanmedian(main.scatter)), "last_move": float(np.nanmax(main.moved)),
+        "failed": main.failed, "folded": main.folded, "minutes": (perf_counter() - began) / 60.0,
+        "parameters": {p.name: told(main.theta[:, i], main.weight) for i, p in enumerate(case.priors)},
+        "log_noise_parameters": [told(column, main.weight) for column in main.law.T],
+        "version": bayeschute.__version__,
+    }  # fmt: skip
+
+
+def compared(reference: dict[str, Any], theta: np.ndarray, priors: tuple[Prior, ...]) -> dict[str, dict[str, float]]:
+    """By parameter, how far draws (S, P) are from the reference, in its sds; of the sd, its ratio less one."""
+    rows = {}
+    for i, prior in enumerate(priors):
+        there, here = reference["parameters"][prior.name], told(theta[:, i])
+        off = {key: (here[key] - there[key]) / there["sd"] for key in ("mean", "q05", "q95")}
+        rows[prior.name] = off | {"sd": here["sd"] / there["sd"] - 1.0}
+    return rows
+
+
+def main() -> None:
+    """Make references, or compare with them, and with ``--json`` print one object as the last line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("cases", nargs="*", default=list(CASES), metavar="CASE", help=", ".join(CASES))
+    parser.add_argument("--make", action="store_true", help="draw and weigh, and keep the result")
+    parser.add_argument("--draws", type=int, default=3000, help="weighed draws of --make (3000)")
+    parser.add_argument("--json", action="store_true")
+    given = parser.parse_args()
+    if unknown := sorted({*given.cases} - {*CASES}):
+        parser.error(f"no case {', '.join(unknown)}: {', '.join(CASES)}")
+    ratios: dict[str, float] = {}
+    for name in given.cases:
+        case, path = CASES[name](), STORED / f"{name}.json"
+        if not (given.make or path.exists()):
+            parser.error(f"{path} is not there: --make makes it")
+        found, theta = ours(case)
+        if given.make:
+            STORED.mkdir(parents=True, exist_ok=True)
+            path.write_text(json.dumps(make(name, case, found, given.draws), indent=1) + "\n", encoding="utf-8")
+        reference = json.loads(path.read_text(encoding="utf-8"))
+        rows = compared(reference, theta, case.priors)
+        print(f"{name}: {reference['effective_draws']:.0f} effective draws, differences in sds of the reference")
+        print(f"  {'':28}    mean      5 %     95 %   sd ratio")
+        for parameter, row in rows.items():
+            print(f"  {parameter:28} {row['mean']:+8.3f} {row['q05']:+8.3f} {row['q95']:+8.3f} {1.0 + row['sd']:10.3f}")
+        kept = {key: sum(abs(row[key]) <= limit for row in rows.values()) for key, limit in LIMITS.items()}
+        print("  within " + ", ".join(f"{LIMITS[key]} in {key}: {n} of {len(rows)}" for key, n in kept.items()))
+        for key in LIMITS:
+            ratios[f"{name}_worst_{key}"] = max(abs(row[key]) for row in rows.values())
+    if given.json:
+        print(json.dumps({"ratios": ratios, "context": {"limits": LIMITS}}))
+
+
+if __name__ == "__main__":
+    main()

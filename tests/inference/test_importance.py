@@ -1,0 +1,119 @@
+"""Weights of the exact joint posterior: closed forms, dense twins, brute force, and what failures do to them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bayeschute.inference import importance
+from bayeschute.inference.drawing import linear_response, normals
+from bayeschute.inference.evidence import HyperPrior
+from bayeschute.inference.finding import find
+from bayeschute.inference.importance import cross_determinant, estimates, improved, laplace, weigh
+from bayeschute.inference.noise import log_determinant
+from bayeschute.inference.target import Course, Unknowns, course, filter_gains, linearise
+
+
+def _jacobian(flight, made):
+    """Outputs by start and shocks as one dense matrix (T C, D + T L)."""
+    starts, latents, samples = flight.starts, flight.latent.size, flight.samples
+    size = starts + samples * latents
+    one = np.eye(size)
+    many = Unknowns(one[:starts], one[starts:].reshape(samples, latents, size))
+    return np.asarray(linear_response(made, many)).reshape(-1, size)
+
+
+@pytest.fixture(scope="module")
+def two_courses(short):
+    """A bent flight linearised at two courses that differ."""
+    flight, hyper, priors = short
+    theta, rng = np.array([np.log(0.2)]), np.random.default_rng(4)
+    still = course(flight, hyper, flight.still())
+    moved = Course(np.asarray(still.start) + 1.0, np.asarray(still.error) + rng.standard_normal(still.error.shape))
+    return flight, hyper, [linearise(flight, theta, at) for at in (moved, still)]
+
+
+@pytest.mark.parametrize("missing", [False, True])
+def test_cross_determinant_is_that_of_the_dense_matrix(two_courses, dense, missing):
+    flight, hyper, linear = two_courses
+    if missing:
+        flight = replace(flight, present=np.asarray(flight.present) & (np.arange(5) != 2)[:, None])
+    models = [importance._model(flight, hyper, lin) for lin in linear]
+    j, j_0 = (_jacobian(flight, filter_gains(flight, hyper, lin)) for lin in linear)
+    noise = hyper.outputs(flight)
+    here = np.asarray(flight.present)
+    r = dense.noise_covariance(
+        flight.dt * np.arange(5), here, *(np.asarray(a) for a in (noise.white, noise.correlated, noise.time_constant))
+    )
+    seen = here.ravel()
+    wanted = np.linalg.slogdet(r + (j @ j_0.T)[np.ix_(seen, seen)])
+    assert np.abs(j - j_0).max() > 0.01  # two models, not one
+    sign, value = cross_determinant(flight, hyper, *models)
+    assert (float(sign), float(value)) == pytest.approx((wanted[0], wanted[1]), rel=1e-9)
+
+
+def test_of_a_linear_flight_every_draw_tells_the_likelihood(linear):
+    near = course(linear.flight, linear.hyper, linear.flight.still())
+    made = estimates(
+        linear.flight, linear.hyper, linear.theta, near, normals(linear.flight, 3, np.random.default_rng(0))
+    )
+    exact = linear.matrices.given_theta(linear.flight, linear.hyper, linear.theta)
+    np.testing.assert_allclose(made.log_likelihood, exact, rtol=1e-9)
+    assert not made.folded.any() and made.moved.max() < 1e-9
+
+
+def test_estimates_of_a_bent_flight_are_unbiased(short, quadrature):
+    """Their mean is the integral over start and shocks by brute force, at three values of the parameter."""
+    flight, hyper, _ = short
+    none = -float(log_determinant(hyper.outputs(flight), flight.dt, np.asarray(flight.present)))
+    none -= 0.5 * (flight.starts + flight.samples) * np.log(2.0 * np.pi)
+    for theta in np.log([0.15, 0.2, 0.27]):
+        near = course(flight, hyper, flight.still())
+        made = estimates(flight, hyper, np.array([theta]), near, normals(flight, 64, np.random.default_rng(1)))
+        wanted = quadrature.integrated(flight, hyper, np.array([theta]), nodes=7)[0] + none
+        ratio = np.exp(made.log_likelihood - wanted)
+        assert ratio.mean() == pytest.approx(1.0, abs=4.0 * ratio.std() / 8.0 + 1e-4)
+        assert ratio.std() > 1e-3  # it does bend
+
+
+def test_weighed_draws_have_the_posterior_of_brute_force(short, quadrature):
+    """One parameter, noise parameters all but held: moments over a grid of integrals."""
+    flight, hyper, priors = short
+    noise = HyperPrior(hyper, 1e-3)
+    found = find([flight], priors, noise)
+    first = weigh(found, priors, noise, laplace(found), 60, 1)
+    made = weigh(found, priors, noise, improved(found, first), 200, 2)
+    centre, sd = float(found.marginal.centre[0]), float(found.marginal.scale[0, 0])
+    grid = centre + sd * np.linspace(-5.0, 5.0, 41)
+    logs = np.array([quadrature.integrated(flight, hyper, np.array([t]))[0] for t in grid])
+    logs -= 0.5 * ((grid - priors[0].centre) / priors[0].scale) ** 2
+    share = np.exp(logs - logs.max()) / np.exp(logs - logs.max()).sum()
+    mean = share @ grid
+    spread = np.sqrt(share @ (grid - mean) ** 2)
+    got = made.weight @ made.theta[:, 0]
+    assert made.effective > 100 and made.pareto_k < 0.7 and made.failed == 0
+    assert (got - mean) / spread == pytest.approx(0.0, abs=4.0 / np.sqrt(made.effective))
+    width = np.sqrt(made.weight @ (made.theta[:, 0] - got) ** 2)
+    assert width / spread == pytest.approx(1.0, abs=4.0 / np.sqrt(2.0 * made.effective))
+
+
+def test_the_same_seed_weighs_the_same_whatever_thread_is_first(found, descent):
+    noise = HyperPrior(descent.hyper, 0.4)
+    one, other = (weigh(found, descent.priors, noise, laplace(found), 4, 5) for _ in range(2))
+    np.testing.assert_array_equal(one.log_weight, other.log_weight)
+
+
+def test_what_does_not_fly_weighs_nothing_and_is_counted(found, descent, monkeypatch):
+    real = importance.residuals
+
+    def lost(flight, theta, driven):
+        made = np.array(real(flight, theta, driven))
+        made[..., -1] = np.nan
+        return made
+
+    monkeypatch.setattr(importance, "residuals", lost)
+    made = weigh(found, descent.priors, HyperPrior(descent.hyper, 0.4), laplace(found), 3, 5)
+    assert made.failed == 3 * len(found.marginal.flights)
+    assert np.isfinite(made.log_weight).all()
