@@ -48,6 +48,12 @@ def test_one_configuration_in_full():
     assert "3.0 **narrow**" in text and "+0.10, 1.10" in text and "0-30 s: 87" in text
 
 
+def test_corrections_are_told_where_replicates_tell_them():
+    text = "\n".join(whole(result() | {"pareto_k": {"replicates": 20, "below": 19}}))
+    assert "Pareto k of the sampler's correction was below 0.7 in 19 of 20." in text
+    assert "Pareto k" not in "\n".join(whole(result()))
+
+
 def test_modes_are_told_where_a_result_has_them():
     mode = {"share": 0.87, "standard_error": 0.03, "replicates": 40, "role": "predict", "mean_z": 0.2, "rms_z": 1.05,
             "coverage": dict.fromkeys(map(str, LEVELS), 0.87), "pit": 0.46}  # fmt: skip

@@ -52,6 +52,12 @@ def test_failures_and_missed_checks_are_told():
     assert MADE["wall_s"] == pytest.approx(1.75)
 
 
+def test_corrections_that_can_be_trusted_are_counted():
+    tails = ({"pareto_k": 0.2}, {"pareto_k": 0.8}, {"pareto_k": None}, {})
+    made = summarise([ROWS[0] | one for one in tails])
+    assert made["pareto_k"] == {"replicates": 3, "below": 1} and MADE["pareto_k"]["replicates"] == 0
+
+
 def test_promises_are_aerodynamic_parameters_and_unseen_bands():
     assert promised(MADE) == ["axial[1]", "new/swing_angle"]
 

@@ -88,6 +88,9 @@ def whole(result: Result) -> list[str]:
     made += [
         f"{result['replicates']} replicates, {failed} ({seeds}); checks of single runs that were missed: {missed}."
     ]
+    tails = result.get("pareto_k", {})
+    if tails.get("below"):
+        made += [f"Pareto k of the sampler's correction was below 0.7 in {tails['below']} of {tails['replicates']}."]
     made += [""]
     rows = []
     for name, entry in result["parameters"].items():

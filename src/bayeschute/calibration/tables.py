@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from bayeschute.calibration.scores import LEVELS, standard_error
+from bayeschute.samplers.doubt import MOST_K
 
 Row = dict[str, Any]
 KEPT = ("kept", "a little wide")  # verdicts that break no promise
@@ -123,12 +124,14 @@ def summarise(rows: Sequence[Row]) -> dict[str, Any]:
     Returns:
         ``replicates`` that are ok, ``failed`` with the reasons, ``nominal``, ``coverage`` and ``standard_error`` by
         name, the full tables of ``parameters`` and ``bands``, that of ``modes`` (no promise
-        rests on it), how often each of a run's own checks was missed, and the mean ``wall_s``.
+        rests on it), how often each of a run's own checks was missed, in how many replicates Pareto k of the sampler's
+        correction was ``below`` 0.7 of those that told it, and the mean ``wall_s``.
     """
     good = [row for row in rows if row["ok"]]
     parameters, bands = coverage_of_parameters(good), coverage_of_bands(good)
     every = parameters | bands
     missed = [name for row in good for name in row["missed_checks"]]
+    tails = [row["pareto_k"] for row in good if "pareto_k" in row]  # None where emcee drew, or nothing was corrected
     return {
         "replicates": len(good),
         "failed": {str(row["seed"]): row["error"] for row in rows if not row["ok"]},
@@ -139,6 +142,7 @@ def summarise(rows: Sequence[Row]) -> dict[str, Any]:
         "bands": bands,
         "modes": coverage_of_modes(good),
         "missed_checks": {name: missed.count(name) for name in sorted(set(missed))},
+        "pareto_k": {"replicates": len(tails), "below": sum(k is not None and k < MOST_K for k in tails)},
         "wall_s": float(np.mean([row["wall_s"] for row in rows])) if rows else None,
     }
 

@@ -84,6 +84,7 @@ def _scored(study: Study, disturbance: str, quick: bool) -> Row:
             "bands": bands,
             "modes": modes,
             "missed_checks": [name for name, check in checks.items() if not check["passed"]],
+            "pareto_k": checks["pareto_k"]["value"] if "pareto_k" in checks else None,
             "simulations_failed": int(checks["failed_solves"]["value"] > checks["failed_solves"]["bound"]),
         }
 
