@@ -35,7 +35,7 @@ from bayeschute.inference.target import FlightData
 sys.path.insert(0, str(Path(__file__).parent))
 STORED = Path(__file__).parents[1] / "models" / "reference" / "posteriors"
 SEED = 11
-PILOT = 5  # the main run is this many times the pilot, from whose moments it draws
+PILOTS, PILOT = 1, 5  # how many pilots; the run is this many times as long as one of them
 LIMITS = {"mean": 0.1, "sd": 0.05, "q05": 0.15, "q95": 0.15}  # in reference sds; of the sd, its ratio less one
 
 
@@ -49,15 +49,11 @@ class Case:
 
 
 def dumbbell() -> Case:
-    """The dumbbell of Table 7.1-2 on its virtual CDT 3-11 with latent wind, priors centred 10-50 % off."""
-    import dumbbell_recovery as swing
+    """The dumbbell of Table 7.1-2 on its virtual CDT 3-11 with latent wind, with the priors of its rank test."""
+    import ranks
 
-    from bayeschute.forecast.virtual_swing import fly_swing
-    from bayeschute.inference.dumbbell_data import WIND, dumbbell_data
-
-    record, _ = fly_swing(swing.FIRST, swing.BASE, swing.AERO, SEED)
-    priors = tuple(swing.priors_off(SEED))
-    return Case(dumbbell_data(record, swing.BASE, swing.AERO, priors, WIND), priors, HyperPrior(swing.COLORED))
+    made = ranks.dumbbell()
+    return Case(made.flight, made.priors, made.noise)
 
 
 def cluster(noise: str) -> Case:
@@ -104,7 +100,7 @@ def told(draws: np.ndarray, weight: np.ndarray | None = None) -> dict[str, float
 
 
 def make(name: str, case: Case, found: Found, draws: int) -> dict[str, Any]:
-    """A pilot about what was found, then the run, drawn about the pilot's weighed mean and covariance."""
+    """Pilots, the first about what was found, each other drawn about the weighed moments of the last; then the run."""
     began = perf_counter()
 
     def weigh(proposal: importance.Proposal, count: int, seed: int) -> Weighed:
@@ -116,10 +112,9 @@ def make(name: str, case: Case, found: Found, draws: int) -> dict[str, Any]:
         return made
 
     proposal = importance.laplace(found)
-    pilot = weigh(proposal, draws // PILOT, SEED)
-    if pilot.effective > 3 * len(proposal.middle):
-        proposal = importance.improved(found, pilot)
-    main = weigh(proposal, draws, SEED + 1)
+    for pilot in range(PILOTS):
+        proposal = importance.improved(found, weigh(proposal, draws // PILOT, SEED + pilot))
+    main = weigh(proposal, draws, SEED + PILOTS)
     return {
         "case": name, "seed": SEED, "draws": draws, "effective_draws": main.effective, "pareto_k": main.pareto_k,
         "scatter": float(np.nanmedian(main.scatter)), "last_move": float(np.nanmax(main.moved)),

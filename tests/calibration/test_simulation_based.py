@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import jax
 import numpy as np
@@ -83,6 +84,12 @@ def test_a_row_ranks_parameters_and_derived_quantities(row):
     assert set(row["ranks"]) == {*NAMES, *derived}
     assert all(0 <= r <= 19 for r in row["ranks"].values())
     assert row["ok"] and row["redrawn"] >= 0
+
+
+def test_a_fit_that_has_not_converged_is_a_failure_before_it_is_drawn_from(template, monkeypatch):
+    monkeypatch.setattr(sbc, "find", lambda *_: SimpleNamespace(optimum=SimpleNamespace(converged=False)))
+    with pytest.raises(FloatingPointError, match="did not converge"):
+        sbc.ranked(3, template)
 
 
 def test_spoiled_draws_shift_ranks(template, row):

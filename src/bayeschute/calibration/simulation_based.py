@@ -204,10 +204,15 @@ def ranked(
     Returns:
         A row for a campaign: ranks by name, those among spoiled draws (parameters only), and how many truths were
         drawn anew.
+
+    Raises:
+        FloatingPointError: If simulations fail, or the fit says that it has not converged.
     """
     made = draw(template, seed, believed)
     flights = [made.flight] if believed is None else [template.flight, made.flight]
     found = find(flights, template.priors, template.noise)
+    if not found.optimum.converged:
+        raise FloatingPointError("the fit did not converge, and says so")
     held = sample(found.marginal, "nuts", chains, 200, draws, seed).xi.reshape(-1, len(template.priors))
     centre, scale = np.asarray(found.marginal.centre), np.asarray(found.marginal.scale)
     wide = widened(held, found.law_slope, found.law_covariance, seed)
@@ -221,8 +226,7 @@ def ranked(
     truth = template.quantities(made.flight, np.asarray(states(made.flight, made.theta, made.driven))[..., None])
     for name, values in derived(template, found, few, seed).items():
         ranks[name] = rank(np.where(np.isfinite(values), values, np.inf), float(truth[name][0]), levels)
-    converged = bool(found.optimum.converged)
-    return {"ok": True, "ranks": ranks, "spoiled": spoiled, "redrawn": made.redrawn, "converged": converged}
+    return {"ok": True, "ranks": ranks, "spoiled": spoiled, "redrawn": made.redrawn}
 
 
 def tested(

@@ -43,6 +43,7 @@ from bayeschute.inference.target import (
     FlightData,
     Hyper,
     Linear,
+    Unknowns,
     as_series,
     course,
     filter_gains,
@@ -55,7 +56,9 @@ Array = NDArray[np.float64]
 Progress = Callable[[float, str], None]
 _FREEDOM = 10.0  # degrees of freedom of the proposal
 _SPREAD = 1.1  # its scale over that of the posterior found
-_MOVES = 6  # of draws onto their perturbed data
+_MOMENTS = 4  # effective draws per unknown from which a proposal is made
+_FLATTER = 0.8
+_MOVES, _REST = 8, 1e-4  # most moves of draws onto their perturbed data; root mean square of the last
 _GROUP = 50  # draws between two reports of progress
 
 
@@ -119,8 +122,16 @@ def laplace(found: Found) -> Proposal:
 
 
 def improved(found: Found, weighed: Weighed) -> Proposal:
-    """The proposal with mean and covariance of weighed draws; these must be several times more than its size."""
-    scale, w = np.asarray(found.marginal.scale), weighed.weight
+    """The proposal with mean and covariance of weighed draws.
+
+    Where few draws have all the weight, weights are flattened by a power until enough have some: repeated, proposals
+    find their way to the posterior.
+    """
+    scale, logs = np.asarray(found.marginal.scale), weighed.log_weight
+    least, w = _MOMENTS * len(to_vector(found.hyper)) + _MOMENTS * len(scale), weighed.weight
+    while 1.0 / np.sum(w**2) < least:
+        logs = _FLATTER * logs
+        w = np.exp(logs - logsumexp(logs))
     xi = np.linalg.solve(scale, (weighed.theta - np.asarray(found.marginal.centre)).T).T
     points = np.concatenate([xi, weighed.law], axis=1)
     middle = w @ points
@@ -191,13 +202,20 @@ def _filter(flight: FlightData, hyper: Hyper, linear: Linear) -> tuple[Gains, ja
 _squares = jax.jit(lambda made, series: jnp.sum(innovations(made, series) ** 2, axis=(0, 1)))
 
 
+def _apart(one: Unknowns, other: Unknowns) -> Array:
+    """Root mean square distance of standard unknowns (M,)."""
+    both = zip(one, other, strict=True)
+    away = np.concatenate([(np.asarray(a) - np.asarray(b)).reshape(-1, np.shape(a)[-1]) for a, b in both])
+    return np.asarray(np.sqrt(np.mean(away**2, axis=0)))
+
+
 class Estimates(NamedTuple):
     """What M draws of start and shocks say of a flight's likelihood.
 
     Attributes:
         log_likelihood: Log of unbiased estimates of p(y | theta, eta); minus infinity where the simulation failed
             (M,).
-        moved: Root mean square of the last move of the shocks: near 0 where draws rest (M,).
+        moved: Root mean square of the last move of start and shocks: near 0 where draws rest (M,).
         folded: Whether the determinant is negative there: the map from perturbations to draws is not one to one (M,).
     """
 
@@ -224,11 +242,13 @@ def estimates(flight: FlightData, hyper: Hyper, theta: Array, near: Course, numb
     for _ in range(_MOVES):
         seen = about(made, residuals(flight, wide, course(flight, hyper, unknowns)), unknowns)
         before, unknowns = unknowns, drawn(flight, hyper, made, seen, numbers)
+        moved = _apart(unknowns, before)
+        if np.max(moved, where=np.isfinite(moved), initial=0.0) < _REST:
+            break
     driven = course(flight, hyper, unknowns)
     seen = about(made, residuals(flight, wide, driven), unknowns)
     constant = float(made.log_determinant) - 0.5 * np.log(2.0 * np.pi) * np.sum(flight.present)
     value = constant - 0.5 * np.asarray(_squares(made, seen))
-    moved = np.sqrt(np.mean((np.asarray(unknowns.shocks) - np.asarray(before.shocks)) ** 2, axis=(0, 1)))
     folded, there = np.zeros(many, bool), _model(flight, hyper, best)
     for i in np.flatnonzero(np.isfinite(value)):
         linear = linearise(flight, theta, Course(driven.start[:, i], driven.error[..., i]))
