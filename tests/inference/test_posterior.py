@@ -12,7 +12,9 @@ import xarray as xr
 from bayeschute.inference import posterior
 from bayeschute.inference.law_slope import widened
 from bayeschute.inference.marginal import log_density, projected_residuals, sample_log_likelihoods
+from bayeschute.samplers import population
 from bayeschute.samplers.doubt import doubt
+from bayeschute.samplers.population import Proposal
 
 CHAINS, DRAWS, NAMES = 2, 120, ("first", "second")
 GROUPS = {
@@ -64,20 +66,42 @@ def test_good_draws_come_without_a_word(draws):
     assert doubt(draws) == ""
 
 
-def test_a_broken_surrogate_gives_way_to_emcee(found, draws, monkeypatch):
-    """Its density three times too narrow: NUTS on it sticks, emcee on the exact density doesn't."""
-    build, heard = posterior.build, []
+@pytest.fixture
+def broken(monkeypatch):
+    """A surrogate whose density is three times too narrow: NUTS on it sticks."""
+    build = posterior.build
 
-    def broken(*given):
+    def narrow(*given):
         made, failed = build(*given)
         return replace(made, factor=3.0 * made.factor), failed
 
-    monkeypatch.setattr(posterior, "build", broken)
-    other = posterior.sample(found.marginal, "nuts", 1, 200, 400, 2, lambda share, words: heard.append(words))
-    assert len(other.notes) == 1 and "emcee drew instead" in other.notes[0] and "Pareto k" in other.notes[0]
+    monkeypatch.setattr(posterior, "build", narrow)
+
+
+def test_a_broken_surrogate_gives_way_to_independent_proposals(found, draws, broken):
+    heard = []
+    other = posterior.sample(found.marginal, "nuts", 2, 200, 300, 2, lambda share, words: heard.append(words))
+    assert len(other.notes) == 1 and "independence sampler drew instead" in other.notes[0]
+    assert "Pareto k" in other.notes[0]
     assert "log_ratio" not in other.stats  # they are not the surrogate's draws
-    assert any(w.startswith("nuts") for w in heard) and heard[-1].startswith("emcee")
-    monkeypatch.undo()
+    assert any(w.startswith("nuts") for w in heard) and heard[-1].startswith("independence sampler")
+    np.testing.assert_allclose(np.quantile(other.xi, [0.1, 0.5, 0.9]), np.quantile(draws.xi, [0.1, 0.5, 0.9]), atol=0.4)
+
+
+@pytest.mark.parametrize("lost", [False, True])
+def test_broken_proposals_give_way_to_emcee(found, draws, broken, monkeypatch, lost):
+    """Proposals a hundred times too narrow, or none at all: emcee on the exact density is the last that is asked."""
+    proposal = Proposal(np.zeros(1), np.full((1, 1), 0.01))
+
+    def learned(*_):
+        if lost:
+            raise FloatingPointError("nothing flies")
+        return proposal, np.zeros((8, 1))
+
+    monkeypatch.setattr(population, "learned", learned)
+    other = posterior.sample(found.marginal, "nuts", 1, 200, 400, 2)
+    assert len(other.notes) == 1 and "emcee drew instead" in other.notes[0]
+    assert ("nothing flies" in other.notes[0]) == lost
     asked = posterior.sample(found.marginal, "emcee", 1, 0, 400, seed=2)
     np.testing.assert_array_equal(other.xi, asked.xi)
     assert other.evaluations > asked.evaluations

@@ -25,7 +25,7 @@ from bayeschute.inference.noise import colour
 from bayeschute.inference.priors import Prior, values, working
 from bayeschute.inference.surrogate import Surrogate, build
 from bayeschute.inference.target import FlightData, Hyper, Unknowns, course, residuals
-from bayeschute.samplers import ensemble, nuts
+from bayeschute.samplers import ensemble, nuts, population
 from bayeschute.samplers.doubt import doubt
 from bayeschute.samplers.protocol import Draws
 
@@ -50,8 +50,8 @@ def sample(
     Args:
         marginal: The posterior.
         kind: ``"nuts"`` (numpyro's NUTS on a quadratic surrogate, corrected exactly by delayed acceptance) or
-            ``"emcee"`` (ensembles on the same density). Where NUTS' draws fail their own check (`doubt`), emcee's are
-            drawn instead, and a note says why.
+            ``"emcee"`` (ensembles on the same density). Where NUTS' draws fail their own check (`doubt`), an
+            independence sampler (`samplers.population`) draws, and where its draws fail it too, emcee; a note says why.
         chains: Chains.
         warmup: Warm-up steps.
         draws: Draws per chain.
@@ -74,6 +74,15 @@ def sample(
     def by_emcee() -> Draws:
         return ensemble.sample(exact, parameters, chains, draws, seed, walkers=BATCH, progress=tell("emcee"))
 
+    def by_population() -> tuple[Draws | None, str]:
+        """Draws, and why they can't be believed."""
+        try:
+            made = population.sample(exact, parameters, chains, draws, seed, progress=tell("independence sampler"))
+        except FloatingPointError as error:
+            return None, str(error)
+        kept = {name: row for name, row in made.stats.items() if name != "log_ratio"}  # not the surrogate's
+        return replace(made, stats=kept), doubt(made)
+
     if kind == "emcee":
         return by_emcee()
     rng = np.random.default_rng([seed, 2])
@@ -87,12 +96,19 @@ def sample(
     if lost:
         notes.append(f"{lost} pairs of simulations under drawn disturbances failed and are not in the mean flight")
     reason = doubt(made)
-    if reason:
+    if not reason:
+        return replace(made, notes=(*made.notes, *notes))
+    words = f"Draws by NUTS on a surrogate failed their check ({reason}); "
+    other, why = by_population()
+    tried = [made] if other is None else [made, other]
+    if other is None or why:
+        words += f"so did those of an independence sampler ({why}); emcee drew instead"
         other = by_emcee()
-        notes.append(f"Draws by NUTS on a surrogate failed their check ({reason}); emcee drew instead")
-        failures, evaluations = made.failed + other.failed, made.evaluations + other.evaluations
-        made = replace(other, failed=failures, evaluations=evaluations)
-    return replace(made, notes=(*made.notes, *notes))
+        tried.append(other)
+    else:
+        words += "an independence sampler drew instead"
+    failures, evaluations = sum(one.failed for one in tried), sum(one.evaluations for one in tried)
+    return replace(other, failed=failures, evaluations=evaluations, notes=(*other.notes, *notes, words))
 
 
 def data_tree(
