@@ -35,7 +35,8 @@ from bayeschute.inference.target import FlightData
 sys.path.insert(0, str(Path(__file__).parent))
 STORED = Path(__file__).parents[1] / "models" / "reference" / "posteriors"
 SEED = 11
-PILOTS, PILOT = 1, 5  # how many pilots; the run is this many times as long as one of them
+PILOTS, PILOT = 5, 10  # how many pilots at most; the run is this many times as long as one of them
+GOOD = 0.15  # share of effective draws of a pilot whose proposal is good enough
 LIMITS = {"mean": 0.1, "sd": 0.05, "q05": 0.15, "q95": 0.15}  # in reference sds; of the sd, its ratio less one
 
 
@@ -100,7 +101,7 @@ def told(draws: np.ndarray, weight: np.ndarray | None = None) -> dict[str, float
 
 
 def make(name: str, case: Case, found: Found, draws: int) -> dict[str, Any]:
-    """Pilots, the first about what was found, each other drawn about the weighed moments of the last; then the run."""
+    """Pilots, the first about what was found, others about the weighed moments of the last where need be; the run."""
     began = perf_counter()
 
     def weigh(proposal: importance.Proposal, count: int, seed: int) -> Weighed:
@@ -113,7 +114,10 @@ def make(name: str, case: Case, found: Found, draws: int) -> dict[str, Any]:
 
     proposal = importance.laplace(found)
     for pilot in range(PILOTS):
-        proposal = importance.improved(found, weigh(proposal, draws // PILOT, SEED + pilot))
+        made = weigh(proposal, draws // PILOT, SEED + pilot)
+        if made.effective > GOOD * len(made.theta):
+            break
+        proposal = importance.improved(found, made)
     main = weigh(proposal, draws, SEED + PILOTS)
     return {
         "case": name, "seed": SEED, "draws": draws, "effective_draws": main.effective, "pareto_k": main.pareto_k,
