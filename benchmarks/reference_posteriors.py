@@ -160,7 +160,10 @@ def main() -> None:
             path.write_text(json.dumps(make(name, case, found, given.draws), indent=1) + "\n", encoding="utf-8")
         reference = json.loads(path.read_text(encoding="utf-8"))
         rows = compared(reference, theta, case.priors)
-        print(f"{name}: {reference['effective_draws']:.0f} effective draws, differences in sds of the reference")
+        size = reference["effective_draws"]
+        print(f"{name}: {size:.0f} effective draws, differences in sds of the reference")
+        one = size**-0.5
+        print(f"  its own standard errors: mean {one:.2f}, quantiles {2.1 * one:.2f}, sd {0.71 * one:.2f}")
         print(f"  {'':28}    mean      5 %     95 %   sd ratio")
         for parameter, row in rows.items():
             print(f"  {parameter:28} {row['mean']:+8.3f} {row['q05']:+8.3f} {row['q95']:+8.3f} {1.0 + row['sd']:10.3f}")
