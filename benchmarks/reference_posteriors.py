@@ -49,16 +49,16 @@ class Case:
     noise: HyperPrior
 
 
-def dumbbell() -> Case:
-    """The dumbbell of Table 7.1-2 on its virtual CDT 3-11 with latent wind, with the priors of its rank test."""
+def ranked(name: str) -> Case:
+    """The dumbbell of Table 7.1-2, or the default study's cluster, with latent wind and the priors of its rank test."""
     import ranks
 
-    made = ranks.dumbbell()
+    made = ranks.template(name)
     return Case(made.flight, made.priors, made.noise)
 
 
-def cluster(noise: str) -> Case:
-    """The default study's first flight with the terms that it flies."""
+def cluster_ar1() -> Case:
+    """The default study's first flight with the terms that it flies, no latent disturbances, AR(1) noise."""
     import parameter_coverage as study_of
 
     from bayeschute.forecast.virtual import fly
@@ -67,7 +67,7 @@ def cluster(noise: str) -> Case:
     from bayeschute.study.identity import with_noise
     from bayeschute.study.load import load_study
 
-    study = with_noise(load_study(study_of.STUDY), noise)
+    study = with_noise(load_study(study_of.STUDY), "ar1")
     model, structure = setup.cluster(study.vehicle)
     record, _ = fly(setup.drop(study.flights[0].virtual), model, structure, SEED)
     priors = tuple(study_of.priors_about(study, structure, model))
@@ -78,9 +78,9 @@ def cluster(noise: str) -> Case:
 
 
 CASES: dict[str, Callable[[], Case]] = {
-    "dumbbell": dumbbell,
-    "cluster-ar1": lambda: cluster("ar1"),
-    "cluster-latent": lambda: cluster("latent"),
+    "dumbbell": lambda: ranked("dumbbell"),
+    "cluster-ar1": cluster_ar1,
+    "cluster-latent": lambda: ranked("cluster"),
 }
 
 

@@ -42,6 +42,11 @@ def test_diagnosis_names_quantity_configuration_and_how_sure():
     assert made[1].startswith("- `latent`, none: `new/swing_angle` too wide, 99 ± 2 %") and "beyond doubt" in made[1]
 
 
+def test_what_chance_may_do_is_counted_and_not_named():
+    made = diagnosis([result(band=0.96) | {"replicates": 3}])
+    assert made == ["- 1 more lie outside 85 to 95 %, by no more than chance may do with as few replicates."]
+
+
 def test_one_configuration_in_full():
     text = "\n".join(whole(result(share=0.8)))
     assert "100 replicates, 1 failed (seeds 1 to 101); checks of single runs that were missed: `rhat` 3 times." in text

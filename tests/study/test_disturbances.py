@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from bayeschute.forecast.virtual import fly
+from bayeschute.study import setup
 from bayeschute.study.disturbances import DISTURBANCES, HEAVIER
 from bayeschute.study.load import load_study
 from bayeschute.study.study import canonical
@@ -72,3 +75,12 @@ def test_another_form_has_terms_of_no_pool_and_therefore_no_true_values():
     assert "alpha^4" in aero.axial and "alpha^4" not in pool.axial
     assert "e*alpha^4" in aero.transverse and "e*alpha^4" not in pool.transverse
     assert not DISTURBANCES["form"].terms_known
+
+
+@pytest.mark.parametrize("name", DISTURBANCES)
+def test_what_is_flown_stays_finite(name):
+    study = flown(name)
+    model, structure = setup.cluster(study.vehicle)
+    for flight in study.flights:
+        _, truth = fly(setup.drop(flight.virtual), model, structure, 20_000)
+        assert np.abs(truth["swing_angle"].values).max() < np.radians(40.0)

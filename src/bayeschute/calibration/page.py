@@ -5,11 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+from scipy.stats import t
+
 from bayeschute.calibration.recalibration import learned
 from bayeschute.calibration.scores import LEVELS
 from bayeschute.calibration.tables import ENOUGH, NOMINAL, WANTED, promised, verdict
 
 Result = dict[str, Any]
+_WANTED = f"{100 * WANTED[0]:.0f} to {100 * WANTED[1]:.0f}"
+_CHANCE, _DOUBT = 0.05, 0.003  # two-sided, by Student's t of the replicates
 _MARKS = {
     "kept": "",
     "too narrow": " **narrow**",
@@ -156,17 +160,23 @@ def diagnosis(results: Sequence[Result]) -> list[str]:
     Args:
         results: As written by ``bayeschute calibrate``.
     """
-    made = []
+    made, left = [], 0
     for result in results:
         for name in promised(result):
             share, se = result["coverage"][name], result["standard_error"][name]
             if WANTED[0] <= share <= WANTED[1]:
                 continue
             away = abs(share - NOMINAL) / se if se else float("inf")
-            sure = "beyond doubt" if away > 3.0 else "probably" if away > 2.0 else "perhaps by chance"
+            by_chance = 2.0 * float(t.sf(away, max(result["replicates"] - 1, 1)))
+            if by_chance > _CHANCE:
+                left += 1
+                continue
+            sure = "beyond doubt" if by_chance < _DOUBT else "probably"
             off = "too narrow" if share < NOMINAL else "too wide"
             made.append(f"- {_name(result)}: `{name}` {off}, {_share(result, name)} % ({sure}).")
-    return made or ["Nothing that is promised lies outside 85 to 95 %."]
+    if left:
+        made.append(f"- {left} more lie outside {_WANTED} %, by no more than chance may do with as few replicates.")
+    return made or [f"Nothing that is promised lies outside {_WANTED} %."]
 
 
 def page(results: Sequence[Result], ranks: Sequence[Result], command: str) -> str:

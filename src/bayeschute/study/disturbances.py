@@ -81,7 +81,7 @@ def _form(study: Study) -> Study:
     if vehicle is None:
         return study
     aero = vehicle.aero
-    axial, transverse = {**aero.axial, "alpha^4": 1.0}, {**aero.transverse, "e*alpha^4": -5.0}
+    axial, transverse = {**aero.axial, "alpha^4": 1.0}, {**aero.transverse, "e*alpha^4": -2.0}
     changed = aero.model_copy(update={"axial": axial, "transverse": transverse})
     return replace(study, vehicle=vehicle.model_copy(update={"aero": changed}))
 
