@@ -32,6 +32,7 @@ from bayeschute.samplers.protocol import Draws
 Array = NDArray[np.float64]
 Progress = Callable[[float, str], None]
 BATCH = 64
+_LAST_STEPS = 1000  # of emcee's ensembles where all else failed: hours would not make such draws good
 
 
 def in_batches(function: Callable[[Array], Any], xi: Array, batch: int = BATCH) -> Any:
@@ -71,8 +72,8 @@ def sample(
     def tell(name: str) -> Callable[[int, int], None]:
         return lambda done, wanted: progress(done / wanted, f"{name}: {done} of {wanted}") if progress else None
 
-    def by_emcee() -> Draws:
-        return ensemble.sample(exact, parameters, chains, draws, seed, walkers=BATCH, progress=tell("emcee"))
+    def by_emcee(most: int = 20_000) -> Draws:
+        return ensemble.sample(exact, parameters, chains, draws, seed, BATCH, most, tell("emcee"))
 
     def by_population() -> tuple[Draws | None, str]:
         """Draws, and why they can't be believed."""
@@ -103,7 +104,7 @@ def sample(
     tried = [made] if other is None else [made, other]
     if other is None or why:
         words += f"so did those of an independence sampler ({why}); emcee drew instead"
-        other = by_emcee()
+        other = by_emcee(_LAST_STEPS)
         tried.append(other)
     else:
         words += "an independence sampler drew instead"
