@@ -28,7 +28,7 @@ def label(tmp_path, monkeypatch):
             shares = {"axial[1]": 0.9, "side*e": 0.5, BAND: 0.88} | coverage
             result = {
                 "hash": configuration(STUDY), "disturbance": "none", "replicates": replicates, "failed": {},
-                "coverage": shares, "standard_error": dict.fromkeys(shares, 0.02),
+                "coverage": shares, "standard_error": dict.fromkeys(shares, 0.03),
                 "parameters": {"axial[1]": {}, "side*e": {}}, "bands": {BAND: {"role": "predict"}},
             }  # fmt: skip
             (tmp_path / "calibration").mkdir(exist_ok=True)
@@ -54,18 +54,12 @@ def test_verified_where_all_that_is_promised_was_kept(label):
     assert says.startswith("verified: 100 replicate flights, 0 failed") and "88 to 90 %" in says
 
 
-@pytest.mark.parametrize(("share", "word"), [(0.6, "too narrow"), (1.0, "too wide")])
+@pytest.mark.parametrize(("share", "word"), [(0.6, "too narrow"), (0.99, "too wide")])
 def test_a_broken_promise_is_named(label, share, word):
     check, says = label(replicates=100, **{BAND: share})
     assert check["passed"] is False
     assert says.startswith("not verified: ") and f"{BAND} held {100 * share:.0f} % ({word})" in says
     assert check["value"] == share
-
-
-def test_what_errs_on_the_safe_side_within_its_standard_error_is_named_but_verified(label):
-    check, says = label(replicates=100, **{BAND: 0.96})
-    assert check["passed"] is True
-    assert says.startswith("verified: ") and says.endswith(f"({BAND} a little wide)")
 
 
 def test_few_replicates_prove_nothing(label):

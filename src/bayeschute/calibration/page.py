@@ -14,13 +14,7 @@ from bayeschute.calibration.tables import ENOUGH, NOMINAL, WANTED, promised, ver
 Result = dict[str, Any]
 _WANTED = f"{100 * WANTED[0]:.0f} to {100 * WANTED[1]:.0f}"
 _CHANCE, _DOUBT = 0.05, 0.003  # two-sided, by Student's t of the replicates
-_MARKS = {
-    "kept": "",
-    "too narrow": " **narrow**",
-    "too wide": " **wide**",
-    "a little wide": " a little wide",
-    "too few replicates": "",
-}
+_MARKS = {"kept": "", "too narrow": " **narrow**", "too wide": " **wide**", "too few replicates": ""}
 
 
 def _cells(values: Iterable[str]) -> str:
@@ -196,9 +190,8 @@ def page(results: Sequence[Result], ranks: Sequence[Result], command: str) -> st
         "A share is that of replicates whose nominal 90 % interval holds the true parameter, or the mean share of",
         "samples of a flight whose true value lies in the 90 % band; ± is one standard error, replicates being",
         "the independent units. Widths, interval scores and CRPS are in SI units: rad and m/s.",
-        f"A promise is kept between {100 * WANTED[0]:.0f} and {100 * WANTED[1]:.0f} %, by {ENOUGH} replicates; what",
-        "holds more by less than two standard errors is a little wide, which errs on the safe side and breaks none.",
-        "In the overview what lies two standard errors outside is bold.",
+        f"A promise is kept between {100 * WANTED[0]:.0f} and {100 * WANTED[1]:.0f} %, by {ENOUGH} replicates;",
+        "in the overview what lies two standard errors outside is bold.",
         "",
     ]
     if results:

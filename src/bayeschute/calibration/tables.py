@@ -11,7 +11,6 @@ from bayeschute.calibration.scores import LEVELS, standard_error
 from bayeschute.samplers.doubt import MOST_K
 
 Row = dict[str, Any]
-KEPT = ("kept", "a little wide")  # verdicts that break no promise
 NOMINAL = 0.9
 WANTED = (0.85, 0.95)
 """Shares between which a nominal 90 % counts as kept."""
@@ -154,20 +153,11 @@ def promised(summary: dict[str, Any]) -> list[str]:
 
 
 def verdict(summary: dict[str, Any], name: str) -> str:
-    """Whether a share keeps the promise, in words.
-
-    The two sides are not alike: who relies on an interval that holds too much errs on the safe side.
-
-    Returns:
-        ``kept``; ``too narrow`` where it holds less than it must, whatever its standard error; ``too wide`` where it
-        holds more by over two standard errors, ``a little wide`` where by less; ``too few replicates``.
-    """
+    """Whether a share keeps the promise, in words: ``kept``, ``too narrow``, ``too wide``, ``too few replicates``."""
     share, low, high = summary["coverage"][name], *WANTED
     if summary["replicates"] < ENOUGH:
         return "too few replicates"
-    if share <= high:
-        return "kept" if share >= low else "too narrow"
-    return "too wide" if share - 2.0 * summary["standard_error"][name] > high else "a little wide"
+    return "kept" if low <= share <= high else "too narrow" if share < low else "too wide"
 
 
 def lines(summary: dict[str, Any]) -> list[str]:
