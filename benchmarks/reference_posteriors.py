@@ -31,6 +31,7 @@ from bayeschute.inference.law_slope import widened
 from bayeschute.inference.posterior import sample
 from bayeschute.inference.priors import Prior
 from bayeschute.inference.target import FlightData
+from bayeschute.samplers.population import Proposal
 
 sys.path.insert(0, str(Path(__file__).parent))
 STORED = Path(__file__).parents[1] / "models" / "reference" / "posteriors"
@@ -104,7 +105,7 @@ def make(name: str, case: Case, found: Found, draws: int) -> dict[str, Any]:
     """Pilots, the first about what was found, others about the weighed moments of the last where need be; the run."""
     began = perf_counter()
 
-    def weigh(proposal: importance.Proposal, count: int, seed: int) -> Weighed:
+    def weigh(proposal: Proposal, count: int, seed: int) -> Weighed:
         def tell(share: float, words: str) -> None:
             print(f"\r{name}: {words}, {(perf_counter() - began) / 60.0:.1f} min   ", end="", flush=True)
 

@@ -51,27 +51,14 @@ from bayeschute.inference.target import (
     residuals,
 )
 from bayeschute.samplers.doubt import pareto_k
+from bayeschute.samplers.population import Proposal, effective, fitted
 
 Array = NDArray[np.float64]
 Progress = Callable[[float, str], None]
 _FREEDOM = 10.0  # degrees of freedom of the proposal
 _SPREAD = 1.1  # its scale over that of the posterior found
-_MOMENTS = 4  # effective draws per unknown from which a proposal is made
-_FLATTER = 0.8
 _MOVES, _REST = 8, 1e-4  # most moves of draws onto their perturbed data; root mean square of the last
 _GROUP = 50  # draws between two reports of progress
-
-
-class Proposal(NamedTuple):
-    """Where draws come from: a t distribution of standard coordinates and logarithms of noise parameters together.
-
-    Attributes:
-        middle: (P + V,).
-        factor: Square root of its scale matrix (P + V, P + V).
-    """
-
-    middle: Array
-    factor: Array
 
 
 @dataclass(frozen=True)
@@ -104,7 +91,7 @@ class Weighed:
     @property
     def effective(self) -> float:
         """Effective number of draws."""
-        return float(1.0 / np.sum(self.weight**2))
+        return effective(self.log_weight)
 
     @property
     def pareto_k(self) -> float:
@@ -113,30 +100,19 @@ class Weighed:
 
 
 def laplace(found: Found) -> Proposal:
-    """The Laplace posterior, noise parameters included, as a proposal."""
-    count, root = np.size(found.marginal.centre), np.linalg.cholesky(found.law_covariance)
-    factor = np.zeros((count + len(root),) * 2)
-    factor[:count, :count] = np.eye(count)
-    factor[:count, count:], factor[count:, count:] = found.law_slope @ root, root
-    return Proposal(np.concatenate([np.zeros(count), to_vector(found.hyper)]), factor)
+    """The Laplace posterior of standard coordinates and logarithms of the noise parameters together (P + V)."""
+    count, slope, known = np.size(found.marginal.centre), found.law_slope, found.law_covariance
+    cross = slope @ known
+    covariance = np.block([[np.eye(count) + cross @ slope.T, cross], [cross.T, known]])
+    middle = np.concatenate([np.zeros(count), to_vector(found.hyper)])
+    return Proposal(middle, _SPREAD * np.linalg.cholesky(covariance), _FREEDOM)
 
 
 def improved(found: Found, weighed: Weighed) -> Proposal:
-    """The proposal with mean and covariance of weighed draws.
-
-    Where few draws have all the weight, weights are flattened by a power until enough have some: repeated, proposals
-    find their way to the posterior.
-    """
-    scale, logs = np.asarray(found.marginal.scale), weighed.log_weight
-    least, w = _MOMENTS * len(to_vector(found.hyper)) + _MOMENTS * len(scale), weighed.weight
-    while 1.0 / np.sum(w**2) < least:
-        logs = _FLATTER * logs
-        w = np.exp(logs - logsumexp(logs))
-    xi = np.linalg.solve(scale, (weighed.theta - np.asarray(found.marginal.centre)).T).T
-    points = np.concatenate([xi, weighed.law], axis=1)
-    middle = w @ points
-    off = points - middle
-    return Proposal(middle, np.linalg.cholesky((off * w[:, None]).T @ off))
+    """The proposal with mean and covariance of weighed draws; repeated, proposals find their way to the posterior."""
+    xi = np.linalg.solve(np.asarray(found.marginal.scale), (weighed.theta - np.asarray(found.marginal.centre)).T).T
+    made = fitted(np.concatenate([xi, weighed.law], axis=1), weighed.log_weight)
+    return Proposal(made.middle, _SPREAD * made.factor, _FREEDOM)
 
 
 class Model(NamedTuple):
@@ -285,9 +261,7 @@ def weigh(
         progress: Called with a share done and words.
     """
     rng, size = np.random.default_rng([seed, 14]), len(proposal.middle)
-    z = rng.standard_normal((draws, size)) * np.sqrt(_FREEDOM / rng.chisquare(_FREEDOM, (draws, 1)))
-    log_proposal = -0.5 * (_FREEDOM + size) * np.log1p(np.sum(z**2, axis=1) / _FREEDOM)
-    points = proposal.middle + _SPREAD * z @ proposal.factor.T
+    points = proposal.draw(draws, rng)
     count = size - len(to_vector(found.hyper))
     theta = np.asarray(found.marginal.centre) + points[:, :count] @ np.asarray(found.marginal.scale).T
     law = points[:, count:]
@@ -317,4 +291,12 @@ def weigh(
             if progress is not None:
                 progress(len(rows) / draws, f"{len(rows)} of {draws} draws weighed")
     values, scatter, moved, failed, folded = (np.array(column) for column in zip(*rows, strict=True))
-    return Weighed(theta, law, values + log_prior - log_proposal, scatter, moved, int(failed.sum()), int(folded.sum()))
+    return Weighed(
+        theta,
+        law,
+        values + log_prior - proposal.log_density(points),
+        scatter,
+        moved,
+        int(failed.sum()),
+        int(folded.sum()),
+    )

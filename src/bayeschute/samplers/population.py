@@ -27,24 +27,31 @@ _FLATTER = 0.8
 
 
 class Proposal(NamedTuple):
-    """A t distribution: its middle (P,) and the lower Cholesky factor of its scale matrix (P, P)."""
+    """A t distribution.
+
+    Attributes:
+        middle: (P,).
+        factor: Lower Cholesky factor of its scale matrix (P, P).
+        freedom: Degrees of freedom.
+    """
 
     middle: Array
     factor: Array
+    freedom: float = _FREEDOM
 
     def draw(self, count: int, rng: np.random.Generator) -> Array:
         """Draws (count, P)."""
-        wide = np.sqrt(_FREEDOM / rng.chisquare(_FREEDOM, (count, 1)))
+        wide = np.sqrt(self.freedom / rng.chisquare(self.freedom, (count, 1)))
         return np.asarray(self.middle + wide * rng.standard_normal((count, self.middle.size)) @ self.factor.T)
 
     def log_density(self, x: Array) -> Array:
         """Log density (N,) of points (N, P), a constant of P aside."""
         unit = solve_triangular(self.factor, (x - self.middle).T, lower=True)
         size = np.log(np.diag(self.factor)).sum()
-        return np.asarray(-0.5 * (_FREEDOM + len(unit)) * np.log1p((unit**2).sum(axis=0) / _FREEDOM) - size)
+        return np.asarray(-0.5 * (self.freedom + len(unit)) * np.log1p((unit**2).sum(axis=0) / self.freedom) - size)
 
 
-def _effective(log_weight: Array) -> float:
+def effective(log_weight: Array) -> float:
     """Effective number of weighed draws; 0 where none has a weight."""
     if not np.isfinite(log_weight).any():
         return 0.0
@@ -52,9 +59,12 @@ def _effective(log_weight: Array) -> float:
 
 
 def fitted(x: Array, log_weight: Array) -> Proposal:
-    """The proposal with the moments of weighed draws (N, P)."""
+    """The proposal with mean and covariance of weighed draws (N, P).
+
+    Where few draws have all the weight, weights are flattened by a power until enough have some.
+    """
     least = min(_MOMENTS * x.shape[1], 0.5 * np.isfinite(log_weight).sum())
-    while _effective(log_weight) < least:
+    while effective(log_weight) < least:
         log_weight = _FLATTER * log_weight
     w = np.exp(log_weight - logsumexp(log_weight))
     middle = w @ x
@@ -82,7 +92,7 @@ def learned(log_density: LogDensity, parameters: int, rng: np.random.Generator) 
     for _ in range(_MOST):
         points.append(made[-1].draw(_SIZE, rng))
         values.append(log_density(points[-1].T))
-        shares.append(_effective(values[-1] - made[-1].log_density(points[-1])) / _SIZE)
+        shares.append(effective(values[-1] - made[-1].log_density(points[-1])) / _SIZE)
         if shares[-1] > _GOOD:
             break
         x, value = np.concatenate(points[-_MIXED:]), np.concatenate(values[-_MIXED:])
