@@ -1,14 +1,17 @@
-"""Compiled functions are let go only when memory maps are many, and work again afterwards."""
+"""Compiled functions are let go only when memory maps are many, and work again afterwards; sums don't hang on cores."""
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
 import pytest
 
-from bayeschute.numerics import let_go
+from bayeschute.numerics import THREADS_VARIABLE, let_go
 
 Doubling = tuple[Callable[[jax.Array], jax.Array], list[int]]
 
@@ -39,3 +42,25 @@ def test_many_maps_let_them_go_and_they_are_made_anew(doubling: Doubling) -> Non
     assert let_go(0)
     assert double(jnp.ones(3)).tolist() == [2.0, 2.0, 2.0]
     assert len(traced) == 2
+
+
+PRODUCT = """
+import os, sys
+os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[: int(sys.argv[1])])
+import bayeschute.numerics
+import jax, jax.numpy as jnp, numpy as np
+tall = jnp.asarray(np.random.default_rng(0).standard_normal((10_800, 15)))
+print(np.asarray(jax.jit(lambda a: a.T @ a)(tall)).tobytes().hex())
+"""
+
+
+@pytest.mark.skipif(
+    not hasattr(os, "sched_getaffinity") or len(os.sched_getaffinity(0)) < 2, reason="one core, or can't tell"
+)
+def test_sums_are_rounded_alike_on_one_core_and_on_two() -> None:
+    here = {name: value for name, value in os.environ.items() if name != THREADS_VARIABLE}
+    made = [
+        subprocess.run([sys.executable, "-c", PRODUCT, cores], env=here, capture_output=True, text=True, check=True)
+        for cores in ("1", "2")
+    ]
+    assert made[0].stdout and made[0].stdout == made[1].stdout

@@ -1,4 +1,4 @@
-"""The one place that sets JAX's precision (64 bits), and keeps and forgets its compiled functions."""
+"""The one place that sets JAX's precision (64 bits) and threads, and keeps and forgets its compiled functions."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from pathlib import Path
 import jax
 
 CACHE_VARIABLE = "BAYESCHUTE_CACHE"
+THREADS_VARIABLE = "NPROC"
+"""XLA's number of threads (xla/pjrt/utils.cc, `DefaultThreadPoolSize`), read when JAX first computes."""
 MOST_MAPS = 20_000
 """Memory maps of a process beyond which `let_go` acts. Linux allows 65,530, and ends a process that wants more."""
 
@@ -41,6 +43,9 @@ def let_go(most: int = MOST_MAPS) -> bool:
     return True
 
 
+# XLA shares the sums of a matrix product out among its threads. Their rounding, and after some hundred steps of a
+# sampler its draws, would then depend on how many cores a machine, or a worker, happens to have.
+os.environ.setdefault(THREADS_VARIABLE, "1")
 jax.config.update("jax_enable_x64", True)
 if not getattr(jax.config, "jax_compilation_cache_dir", None):
     jax.config.update("jax_compilation_cache_dir", str(compilation_cache()))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 
@@ -74,6 +75,31 @@ def test_workers_kept_open_serve_several_campaigns():
         assert len(served[0] | served[1]) == 2 and os.getpid() not in served[0]
     with kept_open(1) as none, kept_open(2, "tcp://there:1") as there:
         assert none is None and there == "tcp://there:1"
+
+
+def cores(number: int) -> frozenset[int]:
+    """Where the threads that a task starts may run."""
+    with ThreadPoolExecutor(1) as pool:
+        return frozenset(pool.submit(os.sched_getaffinity, 0).result())
+
+
+def dies_once(number: int, folder: Path) -> frozenset[int]:
+    """A task whose first worker dies of it."""
+    if not (folder / "dead").exists():
+        (folder / "dead").touch()
+        os.kill(os.getpid(), 9)
+    return cores(number)
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="no affinity here")
+def test_local_workers_share_the_cores_out_also_after_one_died(tmp_path: Path):
+    here = os.sched_getaffinity(0)
+    for task in (cores, partial(dies_once, folder=tmp_path)):
+        with client_of(2, None) as client:
+            found = {on for _, on in finished(task, range(20), client)}
+        whole = frozenset().union(*found)
+        assert whole <= here and all(len(on) <= -(-len(here) // 2) for on in found)
+        assert len(here) < 2 or len(found) < 2 or not frozenset.intersection(*found)
 
 
 def test_a_scheduler_that_is_not_there_is_bad_input():

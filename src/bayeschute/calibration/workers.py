@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, NamedTuple, TypeVar
@@ -41,7 +42,27 @@ def client_of(workers: int, address: str | None) -> Iterator[Any]:
         LocalCluster(n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=":0") as cluster,
         Client(cluster) as client,
     ):
+        client.register_plugin(_own_cores(workers))
         yield client
+
+
+def _own_cores(workers: int) -> Any:
+    """A plugin by which each of several local workers keeps to its share of the cores.
+
+    Compilers and linear algebra start as many threads as they see cores. Two workers that both do so on the same two
+    cores take half as long again for each task.
+    """
+    from distributed import WorkerPlugin
+
+    class OwnCores(WorkerPlugin):
+        name = "own-cores"
+
+        def setup(self, worker: Any) -> None:
+            if hasattr(os, "sched_setaffinity"):
+                cores, place = sorted(os.sched_getaffinity(0)), int(worker.name)
+                os.sched_setaffinity(0, cores[place::workers] or [cores[place % len(cores)]])
+
+    return OwnCores()
 
 
 @contextmanager

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Generic, Literal, TypeVar
 
-from pydantic import field_validator, model_validator
+from pydantic import AfterValidator, field_validator, model_validator
 
 from bayeschute.study.quantities import (
     NOT_NEGATIVE,
@@ -21,11 +21,13 @@ from bayeschute.study.quantities import (
     PositiveTime,
     Stiffness,
     Strict,
+    Text,
     number,
     one_of,
     quantity,
     refuse,
 )
+from bayeschute.study.structure_schema import distinct
 
 Q = TypeVar("Q")
 NoiseModel = Annotated[
@@ -99,11 +101,14 @@ class PriorsTable(Strict):
         inflation: Times the colored standard error of the equation error [1].
         floor: Least prior sd of a force coefficient [1].
         given: Priors from outside.
+        vary: Parameters that differ from drop to drop about a population; the others are the same in all drops, and so
+            are these where it is None (cluster).
     """
 
     inflation: Annotated[float, number(Bounds(least=1.0, most=1e3))] = 3.0
     floor: Annotated[float, number(NOT_NEGATIVE)] = 0.02
     given: GivenTable = GivenTable()
+    vary: Annotated[tuple[Text, ...], AfterValidator(distinct)] | None = None
 
 
 class ChannelNoise(Strict, Generic[Q]):

@@ -92,6 +92,7 @@ def check_model_cluster(draft: Draft) -> Iterator[Fault]:
                 yield Fault(draft.at("noise", name, "horizontal"), "nothing", "a speed (model 'cluster')", "Add it.")
     yield from _check_given(draft, needed=_CLUSTER_PRIORS, useless=("cds_over_mass",))
     yield from _check_mass(draft)
+    yield from _check_vary(draft)
     for index, flight in draft.flights.items():
         for key in ("skip_first", "identify_until"):
             if key in flight.model_fields_set:
@@ -115,7 +116,7 @@ def check_model_descent(draft: Draft) -> Iterator[Fault]:
             if getattr(noise, name) is not None:
                 yield _no_use(draft, "noise", name)
     priors: PriorsTable | None = draft.tables.get("priors")
-    for key in ("inflation", "floor"):
+    for key in ("inflation", "floor", "vary"):
         if priors is not None and key in priors.model_fields_set:
             yield _no_use(draft, "priors", key)
     yield from _check_given(draft, needed=("cds_over_mass",), useless=(*_CLUSTER_PRIORS, *_BODIES))
@@ -147,6 +148,21 @@ def _check_mass(draft: Draft) -> Iterator[Fault]:
                 yield Fault(
                     where, got, "none beside [priors.given] capsule_mass, which is fitted", "Remove one of them."
                 )
+
+
+def _check_vary(draft: Draft) -> Iterator[Fault]:
+    """Drops differ about a population where there are several; then one structure is fitted to all of them."""
+    priors: PriorsTable | None = draft.tables.get("priors")
+    if priors is None or priors.vary is None:
+        return
+    fitted = sum("identify" in flight.roles for flight in draft.flights.values())
+    if draft.flights_complete and fitted < 2:
+        wanted = "two flights at least with the role 'identify': a population is of several drops"
+        yield Fault(draft.at("priors", "vary"), f"{fitted} of them", wanted, "Add flights, or remove the key.")
+    structure = draft.tables.get("structure")
+    if structure is not None and structure.stack is not None:
+        wanted = "one of the two: drops are joined in one structure"
+        yield Fault(draft.at("priors", "vary"), "vary beside [structure] stack", wanted, "Remove one of them.")
 
 
 def _no_use(draft: Draft, *loc: int | str, got: str = "") -> Fault:

@@ -34,7 +34,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Group:
-    """Flights that share their parameters in one fit; a descent study has one group per flight."""
+    """Flights that share their parameters in one fit; in a descent study, and where drops vary, each is alone."""
 
     name: str
     flights: tuple[Flight, ...]
@@ -46,7 +46,8 @@ def groups(job: Job) -> list[Group]:
     study, priors = job.study, tuple(load_priors(job))
     flights = study.with_role("identify")
     if study.model == "cluster":
-        return [Group("all", flights, priors)]
+        alone = [Group(f.name, (f,), priors) for f in flights]
+        return alone if study.priors.vary else [Group("all", flights, priors)]
     several = len(flights) > 1
     return [
         Group(f.name, (f,), tuple(replace(p, name=f"{p.name}[{f.name}]") if several else p for p in priors))

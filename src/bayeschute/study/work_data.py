@@ -137,6 +137,9 @@ def priors(job: Job) -> str:
         table = getattr(given, name)
         if table is not None:
             made.append(_given(name, table, unit))
+    if unknown := sorted(set(study.priors.vary or ()) - {p.name for p in made}):
+        wanted = "parameters of the fit: " + ", ".join(p.name for p in made)
+        raise InputError(Fault("[priors] vary", ", ".join(unknown), wanted, "Name those, or widen the structure."))
     job.save("priors.json", [p.__dict__ for p in made])
     return f"{len(made)} parameters"
 

@@ -2,29 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
-from arviz_base import from_dict
 from numpy.typing import NDArray
 
 from bayeschute.errors import Fault, InputError
-from bayeschute.inference import output_error, population
+from bayeschute.inference import output_error
 from bayeschute.inference.evidence import HyperPrior
 from bayeschute.inference.finding import Begin, Found, Settled, conclude, settle
 from bayeschute.inference.law_slope import widened
 from bayeschute.inference.omitted import scores
 from bayeschute.inference.posterior import data_tree, sample
 from bayeschute.samplers.protocol import Draws
-from bayeschute.study import checkpoint, setup, several_starts, structures
-from bayeschute.study.fits import Group, data_of, groups, load_fit, save_fit
+from bayeschute.study import checkpoint, populations, setup, several_starts, structures
+from bayeschute.study.fits import Group, data_of, groups, save_fit
 from bayeschute.study.fitted_terms import terms_left_out, with_terms
-from bayeschute.study.work_data import load_priors
 
 if TYPE_CHECKING:
     from bayeschute.study.stages import Job
@@ -88,7 +86,7 @@ def fit(job: Job) -> str:
                 said += list(draws.notes)
             else:
                 write_whole(job.out / f"posterior.{kind}.nc", partial(_write_tree, tree))
-    tree = trees[0] if len(trees) == 1 else _joined(job, todo, trees)
+    tree = trees[0] if len(trees) == 1 else populations.joined(job, todo, trees)
     write_whole(job.out / "posterior.nc", partial(_write_tree, tree))
     wall["fit_s"] = time.perf_counter() - began
     facts = {"wall": wall, "notes": said, "failed": failed, "scores": setup.as_plain(asked_for)}
@@ -166,6 +164,7 @@ def _settled(
     # The score test of a term takes what the noise model leaves to the residuals for evidence: latent models only.
     here = {p.name for p in group.priors}
     latent = job.study.noise.model == "latent"
+    latent = latent and not job.study.priors.vary  # drops that are joined have the same parameters
     left_out, z = [p for p in terms_left_out(job) if latent and p.name not in here], dict[str, float]()
     begins: list[Begin | None] = [None]
     while True:
@@ -198,53 +197,3 @@ def _settled(
 
 def _write_tree(tree: xr.DataTree, path: Path) -> None:
     tree.to_netcdf(path, engine="h5netcdf")
-
-
-def _joined(job: Job, todo: Sequence[Group], trees: Sequence[xr.DataTree]) -> xr.DataTree:
-    """Several bodies' posteriors side by side, with their population."""
-    study, prior = job.study, load_priors(job)[0]
-    means, sds = [], []
-    for group in todo:
-        stored = load_fit(job, group)
-        working = stored.theta.reshape(-1)
-        mean, sd = population.likelihood_of(float(working.mean()), float(working.std()), prior.centre, prior.scale)
-        means.append(mean)
-        sds.append(sd)
-    made = population.fit(
-        np.array(means),
-        np.array(sds),
-        (prior.centre, prior.scale),
-        study.sampler.chains,
-        study.sampler.warmup,
-        study.sampler.draws,
-        study.seed,
-    )
-    rng = np.random.default_rng([study.seed, 4])
-    joined: dict[str, dict[str, Any]] = {}
-    for tree in trees:
-        for name, node in tree.children.items():
-            joined.setdefault(name, {}).update({f"{k}": v for k, v in node.ds.data_vars.items()})
-    joined["posterior"] |= {"population_mean": made.mean, "population_sd": made.sd}
-    joined["prior"] |= {
-        "population_mean": prior.centre + prior.scale * rng.standard_normal((1, 2000)),
-        "population_sd": np.abs(prior.scale * rng.standard_normal((1, 2000))),
-    }
-    kept = ("posterior", "conditional", "prior", "log_likelihood", "log_prior", "posterior_predictive", "observed_data")
-    plain = {name: {k: np.asarray(v) for k, v in joined[name].items()} for name in kept if name in joined}
-    # Lengths of the flights differ: each keeps dimensions of its own.
-    tree = from_dict({k: v for k, v in plain.items() if k in ("posterior", "conditional", "prior", "log_prior")})
-    for name in ("log_likelihood", "posterior_predictive", "observed_data"):
-        tree[name] = xr.DataTree(_own_dims(plain[name], name))
-    for variable in map(str, tree["posterior"].data_vars):
-        unit = "1" if variable.startswith("population") else prior.unit
-        tree["posterior"][variable].attrs["units"] = unit
-    return tree
-
-
-def _own_dims(variables: dict[str, Any], group: str) -> xr.Dataset:
-    lead = () if group == "observed_data" else ("chain", "draw")
-    made = xr.Dataset()
-    for name, array in variables.items():
-        rest = [f"{name}_{i}" for i in range(array.ndim - len(lead))]
-        made[name] = ((*lead, *rest), array)
-    return made
