@@ -102,6 +102,18 @@ def test_local_workers_share_the_cores_out_also_after_one_died(tmp_path: Path):
         assert len(here) < 2 or len(found) < 2 or not frozenset.intersection(*found)
 
 
+def trims(number: int) -> str | None:
+    """Whether freed memory goes back at once."""
+    return os.environ.get("MALLOC_TRIM_THRESHOLD_")
+
+
+def test_local_workers_keep_the_memory_that_they_free(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.delenv("MALLOC_TRIM_THRESHOLD_", raising=False)
+    with client_of(2, None) as client:
+        assert {found for _, found in finished(trims, range(4), client)} == {None}
+    assert "MALLOC_TRIM_THRESHOLD_" in dask.config.get("distributed.nanny.pre-spawn-environ")
+
+
 def test_a_scheduler_that_is_not_there_is_bad_input():
     with pytest.raises(InputError, match="a Dask scheduler"), client_of(2, "not-an-address"):
         pass

@@ -186,6 +186,14 @@ def _notes(job: Job) -> list[str]:
         f"A flight to be predicted is known by the first {OPENING:g} s of its record and its recorded wind; "
         "bands are scored after that."
     )
+    if study.priors.vary:
+        fitted = ", ".join(f.name for f in study.with_role("identify"))
+        notes.append(
+            f"{fitted} were fitted one by one and joined, their likelihoods as Gaussian. These differ from drop to drop: "
+            f"{', '.join(study.priors.vary)}. By its own name such a parameter is the population's mean, sd(..) is the "
+            "population's standard deviation, and ..@drop is a drop's own. A drop to be predicted is another one of that "
+            "population; few drops leave its standard deviation much as the prior has it."
+        )
     added = [p.name for p in load_priors(job) if ADDED in p.source]
     if added:
         notes.append(f"Left out by equation error, added since the fitted flight asked for it: {', '.join(added)}.")
