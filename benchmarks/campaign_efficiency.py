@@ -1,16 +1,15 @@
 """How much sooner are two workers done than one, and do they find the same?
 
 The same campaign of `bayeschute calibrate` on the default study is run three times, by processes of their own: to fill
-the compilation cache, by one worker on one core, and by two on two (a worker left to itself would use part of the second
-core, where compilers and linear algebra can). Efficiency is the time of one worker over twice that of two, the start of
-the processes included. Rows and tables must be the same, but for times. What is lost is told apart: replicates that take
-longer beside another one (memory, clock rate, other users of the cores), and the rest (starting, waiting for the last
-one).
+the compilation cache, by one worker on one core, and by two on two (one left to itself would use some of the second
+core). Efficiency is the time of one worker over twice that of two, the start of the processes included. Rows and tables
+must be the same, but for times. What is lost is told apart: replicates that take longer beside another one (memory,
+clock rate, other users of the cores), and the rest (starting, waiting for the last one).
 
     python benchmarks/campaign_efficiency.py [--replicates 8] [--full] [--json]
 
-Needs Linux, two idle cores and the extra `dask`. Replicates are quick ones unless --full is given. `identical` false is exit
-code 1.
+Needs Linux, two idle cores and the extra `dask`. Replicates are quick ones unless --full is given. `identical` false is
+exit code 1.
 """
 
 from __future__ import annotations

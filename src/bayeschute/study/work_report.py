@@ -189,9 +189,9 @@ def _notes(job: Job) -> list[str]:
     if study.priors.vary:
         fitted = ", ".join(f.name for f in study.with_role("identify"))
         notes.append(
-            f"{fitted} were fitted one by one and joined, their likelihoods as Gaussian. These differ from drop to drop: "
-            f"{', '.join(study.priors.vary)}. By its own name such a parameter is the population's mean, sd(..) is the "
-            "population's standard deviation, and ..@drop is a drop's own. A drop to be predicted is another one of that "
+            f"{fitted} were fitted one by one and joined, their likelihoods as Gaussian. From drop to drop differ "
+            f"{', '.join(study.priors.vary)}: by its own name such a parameter is the population's mean, sd(..) is the "
+            "population's standard deviation, ..@drop is a drop's own. A drop to be predicted is another one of that "
             "population; few drops leave its standard deviation much as the prior has it."
         )
     added = [p.name for p in load_priors(job) if ADDED in p.source]
