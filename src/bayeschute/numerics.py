@@ -23,6 +23,11 @@ def compilation_cache() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "bayeschute" / "compiled"
 
 
+def processors() -> int:
+    """Processors that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 def let_go(most: int = MOST_MAPS) -> bool:
     """Forget JAX's compiled functions before their memory maps fill a long-lived process.
 

@@ -7,7 +7,6 @@ parameters under log-normal priors.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -24,6 +23,7 @@ from bayeschute.inference.score import evidence_score
 from bayeschute.inference.score import from_vector as from_vector
 from bayeschute.inference.score import to_vector as to_vector
 from bayeschute.inference.target import FlightData, Hyper, Linear, as_series
+from bayeschute.numerics import processors
 
 Array = NDArray[np.float64]
 _series = jax.jit(as_series)
@@ -129,7 +129,7 @@ def law_covariance(
         (V, V), in the order of `to_vector`; never wider than the prior.
     """
     objective, at, step = _function(flights, linear, priors, prior, gaps), to_vector(hyper), 1e-3
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
+    with ThreadPoolExecutor(processors()) as pool:
         rows = list(pool.map(lambda x: objective(x)[1], [at, *(at + step * np.eye(at.size))]))
     curvature = (np.array(rows[1:]) - rows[0]) / step
     values, vectors = np.linalg.eigh(0.5 * (curvature + curvature.T) - slope.T @ slope)
@@ -169,7 +169,7 @@ def mean_less_mode(
     values, vectors = np.linalg.eigh(covariance)
     sd = np.sqrt(values)
     axes = (vectors * sd).T[sd > _TOLD]
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
+    with ThreadPoolExecutor(processors()) as pool:
         (_, middle), *ends = pool.map(objective, [at, *(at + axes), *(at - axes)])
     both = zip(ends[: len(axes)], ends[len(axes) :], strict=True)
     pairs = [(up[1], down[1]) for up, down in both if max(up[0], down[0]) < 1e299]

@@ -19,7 +19,6 @@ driven by the same shocks. A filter that is not symmetric finds its determinant 
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -50,6 +49,7 @@ from bayeschute.inference.target import (
     linearise,
     residuals,
 )
+from bayeschute.numerics import processors
 from bayeschute.samplers.doubt import pareto_k
 from bayeschute.samplers.population import Proposal, effective, fitted
 
@@ -285,7 +285,7 @@ def weigh(
         return total, float(scatter), moved, failed, folded
 
     rows: list[tuple[float, float, float, int, int]] = []
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
+    with ThreadPoolExecutor(processors()) as pool:
         for start in range(0, draws, _GROUP):
             rows += pool.map(one, range(start, min(start + _GROUP, draws)))
             if progress is not None:

@@ -9,7 +9,6 @@ of empirical Bayes intervals of Kass and Steffey 1989, section 2).
 
 from __future__ import annotations
 
-import os
 from concurrent.futures import ThreadPoolExecutor
 
 import jax
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 from bayeschute.inference.marginal import Marginal, course_at, shifted
 from bayeschute.inference.score import conditional_score, to_vector
 from bayeschute.inference.target import as_series, linearise
+from bayeschute.numerics import processors
 
 Array = NDArray[np.float64]
 _seen = jax.jit(lambda linear: as_series(linear)[..., 0])
@@ -50,7 +50,7 @@ def law_slope(marginal: Marginal, step: float = 0.5) -> Array:
         return total
 
     axes = step * np.eye(np.size(marginal.centre))
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
+    with ThreadPoolExecutor(processors()) as pool:
         up, down = np.split(np.array(list(pool.map(gradient, [*axes, *-axes]))), 2)
     return np.asarray((down - up) / (2.0 * step))
 

@@ -10,7 +10,6 @@ errors.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -38,6 +37,7 @@ from bayeschute.inference.target import (
     linearise,
     residuals,
 )
+from bayeschute.numerics import processors
 
 Array = NDArray[np.float64]
 _CORRECTIONS = 1
@@ -239,7 +239,7 @@ def log_determinant(marginal: Marginal, xi: Array) -> float:
 
 def _determinants(marginal: Marginal, points: Array) -> Array:
     """Exact log determinants (N,) at points (N, P), less the value at theta_0."""
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
+    with ThreadPoolExecutor(processors()) as pool:
         values = list(pool.map(lambda xi: log_determinant(marginal, xi), [0.0 * points[0], *points]))
     return np.array(values[1:]) - values[0]
 

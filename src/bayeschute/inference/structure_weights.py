@@ -13,7 +13,6 @@ in the parameters, log determinants likewise, each kept by sample.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
@@ -26,6 +25,7 @@ from numpy.typing import NDArray
 from bayeschute.inference.marginal import Along, Marginal, course_at, shifted
 from bayeschute.inference.statespace import Gains, innovations
 from bayeschute.inference.target import FlightData, as_series, filter_gains, linearise
+from bayeschute.numerics import processors
 
 Array = NDArray[np.float64]
 OPENING = 0.25  # share of every record that teaches and is not scored
@@ -84,7 +84,7 @@ def terms(marginal: Marginal, step: float = 1.0) -> list[Terms]:
             found.append(np.asarray(_by_sample(flight, _gains(flight, marginal.hyper, linear))))
         return found
 
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
+    with ThreadPoolExecutor(processors()) as pool:
         values = list(pool.map(determinants, [*axes, *-axes]))
     made = []
     for i, (flight, along) in enumerate(zip(marginal.flights, marginal.along, strict=True)):

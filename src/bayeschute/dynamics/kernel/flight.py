@@ -18,10 +18,11 @@ import numpy as np
 
 from bayeschute.dynamics.integrate import FlightModel, Steps
 from bayeschute.dynamics.kernel import chaining
-from bayeschute.dynamics.kernel.machine import Array, aligned, processors
+from bayeschute.dynamics.kernel.machine import Array, aligned
 from bayeschute.dynamics.kernel.programs import LANES, Programs, opening, programs_of
 from bayeschute.dynamics.kernel.simulation import stage_plan
 from bayeschute.dynamics.kernel.trace import Traced
+from bayeschute.numerics import processors
 
 _DRIVEN = ("theta", "error_now", "error_then")
 

@@ -36,11 +36,6 @@ def aligned(*shape: int) -> Array:
     return room[first : first + size].reshape(shape)
 
 
-def processors() -> int:
-    """Processors that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
 def compiled(program: Program, tuned: bool = False) -> Callable[..., None]:
     """The function of a program; it takes arrays, then integers, and lets other threads run.
 
