@@ -12,19 +12,16 @@ from __future__ import annotations
 
 import argparse
 import json
-from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 from typing import Any
 
 import numpy as np
-from parameter_coverage import STUDY, priors_about
+from parameter_coverage import STUDY, flown
 
-from bayeschute.forecast.virtual import fly
 from bayeschute.inference import map as optimum
 from bayeschute.inference.finding import lengthened
 from bayeschute.inference.priors import working
-from bayeschute.inference.records import cluster_data
 from bayeschute.study import setup
 from bayeschute.study.load import load_study
 
@@ -59,13 +56,7 @@ def main() -> None:
     parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
     study = load_study(Path(STUDY))
-    model, structure = setup.cluster(study.vehicle)
-    record, _ = fly(setup.drop(study.flights[0].virtual), model, structure, given.seed)
-    priors = priors_about(study, structure, model)
-    blank = replace(model, axial=(0.0,) * len(structure.axial), transverse=(0.0,) * len(structure.transverse))
-    latent = setup.latent(study, structure.canopies)
-    channels = ("canopy_position", "capsule_velocity", "capsule_attitude")
-    data = cluster_data(record, blank, structure, priors, channels, latent)
+    data, priors = flown(study, given.seed)
     rows = []
     for seed in range(given.starts):
         rows.append(one(data, setup.hyper(study), priors, seed))

@@ -44,6 +44,27 @@ def priors_about(study: Any, structure: Any, model: Any) -> list[Any]:
     return made
 
 
+def flown(study: Any, seed: int, drop: Any = None, priors: Any = priors_about) -> tuple[Any, tuple[Any, ...]]:
+    """The study's first flight from a seed, ready to be fitted with the terms that it flies, and the priors.
+
+    Args:
+        study: The study.
+        seed: Of the flight.
+        drop: What is flown; the study's own where None.
+        priors: Makes the priors, as `priors_about` does.
+    """
+    from bayeschute.forecast.virtual import fly
+    from bayeschute.inference.records import cluster_data
+    from bayeschute.study import setup
+
+    model, structure = setup.cluster(study.vehicle)
+    record, _ = fly(setup.drop(study.flights[0].virtual) if drop is None else drop, model, structure, seed)
+    made = tuple(priors(study, structure, model))
+    blank = replace(model, axial=(0.0,) * len(structure.axial), transverse=(0.0,) * len(structure.transverse))
+    latent, channels = setup.latent(study, structure.canopies), tuple(study.noise.channels())
+    return cluster_data(record, blank, structure, made, channels, latent), made
+
+
 def known_noise(drop: Any) -> Any:
     """The noise parameters that make a drop's record and disturbances."""
     from bayeschute.inference.noise import Noise
@@ -67,24 +88,18 @@ def known_noise(drop: Any) -> Any:
 def one(study: Any, seed: int, known: bool) -> dict[str, Any]:
     """Fly and fit one replicate."""
     from bayeschute.flight.sensors import SensorNoise
-    from bayeschute.forecast.virtual import fly
     from bayeschute.inference import map as optimum
     from bayeschute.inference.evidence import HyperPrior
     from bayeschute.inference.finding import Settled, find, marginal_mode
     from bayeschute.inference.law_slope import added
     from bayeschute.inference.priors import working
-    from bayeschute.inference.records import cluster_data
     from bayeschute.study import setup
 
-    model, structure = setup.cluster(study.vehicle)
     drop = setup.drop(study.flights[0].virtual)
     if known:
         drop = replace(drop, sensors={**drop.sensors, "wind": SensorNoise()})
-    record, _ = fly(drop, model, structure, seed)
-    priors = priors_about(study, structure, model)
-    blank = replace(model, axial=(0.0,) * len(structure.axial), transverse=(0.0,) * len(structure.transverse))
-    channels = ("canopy_position", "capsule_velocity", "capsule_attitude")
-    data = [cluster_data(record, blank, structure, priors, channels, setup.latent(study, structure.canopies))]
+    flight, priors = flown(study, seed, drop)
+    data = [flight]
     if known:
         hyper, truth = known_noise(drop), working(priors)[0]
         best = optimum.fit(data, hyper, priors, truth, tolerance=0.05)

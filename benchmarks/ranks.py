@@ -64,20 +64,15 @@ def cluster() -> sbc.Template:
     import parameter_coverage as study_of
 
     from bayeschute.forecast.bands import opening
-    from bayeschute.forecast.virtual import fly
-    from bayeschute.inference.records import cluster_data
     from bayeschute.study import setup
     from bayeschute.study.load import load_study
 
+    def narrower(*given: Any) -> list[Any]:
+        wide = study_of.priors_about(*given)
+        return [replace(p, scale=CLUSTER_SPREAD.get(p.name, 0.05 if "[" in p.name else p.scale)) for p in wide]
+
     study = load_study(study_of.STUDY)
-    model, structure = setup.cluster(study.vehicle)
-    record, _ = fly(setup.drop(study.flights[0].virtual), model, structure, 1)
-    wide = study_of.priors_about(study, structure, model)
-    spread = [CLUSTER_SPREAD.get(p.name, 0.05 if "[" in p.name else p.scale) for p in wide]
-    priors = tuple(replace(p, scale=s) for p, s in zip(wide, spread, strict=True))
-    blank = replace(model, axial=(0.0,) * len(structure.axial), transverse=(0.0,) * len(structure.transverse))
-    channels = ("canopy_position", "capsule_velocity", "capsule_attitude")
-    flight = cluster_data(record, blank, structure, priors, channels, setup.latent(study, structure.canopies))
+    flight, priors = study_of.flown(study, 1, priors=narrower)
 
     def quantities(data: Any, x: np.ndarray) -> dict[str, np.ndarray]:
         seen = quantities_of_states(data, x)

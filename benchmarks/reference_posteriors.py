@@ -15,7 +15,7 @@ import argparse
 import json
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -62,19 +62,12 @@ def cluster_ar1() -> Case:
     """The default study's first flight with the terms that it flies, no latent disturbances, AR(1) noise."""
     import parameter_coverage as study_of
 
-    from bayeschute.forecast.virtual import fly
-    from bayeschute.inference.records import cluster_data
     from bayeschute.study import setup
     from bayeschute.study.identity import with_noise
     from bayeschute.study.load import load_study
 
     study = with_noise(load_study(study_of.STUDY), "ar1")
-    model, structure = setup.cluster(study.vehicle)
-    record, _ = fly(setup.drop(study.flights[0].virtual), model, structure, SEED)
-    priors = tuple(study_of.priors_about(study, structure, model))
-    blank = replace(model, axial=(0.0,) * len(structure.axial), transverse=(0.0,) * len(structure.transverse))
-    latent = setup.latent(study, structure.canopies)
-    flight = cluster_data(record, blank, structure, priors, tuple(study.noise.channels()), latent)
+    flight, priors = study_of.flown(study, SEED)
     return Case(flight, priors, HyperPrior(setup.hyper(study)))
 
 
