@@ -152,3 +152,25 @@ def test_the_default_study_runs_quickly_from_end_to_end(tmp_path: Path):
     assert {"swing_angle", "descent_rate"} <= set(summary["coverage"]["cdt-3-12"])
     assert summary["checks"]["optimum"]["passed"]
     assert (tmp_path / "run/report.html").is_file()
+
+
+@pytest.mark.slow
+def test_drops_that_vary_are_joined_and_foretell_another_one(tmp_path: Path):
+    head, drop, predicted = (ROOT / "models/studies/cdt-3-11.toml").read_text(encoding="utf-8").split("[[flight]]")
+    other = drop.replace("cdt-3-11", "second").replace('["structure", "identify"]', '["identify"]').replace("17 deg", "13 deg")
+    text = "[[flight]]".join([head, drop, other, predicted]).replace("../vehicles", str(ROOT / "models/vehicles"))
+    text = text.replace("inflation = 10.0", 'vary = ["axial[1]", "riser_length"]\ninflation = 10.0')
+    (tmp_path / "drops.toml").write_text(text, encoding="utf-8")
+    CliRunner().invoke(app, ["run", str(tmp_path / "drops.toml"), "--out", str(tmp_path / "run"), "--quick"])
+    summary = json.loads((tmp_path / "run/summary.json").read_text(encoding="utf-8"))
+    found = summary["parameters"]
+    for name in ("axial[1]", "riser_length"):
+        own = [found[f"{name}@{flight}"] for flight in ("cdt-3-11", "second")]
+        assert all(one["sd"] < found[name]["sd"] for one in own), "two drops tell more of themselves than of others"
+        assert found[f"sd({name})"]["q05"] > 0.0
+    assert summary["checks"]["optimum"]["passed"]
+    assert set(summary["coverage"]) == {"cdt-3-11", "second", "cdt-3-12"}
+    assert set(summary["identifiability"]) == {"cdt-3-11", "second"}
+    assert "fitted one by one and joined" in " ".join(summary["notes"])
+    with xr.open_datatree(tmp_path / "run/predictions.nc", engine="h5netcdf") as tree:
+        assert np.isfinite(tree["cdt-3-12"]["swing_angle"]).all()
