@@ -157,7 +157,11 @@ def test_the_default_study_runs_quickly_from_end_to_end(tmp_path: Path):
 @pytest.mark.slow
 def test_drops_that_vary_are_joined_and_foretell_another_one(tmp_path: Path):
     head, drop, predicted = (ROOT / "models/studies/cdt-3-11.toml").read_text(encoding="utf-8").split("[[flight]]")
-    other = drop.replace("cdt-3-11", "second").replace('["structure", "identify"]', '["identify"]').replace("17 deg", "13 deg")
+    other = (
+        drop.replace("cdt-3-11", "second")
+        .replace('["structure", "identify"]', '["identify"]')
+        .replace("17 deg", "13 deg")
+    )
     text = "[[flight]]".join([head, drop, other, predicted]).replace("../vehicles", str(ROOT / "models/vehicles"))
     text = text.replace("inflation = 10.0", 'vary = ["axial[1]", "riser_length"]\ninflation = 10.0')
     (tmp_path / "drops.toml").write_text(text, encoding="utf-8")

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from bayeschute.inference import latent
+from bayeschute.inference import marginal as marginal_module
 from bayeschute.inference.drawing import Normals, normals
 from bayeschute.inference.map import fit
 from bayeschute.inference.marginal import (
@@ -87,6 +88,36 @@ def test_determinant_is_a_parabola_through_exact_values(falling):
     two = Determinant(np.array([0.3, -0.2]), np.array([0.1, 0.4]))
     xi = np.array([[1.0, 0.5], [2.0, -1.0]])
     np.testing.assert_allclose(two.at(xi), [0.3 - 0.4 + 0.05 + 0.8, 0.15 + 0.2 + 0.0125 + 0.2])
+
+
+def limited(monkeypatch, least: float, most: float) -> None:
+    """Flights fail outside these standard coordinates."""
+    exact = marginal_module.log_determinant
+
+    def some(marginal, xi):
+        return exact(marginal, xi) if (xi >= least).all() and (xi <= most).all() else np.nan
+
+    monkeypatch.setattr(marginal_module, "log_determinant", some)
+
+
+def test_the_slope_of_the_determinant_is_taken_to_the_side_on_which_flights_fly(falling, monkeypatch):
+    exact = {x: log_determinant(falling, np.array([x])) for x in (-0.2, 0.0)}
+    limited(monkeypatch, -1.0, 0.1)
+    assert determinant_slope(falling)[0] == pytest.approx((exact[0.0] - exact[-0.2]) / 0.2, rel=1e-9)
+    limited(monkeypatch, -0.1, 0.1)
+    with pytest.raises(FloatingPointError, match="both sides"):
+        determinant_slope(falling)
+
+
+def test_the_parabola_of_the_determinant_is_narrower_where_flights_fail(falling, monkeypatch):
+    exact = {x: log_determinant(falling, np.array([x])) for x in (-0.25, 0.0, 0.25)}
+    limited(monkeypatch, -0.3, 0.6)
+    made = determinant_around(falling)
+    for x in (-0.25, 0.25):
+        assert made.at(np.array([x])) == pytest.approx(exact[x] - exact[0.0], rel=1e-6)
+    limited(monkeypatch, -0.1, 0.6)
+    with pytest.raises(FloatingPointError, match="beside the optimum"):
+        determinant_around(falling)
 
 
 def test_determinant_error_is_what_the_polynomial_leaves(falling):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 
 import jax
@@ -14,7 +15,7 @@ from bayeschute.inference import evidence, score
 from bayeschute.inference.evidence import HyperPrior
 from bayeschute.inference.law_slope import added, law_slope, widened
 from bayeschute.inference.map import fit
-from bayeschute.inference.marginal import determinant_slope, marginalise
+from bayeschute.inference.marginal import determinant_slope, marginalise, shifted
 from bayeschute.inference.noise import Noise
 from bayeschute.inference.priors import working
 from bayeschute.inference.statespace import innovations
@@ -105,6 +106,24 @@ def test_law_slope_is_the_motion_of_the_mode(descent):
     wanted = np.array([(mode(at + step * e) - mode(at - step * e)) / (2.0 * step * sd) for e in np.eye(5)])
     np.testing.assert_allclose(slope, wanted[None], atol=0.02 + 0.1 * np.abs(wanted).max())
     assert np.abs(wanted).max() > 0.2
+
+
+def test_law_slope_goes_less_far_where_flights_fail(descent, monkeypatch):
+    made = marginalise(descent.flights, descent.hyper, descent.priors, _mode(descent, descent.hyper, descent.theta))
+    near, module = law_slope(made, step=0.125), sys.modules[law_slope.__module__]
+
+    def fails_beyond(most):
+        def some(marginal, xi):
+            theta, shift = shifted(marginal, xi)
+            return (theta if (np.abs(xi) <= most).all() else np.nan * theta), shift
+
+        monkeypatch.setattr(module, "shifted", some)
+
+    fails_beyond(0.2)
+    np.testing.assert_allclose(law_slope(made, step=0.5), near, rtol=1e-12)
+    fails_beyond(0.01)
+    with pytest.raises(FloatingPointError, match="beside the optimum"):
+        law_slope(made, step=0.5)
 
 
 def test_widened_draws_have_the_joint_covariance():

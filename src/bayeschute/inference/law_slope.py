@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from bayeschute.inference.marginal import Marginal, course_at, shifted
+from bayeschute.inference.marginal import STEPS, Marginal, course_at, shifted
 from bayeschute.inference.score import conditional_score, to_vector
 from bayeschute.inference.target import as_series, linearise
 from bayeschute.numerics import processors
@@ -33,10 +33,13 @@ def law_slope(marginal: Marginal, step: float = 0.5) -> Array:
 
     Args:
         marginal: The posterior for held noise parameters.
-        step: How far to either side to go along every axis.
+        step: How far to either side to go along every axis; less far where a flight fails there.
 
     Returns:
         (P, V), noise parameters in the order of `score.to_vector`.
+
+    Raises:
+        FloatingPointError: If flights fail along an axis, however short a way is gone.
     """
     at = jnp.asarray(to_vector(marginal.hyper))
     like = jax.tree.map(lambda a: jnp.asarray(a, float), marginal.hyper)
@@ -49,10 +52,17 @@ def law_slope(marginal: Marginal, step: float = 0.5) -> Array:
             total = total + np.asarray(conditional_score(at, like, flight, linear, _seen(linear) - along.gap))
         return total
 
-    axes = step * np.eye(np.size(marginal.centre))
-    with ThreadPoolExecutor(processors()) as pool:
-        up, down = np.split(np.array(list(pool.map(gradient, [*axes, *-axes]))), 2)
-    return np.asarray((down - up) / (2.0 * step))
+    axes = np.eye(np.size(marginal.centre))
+    slope = np.full((len(axes), at.size), np.nan)
+    for share in STEPS:
+        left, h = np.flatnonzero(~np.isfinite(slope).all(axis=1)), share * step
+        if left.size:
+            with ThreadPoolExecutor(processors()) as pool:
+                up, down = np.split(np.array(list(pool.map(gradient, [*(h * axes[left]), *(-h * axes[left])]))), 2)
+            slope[left] = (down - up) / (2.0 * h)
+    if not np.isfinite(slope).all():
+        raise FloatingPointError("flights beside the optimum fail: how it follows the noise parameters is not known")
+    return slope
 
 
 def widened(xi: Array, slope: Array, covariance: Array, seed: int) -> Array:

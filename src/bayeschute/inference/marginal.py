@@ -41,6 +41,7 @@ from bayeschute.numerics import processors
 
 Array = NDArray[np.float64]
 _CORRECTIONS = 1
+STEPS = (1.0, 0.5, 0.25, 0.125)  # shares of a step that are tried where a flight fails
 
 
 class Along(NamedTuple):
@@ -245,15 +246,41 @@ def _determinants(marginal: Marginal, points: Array) -> Array:
 
 
 def determinant_slope(marginal: Marginal, step: float = 0.2) -> Array:
-    """Slope of the log determinant at theta_0 in standard coordinates (P,), by one-sided differences."""
-    return _determinants(marginal, step * np.eye(np.size(marginal.centre))) / step
+    """Slope of the log determinant at theta_0 in standard coordinates (P,), by one-sided differences.
+
+    Where a flight beside the optimum fails, the difference is taken to the other side.
+
+    Raises:
+        FloatingPointError: If flights fail to both sides, or at the optimum.
+    """
+    axes = np.eye(np.size(marginal.centre))
+    slope = _determinants(marginal, step * axes) / step
+    lost = ~np.isfinite(slope)
+    if lost.any():
+        slope[lost] = _determinants(marginal, -step * axes[lost]) / -step
+    if not np.isfinite(slope).all():
+        raise FloatingPointError("flights to both sides of the optimum fail: the log determinant has no slope there")
+    return slope
 
 
 def determinant_around(marginal: Marginal, step: float = 1.0) -> Determinant:
-    """Slope and curvature of the log determinant along every axis, from exact values at plus and minus `step`."""
-    axes = step * np.eye(np.size(marginal.centre))
-    up, down = np.split(_determinants(marginal, np.concatenate([axes, -axes])), 2)
-    return Determinant((up - down) / (2.0 * step), (up + down) / step**2)
+    """Slope and curvature of the log determinant along every axis, from exact values at plus and minus `step`.
+
+    Along an axis on which a flight fails there, from values at a half, a quarter or an eighth of it.
+
+    Raises:
+        FloatingPointError: If a flight fails at an eighth of the step too.
+    """
+    axes = np.eye(np.size(marginal.centre))
+    slope, curvature = np.full((2, len(axes)), np.nan)
+    for share in STEPS:
+        left, h = np.flatnonzero(~np.isfinite(curvature)), share * step
+        if left.size:
+            up, down = np.split(_determinants(marginal, h * np.concatenate([axes[left], -axes[left]])), 2)
+            slope[left], curvature[left] = (up - down) / (2.0 * h), (up + down) / h**2
+    if not np.isfinite(curvature).all():
+        raise FloatingPointError("flights beside the optimum fail: the log determinant is not known about it")
+    return Determinant(slope, curvature)
 
 
 def determinant_error(marginal: Marginal, points: int, rng: np.random.Generator) -> float:
