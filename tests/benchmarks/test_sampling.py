@@ -121,6 +121,7 @@ def test_from_end_to_end_with_one_peer_absent(both, target, monkeypatch, capsys)
     """Ours is put in; the rest runs as it is, but for the process-wide settings."""
     draws = np.random.default_rng(2).standard_normal((4, 500, P))
     mine = both.main.Row(2000.0, 2000, 1.0, 60.0, 30.0, 5.0, 0.0)
+    fewer = mine._replace(ess=500.0)
 
     def absent(target, clock, seed):
         raise ModuleNotFoundError("No module named 'nowhere'", name="nowhere")
@@ -128,7 +129,7 @@ def test_from_end_to_end_with_one_peer_absent(both, target, monkeypatch, capsys)
     kept = {"emcee, stretch": both.peers.PEERS["emcee, stretch"], "elsewhere": ("elsewhere", absent)}
     monkeypatch.setattr(both.peers, "PEERS", kept)
     monkeypatch.setitem(sys.modules, "sampling_peers", both.peers)
-    monkeypatch.setattr(both.main, "ours", lambda *_: (None, draws, mine, (55.0, 25.0)))
+    monkeypatch.setattr(both.main, "ours", lambda *_: (None, draws, [mine, fewer], (55.0, 25.0)))
     monkeypatch.setattr(both.main, "target_of", lambda marginal: target)
     monkeypatch.setattr("jax.clear_caches", lambda: None)
     monkeypatch.setattr("jax.config.update", lambda *_: None)
@@ -141,4 +142,6 @@ def test_from_end_to_end_with_one_peer_absent(both, target, monkeypatch, capsys)
     assert row["seconds"] - 55.0 > row["without"] - 25.0 == row["sampling"] > 490.0
     wanted = (2000.0 / 60.0) / (row["ess"] / row["seconds"])
     assert made["ratios"] == {"speedup_vs_emcee_stretch": pytest.approx(wanted)}
+    asked = made["context"]["speedups_with_the_draws_of_a_study"]
+    assert asked == {"speedup_vs_emcee_stretch": pytest.approx(wanted / 4.0)}
     assert made["context"]["absent"] == ["elsewhere"] and made["context"]["densities_differ_by"] is None

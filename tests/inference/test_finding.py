@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import jax
 import numpy as np
@@ -42,6 +43,46 @@ def test_progress_grows(descent):
     prior = HyperPrior(descent.hyper, 0.4)
     finding.find(descent.flights, descent.priors, prior, rounds=1, progress=lambda share, words: heard.append(share))
     assert heard == sorted(heard) and 0.0 <= heard[0] and heard[-1] <= 1.0
+
+
+@pytest.mark.parametrize(
+    ("least", "shares"),
+    [
+        (0.0, [0.2, 0.5, 1.0]),
+        (0.15, [0.2, 0.1, 0.2, 0.5, 1.0]),  # the flight that begins fails before 20 % of the record
+        (0.06, [0.2, 0.1, 0.05, 0.1, 0.2, 0.5, 1.0]),
+    ],
+)
+def test_openings_are_shortened_where_the_first_flight_fails(descent, monkeypatch, least, shares):
+    """What flies from the beginning ends within a share `least` of the record; once fitted it goes twice as far."""
+    tried, reach = [], [least or 1.0]
+
+    def fit(flights, hyper, priors, theta, unknowns, **options):
+        seen = np.asarray(flights[0].present).any(axis=1)
+        share = (np.flatnonzero(seen)[-1] + 1) / seen.size
+        tried.append(share)
+        assert options["opening"] == (share < 1.0)
+        if share > reach[0]:
+            raise FloatingPointError("lost")
+        reach[0] = 2.5 * share if share < 0.15 else 1.0
+        return SimpleNamespace(theta=theta, unknowns=[f.still() for f in flights])
+
+    monkeypatch.setattr(finding.optimum, "fit", fit)
+    finding.lengthened(descent.flights, descent.priors, descent.hyper, descent.theta, lambda *_: None)
+    assert tried == pytest.approx(shares, abs=0.03)
+
+
+def test_an_opening_of_a_twentieth_that_fails_ends_the_search(descent, monkeypatch):
+    tried = []
+
+    def fit(flights, *_, **options):
+        tried.append(1)
+        raise FloatingPointError("lost")
+
+    monkeypatch.setattr(finding.optimum, "fit", fit)
+    with pytest.raises(FloatingPointError, match="lost"):
+        finding.lengthened(descent.flights, descent.priors, descent.hyper, descent.theta, lambda *_: None)
+    assert len(tried) == 4
 
 
 def test_the_mode_is_found_far_from_the_joint_optimum(descent, monkeypatch):

@@ -8,6 +8,7 @@ import jax
 import numpy as np
 import pytest
 
+from bayeschute.inference import map as module
 from bayeschute.inference.map import conditional, fit, total_cost
 from bayeschute.inference.target import course, linearise
 
@@ -38,6 +39,40 @@ def test_linear_gaussian_problem_has_the_closed_form(linear, exact):
     assert best.converged and best.iterations <= 6
     np.testing.assert_allclose(_dense(linear, best.theta, best.unknowns[0]) / se, mean / se, atol=1e-5)
     np.testing.assert_allclose(best.covariance, covariance[:2, :2], rtol=1e-6)
+
+
+def test_a_flight_may_fail_after_its_last_datum_where_only_its_opening_is_fitted(linear, monkeypatch):
+    present = np.array(linear.flight.present)
+    last = len(present) // 2
+    present[last + 1 :] = False
+    seen = replace(linear.flight, present=present)
+
+    def fitted(**options):
+        return fit([seen], linear.hyper, linear.priors, np.zeros(2), tolerance=1e-6, **options)
+
+    whole = fitted()
+
+    def failing(*given):
+        """The step from the last datum, and all that comes after it, is lost."""
+        made = linearise(*given)
+        by_step = {n: np.array(getattr(made.steps, n)) for n in ("by_state", "by_theta", "by_now", "by_then")}
+        by_out = {n: np.array(getattr(made.steps, n)) for n in ("out_state", "out_theta")}
+        for rows, first in ((by_step, last), (by_out, last + 1)):
+            for array in rows.values():
+                array[first:] = np.nan
+        return made._replace(steps=made.steps._replace(**by_step, **by_out))
+
+    monkeypatch.setattr(module, "linearise", failing)
+    found = fitted(opening=True)
+    np.testing.assert_allclose(found.theta, whole.theta, rtol=1e-9)
+    np.testing.assert_allclose(found.covariance, whole.covariance, rtol=1e-9)
+    np.testing.assert_allclose(found.unknowns[0].start, whole.unknowns[0].start, atol=1e-9)
+    np.testing.assert_allclose(found.unknowns[0].shocks, whole.unknowns[0].shocks, atol=1e-9)
+    with pytest.raises(FloatingPointError, match="starting point"):
+        fitted()
+    last -= 1
+    with pytest.raises(FloatingPointError, match="starting point"):
+        fitted(opening=True)
 
 
 def test_tilt_moves_the_optimum_by_the_covariance(linear, exact):

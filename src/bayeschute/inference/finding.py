@@ -38,6 +38,7 @@ HORIZONS = (
 _MODE_STEPS, _NEAR = 8, 0.2  # most steps to the marginal mode; length of the last, in standard deviations
 _TURNS, _REST = 3, 0.4  # most turns of noise parameters and mode; a step of the mode after which there is no other
 _FAR = 1.0  # standard deviations by which noise parameters at their mean may move a parameter
+_LEAST_OPENING = 0.05  # share of the record at which the first part is shortened no more
 _LEAST_GAIN = 0.05  # share of the record by which the fitted part must at least be lengthened
 
 
@@ -97,7 +98,8 @@ def lengthened(
 ) -> tuple[Array, Sequence[Unknowns]]:
     """Parameters and unknowns that follow the whole record, found on longer and longer openings of it.
 
-    Where what one opening told is lost before the end of the next, the next is shortened.
+    Where what one opening told is lost before the end of the next, the next is shortened; so is the first where the
+    flight that begins there fails within it.
 
     Args:
         flights: Records.
@@ -119,9 +121,9 @@ def lengthened(
         say(0.0, f"opening {100 * share:.0f} % of the record")
         seen = [_until(f, share) for f in flights]
         try:
-            best = optimum.fit(seen, hyper, priors, theta, unknowns, tolerance=0.5, most=12)
+            best = optimum.fit(seen, hyper, priors, theta, unknowns, tolerance=0.5, most=12, opening=share < 1.0)
         except FloatingPointError:
-            if done == 0.0 or share - done < 2.0 * _LEAST_GAIN:
+            if share - done < (_LEAST_OPENING if done == 0.0 else 2.0 * _LEAST_GAIN):
                 raise
             todo.insert(0, 0.5 * (done + share))
             continue

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
@@ -92,6 +93,21 @@ def conditional(data: FlightData, hyper: Hyper, linear: Linear) -> Conditional:
     )
 
 
+@jax.jit
+def _opening(data: FlightData, linear: Linear) -> Linear:
+    """A linearised flight that stands still where it fails after its last datum: nothing is told there."""
+    steps, present = linear.steps, jnp.asarray(data.present).any(axis=1)
+    after = jnp.arange(present.size) > jnp.max(jnp.where(present, jnp.arange(present.size), -1))
+
+    def still(rows: jax.Array) -> jax.Array:
+        """A step belongs to the sample that it leads to, an output to its own."""
+        free = after[-rows.shape[0] :].reshape(-1, 1, 1)
+        return jnp.where(free & ~jnp.isfinite(rows), 0.0, rows)
+
+    by_step = ("by_state", "by_theta", "by_now", "by_then", "out_state", "out_theta")
+    return linear._replace(steps=steps._replace(**{name: still(getattr(steps, name)) for name in by_step}))
+
+
 class _Linearised(NamedTuple):
     """Conditional optima of all flights, and matrix and gradient of the least squares in theta, prior and tilt in."""
 
@@ -127,6 +143,7 @@ def fit(
     most: int = 40,
     tilt: Array | None = None,
     progress: Callable[[int, float, float], None] | None = None,
+    opening: bool = False,
 ) -> Optimum:
     """Find the optimum by Levenberg-Marquardt with a line search.
 
@@ -140,6 +157,7 @@ def fit(
         most: Most iterations.
         tilt: Slope of a term added to the cost (P,).
         progress: Called with iteration, cost and step over standard error.
+        opening: Whether flights may fail after their last datum.
 
     Returns:
         The optimum; `converged` tells whether the tolerance was met.
@@ -156,7 +174,10 @@ def fit(
 
     def linearised(theta: Array, parts: Sequence[Unknowns]) -> _Linearised | None:
         pairs = zip(flights, parts, strict=True)
-        given = [conditional(f, hyper, linearise(f, theta, course(f, hyper, x))) for f, x in pairs]
+        linear = [linearise(f, theta, course(f, hyper, x)) for f, x in pairs]
+        if opening:
+            linear = [_opening(f, one) for f, one in zip(flights, linear, strict=True)]
+        given = [conditional(f, hyper, one) for f, one in zip(flights, linear, strict=True)]
         matrix = np.diag(1.0 / scale**2) + sum(np.asarray(g.matrix) for g in given)
         gradient = (theta - centre) / scale**2 + tilt + sum(np.asarray(g.gradient) for g in given)
         return (
