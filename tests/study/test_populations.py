@@ -106,16 +106,15 @@ def test_prior_draws_are_those_of_the_hierarchy(joined):
 
 
 def test_a_drop_that_was_flown_is_foretold_by_its_own_parameters(case, joined):
-    first, told = populations.foretelling(case.job, case.todo[1], flown=True)
-    ((group, stored, draws),) = told
-    assert first is case.fits["drop-1"] and group is case.todo[1] and draws == 400
+    ((group, stored, draws),) = populations.by_drops(case.job, case.todo[1], case.fits["drop-1"], True, 400)
+    assert group is case.todo[1] and draws == 400
     assert not stored.law_slope.any() and (stored.held == stored.theta).all()
     for i, name in ((0, "axial[1]@drop-1"), (2, "transverse[e]")):
         assert np.sort(stored.theta[..., i].ravel()) == pytest.approx(np.sort(joined["posterior"][name].values.ravel()))
 
 
 def test_one_that_was_not_is_foretold_by_another_drop_of_the_population(case, joined):
-    _, told = populations.foretelling(case.job, case.todo[0], flown=False)
+    told = populations.by_drops(case.job, case.todo[0], case.fits["drop-0"], False, 400)
     assert [group.name for group, _, _ in told] == ["drop-0", "drop-1", "drop-2"]
     assert [draws for *_, draws in told] == [134, 133, 133]
     posterior = joined["posterior"].ds
@@ -127,7 +126,7 @@ def test_one_that_was_not_is_foretold_by_another_drop_of_the_population(case, jo
 
 
 def test_parameters_keep_their_correlation_in_the_draws_that_foretell(case, joined):
-    _, ((_, stored, _),) = populations.foretelling(case.job, case.todo[1], flown=True)
+    ((_, stored, _),) = populations.by_drops(case.job, case.todo[1], case.fits["drop-1"], True, 400)
     posterior = joined["posterior"].ds
     known = float(xr.corr(posterior["axial[1]@drop-1"], posterior["transverse[e]"]))
     assert np.corrcoef(stored.theta[..., 0].ravel(), stored.theta[..., 2].ravel())[0, 1] == pytest.approx(known)

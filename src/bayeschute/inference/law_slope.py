@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from bayeschute.inference.marginal import STEPS, Marginal, course_at, shifted
+from bayeschute.inference.marginal import Marginal, beside, course_at, shifted
 from bayeschute.inference.score import conditional_score, to_vector
 from bayeschute.inference.target import as_series, linearise
 from bayeschute.numerics import processors
@@ -52,17 +52,11 @@ def law_slope(marginal: Marginal, step: float = 0.5) -> Array:
             total = total + np.asarray(conditional_score(at, like, flight, linear, _seen(linear) - along.gap))
         return total
 
-    axes = np.eye(np.size(marginal.centre))
-    slope = np.full((len(axes), at.size), np.nan)
-    for share in STEPS:
-        left, h = np.flatnonzero(~np.isfinite(slope).all(axis=1)), share * step
-        if left.size:
-            with ThreadPoolExecutor(processors()) as pool:
-                up, down = np.split(np.array(list(pool.map(gradient, [*(h * axes[left]), *(-h * axes[left])]))), 2)
-            slope[left] = (down - up) / (2.0 * h)
-    if not np.isfinite(slope).all():
-        raise FloatingPointError("flights beside the optimum fail: how it follows the noise parameters is not known")
-    return slope
+    with ThreadPoolExecutor(processors()) as pool:
+        up, down, h = beside(
+            lambda points: np.array(list(pool.map(gradient, points))), np.size(marginal.centre), step, "the gradient"
+        )
+    return np.asarray((down - up) / (2.0 * h))
 
 
 def widened(xi: Array, slope: Array, covariance: Array, seed: int) -> Array:

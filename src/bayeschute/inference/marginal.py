@@ -10,7 +10,7 @@ errors.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -41,7 +41,7 @@ from bayeschute.numerics import processors
 
 Array = NDArray[np.float64]
 _CORRECTIONS = 1
-STEPS = (1.0, 0.5, 0.25, 0.125)  # shares of a step that are tried where a flight fails
+_STEPS = (1.0, 0.5, 0.25, 0.125)  # shares of a step that are tried where a flight fails
 
 
 class Along(NamedTuple):
@@ -245,6 +245,33 @@ def _determinants(marginal: Marginal, points: Array) -> Array:
     return np.array(values[1:]) - values[0]
 
 
+def beside(values: Callable[[Array], Array], count: int, step: float, of_what: str) -> tuple[Array, Array, Array]:
+    """Values at a step to either side along every axis; at a shorter one along an axis on which a flight fails there.
+
+    Args:
+        values: From points (N, P) to (N, V); not finite where a flight fails.
+        count: Number of axes P.
+        step: How far to go; a half, a quarter or an eighth of it where need be.
+        of_what: For the error.
+
+    Returns:
+        Values at plus and at minus the step (P, V), and the steps (P, 1).
+
+    Raises:
+        FloatingPointError: If a flight fails at an eighth of the step too.
+    """
+    left, found, steps = np.arange(count), dict[int, tuple[Array, Array]](), np.full((count, 1), step)
+    for share in _STEPS:
+        h, axes = share * step, np.eye(count)[left]
+        rows = zip(left.tolist(), *np.split(values(h * np.concatenate([axes, -axes])), 2), strict=True)
+        found |= {axis: (up, down) for axis, up, down in rows if np.isfinite([up, down]).all()}
+        steps[left], left = h, np.array([axis for axis in left if axis not in found], dtype=int)
+        if not left.size:
+            up, down = (np.array(side) for side in zip(*(found[axis] for axis in range(count)), strict=True))
+            return up, down, steps
+    raise FloatingPointError(f"flights beside the optimum fail: {of_what} is not known about it")
+
+
 def determinant_slope(marginal: Marginal, step: float = 0.2) -> Array:
     """Slope of the log determinant at theta_0 in standard coordinates (P,), by one-sided differences.
 
@@ -271,16 +298,9 @@ def determinant_around(marginal: Marginal, step: float = 1.0) -> Determinant:
     Raises:
         FloatingPointError: If a flight fails at an eighth of the step too.
     """
-    axes = np.eye(np.size(marginal.centre))
-    slope, curvature = np.full((2, len(axes)), np.nan)
-    for share in STEPS:
-        left, h = np.flatnonzero(~np.isfinite(curvature)), share * step
-        if left.size:
-            up, down = np.split(_determinants(marginal, h * np.concatenate([axes[left], -axes[left]])), 2)
-            slope[left], curvature[left] = (up - down) / (2.0 * h), (up + down) / h**2
-    if not np.isfinite(curvature).all():
-        raise FloatingPointError("flights beside the optimum fail: the log determinant is not known about it")
-    return Determinant(slope, curvature)
+    count = np.size(marginal.centre)
+    up, down, h = beside(lambda points: _determinants(marginal, points)[:, None], count, step, "the log determinant")
+    return Determinant(((up - down) / (2.0 * h))[:, 0], ((up + down) / h**2)[:, 0])
 
 
 def determinant_error(marginal: Marginal, points: int, rng: np.random.Generator) -> float:

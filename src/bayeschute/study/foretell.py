@@ -21,8 +21,9 @@ from bayeschute.forecast.mixing import mix
 from bayeschute.inference.marginal import Marginal
 from bayeschute.inference.priors import Prior
 from bayeschute.inference.target import FlightData, Hyper
-from bayeschute.study.fits import Group, Stored, data_of, gaussian_summary, groups
-from bayeschute.study.populations import foretelling
+from bayeschute.study import structures
+from bayeschute.study.fits import Group, Stored, data_of, gaussian_summary, groups, load_fit
+from bayeschute.study.populations import by_drops
 from bayeschute.study.study import Flight
 from bayeschute.study.work_data import load_flight, load_truth
 
@@ -155,11 +156,17 @@ Tell = Callable[[Sequence[bands.Prediction]], Foretold]
 def _orders(job: Job, i: int, flight: Flight) -> tuple[list[_Order], Tell]:
     """What a flight's draws need, by every structure that has a share in them, and what becomes of them."""
     group = _group_of(job, flight)
-    stored, told = foretelling(job, group, flight in group.flights)
+    stored, flown = load_fit(job, group), flight in group.flights
+    draws = min(job.study.predict.draws, stored.held[..., 0].size)
+    if job.study.priors.vary:
+        told = by_drops(job, group, stored, flown, draws)
+    else:
+        members = structures.members(job, group, draws)
+        told = [(one, stored if one is group else load_fit(job, one), n) for one, n in members]
     made = [_order(job, flight, one, of_it, draws, (i, j)) for j, (one, of_it, draws) in enumerate(told)]
     orders, time = [order for order, _ in made], made[0][1]
     record, truth = load_flight(job, flight.name), load_truth(job, flight.name)
-    held_out = time > _until(flight, flight in group.flights, time)
+    held_out = time > _until(flight, flown, time)
     seed = job.study.seed + 100 + i
     return orders, lambda made: Foretold(flight, stored, mix(made), time, held_out, record, truth, seed)
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,7 +22,6 @@ from bayeschute.inference import hierarchy, population
 from bayeschute.inference.hierarchy import Hierarchy
 from bayeschute.inference.priors import Prior, values, working
 from bayeschute.study.fits import Group, Stored, groups, load_fit
-from bayeschute.study.structures import members
 from bayeschute.study.work_data import load_priors
 
 if TYPE_CHECKING:
@@ -70,8 +70,9 @@ def _together(trees: Sequence[xr.DataTree], wanted: Sequence[str]) -> dict[str, 
 
 def _tree(plain: dict[str, dict[str, Array]], units: dict[str, str]) -> xr.DataTree:
     tree = from_dict({name: rows for name, rows in plain.items() if name not in _OWN_LENGTHS})
-    for name in set(_OWN_LENGTHS) & set(plain):
-        tree[name] = xr.DataTree(_own_dims(plain[name], name))
+    for name in _OWN_LENGTHS:
+        if name in plain:
+            tree[name] = xr.DataTree(_own_dims(plain[name], name))
     for name, unit in units.items():
         tree["posterior"][name].attrs["units"] = unit
     return tree
@@ -114,12 +115,7 @@ def _drops(job: Job, todo: Sequence[Group], trees: Sequence[xr.DataTree]) -> xr.
     sizes = (table.chains, table.warmup, table.draws, study.seed)
     made = hierarchy.fit(likelihoods, vary.tolist(), centre, scale, *sizes)
     kept: dict[str, Any] = {"shared": made.shared, "mean": made.mean, "sd": made.sd, "drops": made.drops}
-
-    def write(path: Any) -> None:
-        with path.open("wb") as file:
-            np.savez(file, **kept)
-
-    write_whole(job.out / FILE, write)
+    write_whole(job.out / FILE, partial(np.savez, **kept))
     names = [group.name for group in todo]
     plain = _together(trees, _OWN_LENGTHS)
     plain["posterior"] = _named(job, priors, names, made)
@@ -166,27 +162,21 @@ def _whole(job: Job, priors: Sequence[Prior], made: Hierarchy, own: Array | None
     return theta
 
 
-def foretelling(job: Job, group: Group, flown: bool) -> tuple[Stored, list[tuple[Group, Stored, int]]]:
-    """Fits that foretell a flight, what each says of its parameters, and how many of the flight's draws each gives.
+def by_drops(job: Job, group: Group, alone: Stored, flown: bool, draws: int) -> list[tuple[Group, Stored, int]]:
+    """Drops that foretell a flight, what the joined posterior says of its parameters, and how many draws each gives.
 
     Args:
         job: The run.
-        group: The fit that the flight was part of; any of the study's where it was of none.
+        group: The drop's own fit where it was flown; any of the study's where it was not, and then all foretell it.
+        alone: That fit, as it is kept.
         flown: Whether the flight was fitted.
-
-    Returns:
-        The group's fit as it is kept, and those.
+        draws: Of the flight.
     """
-    first = load_fit(job, group)
-    draws = min(job.study.predict.draws, first.held[..., 0].size)
-    if not job.study.priors.vary:
-        told = [(one, first if one is group else load_fit(job, one), n) for one, n in members(job, group, draws)]
-        return first, told
     every = groups(job)
     todo = [group] if flown else every
     share = [len(part) for part in np.array_split(np.arange(draws), len(todo))]
-    return first, [
-        (one, _of_drop(job, first if one == group else load_fit(job, one), one, flown, every.index(one)), n)
+    return [
+        (one, _of_drop(job, alone if one == group else load_fit(job, one), one, flown, every.index(one)), n)
         for one, n in zip(todo, share, strict=True)
         if n
     ]
