@@ -178,3 +178,29 @@ def test_drops_that_vary_are_joined_and_foretell_another_one(tmp_path: Path):
     assert "fitted one by one and joined" in " ".join(summary["notes"])
     with xr.open_datatree(tmp_path / "run/predictions.nc", engine="h5netcdf") as tree:
         assert np.isfinite(tree["cdt-3-12"]["swing_angle"]).all()
+
+
+@pytest.mark.slow
+def test_canopies_that_vary_have_coefficients_of_their_own(tmp_path: Path):
+    """Two canopies of drag 25 % apart are told apart, and told from their population."""
+    text = (ROOT / "models/studies/cdt-3-11.toml").read_text(encoding="utf-8")
+    text = text.replace("../vehicles", str(ROOT / "models/vehicles"))
+    text = text.replace(
+        "inflation = 10.0", 'vary_canopies = ["axial[1]"]\nspread = { "axial[1]" = 0.2 }\ninflation = 10.0'
+    )
+    text = text.replace('flyout = "9 deg"', 'canopy_sd = { "axial[1]" = 0.2 }\nflyout = "9 deg"')
+    (tmp_path / "canopies.toml").write_text(text, encoding="utf-8")
+    CliRunner().invoke(app, ["run", str(tmp_path / "canopies.toml"), "--out", str(tmp_path / "run"), "--quick"])
+    summary = json.loads((tmp_path / "run/summary.json").read_text(encoding="utf-8"))
+    found = summary["parameters"]
+    first, second = (found[f"axial[1]@cdt-3-11.canopy{i}"] for i in (1, 2))
+    apart = first["truth"] - second["truth"]
+    assert abs(apart) > 0.1, "the seed's canopies differ"
+    assert first["mean"] - second["mean"] == pytest.approx(apart, abs=0.4 * abs(apart))
+    for one in (first, second):
+        assert abs(one["mean"] - one["truth"]) < 4.0 * one["sd"] and one["sd"] < found["axial[1]"]["sd"]
+    assert found["sd(axial[1])"]["truth"] == 0.2 and found["sd(axial[1])"]["q05"] > 0.01
+    assert summary["checks"]["optimum"]["passed"] and set(summary["coverage"]) == {"cdt-3-11", "cdt-3-12"}
+    assert "From canopy to canopy differ axial[1]" in " ".join(summary["notes"])
+    with xr.open_datatree(tmp_path / "run/predictions.nc", engine="h5netcdf") as tree:
+        assert np.isfinite(tree["cdt-3-12"]["swing_angle"]).all()

@@ -164,3 +164,60 @@ def test_machine_code_gives_the_same_outputs_and_derivatives():
         for got, exact in ((steps.out_state[t], by_state), (steps.out_theta[t], by_theta)):
             size = 1e-12 + np.abs(np.asarray(exact)).max(axis=1, keepdims=True)
             assert np.abs((np.asarray(got) - np.asarray(exact)) / size).max() < 1e-9
+
+
+EACH = replace(
+    MODEL,
+    names=("axial[1]", "axial[1].canopy2", "transverse[e].canopy1"),
+    channels=("canopy_position", "riser_tension"),
+)
+OWN = np.array([0.9, 1.05, 0.2])
+
+
+def test_a_canopy_may_have_a_coefficient_of_its_own():
+    numbers = EACH.numbers(jnp.asarray(OWN))
+    np.testing.assert_array_equal(numbers.axial[0], [0.9, 1.05])
+    np.testing.assert_array_equal(numbers.transverse[0], [0.2, -0.1])
+    batch = EACH.numbers(jnp.asarray(OWN)[:, None] + jnp.arange(3.0))
+    np.testing.assert_allclose(batch.axial[0], [[0.9, 1.9, 2.9], [1.05, 2.05, 3.05]])
+    np.testing.assert_array_equal(batch.transverse[0][1], [-0.1] * 3)
+
+
+def test_canopies_with_equal_coefficients_are_equal_canopies(states):
+    """And with unequal ones the other canopy alone is accelerated otherwise."""
+    from bayeschute.dynamics.cluster import state_rate
+    from bayeschute.dynamics.cluster_flight import air_between
+
+    zero = jnp.zeros(3)
+    air = air_between(NOW, NOW, zero, zero, 0.0, 0.1)
+    shared = replace(EACH, names=("axial[1]", "", "transverse[e]"))
+
+    def rate(model, theta):
+        return np.asarray(state_rate(jnp.asarray(states[0]), model.numbers(jnp.asarray(theta)), FEW, air))
+
+    common = rate(shared, [0.9, 0.0, -0.1])
+    np.testing.assert_allclose(rate(EACH, [0.9, 0.9, -0.1]), common, rtol=1e-13)
+    other = rate(EACH, [0.9, 1.1, -0.1]) != common
+    assert np.flatnonzero(other).tolist() == [20, 22, 24]  # rate of the velocity of the second canopy: (axis, canopy)
+
+
+@pytest.mark.parametrize("name", ["axial[1].canopy3", "axial[1].canopy0", "axial[q]", "axial[1]x", "axial"])
+def test_there_is_no_such_parameter(name):
+    with pytest.raises((KeyError, ValueError)):
+        replace(EACH, names=(name,)).numbers(jnp.ones(1))
+
+
+def test_machine_code_serves_canopies_with_coefficients_of_their_own():
+    pytest.importorskip("llvmlite")
+    from bayeschute.dynamics.integrate import trajectory_compiled
+    from bayeschute.dynamics.kernel import flight as kernel
+
+    start, error = 0.02 * np.random.default_rng(2).normal(size=17), np.zeros((6, 3))
+    assert kernel.obstacle(EACH, OWN, start, error) is None
+    want = np.asarray(trajectory_compiled(EACH, OWN, start, error))
+    np.testing.assert_allclose(kernel.states(EACH, OWN, start, error), want, rtol=1e-11, atol=1e-9)
+    _, steps = kernel.steps(EACH, OWN, start, error)
+    by_theta = jax.jacfwd(lambda theta: EACH.advance(want[0], EACH.numbers(theta), NOW, NOW, error[0], error[0]))
+    exact = np.asarray(by_theta(jnp.asarray(OWN)))
+    size = 1e-12 + np.abs(exact).max(axis=1, keepdims=True)
+    assert np.abs((np.asarray(steps.by_theta[0]) - exact) / size).max() < 1e-6

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -35,7 +36,8 @@ def with_parameters(base: Cluster, structure: Structure, names: Sequence[str], t
     Args:
         base: The other numbers.
         structure: Terms, for the places of ``axial[...]`` and ``transverse[...]``.
-        names: Names of the entries of `theta`; an empty name: the entry replaces nothing.
+        names: Names of the entries of `theta`; an empty name: the entry replaces nothing. ``axial[...]`` is that of
+            every canopy, ``axial[...].canopy2`` that of the second alone.
         theta: Working coordinates (P, ...): logarithms for `LOGARITHMIC`, SI values otherwise.
 
     Returns:
@@ -44,14 +46,15 @@ def with_parameters(base: Cluster, structure: Structure, names: Sequence[str], t
     Raises:
         KeyError: If a name is no parameter of this structure.
     """
-    axial, transverse = list(base.axial), list(base.transverse)
+    aero = {"axial": list(base.axial), "transverse": list(base.transverse)}
     risers, capsule, canopies = base.risers, base.capsule, base.canopies
     for i, name in enumerate(names):
         value = jnp.exp(theta[i]) if name in LOGARITHMIC else theta[i]
-        if name.startswith("axial["):
-            axial[structure.axial.index(name[6:-1])] = value
-        elif name.startswith("transverse["):
-            transverse[structure.transverse.index(name[11:-1])] = value
+        if found := _COEFFICIENT.fullmatch(name):
+            kind, term, canopy = found.groups()
+            place = getattr(structure, kind).index(term)
+            old = aero[kind][place]
+            aero[kind][place] = value if canopy is None else _with_canopy(old, int(canopy), value, structure.canopies)
         elif name.startswith("riser_"):
             risers = replace(risers, **{name[6:]: value})
         elif name == "capsule_mass":
@@ -64,9 +67,19 @@ def with_parameters(base: Cluster, structure: Structure, names: Sequence[str], t
             canopies = replace(canopies, enclosed_volume=canopies.enclosed_volume * value)
         elif name:
             raise KeyError(f"{name!r} is no parameter of the cluster")
-    return replace(
-        base, risers=risers, capsule=capsule, canopies=canopies, axial=tuple(axial), transverse=tuple(transverse)
-    )
+    axial, transverse = (tuple(aero[kind]) for kind in ("axial", "transverse"))
+    return replace(base, risers=risers, capsule=capsule, canopies=canopies, axial=axial, transverse=transverse)
+
+
+_COEFFICIENT = re.compile(r"(axial|transverse)\[(.*)\](?:\.canopy(\d+))?")
+
+
+def _with_canopy(old: Component, canopy: int, value: Component, count: int) -> Component:
+    """A coefficient (canopy, ...) with that of one canopy, counted from 1, replaced; `old` may be one for all."""
+    if not 1 <= canopy <= count:
+        raise KeyError(f"there is no canopy {canopy} among {count}")
+    every = jnp.broadcast_to(old, (count, *jnp.shape(value)))
+    return jnp.stack([value if i == canopy - 1 else every[i] for i in range(count)])
 
 
 @jax.tree_util.register_dataclass

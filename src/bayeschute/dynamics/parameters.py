@@ -124,7 +124,8 @@ class Breathing:
 class Cluster:
     """All numbers of the cluster.
 
-    `axial` and `transverse` are the coefficients of the structure's terms; `breathing` serves one that breathes.
+    `axial` and `transverse` are the coefficients of the structure's terms, one for all canopies or (canopy, ...);
+    `breathing` serves one that breathes.
     """
 
     capsule: Capsule

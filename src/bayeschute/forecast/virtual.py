@@ -112,7 +112,7 @@ def start_of(drop: VirtualDrop, model: Cluster, n: int) -> Start:
     turning = drop.swing_rate * (lean - direction * (direction @ lean)[:, None])
     density = float(standard_density(np.array([drop.altitude]))[0])
     weight = (model.capsule.mass + n * model.canopies.dry_mass) * model.gravity
-    axial = float(model.axial[0]) if model.axial else 1.0
+    axial = float(np.mean(model.axial[0])) if model.axial else 1.0
     speed = float(np.sqrt(2.0 * weight / (density * n * model.canopies.area * max(axial, 0.1))))
     velocity = drop.wind.at(np.array([drop.altitude]))[0] + np.array([0.0, 0.0, speed])
     if drop.history is not None:

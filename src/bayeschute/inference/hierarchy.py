@@ -1,13 +1,14 @@
-"""Drops that share most parameters and differ in a few about a population: fits of each drop, joined exactly.
+"""Bodies that share most parameters and differ in a few about populations: drops, canopies, or both.
 
-Every drop is fitted alone, under the same priors. Its posterior with the prior taken out again is a Gaussian likelihood
-of all its parameters, correlations included. The shared ones phi then are the same in every drop, those that vary are
-``theta_d ~ N(mu, diag(tau^2))``; phi and mu have the priors of the fits, tau is half-normal. Given tau all of it is one
-Gaussian law: theta_d, phi and mu are integrated out in closed form, tau is drawn with numpyro's NUTS, and the rest from
-its law given tau. For Gaussian likelihoods that is the joint hierarchical posterior, not an approximation of it.
+Fits were made under independent priors of all parameters. A posterior with its prior taken out again is a Gaussian
+likelihood, correlations included; those of fits made one by one add up (`joint`). The shared parameters phi have the
+priors of the fits. What differs are members of populations, ``theta_m ~ N(mu_k, tau_k^2)``; mu has the priors of the
+fits, tau is half-normal. Given tau all of it is one Gaussian law, from which phi, mu and theta are integrated out in
+closed form; tau is drawn with numpyro's NUTS, and the rest from its law given tau. For Gaussian likelihoods that is the
+joint hierarchical posterior, not an approximation of it.
 
 `bayeschute.inference.population` is the case without shared parameters. It must not be used where there are some: every
-drop then informs the shared ones, and through their correlations the population (tests show by how much).
+member then informs the shared ones, and through their correlations the population (tests show by how much).
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ Array = NDArray[np.float64]
 
 
 class Likelihood(NamedTuple):
-    """A Gaussian likelihood of a drop's parameters x up to a constant: ``shift x - 1/2 x precision x``."""
+    """A Gaussian likelihood of parameters x up to a constant: ``shift x - 1/2 x precision x``."""
 
     precision: Array
     shift: Array
@@ -38,29 +39,35 @@ class Hierarchy(NamedTuple):
 
     Attributes:
         shared: Shared parameters (chain, draw, S).
-        mean: Population means (chain, draw, V).
-        sd: Population standard deviations (chain, draw, V).
-        drops: Parameters that vary, per drop (chain, draw, D, V).
+        mean: Population means (chain, draw, K).
+        sd: Population standard deviations (chain, draw, K).
+        members: Parameters of the members, one population after the other (chain, draw, M).
         failed: Evaluations that were not finite.
     """
 
     shared: Array
     mean: Array
     sd: Array
-    drops: Array
+    members: Array
     failed: int
 
 
-class _Split(NamedTuple):
-    """Likelihoods of all drops by shared (s) and varying (v) parameters, and the priors."""
+class _Law(NamedTuple):
+    """What a posterior is made of but for the populations' standard deviations.
 
-    ss: Component
-    sv: Component
-    vv: Component
-    s: Component
-    v: Component
+    Attributes:
+        told: Likelihood of (shared, members).
+        centre: Prior means of shared parameters and population means (S + K,).
+        scale: Their prior standard deviations (S + K,).
+        spread: Scales of the half-normal priors of the populations' standard deviations (K,).
+        of: Population of every member (M,).
+    """
+
+    told: Likelihood
     centre: Component
     scale: Component
+    spread: Component
+    of: Component
 
 
 def likelihood_of(mean: Array, covariance: Array, prior_centre: Array, prior_scale: Array) -> Likelihood:
@@ -86,106 +93,113 @@ def likelihood_of(mean: Array, covariance: Array, prior_centre: Array, prior_sca
     return Likelihood(precision, shift + precision @ np.asarray(prior_centre))
 
 
-def _split(likelihoods: Sequence[Likelihood], vary: Sequence[int], centre: Array, scale: Array) -> _Split:
-    v = np.array(vary, dtype=int)
-    s = np.setdiff1d(np.arange(len(centre)), v)
-    a, b = (np.array([getattr(one, key) for one in likelihoods]) for key in ("precision", "shift"))
-    order = np.concatenate([s, v])
-    blocks = (a[:, s[:, None], s], a[:, s[:, None], v], a[:, v[:, None], v], b[:, s], b[:, v])
-    return _Split(*blocks, np.asarray(centre)[order], np.asarray(scale)[order])
+def joint(likelihoods: Sequence[Likelihood], places: Sequence[Sequence[int]], size: int) -> Likelihood:
+    """One likelihood of several, made of data that are independent given the parameters.
+
+    Args:
+        likelihoods: Of some parameters each.
+        places: Where these stand among all, per likelihood.
+        size: Number of all parameters.
+    """
+    whole = Likelihood(np.zeros((size, size)), np.zeros(size))
+    for one, place in zip(likelihoods, places, strict=True):
+        at = np.asarray(place, dtype=int)
+        whole.precision[at[:, None], at] += one.precision
+        whole.shift[at] += one.shift
+    return whole
 
 
-def _given(split: _Split, sd: Component) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
-    """Law of shared parameters and population means given the population's standard deviations, the drops out.
+def _lift(law: _Law, sd: Component) -> jax.Array:
+    """From (shared, population means, members' standard scores) to (shared, members)."""
+    members, size = law.of.shape[0], law.told.shift.shape[0]
+    shared, m = size - members, jnp.arange(members)
+    lift = jnp.zeros((size, shared + sd.shape[0] + members)).at[:shared, :shared].set(jnp.eye(shared))
+    return lift.at[shared + m, shared + law.of].set(1.0).at[shared + m, shared + sd.shape[0] + m].set(sd[law.of])
+
+
+def _given(law: _Law, sd: Component) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """Law of (shared, means, members' standard scores) given the populations' standard deviations.
 
     Returns:
-        Its precision and shift (S + V), the drops' precisions (D, V, V), and the log density of the data given sd, up
-        to a constant.
+        Cholesky factor of its precision; the mean in the coordinates of that factor; the log density of the data given
+        sd, up to a constant.
     """
-    weight = 1.0 / sd**2
-    own = split.vv + jnp.diag(weight)  # of theta_d given the rest
-    both = jnp.concatenate([split.sv, -jnp.tile(jnp.diag(weight), (len(split.vv), 1, 1))], axis=1)
-    root = jnp.linalg.cholesky(own)
-    half = jax.scipy.linalg.solve_triangular(root, jnp.swapaxes(both, 1, 2), lower=True)
-    seen = jax.scipy.linalg.solve_triangular(root, split.v[..., None], lower=True)[..., 0]
-    shared, count = split.ss.shape[1], len(split.vv)
-    precision = jnp.diag(1.0 / split.scale**2) - jnp.einsum("dvi,dvj->ij", half, half)
-    precision = precision.at[:shared, :shared].add(jnp.sum(split.ss, axis=0))
-    precision = precision.at[shared:, shared:].add(count * jnp.diag(weight))
-    shift = split.centre / split.scale**2 - jnp.einsum("dvi,dv->i", half, seen)
-    shift = shift.at[:shared].add(jnp.sum(split.s, axis=0))
-    whole = jnp.linalg.cholesky(precision)
-    off = jax.scipy.linalg.solve_triangular(whole, shift, lower=True)
-    log = 0.5 * jnp.sum(seen**2) + 0.5 * off @ off + 0.5 * count * jnp.sum(jnp.log(weight))
-    log -= jnp.sum(jnp.log(jnp.diagonal(root, axis1=1, axis2=2))) + jnp.sum(jnp.log(jnp.diagonal(whole)))
-    return precision, shift, own, log
+    lift, own = _lift(law, sd), jnp.zeros(law.of.shape[0])
+    prior = jnp.concatenate([1.0 / law.scale**2, own + 1.0])
+    root = jnp.linalg.cholesky(lift.T @ law.told.precision @ lift + jnp.diag(prior))
+    shift = lift.T @ law.told.shift + jnp.concatenate([law.centre / law.scale**2, own])
+    off = jax.scipy.linalg.solve_triangular(root, shift, lower=True)
+    return root, off, 0.5 * off @ off - jnp.sum(jnp.log(jnp.diagonal(root)))
 
 
-def _log_density(split: _Split, x: jax.Array) -> jax.Array:
-    """Log density of ``log(sd / scale)`` (V,): half-normal priors of the sd, the scales those of the means' priors."""
-    shared = split.ss.shape[1]
+def _log_density(law: _Law, x: jax.Array) -> jax.Array:
+    """Log density of ``log(sd / spread)`` (K,)."""
     unit = jnp.exp(x)
-    return _given(split, split.scale[shared:] * unit)[3] + jnp.sum(x - 0.5 * unit**2)
+    return _given(law, law.spread * unit)[2] + jnp.sum(x - 0.5 * unit**2)
 
 
 @jax.jit
-def _draw(split: _Split, sd: jax.Array, z: jax.Array, own_z: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Shared parameters and means (S + V), and the drops' (D, V), from their law given sd and standard normals."""
-    precision, shift, own, _ = _given(split, sd)
-    whole = jnp.linalg.cholesky(precision)
-    both = jax.scipy.linalg.solve_triangular(
-        whole.T, jax.scipy.linalg.solve_triangular(whole, shift, lower=True) + z, lower=False
-    )
-    shared = split.ss.shape[1]
-    phi, mean = both[:shared], both[shared:]
-    told = split.v + mean / sd**2 - jnp.einsum("dsv,s->dv", split.sv, phi)
-    root = jnp.linalg.cholesky(own)
-    first = jax.scipy.linalg.solve_triangular(root, told[..., None], lower=True) + own_z[..., None]
-    return both, jax.scipy.linalg.solve_triangular(jnp.swapaxes(root, 1, 2), first, lower=False)[..., 0]
+def _draw(law: _Law, sd: jax.Array, z: jax.Array) -> jax.Array:
+    """Shared parameters, means and members (S + K + M,) from their law given sd and standard normals."""
+    root, off, _ = _given(law, sd)
+    drawn = jax.scipy.linalg.solve_triangular(root.T, off + z, lower=False)
+    own = (_lift(law, sd) @ drawn)[-law.of.shape[0] :]
+    return jnp.concatenate([drawn[: law.centre.shape[0]], own])
 
 
 def fit(
-    likelihoods: Sequence[Likelihood],
-    vary: Sequence[int],
+    likelihood: Likelihood,
+    sizes: Sequence[int],
     centre: Array,
     scale: Array,
+    spread: Array,
     chains: int,
     warmup: int,
     draws: int,
     seed: int,
 ) -> Hierarchy:
-    """Draw shared parameters, populations and drops.
+    """Draw shared parameters, populations and their members.
 
     Args:
-        likelihoods: One per drop, of the same P parameters in the same order.
-        vary: Which of them differ from drop to drop.
-        centre: Prior means of shared parameters and population means (P,).
-        scale: Their prior standard deviations (P,); scales of the half-normal priors of the population's.
+        likelihood: Of the shared parameters, then the members of all populations, one after the other (S + M).
+        sizes: Number of members of every population.
+        centre: Prior means of shared parameters, then of population means (S + K,).
+        scale: Their prior standard deviations (S + K,).
+        spread: Scales of the half-normal priors of the populations' standard deviations (K,).
         chains: Chains.
         warmup: Warm-up steps.
         draws: Draws per chain.
         seed: Seed.
 
     Raises:
-        ValueError: If nothing varies, a number is out of range or twice there, or there is no drop.
+        ValueError: If there is no population, one has no member, or lengths don't agree.
     """
-    if not likelihoods or not vary or len(set(vary)) < len(vary) or not set(vary) <= set(range(len(centre))):
-        raise ValueError("a hierarchy needs drops, and parameters that vary, each once")
-    split = jax.tree.map(jnp.asarray, _split(likelihoods, vary, centre, scale))
-    made = nuts.plain(jax.tree_util.Partial(_log_density, split), len(vary), chains, warmup, draws, seed, thinning=3)
-    sd = np.asarray(split.scale)[-len(vary) :] * np.exp(made.xi)
-    rng = np.random.default_rng([seed, 16])
-    flat = sd.reshape(-1, len(vary))
-    z = rng.standard_normal((len(flat), len(centre)))
-    own = rng.standard_normal((len(flat), len(likelihoods), len(vary)))
-    both, drops = (np.asarray(a) for a in jax.vmap(_draw, (None, 0, 0, 0))(split, flat, z, own))
-    both = both.reshape(chains, draws, -1)
-    shared = len(centre) - len(vary)
-    return Hierarchy(
-        both[..., :shared], both[..., shared:], sd, drops.reshape(chains, draws, -1, len(vary)), made.failed
-    )
+    count, known = len(sizes), len(centre)
+    if (
+        not count
+        or min(sizes) < 1
+        or len(spread) != count
+        or known < count
+        or len(likelihood.shift) != known - count + sum(sizes)
+    ):
+        raise ValueError("a hierarchy needs populations, members of each, and a likelihood of all parameters")
+    law = jax.tree.map(jnp.asarray, _Law(likelihood, centre, scale, spread, np.repeat(np.arange(count), sizes)))
+    made = nuts.plain(jax.tree_util.Partial(_log_density, law), count, chains, warmup, draws, seed, thinning=3)
+    sd = np.asarray(spread) * np.exp(made.xi)
+    flat = sd.reshape(-1, count)
+    z = np.random.default_rng([seed, 16]).standard_normal((len(flat), known + sum(sizes)))
+    drawn = np.asarray(jax.vmap(_draw, (None, 0, 0))(law, flat, z)).reshape(chains, draws, -1)
+    shared, mean, members = np.split(drawn, [known - count, known], axis=-1)
+    return Hierarchy(shared, mean, sd, members, made.failed)
 
 
-def another_drop(made: Hierarchy, rng: np.random.Generator) -> Array:
-    """Parameters that vary, of a drop that was not flown (chain, draw, V)."""
-    return made.mean + made.sd * rng.standard_normal(made.mean.shape)
+def others(made: Hierarchy, of: Sequence[int], rng: np.random.Generator) -> Array:
+    """Further members of populations, which no data are of (chain, draw, N).
+
+    Args:
+        made: The hierarchy.
+        of: The population of each (N,).
+        rng: Random numbers.
+    """
+    mean, sd = made.mean[..., list(of)], made.sd[..., list(of)]
+    return mean + sd * rng.standard_normal(mean.shape)

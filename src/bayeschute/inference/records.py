@@ -99,7 +99,7 @@ def cluster_data(
     channels: Sequence[str],
     latent: Latent,
     until: float | None = None,
-    own: Sequence[str] = (),
+    names: Sequence[str] | None = None,
 ) -> FlightData:
     """Data of a cluster flight.
 
@@ -115,7 +115,8 @@ def cluster_data(
         channels: Channels to fit; those the record lacks are left out.
         latent: Processes of the latent disturbances.
         until: Data after this time are held out [s].
-        own: Parameters that don't hold for this flight, which has numbers of its own in `base`.
+        names: What the parameters are in this flight, as of `with_parameters`: empty for one that doesn't hold for it;
+            None: what their priors are called.
 
     Returns:
         The data.
@@ -141,7 +142,7 @@ def cluster_data(
     wind = filled(record["wind"].values, "wind") if "wind" in record else np.zeros((samples, 3))
     inputs = ClusterInputs(wind, filled(record["density"].values, "density"), np.ones((samples, n)), attitude)
     used = fitted_channels(record, channels)
-    names = tuple("" if p.name in own else p.name for p in priors)
+    names = tuple(p.name for p in priors) if names is None else tuple(names)
     flight = ClusterFlight(base, start, tangent_basis(start.direction), inputs, dt, structure, names, used)
     upper = np.array([p.centre + 3.0 * p.scale if p.name in LOGARITHMIC else p.centre for p in priors])
     flight = replace(flight, substeps=substeps(fastest_pole(flight, upper, 9 + 4 * n), dt))

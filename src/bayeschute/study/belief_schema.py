@@ -103,12 +103,23 @@ class PriorsTable(Strict):
         given: Priors from outside.
         vary: Parameters that differ from drop to drop about a population; the others are the same in all drops, and so
             are these where it is None (cluster).
+        vary_canopies: Coefficients that differ from canopy to canopy about a population; those of all canopies are the
+            same where it is None (cluster).
+        spread: By parameter that varies, the scale of the half-normal prior of its population's standard deviation (of
+            the logarithm where its prior is log-normal); that of the prior of its mean where none is given.
     """
 
     inflation: Annotated[float, number(Bounds(least=1.0, most=1e3))] = 3.0
     floor: Annotated[float, number(NOT_NEGATIVE)] = 0.02
     given: GivenTable = GivenTable()
     vary: Annotated[tuple[Text, ...], AfterValidator(distinct)] | None = None
+    vary_canopies: Annotated[tuple[Text, ...], AfterValidator(distinct)] | None = None
+    spread: dict[str, Annotated[float, number(POSITIVE)]] | None = None
+
+    @property
+    def hierarchical(self) -> bool:
+        """Whether some parameters are those of members of a population, in a cluster."""
+        return bool(self.vary or self.vary_canopies)
 
 
 class ChannelNoise(Strict, Generic[Q]):

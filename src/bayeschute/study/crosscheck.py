@@ -116,7 +116,7 @@ def check_model_descent(draft: Draft) -> Iterator[Fault]:
             if getattr(noise, name) is not None:
                 yield _no_use(draft, "noise", name)
     priors: PriorsTable | None = draft.tables.get("priors")
-    for key in ("inflation", "floor", "vary"):
+    for key in ("inflation", "floor", "vary", "vary_canopies", "spread"):
         if priors is not None and key in priors.model_fields_set:
             yield _no_use(draft, "priors", key)
     yield from _check_given(draft, needed=("cds_over_mass",), useless=(*_CLUSTER_PRIORS, *_BODIES))
@@ -151,18 +151,32 @@ def _check_mass(draft: Draft) -> Iterator[Fault]:
 
 
 def _check_vary(draft: Draft) -> Iterator[Fault]:
-    """Drops differ about a population where there are several; then one structure is fitted to all of them."""
+    """Drops or canopies differ about a population where there are several; then one structure is fitted to all."""
     priors: PriorsTable | None = draft.tables.get("priors")
-    if priors is None or priors.vary is None:
+    if priors is None:
         return
     fitted = sum("identify" in flight.roles for flight in draft.flights.values())
-    if draft.flights_complete and fitted < 2:
+    if priors.vary is not None and draft.flights_complete and fitted < 2:
         wanted = "two flights at least with the role 'identify': a population is of several drops"
         yield Fault(draft.at("priors", "vary"), f"{fitted} of them", wanted, "Add flights, or remove the key.")
+    number = 2 if draft.vehicle is None else draft.vehicle.canopies.number
+    if priors.vary_canopies is not None and draft.flights_complete and fitted * number < 2:
+        wanted = "two at least in the flights with the role 'identify': a population is of several canopies"
+        yield Fault(draft.at("priors", "vary_canopies"), f"{fitted * number} canopies", wanted, "Remove the key.")
+    for name in priors.vary_canopies or ():
+        if name in (priors.vary or ()):
+            wanted = "each in one of the two: what differs from canopy to canopy differs from drop to drop"
+            yield Fault(draft.at("priors", "vary_canopies"), f"{name}, which vary names too", wanted)
+    varying = (*(priors.vary or ()), *(priors.vary_canopies or ()))
+    for name in priors.spread or ():
+        if name not in varying:
+            where, wanted = draft.at("priors", "spread", name), "a parameter that vary or vary_canopies names"
+            yield Fault(where, show(name), wanted, "Name it there, or remove it here.")
     structure = draft.tables.get("structure")
-    if structure is not None and structure.stack is not None:
-        wanted = "one of the two: drops are joined in one structure"
-        yield Fault(draft.at("priors", "vary"), "vary beside [structure] stack", wanted, "Remove one of them.")
+    for key in ("vary", "vary_canopies"):
+        if getattr(priors, key) is not None and structure is not None and structure.stack is not None:
+            wanted = "one of the two: populations are of one structure"
+            yield Fault(draft.at("priors", key), f"{key} beside [structure] stack", wanted, "Remove one of them.")
 
 
 def _no_use(draft: Draft, *loc: int | str, got: str = "") -> Fault:
@@ -208,6 +222,19 @@ def check_shape(draft: Draft) -> Iterator[Fault]:
                 f"{number} numbers, one for each canopy" if breathes else "none: the vehicle's canopies don't breathe"
             )
             yield Fault(draft.at("flight", index, "virtual", "shape"), f"{len(shape)} numbers", wanted)
+
+
+def check_canopy_sd(draft: Draft) -> Iterator[Fault]:
+    """Coefficients by which canopies of virtual drops differ are among those that the vehicle flies with."""
+    if draft.vehicle is None:
+        return
+    aero = draft.vehicle.aero
+    known = [*(f"axial[{term}]" for term in aero.axial), *(f"transverse[{term}]" for term in aero.transverse)]
+    for index, flight in draft.flights.items():
+        for name in () if flight.virtual is None else flight.virtual.canopy_sd or ():
+            if name not in known:
+                where = draft.at("flight", index, "virtual", "canopy_sd", name)
+                yield Fault(where, show(name), f"one of {', '.join(known)}: what the vehicle flies with")
 
 
 def check_times(draft: Draft) -> Iterator[Fault]:
@@ -265,6 +292,6 @@ def crosscheck(draft: Draft) -> list[Fault]:
     checks: list[Callable[[Draft], Iterator[Fault]]] = [check_names, check_roles]
     if draft.model is not None:
         checks.append(by_model[draft.model])
-    checks += [check_canopies, check_shape, check_polar, check_stack, check_synthetic]
+    checks += [check_canopies, check_shape, check_canopy_sd, check_polar, check_stack, check_synthetic]
     checks += [check_times, check_predictions]
     return [fault for check in checks for fault in check(draft)]

@@ -21,7 +21,7 @@ from bayeschute.inference.records import cluster_data, descent_data
 from bayeschute.inference.target import FlightData, Hyper, Unknowns
 from bayeschute.samplers.doubt import pareto_k
 from bayeschute.samplers.protocol import Draws
-from bayeschute.study import setup
+from bayeschute.study import canopies, setup
 from bayeschute.study.study import Flight
 from bayeschute.study.wind import by_altitude
 from bayeschute.study.work_data import load_flight, load_priors
@@ -46,8 +46,10 @@ def groups(job: Job) -> list[Group]:
     study, priors = job.study, tuple(load_priors(job))
     flights = study.with_role("identify")
     if study.model == "cluster":
-        alone = [Group(f.name, (f,), priors) for f in flights]
-        return alone if study.priors.vary else [Group("all", flights, priors)]
+        assert study.vehicle is not None
+        together = [(f.name, (f,)) for f in flights] if study.priors.vary else [("all", flights)]
+        vary, n = study.priors.vary_canopies or (), study.vehicle.canopies.number
+        return [Group(name, some, canopies.each(priors, vary, [f.name for f in some], n)) for name, some in together]
     several = len(flights) > 1
     return [
         Group(f.name, (f,), tuple(replace(p, name=f"{p.name}[{f.name}]") if several else p for p in priors))
@@ -55,17 +57,25 @@ def groups(job: Job) -> list[Group]:
     ]
 
 
-def structure_of(priors: Sequence[Prior], canopies: int) -> Structure:
-    """The structure whose coefficients are among the parameters."""
+def structure_of(priors: Sequence[Prior], n: int) -> Structure:
+    """The structure of `n` canopies whose coefficients are among the parameters."""
+    names = [p.name for p in canopies.together(priors)]
     terms = {
-        kind: tuple(p.name[len(kind) + 1 : -1] for p in priors if p.name.startswith(f"{kind}["))
+        kind: tuple(name[len(kind) + 1 : -1] for name in names if name.startswith(f"{kind}["))
         for kind in ("axial", "transverse")
     }
-    return Structure(terms["axial"], terms["transverse"], canopies)
+    return Structure(terms["axial"], terms["transverse"], n)
 
 
-def data_of(job: Job, flight: Flight, priors: Sequence[Prior]) -> FlightData:
-    """A flight ready to be fitted or predicted."""
+def data_of(job: Job, flight: Flight, priors: Sequence[Prior], like: Flight | None = None) -> FlightData:
+    """A flight ready to be fitted or predicted.
+
+    Args:
+        job: The run.
+        flight: The flight.
+        priors: Of all parameters.
+        like: The flight whose canopies' parameters this one has; None: its own.
+    """
     study, record = job.study, load_flight(job, flight.name)
     time = record["time"].values
     until = None if flight.identify_until is None else flight.identify_until.at(time[0], time[-1])
@@ -78,7 +88,9 @@ def data_of(job: Job, flight: Flight, priors: Sequence[Prior]) -> FlightData:
     blank = replace(base, axial=(0.0,) * len(structure.axial), transverse=(0.0,) * len(structure.transverse))
     channels = tuple(study.noise.channels())
     own = () if flight.capsule_mass is None else ("capsule_mass",)
-    made = cluster_data(record, blank, structure, priors, channels, setup.latent(study, n), until, own)
+    names = canopies.in_flight([p.name for p in priors], (like or flight).name)
+    names = tuple("" if name in own else name for name in names)
+    made = cluster_data(record, blank, structure, priors, channels, setup.latent(study, n), until, names)
     return made if flight.wind_profile is None else by_altitude(made, record, flight.wind_profile)
 
 

@@ -23,7 +23,7 @@ from bayeschute.inference.priors import Prior
 from bayeschute.inference.target import FlightData, Hyper
 from bayeschute.study import structures
 from bayeschute.study.fits import Group, Stored, data_of, gaussian_summary, groups, load_fit
-from bayeschute.study.populations import by_drops
+from bayeschute.study.populations import by_members
 from bayeschute.study.study import Flight
 from bayeschute.study.work_data import load_flight, load_truth
 
@@ -137,7 +137,7 @@ def _order(
     if flight in group.flights:
         index = group.flights.index(flight)
     else:
-        whole = data_of(job, flight, group.priors)
+        whole = data_of(job, flight, group.priors, like=group.flights[0])
         known = (stored.hyper, gaussian_summary(group.priors, stored.theta))
     seed, spread = study.seed + 100 + i + 10_000 * j, study.predict.disturbance_log_sd
     return _Order(known, index, whole, picked, laws, seed, until - time[0], stored.law_slope, spread), time
@@ -158,8 +158,8 @@ def _orders(job: Job, i: int, flight: Flight) -> tuple[list[_Order], Tell]:
     group = _group_of(job, flight)
     stored, flown = load_fit(job, group), flight in group.flights
     draws = min(job.study.predict.draws, stored.held[..., 0].size)
-    if job.study.priors.vary:
-        told = by_drops(job, group, stored, flown, draws)
+    if job.study.priors.hierarchical:
+        told = by_members(job, group, stored, flown, draws)
     else:
         members = structures.members(job, group, draws)
         told = [(one, stored if one is group else load_fit(job, one), n) for one, n in members]

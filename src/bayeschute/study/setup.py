@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -36,12 +37,15 @@ def _offset_b(place: tuple[float, ...], centre: tuple[float, ...]) -> Vec3:
     return Vec3(-x, y, -z)
 
 
-def cluster(vehicle: Vehicle, capsule_mass: float | None = None) -> tuple[Cluster, Structure]:
+def cluster(
+    vehicle: Vehicle, capsule_mass: float | None = None, of_canopies: Mapping[str, NDArray[np.float64]] | None = None
+) -> tuple[Cluster, Structure]:
     """The cluster of a vehicle file with the aerodynamics it is flown with.
 
     Args:
         vehicle: The vehicle.
         capsule_mass: Replaces the vehicle's [kg].
+        of_canopies: Coefficients that differ between the canopies (canopy,), by parameter; None: none does.
     """
     aero, k, r = vehicle.aero, vehicle.canopies, vehicle.risers
     capsule = _capsule(vehicle.capsule, capsule_mass)
@@ -51,7 +55,9 @@ def cluster(vehicle: Vehicle, capsule_mass: float | None = None) -> tuple[Cluste
     structure = Structure(
         tuple(aero.axial), tuple(aero.transverse), k.number, aero.rate, breathing=k.breathing is not None
     )
-    axial, transverse = tuple(aero.axial.values()), tuple(aero.transverse.values())
+    own = of_canopies or {}
+    axial = tuple(own.get(f"axial[{term}]", value) for term, value in aero.axial.items())
+    transverse = tuple(own.get(f"transverse[{term}]", value) for term, value in aero.transverse.items())
     return Cluster(capsule, canopies, risers, axial, transverse, breathing=_breathing(k.breathing)), structure
 
 

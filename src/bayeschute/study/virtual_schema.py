@@ -7,6 +7,7 @@ from typing import Annotated, Generic, TypeVar
 from pydantic import model_validator
 
 from bayeschute.study.quantities import (
+    NOT_NEGATIVE,
     Altitude,
     AngularRate,
     Azimuth,
@@ -113,6 +114,8 @@ class VirtualFlight(Strict):
         wind: By altitude, by time, shears and gusts.
         turbulence: Unknown to the identification; None: still air around the steady wind.
         breathing: Unknown to the identification; None: none.
+        canopy_sd: Standard deviation from canopy to canopy of coefficients, about those of the vehicle; None: all fly
+            with the vehicle's.
         sensors: Errors of the record.
     """
 
@@ -128,6 +131,7 @@ class VirtualFlight(Strict):
     wind: WindTable
     turbulence: TurbulenceTable | None = None
     breathing: BreathingTable | None = None
+    canopy_sd: dict[str, Annotated[float, number(NOT_NEGATIVE)]] | None = None
     sensors: SensorsTable = SensorsTable()
 
     @model_validator(mode="after")

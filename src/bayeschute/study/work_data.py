@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,7 +19,7 @@ from bayeschute.flight.record import Repair, load_record, repairs, with_repairs,
 from bayeschute.forecast.virtual import fly
 from bayeschute.inference.priors import Prior, from_equation_error
 from bayeschute.inference.records import fitted_channels
-from bayeschute.study import setup
+from bayeschute.study import canopies, setup
 from bayeschute.study.fitted_terms import KEPT, terms_left_out, with_terms
 from bayeschute.study.load import Study
 from bayeschute.study.study import Flight
@@ -35,7 +36,7 @@ def flown(study: Study, flight: Flight, seed: int, quick: bool = False) -> tuple
         InputError: If the simulated flight leaves the finite numbers.
     """
     assert study.vehicle is not None and flight.virtual is not None
-    model, structure_ = setup.cluster(study.vehicle, flight.capsule_mass)
+    model, structure_ = setup.cluster(study.vehicle, flight.capsule_mass, canopies.flown(study, flight, seed))
     try:
         record, truth = fly(setup.drop(flight.virtual, quick), model, structure_, seed)
     except FloatingPointError as error:
@@ -137,11 +138,22 @@ def priors(job: Job) -> str:
         table = getattr(given, name)
         if table is not None:
             made.append(_given(name, table, unit))
-    if unknown := sorted(set(study.priors.vary or ()) - {p.name for p in made}):
-        wanted = "parameters of the fit: " + ", ".join(p.name for p in made)
-        raise InputError(Fault("[priors] vary", ", ".join(unknown), wanted, "Name those, or widen the structure."))
+    _check_varying(study, [p.name for p in made])
     job.save("priors.json", [p.__dict__ for p in made])
     return f"{len(made)} parameters"
+
+
+def _check_varying(study: Study, names: Sequence[str]) -> None:
+    """What differs from drop to drop is a parameter of the fit, what differs from canopy to canopy a coefficient."""
+    table, faults = study.priors, []
+    wanted = {"vary": list(names), "vary_canopies": [name for name in names if "[" in name]}
+    for key, known in wanted.items():
+        if unknown := sorted(set(getattr(table, key) or ()) - set(known)):
+            of_the_fit = f"{'parameters' if key == 'vary' else 'coefficients'} of the fit: {', '.join(known)}"
+            do = "Name those, or widen the structure."
+            faults.append(Fault(f"[priors] {key}", ", ".join(unknown), of_the_fit, do))
+    if faults:
+        raise InputError(faults)
 
 
 _GIVEN = {

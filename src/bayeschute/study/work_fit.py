@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -19,8 +19,9 @@ from bayeschute.inference.finding import Begin, Found, Settled, conclude, settle
 from bayeschute.inference.law_slope import widened
 from bayeschute.inference.omitted import scores
 from bayeschute.inference.posterior import data_tree, sample
+from bayeschute.inference.priors import Prior
 from bayeschute.samplers.protocol import Draws
-from bayeschute.study import checkpoint, populations, setup, several_starts, structures
+from bayeschute.study import canopies, checkpoint, populations, setup, several_starts, structures
 from bayeschute.study.fits import Group, data_of, groups, save_fit
 from bayeschute.study.fitted_terms import terms_left_out, with_terms
 
@@ -86,7 +87,8 @@ def fit(job: Job) -> str:
                 said += list(draws.notes)
             else:
                 write_whole(job.out / f"posterior.{kind}.nc", partial(_write_tree, tree))
-    tree = trees[0] if len(trees) == 1 else populations.joined(job, todo, trees)
+    alone = len(trees) == 1 and not study.priors.hierarchical
+    tree = trees[0] if alone else populations.joined(job, todo, trees)
     write_whole(job.out / "posterior.nc", partial(_write_tree, tree))
     wall["fit_s"] = time.perf_counter() - began
     facts = {"wall": wall, "notes": said, "failed": failed, "scores": setup.as_plain(asked_for)}
@@ -145,7 +147,7 @@ def _found(
         priors, settled, z = kept
         if tuple(priors) != group.priors:
             group = replace(group, priors=tuple(priors))
-            job.save("fit/priors.json", [p.__dict__ for p in priors])
+            _revise(job, priors)
     flights = [data_of(job, f, group.priors) for f in group.flights]
     return group, conclude(flights, group.priors, prior, settled, lambda s, w: say(s, w, 0.6, 0.8)), z
 
@@ -191,8 +193,13 @@ def _settled(
         begins = [None, (theta, settled.optimum.unknowns, settled.hyper)]
         left_out = [p for p in left_out if p not in asked]
         group = replace(group, priors=tuple(priors))
-        job.save("fit/priors.json", [p.__dict__ for p in priors])
+        _revise(job, priors)
     return group, settled, z
+
+
+def _revise(job: Job, priors: Sequence[Prior]) -> None:
+    """Keep priors that the fit used in the place of those that the stage before it left."""
+    job.save("fit/priors.json", [p.__dict__ for p in canopies.together(priors)])
 
 
 def _write_tree(tree: xr.DataTree, path: Path) -> None:

@@ -11,7 +11,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from bayeschute.flight.record import repairs
-from bayeschute.study import formulation, setup, structures
+from bayeschute.study import canopies, formulation, setup, structures
 from bayeschute.study.claims import calibration_check, verification
 from bayeschute.study.fits import groups, load_hyper, summary_draws
 from bayeschute.study.fitted_terms import ADDED, KEPT
@@ -164,7 +164,22 @@ def true_values(job: Job) -> dict[str, float]:
     flown |= {"capsule_mass": capsule.mass, "canopy_mass": canopies.dry_mass, "enclosed_air_factor": 1.0}
     flown |= {"capsule_axial_force": capsule.axial_force or 0.0}
     flown |= {"riser_length": risers.length, "riser_stiffness": risers.stiffness, "riser_damping": risers.damping}
-    return {p.name: float(flown.get(p.name, 0.0)) for p in load_priors(job)}
+    return {p.name: float(flown.get(p.name, 0.0)) for p in load_priors(job)} | _of_members(study, flown)
+
+
+def _of_members(study: Study, flown: dict[str, float]) -> dict[str, float]:
+    """True values of canopies' own coefficients, and of the standard deviation between canopies where drops agree."""
+    made: dict[str, float] = {}
+    flights = study.with_role("identify")
+    for name in study.priors.vary_canopies or ():
+        spread = {(f.virtual.canopy_sd or {}).get(name, 0.0) for f in flights if f.virtual is not None}
+        made |= {f"sd({name})": spread.pop()} if len(spread) == 1 else {}
+        for flight in flights:
+            drawn = canopies.flown(study, flight, setup.flight_seed(study, flight)).get(name)
+            assert study.vehicle is not None
+            every = np.full(study.vehicle.canopies.number, flown.get(name, 0.0)) if drawn is None else drawn
+            made |= {canopies.of_canopy(name, flight.name, i + 1): float(v) for i, v in enumerate(every)}
+    return made
 
 
 def _notes(job: Job) -> list[str]:
@@ -186,6 +201,13 @@ def _notes(job: Job) -> list[str]:
         f"A flight to be predicted is known by the first {OPENING:g} s of its record and its recorded wind; "
         "bands are scored after that."
     )
+    if study.priors.vary_canopies:
+        notes.append(
+            f"From canopy to canopy differ {', '.join(study.priors.vary_canopies)}: by its own name such a coefficient "
+            "is the population's mean, sd(..) is the population's standard deviation, ..@drop.canopy1 is a canopy's "
+            "own; the likelihood is joined with the population as Gaussian. The canopies of a flight to be predicted "
+            "are further ones of that population; few canopies leave its standard deviation much as the prior has it."
+        )
     if study.priors.vary:
         fitted = ", ".join(f.name for f in study.with_role("identify"))
         notes.append(
