@@ -19,6 +19,7 @@ from bayeschute.dynamics.parameters import Cluster, Structure
 from bayeschute.dynamics.start import Start, initial_state
 from bayeschute.dynamics.state import ClusterState, unpack
 
+_COEFFICIENT = re.compile(r"(axial|transverse)\[(.*)\](?:\.canopy(\d+))?")
 LOGARITHMIC = ("riser_stiffness", "riser_damping")
 CHANNELS = (
     "canopy_position",
@@ -69,9 +70,6 @@ def with_parameters(base: Cluster, structure: Structure, names: Sequence[str], t
             raise KeyError(f"{name!r} is no parameter of the cluster")
     axial, transverse = (tuple(aero[kind]) for kind in ("axial", "transverse"))
     return replace(base, risers=risers, capsule=capsule, canopies=canopies, axial=axial, transverse=transverse)
-
-
-_COEFFICIENT = re.compile(r"(axial|transverse)\[(.*)\](?:\.canopy(\d+))?")
 
 
 def _with_canopy(old: Component, canopy: int, value: Component, count: int) -> Component:

@@ -175,13 +175,8 @@ def fit(
         ValueError: If there is no population, one has no member, or lengths don't agree.
     """
     count, known = len(sizes), len(centre)
-    if (
-        not count
-        or min(sizes) < 1
-        or len(spread) != count
-        or known < count
-        or len(likelihood.shift) != known - count + sum(sizes)
-    ):
+    fits = len(spread) == count <= known and len(likelihood.shift) == known - count + sum(sizes)
+    if not (fits and count and min(sizes) >= 1):
         raise ValueError("a hierarchy needs populations, members of each, and a likelihood of all parameters")
     law = jax.tree.map(jnp.asarray, _Law(likelihood, centre, scale, spread, np.repeat(np.arange(count), sizes)))
     made = nuts.plain(jax.tree_util.Partial(_log_density, law), count, chains, warmup, draws, seed, thinning=3)
