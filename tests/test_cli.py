@@ -12,8 +12,9 @@ import pytest
 from typer.testing import CliRunner
 
 from bayeschute import __version__
-from bayeschute.cli import Bars, app
+from bayeschute.cli import app
 from bayeschute.errors import Fault, InputError
+from bayeschute.screen import Bars
 from bayeschute.study.templates import copy_templates
 
 ROOT = Path(__file__).parents[1]

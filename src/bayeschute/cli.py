@@ -6,20 +6,15 @@ import is imported inside the commands, so that `--help` and `check` stay quick.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
-from types import TracebackType
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from bayeschute import __version__
 from bayeschute.errors import Fault, InputError
-
-if TYPE_CHECKING:
-    from rich.progress import Progress, TaskID
+from bayeschute.screen import Bars, place_for_json, say, told, write_json
 
 app = typer.Typer(
     name="bayeschute",
@@ -55,61 +50,6 @@ DaskAddress = Annotated[
 ]
 
 
-def say(text: str = "", error: bool = False) -> None:
-    """Print a line, to stderr if it tells a fault."""
-    typer.echo(text, err=error)
-
-
-@contextmanager
-def _told(when_stopped: str = "") -> Iterator[None]:
-    """Bad input becomes one line per fault and exit code 2; Ctrl-C becomes exit code 130."""
-    try:
-        yield
-    except InputError as error:
-        for fault in error.faults:
-            say(" ".join(str(fault).split()), error=True)
-        raise typer.Exit(2) from error
-    except KeyboardInterrupt as stop:
-        say(f"Stopped. {when_stopped}".strip(), error=True)
-        raise typer.Exit(130) from stop
-
-
-class Bars:
-    """Progress bars, one a stage; an instance is the callback that long work is given.
-
-    Call it with the stage's name, the share that is done (0 to 1), and a few words; the words given with 1 stay on the
-    screen as the stage's summary.
-    """
-
-    def __init__(self) -> None:
-        self._progress: Progress | None = None
-        self._tasks: dict[str, TaskID] = {}
-
-    def __enter__(self) -> Bars:
-        from rich.console import Console
-        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
-        stage, words = TextColumn("{task.description:<10}"), TextColumn("{task.fields[words]}", markup=False)
-        console = Console(stderr=True)
-        self._progress = Progress(stage, BarColumn(bar_width=24), TimeElapsedColumn(), words, console=console)
-        self._progress.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if self._progress is not None:
-            self._progress.stop()
-
-    def __call__(self, stage: str, done: float, words: str = "") -> None:
-        """Move the bar of a stage."""
-        if self._progress is None:
-            return
-        if stage not in self._tasks:
-            self._tasks[stage] = self._progress.add_task(stage, total=1.0, words=words)
-        self._progress.update(self._tasks[stage], completed=min(max(done, 0.0), 1.0), words=words)
-
-
 def _free_folder(out: Path) -> None:
     """Refuse an output path that is a file."""
     if out.exists() and not out.is_dir():
@@ -140,7 +80,7 @@ def run(
     """Records and a study to posterior, bands and report; --workers and --dask share out the predictions."""
     folder = out or Path("runs") / study.stem
     again = f"`bayeschute run {study} --out {folder} --resume` goes on from the last finished stage."
-    with _told(again):
+    with told(again):
         _free_folder(folder)
         _sound(study, data)  # before anything slow is imported, and before anything is written
         from bayeschute.study.stages import run_study
@@ -183,7 +123,7 @@ def _told_by(folder: Path) -> tuple[str, list[str]]:
 @app.command()
 def check(study: StudyPath, data: DataDir = None) -> None:
     """Name every fault of a study and its files at once."""
-    with _told():
+    with told():
         _sound(study, data)
         say(f"{study}: no fault found")
 
@@ -198,7 +138,7 @@ def simulate(
     dask: DaskAddress = None,
 ) -> None:
     """Fly virtual drops: records, and the truth beside."""
-    with _told("Finished drops are kept; the same command goes on."):
+    with told("Finished drops are kept; the same command goes on."):
         _free_folder(out)
         from bayeschute.study.load import load_study_or_vehicle
 
@@ -236,43 +176,23 @@ def verify(
     ] = None,
 ) -> None:
     """Fly the check cases and compare them with closed forms."""
-    with _told():
+    with told():
         from bayeschute.verification.catalogue import choose
 
         choose(case or ())  # what is wrong is told before anything slow is imported
-        _place_for_json(json)
+        place_for_json(json)
         from bayeschute.verification.campaign import document, verdict, verify
         from bayeschute.verification.results import table
 
         with Bars() as bars:
             results, seconds = verify(case or (), bars)
         if json is not None:
-            _write_json(document(results, seconds), json)
+            write_json(document(results, seconds), json)
         if json != "-":
             say("\n".join(table(results)))
             say(f"{verdict(results)}, in {seconds:.0f} s")
         if not all(result.passed for result in results):
             raise typer.Exit(1)
-
-
-def _place_for_json(where: str | None) -> None:
-    """Refuse a place for results where no file can be."""
-    if where not in (None, "-") and (Path(where).is_dir() or not Path(where).absolute().parent.is_dir()):
-        raise InputError(Fault(f"--json {where}", "no place for a file", "a file in a folder that exists"))
-
-
-def _write_json(content: dict[str, Any], where: str) -> None:
-    """Write JSON to a file, or to the screen where the file is ``-``."""
-    import json
-
-    text = json.dumps(content, indent=2, allow_nan=False)
-    if where == "-":
-        say(text)
-        return
-    try:
-        Path(where).write_text(text + "\n", encoding="utf-8")
-    except OSError as error:
-        raise InputError(Fault(f"--json {where}", str(error), "a file that can be written")) from error
 
 
 @app.command()
@@ -301,7 +221,7 @@ def calibrate(
             say(f"{name:14} {kind.says}")
         return
     folder = out or Path("runs") / "calibration" / study.stem
-    with _told("Finished replicates are kept; the same command goes on."):
+    with told("Finished replicates are kept; the same command goes on."):
         _free_folder(folder)
         _sound(study, None)
         from bayeschute.calibration.tables import lines
@@ -347,13 +267,13 @@ def modes(
     ] = None,
 ) -> None:
     """Frequency and damping of a body's swing under its parachute, from raw gyro and accelerometer."""
-    with _told():
-        _place_for_json(json)
+    with told():
+        place_for_json(json)
         from bayeschute.study.modes import document, find_modes, lines
 
         found = find_modes(record, column or (), window, band, not free, seed)
         if json is not None:
-            _write_json(document(found), json)
+            write_json(document(found), json)
         if json != "-":
             say("\n".join(lines(found)))
         if not found.swing.fit.trusted:
@@ -363,7 +283,7 @@ def modes(
 @app.command()
 def report(folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a run.", show_default=False)]) -> None:
     """Build report.html again from results."""
-    with _told():
+    with told():
         if not folder.is_dir():
             raise InputError(Fault(str(folder), "no such folder", "the folder of a run"))
         from bayeschute.report.html import build_report
@@ -376,7 +296,7 @@ def init(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Where to put the files.", show_default=False)],
 ) -> None:
     """Copy files to begin one's own study with into DIR."""
-    with _told():
+    with told():
         from bayeschute.study.templates import copy_templates
 
         for path in copy_templates(folder):
