@@ -94,6 +94,7 @@ def log_density(noise: Noise, dt: Component, present: jax.Array, series: jax.Arr
     return -0.5 * jnp.sum(innovations**2) - log_determinant(noise, dt, present)
 
 
+@jax.jit
 def colour(noise: Noise, dt: Component, drift: jax.Array, white: jax.Array) -> jax.Array:
     """AR(1) plus white noise (T, C, ...) made of two arrays of standard normal numbers of that shape."""
     extra = (1,) * (drift.ndim - 2)

@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import arviz_stats
+import jax
 import jax.numpy as jnp
 import numpy as np
 import xarray as xr
@@ -15,7 +16,17 @@ from bayeschute.flight.reconstruct import reconstruct
 from bayeschute.forecast import bands
 from bayeschute.forecast import risk as risk_files
 from bayeschute.inference.statespace import innovations
-from bayeschute.inference.target import Course, FlightData, as_series, course, filter_gains, linearise, residuals
+from bayeschute.inference.target import (
+    Course,
+    FlightData,
+    Hyper,
+    Linear,
+    as_series,
+    course,
+    filter_gains,
+    linearise,
+    residuals,
+)
 from bayeschute.samplers.doubt import MOST_K
 from bayeschute.study import setup, several_starts, structures
 from bayeschute.study.fits import Stored, groups, load_fit, summary_draws
@@ -170,10 +181,16 @@ def _step_error(flight: FlightData, stored: Stored, driven: Course) -> float:
     return float(np.max(change / np.maximum(np.asarray(noise.white), np.asarray(noise.correlated) * 0.1)))
 
 
+@jax.jit
+def _prediction_errors(flight: FlightData, hyper: Hyper, linear: Linear) -> jax.Array:
+    """One-step prediction errors of a linearised flight in their standard deviations (T, C)."""
+    return innovations(filter_gains(flight, hyper, linear), as_series(linear)[..., 0])
+
+
 def _innovation_share(flight: FlightData, stored: Stored, driven: Course) -> float:
     """Share of one-step prediction errors of the linear model at the optimum within +-1.645 standard deviations."""
     linear = linearise(flight, stored.optimum.theta, driven)
-    unit = np.asarray(innovations(filter_gains(flight, stored.hyper, linear), as_series(linear)[..., 0]))
+    unit = np.asarray(_prediction_errors(flight, stored.hyper, linear))
     return float(np.mean(np.abs(unit[np.asarray(flight.present)]) < 1.6449))
 
 
