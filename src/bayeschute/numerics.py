@@ -13,8 +13,8 @@ THREADS_VARIABLE = "NPROC"
 """XLA's number of threads (xla/pjrt/utils.cc, `DefaultThreadPoolSize`), read when JAX first computes."""
 MOST_MAPS = 40_000
 """Memory maps of a process beyond which `let_go` acts. Linux allows 65,530 and ends a process that wants more. A first
-fit of the default study brings 13,000, many of them rest at 37,000: below that, each would compile again what the last
-one forgot, which takes as long as the fit."""
+fit of the default study brings 13,000, ten of them 37,000, since their integration steps differ. At 20,000 every third
+fit forgot what the next had to compile again, which took as long as the fit."""
 
 
 def compilation_cache() -> Path:
