@@ -27,7 +27,7 @@ STORED = ROOT / "models" / "reference" / "calibration"
 PAGE = ROOT / "docs" / "calibration.md"
 COMMAND = "python benchmarks/calibration.py"
 FEW = 20
-MANY = 100
+MANY = 200
 CAMPAIGNS = (  # noise model, disturbance, replicates
     ("latent", "none", MANY),
     ("ar1", "none", FEW),

@@ -27,7 +27,7 @@ def objective(linear):
 
     def at(theta):
         lin = _linearised(linear.flight, linear.hyper, theta, linear.u)
-        return evidence._function([linear.flight], [lin], linear.priors, HyperPrior(linear.hyper, LOG_SD))
+        return evidence.function_of([linear.flight], [lin], linear.priors, HyperPrior(linear.hyper, LOG_SD))
 
     return at
 
@@ -94,7 +94,7 @@ def test_several_flights_add_up(descent):
 
     def value(which):
         flights = [descent.flights[i] for i in which]
-        return evidence._function(flights, [lin[i] for i in which], far, prior)(vector)[0]
+        return evidence.function_of(flights, [lin[i] for i in which], far, prior)(vector)[0]
 
     # The prior of the noise parameters and of theta are counted once.
     counted = 0.5 * np.sum((0.2 / LOG_SD) ** 2 * np.ones(vector.size)) - np.log(1e-6)
@@ -117,7 +117,7 @@ def test_maximise_recovers_the_noise(descent):
     assert (se[[0, 3, 4]] < [0.2, 0.3, 0.6]).all() and (np.abs(made - true)[[0, 3, 4]] < [0.35, 0.5, 1.0]).all()
     again, _ = evidence.maximise(flights, lin, descent.priors, descent.hyper, prior)
     np.testing.assert_allclose(evidence.to_vector(again), made, atol=0.15)
-    objective = evidence._function(flights, lin, descent.priors, prior)
+    objective = evidence.function_of(flights, lin, descent.priors, prior)
     assert value == pytest.approx(objective(made)[0]) and value < objective(true)[0]
     assert np.abs(objective(made)[1]).max() < 0.1
 
@@ -143,7 +143,7 @@ def test_law_covariance_is_the_inverse_curvature_and_never_wider_than_the_prior(
     np.testing.assert_allclose(made, made.T, atol=1e-12)
     values, vectors = np.linalg.eigh(made)
     assert values.min() > 0.0 and values.max() <= LOG_SD**2 + 1e-12
-    objective, at, h = evidence._function([linear.flight], lin, linear.priors, prior), evidence.to_vector(best), 0.05
+    objective, at, h = evidence.function_of([linear.flight], lin, linear.priors, prior), evidence.to_vector(best), 0.05
     middle, told = objective(at)[0], values < 0.8 * LOG_SD**2
     assert told.sum() >= 4
     for value, way in zip(values[told], vectors.T[told], strict=True):
@@ -167,8 +167,8 @@ def test_a_gap_shifts_what_the_linear_model_sees(linear):
     at, gap = evidence.to_vector(linear.hyper), np.full(np.shape(linear.flight.observed), 0.1)
     moved = replace(linear.flight, observed=np.asarray(linear.flight.observed) - gap)
     other = [_linearised(moved, linear.hyper, linear.theta, linear.u)]
-    ours = evidence._function([linear.flight], lin, linear.priors, prior, [gap])(at)
-    wanted = evidence._function([moved], other, linear.priors, prior)(at)
+    ours = evidence.function_of([linear.flight], lin, linear.priors, prior, [gap])(at)
+    wanted = evidence.function_of([moved], other, linear.priors, prior)(at)
     assert ours[0] == pytest.approx(wanted[0], rel=1e-12)
     np.testing.assert_allclose(ours[1], wanted[1], rtol=1e-9)
 
@@ -183,15 +183,15 @@ def test_the_mean_of_skewed_noise_parameters(monkeypatch, linear):
         eta = turn.T @ (x - at)
         return float(n @ eta + 0.5 * n @ np.exp(-2.0 * eta)), turn @ (n - n * np.exp(-2.0 * eta))
 
-    monkeypatch.setattr(evidence, "_function", lambda *_: objective)
+    monkeypatch.setattr(evidence, "function_of", lambda *_: objective)
     monkeypatch.setattr(evidence, "to_vector", lambda hyper: hyper)
     covariance = turn @ np.diag(1.0 / (2.0 * n)) @ turn.T
     moved = turn.T @ evidence.mean_less_mode([], [], [], at, prior, covariance)
     np.testing.assert_allclose(moved, 0.5 * (np.log(n / 2.0) - digamma(n / 2.0)), rtol=0.15)
     # A Gaussian has none; axes that are known well are left alone; and nothing moves by more than its width.
-    monkeypatch.setattr(evidence, "_function", lambda *_: lambda x: (0.0, np.linalg.solve(covariance, x - at)))
+    monkeypatch.setattr(evidence, "function_of", lambda *_: lambda x: (0.0, np.linalg.solve(covariance, x - at)))
     np.testing.assert_allclose(evidence.mean_less_mode([], [], [], at, prior, covariance), 0.0, atol=1e-12)
-    monkeypatch.setattr(evidence, "_function", lambda *_: lambda x: (0.0, turn @ (turn.T @ (x - at)) ** 2 * 1e3))
+    monkeypatch.setattr(evidence, "function_of", lambda *_: lambda x: (0.0, turn @ (turn.T @ (x - at)) ** 2 * 1e3))
     moved = turn.T @ evidence.mean_less_mode([], [], [], at, prior, turn @ np.diag([0.04, 0.0025]) @ turn.T)
     np.testing.assert_allclose(moved, [-0.2, 0.0], atol=1e-12)
 
@@ -203,7 +203,7 @@ def test_axes_at_whose_ends_the_evidence_is_not_finite_are_left_out(monkeypatch,
         """Skewed along both axes; not finite to one side of the second."""
         return (1e300, np.zeros(2)) if x[1] < -0.1 else (0.0, x + 0.5 * x**2)
 
-    monkeypatch.setattr(evidence, "_function", lambda *_: objective)
+    monkeypatch.setattr(evidence, "function_of", lambda *_: objective)
     monkeypatch.setattr(evidence, "to_vector", lambda hyper: hyper)
     moved = evidence.mean_less_mode([], [], [], at, prior, np.diag([0.09, 0.16]))
     np.testing.assert_allclose(moved, [-0.5 * 0.09 * 0.09, 0.0], atol=1e-12)

@@ -79,7 +79,7 @@ def test_gradient_is_that_of_the_differentiated_filter(name, request):
 
 def test_gradient_by_differences(descent, request):
     _, flights, linear, _ = _case("descent", request)
-    value = evidence._function(flights, linear, descent.priors, HyperPrior(descent.hyper, LOG_SD))
+    value = evidence.function_of(flights, linear, descent.priors, HyperPrior(descent.hyper, LOG_SD))
     at, step = score.to_vector(descent.hyper) + 0.2, 1e-5
     wanted = [(value(at + step * e)[0] - value(at - step * e)[0]) / (2.0 * step) for e in np.eye(at.size)]
     np.testing.assert_allclose(value(at)[1], wanted, rtol=1e-5, atol=1e-5)

@@ -38,14 +38,25 @@ class HyperPrior:
     log_sd: float = 0.7
 
 
-def _function(
+def function_of(
     flights: Sequence[FlightData],
     linear: Sequence[Linear],
     priors: Sequence[Prior],
     prior: HyperPrior,
     gaps: Sequence[Component] | None = None,
 ) -> Callable[[Array], tuple[float, Array]]:
-    """The objective and its gradient as a function of the vector alone."""
+    """Minus the log evidence, up to a constant, and its gradient, as a function of the noise parameters' logarithms.
+
+    Args:
+        flights: Records.
+        linear: Their linearisations at an optimum.
+        priors: Priors of theta.
+        prior: Priors of the noise parameters.
+        gaps: As in `maximise`.
+
+    Returns:
+        From (V,), in the order of `to_vector`, to value and gradient (V,); 1e300 and zeros where it is not finite.
+    """
     median = jax.tree.map(lambda a: jnp.asarray(a, float), prior.median)
     series = tuple(_series(lin) for lin in linear)
     if gaps is not None:
@@ -90,7 +101,7 @@ def maximise(
     middle = to_vector(prior.median)
     bounds = [(m - 5.0 * prior.log_sd, m + 5.0 * prior.log_sd) for m in middle]
     found = scipy.optimize.minimize(
-        _function(flights, linear, priors, prior, gaps),
+        function_of(flights, linear, priors, prior, gaps),
         to_vector(hyper),
         jac=True,
         method="L-BFGS-B",
@@ -128,7 +139,7 @@ def law_covariance(
     Returns:
         (V, V), in the order of `to_vector`; never wider than the prior.
     """
-    objective, at, step = _function(flights, linear, priors, prior, gaps), to_vector(hyper), 1e-3
+    objective, at, step = function_of(flights, linear, priors, prior, gaps), to_vector(hyper), 1e-3
     with ThreadPoolExecutor(processors()) as pool:
         rows = list(pool.map(lambda x: objective(x)[1], [at, *(at + step * np.eye(at.size))]))
     curvature = (np.array(rows[1:]) - rows[0]) / step
@@ -165,7 +176,7 @@ def mean_less_mode(
     Returns:
         (V,), along no axis more than a standard deviation.
     """
-    objective, at = _function(flights, linear, priors, prior, gaps), to_vector(hyper)
+    objective, at = function_of(flights, linear, priors, prior, gaps), to_vector(hyper)
     values, vectors = np.linalg.eigh(covariance)
     sd = np.sqrt(values)
     axes = (vectors * sd).T[sd > _TOLD]
