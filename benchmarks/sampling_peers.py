@@ -104,8 +104,8 @@ def stretch(target: Target, clock: Clock, seed: int) -> Array:
 
 
 def differential(target: Target, clock: Clock, seed: int) -> Array:
-    """Ensemble of emcee with differential evolution and snooker moves, 80 : 20."""
-    return by_emcee(target, clock, seed, [(emcee.moves.DEMove(), 0.8), (emcee.moves.DESnookerMove(), 0.2)])
+    """Ensemble of emcee with differential evolution moves; its snooker moves don't keep the law."""
+    return by_emcee(target, clock, seed, [(emcee.moves.DEMove(), 1.0)])
 
 
 def _asked(target: Target, clock: Clock, ask: Callable[[], Array], tell: Callable[[Array], Any]) -> Array:
@@ -290,7 +290,7 @@ def by_blackjax(target: Target, clock: Clock, seed: int) -> Array:
 Peer = Callable[[Target, Clock, int], Array]
 PEERS: dict[str, tuple[str, Peer]] = {
     "emcee, stretch": ("emcee_stretch", stretch),
-    "emcee, DE and snooker": ("emcee_de", differential),
+    "emcee, DE": ("emcee_de", differential),
     "PINTS, Haario-Bardenet": ("pints", haario_bardenet),
     "PINTS, DREAM": ("pints", dream),
     "aeroid, stretch": ("aeroid", aeroid),

@@ -54,7 +54,7 @@ class Steps:
 BUDGETS = {"numpyro_nuts_plain": 400.0, "numpyro_nuts_whitened": 400.0, "blackjax": 400.0, "aeroid": 30000.0}
 PACKAGES = {"pints": "pints", "aeroid": "aeroid", "blackjax": "blackjax"}
 NAMES = (
-    "emcee, stretch", "emcee, DE and snooker", "PINTS, Haario-Bardenet", "PINTS, DREAM", "aeroid, stretch",
+    "emcee, stretch", "emcee, DE", "PINTS, Haario-Bardenet", "PINTS, DREAM", "aeroid, stretch",
     "numpyro NUTS, whitened", "blackjax NUTS, whitened", "numpyro NUTS, plain",
 )  # fmt: skip
 

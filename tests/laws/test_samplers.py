@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from functools import cache
 
+import emcee
 import numpy as np
 import pytest
 from jax.tree_util import Partial
@@ -168,3 +169,13 @@ def test_progress_reaches_its_end():
         batch(GAUSSIAN), Partial(log_density, GAUSSIAN), 2, 4, 400, 40, 9, progress=lambda *a: heard.append(a)
     )
     assert heard[-1][0] == heard[-1][1]
+
+
+def test_emcee_s_snooker_moves_are_left_out_for_a_reason():
+    """They don't keep the law; should this fail one day, emcee may have mended them."""
+    exact = batch(BANANA)
+    made = emcee.EnsembleSampler(20, 2, lambda x: exact(x.T), moves=emcee.moves.DESnookerMove(), vectorize=True)
+    start = np.random.default_rng(1).standard_normal((20, 2))
+    made.run_mcmc(start, 2000, skip_initial_state_check=True)
+    drawn_variance = np.var(standard(BANANA, made.get_chain(discard=200))[..., 0])
+    assert drawn_variance < 0.85  # of 1

@@ -77,7 +77,7 @@ def test_how_sure_the_terms_are(found):
 
 def test_predictions_and_known_terms(found):
     table = tables_structure.prediction_table(found["coefficients"]["axial"])
-    assert column(table, "Not used") == ["other"] and column(table, "Residual / fit's") == ["1.000"]
+    assert column(table, "Not used") == ["other"] and column(table, "Residual / fit's") == ["1.00"]
     assert float(column(table, "at the least")[0]) == 1.0 and column(table, "true") == [MISSING]
     assert sum(span for _, span in table.groups) == len(table.columns) == len(table.rows[0])
     spoilt = {"rms": 0.1, "rms_ratio": 1.3, "least_ratio": 1.0, "without": {"term": "alpha^2", "rms_ratio": 1.1}}

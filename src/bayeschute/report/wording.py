@@ -70,7 +70,7 @@ def number(value: Any, digits: int = 3) -> str:
         return "0"
     if isinstance(value, int):
         return f"{value:,}".replace("-", "−")
-    size = math.floor(math.log10(abs(value)))
+    size = math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}"))))  # of what is shown: 0.9999 is 1.00
     if not -4 <= size < 7:
         mantissa, power = f"{value:.{digits - 1}e}".split("e")
         return f"{mantissa}e{int(power)}".replace("-", "−")
