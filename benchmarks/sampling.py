@@ -251,8 +251,9 @@ def measure(given: argparse.Namespace, now: Callable[[], float], folder: Path) -
     import jax
     from sampling_peers import PEERS
 
-    if unknown := {*(given.peers or ())} - {key for key, _ in PEERS.values()}:
-        raise SystemExit(f"no peer {', '.join(sorted(unknown))}: {', '.join(key for key, _ in PEERS.values())}")
+    known = dict.fromkeys(key for key, _ in PEERS.values())
+    if unknown := {*(given.peers or ())} - {*known}:
+        raise SystemExit(f"no peer {', '.join(sorted(unknown))}: {', '.join(known)}")
     wanted = {name: peer for name, peer in PEERS.items() if given.peers is None or peer[0] in given.peers}
     jax.config.update("jax_enable_compilation_cache", False)
     marginal, reference, (mine, asked), found = ours(given, now, folder / "run")
