@@ -81,10 +81,6 @@ def flown(study: Study, flight: Flight, seed: int) -> dict[str, Array]:
     virtual = flight.virtual
     if study.vehicle is None or virtual is None or virtual.canopy_sd is None:
         return {}
-    rng = np.random.default_rng([seed, _STREAM])
-    made = {}
-    for name, sd in virtual.canopy_sd.items():
-        kind, term = name[:-1].split("[", 1)
-        z = rng.standard_normal(study.vehicle.canopies.number)
-        made[name] = getattr(study.vehicle.aero, kind)[term] + sd * z
-    return made
+    rng, usual = np.random.default_rng([seed, _STREAM]), study.vehicle.aero.coefficients()
+    number = study.vehicle.canopies.number
+    return {name: usual[name] + sd * rng.standard_normal(number) for name, sd in virtual.canopy_sd.items()}

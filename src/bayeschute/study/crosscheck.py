@@ -228,8 +228,7 @@ def check_canopy_sd(draft: Draft) -> Iterator[Fault]:
     """Coefficients by which canopies of virtual drops differ are among those that the vehicle flies with."""
     if draft.vehicle is None:
         return
-    aero = draft.vehicle.aero
-    known = [*(f"axial[{term}]" for term in aero.axial), *(f"transverse[{term}]" for term in aero.transverse)]
+    known = draft.vehicle.aero.coefficients()
     for index, flight in draft.flights.items():
         for name in () if flight.virtual is None else flight.virtual.canopy_sd or ():
             if name not in known:

@@ -55,9 +55,8 @@ def cluster(
     structure = Structure(
         tuple(aero.axial), tuple(aero.transverse), k.number, aero.rate, breathing=k.breathing is not None
     )
-    own = of_canopies or {}
-    axial = tuple(own.get(f"axial[{term}]", value) for term, value in aero.axial.items())
-    transverse = tuple(own.get(f"transverse[{term}]", value) for term, value in aero.transverse.items())
+    every = [*(aero.coefficients() | dict(of_canopies or {})).values()]
+    axial, transverse = tuple(every[: len(aero.axial)]), tuple(every[len(aero.axial) :])
     return Cluster(capsule, canopies, risers, axial, transverse, breathing=_breathing(k.breathing)), structure
 
 

@@ -171,6 +171,11 @@ class AeroTable(Strict):
     axial: Annotated[dict[str, Number], AfterValidator(_known_axial)]
     transverse: Annotated[dict[str, Number], AfterValidator(_known_transverse)]
 
+    def coefficients(self) -> dict[str, float]:
+        """All coefficients by the name of their parameter, axial ones first."""
+        both = (("axial", self.axial), ("transverse", self.transverse))
+        return {f"{kind}[{term}]": value for kind, terms in both for term, value in terms.items()}
+
     @model_validator(mode="after")
     def _is_linear_in_the_rate(self) -> AeroTable:
         twice = [t for t in (*self.axial, *self.transverse) if rate_factors(t) > 1]

@@ -147,11 +147,7 @@ def _flight_entry(job: Job, flight: Flight) -> dict[str, Any]:
 
 def flown_terms(study: Study) -> dict[str, float]:
     """Coefficients of the terms that the vehicle's virtual drops fly with, by parameter; none in a descent."""
-    if study.vehicle is None:
-        return {}
-    aero = study.vehicle.aero
-    axial = {f"axial[{term}]": value for term, value in aero.axial.items()}
-    return axial | {f"transverse[{term}]": value for term, value in aero.transverse.items()}
+    return {} if study.vehicle is None else study.vehicle.aero.coefficients()
 
 
 def true_values(job: Job) -> dict[str, float]:
