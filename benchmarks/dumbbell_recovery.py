@@ -30,7 +30,7 @@ from bayeschute.forecast.virtual_wind import WindProfile
 from bayeschute.inference import finding, output_error, posterior
 from bayeschute.inference.dumbbell_data import STILL, WIND, dumbbell_data
 from bayeschute.inference.evidence import HyperPrior
-from bayeschute.inference.law_slope import widened
+from bayeschute.inference.law_effect import widened
 from bayeschute.inference.noise import Noise
 from bayeschute.inference.priors import Prior
 from bayeschute.inference.target import Hyper
@@ -120,7 +120,7 @@ def one(seed: int) -> dict[str, Any]:
     found = finding.find([dumbbell_data(record, BASE, AERO, priors, WIND)], priors, HyperPrior(COLORED))
     marginal = found.marginal
     xi = posterior.sample(marginal, "nuts", 4, 300, 500, seed).xi
-    wide = widened(xi, found.law_slope, found.law_covariance, seed).reshape(-1, len(priors))
+    wide = widened(xi, found.law_effect, found.law_covariance, seed).reshape(-1, len(priors))
     draws = np.asarray(marginal.centre) + wide @ np.asarray(marginal.scale).T
     print(f"seed {seed}  {'':6} start    truth | output error  raw sd  corrected | latent wind      sd | report's sd")
     for i, (p, row) in enumerate(zip(TABLE.parameters, output_error.table(bounds, priors), strict=True)):

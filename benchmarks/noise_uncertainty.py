@@ -1,10 +1,10 @@
 """What uncertain noise parameters do to the parameters' standard deviations beyond the first order that is drawn.
 
-Draws are made for held noise parameters and moved with drawn ones along a slope (`inference.law_slope`); their spread
-about it stays that of the held ones. Here noise parameters are drawn from their Laplace law and weighed by their
-evidence, and the flights linearised at the optimum tell the parameters' covariance for each. The table gives, by
-parameter, the standard deviation with the mean of those covariances over that which is drawn; the slope's part is the
-same in both. Above 1, intervals are too narrow by as much.
+Draws are made for held noise parameters, stretched and moved with drawn ones to first order (`inference.law_effect`).
+Here noise parameters are drawn from their Laplace law, and the flights linearised at the optimum tell the parameters'
+covariance for each. The table gives, by parameter, the standard deviation with the mean of those covariances over that
+which is drawn: for draws as they are, for draws weighed by their evidence, and, as it was without any stretching, for
+covariances held. The slope's part is the same in all. Above 1, intervals are too narrow by as much.
 
     python benchmarks/noise_uncertainty.py --out runs/noise --seeds 1 2 3 [--draws 200] [--json]
 """
@@ -21,7 +21,7 @@ import numpy as np
 STUDY = Path(__file__).parents[1] / "models" / "studies" / "cdt-3-11.toml"
 
 
-def one(out: Path, seed: int, draws: int) -> tuple[dict[str, float], float]:
+def one(out: Path, seed: int, draws: int) -> tuple[dict[str, dict[str, float]], float]:
     """Fit the study's record from a seed (or take up that fit).
 
     Args:
@@ -30,10 +30,10 @@ def one(out: Path, seed: int, draws: int) -> tuple[dict[str, float], float]:
         draws: Noise parameters to draw, half of them mirrored.
 
     Returns:
-        Ratios of standard deviations by parameter, and how many draws the weights are worth.
+        Ratios of standard deviations by case and parameter, and how many draws the weights are worth.
     """
     from bayeschute.inference.evidence import HyperPrior, from_vector, function_of, to_vector
-    from bayeschute.inference.law_slope import added
+    from bayeschute.inference.law_effect import LawEffect, joint_covariance
     from bayeschute.inference.map import conditional
     from bayeschute.inference.priors import working
     from bayeschute.study import setup
@@ -60,10 +60,18 @@ def one(out: Path, seed: int, draws: int) -> tuple[dict[str, float], float]:
         log_weight.append(0.5 * z @ z - evidence(at + root @ z)[0])
     weight = np.exp(np.array(log_weight) - max(log_weight))
     weight /= weight.sum()
-    widened = added(np.eye(len(group.priors)), stored.law_slope, stored.law_covariance)
-    mean = np.einsum("k,kij->ij", weight, np.array(covariances))
-    ratio = np.sqrt(np.diag(mean + widened) / np.diag(stored.optimum.covariance + widened))
-    return dict(zip([p.name for p in group.priors], ratio.tolist(), strict=True)), float(1.0 / (weight @ weight))
+    effect, scale = stored.law_effect, np.asarray(stored.marginal.scale)
+    drawn = np.diag(joint_covariance(scale, effect, stored.law_covariance))
+    still = LawEffect.none(*effect.slope.shape)._replace(slope=effect.slope)
+    held = joint_covariance(scale, still, stored.law_covariance)
+    slope = np.diag(held - scale @ scale.T)
+    alike = np.full(draws, 1.0 / draws)
+    made = {"as drawn": alike, "weighed": weight}
+    variances = {name: np.einsum("k,kii->i", w, np.array(covariances)) + slope for name, w in made.items()}
+    variances["held"] = np.diag(held)
+    names = [p.name for p in group.priors]
+    ratios = {name: dict(zip(names, np.sqrt(v / drawn).tolist(), strict=True)) for name, v in variances.items()}
+    return ratios, float(1.0 / (weight @ weight))
 
 
 def main() -> None:
@@ -74,17 +82,23 @@ def main() -> None:
     parser.add_argument("--draws", type=int, default=200)
     parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
-    made: dict[int, dict[str, float]] = {}
+    made: dict[str, list[dict[str, float]]] = {}
     for seed in given.seeds:
-        made[seed], worth = one(given.out, seed, given.draws)
-        print(f"seed {seed}: {given.draws} draws of the noise parameters, worth {worth:.0f}", flush=True)
-    rows: dict[str, Any] = {name: [made[seed][name] for seed in given.seeds] for name in made[given.seeds[0]]}
-    print(f"{'standard deviation over that drawn':36}" + "".join(f"  seed {seed:<4}" for seed in given.seeds))
-    for name, ratios in rows.items():
-        print(f"{name:36}" + "".join(f"{ratio:11.3f}" for ratio in ratios))
+        cases, worth = one(given.out, seed, given.draws)
+        print(f"seed {seed}: {given.draws} draws of the noise parameters, worth {worth:.0f} when weighed", flush=True)
+        for case, ratios in cases.items():
+            made.setdefault(case, []).append(ratios)
+    for case, rows in made.items():
+        print(f"{f'standard deviation over that drawn: {case}':48}" + "".join(f"  seed {s:<4}" for s in given.seeds))
+        for name in rows[0]:
+            print(f"{name:48}" + "".join(f"{row[name]:11.3f}" for row in rows))
     if given.json:
-        ratios = {f"sd_{name}": float(np.mean(values)) for name, values in rows.items()}
-        print(json.dumps({"ratios": ratios, "context": {"seeds": given.seeds, "draws": given.draws}}))
+        means: dict[str, Any] = {
+            f"sd_{name}_{case.replace(' ', '_')}": float(np.mean([row[name] for row in rows]))
+            for case, rows in made.items()
+            for name in rows[0]
+        }
+        print(json.dumps({"ratios": means, "context": {"seeds": given.seeds, "draws": given.draws}}))
 
 
 if __name__ == "__main__":

@@ -91,7 +91,7 @@ def one(study: Any, seed: int, known: bool) -> dict[str, Any]:
     from bayeschute.inference import map as optimum
     from bayeschute.inference.evidence import HyperPrior
     from bayeschute.inference.finding import Settled, find, marginal_mode
-    from bayeschute.inference.law_slope import added
+    from bayeschute.inference.law_effect import joint_covariance
     from bayeschute.inference.priors import working
     from bayeschute.study import setup
 
@@ -108,7 +108,7 @@ def one(study: Any, seed: int, known: bool) -> dict[str, Any]:
     else:
         found = find(data, priors, HyperPrior(setup.hyper(study)))
         best = found.optimum
-        covariance = best.covariance + added(found.marginal.scale, found.law_slope, found.law_covariance)
+        covariance = joint_covariance(found.marginal.scale, found.law_effect, found.law_covariance)
     z = (best.theta - working(priors)[0]) / np.sqrt(np.diag(covariance))
     return {
         "seed": seed,

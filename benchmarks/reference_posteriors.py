@@ -27,7 +27,7 @@ from bayeschute.inference import importance
 from bayeschute.inference.evidence import HyperPrior
 from bayeschute.inference.finding import Found, find
 from bayeschute.inference.importance import Weighed
-from bayeschute.inference.law_slope import widened
+from bayeschute.inference.law_effect import widened
 from bayeschute.inference.posterior import sample
 from bayeschute.inference.priors import Prior
 from bayeschute.inference.target import FlightData
@@ -82,7 +82,7 @@ def ours(case: Case) -> tuple[Found, np.ndarray]:
     """The default inference: what was found, and draws of the parameters, working coordinates (S, P)."""
     found = find([case.flight], case.priors, case.noise)
     xi = sample(found.marginal, "nuts", 4, 300, 1000, SEED).xi
-    wide = widened(xi, found.law_slope, found.law_covariance, SEED).reshape(-1, len(case.priors))
+    wide = widened(xi, found.law_effect, found.law_covariance, SEED).reshape(-1, len(case.priors))
     return found, np.asarray(found.marginal.centre) + wide @ np.asarray(found.marginal.scale).T
 
 

@@ -143,7 +143,7 @@ print(f"numpyro: {theirs.mean():.4f} +- {theirs.std():.4f} m^2/kg, ours: {drag.m
 contraction = 1.0 - (np.log(drag).std() / prior.scale) ** 2
 names = law_labels(["descent rate"], ["wind"], ["drift"])
 scale = np.asarray(found.marginal.scale)
-mixed = confounding(scale @ scale.T, scale @ found.law_slope, found.law_covariance, [prior], names)
+mixed = confounding(scale @ scale.T, scale @ found.law_effect.slope, found.law_covariance, [prior], names)
 (partner, correlation), share = mixed.strongest()["cds_over_mass"], mixed.share[0]
 print(f"taken away from the prior's variance: {contraction:.1%}")
 print(f"due to unknown noise parameters: {share:.1%} of the variance; foremost {partner} ({correlation:.2f})")

@@ -18,6 +18,7 @@ from bayeschute.forecast.virtual_swing import SwingDrop, fly_swing
 from bayeschute.inference.dumbbell_data import GUSTS, dumbbell_data
 from bayeschute.inference.evidence import HyperPrior, to_vector
 from bayeschute.inference.finding import find
+from bayeschute.inference.law_effect import joint_covariance
 from bayeschute.inference.noise import Noise
 from bayeschute.inference.priors import Prior
 from bayeschute.inference.target import Hyper, residuals
@@ -114,18 +115,18 @@ def believed(template):
 
 
 def test_truths_come_from_a_posterior(template, believed):
-    """Far narrower than the priors, about the fit's mean; noise parameters with their own spread, and theta's slope."""
+    """Far narrower than the priors, about the fit's mean; noise parameters with their own spread, and what they do to theta."""
     centre, scale = np.asarray(believed.found.marginal.centre), np.asarray(believed.found.marginal.scale)
     drawn = [sbc.draw(template, seed, believed) for seed in range(60)]
     xi = np.array([np.linalg.solve(scale, d.theta - centre) for d in drawn])
     law = np.array([to_vector(d.hyper) - to_vector(believed.found.hyper) for d in drawn])
-    slope, covariance = believed.found.law_slope, believed.found.law_covariance
-    whole = believed.xi.std(axis=0) ** 2 + np.diag(slope @ covariance @ slope.T)
+    effect, covariance = believed.found.law_effect, believed.found.law_covariance
+    whole = np.diag(joint_covariance(np.diag(believed.xi.std(axis=0)), effect, covariance))
     assert (np.abs(xi.mean(axis=0) - believed.xi.mean(axis=0)) < 4.0 * np.sqrt(whole / 60)).all()
     np.testing.assert_allclose(xi.std(axis=0), np.sqrt(whole), rtol=0.4)
     np.testing.assert_allclose(law.std(axis=0), np.sqrt(np.diag(covariance)), rtol=0.4)
-    held = xi - law @ slope.T  # each is one of the draws for held noise parameters, moved with its noise parameters
-    assert max(np.abs(believed.xi - one).sum(axis=1).min() for one in held) < 1e-9
+    pairs = zip(xi, law, strict=True)  # each is one of the draws for held noise parameters, carried along with its own
+    assert max(np.abs(effect.carried(believed.xi, off) - one).sum(axis=1).min() for one, off in pairs) < 1e-9
 
 
 def test_record_and_replicate_are_fitted_together(template, believed, monkeypatch):

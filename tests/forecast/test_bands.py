@@ -17,6 +17,7 @@ from bayeschute.dynamics.descent import DensityProfile, DescentFlight, DescentIn
 from bayeschute.forecast import bands
 from bayeschute.forecast.bands import Prediction
 from bayeschute.inference.latent import Latent
+from bayeschute.inference.law_effect import LawEffect
 from bayeschute.inference.map import fit
 from bayeschute.inference.marginal import marginalise
 from bayeschute.inference.noise import Noise
@@ -206,17 +207,19 @@ def test_law_draws_have_the_covariance_of_their_logarithms():
     np.testing.assert_allclose((np.cov(logs) - covariance) / np.outer(sd, sd), 0.0, atol=6.0 / np.sqrt(800))
 
 
-def test_every_group_moves_with_its_noise_parameters(fitted, smoothed):
-    """With a slope, draws are those of parameters moved beforehand by the group's own noise parameters."""
-    laws, theta, slope = _laws(0.02), _theta(fitted), np.array([[0.3, -0.2, 0.0, 0.1, 0.0]])
-    at = [np.log(np.concatenate(jax.tree.leaves(law))) for law in laws]
-    off = np.array(at) - np.log(np.concatenate(jax.tree.leaves(HYPER)))
-    moved = theta + (off @ slope.T)[(np.arange(len(theta)) // bands.GROUP) % len(laws)]
-    made = bands.predict(fitted, 0, theta, laws, 5, slope=slope).draws["descent_rate"]
-    np.testing.assert_allclose(made, bands.predict(fitted, 0, moved, laws, 5).draws["descent_rate"], rtol=1e-9)
-    assert np.abs(made - bands.predict(fitted, 0, theta, laws, 5).draws["descent_rate"]).max() > 1e-3
-    still = bands.predict(fitted, 0, theta, _laws(), 5, slope=0.0 * slope).draws["descent_rate"]
-    np.testing.assert_array_equal(still, smoothed.draws["descent_rate"])
+def test_every_group_is_carried_along_with_its_noise_parameters(fitted):
+    """Groups take noise parameters in turn, and draws of a group are carried along with those it takes."""
+    laws, theta = _laws(0.02), _theta(fitted, draws=7 * bands.GROUP - 3)
+    spread = np.array([1.0, 0.5, 0.0, -0.3, 0.0])[:, None, None]
+    effect = LawEffect(np.array([[0.3, -0.2, 0.0, 0.1, 0.0]]), spread, np.array([[0.2]]))
+    made = bands.carried(fitted, theta, laws, effect)
+    centre, sd = float(fitted.centre[0]), float(fitted.scale[0, 0])
+    for i, (one, given) in enumerate(zip(made[:, 0], theta[:, 0], strict=True)):
+        law = laws[i // bands.GROUP % len(laws)]
+        off = np.log(np.concatenate(jax.tree.leaves(law))) - np.log(np.concatenate(jax.tree.leaves(HYPER)))
+        stretch = np.exp(0.1 + 0.5 * off @ spread[:, 0, 0])
+        assert one == pytest.approx(centre + stretch * (given - centre) + sd * float(effect.slope[0] @ off), rel=1e-12)
+    np.testing.assert_allclose(bands.carried(fitted, theta, laws, LawEffect.none(1, 5)), theta, rtol=1e-12)
 
 
 def test_coverage_counts_known_and_counted_samples():

@@ -21,7 +21,10 @@ def test_found(found, descent):
     assert abs(found.optimum.theta[0] - descent.theta[0]) < 4.0 * np.sqrt(found.optimum.covariance[0, 0])
     assert found.law_covariance.shape == (5, 5) and np.isfinite(found.evidence)
     assert np.linalg.eigvalsh(found.law_covariance).min() > 0.0
-    assert found.law_slope.shape == (1, 5) and 0.01 < np.abs(found.law_slope).max() < 2.0
+    slope, spread, excess = found.law_effect
+    assert slope.shape == (1, 5) and 0.01 < np.abs(slope).max() < 2.0
+    assert spread.shape == (5, 1, 1) and 0.1 < np.abs(spread).max() < 2.5
+    assert excess.shape == (1, 1) and abs(excess[0, 0]) < 0.2
     assert 0.0 < found.determinant_error < 0.05
 
 
@@ -106,7 +109,8 @@ def test_the_mode_is_found_far_from_the_joint_optimum(descent, monkeypatch):
 @pytest.mark.parametrize(("far", "held"), [(0.1, False), (50.0, True)])
 def test_noise_parameters_go_to_their_mean_unless_that_is_too_far(found, descent, monkeypatch, far, held):
     """A displacement by which the parameter would move `far` standard deviations."""
-    moved = far * found.law_slope[0] / float(found.law_slope[0] @ found.law_slope[0])
+    (slope,) = found.law_effect.slope
+    moved = far * slope / float(slope @ slope)
     told, mode = {}, finding.evidence.maximise
 
     def remembered(*given, **named):

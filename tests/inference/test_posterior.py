@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 
 from bayeschute.inference import posterior
-from bayeschute.inference.law_slope import widened
+from bayeschute.inference.law_effect import widened
 from bayeschute.inference.marginal import log_density, projected_residuals, sample_log_likelihoods
 from bayeschute.samplers import population
 from bayeschute.samplers.doubt import doubt
@@ -33,7 +33,7 @@ def tree(found, draws, descent):
 
 
 def test_widened_draws_are_the_posterior_and_the_samplers_own_are_kept(found, draws, descent, tree):
-    wide = widened(draws.xi, found.law_slope, found.law_covariance, 1)
+    wide = widened(draws.xi, found.law_effect, found.law_covariance, 1)
     made = posterior.data_tree(found.marginal, descent.priors, draws, 1, NAMES, wide=wide)
     name = descent.priors[0].name
     xr.testing.assert_equal(made["conditional"][name], tree["posterior"][name].drop_attrs())

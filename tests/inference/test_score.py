@@ -1,8 +1,7 @@
-"""The smoother's gradient against automatic differentiation of the filter, and what noise parameters do to others."""
+"""The smoother's gradient against automatic differentiation of the filter."""
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 
 import jax
@@ -13,9 +12,6 @@ from jax.flatten_util import ravel_pytree
 
 from bayeschute.inference import evidence, score
 from bayeschute.inference.evidence import HyperPrior
-from bayeschute.inference.law_slope import added, law_slope, widened
-from bayeschute.inference.map import fit
-from bayeschute.inference.marginal import determinant_slope, marginalise, shifted
 from bayeschute.inference.noise import Noise
 from bayeschute.inference.priors import working
 from bayeschute.inference.statespace import innovations
@@ -83,62 +79,6 @@ def test_gradient_by_differences(descent, request):
     at, step = score.to_vector(descent.hyper) + 0.2, 1e-5
     wanted = [(value(at + step * e)[0] - value(at - step * e)[0]) / (2.0 * step) for e in np.eye(at.size)]
     np.testing.assert_allclose(value(at)[1], wanted, rtol=1e-5, atol=1e-5)
-
-
-def _mode(descent, hyper, theta):
-    """The mode of the marginal posterior of two descents."""
-    best = fit(descent.flights, hyper, descent.priors, theta, tolerance=1e-4)
-    slope = determinant_slope(marginalise(descent.flights, hyper, descent.priors, best))
-    tilt = np.linalg.solve(np.linalg.cholesky(best.covariance).T, slope)
-    return fit(descent.flights, hyper, descent.priors, best.theta, best.unknowns, tolerance=1e-4, tilt=tilt)
-
-
-def test_law_slope_is_the_motion_of_the_mode(descent):
-    """Refitted with other noise parameters, the mode has moved by the slope."""
-    at, best = score.to_vector(descent.hyper), _mode(descent, descent.hyper, descent.theta)
-    slope = law_slope(marginalise(descent.flights, descent.hyper, descent.priors, best))
-
-    def mode(vector):
-        hyper = jax.tree.map(np.asarray, score.from_vector(vector, descent.hyper))
-        return _mode(descent, hyper, best.theta).theta[0]
-
-    sd, step = np.sqrt(best.covariance[0, 0]), 0.1
-    wanted = np.array([(mode(at + step * e) - mode(at - step * e)) / (2.0 * step * sd) for e in np.eye(5)])
-    np.testing.assert_allclose(slope, wanted[None], atol=0.02 + 0.1 * np.abs(wanted).max())
-    assert np.abs(wanted).max() > 0.2
-
-
-def test_law_slope_goes_less_far_where_flights_fail(descent, monkeypatch):
-    made = marginalise(descent.flights, descent.hyper, descent.priors, _mode(descent, descent.hyper, descent.theta))
-    near, module = law_slope(made, step=0.125), sys.modules[law_slope.__module__]
-
-    def fails_beyond(most):
-        def some(marginal, xi):
-            theta, shift = shifted(marginal, xi)
-            return (theta if (np.abs(xi) <= most).all() else np.nan * theta), shift
-
-        monkeypatch.setattr(module, "shifted", some)
-
-    fails_beyond(0.2)
-    np.testing.assert_allclose(law_slope(made, step=0.5), near, rtol=1e-12)
-    fails_beyond(0.01)
-    with pytest.raises(FloatingPointError, match="beside the optimum"):
-        law_slope(made, step=0.5)
-
-
-def test_widened_draws_have_the_joint_covariance():
-    rng = np.random.default_rng(0)
-    slope, root = rng.standard_normal((2, 3)), 0.4 * rng.standard_normal((3, 3))
-    covariance = root @ root.T + 0.05 * np.eye(3)
-    xi = rng.standard_normal((4, 5000, 2))
-    wide = widened(xi, slope, covariance, 1)
-    np.testing.assert_array_equal(wide, widened(xi, slope, covariance, 1))
-    wanted = np.eye(2) + added(np.eye(2), slope, covariance)
-    np.testing.assert_allclose(np.cov(wide.reshape(-1, 2).T), wanted, rtol=0.06, atol=0.06)
-    np.testing.assert_allclose(wide.mean(axis=(0, 1)), 0.0, atol=0.06)
-    np.testing.assert_array_equal(widened(xi, 0.0 * slope, covariance, 1), xi)
-    scale = np.array([[2.0, 0.0], [1.0, 3.0]])
-    np.testing.assert_allclose(added(scale, slope, covariance), scale @ (wanted - np.eye(2)) @ scale.T)
 
 
 def test_noise_without_processes_of_its_own_has_a_gradient(descent):

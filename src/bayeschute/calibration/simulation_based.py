@@ -24,7 +24,7 @@ from bayeschute.calibration.ranks import EcdfTest, rank, uniform
 from bayeschute.inference.drawing import normals
 from bayeschute.inference.evidence import HyperPrior, from_vector, to_vector
 from bayeschute.inference.finding import Found, find
-from bayeschute.inference.law_slope import widened
+from bayeschute.inference.law_effect import widened
 from bayeschute.inference.marginal import draw_unknowns
 from bayeschute.inference.noise import colour
 from bayeschute.inference.posterior import sample
@@ -115,7 +115,7 @@ def _truth(template: Template, believed: Believed | None, rng: np.random.Generat
     found = believed.found
     root = np.linalg.cholesky(found.law_covariance)
     moved = root @ rng.standard_normal(len(root))
-    xi = believed.xi[rng.integers(len(believed.xi))] + found.law_slope @ moved
+    xi = found.law_effect.carried(believed.xi[rng.integers(len(believed.xi))], moved)
     theta = np.asarray(found.marginal.centre) + np.asarray(found.marginal.scale) @ xi
     return theta, from_vector(to_vector(found.hyper) + moved, found.hyper)
 
@@ -172,7 +172,7 @@ def derived(template: Template, found: Found, xi: Array, seed: int) -> dict[str,
         pick = np.minimum(np.arange(start, start + _GROUP), len(xi) - 1)
         moved = root @ rng.standard_normal(at.size)
         law = from_vector(at + moved, found.hyper)
-        shifted = jnp.asarray((xi[pick] + found.law_slope @ moved).T)
+        shifted = jnp.asarray(found.law_effect.carried(xi[pick], moved).T)
         numbers = tuple(normals(f, _GROUP, rng) for f in marginal.flights)
         known = draw_unknowns(marginal, shifted, numbers, law)[-1]
         x = np.asarray(states(flight, marginal.theta(shifted), course(flight, law, known)))
@@ -215,7 +215,7 @@ def ranked(
         raise FloatingPointError("the fit did not converge, and says so")
     held = sample(found.marginal, "nuts", chains, 200, draws, seed).xi.reshape(-1, len(template.priors))
     centre, scale = np.asarray(found.marginal.centre), np.asarray(found.marginal.scale)
-    wide = widened(held, found.law_slope, found.law_covariance, seed)
+    wide = widened(held, found.law_effect, found.law_covariance, seed)
 
     def ranks_among(xi: Array) -> dict[str, int]:
         theta = centre + xi @ scale.T

@@ -22,6 +22,7 @@ from bayeschute.dynamics.cluster_flight import ClusterFlight
 from bayeschute.flight.sensors import ornstein_uhlenbeck
 from bayeschute.inference.drawing import Normals, normals
 from bayeschute.inference.evidence import from_vector, to_vector
+from bayeschute.inference.law_effect import LawEffect
 from bayeschute.inference.map import fit
 from bayeschute.inference.marginal import Marginal, draw_unknowns, marginalise
 from bayeschute.inference.priors import Prior
@@ -122,6 +123,24 @@ def law_draws(hyper: Hyper, covariance: Array, draws: int, rng: np.random.Genera
     return [from_vector(at + root @ rng.standard_normal(at.size), hyper) for _ in range(draws)]
 
 
+def carried(marginal: Marginal, theta: Array, laws: Sequence[Hyper], effect: LawEffect) -> Array:
+    """Draws of the parameters for held noise parameters as they are for those that `predict` takes for each.
+
+    Args:
+        marginal: Of the fit that the draws are from.
+        theta: Draws, working coordinates (B, P).
+        laws: Noise parameters, from `law_draws`; groups of draws take them in turn.
+        effect: Of the noise parameters.
+
+    Returns:
+        (B, P).
+    """
+    off = np.array([to_vector(law) for law in laws]) - to_vector(marginal.hyper)
+    scale, centre = np.asarray(marginal.scale), np.asarray(marginal.centre)
+    xi = np.linalg.solve(scale, (theta - centre).T).T
+    return np.asarray(centre + effect.carried(xi, off[np.arange(len(xi)) // GROUP % len(laws)]) @ scale.T)
+
+
 def predict(
     marginal: Marginal,
     index: int,
@@ -131,7 +150,6 @@ def predict(
     whole: FlightData | None = None,
     told: float = np.inf,
     progress: Callable[[float], None] | None = None,
-    slope: Array | None = None,
     disturbance_log_sd: float = 0.0,
     groups: range | None = None,
 ) -> Prediction:
@@ -140,14 +158,12 @@ def predict(
     Args:
         marginal: Of the fit the flight was part of, or from `opened`.
         index: Which of its flights.
-        theta: Draws of the parameters for the marginal's noise parameters, working coordinates (B, P).
+        theta: Draws of the parameters, working coordinates (B, P); see `carried`.
         laws: Noise parameters, from `law_draws`; groups of draws take them in turn.
         seed: Seed of unknowns.
         whole: The whole flight where the marginal holds its opening only.
         told: Data end here [s from the first sample]; disturbances beyond are free.
         progress: Called with a share done.
-        slope: Derivatives of the parameters by the logarithms of the noise parameters (P, V): every group of draws is
-            moved with the noise parameters that it takes. Parameters stay where None.
         disturbance_log_sd: Standard deviation of the logarithm of a factor on disturbances beyond the data, one a draw.
         groups: Only these groups of `GROUP` draws each, drawn as if all were; all where None. Shares of variance are
             there with the first group only.
@@ -160,10 +176,6 @@ def predict(
     flight, draws = whole or part, theta.shape[0]
     kept = min(int(np.floor(told / float(flight.dt) + 1e-9)) + 1 if np.isfinite(told) else part.samples, part.samples)
     xi = np.linalg.solve(np.asarray(marginal.scale), (theta - np.asarray(marginal.centre)).T)
-    moves = np.zeros((len(laws), len(xi)))
-    if slope is not None:
-        off = np.array([to_vector(law) for law in laws]) - to_vector(marginal.hyper)
-        moves = np.linalg.solve(np.asarray(marginal.scale), slope @ off.T).T
 
     def driven(xi: Array, numbers: tuple[Normals, ...], later: Array, law: Hyper) -> Course:
         known = draw_unknowns(marginal, xi, numbers, law)[index]
@@ -176,12 +188,11 @@ def predict(
         numbers = tuple(normals(f, GROUP, rng) for f in marginal.flights)
         later = rng.standard_normal((flight.samples - kept, flight.latent.size, GROUP))
         later = later * np.exp(disturbance_log_sd * stronger.standard_normal(GROUP))
-        moved = xi[:, pick] + moves[i % len(laws), :, None]
-        given = (moved, numbers, later, laws[i % len(laws)])
+        given = (xi[:, pick], numbers, later, laws[i % len(laws)])
         first = first or given
         if groups is not None and i not in groups:
             continue  # only its random numbers are taken
-        quantities, last = _simulate(flight, marginal.theta(jnp.asarray(moved)), driven(*given))
+        quantities, last = _simulate(flight, marginal.theta(jnp.asarray(xi[:, pick])), driven(*given))
         rows.append(np.asarray(quantities)[..., :keep])
         lasts.append(np.asarray(last)[:, :keep])
         if progress is not None:

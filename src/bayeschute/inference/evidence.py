@@ -133,7 +133,7 @@ def law_covariance(
         priors: Priors of theta.
         hyper: Noise parameters of greatest evidence.
         prior: Priors of the noise parameters.
-        slope: From `law_slope.law_slope` (P, V).
+        slope: From `law_effect.law_slope` (P, V).
         gaps: As in `maximise`.
 
     Returns:

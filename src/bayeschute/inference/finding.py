@@ -15,7 +15,7 @@ from bayeschute.air.vector import Component
 from bayeschute.inference import evidence
 from bayeschute.inference import map as optimum
 from bayeschute.inference.evidence import HyperPrior
-from bayeschute.inference.law_slope import law_slope
+from bayeschute.inference.law_effect import LawEffect, law_slope, law_spread
 from bayeschute.inference.map import Optimum
 from bayeschute.inference.marginal import (
     Marginal,
@@ -52,7 +52,7 @@ class Found:
         marginal: The marginal posterior about the optimum.
         evidence: Minus the log evidence of the most probable noise parameters, up to a constant.
         law_covariance: Of the logarithms of the noise parameters (V, V).
-        law_slope: Derivatives of the parameters' standard coordinates by those logarithms (P, V).
+        law_effect: How the parameters' conditional posterior follows those logarithms.
         determinant_error: Root mean square error of the log determinant's polynomial over the posterior.
     """
 
@@ -61,7 +61,7 @@ class Found:
     marginal: Marginal
     evidence: float
     law_covariance: Array
-    law_slope: Array
+    law_effect: LawEffect
     determinant_error: float
 
 
@@ -268,7 +268,8 @@ def conclude(
     made = replace(made, determinant=determinant_around(made))
     wrong = determinant_error(made, 4, np.random.default_rng(0))
     slope = scipy.linalg.solve_triangular(np.asarray(made.scale), scale @ slope, lower=True)
-    return Found(best, hyper, made, value, known, slope, wrong)
+    effect = LawEffect(slope, *law_spread(made, known))
+    return Found(best, hyper, made, value, known, effect, wrong)
 
 
 def _linear(made: Marginal) -> list[Linear]:

@@ -96,7 +96,7 @@ def confounding(
     Args:
         covariance: Of the parameters for held noise parameters, working coordinates (P, P).
         slope: Derivatives of the parameters' conditional mode by the logarithms of the noise parameters, working
-            coordinates (P, V): ``scale @ law_slope``, see `law_slope`.
+            coordinates (P, V): ``scale @ slope`` of a `LawEffect`.
         law_covariance: Of those logarithms (V, V).
         priors: Priors of the parameters.
         laws: Names of the noise parameters, see `law_labels`.

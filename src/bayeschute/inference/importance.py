@@ -101,7 +101,7 @@ class Weighed:
 
 def laplace(found: Found) -> Proposal:
     """The Laplace posterior of standard coordinates and logarithms of the noise parameters together (P + V)."""
-    count, slope, known = np.size(found.marginal.centre), found.law_slope, found.law_covariance
+    count, slope, known = np.size(found.marginal.centre), found.law_effect.slope, found.law_covariance
     cross = slope @ known
     covariance = np.block([[np.eye(count) + cross @ slope.T, cross], [cross.T, known]])
     middle = np.concatenate([np.zeros(count), to_vector(found.hyper)])

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from bayeschute.dynamics.parameters import Structure
 from bayeschute.inference.evidence import from_vector, to_vector
 from bayeschute.inference.finding import Found
+from bayeschute.inference.law_effect import LawEffect
 from bayeschute.inference.map import Optimum
 from bayeschute.inference.marginal import Determinant, Marginal, marginalise
 from bayeschute.inference.priors import Prior
@@ -107,7 +108,9 @@ def save_fit(job: Job, group: Group, found: Found, draws: Draws, wide: Array) ->
         "xi": draws.xi,
         "wide": wide,
         "law_covariance": found.law_covariance,
-        "law_slope": found.law_slope,
+        "law_slope": found.law_effect.slope,
+        "law_spread": found.law_effect.spread,
+        "law_excess": found.law_effect.excess,
         "facts": np.array(
             [
                 best.cost,
@@ -146,7 +149,7 @@ class Stored:
         failed: Simulations that failed while sampling.
         evaluations: Evaluations of the exact density.
         law_covariance: Of the logarithms of the noise parameters.
-        law_slope: Derivatives of the parameters by those, working coordinates (P, V).
+        law_effect: How the parameters' conditional posterior follows those.
         determinant_error: Root mean square error of the log determinant's polynomial.
         pareto_k: Of the ratios exact/surrogate; None where the draws were not corrected ones.
     """
@@ -159,7 +162,7 @@ class Stored:
     failed: int
     evaluations: int
     law_covariance: Array
-    law_slope: Array
+    law_effect: LawEffect
     determinant_error: float
     pareto_k: float | None
 
@@ -184,9 +187,9 @@ def load_fit(job: Job, group: Group) -> Stored:
     marginal = replace(marginalise(flights, hyper, group.priors, best), determinant=Determinant(*a["determinant"]))
     scale, known = np.asarray(marginal.scale), a["law_covariance"]
     theta, held = (best.theta + a[name] @ scale.T for name in ("wide", "xi"))
-    counts, by_law = (int(failed), int(evaluations)), scale @ a["law_slope"]
+    counts, effect = (int(failed), int(evaluations)), LawEffect(a["law_slope"], a["law_spread"], a["law_excess"])
     k = float(a["pareto_k"]) if "pareto_k" in a else None
-    return Stored(marginal, best, hyper, theta, held, *counts, known, by_law, float(wrong), k)
+    return Stored(marginal, best, hyper, theta, held, *counts, known, effect, float(wrong), k)
 
 
 def summary_draws(job: Job) -> tuple[dict[str, Array], dict[str, str]]:

@@ -75,11 +75,10 @@ class _Order:
         known: The fit it was part of; or data, noise parameters and Gaussian summary by which its opening is fitted.
         index: Its place in the fit.
         whole: The whole flight, where it was not fitted.
-        theta: Draws of the parameters.
+        theta: Draws of the parameters, those of every group for its noise parameters.
         laws: Noise parameters, in turn.
         seed: Seed.
         told: Its data are known up to here [s from the first sample].
-        slope: Of the parameters by the noise parameters.
         spread: Of the strength of disturbances beyond the data.
     """
 
@@ -90,7 +89,6 @@ class _Order:
     laws: list[Hyper]
     seed: int
     told: float
-    slope: Array
     spread: float
 
     def parts(self) -> list[range]:
@@ -107,8 +105,8 @@ class _Order:
             assert self.whole is not None
             marginal = bands.opened(bands.opening(self.whole, OPENING), *self.known)
         return bands.predict(
-            marginal, self.index, self.theta, self.laws, self.seed, self.whole, self.told, share, self.slope,
-            self.spread, groups,
+            marginal, self.index, self.theta, self.laws, self.seed, self.whole, self.told, share, self.spread,
+            groups,
         )  # fmt: skip
 
 
@@ -132,6 +130,7 @@ def _order(
     time = load_flight(job, flight.name)["time"].values
     rng = np.random.default_rng([study.seed, 5, i, *([j] if j else [])])
     laws = bands.law_draws(stored.hyper, stored.law_covariance, -(-len(picked) // bands.GROUP), rng)
+    theta = bands.carried(stored.marginal, picked, laws, stored.law_effect)
     known: Marginal | tuple[Hyper, list[Prior]] = stored.marginal
     index, whole, until = 0, None, _until(flight, flight in group.flights, time)
     if flight in group.flights:
@@ -140,7 +139,7 @@ def _order(
         whole = data_of(job, flight, group.priors, like=group.flights[0])
         known = (stored.hyper, gaussian_summary(group.priors, stored.theta))
     seed, spread = study.seed + 100 + i + 10_000 * j, study.predict.disturbance_log_sd
-    return _Order(known, index, whole, picked, laws, seed, until - time[0], stored.law_slope, spread), time
+    return _Order(known, index, whole, theta, laws, seed, until - time[0], spread), time
 
 
 def _until(flight: Flight, fitted: bool, time: Array) -> float:

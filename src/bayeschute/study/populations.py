@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from bayeschute.inference import hierarchy, population
 from bayeschute.inference.hierarchy import Hierarchy
+from bayeschute.inference.law_effect import LawEffect
 from bayeschute.inference.priors import Prior, working
 from bayeschute.study import canopies
 from bayeschute.study.fits import Group, Stored, groups, load_fit
@@ -237,4 +238,4 @@ def _of_members(job: Job, alone: Stored, flown: bool, todo: Sequence[Group], fit
     members = made.members if flown else hierarchy.others(made, places.of, rng)
     theta = np.concatenate([made.shared, members], axis=-1)[..., list(places.fits[fit])]
     mixed = rng.permutation(theta.reshape(-1, theta.shape[-1])).reshape(theta.shape)
-    return replace(alone, theta=mixed, held=mixed, law_slope=0.0 * alone.law_slope)
+    return replace(alone, theta=mixed, held=mixed, law_effect=LawEffect.none(*alone.law_effect.slope.shape))

@@ -10,7 +10,7 @@ import numpy as np
 
 from bayeschute.inference.evidence import HyperPrior
 from bayeschute.inference.finding import Settled, conclude, settle
-from bayeschute.inference.law_slope import widened
+from bayeschute.inference.law_effect import widened
 from bayeschute.inference.posterior import sample
 from bayeschute.inference.priors import Prior, from_equation_error
 from bayeschute.inference.structure_weights import OPENING, counts, sequential_scores, weights
@@ -128,7 +128,7 @@ def _fitted(job: Job, group: Group, say: Say) -> _Fitted:
         sizes = (table.chains, table.warmup, table.draws, job.study.seed)
         draws = sample(found.marginal, _kind(job), *sizes, lambda s, w: say(0.8 + 0.1 * s, w))
         checkpoint.put_draws(job, group.name, _kind(job), draws)
-    save_fit(job, group, found, draws, widened(draws.xi, found.law_slope, found.law_covariance, job.study.seed))
+    save_fit(job, group, found, draws, widened(draws.xi, found.law_effect, found.law_covariance, job.study.seed))
     say(0.9, "leave-future-out scores")
     return _Fitted(settled, draws, *sequential_scores(found.marginal), found.optimum.converged)
 

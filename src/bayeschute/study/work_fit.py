@@ -16,7 +16,7 @@ from bayeschute.errors import Fault, InputError
 from bayeschute.inference import output_error
 from bayeschute.inference.evidence import HyperPrior
 from bayeschute.inference.finding import Begin, Found, Settled, conclude, settle
-from bayeschute.inference.law_slope import widened
+from bayeschute.inference.law_effect import LawEffect, widened
 from bayeschute.inference.omitted import scores
 from bayeschute.inference.posterior import data_tree, sample
 from bayeschute.inference.priors import Prior
@@ -67,7 +67,7 @@ def fit(job: Job) -> str:
         kinds = ["nuts", "emcee"] if study.sampler.kind == "both" else [study.sampler.kind]
         bounds = _bounds(job, group, found) if study.noise.model in ("white", "sandwich") else None
         if study.noise.model == "sandwich":  # its covariance doesn't come from the noise parameters
-            kinds, found = ["sandwich"], replace(found, law_slope=0.0 * found.law_slope)
+            kinds, found = ["sandwich"], replace(found, law_effect=LawEffect.none(*found.law_effect.slope.shape))
         for kind in kinds:
             clock = time.perf_counter()
             draws = checkpoint.get_draws(job, group.name, kind)
@@ -76,7 +76,7 @@ def fit(job: Job) -> str:
                 checkpoint.put_draws(job, group.name, kind, draws)
             wall[f"{kind}_s"] = wall.get(f"{kind}_s", 0.0) + time.perf_counter() - clock
             flights = [f.name for f in group.flights]
-            wide = widened(draws.xi, found.law_slope, found.law_covariance, study.seed)
+            wide = widened(draws.xi, found.law_effect, found.law_covariance, study.seed)
             tree = data_tree(
                 found.marginal, group.priors, draws, study.seed, flights, lambda s, w: say(s, w, 0.9, 1.0), wide
             )

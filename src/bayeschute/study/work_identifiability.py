@@ -78,8 +78,9 @@ def _with_noise(job: Job, group: Group, stored: Stored, made: dict[str, Any]) ->
     labels, used = noise_labels(job)
     names = [label for label, u in zip(labels, used, strict=True) if u]
     spread = stored.law_covariance[np.ix_(used, used)]
+    slope = np.asarray(stored.marginal.scale) @ stored.law_effect.slope
     mixed: Confounding = identifiability.confounding(
-        stored.optimum.covariance, stored.law_slope[:, used], spread, group.priors, names
+        stored.optimum.covariance, slope[:, used], spread, group.priors, names
     )
     partners = mixed.strongest()
     for name, share in zip(mixed.parameters, mixed.share, strict=True):
