@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +11,7 @@ from scipy.integrate import quad
 from scipy.special import expit, roots_hermitenorm
 
 from bayeschute.inference import map as optimum
-from bayeschute.inference.marginal import determinant_around, log_density, marginalise, sample_log_likelihoods
+from bayeschute.inference.marginal import determinant_around, log_density, marginalise, sample_log_likelihoods, shifted
 from bayeschute.inference.structure_weights import counts, sequential_scores, terms, weights
 
 
@@ -63,6 +64,25 @@ def test_tilts_are_those_of_the_determinant(found):
     per_flight = terms(found.marginal)
     total = sum(part.tilt.sum(axis=0) for part in per_flight)
     np.testing.assert_allclose(total, determinant_around(found.marginal).slope, rtol=1e-9)
+
+
+def test_tilts_are_taken_nearer_where_flights_fail(found, monkeypatch):
+    made, module = found.marginal, sys.modules[terms.__module__]
+    near = terms(made, step=0.125)
+
+    def fails_beyond(most):
+        def some(marginal, xi):
+            theta, shift = shifted(marginal, xi)
+            return (theta if (np.abs(xi) <= most).all() else np.nan * theta), shift
+
+        monkeypatch.setattr(module, "shifted", some)
+
+    fails_beyond(0.2)
+    for one, wanted in zip(terms(made), near, strict=True):
+        np.testing.assert_allclose(one.tilt, wanted.tilt, rtol=1e-12)
+    fails_beyond(0.01)
+    with pytest.raises(FloatingPointError, match="beside the optimum"):
+        terms(made)
 
 
 def test_weights_of_two_are_the_mean_of_a_logistic():

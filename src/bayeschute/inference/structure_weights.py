@@ -22,7 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from bayeschute.inference.marginal import Along, Marginal, course_at, shifted
+from bayeschute.inference.marginal import Along, Marginal, beside, course_at, shifted
 from bayeschute.inference.statespace import Gains, innovations
 from bayeschute.inference.target import FlightData, as_series, filter_gains, linearise
 from bayeschute.numerics import processors
@@ -71,28 +71,32 @@ def terms(marginal: Marginal, step: float = 1.0) -> list[Terms]:
 
     Args:
         marginal: The marginal posterior about its mode.
-        step: Of the differences of the log determinants [posterior standard deviations].
-    """
-    parameters, scale = int(np.size(marginal.centre)), np.asarray(marginal.scale)
-    axes = step * np.eye(parameters)
+        step: Of the differences of the log determinants [posterior standard deviations]; less where a flight fails.
 
-    def determinants(xi: Array) -> list[Array]:
+    Raises:
+        FloatingPointError: If flights fail along an axis, however short the step.
+    """
+    scale = np.asarray(marginal.scale)
+
+    def determinants(xi: Array) -> Array:
         theta, shift = shifted(marginal, jnp.asarray(xi))
         found = []
         for flight, along in zip(marginal.flights, marginal.along, strict=True):
             linear = linearise(flight, theta, course_at(along, shift))
             found.append(np.asarray(_by_sample(flight, _gains(flight, marginal.hyper, linear))))
-        return found
+        return np.concatenate(found)
 
     with ThreadPoolExecutor(processors()) as pool:
-        values = list(pool.map(determinants, [*axes, *-axes]))
-    made = []
-    for i, (flight, along) in enumerate(zip(marginal.flights, marginal.along, strict=True)):
+        up, down, h = beside(
+            lambda points: np.array(list(pool.map(determinants, points))), len(scale), step, "the log determinant"
+        )
+    ends = np.cumsum([len(np.asarray(flight.present)) for flight in marginal.flights])
+    tilts, made = np.split(((up - down) / (2.0 * h)).T, ends[:-1]), []
+    for flight, along, tilt in zip(marginal.flights, marginal.along, tilts, strict=True):
         unit = np.asarray(_unit(along))
-        up, down = (np.array([v[i] for v in part]) for part in (values[:parameters], values[parameters:]))
         constant = np.asarray(_by_sample(flight, along.gains))
         constant = constant + 0.5 * np.log(2.0 * np.pi) * np.asarray(flight.present).sum(axis=1)
-        made.append(Terms(unit[:, :, 0], unit[:, :, 1:] @ scale, constant, (up - down).T / (2.0 * step)))
+        made.append(Terms(unit[:, :, 0], unit[:, :, 1:] @ scale, constant, tilt))
     return made
 
 
