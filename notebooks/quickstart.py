@@ -142,8 +142,7 @@ print(f"numpyro: {theirs.mean():.4f} +- {theirs.std():.4f} m^2/kg, ours: {drag.m
 # %%
 contraction = 1.0 - (np.log(drag).std() / prior.scale) ** 2
 names = law_labels(["descent rate"], ["wind"], ["drift"])
-scale = np.asarray(found.marginal.scale)
-mixed = confounding(scale @ scale.T, scale @ found.law_effect.slope, found.law_covariance, [prior], names)
+mixed = confounding(np.asarray(found.marginal.scale), found.law_effect, found.law_covariance, [prior], names)
 (partner, correlation), share = mixed.strongest()["cds_over_mass"], mixed.share[0]
 print(f"taken away from the prior's variance: {contraction:.1%}")
 print(f"due to unknown noise parameters: {share:.1%} of the variance; foremost {partner} ({correlation:.2f})")
@@ -151,14 +150,14 @@ print(f"due to unknown noise parameters: {share:.1%} of the variance; foremost {
 # %% [markdown]
 # ## Bands on what was not looked at
 #
-# Every draw of the drag goes with a draw of the air's motion: as the data have it for as long as there are data, and
-# free after that. So the band widens where the data end. The held-out part holds one or two independent gusts, so the
-# share that a single flight has inside its band scatters widely about 90 %; only many flights can tell whether the
-# bands are honest.
+# Every draw of the drag goes with noise parameters of its own (`carried` says what they do to it) and a draw of the
+# air's motion: as the data have it for as long as there are data, and free after that. So the band widens where the
+# data end. The held-out part holds one or two independent gusts, so the share that a single flight has inside its band
+# scatters widely about 90 %; only many flights can tell whether the bands are honest.
 
 # %%
-theta = np.log(drag)[:, None]
 laws = bands.law_draws(found.hyper, found.law_covariance, 32, np.random.default_rng(SEED))
+theta = bands.carried(found.marginal, np.log(drag)[:, None], laws, found.law_effect)
 prediction = bands.predict(found.marginal, 0, theta, laws, SEED, told=TOLD)
 time = record["time"].values
 held_out = time > TOLD

@@ -19,6 +19,7 @@ from bayeschute.inference.identifiability import (
     log_likelihood,
     power_scaling,
 )
+from bayeschute.inference.law_effect import LawEffect
 from bayeschute.inference.map import fit
 from bayeschute.inference.marginal import Determinant, log_density, marginalise, sample_log_likelihoods
 from bayeschute.inference.noise import Noise
@@ -95,7 +96,9 @@ def test_confounding_is_that_of_the_joint_gaussian():
     law = joint[p:, p:]
     slope = np.linalg.solve(law, joint[p:, :p]).T
     held = joint[:p, :p] - slope @ law @ slope.T
-    found = confounding(held, slope, law, _priors(np.ones(p)), [f"law{i}" for i in range(v)])
+    scale = np.linalg.cholesky(held)
+    effect = LawEffect.none(p, v)._replace(slope=np.linalg.solve(scale, slope))
+    found = confounding(scale, effect, law, _priors(np.ones(p)), [f"law{i}" for i in range(v)])
     sd = np.sqrt(np.diag(joint))
     np.testing.assert_allclose(found.correlation, (joint / np.outer(sd, sd))[:p, p:], rtol=1e-10)
     np.testing.assert_allclose(found.share, 1.0 - np.diag(held) / np.diag(joint)[:p], rtol=1e-10)
@@ -105,8 +108,15 @@ def test_confounding_is_that_of_the_joint_gaussian():
 
 
 def test_parameters_that_do_not_move_with_the_noise_are_not_confounded():
-    found = confounding(np.eye(2), np.zeros((2, 1)), np.array([[0.4]]), _priors([1.0, 1.0]), ["sd"])
+    found = confounding(np.eye(2), LawEffect.none(2, 1), np.array([[0.4]]), _priors([1.0, 1.0]), ["sd"])
     assert not found.correlation.any() and not found.share.any()
+
+
+def test_the_share_counts_what_the_noise_makes_of_the_covariance():
+    """A variance that goes with the noise parameter to the power two: known exactly, it would be less by that much."""
+    effect = LawEffect(np.zeros((1, 1)), np.array([[[2.0]]]), np.zeros((1, 1)))
+    found = confounding(np.array([[3.0]]), effect, np.array([[0.2]]), _priors([1.0]), ["sd"])
+    assert found.share[0] == pytest.approx(1.0 - np.exp(-0.5 * 4.0 * 0.2), rel=1e-12) and not found.correlation.any()
 
 
 def test_labels_stand_in_the_order_of_the_vector():

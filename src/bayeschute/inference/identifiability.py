@@ -13,6 +13,7 @@ from arviz_base import from_dict
 from numpy.typing import NDArray
 
 from bayeschute.inference.latent import KINDS
+from bayeschute.inference.law_effect import LawEffect, joint_covariance
 from bayeschute.inference.marginal import Marginal
 from bayeschute.inference.priors import Prior, values, working
 
@@ -71,7 +72,8 @@ class Confounding(NamedTuple):
         parameters: Names (P).
         laws: Names of the noise parameters (V).
         correlation: Between parameters and logarithms of noise parameters in their joint posterior (P, V).
-        share: Share of every parameter's variance that the noise parameters' uncertainty makes (P,).
+        share: By how much every parameter's variance would be less, were the noise parameters known to be what they
+            are at the mode, as a share (P,).
     """
 
     parameters: tuple[str, ...]
@@ -89,23 +91,21 @@ class Confounding(NamedTuple):
 
 
 def confounding(
-    covariance: Array, slope: Array, law_covariance: Array, priors: Sequence[Prior], laws: Sequence[str]
+    scale: Array, effect: LawEffect, law_covariance: Array, priors: Sequence[Prior], laws: Sequence[str]
 ) -> Confounding:
-    """Correlations of parameters with noise parameters in their joint posterior, to first order.
+    """Correlations of parameters with noise parameters in their joint posterior, and what these add to the variance.
 
     Args:
-        covariance: Of the parameters for held noise parameters, working coordinates (P, P).
-        slope: Derivatives of the parameters' conditional mode by the logarithms of the noise parameters, working
-            coordinates (P, V): ``scale @ slope`` of a `LawEffect`.
-        law_covariance: Of those logarithms (V, V).
+        scale: Factor of the parameters' covariance for held noise parameters, as in `Marginal` (P, P).
+        effect: Of the noise parameters.
+        law_covariance: Of their logarithms (V, V).
         priors: Priors of the parameters.
         laws: Names of the noise parameters, see `law_labels`.
     """
-    held = np.diag(covariance)
-    together = slope @ law_covariance
-    moved = np.einsum("pv,pv->p", together, slope)
-    sd = np.sqrt(np.outer(held + moved, np.diag(law_covariance)))
-    return Confounding(tuple(p.name for p in priors), tuple(laws), together / sd, moved / (held + moved))
+    held, whole = np.diag(scale @ scale.T), np.diag(joint_covariance(scale, effect, law_covariance))
+    together = scale @ effect.slope @ law_covariance
+    sd = np.sqrt(np.outer(whole, np.diag(law_covariance)))
+    return Confounding(tuple(p.name for p in priors), tuple(laws), together / sd, 1.0 - held / whole)
 
 
 def law_labels(channels: Sequence[str], groups: Sequence[str], kinds: Sequence[str]) -> list[str]:

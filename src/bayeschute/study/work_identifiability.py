@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from bayeschute.inference import identifiability
 from bayeschute.inference.evidence import HyperPrior
 from bayeschute.inference.identifiability import FELT, Confounding, Sensitivity
+from bayeschute.inference.law_effect import LawEffect
 from bayeschute.inference.priors import working
 from bayeschute.inference.profile import likelihood_interval, profile
 from bayeschute.study import formulation, setup
@@ -78,9 +79,10 @@ def _with_noise(job: Job, group: Group, stored: Stored, made: dict[str, Any]) ->
     labels, used = noise_labels(job)
     names = [label for label, u in zip(labels, used, strict=True) if u]
     spread = stored.law_covariance[np.ix_(used, used)]
-    slope = np.asarray(stored.marginal.scale) @ stored.law_effect.slope
+    slope, by_law, excess = stored.law_effect
+    effect = LawEffect(slope[:, used], by_law[used], excess)
     mixed: Confounding = identifiability.confounding(
-        stored.optimum.covariance, slope[:, used], spread, group.priors, names
+        np.asarray(stored.marginal.scale), effect, spread, group.priors, names
     )
     partners = mixed.strongest()
     for name, share in zip(mixed.parameters, mixed.share, strict=True):
