@@ -5,10 +5,12 @@ import pytest
 
 from bayeschute.air.standard import standard_density, standard_pressure, standard_temperature
 from bayeschute.errors import InputError
+from bayeschute.flight.clean import clean
 from bayeschute.flight.derive import (
     derive,
     descent_rate_from_altitude,
     ideal_gas_density,
+    measured,
     sea_level_rate,
     smoothing_window,
     tangent_plane,
@@ -109,3 +111,40 @@ def test_unfit_records_are_refused():
     nowhere = make_record(time=T, altitude=Z, latitude=np.full(T.size, np.nan), longitude=np.zeros(T.size))
     with pytest.raises(InputError, match="no fix"):
         derive(nowhere)
+
+
+def _cleaned(t, rate, **arrays):
+    return derive(clean(make_record(time=t, **arrays), rate))
+
+
+def test_what_was_bridged_is_no_measurement():
+    t = np.arange(200) * 0.1
+    canopies = np.tile(np.stack([0.3 * t, 0.1 * t, -8.0 * t], axis=1)[:, None], (1, 2, 1))
+    canopies[50:53, 0] = np.nan
+    record = _cleaned(t, 10.0, canopy_position=canopies)
+    assert np.isfinite(record["canopy_position"].values).all()
+    first, second = (measured(record, f"canopy_position.{i}") for i in (1, 2))
+    np.testing.assert_array_equal(np.flatnonzero(~first), [50, 51, 52])
+    assert second.all()
+
+
+@pytest.mark.parametrize("late", [0.0, 0.13])
+def test_every_sample_of_a_slow_series_counts_once(late):
+    """A second apart on a clock of ten a second, one missing; what is derived is no better than its source."""
+    t = np.unique(np.concatenate([np.arange(0.0, 30.05, 0.1), late + np.arange(30.0)]))
+    slow = np.isin(t, late + np.arange(30.0))
+    slow[np.flatnonzero(slow)[12]] = False
+    altitude = np.where(slow, 2000.0 - 9.0 * t - 0.05 * t**2, np.nan)
+    density = 1.2 + 0.001 * t
+    record = _cleaned(t, 10.0, altitude=altitude, density=density)
+    nearest = np.rint(10.0 * t[slow]).astype(int)
+    for name in ("altitude", "descent_rate"):
+        np.testing.assert_array_equal(np.flatnonzero(measured(record, name)), nearest)
+    assert measured(record, "density").all()
+    assert np.isfinite(record["descent_rate"].values).sum() > 5 * nearest.size
+
+
+def test_a_fast_series_on_a_slow_clock_is_measured_throughout():
+    t = np.arange(400) * 0.05
+    record = _cleaned(t, 2.0, altitude=2000.0 - 9.0 * t, density=1.2 + 0.0 * t)
+    assert measured(record, "altitude").all()

@@ -47,10 +47,11 @@ def test_round_trip_through_netcdf(tmp_path):
     ds = full()
     ds["density"][3] = np.nan
     entry = Repair("spike", "altitude", 1.0, 1.5, 3, "leaves the motion and returns")
-    ds = with_repairs(ds.assign_attrs(source="a test"), [entry])
+    slow = Repair("resampled", "density", 0.0, 1.5, 3, "interpolated", (0.1, 0.9, 1.4))
+    ds = with_repairs(ds.assign_attrs(source="a test"), [entry, slow])
     back = load_record(write_record(ds, tmp_path / "r.nc"))
     xr.testing.assert_identical(back, ds)
-    assert repairs(back) == (entry,)
+    assert repairs(back) == (entry, slow)
     assert json.loads(back.attrs["repairs"])[0] == {
         "kind": "spike", "variable": "altitude", "start": 1.0, "end": 1.5, "count": 3,
         "detail": "leaves the motion and returns",

@@ -15,6 +15,7 @@ from bayeschute.dynamics.integrate import outputs
 from bayeschute.dynamics.parameters import Structure
 from bayeschute.errors import InputError
 from bayeschute.flight.derive import derive
+from bayeschute.flight.record import Repair, with_repairs
 from bayeschute.flight.sensors import SensorNoise
 from bayeschute.forecast.virtual import Turbulence, VirtualDrop, fly
 from bayeschute.inference import map as optimum
@@ -95,6 +96,20 @@ def test_a_virtual_record_has_the_noise_asked_for(flown):
     pull = truth["riser_tension"].values
     # Before swing and sink have changed much, the risers carry the capsule.
     assert pull.shape == (81, 2) and pull.mean() == pytest.approx(9463.0 * 9.80665 / 2.0, rel=0.1)
+
+
+def test_interpolated_positions_are_no_data(flown):
+    """Those of a canopy alone; those of the capsule for every canopy; and tensions of one riser."""
+    time = flown[0]["time"].values
+    bridged = [
+        Repair("interpolated", "canopy_position.2", time[10], time[14], 3),
+        Repair("interpolated", "capsule_position", time[20], time[22], 1),
+        Repair("interpolated", "riser_tension.1", time[40], time[43], 2),
+    ]
+    absent = ~data(with_repairs(flown[0], bridged), TENSE).present
+    wanted = ~data(flown[0], TENSE).present
+    wanted[11:14, 3:6], wanted[21, :6], wanted[41:43, 9] = True, True, True
+    np.testing.assert_array_equal(absent, wanted)
 
 
 def test_gaps_and_what_is_held_out_are_absent(flown):

@@ -7,8 +7,14 @@ import pytest
 import xarray as xr
 
 from bayeschute.errors import InputError
+from bayeschute.flight.clean import clean
+from bayeschute.flight.record import make_record
+from bayeschute.inference import map as optimum
 from bayeschute.inference.latent import Latent
+from bayeschute.inference.noise import Noise
+from bayeschute.inference.priors import Prior
 from bayeschute.inference.records import density_profile, descent_data, filled
+from bayeschute.inference.target import Hyper
 
 GUSTS = Latent(("drift",), ((0, 0),))
 
@@ -52,6 +58,27 @@ def test_descent_data():
     assert float(made.dt) == 0.5 and made.latent is GUSTS
     assert (made.starts, made.samples) == (1, 60)
     assert made.still().start.shape == (1,) and made.still().shocks.shape == (60, 1)
+
+
+def test_a_slow_series_on_a_fast_clock_tells_no_more_than_on_its_own():
+    """Descent rates two seconds apart, white noise: the same interval on their own clock and on one four times as fast."""
+    rng, slow = np.random.default_rng(3), 2.0 * np.arange(31)
+    rate = 9.0 + 0.3 * rng.standard_normal(slow.size)
+    fast = 0.5 * np.arange(121)
+    altitude = 2000.0 - 9.0 * fast
+    spread = np.full(fast.size, np.nan)
+    spread[::4] = rate
+    noise = Noise(np.array([0.3]), np.array([1e-3]), np.array([1.0]))
+    hyper = Hyper(noise, (np.array([0.05, 5.0]),))
+    priors = [Prior("cds_over_mass", np.log(0.2), 0.5, True, "m^2/kg", "")]
+    sds = []
+    for step, values in ((1, spread), (4, rate)):
+        time, h = fast[::step], altitude[::step]
+        made = make_record(time=time, altitude=h, density=1.225 * np.exp(-h / 9000.0), descent_rate=values)
+        flight = descent_data(clean(made, 1.0 / (time[1] - time[0])), GUSTS)
+        assert flight.present.sum() == slow.size
+        sds.append(np.sqrt(optimum.fit([flight], hyper, priors, np.array([np.log(0.2)])).covariance[0, 0]))
+    assert sds[0] == pytest.approx(sds[1], rel=0.03)
 
 
 def test_missing_variables_are_named():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,7 +18,7 @@ from bayeschute.air.standard import (
 )
 from bayeschute.errors import Fault, InputError
 from bayeschute.flight.differentiate import savitzky_golay
-from bayeschute.flight.record import VARIABLES, Repair, with_repairs
+from bayeschute.flight.record import VARIABLES, Repair, repairs, with_repairs
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -25,6 +27,13 @@ Array = NDArray[np.float64]
 
 _SEMI_MAJOR = 6378137.0  # WGS 84 ellipsoid [m]
 _FLATTENING = 1.0 / 298.257223563
+_FROM: Mapping[str, tuple[tuple[str, ...], ...]] = MappingProxyType(
+    {
+        "altitude": (("pressure",), ("capsule_position",)),
+        "capsule_position": (("latitude", "longitude", "altitude"),),
+        "descent_rate": (("capsule_velocity",), ("altitude",)),
+    }
+)  # what `derive` makes measured quantities of: the first that are all there
 _SMOOTHING = 2.0  # least length of the window that differentiates altitude [s]
 
 
@@ -188,3 +197,30 @@ def derive(record: xr.Dataset, origin: tuple[float, float] | None = None) -> xr.
             out = out.assign_coords(axis=["north", "east", "down"])
         out = out.assign({name: (variable.dims, values, {"units": variable.unit, "long_name": variable.meaning})})
     return with_repairs(out, notes)
+
+
+def measured(record: xr.Dataset, name: str) -> NDArray[np.bool_]:
+    """Which samples of a series are measurements (T,): those that a sample of the instrument lies next to.
+
+    What was interpolated, across a gap or between the samples of a slower series, tells nothing of its own: to fit it
+    as well would count one measurement several times. What `derive` made is as good as all that it was made of.
+
+    Args:
+        record: A record on a uniform clock.
+        name: A variable, with the canopy where it has one (``canopy_position.1``).
+    """
+    time, notes = record["time"].values.astype(float), repairs(record)
+    between, near = 0.5 * (time[1:] + time[:-1]), 1e-6 * float(time[1] - time[0])
+    known = np.ones(time.size, dtype=bool)
+    for entry in notes:
+        if entry.variable not in (name, name.split(".")[0]):
+            continue
+        if entry.kind == "interpolated":
+            known &= (time <= entry.start + near) | (time >= entry.end - near)
+        if entry.times:
+            known &= np.isin(np.arange(time.size), np.searchsorted(between, entry.times))
+    if any((entry.kind, entry.variable) == ("derived", name) for entry in notes):
+        sources = [of for of in _FROM.get(name, ()) if all(one in record for one in of)]
+        for one in sources[0] if sources else ():
+            known &= measured(record, one)
+    return known

@@ -94,6 +94,7 @@ class Repair:
         end: Last time concerned [s].
         count: Samples concerned.
         detail: One sentence.
+        times: Where the series was interpolated from a slower one, times of the samples that it has [s]; else empty.
     """
 
     kind: str
@@ -102,6 +103,7 @@ class Repair:
     end: float
     count: int
     detail: str = ""
+    times: tuple[float, ...] = ()
 
 
 def repairs(ds: xr.Dataset) -> tuple[Repair, ...]:
@@ -112,8 +114,8 @@ def repairs(ds: xr.Dataset) -> tuple[Repair, ...]:
     """
     text = ds.attrs.get("repairs", "[]")
     try:
-        return tuple(Repair(**entry) for entry in json.loads(text))
-    except (TypeError, ValueError, RecursionError) as error:
+        return tuple(Repair(**{**entry, "times": tuple(entry.get("times", ()))}) for entry in json.loads(text))
+    except (AttributeError, TypeError, ValueError, RecursionError) as error:
         raise InputError(
             Fault("record, attribute repairs", repr(text)[:80], "a JSON list of repairs", "Delete the attribute.")
         ) from error
@@ -121,7 +123,8 @@ def repairs(ds: xr.Dataset) -> tuple[Repair, ...]:
 
 def with_repairs(ds: xr.Dataset, more: Iterable[Repair]) -> xr.Dataset:
     """The record with further repairs appended to its list."""
-    entries = [asdict(entry) for entry in (*repairs(ds), *more)]
+    every = [asdict(entry) for entry in (*repairs(ds), *more)]
+    entries = [{key: value for key, value in entry.items() if key != "times" or value} for entry in every]
     return ds.assign_attrs(repairs=json.dumps(entries))
 
 

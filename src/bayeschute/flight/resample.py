@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -148,7 +148,8 @@ def resample(channel: Channel, grid: Grid) -> tuple[Array, list[Repair]]:
         notes.append(_resampled(channel.name, grid, detail))
     elif native > 1.01 / grid.rate:
         detail = f"interpolated from samples {native:.4g} s apart: no new information"
-        notes.append(_resampled(channel.name, grid, detail))
+        within = (t >= grid.time[0] - 0.5 / grid.rate) & (t <= grid.time[-1] + 0.5 / grid.rate)
+        notes.append(replace(_resampled(channel.name, grid, detail), times=tuple(t[within].tolist())))
     if attitude:
         known = np.isfinite(values).all(axis=1)
         values[known] = same_sign(values[known] / np.linalg.norm(values[known], axis=1, keepdims=True))

@@ -17,7 +17,8 @@ from bayeschute.dynamics.parameters import Cluster, Structure
 from bayeschute.dynamics.stability import fastest_pole, substeps
 from bayeschute.dynamics.start import Start, deviation_names, tangent_basis
 from bayeschute.errors import Fault, InputError
-from bayeschute.flight.record import nearest, repairs
+from bayeschute.flight.derive import measured
+from bayeschute.flight.record import VARIABLES, nearest, repairs
 from bayeschute.inference.latent import Latent
 from bayeschute.inference.priors import Prior
 from bayeschute.inference.target import FlightData
@@ -103,8 +104,9 @@ def cluster_data(
 ) -> FlightData:
     """Data of a cluster flight.
 
-    Riser tensions count after three times the risers' time c/k: a simulated flight begins with risers stretched as at
-    rest in the recorded wind, a real one in its gusts, and only that much later do the two agree.
+    Samples that were interpolated don't count (`measured`). Riser tensions count after three times the risers' time
+    c/k: a simulated flight begins with risers stretched as at rest in the recorded wind, a real one in its gusts, and
+    only that much later do the two agree.
 
     Args:
         record: Uniform record with ``capsule_position``, ``capsule_velocity``, ``canopy_position`` and ``density``:
@@ -156,12 +158,21 @@ def cluster_data(
         columns["capsule_attitude"] = np.where(
             np.isfinite(record["capsule_attitude"].values[:, :1]), 0.0, np.nan
         ) * np.ones(3)
-    observed = np.concatenate([columns[c] for c in used], axis=1)
+    observed = np.concatenate([np.where(_measured(record, c, n), columns[c], np.nan) for c in used], axis=1)
     sizes = channel_sizes(used, n)
     numbers = tuple(i for i, c in enumerate(channels) if c in used for _ in range(sizes[c]))
     return flight_data(
         flight, time, observed, numbers, latent, _start_scale(n, recorded, "capsule_rate" in record), until
     )
+
+
+def _measured(record: xr.Dataset, channel: str, n: int) -> NDArray[np.bool_]:
+    """Which samples of a channel are measurements (T, C); of the canopies' positions, where the capsule's are too."""
+    dims = VARIABLES[channel].dims
+    if "canopy" not in dims:
+        return measured(record, channel)[:, None]
+    each = np.stack([measured(record, f"{channel}.{i + 1}") for i in range(n)], axis=1)
+    return np.repeat(each & measured(record, "capsule_position")[:, None], 3, axis=1) if "axis" in dims else each
 
 
 def flight_data(
@@ -265,7 +276,7 @@ def descent_data(record: xr.Dataset, latent: Latent, until: float | None = None)
         until: Data after this time are held out [s].
 
     Returns:
-        The data; the single channel is the descent rate.
+        The data; the single channel is the descent rate, interpolated samples absent (`measured`).
 
     Raises:
         InputError: If a variable is missing or empty.
@@ -278,9 +289,10 @@ def descent_data(record: xr.Dataset, latent: Latent, until: float | None = None)
         )
     time, altitude = record["time"].values.astype(float), record["altitude"].values
     profile = density_profile(altitude, record["density"].values)
-    rate = record["descent_rate"].values
+    recorded = record["descent_rate"].values
+    rate = np.where(measured(record, "descent_rate"), recorded, np.nan)
     wind = record["wind"].values[:, 2] if "wind" in record else np.zeros(time.size)
-    first = filled(rate, "descent_rate")[:5]
+    first = filled(recorded, "descent_rate")[:5]
     dt = float(time[1] - time[0])
     steps = max(2, int(np.ceil(dt / 0.25)))
     model = DescentFlight(

@@ -140,7 +140,7 @@ def _flight_entry(job: Job, flight: Flight) -> dict[str, Any]:
         "roles": list(flight.roles),
         "samples": time.size,
         "duration_s": time[-1] - time[0],
-        "repairs": [vars(repair) for repair in repairs(record)],
+        "repairs": [{k: v for k, v in vars(repair).items() if k != "times"} for repair in repairs(record)],
         "source": source,
     }
 
