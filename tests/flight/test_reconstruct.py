@@ -189,6 +189,17 @@ def test_gaps_ends_and_interpolated_stretches_give_no_forces(method):
     assert not np.isnan(r["descent_rate"]).any()
 
 
+def test_forces_between_the_samples_of_a_slow_series_are_none():
+    record = steady()
+    seen = record["time"].values[::3]
+    slow = Repair("resampled", "canopy_position.1", seen[0], seen[-1], seen.size, "", tuple(seen.tolist()))
+    lost = np.isnan(reconstruct(with_repairs(record, [slow]), G)["C_A"].values)
+    plain = np.isnan(reconstruct(record, G)["C_A"].values)
+    assert lost[:, 0][np.arange(len(lost)) % 3 != 0].all()
+    np.testing.assert_array_equal(lost[::3], plain[::3])
+    np.testing.assert_array_equal(lost[:, 1], plain[:, 1])
+
+
 def test_short_stretches_are_left_out_by_the_global_smoother():
     x = np.full((100, 1), np.nan)
     x[10:25], x[40:90] = 1.0, 2.0

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from bayeschute.air.standard import STANDARD_GRAVITY
 from bayeschute.errors import Fault, InputError
 from bayeschute.flight.angles import across, airflow, dot, flyout_angle, proximity, swing_angle, unit, wind_axes
-from bayeschute.flight.derive import sea_level_rate, smoothing_window, uniform_interval
+from bayeschute.flight.derive import measured, sea_level_rate, smoothing_window, uniform_interval
 from bayeschute.flight.differentiate import savitzky_golay
-from bayeschute.flight.record import AXIS, Repair, repairs, with_repairs
+from bayeschute.flight.record import AXIS, Repair, with_repairs
 from bayeschute.flight.smoothing import SHORTEST, fourier_smooth
 
 if TYPE_CHECKING:
@@ -240,9 +240,7 @@ def _doubtful(record: xr.Dataset, time: Array, n: int, trim: float) -> NDArray[n
         for run in _runs(np.asarray(np.isfinite(canopies[:, i]).all(axis=1))):
             t = time[run]
             doubtful[run, i] |= (t < t[0] + trim - 1e-9) | (t > t[-1] - trim + 1e-9)
-        for entry in repairs(record):
-            if entry.kind == "interpolated" and entry.variable in (f"canopy_position.{i + 1}", "canopy_position"):
-                doubtful[:, i] |= (time > entry.start) & (time < entry.end)
+        doubtful[:, i] |= ~measured(record, f"canopy_position.{i + 1}")
     return doubtful
 
 
