@@ -41,6 +41,7 @@ from bayeschute.inference.evidence import HyperPrior
 from bayeschute.inference.finding import find
 from bayeschute.inference.identifiability import confounding, law_labels
 from bayeschute.inference.latent import Latent
+from bayeschute.inference.law_effect import widened
 from bayeschute.inference.noise import Noise
 from bayeschute.inference.posterior import data_tree, sample
 from bayeschute.inference.priors import Prior
@@ -101,25 +102,29 @@ noise = HyperPrior(Hyper(residual, laws=(np.array([0.5, 30.0]),)))  # sd [m/s], 
 # %% [markdown]
 # ## Fit
 #
-# Only the first 75 s are fitted. `find` looks for the optimum and for the noise parameters of greatest evidence;
-# `sample` draws from the posterior in which the motion of the air and the first speed are integrated out.
+# Only the first 75 s are fitted. `find` looks for the optimum and for the noise parameters, and how well these are known;
+# `sample` draws from the posterior in which the motion of the air and the first speed are integrated out and the noise
+# parameters held; `widened` gives every draw noise parameters of its own. The tree has the widened draws as its
+# posterior, and the others in the group `conditional`.
 
 # %%
 TOLD = 75.0  # [s]
 flight = descent_data(record, Latent(("drift",), ((0, 0),)), until=TOLD)
 found = find([flight], [prior], noise)
 draws = sample(found.marginal, "nuts", chains=4, warmup=100, draws=200, seed=SEED)
-posterior = data_tree(found.marginal, [prior], draws, SEED, ["sonde"])
-drag = posterior["posterior"]["cds_over_mass"].values.ravel()
+wide = widened(draws.xi, found.law_effect, found.law_covariance, SEED)
+posterior = data_tree(found.marginal, [prior], draws, SEED, ["sonde"], wide=wide)
+drag, held = (posterior[group]["cds_over_mass"].values.ravel() for group in ("posterior", "conditional"))
 low, high = np.quantile(drag, [0.05, 0.95])
 print(f"C_D S/m: {drag.mean():.4f} m^2/kg, 90 % between {low:.4f} and {high:.4f}; true value {TRUE_DRAG}")
 
 # %% [markdown]
-# ## The same posterior in numpyro
+# ## The same density in numpyro
 #
-# `numpyro_model.model` is that posterior as a numpyro model: one site per parameter, in its own unit, and JAX gradients
-# all the way through the simulation. So whatever numpyro offers can be tried on it, here its plain NUTS sampler. That
-# needs a simulation and its gradient at every leapfrog step, where `sample` walks on a surrogate and corrects.
+# `numpyro_model.model` is the density for held noise parameters as a numpyro model: one site per parameter, in its own
+# unit, and JAX gradients all the way through the simulation. So whatever numpyro offers can be tried on it, here its
+# plain NUTS sampler. That needs a simulation and its gradient at every leapfrog step, where `sample` walks on a surrogate
+# and corrects.
 
 # %%
 begin = init_to_value(values=numpyro_model.start(found.marginal, [prior]))
@@ -129,15 +134,15 @@ plain = MCMC(
 )  # fmt: skip
 plain.run(jax.random.key(SEED))
 theirs = np.asarray(plain.get_samples()["cds_over_mass"])
-print(f"numpyro: {theirs.mean():.4f} +- {theirs.std():.4f} m^2/kg, ours: {drag.mean():.4f} +- {drag.std():.4f}")
+print(f"numpyro: {theirs.mean():.4f} +- {theirs.std():.4f} m^2/kg, ours: {held.mean():.4f} +- {held.std():.4f}")
 
 # %% [markdown]
 # ## What the record tells, and what stands in for the drag
 #
 # The record takes nearly all of the prior's variance away. But a slow gust looks like another drag. Had we known the
 # gusts' size and pace exactly, would the answer be much narrower? `confounding` says how much of the variance that
-# makes, and which noise parameter goes most with the drag. Here it is very little. (The report of `bayeschute run` says
-# such things of every parameter.)
+# makes, and which noise parameter goes most with the drag. A short record hardly tells how strong and how slow the
+# gusts are, so it is about a third. (The report of `bayeschute run` says such things of every parameter.)
 
 # %%
 contraction = 1.0 - (np.log(drag).std() / prior.scale) ** 2
@@ -157,7 +162,7 @@ print(f"due to unknown noise parameters: {share:.1%} of the variance; foremost {
 
 # %%
 laws = bands.law_draws(found.hyper, found.law_covariance, 32, np.random.default_rng(SEED))
-theta = bands.carried(found.marginal, np.log(drag)[:, None], laws, found.law_effect)
+theta = bands.carried(found.marginal, np.log(held)[:, None], laws, found.law_effect)
 prediction = bands.predict(found.marginal, 0, theta, laws, SEED, told=TOLD)
 time = record["time"].values
 held_out = time > TOLD

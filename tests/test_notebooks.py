@@ -8,6 +8,7 @@ from typing import Any
 
 import jupytext
 import nbformat
+import pytest
 from nbclient import NotebookClient
 
 NOTEBOOKS = Path(__file__).parents[1] / "notebooks"
@@ -27,14 +28,17 @@ def _values(name: str, expression: str, folder: Path) -> Any:
 def test_quickstart(tmp_path: Path):
     expression = """dict(
         mean=drag.mean(), sd=drag.std(), truth=TRUE_DRAG, covered=covered, risk=risk,
-        plain=[float(theirs.mean()), float(theirs.std())], contraction=contraction, share=share, partner=partner,
+        plain=[float(theirs.mean()), float(theirs.std())], held=[float(held.mean()), float(held.std())],
+        contraction=contraction, share=share, partner=partner,
         kinds=[repair.kind for repair in repairs(record)], groups=sorted(posterior.children),
         widths=[float((made["descent_rate"][-1] - made["descent_rate"][0])[part].mean()) for part in (~held_out, held_out)],
     )"""
     found = _values("quickstart.py", expression, tmp_path)
     assert abs(found["mean"] - found["truth"]) < 4.0 * found["sd"] < 0.1
-    assert abs(found["plain"][0] - found["mean"]) < 0.35 * found["sd"] and 0.8 < found["plain"][1] / found["sd"] < 1.25
-    assert found["contraction"] > 0.95 and 0.0 <= found["share"] < 0.2 and "wind" in found["partner"]
+    mean, sd = found["held"]
+    assert abs(found["plain"][0] - mean) < 0.35 * sd and 0.8 < found["plain"][1] / sd < 1.25
+    assert found["contraction"] > 0.95 and 0.2 < found["share"] < 0.5 and "wind" in found["partner"]
+    assert 1.0 - (sd / found["sd"]) ** 2 == pytest.approx(found["share"], abs=0.15)  # 800 draws
     assert "spike" in found["kinds"]
     assert {"posterior", "prior", "log_likelihood"} <= set(found["groups"])
     assert found["widths"][1] > found["widths"][0]
