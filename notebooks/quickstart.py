@@ -102,7 +102,7 @@ noise = HyperPrior(Hyper(residual, laws=(np.array([0.5, 30.0]),)))  # sd [m/s], 
 # %% [markdown]
 # ## Fit
 #
-# Only the first 75 s are fitted. `find` looks for the optimum and for the noise parameters, and how well these are known;
+# Only the first 75 s are fitted. `find` looks for the optimum and the noise parameters, and how well these are known.
 # `sample` draws from the posterior in which the motion of the air and the first speed are integrated out and the noise
 # parameters held; `widened` gives every draw noise parameters of its own. The tree has the widened draws as its
 # posterior, and the others in the group `conditional`.
@@ -123,8 +123,8 @@ print(f"C_D S/m: {drag.mean():.4f} m^2/kg, 90 % between {low:.4f} and {high:.4f}
 #
 # `numpyro_model.model` is the density for held noise parameters as a numpyro model: one site per parameter, in its own
 # unit, and JAX gradients all the way through the simulation. So whatever numpyro offers can be tried on it, here its
-# plain NUTS sampler. That needs a simulation and its gradient at every leapfrog step, where `sample` walks on a surrogate
-# and corrects.
+# plain NUTS sampler. That needs a simulation and its gradient at every leapfrog step, where `sample` walks on a
+# surrogate and corrects.
 
 # %%
 begin = init_to_value(values=numpyro_model.start(found.marginal, [prior]))
