@@ -88,6 +88,29 @@ def test_an_opening_of_a_twentieth_that_fails_ends_the_search(descent, monkeypat
     assert len(tried) == 4
 
 
+def test_an_opening_that_led_astray_is_begun_anew_in_small_steps(descent, monkeypatch):
+    """Steps of more than a sixth of the record lead to where no longer opening flies; small ones begin where all did."""
+    tried, astray = [], [False]
+
+    def fit(flights, hyper, priors, theta, unknowns, **options):
+        seen = np.asarray(flights[0].present).any(axis=1)
+        share = (np.flatnonzero(seen)[-1] + 1) / seen.size
+        before = tried[-1] if tried and unknowns is not None else 0.0
+        if unknowns is None:
+            np.testing.assert_array_equal(theta, descent.theta)
+            astray[0] = False
+        if astray[0]:
+            raise FloatingPointError("lost")
+        astray[0] = share - before > 1.0 / 6.0
+        tried.append(share)
+        return SimpleNamespace(theta=theta + 1.0, unknowns=[f.still() for f in flights])
+
+    monkeypatch.setattr(finding.optimum, "fit", fit)
+    found, _ = finding.lengthened(descent.flights, descent.priors, descent.hyper, descent.theta, lambda *_: None)
+    assert tried == pytest.approx([0.2, *np.linspace(0.1, 1.0, 10)], abs=0.03)
+    np.testing.assert_allclose(found, descent.theta + 10.0)
+
+
 def test_the_mode_is_found_far_from_the_joint_optimum(descent, monkeypatch):
     """A log determinant whose slope dies away: one slope goes much too far, the mode is where slope and cost balance."""
     settled = finding.settle(descent.flights, descent.priors, HyperPrior(descent.hyper))

@@ -35,6 +35,8 @@ HORIZONS = (
     0.5,
     1.0,
 )  # shares fitted in turn: an unstable pendulum far from its optimum is lost late in the record
+_SMALL_STEPS = tuple(0.1 * i for i in range(1, 11))  # where those lead astray
+_MOST, _MOST_SMALL = 12, 40  # most iterations of a fit to an opening, and to one of the small steps
 _MODE_STEPS, _NEAR = 8, 0.2  # most steps to the marginal mode; length of the last, in standard deviations
 _TURNS, _REST = 3, 0.4  # most turns of noise parameters and mode; a step of the mode after which there is no other
 _FAR = 1.0  # standard deviations by which noise parameters at their mean may move a parameter
@@ -99,7 +101,8 @@ def lengthened(
     """Parameters and unknowns that follow the whole record, found on longer and longer openings of it.
 
     Where what one opening told is lost before the end of the next, the next is shortened; so is the first where the
-    flight that begins there fails within it.
+    flight that begins there fails within it. Where that doesn't help, an opening has led astray, and all begins anew in
+    small steps, each fitted to its end.
 
     Args:
         flights: Records.
@@ -113,19 +116,22 @@ def lengthened(
         Parameters and unknowns near the optimum for the whole record.
 
     Raises:
-        FloatingPointError: If shortening does not help.
+        FloatingPointError: If neither helps.
     """
-    todo, done = list(HORIZONS), 0.0
+    todo, most, done, begin = list(HORIZONS), _MOST, 0.0, (theta, unknowns)
     while todo:
         share = todo[0]
         say(0.0, f"opening {100 * share:.0f} % of the record")
         seen = [_until(f, share) for f in flights]
         try:
-            best = optimum.fit(seen, hyper, priors, theta, unknowns, tolerance=0.5, most=12, opening=share < 1.0)
+            best = optimum.fit(seen, hyper, priors, theta, unknowns, tolerance=0.5, most=most, opening=share < 1.0)
         except FloatingPointError:
-            if share - done < (_LEAST_OPENING if done == 0.0 else 2.0 * _LEAST_GAIN):
+            if share - done >= (_LEAST_OPENING if done == 0.0 else 2.0 * _LEAST_GAIN):
+                todo.insert(0, 0.5 * (done + share))
+                continue
+            if done == 0.0 or most == _MOST_SMALL:
                 raise
-            todo.insert(0, 0.5 * (done + share))
+            todo, most, done, (theta, unknowns) = list(_SMALL_STEPS), _MOST_SMALL, 0.0, begin
             continue
         theta, unknowns, done = best.theta, best.unknowns, todo.pop(0)
     assert unknowns is not None
