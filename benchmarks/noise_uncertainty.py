@@ -1,6 +1,6 @@
-"""What uncertain noise parameters do to the parameters' standard deviations beyond the first order that is drawn.
+"""What uncertain noise parameters do to the parameters' standard deviations, beside what is drawn.
 
-Draws are made for held noise parameters, stretched and moved with drawn ones to first order (`inference.law_effect`).
+Draws are made for held noise parameters, stretched and moved with drawn ones by an expansion (`inference.law_effect`).
 Here noise parameters are drawn from their Laplace law, and the flights linearised at the optimum tell the parameters'
 covariance for each. The table gives, by parameter, the standard deviation with the mean of those covariances over that
 which is drawn: for draws as they are, for draws weighed by their evidence, and, as it was without any stretching, for

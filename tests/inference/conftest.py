@@ -17,6 +17,7 @@ from bayeschute.dynamics.descent import DensityProfile, DescentFlight, DescentIn
 from bayeschute.inference.evidence import HyperPrior
 from bayeschute.inference.finding import find
 from bayeschute.inference.latent import Latent
+from bayeschute.inference.marginal import shifted
 from bayeschute.inference.noise import Noise
 from bayeschute.inference.priors import Prior
 from bayeschute.inference.target import FlightData, Hyper, Unknowns, course, residuals
@@ -243,3 +244,17 @@ class _Matrices:
         y, zero, by = self.model(flight)
         r, u, _ = self.covariances(flight, hyper, [])
         return self.dense.gaussian_log_density(y - zero - by[:, :2] @ theta, r + by[:, 2:] @ u @ by[:, 2:].T)
+
+
+@pytest.fixture
+def fails_beyond(monkeypatch):
+    """Makes flights fail, for a module that asks `shifted` for their parameters, beyond so far in standard coordinates."""
+
+    def set_up(module: ModuleType, most: float) -> None:
+        def some(marginal, xi):
+            theta, shift = shifted(marginal, xi)
+            return (theta if (np.abs(xi) <= most).all() else np.nan * theta), shift
+
+        monkeypatch.setattr(module, "shifted", some)
+
+    return set_up

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +10,8 @@ from scipy.integrate import quad
 from scipy.special import expit, roots_hermitenorm
 
 from bayeschute.inference import map as optimum
-from bayeschute.inference.marginal import determinant_around, log_density, marginalise, sample_log_likelihoods, shifted
+from bayeschute.inference import structure_weights
+from bayeschute.inference.marginal import determinant_around, log_density, marginalise, sample_log_likelihoods
 from bayeschute.inference.structure_weights import counts, sequential_scores, terms, weights
 
 
@@ -66,21 +66,14 @@ def test_tilts_are_those_of_the_determinant(found):
     np.testing.assert_allclose(total, determinant_around(found.marginal).slope, rtol=1e-9)
 
 
-def test_tilts_are_taken_nearer_where_flights_fail(found, monkeypatch):
-    made, module = found.marginal, sys.modules[terms.__module__]
+def test_tilts_are_taken_nearer_where_flights_fail(found, fails_beyond):
+    made = found.marginal
     near = terms(made, step=0.125)
 
-    def fails_beyond(most):
-        def some(marginal, xi):
-            theta, shift = shifted(marginal, xi)
-            return (theta if (np.abs(xi) <= most).all() else np.nan * theta), shift
-
-        monkeypatch.setattr(module, "shifted", some)
-
-    fails_beyond(0.2)
+    fails_beyond(structure_weights, 0.2)
     for one, wanted in zip(terms(made), near, strict=True):
         np.testing.assert_allclose(one.tilt, wanted.tilt, rtol=1e-12)
-    fails_beyond(0.01)
+    fails_beyond(structure_weights, 0.01)
     with pytest.raises(FloatingPointError, match="beside the optimum"):
         terms(made)
 

@@ -17,6 +17,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
 
 from bayeschute.inference.map import conditional
@@ -148,6 +149,5 @@ def joint_covariance(scale: Array, effect: LawEffect, covariance: Array) -> Arra
         covariance: Of the logarithms of the noise parameters (V, V).
     """
     square = np.einsum("uv,uij,vjk->ik", covariance, effect.spread, effect.spread)
-    values, axes = np.linalg.eigh(effect.excess + 0.25 * (square + square.T))
-    mean = (axes * np.exp(values)) @ axes.T
+    mean = scipy.linalg.expm(effect.excess + 0.5 * square)
     return np.asarray(scale @ (mean + effect.slope @ covariance @ effect.slope.T) @ np.asarray(scale).T)
