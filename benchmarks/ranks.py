@@ -113,6 +113,48 @@ def told(good: list[dict[str, Any]], which: str) -> dict[str, dict[str, Any]]:
     return made
 
 
+def test(
+    name: str, replicates: int, posterior: bool, out: Path, workers: int = 1, address: str | None = None
+) -> dict[str, Any]:
+    """Run the replicates that are missing, print the table, and give the result as it is stored.
+
+    Args:
+        name: Of the template.
+        replicates: How many.
+        posterior: Whether truths come from the posterior of the template's record.
+        out: Folder for rows.
+        workers: Local processes.
+        address: Of a Dask scheduler, in place of local processes.
+    """
+    model = name + (".posterior" if posterior else "")
+    what = json.dumps([model, SHIFT, LEVELS, SPREAD, CLUSTER_SPREAD, LOG_SD, bayeschute.__version__])
+    rows = run(
+        partial(one, name=name, posterior=posterior),
+        range(SEED, SEED + replicates),
+        out / f"ranks.{model}.rows.jsonl",
+        hashlib.sha256(what.encode()).hexdigest(),
+        workers,
+        address,
+        lambda share, words: print(f"\rranks.{model}: {words}   ", end="", flush=True),
+    )
+    good = [row for row in rows if row["ok"]]
+    redrawn = sum(row["redrawn"] for row in good)
+    print(f"\n{len(good)} replicates, {len(rows) - len(good)} failed, {redrawn} draws did not fly")
+    quantities = told(good, "ranks")
+    print(f"the same draws, moved by {SHIFT} sd:")
+    spoiled = told(good, "spoiled")
+    passed, noticed = (all(t["passed"] for t in made.values()) for made in (quantities, spoiled))
+    print("all inside" if passed else "NOT all inside", "- the broken sampler", "PASSES" if noticed else "fails")
+    return {
+        "study": model.replace(".", ", from its "), "noise": "latent",
+        "disturbance": "none: truths and data from the model itself",
+        "replicates": len(good), "failed": len(rows) - len(good), "redrawn": redrawn,
+        "levels": LEVELS, "probability": 0.95, "passed": passed, "quantities": quantities,
+        "spoiled": {"shift": SHIFT, "passed": noticed, "quantities": spoiled},
+        "version": bayeschute.__version__,
+    }  # fmt: skip
+
+
 def main() -> None:
     """Run, print the table, store the result, and with ``--json`` print one object as the last line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -124,38 +166,13 @@ def main() -> None:
     parser.add_argument("--store", action="store_true", help=f"keep the result under {STORED.relative_to(ROOT)}")
     parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
-    model = given.model + (".posterior" if given.posterior else "")
-    name = f"ranks.{model}"
-    what = json.dumps([model, SHIFT, LEVELS, SPREAD, CLUSTER_SPREAD, LOG_SD, bayeschute.__version__])
-    rows = run(
-        partial(one, name=given.model, posterior=given.posterior),
-        range(SEED, SEED + given.replicates),
-        given.out / f"{name}.rows.jsonl",
-        hashlib.sha256(what.encode()).hexdigest(),
-        given.workers,
-        progress=lambda share, words: print(f"\r{words}   ", end="", flush=True),
-    )
-    good = [row for row in rows if row["ok"]]
-    redrawn = sum(row["redrawn"] for row in good)
-    print(f"\n{len(good)} replicates, {len(rows) - len(good)} failed, {redrawn} draws did not fly")
-    quantities = told(good, "ranks")
-    print(f"the same draws, moved by {SHIFT} sd:")
-    spoiled = told(good, "spoiled")
-    passed, noticed = (all(t["passed"] for t in made.values()) for made in (quantities, spoiled))
-    print("all inside" if passed else "NOT all inside", "- the broken sampler", "PASSES" if noticed else "fails")
-    result = {
-        "study": model.replace(".", ", from its "), "noise": "latent",
-        "disturbance": "none: truths and data from the model itself",
-        "replicates": len(good), "failed": len(rows) - len(good), "redrawn": redrawn,
-        "levels": LEVELS, "probability": 0.95, "passed": passed, "quantities": quantities,
-        "spoiled": {"shift": SHIFT, "passed": noticed, "quantities": spoiled},
-        "version": bayeschute.__version__,
-    }  # fmt: skip
+    result = test(given.model, given.replicates, given.posterior, given.out, given.workers)
     if given.store:
         STORED.mkdir(parents=True, exist_ok=True)
-        (STORED / f"{name}.json").write_text(json.dumps(result, indent=1) + "\n")
+        which = given.model + (".posterior" if given.posterior else "")
+        (STORED / f"ranks.{which}.json").write_text(json.dumps(result, indent=1) + "\n")
     if given.json:
-        print(json.dumps({"ratios": {"inside_band": float(passed)}, "context": result}))
+        print(json.dumps({"ratios": {"inside_band": float(result["passed"])}, "context": result}))
 
 
 if __name__ == "__main__":

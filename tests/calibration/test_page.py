@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from bayeschute.calibration.page import diagnosis, overview, page, whole
+from bayeschute.calibration.page import diagnosis, on_the_clock, overview, page, whole
 from bayeschute.calibration.scores import LEVELS
 
 ROOT = Path(__file__).parents[2]
@@ -66,6 +66,15 @@ def test_modes_are_told_where_a_result_has_them():
     cells = "| new/pendulum amplitude | 40 | 87 | 87 | 87 | 87 | 87 | 3.0 | +0.20, 1.05 | 0.46 |"
     assert cells in "\n".join(whole(made))
     assert "By mode" not in "\n".join(whole(result()))
+
+
+def test_the_time_is_told_where_every_part_tells_it():
+    parts = [result() | {"clock": {"minutes": m, "workers": 2}} for m in (40.0, 80.0)]
+    said = "All of it took 2.0 hours on the clock with 2 processes, 80 minutes of it for the longest part."
+    assert on_the_clock(parts) == [said, ""]
+    assert said in page(parts, [], "make it")
+    assert on_the_clock([*parts, result()]) == []
+    assert on_the_clock([*parts, result() | {"clock": {"minutes": 1.0, "workers": None}}]) == []
 
 
 def test_the_page_tells_ranks_too():

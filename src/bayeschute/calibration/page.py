@@ -173,6 +173,21 @@ def diagnosis(results: Sequence[Result]) -> list[str]:
     return made or [f"Nothing that is promised lies outside {_WANTED} %."]
 
 
+def on_the_clock(results: Sequence[Result]) -> list[str]:
+    """How long results took to make; nothing where one of them doesn't tell, or they were made by unlike machinery.
+
+    Args:
+        results: With ``clock``, minutes and the number of processes, as ``benchmarks/calibration.py`` adds it.
+    """
+    clocks = [r.get("clock", {}) for r in results]
+    workers = {c.get("workers") for c in clocks}
+    if len(workers) != 1 or None in workers:
+        return []
+    minutes = [c["minutes"] for c in clocks]
+    said = f"{sum(minutes) / 60.0:.1f} hours on the clock with {workers.pop()} processes, {max(minutes):.0f} minutes of"
+    return [f"All of it took {said} it for the longest part.", ""]
+
+
 def page(results: Sequence[Result], ranks: Sequence[Result], command: str) -> str:
     """The page.
 
@@ -193,6 +208,7 @@ def page(results: Sequence[Result], ranks: Sequence[Result], command: str) -> st
         f"A promise is kept between {100 * WANTED[0]:.0f} and {100 * WANTED[1]:.0f} %, by {ENOUGH} replicates;",
         "in the overview what lies two standard errors outside is bold.",
         "",
+        *on_the_clock([*results, *ranks]),
     ]
     if results:
         text += ["## Overview", "", *overview(results), "## What is off", "", *diagnosis(results), ""]
