@@ -26,12 +26,11 @@ import bayeschute
 from bayeschute.inference import importance
 from bayeschute.inference.evidence import HyperPrior
 from bayeschute.inference.finding import Found, find
-from bayeschute.inference.importance import Weighed
+from bayeschute.inference.importance import Following, Weighed
 from bayeschute.inference.law_effect import widened
 from bayeschute.inference.posterior import sample
 from bayeschute.inference.priors import Prior
 from bayeschute.inference.target import FlightData
-from bayeschute.samplers.population import Proposal
 
 sys.path.insert(0, str(Path(__file__).parent))
 STORED = Path(__file__).parents[1] / "models" / "reference" / "posteriors"
@@ -98,7 +97,7 @@ def make(name: str, case: Case, found: Found, draws: int) -> dict[str, Any]:
     """Pilots, the first about what was found, others about the weighed moments of the last where need be; the run."""
     began = perf_counter()
 
-    def weigh(proposal: Proposal, count: int, seed: int) -> Weighed:
+    def weigh(proposal: Following, count: int, seed: int) -> Weighed:
         def tell(share: float, words: str) -> None:
             print(f"\r{name}: {words}, {(perf_counter() - began) / 60.0:.1f} min   ", end="", flush=True)
 
@@ -106,12 +105,12 @@ def make(name: str, case: Case, found: Found, draws: int) -> dict[str, Any]:
         print(f"\n  {made.effective:.0f} effective draws, Pareto k {made.pareto_k:.2f}")
         return made
 
-    proposal = importance.laplace(found)
+    proposal = importance.default(found)
     for pilot in range(PILOTS):
         made = weigh(proposal, draws // PILOT, SEED + pilot)
         if made.effective > GOOD * len(made.theta):
             break
-        proposal = importance.improved(found, made)
+        proposal = importance.improved(found, proposal, made)
     main = weigh(proposal, draws, SEED + PILOTS)
     return {
         "case": name, "seed": SEED, "draws": draws, "effective_draws": main.effective, "pareto_k": main.pareto_k,

@@ -11,9 +11,11 @@ from bayeschute.inference import importance
 from bayeschute.inference.drawing import linear_response, normals
 from bayeschute.inference.evidence import HyperPrior
 from bayeschute.inference.finding import find
-from bayeschute.inference.importance import cross_determinant, estimates, improved, laplace, weigh
+from bayeschute.inference.importance import Following, cross_determinant, default, estimates, improved, weigh
+from bayeschute.inference.law_effect import LawEffect
 from bayeschute.inference.noise import log_determinant
 from bayeschute.inference.target import Course, Unknowns, course, filter_gains, linearise
+from bayeschute.samplers.population import Proposal
 
 
 def _jacobian(flight, made):
@@ -83,8 +85,8 @@ def test_weighed_draws_have_the_posterior_of_brute_force(short, quadrature):
     flight, hyper, priors = short
     noise = HyperPrior(hyper, 1e-3)
     found = find([flight], priors, noise)
-    first = weigh(found, priors, noise, laplace(found), 60, 1)
-    made = weigh(found, priors, noise, improved(found, first), 200, 2)
+    first = weigh(found, priors, noise, default(found), 60, 1)
+    made = weigh(found, priors, noise, improved(found, default(found), first), 200, 2)
     centre, sd = float(found.marginal.centre[0]), float(found.marginal.scale[0, 0])
     grid = centre + sd * np.linspace(-5.0, 5.0, 41)
     logs = np.array([quadrature.integrated(flight, hyper, np.array([t]))[0] for t in grid])
@@ -99,9 +101,53 @@ def test_weighed_draws_have_the_posterior_of_brute_force(short, quadrature):
     assert width / spread == pytest.approx(1.0, abs=4.0 / np.sqrt(2.0 * made.effective))
 
 
+@pytest.fixture
+def following():
+    """Two parameters that follow one noise parameter."""
+    rng = np.random.default_rng(3)
+    spread = rng.standard_normal((1, 2, 2))
+    effect = LawEffect(
+        rng.standard_normal((2, 1)), spread + np.swapaxes(spread, 1, 2), np.array([[0.2, 0.1], [0.1, 0.0]])
+    )
+    middle, factor = np.array([0.3, -0.2, 0.1]), np.tril(rng.uniform(0.5, 1.0, (3, 3)))
+    return Following(Proposal(middle, factor, 10.0), np.array([-1.5]), np.array([[0.3]]), effect)
+
+
+def test_the_proposals_density_is_what_its_map_makes_of_the_bases(following):
+    """Change of variables, the Jacobian by differences; what is carried is found again."""
+    rng = np.random.default_rng(4)
+    base = following.base.draw(6, rng)
+
+    def carried(row):
+        moved = row[2:] @ following.factor.T
+        return np.concatenate([following.effect.carried(row[:2], moved), following.law + moved])
+
+    points, step = np.array([carried(row) for row in base]), 1e-5
+    np.testing.assert_allclose(following.unfolded(points)[0], base, atol=1e-12)
+    columns = [[(carried(r + step * e) - carried(r - step * e)) / (2.0 * step) for e in np.eye(3)] for r in base]
+    wanted = following.base.log_density(base) - np.linalg.slogdet(np.array(columns))[1]
+    constant = following.log_density(points) - wanted
+    np.testing.assert_allclose(constant, constant[0], atol=1e-8)
+    assert np.ptp(wanted) > 1.0
+
+
+def test_draws_of_the_proposal_are_of_its_density(following):
+    """Weighed by the ratio to a normal density whose moments are known, they have these."""
+    sd = np.array([0.4, 0.4, 0.12])
+    wanted = Proposal(np.array([0.2, 0.1, -1.45]), np.diag(sd), 1e9)
+    points = following.draw(40_000, np.random.default_rng(5))
+    log_weight = wanted.log_density(points) - following.log_density(points)
+    weight = np.exp(log_weight - log_weight.max())
+    weight /= weight.sum()
+    few = 1.0 / np.sum(weight**2)
+    assert few > 1000
+    np.testing.assert_allclose(weight @ points / sd, wanted.middle / sd, atol=4.0 / np.sqrt(few))
+    np.testing.assert_allclose(weight @ (points - wanted.middle) ** 2, sd**2, rtol=4.0 * np.sqrt(2.0 / few))
+
+
 def test_the_same_seed_weighs_the_same_whatever_thread_is_first(found, descent):
     noise = HyperPrior(descent.hyper, 0.4)
-    one, other = (weigh(found, descent.priors, noise, laplace(found), 4, 5) for _ in range(2))
+    one, other = (weigh(found, descent.priors, noise, default(found), 4, 5) for _ in range(2))
     np.testing.assert_array_equal(one.log_weight, other.log_weight)
 
 
@@ -114,6 +160,6 @@ def test_what_does_not_fly_weighs_nothing_and_is_counted(found, descent, monkeyp
         return made
 
     monkeypatch.setattr(importance, "residuals", lost)
-    made = weigh(found, descent.priors, HyperPrior(descent.hyper, 0.4), laplace(found), 3, 5)
+    made = weigh(found, descent.priors, HyperPrior(descent.hyper, 0.4), default(found), 3, 5)
     assert made.failed == 3 * len(found.marginal.flights)
     assert np.isfinite(made.log_weight).all()

@@ -123,6 +123,7 @@ def test_draws_are_stretched_by_half_the_logarithm_and_moved(effect):
     calm = effect._replace(excess=0.0 * effect.excess)
     np.testing.assert_allclose(calm.carried(xi, np.zeros(3)), xi, rtol=1e-12)
     np.testing.assert_allclose(LawEffect.none(2, 3).carried(xi, off), xi, rtol=1e-12)
+    np.testing.assert_allclose(effect.taken_back(effect.carried(xi, off), off), xi, rtol=1e-12)
 
 
 def test_widened_draws_have_the_joint_covariance(effect, covariance):

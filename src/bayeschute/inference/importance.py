@@ -28,11 +28,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
 from scipy.special import logsumexp
 
 from bayeschute.inference.drawing import Normals, about, drawn, normals
 from bayeschute.inference.evidence import HyperPrior, from_vector, to_vector
 from bayeschute.inference.finding import Found
+from bayeschute.inference.law_effect import LawEffect
 from bayeschute.inference.map import conditional
 from bayeschute.inference.marginal import course_at
 from bayeschute.inference.priors import Prior, working
@@ -99,20 +101,56 @@ class Weighed:
         return pareto_k(self.log_weight)
 
 
-def laplace(found: Found) -> Proposal:
-    """The Laplace posterior of standard coordinates and logarithms of the noise parameters together (P + V)."""
-    count, slope, known = np.size(found.marginal.centre), found.law_effect.slope, found.law_covariance
-    cross = slope @ known
-    covariance = np.block([[np.eye(count) + cross @ slope.T, cross], [cross.T, known]])
-    middle = np.concatenate([np.zeros(count), to_vector(found.hyper)])
-    return Proposal(middle, _SPREAD * np.linalg.cholesky(covariance), _FREEDOM)
+class Following(NamedTuple):
+    """Parameters that follow noise parameters as `law_effect` has them: a t distribution, carried along.
+
+    Attributes:
+        base: Of what is carried: standard coordinates as for noise parameters held at `law`, and standard coordinates
+            of the noise parameters (P + V).
+        law: Logarithms of the noise parameters about which the parameters follow them (V,).
+        factor: Lower Cholesky factor of their covariance (V, V).
+        effect: How the parameters follow.
+    """
+
+    base: Proposal
+    law: Array
+    factor: Array
+    effect: LawEffect
+
+    def draw(self, count: int, rng: np.random.Generator) -> Array:
+        """Standard coordinates and logarithms of the noise parameters (count, P + V)."""
+        xi, z = np.split(self.base.draw(count, rng), [len(self.effect.slope)], axis=1)
+        moved = z @ self.factor.T
+        return np.concatenate([self.effect.carried(xi, moved), self.law + moved], axis=1)
+
+    def unfolded(self, points: Array) -> tuple[Array, Array]:
+        """What is carried to points (N, P + V), and the logarithm of how much volumes grow on the way there (N,)."""
+        here, law = np.split(points, [len(self.effect.slope)], axis=1)
+        moved = law - self.law
+        xi = self.effect.taken_back(here, moved)
+        grown = 0.5 * (np.trace(self.effect.excess) + moved @ np.trace(self.effect.spread, axis1=1, axis2=2))
+        z = solve_triangular(self.factor, moved.T, lower=True).T
+        return np.concatenate([xi, z], axis=1), grown
+
+    def log_density(self, points: Array) -> Array:
+        """Log density (N,) of points (N, P + V), a constant aside."""
+        held, grown = self.unfolded(points)
+        return np.asarray(self.base.log_density(held) - grown)
 
 
-def improved(found: Found, weighed: Weighed) -> Proposal:
+def default(found: Found) -> Following:
+    """About what the default inference found, a little wider."""
+    size = np.size(found.marginal.centre) + len(found.law_covariance)
+    base = Proposal(np.zeros(size), _SPREAD * np.eye(size), _FREEDOM)
+    return Following(base, to_vector(found.hyper), np.linalg.cholesky(found.law_covariance), found.law_effect)
+
+
+def improved(found: Found, before: Following, weighed: Weighed) -> Following:
     """The proposal with mean and covariance of weighed draws; repeated, proposals find their way to the posterior."""
     xi = np.linalg.solve(np.asarray(found.marginal.scale), (weighed.theta - np.asarray(found.marginal.centre)).T).T
-    made = fitted(np.concatenate([xi, weighed.law], axis=1), weighed.log_weight)
-    return Proposal(made.middle, _SPREAD * made.factor, _FREEDOM)
+    held, _ = before.unfolded(np.concatenate([xi, weighed.law], axis=1))
+    made = fitted(held, weighed.log_weight)
+    return before._replace(base=Proposal(made.middle, _SPREAD * made.factor, _FREEDOM))
 
 
 class Model(NamedTuple):
@@ -242,7 +280,7 @@ def weigh(
     found: Found,
     priors: Sequence[Prior],
     noise: HyperPrior,
-    proposal: Proposal,
+    proposal: Following,
     draws: int,
     seed: int,
     pairs: int = 1,
@@ -254,15 +292,13 @@ def weigh(
         found: The posterior found, whose flights are weighed.
         priors: Priors of the parameters.
         noise: Priors of the noise parameters.
-        proposal: From `laplace` or `improved`.
+        proposal: From `default` or `improved`.
         draws: How many.
         seed: Seed.
         pairs: Antithetic pairs of simulations per draw and flight.
         progress: Called with a share done and words.
     """
-    rng, size = np.random.default_rng([seed, 14]), len(proposal.middle)
-    points = proposal.draw(draws, rng)
-    count = size - len(to_vector(found.hyper))
+    points, count = proposal.draw(draws, np.random.default_rng([seed, 14])), np.size(found.marginal.centre)
     theta = np.asarray(found.marginal.centre) + points[:, :count] @ np.asarray(found.marginal.scale).T
     law = points[:, count:]
     centre, scale = working(priors)

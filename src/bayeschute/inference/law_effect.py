@@ -56,9 +56,17 @@ class LawEffect(NamedTuple):
             xi: Standard coordinates (..., P).
             moved: By how much the logarithms of the noise parameters differ (..., V); leading axes broadcast.
         """
+        return np.asarray(self._stretched(xi, moved, 0.5) + moved @ self.slope.T)
+
+    def taken_back(self, xi: Array, moved: Array) -> Array:
+        """The draws that `carried` brings to `xi`; arguments as there."""
+        return self._stretched(xi - moved @ self.slope.T, moved, -0.5)
+
+    def _stretched(self, xi: Array, moved: Array, power: float) -> Array:
+        """`xi` times a power of the covariance for noise parameters moved so far."""
         values, axes = np.linalg.eigh(self.excess + np.einsum("...v,vij->...ij", moved, self.spread))
-        stretched = axes @ (np.exp(0.5 * values)[..., None] * (np.swapaxes(axes, -1, -2) @ xi[..., None]))
-        return np.asarray(stretched[..., 0] + moved @ self.slope.T)
+        made = axes @ (np.exp(power * values)[..., None] * (np.swapaxes(axes, -1, -2) @ xi[..., None]))
+        return np.asarray(made[..., 0])
 
 
 def law_slope(marginal: Marginal, step: float = 0.5) -> Array:

@@ -200,7 +200,7 @@ def record_figure(record: xr.Dataset, repairs: Sequence[Mapping[str, Any]] = ())
                 ends = np.clip([start, end if is_number(end) else start], time[0], time[-1])
                 axes.axvspan(*ends, color=PURPLE, alpha=0.28, lw=0.8)
         if len(curves) > 1:
-            axes.legend(loc="upper right", ncols=len(curves))
+            axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(curves), borderaxespad=0.1)
         axes.set_title(title)
         axes.set_ylabel(f"[{unit}]")
         axes.margins(x=0)
@@ -279,7 +279,8 @@ def exceedance_figure(table: pd.DataFrame, limits: Mapping[str, float] | None = 
         axes.set_title(quantity_name(name).capitalize())
         axes.set_xlabel(f"threshold [{unit}]")
         axes.margins(x=0)
-        axes.legend(loc="lower left")
+    handles = {label: handle for a in all_axes for handle, label in zip(*a.get_legend_handles_labels(), strict=True)}
+    figure.legend(list(handles.values()), list(handles), loc="outside upper right", ncols=len(handles))
     for axes in all_axes[len(names) :]:
         axes.set_visible(False)
     all_axes[0].set_ylabel("P(more than the threshold)")
