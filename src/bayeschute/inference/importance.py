@@ -57,8 +57,8 @@ from bayeschute.samplers.population import Proposal, effective, fitted
 
 Array = NDArray[np.float64]
 Progress = Callable[[float, str], None]
-_FREEDOM = 10.0  # degrees of freedom of the proposal
-_SPREAD = 1.1  # its scale over that of the posterior found
+_FREEDOM = 30.0  # degrees of freedom of the proposal
+_SPREAD = 1.05  # its scale over that of the posterior found
 _MOVES, _REST = 8, 1e-4  # most moves of draws onto their perturbed data; root mean square of the last
 _GROUP = 50  # draws between two reports of progress
 

@@ -36,6 +36,7 @@ from bayeschute.inference.target import (
 Array = NDArray[np.float64]
 _FREE = 1e-2  # damping below which a step counts as a Gauss-Newton step
 _SHRINK = (1.0, 0.5, 0.25)
+_FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-4, 1e-9, 1e6
 
 
 @dataclass(frozen=True)
@@ -108,14 +109,6 @@ def _opening(data: FlightData, linear: Linear) -> Linear:
     return linear._replace(steps=steps._replace(**{name: still(getattr(steps, name)) for name in by_step}))
 
 
-class _Linearised(NamedTuple):
-    """Conditional optima of all flights, and matrix and gradient of the least squares in theta, prior and tilt in."""
-
-    given: list[Conditional]
-    matrix: Array
-    gradient: Array
-
-
 def total_cost(
     flights: Sequence[FlightData], hyper: Hyper, priors: Sequence[Prior], theta: Array, unknowns: Sequence[Unknowns]
 ) -> float:
@@ -127,10 +120,87 @@ def total_cost(
     return value if np.isfinite(value) else np.inf
 
 
-def _moved(unknowns: Unknowns, given: Conditional, step: Array, share: float) -> Unknowns:
-    """Unknowns a share of the way to the conditional optimum at `step` from the linearisation."""
-    there = jax.tree.map(lambda best, slope: best - slope @ step, given.optimum, given.slope)
-    return jax.tree.map(lambda a, b: np.asarray(a + share * (b - a)), unknowns, there)
+class _Point(NamedTuple):
+    """A point of the fit.
+
+    Attributes:
+        theta: Parameters (P,).
+        parts: Unknowns of every flight.
+        value: Cost, tilt in.
+        given: Conditional optima of the flights linearised there.
+        matrix: Of the least squares in theta, prior in (P, P).
+        gradient: Likewise, tilt in (P,).
+    """
+
+    theta: Array
+    parts: Sequence[Unknowns]
+    value: float
+    given: Sequence[Conditional]
+    matrix: Array
+    gradient: Array
+
+    def towards(self, step: Array, share: float) -> tuple[Array, list[Unknowns]]:
+        """Parameters a share of a step away, and unknowns a share of the way to their optimum at its end."""
+
+        def moved(part: Unknowns, given: Conditional) -> Unknowns:
+            there = jax.tree.map(lambda best, slope: best - slope @ step, given.optimum, given.slope)
+            return jax.tree.map(lambda a, b: np.asarray(a + share * (b - a)), part, there)
+
+        return self.theta + share * step, [moved(x, g) for x, g in zip(self.parts, self.given, strict=True)]
+
+
+@dataclass(frozen=True)
+class _Problem:
+    """What is fitted: see `fit` for the attributes."""
+
+    flights: Sequence[FlightData]
+    hyper: Hyper
+    priors: Sequence[Prior]
+    tilt: Array
+    opening: bool
+
+    def point(self, theta: Array, parts: Sequence[Unknowns], below: float = np.inf) -> _Point | None:
+        """A point of the fit; None where its cost or derivative is not finite, or the cost not below a bound.
+
+        A flight may be finite where its derivative isn't, such as one lost in its last samples.
+        """
+        value = total_cost(self.flights, self.hyper, self.priors, theta, parts) + float(self.tilt @ theta)
+        if not np.isfinite(value) or value > below:
+            return None
+        pairs = list(zip(self.flights, parts, strict=True))
+        linear = [linearise(f, theta, course(f, self.hyper, x)) for f, x in pairs]
+        if self.opening:
+            linear = [_opening(f, one) for f, one in zip(self.flights, linear, strict=True)]
+        given = [conditional(f, self.hyper, one) for f, one in zip(self.flights, linear, strict=True)]
+        centre, scale = working(self.priors)
+        matrix = np.diag(1.0 / scale**2) + sum(np.asarray(g.matrix) for g in given)
+        gradient = (theta - centre) / scale**2 + self.tilt + sum(np.asarray(g.gradient) for g in given)
+        finite = np.isfinite(matrix).all() and np.isfinite(gradient).all()
+        return _Point(theta, parts, value, given, matrix, gradient) if finite else None
+
+
+class _Step(NamedTuple):
+    """Where a step leads, how parameters move, the damping it took, and whether that or a shortening held it back."""
+
+    to: _Point
+    move: Array
+    damping: float
+    held_back: bool
+
+
+def _lower(problem: _Problem, here: _Point, damping: float) -> _Step | None:
+    """A step that does not raise the cost, damped and shortened as much as that takes; None where nothing helps."""
+    bound = here.value + 1e-9 * abs(here.value)
+    while damping < _MOST_DAMPING:
+        damped = here.matrix + damping * np.diag(np.diag(here.matrix))
+        step = -scipy.linalg.cho_solve(scipy.linalg.cho_factor(damped), here.gradient)
+        for share in _SHRINK:
+            there = problem.point(*here.towards(step, share), bound)
+            if there is not None:
+                # A short step that damping made says nothing of the optimum.
+                return _Step(there, share * step, damping, share < 1.0 or damping > _FREE)
+        damping *= 10.0
+    return None
 
 
 def fit(
@@ -165,58 +235,25 @@ def fit(
     Raises:
         FloatingPointError: If the simulation at the start, or its derivative, is not finite.
     """
-    centre, scale = working(priors)
-    theta, tilt = np.asarray(theta, float), np.zeros(len(priors)) if tilt is None else tilt
-    parts = list(unknowns) if unknowns is not None else [f.still() for f in flights]
-
-    def value_at(theta: Array, parts: Sequence[Unknowns]) -> float:
-        return total_cost(flights, hyper, priors, theta, parts) + float(tilt @ theta)
-
-    def linearised(theta: Array, parts: Sequence[Unknowns]) -> _Linearised | None:
-        pairs = zip(flights, parts, strict=True)
-        linear = [linearise(f, theta, course(f, hyper, x)) for f, x in pairs]
-        if opening:
-            linear = [_opening(f, one) for f, one in zip(flights, linear, strict=True)]
-        given = [conditional(f, hyper, one) for f, one in zip(flights, linear, strict=True)]
-        matrix = np.diag(1.0 / scale**2) + sum(np.asarray(g.matrix) for g in given)
-        gradient = (theta - centre) / scale**2 + tilt + sum(np.asarray(g.gradient) for g in given)
-        return (
-            _Linearised(given, matrix, gradient) if np.isfinite(matrix).all() and np.isfinite(gradient).all() else None
-        )
-
-    value, here = value_at(theta, parts), linearised(theta, parts)
-    if not np.isfinite(value) or here is None:
+    tilt = np.zeros(len(priors)) if tilt is None else tilt
+    problem = _Problem(flights, hyper, priors, tilt, opening)
+    here = problem.point(np.asarray(theta, float), [f.still() for f in flights] if unknowns is None else list(unknowns))
+    if here is None:
         raise FloatingPointError("the simulation at the starting point of the fit, or its derivative, is not finite")
-    damping, trace, largest, iteration, converged = 1e-4, [], np.inf, 0, False
-    while iteration < most:
-        given, matrix, gradient = here
+    damping, largest, converged, iteration = _FIRST_DAMPING, np.inf, False, 0
+    trace: list[float] = []
+    while iteration < most and not converged:
         iteration += 1
-        se, accepted = np.sqrt(np.diag(scipy.linalg.inv(matrix))), False
-        while not accepted and damping < 1e6:
-            damped = matrix + damping * np.diag(np.diag(matrix))
-            step = -scipy.linalg.cho_solve(scipy.linalg.cho_factor(damped), gradient)
-            for share in _SHRINK:
-                moved = [_moved(x, g, step, share) for x, g in zip(parts, given, strict=True)]
-                new = value_at(theta + share * step, moved)
-                # A flight may be finite where its derivative isn't, such as one lost in its last samples.
-                there = linearised(theta + share * step, moved) if new <= value + 1e-9 * abs(value) else None
-                if there is not None:
-                    accepted, here = True, there
-                    break
-            else:
-                damping *= 10.0
-        if not accepted:
+        made = _lower(problem, here, damping)
+        if made is None:
             largest = np.inf
             break
-        held_back = share < 1.0 or damping > _FREE  # a short step that damping made says nothing of the optimum
-        largest = float(np.max(np.abs(share * step) / se))
-        gained = value - new  # parameters that hardly move don't show what start and disturbances still gain
-        theta, parts, value, damping = theta + share * step, moved, new, max(damping / 10.0, 1e-9)
-        trace.append(new)
+        largest = float(np.max(np.abs(made.move) / np.sqrt(np.diag(scipy.linalg.inv(here.matrix)))))
+        gained = here.value - made.to.value  # parameters that hardly move don't show what start and disturbances gain
+        converged = largest < tolerance and gained < tolerance and not made.held_back
+        here, damping = made.to, max(made.damping / 10.0, _LEAST_DAMPING)
+        trace.append(here.value)
         if progress is not None:
-            progress(iteration, new, largest)
-        converged = largest < tolerance and gained < tolerance and not held_back
-        if converged:
-            break
+            progress(iteration, here.value, largest)
     covariance = scipy.linalg.inv(here.matrix)
-    return Optimum(theta, tuple(parts), covariance, value, converged, iteration, largest, tuple(trace))
+    return Optimum(here.theta, tuple(here.parts), covariance, here.value, converged, iteration, largest, tuple(trace))
