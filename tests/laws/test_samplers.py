@@ -134,7 +134,6 @@ def _holed(x):
     return np.where(x[0] > 0.5, np.nan, batch(GAUSSIAN)(x))
 
 
-@pytest.mark.filterwarnings("ignore:invalid value:RuntimeWarning:emcee")  # a walker that starts in the hole
 def test_failures_are_rejected_and_counted():
     corrected = nuts.corrected(_holed, Partial(log_density, GAUSSIAN), 2, 4, 400, 2000, 7)
     walked = ensemble.sample(_holed, 2, 2, 2000, 7, walkers=20)
@@ -143,6 +142,13 @@ def test_failures_are_rejected_and_counted():
         assert made.failed > 0 and made.evaluations > made.failed
         assert (made.xi[..., 0] <= 0.5).all() and np.isfinite(made.log_density).all()
         assert made.xi[..., 0].mean() == pytest.approx(mean, abs=0.06)
+
+
+@pytest.mark.filterwarnings("error")
+def test_walkers_that_begin_where_nothing_flies_are_put_nearer():
+    made = ensemble.sample(lambda x: np.where(np.abs(x).max(axis=0) > 0.3, np.nan, 0.0), 2, 2, 400, 9, walkers=20)
+    assert np.isfinite(made.log_density).all() and np.abs(made.xi).max() <= 0.3
+    np.testing.assert_allclose(made.xi.std(axis=(0, 1)), 0.3 / np.sqrt(3.0), rtol=0.1)
 
 
 def test_counted():

@@ -11,6 +11,22 @@ import numpy as np
 
 from bayeschute.samplers.protocol import Counted, Draws, LogDensity, Progress
 
+_WIDE = 1.2  # standard deviation of walkers at their start
+_NEARER = 10  # times that walkers which don't fly at their start are put halfway to the origin
+
+
+def _begun(log_density: Counted, walkers: int, parameters: int, rng: np.random.Generator) -> emcee.State:
+    """Walkers about the origin, nearer to it where the density has nothing for them."""
+    x = _WIDE * rng.standard_normal((walkers, parameters))
+    value = log_density(x.T)
+    for _ in range(_NEARER):
+        lost = ~np.isfinite(value)
+        if not lost.any():
+            break
+        x[lost] *= 0.5
+        value[lost] = log_density(x[lost].T)
+    return emcee.State(x, log_prob=value)
+
 
 def sample(
     log_density: LogDensity,
@@ -51,7 +67,7 @@ def sample(
         )
         np_state = np.random.RandomState(rng.integers(2**31))
         sampler._random = np_state  # emcee takes a state only together with a position
-        state = emcee.State(1.2 * rng.standard_normal((walkers, parameters)))
+        state = _begun(counted, walkers, parameters, rng)
         block, tau = 200, np.inf
         while sampler.iteration < most_steps:
             state = sampler.run_mcmc(state, block, skip_initial_state_check=True)
