@@ -47,7 +47,7 @@ CAMPAIGNS = (  # noise model, disturbance, replicates
     ("latent", "form", FEW),
     ("latent", "dropouts", FEW),
 )
-RANKS = {"dumbbell": 300, "cluster": 100}
+RANKS = {"dumbbell": 305, "cluster": 105}  # 300 and 100 are wanted, and a fit in a hundred may fail
 Result = dict[str, Any]
 
 

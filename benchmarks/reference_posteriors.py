@@ -35,6 +35,7 @@ from bayeschute.inference.target import FlightData
 sys.path.insert(0, str(Path(__file__).parent))
 STORED = Path(__file__).parents[1] / "models" / "reference" / "posteriors"
 SEED = 11
+OURS = 4000  # draws per chain of the default inference: chance adds little to what is compared
 PILOTS, PILOT = 5, 10  # how many pilots at most; the run is this many times as long as one of them
 GOOD = 0.15  # share of effective draws of a pilot whose proposal is good enough
 LIMITS = {"mean": 0.1, "sd": 0.05, "q05": 0.15, "q95": 0.15}  # in reference sds; of the sd, its ratio less one
@@ -80,7 +81,7 @@ CASES: dict[str, Callable[[], Case]] = {
 def ours(case: Case) -> tuple[Found, np.ndarray]:
     """The default inference: what was found, and draws of the parameters, working coordinates (S, P)."""
     found = find([case.flight], case.priors, case.noise)
-    xi = sample(found.marginal, "nuts", 4, 300, 1000, SEED).xi
+    xi = sample(found.marginal, "nuts", 4, 300, OURS, SEED).xi
     wide = widened(xi, found.law_effect, found.law_covariance, SEED).reshape(-1, len(case.priors))
     return found, np.asarray(found.marginal.centre) + wide @ np.asarray(found.marginal.scale).T
 
