@@ -142,7 +142,8 @@ def default(found: Found) -> Following:
     """About what the default inference found, a little wider."""
     size = np.size(found.marginal.centre) + len(found.law_covariance)
     base = Proposal(np.zeros(size), _SPREAD * np.eye(size), _FREEDOM)
-    return Following(base, to_vector(found.hyper), np.linalg.cholesky(found.law_covariance), found.law_effect)
+    factor = np.asarray(np.linalg.cholesky(found.law_covariance), float)
+    return Following(base, to_vector(found.hyper), factor, found.law_effect)
 
 
 def improved(found: Found, before: Following, weighed: Weighed) -> Following:
