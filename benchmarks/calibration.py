@@ -4,8 +4,7 @@ Every campaign is one call of ``bayeschute calibrate``, every rank test one of `
 replicates are kept, so the same command goes on where it was stopped; the time it took is the sum of its parts.
 ``--page`` writes the page again from what is stored, without flying anything.
 
-Workers stay for all of them, and so does what they compiled. The longest campaign is the last, so that what is known
-early is early known.
+Workers stay for all of them, and so does what they compiled. The longest campaign comes last.
 
     python benchmarks/calibration.py [--workers 2] [--only latent.none ranks.dumbbell] [--few 8] [--page]
 """

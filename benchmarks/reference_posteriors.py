@@ -106,7 +106,7 @@ def make(name: str, case: Case, found: Found, draws: int) -> dict[str, Any]:
         print(f"\n  {made.effective:.0f} effective draws, Pareto k {made.pareto_k:.2f}")
         return made
 
-    proposal = importance.default(found)
+    proposal = importance.laplace(found)
     for pilot in range(PILOTS):
         made = weigh(proposal, draws // PILOT, SEED + pilot)
         if made.effective > GOOD * len(made.theta):

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import types
 from pathlib import Path
+from typing import Any
 
 import pytest
 from typer.testing import CliRunner
@@ -85,13 +86,13 @@ def test_a_wrong_command_line_is_exit_code_2(arguments: list[str]):
 
 
 def test_run_hands_everything_on(stages: types.ModuleType, tmp_path: Path):
-    seen: dict[str, object] = {}
+    seen: dict[str, Any] = {}
 
-    def run_study(path: Path, out: Path, **options: object) -> None:
+    def run_study(path: Path, out: Path, **options: Any) -> None:
         seen.update(path=path, out=out, **options)
         out.mkdir()
         (out / "report.html").touch()
-        options["progress"]("fit", 1.0, "done")  # type: ignore[operator]
+        options["progress"]("fit", 1.0, "done")
 
     stages.run_study = run_study  # type: ignore[attr-defined]
     out = tmp_path / "out"

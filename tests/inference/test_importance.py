@@ -11,7 +11,7 @@ from bayeschute.inference import importance
 from bayeschute.inference.drawing import linear_response, normals
 from bayeschute.inference.evidence import HyperPrior
 from bayeschute.inference.finding import find
-from bayeschute.inference.importance import Following, cross_determinant, default, estimates, improved, weigh
+from bayeschute.inference.importance import Following, cross_determinant, estimates, improved, laplace, weigh
 from bayeschute.inference.law_effect import LawEffect
 from bayeschute.inference.noise import log_determinant
 from bayeschute.inference.target import Course, Unknowns, course, filter_gains, linearise
@@ -85,8 +85,8 @@ def test_weighed_draws_have_the_posterior_of_brute_force(short, quadrature):
     flight, hyper, priors = short
     noise = HyperPrior(hyper, 1e-3)
     found = find([flight], priors, noise)
-    first = weigh(found, priors, noise, default(found), 60, 1)
-    made = weigh(found, priors, noise, improved(found, default(found), first), 200, 2)
+    first = weigh(found, priors, noise, laplace(found), 60, 1)
+    made = weigh(found, priors, noise, improved(found, laplace(found), first), 200, 2)
     centre, sd = float(found.marginal.centre[0]), float(found.marginal.scale[0, 0])
     grid = centre + sd * np.linspace(-5.0, 5.0, 41)
     logs = np.array([quadrature.integrated(flight, hyper, np.array([t]))[0] for t in grid])
@@ -147,7 +147,7 @@ def test_draws_of_the_proposal_are_of_its_density(following):
 
 def test_the_same_seed_weighs_the_same_whatever_thread_is_first(found, descent):
     noise = HyperPrior(descent.hyper, 0.4)
-    one, other = (weigh(found, descent.priors, noise, default(found), 4, 5) for _ in range(2))
+    one, other = (weigh(found, descent.priors, noise, laplace(found), 4, 5) for _ in range(2))
     np.testing.assert_array_equal(one.log_weight, other.log_weight)
 
 
@@ -160,6 +160,6 @@ def test_what_does_not_fly_weighs_nothing_and_is_counted(found, descent, monkeyp
         return made
 
     monkeypatch.setattr(importance, "residuals", lost)
-    made = weigh(found, descent.priors, HyperPrior(descent.hyper, 0.4), default(found), 3, 5)
+    made = weigh(found, descent.priors, HyperPrior(descent.hyper, 0.4), laplace(found), 3, 5)
     assert made.failed == 3 * len(found.marginal.flights)
     assert np.isfinite(made.log_weight).all()

@@ -189,12 +189,12 @@ def numbers(column: pd.Series, where: str, first_row: int) -> tuple[Array, list[
     return values, []
 
 
-def _number(value: object) -> float:
+def _number(value: Any) -> float:
     """A field as a number; NaN where it is none."""
     if isinstance(value, bool) or (isinstance(value, str) and "_" in value):
         return np.nan
     try:
-        return float(value)  # type: ignore[arg-type]
+        return float(value)
     except (TypeError, ValueError):
         return np.nan
     except OverflowError:

@@ -138,8 +138,8 @@ class Following(NamedTuple):
         return np.asarray(self.base.log_density(held) - grown)
 
 
-def default(found: Found) -> Following:
-    """About what the default inference found, a little wider."""
+def laplace(found: Found) -> Following:
+    """The Laplace posterior of parameters and noise parameters together, a little wider."""
     size = np.size(found.marginal.centre) + len(found.law_covariance)
     base = Proposal(np.zeros(size), _SPREAD * np.eye(size), _FREEDOM)
     factor = np.asarray(np.linalg.cholesky(found.law_covariance), float)
@@ -293,7 +293,7 @@ def weigh(
         found: The posterior found, whose flights are weighed.
         priors: Priors of the parameters.
         noise: Priors of the noise parameters.
-        proposal: From `default` or `improved`.
+        proposal: From `laplace` or `improved`.
         draws: How many.
         seed: Seed.
         pairs: Antithetic pairs of simulations per draw and flight.

@@ -125,7 +125,7 @@ class _Point(NamedTuple):
 
     Attributes:
         theta: Parameters (P,).
-        parts: Unknowns of every flight.
+        unknowns: Of every flight.
         value: Cost, tilt in.
         given: Conditional optima of the flights linearised there.
         matrix: Of the least squares in theta, prior in (P, P).
@@ -133,7 +133,7 @@ class _Point(NamedTuple):
     """
 
     theta: Array
-    parts: Sequence[Unknowns]
+    unknowns: Sequence[Unknowns]
     value: float
     given: Sequence[Conditional]
     matrix: Array
@@ -146,7 +146,7 @@ class _Point(NamedTuple):
             there = jax.tree.map(lambda best, slope: best - slope @ step, given.optimum, given.slope)
             return jax.tree.map(lambda a, b: np.asarray(a + share * (b - a)), part, there)
 
-        return self.theta + share * step, [moved(x, g) for x, g in zip(self.parts, self.given, strict=True)]
+        return self.theta + share * step, [moved(x, g) for x, g in zip(self.unknowns, self.given, strict=True)]
 
 
 @dataclass(frozen=True)
@@ -159,15 +159,15 @@ class _Problem:
     tilt: Array
     opening: bool
 
-    def point(self, theta: Array, parts: Sequence[Unknowns], below: float = np.inf) -> _Point | None:
+    def point(self, theta: Array, unknowns: Sequence[Unknowns], below: float = np.inf) -> _Point | None:
         """A point of the fit; None where its cost or derivative is not finite, or the cost not below a bound.
 
         A flight may be finite where its derivative isn't, such as one lost in its last samples.
         """
-        value = total_cost(self.flights, self.hyper, self.priors, theta, parts) + float(self.tilt @ theta)
+        value = total_cost(self.flights, self.hyper, self.priors, theta, unknowns) + float(self.tilt @ theta)
         if not np.isfinite(value) or value > below:
             return None
-        pairs = list(zip(self.flights, parts, strict=True))
+        pairs = zip(self.flights, unknowns, strict=True)
         linear = [linearise(f, theta, course(f, self.hyper, x)) for f, x in pairs]
         if self.opening:
             linear = [_opening(f, one) for f, one in zip(self.flights, linear, strict=True)]
@@ -176,7 +176,7 @@ class _Problem:
         matrix = np.diag(1.0 / scale**2) + sum(np.asarray(g.matrix) for g in given)
         gradient = (theta - centre) / scale**2 + self.tilt + sum(np.asarray(g.gradient) for g in given)
         finite = np.isfinite(matrix).all() and np.isfinite(gradient).all()
-        return _Point(theta, parts, value, given, matrix, gradient) if finite else None
+        return _Point(theta, unknowns, value, given, matrix, gradient) if finite else None
 
 
 class _Step(NamedTuple):
@@ -256,4 +256,6 @@ def fit(
         if progress is not None:
             progress(iteration, here.value, largest)
     covariance = scipy.linalg.inv(here.matrix)
-    return Optimum(here.theta, tuple(here.parts), covariance, here.value, converged, iteration, largest, tuple(trace))
+    return Optimum(
+        here.theta, tuple(here.unknowns), covariance, here.value, converged, iteration, largest, tuple(trace)
+    )

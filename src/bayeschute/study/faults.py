@@ -67,10 +67,10 @@ def place(file: str, loc: Loc, raw: object = None) -> str:
     return f"{file}{heading} {tables[-1]}".rstrip() + item + of
 
 
-def _named(raw: object, table: str, index: int) -> str:
+def _named(raw: Any, table: str, index: int) -> str:
     """Name of an item of an array of tables, or its number from 1."""
     try:
-        name = raw[table][index]["name"]  # type: ignore[index]
+        name = raw[table][index]["name"]
     except (KeyError, IndexError, TypeError):
         name = None
     return show(name) if isinstance(name, str) and name else str(index + 1)
