@@ -23,11 +23,12 @@ BAND = "cdt-3-12/swing_angle"
 def label(tmp_path, monkeypatch):
     monkeypatch.setattr("bayeschute.study.claims.places", lambda job: [tmp_path / "calibration"])
 
-    def made(checks=GOOD, replicates=None, **coverage):
+    def made(checks=GOOD, replicates=None, failed=0, **coverage):
         if replicates is not None:
             shares = {"axial[1]": 0.9, "side*e": 0.5, BAND: 0.88} | coverage
             result = {
-                "hash": configuration(STUDY), "disturbance": "none", "replicates": replicates, "failed": {},
+                "hash": configuration(STUDY), "disturbance": "none", "replicates": replicates,
+                "failed": {str(seed): "did not converge" for seed in range(failed)},
                 "coverage": shares, "standard_error": dict.fromkeys(shares, 0.03),
                 "parameters": {"axial[1]": {}, "side*e": {}}, "bands": {BAND: {"role": "predict"}},
             }  # fmt: skip
@@ -65,6 +66,13 @@ def test_a_broken_promise_is_named(label, share, word):
 def test_few_replicates_prove_nothing(label):
     _, says = label(replicates=20)
     assert says == "not verified: only 20 replicates are stored, 100 are wanted"
+
+
+@pytest.mark.parametrize(("failed", "passed"), [(5, True), (6, False)])
+def test_replicates_that_could_be_fitted_speak_for_all_only_while_few_failed(label, failed, passed):
+    check, says = label(replicates=100, failed=failed)
+    assert check["passed"] is passed
+    assert f"{failed} failed" in says if passed else says.startswith("not verified: 6 replicates failed beside 100")
 
 
 def test_a_run_that_missed_its_own_checks_is_not_verified_by_replicates(label):

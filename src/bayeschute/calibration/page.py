@@ -9,7 +9,7 @@ from scipy.stats import t
 
 from bayeschute.calibration.recalibration import learned
 from bayeschute.calibration.scores import LEVELS
-from bayeschute.calibration.tables import ENOUGH, NOMINAL, WANTED, promised, verdict
+from bayeschute.calibration.tables import ENOUGH, MOST_FAILED, NOMINAL, WANTED, promised, verdict
 
 Result = dict[str, Any]
 _WANTED = f"{100 * WANTED[0]:.0f} to {100 * WANTED[1]:.0f}"
@@ -205,8 +205,9 @@ def page(results: Sequence[Result], ranks: Sequence[Result], command: str) -> st
         "A share is that of replicates whose nominal 90 % interval holds the true parameter, or the mean share of",
         "samples of a flight whose true value lies in the 90 % band; ± is one standard error, replicates being",
         "the independent units. Widths, interval scores and CRPS are in SI units: rad and m/s.",
-        f"A promise is kept between {100 * WANTED[0]:.0f} and {100 * WANTED[1]:.0f} %, by {ENOUGH} replicates;",
-        "in the overview what lies two standard errors outside is bold.",
+        f"A promise is kept between {100 * WANTED[0]:.0f} and {100 * WANTED[1]:.0f} %, by {ENOUGH} replicates,",
+        f"where no more than {100 * MOST_FAILED:.0f} % failed; in the overview what lies two standard errors outside",
+        "is bold.",
         "",
         *on_the_clock([*results, *ranks]),
     ]

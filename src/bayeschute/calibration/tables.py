@@ -16,6 +16,8 @@ WANTED = (0.85, 0.95)
 """Shares between which a nominal 90 % counts as kept."""
 ENOUGH = 100
 """Replicates below which nothing is claimed."""
+MOST_FAILED = 0.05
+"""Share of failed replicates above which nothing is claimed: those that could be fitted are then a selection."""
 
 
 def _share(values: Sequence[Any], of_shares: bool) -> dict[str, float]:

@@ -37,8 +37,10 @@ HORIZONS = (
 )  # shares fitted in turn: an unstable pendulum far from its optimum is lost late in the record
 _SMALL_STEPS = tuple(0.1 * i for i in range(1, 11))  # where those lead astray
 _MOST, _MOST_SMALL = 12, 40  # most iterations of a fit to an opening, and to one of the small steps
-_MODE_STEPS, _NEAR = 8, 0.2  # most steps to the marginal mode; length of the last, in standard deviations
-_TURNS, _REST = 3, 0.4  # most turns of noise parameters and mode; a step of the mode after which there is no other
+_MODE_STEPS, _NEAR = 16, 0.2  # most steps to the marginal mode; length of the last, in standard deviations
+_FLATTEST, _REACH = 0.2, 2.0  # least share of Gauss-Newton's curvature that is believed; longest step of that kind
+_TURNS, _REST = 8, 0.4  # most turns of noise parameters and mode; a step of the mode after which there is no other
+_MODE_TURN = 4  # most steps of the mode in each of them
 _FAR = 1.0  # standard deviations by which noise parameters at their mean may move a parameter
 _LEAST_OPENING = 0.05  # share of the record at which the first part is shortened no more
 _LEAST_GAIN = 0.05  # share of the record by which the fitted part must at least be lengthened
@@ -192,9 +194,10 @@ def marginal_mode(
 ) -> Optimum:
     """From the joint optimum to where cost, log determinant and what the gap adds are least together.
 
-    The mode is often five and more standard errors away, too far for one slope of the determinant: every Gauss-Newton
-    step is made with the slope where it begins, and shortened by the determinant's curvature along the last one. A rest
-    of less than 0.2 standard deviations is left to the sampler, which is exact.
+    The mode is often five and more standard errors away. Between, the marginal density may be nearly flat where the
+    cost's Gauss-Newton matrix, which knows nothing of the determinant's curvature or of how the cost bends, is as
+    steep as ever: its steps then grow short long before the mode. So they are only the first guess of quasi-Newton
+    steps (`_bent`). A rest of less than 0.2 standard deviations is left to the sampler, which is exact.
 
     Args:
         flights: Records.
@@ -207,24 +210,53 @@ def marginal_mode(
         The mode, start and shocks at their best for it; `converged` is false where steps did not become short.
     """
     say = progress or (lambda share, words: None)
-    best, length, last = settled.optimum, np.inf, None
+    best, length, hyper = settled.optimum, np.inf, settled.hyper
+    bends: list[tuple[Array, Array]] = []
+    last: tuple[Array, Array] | None = None
     for turn in range(most):
         say(turn / most, "log determinant")
-        factor = np.linalg.cholesky(best.covariance)
-        made = marginalise(flights, settled.hyper, priors, best)
-        tilt: Array = scipy.linalg.solve_triangular(factor.T, determinant_slope(made)) + gap_slope(made)
-        moved = optimum.fit(flights, settled.hyper, priors, best.theta, best.unknowns, 0.01, most=1, tilt=tilt)
-        curvature = 0.0 if last is None else float(last[0] @ (tilt - last[1])) / last[2] ** 2
-        share = 1.0 / (1.0 + max(curvature, 0.0))
-        step = share * (moved.theta - best.theta)
-        length = float(np.linalg.norm(scipy.linalg.solve_triangular(factor, step, lower=True)))
-        unknowns = jax.tree.map(
-            lambda a, b, s=share: (1.0 - s) * np.asarray(a) + s * np.asarray(b), best.unknowns, moved.unknowns
-        )
-        best, last = replace(moved, theta=best.theta + step, unknowns=unknowns), (step, tilt, length)
-        if length < _NEAR:
+        rest = optimum.relaxed(flights, hyper, priors, best.theta, best.unknowns)
+        best = replace(best, unknowns=rest.unknowns, covariance=scipy.linalg.inv(rest.matrix))
+        made = marginalise(flights, hyper, priors, best)
+        tilt = scipy.linalg.solve_triangular(np.asarray(made.scale).T, determinant_slope(made)) + gap_slope(made)
+        slope = rest.gradient + tilt
+        if last is not None:
+            bends.append((best.theta - last[0], slope - last[1]))
+        step, last = _bent(slope, best.covariance, bends), (best.theta, slope)
+        length = _length(step, best.covariance)
+        towards = -rest.matrix @ step - rest.gradient  # the tilt by which a Gauss-Newton step is this one
+        best = optimum.fit(flights, hyper, priors, best.theta, best.unknowns, 0.01, most=1, tilt=towards)
+        if length < _NEAR or np.array_equal(best.theta, last[0]):
             break
     return replace(best, converged=settled.optimum.converged and length < _NEAR)
+
+
+def _bent(slope: Array, covariance: Array, bends: Sequence[tuple[Array, Array]]) -> Array:
+    """A Gauss-Newton step, corrected by what earlier steps told of how the slope changes (L-BFGS; Nocedal 1980).
+
+    Where it changed by less than `_FLATTEST` of what Gauss-Newton expects, that share is taken (Powell 1978), and a
+    step made longer so is no longer than `_REACH` standard deviations.
+
+    Args:
+        slope: Of what is minimised (P,).
+        covariance: Inverse of the Gauss-Newton matrix (P, P).
+        bends: Steps made, and changes of the slope over them.
+    """
+    factor, pairs = scipy.linalg.cho_factor(covariance), []
+    for step, change in bends:
+        stiff = scipy.linalg.cho_solve(factor, step)
+        expected, told = float(step @ stiff), float(step @ change)
+        share = 1.0 if told >= _FLATTEST * expected else (1.0 - _FLATTEST) * expected / (expected - told)
+        pairs.append((step, share * change + (1.0 - share) * stiff))
+    left, weights = slope, []
+    for step, change in reversed(pairs):
+        weights.append(float(step @ left) / float(step @ change))
+        left = left - weights[-1] * change
+    made = -covariance @ left
+    for (step, change), weight in zip(pairs, reversed(weights), strict=True):
+        made = made - step * (weight + float(change @ made) / float(step @ change))
+    longest = max(_REACH, _length(covariance @ slope, covariance))
+    return np.asarray(made * min(1.0, longest / max(_length(made, covariance), longest)))
 
 
 def conclude(
@@ -256,7 +288,7 @@ def conclude(
         say(0.3 + 0.2 * turn / _TURNS, f"noise parameters at the mode {turn + 1}")
         made = marginalise(flights, hyper, priors, best)
         hyper, value = evidence.maximise(flights, _linear(made), priors, hyper, prior, 12, _gaps(made))
-        before, best = best, marginal_mode(flights, priors, Settled(best, hyper, value), most=1)
+        before, best = best, marginal_mode(flights, priors, Settled(best, hyper, value), most=_MODE_TURN)
         if _length(best.theta - before.theta, before.covariance) < _REST:
             break
     made = marginalise(flights, hyper, priors, best)

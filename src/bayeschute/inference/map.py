@@ -36,6 +36,7 @@ from bayeschute.inference.target import (
 Array = NDArray[np.float64]
 _FREE = 1e-2  # damping below which a step counts as a Gauss-Newton step
 _SHRINK = (1.0, 0.5, 0.25)
+_RELAXED, _MOST_RELAXING = 0.05, 6  # gain in log density at which start and shocks are at rest; most steps to there
 _FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-4, 1e-9, 1e6
 
 
@@ -259,3 +260,47 @@ def fit(
     return Optimum(
         here.theta, tuple(here.unknowns), covariance, here.value, converged, iteration, largest, tuple(trace)
     )
+
+
+class Relaxed(NamedTuple):
+    """Start and shocks at their best for given parameters, and the cost about there with these following.
+
+    Attributes:
+        unknowns: Of every flight.
+        gradient: Of the cost by theta (P,).
+        matrix: Its Gauss-Newton matrix (P, P).
+    """
+
+    unknowns: Sequence[Unknowns]
+    gradient: Array
+    matrix: Array
+
+
+def relaxed(
+    flights: Sequence[FlightData], hyper: Hyper, priors: Sequence[Prior], theta: Array, unknowns: Sequence[Unknowns]
+) -> Relaxed:
+    """Bring start and shocks to their conditional optimum, parameters held: there the cost's slope is that of theta.
+
+    Args:
+        flights: Records.
+        hyper: Noise parameters.
+        priors: Priors of theta.
+        theta: Parameters, working coordinates (P,).
+        unknowns: Where to start.
+
+    Raises:
+        FloatingPointError: If the simulation at the start, or its derivative, is not finite.
+    """
+    problem, held = _Problem(flights, hyper, priors, np.zeros(len(priors)), False), np.zeros(len(priors))
+    here = problem.point(theta, unknowns)
+    if here is None:
+        raise FloatingPointError("the simulation at the conditional optimum, or its derivative, is not finite")
+    for _ in range(_MOST_RELAXING):
+        tried = (problem.point(*here.towards(held, share), here.value) for share in _SHRINK)
+        there = next((point for point in tried if point is not None), None)
+        if there is None:
+            break
+        gained, here = here.value - there.value, there
+        if gained < _RELAXED:
+            break
+    return Relaxed(tuple(here.unknowns), here.gradient, here.matrix)
