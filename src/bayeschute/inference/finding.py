@@ -194,10 +194,11 @@ def marginal_mode(
 ) -> Optimum:
     """From the joint optimum to where cost, log determinant and what the gap adds are least together.
 
-    The mode is often five and more standard errors away. Between, the marginal density may be nearly flat where the
-    cost's Gauss-Newton matrix, which knows nothing of the determinant's curvature or of how the cost bends, is as
-    steep as ever: its steps then grow short long before the mode. So they are only the first guess of quasi-Newton
-    steps (`_bent`). A rest of less than 0.2 standard deviations is left to the sampler, which is exact.
+    The mode is often five and more standard errors away. Between, the marginal density may be nearly flat, which the
+    cost's Gauss-Newton matrix doesn't see: it knows nothing of the determinant's curvature or of how the cost bends,
+    and its steps grow short long before the mode. So steps are corrected by how the slope has changed over earlier
+    ones (`_bent`), and the slope is taken with start and shocks at rest. A rest of less than 0.2 standard deviations is
+    left to the sampler, which is exact.
 
     Args:
         flights: Records.

@@ -271,7 +271,7 @@ class Relaxed(NamedTuple):
         matrix: Its Gauss-Newton matrix (P, P).
     """
 
-    unknowns: Sequence[Unknowns]
+    unknowns: tuple[Unknowns, ...]
     gradient: Array
     matrix: Array
 
