@@ -63,11 +63,15 @@ def test_promises_are_aerodynamic_parameters_and_unseen_bands():
 
 
 @pytest.mark.parametrize(
-    ("share", "count", "word"),
-    [(0.9, 100, "kept"), (0.84, 100, "too narrow"), (0.97, 200, "too wide"), (0.9, 99, "too few replicates")],
-)
-def test_verdicts(share: float, count: int, word: str):
-    assert verdict({"coverage": {"x": share}, "replicates": count}, "x") == word
+    ("share", "count", "failed", "word"),
+    [
+        (0.9, 100, 5, "kept"), (0.84, 100, 0, "too narrow"), (0.97, 200, 0, "too wide"),
+        (0.9, 99, 0, "too few replicates"), (0.9, 100, 6, "too many failed"),
+    ],
+)  # fmt: skip
+def test_verdicts(share: float, count: int, failed: int, word: str):
+    reasons = dict.fromkeys(map(str, range(failed)), "did not converge")
+    assert verdict({"coverage": {"x": share}, "replicates": count, "failed": reasons}, "x") == word
 
 
 def test_lines_hold_every_name():

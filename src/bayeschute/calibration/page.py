@@ -14,7 +14,7 @@ from bayeschute.calibration.tables import ENOUGH, MOST_FAILED, NOMINAL, WANTED, 
 Result = dict[str, Any]
 _WANTED = f"{100 * WANTED[0]:.0f} to {100 * WANTED[1]:.0f}"
 _CHANCE, _DOUBT = 0.05, 0.003  # two-sided, by Student's t of the replicates
-_MARKS = {"kept": "", "too narrow": " **narrow**", "too wide": " **wide**", "too few replicates": ""}
+_MARKS = {"kept": "", "too narrow": " **narrow**", "too wide": " **wide**", "too few replicates": "", "too many failed": " **failed**"}
 
 
 def _cells(values: Iterable[str]) -> str:

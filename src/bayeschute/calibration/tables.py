@@ -155,10 +155,13 @@ def promised(summary: dict[str, Any]) -> list[str]:
 
 
 def verdict(summary: dict[str, Any], name: str) -> str:
-    """Whether a share keeps the promise, in words: ``kept``, ``too narrow``, ``too wide``, ``too few replicates``."""
+    """Whether a share keeps the promise, in words: ``kept``, ``too narrow``, ``too wide``, or why nothing is claimed."""
     share, low, high = summary["coverage"][name], *WANTED
-    if summary["replicates"] < ENOUGH:
+    made, failed = summary["replicates"], len(summary["failed"])
+    if made < ENOUGH:
         return "too few replicates"
+    if failed > MOST_FAILED * (made + failed):
+        return "too many failed"
     return "kept" if low <= share <= high else "too narrow" if share < low else "too wide"
 
 
