@@ -14,7 +14,7 @@ from bayeschute.calibration.tables import ENOUGH, MOST_FAILED, NOMINAL, WANTED, 
 Result = dict[str, Any]
 _WANTED = f"{100 * WANTED[0]:.0f} to {100 * WANTED[1]:.0f}"
 _CHANCE, _DOUBT = 0.05, 0.003  # two-sided, by Student's t of the replicates
-_MARKS = {"kept": "", "too narrow": " **narrow**", "too wide": " **wide**", "too few replicates": "", "too many failed": " **failed**"}
+_MARKS = {"too narrow": " **narrow**", "too wide": " **wide**", "too many failed": " **failed**"}
 
 
 def _cells(values: Iterable[str]) -> str:
@@ -93,7 +93,7 @@ def whole(result: Result) -> list[str]:
     rows = []
     for name, entry in result["parameters"].items():
         z = "" if entry["rms_z"] is None else f"{entry['mean_z']:+.2f}, {entry['rms_z']:.2f}"
-        says = _MARKS[verdict(result, name)] if name in named else ""
+        says = _MARKS.get(verdict(result, name), "") if name in named else ""
         left = str(entry["left_out"]) if entry["left_out"] else ""
         s_e = f"{100 * entry['standard_error']:.1f}"
         rows.append([f"`{name}`", str(entry["replicates"]), *shares(entry), s_e + says, z, left])
@@ -103,7 +103,7 @@ def whole(result: Result) -> list[str]:
     rows = []
     for name, entry in result["bands"].items():
         by_time = ", ".join(f"{w}: {100 * share:.0f}" for w, share in entry["by_time"].items())
-        says = _MARKS[verdict(result, name)] if name in named else ""
+        says = _MARKS.get(verdict(result, name), "") if name in named else ""
         s_e = f"{100 * entry['standard_error']:.1f}"
         numbers = [f"{entry[key]:.3g}" for key in ("width", "interval_score", "crps")]
         rows.append([name, *shares(entry), s_e + says, *numbers, by_time])

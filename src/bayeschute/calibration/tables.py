@@ -155,7 +155,7 @@ def promised(summary: dict[str, Any]) -> list[str]:
 
 
 def verdict(summary: dict[str, Any], name: str) -> str:
-    """Whether a share keeps the promise, in words: ``kept``, ``too narrow``, ``too wide``, or why nothing is claimed."""
+    """Whether a share keeps the promise, in words: ``kept``, ``too narrow``, ``too wide``, or why none is said."""
     share, low, high = summary["coverage"][name], *WANTED
     made, failed = summary["replicates"], len(summary["failed"])
     if made < ENOUGH:
