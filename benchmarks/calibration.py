@@ -29,9 +29,9 @@ STUDY = ROOT / "models" / "studies" / "cdt-3-11.toml"
 STORED = ROOT / "models" / "reference" / "calibration"
 PAGE = ROOT / "docs" / "calibration.md"
 COMMAND = "python benchmarks/calibration.py"
-FIRST_SEED = 30_000  # none of these flights was seen while the approximations of the inference were chosen
+FIRST_SEED = 40_000  # none of these flights was seen while the approximations of the inference were chosen
 FEW = 8
-MANY = 200
+MANY = 120
 CAMPAIGNS = (  # noise model, disturbance, replicates
     ("latent", "none", MANY),
     ("ar1", "none", FEW),

@@ -113,7 +113,7 @@ def target_of(marginal: Any) -> Any:
         """The marginal log density by JAX alone: `marginal.log_density` goes through machine code."""
         column = xi[:, None]
         theta, shift = shifted(numbers, column)
-        total = -numbers.determinant.at(column)[0]
+        total = -numbers.rest.at(column)[0]
         for flight, along in zip(numbers.flights, numbers.along, strict=True):
             residual = compared(flight, theta, jax_states(flight, theta, course_at(along, shift)))
             seen = residual + (along.offset - along.gap)[..., None] + along.offset_slope @ shift
@@ -121,7 +121,7 @@ def target_of(marginal: Any) -> Any:
         return total - 0.5 * jnp.sum(((theta[:, 0] - numbers.prior_centre) / numbers.prior_scale) ** 2)
 
     def residuals(xi: Array) -> Array:
-        determinant = np.sqrt(2.0 * (FLOOR + np.asarray(marginal.determinant.at(xi))))
+        determinant = np.sqrt(2.0 * (FLOOR + np.asarray(marginal.rest.at(xi))))
         return np.concatenate([np.asarray(projected_residuals(marginal, xi))[:, 0], determinant])
 
     scale, centre = np.asarray(marginal.scale), np.asarray(marginal.centre)

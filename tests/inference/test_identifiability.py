@@ -21,7 +21,7 @@ from bayeschute.inference.identifiability import (
 )
 from bayeschute.inference.law_effect import LawEffect
 from bayeschute.inference.map import fit
-from bayeschute.inference.marginal import Determinant, log_density, marginalise, sample_log_likelihoods
+from bayeschute.inference.marginal import Quadratic, log_density, marginalise, sample_log_likelihoods
 from bayeschute.inference.noise import Noise
 from bayeschute.inference.priors import Prior
 from bayeschute.inference.score import to_vector
@@ -38,7 +38,7 @@ def straight(linear):
     flights = [linear.flight]
     best = fit(flights, linear.hyper, linear.priors, np.zeros(2), tolerance=1e-6)
     made = marginalise(flights, linear.hyper, linear.priors, best)
-    return best, replace(made, determinant=Determinant(np.array([0.3, -0.1]), np.array([0.05, 0.02])))
+    return best, replace(made, determinant=Quadratic(np.array([0.3, -0.1]), np.diag([0.05, 0.02])))
 
 
 def test_directions_are_those_of_the_fisher_matrix_in_prior_standard_deviations():

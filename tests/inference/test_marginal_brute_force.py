@@ -11,7 +11,7 @@ import pytest
 from bayeschute.inference.drawing import normals
 from bayeschute.inference.map import fit
 from bayeschute.inference.marginal import (
-    Determinant,
+    Quadratic,
     determinant_around,
     determinant_error,
     determinant_slope,
@@ -34,7 +34,7 @@ def made(short):
 def test_a_descent_against_brute_force_integration(short, made, quadrature):
     """The integral over six unknowns; without the determinant the marginal is visibly wrong, with it right."""
     flight, hyper, priors = short
-    tilt = replace(made, determinant=Determinant(determinant_slope(made), np.zeros(1)))
+    tilt = replace(made, determinant=Quadratic(determinant_slope(made), np.zeros((1, 1))))
     right = replace(made, determinant=determinant_around(made))
     grid = np.linspace(-2.0, 2.0, 5)
     theta = np.asarray(made.theta(grid[None]))

@@ -7,10 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from bayeschute.inference.marginal import Determinant
+from bayeschute.inference.marginal import Quadratic
 from bayeschute.inference.surrogate import Surrogate, build, monomials
 
-FLAT = Determinant(np.zeros(2), np.zeros(2))
+FLAT = Quadratic.none(2)
 
 
 def _quadratic(rng, p, rows=40):
@@ -26,11 +26,15 @@ def test_monomials():
 def test_exact_for_quadratic_residuals(p):
     rng = np.random.default_rng(p)
     residuals = _quadratic(rng, p)
-    determinant = Determinant(rng.standard_normal(p), rng.standard_normal(p))
+    determinant = Quadratic(rng.standard_normal(p), np.diag(rng.standard_normal(p)))
     made, failed = build(residuals, determinant, rng)
     xi = 2.0 * rng.standard_normal((p, 20))
     assert failed == 0
-    wanted = -0.5 * np.sum(residuals(xi) ** 2, axis=0) - determinant.slope @ xi - 0.5 * determinant.curvature @ xi**2
+    wanted = (
+        -0.5 * np.sum(residuals(xi) ** 2, axis=0)
+        - determinant.slope @ xi
+        - 0.5 * np.diag(determinant.curvature) @ xi**2
+    )
     np.testing.assert_allclose(made.log_density(jnp.asarray(xi)), wanted, rtol=1e-9)
     assert float(made.log_density(jnp.asarray(xi[:, 3]))) == pytest.approx(wanted[3], rel=1e-9)
     gradient = jax.grad(lambda x: made.log_density(x))(jnp.asarray(xi[:, 0]))

@@ -15,6 +15,7 @@ from bayeschute.air.vector import Component
 from bayeschute.inference import evidence
 from bayeschute.inference import map as optimum
 from bayeschute.inference.evidence import HyperPrior
+from bayeschute.inference.following import follow
 from bayeschute.inference.law_effect import LawEffect, law_slope, law_spread
 from bayeschute.inference.map import Optimum
 from bayeschute.inference.marginal import (
@@ -304,6 +305,7 @@ def conclude(
     began = Settled(replace(best, converged=settled.optimum.converged), hyper, value)
     best = marginal_mode(flights, priors, began)
     made = marginalise(flights, hyper, priors, best)
+    made = follow(made)
     made = replace(made, determinant=determinant_around(made))
     wrong = determinant_error(made, 4, np.random.default_rng(0))
     slope = scipy.linalg.solve_triangular(np.asarray(made.scale), scale @ slope, lower=True)

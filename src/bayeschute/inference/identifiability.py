@@ -152,7 +152,7 @@ def log_likelihood(marginal: Marginal, theta: Array, per_sample: Sequence[Array]
     inverse = np.linalg.inv(np.asarray(marginal.scale))
     xi = np.moveaxis((theta - np.asarray(marginal.centre)) @ inverse.T, -1, 0)
     total = sum((np.asarray(part).sum(axis=-1) for part in per_sample), np.zeros(theta.shape[:2]))
-    return np.asarray(total - np.asarray(marginal.determinant.at(jnp.asarray(xi))))
+    return np.asarray(total - np.asarray(marginal.rest.at(jnp.asarray(xi))))
 
 
 def power_scaling(priors: Sequence[Prior], theta: Array, likelihood: Array) -> Mapping[str, Sensitivity]:

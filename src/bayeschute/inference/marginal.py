@@ -5,14 +5,14 @@ linearly, simulate there once with the full equations, and integrate what is lef
 filter turns the simulation's residuals into innovations, ``log density = -1/2 |innovations|^2 - log det`` (METHODS 6).
 The determinant depends on theta through the linearisation; it is very nearly linear over the posterior, so a parabola
 along every axis stands for it (`determinant_error` tells how well). Leaving it out moves parameters by several standard
-errors.
+errors. That the linear model's derivatives are those at theta_0 is made good by `inference.following`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import jax
@@ -41,6 +41,7 @@ from bayeschute.numerics import processors
 
 Array = NDArray[np.float64]
 _CORRECTIONS = 1
+_CROSSED = 3  # axes whose products with others the log determinant's polynomial has
 _STEPS = (1.0, 0.5, 0.25, 0.125)  # shares of a step that are tried where a flight fails
 
 
@@ -48,16 +49,23 @@ class Along(NamedTuple):
     """A flight about the conditional optimum of its course.
 
     Attributes:
+        unknowns: The optimum at theta_0.
+        unknowns_slope: Its derivatives by theta, last axis.
+        pull: Likewise of what draws the unknowns aside, since the linear model's derivatives are not those at theta
+            (`inference.following`).
         driven: The course at theta_0.
         slope: Its derivatives by theta, last axis.
         offset: Linear response of the outputs to that course (T, C).
-        offset_slope: Its derivatives by theta (T, C, P).
+        offset_slope: Its derivatives by theta, less the response to the pull (T, C, P).
         gap: Mean of simulated outputs over start and disturbances given theta_0, less those at their optimum (T, C).
         lost: How many pairs of simulations behind the gap failed.
         linear: The flight linearised there.
         gains: The filter.
     """
 
+    unknowns: Unknowns
+    unknowns_slope: Unknowns
+    pull: Unknowns
     driven: Course
     slope: Course
     offset: Component
@@ -68,15 +76,21 @@ class Along(NamedTuple):
     gains: Gains
 
 
-class Determinant(NamedTuple):
-    """``log det`` about its value at theta_0, in standard coordinates: ``slope xi + 1/2 curvature xi^2``; (P,) each."""
+class Quadratic(NamedTuple):
+    """``slope xi + 1/2 xi' curvature xi`` of standard coordinates: (P,) and a symmetric matrix (P, P)."""
 
     slope: Component
     curvature: Component
 
+    @classmethod
+    def none(cls, parameters: int) -> Quadratic:
+        """Zero."""
+        return cls(np.zeros(parameters), np.zeros((parameters, parameters)))
+
     def at(self, xi: Component) -> jax.Array:
         """Values (...) at (P, ...)."""
-        return jnp.tensordot(self.slope, xi, axes=1) + 0.5 * jnp.tensordot(self.curvature, xi**2, axes=1)
+        bent = jnp.tensordot(self.curvature, xi, axes=1)
+        return jnp.tensordot(self.slope, xi, axes=1) + 0.5 * jnp.sum(xi * bent, axis=0)
 
 
 @jax.tree_util.register_dataclass
@@ -92,7 +106,8 @@ class Marginal:
         scale: Lower Cholesky factor of the Laplace covariance of theta (P, P).
         prior_centre: Prior means of theta (P,).
         prior_scale: Prior standard deviations (P,).
-        determinant: Log determinant of all flights together.
+        determinant: Log determinant of all flights together, less its value at theta_0.
+        pull: What the pull of all flights adds to minus the log density.
     """
 
     flights: tuple[FlightData, ...]
@@ -102,7 +117,13 @@ class Marginal:
     scale: Component
     prior_centre: Component
     prior_scale: Component
-    determinant: Determinant
+    determinant: Quadratic
+    pull: Quadratic
+
+    @property
+    def rest(self) -> Quadratic:
+        """Minus the log density less the squares of `projected_residuals`."""
+        return Quadratic(*(a + b for a, b in zip(self.determinant, self.pull, strict=True)))
 
     def theta(self, xi: Component) -> Component:
         """Parameters (P, ...) of standard coordinates (P, ...)."""
@@ -111,25 +132,57 @@ class Marginal:
 
 
 @jax.jit
-def _course(flight: FlightData, hyper: Hyper, linear: Linear) -> tuple[Course, Course, jax.Array, jax.Array, Gains]:
-    """All of `Along` that the linearised flight tells: course, slope, offset, its slope, gains."""
-    given, made = conditional(flight, hyper, linear), filter_gains(flight, hyper, linear)
-    driven, slope = course(flight, hyper, given.optimum), course(flight, hyper, given.slope)
-    p = slope.start.shape[1]
+def _conditional(flight: FlightData, hyper: Hyper, linear: Linear) -> tuple[Unknowns, Unknowns, Gains]:
+    """The conditional optimum of a linearised flight, its derivatives by theta, and the filter."""
+    given = conditional(flight, hyper, linear)
+    return given.optimum, jax.tree.map(jnp.negative, given.slope), filter_gains(flight, hyper, linear)
+
+
+@jax.jit
+def _responses(
+    flight: FlightData, hyper: Hyper, linear: Linear, unknowns: Unknowns, slope: Unknowns, pull: Unknowns
+) -> tuple[Course, Course, jax.Array, jax.Array]:
+    """The course of these unknowns, its derivatives, and the linear responses of `Along`."""
+    driven, by_theta = course(flight, hyper, unknowns), course(flight, hyper, slope)
+    seen = course(flight, hyper, jax.tree.map(jnp.subtract, slope, pull))
+    p = by_theta.start.shape[1]
     both = response(
         linear.steps,
-        jnp.concatenate([driven.start[:, None], -slope.start], axis=1),
-        jnp.concatenate([driven.error[..., None], -slope.error], axis=2),
+        jnp.concatenate([driven.start[:, None], seen.start], axis=1),
+        jnp.concatenate([driven.error[..., None], seen.error], axis=2),
         jnp.zeros((p, 1 + p)),
     )
-    return driven, jax.tree.map(jnp.negative, slope), both[..., 0], both[..., 1:], made
+    return driven, by_theta, both[..., 0], both[..., 1:]
 
 
 def _along(flight: FlightData, hyper: Hyper, theta: Array, unknowns: Unknowns) -> Along:
     """A flight about the conditional optimum next to these unknowns."""
     linear = linearise(flight, theta, course(flight, hyper, unknowns))
-    driven, slope, offset, offset_slope, made = _course(flight, hyper, linear)
-    return Along(driven, slope, offset, offset_slope, *gap.mean(flight, hyper, made, theta, driven), linear, made)
+    best, slope, made = _conditional(flight, hyper, linear)
+    pull = jax.tree.map(jnp.zeros_like, slope)
+    responses = _responses(flight, hyper, linear, best, slope, pull)
+    return Along(best, slope, pull, *responses, *gap.mean(flight, hyper, made, theta, responses[0]), linear, made)
+
+
+def following(marginal: Marginal, slopes: Sequence[Unknowns], pulls: Sequence[Unknowns]) -> Marginal:
+    """The posterior whose starts and shocks follow theta by these slopes, against these pulls.
+
+    Args:
+        marginal: The posterior.
+        slopes: Of every flight, as `Along.unknowns_slope`.
+        pulls: Likewise, as `Along.pull`.
+    """
+    scale, along, total = np.asarray(marginal.scale), [], Quadratic.none(np.size(marginal.centre))
+    for flight, before, slope, pull in zip(marginal.flights, marginal.along, slopes, pulls, strict=True):
+        made = _responses(flight, marginal.hyper, before.linear, before.unknowns, slope, pull)
+        names = ("driven", "slope", "offset", "offset_slope")
+        along.append(before._replace(unknowns_slope=slope, pull=pull, **dict(zip(names, made, strict=True))))
+        for at, by, pulled in zip(before.unknowns, slope, pull, strict=True):
+            u = np.asarray(by).reshape(-1, len(scale)) @ scale
+            c = np.asarray(pulled).reshape(-1, len(scale)) @ scale
+            both = c.T @ u
+            total = Quadratic(total.slope + np.ravel(at) @ c, total.curvature + both + both.T - c.T @ c)
+    return replace(marginal, along=tuple(along), pull=total)
 
 
 def marginalise(flights: Sequence[FlightData], hyper: Hyper, priors: Sequence[Prior], optimum: Optimum) -> Marginal:
@@ -137,9 +190,8 @@ def marginalise(flights: Sequence[FlightData], hyper: Hyper, priors: Sequence[Pr
     centre, scale = working(priors)
     pairs = zip(flights, optimum.unknowns, strict=True)
     along = tuple(_along(flight, hyper, optimum.theta, unknowns) for flight, unknowns in pairs)
-    flat = Determinant(np.zeros(len(priors)), np.zeros(len(priors)))
-    factor = np.linalg.cholesky(optimum.covariance)
-    return Marginal(tuple(flights), hyper, along, optimum.theta, factor, centre, scale, flat)
+    flat, factor = Quadratic.none(len(priors)), np.linalg.cholesky(optimum.covariance)
+    return Marginal(tuple(flights), hyper, along, optimum.theta, factor, centre, scale, flat, flat)
 
 
 def gap_slope(marginal: Marginal) -> Array:
@@ -180,7 +232,7 @@ _innovations = jax.jit(innovations)
 
 
 def projected_residuals(marginal: Marginal, xi: Component) -> jax.Array:
-    """The vector whose ``-1/2 |.|^2`` is the marginal log density without its determinant, up to a constant.
+    """The vector whose ``-1/2 |.|^2`` is the marginal log density without its `rest`, up to a constant.
 
     Args:
         marginal: The posterior.
@@ -200,7 +252,7 @@ def projected_residuals(marginal: Marginal, xi: Component) -> jax.Array:
 
 def log_density(marginal: Marginal, xi: Component) -> jax.Array:
     """Marginal log density (B,) up to a constant at standard coordinates (P, B); NaN where a simulation fails."""
-    return -0.5 * jnp.sum(projected_residuals(marginal, xi) ** 2, axis=0) - marginal.determinant.at(jnp.asarray(xi))
+    return -0.5 * jnp.sum(projected_residuals(marginal, xi) ** 2, axis=0) - marginal.rest.at(jnp.asarray(xi))
 
 
 def sample_log_likelihoods(marginal: Marginal, xi: jax.Array) -> tuple[jax.Array, ...]:
@@ -290,17 +342,32 @@ def determinant_slope(marginal: Marginal, step: float = 0.2) -> Array:
     return slope
 
 
-def determinant_around(marginal: Marginal, step: float = 1.0) -> Determinant:
-    """Slope and curvature of the log determinant along every axis, from exact values at plus and minus `step`.
+def determinant_around(marginal: Marginal, step: float = 1.0) -> Quadratic:
+    """The log determinant about theta_0, from exact values at plus and minus `step` along every axis.
 
-    Along an axis on which a flight fails there, from values at a half, a quarter or an eighth of it.
+    Along an axis on which a flight fails there, from values at a half, a quarter or an eighth of it. The axes of
+    greatest curvature get their products with all others too; a product at both corners of which a flight fails is
+    left out (`determinant_error` tells what is missing).
 
     Raises:
         FloatingPointError: If a flight fails at an eighth of the step too.
     """
     count = np.size(marginal.centre)
     up, down, h = beside(lambda points: _determinants(marginal, points)[:, None], count, step, "the log determinant")
-    return Determinant(((up - down) / (2.0 * h))[:, 0], ((up + down) / h**2)[:, 0])
+    slope, bent = ((up - down) / (2.0 * h))[:, 0], ((up + down) / h**2)[:, 0]
+    curvature, first = np.diag(bent), np.argsort(-np.abs(bent))[:_CROSSED]
+    pairs = [(i, j) for n, i in enumerate(first) for j in range(count) if j not in first[: n + 1]]
+    left = np.array(pairs, int).reshape(-1, 2)
+    for side, sign in ((up, 1.0), (down, -1.0)):
+        if not left.size:
+            break
+        i, j = left.T
+        corners = sign * (np.diag(h[:, 0])[i] + np.diag(h[:, 0])[j])
+        mixed = (_determinants(marginal, corners) - side[i, 0] - side[j, 0]) / (h[i, 0] * h[j, 0])
+        known = np.isfinite(mixed)
+        curvature[i[known], j[known]] = curvature[j[known], i[known]] = mixed[known]
+        left = left[~known]
+    return Quadratic(slope, curvature)
 
 
 def determinant_error(marginal: Marginal, points: int, rng: np.random.Generator) -> float:
@@ -331,9 +398,14 @@ def draw_unknowns(
     law, found = hyper or marginal.hyper, []
     for flight, along, z in zip(marginal.flights, marginal.along, numbers, strict=True):
         made = along.gains if hyper is None else _gains(flight, hyper, along.linear)
-        unknowns = drawn(flight, law, made, _series(flight, along, theta, shift), z)
+        pull = Unknowns(*(jnp.tensordot(a, shift, axes=1) for a in along.pull))
+        free = drawn(flight, law, made, _series(flight, along, theta, shift), z)
         for _ in range(_CORRECTIONS):
-            residual = residuals(flight, theta, course(flight, law, unknowns))
-            unknowns = drawn(flight, law, made, about(made, residual, unknowns), z)
-        found.append(unknowns)
+            residual = residuals(flight, theta, course(flight, law, _sum(free, pull)))
+            free = drawn(flight, law, made, about(made, residual, free), z)
+        found.append(_sum(free, pull))
     return tuple(found)
+
+
+def _sum(one: Unknowns, other: Unknowns) -> Unknowns:
+    return jax.tree.map(jnp.add, one, other)

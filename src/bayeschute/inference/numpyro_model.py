@@ -30,7 +30,7 @@ SITE = "log_likelihood"
 @jax.jit
 def _log_likelihood(marginal: Marginal, theta: jax.Array, inverse: jax.Array) -> jax.Array:
     shift = theta - jnp.asarray(marginal.centre)
-    total = -marginal.determinant.at(inverse @ shift)
+    total = -marginal.rest.at(inverse @ shift)
     for flight, along in zip(marginal.flights, marginal.along, strict=True):
         residual = compared(flight, theta, jax_states(flight, theta, course_at(along, shift)))
         seen = residual + along.offset - along.gap + along.offset_slope @ shift

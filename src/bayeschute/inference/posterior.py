@@ -88,7 +88,7 @@ def sample(
         return by_emcee()
     rng = np.random.default_rng([seed, 2])
     surrogate, failed = build(
-        lambda xi: in_batches(lambda part: projected_residuals(marginal, part), xi), marginal.determinant, rng
+        lambda xi: in_batches(lambda part: projected_residuals(marginal, part), xi), marginal.rest, rng
     )
     density = jax.tree_util.Partial(Surrogate.log_density, surrogate)
     made = nuts.corrected(exact, density, parameters, chains, warmup, draws, seed, progress=tell(kind))

@@ -105,8 +105,8 @@ def _residuals(marginal: Marginal, xi: Array) -> Array:
 
 def _costs(marginal: Marginal, xi: Array) -> Array:
     """Minus the log density (K,) at (P, K); NaN where a simulation fails."""
-    determinant = np.asarray(marginal.determinant.at(jnp.asarray(xi)))
-    return np.asarray(0.5 * np.sum(_residuals(marginal, xi) ** 2, axis=0) + determinant)
+    rest = np.asarray(marginal.rest.at(jnp.asarray(xi)))
+    return np.asarray(0.5 * np.sum(_residuals(marginal, xi) ** 2, axis=0) + rest)
 
 
 def _steps(marginal: Marginal, xi: Array, free: Array) -> Array:
@@ -116,12 +116,12 @@ def _steps(marginal: Marginal, xi: Array, free: Array) -> Array:
     points = (xi[:, :, None] + moved[:, None, :]).reshape(len(xi), -1)
     residual = _residuals(marginal, points).reshape(-1, count, 1 + directions)
     here, by = residual[..., 0], (residual[..., 1:] - residual[..., :1]) / _STEP
-    slope, curvature = (np.asarray(a) for a in marginal.determinant)
+    slope, curvature = (np.asarray(a) for a in marginal.rest)
     steps = np.full((directions, count), np.nan)
     for k in range(count):
         if np.isfinite(by[:, k]).all():
-            gradient = by[:, k].T @ here[:, k] + free.T @ (slope + curvature * xi[:, k])
-            matrix = by[:, k].T @ by[:, k] + free.T @ (curvature[:, None] * free)
+            gradient = by[:, k].T @ here[:, k] + free.T @ (slope + curvature @ xi[:, k])
+            matrix = by[:, k].T @ by[:, k] + free.T @ curvature @ free
             values, vectors = np.linalg.eigh(matrix)
             steps[:, k] = -vectors @ ((vectors.T @ gradient) / np.maximum(values, 0.1))
     return steps

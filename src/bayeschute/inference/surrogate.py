@@ -1,6 +1,6 @@
 """A quadratic surrogate of projected residuals: the marginal posterior as a quartic polynomial of its parameters.
 
-The marginal log density is ``-1/2 |r(xi)|^2 - log det`` with r nearly linear in xi and the determinant a polynomial.
+The marginal log density is ``-1/2 |r(xi)|^2 - rest`` with r nearly linear in xi and the rest a polynomial.
 Fit ``r(xi) ~ C m(xi)``, m all monomials up to degree two, to simulations around the optimum, and compress: with
 ``C = Q R`` the first part is ``-1/2 |R m(xi)|^2``, a product with a triangular matrix of as many rows as monomials. It
 costs microseconds and has a gradient.
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayeschute.air.vector import Component
-from bayeschute.inference.marginal import Determinant
+from bayeschute.inference.marginal import Quadratic
 
 Array = NDArray[np.float64]
 
@@ -25,14 +25,14 @@ Array = NDArray[np.float64]
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Surrogate:
-    """``log density = -1/2 |factor @ monomials(xi)|^2 - log det``; `factor` is (M, M), M = 1 + P + P (P + 1)/2."""
+    """``log density = -1/2 |factor @ monomials(xi)|^2 - rest``; `factor` is (M, M), M = 1 + P + P (P + 1)/2."""
 
     factor: Component
-    determinant: Determinant
+    rest: Quadratic
 
     def log_density(self, xi: jax.Array) -> jax.Array:
         """Surrogate log density at standard coordinates (P, ...), up to a constant."""
-        return -0.5 * jnp.sum((self.factor @ monomials(xi)) ** 2, axis=0) - self.determinant.at(xi)
+        return -0.5 * jnp.sum((self.factor @ monomials(xi)) ** 2, axis=0) - self.rest.at(xi)
 
 
 def monomials(xi: jax.Array) -> jax.Array:
@@ -44,7 +44,7 @@ def monomials(xi: jax.Array) -> jax.Array:
 
 def build(
     residuals: Callable[[Array], Array],
-    determinant: Determinant,
+    rest: Quadratic,
     rng: np.random.Generator,
     spread: float = 1.3,
     factor: int = 3,
@@ -53,7 +53,7 @@ def build(
 
     Args:
         residuals: Projected residuals (N, B) at standard coordinates (P, B).
-        determinant: The log determinant, a polynomial already.
+        rest: What the density is besides them, a polynomial already (`Marginal.rest`).
         rng: Source of the design points.
         spread: Standard deviation of the design points.
         factor: Design points per monomial.
@@ -64,7 +64,7 @@ def build(
     Raises:
         FloatingPointError: If fewer simulations succeed than there are monomials.
     """
-    parameters = int(np.size(determinant.slope))
+    parameters = int(np.size(rest.slope))
     count = 1 + parameters + parameters * (parameters + 1) // 2
     points = spread * rng.standard_normal((parameters, factor * count))
     points[:, 0] = 0.0
@@ -77,4 +77,4 @@ def build(
     design = np.asarray(monomials(jnp.asarray(points[:, good])))
     weight = np.exp(-0.25 * np.sum(points[:, good] ** 2, axis=0) * (1.0 - 1.0 / spread**2))
     coefficients = np.linalg.lstsq((design * weight).T, (values[:, good] * weight).T, rcond=None)[0].T
-    return Surrogate(np.linalg.qr(coefficients, mode="r"), determinant), int((~good).sum())
+    return Surrogate(np.linalg.qr(coefficients, mode="r"), rest), int((~good).sum())

@@ -16,7 +16,7 @@ from bayeschute.inference.evidence import from_vector, to_vector
 from bayeschute.inference.finding import Found
 from bayeschute.inference.law_effect import LawEffect
 from bayeschute.inference.map import Optimum
-from bayeschute.inference.marginal import Determinant, Marginal, marginalise
+from bayeschute.inference.marginal import Marginal, Quadratic, following, marginalise
 from bayeschute.inference.priors import Prior
 from bayeschute.inference.records import cluster_data, descent_data
 from bayeschute.inference.target import FlightData, Hyper, Unknowns
@@ -103,7 +103,8 @@ def save_fit(job: Job, group: Group, found: Found, draws: Draws, wide: Array) ->
     arrays: dict[str, Any] = {
         "theta": best.theta,
         "covariance": best.covariance,
-        "determinant": np.stack(found.marginal.determinant),
+        "determinant_slope": found.marginal.determinant.slope,
+        "determinant_curvature": found.marginal.determinant.curvature,
         "hyper": to_vector(found.hyper),
         "xi": draws.xi,
         "wide": wide,
@@ -124,8 +125,9 @@ def save_fit(job: Job, group: Group, found: Found, draws: Draws, wide: Array) ->
             ]
         ),
     }
-    for i, unknowns in enumerate(best.unknowns):
-        arrays |= {f"start{i}": np.asarray(unknowns.start), f"shocks{i}": np.asarray(unknowns.shocks)}
+    for i, (unknowns, along) in enumerate(zip(best.unknowns, found.marginal.along, strict=True)):
+        for name, part in (("", unknowns), ("slope_", along.unknowns_slope), ("pull_", along.pull)):
+            arrays |= {f"{name}start{i}": np.asarray(part.start), f"{name}shocks{i}": np.asarray(part.shocks)}
     if "log_ratio" in draws.stats:
         arrays["pareto_k"] = pareto_k(draws.stats["log_ratio"])
 
@@ -179,12 +181,16 @@ def load_fit(job: Job, group: Group) -> Stored:
         a = {k: file[k] for k in file.files}
     hyper = load_hyper(job, group)
     cost, converged, iterations, last, _, failed, evaluations, wrong = a["facts"]
-    unknowns = tuple(Unknowns(a[f"start{i}"], a[f"shocks{i}"]) for i in range(len(group.flights)))
+    unknowns, slopes, pulls = (
+        tuple(Unknowns(a[f"{name}start{i}"], a[f"{name}shocks{i}"]) for i in range(len(group.flights)))
+        for name in ("", "slope_", "pull_")
+    )
     best = Optimum(
         a["theta"], unknowns, a["covariance"], float(cost), bool(converged), int(iterations), float(last), ()
     )
     flights = [data_of(job, f, group.priors) for f in group.flights]
-    marginal = replace(marginalise(flights, hyper, group.priors, best), determinant=Determinant(*a["determinant"]))
+    marginal = following(marginalise(flights, hyper, group.priors, best), slopes, pulls)
+    marginal = replace(marginal, determinant=Quadratic(a["determinant_slope"], a["determinant_curvature"]))
     scale, known = np.asarray(marginal.scale), a["law_covariance"]
     theta, held = (best.theta + a[name] @ scale.T for name in ("wide", "xi"))
     counts, effect = (int(failed), int(evaluations)), LawEffect(a["law_slope"], a["law_spread"], a["law_excess"])
