@@ -87,7 +87,7 @@ def follow(marginal: Marginal, step: float = 1.0) -> Marginal:
         parts = []
         for shape in (*(np.shape(a) for a in along.unknowns), np.shape(flight.observed)):
             size = int(np.prod(shape))
-            parts.append(by_theta[done : done + size].reshape(*shape, -1))
+            parts.append(by_theta[done : done + size].reshape(*shape, np.size(marginal.centre)))
             done += size
         slope = Unknowns(*parts[:2])
         drawn = felt(flight, marginal.hyper, along.linear, jnp.asarray(parts[2]))
