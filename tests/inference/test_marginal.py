@@ -121,6 +121,20 @@ def test_the_parabola_of_the_determinant_is_narrower_where_flights_fail(falling,
         determinant_around(falling)
 
 
+@pytest.mark.parametrize(("fails", "product"), [((), 0.3), ((1.0,), 0.3), ((1.0, -1.0), 0.0)])
+def test_the_determinant_has_products_of_axes(straight, monkeypatch, fails, product):
+    """One corner is enough for a product; where flights fail at both it is left out."""
+    slope, curvature = np.array([0.5, -0.2]), np.array([[0.2, 0.3], [0.3, -0.1]])
+
+    def known(_, xi):
+        return np.nan if any((xi == corner).all() for corner in fails) else slope @ xi + 0.5 * xi @ curvature @ xi
+
+    monkeypatch.setattr(marginal_module, "log_determinant", known)
+    made = determinant_around(straight)
+    np.testing.assert_allclose(made.slope, slope)
+    np.testing.assert_allclose(made.curvature, [[0.2, product], [product, -0.1]], atol=1e-12)
+
+
 def test_determinant_error_is_what_the_polynomial_leaves(falling):
     xi = np.random.default_rng(7).standard_normal((3, 1))
     change = np.array([log_determinant(falling, x) for x in xi]) - log_determinant(falling, np.zeros(1))

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayeschute.inference.map import conditional
-from bayeschute.inference.marginal import Marginal, beside, course_at, following, shifted
+from bayeschute.inference.marginal import Marginal, beside, course_at, shifted, with_slopes
 from bayeschute.inference.noise import whiten
 from bayeschute.inference.statespace import response
 from bayeschute.inference.target import FlightData, Hyper, Linear, Unknowns, course, linearise, residuals
@@ -93,4 +93,4 @@ def follow(marginal: Marginal, step: float = 1.0) -> Marginal:
         drawn = felt(flight, marginal.hyper, along.linear, jnp.asarray(parts[2]))
         slopes.append(slope)
         pulls.append(Unknowns(*(a - np.asarray(b) for a, b in zip(slope, drawn, strict=True))))
-    return following(marginal, slopes, pulls)
+    return with_slopes(marginal, slopes, pulls)

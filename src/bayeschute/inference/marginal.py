@@ -160,11 +160,12 @@ def _along(flight: FlightData, hyper: Hyper, theta: Array, unknowns: Unknowns) -
     linear = linearise(flight, theta, course(flight, hyper, unknowns))
     best, slope, made = _conditional(flight, hyper, linear)
     pull = jax.tree.map(jnp.zeros_like, slope)
-    responses = _responses(flight, hyper, linear, best, slope, pull)
-    return Along(best, slope, pull, *responses, *gap.mean(flight, hyper, made, theta, responses[0]), linear, made)
+    driven, by_theta, offset, offset_slope = _responses(flight, hyper, linear, best, slope, pull)
+    mean, lost = gap.mean(flight, hyper, made, theta, driven)
+    return Along(best, slope, pull, driven, by_theta, offset, offset_slope, mean, lost, linear, made)
 
 
-def following(marginal: Marginal, slopes: Sequence[Unknowns], pulls: Sequence[Unknowns]) -> Marginal:
+def with_slopes(marginal: Marginal, slopes: Sequence[Unknowns], pulls: Sequence[Unknowns]) -> Marginal:
     """The posterior whose starts and shocks follow theta by these slopes, against these pulls.
 
     Args:

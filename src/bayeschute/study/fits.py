@@ -16,7 +16,7 @@ from bayeschute.inference.evidence import from_vector, to_vector
 from bayeschute.inference.finding import Found
 from bayeschute.inference.law_effect import LawEffect
 from bayeschute.inference.map import Optimum
-from bayeschute.inference.marginal import Marginal, Quadratic, following, marginalise
+from bayeschute.inference.marginal import Marginal, Quadratic, marginalise, with_slopes
 from bayeschute.inference.priors import Prior
 from bayeschute.inference.records import cluster_data, descent_data
 from bayeschute.inference.target import FlightData, Hyper, Unknowns
@@ -189,7 +189,7 @@ def load_fit(job: Job, group: Group) -> Stored:
         a["theta"], unknowns, a["covariance"], float(cost), bool(converged), int(iterations), float(last), ()
     )
     flights = [data_of(job, f, group.priors) for f in group.flights]
-    marginal = following(marginalise(flights, hyper, group.priors, best), slopes, pulls)
+    marginal = with_slopes(marginalise(flights, hyper, group.priors, best), slopes, pulls)
     marginal = replace(marginal, determinant=Quadratic(a["determinant_slope"], a["determinant_curvature"]))
     scale, known = np.asarray(marginal.scale), a["law_covariance"]
     theta, held = (best.theta + a[name] @ scale.T for name in ("wide", "xi"))
