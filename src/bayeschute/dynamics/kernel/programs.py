@@ -120,7 +120,7 @@ def programs_of(model: Any, theta: Any, start: Any, error: Any) -> Programs | st
         return f"{type(model).__name__} has no method 'rate'"
     leaves, kind = jax.tree.flatten(model)
     sizes = np.shape(theta)[0], np.shape(start)[0], np.shape(error)[1]
-    key = kind, tuple(np.shape(leaf) for leaf in leaves), sizes
+    key = type(model), kind, tuple(np.shape(leaf) for leaf in leaves), sizes
     with _lock:
         if key not in _known:
             try:
