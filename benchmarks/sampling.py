@@ -41,7 +41,7 @@ SAME = 1e-8  # the machine code's and JAX' log densities, largest difference
 SHARES = (0.1, 0.25, 0.5)  # of a peer's draws that are left out in turn; the best counts
 ENOUGH = 4  # draws per chain from which effective draws are estimated
 CONVERGED = 1.01
-FLOOR = 500.0  # added to the log determinant, so that its square root can be taken
+FLOOR = 500.0  # added to what the density is beside squares, so that its square root can be taken
 
 
 class Row(NamedTuple):
@@ -121,8 +121,8 @@ def target_of(marginal: Any) -> Any:
         return total - 0.5 * jnp.sum(((theta[:, 0] - numbers.prior_centre) / numbers.prior_scale) ** 2)
 
     def residuals(xi: Array) -> Array:
-        determinant = np.sqrt(2.0 * (FLOOR + np.asarray(marginal.rest.at(xi))))
-        return np.concatenate([np.asarray(projected_residuals(marginal, xi))[:, 0], determinant])
+        rest = np.sqrt(2.0 * (FLOOR + np.asarray(marginal.rest.at(xi))))
+        return np.concatenate([np.asarray(projected_residuals(marginal, xi))[:, 0], rest])
 
     scale, centre = np.asarray(marginal.scale), np.asarray(marginal.centre)
     to_prior = scale / np.asarray(marginal.prior_scale)[:, None]

@@ -87,6 +87,15 @@ class BentFlight:
         return x
 
 
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class FeltFlight(BentFlight):
+    """One whose parameter tells how strongly its disturbance is felt."""
+
+    def advance(self, x, numbers, now, then, error_now, error_then):
+        return 0.8 * x + 0.5 * numbers * (1.0 + error_now + error_then)
+
+
 def simulate(flight, hyper, theta, seed, gaps=0.1):
     """The flight with data drawn from its own law, and the unknowns that made them."""
     rng = np.random.default_rng(seed)
@@ -158,6 +167,12 @@ def bent(descent):
     seen = -np.asarray(residuals(flight, np.array([1.0]), course(flight, hyper, u)))
     flight = replace(flight, observed=seen + 0.3 * rng.standard_normal((5, 1)))
     return flight, hyper, priors
+
+
+@pytest.fixture(scope="session")
+def felt_flight():
+    """The class of flights whose parameter tells how strongly a disturbance is felt."""
+    return FeltFlight
 
 
 @pytest.fixture(scope="session")

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
@@ -21,37 +20,14 @@ from bayeschute.inference.priors import Prior
 from bayeschute.inference.target import Hyper, cost
 
 
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True)
-class FeltFlight:
-    """A `FlightModel` whose parameter tells how strongly its disturbance is felt."""
-
-    drive: Any
-
-    def inputs(self):
-        return self.drive
-
-    def numbers(self, theta):
-        return theta
-
-    def initial(self, numbers, start):
-        return start
-
-    def advance(self, x, numbers, now, then, error_now, error_then):
-        return 0.8 * x + 0.5 * numbers * (1.0 + error_now + error_then)
-
-    def observe(self, x, numbers, now):
-        return x
-
-
 @pytest.fixture(scope="module")
-def gusty(descent):
+def gusty(descent, felt_flight):
     """Such a flight of 100 samples, and its marginal posterior before and after."""
     priors = [Prior("felt", 1.0, 1.0, False, "1", "test")]
     hyper = Hyper(Noise(*(np.array([x]) for x in (0.2, 0.2, 2.0))), (np.array([0.5, 3.0]),))
     nothing = np.zeros((100, 1))
     empty = replace(
-        descent.flights[0], model=FeltFlight(nothing[:, 0]), observed=nothing, present=nothing == 0.0, start_scale=np.array([0.2])
+        descent.flights[0], model=felt_flight(nothing[:, 0]), observed=nothing, present=nothing == 0.0, start_scale=np.array([0.2])
     )  # fmt: skip
     flight, _ = descent.simulate(empty, hyper, np.array([1.0]), 4)
     made = marginalise([flight], hyper, priors, fit([flight], hyper, priors, np.array([1.0]), tolerance=1e-4))

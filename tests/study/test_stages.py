@@ -14,7 +14,7 @@ import xarray as xr
 from bayeschute.errors import InputError
 from bayeschute.flight.record import load_record, repairs
 from bayeschute.forecast.virtual import fly
-from bayeschute.study import setup
+from bayeschute.study import setup, stages
 from bayeschute.study.identity import configuration
 from bayeschute.study.load import Study, load_study
 from bayeschute.study.simulate import simulate_study
@@ -116,13 +116,15 @@ def test_without_resume_everything_is_done_again(begun: Path, sondes: Path):
     assert KEPT not in [words for _, _, words in told]
 
 
-@pytest.mark.parametrize("change", ["study", "record", "seed", "quick"])
-def test_resume_keeps_nothing_when_its_inputs_have_changed(begun: Path, sondes: Path, spoil, change: str):
+@pytest.mark.parametrize("change", ["study", "record", "seed", "quick", "program"])
+def test_resume_keeps_nothing_when_its_inputs_have_changed(begun: Path, sondes: Path, spoil, change: str, monkeypatch):
     options = {"seed": {"seed": 4}, "quick": {"quick": True}}.get(change, {})
     if change == "study":
         spoil(sondes, "log_sd = 0.5", "log_sd = 0.4")
     elif change == "record":
         spoil(sondes.parent / "low.csv", r"^1,.*", "1,2988.0")
+    elif change == "program":
+        monkeypatch.setattr(stages, "LEFT", stages.LEFT + 1)
     before = _markers(begun)
     told, listen = _listen()
     run_study(sondes, begun, until="priors", resume=True, progress=listen, **options)

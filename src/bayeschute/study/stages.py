@@ -23,6 +23,8 @@ from bayeschute.study.claims import calibration_check
 from bayeschute.study.load import Study, load_study, study_hash
 
 STAGES = ("ingest", "structure", "priors", "fit", "check", "predict", "risk", "report")
+LEFT = 2
+"""What stages leave for each other: one more where a program can't, or mustn't, go on from what an earlier one left."""
 Progress = Callable[[str, float, str], None]
 
 
@@ -132,7 +134,7 @@ def run_study(
     if folder.exists() and any(folder.iterdir()) and not (folder / ".stages").is_dir():
         wanted = "a new folder or one of an earlier run"
         raise InputError(Fault(str(folder), "a folder with other files", wanted, "Choose another --out."))
-    text = f"{study_hash(study)}:{bayeschute.__version__}:{quick}"
+    text = f"{study_hash(study)}:{bayeschute.__version__}:{LEFT}:{quick}"
     digest, say = hashlib.sha256(text.encode()).hexdigest(), progress or (lambda *_: None)
     job = Job(study, folder, quick, digest, say, resume, workers, address)
     learned = widening(job)  # told before anything slow where it is not there

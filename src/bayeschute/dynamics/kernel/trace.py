@@ -57,8 +57,8 @@ def trace(function: Callable, examples: Sequence[Any], groups: Sequence[str]) ->
     Raises:
         UnknownOperationError: If some operation has no scalar form.
     """
-    # A function of its own: JAX keeps what it traced, and tells models of different classes but equal fields apart by
-    # seven bits of a hash (their PyTreeDefs compare equal in JAX 0.10).
+    # A function of its own: JAX keeps what it traced, and PyTreeDefs of models of different classes but equal fields
+    # compare equal (JAX 0.10), so it could give the trace of another.
     closed = jax.make_jaxpr(lambda *given: function(*given))(*examples)
     arguments: list[_Leaf] = []
     rows = dict.fromkeys(groups, 0)
