@@ -14,10 +14,12 @@ import numpy as np
 import pytest
 
 from bayeschute.dynamics.descent import DensityProfile, DescentFlight, DescentInputs
+from bayeschute.inference import determinant
 from bayeschute.inference.evidence import HyperPrior
 from bayeschute.inference.finding import find
 from bayeschute.inference.latent import Latent
-from bayeschute.inference.marginal import shifted
+from bayeschute.inference.map import fit
+from bayeschute.inference.marginal import marginalise, shifted
 from bayeschute.inference.noise import Noise
 from bayeschute.inference.priors import Prior
 from bayeschute.inference.target import FlightData, Hyper, Unknowns, course, residuals
@@ -198,6 +200,25 @@ def linear(dense):
         matrices=_Matrices(dense),
         simulate=simulate,
     )
+
+
+def optimal_marginal(flights, case, theta):
+    """The marginal posterior at the joint optimum, its determinant held constant."""
+    best = fit(flights, case.hyper, case.priors, theta, tolerance=1e-4)
+    return marginalise(flights, case.hyper, case.priors, best)
+
+
+@pytest.fixture(scope="session")
+def straight(linear):
+    """The marginal posterior of the linear flight."""
+    return optimal_marginal([linear.flight], linear, np.zeros(2))
+
+
+@pytest.fixture(scope="session")
+def falling(descent):
+    """The marginal posterior of two descents with one parameter, and its determinant."""
+    made = optimal_marginal(descent.flights, descent, descent.theta)
+    return replace(made, determinant=determinant.around(made))
 
 
 class _Matrices:

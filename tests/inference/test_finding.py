@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from bayeschute.inference import finding
+from bayeschute.inference import determinant, finding
 from bayeschute.inference.evidence import HyperPrior
-from bayeschute.inference.marginal import determinant_around, log_density
+from bayeschute.inference.marginal import log_density
 from bayeschute.inference.score import to_vector
 
 
@@ -36,7 +36,7 @@ def test_the_optimum_is_the_mode_of_the_marginal_posterior(found):
         return (ends[1] - ends[0]) / 0.2
 
     flat = jax.tree.map(np.zeros_like, found.marginal.determinant)
-    for stored, anew in zip(found.marginal.determinant, determinant_around(found.marginal), strict=True):
+    for stored, anew in zip(found.marginal.determinant, determinant.around(found.marginal), strict=True):
         np.testing.assert_allclose(stored, anew, rtol=1e-9)
     assert abs(slope(found.marginal)) < 0.01
     assert abs(slope(replace(found.marginal, determinant=flat))) > 0.03
@@ -123,7 +123,7 @@ def test_the_mode_is_found_far_from_the_joint_optimum(descent, monkeypatch):
         away = np.linalg.solve(factor, np.asarray(made.centre) - start)
         return 6.0 * np.exp(away * np.log(2.0) / 2.0)
 
-    monkeypatch.setattr(finding, "determinant_slope", bent)
+    monkeypatch.setattr(determinant, "slope", bent)
     best = finding.marginal_mode(descent.flights, descent.priors, settled)
     away = float(np.linalg.solve(factor, best.theta - start)[0])
     balance = brentq(lambda x: x + 6.0 * np.exp(x * np.log(2.0) / 2.0), -6.0, 0.0)
@@ -140,7 +140,7 @@ def test_the_mode_is_found_across_a_slope_much_flatter_than_gauss_newton_expects
         away = np.linalg.solve(factor, np.asarray(made.centre) - start)
         return share * (away - mode) - away
 
-    monkeypatch.setattr(finding, "determinant_slope", flat)
+    monkeypatch.setattr(determinant, "slope", flat)
     best = finding.marginal_mode(descent.flights, descent.priors, settled)
     away = float(np.linalg.solve(factor, best.theta - start)[0])
     assert best.converged and abs(away - mode) < 0.2

@@ -10,38 +10,18 @@ import numpy as np
 import pytest
 
 from bayeschute.inference import latent
-from bayeschute.inference import marginal as marginal_module
 from bayeschute.inference.drawing import Normals, normals
 from bayeschute.inference.map import fit
 from bayeschute.inference.marginal import (
     Quadratic,
-    determinant_around,
-    determinant_error,
-    determinant_slope,
     draw_unknowns,
     log_density,
-    log_determinant,
     marginalise,
     projected_residuals,
 )
 from bayeschute.inference.target import Hyper, cost, course
 
 POINT = np.array([1.3, -0.4])  # standard coordinates away from the optimum
-
-
-def _marginal(flights, hyper, priors, theta):
-    return marginalise(flights, hyper, priors, fit(flights, hyper, priors, theta, tolerance=1e-4))
-
-
-@pytest.fixture(scope="module")
-def straight(linear):
-    return _marginal([linear.flight], linear.hyper, linear.priors, np.zeros(2))
-
-
-@pytest.fixture(scope="module")
-def falling(descent):
-    made = _marginal(descent.flights, descent.hyper, descent.priors, descent.theta)
-    return replace(made, determinant=determinant_around(made))
 
 
 def _flat(marginal):
@@ -67,83 +47,10 @@ def test_standard_coordinates_are_standard_where_all_is_linear(straight):
     np.testing.assert_allclose(ours - ours[0], -0.5 * np.sum(xi**2 - xi[:, :1] ** 2, axis=0), atol=1e-6)
 
 
-def test_determinant_is_the_dense_one_and_has_no_slope_where_all_is_linear(linear, straight):
-    _, _, by = linear.matrices.model(linear.flight)
-    r, u, _ = linear.matrices.covariances(linear.flight, linear.hyper, linear.priors)
-    wanted = 0.5 * np.linalg.slogdet(r + by[:, 2:] @ u @ by[:, 2:].T)[1]
-    for xi in (np.zeros(2), POINT):
-        assert log_determinant(straight, xi) == pytest.approx(wanted, rel=1e-9)
-    np.testing.assert_allclose(determinant_slope(straight), 0.0, atol=1e-8)
-    for part in determinant_around(straight):
-        np.testing.assert_allclose(part, 0.0, atol=1e-8)
-    assert determinant_error(straight, 3, np.random.default_rng(0)) < 1e-9
-
-
-def test_determinant_is_a_parabola_through_exact_values(falling):
-    exact = {x: log_determinant(falling, np.array([x])) for x in (-1.0, 0.0, 0.2, 1.0)}
-    made = falling.determinant
-    assert made.slope[0] == pytest.approx(0.5 * (exact[1.0] - exact[-1.0]), rel=1e-9)
-    for x in (-1.0, 1.0):
-        assert float(made.at(np.array([x]))) == pytest.approx(exact[x] - exact[0.0], rel=1e-9)
-    assert determinant_slope(falling)[0] == pytest.approx((exact[0.2] - exact[0.0]) / 0.2, rel=1e-9)
+def test_a_quadratic_is_its_slope_and_half_its_curvature():
     two = Quadratic(np.array([0.3, -0.2]), np.array([[0.1, 0.05], [0.05, 0.4]]))
     xi = np.array([[1.0, 0.5], [2.0, -1.0]])
     np.testing.assert_allclose(two.at(xi), [0.3 - 0.4 + 0.05 + 0.8 + 0.1, 0.15 + 0.2 + 0.0125 + 0.2 - 0.025])
-
-
-def limited(monkeypatch, least: float, most: float) -> None:
-    """Flights fail outside these standard coordinates."""
-    exact = marginal_module.log_determinant
-
-    def some(marginal, xi):
-        return exact(marginal, xi) if (xi >= least).all() and (xi <= most).all() else np.nan
-
-    monkeypatch.setattr(marginal_module, "log_determinant", some)
-
-
-def test_the_slope_of_the_determinant_is_taken_to_the_side_on_which_flights_fly(falling, monkeypatch):
-    exact = {x: log_determinant(falling, np.array([x])) for x in (-0.2, 0.0)}
-    limited(monkeypatch, -1.0, 0.1)
-    assert determinant_slope(falling)[0] == pytest.approx((exact[0.0] - exact[-0.2]) / 0.2, rel=1e-9)
-    limited(monkeypatch, -0.1, 0.1)
-    with pytest.raises(FloatingPointError, match="both sides"):
-        determinant_slope(falling)
-
-
-def test_the_parabola_of_the_determinant_is_narrower_where_flights_fail(falling, monkeypatch):
-    exact = {x: log_determinant(falling, np.array([x])) for x in (-0.25, 0.0, 0.25)}
-    limited(monkeypatch, -0.3, 0.6)
-    made = determinant_around(falling)
-    for x in (-0.25, 0.25):
-        assert made.at(np.array([x])) == pytest.approx(exact[x] - exact[0.0], rel=1e-6)
-    limited(monkeypatch, -0.1, 0.6)
-    with pytest.raises(FloatingPointError, match="beside the optimum"):
-        determinant_around(falling)
-
-
-@pytest.mark.parametrize(("fails", "product"), [((), 0.3), ((1.0,), 0.3), ((1.0, -1.0), 0.0)])
-def test_the_determinant_has_products_of_axes(straight, monkeypatch, fails, product):
-    """One corner is enough for a product; where flights fail at both it is left out."""
-    slope, curvature = np.array([0.5, -0.2]), np.array([[0.2, 0.3], [0.3, -0.1]])
-
-    def known(_, xi):
-        return np.nan if any((xi == corner).all() for corner in fails) else slope @ xi + 0.5 * xi @ curvature @ xi
-
-    monkeypatch.setattr(marginal_module, "log_determinant", known)
-    made = determinant_around(straight)
-    np.testing.assert_allclose(made.slope, slope)
-    np.testing.assert_allclose(made.curvature, [[0.2, product], [product, -0.1]], atol=1e-12)
-
-
-def test_determinant_error_is_what_the_polynomial_leaves(falling):
-    xi = np.random.default_rng(7).standard_normal((3, 1))
-    change = np.array([log_determinant(falling, x) for x in xi]) - log_determinant(falling, np.zeros(1))
-    found = []
-    for made in (falling, _flat(falling)):
-        left = change - np.asarray(made.determinant.at(xi.T))
-        found.append(determinant_error(made, 3, np.random.default_rng(7)))
-        assert found[-1] == pytest.approx(np.sqrt(np.mean(left**2)), rel=1e-6)
-    assert found[0] < 0.01 * found[1]
 
 
 def test_projected_residuals_agree_with_the_log_density(falling, straight):
@@ -243,7 +150,9 @@ def test_drawn_unknowns_of_a_descent_fit_their_data(descent, falling):
 
 
 def test_two_flights_share_their_parameters(descent, falling):
-    alone = [_marginal([f], descent.hyper, descent.priors, descent.theta) for f in descent.flights]
+    each = [[f] for f in descent.flights]
+    best = [fit(f, descent.hyper, descent.priors, descent.theta, tolerance=1e-4) for f in each]
+    alone = [marginalise(f, descent.hyper, descent.priors, b) for f, b in zip(each, best, strict=True)]
     precision = sum(1.0 / float(m.scale[0, 0]) ** 2 for m in alone) - 1.0 / descent.priors[0].scale ** 2
     assert float(falling.scale[0, 0]) == pytest.approx(precision**-0.5, rel=0.02)
 

@@ -8,13 +8,11 @@ import jax
 import numpy as np
 import pytest
 
+from bayeschute.inference import determinant
 from bayeschute.inference.drawing import normals
 from bayeschute.inference.map import fit
 from bayeschute.inference.marginal import (
     Quadratic,
-    determinant_around,
-    determinant_error,
-    determinant_slope,
     draw_unknowns,
     gap_slope,
     log_density,
@@ -34,8 +32,8 @@ def made(short):
 def test_a_descent_against_brute_force_integration(short, made, quadrature):
     """The integral over six unknowns; without the determinant the marginal is visibly wrong, with it right."""
     flight, hyper, priors = short
-    tilt = replace(made, determinant=Quadratic(determinant_slope(made), np.zeros((1, 1))))
-    right = replace(made, determinant=determinant_around(made))
+    tilt = replace(made, determinant=Quadratic(determinant.slope(made), np.zeros((1, 1))))
+    right = replace(made, determinant=determinant.around(made))
     grid = np.linspace(-2.0, 2.0, 5)
     theta = np.asarray(made.theta(grid[None]))
     prior = -0.5 * ((theta[0] - priors[0].centre) / priors[0].scale) ** 2
@@ -47,15 +45,15 @@ def test_a_descent_against_brute_force_integration(short, made, quadrature):
     assert error["with"] < 0.02 and error["slope"] < 0.03 and error["without"] > 0.2, error
     assert np.ptp(wanted) > 1.5  # it isn't flat
     # What its polynomial leaves of the determinant is told.
-    assert determinant_error(right, 8, np.random.default_rng(0)) < 0.01
-    assert determinant_error(made, 8, np.random.default_rng(0)) > 0.05
+    assert determinant.error(right, 8, np.random.default_rng(0)) < 0.01
+    assert determinant.error(made, 8, np.random.default_rng(0)) > 0.05
 
 
 def test_the_mean_of_a_bent_flight_is_not_the_flight_of_the_mean(bent, quadrature):
     """Gusts of which the data tell little, through a square: without the gap the parameter makes up for their mean."""
     flight, hyper, priors = bent
     made = marginalise([flight], hyper, priors, fit([flight], hyper, priors, np.array([1.0]), tolerance=1e-4))
-    made = replace(made, determinant=determinant_around(made))
+    made = replace(made, determinant=determinant.around(made))
     flat = replace(made, along=tuple(along._replace(gap=0.0 * along.gap) for along in made.along))
     grid = np.array([-1.0, 0.0, 1.0])
     theta = np.asarray(made.theta(grid[None]))

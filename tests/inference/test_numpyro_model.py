@@ -14,26 +14,8 @@ from numpyro.infer.util import potential_energy
 
 from bayeschute.errors import InputError
 from bayeschute.inference import posterior
-from bayeschute.inference.map import fit
-from bayeschute.inference.marginal import determinant_around, log_density, marginalise
+from bayeschute.inference.marginal import log_density
 from bayeschute.inference.numpyro_model import SITE, log_likelihood, model, start
-
-
-@pytest.fixture(scope="module")
-def falling(descent):
-    made = marginalise(
-        descent.flights,
-        descent.hyper,
-        descent.priors,
-        fit(descent.flights, descent.hyper, descent.priors, descent.theta, tolerance=1e-4),
-    )
-    return replace(made, determinant=determinant_around(made))
-
-
-@pytest.fixture(scope="module")
-def straight(linear):
-    flights, priors = [linear.flight], linear.priors
-    return marginalise(flights, linear.hyper, priors, fit(flights, linear.hyper, priors, np.zeros(2), tolerance=1e-4))
 
 
 def _unconstrained(marginal, priors, xi):

@@ -10,7 +10,7 @@ import pytest
 import scipy.stats
 
 from bayeschute.inference.map import fit
-from bayeschute.inference.marginal import determinant_around, log_density, marginalise
+from bayeschute.inference.marginal import log_density, marginalise
 from bayeschute.inference.priors import Prior
 from bayeschute.inference.profile import OFFSETS, Profile, likelihood_interval, profile
 
@@ -24,14 +24,6 @@ def straight(linear):
     best = fit(flights, linear.hyper, linear.priors, np.zeros(2), tolerance=1e-6)
     mean, covariance = linear.matrices.posterior(linear.flight, linear.hyper, linear.priors)
     return marginalise(flights, linear.hyper, linear.priors, best), mean[:2], covariance[:2, :2]
-
-
-@pytest.fixture(scope="module")
-def falling(descent):
-    """Two descents with one parameter, its logarithm."""
-    best = fit(descent.flights, descent.hyper, descent.priors, descent.theta, tolerance=1e-4)
-    made = marginalise(descent.flights, descent.hyper, descent.priors, best)
-    return replace(made, determinant=determinant_around(made))
 
 
 @pytest.mark.parametrize("which", [0, 1])

@@ -9,9 +9,9 @@ import pytest
 from scipy.integrate import quad
 from scipy.special import expit, roots_hermitenorm
 
+from bayeschute.inference import determinant, structure_weights
 from bayeschute.inference import map as optimum
-from bayeschute.inference import structure_weights
-from bayeschute.inference.marginal import determinant_around, log_density, marginalise, sample_log_likelihoods
+from bayeschute.inference.marginal import log_density, marginalise, sample_log_likelihoods
 from bayeschute.inference.structure_weights import counts, sequential_scores, terms, weights
 
 
@@ -63,7 +63,7 @@ def test_scores_of_falling_bodies_sum_to_the_evidence_by_quadrature(found):
 def test_tilts_are_those_of_the_determinant(found):
     per_flight = terms(found.marginal)
     total = sum(part.tilt.sum(axis=0) for part in per_flight)
-    np.testing.assert_allclose(total, determinant_around(found.marginal).slope, rtol=1e-9)
+    np.testing.assert_allclose(total, determinant.around(found.marginal).slope, rtol=1e-9)
 
 
 def test_tilts_are_taken_nearer_where_flights_fail(found, fails_beyond):

@@ -12,20 +12,13 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from bayeschute.air.vector import Component
-from bayeschute.inference import evidence
+from bayeschute.inference import determinant, evidence
 from bayeschute.inference import map as optimum
 from bayeschute.inference.evidence import HyperPrior
 from bayeschute.inference.following import follow
 from bayeschute.inference.law_effect import LawEffect, law_slope, law_spread
 from bayeschute.inference.map import Optimum
-from bayeschute.inference.marginal import (
-    Marginal,
-    determinant_around,
-    determinant_error,
-    determinant_slope,
-    gap_slope,
-    marginalise,
-)
+from bayeschute.inference.marginal import Marginal, gap_slope, marginalise
 from bayeschute.inference.priors import Prior, working
 from bayeschute.inference.target import FlightData, Hyper, Linear, Unknowns, course, linearise
 
@@ -220,7 +213,7 @@ def marginal_mode(
         rest = optimum.relaxed(flights, hyper, priors, best.theta, best.unknowns)
         best = replace(best, unknowns=rest.unknowns, covariance=scipy.linalg.inv(rest.matrix))
         made = marginalise(flights, hyper, priors, best)
-        tilt = scipy.linalg.solve_triangular(np.asarray(made.scale).T, determinant_slope(made)) + gap_slope(made)
+        tilt = scipy.linalg.solve_triangular(np.asarray(made.scale).T, determinant.slope(made)) + gap_slope(made)
         slope = rest.gradient + tilt
         if last is not None:
             bends.append((best.theta - last[0], slope - last[1]))
@@ -306,8 +299,8 @@ def conclude(
     best = marginal_mode(flights, priors, began)
     made = marginalise(flights, hyper, priors, best)
     made = follow(made)
-    made = replace(made, determinant=determinant_around(made))
-    wrong = determinant_error(made, 4, np.random.default_rng(0))
+    made = replace(made, determinant=determinant.around(made))
+    wrong = determinant.error(made, 4, np.random.default_rng(0))
     slope = scipy.linalg.solve_triangular(np.asarray(made.scale), scale @ slope, lower=True)
     effect = LawEffect(slope, *law_spread(made, known))
     return Found(best, hyper, made, value, known, effect, wrong)

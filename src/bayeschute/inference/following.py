@@ -21,8 +21,9 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
+from bayeschute.inference.differences import beside
 from bayeschute.inference.map import conditional
-from bayeschute.inference.marginal import Marginal, beside, course_at, shifted, with_slopes
+from bayeschute.inference.marginal import Marginal, course_at, shifted, with_slopes
 from bayeschute.inference.noise import whiten
 from bayeschute.inference.statespace import response
 from bayeschute.inference.target import FlightData, Hyper, Linear, Unknowns, course, linearise, residuals

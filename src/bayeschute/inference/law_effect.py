@@ -20,8 +20,9 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from bayeschute.inference.differences import beside
 from bayeschute.inference.map import conditional
-from bayeschute.inference.marginal import Marginal, beside, course_at, shifted
+from bayeschute.inference.marginal import Marginal, course_at, shifted
 from bayeschute.inference.score import conditional_score, from_vector, to_vector
 from bayeschute.inference.target import as_series, linearise
 from bayeschute.numerics import processors

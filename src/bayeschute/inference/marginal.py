@@ -3,15 +3,14 @@
 At a point theta_0 the flight is linearised along its conditional optimum. For another theta follow that optimum
 linearly, simulate there once with the full equations, and integrate what is left as a Gaussian: the linear model's
 filter turns the simulation's residuals into innovations, ``log density = -1/2 |innovations|^2 - log det`` (METHODS 6).
-The determinant depends on theta through the linearisation; it is very nearly linear over the posterior, so a parabola
-along every axis stands for it (`determinant_error` tells how well). Leaving it out moves parameters by several standard
-errors. That the linear model's derivatives are those at theta_0 is made good by `inference.following`.
+The determinant depends on theta through the linearisation; leaving that out moves parameters by several standard
+errors, so a polynomial stands for it (`inference.determinant`). That the linear model's derivatives are those at
+theta_0 is made good by `inference.following`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -37,12 +36,9 @@ from bayeschute.inference.target import (
     linearise,
     residuals,
 )
-from bayeschute.numerics import processors
 
 Array = NDArray[np.float64]
 _CORRECTIONS = 1
-_CROSSED = 3  # axes whose products with others the log determinant's polynomial has
-_STEPS = (1.0, 0.5, 0.25, 0.125)  # shares of a step that are tried where a flight fails
 
 
 class Along(NamedTuple):
@@ -230,6 +226,7 @@ def _series(flight: FlightData, along: Along, theta: jax.Array, shift: jax.Array
 
 
 _innovations = jax.jit(innovations)
+_gains = jax.jit(filter_gains)
 
 
 def projected_residuals(marginal: Marginal, xi: Component) -> jax.Array:
@@ -276,105 +273,6 @@ def _log_likelihoods(flight: FlightData, made: Gains, series: jax.Array) -> jax.
     scale = jnp.log(jnp.diagonal(made.root, axis1=1, axis2=2)) + 0.5 * jnp.log(2.0 * jnp.pi)
     constant = jnp.sum(jnp.where(flight.present, scale, 0.0), axis=1)
     return -0.5 * jnp.sum(innovations(made, series) ** 2, axis=1) - constant[:, None]
-
-
-_gains = jax.jit(filter_gains)
-
-
-def log_determinant(marginal: Marginal, xi: Array) -> float:
-    """Exact log determinant at one point (P,): every flight linearised anew there."""
-    theta, shift = shifted(marginal, jnp.asarray(xi))
-    total = 0.0
-    for flight, along in zip(marginal.flights, marginal.along, strict=True):
-        linear = linearise(flight, theta, course_at(along, shift))
-        total += float(_gains(flight, marginal.hyper, linear).log_determinant)
-    return total
-
-
-def _determinants(marginal: Marginal, points: Array) -> Array:
-    """Exact log determinants (N,) at points (N, P), less the value at theta_0."""
-    with ThreadPoolExecutor(processors()) as pool:
-        values = list(pool.map(lambda xi: log_determinant(marginal, xi), [0.0 * points[0], *points]))
-    return np.array(values[1:]) - values[0]
-
-
-def beside(values: Callable[[Array], Array], count: int, step: float, of_what: str) -> tuple[Array, Array, Array]:
-    """Values at a step to either side along every axis; at a shorter one along an axis on which a flight fails there.
-
-    Args:
-        values: From points (N, P) to (N, V); not finite where a flight fails.
-        count: Number of axes P.
-        step: How far to go; a half, a quarter or an eighth of it where need be.
-        of_what: For the error.
-
-    Returns:
-        Values at plus and at minus the step (P, V), and the steps (P, 1).
-
-    Raises:
-        FloatingPointError: If a flight fails at an eighth of the step too.
-    """
-    left, found, steps = np.arange(count), dict[int, tuple[Array, Array]](), np.full((count, 1), step)
-    for share in _STEPS:
-        h, axes = share * step, np.eye(count)[left]
-        rows = zip(left.tolist(), *np.split(values(h * np.concatenate([axes, -axes])), 2), strict=True)
-        found |= {axis: (up, down) for axis, up, down in rows if np.isfinite([up, down]).all()}
-        steps[left], left = h, np.array([axis for axis in left if axis not in found], dtype=int)
-        if not left.size:
-            up, down = (np.array(side) for side in zip(*(found[axis] for axis in range(count)), strict=True))
-            return up, down, steps
-    raise FloatingPointError(f"flights beside the optimum fail: {of_what} is not known about it")
-
-
-def determinant_slope(marginal: Marginal, step: float = 0.2) -> Array:
-    """Slope of the log determinant at theta_0 in standard coordinates (P,), by one-sided differences.
-
-    Where a flight beside the optimum fails, the difference is taken to the other side.
-
-    Raises:
-        FloatingPointError: If flights fail to both sides, or at the optimum.
-    """
-    axes = np.eye(np.size(marginal.centre))
-    slope = _determinants(marginal, step * axes) / step
-    lost = ~np.isfinite(slope)
-    if lost.any():
-        slope[lost] = _determinants(marginal, -step * axes[lost]) / -step
-    if not np.isfinite(slope).all():
-        raise FloatingPointError("flights to both sides of the optimum fail: the log determinant has no slope there")
-    return slope
-
-
-def determinant_around(marginal: Marginal, step: float = 1.0) -> Quadratic:
-    """The log determinant about theta_0, from exact values at plus and minus `step` along every axis.
-
-    Along an axis on which a flight fails there, from values at a half, a quarter or an eighth of it. The axes of
-    greatest curvature get their products with all others too; a product at both corners of which a flight fails is
-    left out (`determinant_error` tells what is missing).
-
-    Raises:
-        FloatingPointError: If a flight fails at an eighth of the step too.
-    """
-    count = np.size(marginal.centre)
-    up, down, h = beside(lambda points: _determinants(marginal, points)[:, None], count, step, "the log determinant")
-    slope, bent = ((up - down) / (2.0 * h))[:, 0], ((up + down) / h**2)[:, 0]
-    curvature, first = np.diag(bent), np.argsort(-np.abs(bent))[:_CROSSED]
-    pairs = [(i, j) for n, i in enumerate(first) for j in range(count) if j not in first[: n + 1]]
-    left = np.array(pairs, int).reshape(-1, 2)
-    for side, sign in ((up, 1.0), (down, -1.0)):
-        if not left.size:
-            break
-        i, j = left.T
-        corners = sign * (np.diag(h[:, 0])[i] + np.diag(h[:, 0])[j])
-        mixed = (_determinants(marginal, corners) - side[i, 0] - side[j, 0]) / (h[i, 0] * h[j, 0])
-        known = np.isfinite(mixed)
-        curvature[i[known], j[known]] = curvature[j[known], i[known]] = mixed[known]
-        left = left[~known]
-    return Quadratic(slope, curvature)
-
-
-def determinant_error(marginal: Marginal, points: int, rng: np.random.Generator) -> float:
-    """Root mean square error of the polynomial of the log determinant at standard normal points."""
-    xi = rng.standard_normal((points, np.size(marginal.centre)))
-    return float(np.sqrt(np.mean((_determinants(marginal, xi) - np.asarray(marginal.determinant.at(xi.T))) ** 2)))
 
 
 def draw_unknowns(

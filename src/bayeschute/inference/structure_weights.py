@@ -22,7 +22,8 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from bayeschute.inference.marginal import Along, Marginal, beside, course_at, shifted
+from bayeschute.inference.differences import beside
+from bayeschute.inference.marginal import Along, Marginal, course_at, shifted
 from bayeschute.inference.statespace import Gains, innovations
 from bayeschute.inference.target import FlightData, as_series, filter_gains, linearise
 from bayeschute.numerics import processors
