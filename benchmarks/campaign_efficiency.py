@@ -24,6 +24,8 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any, NamedTuple
 
+from bayeschute.calibration.rows import read_rows
+
 ROOT = Path(__file__).parents[1]
 STUDY = ROOT / "models" / "studies" / "cdt-3-11.toml"
 WARM = 8  # replicates that fill the compilation cache
@@ -52,13 +54,13 @@ def campaign(folder: Path, workers: int, replicates: int, full: bool) -> Made:
     wall = perf_counter() - began
     if done.returncode:
         raise SystemExit(f"the campaign of {workers} workers ended with {done.returncode}: {done.stderr[-2000:]}")
-    (kept,) = folder.glob("*.rows.jsonl")
-    rows = [json.loads(line) for line in kept.read_text(encoding="utf-8").splitlines()[1:]]
+    (kept,) = folder.glob("*.rows")
+    rows = read_rows(kept)
     (result,) = folder.glob("*.json")
     tables = json.loads(result.read_text(encoding="utf-8"))
     tables.pop("wall_s")
-    each = {row["seed"]: row.pop("wall_s") for row in rows}
-    return Made(wall, {row["seed"]: row for row in rows}, tables, each)
+    each = {seed: row.pop("wall_s") for seed, row in rows.items()}
+    return Made(wall, rows, tables, each)
 
 
 def main() -> None:

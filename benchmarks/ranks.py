@@ -131,7 +131,7 @@ def test(
     rows = run(
         partial(one, name=name, posterior=posterior),
         range(SEED, SEED + replicates),
-        out / f"ranks.{model}.rows.jsonl",
+        out / f"ranks.{model}.rows",
         hashlib.sha256(what.encode()).hexdigest(),
         workers,
         address,

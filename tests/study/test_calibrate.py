@@ -68,8 +68,8 @@ def test_a_campaign_goes_on_where_it_was(fast, tmp_path, monkeypatch):
 
 def test_rows_of_another_campaign_are_refused(fast, tmp_path):
     calibrate(STUDY, tmp_path, 3)
-    rows = tmp_path / "latent.none.rows.jsonl"
-    rows.rename(tmp_path / "latent.mass.rows.jsonl")
+    rows = tmp_path / "latent.none.rows"
+    rows.rename(tmp_path / "latent.mass.rows")
     with pytest.raises(InputError, match="campaign"):
         calibrate(STUDY, tmp_path, 3, disturbance="mass")
 

@@ -86,7 +86,7 @@ def calibrate(
     rows = run(
         partial(replicate, study=study, disturbance=disturbance, quick=quick),
         range(first_seed, first_seed + replicates),
-        folder / f"{name}.rows.jsonl",
+        folder / f"{name}.rows",
         identity(study, disturbance, quick),
         workers,
         address,
