@@ -38,8 +38,16 @@ def test_the_overview_has_a_row_a_result_and_marks_what_is_surely_off():
 def test_diagnosis_names_quantity_configuration_and_how_sure():
     assert diagnosis([result()]) == ["Nothing that is promised lies outside 85 to 95 %."]
     made = diagnosis([result(share=0.83, disturbance="mass"), result(band=0.99)])
-    assert made[0] == "- `latent`, mass: `axial[1]` too narrow, 83 ± 3 % (probably)."
-    assert made[1].startswith("- `latent`, none: `new/swing_angle` too wide, 99 ± 2 %") and "beyond doubt" in made[1]
+    assert made == [
+        "- `latent`, mass, too narrow (probably): `axial[1]` 83 ± 3 %.",
+        "- `latent`, none, too wide (beyond doubt): `new/swing_angle` 99 ± 2 %.",
+    ]
+
+
+def test_diagnosis_says_once_what_several_quantities_share():
+    (made,) = diagnosis([result(share=0.3, band=0.4)])
+    assert made.startswith("- `latent`, none, too narrow (beyond doubt): `axial[1]` 30 ±")
+    assert ", `new/swing_angle` 40 ±" in made
 
 
 def test_what_chance_may_do_is_counted_and_not_named():

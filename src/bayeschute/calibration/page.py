@@ -154,7 +154,8 @@ def diagnosis(results: Sequence[Result]) -> list[str]:
     Args:
         results: As written by ``bayeschute calibrate``.
     """
-    made, left = [], 0
+    found: dict[str, list[str]] = {}
+    left = 0
     for result in results:
         for name in promised(result):
             share, se = result["coverage"][name], result["standard_error"][name]
@@ -167,7 +168,8 @@ def diagnosis(results: Sequence[Result]) -> list[str]:
                 continue
             sure = "beyond doubt" if by_chance < _DOUBT else "probably"
             off = "too narrow" if share < NOMINAL else "too wide"
-            made.append(f"- {_name(result)}: `{name}` {off}, {_share(result, name)} % ({sure}).")
+            found.setdefault(f"{_name(result)}, {off} ({sure})", []).append(f"`{name}` {_share(result, name)} %")
+    made = [f"- {where}: {', '.join(names)}." for where, names in found.items()]
     if left:
         made.append(f"- {left} more lie outside {_WANTED} %, by no more than chance may do with as few replicates.")
     return made or [f"Nothing that is promised lies outside {_WANTED} %."]
