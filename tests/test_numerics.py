@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import subprocess
 import sys
 from collections.abc import Callable
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -42,6 +44,28 @@ def test_many_maps_let_them_go_and_they_are_made_anew(doubling: Doubling) -> Non
     assert let_go(0)
     assert double(jnp.ones(3)).tolist() == [2.0, 2.0, 2.0]
     assert len(traced) == 2
+
+
+@pytest.mark.skipif(not hasattr(ctypes.CDLL(None), "malloc_trim"), reason="needs glibc")
+def test_what_was_freed_is_given_back() -> None:
+    """Small blocks below one that is still in use: freed, but kept by the process until it is told."""
+
+    def resident() -> int:
+        return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+    c = ctypes.CDLL(None)
+    c.malloc.restype, c.free.argtypes = ctypes.c_void_p, [ctypes.c_void_p]
+    size, count = 1000, 100_000
+    blocks = [c.malloc(size) for _ in range(count)]
+    for block in blocks:
+        ctypes.memset(block, 1, size)
+    above = c.malloc(size)
+    for block in blocks:
+        c.free(block)
+    before = resident()
+    assert let_go(0)
+    assert before - resident() > 0.8 * size * count
+    c.free(above)
 
 
 PRODUCT = """

@@ -48,8 +48,9 @@ def job(tmp_path: Path) -> SimpleNamespace:
     for name, value in files.items():
         (tmp_path / name).write_text(json.dumps(value), encoding="utf-8")
     flight = SimpleNamespace(name="drop")
+    structure = SimpleNamespace(stack=3, axial=("1", "q"), transverse=("rate", "e"))
     study = SimpleNamespace(
-        structure=SimpleNamespace(stack=3), priors=SimpleNamespace(inflation=2.0, floor=0.05), seed=4,
+        structure=structure, priors=SimpleNamespace(inflation=2.0, floor=0.05), seed=4,
         with_role=lambda role: (flight,), sampler=SimpleNamespace(kind="nuts"),
     )  # fmt: skip
     return SimpleNamespace(

@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayeschute.inference.priors import Prior, from_equation_error
+from bayeschute.study import canopies
+from bayeschute.study.study import Study
 
 if TYPE_CHECKING:
     from bayeschute.study.stages import Job
@@ -39,11 +41,19 @@ def terms_left_out(job: Job, why: str = ADDED) -> list[Prior]:
     return made
 
 
-def with_terms(priors: Sequence[Prior], more: Sequence[Prior]) -> tuple[list[Prior], NDArray[np.bool_]]:
-    """Priors with those of more terms after the terms of their kind, and which of them were there before."""
+def in_order(study: Study, priors: Sequence[Prior]) -> list[Prior]:
+    """Priors in the order of the study: coefficients as its pools name their terms, then all others as they are.
 
-    def kind(p: Prior) -> int:
-        return next((i for i, k in enumerate(("axial[", "transverse[")) if p.name.startswith(k)), 2)
+    Which order equation error ranks terms in is chance where they tell as much. Fits of the same terms, as those of
+    replicates are, would compile a function for every one of these orders.
+    """
+    table = study.structure
+    pools = [] if table is None else [f"{k}[{term}]" for k in ("axial", "transverse") for term in getattr(table, k)]
+    place = {name: i for i, name in enumerate(pools)}
+    return sorted(priors, key=lambda p: place.get(canopies.coefficient(p.name), len(place)))
 
-    made = sorted([*priors, *more], key=kind)
+
+def with_terms(study: Study, priors: Sequence[Prior], more: Sequence[Prior]) -> tuple[list[Prior], NDArray[np.bool_]]:
+    """Priors with those of more terms in their places, and which of them were there before."""
+    made = in_order(study, [*priors, *more])
     return made, np.array([p not in more for p in made])

@@ -17,6 +17,7 @@ from bayeschute.inference.structure_weights import OPENING, counts, sequential_s
 from bayeschute.samplers.protocol import Draws
 from bayeschute.study import checkpoint, setup, several_starts
 from bayeschute.study.fits import Group, data_of, save_fit
+from bayeschute.study.fitted_terms import in_order
 from bayeschute.study.work_data import load_priors
 
 if TYPE_CHECKING:
@@ -87,7 +88,7 @@ def candidates(job: Job) -> list[Candidate]:
             for o in _options(job, kind, entry, base)
         ]
     ordered = [made[0], *sorted(made[1:], key=lambda c: -c.share)][: table.stack]
-    return [c._replace(priors=(*c.priors, *rest)) for c in ordered]
+    return [c._replace(priors=tuple(in_order(job.study, [*c.priors, *rest]))) for c in ordered]
 
 
 def _settled(job: Job, group: Group, prior: HyperPrior, say: Say) -> Settled:

@@ -20,7 +20,7 @@ from bayeschute.forecast.virtual import fly
 from bayeschute.inference.priors import Prior, from_equation_error
 from bayeschute.inference.records import fitted_channels
 from bayeschute.study import canopies, setup
-from bayeschute.study.fitted_terms import KEPT, terms_left_out, with_terms
+from bayeschute.study.fitted_terms import KEPT, in_order, terms_left_out
 from bayeschute.study.load import Study
 from bayeschute.study.study import Flight
 from bayeschute.study.wind import with_wind
@@ -132,7 +132,8 @@ def priors(job: Job) -> str:
                 )
             )
     if study.structure is not None and study.structure.fit == "pool":
-        made = with_terms(made, terms_left_out(job, KEPT))[0]
+        made += terms_left_out(job, KEPT)
+    made = in_order(study, made)
     given = study.priors.given
     for name, unit in _GIVEN.items():
         table = getattr(given, name)

@@ -178,7 +178,7 @@ def _settled(
             settled = several_starts.settled(job, group, prior, begins, say)
         if not left_out:
             break
-        whole, kept = with_terms(group.priors, left_out)
+        whole, kept = with_terms(job.study, group.priors, left_out)
         theta = np.zeros(len(whole))
         theta[kept] = settled.optimum.theta
         everything = [data_of(job, f, whole) for f in group.flights]
@@ -187,7 +187,7 @@ def _settled(
         asked = [p for p in left_out if abs(z[p.name]) > SCORE]
         if not asked:
             break
-        priors, old = with_terms(group.priors, asked)
+        priors, old = with_terms(job.study, group.priors, asked)
         theta = np.zeros(len(priors))
         theta[old] = settled.optimum.theta
         begins = [None, (theta, settled.optimum.unknowns, settled.hyper)]
