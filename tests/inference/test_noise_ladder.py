@@ -6,9 +6,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import numpyro
-import numpyro.infer.util
 import pytest
 import scipy.stats
+from numpyro.infer.util import log_density as numpyro_log_density
 from scipy.linalg import solve_discrete_lyapunov, toeplitz
 
 from bayeschute.inference.noise import Noise
@@ -230,6 +230,6 @@ def test_a_numpyro_model_takes_a_rung():
         numpyro.factor("noise", log_density(z, UNEVEN, OU(sd, 1.3)))
 
     given = {"sd": jnp.asarray(0.7)}
-    made, _ = numpyro.infer.util.log_density(model, (), {}, given)
+    made, _ = numpyro_log_density(model, (), {}, given)
     prior = float(numpyro.distributions.LogNormal(0.0, 1.0).log_prob(0.7))
     np.testing.assert_allclose(float(made), prior + float(log_density(z, UNEVEN, OU(0.7, 1.3))), rtol=1e-6)
