@@ -71,7 +71,7 @@ def test_files_that_are_no_rows_and_rows_of_other_campaigns_are_told_at_once(tmp
     with pytest.raises(InputError) as caught:
         read_rows(tmp_path, "mine")
     said = str(caught.value)
-    assert len(caught.value.faults) == 4 and "2 rows of other" in said and "rows of campaign mine" in said
+    assert len(caught.value.faults) == 4 and "2 rows of campaign other" in said and "rows of campaign mine" in said
     assert all(
         f"{number}.parquet: a file that is no row" in said or f"{number}.parquet" in said for number in (4, 5, 6)
     )

@@ -39,7 +39,7 @@ def entries(row: Row) -> Iterator[tuple[str, Any]]:
 
 
 def _below(pointer: str, what: Any) -> Iterator[tuple[str, Any]]:
-    if isinstance(what, dict) and (what or not pointer):
+    if isinstance(what, dict) and what:
         for key, inner in what.items():
             yield from _below(f"{pointer}/{key.replace('~', '~0').replace('/', '~1')}", inner)
     elif isinstance(what, list | tuple):
@@ -111,13 +111,12 @@ def read_rows(folder: Path, identity: str | None = None) -> dict[int, Row]:
             do, says = "Remove it: its replicate is made again.", " ".join(str(error).split())
             faults.append(Fault(str(path), f"a file that is no row ({says})", "a row of a campaign", do))
         else:
-            identity = identity or found
-            others[found] += found != identity
-            rows[seed] = row
+            identity, rows[seed] = identity or found, row
+            if found != identity:
+                others[found] += 1
     for found, count in others.items():
-        if count:
-            do, got = "Choose another --out, or remove the folder to begin anew.", f"{count} rows of {found[:12]}"
-            faults.append(Fault(str(folder), got, f"rows of campaign {identity or '':.12}", do))
+        do, got = "Choose another --out, or remove the folder to begin anew.", f"{count} rows of campaign {found[:12]}"
+        faults.append(Fault(str(folder), got, f"rows of campaign {identity or '':.12}", do))
     if faults:
         raise InputError(faults)
     return rows

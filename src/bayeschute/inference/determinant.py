@@ -33,7 +33,7 @@ def exact(marginal: Marginal, xi: Array) -> float:
     return total
 
 
-def _exact(marginal: Marginal, points: Array) -> Array:
+def _changes(marginal: Marginal, points: Array) -> Array:
     """Exact log determinants (N,) at points (N, P), less the value at theta_0."""
     with ThreadPoolExecutor(processors()) as pool:
         values = list(pool.map(lambda xi: exact(marginal, xi), [0.0 * points[0], *points]))
@@ -49,13 +49,13 @@ def slope(marginal: Marginal, step: float = 0.2) -> Array:
         FloatingPointError: If flights fail to both sides, or at the optimum.
     """
     axes = np.eye(np.size(marginal.centre))
-    slope = _exact(marginal, step * axes) / step
-    lost = ~np.isfinite(slope)
+    found = _changes(marginal, step * axes) / step
+    lost = ~np.isfinite(found)
     if lost.any():
-        slope[lost] = _exact(marginal, -step * axes[lost]) / -step
-    if not np.isfinite(slope).all():
+        found[lost] = _changes(marginal, -step * axes[lost]) / -step
+    if not np.isfinite(found).all():
         raise FloatingPointError("flights to both sides of the optimum fail: the log determinant has no slope there")
-    return slope
+    return found
 
 
 def around(marginal: Marginal, step: float = 1.0) -> Quadratic:
@@ -69,8 +69,8 @@ def around(marginal: Marginal, step: float = 1.0) -> Quadratic:
         FloatingPointError: If a flight fails at an eighth of the step too.
     """
     count = np.size(marginal.centre)
-    up, down, h = beside(lambda points: _exact(marginal, points)[:, None], count, step, "the log determinant")
-    slope, bent = ((up - down) / (2.0 * h))[:, 0], ((up + down) / h**2)[:, 0]
+    up, down, h = beside(lambda points: _changes(marginal, points)[:, None], count, step, "the log determinant")
+    tilt, bent = ((up - down) / (2.0 * h))[:, 0], ((up + down) / h**2)[:, 0]
     curvature, first = np.diag(bent), np.argsort(-np.abs(bent))[:_CROSSED]
     pairs = [(i, j) for n, i in enumerate(first) for j in range(count) if j not in first[: n + 1]]
     left = np.array(pairs, int).reshape(-1, 2)
@@ -79,14 +79,14 @@ def around(marginal: Marginal, step: float = 1.0) -> Quadratic:
             break
         i, j = left.T
         corners = sign * (np.diag(h[:, 0])[i] + np.diag(h[:, 0])[j])
-        mixed = (_exact(marginal, corners) - side[i, 0] - side[j, 0]) / (h[i, 0] * h[j, 0])
+        mixed = (_changes(marginal, corners) - side[i, 0] - side[j, 0]) / (h[i, 0] * h[j, 0])
         known = np.isfinite(mixed)
         curvature[i[known], j[known]] = curvature[j[known], i[known]] = mixed[known]
         left = left[~known]
-    return Quadratic(slope, curvature)
+    return Quadratic(tilt, curvature)
 
 
 def error(marginal: Marginal, points: int, rng: np.random.Generator) -> float:
     """Root mean square error of the polynomial of the log determinant at standard normal points."""
     xi = rng.standard_normal((points, np.size(marginal.centre)))
-    return float(np.sqrt(np.mean((_exact(marginal, xi) - np.asarray(marginal.determinant.at(xi.T))) ** 2)))
+    return float(np.sqrt(np.mean((_changes(marginal, xi) - np.asarray(marginal.determinant.at(xi.T))) ** 2)))
