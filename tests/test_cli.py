@@ -129,6 +129,30 @@ def test_a_failed_check_of_the_result_is_exit_code_1(stages: types.ModuleType, t
     assert until.exit_code == 0
 
 
+def test_a_fit_that_failed_is_exit_code_1(stages: types.ModuleType, tmp_path: Path):
+    summary = {"label": "no fit", "fit": {"converged": False, "reason": "lost\nat 3 s", "tried": ["one", "two"]}}
+    (tmp_path / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
+    stages.run_study = lambda *_, **__: None  # type: ignore[attr-defined]
+    arguments = ["run", str(STUDY), "--out", str(tmp_path)]
+    for more in ([], ["--quick"], ["--until", "fit"], ["--until", "risk"]):
+        result = CliRunner().invoke(app, [*arguments, *more])
+        assert result.exit_code == 1
+        assert result.stderr.splitlines()[-3:] == ["No fit: lost at 3 s", "Tried: one", "Tried: two"]
+        assert f"Report: {tmp_path / 'report.html'}" in result.stdout
+    assert CliRunner().invoke(app, [*arguments, "--until", "priors"]).exit_code == 0
+
+
+def test_flights_without_bands_are_told(stages: types.ModuleType, tmp_path: Path):
+    none, some = {"truth": None, "record": None, "draws": 0, "failed": 9}, {"truth": 0.9, "record": None}
+    summary = {"coverage": {"a": {"swing_angle": none}, "b": {"swing_angle": some}}, "checks": {}}
+    (tmp_path / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
+    stages.run_study = lambda *_, **__: None  # type: ignore[attr-defined]
+    result = CliRunner().invoke(app, ["run", str(STUDY), "--out", str(tmp_path)])
+    assert [line for line in result.stderr.splitlines() if "Bands" in line] == [
+        "Bands of a: none, every simulation of its forecast failed."
+    ]
+
+
 def test_a_run_that_is_stopped_says_how_to_go_on(stages: types.ModuleType, tmp_path: Path):
     def run_study(*_: object, **__: object) -> None:
         raise KeyboardInterrupt

@@ -1,8 +1,10 @@
 from __future__ import annotations
 
+import pickle
+
 import pytest
 
-from bayeschute.errors import Fault, InputError
+from bayeschute.errors import Fault, FitError, InputError
 
 
 def test_a_fault_is_one_line_with_where_got_wanted_do():
@@ -21,3 +23,13 @@ def test_an_input_error_holds_its_faults_in_order(many: bool):
     assert error.faults == faults
     assert str(error).splitlines() == [str(fault) for fault in faults]
     assert isinstance(error, ValueError)
+
+
+def test_a_fit_error_holds_what_is_known_all_the_same():
+    bare = FitError("it did not come to rest")
+    assert str(bare) == bare.reason == "it did not come to rest" and isinstance(bare, RuntimeError)
+    assert bare.tried == bare.paths == bare.parameters == ()
+    told = FitError("why", ["first", "second"], [1], [("a", 1.0, 0.1, "m")])
+    again = pickle.loads(pickle.dumps(told))  # a worker may send it
+    assert (again.reason, again.tried, again.paths) == ("why", ("first", "second"), (1,))
+    assert again.parameters == (("a", 1.0, 0.1, "m"),)

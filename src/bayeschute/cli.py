@@ -1,7 +1,7 @@
 """The door for the shell: thin commands on public functions.
 
-Exit codes: 0 all well, 1 a check of the result failed, 2 the input is bad, 130 stopped by the user. Whatever is slow to
-import is imported inside the commands, so that `--help` and `check` stay quick.
+Exit codes: 0 all well, 1 a check of the result failed or the fit did, 2 the input is bad, 130 stopped by the user.
+Whatever is slow to import is imported inside the commands, so that `--help` and `check` stay quick.
 """
 
 from __future__ import annotations
@@ -91,12 +91,17 @@ def run(
                 study, folder, until=last, resume=resume, quick=quick, data_dir=data, seed=seed, progress=bars,
                 workers=workers, address=dask,
             )  # fmt: skip
+        summary = _summary_of(folder)
+        if last not in ("ingest", "structure", "priors"):
+            _tell_of_no_fit(folder, summary)
         if last == "structure" and (folder / "structure.txt").is_file():
             say((folder / "structure.txt").read_text(encoding="utf-8"))
         say(f"Results are in {folder}")
         if (folder / "report.html").is_file() and last in (None, "report"):
             say(f"Report: {folder / 'report.html'}")
-        label, failed = ("", []) if last not in (None, "report") else _told_by(folder)
+        label, failed = ("", []) if last not in (None, "report") else _told_by(summary)
+        for name in _without_bands(summary) if last in (None, "predict", "risk", "report") else ():
+            say(f"Bands of {name}: none, every simulation of its forecast failed.", error=True)
         if label:
             say(f"Intervals: {label}")
         if quick:
@@ -106,15 +111,38 @@ def run(
             raise typer.Exit(1)
 
 
-def _told_by(folder: Path) -> tuple[str, list[str]]:
-    """The label of the intervals in summary.json, and names of the run's own checks that failed.
-
-    What replicates of the configuration held is in the label; it is no failure of this run.
-    """
+def _summary_of(folder: Path) -> dict[str, Any]:
+    """summary.json of a run; empty where there is none."""
     import json
 
     path = folder / "summary.json"
-    summary: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+    return dict(json.loads(path.read_text(encoding="utf-8"))) if path.is_file() else {}
+
+
+def _tell_of_no_fit(folder: Path, summary: dict[str, Any]) -> None:
+    """Say why a fit failed and what was tried, and end with exit code 1; nothing where the fit didn't fail."""
+    fit: dict[str, Any] = summary.get("fit", {})
+    if not fit.get("reason"):
+        return
+    say(f"No fit: {' '.join(str(fit['reason']).split())}", error=True)
+    for line in fit.get("tried", ()):
+        say(f"Tried: {' '.join(str(line).split())}", error=True)
+    say(f"What is known all the same is in {folder}")
+    say(f"Report: {folder / 'report.html'}")
+    raise typer.Exit(1)
+
+
+def _without_bands(summary: dict[str, Any]) -> list[str]:
+    """Flights of whose forecast every simulation failed."""
+    coverage: dict[str, dict[str, Any]] = summary.get("coverage", {})
+    return [name for name, table in coverage.items() if any(entry.get("draws") == 0 for entry in table.values())]
+
+
+def _told_by(summary: dict[str, Any]) -> tuple[str, list[str]]:
+    """The label of the intervals in a summary, and names of the run's own checks that failed.
+
+    What replicates of the configuration held is in the label; it is no failure of this run.
+    """
     checks: dict[str, Any] = summary.get("checks", {})
     failed = [name for name, check in checks.items() if check.get("passed") is False and name != "calibration"]
     return summary.get("label", ""), failed

@@ -1,9 +1,10 @@
-"""What bad input looks like: every fault says where, what it got, what it wanted and what to do."""
+"""What bad input looks like, every fault with where, got, wanted, do; and a fit of sound input that failed."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 
 @dataclass(frozen=True)
@@ -39,3 +40,28 @@ class InputError(ValueError):
         """Collect the faults; a single one may be given alone."""
         self.faults: tuple[Fault, ...] = (faults,) if isinstance(faults, Fault) else tuple(faults)
         super().__init__("\n".join(str(fault) for fault in self.faults))
+
+
+class FitError(RuntimeError):
+    """A fit of sound input that did not come to rest.
+
+    Attributes:
+        reason: What happened and what may help, one sentence.
+        tried: What was tried, one line an attempt.
+        paths: The best flights found (`bayeschute.inference.best_path.BestPath`), one a record; may be empty.
+        parameters: Name, value, standard error and unit at the best point; may be empty.
+    """
+
+    def __init__(
+        self,
+        reason: str,
+        tried: Iterable[str] = (),
+        paths: Iterable[Any] = (),
+        parameters: Iterable[tuple[str, float, float, str]] = (),
+    ) -> None:
+        """Collect what is known all the same."""
+        self.reason = reason
+        self.tried: tuple[str, ...] = tuple(tried)
+        self.paths: tuple[Any, ...] = tuple(paths)
+        self.parameters: tuple[tuple[str, float, float, str], ...] = tuple(parameters)
+        super().__init__(reason)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import time
+import warnings
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
@@ -34,6 +36,12 @@ def marked(number: int, folder: Path) -> int:
     return number
 
 
+def careless(number: int) -> int:
+    """A task whose library warns."""
+    warnings.warn("a library is not at ease", RuntimeWarning, stacklevel=1)
+    return number
+
+
 def test_one_worker_is_this_process_and_keeps_the_order():
     with client_of(1, None) as client:
         assert client is None
@@ -49,6 +57,19 @@ def test_every_input_comes_back_once_and_only_the_one_that_kills_is_lost():
     lost = made.pop(3)
     assert isinstance(lost, Lost) and "died" in lost.why
     assert made == {n: n**2 for n in range(8) if n != 3}
+
+
+def test_warnings_of_workers_are_given_here_and_not_on_the_screen(capfd):
+    with warnings.catch_warnings(record=True) as given:
+        warnings.simplefilter("always")
+        with client_of(2, None) as client:
+            assert dict(finished(careless, [1, 2], client)) == {1: 1, 2: 2}
+            for _ in range(100):
+                if any("not at ease" in str(one.message) for one in given):
+                    break
+                time.sleep(0.05)
+    assert any("RuntimeWarning of a worker: a library is not at ease" in str(one.message) for one in given)
+    assert "not at ease" not in capfd.readouterr().err
 
 
 def test_no_more_tasks_are_sent_than_there_is_room_for(tmp_path: Path):

@@ -232,6 +232,31 @@ def test_coverage_counts_known_and_counted_samples():
     assert bands.coverage(draws, np.array([0.5, 0.99, np.nan, 9.0]), counted) == 0.5
 
 
+def test_where_every_draw_failed_there_is_no_band_and_no_coverage(recwarn):
+    everywhere = np.ones(4, bool)
+    assert bands.coverage(np.full((10, 4), np.nan), np.zeros(4), everywhere) is None
+    assert np.isnan(bands.quantiles(np.full((10, 4), np.nan))).all()
+    part = np.full((10, 4), np.nan)
+    part[:3, :2] = [[-1.0, -1.0], [0.0, 0.0], [1.0, 1.0]]
+    assert bands.coverage(part, np.array([0.0, 5.0, 0.0, 0.0]), everywhere) == 0.5  # of samples that have a band
+    assert not recwarn.list
+
+
+def test_a_prediction_that_failed_altogether_has_no_shares(fitted, monkeypatch):
+    monkeypatch.setattr(bands, "_simulate", _lost(bands._simulate))
+    made = bands.predict(fitted, 0, np.tile(np.asarray(fitted.centre), (4, 1)), [fitted.hyper], 3)
+    assert made.failed == 4 and np.isnan(made.draws["descent_rate"]).all()
+    assert all(np.isnan(share) for share in made.shares["descent_rate"].values())
+    time = np.arange(made.time.size)
+    held = bands.dataset(made, made.time, ("descent_rate",), None, {}, time > 80, "identify")
+    assert np.isnan(held["descent_rate"]).all() and held.attrs["failed"] == 4
+
+
+def _lost(honest):
+    """Simulations that fail."""
+    return lambda *given: tuple(np.nan * np.asarray(part) for part in honest(*given))
+
+
 def test_coverage_of_gaussian_draws_is_ninety_percent():
     rng = np.random.default_rng(10)
     made = bands.coverage(rng.standard_normal((4000, 3000)), rng.standard_normal(3000), np.ones(3000, bool))

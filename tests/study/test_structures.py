@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from bayeschute.errors import FitError
 from bayeschute.inference.finding import Settled
 from bayeschute.inference.map import Optimum
 from bayeschute.inference.noise import Noise
@@ -123,6 +124,21 @@ def test_if_none_can_be_fitted_the_first_fault_is_raised(job, monkeypatch):
     monkeypatch.setattr(structures, "_fitted", fails)
     with pytest.raises(FloatingPointError, match=r"lost on purpose \(none of 3 structures could be fitted\)"):
         structures.fit_all(job, Group("all", (), tuple(PRIORS)), lambda share, words: None)
+
+
+def test_if_none_can_be_fitted_the_best_flights_of_the_first_that_has_any_are_handed_on(job, monkeypatch):
+    several = iter(
+        (FloatingPointError("lost"), FitError("no rest", ("level 1",), ("a path",)), FloatingPointError("x"))
+    )
+
+    def fails(*given):
+        raise next(several)
+
+    monkeypatch.setattr(structures, "_fitted", fails)
+    with pytest.raises(FitError, match=r"lost \(none of 3 structures could be fitted\)") as told:
+        structures.fit_all(job, Group("all", (), tuple(PRIORS)), lambda share, words: None)
+    assert told.value.paths == ("a path",)
+    assert told.value.tried == ("structure-1: lost", "structure-2: no rest", "structure-3: x")
 
 
 def test_a_structure_that_has_settled_is_not_fitted_again(job, monkeypatch):

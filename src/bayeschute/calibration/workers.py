@@ -44,6 +44,7 @@ def client_of(workers: int, address: str | None) -> Iterator[Any]:
         Client(cluster) as client,
     ):
         client.register_plugin(_own_cores(workers))
+        client.register_plugin(_heard())
         yield client
 
 
@@ -77,6 +78,31 @@ def _own_cores(workers: int) -> Any:
                 os.sched_setaffinity(0, cores[place::workers] or [cores[place % len(cores)]])
 
     return OwnCores()
+
+
+def _heard() -> Any:
+    """A plugin by which warnings of local workers are given in this process, and not on the screen from theirs."""
+    from distributed import Worker, WorkerPlugin
+
+    class Heard(WorkerPlugin):
+        name = "heard"
+
+        def setup(self, worker: Worker) -> None:
+            import warnings
+
+            def show(
+                message: Warning | str,
+                category: type[Warning],
+                filename: str,
+                lineno: int,
+                file: Any = None,
+                line: Any = None,
+            ) -> None:
+                worker.log_event("warn", f"{category.__name__} of a worker: {message} ({filename}:{lineno})")
+
+            warnings.showwarning = show
+
+    return Heard()
 
 
 @contextmanager

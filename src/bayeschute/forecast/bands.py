@@ -43,7 +43,7 @@ class Prediction:
         draws: Quantity by name, (draw, T); NaN where a simulation failed.
         touchdown: Capsule velocity at the last sample, (draw, 3) NED [m/s]; descents hold (0, 0, rate).
         failed: Simulations that were not finite.
-        shares: Share of variance by quantity and source.
+        shares: Share of variance by quantity and source; NaN where no simulation tells.
     """
 
     time: Array
@@ -230,10 +230,13 @@ def _shares(
     variance = {}
     for source, (x, driven) in cases.items():
         quantities, _ = _simulate(flight, marginal.theta(jnp.asarray(x)), driven)
-        variance[source] = np.nanmean(np.nanvar(np.asarray(quantities), axis=-1), axis=-1)
+        made = np.asarray(quantities)
+        variance[source] = np.full(len(made), np.nan)
+        if np.isfinite(made).any():
+            variance[source] = np.nanmean(np.nanvar(made, axis=-1), axis=-1)
     total = np.sum(list(variance.values()), axis=0)
     return {
-        name: {source: float(v[i] / total[i]) if total[i] > 0.0 else 0.0 for source, v in variance.items()}
+        name: {source: 0.0 if total[i] == 0.0 else float(v[i] / total[i]) for source, v in variance.items()}
         for i, name in enumerate(names)
     }
 
@@ -254,10 +257,22 @@ def recorded_draws(prediction: Prediction, name: str, noise: tuple[float, float,
     return values + drift + white * rng.standard_normal(values.shape)
 
 
+def quantiles(draws: Array, shares: Sequence[float] = QUANTILES) -> Array:
+    """Quantiles (Q, T) of draws (B, T), of those that did not fail; NaN where all did."""
+    known = np.isfinite(draws).any(axis=0)
+    made = np.full((len(shares), draws.shape[1]), np.nan)
+    made[:, known] = np.nanquantile(draws[:, known], shares, axis=0)
+    return made
+
+
 def coverage(draws: Array, reference: Array, counted: NDArray[np.bool_]) -> float | None:
-    """Share of counted samples with the reference (T,) inside the 90 % band of draws (B, T); None if none is known."""
-    low, high = np.nanquantile(draws, [QUANTILES[0], QUANTILES[-1]], axis=0)
-    known = np.isfinite(reference) & counted
+    """Share of counted samples with the reference (T,) inside the 90 % band of draws (B, T).
+
+    Returns:
+        The share [1]; None where no sample has both a reference and a band, which draws that all failed have nowhere.
+    """
+    low, high = quantiles(draws, (QUANTILES[0], QUANTILES[-1]))
+    known = np.isfinite(reference) & np.isfinite(low) & np.isfinite(high) & counted
     return float(np.mean((reference[known] >= low[known]) & (reference[known] <= high[known]))) if known.any() else None
 
 
@@ -285,7 +300,7 @@ def dataset(
     names = [q for q in wanted if q in prediction.draws]
     for name in names:
         unit = {"units": UNITS[name]}
-        made[name] = (("quantile", "time"), np.nanquantile(prediction.draws[name], QUANTILES, axis=0), unit)
+        made[name] = (("quantile", "time"), quantiles(prediction.draws[name]), unit)
         if truth is not None and name in truth:
             made[f"{name}_truth"] = ("time", truth[name].values, unit)
         if name in record:

@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 
 from bayeschute.report import (
     diagnostics,
+    failed_fit,
     figures,
     sentences,
     tables,
@@ -26,7 +27,7 @@ from bayeschute.report import (
 )
 from bayeschute.report.canvas import save
 from bayeschute.report.results import Results, read_results
-from bayeschute.report.structure_view import structure_view
+from bayeschute.report.structure_view import Draw, structure_view
 from bayeschute.report.wording import counted, is_number, listed, number, percent, quantity_name
 
 LANDING_OF = {  # quantity of a band: quantity of a landing
@@ -188,9 +189,45 @@ def _exceedance_picture(results: Results, folder: Path) -> Picture | None:
     )
 
 
+def _of_every_run(results: Results, draw: Draw) -> dict[str, Any]:
+    """What the template sets of any run: what was fed in, the structure, where it came from."""
+    summary = results.summary
+    vehicle, notes = summary.get("vehicle"), summary.get("notes")
+    return {
+        "title": str(summary.get("title") or "Parachute identification"),
+        "heading": re.sub(r"(?<=\w)-(?=\w)", "\u2011", str(summary.get("title") or "Parachute identification")),
+        "model": summary.get("model"),
+        "quick": summary.get("quick") is True,
+        "label": sentences.label(results),
+        "verified": sentences.is_verified(results),
+        "flights": tables_records.flight_table(results),
+        "repairs": tables_records.repair_table(results),
+        "preparation": tables_records.preparation_table(results),
+        "noise": tables.noise_table(results),
+        "latent": summary.get("noise_model", "latent") == "latent",
+        "vehicle": tables.plain_table(vehicle, "Vehicle", "") if isinstance(vehicle, Mapping) else None,
+        "vehicle_name": vehicle if isinstance(vehicle, str) else None,
+        "records": _record_pictures(results, results.folder / "figures"),
+        "structure": structure_view(results, draw),
+        "notes": [str(n) for n in notes] if isinstance(notes, list) else [],
+        "absent": results.absent,
+        "seed": summary.get("seed"),
+        "finished": summary.get("finished") or summary.get("created"),
+        "provenance": tables_trust.provenance_tables(results),
+    }
+
+
 def _context(results: Results) -> dict[str, Any]:
     """Everything the template sets."""
     folder = results.folder / "figures"
+
+    def draw(figure: Figure, *words: str) -> Picture:
+        return _picture(figure, folder, *words)
+
+    every = _of_every_run(results, draw)
+    if failed_fit.is_failed(results):
+        failed = failed_fit.view(results, draw)
+        return every | {"failed": failed, "key": failed_fit.key_sentences(results), "warnings": []}
     half = {
         (flight, name): share
         for flight, bands in results.predictions.items()
@@ -205,29 +242,11 @@ def _context(results: Results) -> dict[str, Any]:
         )
         alt = f"Residual autocorrelation of {listed(list(curves))}."
         chains.append(_picture(diagnostics.autocorrelation_figure(curves), folder, "residuals", alt, caption))
-    structure = structure_view(results, lambda figure, *words: _picture(figure, folder, *words))
-    summary = results.summary
-    vehicle = summary.get("vehicle")
-    notes = summary.get("notes")
-    return {
-        "title": str(summary.get("title") or "Parachute identification"),
-        "heading": re.sub(r"(?<=\w)-(?=\w)", "\u2011", str(summary.get("title") or "Parachute identification")),
-        "model": summary.get("model"),
-        "quick": summary.get("quick") is True,
-        "label": sentences.label(results),
-        "verified": sentences.is_verified(results),
+    return every | {
+        "failed": None,
         "key": sentences.key_sentences(results),
         "warnings": tables_trust.warnings_of(results),
-        "flights": tables_records.flight_table(results),
-        "repairs": tables_records.repair_table(results),
-        "preparation": tables_records.preparation_table(results),
-        "noise": tables.noise_table(results),
-        "latent": summary.get("noise_model", "latent") == "latent",
         "output_error": tables.output_error_table(results),
-        "vehicle": tables.plain_table(vehicle, "Vehicle", "") if isinstance(vehicle, Mapping) else None,
-        "vehicle_name": vehicle if isinstance(vehicle, str) else None,
-        "records": _record_pictures(results, folder),
-        "structure": structure,
         "posterior": tables.posterior_table(results),
         "uninformed": sentences.uninformed(results),
         "posterior_pictures": posterior,
@@ -246,16 +265,11 @@ def _context(results: Results) -> dict[str, Any]:
         "exceedance": _exceedance_picture(results, folder),
         "tolerance": tables_trust.tolerance_report(results),
         "marginals": tables_trust.marginal_report(results),
-        "notes": [str(n) for n in notes] if isinstance(notes, list) else [],
-        "absent": results.absent,
-        "seed": summary.get("seed"),
-        "finished": summary.get("finished") or summary.get("created"),
-        "provenance": tables_trust.provenance_tables(results),
     }
 
 
 def build_report(run_dir: str | Path) -> Path:
-    """Write figures and ``report.html`` from the results of a run.
+    """Write figures and ``report.html`` from the results of a run, or from what it kept of a fit that failed.
 
     Args:
         run_dir: Folder that `bayeschute run` wrote; only summary.json must be there.

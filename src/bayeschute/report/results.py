@@ -66,7 +66,7 @@ def _summary(path: Path) -> dict[str, Any]:
     return loaded
 
 
-def _try(path: Path, read: Callable[[Path], T], absent: list[str], loss: str) -> T | None:
+def try_read(path: Path, read: Callable[[Path], T], absent: list[str], loss: str) -> T | None:
     """Read a file, or note what the report loses without it."""
     if not path.exists():
         absent.append(f"{path.name} is not in the run folder: {loss}.")
@@ -79,7 +79,7 @@ def _try(path: Path, read: Callable[[Path], T], absent: list[str], loss: str) ->
         return None
 
 
-def _json_object(path: Path) -> dict[str, Any]:
+def json_object(path: Path) -> dict[str, Any]:
     """A JSON object from a file."""
     loaded = json.loads(path.read_text(encoding="utf-8"))
     if not isinstance(loaded, dict):
@@ -124,15 +124,15 @@ def read_results(run_dir: Path) -> Results:
     """
     summary = _summary(run_dir / "summary.json")
     absent: list[str] = []
-    structure = _try(run_dir / "structure.json", _json_object, absent, "no structure is shown") or {}
+    structure = try_read(run_dir / "structure.json", json_object, absent, "no structure is shown") or {}
     loss = "no prior and posterior curves, correlations and chains are shown"
-    groups = _try(run_dir / "posterior.nc", _tree, absent, loss) or {}
-    predictions = _try(run_dir / "predictions.nc", _tree, absent, "no bands are shown") or {}
+    groups = try_read(run_dir / "posterior.nc", _tree, absent, loss) or {}
+    predictions = try_read(run_dir / "predictions.nc", _tree, absent, "no bands are shown") or {}
     flights = {}
     for path in sorted((run_dir / "flights").glob("*.nc")):
         if "truth" in path.stem:
             continue
-        record = _try(path, _dataset, absent, "this record is not drawn")
+        record = try_read(path, _dataset, absent, "this record is not drawn")
         if record is not None:
             flights[path.stem] = record
     if not flights:
@@ -140,7 +140,7 @@ def read_results(run_dir: Path) -> Results:
     risk = {}
     for name in RISK_FILES:
         read: Callable[[Path], pd.DataFrame] = pd.read_parquet if name.endswith("parquet") else pd.read_csv
-        table = _try(run_dir / "risk" / name, read, absent, "this risk table is not shown")
+        table = try_read(run_dir / "risk" / name, read, absent, "this risk table is not shown")
         if table is not None:
             risk[Path(name).stem] = table
     divergent = groups["sample_stats"]["diverging"].values if "diverging" in groups.get("sample_stats", {}) else None

@@ -36,6 +36,7 @@ CHECKS = (  # part of a check's name, what it asks
     ("sbc", "Do intervals of this configuration cover over replicate flights?"),
     ("coverage", "Do the bands hold what was flown?"),
     ("failed", "Did the simulations of the forecast run to their end?"),
+    ("bands", "Has every flight its bands?"),
     ("residual", "Do the residuals look like the noise model?"),
 )
 
@@ -52,7 +53,10 @@ def coverage_table(results: Results, half: Mapping[tuple[str, str], float]) -> T
         for name, shares in quantities.items() if isinstance(quantities, Mapping) else ():
             if isinstance(shares, Mapping):
                 texts = [percent(shares.get("truth")), percent(shares.get("record")), percent(half.get((flight, name)))]
-                rows.append(cells(flight, quantity_name(str(name)), *texts))
+                flown, failed = shares.get("draws"), shares.get("failed")
+                words = f"{failed} of {flown + failed} simulations failed" if is_number(flown) and failed else ""
+                none = [Cell("none", "bad")] * 3 if flown == 0 else texts
+                rows.append(cells(flight, Cell(quantity_name(str(name)), "", words), *none))
     columns = columns_of("Flight:text|Quantity:text|Truth in 90 % band:num|Record in 90 % band:num|In 50 % band:num")
     caption = (
         "A record carries sensor noise that a band of the true motion need not hold. 50 % band: truth where known."
@@ -189,10 +193,20 @@ def provenance_tables(results: Results) -> Sequence[Table]:
     return [t for t in found if t is not None]
 
 
+def without_bands(results: Results) -> list[str]:
+    """Flights of whose forecast every simulation failed."""
+    return [
+        str(flight)
+        for flight, quantities in results.part("coverage").items()
+        if isinstance(quantities, Mapping)
+        and any(isinstance(shares, Mapping) and shares.get("draws") == 0 for shares in quantities.values())
+    ]
+
+
 def warnings_of(results: Results) -> list[str]:
     """Counts that a reader must not miss."""
     sampling = results.part("sampling")
-    found = []
+    found = [f"{flight} has no bands: every simulation of its forecast failed." for flight in without_bands(results)]
     for key, noun, verb in (("divergences", "step", "diverged"), ("failed_solves", "simulation", "failed")):
         count = sampling.get(key)
         if is_number(count) and count > 0:

@@ -16,6 +16,8 @@ from bayeschute.errors import Fault, InputError
 from bayeschute.study.disturbances import DISTURBANCES
 from bayeschute.study.identity import configuration, identity, with_noise
 from bayeschute.study.load import load_study
+from bayeschute.study.log import NAME as LOG
+from bayeschute.study.log import Log, warnings_to
 from bayeschute.study.replicate import replicate
 from bayeschute.study.stages import write_whole
 from bayeschute.study.study import Study
@@ -83,15 +85,18 @@ def calibrate(
     _sound(study, disturbance, noise, replicates)
     study = with_noise(study, noise or study.noise.model)
     name, folder = f"{study.noise.model}.{disturbance}", Path(out)
-    rows = run(
-        partial(replicate, study=study, disturbance=disturbance, quick=quick),
-        range(first_seed, first_seed + replicates),
-        folder / f"{name}.rows",
-        identity(study, disturbance, quick),
-        workers,
-        address,
-        progress,
-    )
+    with Log(folder / LOG) as log, warnings_to(log):
+        log.line(f"bayeschute {version('bayeschute')}, {replicates} replicates of {study.path.name}, {name}")
+        told = log.beside(None if progress is None else lambda _, share, words: progress(share, words))
+        rows = run(
+            partial(replicate, study=study, disturbance=disturbance, quick=quick),
+            range(first_seed, first_seed + replicates),
+            folder / f"{name}.rows",
+            identity(study, disturbance, quick),
+            workers,
+            address,
+            partial(told, "calibrate"),
+        )
     result = {
         "study": Path(path).stem,
         "title": study.title,

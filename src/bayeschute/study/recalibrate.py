@@ -6,11 +6,10 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import numpy as np
-
 from bayeschute.calibration.recalibration import FACTORS, learned
 from bayeschute.calibration.tables import ENOUGH
 from bayeschute.errors import Fault, InputError
+from bayeschute.forecast import bands
 from bayeschute.study.identity import stored
 from bayeschute.study.study import Study
 
@@ -76,7 +75,7 @@ def widened(one: Foretold, by: Widening | None) -> Foretold:
         return one
     draws = dict(one.prediction.draws)
     for name, factor in by.factors.items():
-        middle = np.nanmedian(draws[name], axis=0)
+        middle = bands.quantiles(draws[name], (0.5,))[0]
         draws[name] = middle + factor * (draws[name] - middle)
     return replace(one, prediction=replace(one.prediction, draws=draws))
 

@@ -3,7 +3,8 @@
 ``ingest -> structure -> priors -> fit -> check -> predict -> risk -> report``. A stage reads what earlier ones wrote;
 it counts as finished when its marker holds the hash of the study, of the program's version and of the stages before it;
 the report also when what stored replicates held is still the same.
-Files are written aside and moved into place, so a run killed at any moment leaves whole files only.
+Files are written aside and moved into place, so a run killed at any moment leaves whole files only. A fit that fails
+ends the run with a summary and a report of what is known all the same; ``log.txt`` tells line by line what was done.
 """
 
 from __future__ import annotations
@@ -18,9 +19,11 @@ from pathlib import Path
 from typing import Any
 
 import bayeschute
-from bayeschute.errors import Fault, InputError
+from bayeschute.errors import Fault, FitError, InputError
 from bayeschute.study.claims import calibration_check
 from bayeschute.study.load import Study, load_study, study_hash
+from bayeschute.study.log import NAME as LOG
+from bayeschute.study.log import Log, warnings_to
 
 STAGES = ("ingest", "structure", "priors", "fit", "check", "predict", "risk", "report")
 LEFT = 2
@@ -114,13 +117,14 @@ def run_study(
         address: Of a Dask scheduler, in place of local processes.
 
     Returns:
-        ``summary.json``; empty if the last stage has not run.
+        ``summary.json``; empty if the last stage has not run. After a fit that failed, which ends the run: ``label``
+        is "no fit", and ``fit`` says why, what was tried and what the best flights leave of the data.
 
     Raises:
         InputError: If the study, its files or `until` are not sound, or `out` holds something else; if Dask is
             wanted and not there; if bands are to be recalibrated and no calibration tells how.
     """
-    from bayeschute.study import setup, work
+    from bayeschute.study import setup
     from bayeschute.study.recalibrate import widening
 
     if until is not None and until not in STAGES:
@@ -135,14 +139,25 @@ def run_study(
         wanted = "a new folder or one of an earlier run"
         raise InputError(Fault(str(folder), "a folder with other files", wanted, "Choose another --out."))
     text = f"{study_hash(study)}:{bayeschute.__version__}:{LEFT}:{quick}"
-    digest, say = hashlib.sha256(text.encode()).hexdigest(), progress or (lambda *_: None)
-    job = Job(study, folder, quick, digest, say, resume, workers, address)
+    digest = hashlib.sha256(text.encode()).hexdigest()
+    job = Job(study, folder, quick, digest, progress or (lambda *_: None), resume, workers, address)
     learned = widening(job)  # told before anything slow where it is not there
     if learned is not None:
         job = replace(job, hash=hashlib.sha256(f"{digest}:{json.dumps(learned)}".encode()).hexdigest())
     (folder / ".stages").mkdir(parents=True, exist_ok=True)
     write_whole(folder / "study.toml", lambda p: p.write_text(_as_run(job)))
-    hashes = _stage_hashes(job)
+    with Log(folder / LOG) as log, warnings_to(log):
+        log.line(f"bayeschute {bayeschute.__version__}, seed {study.seed}, {study.path.name}: {study.title}")
+        _run_stages(replace(job, progress=log.beside(progress)), until)
+    summary = folder / "summary.json"
+    return dict(json.loads(summary.read_text())) if summary.exists() else {}
+
+
+def _run_stages(job: Job, until: str | None) -> None:
+    """Do every stage that isn't done, up to the last one wanted or to a fit that fails."""
+    from bayeschute.study import failure, work
+
+    hashes, resume = _stage_hashes(job), job.resume
     for stage in STAGES:
         marker = _marker(job, stage)
         if resume and marker.exists() and marker.read_text() == hashes[stage]:
@@ -151,17 +166,24 @@ def run_study(
             _forget(job, stage)
             resume = False
             job.progress(stage, 0.0, "")
-            words = getattr(work, stage)(job)
+            try:
+                words = getattr(work, stage)(job)
+            except (FitError, FloatingPointError) as error:
+                if stage != "fit":
+                    raise
+                job.progress(stage, 0.0, failure.keep(job, error))
+                return
             write_whole(marker, partial(Path.write_text, data=hashes[stage]))
             job.progress(stage, 1.0, words)
         if stage == until:
-            break
-    summary = folder / "summary.json"
-    return dict(json.loads(summary.read_text())) if summary.exists() else {}
+            return
 
 
 def _forget(job: Job, stage: str) -> None:
     """Count a stage and those after it as not done, and take away what tells of their results."""
+    from bayeschute.study import failure
+
+    failure.forget(job)
     for later in STAGES[STAGES.index(stage) :]:
         _marker(job, later).unlink(missing_ok=True)
     for name in ("report.html", "summary.json"):

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from bayeschute.errors import FitError
 from bayeschute.inference.evidence import HyperPrior
 from bayeschute.inference.finding import Settled, conclude, settle
 from bayeschute.inference.law_effect import widened
@@ -146,10 +147,12 @@ def fit_all(job: Job, group: Group, say: Say) -> list[str]:
         Names of the fits.
 
     Raises:
-        FloatingPointError: If no structure can be fitted.
+        FitError: If no structure can be fitted; it holds the best flights of the first that has any.
+        FloatingPointError: If none can be fitted, and none said so.
     """
     listed, fitted, why = candidates(job), dict[int, _Fitted](), dict[int, str]()
     names = [f"structure-{i + 1}" for i in range(len(listed))]
+    farthest: FitError | None = None
     for i, one in enumerate(listed):
 
         def tell(share: float, words: str, i: int = i) -> None:
@@ -159,8 +162,14 @@ def fit_all(job: Job, group: Group, say: Say) -> list[str]:
             fitted[i] = _fitted(job, replace(group, name=names[i], priors=one.priors), tell)
         except FloatingPointError as error:
             why[i] = str(error)
+        except FitError as error:
+            why[i], farthest = str(error), farthest or error
     if not fitted:
-        raise FloatingPointError(f"{why[0]} (none of {len(listed)} structures could be fitted)")
+        reason = f"{why[0]} (none of {len(listed)} structures could be fitted)"
+        if farthest is not None:
+            tried = [f"{names[i]}: {said}" for i, said in why.items()]
+            raise FitError(reason, tried, farthest.paths, farthest.parameters)
+        raise FloatingPointError(reason)
     rng = np.random.default_rng([job.study.seed, _STREAM])
     made = weights(np.array([one.later for one in fitted.values()]), rng)
     place = {i: k for k, i in enumerate(fitted)}

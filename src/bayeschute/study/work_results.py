@@ -202,6 +202,7 @@ def predict(job: Job) -> str:
     made: dict[str, xr.Dataset] = {}
     arrays: dict[str, Any] = {}
     coverage: dict[str, Any] = {}
+    without: list[str] = []
     by = widening(job)
     for foreseen in foretell(job):
         one = widened(foreseen, by)
@@ -213,10 +214,13 @@ def predict(job: Job) -> str:
             q: {
                 "truth": None if truth is None else bands.coverage(prediction.draws[q], truth[q].values, counted),
                 "record": _record_coverage(job, one, q, recorded),
+                "draws": int(np.isfinite(prediction.draws[q]).all(axis=1).sum()),
+                "failed": prediction.failed,
             }
             for q in wanted
             if q in prediction.draws
         }
+        without += [name] if not any(entry["draws"] for entry in coverage[name].values()) else []
         arrays |= {f"{name}|{k}": v for k, v in _statistics(foreseen.prediction, counted).items()}
     write_whole(
         job.out / "predictions.nc",
@@ -232,7 +236,8 @@ def predict(job: Job) -> str:
             np.savez(file, **arrays)
 
     write_whole(job.out / "fit" / "statistics.npz", write)
-    return f"{len(made)} flights"
+    none = f", no bands of {', '.join(without)}: every simulation failed" if without else ""
+    return f"{len(made)} flights{none}"
 
 
 def _record_coverage(job: Job, one: Foretold, quantity: str, recorded: dict[str, Array]) -> float | None:

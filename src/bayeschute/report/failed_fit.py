@@ -1,0 +1,191 @@
+"""What the report says of a fit that failed: what was tried, what the best flight leaves of the data, the end."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from bayeschute.flight.record import VARIABLES
+from bayeschute.inference.best_path import BestPath, from_arrays
+from bayeschute.report.canvas import INK, SERIES, SHADE, VERMILION, sheet, styled
+from bayeschute.report.results import Results, json_object, try_read
+from bayeschute.report.structure_view import Draw
+from bayeschute.report.tables import Cell, Table, cells, columns_of, mappings
+from bayeschute.report.wording import (
+    MISSING,
+    at_precision,
+    counted,
+    is_number,
+    listed,
+    number,
+    parameter_meaning,
+    shown_unit,
+    whole,
+)
+
+_UNITS = {name: variable.unit for name, variable in VARIABLES.items()} | {"capsule_attitude": "rad"}
+_WIDE = 2.0  # residuals this many times the sensor's noise stand out
+_INSIDE = 1.6449  # standard deviations that hold 90 %
+_MOST_LINES = 6
+
+
+def is_failed(results: Results) -> bool:
+    """Whether the fit of this run failed."""
+    return bool(results.part("fit").get("reason"))
+
+
+def _channel(output: str) -> str:
+    """The channel of an output: ``capsule_velocity.east`` is of ``capsule_velocity``."""
+    return re.split(r"[.\[\s]", output)[0]
+
+
+def _residuals(results: Results) -> list[tuple[str, str, Mapping[str, Any]]]:
+    """Flight, output and numbers of every row of residuals."""
+    flights = results.part("fit").get("residuals")
+    return [
+        (str(flight), str(output), facts)
+        for flight, outputs in (flights.items() if isinstance(flights, Mapping) else ())
+        for output, facts in (outputs.items() if isinstance(outputs, Mapping) else ())
+        if isinstance(facts, Mapping)
+    ]
+
+
+def _ratio(facts: Mapping[str, Any]) -> float | None:
+    """Root mean square residual over the noise of the sensor; None where one of them is not known."""
+    rms, noise = facts.get("rms"), facts.get("noise")
+    return float(rms) / float(noise) if is_number(rms) and is_number(noise) and noise > 0 else None
+
+
+def key_sentences(results: Results) -> list[str]:
+    """The sentences of the header."""
+    found = [str(results.part("fit")["reason"])]
+    rows = [(ratio, flight, output) for flight, output, f in _residuals(results) if (ratio := _ratio(f)) is not None]
+    if rows:
+        ratio, flight, output = max(rows)
+        found.append(
+            f"Along the best flight found the residuals of {output} on {flight}, the largest, are {number(ratio, 2)} "
+            "times the noise of its sensor."
+        )
+    found.append(
+        "Nothing is claimed of parameters, bands or risk. What is known without a fit stands below: records, repairs, "
+        "and the structure by equation error."
+    )
+    return found
+
+
+def residual_table(results: Results) -> Table | None:
+    """Residuals of every output beside the noise of its sensor."""
+    rows = []
+    for flight, output, facts in _residuals(results):
+        scale, unit = shown_unit(_UNITS.get(_channel(output), "1"))
+        rms, noise = (
+            number(scale * facts[key], 2) if is_number(facts.get(key)) else MISSING for key in ("rms", "noise")
+        )
+        ratio = _ratio(facts)
+        wide = "bad" if ratio is not None and ratio > _WIDE else ""
+        name, samples = Cell(output, "code"), whole(facts.get("samples"))
+        rows.append(cells(flight, name, samples, rms, noise, Cell(number(ratio, 2), wide), Cell(unit, "muted")))
+    columns = columns_of(
+        "Flight:text|Output:code|Samples:num|Residual, rms:num|Noise of the sensor, sd:num|Ratio:num|Unit:text"
+    )
+    return Table(columns, tuple(rows)) if rows else None
+
+
+def parameter_table(facts: Mapping[str, Any]) -> Table | None:
+    """Parameters where the search stopped, beside their priors."""
+    rows = []
+    for row in mappings(facts.get("parameters")):
+        scale, unit = shown_unit(str(row.get("unit") or "1"))
+        value, se, mean, sd = (
+            scale * row[key] if is_number(row.get(key)) else None
+            for key in ("value", "standard_error", "prior_mean", "prior_sd")
+        )
+        name = str(row.get("name", MISSING))
+        rows.append(
+            cells(
+                Cell(name, "code", parameter_meaning(name)),
+                Cell(at_precision(value, se), "strong"),
+                number(se, 2),
+                Cell(at_precision(mean, sd), "muted"),
+                Cell(number(sd, 2), "muted"),
+                Cell(unit, "muted"),
+            )
+        )
+    columns = columns_of("Parameter:text|Value:num|Standard error:num|Prior mean:num|Prior sd:num|Unit:text")
+    return Table(columns, tuple(rows)) if rows else None
+
+
+@styled
+def residual_figure(path: BestPath) -> Figure:
+    """Residuals over time, one panel a channel, over the noise of its sensor; then the defects, where there are any.
+
+    Args:
+        path: The best flight of a record.
+    """
+    groups: dict[str, list[int]] = {}
+    for i, name in enumerate(path.outputs):
+        groups.setdefault(_channel(name), []).append(i)
+    loose = bool(np.nanmax(path.defect, initial=0.0) > 0.0)
+    panels = len(groups) + loose
+    figure, all_axes = sheet(0.6 + 1.55 * panels, panels, 1, sharex=True)
+    for axes, (channel, columns) in zip(all_axes, groups.items(), strict=False):
+        scale, unit = shown_unit(_UNITS.get(channel, "1"))
+        noise = _INSIDE * scale * float(np.nanmax(path.noise[columns]))
+        axes.axhspan(-noise, noise, color=SHADE, lw=0, zorder=0)
+        for place, i in enumerate(columns):
+            label = path.outputs[i][len(channel) :].strip(".[] ")
+            axes.plot(path.time, scale * path.residual[:, i], color=SERIES[place % len(SERIES)], lw=0.9, label=label)
+        axes.set_title(f"{channel.replace('_', ' ').capitalize()}: data less flight")
+        axes.set_ylabel(f"[{unit or 1}]")
+        if 1 < len(columns) <= _MOST_LINES:
+            axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(columns), borderaxespad=0.1)
+    if loose:
+        axes = all_axes[-1]
+        axes.plot(path.time[1:], path.defect, color=VERMILION, lw=0.9)
+        axes.axhline(1.0, color=INK, lw=0.8, ls=(0, (5, 3)))
+        axes.set_title("Largest defect of each step, over what is allowed")
+        axes.set_ylabel("[1]")
+        axes.set_ylim(bottom=0.0)
+    for axes in all_axes:
+        axes.margins(x=0)
+    all_axes[-1].set_xlabel("time [s]")
+    figure.legend(handles=[Patch(color=SHADE, label="90 % of the sensor's noise")], loc="outside upper right")
+    return figure
+
+
+def _read_paths(file: Path) -> tuple[BestPath, ...]:
+    with np.load(file, allow_pickle=False) as arrays:
+        return from_arrays(arrays)
+
+
+def view(results: Results, draw: Draw) -> dict[str, Any]:
+    """What the section on the fit shows.
+
+    Args:
+        results: The run.
+        draw: Keeps a figure and gives what the template sets.
+    """
+    folder, absent = results.folder / "fit", [line for line in results.absent if line.startswith("structure.json")]
+    facts = try_read(folder / "failed.json", json_object, absent, "no parameters of the best point are shown") or {}
+    paths = try_read(folder / "failed.npz", _read_paths, absent, "no residuals are drawn") or ()
+    pictures = []
+    for i, path in enumerate(paths):
+        channels = listed([name.replace("_", " ") for name in dict.fromkeys(map(_channel, path.outputs))])
+        caption = f"{path.flight}: what the best flight found leaves of the data. Shaded: where nine tenths of the "
+        caption += "residuals would lie if they were the noise of the sensor alone."
+        alt = f"Residuals of {channels} over time on {path.flight}; {counted(len(path.outputs), 'output')}."
+        pictures.append(draw(residual_figure(path), f"failed-{i + 1}", alt, caption))
+    tried = results.part("fit").get("tried")
+    return {
+        "tried": [str(line) for line in tried] if isinstance(tried, list) else [],
+        "residuals": residual_table(results),
+        "pictures": pictures,
+        "parameters": parameter_table(facts),
+        "absent": absent,
+    }
