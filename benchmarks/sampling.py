@@ -118,15 +118,16 @@ def target_of(marginal: Any) -> Any:
             residual = compared(flight, theta, jax_states(flight, theta, course_at(along, shift)))
             seen = residual + (along.offset - along.gap)[..., None] + along.offset_slope @ shift
             total -= 0.5 * jnp.sum(innovations(along.gains, seen) ** 2)
-        return total - 0.5 * jnp.sum(((theta[:, 0] - numbers.prior_centre) / numbers.prior_scale) ** 2)
+        away = theta[:, 0] - numbers.prior_centre
+        return total - 0.5 * jnp.sum(jax.scipy.linalg.solve_triangular(numbers.prior_factor, away, lower=True) ** 2)
 
     def residuals(xi: Array) -> Array:
         rest = np.sqrt(2.0 * (FLOOR + np.asarray(marginal.rest.at(xi))))
         return np.concatenate([np.asarray(projected_residuals(marginal, xi))[:, 0], rest])
 
     scale, centre = np.asarray(marginal.scale), np.asarray(marginal.centre)
-    to_prior = scale / np.asarray(marginal.prior_scale)[:, None]
-    offset = (centre - np.asarray(marginal.prior_centre)) / np.asarray(marginal.prior_scale)
+    to_prior = np.linalg.solve(np.asarray(marginal.prior_factor), scale)
+    offset = np.linalg.solve(np.asarray(marginal.prior_factor), centre - np.asarray(marginal.prior_centre))
     size = int(centre.size)
     return Target(size, lambda xi: np.asarray(log_density(marginal, xi)), residuals, one, marginal, (to_prior, offset))
 
