@@ -102,7 +102,7 @@ def test_law_spread_of_matrices_that_are_known(monkeypatch):
     monkeypatch.setattr(law_effect, "to_vector", lambda law: law)
     monkeypatch.setattr(law_effect, "from_vector", lambda vector, like: vector)
     made = SimpleNamespace(
-        hyper=np.zeros(2), scale=scale, prior_scale=np.full(3, prior), flights=("a", "b"),
+        hyper=np.zeros(2), scale=scale, prior_factor=prior * np.eye(3), flights=("a", "b"),
         along=tuple(SimpleNamespace(linear=share) for share in (0.25, 0.75)),
     )  # fmt: skip
     spread, excess = law_spread(made, covariance)

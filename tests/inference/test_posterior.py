@@ -127,9 +127,8 @@ def test_log_likelihood_sums_to_the_marginal_one(found, draws):
     """Together with prior and determinant, the samples' log likelihoods make up the density that was drawn from."""
     made, predicted = posterior._per_sample(found.marginal, draws, np.random.default_rng(5), None)
     xi = draws.xi.reshape(-1, 1).T
-    z = (
-        np.asarray(found.marginal.theta(jnp.asarray(xi)))[0] - found.marginal.prior_centre
-    ) / found.marginal.prior_scale
+    away = np.asarray(found.marginal.theta(jnp.asarray(xi)))[0] - found.marginal.prior_centre
+    z = away / found.marginal.prior_factor[0, 0]
     ours = sum(rows.sum(axis=-1).ravel() for rows in made) - 0.5 * z**2 - found.marginal.rest.at(xi)
     wanted = draws.log_density.ravel()
     np.testing.assert_allclose(ours - ours[0], wanted - wanted[0], atol=1e-8)

@@ -13,18 +13,18 @@ from jax.flatten_util import ravel_pytree
 from bayeschute.inference import evidence, score
 from bayeschute.inference.evidence import HyperPrior
 from bayeschute.inference.noise import Noise
-from bayeschute.inference.priors import working
+from bayeschute.inference.priors import precision
 from bayeschute.inference.statespace import innovations
 from bayeschute.inference.target import Hyper, as_series, course, filter_gains, linearise
 
 LOG_SD = 0.7
 
 
-def _plain(vector, like, flights, linear, prior_scale, parameters=True):
+def _plain(vector, like, flights, linear, before, parameters=True):
     """The objective as it is defined, for JAX to differentiate."""
     hyper = score.from_vector(vector, like)
     middle = ravel_pytree(jax.tree.map(jnp.log, like))[0]
-    value, matrix = 0.5 * jnp.sum(((vector - middle) / LOG_SD) ** 2), jnp.diag(1.0 / prior_scale**2)
+    value, matrix = 0.5 * jnp.sum(((vector - middle) / LOG_SD) ** 2), before
     for flight, lin in zip(flights, linear, strict=True):
         made, series = filter_gains(flight, hyper, lin), as_series(lin)
         unit = innovations(made, series).reshape(-1, series.shape[2])
@@ -58,10 +58,10 @@ def test_gradient_is_that_of_the_differentiated_filter(name, request):
     made, flights, linear, like = _case(name, request)
     at = jnp.asarray(score.to_vector(made.hyper))
     at = at + 0.4 * np.random.default_rng(3).standard_normal(at.size)
-    scale = jnp.asarray(working(made.priors)[1])
-    value, gradient = _by_ad(at, like, flights, linear, scale, True)
+    before = jnp.asarray(precision(made.priors))
+    value, gradient = _by_ad(at, like, flights, linear, before, True)
     series = tuple(as_series(lin) for lin in linear)
-    ours = score.evidence_score(at, like, LOG_SD, flights, linear, series, scale)
+    ours = score.evidence_score(at, like, LOG_SD, flights, linear, series, before)
     assert float(ours[0]) == pytest.approx(float(value), rel=1e-11)
     np.testing.assert_allclose(ours[1], gradient, rtol=1e-8, atol=1e-8 * np.abs(gradient).max())
     assert (np.abs(gradient) > 1e-4).all()
@@ -69,7 +69,7 @@ def test_gradient_is_that_of_the_differentiated_filter(name, request):
     held = sum(
         score.conditional_score(at, like, f, lin, s[..., 0]) for f, lin, s in zip(flights, linear, series, strict=True)
     )
-    wanted = _by_ad(at, like, flights, linear, scale, False)[1] - (at - score.to_vector(made.hyper)) / LOG_SD**2
+    wanted = _by_ad(at, like, flights, linear, before, False)[1] - (at - score.to_vector(made.hyper)) / LOG_SD**2
     np.testing.assert_allclose(held, wanted, rtol=1e-8, atol=1e-8 * np.abs(wanted).max())
 
 
@@ -86,8 +86,8 @@ def test_noise_without_processes_of_its_own_has_a_gradient(descent):
     flight = replace(descent.flights[0], latent=descent.flights[0].latent._replace(kinds=(), processes=(), least=1))
     hyper = Hyper(Noise(*(jnp.asarray(a) for a in descent.hyper.noise.__dict__.values())), ())
     lin = linearise(flight, descent.theta, course(flight, hyper, flight.still()))
-    at, scale = jnp.asarray(score.to_vector(hyper)) + 0.1, jnp.asarray(working(descent.priors)[1])
-    ours = score.evidence_score(at, hyper, LOG_SD, (flight,), (lin,), (as_series(lin),), scale)
-    value, gradient = _by_ad(at, hyper, (flight,), (lin,), scale, True)
+    at, before = jnp.asarray(score.to_vector(hyper)) + 0.1, jnp.asarray(precision(descent.priors))
+    ours = score.evidence_score(at, hyper, LOG_SD, (flight,), (lin,), (as_series(lin),), before)
+    value, gradient = _by_ad(at, hyper, (flight,), (lin,), before, True)
     assert float(ours[0]) == pytest.approx(float(value), rel=1e-11)
     np.testing.assert_allclose(ours[1], gradient, rtol=1e-8, atol=1e-8)

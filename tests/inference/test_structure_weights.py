@@ -36,8 +36,8 @@ def test_scores_of_a_linear_flight_are_its_marginal_likelihoods(linear, marginal
 
 def test_the_rest_hardly_hangs_on_a_wide_prior_and_the_evidence_does(linear, marginal):
     """The reason for scoring the rest only."""
-    scale = np.asarray(marginal.prior_scale)
-    near, far = (sequential_scores(replace(marginal, prior_scale=by * scale), 0.4) for by in (10.0, 1000.0))
+    scale = np.asarray(marginal.prior_factor)
+    near, far = (sequential_scores(replace(marginal, prior_factor=by * scale), 0.4) for by in (10.0, 1000.0))
     assert abs(far[1].sum() - near[1].sum()) < 0.1
     assert far[0].sum() + far[1].sum() < near[0].sum() + near[1].sum() - 5.0
 
@@ -49,7 +49,7 @@ def test_scores_of_falling_bodies_sum_to_the_evidence_by_quadrature(found):
         made, determinant=made.determinant._replace(curvature=0.0 * np.asarray(made.determinant.curvature))
     )
     at = np.array([[0.0]])
-    scale, prior = float(made.scale[0, 0]), float(made.prior_scale[0])
+    scale, prior = float(made.scale[0, 0]), float(made.prior_factor[0, 0])
     level = sum(float(np.sum(part)) for part in sample_log_likelihoods(made, at)) - np.log(prior) + np.log(scale)
     level -= 0.5 * ((float(made.centre[0]) - float(made.prior_centre[0])) / prior) ** 2
     xi, w = roots_hermitenorm(40)  # weights exp(-xi^2/2), so the density is a mild function times those

@@ -28,7 +28,7 @@ from bayeschute.inference.law_effect import widened
 from bayeschute.inference.marginal import draw_unknowns
 from bayeschute.inference.noise import colour
 from bayeschute.inference.posterior import sample
-from bayeschute.inference.priors import Prior, working
+from bayeschute.inference.priors import Prior, factor, working
 from bayeschute.inference.target import Course, FlightData, Hyper, Unknowns, course, residuals, states
 
 Array = NDArray[np.float64]
@@ -107,9 +107,9 @@ class Drawn:
 def _truth(template: Template, believed: Believed | None, rng: np.random.Generator) -> tuple[Array, Hyper]:
     """Parameters and noise parameters, drawn together: from their priors, or from a posterior."""
     if believed is None:
-        centre, scale = working(template.priors)
+        centre = working(template.priors)[0]
         middle = to_vector(template.noise.median)
-        theta = centre + scale * rng.standard_normal(centre.size)
+        theta = centre + factor(template.priors) @ rng.standard_normal(centre.size)
         law = middle + template.noise.log_sd * rng.standard_normal(middle.size)
         return theta, from_vector(law, template.noise.median)
     found = believed.found

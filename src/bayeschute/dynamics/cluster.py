@@ -39,6 +39,8 @@ class Air:
         axial_factor: Factor on every canopy's axial coefficient, (canopy, ...) or 1: breathing (6.3.2-28).
         shear: Derivative of the wind with altitude [1/s].
         aloft: The air where the canopies are, components (canopy, ...); None: the same.
+        push: What no term explains of every canopy's transverse coefficient, towards north and east, components
+            (canopy, ...); what of it lies along the riser has no effect. None: nothing.
     """
 
     wind: Vec3
@@ -47,6 +49,7 @@ class Air:
     axial_factor: Component
     shear: Vec3
     aloft: Air | None = None
+    push: tuple[Component, Component] | None = None
 
 
 @dataclass(frozen=True)
@@ -108,6 +111,9 @@ def canopy_force(flow: CanopyFlow, geo: RiserGeometry, model: Cluster, structure
         return structure.force(flow, geo, model, air)
     axial = axial_coefficient(structure.axial, model.axial, flow) * air.axial_factor
     transverse = transverse_coefficient(structure.transverse, model.transverse, flow)
+    if air.push is not None:
+        north, east = air.push
+        transverse = transverse + perpendicular(Vec3(north, east, jnp.zeros_like(north)), flow.axis)
     return (transverse - flow.axis * axial) * (flow.q * model.canopies.area)
 
 

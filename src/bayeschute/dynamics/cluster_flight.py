@@ -212,12 +212,19 @@ def air_between(
 ) -> Air:
     """Air at a share of the sample, linear between samples.
 
-    The first three rows of the errors add to the recorded wind; rows beyond, one per canopy, to the axial factors.
+    The first three rows of the errors add to the recorded wind; the next, one per canopy, to the axial factors; those
+    beyond, if any, are the canopies' transverse coefficients that no term explains: all towards north, then all
+    towards east.
     """
     w0, w1 = now.wind + error_now[:3], then.wind + error_then[:3]
     f0, f1 = now.axial_factor, then.axial_factor
+    n = f0.shape[0]
     if error_now.shape[0] > 3:
-        f0, f1 = f0 + error_now[3:], f1 + error_then[3:]
+        f0, f1 = f0 + error_now[3 : 3 + n], f1 + error_then[3 : 3 + n]
+    push = None
+    if error_now.shape[0] > 3 + n:
+        across = error_now[3 + n :] + (error_then[3 + n :] - error_now[3 + n :]) * share
+        push = across[:n], across[n:]
     zero = jnp.zeros_like(w0[0])
     return Air(
         wind=vec3(w0 + (w1 - w0) * share),
@@ -225,6 +232,7 @@ def air_between(
         density=now.density + (then.density - now.density) * share,
         axial_factor=f0 + (f1 - f0) * share,
         shear=Vec3(zero, zero, zero),
+        push=push,
     )
 
 

@@ -125,7 +125,32 @@ def step_jacobians(model: FlightModel, theta: jax.Array, start: jax.Array, error
         start: Initial deviations (D,).
         error: Latent disturbances at every sample (T, A).
     """
-    states = trajectory(model, theta, start, error)
+    y, _, steps = along_path(model, theta, start, error, trajectory(model, theta, start, error))
+    return y, steps
+
+
+class Reached(NamedTuple):
+    """The first state (X,) of parameters and deviations, and where a step leads from every state of a path (T - 1, X).
+
+    They equal the path's own states where it obeys the equations of motion.
+    """
+
+    first: jax.Array
+    steps: jax.Array
+
+
+def along_path(
+    model: FlightModel, theta: jax.Array, start: jax.Array, error: jax.Array, path: jax.Array
+) -> tuple[jax.Array, Reached, Steps]:
+    """Outputs (T, C) on a path, where its steps lead, and the derivatives of all steps at once.
+
+    Args:
+        model: The flight.
+        theta: Parameters (P,).
+        start: Initial deviations (D,).
+        error: Latent disturbances at every sample (T, A).
+        path: States (T, X), which need not obey the equations of motion.
+    """
     inputs = model.inputs()
     now, then = jax.tree.map(lambda a: a[:-1], inputs), jax.tree.map(lambda a: a[1:], inputs)
 
@@ -133,12 +158,16 @@ def step_jacobians(model: FlightModel, theta: jax.Array, start: jax.Array, error
         return model.advance(x, model.numbers(theta), now, then, e0, e1)
 
     step = jax.vmap(jax.jacfwd(advance, argnums=(0, 1, 4, 5)), in_axes=(0, None, 0, 0, 0, 0))
-    along = step(states[:-1], theta, now, then, error[:-1], error[1:])
+    rows = (path[:-1], theta, now, then, error[:-1], error[1:])
+    along = step(*rows)
+    reached = Reached(
+        model.initial(model.numbers(theta), start), jax.vmap(advance, in_axes=(0, None, 0, 0, 0, 0))(*rows)
+    )
     first = jax.jacfwd(lambda t, d: model.initial(model.numbers(t), d), argnums=(0, 1))(theta, start)
     observe = jax.vmap(
         jax.jacfwd(lambda x, t, now: model.observe(x, model.numbers(t), now), argnums=(0, 1)), in_axes=(0, None, 0)
     )
-    return outputs(model, states, theta), Steps(*along, *first, *observe(states, theta, inputs))
+    return outputs(model, path, theta), reached, Steps(*along, *first, *observe(path, theta, inputs))
 
 
 def jacobian(

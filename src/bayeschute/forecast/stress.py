@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from bayeschute.dynamics.integrate import FlightModel, jacobian_compiled
 from bayeschute.dynamics.kernel import flight as kernel
 from bayeschute.dynamics.outcome import Outcome, simulate
-from bayeschute.inference.priors import Prior, working
+from bayeschute.inference.priors import Prior, factor, working
 from bayeschute.inference.target import FlightData
 
 Array = NDArray[np.float64]
@@ -85,10 +85,10 @@ def stress_test(
         seed: Of the draws.
     """
     rng = np.random.default_rng(seed)
-    centre, scale = working(priors)
+    centre = working(priors)[0]
     standard = rng.standard_normal((n, centre.size))
     start = rng.standard_normal((n, np.size(start_scale))) * start_scale
-    theta = centre + scale * standard
+    theta = centre + standard @ factor(priors).T
     samples = jnp.shape(jax.tree.leaves(model.inputs())[0])[0]
     outcome, failed_at, step_error = [], [], []
     for first in range(0, n, _BATCH):

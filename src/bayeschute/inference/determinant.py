@@ -58,10 +58,10 @@ def slope(marginal: Marginal, step: float = 0.2) -> Array:
     return found
 
 
-def around(marginal: Marginal, step: float = 1.0) -> Quadratic:
+def around(marginal: Marginal, step: float = 1.0, crossed: int = _CROSSED) -> Quadratic:
     """The log determinant about theta_0, from exact values at plus and minus `step` along every axis.
 
-    Along an axis on which a flight fails there, from values at a half, a quarter or an eighth of it. The axes of
+    `crossed` says how many axes these are. Along an axis on which a flight fails there, from values at a half, a quarter or an eighth of it. The axes of
     greatest curvature get their products with all others too; a product at both corners of which a flight fails is
     left out (`error` tells what is missing).
 
@@ -71,7 +71,7 @@ def around(marginal: Marginal, step: float = 1.0) -> Quadratic:
     count = np.size(marginal.centre)
     up, down, h = beside(lambda points: _changes(marginal, points)[:, None], count, step, "the log determinant")
     tilt, bent = ((up - down) / (2.0 * h))[:, 0], ((up + down) / h**2)[:, 0]
-    curvature, first = np.diag(bent), np.argsort(-np.abs(bent))[:_CROSSED]
+    curvature, first = np.diag(bent), np.argsort(-np.abs(bent))[:crossed]
     pairs = [(i, j) for n, i in enumerate(first) for j in range(count) if j not in first[: n + 1]]
     left = np.array(pairs, int).reshape(-1, 2)
     for side, sign in ((up, 1.0), (down, -1.0)):

@@ -18,7 +18,7 @@ import scipy.optimize
 from numpy.typing import NDArray
 
 from bayeschute.air.vector import Component
-from bayeschute.inference.priors import Prior, working
+from bayeschute.inference.priors import Prior, precision
 from bayeschute.inference.score import evidence_score
 from bayeschute.inference.score import from_vector as from_vector
 from bayeschute.inference.score import to_vector as to_vector
@@ -61,7 +61,7 @@ def function_of(
     series = tuple(_series(lin) for lin in linear)
     if gaps is not None:
         series = tuple(s.at[:, :, 0].add(-jnp.asarray(gap)) for s, gap in zip(series, gaps, strict=True))
-    fixed = (median, prior.log_sd, tuple(flights), tuple(linear), series, working(priors)[1])
+    fixed = (median, prior.log_sd, tuple(flights), tuple(linear), series, precision(priors))
 
     def objective(vector: Array) -> tuple[float, Array]:
         value, gradient = evidence_score(jnp.asarray(vector), *fixed)

@@ -19,7 +19,7 @@ import scipy.optimize
 from numpy.typing import NDArray
 
 from bayeschute.air.vector import Component
-from bayeschute.inference.priors import Prior, working
+from bayeschute.inference.priors import Prior, precision, standard, working
 from bayeschute.inference.target import FlightData, Hyper
 
 Array = NDArray[np.float64]
@@ -169,10 +169,10 @@ def fit(
         theta: Where to start (P,).
         scale: Rough standard deviations of the result (P,); the priors' where None.
     """
-    centre, sd = working(priors)
+    (centre, sd), before = working(priors), precision(priors)
 
     def cost(at: Array) -> tuple[float, Array]:
-        value, gradient = 0.5 * float(np.sum(((at - centre) / sd) ** 2)), (at - centre) / sd**2
+        value, gradient = 0.5 * float(np.sum(standard(priors, at) ** 2)), before @ (at - centre)
         for flight in flights:
             v, g = _slope(flight, hyper, jnp.asarray(at))
             value, gradient = value - float(v), gradient - np.asarray(g)

@@ -12,11 +12,14 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from bayeschute.air.vector import Component
-from bayeschute.inference import determinant, evidence
+from bayeschute.errors import FitError
+from bayeschute.inference import determinant, evidence, lifted
 from bayeschute.inference import map as optimum
 from bayeschute.inference.evidence import HyperPrior
+from bayeschute.inference.fit_checks import Profile, profile
 from bayeschute.inference.following import follow
 from bayeschute.inference.law_effect import LawEffect, law_slope, law_spread
+from bayeschute.inference.lifted import Lifted
 from bayeschute.inference.map import Optimum
 from bayeschute.inference.marginal import Marginal, gap_slope, marginalise
 from bayeschute.inference.priors import Prior, working
@@ -33,8 +36,16 @@ _SMALL_STEPS = tuple(0.1 * i for i in range(1, 11))  # where those lead astray
 _MOST, _MOST_SMALL = 12, 40  # most iterations of a fit to an opening, and to one of the small steps
 _MODE_STEPS, _NEAR = 16, 0.2  # most steps to the marginal mode; length of the last, in standard deviations
 _FLATTEST, _REACH = 0.2, 2.0  # least share of Gauss-Newton's curvature that is believed; longest step of that kind
+_NOISE_TURNS, _EVIDENCE_GAIN = 3, 2.0  # most turns of noise parameters along the record; a gain that ends them
+_TURN_NEAR, _JOINT_NEAR = (0.3, 0.2), (0.1, 0.1)  # gain and step [standard errors] at which a turn, or the last, ends
+_POLISH = 10  # most steps of single shooting after the fit along the record
 _TURNS, _REST = 8, 0.4  # most turns of noise parameters and mode; a step of the mode after which there is no other
 _MODE_TURN = 4  # most steps of the mode in each of them
+_FOLLOWING = (1.0, 0.3)  # steps [standard deviations] at which it is looked how start and disturbances follow
+_DETERMINANT = 0.2  # error of the log determinant's polynomial beyond which it gets all products
+_LOST_PULL = (
+    "how start and disturbances change their effect with the parameters: along some axis it outweighs the density"
+)
 _FAR = 1.0  # standard deviations by which noise parameters at their mean may move a parameter
 _LEAST_OPENING = 0.05  # share of the record at which the first part is shortened no more
 _LEAST_GAIN = 0.05  # share of the record by which the fitted part must at least be lengthened
@@ -52,6 +63,8 @@ class Found:
         law_covariance: Of the logarithms of the noise parameters (V, V).
         law_effect: How the parameters' conditional posterior follows those logarithms.
         determinant_error: Root mean square error of the log determinant's polynomial over the posterior.
+        profile: The density along the axes about the mode.
+        lost: Corrections that were left out since they can't be trusted, in words.
     """
 
     optimum: Optimum
@@ -61,6 +74,8 @@ class Found:
     law_covariance: Array
     law_effect: LawEffect
     determinant_error: float
+    profile: Profile
+    lost: tuple[str, ...] = ()
 
 
 def _until(flight: FlightData, share: float) -> FlightData:
@@ -75,7 +90,8 @@ def _linearised(flights: Sequence[FlightData], hyper: Hyper, best: Optimum) -> l
     return [linearise(f, best.theta, course(f, hyper, x)) for f, x in pairs]
 
 
-Begin = tuple[Array, Sequence[Unknowns], Hyper]  # parameters, unknowns of every flight, noise parameters
+Begin = tuple[Array, Sequence[Unknowns] | Sequence[Lifted] | None, Hyper]
+"""Parameters, where every flight begins (None: on the path of its record), noise parameters."""
 
 
 class Settled(NamedTuple):
@@ -150,18 +166,21 @@ def settle(
         prior: Priors of the noise parameters.
         rounds: Turns of optimum and evidence before the last optimum.
         progress: Called with a share done and words.
-        begin: Parameters, unknowns and noise parameters to begin with; from the prior means, by openings of the record,
-            where None.
+        begin: Where to begin; at the prior means, on the path of the record, where None. Models without such a path
+            begin with openings of the record.
 
     Raises:
         FloatingPointError: If the simulation at the prior means is not finite.
     """
     say = progress or (lambda share, words: None)
+    if all(f.path is not None for f in flights):
+        return _settle_along(flights, priors, prior, say, begin)
     theta, hyper, value = working(priors)[0], prior.median, np.nan
     unknowns: Sequence[Unknowns] | None = None
     if begin is not None:
-        theta, unknowns, hyper = begin
-    if begin is None:
+        theta, places, hyper = begin
+        unknowns = [x.unknowns if isinstance(x, Lifted) else x for x in places] if places is not None else None
+    if unknowns is None:
         theta, unknowns = lengthened(flights, priors, hyper, theta, say)
     for turn in range(rounds + 1):
         last = turn == rounds
@@ -176,6 +195,55 @@ def settle(
             say((turn + 0.9) / (rounds + 1), f"noise parameters {turn + 1}")
             linear = _linearised(flights, hyper, best)
             hyper, value = evidence.maximise(flights, linear, priors, hyper, prior, most=20 if turn == 0 else 12)
+    return Settled(best, hyper, value)
+
+
+def _placed(flight: FlightData, hyper: Hyper, theta: Array, place: Unknowns | Lifted) -> Lifted | None:
+    """A place along the record; of unknowns alone, that of their simulation."""
+    return place if isinstance(place, Lifted) else lifted.flown(flight, hyper, theta, place)
+
+
+def _settle_along(
+    flights: Sequence[FlightData],
+    priors: Sequence[Prior],
+    prior: HyperPrior,
+    say: Progress,
+    begin: Begin | None,
+) -> Settled:
+    """`settle` along the record: the path is kept from turn to turn, whatever the noise parameters become."""
+    theta, hyper, value = working(priors)[0], prior.median, np.inf
+    at: Sequence[Lifted] | None = None
+    levels: tuple[float, ...] = (*lifted.LEVELS, 0.0)
+    if begin is not None:
+        theta, places, hyper = begin
+        if places is not None:
+            found = [_placed(f, hyper, theta, x) for f, x in zip(flights, places, strict=True)]
+            known = [x for x in found if x is not None]
+            if len(known) == len(flights):
+                at, levels = known, (0.0,)
+    for turn in range(_NOISE_TURNS + 1):
+        last = turn == _NOISE_TURNS
+
+        def tell(row: lifted.Row, turn: int = turn) -> None:
+            say((turn + 0.3) / (_NOISE_TURNS + 1), f"along the record {turn + 1}, {row}")
+
+        made = lifted.descend(
+            flights, hyper, priors, theta, at, levels, near=_JOINT_NEAR if last else _TURN_NEAR, progress=tell
+        )
+        theta, at, levels = made.theta, made.flights, (0.0,)
+        if last:
+            break
+        linear = [lifted.linear(f, x, lifted.along(f, theta, x)) for f, x in zip(flights, at, strict=True)]
+        most = 20 if turn == 0 else 12
+        before, (hyper, value) = value, evidence.maximise(flights, linear, priors, hyper, prior, most)
+        say((turn + 0.9) / (_NOISE_TURNS + 1), f"noise parameters {turn + 1}: log evidence {-value:.1f}")
+        if before - value < _EVIDENCE_GAIN and made.converged:
+            break
+
+    def polish(iteration: int, cost: float, step: float) -> None:
+        say(0.95, f"optimum: cost {cost:.2f}, step {step:.3f} standard errors")
+
+    best = optimum.fit(flights, hyper, priors, theta, made.unknowns, _JOINT_NEAR[1], _POLISH, progress=polish)
     return Settled(best, hyper, value)
 
 
@@ -297,13 +365,41 @@ def conclude(
     say(0.8, "log determinant at the mode")
     began = Settled(replace(best, converged=settled.optimum.converged), hyper, value)
     best = marginal_mode(flights, priors, began)
-    made = marginalise(flights, hyper, priors, best)
-    made = follow(made)
-    made = replace(made, determinant=determinant.around(made))
+    made, lost = _corrected(marginalise(flights, hyper, priors, best), best.converged)
     wrong = determinant.error(made, 4, np.random.default_rng(0))
+    if wrong > _DETERMINANT:
+        made = replace(made, determinant=determinant.around(made, crossed=len(priors)))
+        wrong = determinant.error(made, 4, np.random.default_rng(0))
     slope = scipy.linalg.solve_triangular(np.asarray(made.scale), scale @ slope, lower=True)
     effect = LawEffect(slope, *law_spread(made, known))
-    return Found(best, hyper, made, value, known, effect, wrong)
+    return Found(best, hyper, made, value, known, effect, wrong, profile(made), lost)
+
+
+def _corrected(made: Marginal, converged: bool) -> tuple[Marginal, tuple[str, ...]]:
+    """The posterior with the corrections that can be trusted about its mode, and which had to be left out.
+
+    Raises:
+        FitError: If the point is no mode with or without them, and its search did not end there either.
+    """
+    tried = []
+    for step in _FOLLOWING:
+        try:
+            one = follow(made, step)
+            one = replace(one, determinant=determinant.around(one))
+        except FloatingPointError:
+            continue
+        tried.append(profile(one))
+        if tried[-1].is_mode:
+            return one, ()
+    plain = replace(made, determinant=determinant.around(made))
+    tried.append(profile(plain))
+    if not (tried[-1].is_mode or converged):
+        falls = ", ".join(f"{one.worst:.3g}" for one in tried)
+        raise FitError(
+            "the search for the mode of the marginal posterior did not end at one: one standard deviation beside it the "
+            f"log density falls by {falls} at least, with its corrections in turn and without, where about 0.5 is wanted"
+        )
+    return plain, (_LOST_PULL,)
 
 
 def _linear(made: Marginal) -> list[Linear]:

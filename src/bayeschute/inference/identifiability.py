@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from bayeschute.inference.latent import KINDS
 from bayeschute.inference.law_effect import LawEffect, joint_covariance
 from bayeschute.inference.marginal import Marginal
-from bayeschute.inference.priors import Prior, values, working
+from bayeschute.inference.priors import Prior, factor, standard, values, working
 
 Array = NDArray[np.float64]
 FELT = 0.05  # power-scaling sensitivity from which on a component is felt (Kallioinen et al. 2024)
@@ -40,15 +40,18 @@ def directions(covariance: Array, priors: Sequence[Prior]) -> list[Direction]:
     """Combinations of the parameters from the least to the best told: eigenvectors of the record's Fisher matrix.
 
     In coordinates in which the prior is standard normal, the Laplace precision is one plus the record's information.
+    Weights are those of the parameters in their own prior standard deviations.
 
     Args:
         covariance: Laplace covariance in working coordinates (P, P): `Optimum.covariance`, or
             ``scale @ scale.T`` of a `Marginal`.
         priors: Priors of the parameters.
     """
-    scale = working(priors)[1]
-    information = scale[:, None] * np.linalg.inv(covariance) * scale - np.eye(len(priors))
+    scale, root = working(priors)[1], factor(priors)
+    information = root.T @ np.linalg.inv(covariance) @ root - np.eye(len(priors))
     found, vectors = np.linalg.eigh(0.5 * (information + information.T))
+    vectors = root @ vectors / scale[:, None]
+    vectors = vectors / np.linalg.norm(vectors, axis=0)
     made = []
     for value, vector in zip(np.maximum(found, 0.0), vectors.T, strict=True):
         turned = vector * np.sign(vector[np.argmax(np.abs(vector))])
@@ -163,12 +166,11 @@ def power_scaling(priors: Sequence[Prior], theta: Array, likelihood: Array) -> M
         theta: Draws in working coordinates (chain, draw, P), of the sampler itself.
         likelihood: Their log likelihood (chain, draw), up to a constant.
     """
-    centre, scale = working(priors)
     names, own = [p.name for p in priors], values(priors, theta)
     tree = from_dict(
         {
             "posterior": {name: own[..., i] for i, name in enumerate(names)},
-            "log_prior": {"all": -0.5 * np.sum(((theta - centre) / scale) ** 2, axis=-1)},
+            "log_prior": {"all": -0.5 * np.sum(standard(priors, theta) ** 2, axis=-1)},
             "log_likelihood": {"all": likelihood},
         }
     )

@@ -37,7 +37,7 @@ from bayeschute.inference.finding import Found
 from bayeschute.inference.law_effect import LawEffect
 from bayeschute.inference.map import conditional
 from bayeschute.inference.marginal import course_at
-from bayeschute.inference.priors import Prior, working
+from bayeschute.inference.priors import Prior, standard
 from bayeschute.inference.statespace import Gains, innovations
 from bayeschute.inference.target import (
     Course,
@@ -302,8 +302,7 @@ def weigh(
     points, count = proposal.draw(draws, np.random.default_rng([seed, 14])), np.size(found.marginal.centre)
     theta = np.asarray(found.marginal.centre) + points[:, :count] @ np.asarray(found.marginal.scale).T
     law = points[:, count:]
-    centre, scale = working(priors)
-    log_prior = -0.5 * np.sum(((theta - centre) / scale) ** 2, axis=1)
+    log_prior = -0.5 * np.sum(standard(priors, theta) ** 2, axis=1)
     log_prior -= 0.5 * np.sum(((law - to_vector(noise.median)) / noise.log_sd) ** 2, axis=1)
 
     def one(i: int) -> tuple[float, float, float, int, int]:

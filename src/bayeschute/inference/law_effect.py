@@ -118,7 +118,7 @@ def law_spread(marginal: Marginal, covariance: Array) -> tuple[Array, Array]:
         `spread` and `excess` of `LawEffect`, noise parameters in the order of `score.to_vector`.
     """
     at, scale, root = to_vector(marginal.hyper), np.asarray(marginal.scale), np.linalg.cholesky(covariance)
-    prior = np.diag(1.0 / np.asarray(marginal.prior_scale) ** 2)
+    prior = np.linalg.inv(np.asarray(marginal.prior_factor) @ np.asarray(marginal.prior_factor).T)
 
     def log_covariance(vector: Array) -> Array:
         hyper, matrix = from_vector(vector, marginal.hyper), prior

@@ -19,7 +19,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from bayeschute.air.vector import Component
-from bayeschute.inference.priors import Prior, working
+from bayeschute.inference.priors import Prior, precision, standard, working
 from bayeschute.inference.statespace import innovations, smooth
 from bayeschute.inference.target import (
     FlightData,
@@ -114,8 +114,7 @@ def total_cost(
     flights: Sequence[FlightData], hyper: Hyper, priors: Sequence[Prior], theta: Array, unknowns: Sequence[Unknowns]
 ) -> float:
     """Minus the log density up to constants; infinite where a simulation fails."""
-    centre, scale = working(priors)
-    value = 0.5 * float(np.sum(((theta - centre) / scale) ** 2))
+    value = 0.5 * float(np.sum(standard(priors, np.asarray(theta)) ** 2))
     for flight, part in zip(flights, unknowns, strict=True):
         value += float(cost(flight, hyper, theta, part))
     return value if np.isfinite(value) else np.inf
@@ -173,9 +172,9 @@ class _Problem:
         if self.opening:
             linear = [_opening(f, one) for f, one in zip(self.flights, linear, strict=True)]
         given = [conditional(f, self.hyper, one) for f, one in zip(self.flights, linear, strict=True)]
-        centre, scale = working(self.priors)
-        matrix = np.diag(1.0 / scale**2) + sum(np.asarray(g.matrix) for g in given)
-        gradient = (theta - centre) / scale**2 + self.tilt + sum(np.asarray(g.gradient) for g in given)
+        before = precision(self.priors)
+        matrix = before + sum(np.asarray(g.matrix) for g in given)
+        gradient = before @ (theta - working(self.priors)[0]) + self.tilt + sum(np.asarray(g.gradient) for g in given)
         finite = np.isfinite(matrix).all() and np.isfinite(gradient).all()
         return _Point(theta, unknowns, value, given, matrix, gradient) if finite else None
 

@@ -23,7 +23,7 @@ from bayeschute.air.vector import Component
 from bayeschute.inference import gap
 from bayeschute.inference.drawing import Normals, about, drawn
 from bayeschute.inference.map import Optimum, conditional
-from bayeschute.inference.priors import Prior, working
+from bayeschute.inference.priors import Prior, factor, working
 from bayeschute.inference.statespace import Gains, innovations, response
 from bayeschute.inference.target import (
     Course,
@@ -101,7 +101,7 @@ class Marginal:
         centre: Where the flights were linearised (P,).
         scale: Lower Cholesky factor of the Laplace covariance of theta (P, P).
         prior_centre: Prior means of theta (P,).
-        prior_scale: Prior standard deviations (P,).
+        prior_factor: Lower Cholesky factor of its prior covariance (P, P).
         determinant: Log determinant of all flights together, less its value at theta_0.
         pull: What the pull of all flights adds to minus the log density.
     """
@@ -112,7 +112,7 @@ class Marginal:
     centre: Component
     scale: Component
     prior_centre: Component
-    prior_scale: Component
+    prior_factor: Component
     determinant: Quadratic
     pull: Quadratic
 
@@ -184,11 +184,10 @@ def with_slopes(marginal: Marginal, slopes: Sequence[Unknowns], pulls: Sequence[
 
 def marginalise(flights: Sequence[FlightData], hyper: Hyper, priors: Sequence[Prior], optimum: Optimum) -> Marginal:
     """Set the marginal posterior up at an optimum, its determinant still held constant."""
-    centre, scale = working(priors)
     pairs = zip(flights, optimum.unknowns, strict=True)
     along = tuple(_along(flight, hyper, optimum.theta, unknowns) for flight, unknowns in pairs)
-    flat, factor = Quadratic.none(len(priors)), np.linalg.cholesky(optimum.covariance)
-    return Marginal(tuple(flights), hyper, along, optimum.theta, factor, centre, scale, flat, flat)
+    flat, root = Quadratic.none(len(priors)), np.linalg.cholesky(optimum.covariance)
+    return Marginal(tuple(flights), hyper, along, optimum.theta, root, working(priors)[0], factor(priors), flat, flat)
 
 
 def gap_slope(marginal: Marginal) -> Array:
@@ -244,7 +243,8 @@ def projected_residuals(marginal: Marginal, xi: Component) -> jax.Array:
         _innovations(along.gains, _series(flight, along, theta, shift)).reshape(-1, xi.shape[1])
         for flight, along in zip(marginal.flights, marginal.along, strict=True)
     ]
-    prior = (theta - jnp.asarray(marginal.prior_centre)[:, None]) / jnp.asarray(marginal.prior_scale)[:, None]
+    away = theta - jnp.asarray(marginal.prior_centre)[:, None]
+    prior = jax.scipy.linalg.solve_triangular(jnp.asarray(marginal.prior_factor), away, lower=True)
     return jnp.concatenate([*parts, prior])
 
 

@@ -24,7 +24,7 @@ from bayeschute.air.vector import Component
 from bayeschute.dynamics.integrate import outputs, trajectory
 from bayeschute.inference.filter_error import Estimate, extended_filter
 from bayeschute.inference.noise import whiten
-from bayeschute.inference.priors import Prior, working
+from bayeschute.inference.priors import Prior, factor, working
 from bayeschute.inference.target import FlightData, Hyper
 
 Array = NDArray[np.float64]
@@ -91,7 +91,7 @@ def tie_covariances(data: FlightData, hyper: Hyper, theta: Component, states: Co
 
 
 class _Given(NamedTuple):
-    """What a fit holds fixed; priors are centres and scales, the whitener that of the ties (N - 1, X + L, X + L)."""
+    """What a fit holds fixed; priors are centres and the inverse of their factor, the whitener that of the ties (N - 1, X + L, X + L)."""
 
     data: FlightData
     hyper: Hyper
@@ -124,7 +124,7 @@ def _rows(u: jax.Array, given: _Given, length: int) -> jax.Array:
     residual = jnp.where(data.present, data.observed - outputs(model, states, theta), 0.0)
     unit = whiten(hyper.outputs(data), data.dt, jnp.asarray(data.present), residual)
     ties = jnp.einsum("nij,nj->ni", whitener, nodes[1:] - ends[:-1])
-    return jnp.concatenate([unit.ravel(), ties.ravel(), start, (theta - priors[0]) / priors[1]])
+    return jnp.concatenate([unit.ravel(), ties.ravel(), start, priors[1] @ (theta - priors[0])])
 
 
 class _From:
@@ -186,12 +186,14 @@ def fit(
     """
     if data.samples - 1 <= length:
         raise ValueError(f"segments of {length} intervals make no second one of {data.samples} samples")
-    whole, (centre, sd) = _padded(data, length), working(priors)
+    whole, centre = _padded(data, length), working(priors)[0]
     seen = extended_filter(whole, hyper, theta)
     states = seen.states
     whitener = np.linalg.inv(np.linalg.cholesky(tie_covariances(whole, hyper, theta, states, length)))
     nodes = jnp.concatenate([states, seen.latent], axis=1)[: whole.samples - 1 : length][1:]
-    given = _Given(whole, hyper, (jnp.asarray(centre), jnp.asarray(sd)), _segments(whole, length), whitener)
+    given = _Given(
+        whole, hyper, (jnp.asarray(centre), jnp.linalg.inv(factor(priors))), _segments(whole, length), whitener
+    )
     u, p = np.concatenate([theta, np.zeros(data.starts + data.latent.size), np.ravel(nodes)]), len(priors)
     value, damping, converged = float(_value(jnp.asarray(u), given, length)), 1e-4, False
     if not np.isfinite(value):

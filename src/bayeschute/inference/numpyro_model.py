@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from bayeschute.errors import Fault, InputError
 from bayeschute.inference.marginal import Marginal, course_at
-from bayeschute.inference.priors import Prior, working
+from bayeschute.inference.priors import Prior, factor, working
 from bayeschute.inference.statespace import innovations
 from bayeschute.inference.target import compared, jax_states
 
@@ -65,9 +65,9 @@ def model(marginal: Marginal, priors: Sequence[Prior]) -> Callable[[], None]:
     Raises:
         InputError: If the priors are not those of the posterior, or a name is taken twice.
     """
-    centre, scale = working(priors)
-    here = np.asarray(marginal.prior_centre), np.asarray(marginal.prior_scale)
-    if centre.shape != here[0].shape or not (np.array_equal(centre, here[0]) and np.array_equal(scale, here[1])):
+    centre, root = working(priors)[0], factor(priors)
+    here = np.asarray(marginal.prior_centre), np.asarray(marginal.prior_factor)
+    if centre.shape != here[0].shape or not (np.array_equal(centre, here[0]) and np.array_equal(root, here[1])):
         got = f"{len(priors)} others"
         raise InputError(Fault("priors of a numpyro model", got, f"the {here[0].size} of the marginal posterior"))
     names = [p.name for p in priors]
@@ -76,11 +76,15 @@ def model(marginal: Marginal, priors: Sequence[Prior]) -> Callable[[], None]:
     likelihood = log_likelihood(marginal)
 
     def made() -> None:
-        theta = []
-        for p in priors:
-            law = dist.LogNormal(p.centre, p.scale) if p.logarithmic else dist.Normal(p.centre, p.scale)
+        theta: list[jax.Array] = []
+        standard: list[jax.Array] = []
+        for p, row in zip(priors, root, strict=True):  # each given those before it
+            k = len(theta)
+            mean = p.centre + sum((row[j] * standard[j] for j in range(k) if row[j]), 0.0)
+            law = dist.LogNormal(mean, row[k]) if p.logarithmic else dist.Normal(mean, row[k])
             value = numpyro.sample(p.name, law)
             theta.append(jnp.log(value) if p.logarithmic else value)
+            standard.append((theta[-1] - mean) / row[k])
         told = likelihood(jnp.stack(theta))
         numpyro.factor(SITE, jnp.where(jnp.isnan(told), -jnp.inf, told))
 

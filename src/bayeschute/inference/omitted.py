@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayeschute.inference.map import conditional
-from bayeschute.inference.priors import Prior, working
+from bayeschute.inference.priors import Prior, precision
 from bayeschute.inference.target import FlightData, Hyper, Unknowns, course, linearise
 
 Array = NDArray[np.float64]
@@ -41,8 +41,9 @@ def scores(
     Returns:
         Steps (P,), zero for kept ones' own gradients, and standard errors (P,).
     """
-    scale = working(priors)[1]
-    matrix, gradient = np.diag(np.where(kept, 1.0 / scale**2, 0.0)), np.zeros(theta.size)
+    matrix: Array = np.zeros((theta.size, theta.size))
+    gradient: Array = np.zeros(theta.size)
+    matrix[np.ix_(kept, kept)] = precision([p for p, here in zip(priors, kept, strict=True) if here])
     for flight, x in zip(flights, unknowns, strict=True):
         given = conditional(flight, hyper, linearise(flight, theta, course(flight, hyper, x)))
         matrix, gradient = matrix + np.asarray(given.matrix), gradient + np.asarray(given.gradient)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from bayeschute.errors import Fault, InputError
 from bayeschute.inference.map import Optimum
-from bayeschute.inference.priors import Prior, values, working
+from bayeschute.inference.priors import Prior, factor, precision, values
 from bayeschute.inference.statespace import response
 from bayeschute.inference.target import FlightData, Hyper, Linear, course, linearise
 from bayeschute.regression.colored import residual_noise
@@ -72,14 +72,14 @@ def _noise_sd(flight: FlightData, hyper: Hyper) -> Array:
 
 
 def _meat(
-    residual: Array, design: Array, present: NDArray[np.bool_], prior_scale: Array, taper: str, share: float
+    residual: Array, design: Array, present: NDArray[np.bool_], prior_factor: Array, taper: str, share: float
 ) -> tuple[Array, float]:
     """``S' R^-1 Rvv R^-1 S`` of one flight from scaled residuals (T, C) and sensitivities (T, C, Q), and the memory."""
     samples, outputs = present.shape
     used = present.T.ravel()
     rows = np.moveaxis(design, 1, 0).reshape(samples * outputs, -1)[used]
     # What fitting took out of the residuals lies in the directions that the data move more than the prior holds.
-    left, size, _ = scipy.linalg.svd(rows * prior_scale, full_matrices=False)
+    left, size, _ = scipy.linalg.svd(rows @ prior_factor, full_matrices=False)
     noise = residual_noise(
         np.where(present, residual, np.nan).T.ravel(),
         blocks=np.repeat(np.arange(outputs), samples),
@@ -119,10 +119,10 @@ def bounds(
     if any(flight.latent.size for flight in flights):
         wanted = "flights without latent disturbances"
         raise InputError(Fault("output error", "latent disturbances", wanted, "Use [noise] model = 'sandwich'."))
-    scale, p = working(priors)[1], len(priors)
+    root, p = factor(priors), len(priors)
     size = p + sum(flight.starts for flight in flights)
-    precision = np.concatenate([1.0 / scale**2, np.ones(size - p)])
-    information, middle, memory = np.diag(precision), np.diag(precision), []
+    information = scipy.linalg.block_diag(precision(priors), np.eye(size - p))
+    middle, memory = information.copy(), []
     at = p
     for flight, unknowns in zip(flights, optimum.unknowns, strict=True):
         linear = linearise(flight, optimum.theta, course(flight, hyper, unknowns))
@@ -131,8 +131,8 @@ def bounds(
         own = np.concatenate([np.arange(p), np.arange(at, at + flight.starts)])
         at += flight.starts
         residual = np.asarray(linear.residual) / sd
-        prior_scale = np.concatenate([scale, np.ones(flight.starts)])
-        quadratic, remembered = _meat(residual, design, present, prior_scale, taper, max_lag_fraction)
+        prior_factor = scipy.linalg.block_diag(root, np.eye(flight.starts))
+        quadratic, remembered = _meat(residual, design, present, prior_factor, taper, max_lag_fraction)
         information[np.ix_(own, own)] += np.einsum("tcp,tcq->pq", design, design)
         middle[np.ix_(own, own)] += quadratic
         memory.append(remembered)

@@ -22,7 +22,7 @@ from bayeschute.inference.marginal import (
     sample_log_likelihoods,
 )
 from bayeschute.inference.noise import colour
-from bayeschute.inference.priors import Prior, values, working
+from bayeschute.inference.priors import Prior, factor, standard, values, working
 from bayeschute.inference.surrogate import Surrogate, build
 from bayeschute.inference.target import FlightData, Hyper, Unknowns, course, residuals
 from bayeschute.samplers import ensemble, nuts, population
@@ -144,9 +144,9 @@ def data_tree(
     chains, count, parameters = draws.xi.shape
     held = np.asarray(marginal.centre) + draws.xi @ np.asarray(marginal.scale).T
     theta = held if wide is None else np.asarray(marginal.centre) + wide @ np.asarray(marginal.scale).T
-    centre, scale = working(priors)
-    prior_draws = centre + scale * rng.standard_normal((1, 2000, parameters))
-    log_prior = -0.5 * ((theta - centre) / scale) ** 2 - np.log(scale) - 0.5 * np.log(2.0 * np.pi)
+    centre, root = working(priors)[0], factor(priors)
+    prior_draws = centre + rng.standard_normal((1, 2000, parameters)) @ root.T
+    log_prior = -0.5 * standard(priors, theta) ** 2 - np.log(np.diag(root)) - 0.5 * np.log(2.0 * np.pi)
     likelihood, predictive = _per_sample(marginal, draws, rng, progress)
     groups: dict[str, Any] = {
         "posterior": _named(priors, values(priors, theta)),

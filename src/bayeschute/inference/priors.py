@@ -1,11 +1,17 @@
-"""Priors of named parameters; every one is Gaussian in its working coordinate (the value, or its logarithm)."""
+"""Priors of named parameters, together Gaussian in their working coordinates (the value, or its logarithm).
+
+What equation error knows best are sums: the mean force is known to a few per cent where none of its terms is. So priors
+carry the correlations of their estimates, by name; those with names that are not there don't count, which leaves the
+marginal law of the others.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
 
 
@@ -20,6 +26,7 @@ class Prior:
         logarithmic: Whether the working coordinate is the logarithm of the value.
         unit: Unit of the value.
         source: Where it comes from, in words.
+        correlation: With other parameters, by name.
     """
 
     name: str
@@ -28,6 +35,7 @@ class Prior:
     logarithmic: bool
     unit: str
     source: str
+    correlation: Mapping[str, float] = field(default_factory=dict)
 
     def value(self, working: NDArray[np.float64]) -> NDArray[np.float64]:
         """The value from the working coordinate."""
@@ -65,8 +73,70 @@ def from_equation_error(
 
 
 def working(priors: Sequence[Prior]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Centres and scales of several priors, (P,) each."""
+    """Centres and scales of several priors, (P,) each; their correlations are in `factor`."""
     return np.array([p.centre for p in priors]), np.array([p.scale for p in priors])
+
+
+def factor(priors: Sequence[Prior]) -> NDArray[np.float64]:
+    """Lower Cholesky factor of the covariance of several priors (P, P); diagonal where none is correlated."""
+    scale = np.array([p.scale for p in priors])
+    if not any(p.correlation for p in priors):
+        return np.diag(scale)
+    return np.asarray(np.linalg.cholesky(covariance(priors)))
+
+
+def covariance(priors: Sequence[Prior]) -> NDArray[np.float64]:
+    """Covariance of several priors in working coordinates (P, P)."""
+    place = {p.name: i for i, p in enumerate(priors)}
+    found = np.diag([p.scale**2 for p in priors])
+    for i, p in enumerate(priors):
+        for name, r in p.correlation.items():
+            if name in place and p.name in priors[place[name]].correlation:
+                found[i, place[name]] = r * p.scale * priors[place[name]].scale
+    return found
+
+
+def precision(priors: Sequence[Prior]) -> NDArray[np.float64]:
+    """Inverse of the covariance of several priors (P, P)."""
+    root = scipy.linalg.solve_triangular(factor(priors), np.eye(len(priors)), lower=True)
+    return np.asarray(root.T @ root)
+
+
+def standard(priors: Sequence[Prior], theta: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Coordinates in which the priors are standard normal (..., P), of working coordinates (..., P).
+
+    The sum of their squares is that of minus twice the log density; an entry is the parameter given those before it.
+    """
+    away = theta - working(priors)[0]
+    flat = scipy.linalg.solve_triangular(factor(priors), away.reshape(-1, len(priors)).T, lower=True)
+    return np.asarray(flat.T.reshape(away.shape))
+
+
+def correlated(priors: Sequence[Prior], centre: NDArray[np.float64], law: NDArray[np.float64]) -> list[Prior]:
+    """Priors with other centres (P,) and the covariance (P, P) that goes with them."""
+    scale = np.sqrt(np.diag(law))
+    made = []
+    for i, p in enumerate(priors):
+        row = {q.name: float(law[i, j] / (scale[i] * scale[j])) for j, q in enumerate(priors) if j != i and law[i, j]}
+        made.append(replace(p, centre=float(centre[i]), scale=float(scale[i]), correlation=row))
+    return made
+
+
+def given_zero(priors: Sequence[Prior], zero: Sequence[str]) -> list[Prior]:
+    """Priors of the other parameters once some are known to be zero: terms that a model goes without.
+
+    Args:
+        priors: Priors of all.
+        zero: Names of those that are zero; their working coordinates are the values.
+    """
+    out = np.array([p.name in set(zero) for p in priors])
+    law, centre = covariance(priors), working(priors)[0]
+    gain = (
+        law[np.ix_(~out, out)] @ np.linalg.inv(law[np.ix_(out, out)]) if out.any() else np.zeros((int(np.sum(~out)), 0))
+    )
+    left = [p for p, gone in zip(priors, out, strict=True) if not gone]
+    after = law[np.ix_(~out, ~out)] - gain @ law[np.ix_(out, ~out)]
+    return correlated(left, centre[~out] - gain @ centre[out], 0.5 * (after + after.T))
 
 
 def values(priors: Sequence[Prior], theta: NDArray[np.float64]) -> NDArray[np.float64]:

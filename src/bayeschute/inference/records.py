@@ -21,6 +21,7 @@ from bayeschute.flight.derive import measured
 from bayeschute.flight.record import VARIABLES, nearest, repairs
 from bayeschute.inference.latent import Latent
 from bayeschute.inference.priors import Prior
+from bayeschute.inference.record_path import RecordPath, record_path
 from bayeschute.inference.target import FlightData
 
 Array = NDArray[np.float64]
@@ -161,8 +162,11 @@ def cluster_data(
     observed = np.concatenate([np.where(_measured(record, c, n), columns[c], np.nan) for c in used], axis=1)
     sizes = channel_sizes(used, n)
     numbers = tuple(i for i, c in enumerate(channels) if c in used for _ in range(sizes[c]))
+    gapless = (filled(a, where) for a, where in ((velocity, "capsule_velocity"), (apart, "canopy_position")))
+    seen, hung = gapless
+    path = record_path(start, base, dt, seen, attitude, hung)
     return flight_data(
-        flight, time, observed, numbers, latent, _start_scale(n, recorded, "capsule_rate" in record), until
+        flight, time, observed, numbers, latent, _start_scale(n, recorded, "capsule_rate" in record), until, path
     )
 
 
@@ -183,6 +187,7 @@ def flight_data(
     latent: Latent,
     start_scale: Array,
     until: float | None,
+    path: RecordPath | None = None,
 ) -> FlightData:
     """What is fitted: gaps, and all after `until` [s], are absent."""
     present = np.isfinite(observed)
@@ -196,6 +201,7 @@ def flight_data(
         start_scale,
         channel,
         latent,
+        path,
     )
 
 

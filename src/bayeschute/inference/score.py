@@ -185,7 +185,7 @@ def evidence_score(
     flights: tuple[FlightData, ...],
     linear: tuple[Linear, ...],
     series: tuple[jax.Array, ...],
-    prior_scale: jax.Array,
+    prior_precision: jax.Array,
 ) -> tuple[jax.Array, jax.Array]:
     """Minus the log evidence and the log prior, up to a constant, and its gradient.
 
@@ -199,14 +199,14 @@ def evidence_score(
         flights: Records.
         linear: Their linearisations.
         series: From `target.as_series`, per flight (T, C, 1 + P).
-        prior_scale: Prior standard deviations of the parameters (P,).
+        prior_precision: Of the parameters (P, P).
 
     Returns:
         The value and its gradient (V,).
     """
     hyper = from_vector(vector, median)
     off = (vector - ravel_pytree(jax.tree.map(jnp.log, median))[0]) / log_sd
-    value, matrix, passes = 0.5 * off @ off, jnp.diag(1.0 / prior_scale**2), []
+    value, matrix, passes = 0.5 * off @ off, prior_precision, []
     for flight, lin, seen in zip(flights, linear, series, strict=True):
         done = run(flight, hyper, lin, seen)
         unit = done.unit.reshape(-1, seen.shape[2])

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from bayeschute.inference import map as optimum
 from bayeschute.inference.evidence import HyperPrior
-from bayeschute.inference.finding import Progress, Settled, lengthened, settle
-from bayeschute.inference.priors import Prior, working
+from bayeschute.inference.finding import Progress, Settled, settle
+from bayeschute.inference.priors import Prior, factor, working
 from bayeschute.inference.target import FlightData
 
 Array = NDArray[np.float64]
@@ -63,11 +63,11 @@ class Told(NamedTuple):
 
 def begin(priors: Sequence[Prior], number: int, seed: int) -> Array:
     """Parameters of a start (P,), working coordinates: the prior means for number 0, else a draw about them."""
-    centre, scale = working(priors)
+    centre = working(priors)[0]
     if number == 0:
         return centre
     rng = np.random.default_rng([seed, _STREAM, number])
-    return np.asarray(centre + SPREAD * scale * rng.standard_normal(centre.size))
+    return np.asarray(centre + SPREAD * factor(priors) @ rng.standard_normal(centre.size))
 
 
 def settle_from(
@@ -79,7 +79,7 @@ def settle_from(
     rounds: int = 1,
     progress: Progress | None = None,
 ) -> Start:
-    """Settle from one start: longer and longer openings of the record, then the turns of `finding.settle`.
+    """Settle from one start, as `finding.settle`.
 
     Args:
         flights: Records.
@@ -97,8 +97,9 @@ def settle_from(
     try:
         if number == 0:
             return Start(0, settle(flights, priors, prior, rounds, say))
-        theta, unknowns = lengthened(flights, priors, prior.median, begin(priors, number, seed), say)
-        return Start(number, settle(flights, priors, prior, rounds, say, (theta, unknowns, prior.median)))
+        return Start(
+            number, settle(flights, priors, prior, rounds, say, (begin(priors, number, seed), None, prior.median))
+        )
     except FloatingPointError as error:
         return Start(number, None, str(error))
 

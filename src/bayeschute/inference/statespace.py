@@ -51,7 +51,13 @@ class Gains(NamedTuple):
 
 
 def gains(
-    steps: Steps, start_scale: Component, latent: Dynamics, noise: Noise, dt: Component, here: Component
+    steps: Steps,
+    start_scale: Component,
+    latent: Dynamics,
+    noise: Noise,
+    dt: Component,
+    here: Component,
+    slack: Component | None = None,
 ) -> Gains:
     """Run the covariances of the filter.
 
@@ -62,12 +68,20 @@ def gains(
         noise: Residual noise per output.
         dt: Sample interval [s].
         here: Which data exist (T, C).
+        slack: Standard deviations of white noise of the states themselves (X,), a shock for each of them behind those
+            of the latent processes; None: the states obey the equations of motion.
     """
-    return covariances(steps, start_scale, latent, noise, dt, here)[0]
+    return covariances(steps, start_scale, latent, noise, dt, here, slack)[0]
 
 
 def covariances(
-    steps: Steps, start_scale: Component, latent: Dynamics, noise: Noise, dt: Component, here: Component
+    steps: Steps,
+    start_scale: Component,
+    latent: Dynamics,
+    noise: Noise,
+    dt: Component,
+    here: Component,
+    slack: Component | None = None,
 ) -> tuple[Gains, jax.Array, jax.Array]:
     """`gains`, and what of the filtered covariances the gradient by the noise parameters needs.
 
@@ -78,6 +92,7 @@ def covariances(
         noise: Residual noise per output.
         dt: Sample interval [s].
         here: Which data exist (T, C).
+        slack: As in `gains`.
 
     Returns:
         The gains; the columns of the latent processes of transition times filtered covariance (T, S, L); and the
@@ -96,6 +111,10 @@ def covariances(
     g = g.at[:, x : x + size].set(latent.shock)
     start = jnp.zeros((total, steps.first_start.shape[1])).at[:x].set(steps.first_start * start_scale)
     first = jnp.zeros((total, size)).at[x : x + size].set(latent.first)
+    if slack is not None:
+        free = jnp.zeros((total, x)).at[:x].set(jnp.diag(jnp.asarray(slack)))
+        g = jnp.concatenate([g, jnp.broadcast_to(free, (count, *free.shape))], axis=2)
+        first = jnp.concatenate([first, free], axis=1)
     h = jnp.concatenate(
         [steps.out_state, jnp.zeros((here.shape[0], c, size)), jnp.tile(jnp.eye(c), (len(here), 1, 1))], 2
     )

@@ -116,7 +116,7 @@ def sequential_scores(marginal: Marginal, opening: float = OPENING) -> tuple[Arr
     """
     scale, centre = np.asarray(marginal.scale), np.asarray(marginal.centre)
     mean = np.linalg.solve(scale, np.asarray(marginal.prior_centre) - centre)
-    root = np.linalg.solve(scale, np.diag(np.asarray(marginal.prior_scale)))
+    root = np.linalg.solve(scale, np.asarray(marginal.prior_factor))
     flights = terms(marginal)
     cuts = [int(np.ceil(opening * len(f.constant))) for f in flights]
     state = (mean, root @ root.T)

@@ -19,6 +19,7 @@ from bayeschute.dynamics.kernel import flight as kernel
 from bayeschute.inference import latent as processes
 from bayeschute.inference.latent import Latent
 from bayeschute.inference.noise import Noise, whiten
+from bayeschute.inference.record_path import RecordPath
 from bayeschute.inference.statespace import Gains, gains, response
 
 
@@ -35,6 +36,7 @@ class FlightData:
         start_scale: Prior standard deviations of the initial deviations (D,).
         channel: Channel of every output, by number (C entries).
         latent: Processes of the latent disturbances.
+        path: States as the record shows them; None for a model that is begun by a simulation.
     """
 
     model: FlightModel
@@ -44,6 +46,7 @@ class FlightData:
     start_scale: Component
     channel: tuple[int, ...] = field(metadata={"static": True})
     latent: Latent = field(metadata={"static": True})
+    path: RecordPath | None = None
 
     @property
     def starts(self) -> int:

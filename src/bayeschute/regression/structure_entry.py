@@ -13,7 +13,7 @@ from bayeschute.errors import InputError
 from bayeschute.regression.check_entry import check_entries
 from bayeschute.regression.collinearity import collinearity
 from bayeschute.regression.diagnostics import null_models
-from bayeschute.regression.equation_error import fit
+from bayeschute.regression.equation_error import EquationErrorFit, fit
 from bayeschute.regression.propagation import Propagated
 from bayeschute.regression.residuals import autocorrelation, press
 from bayeschute.regression.rivals import rivals
@@ -59,10 +59,13 @@ def entry(
     """
     found, fitted, stack = identified.found, identified.fit, identified.stack
     columns = list(found.columns)
+    whole = _whole(stack, names)
     nulls = null_models(stack.z, pressure, components=stack.components)
     report = {
         "selected": _selected(identified, units, propagated),
-        "left_out": _left_out(identified, names),
+        "left_out": _left_out(whole, columns),
+        "together": _together(whole, names, stack.X),
+        "covariance": fitted.covariance,
         "ranking": ranking(found.selection),
         "candidates": list(names),
         "snr": _signal_to_noise(identified, propagated),
@@ -89,17 +92,31 @@ def entry(
     return dict(plain(report))
 
 
-def _left_out(identified: Identified, names: Sequence[str]) -> list[dict[str, Any]]:
-    """Estimates of the candidates that were not selected, all candidates fitted together; none for a large pool."""
-    stack, chosen = identified.stack, set(identified.found.columns)
-    if len(names) > _WHOLE or len(chosen) == len(names):
+def _whole(stack: Stack, names: Sequence[str]) -> EquationErrorFit | None:
+    """All candidates fitted together; None for a large pool, or where the record can't tell some of them apart."""
+    if len(names) > _WHOLE:
+        return None
+    try:
+        return fit(stack.X, stack.z, names, components=stack.components, blocks=stack.blocks, groups=stack.groups)
+    except InputError:
+        return None
+
+
+def _left_out(whole: EquationErrorFit | None, chosen: Sequence[int]) -> list[dict[str, Any]]:
+    """Estimates of the candidates that were not selected, all candidates fitted together."""
+    if whole is None:
         return []
-    whole = fit(stack.X, stack.z, names, components=stack.components, blocks=stack.blocks, groups=stack.groups)
-    return [
-        {"term": name, "estimate": whole.estimate[k], "se": whole.se[k]}
-        for k, name in enumerate(names)
-        if k not in chosen
-    ]
+    rows = enumerate(whole.names)
+    return [{"term": n, "estimate": whole.estimate[k], "se": whole.se[k]} for k, n in rows if k not in chosen]
+
+
+def _together(whole: EquationErrorFit | None, names: Sequence[str], X: Array) -> dict[str, Any]:
+    """Sizes of all regressors; and all candidates fitted together, estimates and their colored covariance."""
+    sizes = np.sqrt(np.nanmean(np.where(np.isfinite(X), X, np.nan) ** 2, axis=0))
+    known: dict[str, Array | None] = {"estimate": None, "covariance": None}
+    if whole is not None:
+        known = {"estimate": whole.estimate, "covariance": whole.covariance}
+    return {"terms": names, "rms": sizes, **known}
 
 
 def ranking(selection: Selection, most: int = 60) -> list[dict[str, Any]]:

@@ -166,10 +166,10 @@ class WindNoise(Strict):
 
 
 class ForceNoise(Strict):
-    """Latent fluctuation of each canopy's axial force: an Ornstein-Uhlenbeck process per canopy.
+    """Latent fluctuation of each canopy's force: an Ornstein-Uhlenbeck process per canopy and direction.
 
     Attributes:
-        sd: Standard deviation of the relative change [1].
+        sd: Standard deviation of the relative change of the axial force, or of the transverse coefficient [1].
         time_constant: [s].
     """
 
@@ -191,7 +191,7 @@ class BreathingNoise(Strict):
     damping_ratio: Annotated[float, number(Bounds(above=0.0, most=0.9))]
 
 
-_LATENT = ("wind", "slow_wind", "canopy_force", "breathing")
+_LATENT = ("wind", "slow_wind", "canopy_force", "transverse_force", "breathing")
 
 
 class NoiseTable(Strict):
@@ -219,6 +219,7 @@ class NoiseTable(Strict):
     wind: WindNoise | None = None
     slow_wind: WindNoise | None = None
     canopy_force: ForceNoise | None = None
+    transverse_force: ForceNoise | None = None
     breathing: BreathingNoise | None = None
 
     def channels(self) -> dict[str, ChannelNoise[float]]:

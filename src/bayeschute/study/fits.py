@@ -17,7 +17,7 @@ from bayeschute.inference.finding import Found
 from bayeschute.inference.law_effect import LawEffect
 from bayeschute.inference.map import Optimum
 from bayeschute.inference.marginal import Marginal, Quadratic, marginalise, with_slopes
-from bayeschute.inference.priors import Prior
+from bayeschute.inference.priors import Prior, correlated
 from bayeschute.inference.records import cluster_data, descent_data
 from bayeschute.inference.target import FlightData, Hyper, Unknowns
 from bayeschute.samplers.doubt import pareto_k
@@ -48,6 +48,8 @@ def groups(job: Job) -> list[Group]:
     flights = study.with_role("identify")
     if study.model == "cluster":
         assert study.vehicle is not None
+        if study.priors.hierarchical:  # a population's members are independent of the other parameters
+            priors = tuple(replace(p, correlation={}) for p in priors)
         together = [(f.name, (f,)) for f in flights] if study.priors.vary else [("all", flights)]
         vary, n = study.priors.vary_canopies or (), study.vehicle.canopies.number
         return [Group(name, some, canopies.each(priors, vary, [f.name for f in some], n)) for name, some in together]
@@ -122,6 +124,8 @@ def save_fit(job: Job, group: Group, found: Found, draws: Draws, wide: Array) ->
                 draws.failed,
                 draws.evaluations,
                 found.determinant_error,
+                found.profile.worst,
+                found.profile.is_mode,
             ]
         ),
     }
@@ -153,6 +157,8 @@ class Stored:
         law_covariance: Of the logarithms of the noise parameters.
         law_effect: How the parameters' conditional posterior follows those.
         determinant_error: Root mean square error of the log determinant's polynomial.
+        least_fall: Of the log density at one standard deviation along any axis.
+        is_mode: Whether it falls to both sides along every axis.
         pareto_k: Of the ratios exact/surrogate; None where the draws were not corrected ones.
     """
 
@@ -166,6 +172,8 @@ class Stored:
     law_covariance: Array
     law_effect: LawEffect
     determinant_error: float
+    least_fall: float
+    is_mode: bool
     pareto_k: float | None
 
 
@@ -180,7 +188,7 @@ def load_fit(job: Job, group: Group) -> Stored:
     with np.load(job.out / "fit" / f"{group.name}.npz") as file:
         a = {k: file[k] for k in file.files}
     hyper = load_hyper(job, group)
-    cost, converged, iterations, last, _, failed, evaluations, wrong = a["facts"]
+    cost, converged, iterations, last, _, failed, evaluations, wrong, fall, mode = a["facts"]
     unknowns, slopes, pulls = (
         tuple(Unknowns(a[f"{name}start{i}"], a[f"{name}shocks{i}"]) for i in range(len(group.flights)))
         for name in ("", "slope_", "pull_")
@@ -195,7 +203,7 @@ def load_fit(job: Job, group: Group) -> Stored:
     theta, held = (best.theta + a[name] @ scale.T for name in ("wide", "xi"))
     counts, effect = (int(failed), int(evaluations)), LawEffect(a["law_slope"], a["law_spread"], a["law_excess"])
     k = float(a["pareto_k"]) if "pareto_k" in a else None
-    return Stored(marginal, best, hyper, theta, held, *counts, known, effect, float(wrong), k)
+    return Stored(marginal, best, hyper, theta, held, *counts, known, effect, float(wrong), float(fall), bool(mode), k)
 
 
 def summary_draws(job: Job) -> tuple[dict[str, Array], dict[str, str]]:
@@ -210,7 +218,5 @@ def summary_draws(job: Job) -> tuple[dict[str, Array], dict[str, str]]:
 def gaussian_summary(priors: Sequence[Prior], theta: Array) -> list[Prior]:
     """Posterior draws (chain, draw, P) as Gaussian priors, for the opening of another flight."""
     flat = theta.reshape(-1, theta.shape[-1])
-    return [
-        replace(p, centre=float(flat[:, i].mean()), scale=float(flat[:, i].std()), source="posterior")
-        for i, p in enumerate(priors)
-    ]
+    named = [replace(p, source="posterior") for p in priors]
+    return correlated(named, flat.mean(axis=0), np.cov(flat, rowvar=False).reshape(len(priors), -1))

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bayeschute.inference.priors import Prior, from_equation_error
+from bayeschute.inference.priors import Prior, correlated, from_equation_error
 from bayeschute.study import canopies
 from bayeschute.study.study import Study
 
@@ -17,15 +17,72 @@ if TYPE_CHECKING:
     from bayeschute.study.stages import Job
 
 ADDED = "added since the fitted flight asked for it"
-KEPT = "left out by equation error, kept since the whole pool is fitted"
+_LARGEST = 0.2
+"""Root mean square, over the record, of what a term is expected to add to a force coefficient at most [1].
+
+Coefficients of axial force are near 0.9, of transverse force below 0.2 where canopies fly. A record that moves too little
+to tell terms apart leaves them near zero by this, and their sum where equation error puts it.
+"""
 
 
-def terms_left_out(job: Job, why: str = ADDED) -> list[Prior]:
+def of_selected(study: Study, kind: str, entry: Mapping[str, Any], flight: str) -> list[Prior]:
+    """Priors of the terms that equation error selected, with the covariance of their fit.
+
+    Args:
+        study: For inflation and floor.
+        kind: ``axial`` or ``transverse``.
+        entry: Of structure.json.
+        flight: Where estimates come from, for the report.
+    """
+    rows, table = entry["selected"], study.priors
+    made = [
+        from_equation_error(f"{kind}[{r['term']}]", r["estimate"], r["se"], table.inflation, table.floor, flight=flight)
+        for r in rows
+    ]
+    if entry.get("covariance") is None or not rows:
+        return made
+    law = table.inflation**2 * np.array(entry["covariance"]) + table.floor**2 * np.eye(len(rows))
+    return correlated(made, np.array([r["estimate"] for r in rows]), law)
+
+
+def of_library(study: Study, kind: str, entry: Mapping[str, Any], flight: str) -> list[Prior]:
+    """Priors of all candidates: the covariance of their joint fit, inflated, and none larger than is plausible.
+
+    Equation error's Gaussian, widened, is multiplied by one about zero for every term but the constant, under which the
+    term adds no more than `_LARGEST` to the coefficient. Where a record can't tell the candidates apart, equation error
+    says the selected ones only.
+
+    Args:
+        study: For inflation and floor.
+        kind: ``axial`` or ``transverse``.
+        entry: Of structure.json.
+        flight: Where estimates come from, for the report.
+    """
+    told, table = entry["together"], study.priors
+    names, size = list(told["terms"]), np.array(told["rms"], float)
+    centre, known = np.zeros(len(names)), np.zeros((len(names), len(names)))
+    source = f"equation error on {flight}, all candidates together, {table.inflation:g} x colored standard error"
+    if told["estimate"] is not None:
+        centre = np.array(told["estimate"], float)
+        law = table.inflation**2 * np.array(told["covariance"], float) + table.floor**2 * np.eye(len(names))
+        known = np.linalg.inv(law)
+    else:
+        here = [names.index(row["term"]) for row in entry["selected"]]
+        law = table.inflation**2 * np.array(entry["covariance"], float) + table.floor**2 * np.eye(len(here))
+        known[np.ix_(here, here)] = np.linalg.inv(law)
+        centre[here] = [row["estimate"] for row in entry["selected"]]
+        source += "; it can't tell all of them apart"
+    plausible = np.where(np.array(names) == "1", 0.0, (size / _LARGEST) ** 2)
+    both = np.linalg.inv(known + np.diag(np.maximum(plausible, 1e-12)))
+    blank = [Prior(f"{kind}[{name}]", 0.0, 1.0, False, "1", source) for name in names]
+    return correlated(blank, both @ known @ centre, 0.5 * (both + both.T))
+
+
+def terms_left_out(job: Job) -> list[Prior]:
     """Priors of the terms that equation error did not select, from the fit of all candidates together.
 
     Args:
         job: A run whose structure is known.
-        why: Ends the source of each prior.
     """
     study = job.study
     if study.model != "cluster":
@@ -37,7 +94,7 @@ def terms_left_out(job: Job, why: str = ADDED) -> list[Prior]:
         for term in entry.get("left_out", ()):
             name, table = f"{kind}[{term['term']}]", study.priors
             one = from_equation_error(name, term["estimate"], term["se"], table.inflation, table.floor, flight=flight)
-            made.append(replace(one, source=f"{one.source}; {why}"))
+            made.append(replace(one, source=f"{one.source}; {ADDED}"))
     return made
 
 

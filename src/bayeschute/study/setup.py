@@ -179,8 +179,9 @@ def hyper(study: Study) -> Hyper:
 
 
 def latent(study: Study, canopies: int) -> Latent:
-    """Latent processes: errors of the wind north, east and down, then what makes each canopy's force fluctuate."""
+    """Latent processes: errors of the wind north, east and down, then what moves each canopy's force along and across."""
     places = {"horizontal": (0, 1), "vertical": (2,), "canopy": tuple(range(3, 3 + canopies))}
+    places["across"] = tuple(range(3 + canopies, 3 + 3 * canopies))
     if study.model == "descent":
         places = {"vertical": (0,)}
     found = _groups(study)
@@ -207,6 +208,9 @@ def _groups(study: Study) -> list[tuple[str, str, str, tuple[float, ...]]]:
             found.append((f"{name}, vertical", "vertical", "drift", (wind.vertical, wind.time_constant)))
     if table.canopy_force is not None:
         found.append(("canopy force", "canopy", "drift", (table.canopy_force.sd, table.canopy_force.time_constant)))
+    if table.transverse_force is not None:
+        f = table.transverse_force
+        found.append(("transverse force", "across", "drift", (f.sd, f.time_constant)))
     if table.breathing is not None:
         b = table.breathing
         found.append(("breathing", "canopy", "oscillator", (b.sd, b.frequency, b.damping_ratio)))

@@ -124,6 +124,10 @@ class SigmaTable(Strict):
     C_N: PositiveNumber | None = None
 
 
+CORE = ("axial[1]", "axial[alpha^2]", "transverse[e]", "transverse[e*alpha^2]", "transverse[rate]")
+"""Drag, normal force and damping: the least model that swings, and that swings no further than it should."""
+
+
 class StructureTable(Strict):
     """Selection of the aerodynamic structure.
 
@@ -138,7 +142,9 @@ class StructureTable(Strict):
         exchange: Whether terms are exchanged after the selection as long as that lowers the predicted squared error.
         fit: What the simulated flight is fitted with: ``selected`` terms, and those left out that it then asks for; or
             the whole ``pool``, for a small one: what a record can't tell apart then widens intervals, whichever terms
-            equation error took.
+            equation error took; or ``search``: all candidates are fitted to the flight once, and those are kept that
+            its evidence asks for, whatever equation error selected.
+        core: Terms that ``search`` always keeps, ``axial[...]`` and ``transverse[...]``.
         replicates: Block replicates of the record that tell how sure the structure is; 0 for none.
         stack: How many structures are fitted to the flight, the selected one and those that replicates select most
             often; predictions mix them by weight. None: the selected one alone.
@@ -153,16 +159,17 @@ class StructureTable(Strict):
     sigma: SigmaTable = SigmaTable()
     penalty_factor: PositiveNumber = 2.0
     exchange: bool = False
-    fit: Annotated[Literal["selected", "pool"], one_of("selected", "pool")] = "selected"
+    fit: Annotated[Literal["search", "pool", "selected"], one_of("search", "pool", "selected")] = "selected"
+    core: Annotated[tuple[str, ...], AfterValidator(distinct)] = CORE
     replicates: Annotated[int, whole(0, 100_000)] = 100
     stack: Annotated[int, whole(2, 20)] | None = None
     polar: PolarTable = PolarTable()
 
     @model_validator(mode="after")
     def _can_stack(self) -> StructureTable:
-        if self.stack is not None and self.fit == "pool":
+        if self.stack is not None and self.fit != "selected":
             do = 'Say fit = "selected", or remove stack.'
-            refuse("a stack of selected structures", 'stack beside fit = "pool", one structure', do)
+            refuse("a stack of selected structures", f'stack beside fit = "{self.fit}", one structure', do)
         if self.stack is not None and self.replicates == 0:
             refuse("replicates, which tell the structures of the stack", "stack beside replicates = 0")
         return self

@@ -17,10 +17,10 @@ from bayeschute.flight.derive import derive
 from bayeschute.flight.read import ColumnSpec, read_record
 from bayeschute.flight.record import Repair, load_record, repairs, with_repairs, write_record
 from bayeschute.forecast.virtual import fly
-from bayeschute.inference.priors import Prior, from_equation_error
+from bayeschute.inference.priors import Prior
 from bayeschute.inference.records import fitted_channels
 from bayeschute.study import canopies, setup
-from bayeschute.study.fitted_terms import KEPT, in_order, terms_left_out
+from bayeschute.study.fitted_terms import in_order, of_library, of_selected
 from bayeschute.study.load import Study
 from bayeschute.study.study import Flight
 from bayeschute.study.wind import with_wind
@@ -119,20 +119,9 @@ def priors(job: Job) -> str:
     study, made = job.study, []
     found = job.load("structure.json")["coefficients"]
     source = ", ".join(f.name for f in study.with_role("structure"))
+    whole = study.structure is not None and study.structure.fit != "selected"
     for kind, entry in found.items():
-        for term in entry["selected"]:
-            made.append(
-                from_equation_error(
-                    f"{kind}[{term['term']}]",
-                    term["estimate"],
-                    term["se"],
-                    study.priors.inflation,
-                    study.priors.floor,
-                    flight=source,
-                )
-            )
-    if study.structure is not None and study.structure.fit == "pool":
-        made += terms_left_out(job, KEPT)
+        made += of_library(study, kind, entry, source) if whole else of_selected(study, kind, entry, source)
     made = in_order(study, made)
     given = study.priors.given
     for name, unit in _GIVEN.items():

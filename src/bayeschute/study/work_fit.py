@@ -12,14 +12,16 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from bayeschute.errors import Fault, InputError
+from bayeschute.errors import FitError
 from bayeschute.inference import output_error
 from bayeschute.inference.evidence import HyperPrior
-from bayeschute.inference.finding import Begin, Found, Settled, conclude, settle
+from bayeschute.inference.finding import Begin, Found, Settled, conclude, marginal_mode, settle
 from bayeschute.inference.law_effect import LawEffect, widened
+from bayeschute.inference.lifted import flown
 from bayeschute.inference.omitted import scores
 from bayeschute.inference.posterior import data_tree, sample
 from bayeschute.inference.priors import Prior
+from bayeschute.inference.term_search import choose
 from bayeschute.samplers.protocol import Draws
 from bayeschute.study import canopies, checkpoint, populations, setup, several_starts, structures
 from bayeschute.study.fits import Group, data_of, groups, save_fit
@@ -60,8 +62,8 @@ def fit(job: Job) -> str:
         try:
             group, found, asked = _found(job, group, say)
         except FloatingPointError as error:
-            do = "Look at priors.json and the vehicle: the model must fly from the prior means; shorten the window."
-            raise InputError(Fault(f"fit of {group.name}", str(error), "simulations that stay finite", do)) from error
+            do = "look at priors.json and the vehicle (the model must fly from the prior means), or shorten the window"
+            raise FitError(f"fit of {group.name}: {error}; {do}.", (f"{group.name}: {error}",)) from error
         asked_for |= asked
         wall["optimum_s"] = wall.get("optimum_s", 0.0) + time.perf_counter() - clock
         kinds = ["nuts", "emcee"] if study.sampler.kind == "both" else [study.sampler.kind]
@@ -104,8 +106,8 @@ def _structures(job: Job, group: Group) -> list[str]:
     try:
         return structures.fit_all(job, group, lambda s, w: job.say("fit")(0.5 * s, w))
     except FloatingPointError as error:
-        do = "Look at structure.json and the vehicle: a model must fly from its prior means; shorten the window."
-        raise InputError(Fault("fits of the structures", str(error), "simulations that stay finite", do)) from error
+        do = "look at structure.json and the vehicle (a model must fly from its prior means), or shorten the window"
+        raise FitError(f"fits of the structures: {error}; {do}.", (f"every structure: {error}",)) from error
 
 
 def _bounds(job: Job, group: Group, found: Found) -> output_error.Bounds:
@@ -163,6 +165,8 @@ def _settled(
     Returns:
         The group with the priors that were used, its optimum, and the last scores of left-out terms.
     """
+    if job.study.structure is not None and job.study.structure.fit == "search":
+        return _searched(job, group, prior, say)
     # The score test of a term takes what the noise model leaves to the residuals for evidence: latent models only.
     here = {p.name for p in group.priors}
     latent = job.study.noise.model == "latent"
@@ -195,6 +199,43 @@ def _settled(
         group = replace(group, priors=tuple(priors))
         _revise(job, priors)
     return group, settled, z
+
+
+def _searched(
+    job: Job, group: Group, prior: HyperPrior, say: Callable[[float, str], None]
+) -> tuple[Group, Settled, dict[str, float]]:
+    """Joint optimum of a group with those terms of the library that its flights ask for.
+
+    Returns:
+        The group with the priors that were used, its optimum, and the log evidence for every term that may be left out.
+    """
+    assert job.study.structure is not None
+    flights = [data_of(job, f, group.priors) for f in group.flights]
+    library = _joint(job, group, prior, lambda s, w: say(0.5 * s, f"library of terms: {w}"))
+    mode = marginal_mode(flights, group.priors, library, lambda s, w: say(0.5 + 0.1 * s, f"library of terms: {w}"), 6)
+    core = set(job.study.structure.core)
+    may_go = [p.name for p in group.priors if "[" in p.name and canopies.coefficient(p.name) not in core]
+    chosen = choose(group.priors, mode.theta, mode.covariance, may_go)
+    say(0.6, f"{int(chosen.kept.sum())} of {chosen.kept.size} parameters kept")
+    pairs = zip(flights, mode.unknowns, strict=True)
+    places = [flown(f, library.hyper, mode.theta, x) for f, x in pairs]
+    known = [x for x in places if x is not None]
+    smaller = replace(group, priors=chosen.priors)
+    begin = (chosen.theta, known if len(known) == len(flights) else None, library.hyper)
+    settled = _joint(job, smaller, prior, lambda s, w: say(0.6 + 0.4 * s, w), begin)
+    _revise(job, chosen.priors)
+    return smaller, settled, chosen.evidence
+
+
+def _joint(
+    job: Job, group: Group, prior: HyperPrior, say: Callable[[float, str], None], begin: Begin | None = None
+) -> Settled:
+    """Joint optimum of a group, from one start or several."""
+    if job.study.sampler.starts is not None:
+        return several_starts.settled(job, group, prior, [begin], say)
+    return settle(
+        [data_of(job, f, group.priors) for f in group.flights], group.priors, prior, progress=say, begin=begin
+    )
 
 
 def _revise(job: Job, priors: Sequence[Prior]) -> None:

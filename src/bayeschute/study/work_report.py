@@ -14,7 +14,8 @@ from bayeschute.flight.record import repairs
 from bayeschute.study import canopies, formulation, setup, structures
 from bayeschute.study.claims import calibration_check, verification
 from bayeschute.study.fits import groups, load_hyper, summary_draws
-from bayeschute.study.fitted_terms import ADDED, KEPT
+from bayeschute.inference.term_search import PENALTY
+from bayeschute.study.fitted_terms import ADDED
 from bayeschute.study.foretell import OPENING
 from bayeschute.study.load import study_hash
 from bayeschute.study.recalibrate import told as told_widening
@@ -42,15 +43,16 @@ def report(job: Job) -> str:
 def _summary(job: Job) -> dict[str, Any]:
     study, facts, checked = job.study, job.load("fit/facts.json"), job.load("checks.json")
     calibration = calibration_check(job)
-    label = verification(checked["checks"] | {"calibration": calibration}, study)
+    coverage = job.load("coverage.json")
+    checks = checked["checks"] | bands_check(coverage)
+    label = verification(checks | {"calibration": calibration}, study)
     label = "; ".join(filter(None, (formulation.label(study.noise.model), label)))
     draws, units = summary_draws(job)
     some = next(iter(draws.values()))
     seconds = sum(v for k, v in facts["wall"].items() if k != "fit_s")
     return {
-        "title": study.title, "model": study.model, "quick": job.quick, "label": label, "seed": study.seed,
-        "vehicle": study.vehicle.name if study.vehicle is not None else None,
-        "flights": {f.name: _flight_entry(job, f) for f in study.flights},
+        **heading(job, label),
+        "fit": {"converged": checked["checks"]["optimum"]["passed"]},
         "parameters": _parameters(job, draws, units, checked),
         "sampling": {
             "sampler": formulation.sampler(study), "chains": some.shape[0], "draws": some.shape[1],
@@ -59,13 +61,37 @@ def _summary(job: Job) -> dict[str, Any]:
         },
         **_disturbances(job), **_output_error(job), **_identifiability(job), **_recalibration(job),
         **({"structures": stacked} if (stacked := structures.told(job)) else {}),
-        "coverage": job.load("coverage.json"),
-        "checks": checked["checks"] | {"calibration": calibration},
+        "coverage": coverage,
+        "checks": checks | {"calibration": calibration},
         "requirements": job.load("risk/requirements.json"),
         "notes": [*facts["notes"], *structures.note(stacked), *_notes(job)],
-        "versions": {name: version(name) for name in _PROGRAMS} | {"python": platform.python_version()},
-        "hashes": {"study": study_hash(study), "run": job.hash},
+        **origin(job),
     }  # fmt: skip
+
+
+def heading(job: Job, label: str) -> dict[str, Any]:
+    """What every summary begins with: what was run on which flights, and the label of its intervals."""
+    study = job.study
+    return {
+        "title": study.title, "model": study.model, "quick": job.quick, "label": label, "seed": study.seed,
+        "vehicle": study.vehicle.name if study.vehicle is not None else None,
+        "flights": {f.name: _flight_entry(job, f) for f in study.flights},
+    }  # fmt: skip
+
+
+def origin(job: Job) -> dict[str, Any]:
+    """What every summary ends with: versions of the programs, and hashes."""
+    return {
+        "versions": {name: version(name) for name in _PROGRAMS} | {"python": platform.python_version()},
+        "hashes": {"study": study_hash(job.study), "run": job.hash},
+    }
+
+
+def bands_check(coverage: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    """The check `bands`, of a run that has flights without bands; a run whose flights have all of theirs has none."""
+    none = [name for name, table in coverage.items() if any(entry.get("draws") == 0 for entry in table.values())]
+    detail = f"flights without bands, since every simulation of the forecast failed: {', '.join(none)}"
+    return {"bands": {"passed": False, "value": len(none), "bound": 0, "detail": detail}} if none else {}
 
 
 def _parameters(
@@ -215,10 +241,23 @@ def _notes(job: Job) -> list[str]:
     added = [p.name for p in load_priors(job) if ADDED in p.source]
     if added:
         notes.append(f"Left out by equation error, added since the fitted flight asked for it: {', '.join(added)}.")
-    kept = [p.name for p in load_priors(job) if KEPT in p.source]
-    if kept:
-        notes.append(f"Left out by equation error, fitted all the same since the whole pool is: {', '.join(kept)}.")
+    if study.structure is not None and study.structure.fit == "search":
+        notes.append(_search_note(job))
     missed = set(flown_terms(study)) - {p.name for p in load_priors(job) if "[" in p.name}
     if missed and study.flights[0].virtual is not None:
         notes.append("Flown but not selected: " + ", ".join(sorted(missed)) + ".")
     return notes
+
+
+def _search_note(job: Job) -> str:
+    """Which terms of the library the fitted flight asked for, and how strongly."""
+    told = {name: value for name, value in job.load("fit/facts.json")["scores"].items() if value is not None}
+    here = {p.name for p in load_priors(job)}
+    by_strength = sorted(told, key=lambda name: -told[name])
+    kept = [f"{name} ({told[name]:+.1f})" for name in by_strength if name in here]
+    left = [f"{name} ({told[name]:+.1f})" for name in by_strength if name not in here]
+    return (
+        "Terms beyond the core that the fitted flight asked for, with the natural logarithm of the evidence for each: "
+        f"{', '.join(kept) or 'none'}. Left out, since they would have gained less than {PENALTY:g}: "
+        f"{', '.join(left) or 'none'}."
+    )

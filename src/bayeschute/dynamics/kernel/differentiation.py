@@ -79,11 +79,12 @@ def differentiation(
 
     The first columns of the tangents are derivatives by the inputs of `groups`; those after have no input of their own.
     At each sample they start from ``source`` (block of columns, X, lanes) and end in ``carried``, likewise, and in
-    ``out`` (T, X, blocks of columns times lanes). Where both are one array they run on from sample to sample.
+    ``out`` (T, X, blocks of columns times lanes). Where both are one array they run on from sample to sample. Where the
+    state itself gets to from each sample is left in ``reached`` (X, stride).
 
     Other arguments of the function: ``shared``; ``theta`` (P,); ``record`` (R, stride); ``error`` (A, stride);
     ``plan``; ``states`` (X, stride); ``table``; ``scratch``; then stride, first and last block of samples, substeps,
-    blocks of columns. Rows of record, error and states must reach one sample beyond the last block.
+    blocks of columns. Rows of record, error and states must extend one sample beyond the last block.
 
     Args:
         graph: Expressions; grows.
@@ -113,7 +114,7 @@ def differentiation(
                 _carry(code, slopes, sample, column, True, tangents, (out, width))
             with code.loop("%blocks", slopes.blocks) as column:
                 _carry(code, slopes, sample, column, False, tangents, (out, width))
-    pointers = "shared theta record error plan states source carried out table scratch".split()
+    pointers = "shared theta record error plan states source carried out reached table scratch".split()
     program = code.program("differentiate", pointers, "stride first last substeps blocks".split(), memory.size)
     return program, STAGES * lanes * slopes.size
 
@@ -152,6 +153,9 @@ def _tabulate(
         advance(code, stage, rates, held)
 
     _through_step(code, slopes, body, size, held)
+    reached = code.address("%reached", lane)
+    for i in range(size):
+        code.store(code.load("%scratch", held.total + i * lanes), reached, code.integer("mul", "%stride", i))
 
 
 def _carry(

@@ -16,6 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from bayeschute.dynamics import integrate
 from bayeschute.dynamics.integrate import FlightModel, Steps
 from bayeschute.dynamics.kernel import chaining
 from bayeschute.dynamics.kernel.machine import Array, aligned
@@ -74,10 +75,38 @@ def steps(model: FlightModel, theta: Any, start: Any, error: Any) -> tuple[jax.A
     programs = _served(model, theta, start, error)
     if isinstance(programs, str) or np.ndim(theta) != 1:
         return None
-    y, made = _all_steps(programs, model, theta, start, error)
-    p, axes, size = np.size(theta), np.shape(error)[1], made.first_theta.shape[0]
+    y, made, _ = _all_steps(programs, model, theta, start, error, _states(programs, model, theta, start, error))
+    return jnp.asarray(y), _as_steps(made, np.size(theta), np.shape(error)[1])
+
+
+def along_path(
+    model: FlightModel, theta: Any, start: Any, error: Any, path: Any
+) -> tuple[jax.Array, integrate.Reached, Steps] | None:
+    """Outputs, where every step leads and all derivatives along a given path, as `integrate.along_path`.
+
+    Args:
+        model: The flight.
+        theta: Parameters (P,).
+        start: Initial deviations (D,).
+        error: Latent disturbances (T, A).
+        path: States (T, X), which need not obey the equations of motion.
+
+    Returns:
+        Outputs (T, C), states reached and derivatives, or None where there is an `obstacle`.
+    """
+    programs = _served(model, theta, start, error)
+    if isinstance(programs, str) or np.ndim(theta) != 1:
+        return None
+    y, made, reached = _all_steps(programs, model, theta, start, error, np.asarray(path, float))
+    steps = _as_steps(made, np.size(theta), np.shape(error)[1])
+    return jnp.asarray(y), integrate.Reached(*map(jnp.asarray, reached)), steps
+
+
+def _as_steps(made: chaining.Along, p: int, axes: int) -> Steps:
+    """Derivatives as JAX takes them, for P parameters and A disturbances."""
+    size = made.first_theta.shape[0]
     by_theta, by_now, by_then, by_state, _ = np.split(made.step, np.cumsum([p, axes, axes, size]), axis=2)
-    return jnp.asarray(y), Steps(
+    return Steps(
         by_state=_handed_over(by_state),
         by_theta=_handed_over(by_theta),
         by_now=_handed_over(by_now),
@@ -109,28 +138,29 @@ def jacobian(
     if isinstance(programs, str) or np.ndim(theta) != 1:
         return None
     if weights is not None:
-        y, made = _all_steps(programs, model, theta, start, error)
+        y, made, _ = _all_steps(programs, model, theta, start, error, _states(programs, model, theta, start, error))
         return jnp.asarray(y), jnp.asarray(chaining.chained(made, np.asarray(weights, float), np.shape(error)[1]))
     x = _states(programs, model, theta, start, error)
     along = _Along(programs, model, theta, error, x)
     p = np.size(theta)
-    first, _ = _first_slopes(programs, model, theta, start)
+    _, first, _ = _first_slopes(programs, model, theta, start)
     carried = along.carried(("theta",), _columns([first]), restart=False)[:, :, :p]
     y, out_state, out_theta = along.outputs()
     return jnp.asarray(y), jnp.asarray(out_state @ np.concatenate([first[None], carried]) + out_theta)
 
 
 def _all_steps(
-    programs: Programs, model: FlightModel, theta: Any, start: Any, error: Any
-) -> tuple[Array, chaining.Along]:
-    """Outputs (T, C) and the derivatives of all steps."""
-    x = _states(programs, model, theta, start, error)
+    programs: Programs, model: FlightModel, theta: Any, start: Any, error: Any, x: Array
+) -> tuple[Array, chaining.Along, tuple[Array, Array]]:
+    """Outputs (T, C), the derivatives of all steps along states (T, X), the first state and where every step leads."""
     along = _Along(programs, model, theta, error, x)
     size, columns = x.shape[1], sum(along.rows[group] for group in _DRIVEN)
     source = _columns([np.zeros((size, columns)), np.eye(size)])
     made = along.carried(_DRIVEN, source, restart=True)
     y, out_state, out_theta = along.outputs()
-    return y, chaining.Along(made, *_first_slopes(programs, model, theta, start), out_state, out_theta)
+    first, by_theta, by_start = _first_slopes(programs, model, theta, start)
+    reached = first, along.reached[:, : len(x) - 1].T
+    return y, chaining.Along(made, by_theta, by_start, out_state, out_theta), reached
 
 
 def _shared(model: Any, traced: Traced) -> Array:
@@ -181,13 +211,13 @@ def _in_parts(count: int, work: Callable[[int, int], None]) -> None:
         list(pool.map(work, shares[:-1].tolist(), shares[1:].tolist()))
 
 
-def _first_slopes(programs: Programs, model: Any, theta: Any, start: Any) -> tuple[Array, Array]:
-    """Derivatives of the first state by parameters (X, P) and by deviations (X, D)."""
+def _first_slopes(programs: Programs, model: Any, theta: Any, start: Any) -> tuple[Array, Array, Array]:
+    """The first state (X,) and its derivatives by parameters (X, P) and by deviations (X, D)."""
     made, traced, size = programs.begin_slopes(), programs.first, len(programs.first.result)
-    by_theta, by_start = aligned(size, np.size(theta)), aligned(size, np.size(start))
+    first, by_theta, by_start = aligned(size), aligned(size, np.size(theta)), aligned(size, np.size(start))
     given = _shared(opening(model), traced), np.array(theta, float), np.array(start, float)
-    made.call(*given, aligned(size), by_theta, by_start, aligned(made.scratch), 1, 0, 1)
-    return by_theta, by_start
+    made.call(*given, first, by_theta, by_start, aligned(made.scratch), 1, 0, 1)
+    return first, by_theta, by_start
 
 
 def _states(programs: Programs, model: Any, theta: Any, start: Any, error: Any) -> Array:
@@ -217,7 +247,7 @@ def _states(programs: Programs, model: Any, theta: Any, start: Any, error: Any) 
 
 
 class _Along:
-    """A known flight with its samples side by side."""
+    """A known flight with its samples side by side; `reached` (X, stride): where every step leads, once carried."""
 
     def __init__(self, programs: Programs, model: Any, theta: Any, error: Any, x: Array) -> None:
         self.model, self.x, self.theta = model, x, np.array(theta, float, order="C")
@@ -228,6 +258,7 @@ class _Along:
         self.record, self.error, self.states = (
             _padded(a.T, self.stride) for a in (_record(model), np.asarray(error), x)
         )
+        self.reached = aligned(x.shape[1], self.stride)
 
     def carried(self, groups: tuple[str, ...], source: Array, restart: bool) -> Array:
         """Tangents after every step (T - 1, X, M), begun anew at each sample or carried on; see `differentiation`."""
@@ -241,7 +272,9 @@ class _Along:
             end_of = aligned(*source.shape) if restart else source
             memory = aligned(made.table * model.substeps), aligned(made.scratch)
             known = shared, self.theta, self.record, self.error, plan, self.states
-            made.call(*known, source, end_of, out, *memory, self.stride, begin, end, model.substeps, blocks)
+            made.call(
+                *known, source, end_of, out, self.reached, *memory, self.stride, begin, end, model.substeps, blocks
+            )
 
         if restart:
             _in_parts(self.blocks, work)
