@@ -12,7 +12,11 @@ import numpy as np
 import pytest
 
 from bayeschute.air.vector import Vec3
-from bayeschute.dynamics.cluster_flight import CHANNELS, channel_sizes, quantity
+from bayeschute.air.wind_field import wind_field
+from bayeschute.dynamics.cluster import state_rate
+from bayeschute.dynamics.cluster_flight import CHANNELS, air_between, blown, channel_sizes, quantity
+from bayeschute.dynamics.integrate import trajectory_compiled
+from bayeschute.dynamics.kernel import flight as kernel
 from bayeschute.dynamics.parameters import Structure
 from bayeschute.dynamics.state import unpack
 from bayeschute.flight.angles import swing_angle as recorded_swing
@@ -151,8 +155,6 @@ def test_an_empty_name_replaces_nothing():
 
 def test_machine_code_gives_the_same_outputs_and_derivatives():
     pytest.importorskip("llvmlite")
-    from bayeschute.dynamics.kernel import flight as kernel
-
     start, error = 0.02 * np.random.default_rng(2).normal(size=17), np.zeros((6, 3))
     assert kernel.obstacle(MODEL, THETA, start, error) is None
     x = np.asarray(kernel.states(MODEL, THETA, start, error))
@@ -185,9 +187,6 @@ def test_a_canopy_may_have_a_coefficient_of_its_own():
 
 def test_canopies_with_equal_coefficients_are_equal_canopies(states):
     """And with unequal ones the other canopy alone is accelerated otherwise."""
-    from bayeschute.dynamics.cluster import state_rate
-    from bayeschute.dynamics.cluster_flight import air_between
-
     zero = jnp.zeros(3)
     air = air_between(NOW, NOW, zero, zero, 0.0, 0.1)
     shared = replace(EACH, names=("axial[1]", "", "transverse[e]"))
@@ -209,9 +208,6 @@ def test_there_is_no_such_parameter(name):
 
 def test_machine_code_serves_canopies_with_coefficients_of_their_own():
     pytest.importorskip("llvmlite")
-    from bayeschute.dynamics.integrate import trajectory_compiled
-    from bayeschute.dynamics.kernel import flight as kernel
-
     start, error = 0.02 * np.random.default_rng(2).normal(size=17), np.zeros((6, 3))
     assert kernel.obstacle(EACH, OWN, start, error) is None
     want = np.asarray(trajectory_compiled(EACH, OWN, start, error))
@@ -221,3 +217,62 @@ def test_machine_code_serves_canopies_with_coefficients_of_their_own():
     exact = np.asarray(by_theta(jnp.asarray(OWN)))
     size = 1e-12 + np.abs(exact).max(axis=1, keepdims=True)
     assert np.abs((np.asarray(steps.by_theta[0]) - exact) / size).max() < 1e-6
+
+
+ROWS = np.random.default_rng(7).normal(size=(2, 9))  # errors of two samples: wind, axial factors, pushes
+
+
+def _air(rows, share=0.25):
+    then = jax.tree.map(lambda a: a + 0.5, NOW)
+    now_error, then_error = jnp.asarray(ROWS[:, :rows])
+    return then, air_between(NOW, then, now_error, then_error, share, 0.1)
+
+
+def test_rows_of_the_errors_are_wind_then_axial_factors_then_pushes():
+    then, air = _air(9)
+    mixed = 0.75 * ROWS[0] + 0.25 * ROWS[1]
+    np.testing.assert_allclose(air.wind.stack(), 0.75 * NOW.wind + 0.25 * then.wind + mixed[:3])
+    np.testing.assert_allclose(air.axial_factor, 0.75 * NOW.axial_factor + 0.25 * then.axial_factor + mixed[3:5])
+    north, east = air.push
+    np.testing.assert_allclose([north, east], mixed[5:].reshape(2, 2))
+    np.testing.assert_allclose(air.wind_rate.stack(), (then.wind + ROWS[1, :3] - NOW.wind - ROWS[0, :3]) / 0.1)
+    for share, row in ((0.0, ROWS[0]), (1.0, ROWS[1])):
+        np.testing.assert_allclose(jnp.stack(_air(9, share)[1].push).ravel(), row[5:])
+
+
+@pytest.mark.parametrize("rows", [3, 5])
+def test_fewer_rows_are_less(rows):
+    """Those that are there act as among all, and without the last there is no push."""
+    air, whole = _air(rows)[1], _air(9)[1]
+    assert air.push is None
+    np.testing.assert_array_equal(air.wind.stack(), whole.wind.stack())
+    factor = whole.axial_factor if rows == 5 else 0.75 * NOW.axial_factor + 0.25 * (NOW.axial_factor + 0.5)
+    np.testing.assert_allclose(air.axial_factor, factor)
+
+
+def test_machine_code_serves_pushes():
+    """Trajectories are those of JAX, and the pushes' derivatives those of differences."""
+    pytest.importorskip("llvmlite")
+    start, error = 0.02 * np.random.default_rng(2).normal(size=17), 0.05 * np.random.default_rng(3).normal(size=(6, 9))
+    assert kernel.obstacle(EACH, OWN, start, error) is None
+    got = np.asarray(kernel.states(EACH, OWN, start, error))
+    np.testing.assert_allclose(got, trajectory_compiled(EACH, OWN, start, error), rtol=1e-10, atol=1e-9)
+    assert np.abs(got - kernel.states(EACH, OWN, start, error * (np.arange(9) < 5))).max() > 1e-2
+    _, reached, steps = kernel.along_path(EACH, OWN, start, error, got)
+    for row in range(5, 9):
+        for by, sample in ((steps.by_now, 2), (steps.by_then, 3)):
+            ends = []
+            for h in (1e-3, -1e-3):
+                moved = error.copy()
+                moved[sample, row] += h
+                ends.append(np.asarray(kernel.along_path(EACH, OWN, start, moved, got)[1].steps[2]))
+            want = (ends[0] - ends[1]) / 2e-3
+            np.testing.assert_allclose(by[2][:, row], want, atol=1e-6 * np.abs(want).max())
+            assert np.abs(want).max() > 1e-3
+
+
+def test_a_wind_field_leaves_the_push(states):
+    field = wind_field([-50.0, 0.0, 40.0], np.array([[1.0, 0.0, 0.0], [2.0, 0.0, 0.0], [4.0, 1.0, 0.0]]))
+    air = _air(9)[1]
+    over = blown(air, field, unpack(jnp.asarray(states[0]), 2))
+    assert over.aloft.push is air.push

@@ -54,6 +54,53 @@ def test_drag_is_against_the_airflow_and_breathes():
     np.testing.assert_allclose(force.stack(), want, rtol=1e-10)
 
 
+def _pushed(push, axial=(0.9,), transverse=(-0.1, 0.3)):
+    """Force on the canopies under terms and a push north and east (2, canopy), and the flow."""
+    x, structure = unpack(state(), 2), Structure(("1",), ("e", "rate"), 2)
+    model = small.cluster(axial, transverse)
+    air = AIR if push is None else replace(AIR, push=tuple(np.asarray(push)))
+    geo = geometry(x, model.capsule)
+    flow = canopy_flow(x, geo, model, structure, air)
+    return np.asarray(canopy_force(flow, geo, model, structure, air).stack()), flow, model
+
+
+def test_a_push_is_the_part_of_itself_across_the_riser():
+    """q S times what of it lies across the canopy's axis, beside all terms, each canopy its own."""
+    push = np.array([[0.03, -0.05], [0.02, 0.04]])
+    (force, flow, model), (plain, _, _) = _pushed(push), _pushed(None)
+    axis = np.asarray(flow.axis.stack())
+    whole = np.concatenate([push, np.zeros((1, 2))])
+    across = whole - axis * np.sum(axis * whole, axis=0)
+    want = np.asarray(flow.q) * model.canopies.area * across
+    np.testing.assert_allclose(force - plain, want, rtol=1e-9, atol=1e-9 * np.abs(plain).max())
+    np.testing.assert_allclose(np.sum((force - plain) * axis, axis=0), 0.0, atol=1e-9 * np.abs(plain).max())
+    assert np.abs(np.sum(axis * whole, axis=0)).min() > 1e-3  # it does not lie across as it is
+
+
+def test_a_push_of_nothing_and_one_along_the_riser_do_nothing():
+    plain, flow, model = _pushed(None)
+    np.testing.assert_array_equal(_pushed(np.zeros((2, 2)))[0], plain)
+    lying = np.array([[0.8, 0.6], [0.6, -0.8]])  # risers that lie on the ground
+    flow = replace(flow, axis=Vec3(*lying, np.zeros(2)))
+    geo, structure = geometry(unpack(state(), 2), model.capsule), Structure(("1",), ("e", "rate"), 2)
+    still, along, across = (
+        np.asarray(canopy_force(flow, geo, model, structure, replace(AIR, push=tuple(push))).stack())
+        for push in (0.0 * lying, 0.05 * lying, 0.05 * np.array([-lying[1], lying[0]]))
+    )
+    np.testing.assert_allclose(along, still, rtol=1e-9, atol=1e-9 * np.abs(still).max())
+    assert np.abs(across - still).max() > 0.02 * np.asarray(flow.q).max() * model.canopies.area
+
+
+@pytest.mark.parametrize("rate", ["riser", "airflow"])
+def test_a_push_accelerates_its_canopy_alone(rate):
+    x, structure, model = state(), Structure(("1",), ("e", "rate"), 2, rate), small.cluster((0.9,), (-0.1, 0.3))
+    pushed = replace(AIR, push=(np.array([0.0, 0.05]), np.zeros(2)))
+    change = np.asarray(state_rate(x, model, structure, pushed)) - np.asarray(state_rate(x, model, structure, AIR))
+    moved = np.abs(change) > 1e-9
+    assert np.flatnonzero(moved).tolist() == [20, 22, 24]  # the second canopy's velocity: (axis, canopy)
+    assert change[20] > 0.0
+
+
 def test_polar_laws_have_their_signs_in_the_wind_frame():
     force, flow, model = force_of(forces.constant_polar, (0.9,), (0.2, 0.3))
     x, F = np.asarray(flow.axis.stack()), np.asarray(force.stack()) / (np.asarray(flow.q) * model.canopies.area)

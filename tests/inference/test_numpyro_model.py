@@ -11,11 +11,13 @@ import pytest
 from numpyro.infer import MCMC, NUTS, init_to_value
 from numpyro.infer.util import log_density as numpyro_log_density
 from numpyro.infer.util import potential_energy
+from scipy.stats import multivariate_normal
 
 from bayeschute.errors import InputError
 from bayeschute.inference import posterior
 from bayeschute.inference.marginal import log_density
 from bayeschute.inference.numpyro_model import SITE, log_likelihood, model, start
+from bayeschute.inference.priors import correlated, factor
 
 
 def _unconstrained(marginal, priors, xi):
@@ -47,6 +49,36 @@ def test_sites_are_parameters_in_their_own_units(falling, descent):
     told = float(log_likelihood(falling)(jnp.log(jnp.array([value]))))
     assert float(total) == pytest.approx(wanted + told, rel=1e-12)
     assert float(start(falling, descent.priors)[prior.name]) == pytest.approx(float(np.exp(falling.centre[0])))
+
+
+@pytest.mark.parametrize("logarithmic", [False, True])
+def test_correlated_priors_are_one_normal_law(straight, linear, logarithmic):
+    """Of the working coordinates: on a value that is a logarithm's, the density differs by the Jacobian."""
+    centre, law = np.array([0.5, -0.3]), np.array([[0.36, -0.3], [-0.3, 0.64]])
+    priors = correlated([linear.priors[0], replace(linear.priors[1], logarithmic=logarithmic)], centre, law)
+    made = replace(straight, prior_centre=centre, prior_factor=factor(priors))
+    for theta in centre + np.random.default_rng(4).standard_normal((3, 2)):
+        values = {p.name: p.value(t) for p, t in zip(priors, theta, strict=True)}
+        total, _ = numpyro_log_density(model(made, priors), (), {}, values)
+        wanted = multivariate_normal(centre, law).logpdf(theta) - (theta[1] if logarithmic else 0.0)
+        told = float(log_likelihood(made)(jnp.asarray(theta)))
+        assert float(total) - told == pytest.approx(wanted, abs=1e-9 * abs(told))
+    with pytest.raises(InputError, match="priors"):
+        model(made, [replace(p, correlation={}) for p in priors])
+
+
+def test_density_under_correlated_priors_is_the_marginal_one(straight, linear):
+    law = np.array([[0.36, 0.4], [0.4, 0.64]])
+    priors = correlated(linear.priors, np.array([0.5, 0.0]), law)
+    made = replace(straight, prior_factor=factor(priors))
+    xi = 1.7 * np.random.default_rng(6).standard_normal((2, 5))
+    wanted, before = (np.asarray(log_density(one, xi)) for one in (made, straight))
+    ours = np.array([_unconstrained(made, priors, x) for x in xi.T])
+    np.testing.assert_allclose(ours - ours[0], wanted - wanted[0], rtol=1e-9, atol=1e-9 * np.abs(wanted).max())
+    assert np.ptp(wanted - before) > 1e-3
+    theta = np.asarray(made.theta(xi)).T
+    old, new = (multivariate_normal([0.5, 0.0], c).logpdf(theta) for c in (np.diag([0.36, 0.64]), law))
+    np.testing.assert_allclose(wanted - before - (wanted - before)[0], new - old - (new - old)[0], atol=1e-8)
 
 
 def test_gradient_is_that_of_differences(falling, straight):

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bayeschute.errors import FitError
 from bayeschute.inference import starts
 from bayeschute.inference.evidence import HyperPrior
 from bayeschute.inference.finding import settle
@@ -44,11 +45,12 @@ def test_starts_are_draws_of_the_priors_at_half_their_width(descent):
     np.testing.assert_array_equal(begin(priors, 0, 7), np.arange(400.0))
 
 
-def test_a_start_that_fails_is_told_and_the_others_go_on(settled, descent, monkeypatch):
+@pytest.mark.parametrize("kind", [FloatingPointError, FitError])
+def test_a_start_that_fails_is_told_and_the_others_go_on(settled, descent, monkeypatch, kind):
     def fails(*given, **more):
-        raise FloatingPointError("lost in its last samples")
+        raise kind("lost in its last samples")
 
-    monkeypatch.setattr(starts, "lengthened", fails)
+    monkeypatch.setattr(starts, "settle", fails)
     bad = settle_from(descent.flights, descent.priors, HyperPrior(descent.hyper, 0.4), 4, 7, rounds=1)
     assert bad.settled is None
     told = compare(descent.flights, descent.priors, settled[0], [bad, settled[1]])

@@ -7,6 +7,8 @@ import pytest
 
 from bayeschute.errors import InputError
 from bayeschute.flight.sensors import ornstein_uhlenbeck
+from bayeschute.regression import structure_entry
+from bayeschute.regression.equation_error import fit
 from bayeschute.regression.propagation import Propagated
 from bayeschute.regression.stack import stack_components, stack_records
 from bayeschute.regression.structure import CEILINGS, Search, identify, search
@@ -92,6 +94,50 @@ def test_the_entry_is_json_and_tells_what_was_found(found):
     assert used["terms"] == ["1", "swing"]
     penalty = [(row["pe"] ** 2 - row["mse"]) / row["n"] for row in told["ranking"]]
     np.testing.assert_allclose(penalty, 2 * told["sigma_max2"] / told["samples"], rtol=1e-9)
+
+
+def _told(found, names=NAMES):
+    return entry(found, names, Search(sigma_max=3.0), DT, checks={})
+
+
+def test_all_candidates_are_told_together(found):
+    """With the colored covariance of their fit, of which what is told of those left out is a part."""
+    told, X = _told(found), found.stack.X
+    whole = fit(X, found.stack.z, NAMES)
+    together = told["together"]
+    assert together["terms"] == NAMES
+    np.testing.assert_allclose(together["estimate"], whole.estimate, rtol=1e-9)
+    np.testing.assert_allclose(together["covariance"], whole.covariance, rtol=1e-9)
+    np.testing.assert_allclose(together["rms"], np.sqrt(np.mean(X**2, axis=0)), rtol=1e-9)
+    np.testing.assert_allclose(told["covariance"], found.fit.covariance, rtol=1e-12)
+    assert [row["term"] for row in told["left_out"]] == ["copy", "slow", "noise"]
+    np.testing.assert_allclose([row["estimate"] for row in told["left_out"]], whole.estimate[2:], rtol=1e-9)
+    np.testing.assert_allclose([row["se"] for row in told["left_out"]], whole.se[2:], rtol=1e-9)
+
+
+def test_sizes_are_those_of_the_rows_that_are_there():
+    stack = regression(0)
+    X = stack.X.copy()
+    X[:100] = np.nan
+    found = identify(stack._replace(X=X), NAMES, DT, Search(sigma_max=3.0), np.random.default_rng(1))
+    np.testing.assert_allclose(_told(found)["together"]["rms"], np.sqrt(np.mean(stack.X[100:] ** 2, axis=0)), rtol=1e-9)
+
+
+def test_candidates_that_can_not_be_told_apart_are_not_told_together():
+    """A candidate twice: sizes alone, and what was selected."""
+    stack, names = regression(0), [*NAMES, "swing again"]
+    stack = stack._replace(X=np.column_stack([stack.X, stack.X[:, 1]]))
+    found = identify(stack, names, DT, Search(sigma_max=3.0), np.random.default_rng(1))
+    told = _told(found, names)
+    assert told["together"]["estimate"] is None and told["together"]["covariance"] is None
+    assert told["together"]["terms"] == names and len(told["together"]["rms"]) == 6 and told["left_out"] == []
+    assert np.shape(told["covariance"]) == (2, 2)
+
+
+def test_a_large_pool_is_not_told_together(found, monkeypatch):
+    monkeypatch.setattr(structure_entry, "_WHOLE", 4)
+    told = _told(found)
+    assert told["together"]["estimate"] is None and told["left_out"] == []
 
 
 def test_a_force_that_only_restates_the_weight_is_seen(found):

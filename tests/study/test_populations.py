@@ -246,7 +246,7 @@ STUDY = Path(__file__).parents[2] / "models" / "studies" / "cdt-3-11.toml"
 def asking(folder: Path, vary: str, more: str) -> list[str]:
     text = STUDY.read_text(encoding="utf-8").replace("../vehicles", str(STUDY.parents[1] / "vehicles"))
     text = text.replace("inflation = 10.0", f"vary = {vary}\ninflation = 10.0")
-    text = text.replace('fit = "pool"', more)
+    text = text.replace('fit = "search"', more)
     (folder / "drops.toml").write_text(text, encoding="utf-8")
     return [str(fault) for fault in check_study(folder / "drops.toml")]
 

@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from bayeschute.cli import app
-from bayeschute.study.fitted_terms import KEPT
+from bayeschute.inference.priors import Prior, covariance, working
 from bayeschute.study.load import load_study
 from bayeschute.study.stages import run_study
 
@@ -52,15 +52,51 @@ def test_the_vector_structure_predicts_the_other_canopy_and_a_second_flight(defa
         assert check["r2"] > 0.5, label
 
 
-def test_a_pool_that_is_fitted_whole_has_priors_for_all_its_terms(default):
+def test_a_pool_that_is_searched_in_the_fit_has_priors_for_all_its_terms(default):
     study = load_study(MODELS / "studies/cdt-3-11.toml")
     wanted = [f"axial[{t}]" for t in study.structure.axial] + [f"transverse[{t}]" for t in study.structure.transverse]
     made = {p["name"]: p for p in default["priors"]}
-    assert study.structure.fit == "pool"
-    assert sorted(name for name in made if "[" in name) == sorted(wanted)
-    left_out = [f"{k}[{t['term']}]" for k, e in default["coefficients"].items() for t in e["left_out"]]
-    assert [name for name, p in made.items() if KEPT in p["source"]] == sorted(left_out, key=list(made).index)
-    assert left_out
+    assert study.structure.fit == "search"
+    assert [name for name in made if "[" in name] == wanted
+    assert any(e["left_out"] for e in default["coefficients"].values())
+    assert all("all candidates together" in made[name]["source"] for name in wanted)
+
+
+def test_priors_of_a_pool_carry_equation_error_s_covariance(default):
+    """As structure.json tells it, inflated, and with what is plausible: their precisions add up."""
+    study = load_study(MODELS / "studies/cdt-3-11.toml")
+    made = [Prior(**p) for p in default["priors"]]
+    for kind, entry in default["coefficients"].items():
+        told, mine = entry["together"], [p for p in made if p.name.startswith(f"{kind}[")]
+        assert [f"{kind}[{term}]" for term in told["terms"]] == [p.name for p in mine]
+        count = len(mine)
+        ours = study.priors.inflation**2 * np.array(told["covariance"]) + study.priors.floor**2 * np.eye(count)
+        plausible = np.where(np.array(told["terms"]) == "1", 0.0, np.array(told["rms"]) / 0.2)
+        want = np.linalg.inv(ours) + np.diag(plausible**2)
+        got = np.linalg.inv(covariance(mine))
+        np.testing.assert_allclose(got, want, rtol=1e-5, atol=1e-7 * np.abs(want).max())
+        np.testing.assert_allclose(
+            want @ working(mine)[0], np.linalg.solve(ours, told["estimate"]), rtol=1e-4, atol=1e-4
+        )
+        assert max(abs(r) for p in mine for r in p.correlation.values()) > 0.3
+    whole = covariance(made)
+    place = {p.name: i for i, p in enumerate(made)}
+    assert whole[place["axial[1]"], place["transverse[e]"]] == 0.0  # one regression knows nothing of the other
+
+
+def test_all_candidates_together_are_told(default):
+    """Their covariance agrees with the standard errors of those that were left out; sizes are root mean squares."""
+    for entry in default["coefficients"].values():
+        together = entry["together"]
+        assert together["terms"] == entry["candidates"]
+        se = dict(zip(together["terms"], np.sqrt(np.diag(together["covariance"])), strict=True))
+        estimate = dict(zip(together["terms"], together["estimate"], strict=True))
+        for row in entry["left_out"]:
+            assert (estimate[row["term"]], se[row["term"]]) == pytest.approx((row["estimate"], row["se"]))
+        assert np.sqrt(np.diag(entry["covariance"])) == pytest.approx([t["se"] for t in entry["selected"]])
+        assert all(0.0 < size < 2.0 for size in together["rms"])
+    axial = default["coefficients"]["axial"]["together"]
+    assert axial["rms"][axial["terms"].index("1")] == pytest.approx(1.0)
 
 
 def test_why_the_axial_structure_predicts_worse_is_told(default):

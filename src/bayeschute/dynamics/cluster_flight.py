@@ -20,7 +20,7 @@ from bayeschute.dynamics.start import Start, initial_state
 from bayeschute.dynamics.state import ClusterState, unpack
 
 _COEFFICIENT = re.compile(r"(axial|transverse)\[(.*)\](?:\.canopy(\d+))?")
-LOGARITHMIC = ("riser_stiffness", "riser_damping")
+LOGARITHMIC = ("riser_stiffness", "riser_damping", "enclosed_air_factor")
 CHANNELS = (
     "canopy_position",
     "capsule_velocity",
@@ -198,6 +198,18 @@ def channel_sizes(channels: Sequence[str], n: int) -> dict[str, int]:
     """Number of outputs of each channel with `n` canopies."""
     sizes = dict(zip(CHANNELS, (3 * n, 3, 3, n, 1, 1), strict=True))
     return {channel: sizes[channel] for channel in channels}
+
+
+def output_names(channels: Sequence[str], n: int) -> tuple[str, ...]:
+    """Names of the outputs of some channels with `n` canopies: a channel, a canopy, an axis."""
+    axes, each = ("north", "east", "down"), range(1, n + 1)
+    parts: dict[str, list[str]] = {
+        "canopy_position": [f".{i}.{a}" for i in each for a in axes],
+        "capsule_velocity": [f".{a}" for a in axes],
+        "capsule_attitude": [f".{a}" for a in "xyz"],
+        "riser_tension": [f".{i}" for i in each],
+    }
+    return tuple(channel + part for channel in channels for part in parts.get(channel, [""]))
 
 
 def blown(air: Air, field: WindField, state: ClusterState) -> Air:

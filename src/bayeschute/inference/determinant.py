@@ -61,8 +61,8 @@ def slope(marginal: Marginal, step: float = 0.2) -> Array:
 def around(marginal: Marginal, step: float = 1.0, crossed: int = _CROSSED) -> Quadratic:
     """The log determinant about theta_0, from exact values at plus and minus `step` along every axis.
 
-    `crossed` says how many axes these are. Along an axis on which a flight fails there, from values at a half, a quarter or an eighth of it. The axes of
-    greatest curvature get their products with all others too; a product at both corners of which a flight fails is
+    Along an axis on which a flight fails there, from values at a half, a quarter or an eighth of it. The `crossed` axes
+    of greatest curvature get their products with all others too; a product at both corners of which a flight fails is
     left out (`error` tells what is missing).
 
     Raises:

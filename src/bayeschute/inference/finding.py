@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -19,10 +19,11 @@ from bayeschute.inference.evidence import HyperPrior
 from bayeschute.inference.fit_checks import Profile, profile
 from bayeschute.inference.following import follow
 from bayeschute.inference.law_effect import LawEffect, law_slope, law_spread
-from bayeschute.inference.lifted import Lifted
+from bayeschute.inference.lifted import Lifted, LiftedFit
 from bayeschute.inference.map import Optimum
 from bayeschute.inference.marginal import Marginal, gap_slope, marginalise
 from bayeschute.inference.priors import Prior, working
+from bayeschute.inference.quasi_newton import length, secant_step
 from bayeschute.inference.target import FlightData, Hyper, Linear, Unknowns, course, linearise
 
 Array = NDArray[np.float64]
@@ -35,12 +36,14 @@ HORIZONS = (
 _SMALL_STEPS = tuple(0.1 * i for i in range(1, 11))  # where those lead astray
 _MOST, _MOST_SMALL = 12, 40  # most iterations of a fit to an opening, and to one of the small steps
 _MODE_STEPS, _NEAR = 16, 0.2  # most steps to the marginal mode; length of the last, in standard deviations
-_FLATTEST, _REACH = 0.2, 2.0  # least share of Gauss-Newton's curvature that is believed; longest step of that kind
-_NOISE_TURNS, _EVIDENCE_GAIN = 3, 2.0  # most turns of noise parameters along the record; a gain that ends them
 _TURN_NEAR, _JOINT_NEAR = (0.3, 0.2), (0.1, 0.1)  # gain and step [standard errors] at which a turn, or the last, ends
+_SMALL_LEVELS = (5.0, 3.0, 1.7, 1.0, 0.6, 0.3, 0.17, 0.1, 0.05, 0.0)  # of slack, where the usual ones don't do
+_FEW_DEFECTS = 0.1  # of the last level's slack, at which single shooting can go on
+_LOOSE = 3.0  # times the prior medians of the disturbances' standard deviations, until noise parameters are found
 _POLISH = 10  # most steps of single shooting after the fit along the record
-_TURNS, _REST = 8, 0.4  # most turns of noise parameters and mode; a step of the mode after which there is no other
-_MODE_TURN = 4  # most steps of the mode in each of them
+_TURNS, _REST = 6, 0.4  # most turns of noise parameters and mode; a step of the mode after which there is no other
+_SAME_SLOPE = 0.5  # standard deviations within which the log determinant's slope is taken for the same
+_MODE_TURN = 2  # most steps of the mode in each of them
 _FOLLOWING = (1.0, 0.3)  # steps [standard deviations] at which it is looked how start and disturbances follow
 _DETERMINANT = 0.2  # error of the log determinant's polynomial beyond which it gets all products
 _LOST_PULL = (
@@ -90,8 +93,21 @@ def _linearised(flights: Sequence[FlightData], hyper: Hyper, best: Optimum) -> l
     return [linearise(f, best.theta, course(f, hyper, x)) for f, x in pairs]
 
 
-Begin = tuple[Array, Sequence[Unknowns] | Sequence[Lifted] | None, Hyper]
+Begin = tuple[Array, Sequence[Unknowns | Lifted] | None, Hyper]
 """Parameters, where every flight begins (None: on the path of its record), noise parameters."""
+
+
+class UnsettledError(FitError):
+    """A fit that ended without an optimum.
+
+    Attributes:
+        best: The fit along the record whose defects are least.
+    """
+
+    def __init__(self, reason: str, tried: Iterable[str], best: LiftedFit) -> None:
+        """Keep the best fit beside what a `FitError` tells."""
+        super().__init__(reason, tried)
+        self.best = best
 
 
 class Settled(NamedTuple):
@@ -198,9 +214,53 @@ def settle(
     return Settled(best, hyper, value)
 
 
+def _looser(hyper: Hyper) -> Hyper:
+    """Noise parameters whose disturbances are stronger: with these a flight follows its record more easily."""
+    laws = (np.asarray(law, float) for law in hyper.laws)
+    return replace(hyper, laws=tuple(np.concatenate([_LOOSE * law[:1], law[1:]]) for law in laws))
+
+
 def _placed(flight: FlightData, hyper: Hyper, theta: Array, place: Unknowns | Lifted) -> Lifted | None:
     """A place along the record; of unknowns alone, that of their simulation."""
     return place if isinstance(place, Lifted) else lifted.flown(flight, hyper, theta, place)
+
+
+def _along_record(
+    flights: Sequence[FlightData],
+    hyper: Hyper,
+    priors: Sequence[Prior],
+    theta: Array,
+    at: Sequence[Lifted] | None,
+    near: tuple[float, float],
+    tell: Callable[[lifted.Row], None],
+) -> LiftedFit:
+    """A fit along the record whose path obeys the equations of motion: from where it is, then anew, in small steps last.
+
+    Raises:
+        UnsettledError: If defects are left whatever was tried.
+    """
+    begun: list[tuple[str, Array, Sequence[Lifted] | None, tuple[float, ...]]] = []
+    if at is not None:
+        begun.append(("from the path of the turn before", theta, at, (0.0,)))
+    begun += [
+        ("from the path of the record", theta, None, (*lifted.LEVELS, 0.0)),
+        ("from the path of the record, in smaller steps", working(priors)[0], None, _SMALL_LEVELS),
+    ]
+    tried: list[str] = []
+    best: LiftedFit | None = None
+    for words, where, places, levels in begun:
+        made = lifted.descend(flights, hyper, priors, where, places, levels, near=near, progress=tell)
+        if made.rows and made.rows[-1].level == 0.0 and made.rows[-1].defect < _FEW_DEFECTS:
+            return made
+        tried.append(f"{words}: {len(made.rows)} steps, the last {made.rows[-1] if made.rows else 'none: not finite'}")
+        if best is None or (made.rows and best.rows and made.rows[-1].defect < best.rows[-1].defect):
+            best = made
+    assert best is not None
+    raise UnsettledError(
+        "no flight of the model follows the record: steps along the best path break the equations of motion",
+        tried,
+        best,
+    )
 
 
 def _settle_along(
@@ -211,34 +271,28 @@ def _settle_along(
     begin: Begin | None,
 ) -> Settled:
     """`settle` along the record: the path is kept from turn to turn, whatever the noise parameters become."""
-    theta, hyper, value = working(priors)[0], prior.median, np.inf
+    theta, hyper = working(priors)[0], prior.median
     at: Sequence[Lifted] | None = None
-    levels: tuple[float, ...] = (*lifted.LEVELS, 0.0)
     if begin is not None:
         theta, places, hyper = begin
         if places is not None:
-            found = [_placed(f, hyper, theta, x) for f, x in zip(flights, places, strict=True)]
-            known = [x for x in found if x is not None]
-            if len(known) == len(flights):
-                at, levels = known, (0.0,)
-    for turn in range(_NOISE_TURNS + 1):
-        last = turn == _NOISE_TURNS
+            known = [y for f, x in zip(flights, places, strict=True) if (y := _placed(f, hyper, theta, x)) is not None]
+            at = known if len(known) == len(flights) else None
+    turns = 1 if at is None else 0  # noise parameters that come with a path are of a fit before
+    if at is None:
+        hyper = _looser(hyper)
+    for turn in range(turns + 1):
 
         def tell(row: lifted.Row, turn: int = turn) -> None:
-            say((turn + 0.3) / (_NOISE_TURNS + 1), f"along the record {turn + 1}, {row}")
+            say((turn + 0.3) / (turns + 1), f"along the record {turn + 1}, {row}")
 
-        made = lifted.descend(
-            flights, hyper, priors, theta, at, levels, near=_JOINT_NEAR if last else _TURN_NEAR, progress=tell
-        )
-        theta, at, levels = made.theta, made.flights, (0.0,)
-        if last:
-            break
+        made = _along_record(flights, hyper, priors, theta, at, _JOINT_NEAR if turn == turns else _TURN_NEAR, tell)
+        theta, at = made.theta, made.flights
         linear = [lifted.linear(f, x, lifted.along(f, theta, x)) for f, x in zip(flights, at, strict=True)]
-        most = 20 if turn == 0 else 12
-        before, (hyper, value) = value, evidence.maximise(flights, linear, priors, hyper, prior, most)
-        say((turn + 0.9) / (_NOISE_TURNS + 1), f"noise parameters {turn + 1}: log evidence {-value:.1f}")
-        if before - value < _EVIDENCE_GAIN and made.converged:
-            break
+        if turn < turns:
+            hyper, value = evidence.maximise(flights, linear, priors, hyper, prior, most=20)
+            say((turn + 0.9) / (turns + 1), f"noise parameters: log evidence {-value:.1f}")
+    value = evidence.function_of(flights, linear, priors, prior)(evidence.to_vector(hyper))[0]
 
     def polish(iteration: int, cost: float, step: float) -> None:
         say(0.95, f"optimum: cost {cost:.2f}, step {step:.3f} standard errors")
@@ -259,7 +313,7 @@ def marginal_mode(
     The mode is often five and more standard errors away. Between, the marginal density may be nearly flat, which the
     cost's Gauss-Newton matrix doesn't see: it knows nothing of the determinant's curvature or of how the cost bends,
     and its steps grow short long before the mode. So steps are corrected by how the slope has changed over earlier
-    ones (`_bent`), and the slope is taken with start and shocks at rest. A rest of less than 0.2 standard deviations is
+    ones (`quasi_newton`), and the slope is taken with start and shocks at rest. A rest of less than 0.2 standard deviations is
     left to the sampler, which is exact.
 
     Args:
@@ -273,53 +327,27 @@ def marginal_mode(
         The mode, start and shocks at their best for it; `converged` is false where steps did not become short.
     """
     say = progress or (lambda share, words: None)
-    best, length, hyper = settled.optimum, np.inf, settled.hyper
+    best, hyper, distance = settled.optimum, settled.hyper, np.inf
     bends: list[tuple[Array, Array]] = []
     last: tuple[Array, Array] | None = None
+    told: tuple[Array, Array] | None = None  # the log determinant's slope, and where
     for turn in range(most):
         say(turn / most, "log determinant")
         rest = optimum.relaxed(flights, hyper, priors, best.theta, best.unknowns)
         best = replace(best, unknowns=rest.unknowns, covariance=scipy.linalg.inv(rest.matrix))
         made = marginalise(flights, hyper, priors, best)
-        tilt = scipy.linalg.solve_triangular(np.asarray(made.scale).T, determinant.slope(made)) + gap_slope(made)
-        slope = rest.gradient + tilt
+        if told is None or length(best.theta - told[0], best.covariance) > _SAME_SLOPE:
+            told = best.theta, scipy.linalg.solve_triangular(np.asarray(made.scale).T, determinant.slope(made))
+        slope = rest.gradient + told[1] + gap_slope(made)
         if last is not None:
             bends.append((best.theta - last[0], slope - last[1]))
-        step, last = _bent(slope, best.covariance, bends), (best.theta, slope)
-        length = _length(step, best.covariance)
+        step, last = secant_step(slope, best.covariance, bends), (best.theta, slope)
+        distance = length(step, best.covariance)
         towards = -rest.matrix @ step - rest.gradient  # the tilt by which a Gauss-Newton step is this one
         best = optimum.fit(flights, hyper, priors, best.theta, best.unknowns, 0.01, most=1, tilt=towards)
-        if length < _NEAR or np.array_equal(best.theta, last[0]):
+        if distance < _NEAR or np.array_equal(best.theta, last[0]):
             break
-    return replace(best, converged=settled.optimum.converged and length < _NEAR)
-
-
-def _bent(slope: Array, covariance: Array, bends: Sequence[tuple[Array, Array]]) -> Array:
-    """A Gauss-Newton step, corrected by what earlier steps told of how the slope changes (L-BFGS; Nocedal 1980).
-
-    Where it changed by less than `_FLATTEST` of what Gauss-Newton expects, that share is taken (Powell 1978), and a
-    step made longer so is no longer than `_REACH` standard deviations.
-
-    Args:
-        slope: Of what is minimised (P,).
-        covariance: Inverse of the Gauss-Newton matrix (P, P).
-        bends: Steps made, and changes of the slope over them.
-    """
-    factor, pairs = scipy.linalg.cho_factor(covariance), []
-    for step, change in bends:
-        stiff = scipy.linalg.cho_solve(factor, step)
-        expected, told = float(step @ stiff), float(step @ change)
-        share = 1.0 if told >= _FLATTEST * expected else (1.0 - _FLATTEST) * expected / (expected - told)
-        pairs.append((step, share * change + (1.0 - share) * stiff))
-    left, weights = slope, []
-    for step, change in reversed(pairs):
-        weights.append(float(step @ left) / float(step @ change))
-        left = left - weights[-1] * change
-    made = -covariance @ left
-    for (step, change), weight in zip(pairs, reversed(weights), strict=True):
-        made = made - step * (weight + float(change @ made) / float(step @ change))
-    longest = max(_REACH, _length(covariance @ slope, covariance))
-    return np.asarray(made * min(1.0, longest / max(_length(made, covariance), longest)))
+    return replace(best, converged=settled.optimum.converged and distance < _NEAR)
 
 
 def conclude(
@@ -352,7 +380,7 @@ def conclude(
         made = marginalise(flights, hyper, priors, best)
         hyper, value = evidence.maximise(flights, _linear(made), priors, hyper, prior, 12, _gaps(made))
         before, best = best, marginal_mode(flights, priors, Settled(best, hyper, value), most=_MODE_TURN)
-        if _length(best.theta - before.theta, before.covariance) < _REST:
+        if length(best.theta - before.theta, before.covariance) < _REST:
             break
     made = marginalise(flights, hyper, priors, best)
     say(0.5, "uncertainty of the noise parameters")
@@ -396,8 +424,8 @@ def _corrected(made: Marginal, converged: bool) -> tuple[Marginal, tuple[str, ..
     if not (tried[-1].is_mode or converged):
         falls = ", ".join(f"{one.worst:.3g}" for one in tried)
         raise FitError(
-            "the search for the mode of the marginal posterior did not end at one: one standard deviation beside it the "
-            f"log density falls by {falls} at least, with its corrections in turn and without, where about 0.5 is wanted"
+            "the search for the mode of the marginal posterior did not end at one: one standard deviation beside it "
+            f"the log density falls by {falls} at least, with its corrections in turn and without; about 0.5 is wanted"
         )
     return plain, (_LOST_PULL,)
 
@@ -408,11 +436,6 @@ def _linear(made: Marginal) -> list[Linear]:
 
 def _gaps(made: Marginal) -> list[Component]:
     return [along.gap for along in made.along]
-
-
-def _length(step: Array, covariance: Array) -> float:
-    """Length of a step of the parameters in posterior standard deviations."""
-    return float(np.linalg.norm(scipy.linalg.solve_triangular(np.linalg.cholesky(covariance), step, lower=True)))
 
 
 def find(

@@ -1,10 +1,10 @@
 """Is the point that a fit ended at a mode, and are its corrections smaller than what they correct?
 
-The marginal density is a sum of squares, which one simulation gives, and of corrections that are expanded about the mode:
-what draws start and disturbances aside (`inference.following`), and the log determinant. About a mode, in coordinates in
-which the covariance is one, the density falls by about a half one standard deviation out along every axis, and by two at
-two. Where a correction makes it rise there, or fall off a cliff, the expansion does not hold, however well the sampler
-does on it.
+The marginal density is a sum of squares, which one simulation gives, and of corrections that are expanded about the
+mode: what draws start and disturbances aside (`inference.following`), and the log determinant. About a mode, in
+coordinates in which the covariance is one, the log density falls by about a half one standard deviation out along every
+axis, and by two at two. Where a correction makes it rise there, or fall off a cliff, the expansion does not hold,
+however well a sampler does on it.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class Profile(NamedTuple):
 
     @property
     def worst(self) -> float:
-        """Least fall at one standard deviation to either side; a half about a Gaussian mode, negative where it rises."""
+        """Least fall at one standard deviation; a half about a Gaussian mode, negative where the density rises."""
         near = self.fall[:, [i for i, place in enumerate(PLACES) if abs(place) == 1.0]]
         return float(np.nanmin(near)) if np.isfinite(near).any() else -np.inf
 

@@ -1,11 +1,12 @@
-"""A fit along the record: parameters and path found together, the path held to the data before it is held to the model.
+"""A fit along the record: parameters and path found together, held to the data before they are held to the model.
 
-A simulation from prior means leaves the record within a pendulum period, and what is linearised about it says nothing of
-the optimum. So the states of the flights are unknowns too, beside parameters, start and shocks ("lifted" Newton,
-Albersmeyer & Diehl 2010; weak constraint, Bell 1994; multiple shooting with an interval per sample, Bock 1983). They begin
-at what the record shows and may break the equations of motion by defects whose standard deviations are lowered level by
-level, to none in the end. Along such a path all steps are linearised at once; one filter and smoother solves for path,
-start and shocks as linear functions of the parameters, and what is left is a damped least-squares problem in these.
+A simulation from prior means leaves the record within a pendulum period, and what is linearised about it says nothing
+of the optimum. So the states of the flights are unknowns too, beside parameters, start and shocks ("lifted" Newton,
+Albersmeyer & Diehl 2010; weak constraint, Bell 1994; multiple shooting with an interval per sample, Bock 1983). They
+begin at what the record shows and may break the equations of motion by defects whose standard deviations are lowered
+level by level, to none in the end. Along such a path all steps are linearised at once; one filter and smoother solves
+for path, start and shocks as linear functions of the parameters, and what is left is a damped least-squares problem in
+these.
 """
 
 from __future__ import annotations
@@ -17,7 +18,6 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 
 from bayeschute.air.vector import Component
@@ -27,6 +27,7 @@ from bayeschute.dynamics.kernel import flight as kernel
 from bayeschute.inference.latent import disturbances
 from bayeschute.inference.noise import whiten
 from bayeschute.inference.priors import Prior, precision, standard, working
+from bayeschute.inference.quasi_newton import secant_step
 from bayeschute.inference.statespace import gains, innovations, response, smooth
 from bayeschute.inference.target import Course, FlightData, Hyper, Linear, Unknowns, course, states
 
@@ -34,7 +35,8 @@ Array = NDArray[np.float64]
 LEVELS = (3.0, 1.0, 0.3)  # times a path's slack, one after the other
 _MOST, _MOST_HELD = 15, 40  # steps at a level, and where the path obeys the equations of motion
 _NEAR_GAIN, _NEAR_STEP = 0.2, 0.3  # gain in log density, and step in standard errors, at which a level is done with
-_LEAST_DEFECT = 0.02  # of the last level's slack: less is as good as none
+_LEAST_DEFECT = 1e-3  # of the last level's slack: less is as good as none, even in a flight that strays from there
+_FEW_DEFECTS, _SECANTS = 0.2, 6  # of that slack, at which earlier slopes tell of the next step; how many do
 _PRICE = 3.0  # of a defect of the last level's slack, in log density; more than the shocks of the states ask for
 _SHARES = (1.0, 0.5, 0.2, 0.05)
 _FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-3, 1e-9, 1e8
@@ -317,15 +319,23 @@ def _descend(
         Where they lead, the parameters' covariance there, the steps, and whether the last was short.
     """
     damping, rows, covariance = _FIRST_DAMPING, list[Row](), np.full((len(level.priors),) * 2, np.nan)
+    bends: list[tuple[Array, Array]] = []
+    last: tuple[Array, Array] | None = None
     while len(rows) < most:
         solved, matrix, gradient = level.solved(here)
         if not (np.isfinite(matrix).all() and np.isfinite(gradient).all()):
             return here, covariance, rows, False
-        covariance = scipy.linalg.inv(matrix)
+        covariance = np.linalg.inv(matrix)
+        if level.level == 0.0 and here.defect < _FEW_DEFECTS:  # else the slope is that of another path
+            if last is not None:
+                bends = [*bends, (here.theta - last[0], gradient - last[1])][-_SECANTS:]
+            last = here.theta, gradient
+        else:
+            bends, last = [], None
         found = None
         while found is None and damping < _MOST_DAMPING:
             damped = matrix + damping * np.diag(np.diag(matrix))
-            step = -scipy.linalg.cho_solve(scipy.linalg.cho_factor(damped), gradient)
+            step = secant_step(gradient, np.linalg.inv(damped), bends)
             there = level.moved(here, solved, step)
             for share in _SHARES:
                 part = [
@@ -337,6 +347,7 @@ def _descend(
                     found = point, share
                     break
             else:
+                bends, last = [], None
                 damping = max(10.0 * damping, _FIRST_DAMPING)
         if found is None:
             return here, covariance, rows, False

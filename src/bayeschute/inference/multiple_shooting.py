@@ -91,7 +91,10 @@ def tie_covariances(data: FlightData, hyper: Hyper, theta: Component, states: Co
 
 
 class _Given(NamedTuple):
-    """What a fit holds fixed; priors are centres and the inverse of their factor, the whitener that of the ties (N - 1, X + L, X + L)."""
+    """What a fit holds fixed: priors as centres and the inverse of their factor, and a whitener.
+
+    The whitener is that of the ties (N - 1, X + L, X + L).
+    """
 
     data: FlightData
     hyper: Hyper

@@ -47,5 +47,5 @@ def scores(
     for flight, x in zip(flights, unknowns, strict=True):
         given = conditional(flight, hyper, linearise(flight, theta, course(flight, hyper, x)))
         matrix, gradient = matrix + np.asarray(given.matrix), gradient + np.asarray(given.gradient)
-    covariance = np.linalg.inv(matrix)
+    covariance: Array = np.asarray(np.linalg.inv(matrix), np.float64)
     return -covariance @ np.where(kept, 0.0, gradient), np.sqrt(np.diag(covariance))

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from bayeschute.inference import map as optimum
 from bayeschute.inference.evidence import HyperPrior
+from bayeschute.errors import FitError
 from bayeschute.inference.finding import Progress, Settled, settle
 from bayeschute.inference.priors import Prior, factor, working
 from bayeschute.inference.target import FlightData
@@ -100,7 +101,7 @@ def settle_from(
         return Start(
             number, settle(flights, priors, prior, rounds, say, (begin(priors, number, seed), None, prior.median))
         )
-    except FloatingPointError as error:
+    except (FloatingPointError, FitError) as error:
         return Start(number, None, str(error))
 
 

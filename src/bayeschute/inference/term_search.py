@@ -1,10 +1,10 @@
 """Which terms a fitted flight asks for: evidence of models that go without some of a library's terms.
 
-The whole library is fitted to the flight once, under priors that keep it from nonsense, start and disturbances integrated
-out. There its posterior is nearly Gaussian, and the evidence of a model without some terms, over that of the whole, is the
-posterior density of their being zero over the prior one (Dickey 1971). Terms leave one by one while what is left is at
-least as probable, save for a stated penalty on each; then any that pays is taken back. Equation error does the same on
-forces; here the wind's error is part of the model, which it can't be there.
+The whole library is fitted to the flight once, under priors that keep it from nonsense, start and disturbances
+integrated out. There its posterior is nearly Gaussian, and the evidence of a model without some terms, over that of the
+whole, is the posterior density of their being zero over the prior one (Dickey 1971). Terms leave one by one, or come
+back, as long as the evidence grows, a stated penalty on each term counted. Equation error does the same on forces; here
+the wind's error is part of the model, which it can't be there.
 """
 
 from __future__ import annotations

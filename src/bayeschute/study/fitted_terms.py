@@ -20,8 +20,8 @@ ADDED = "added since the fitted flight asked for it"
 _LARGEST = 0.2
 """Root mean square, over the record, of what a term is expected to add to a force coefficient at most [1].
 
-Coefficients of axial force are near 0.9, of transverse force below 0.2 where canopies fly. A record that moves too little
-to tell terms apart leaves them near zero by this, and their sum where equation error puts it.
+Coefficients of axial force are near 0.9, of transverse force below 0.2 where canopies fly. A record that moves too
+little to tell terms apart leaves them near zero by this, and their sum where equation error puts it.
 """
 
 
@@ -60,12 +60,13 @@ def of_library(study: Study, kind: str, entry: Mapping[str, Any], flight: str) -
     """
     told, table = entry["together"], study.priors
     names, size = list(told["terms"]), np.array(told["rms"], float)
-    centre, known = np.zeros(len(names)), np.zeros((len(names), len(names)))
+    centre: NDArray[np.float64] = np.zeros(len(names))
+    known: NDArray[np.float64] = np.zeros((len(names), len(names)))
     source = f"equation error on {flight}, all candidates together, {table.inflation:g} x colored standard error"
     if told["estimate"] is not None:
         centre = np.array(told["estimate"], float)
         law = table.inflation**2 * np.array(told["covariance"], float) + table.floor**2 * np.eye(len(names))
-        known = np.linalg.inv(law)
+        known[:] = np.linalg.inv(law)
     else:
         here = [names.index(row["term"]) for row in entry["selected"]]
         law = table.inflation**2 * np.array(entry["covariance"], float) + table.floor**2 * np.eye(len(here))

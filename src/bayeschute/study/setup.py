@@ -179,7 +179,7 @@ def hyper(study: Study) -> Hyper:
 
 
 def latent(study: Study, canopies: int) -> Latent:
-    """Latent processes: errors of the wind north, east and down, then what moves each canopy's force along and across."""
+    """Latent processes: errors of the wind north, east and down, then of each canopy's force along and across."""
     places = {"horizontal": (0, 1), "vertical": (2,), "canopy": tuple(range(3, 3 + canopies))}
     places["across"] = tuple(range(3 + canopies, 3 + 3 * canopies))
     if study.model == "descent":

@@ -6,18 +6,20 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from bayeschute.dynamics.cluster_flight import output_names
 from bayeschute.errors import FitError
 from bayeschute.inference import output_error
+from bayeschute.inference.best_path import BestPath
 from bayeschute.inference.evidence import HyperPrior
-from bayeschute.inference.finding import Begin, Found, Settled, conclude, marginal_mode, settle
+from bayeschute.inference.finding import Begin, Found, Settled, UnsettledError, conclude, marginal_mode, settle
 from bayeschute.inference.law_effect import LawEffect, widened
-from bayeschute.inference.lifted import flown
+from bayeschute.inference.lifted import along, flown
 from bayeschute.inference.omitted import scores
 from bayeschute.inference.posterior import data_tree, sample
 from bayeschute.inference.priors import Prior
@@ -26,6 +28,7 @@ from bayeschute.samplers.protocol import Draws
 from bayeschute.study import canopies, checkpoint, populations, setup, several_starts, structures
 from bayeschute.study.fits import Group, data_of, groups, save_fit
 from bayeschute.study.fitted_terms import terms_left_out, with_terms
+from bayeschute.study.work_data import load_flight
 
 if TYPE_CHECKING:
     from bayeschute.study.stages import Job
@@ -61,9 +64,12 @@ def fit(job: Job) -> str:
         clock = time.perf_counter()
         try:
             group, found, asked = _found(job, group, say)
+        except FitError as error:
+            raise _with_paths(job, group, error) from error
         except FloatingPointError as error:
             do = "look at priors.json and the vehicle (the model must fly from the prior means), or shorten the window"
             raise FitError(f"fit of {group.name}: {error}; {do}.", (f"{group.name}: {error}",)) from error
+        said += [f"Left out of the posterior of {group.name}: {lost}." for lost in found.lost]
         asked_for |= asked
         wall["optimum_s"] = wall.get("optimum_s", 0.0) + time.perf_counter() - clock
         kinds = ["nuts", "emcee"] if study.sampler.kind == "both" else [study.sampler.kind]
@@ -99,6 +105,30 @@ def fit(job: Job) -> str:
     job.save("fit/facts.json", facts)
     checkpoint.clear(job)
     return f"{len(todo)} fits, {failed} failed simulations"
+
+
+def _with_paths(job: Job, group: Group, error: FitError) -> FitError:
+    """What failed, with the residuals along the best path, and parameters there."""
+    if not isinstance(error, UnsettledError):
+        return error
+    best, paths = error.best, []
+    for flight, place in zip(group.flights, best.flights, strict=True):
+        data, time = data_of(job, flight, group.priors), load_flight(job, flight.name)["time"].values
+        model: Any = data.model
+        assert data.path is not None
+        made = along(data, best.theta, place)
+        defect = np.max(np.abs((np.asarray(place.path)[1:] - np.asarray(made.reached.steps)) / data.path.slack), axis=1)
+        noise = setup.hyper(job.study).outputs(data)
+        names = output_names(model.channels, model.structure.canopies)
+        residual = np.where(np.asarray(data.present), np.asarray(made.residual), np.nan)
+        sd = np.hypot(np.asarray(noise.white), np.asarray(noise.correlated))
+        paths.append(BestPath(flight.name, time, names, residual, sd, defect))
+    sd = np.sqrt(np.diag(best.covariance))
+    rows = zip(group.priors, best.theta, sd, strict=True)
+    parameters = [
+        (p.name, float(p.value(x)), float(s * p.value(x) if p.logarithmic else s), p.unit) for p, x, s in rows
+    ]
+    return FitError(f"fit of {group.name}: {error.reason}", error.tried, paths, parameters)
 
 
 def _structures(job: Job, group: Group) -> list[str]:
@@ -165,8 +195,11 @@ def _settled(
     Returns:
         The group with the priors that were used, its optimum, and the last scores of left-out terms.
     """
-    if job.study.structure is not None and job.study.structure.fit == "search":
-        return _searched(job, group, prior, say)
+    table = job.study.structure
+    # A search takes what the noise model leaves to the residuals for evidence; drops that are joined share their terms.
+    if table is not None and table.fit == "search" and job.study.noise.model == "latent":
+        if not job.study.priors.hierarchical:
+            return _searched(job, group, prior, say)
     # The score test of a term takes what the noise model leaves to the residuals for evidence: latent models only.
     here = {p.name for p in group.priors}
     latent = job.study.noise.model == "latent"
@@ -212,7 +245,7 @@ def _searched(
     assert job.study.structure is not None
     flights = [data_of(job, f, group.priors) for f in group.flights]
     library = _joint(job, group, prior, lambda s, w: say(0.5 * s, f"library of terms: {w}"))
-    mode = marginal_mode(flights, group.priors, library, lambda s, w: say(0.5 + 0.1 * s, f"library of terms: {w}"), 6)
+    mode = marginal_mode(flights, group.priors, library, lambda s, w: say(0.5 + 0.1 * s, f"library of terms: {w}"), 4)
     core = set(job.study.structure.core)
     may_go = [p.name for p in group.priors if "[" in p.name and canopies.coefficient(p.name) not in core]
     chosen = choose(group.priors, mode.theta, mode.covariance, may_go)

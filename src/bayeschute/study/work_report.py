@@ -11,10 +11,10 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from bayeschute.flight.record import repairs
+from bayeschute.inference.term_search import PENALTY
 from bayeschute.study import canopies, formulation, setup, structures
 from bayeschute.study.claims import calibration_check, verification
 from bayeschute.study.fits import groups, load_hyper, summary_draws
-from bayeschute.inference.term_search import PENALTY
 from bayeschute.study.fitted_terms import ADDED
 from bayeschute.study.foretell import OPENING
 from bayeschute.study.load import study_hash

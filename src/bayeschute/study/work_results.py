@@ -42,6 +42,9 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
+_FAR_DRAWS = 2.0  # standard deviations: farther off, draws are not about the mode that was found
+
+
 class _Fits(NamedTuple):
     """What the fits of a run say of themselves.
 
@@ -52,6 +55,9 @@ class _Fits(NamedTuple):
         step_errors: See `_step_error`, by flight.
         shares: See `_innovation_share`, by flight.
         determinant_errors: Of the log determinant's polynomial, by fit.
+        least_falls: Of the log density at one standard deviation along any axis, by fit.
+        modes: Whether it falls to both sides along every axis, by fit.
+        away: Distance of the draws' mean from the mode [Laplace's standard deviations], by fit.
         tails: Pareto k, by fit that has one.
         told: What the records tell, by fit; empty where not asked for.
     """
@@ -62,6 +68,9 @@ class _Fits(NamedTuple):
     step_errors: list[float]
     shares: list[float]
     determinant_errors: list[float]
+    least_falls: list[float]
+    modes: list[bool]
+    away: list[float]
     tails: list[float]
     told: dict[str, Any]
 
@@ -86,9 +95,18 @@ def _of_fits(job: Job, tell: bool) -> _Fits:
         steps,
         shares,
         [one.determinant_error for one in stored],
+        [one.least_fall for one in stored],
+        [one.is_mode for one in stored],
+        [_away(one) for one in stored],
         [one.pareto_k for one in stored if one.pareto_k is not None],
         told,
     )
+
+
+def _away(stored: Stored) -> float:
+    """Largest distance of the draws' mean from the mode along an axis of its Gaussian approximation."""
+    flat = stored.held.reshape(-1, stored.optimum.theta.size).mean(axis=0) - stored.optimum.theta
+    return float(np.max(np.abs(np.linalg.solve(np.asarray(stored.marginal.scale), flat))))
 
 
 def check(job: Job, tell: bool = True) -> str:
@@ -130,6 +148,20 @@ def check(job: Job, tell: bool = True) -> str:
         0.2,
         max(fits.step_errors) < 0.2,
         "integration error over the white noise of the channel, largest",
+    )
+    add(
+        "mode",
+        min(fits.least_falls),
+        0.0,
+        all(fits.modes),
+        "least fall of the log density one standard deviation beside the mode, along any axis: about 0.5 where it is one",
+    )
+    add(
+        "draws_distance",
+        max(fits.away),
+        _FAR_DRAWS,
+        max(fits.away) < _FAR_DRAWS,
+        "distance of the draws' mean from the mode along any axis, in standard deviations of its Gaussian approximation",
     )
     worst = max(fits.shares, key=lambda s: abs(s - 0.9))
     add(

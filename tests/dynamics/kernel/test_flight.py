@@ -17,7 +17,7 @@ from bayeschute.air.wind_field import wind_field
 from bayeschute.dynamics.cluster import geometry, tension
 from bayeschute.dynamics.descent import DensityProfile, DescentFlight, DescentInputs
 from bayeschute.dynamics.dumbbell import Dumbbell, DumbbellFlight, DumbbellInputs
-from bayeschute.dynamics.integrate import jacobian_compiled, step_jacobians, trajectory_compiled
+from bayeschute.dynamics.integrate import along_path, jacobian_compiled, step_jacobians, trajectory_compiled
 from bayeschute.dynamics.kernel import flight as kernel
 from bayeschute.dynamics.kernel import programs
 from bayeschute.dynamics.parameters import Structure
@@ -207,6 +207,55 @@ def test_derivatives_are_those_of_jax(name):
         assert np.abs(np.asarray(got) - want).max() < 1e-9 * size, field
 
 
+@pytest.mark.parametrize("name", ["descent", "dumbbell"])
+def test_along_any_path_outputs_steps_and_their_ends_are_those_of_jax(name):
+    """A path that obeys no equation of motion."""
+    model, theta, start, error = CASES[name]().one()
+    path = np.asarray(kernel.states(model, theta, start, error))
+    path = path * (1.0 + 0.1 * np.random.default_rng(4).normal(size=path.shape))
+    y, reached, steps = kernel.along_path(model, theta, start, error, path)
+    y_jax, reached_jax, steps_jax = jax.jit(along_path)(model, theta, start, error, path)
+    assert_close(y, y_jax, 1e-11)
+    assert_close(reached.steps, reached_jax.steps, 1e-11)
+    np.testing.assert_allclose(reached.first, reached_jax.first, rtol=1e-12)
+    assert np.abs(np.asarray(reached.steps) - path[1:]).max() > 0.01 * np.abs(path).max()
+    for field, got, want in zip(steps._fields, steps, steps_jax, strict=True):
+        assert got.shape == want.shape, field
+        assert np.abs(np.asarray(got) - want).max() < 1e-9 * (np.abs(want).max() + 1e-12), field
+
+
+def test_along_its_own_path_a_flight_gets_where_it_gets(case):
+    model, theta, start, error = case.one()
+    path = np.asarray(kernel.states(model, theta, start, error))
+    y, reached, steps = kernel.along_path(model, theta, start, error, path)
+    want_y, want = kernel.steps(model, theta, start, error)
+    np.testing.assert_array_equal(y, want_y)
+    jax.tree.map(np.testing.assert_array_equal, steps, want)
+    np.testing.assert_allclose(reached.first, path[0], rtol=1e-12, atol=1e-12)
+    assert_close(reached.steps, path[1:], 1e-12)
+
+
+def test_every_step_along_a_path_is_its_own(case):
+    """A path of two flights in turn: each step and output is that of the flight whose state it leaves from."""
+    model, theta, start, error = case.one()
+    paths = [np.asarray(kernel.states(model, theta, s * start, error)) for s in (1.0, -2.0)]
+    turns = np.arange(T)[:, None] % 3 == 1
+    mixed = kernel.along_path(model, theta, start, error, np.where(turns, *reversed(paths)))
+    alone = [kernel.along_path(model, theta, start, error, path) for path in paths]
+    assert np.abs(paths[0] - paths[1]).max() > 1e-3
+
+    def check(got, one, other):
+        first, second = np.asarray(one), np.asarray(other)
+        rows = turns[: len(first)].reshape(-1, *(1,) * (first.ndim - 1))
+        np.testing.assert_array_equal(got, np.where(rows, second, first))
+
+    by_sample = ("by_state", "by_theta", "by_now", "by_then", "out_state", "out_theta")
+    check(mixed[0], *(made[0] for made in alone))
+    check(mixed[1].steps, *(made[1].steps for made in alone))
+    for name in by_sample:
+        check(getattr(mixed[2], name), *(getattr(made[2], name) for made in alone))
+
+
 def test_whole_jacobian(descent):
     weights = np.maximum(0.0, 1.0 - np.abs(np.linspace(0, 3, T)[:, None] - np.arange(4)))
     y, whole = kernel.jacobian(*descent.one(), weights)
@@ -252,6 +301,7 @@ def test_without_llvmlite_jax_serves(descent, monkeypatch):
         and kernel.steps(*descent.one()) is None
         and kernel.jacobian(*descent.one()) is None
     )
+    assert kernel.along_path(*descent.one(), np.zeros((T, 1))) is None
 
 
 def test_traced_calls_and_odd_batches_are_left_to_jax(descent):

@@ -1,0 +1,74 @@
+"""Fits as they are kept and taken up: what a finished run tells, posterior draws as priors, populations' priors."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from bayeschute.inference.fit_checks import profile
+from bayeschute.inference.priors import Prior, correlated, covariance, working
+from bayeschute.study import fits
+from bayeschute.study.fits import gaussian_summary, groups, load_fit
+from bayeschute.study.load import load_study
+from bayeschute.study.stages import Job
+
+LAW = np.array([[0.04, 0.01], [0.01, 0.09]])
+PRIORS = correlated(
+    [Prior("axial[1]", 0.0, 1.0, False, "1", "x"), Prior("transverse[e]", 0.0, 1.0, False, "1", "x")],
+    np.array([0.9, 0.1]),
+    LAW,
+)
+
+
+def test_a_fit_that_is_taken_up_says_whether_it_ended_at_a_mode(finished, descents):
+    job = Job(load_study(descents.study), finished.folder, False, "", lambda *_: None)
+    for group in groups(job):
+        stored = load_fit(job, group)
+        again = profile(stored.marginal)
+        assert stored.is_mode and again.is_mode
+        assert stored.least_fall == pytest.approx(again.worst, abs=1e-6) == pytest.approx(0.5, abs=0.2)
+
+
+def test_posterior_draws_are_summed_up_with_their_covariance():
+    rng = np.random.default_rng(0)
+    draws = rng.multivariate_normal([0.8, 0.2], [[0.01, -0.008], [-0.008, 0.02]], size=(4, 500))
+    made = gaussian_summary(PRIORS, draws)
+    flat = draws.reshape(-1, 2)
+    np.testing.assert_allclose(working(made)[0], flat.mean(axis=0), rtol=1e-12)
+    np.testing.assert_allclose(covariance(made), np.cov(flat, rowvar=False), rtol=1e-9)
+    assert [(p.name, p.source, p.unit) for p in made] == [(p.name, "posterior", "1") for p in PRIORS]
+    (alone,) = gaussian_summary(PRIORS[:1], draws[..., :1])
+    assert alone.scale == pytest.approx(flat[:, 0].std(), rel=1e-3) and alone.correlation == {}
+
+
+def _job(vary=None, vary_canopies=None):
+    flights = tuple(SimpleNamespace(name=name) for name in ("one", "two"))
+    priors = SimpleNamespace(vary=vary, vary_canopies=vary_canopies, hierarchical=bool(vary or vary_canopies))
+    vehicle = SimpleNamespace(canopies=SimpleNamespace(number=2))
+    study = SimpleNamespace(model="cluster", vehicle=vehicle, priors=priors, with_role=lambda role: flights)
+    return SimpleNamespace(study=study)
+
+
+@pytest.mark.parametrize(
+    ("vary", "canopies", "names"),
+    [
+        (None, None, ["all"]),
+        (("axial[1]",), None, ["one", "two"]),
+        (None, ("axial[1]",), ["all"]),
+    ],
+)
+def test_members_of_a_population_are_independent_of_the_rest(monkeypatch, vary, canopies, names):
+    """Priors are correlated by name where every parameter is one, and not where one stands for several."""
+    monkeypatch.setattr(fits, "load_priors", lambda job: PRIORS)
+    made = groups(_job(vary, canopies))
+    assert [group.name for group in made] == names
+    for group in made:
+        found = covariance(group.priors)
+        if vary is None and canopies is None:
+            np.testing.assert_allclose(found, LAW)
+        else:
+            np.testing.assert_array_equal(found, np.diag(np.diag(found)))
+            assert all(p.correlation == {} for p in group.priors)
+    assert len(made[0].priors) == (5 if canopies else 2)
