@@ -146,30 +146,6 @@ def test_the_mode_is_found_across_a_slope_much_flatter_than_gauss_newton_expects
     assert best.converged and abs(away - mode) < 0.2
 
 
-def test_bent_steps_find_the_least_of_a_quadratic_whose_matrix_they_are_not_told():
-    rng = np.random.default_rng(1)
-    root = rng.standard_normal((4, 4))
-    matrix, least, at = root @ root.T + 0.5 * np.eye(4), rng.standard_normal(4), np.zeros(4)
-    bends, last = [], None
-    for _ in range(40):
-        slope = matrix @ (at - least)
-        if np.linalg.norm(slope) < 1e-6:
-            break
-        if last is not None:
-            bends.append((at - last[0], slope - last[1]))
-        last = at, slope
-        at = at + finding._bent(slope, np.eye(4), bends)
-    np.testing.assert_allclose(at, least, atol=1e-5)
-
-
-@pytest.mark.parametrize(("curvature", "expected"), [(-1.0, -2.0), (0.0, -1.5), (0.05, -1.425), (0.5, -0.3)])
-def test_where_the_slope_hardly_falls_bent_steps_are_long_but_not_too_long(curvature, expected):
-    """Gauss-Newton expects a curvature of 1; the slope was 0.3 before a step of -0.3."""
-    before = np.array([-0.3])
-    made = finding._bent(np.array([0.3]) + curvature * before, np.eye(1), [(before, curvature * before)])
-    assert made[0] == pytest.approx(expected)
-
-
 @pytest.mark.parametrize(("far", "held"), [(0.1, False), (50.0, True)])
 def test_noise_parameters_go_to_their_mean_unless_that_is_too_far(found, descent, monkeypatch, far, held):
     """A displacement by which the parameter would move `far` standard deviations."""

@@ -43,7 +43,7 @@ CLUSTER = [
     (r"^canopies = \[1\]", "canopies = [3]", "[structure] canopies, item 1", "canopy 3", "1 to 2"),
     (r'^axial = \["1", ', 'axial = ["alfa", ', "[structure] axial", "'alfa'", "terms of the axial"),
     (r'^axial = \["1", ', 'axial = ["e", ', "[structure] axial", "vector", "terms of the axial"),
-    (r'^transverse = \["e", ', 'transverse = ["q", ', "[structure] transverse", "0 vector factors", "transverse"),
+    (r'^transverse = \[\s+"e", ', 'transverse = ["q", ', "[structure] transverse", "0 vector factors", "transverse"),
     (r'^sigma_max = "1 sigma\^2"', 'sigma_max = "25"', "sigma_max", "'25'", "'25 sigma^2'"),
     (r"^inflation = 10.0", "inflation = -1", "[priors] inflation", "-1", ">= 1"),
     (r'mean = "234 ft", sd = "1 ft"', 'mean = "234 ft", sd = "-1 ft"', "[priors.given.riser_length] sd", "'-1 ft'", "> 0 m"),

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from bayeschute.study.load import check_study, load_study
-from bayeschute.study.structure_schema import PolarPoolTable
+from bayeschute.study.structure_schema import CORE, PolarPoolTable
 
 MODELS = Path(__file__).parents[2] / "models"
 
@@ -99,3 +99,17 @@ def test_a_descent_has_no_use_for_synthetic_data(descent: Path):
 def test_candidates_are_known_by_any_spelling():
     pool = PolarPoolTable(variables=("overlap", "sin_proximity"), order=2, first=("sin_proximity*(0.8-distance)_+",))
     assert len(pool.candidates()) == 6
+
+
+def test_a_core_is_named_once_and_not_empty(cluster: Path, spoil):
+    text = cluster.read_text(encoding="utf-8")
+    for new, wanted in (("core = []", "one at least"), ('core = ["axial[1]", "axial[1]"]', "each only once")):
+        (fault,) = check_study(spoil(cluster, r"^core = .*", new))
+        assert "[structure] core" in fault.where and wanted in fault.wanted
+        cluster.write_text(text, encoding="utf-8")
+    assert set(CORE) <= set(load_study(cluster).structure.core)
+
+
+def test_a_fit_of_another_kind_is_refused(cluster: Path, spoil):
+    (fault,) = check_study(spoil(cluster, r"^fit = .*", 'fit = "all"'))
+    assert "[structure] fit" in fault.where and "search" in fault.wanted

@@ -163,7 +163,8 @@ def test_one_structure_alone_predicts_as_before(job):
 
 FAULTS = [
     ("stack = 1", "[structure] stack", "1", "from 2"),
-    ("stack = 2", "structure", 'stack beside fit = "pool"', "a stack of selected structures"),
+    ("stack = 2", "structure", 'stack beside fit = "search"', "a stack of selected structures"),
+    ('fit = "pool"\nstack = 2', "structure", 'stack beside fit = "pool"', "a stack of selected structures"),
     ('fit = "selected"\nstack = 2\nreplicates = 0', "structure", "stack beside replicates = 0", "replicates, which"),
 ]
 

@@ -11,13 +11,13 @@ import jax
 import jax.numpy as jnp
 
 from bayeschute.air.airflow import SEA_LEVEL_DENSITY
-from bayeschute.air.vector import Component, Vec3, dot, norm, quaternion, vec3
+from bayeschute.air.vector import Component, Quaternion, Vec3, dot, norm, quaternion, vec3
 from bayeschute.air.wind_field import WindField
 from bayeschute.dynamics.cluster import Air, geometry, state_rate, tension
 from bayeschute.dynamics.integrate import rk4
 from bayeschute.dynamics.parameters import Cluster, Structure
 from bayeschute.dynamics.start import Start, initial_state
-from bayeschute.dynamics.state import ClusterState, unpack
+from bayeschute.dynamics.state import ClusterState, pack, unpack
 
 _COEFFICIENT = re.compile(r"(axial|transverse)\[(.*)\](?:\.canopy(\d+))?")
 LOGARITHMIC = ("riser_stiffness", "riser_damping", "enclosed_air_factor")
@@ -167,6 +167,34 @@ class ClusterFlight:
         """Air that a state meets when this share of the sample has passed."""
         air = air_between(now, then, error_now, error_then, share, self.dt)
         return air if self.wind_field is None else blown(air, self.wind_field, unpack(x, self.structure.canopies))
+
+    def retract(self, x: jax.Array, step: jax.Array) -> jax.Array:
+        """States a step away, risers as long, and growing as fast, as the linear step says.
+
+        A canopy that moves across its riser in a straight line stretches it by the square of that move, and a stiff
+        riser answers with more than its load. So what the step does to length and rate of every riser is taken from its
+        derivative, and the canopies are put there along the new direction (a retraction; Absil, Mahony & Sepulchre
+        2008).
+
+        Args:
+            x: States (T, X).
+            step: Change of the states (T, X).
+        """
+        n, capsule = self.structure.canopies, self.base.capsule
+
+        def risers(x: jax.Array) -> tuple[jax.Array, jax.Array]:
+            geo = geometry(unpack(x, n), capsule)
+            return geo.length, geo.stretch_rate
+
+        (length, rate), (longer, faster) = jax.jvp(risers, (x.T,), (step.T,))
+        there = unpack((x + step).T, n)
+        q = there.attitude
+        size = jnp.sqrt(q.w**2 + q.x**2 + q.y**2 + q.z**2)
+        there = replace(there, attitude=Quaternion(q.w / size, q.x / size, q.y / size, q.z / size))
+        geo = geometry(there, capsule)
+        place = there.canopy_position + geo.direction * (length + longer - geo.length)
+        moving = there.canopy_velocity + geo.direction * (rate + faster - geo.stretch_rate)
+        return pack(replace(there, canopy_position=place, canopy_velocity=moving)).T
 
     def observe(self, x: jax.Array, numbers: Cluster, now: Any) -> jax.Array:
         """Outputs of `channels`, in order (C, ...)."""

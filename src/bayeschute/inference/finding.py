@@ -40,6 +40,7 @@ _TURN_NEAR, _JOINT_NEAR = (0.3, 0.2), (0.1, 0.1)  # gain and step [standard erro
 _SMALL_LEVELS = (5.0, 3.0, 1.7, 1.0, 0.6, 0.3, 0.17, 0.1, 0.05, 0.0)  # of slack, where the usual ones don't do
 _FEW_DEFECTS = 0.1  # of the last level's slack, at which single shooting can go on
 _LOOSE = 3.0  # times the prior medians of the disturbances' standard deviations, until noise parameters are found
+_FIRST = 12  # steps of a fit along the record before the first turn of noise parameters
 _POLISH = 10  # most steps of single shooting after the fit along the record
 _TURNS, _REST = 6, 0.4  # most turns of noise parameters and mode; a step of the mode after which there is no other
 _SAME_SLOPE = 0.5  # standard deviations within which the log determinant's slope is taken for the same
@@ -102,12 +103,13 @@ class UnsettledError(FitError):
 
     Attributes:
         best: The fit along the record whose defects are least.
+        priors: Of its parameters.
     """
 
-    def __init__(self, reason: str, tried: Iterable[str], best: LiftedFit) -> None:
+    def __init__(self, reason: str, tried: Iterable[str], best: LiftedFit, priors: Sequence[Prior]) -> None:
         """Keep the best fit beside what a `FitError` tells."""
         super().__init__(reason, tried)
-        self.best = best
+        self.best, self.priors = best, tuple(priors)
 
 
 class Settled(NamedTuple):
@@ -234,7 +236,9 @@ def _along_record(
     near: tuple[float, float],
     tell: Callable[[lifted.Row], None],
 ) -> LiftedFit:
-    """A fit along the record whose path obeys the equations of motion: from where it is, then anew, in small steps last.
+    """A fit along the record whose path obeys the equations of motion.
+
+    It goes on from where it is; where that fails it begins at the record's path, and last in small steps of slack.
 
     Raises:
         UnsettledError: If defects are left whatever was tried.
@@ -256,11 +260,8 @@ def _along_record(
         if best is None or (made.rows and best.rows and made.rows[-1].defect < best.rows[-1].defect):
             best = made
     assert best is not None
-    raise UnsettledError(
-        "no flight of the model follows the record: steps along the best path break the equations of motion",
-        tried,
-        best,
-    )
+    reason = "no flight of the model follows the record: steps along the best path break the equations of motion"
+    raise UnsettledError(reason, tried, best, priors)
 
 
 def _settle_along(
@@ -286,7 +287,11 @@ def _settle_along(
         def tell(row: lifted.Row, turn: int = turn) -> None:
             say((turn + 0.3) / (turns + 1), f"along the record {turn + 1}, {row}")
 
-        made = _along_record(flights, hyper, priors, theta, at, _JOINT_NEAR if turn == turns else _TURN_NEAR, tell)
+        if turn < turns:  # noise parameters are far off: what follows the record more or less will do
+            levels = (*lifted.LEVELS, 0.0)
+            made = lifted.descend(flights, hyper, priors, theta, None, levels, _FIRST, _TURN_NEAR, progress=tell)
+        else:
+            made = _along_record(flights, hyper, priors, theta, at, _JOINT_NEAR, tell)
         theta, at = made.theta, made.flights
         linear = [lifted.linear(f, x, lifted.along(f, theta, x)) for f, x in zip(flights, at, strict=True)]
         if turn < turns:
@@ -313,8 +318,8 @@ def marginal_mode(
     The mode is often five and more standard errors away. Between, the marginal density may be nearly flat, which the
     cost's Gauss-Newton matrix doesn't see: it knows nothing of the determinant's curvature or of how the cost bends,
     and its steps grow short long before the mode. So steps are corrected by how the slope has changed over earlier
-    ones (`quasi_newton`), and the slope is taken with start and shocks at rest. A rest of less than 0.2 standard deviations is
-    left to the sampler, which is exact.
+    ones (`quasi_newton`), and the slope is taken with start and shocks at rest. A rest of less than 0.2 standard
+    deviations is left to the sampler, which is exact.
 
     Args:
         flights: Records.

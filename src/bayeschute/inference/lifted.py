@@ -12,8 +12,8 @@ these.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -37,8 +37,9 @@ _MOST, _MOST_HELD = 15, 40  # steps at a level, and where the path obeys the equ
 _NEAR_GAIN, _NEAR_STEP = 0.2, 0.3  # gain in log density, and step in standard errors, at which a level is done with
 _LEAST_DEFECT = 1e-3  # of the last level's slack: less is as good as none, even in a flight that strays from there
 _FEW_DEFECTS, _SECANTS = 0.2, 6  # of that slack, at which earlier slopes tell of the next step; how many do
+_FIRM = 0.1  # times the prior standard deviations at levels with slack: it is the path that is sought there
 _PRICE = 3.0  # of a defect of the last level's slack, in log density; more than the shocks of the states ask for
-_SHARES = (1.0, 0.5, 0.2, 0.05)
+_SHARES, _RESTING = (1.0, 0.5, 0.2, 0.05), 4  # of steps; most that bring a path to rest
 _FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-3, 1e-9, 1e8
 
 
@@ -113,6 +114,7 @@ class Row(NamedTuple):
         gain: By which the merit fell.
         step: Largest step of a parameter over its standard error.
         share: Of the step that was taken.
+        held: Whether it was one of path and disturbances alone.
     """
 
     level: float
@@ -121,12 +123,14 @@ class Row(NamedTuple):
     gain: float
     step: float
     share: float
+    held: bool = False
 
     def __str__(self) -> str:
         """The row as a line of the log."""
+        what = "parameters held" if self.held else f"step {self.step:.3f} standard errors"
         return (
             f"slack {self.level:g}: cost {self.cost:.2f}, gain {self.gain:.3g}, defect {self.defect:.2g}, "
-            f"step {self.step:.3f} standard errors, share {self.share:g}"
+            f"{what}, share {self.share:g}"
         )
 
 
@@ -257,6 +261,16 @@ def moved(
     return Lifted(Unknowns(start, shocks[:, :size]), error, at.path + solved.drift + away)
 
 
+@jax.jit
+def shortened(flight: FlightData, at: Lifted, there: Lifted, share: float) -> Lifted:
+    """A share of the way to where a linear step leads; a model that can `retract` keeps what is stiff in it."""
+    there = jax.tree.map(lambda a, b: a + share * (b - a), at, there)
+    model: Any = flight.model
+    if not hasattr(model, "retract"):
+        return there
+    return there._replace(path=model.retract(at.path, there.path - at.path))
+
+
 class _Point(NamedTuple):
     """A point of the fit: its flights linearised, and what it costs."""
 
@@ -310,6 +324,65 @@ class _Level:
         return [moved(f, self.hyper, self.slack(f), at, made, one, step) for f, at, made, one in rows]
 
 
+class _Step(NamedTuple):
+    """Where a step leads, the share of it that was taken, and whether the parameters were held."""
+
+    point: _Point
+    share: float
+    held: bool
+
+
+def _tried(level: _Level, here: _Point, ends: Sequence[Lifted], step: Array, share: float) -> _Point:
+    trio = zip(level.records, here.flights, ends, strict=True)
+    return level.point(here.theta + share * step, [shortened(f, a, b, share) for f, a, b in trio])
+
+
+def _rested(level: _Level, here: _Point, solved: Sequence[Solved], most: int) -> tuple[_Point, float]:
+    """Path, start and disturbances brought nearer to rest, parameters held, and the share of the last step."""
+    held, share = np.zeros_like(here.theta), 0.0
+    for _ in range(most):
+        ends, found = level.moved(here, solved, held), None
+        for shares in ((1.0, 0.5), (0.2,)):  # whole steps may lead from side to side
+            points = {share: _tried(level, here, ends, held, share) for share in shares}
+            share = min(points, key=lambda s: points[s].merit)
+            if points[share].merit < here.merit:
+                found = points[share]
+                break
+        if found is None:
+            break
+        gain, here = here.merit - found.merit, found
+        if gain < _NEAR_GAIN:
+            break
+        solved = level.solved(here)[0]
+    return here, share
+
+
+def _lower(level: _Level, here: _Point, solved: Sequence[Solved], step: Array) -> _Step | None:
+    """A step that lowers the merit.
+
+    The whole one where it does, or half of it where that does better. Else, where the path breaks the equations of
+    motion, one of path and disturbances alone; and where it obeys them, a share of the step, judged after path and
+    disturbances have come to rest: products of the parameters' change with that of the path make defects that the
+    linear problem does not know.
+    """
+    there = level.moved(here, solved, step)
+    whole = _tried(level, here, there, step, 1.0)
+    if whole.merit < here.merit:
+        half = _tried(level, here, there, step, 0.5) if level.level == 0.0 else whole
+        return _Step(whole, 1.0, False) if whole.merit <= half.merit else _Step(half, 0.5, False)
+    if level.level or here.defect > _FEW_DEFECTS:
+        rest, share = _rested(level, here, solved, _RESTING)
+        if rest.merit < here.merit:
+            return _Step(rest, share, True)
+    for share in _SHARES:
+        point = whole if share == 1.0 else _tried(level, here, there, step, share)
+        if level.level == 0.0 and np.isfinite(point.merit) and point.merit > here.merit:
+            point = _rested(level, point, level.solved(point)[0], _RESTING)[0]
+        if point.merit < here.merit:
+            return _Step(point, share, False)
+    return None
+
+
 def _descend(
     level: _Level, here: _Point, most: int, near: tuple[float, float], say: Callable[[Row], None]
 ) -> tuple[_Point, Array, list[Row], bool]:
@@ -325,40 +398,31 @@ def _descend(
         solved, matrix, gradient = level.solved(here)
         if not (np.isfinite(matrix).all() and np.isfinite(gradient).all()):
             return here, covariance, rows, False
-        covariance = np.linalg.inv(matrix)
+        covariance = np.asarray(np.linalg.inv(matrix))
         if level.level == 0.0 and here.defect < _FEW_DEFECTS:  # else the slope is that of another path
-            if last is not None:
+            if last is not None and not np.array_equal(here.theta, last[0]):
                 bends = [*bends, (here.theta - last[0], gradient - last[1])][-_SECANTS:]
             last = here.theta, gradient
         else:
             bends, last = [], None
-        found = None
+        found: _Step | None = None
         while found is None and damping < _MOST_DAMPING:
             damped = matrix + damping * np.diag(np.diag(matrix))
-            step = secant_step(gradient, np.linalg.inv(damped), bends)
-            there = level.moved(here, solved, step)
-            for share in _SHARES:
-                part = [
-                    jax.tree.map(lambda a, b, s=share: np.asarray(a + s * (b - a)), *pair)
-                    for pair in zip(here.flights, there, strict=True)
-                ]
-                point = level.point(here.theta + share * step, part)
-                if point.merit < here.merit:
-                    found = point, share
-                    break
-            else:
+            step = secant_step(gradient, np.asarray(np.linalg.inv(damped), np.float64), bends)
+            found = _lower(level, here, solved, step)
+            if found is None:
                 bends, last = [], None
                 damping = max(10.0 * damping, _FIRST_DAMPING)
         if found is None:
             return here, covariance, rows, False
-        (point, share), before = found, here
-        here = point
-        damping = max(damping / 10.0, _LEAST_DAMPING) if share == 1.0 else damping
+        before, here = here, found.point
+        damping = max(damping / 10.0, _LEAST_DAMPING) if found.share == 1.0 else damping
         length = float(np.max(np.abs(here.theta - before.theta) / np.sqrt(np.diag(covariance))))
         gain = before.merit - here.merit
-        rows.append(Row(level.level, here.cost, here.defect, gain, length, share))
+        rows.append(Row(level.level, here.cost, here.defect, gain, length, found.share, found.held))
         say(rows[-1])
-        if gain < near[0] and length < near[1] and (level.level or here.defect < _LEAST_DEFECT):
+        near_enough = gain < near[0] and length < near[1] and not found.held
+        if near_enough and (level.level or here.defect < _LEAST_DEFECT):
             return here, covariance, rows, True
     return here, covariance, rows, False
 
@@ -393,8 +457,9 @@ def descend(
     say, rows = progress or (lambda row: None), list[Row]()
     places = [begin(f) for f in flights] if at is None else list(at)
     covariance, converged = np.full((len(priors),) * 2, np.nan), False
+    firm = [replace(p, scale=_FIRM * p.scale) for p in priors]
     for level in levels:
-        problem = _Level(flights, hyper, priors, level)
+        problem = _Level(flights, hyper, firm if level else priors, level)
         here = problem.point(theta, places)
         if at is not None and level == levels[0]:
             # Its disturbances may be those of other noise parameters: their shocks come with the first step.

@@ -98,7 +98,7 @@ def covariance(priors: Sequence[Prior]) -> NDArray[np.float64]:
 
 def precision(priors: Sequence[Prior]) -> NDArray[np.float64]:
     """Inverse of the covariance of several priors (P, P)."""
-    root = scipy.linalg.solve_triangular(factor(priors), np.eye(len(priors)), lower=True)
+    root = scipy.linalg.solve_triangular(factor(priors), np.eye(len(priors)), lower=True, check_finite=False)
     return np.asarray(root.T @ root)
 
 
@@ -108,7 +108,9 @@ def standard(priors: Sequence[Prior], theta: NDArray[np.float64]) -> NDArray[np.
     The sum of their squares is that of minus twice the log density; an entry is the parameter given those before it.
     """
     away = theta - working(priors)[0]
-    flat = scipy.linalg.solve_triangular(factor(priors), away.reshape(-1, len(priors)).T, lower=True)
+    flat = scipy.linalg.solve_triangular(
+        factor(priors), away.reshape(-1, len(priors)).T, lower=True, check_finite=False
+    )
     return np.asarray(flat.T.reshape(away.shape))
 
 

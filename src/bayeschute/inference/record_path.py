@@ -15,7 +15,7 @@ from bayeschute.flight.differentiate import savitzky_golay
 Array = NDArray[np.float64]
 _WINDOW = 1.0  # [s] of the smoothing polynomials
 _ACCELERATION = 0.1  # standard gravities by which a body's acceleration may be wrong for a sample
-_POSITION = 0.02  # defect of a position over that of the velocity, times the second
+_POSITION = 0.05  # defect of a position over that of the velocity, times the second
 _ARM = 0.14  # lever of the body's rate, over the risers' length
 
 

@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from bayeschute.errors import FitError
 from bayeschute.inference import map as optimum
 from bayeschute.inference.evidence import HyperPrior
-from bayeschute.errors import FitError
 from bayeschute.inference.finding import Progress, Settled, settle
 from bayeschute.inference.priors import Prior, factor, working
 from bayeschute.inference.target import FlightData

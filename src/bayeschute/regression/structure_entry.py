@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import fields
 from typing import Any
 
@@ -63,7 +63,7 @@ def entry(
     nulls = null_models(stack.z, pressure, components=stack.components)
     report = {
         "selected": _selected(identified, units, propagated),
-        "left_out": _left_out(whole, columns),
+        "left_out": _left_out(whole, fitted.names),
         "together": _together(whole, names, stack.X),
         "covariance": fitted.covariance,
         "ranking": ranking(found.selection),
@@ -93,21 +93,28 @@ def entry(
 
 
 def _whole(stack: Stack, names: Sequence[str]) -> EquationErrorFit | None:
-    """All candidates fitted together; None for a large pool, or where the record can't tell some of them apart."""
-    if len(names) > _WHOLE:
+    """All candidates fitted together that are ever other than zero.
+
+    None for a large pool, or where the record can't tell some of them apart.
+    """
+    known = np.nanmax(np.abs(np.where(np.isfinite(stack.X), stack.X, np.nan)), axis=0) > 0.0
+    kept = [name for name, there in zip(names, known, strict=True) if there]
+    if len(names) > _WHOLE or not kept:
         return None
     try:
-        return fit(stack.X, stack.z, names, components=stack.components, blocks=stack.blocks, groups=stack.groups)
+        return fit(
+            stack.X[:, known], stack.z, kept, components=stack.components, blocks=stack.blocks, groups=stack.groups
+        )
     except InputError:
         return None
 
 
-def _left_out(whole: EquationErrorFit | None, chosen: Sequence[int]) -> list[dict[str, Any]]:
+def _left_out(whole: EquationErrorFit | None, chosen: Collection[str]) -> list[dict[str, Any]]:
     """Estimates of the candidates that were not selected, all candidates fitted together."""
     if whole is None:
         return []
     rows = enumerate(whole.names)
-    return [{"term": n, "estimate": whole.estimate[k], "se": whole.se[k]} for k, n in rows if k not in chosen]
+    return [{"term": n, "estimate": whole.estimate[k], "se": whole.se[k]} for k, n in rows if n not in chosen]
 
 
 def _together(whole: EquationErrorFit | None, names: Sequence[str], X: Array) -> dict[str, Any]:
@@ -116,7 +123,7 @@ def _together(whole: EquationErrorFit | None, names: Sequence[str], X: Array) ->
     known: dict[str, Array | None] = {"estimate": None, "covariance": None}
     if whole is not None:
         known = {"estimate": whole.estimate, "covariance": whole.covariance}
-    return {"terms": names, "rms": sizes, **known}
+    return {"terms": names, "rms": sizes, "fitted": [] if whole is None else list(whole.names), **known}
 
 
 def ranking(selection: Selection, most: int = 60) -> list[dict[str, Any]]:

@@ -10,7 +10,7 @@ from bayeschute.errors import Fault
 from bayeschute.study.belief_schema import NoiseTable, PriorsTable
 from bayeschute.study.faults import place, show
 from bayeschute.study.schema import QUANTITIES, FlightTable, PredictTable, RequirementTable
-from bayeschute.study.structure_crosscheck import check_polar, check_stack, check_synthetic
+from bayeschute.study.structure_crosscheck import check_core, check_polar, check_stack, check_synthetic
 from bayeschute.study.vehicle_schema import Vehicle
 
 _CLUSTER_PRIORS = ("riser_stiffness", "riser_damping", "riser_length")
@@ -112,7 +112,7 @@ def check_model_descent(draft: Draft) -> Iterator[Fault]:
         for name, wind in (("wind", noise.wind), ("slow_wind", noise.slow_wind)):
             if wind is not None and wind.horizontal is not None:
                 yield _no_use(draft, "noise", name, "horizontal")
-        for name in (*_CLUSTER_ONLY, "canopy_force", "breathing"):
+        for name in (*_CLUSTER_ONLY, "canopy_force", "transverse_force", "breathing"):
             if getattr(noise, name) is not None:
                 yield _no_use(draft, "noise", name)
     priors: PriorsTable | None = draft.tables.get("priors")
@@ -291,6 +291,6 @@ def crosscheck(draft: Draft) -> list[Fault]:
     checks: list[Callable[[Draft], Iterator[Fault]]] = [check_names, check_roles]
     if draft.model is not None:
         checks.append(by_model[draft.model])
-    checks += [check_canopies, check_shape, check_canopy_sd, check_polar, check_stack, check_synthetic]
+    checks += [check_canopies, check_shape, check_canopy_sd, check_polar, check_core, check_stack, check_synthetic]
     checks += [check_times, check_predictions]
     return [fault for check in checks for fault in check(draft)]

@@ -25,6 +25,10 @@ little to tell terms apart leaves them near zero by this, and their sum where eq
 """
 
 
+_UNSEEN = 1e-4
+"""Least root mean square of a regressor that counts: one that is zero all along tells nothing of its coefficient."""
+
+
 def of_selected(study: Study, kind: str, entry: Mapping[str, Any], flight: str) -> list[Prior]:
     """Priors of the terms that equation error selected, with the covariance of their fit.
 
@@ -64,16 +68,17 @@ def of_library(study: Study, kind: str, entry: Mapping[str, Any], flight: str) -
     known: NDArray[np.float64] = np.zeros((len(names), len(names)))
     source = f"equation error on {flight}, all candidates together, {table.inflation:g} x colored standard error"
     if told["estimate"] is not None:
-        centre = np.array(told["estimate"], float)
-        law = table.inflation**2 * np.array(told["covariance"], float) + table.floor**2 * np.eye(len(names))
-        known[:] = np.linalg.inv(law)
+        here = [names.index(name) for name in told["fitted"]]
+        centre[here] = told["estimate"]
+        law = table.inflation**2 * np.array(told["covariance"], float) + table.floor**2 * np.eye(len(here))
+        known[np.ix_(here, here)] = np.linalg.inv(law)
     else:
         here = [names.index(row["term"]) for row in entry["selected"]]
         law = table.inflation**2 * np.array(entry["covariance"], float) + table.floor**2 * np.eye(len(here))
         known[np.ix_(here, here)] = np.linalg.inv(law)
         centre[here] = [row["estimate"] for row in entry["selected"]]
         source += "; it can't tell all of them apart"
-    plausible = np.where(np.array(names) == "1", 0.0, (size / _LARGEST) ** 2)
+    plausible = np.where(np.array(names) == "1", 0.0, (np.maximum(size, _UNSEEN) / _LARGEST) ** 2)
     both = np.linalg.inv(known + np.diag(np.maximum(plausible, 1e-12)))
     blank = [Prior(f"{kind}[{name}]", 0.0, 1.0, False, "1", source) for name in names]
     return correlated(blank, both @ known @ centre, 0.5 * (both + both.T))

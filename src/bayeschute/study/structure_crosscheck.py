@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from bayeschute.aero.published import load_published
 from bayeschute.errors import Fault, InputError
+from bayeschute.flight.record import nearest
 from bayeschute.regression.polar_grammar import canonical
 from bayeschute.study.belief_schema import NoiseTable
 from bayeschute.study.faults import show
@@ -37,6 +38,19 @@ def check_stack(draft: Draft) -> Iterator[Fault]:
     if structure is not None and structure.stack is not None and noise is not None and noise.model == "sandwich":
         wanted = "another noise model: the sandwich doesn't say how well a structure foretells a record"
         yield Fault(draft.at("structure", "stack"), "stack beside [noise] model = 'sandwich'", wanted)
+
+
+def check_core(draft: Draft) -> Iterator[Fault]:
+    """Terms that a search always keeps are candidates."""
+    structure: StructureTable | None = draft.tables.get("structure")
+    if structure is None or structure.fit != "search" or "core" not in structure.model_fields_set:
+        return
+    known = [f"{kind}[{term}]" for kind in ("axial", "transverse") for term in getattr(structure, kind)]
+    for i, name in enumerate(structure.core):
+        if name not in known:
+            yield Fault(
+                draft.at("structure", "core", i), show(name), "a candidate, such as 'axial[1]'", nearest(name, known)
+            )
 
 
 def check_synthetic(draft: Draft) -> Iterator[Fault]:

@@ -23,6 +23,7 @@ from bayeschute.inference.lifted import along, flown
 from bayeschute.inference.omitted import scores
 from bayeschute.inference.posterior import data_tree, sample
 from bayeschute.inference.priors import Prior
+from bayeschute.inference.target import FlightData
 from bayeschute.inference.term_search import choose
 from bayeschute.samplers.protocol import Draws
 from bayeschute.study import canopies, checkpoint, populations, setup, several_starts, structures
@@ -111,6 +112,7 @@ def _with_paths(job: Job, group: Group, error: FitError) -> FitError:
     """What failed, with the residuals along the best path, and parameters there."""
     if not isinstance(error, UnsettledError):
         return error
+    group = replace(group, priors=error.priors)
     best, paths = error.best, []
     for flight, place in zip(group.flights, best.flights, strict=True):
         data, time = data_of(job, flight, group.priors), load_flight(job, flight.name)["time"].values
@@ -209,8 +211,7 @@ def _settled(
     while True:
         if job.study.sampler.starts is None:
             flights = [data_of(job, f, group.priors) for f in group.flights]
-            tried = [settle(flights, group.priors, prior, progress=say, begin=begin) for begin in begins]
-            settled = min(tried, key=lambda s: s.evidence)
+            settled = _best(flights, group.priors, prior, begins, say)
         else:
             settled = several_starts.settled(job, group, prior, begins, say)
         if not left_out:
@@ -232,6 +233,24 @@ def _settled(
         group = replace(group, priors=tuple(priors))
         _revise(job, priors)
     return group, settled, z
+
+
+def _best(
+    flights: Sequence[FlightData],
+    priors: Sequence[Prior],
+    prior: HyperPrior,
+    begins: Sequence[Begin | None],
+    say: Callable[[float, str], None],
+) -> Settled:
+    """The optimum of greatest evidence from several begins; one that fails counts only where all do."""
+    found: list[Settled] = []
+    for i, begin in enumerate(begins):
+        try:
+            found.append(settle(flights, priors, prior, progress=say, begin=begin))
+        except FitError:
+            if i + 1 == len(begins) and not found:
+                raise
+    return min(found, key=lambda s: s.evidence)
 
 
 def _searched(

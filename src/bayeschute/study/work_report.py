@@ -241,7 +241,7 @@ def _notes(job: Job) -> list[str]:
     added = [p.name for p in load_priors(job) if ADDED in p.source]
     if added:
         notes.append(f"Left out by equation error, added since the fitted flight asked for it: {', '.join(added)}.")
-    if study.structure is not None and study.structure.fit == "search":
+    if study.structure is not None and study.structure.fit == "search" and job.load("fit/facts.json")["scores"]:
         notes.append(_search_note(job))
     missed = set(flown_terms(study)) - {p.name for p in load_priors(job) if "[" in p.name}
     if missed and study.flights[0].virtual is not None:

@@ -154,14 +154,16 @@ def check(job: Job, tell: bool = True) -> str:
         min(fits.least_falls),
         0.0,
         all(fits.modes),
-        "least fall of the log density one standard deviation beside the mode, along any axis: about 0.5 where it is one",
+        "least fall of the log density one standard deviation beside the mode, along any axis: about 0.5 where it is "
+        "one",
     )
     add(
         "draws_distance",
         max(fits.away),
         _FAR_DRAWS,
         max(fits.away) < _FAR_DRAWS,
-        "distance of the draws' mean from the mode along any axis, in standard deviations of its Gaussian approximation",
+        "distance of the draws' mean from the mode along any axis, in standard deviations of its Gaussian "
+        "approximation",
     )
     worst = max(fits.shares, key=lambda s: abs(s - 0.9))
     add(

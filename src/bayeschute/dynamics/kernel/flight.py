@@ -93,10 +93,16 @@ def along_path(
 
     Returns:
         Outputs (T, C), states reached and derivatives, or None where there is an `obstacle`.
+
+    Raises:
+        ValueError: If the path is not one of so many samples and states.
     """
     programs = _served(model, theta, start, error)
     if isinstance(programs, str) or np.ndim(theta) != 1:
         return None
+    size = len(programs.first.result)
+    if np.shape(path) != (np.shape(error)[0], size):
+        raise ValueError(f"a path of shape {np.shape(path)} for {np.shape(error)[0]} samples of {size} states")
     y, made, reached = _all_steps(programs, model, theta, start, error, np.asarray(path, float))
     steps = _as_steps(made, np.size(theta), np.shape(error)[1])
     return jnp.asarray(y), integrate.Reached(*map(jnp.asarray, reached)), steps
