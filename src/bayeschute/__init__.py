@@ -1,3 +1,3 @@
 """bayeschute: probabilistic identification of parachute clusters from flight records."""
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"

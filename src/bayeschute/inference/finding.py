@@ -36,7 +36,7 @@ HORIZONS = (
 _SMALL_STEPS = tuple(0.1 * i for i in range(1, 11))  # where those lead astray
 _MOST, _MOST_SMALL = 12, 40  # most iterations of a fit to an opening, and to one of the small steps
 _MODE_STEPS, _NEAR = 16, 0.2  # most steps to the marginal mode; length of the last, in standard deviations
-_TURN_NEAR, _JOINT_NEAR = (0.3, 0.2), (0.1, 0.1)  # gain and step [standard errors] at which a turn, or the last, ends
+_TURN_NEAR, _JOINT_NEAR = lifted.Near(20.0, np.inf, 0.5), lifted.Near(0.1, 0.1)  # ends of a turn, and of the last
 _SMALL_LEVELS = (5.0, 3.0, 1.7, 1.0, 0.6, 0.3, 0.17, 0.1, 0.05, 0.0)  # of slack, where the usual ones don't do
 _FEW_DEFECTS = 0.1  # of the last level's slack, at which single shooting can go on
 _LOOSE = 3.0  # times the prior medians of the disturbances' standard deviations, until noise parameters are found
@@ -233,7 +233,7 @@ def _along_record(
     priors: Sequence[Prior],
     theta: Array,
     at: Sequence[Lifted] | None,
-    near: tuple[float, float],
+    near: lifted.Near,
     tell: Callable[[lifted.Row], None],
 ) -> LiftedFit:
     """A fit along the record whose path obeys the equations of motion.
@@ -302,7 +302,7 @@ def _settle_along(
     def polish(iteration: int, cost: float, step: float) -> None:
         say(0.95, f"optimum: cost {cost:.2f}, step {step:.3f} standard errors")
 
-    best = optimum.fit(flights, hyper, priors, theta, made.unknowns, _JOINT_NEAR[1], _POLISH, progress=polish)
+    best = optimum.fit(flights, hyper, priors, theta, made.unknowns, _JOINT_NEAR.step, _POLISH, progress=polish)
     return Settled(best, hyper, value)
 
 

@@ -34,13 +34,29 @@ from bayeschute.inference.target import Course, FlightData, Hyper, Linear, Unkno
 Array = NDArray[np.float64]
 LEVELS = (3.0, 1.0, 0.3)  # times a path's slack, one after the other
 _MOST, _MOST_HELD = 15, 40  # steps at a level, and where the path obeys the equations of motion
-_NEAR_GAIN, _NEAR_STEP = 0.2, 0.3  # gain in log density, and step in standard errors, at which a level is done with
-_LEAST_DEFECT = 1e-3  # of the last level's slack: less is as good as none, even in a flight that strays from there
 _FEW_DEFECTS, _SECANTS = 0.2, 6  # of that slack, at which earlier slopes tell of the next step; how many do
 _FIRM = 0.1  # times the prior standard deviations at levels with slack: it is the path that is sought there
 _PRICE = 3.0  # of a defect of the last level's slack, in log density; more than the shocks of the states ask for
+_SHORT = 0.5  # share of a step below which the next is damped more
 _SHARES, _RESTING = (1.0, 0.5, 0.2, 0.05), 4  # of steps; most that bring a path to rest
 _FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-3, 1e-9, 1e8
+
+
+class Near(NamedTuple):
+    """When a fit is done with: largest gain of the last step in log density, its length, and what defects are left.
+
+    Attributes:
+        gain: In log density.
+        step: Of a parameter, in standard errors.
+        defect: Of the last level's slack; less is as good as none, even in a flight that strays from there.
+    """
+
+    gain: float
+    step: float
+    defect: float = 1e-3
+
+
+NEAR = Near(0.2, 0.3)
 
 
 class Lifted(NamedTuple):
@@ -351,7 +367,7 @@ def _rested(level: _Level, here: _Point, solved: Sequence[Solved], most: int) ->
         if found is None:
             break
         gain, here = here.merit - found.merit, found
-        if gain < _NEAR_GAIN:
+        if gain < NEAR.gain:
             break
         solved = level.solved(here)[0]
     return here, share
@@ -384,7 +400,7 @@ def _lower(level: _Level, here: _Point, solved: Sequence[Solved], step: Array) -
 
 
 def _descend(
-    level: _Level, here: _Point, most: int, near: tuple[float, float], say: Callable[[Row], None]
+    level: _Level, here: _Point, most: int, near: Near, say: Callable[[Row], None]
 ) -> tuple[_Point, Array, list[Row], bool]:
     """Damped Gauss-Newton steps, shortened until the merit falls.
 
@@ -416,13 +432,16 @@ def _descend(
         if found is None:
             return here, covariance, rows, False
         before, here = here, found.point
-        damping = max(damping / 10.0, _LEAST_DAMPING) if found.share == 1.0 else damping
+        if found.share == 1.0 and not found.held:
+            damping = max(damping / 10.0, _LEAST_DAMPING)
+        elif found.share < _SHORT and not found.held:  # too far along what the record hardly tells
+            damping = max(10.0 * damping, _FIRST_DAMPING)
         length = float(np.max(np.abs(here.theta - before.theta) / np.sqrt(np.diag(covariance))))
         gain = before.merit - here.merit
         rows.append(Row(level.level, here.cost, here.defect, gain, length, found.share, found.held))
         say(rows[-1])
-        near_enough = gain < near[0] and length < near[1] and not found.held
-        if near_enough and (level.level or here.defect < _LEAST_DEFECT):
+        near_enough = gain < near.gain and length < near.step and not found.held
+        if near_enough and (level.level or here.defect < near.defect):
             return here, covariance, rows, True
     return here, covariance, rows, False
 
@@ -435,7 +454,7 @@ def descend(
     at: Sequence[Lifted] | None = None,
     levels: Sequence[float] = (*LEVELS, 0.0),
     most: int = _MOST_HELD,
-    near: tuple[float, float] = (_NEAR_GAIN, _NEAR_STEP),
+    near: Near = NEAR,
     progress: Callable[[Row], None] | None = None,
 ) -> LiftedFit:
     """Fit along the record, level by level.
@@ -448,7 +467,7 @@ def descend(
         at: Likewise, per flight; the record's path where None.
         levels: Slack over that of the paths, one after the other; 0: paths obey the equations of motion.
         most: Most steps where they do.
-        near: Gain in log density, and step in standard errors, at which the last level is done with.
+        near: When the last level is done with.
         progress: Called with every step.
 
     Returns:
@@ -465,7 +484,7 @@ def descend(
             # Its disturbances may be those of other noise parameters: their shocks come with the first step.
             here = here._replace(merit=np.inf)
         last = level == levels[-1]
-        bounds = near if last else (_NEAR_GAIN, _NEAR_STEP)
+        bounds = near if last else NEAR
         here, covariance, made, converged = _descend(problem, here, _MOST if level else most, bounds, say)
         theta, places = here.theta, list(here.flights)
         rows += made
