@@ -13,7 +13,7 @@ import pytest
 
 from bayeschute.air.vector import Vec3
 from bayeschute.air.wind_field import wind_field
-from bayeschute.dynamics.cluster import state_rate
+from bayeschute.dynamics.cluster import geometry, state_rate
 from bayeschute.dynamics.cluster_flight import CHANNELS, air_between, blown, channel_sizes, quantity
 from bayeschute.dynamics.integrate import trajectory_compiled
 from bayeschute.dynamics.kernel import flight as kernel
@@ -276,3 +276,37 @@ def test_a_wind_field_leaves_the_push(states):
     air = _air(9)[1]
     over = blown(air, field, unpack(jnp.asarray(states[0]), 2))
     assert over.aloft.push is air.push
+
+
+def _risers(x):
+    state = unpack(jnp.asarray(x).T, 2)
+    made = geometry(state, MODEL.base.capsule)
+    return np.asarray(made.length), np.asarray(made.stretch_rate)
+
+
+def test_a_retracted_step_is_the_step_to_first_order(states):
+    """What is left falls with the square of the step; attitudes stay quaternions of length one."""
+    x, step = np.array(states), np.random.default_rng(8).standard_normal((len(states), 25))
+    q = x[:, 6:10] / np.linalg.norm(x[:, 6:10], axis=1, keepdims=True)
+    x[:, 6:10] = q
+    step[:, 6:10] -= q * np.sum(q * step[:, 6:10], axis=1, keepdims=True)
+    left = []
+    for size in (1e-2, 1e-3):
+        moved = np.asarray(MODEL.retract(jnp.asarray(x), jnp.asarray(size * step)))
+        np.testing.assert_allclose(np.linalg.norm(moved[:, 6:10], axis=1), 1.0, atol=1e-12)
+        np.testing.assert_allclose(moved[:, :6], x[:, :6] + size * step[:, :6], atol=1e-12)
+        left.append(np.abs(moved - x - size * step).max())
+    assert 50.0 < left[0] / left[1] < 200.0
+
+
+def test_a_retracted_step_changes_risers_as_the_linear_one_says(states):
+    """Two metres sideways stretch a straight move by three centimetres, some 6 kN of a stiff riser."""
+    x, step = np.array(states), np.zeros((len(states), 25))
+    step[:, 13:19] = 2.0 * np.random.default_rng(9).standard_normal((len(states), 6))
+    there = np.asarray(MODEL.retract(jnp.asarray(x), jnp.asarray(step)))
+    h = 1e-6
+    slopes = [(up - down) / (2.0 * h) for up, down in zip(_risers(x + h * step), _risers(x - h * step), strict=True)]
+    for before, slope, after in zip(_risers(x), slopes, _risers(there), strict=True):
+        np.testing.assert_allclose(after, before + slope, atol=1e-6)
+    straight = _risers(x + step)[0] - _risers(x)[0] - slopes[0]
+    assert np.abs(straight).max() > 0.01

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from bayeschute.inference import determinant, finding
+from bayeschute.inference import determinant, finding, lifted
 from bayeschute.inference.evidence import HyperPrior
 from bayeschute.inference.marginal import log_density
 from bayeschute.inference.score import to_vector
@@ -163,3 +163,20 @@ def test_noise_parameters_go_to_their_mean_unless_that_is_too_far(found, descent
     made = finding.conclude(descent.flights, descent.priors, HyperPrior(descent.hyper, 0.4), settled)
     went = to_vector(made.hyper) - to_vector(told["mode"][0])
     np.testing.assert_allclose(went, 0.0 if held else moved, atol=1e-9)
+
+
+def test_a_record_that_no_flight_follows_is_told(monkeypatch, descent):
+    """Whatever was tried is listed, the best path is kept, and nothing goes on from there."""
+    at = lifted.Lifted(descent.flights[0].still(), np.zeros((1, 1)), np.zeros((1, 1)))
+    defects = iter((0.9, 0.5, 0.7))
+
+    def stuck(flights, hyper, priors, theta, places, levels, most=1, near=None, progress=None):
+        row = lifted.Row(0.0, 12.0, next(defects), 1.0, 1.0, 1.0)
+        return lifted.LiftedFit(theta, (at,), np.eye(len(priors)), (row,), False)
+
+    monkeypatch.setattr(lifted, "descend", stuck)
+    theta = np.zeros(len(descent.priors))
+    with pytest.raises(finding.UnsettledError, match="no flight of the model follows the record") as told:
+        finding._along_record(descent.flights, descent.hyper, descent.priors, theta, [at], lifted.NEAR, print)
+    assert len(told.value.tried) == 3 and "defect 0.5" in told.value.tried[1]
+    assert told.value.best.rows[-1].defect == 0.5 and told.value.priors == tuple(descent.priors)

@@ -32,7 +32,7 @@ _spec = importlib.util.spec_from_file_location(
 small = importlib.util.module_from_spec(_spec)
 _spec.loader.exec_module(small)
 
-TIGHT = (1e-4, 1e-3)  # gain and step at which a fit is compared to another
+TIGHT = lifted.Near(1e-4, 1e-3)  # gain and step at which a fit is compared to another
 
 
 def _broken(flight, hyper, theta, u, seed=0, size=0.3):

@@ -36,11 +36,11 @@ HORIZONS = (
 _SMALL_STEPS = tuple(0.1 * i for i in range(1, 11))  # where those lead astray
 _MOST, _MOST_SMALL = 12, 40  # most iterations of a fit to an opening, and to one of the small steps
 _MODE_STEPS, _NEAR = 16, 0.2  # most steps to the marginal mode; length of the last, in standard deviations
-_TURN_NEAR, _JOINT_NEAR = lifted.Near(20.0, np.inf, 0.5), lifted.Near(0.1, 0.1)  # ends of a turn, and of the last
+_TURN_NEAR, _JOINT_NEAR = lifted.Near(20.0, np.inf, 0.05), lifted.Near(0.1, 0.1)  # ends of a turn, and of the last
 _SMALL_LEVELS = (5.0, 3.0, 1.7, 1.0, 0.6, 0.3, 0.17, 0.1, 0.05, 0.0)  # of slack, where the usual ones don't do
-_FEW_DEFECTS = 0.1  # of the last level's slack, at which single shooting can go on
+_FEW_DEFECTS = 0.02  # of the last level's slack, at which single shooting can go on
 _LOOSE = 3.0  # times the prior medians of the disturbances' standard deviations, until noise parameters are found
-_FIRST = 12  # steps of a fit along the record before the first turn of noise parameters
+_APART = 5.0  # log density by which a simulation may be worse than the path that it should follow
 _POLISH = 10  # most steps of single shooting after the fit along the record
 _TURNS, _REST = 6, 0.4  # most turns of noise parameters and mode; a step of the mode after which there is no other
 _SAME_SLOPE = 0.5  # standard deviations within which the log determinant's slope is taken for the same
@@ -236,26 +236,39 @@ def _along_record(
     near: lifted.Near,
     tell: Callable[[lifted.Row], None],
 ) -> LiftedFit:
-    """A fit along the record whose path obeys the equations of motion.
+    """A fit along the record whose path obeys the equations of motion, from where it is or from the record's path.
 
-    It goes on from where it is; where that fails it begins at the record's path, and last in small steps of slack.
+    What is fast is tried first, then what gets further. A fit that begins anew is one whose noise parameters are still
+    to be found: where it does not get there, disturbances may be stronger than these say. One that goes on must end so
+    near the equations of motion that its simulation follows the record too.
 
     Raises:
         UnsettledError: If defects are left whatever was tried.
     """
-    begun: list[tuple[str, Array, Sequence[Lifted] | None, tuple[float, ...]]] = []
-    if at is not None:
-        begun.append(("from the path of the turn before", theta, at, (0.0,)))
-    begun += [
-        ("from the path of the record", theta, None, (*lifted.LEVELS, 0.0)),
-        ("from the path of the record, in smaller steps", working(priors)[0], None, _SMALL_LEVELS),
+    whole, looser = (*lifted.LEVELS, 0.0), _looser(hyper)
+    begun: list[tuple[str, Hyper, Sequence[Lifted] | None, tuple[float, ...], bool]] = [
+        ("from the path of the record", hyper, None, whole, False),
+        ("from the path of the record, disturbances stronger", looser, None, whole, False),
+        ("from the path of the record, disturbances stronger, carefully", looser, None, whole, True),
+        ("from the path of the record, disturbances stronger, in smaller steps", looser, None, _SMALL_LEVELS, True),
     ]
+    if at is not None:
+        begun = [
+            ("from the path of the turn before", hyper, at, (0.0,), False),
+            ("from the path of the turn before, carefully", hyper, at, (0.0,), True),
+            begun[0],
+            ("from the path of the record, carefully", hyper, None, whole, True),
+        ]
     tried: list[str] = []
     best: LiftedFit | None = None
-    for words, where, places, levels in begun:
-        made = lifted.descend(flights, hyper, priors, where, places, levels, near=near, progress=tell)
-        if made.rows and made.rows[-1].level == 0.0 and made.rows[-1].defect < _FEW_DEFECTS:
-            return made
+    for words, noise, places, levels, careful in begun:
+        if levels == (0.0,) and best is not None:
+            theta, places = best.theta, best.flights
+        made = lifted.descend(flights, noise, priors, theta, places, levels, near=near, progress=tell, careful=careful)
+        if made.rows and made.rows[-1].level == 0.0 and made.rows[-1].defect < max(near.defect, _FEW_DEFECTS):
+            apart = optimum.total_cost(flights, noise, priors, made.theta, made.unknowns) - made.rows[-1].cost
+            if at is None or apart < _APART:
+                return made
         tried.append(f"{words}: {len(made.rows)} steps, the last {made.rows[-1] if made.rows else 'none: not finite'}")
         if best is None or (made.rows and best.rows and made.rows[-1].defect < best.rows[-1].defect):
             best = made
@@ -280,18 +293,12 @@ def _settle_along(
             known = [y for f, x in zip(flights, places, strict=True) if (y := _placed(f, hyper, theta, x)) is not None]
             at = known if len(known) == len(flights) else None
     turns = 1 if at is None else 0  # noise parameters that come with a path are of a fit before
-    if at is None:
-        hyper = _looser(hyper)
     for turn in range(turns + 1):
 
         def tell(row: lifted.Row, turn: int = turn) -> None:
             say((turn + 0.3) / (turns + 1), f"along the record {turn + 1}, {row}")
 
-        if turn < turns:  # noise parameters are far off: what follows the record more or less will do
-            levels = (*lifted.LEVELS, 0.0)
-            made = lifted.descend(flights, hyper, priors, theta, None, levels, _FIRST, _TURN_NEAR, progress=tell)
-        else:
-            made = _along_record(flights, hyper, priors, theta, at, _JOINT_NEAR, tell)
+        made = _along_record(flights, hyper, priors, theta, at, _JOINT_NEAR if turn == turns else _TURN_NEAR, tell)
         theta, at = made.theta, made.flights
         linear = [lifted.linear(f, x, lifted.along(f, theta, x)) for f, x in zip(flights, at, strict=True)]
         if turn < turns:

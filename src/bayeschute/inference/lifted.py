@@ -37,8 +37,8 @@ _MOST, _MOST_HELD = 15, 40  # steps at a level, and where the path obeys the equ
 _FEW_DEFECTS, _SECANTS = 0.2, 6  # of that slack, at which earlier slopes tell of the next step; how many do
 _FIRM = 0.1  # times the prior standard deviations at levels with slack: it is the path that is sought there
 _PRICE = 3.0  # of a defect of the last level's slack, in log density; more than the shocks of the states ask for
-_SHORT = 0.5  # share of a step below which the next is damped more
 _SHARES, _RESTING = (1.0, 0.5, 0.2, 0.05), 4  # of steps; most that bring a path to rest
+_FREE, _LOOSE_STEP = 1e-2, 1.0  # damping below which a step is as good as free; length of one that needn't be
 _FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-3, 1e-9, 1e8
 
 
@@ -306,6 +306,7 @@ class _Level:
     hyper: Hyper
     priors: Sequence[Prior]
     level: float
+    careful: bool = False
 
     def slack(self, flight: FlightData, least: float = 0.0) -> Array:
         assert flight.path is not None
@@ -376,23 +377,24 @@ def _rested(level: _Level, here: _Point, solved: Sequence[Solved], most: int) ->
 def _lower(level: _Level, here: _Point, solved: Sequence[Solved], step: Array) -> _Step | None:
     """A step that lowers the merit.
 
-    The whole one where it does, or half of it where that does better. Else, where the path breaks the equations of
-    motion, one of path and disturbances alone; and where it obeys them, a share of the step, judged after path and
-    disturbances have come to rest: products of the parameters' change with that of the path make defects that the
-    linear problem does not know.
+    The whole one where it does, else a share of it. A careful fit takes half a step where that does better than the
+    whole; where the path breaks the equations of motion, one of path and disturbances alone; and where it obeys them,
+    it judges a share of the step after path and disturbances have come to rest: products of the parameters' change with
+    that of the path make defects that the linear problem does not know.
     """
     there = level.moved(here, solved, step)
     whole = _tried(level, here, there, step, 1.0)
+    careful = level.careful and level.level == 0.0
     if whole.merit < here.merit:
-        half = _tried(level, here, there, step, 0.5) if level.level == 0.0 else whole
+        half = _tried(level, here, there, step, 0.5) if careful else whole
         return _Step(whole, 1.0, False) if whole.merit <= half.merit else _Step(half, 0.5, False)
-    if level.level or here.defect > _FEW_DEFECTS:
+    if careful and here.defect > _FEW_DEFECTS:
         rest, share = _rested(level, here, solved, _RESTING)
         if rest.merit < here.merit:
             return _Step(rest, share, True)
     for share in _SHARES:
         point = whole if share == 1.0 else _tried(level, here, there, step, share)
-        if level.level == 0.0 and np.isfinite(point.merit) and point.merit > here.merit:
+        if careful and np.isfinite(point.merit) and point.merit > here.merit:
             point = _rested(level, point, level.solved(point)[0], _RESTING)[0]
         if point.merit < here.merit:
             return _Step(point, share, False)
@@ -434,13 +436,12 @@ def _descend(
         before, here = here, found.point
         if found.share == 1.0 and not found.held:
             damping = max(damping / 10.0, _LEAST_DAMPING)
-        elif found.share < _SHORT and not found.held:  # too far along what the record hardly tells
-            damping = max(10.0 * damping, _FIRST_DAMPING)
         length = float(np.max(np.abs(here.theta - before.theta) / np.sqrt(np.diag(covariance))))
         gain = before.merit - here.merit
         rows.append(Row(level.level, here.cost, here.defect, gain, length, found.share, found.held))
         say(rows[-1])
-        near_enough = gain < near.gain and length < near.step and not found.held
+        free = found.share == 1.0 and damping < _FREE  # a step that was held back says nothing of the optimum
+        near_enough = gain < near.gain and length < near.step and not found.held and (free or near.step > _LOOSE_STEP)
         if near_enough and (level.level or here.defect < near.defect):
             return here, covariance, rows, True
     return here, covariance, rows, False
@@ -456,6 +457,7 @@ def descend(
     most: int = _MOST_HELD,
     near: Near = NEAR,
     progress: Callable[[Row], None] | None = None,
+    careful: bool = False,
 ) -> LiftedFit:
     """Fit along the record, level by level.
 
@@ -469,6 +471,8 @@ def descend(
         most: Most steps where they do.
         near: When the last level is done with.
         progress: Called with every step.
+        careful: Whether parameters keep near their priors at levels with slack, and the path is brought to rest before
+            a step is judged: slower, and it does where a plain fit gets stuck.
 
     Returns:
         The fit; `converged` is that of the last level.
@@ -478,7 +482,7 @@ def descend(
     covariance, converged = np.full((len(priors),) * 2, np.nan), False
     firm = [replace(p, scale=_FIRM * p.scale) for p in priors]
     for level in levels:
-        problem = _Level(flights, hyper, firm if level else priors, level)
+        problem = _Level(flights, hyper, firm if level and careful else priors, level, careful)
         here = problem.point(theta, places)
         if at is not None and level == levels[0]:
             # Its disturbances may be those of other noise parameters: their shocks come with the first step.

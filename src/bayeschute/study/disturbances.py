@@ -81,7 +81,7 @@ def _form(study: Study) -> Study:
     if vehicle is None:
         return study
     aero = vehicle.aero
-    axial, transverse = {**aero.axial, "alpha^6": 10.0}, {**aero.transverse, "e*alpha^6": -20.0}
+    axial, transverse = {**aero.axial, "alpha^3": 0.3}, {**aero.transverse, "e*alpha": -0.06}
     changed = aero.model_copy(update={"axial": axial, "transverse": transverse})
     return replace(study, vehicle=vehicle.model_copy(update={"aero": changed}))
 
@@ -110,7 +110,7 @@ DISTURBANCES = {
     "wind-profile": Disturbance("recorded wind wrong three times as much, with a time constant of 60 s", _wind_profile),
     "mass": Disturbance("a capsule 3 % heavier than the identification is told", _mass),
     "form": Disturbance(
-        "another aerodynamic form: alpha^6 and e*alpha^6 beside the terms, and in no pool", _form, terms_known=False
+        "another aerodynamic form: alpha^3 and e*alpha beside the terms, and in no pool", _form, terms_known=False
     ),
     "dropouts": Disturbance("a fifth of the canopies' positions missing, 2 s at a time", _dropouts),
 }
