@@ -168,9 +168,9 @@ def test_noise_parameters_go_to_their_mean_unless_that_is_too_far(found, descent
 def test_a_record_that_no_flight_follows_is_told(monkeypatch, descent):
     """Whatever was tried is listed, the best path is kept, and nothing goes on from there."""
     at = lifted.Lifted(descent.flights[0].still(), np.zeros((1, 1)), np.zeros((1, 1)))
-    defects = iter((0.9, 0.5, 0.7))
+    defects = iter((0.9, 0.5, 0.7, 0.8))
 
-    def stuck(flights, hyper, priors, theta, places, levels, most=1, near=None, progress=None):
+    def stuck(flights, hyper, priors, theta, places, levels, near=None, progress=None, careful=False):
         row = lifted.Row(0.0, 12.0, next(defects), 1.0, 1.0, 1.0)
         return lifted.LiftedFit(theta, (at,), np.eye(len(priors)), (row,), False)
 
@@ -178,5 +178,5 @@ def test_a_record_that_no_flight_follows_is_told(monkeypatch, descent):
     theta = np.zeros(len(descent.priors))
     with pytest.raises(finding.UnsettledError, match="no flight of the model follows the record") as told:
         finding._along_record(descent.flights, descent.hyper, descent.priors, theta, [at], lifted.NEAR, print)
-    assert len(told.value.tried) == 3 and "defect 0.5" in told.value.tried[1]
+    assert len(told.value.tried) == 4 and "defect 0.5" in told.value.tried[1]
     assert told.value.best.rows[-1].defect == 0.5 and told.value.priors == tuple(descent.priors)

@@ -76,9 +76,9 @@ def _entry(together=True, selected=("alpha^2", "1")):
         {"term": t, "estimate": known[t], "se": float(np.sqrt(LAW[NAMES.index(t), NAMES.index(t)]))} for t in selected
     ]
     place = [NAMES.index(t) for t in selected]
-    told = {"terms": list(NAMES), "rms": RMS.tolist(), "estimate": None, "covariance": None}
+    told = {"terms": list(NAMES), "rms": RMS.tolist(), "fitted": [], "estimate": None, "covariance": None}
     if together:
-        told |= {"estimate": [0.8, -0.5, 0.2], "covariance": LAW.tolist()}
+        told |= {"fitted": list(NAMES), "estimate": [0.8, -0.5, 0.2], "covariance": LAW.tolist()}
     return {"selected": rows, "covariance": LAW[np.ix_(place, place)].tolist(), "together": told}
 
 
@@ -142,3 +142,12 @@ def test_where_all_together_can_not_be_told_apart_the_selected_ones_are():
     np.testing.assert_allclose(covariance(made), law, rtol=1e-9, atol=1e-12)
     assert made[2].centre == 0.0 and made[2].scale == pytest.approx(0.2 / 0.3)
     assert all("can't tell all of them apart" in p.source for p in made)
+
+
+def test_a_regressor_that_is_zero_all_along_costs_the_others_nothing():
+    """It is left out of the joint fit; its own coefficient is wide, and independent of theirs."""
+    entry = _entry()
+    entry["together"] |= {"terms": [*NAMES, "speed"], "rms": [*RMS, 0.0]}
+    found, plain = (covariance(of_library(TABLE, "axial", e, "one")) for e in (entry, _entry()))
+    np.testing.assert_allclose(found[:3, :3], plain, rtol=1e-9)
+    assert np.abs(found[3, :3]).max() == 0.0 and 1e3 < np.sqrt(found[3, 3]) < 1e4

@@ -38,7 +38,7 @@ _FEW_DEFECTS, _SECANTS = 0.2, 6  # of that slack, at which earlier slopes tell o
 _FIRM = 0.1  # times the prior standard deviations at levels with slack: it is the path that is sought there
 _PRICE = 3.0  # of a defect of the last level's slack, in log density; more than the shocks of the states ask for
 _SHARES, _RESTING = (1.0, 0.5, 0.2, 0.05), 4  # of steps; most that bring a path to rest
-_FREE, _LOOSE_STEP = 1e-2, 1.0  # damping below which a step is as good as free; length of one that needn't be
+_FREE = 1e-2  # damping below which a step is as good as free
 _FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-3, 1e-9, 1e8
 
 
@@ -440,8 +440,9 @@ def _descend(
         gain = before.merit - here.merit
         rows.append(Row(level.level, here.cost, here.defect, gain, length, found.share, found.held))
         say(rows[-1])
-        free = found.share == 1.0 and damping < _FREE  # a step that was held back says nothing of the optimum
-        near_enough = gain < near.gain and length < near.step and not found.held and (free or near.step > _LOOSE_STEP)
+        # A step that damping made short says nothing of the optimum, nor does the part of one that was taken.
+        whole = float(np.max(np.abs(step) / np.sqrt(np.diag(covariance)))) if damping < _FREE else np.inf
+        near_enough = gain < near.gain and whole <= near.step and not found.held
         if near_enough and (level.level or here.defect < near.defect):
             return here, covariance, rows, True
     return here, covariance, rows, False
