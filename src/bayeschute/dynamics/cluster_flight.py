@@ -20,7 +20,7 @@ from bayeschute.dynamics.start import Start, initial_state
 from bayeschute.dynamics.state import ClusterState, pack, unpack
 
 _COEFFICIENT = re.compile(r"(axial|transverse)\[(.*)\](?:\.canopy(\d+))?")
-LOGARITHMIC = ("riser_stiffness", "riser_damping", "enclosed_air_factor")
+LOGARITHMIC = ("riser_stiffness", "riser_damping")
 CHANNELS = (
     "canopy_position",
     "capsule_velocity",

@@ -43,6 +43,7 @@ _LOOSE = 3.0  # times the prior medians of the disturbances' standard deviations
 _APART = 5.0  # log density by which a simulation may be worse than the path that it should follow
 _POLISH = 10  # most steps of single shooting after the fit along the record
 _TURNS, _REST = 6, 0.4  # most turns of noise parameters and mode; a step of the mode after which there is no other
+_RISE = 20.0  # of minus the marginal log density over a step, beyond which half of it is tried
 _SAME_SLOPE = 0.5  # standard deviations within which the log determinant's slope is taken for the same
 _MODE_TURN = 2  # most steps of the mode in each of them
 _FOLLOWING = (1.0, 0.3)  # steps [standard deviations] at which it is looked how start and disturbances follow
@@ -313,6 +314,34 @@ def _settle_along(
     return Settled(best, hyper, value)
 
 
+class _Placed(NamedTuple):
+    """A point at rest on the way to the marginal mode: the slope of what the cost lacks, and the step from there."""
+
+    best: Optimum
+    rest: optimum.Relaxed
+    tilt: Array
+    step: Array
+
+    def onward(self, flights: Sequence[FlightData], hyper: Hyper, priors: Sequence[Prior]) -> Optimum:
+        """The end of the step: Gauss-Newton's, under the tilt that makes it this one."""
+        towards = -self.rest.matrix @ self.step - self.rest.gradient
+        return optimum.fit(flights, hyper, priors, self.best.theta, self.best.unknowns, 0.01, most=1, tilt=towards)
+
+    def rise(self, theta: Array, cost: float) -> float:
+        """By how much minus the marginal log density is greater at parameters of this cost, the tilt held."""
+        return cost - self.rest.cost + float(self.tilt @ (theta - self.best.theta))
+
+
+def _at_rest(
+    flights: Sequence[FlightData], hyper: Hyper, priors: Sequence[Prior], best: Optimum
+) -> optimum.Relaxed | None:
+    """Start and shocks at rest at parameters; None where no simulation flies there."""
+    try:
+        return optimum.relaxed(flights, hyper, priors, best.theta, best.unknowns)
+    except FloatingPointError:
+        return None
+
+
 def marginal_mode(
     flights: Sequence[FlightData],
     priors: Sequence[Prior],
@@ -343,20 +372,28 @@ def marginal_mode(
     bends: list[tuple[Array, Array]] = []
     last: tuple[Array, Array] | None = None
     told: tuple[Array, Array] | None = None  # the log determinant's slope, and where
+    before: _Placed | None = None
     for turn in range(most):
         say(turn / most, "log determinant")
-        rest = optimum.relaxed(flights, hyper, priors, best.theta, best.unknowns)
+        rest = _at_rest(flights, hyper, priors, best)
+        if before is not None and (rest is None or before.rise(best.theta, rest.cost) > _RISE):
+            before = before._replace(step=0.5 * before.step)  # a step that lost the record
+            best = before.onward(flights, hyper, priors)
+            continue
+        if rest is None:
+            raise FloatingPointError("the simulation at the conditional optimum, or its derivative, is not finite")
         best = replace(best, unknowns=rest.unknowns, covariance=scipy.linalg.inv(rest.matrix))
         made = marginalise(flights, hyper, priors, best)
         if told is None or length(best.theta - told[0], best.covariance) > _SAME_SLOPE:
             told = best.theta, scipy.linalg.solve_triangular(np.asarray(made.scale).T, determinant.slope(made))
-        slope = rest.gradient + told[1] + gap_slope(made)
+        tilt = told[1] + gap_slope(made)
+        slope = rest.gradient + tilt
         if last is not None:
             bends.append((best.theta - last[0], slope - last[1]))
         step, last = secant_step(slope, best.covariance, bends), (best.theta, slope)
         distance = length(step, best.covariance)
-        towards = -rest.matrix @ step - rest.gradient  # the tilt by which a Gauss-Newton step is this one
-        best = optimum.fit(flights, hyper, priors, best.theta, best.unknowns, 0.01, most=1, tilt=towards)
+        before = _Placed(best, rest, tilt, step)
+        best = before.onward(flights, hyper, priors)
         if distance < _NEAR or np.array_equal(best.theta, last[0]):
             break
     return replace(best, converged=settled.optimum.converged and distance < _NEAR)

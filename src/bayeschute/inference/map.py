@@ -268,11 +268,13 @@ class Relaxed(NamedTuple):
         unknowns: Of every flight.
         gradient: Of the cost by theta (P,).
         matrix: Its Gauss-Newton matrix (P, P).
+        cost: The cost.
     """
 
     unknowns: tuple[Unknowns, ...]
     gradient: Array
     matrix: Array
+    cost: float
 
 
 def relaxed(
@@ -302,4 +304,4 @@ def relaxed(
         gained, here = here.value - there.value, there
         if gained < _RELAXED:
             break
-    return Relaxed(tuple(here.unknowns), here.gradient, here.matrix)
+    return Relaxed(tuple(here.unknowns), here.gradient, here.matrix, here.value)

@@ -147,10 +147,8 @@ def cluster_data(
     used = fitted_channels(record, channels)
     names = tuple(p.name for p in priors) if names is None else tuple(names)
     flight = ClusterFlight(base, start, tangent_basis(start.direction), inputs, dt, structure, names, used)
-    # Stiff lines and light canopies make the fastest pole.
-    tail = {name: -3.0 if name == "enclosed_air_factor" else 3.0 for name in LOGARITHMIC}
-    stiff = np.array([p.centre + tail.get(p.name, 0.0) * p.scale for p in priors])
-    flight = replace(flight, substeps=substeps(fastest_pole(flight, stiff, 9 + 4 * n), dt))
+    upper = np.array([p.centre + 3.0 * p.scale if p.name in LOGARITHMIC else p.centre for p in priors])
+    flight = replace(flight, substeps=substeps(fastest_pole(flight, upper, 9 + 4 * n), dt))
 
     columns = {"canopy_position": apart.reshape(samples, -1), "capsule_velocity": velocity}
     columns |= {c: record[c].values.reshape(samples, -1) for c in used if c not in (*columns, "capsule_attitude")}
