@@ -196,7 +196,7 @@ class OtherFlight:
         profile: Rows of altitude [m], wind to the north and to the east [m/s], upwards.
         meta: The meta file.
         attach_b: Attach point from the centre of mass, body axes (3,) [m].
-        inertia: About the body's axes (3,) [kg m^2].
+        inertia: Tensor about the body's axes (3, 3) [kg m^2].
     """
 
     name: str
@@ -368,7 +368,7 @@ def read_flight(data: Path, name: str) -> OtherFlight:
         pressure, temperature = (table[column].to_numpy(float) for column in layout.air)
         density = 100.0 * pressure / (GAS_CONSTANT * (temperature + FREEZING))
     tension = layout.tension
-    inertia = np.diag(np.array(meta["capsule_inertia_kgm2_body_about_cm"], float))
+    inertia = np.array(meta["capsule_inertia_kgm2_body_about_cm"], float)
     return OtherFlight(
         name=name,
         time=time,
@@ -384,7 +384,7 @@ def read_flight(data: Path, name: str) -> OtherFlight:
         profile=profile,
         meta=meta,
         attach_b=_body(np.array(meta["attach_point_body_m_from_cm"], float), layout.body_down),
-        inertia=np.abs(_body(inertia, layout.body_down)),
+        inertia=_body(_body(inertia, layout.body_down).T, layout.body_down),
     )
 
 

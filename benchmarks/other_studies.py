@@ -113,7 +113,8 @@ def vehicle(flight: OtherFlight) -> dict[str, Any]:
     capsule = {k: v for k, v in made["capsule"].items() if k in kept or k.endswith("_damping")}
     capsule |= {
         "mass": _si(meta["capsule_mass_kg"], "kg"),
-        "inertia": [_si(x, "kg m^2") for x in flight.inertia],
+        "inertia": [_si(x, "kg m^2") for x in np.diag(flight.inertia)],
+        "inertia_products": [_si(flight.inertia[i, j], "kg m^2") for i, j in ((0, 1), (0, 2), (1, 2))],
         "reference_area": _si(meta["capsule_reference_area_m2"], "m^2"),
         "reference_length": _si(2.0 * np.sqrt(meta["capsule_reference_area_m2"] / np.pi), "m"),
         "centre_of_mass": place,

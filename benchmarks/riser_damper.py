@@ -59,6 +59,8 @@ def damped(x: jax.Array, one: ClusterFlight, density: jax.Array, h: jax.Array) -
     geo = geometry(state, model.capsule)
     d = geo.direction.stack()  # (3, n): stretch rate = d . (canopy velocity - attach velocity)
     to_body = jnp.stack([state.attitude.to_body(Vec3(*d[:, i])).stack() for i in range(n)])
+    if model.capsule.products is not None:
+        raise ValueError("a capsule with products of inertia: this benchmark wants principal axes")
     arm, inertia = (jnp.asarray([v.x, v.y, v.z]) for v in (model.capsule.attach_b, model.capsule.inertia))
     turning = jnp.cross(jnp.broadcast_to(arm, (n, 3)), to_body)  # what a body rate takes off a stretch rate
     mass = model.canopies.dry_mass + density * model.canopies.enclosed_volume

@@ -108,13 +108,13 @@ def _c_numbers(model: Any, theta: Array) -> tuple[Array, Array, Array]:
     if (model.structure.axial, model.structure.transverse) != TERMS or model.names != PARAMETERS:
         raise ValueError("the C program has other terms and parameters")
     given = np.array(theta, dtype=float)
-    given[6:8] = np.exp(given[6:8])
+    given[6:9] = np.exp(given[6:9])
     return _vehicle(model.base), given, _record(model.record)
 
 
 def _vehicle(base: Any) -> Array:
     c, k, r = base.capsule, base.canopies, base.risers
-    if any(a is not None for a in (c.table, c.yaw_damping, c.pitch_rate_damping, c.yaw_rate_damping)):
+    if any(a is not None for a in (c.table, c.yaw_damping, c.pitch_rate_damping, c.yaw_rate_damping, c.products)):
         raise ValueError("the C program has the plain capsule alone")
     vectors = [v for vector in (c.inertia, c.attach_b, c.reference_centre_b) for v in (vector.x, vector.y, vector.z)]
     capsule = (c.area, c.length, c.axial_force, c.normal_force_slope, c.moment_slope, c.roll_damping, c.pitch_damping)

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from bayeschute.air.vector import Vec3
 from bayeschute.dynamics.cluster import geometry
 from bayeschute.dynamics.integrate import trajectory_compiled
 from bayeschute.dynamics.parameters import Structure
@@ -30,7 +31,7 @@ others = load(ROOT / "benchmarks" / "simulator_others.py")
 small = load(ROOT / "tests" / "twins" / "small_cluster.py")
 pytestmark = pytest.mark.skipif(others.compiler() is None, reason="no C compiler here")
 T, BATCH, SUBSTEPS = 41, 8, 5
-CENTRE = np.array([0.95, -0.8, -0.1, 2.0, 0.3, 0.3, np.log(2.19e5), np.log(1.46e5), 1.0])
+CENTRE = np.array([0.95, -0.8, -0.1, 2.0, 0.3, 0.3, np.log(2.19e5), np.log(1.46e5), np.log(1.1)])
 _rate = jax.jit(lambda model, theta, x, *given: model.rate(x, model.numbers(theta), *given))
 
 
@@ -89,6 +90,7 @@ def test_other_terms_are_refused(flown):
     other = replace(model, structure=Structure(("1",), ("e",)))
     with pytest.raises(ValueError, match="other terms"):
         simulate(other, theta, x[0], error)
-    breezy = replace(model, base=replace(model.base, capsule=replace(model.base.capsule, yaw_damping=-0.1)))
-    with pytest.raises(ValueError, match="plain capsule"):
-        simulate(breezy, theta, x[0], error)
+    for change in ({"yaw_damping": -0.1}, {"products": Vec3(100.0, 0.0, 0.0)}):
+        richer = replace(model, base=replace(model.base, capsule=replace(model.base.capsule, **change)))
+        with pytest.raises(ValueError, match="plain capsule"):
+            simulate(richer, theta, x[0], error)

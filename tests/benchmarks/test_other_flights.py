@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from bayeschute.aero.grammar import check_axial, check_transverse
+from bayeschute.air.vector import Vec3
 
 FOLDER = Path(__file__).parents[2] / "benchmarks"
 DATA = Path(__file__).parents[3] / "shared" / "otherflights"
@@ -111,6 +112,25 @@ class TestConversion:
             pytest.skip(f"set {letter} has no load cells")
         weight = 9.80665 * f.meta["capsule_mass_kg"]
         assert np.nanmedian(f.tension.sum(axis=1)) == pytest.approx(weight, rel=0.1)
+
+    def test_inertia_gives_every_turn_the_energy_that_the_set_s_axes_give_it(self, other, flight, letter):
+        f, down = flight(f"{letter}_1"), other.records.LAYOUTS[letter].body_down
+        theirs = np.array(f.meta["capsule_inertia_kgm2_body_about_cm"])
+        w = np.random.default_rng(1).standard_normal((5, 3))
+        turned = other.records._body(w, down)
+        energy = [np.einsum("ti,ij,tj->t", v, tensor, v) for v, tensor in ((turned, f.inertia), (w, theirs))]
+        np.testing.assert_allclose(*energy, rtol=1e-12)
+        np.testing.assert_array_equal(f.inertia, f.inertia.T)
+        assert np.linalg.eigvalsh(f.inertia).min() > 0.0
+
+    def test_the_vehicle_has_the_whole_inertia(self, other, flight, letter):
+        from bayeschute.study import setup
+        from bayeschute.study.vehicle_schema import Vehicle
+
+        f = flight(f"{letter}_1")
+        capsule = setup.cluster(Vehicle.model_validate(other.studies.vehicle(f)))[0].capsule
+        momentum = [np.asarray(capsule.angular_momentum(Vec3(*axis)).stack()) for axis in np.eye(3)]
+        np.testing.assert_allclose(momentum, f.inertia, atol=1e-6 * f.inertia.max())
 
     def test_quantities_are_those_of_the_true_histories(self, flight, letter):
         if letter == "U":

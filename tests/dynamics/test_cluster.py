@@ -88,12 +88,21 @@ def random_states(n, count, rng):
     return np.array(columns).T
 
 
-def naive(x, n, rate, wind, wind_rate, density, factor):
-    c, k, r = small.CAPSULE, small.CANOPIES, small.RISERS
+def tensor(capsule):
+    """Inertia about the centre of mass, body axes (3, 3)."""
+    made = np.diag([capsule.inertia.x, capsule.inertia.y, capsule.inertia.z])
+    if capsule.products is not None:
+        xy, xz, yz = capsule.products.x, capsule.products.y, capsule.products.z
+        made = made + np.array([[0.0, xy, xz], [xy, 0.0, yz], [xz, yz, 0.0]])
+    return made
+
+
+def naive(x, n, rate, wind, wind_rate, density, factor, c=small.CAPSULE):
+    k, r = small.CANOPIES, small.RISERS
     p = {
         "attach_b": np.array([c.attach_b.x, c.attach_b.y, c.attach_b.z]),
         "reference_b": np.array([c.reference_centre_b.x, c.reference_centre_b.y, c.reference_centre_b.z]),
-        "inertia": [c.inertia.x, c.inertia.y, c.inertia.z],
+        "inertia": tensor(c),
         "m_c": c.mass, "S_c": c.area, "l_c": c.length, "C_A": c.axial_force, "C_Nslope": c.normal_force_slope,
         "C_mslope": c.moment_slope, "C_lp": c.roll_damping, "C_mq": c.pitch_damping,
         "S": k.area, "l": k.length, "V_o": k.speed, "m_d": k.dry_mass, "V_ea": k.enclosed_volume,
@@ -103,17 +112,22 @@ def naive(x, n, rate, wind, wind_rate, density, factor):
     return twin.naive_rate(x, n, p, list(AXIAL.items()), list(TRANSVERSE.items()), rate, air)
 
 
-@pytest.mark.parametrize("n", [1, 2, 3])
-@pytest.mark.parametrize("rate", ["riser", "airflow"])
-def test_state_rate_equals_its_twin_one_by_one_and_in_a_batch(n, rate):
-    rng = np.random.default_rng(n)
+SKEW = replace(small.CAPSULE, products=Vec3(3e3, -5e3, 4e3))
+
+
+@pytest.mark.parametrize(
+    ("n", "rate", "capsule"),
+    [(n, rate, small.CAPSULE) for rate in ("riser", "airflow") for n in (1, 2, 3)] + [(1, "riser", SKEW)],
+)
+def test_state_rate_equals_its_twin_one_by_one_and_in_a_batch(n, rate, capsule):
+    rng, model = np.random.default_rng(n), replace(MODEL, capsule=capsule)
     count = 12
     x = random_states(n, count, rng)
     wind, wind_rate = rng.normal(size=(3, count)) * 4.0, rng.normal(size=(3, count))
     density, factor = rng.uniform(0.8, 1.2, count), rng.uniform(0.9, 1.1, (n, count))
-    got = np.asarray(rate_of(x, MODEL, structure_of(n, rate), wind, wind_rate, density, factor))
+    got = np.asarray(rate_of(x, model, structure_of(n, rate), wind, wind_rate, density, factor))
     for b in range(count):
-        want = naive(x[:, b], n, rate, wind[:, b], wind_rate[:, b], density[b], factor[:, b])
+        want = naive(x[:, b], n, rate, wind[:, b], wind_rate[:, b], density[b], factor[:, b], capsule)
         np.testing.assert_allclose(got[:, b], want, rtol=3e-7, atol=3e-7)
 
 
@@ -158,6 +172,52 @@ def test_rates_turn_with_the_problem(rate, gravity):
         np.testing.assert_allclose(
             np.delete(got[:, b], range(6, 10)), np.delete(want, range(6, 10)), rtol=1e-9, atol=1e-8
         )
+
+
+def in_axes(capsule, turn):
+    """The capsule by numbers along other body axes, whose components are `turn` times those along its own."""
+    made = turn @ tensor(capsule) @ turn.T
+    arms = {name: Vec3(*(turn @ getattr(capsule, name).stack())) for name in ("attach_b", "reference_centre_b")}
+    return replace(capsule, inertia=Vec3(*np.diag(made)), products=Vec3(made[0, 1], made[0, 2], made[1, 2]), **arms)
+
+
+@pytest.mark.parametrize(("axis", "density"), [([0.7, 0.0, 0.0], 1.1), ([0.4, -1.3, 0.8], 0.0)], ids=["x", "any"])
+def test_a_capsule_flies_the_same_in_other_body_axes(axis, density):
+    """Turned about its long axis in air, whose forces know no roll; without air in any axes."""
+    rng, count, turn = np.random.default_rng(10), 12, Rotation.from_rotvec(axis)
+    x, other, B = random_states(1, count, rng), turn.inv(), turn.as_matrix()
+    rest = (np.zeros((3, count)), np.zeros((3, count)), np.full(count, density), np.ones((1, count)))
+    plain = np.asarray(rate_of(x, replace(MODEL, capsule=SKEW), structure_of(1, "riser"), *rest))
+
+    def renamed(s):
+        s, (a, *b) = s.copy(), other.as_quat(scalar_first=True)
+        w, v = s[6].copy(), s[7:10].copy()
+        s[6] = a * w - np.dot(b, v)
+        s[7:10] = a * v + np.outer(b, w) - np.cross(b, v, axisb=0).T  # the turn of the axes comes first
+        s[10:13] = B @ s[10:13]
+        return s
+
+    model = replace(MODEL, capsule=in_axes(SKEW, B))
+    got = np.asarray(rate_of(renamed(x), model, structure_of(1, "riser"), *rest))
+    np.testing.assert_allclose(got, renamed(plain), rtol=1e-9, atol=1e-9)
+    assert np.abs(got[10:13] - plain[10:13]).max() > 1e-3
+
+
+def test_without_torque_a_capsule_keeps_its_angular_momentum_and_energy():
+    """In space: risers that pull at the centre of mass, and no air."""
+    rng, count = np.random.default_rng(11), 12
+    x, capsule = random_states(1, count, rng), replace(SKEW, attach_b=Vec3(0.0, 0.0, 0.0))
+    none = (np.zeros((3, count)), np.zeros((3, count)), np.zeros(count), np.ones((1, count)))
+    dx = np.asarray(rate_of(x, replace(MODEL, capsule=capsule), structure_of(1, "riser"), *none))
+    h, inertia = 1e-4, tensor(capsule)
+
+    def momentum(s):
+        return [twin.rotation_from_body(c[6:10] / np.linalg.norm(c[6:10])) @ inertia @ c[10:13] for c in s.T]
+
+    change = np.subtract(momentum(x + h * dx), momentum(x - h * dx)) / (2.0 * h)
+    np.testing.assert_allclose(change, 0.0, atol=1e-3)
+    np.testing.assert_allclose(np.sum(x[10:13] * (inertia @ dx[10:13]), axis=0), 0.0, atol=1e-9)
+    assert np.abs(inertia @ dx[10:13]).max() > 100.0
 
 
 def test_renaming_the_canopies_renames_their_rates():

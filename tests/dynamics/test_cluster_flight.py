@@ -219,7 +219,7 @@ def test_machine_code_serves_canopies_with_coefficients_of_their_own():
     assert np.abs((np.asarray(steps.by_theta[0]) - exact) / size).max() < 1e-6
 
 
-ROWS = np.random.default_rng(7).normal(size=(2, 9))  # errors of two samples: wind, axial factors, pushes
+ROWS = np.random.default_rng(7).normal(size=(2, 10))  # errors of two samples: wind, axial factors, pushes, roll
 
 
 def _air(rows, share=0.25):
@@ -228,38 +228,43 @@ def _air(rows, share=0.25):
     return then, air_between(NOW, then, now_error, then_error, share, 0.1)
 
 
-def test_rows_of_the_errors_are_wind_then_axial_factors_then_pushes():
-    then, air = _air(9)
+def test_rows_of_the_errors_are_wind_then_axial_factors_then_pushes_then_the_roll():
+    then, air = _air(10)
     mixed = 0.75 * ROWS[0] + 0.25 * ROWS[1]
     np.testing.assert_allclose(air.wind.stack(), 0.75 * NOW.wind + 0.25 * then.wind + mixed[:3])
     np.testing.assert_allclose(air.axial_factor, 0.75 * NOW.axial_factor + 0.25 * then.axial_factor + mixed[3:5])
     north, east = air.push
-    np.testing.assert_allclose([north, east], mixed[5:].reshape(2, 2))
+    np.testing.assert_allclose([north, east], mixed[5:9].reshape(2, 2))
+    np.testing.assert_allclose(air.roll, mixed[9])
     np.testing.assert_allclose(air.wind_rate.stack(), (then.wind + ROWS[1, :3] - NOW.wind - ROWS[0, :3]) / 0.1)
     for share, row in ((0.0, ROWS[0]), (1.0, ROWS[1])):
-        np.testing.assert_allclose(jnp.stack(_air(9, share)[1].push).ravel(), row[5:])
+        np.testing.assert_allclose(jnp.stack(_air(10, share)[1].push).ravel(), row[5:9])
+        np.testing.assert_allclose(_air(10, share)[1].roll, row[9])
 
 
-@pytest.mark.parametrize("rows", [3, 5])
+@pytest.mark.parametrize("rows", [3, 5, 9])
 def test_fewer_rows_are_less(rows):
-    """Those that are there act as among all, and without the last there is no push."""
-    air, whole = _air(rows)[1], _air(9)[1]
-    assert air.push is None
+    """Those that are there act as among all, and without the last there is no roll, then no push."""
+    air, whole = _air(rows)[1], _air(10)[1]
+    assert air.roll is None and (air.push is None) == (rows < 9)
+    if rows == 9:
+        np.testing.assert_array_equal(air.push, whole.push)
     np.testing.assert_array_equal(air.wind.stack(), whole.wind.stack())
-    factor = whole.axial_factor if rows == 5 else 0.75 * NOW.axial_factor + 0.25 * (NOW.axial_factor + 0.5)
+    factor = whole.axial_factor if rows > 3 else 0.75 * NOW.axial_factor + 0.25 * (NOW.axial_factor + 0.5)
     np.testing.assert_allclose(air.axial_factor, factor)
 
 
-def test_machine_code_serves_pushes():
-    """Trajectories are those of JAX, and the pushes' derivatives those of differences."""
+def test_machine_code_serves_pushes_and_the_roll():
+    """Trajectories are those of JAX, and the derivatives by pushes and roll those of differences."""
     pytest.importorskip("llvmlite")
-    start, error = 0.02 * np.random.default_rng(2).normal(size=17), 0.05 * np.random.default_rng(3).normal(size=(6, 9))
+    start, error = 0.02 * np.random.default_rng(2).normal(size=17), 0.05 * np.random.default_rng(3).normal(size=(6, 10))
     assert kernel.obstacle(EACH, OWN, start, error) is None
     got = np.asarray(kernel.states(EACH, OWN, start, error))
     np.testing.assert_allclose(got, trajectory_compiled(EACH, OWN, start, error), rtol=1e-10, atol=1e-9)
-    assert np.abs(got - kernel.states(EACH, OWN, start, error * (np.arange(9) < 5))).max() > 1e-2
+    for rows in (np.arange(10) < 5, np.arange(10) < 9):
+        assert np.abs(got - kernel.states(EACH, OWN, start, error * rows)).max() > 1e-4
     _, reached, steps = kernel.along_path(EACH, OWN, start, error, got)
-    for row in range(5, 9):
+    for row in range(5, 10):
         for by, sample in ((steps.by_now, 2), (steps.by_then, 3)):
             ends = []
             for h in (1e-3, -1e-3):
@@ -271,17 +276,40 @@ def test_machine_code_serves_pushes():
             assert np.abs(want).max() > 1e-3
 
 
-def test_a_wind_field_leaves_the_push(states):
+def test_a_wind_field_leaves_push_and_roll(states):
     field = wind_field([-50.0, 0.0, 40.0], np.array([[1.0, 0.0, 0.0], [2.0, 0.0, 0.0], [4.0, 1.0, 0.0]]))
-    air = _air(9)[1]
+    air = _air(10)[1]
     over = blown(air, field, unpack(jnp.asarray(states[0]), 2))
-    assert over.aloft.push is air.push
+    assert over.aloft.push is air.push and over.roll is air.roll
 
 
 def _risers(x):
     state = unpack(jnp.asarray(x).T, 2)
     made = geometry(state, MODEL.base.capsule)
     return np.asarray(made.length), np.asarray(made.stretch_rate)
+
+
+def test_the_derivative_of_a_retraction_is_the_identity(states):
+    """In every direction, also that in which the quaternion of the attitude becomes longer, whatever its size."""
+    x = np.array(states)
+    x[:, 6:10] *= np.array([1.0, 1.1, 0.9, 1.02, 0.98])[:, None]
+    for away in (
+        np.random.default_rng(10).standard_normal(x.shape),
+        np.where(np.isin(np.arange(25), range(6, 10)), x, 0.0),
+    ):
+        there, moving = jax.jvp(lambda step: MODEL.retract(jnp.asarray(x), step), (np.zeros_like(x),), (away,))
+        np.testing.assert_allclose(there, x, atol=1e-12)
+        np.testing.assert_allclose(moving, away, atol=1e-11)
+
+
+def test_a_retracted_step_changes_the_size_of_a_quaternion_as_the_linear_one_says(states):
+    x, step = np.array(states), np.random.default_rng(11).standard_normal((len(states), 25))
+    x[:, 6:10] *= 1.1
+    q = x[:, 6:10]
+    size = np.linalg.norm(q, axis=1)
+    there = np.asarray(MODEL.retract(jnp.asarray(x), jnp.asarray(0.1 * step)))
+    wanted = size + 0.1 * np.sum(q * step[:, 6:10], axis=1) / size
+    np.testing.assert_allclose(np.linalg.norm(there[:, 6:10], axis=1), wanted, rtol=1e-12)
 
 
 def test_a_retracted_step_is_the_step_to_first_order(states):

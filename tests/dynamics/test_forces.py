@@ -101,6 +101,18 @@ def test_a_push_accelerates_its_canopy_alone(rate):
     assert change[20] > 0.0
 
 
+@pytest.mark.parametrize("rate", ["riser", "airflow"])
+def test_a_roll_accelerates_the_capsule_about_its_long_axis_alone(rate):
+    """By so many times gravity over the risers' length, whatever the capsule's inertia."""
+    x, structure, model = state(), Structure(("1",), ("e", "rate"), 2, rate), small.cluster((0.9,), (-0.1, 0.3))
+    skew = replace(model, capsule=replace(model.capsule, products=Vec3(3e3, -5e3, 4e3)))
+    for one in (model, skew):
+        plain, rolled = (np.asarray(state_rate(x, one, structure, replace(AIR, roll=r))) for r in (None, 0.3))
+        assert np.flatnonzero(rolled != plain).tolist() == [10]
+        assert rolled[10] - plain[10] == pytest.approx(0.3 * 9.80665 / 71.3, rel=1e-9)
+        np.testing.assert_array_equal(state_rate(x, one, structure, replace(AIR, roll=0.0)), plain)
+
+
 def test_polar_laws_have_their_signs_in_the_wind_frame():
     force, flow, model = force_of(forces.constant_polar, (0.9,), (0.2, 0.3))
     x, F = np.asarray(flow.axis.stack()), np.asarray(force.stack()) / (np.asarray(flow.q) * model.canopies.area)

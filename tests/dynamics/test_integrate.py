@@ -33,7 +33,7 @@ NAMES = (
     "capsule_mass",
     "enclosed_air_factor",
 )
-THETA = np.array([1.8, 0.3, np.log(2.19e5), np.log(1.46e5), 71.3, 9463.0, 1.0])
+THETA = np.array([1.8, 0.3, np.log(2.19e5), np.log(1.46e5), 71.3, 9463.0, 0.0])
 STEP = np.array([1e-5, 1e-5, 1e-5, 1e-5, 1e-5, 1e-2, 1e-5])
 CHANNELS = ("canopy_position", "capsule_velocity", "capsule_attitude", "riser_tension")
 FLIGHT = small.flight(

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import importlib.util
+from dataclasses import replace
 from pathlib import Path
 
 import jax
 import numpy as np
 import pytest
 
+from bayeschute.air.vector import Vec3
 from bayeschute.dynamics.cluster_flight import with_parameters
 
 _spec = importlib.util.spec_from_file_location(
@@ -28,7 +30,7 @@ BASE = small.cluster()
         ("riser_damping", np.log(2e5), lambda c: c.risers.damping, 2e5),
         ("riser_length", 70.0, lambda c: c.risers.length, 70.0),
         ("capsule_mass", 9000.0, lambda c: c.capsule.mass, 9000.0),
-        ("enclosed_air_factor", 1.1, lambda c: c.canopies.enclosed_volume, 1.1 * 3969.0),
+        ("enclosed_air_factor", np.log(1.1), lambda c: c.canopies.enclosed_volume, 1.1 * 3969.0),
     ],
 )
 def test_a_name_replaces_one_number(name, value, read, want):
@@ -42,3 +44,18 @@ def test_a_name_replaces_one_number(name, value, read, want):
 def test_terms_outside_the_structure_are_refused(name):
     with pytest.raises(ValueError):
         with_parameters(BASE, small.TWO, (name,), np.ones(1))
+
+
+def _tensor(xy, xz, yz):
+    c = small.CAPSULE.inertia
+    return np.array([[c.x, xy, xz], [xy, c.y, yz], [xz, yz, c.z]])
+
+
+@pytest.mark.parametrize("products", [None, (0.0, 0.0, 0.0), (3e3, -5e3, 4e3), (-9e3, 9e3, 9e3)])
+def test_the_inertia_tensor_and_its_inverse(products):
+    capsule = replace(small.CAPSULE, products=None if products is None else Vec3(*products))
+    tensor, rng = _tensor(*(products or (0.0, 0.0, 0.0))), np.random.default_rng(1)
+    for v in (*np.eye(3), rng.normal(size=3)):
+        momentum, turning = capsule.angular_momentum(Vec3(*v)), capsule.turned_by(Vec3(*(1e4 * v)))
+        np.testing.assert_allclose(momentum.stack(), tensor @ v, rtol=1e-14, atol=1e-10)
+        np.testing.assert_allclose(turning.stack(), np.linalg.solve(tensor, 1e4 * v), rtol=1e-12, atol=1e-15)

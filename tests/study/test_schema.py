@@ -134,6 +134,7 @@ DESCENT = [
     (r"^\[sampler\]", '[noise.breathing]\nsd = 0.1\nfrequency = "1 Hz"\ndamping_ratio = 0.1\n[sampler]', "[noise] breathing", "no use", "Remove"),
     (r"^\[sampler\]", '[noise.slow_wind]\nhorizontal = "1 m/s"\nvertical = "1 m/s"\ntime_constant = "1 min"\n[sampler]', "[noise.slow_wind] horizontal", "no use", "Remove"),
     (r"^\[sampler\]", '[noise.canopy_force]\nsd = 0.1\ntime_constant = "1 s"\n[sampler]', "[noise] canopy_force", "no use", "Remove"),
+    (r"^\[sampler\]", '[noise.roll]\nsd = 0.1\ntime_constant = "1 s"\n[sampler]', "[noise] roll", "no use", "Remove"),
     (r'white = "0.4 m/s", ', "", "[noise] descent_rate", "correlated, time_constant", "white"),
     (r'^quantities = \["descent_rate", ', 'quantities = ["swing_angle", ', "[predict] quantities, item 1", "swing", "descent"),
     (r'^file = .*', "", "[flight] (flight 'my-descent')", "neither", "either a file or"),

@@ -86,11 +86,11 @@ def test_medians_of_the_noise_follow_channels_and_groups(study: Study, descents)
     assert found.noise.white[names.index("canopy_position")] == pytest.approx(0.15)
     assert found.noise.correlated[names.index("capsule_attitude")] == pytest.approx(np.deg2rad(0.2))
     wanted = [[0.6096, 5.0], [0.3048, 5.0], [0.3048, 20.0], [0.3048, 20.0], [0.003, 1.0]]
-    wanted += [[0.005, 3.0], [0.02, 0.25, 0.1]]
+    wanted += [[0.005, 3.0], [0.01, 3.0], [0.02, 0.25, 0.1]]
     for law, numbers in zip(found.laws, wanted, strict=True):
         assert list(law) == pytest.approx(numbers)
     winds = ("wind, horizontal", "wind, vertical", "slow wind, horizontal", "slow wind, vertical")
-    assert setup.law_names(study) == (*winds, "canopy force", "transverse force", "breathing")
+    assert setup.law_names(study) == (*winds, "canopy force", "transverse force", "roll", "breathing")
     descent = load_study(descents.study)
     assert [list(law) for law in setup.hyper(descent).laws] == [[0.5, 30.0]]
     assert setup.law_names(descent) == ("wind, vertical",)
@@ -105,27 +105,30 @@ def across(group):
 
 
 @pytest.mark.parametrize(
-    ("left_out", "kinds", "processes"),
+    ("left_out", "kinds", "processes", "rows"),
     [
-        ((), ("drift", "drift", "oscillator"), ((3, 2), (4, 2), *across(3), (3, 4), (4, 4))),
-        (("canopy_force",), ("drift", "oscillator"), (*across(2), (3, 3), (4, 3))),
-        (("breathing",), ("drift", "drift"), ((3, 2), (4, 2), *across(3))),
-        (("canopy_force", "breathing"), ("drift",), across(2)),
-        (("transverse_force",), ("drift", "oscillator"), ((3, 2), (4, 2), (3, 3), (4, 3))),
-        (("transverse_force", "canopy_force"), ("oscillator",), ((3, 2), (4, 2))),
-        (("transverse_force", "breathing"), ("drift",), ((3, 2), (4, 2))),
-        (("transverse_force", "canopy_force", "breathing"), (), ()),
+        ((), ("drift", "drift", "drift", "oscillator"), ((3, 2), (4, 2), *across(3), (9, 4), (3, 5), (4, 5)), 10),
+        (("roll",), ("drift", "drift", "oscillator"), ((3, 2), (4, 2), *across(3), (3, 4), (4, 4)), 9),
+        (("roll", "canopy_force"), ("drift", "oscillator"), (*across(2), (3, 3), (4, 3)), 9),
+        (("roll", "breathing"), ("drift", "drift"), ((3, 2), (4, 2), *across(3)), 9),
+        (("roll", "canopy_force", "breathing"), ("drift",), across(2), 9),
+        (("roll", "transverse_force"), ("drift", "oscillator"), ((3, 2), (4, 2), (3, 3), (4, 3)), 5),
+        (("roll", "transverse_force", "canopy_force"), ("oscillator",), ((3, 2), (4, 2)), 5),
+        (("roll", "transverse_force", "breathing"), ("drift",), ((3, 2), (4, 2)), 5),
+        (("roll", "transverse_force", "canopy_force", "breathing"), (), (), 3),
+        (("transverse_force", "breathing"), ("drift", "drift"), ((3, 2), (4, 2), (9, 3)), 10),
+        (("transverse_force", "canopy_force", "breathing"), ("drift",), ((9, 2),), 10),
     ],
 )
-def test_latent_processes_belong_to_axes_and_canopies(study: Study, left_out, kinds, processes):
+def test_latent_processes_belong_to_axes_and_canopies(study: Study, left_out, kinds, processes, rows):
     """Wind north and east share a law; what the force of a canopy does along its axis adds up in that canopy's row.
 
-    Across it has rows of its own: north of all canopies, then east, under one law.
+    Across it has rows of its own: north of all canopies, then east, under one law. The capsule's roll is the last.
     """
     changed = replace(study, noise=study.noise.model_copy(update=dict.fromkeys((*left_out, "slow_wind"))))
     made, laws = setup.latent(changed, 2), setup.hyper(changed).laws
     assert made.kinds == ("drift", "drift", *kinds) and made.processes == WIND + processes
-    assert made.rows == (3 if not processes else 5 if "transverse_force" in left_out else 9)
+    assert made.rows == rows
     assert [KINDS[kind] for kind in made.kinds] == [law.size for law in laws]
     assert len(setup.law_names(changed)) == len(laws)
 
@@ -139,8 +142,8 @@ def test_slow_wind_adds_to_wind(study: Study, descents):
     slow = WindNoise(horizontal="1 m/s", vertical="0.5 m/s", time_constant="60 s")
     made = replace(study, noise=study.noise.model_copy(update={"slow_wind": slow}))
     winds = ("wind, horizontal", "wind, vertical", "slow wind, horizontal", "slow wind, vertical")
-    assert setup.law_names(made) == (*winds, "canopy force", "transverse force", "breathing")
-    assert setup.latent(made, 1).processes == (*WIND, (0, 2), (1, 2), (2, 3), (3, 4), (4, 5), (5, 5), (3, 6))
+    assert setup.law_names(made) == (*winds, "canopy force", "transverse force", "roll", "breathing")
+    assert setup.latent(made, 1).processes == (*WIND, (0, 2), (1, 2), (2, 3), (3, 4), (4, 5), (5, 5), (6, 6), (3, 7))
     assert [list(law) for law in setup.hyper(made).laws[2:4]] == [[1.0, 60.0], [0.5, 60.0]]
     descent = load_study(descents.study)
     up = WindNoise(vertical="0.5 m/s", time_constant="600 s")

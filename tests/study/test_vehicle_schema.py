@@ -7,11 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bayeschute.air.vector import Vec3
 from bayeschute.dynamics.parameters import STANDARD_GRAVITY, engagement_length
 from bayeschute.forecast.virtual import start_of
 from bayeschute.study import setup
 from bayeschute.study.load import check_study, load_study
 
+PRODUCTS = 'inertia_products = ["250 kg m^2", "-1500 kg m^2", "100 kg m^2"]'
 BREATHING = '[canopies.breathing]\nfrequency = "0.23 Hz"\ndamping_ratio = 0.05\naxial_slope = 1.0\n'
 
 
@@ -50,6 +52,16 @@ def test_engagement_is_told_or_follows_from_the_load(cluster: Path, spoil):
     assert setup.cluster(vehicle)[0].risers.engagement == pytest.approx(0.03)
 
 
+def test_products_of_inertia_reach_the_capsule(cluster: Path, spoil):
+    vehicle = load_study(cluster).vehicle
+    assert vehicle is not None and setup.cluster(vehicle)[0].capsule.products is None
+    spoil(cluster.parent / "vehicle.toml", r"^reference_area", f"{PRODUCTS}\nreference_area")
+    vehicle = load_study(cluster).vehicle
+    assert vehicle is not None
+    capsule = setup.cluster(vehicle)[0].capsule
+    assert capsule.products == Vec3(250.0, -1500.0, 100.0) and capsule.inertia == Vec3(25e3, 22e3, 20e3)
+
+
 @pytest.mark.parametrize(
     ("file", "pattern", "new", "words"),
     [
@@ -58,6 +70,10 @@ def test_engagement_is_told_or_follows_from_the_load(cluster: Path, spoil):
         ("vehicle.toml", r"^\[risers\]", BREATHING.replace("0.23 Hz", "4 s") + "[risers]", "frequency"),
         ("vehicle.toml", r"^\[risers\]", '[risers]\nengagement = "1 m"', "to which the capsule's weight stretches them"),
         ("vehicle.toml", r"^\[risers\]", '[risers]\nengagement = "0 m"', "engagement"),
+        ("vehicle.toml", r"^reference_area", PRODUCTS.replace("250", "30000") + "\nreference_area", "positive definite"),
+        ("vehicle.toml", r"^reference_area", PRODUCTS.replace("250", "30000") + "\nreference_area", "a principal moment of -"),
+        ("vehicle.toml", r"^reference_area", PRODUCTS.replace("250 kg m^2", "250 kg m") + "\nreference_area", "inertia_products"),
+        ("vehicle.toml", r"^reference_area", PRODUCTS.replace(', "100 kg m^2"', "") + "\nreference_area", "inertia_products"),
     ],
 )  # fmt: skip
 def test_faults_are_told(cluster: Path, spoil, file: str, pattern: str, new: str, words: str):

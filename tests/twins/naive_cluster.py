@@ -56,7 +56,7 @@ def naive_rate(x, n, p, axial, transverse, rate, air):
     M_b = qS * p["l_c"] * p["C_mslope"] * np.array([0.0, u[2], -u[1]])
     M_b = M_b + qS * p["l_c"] ** 2 / (2 * np.linalg.norm(V)) * np.array([p["C_lp"], p["C_mq"], p["C_mq"]]) * omega
     M_b = M_b + np.cross(p["reference_b"], A_b) + np.cross(p["attach_b"], R_nb.T @ pull)
-    inertia = np.diag(p["inertia"])
+    inertia = np.asarray(p["inertia"])  # (3, 3)
     a_c = (pull + R_nb @ A_b) / p["m_c"] + np.array([0.0, 0.0, p["g"]])
     turning = np.linalg.solve(inertia, M_b - np.cross(omega, inertia @ omega))
     P, Q, R = omega

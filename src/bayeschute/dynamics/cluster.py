@@ -41,6 +41,8 @@ class Air:
         aloft: The air where the canopies are, components (canopy, ...); None: the same.
         push: What no term explains of every canopy's transverse coefficient, towards north and east, components
             (canopy, ...); what of it lies along the riser has no effect. None: nothing.
+        roll: What no equation explains of the capsule's angular acceleration about its long axis, such as risers that
+            twist, over gravity over the risers' length (...). None: nothing.
     """
 
     wind: Vec3
@@ -50,6 +52,7 @@ class Air:
     shear: Vec3
     aloft: Air | None = None
     push: tuple[Component, Component] | None = None
+    roll: Component | None = None
 
 
 @dataclass(frozen=True)
@@ -253,10 +256,10 @@ def capsule_acceleration(
     if not (capsule.pitch_rate_damping is None and capsule.yaw_rate_damping is None):
         moment_b = moment_b + _rate_moment(state, capsule, air, acceleration)
     moment_b = moment_b + cross(capsule.attach_b, state.attitude.to_body(pull))
-    inertia, w = capsule.inertia, state.rate
-    gyroscopic = cross(w, Vec3(inertia.x * w.x, inertia.y * w.y, inertia.z * w.z))
-    m = moment_b - gyroscopic
-    return acceleration, Vec3(m.x / inertia.x, m.y / inertia.y, m.z / inertia.z)
+    turning = capsule.turned_by(moment_b - cross(state.rate, capsule.angular_momentum(state.rate)))
+    if air.roll is not None:
+        turning = Vec3(turning.x + air.roll * (model.gravity / model.risers.length), turning.y, turning.z)
+    return acceleration, turning
 
 
 def state_rate(x: jax.Array, model: Cluster, structure: Structure, air: Air) -> jax.Array:

@@ -20,7 +20,7 @@ from bayeschute.dynamics.start import Start, initial_state
 from bayeschute.dynamics.state import ClusterState, pack, unpack
 
 _COEFFICIENT = re.compile(r"(axial|transverse)\[(.*)\](?:\.canopy(\d+))?")
-LOGARITHMIC = ("riser_stiffness", "riser_damping")
+LOGARITHMIC = ("riser_stiffness", "riser_damping", "enclosed_air_factor")
 CHANNELS = (
     "canopy_position",
     "capsule_velocity",
@@ -174,7 +174,7 @@ class ClusterFlight:
         A canopy that moves across its riser in a straight line stretches it by the square of that move, and a stiff
         riser answers with more than its load. So what the step does to length and rate of every riser is taken from its
         derivative, and the canopies are put there along the new direction (a retraction; Absil, Mahony & Sepulchre
-        2008).
+        2008). So is the size of the quaternion of the attitude.
 
         Args:
             x: States (T, X).
@@ -182,18 +182,22 @@ class ClusterFlight:
         """
         n, capsule = self.structure.canopies, self.base.capsule
 
-        def risers(x: jax.Array) -> tuple[jax.Array, jax.Array]:
-            geo = geometry(unpack(x, n), capsule)
-            return geo.length, geo.stretch_rate
+        def size(q: Quaternion) -> jax.Array:
+            return jnp.sqrt(q.w**2 + q.x**2 + q.y**2 + q.z**2)
 
-        (length, rate), (longer, faster) = jax.jvp(risers, (x.T,), (step.T,))
+        def kept(x: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
+            state = unpack(x, n)
+            geo = geometry(state, capsule)
+            return size(state.attitude), geo.length, geo.stretch_rate
+
+        before, change = jax.jvp(kept, (x.T,), (step.T,))
+        turned, length, rate = jax.tree.map(jnp.add, before, change)
         there = unpack((x + step).T, n)
-        q = there.attitude
-        size = jnp.sqrt(q.w**2 + q.x**2 + q.y**2 + q.z**2)
-        there = replace(there, attitude=Quaternion(q.w / size, q.x / size, q.y / size, q.z / size))
+        q, share = there.attitude, turned / size(there.attitude)
+        there = replace(there, attitude=Quaternion(q.w * share, q.x * share, q.y * share, q.z * share))
         geo = geometry(there, capsule)
-        place = there.canopy_position + geo.direction * (length + longer - geo.length)
-        moving = there.canopy_velocity + geo.direction * (rate + faster - geo.stretch_rate)
+        place = there.canopy_position + geo.direction * (length - geo.length)
+        moving = there.canopy_velocity + geo.direction * (rate - geo.stretch_rate)
         return pack(replace(there, canopy_position=place, canopy_velocity=moving)).T
 
     def observe(self, x: jax.Array, numbers: Cluster, now: Any) -> jax.Array:
@@ -254,17 +258,15 @@ def air_between(
 
     The first three rows of the errors add to the recorded wind; the next, one per canopy, to the axial factors; those
     beyond, if any, are the canopies' transverse coefficients that no term explains: all towards north, then all
-    towards east.
+    towards east; and the last is the capsule's unexplained roll.
     """
     w0, w1 = now.wind + error_now[:3], then.wind + error_then[:3]
     f0, f1 = now.axial_factor, then.axial_factor
     n = f0.shape[0]
     if error_now.shape[0] > 3:
         f0, f1 = f0 + error_now[3 : 3 + n], f1 + error_then[3 : 3 + n]
-    push = None
-    if error_now.shape[0] > 3 + n:
-        across = error_now[3 + n :] + (error_then[3 + n :] - error_now[3 + n :]) * share
-        push = across[:n], across[n:]
+    more = error_now[3 + n :] + (error_then[3 + n :] - error_now[3 + n :]) * share
+    push = (more[:n], more[n : 2 * n]) if more.shape[0] else None
     zero = jnp.zeros_like(w0[0])
     return Air(
         wind=vec3(w0 + (w1 - w0) * share),
@@ -273,6 +275,7 @@ def air_between(
         axial_factor=f0 + (f1 - f0) * share,
         shear=Vec3(zero, zero, zero),
         push=push,
+        roll=more[2 * n] if more.shape[0] > 2 * n else None,
     )
 
 

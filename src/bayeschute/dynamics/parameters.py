@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import jax
 
 from bayeschute.aero.capsule_table import CapsuleTable
-from bayeschute.air.vector import Component, Vec3
+from bayeschute.air.vector import Component, Vec3, dot
 
 STANDARD_GRAVITY = 9.80665  # [m/s^2]
 
@@ -20,7 +20,7 @@ class Capsule:
 
     Attributes:
         mass: [kg].
-        inertia: Principal moments of inertia about the centre of mass [kg m^2].
+        inertia: Moments of inertia about the centre of mass, body axes: diagonal of the tensor [kg m^2].
         attach_b: Riser attach point from the centre of mass, body axes [m].
         reference_centre_b: Aerodynamic reference centre from the centre of mass, body axes [m].
         area: Reference area [m^2].
@@ -34,6 +34,8 @@ class Capsule:
         pitch_rate_damping: C_m_alphadot, on the rate of the angle of attack; None: no such moment.
         yaw_rate_damping: C_n_betadot, on the rate of the sideslip angle; None where `pitch_rate_damping` is.
         table: Coefficients by total angle of attack and roll; None: those above.
+        products: The other elements of the inertia tensor, xy, xz and yz (minus the products of inertia as integrals)
+            [kg m^2]; None: none, body axes are principal axes.
     """
 
     mass: Component
@@ -51,6 +53,29 @@ class Capsule:
     pitch_rate_damping: Component | None = None
     yaw_rate_damping: Component | None = None
     table: CapsuleTable | None = None
+    products: Vec3 | None = None
+
+    def angular_momentum(self, rate: Vec3) -> Vec3:
+        """Of an angular rate, body axes [kg m^2/s]."""
+        own = Vec3(self.inertia.x * rate.x, self.inertia.y * rate.y, self.inertia.z * rate.z)
+        if self.products is None:
+            return own
+        xy, xz, yz = self.products.x, self.products.y, self.products.z
+        return own + Vec3(xy * rate.y + xz * rate.z, xy * rate.x + yz * rate.z, xz * rate.x + yz * rate.y)
+
+    def turned_by(self, moment: Vec3) -> Vec3:
+        """Angular acceleration by a moment on the capsule at rest, body axes [rad/s^2]: the inverse of the tensor."""
+        a, b, c = self.inertia.x, self.inertia.y, self.inertia.z
+        if self.products is None:
+            return Vec3(moment.x / a, moment.y / b, moment.z / c)
+        xy, xz, yz = self.products.x, self.products.y, self.products.z
+        rows = (
+            Vec3(b * c - yz * yz, xz * yz - xy * c, xy * yz - b * xz),
+            Vec3(xz * yz - xy * c, a * c - xz * xz, xy * xz - a * yz),
+            Vec3(xy * yz - b * xz, xy * xz - a * yz, a * b - xy * xy),
+        )
+        determinant = a * rows[0].x + xy * rows[0].y + xz * rows[0].z
+        return Vec3(*(dot(row, moment) / determinant for row in rows))
 
 
 @jax.tree_util.register_dataclass

@@ -166,10 +166,11 @@ class WindNoise(Strict):
 
 
 class ForceNoise(Strict):
-    """Latent fluctuation of each canopy's force: an Ornstein-Uhlenbeck process per canopy and direction.
+    """Latent fluctuation of a force or moment: an Ornstein-Uhlenbeck process per body and direction.
 
     Attributes:
-        sd: Standard deviation of the relative change of the axial force, or of the transverse coefficient [1].
+        sd: Standard deviation of the relative change of the canopies' axial force, of their transverse coefficient, or
+            of the capsule's angular acceleration in roll over gravity over the risers' length [1].
         time_constant: [s].
     """
 
@@ -191,7 +192,8 @@ class BreathingNoise(Strict):
     damping_ratio: Annotated[float, number(Bounds(above=0.0, most=0.9))]
 
 
-_LATENT = ("wind", "slow_wind", "canopy_force", "transverse_force", "breathing")
+FORCES = ("canopy_force", "transverse_force", "roll", "breathing")
+_LATENT = ("wind", "slow_wind", *FORCES)
 
 
 class NoiseTable(Strict):
@@ -220,6 +222,7 @@ class NoiseTable(Strict):
     slow_wind: WindNoise | None = None
     canopy_force: ForceNoise | None = None
     transverse_force: ForceNoise | None = None
+    roll: ForceNoise | None = None
     breathing: BreathingNoise | None = None
 
     def channels(self) -> dict[str, ChannelNoise[float]]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from bayeschute.errors import Fault
-from bayeschute.study.belief_schema import NoiseTable, PriorsTable
+from bayeschute.study.belief_schema import FORCES, NoiseTable, PriorsTable
 from bayeschute.study.faults import place, show
 from bayeschute.study.schema import QUANTITIES, FlightTable, PredictTable, RequirementTable
 from bayeschute.study.structure_crosscheck import check_core, check_polar, check_stack, check_synthetic
@@ -112,7 +112,7 @@ def check_model_descent(draft: Draft) -> Iterator[Fault]:
         for name, wind in (("wind", noise.wind), ("slow_wind", noise.slow_wind)):
             if wind is not None and wind.horizontal is not None:
                 yield _no_use(draft, "noise", name, "horizontal")
-        for name in (*_CLUSTER_ONLY, "canopy_force", "transverse_force", "breathing"):
+        for name in (*_CLUSTER_ONLY, *FORCES):
             if getattr(noise, name) is not None:
                 yield _no_use(draft, "noise", name)
     priors: PriorsTable | None = draft.tables.get("priors")

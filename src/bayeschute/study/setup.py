@@ -81,6 +81,7 @@ def _capsule(c: CapsuleTable, mass: float | None) -> Capsule:
         pitch_rate_damping=c.pitch_rate_damping,
         yaw_rate_damping=c.yaw_rate_damping,
         table=table,
+        products=None if c.inertia_products is None else Vec3(*c.inertia_products),
     )
 
 
@@ -179,9 +180,10 @@ def hyper(study: Study) -> Hyper:
 
 
 def latent(study: Study, canopies: int) -> Latent:
-    """Latent processes: errors of the wind north, east and down, then of each canopy's force along and across."""
+    """Latent processes: errors of the wind north, east and down, each canopy's force along and across, the roll."""
     places = {"horizontal": (0, 1), "vertical": (2,), "canopy": tuple(range(3, 3 + canopies))}
     places["across"] = tuple(range(3 + canopies, 3 + 3 * canopies))
+    places["roll"] = (3 + 3 * canopies,)
     if study.model == "descent":
         places = {"vertical": (0,)}
     found = _groups(study)
@@ -211,6 +213,9 @@ def _groups(study: Study) -> list[tuple[str, str, str, tuple[float, ...]]]:
     if table.transverse_force is not None:
         f = table.transverse_force
         found.append(("transverse force", "across", "drift", (f.sd, f.time_constant)))
+    if table.roll is not None:
+        f = table.roll
+        found.append(("roll", "roll", "drift", (f.sd, f.time_constant)))
     if table.breathing is not None:
         b = table.breathing
         found.append(("breathing", "canopy", "oscillator", (b.sd, b.frequency, b.damping_ratio)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
+import numpy as np
 from pydantic import AfterValidator, model_validator
 
 from bayeschute.aero.grammar import check_axial, check_transverse, rate_factors
@@ -14,6 +15,7 @@ from bayeschute.study.quantities import (
     Damping,
     Frequency,
     Inertia,
+    InertiaProduct,
     Length,
     Mass,
     Number,
@@ -56,7 +58,8 @@ class CapsuleTable(Strict):
 
     Attributes:
         mass: [kg].
-        inertia: Principal moments about the centre of mass [kg m^2].
+        inertia: Moments about the centre of mass, body axes [kg m^2].
+        inertia_products: The other elements of the inertia tensor in body axes: xy, xz, yz [kg m^2]; None: zero.
         reference_area: [m^2].
         reference_length: [m].
         centre_of_mass: Structural frame [m].
@@ -75,6 +78,7 @@ class CapsuleTable(Strict):
 
     mass: Mass
     inertia: tuple[Inertia, Inertia, Inertia]
+    inertia_products: tuple[InertiaProduct, InertiaProduct, InertiaProduct] | None = None
     reference_area: Area
     reference_length: PositiveLength
     centre_of_mass: tuple[Length, Length, Length]
@@ -89,6 +93,16 @@ class CapsuleTable(Strict):
     yaw_damping: Number | None = None
     pitch_rate_damping: Number | None = None
     yaw_rate_damping: Number | None = None
+
+    @model_validator(mode="after")
+    def _is_a_body(self) -> CapsuleTable:
+        xy, xz, yz = self.inertia_products or (0.0, 0.0, 0.0)
+        x, y, z = self.inertia
+        least = float(np.linalg.eigvalsh([[x, xy, xz], [xy, y, yz], [xz, yz, z]])[0])
+        if least <= 0.0:
+            do = "Give elements of the tensor (minus the integrals of products), about the centre of mass."
+            refuse("an inertia tensor that is positive definite", f"a principal moment of {least:.4g} kg m^2", do)
+        return self
 
     @model_validator(mode="after")
     def _has_coefficients(self) -> CapsuleTable:

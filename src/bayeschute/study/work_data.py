@@ -156,7 +156,7 @@ _GIVEN = {
     "canopy_mass": "kg",
     "cds_over_mass": "m^2/kg",
 }
-_POSITIVE = ("riser_stiffness", "riser_damping", "cds_over_mass")
+_POSITIVE = ("riser_stiffness", "riser_damping", "enclosed_air_factor", "cds_over_mass")
 
 
 def _given(name: str, table: Any, unit: str) -> Prior:

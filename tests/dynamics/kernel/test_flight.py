@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from bayeschute.aero.capsule_table import capsule_table
+from bayeschute.air.vector import Vec3
 from bayeschute.air.wind_field import wind_field
 from bayeschute.dynamics.cluster import geometry, tension
 from bayeschute.dynamics.descent import DensityProfile, DescentFlight, DescentInputs
@@ -33,7 +34,7 @@ _spec.loader.exec_module(small)
 
 T, SUBSTEPS, BATCH = 26, 4, 13
 RISERS = {"riser_stiffness": np.log(2.19e5), "riser_damping": np.log(1.46e5), "riser_length": 71.3}
-BODIES = {"capsule_mass": 9463.0, "enclosed_air_factor": 1.0}
+BODIES = {"capsule_mass": 9463.0, "enclosed_air_factor": np.log(1.1)}
 AXIAL = {
     "1": 0.95,
     "alpha^2": -0.8,
@@ -83,6 +84,7 @@ def cluster_case(n, rate, rng, terms=None):
         bump = np.sin(angle)[:, None] ** 2 * rng.normal(size=(7, 4))
         table = capsule_table(angle, roll, {"C_A": np.cos(angle)[:, None] + bump, "C_N": bump, "C_m": 0.1 * bump})
         capsule = replace(base.capsule, table=table, yaw_damping=-0.3, pitch_rate_damping=-0.1, yaw_rate_damping=-0.2)
+        capsule = replace(capsule, products=Vec3(900.0, -700.0, 400.0))
         field = wind_field([-50.0, 0.0, 40.0, 90.0], rng.normal(size=(4, 3)))
         model = replace(model, base=replace(base, capsule=capsule), wind_field=field)
     centre = np.array([(values | RISERS | BODIES)[name] for name in chosen])
