@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
+from bayeschute.errors import FitError
 from bayeschute.inference import determinant, finding, lifted
 from bayeschute.inference.evidence import HyperPrior
 from bayeschute.inference.marginal import log_density
@@ -165,12 +166,43 @@ def test_noise_parameters_go_to_their_mean_unless_that_is_too_far(found, descent
     np.testing.assert_allclose(went, 0.0 if held else moved, atol=1e-9)
 
 
+@pytest.mark.parametrize("goes_on", [False, True])
+def test_a_fit_that_begins_anew_begins_with_stronger_noise_and_goes_on_in_smaller_steps(monkeypatch, descent, goes_on):
+    """From a path that is known its own noise is right; of all that is tried the first that gets there is kept."""
+    at, tried = lifted.Lifted(descent.flights[0].still(), np.zeros((1, 1)), np.zeros((1, 1))), []
+
+    def third(flights, hyper, priors, theta, places, levels, near=None, progress=None):
+        tried.append((float(np.asarray(hyper.noise.white)[0]) / 0.05, places is not None, tuple(levels)))
+        row = lifted.Row(0.0, 12.0, 1e-4 if len(tried) == 3 else 0.5, 1.0, 1.0, 1.0)
+        return lifted.LiftedFit(theta, (at,), np.eye(len(priors)), (row,), True)
+
+    monkeypatch.setattr(lifted, "descend", third)
+    monkeypatch.setattr(lifted, "tightened", lambda flights, hyper, priors, made: made)
+    monkeypatch.setattr(finding.optimum, "total_cost", lambda *_: 12.0)
+    given = descent.flights, descent.hyper, descent.priors, np.zeros(1), [at] if goes_on else None
+    assert finding._along_record(*given, lifted.NEAR, print).rows[-1].defect == 1e-4
+    whole = (*lifted.LEVELS, 0.0)
+    first, second, last = tried
+    assert second == (pytest.approx(1.0), False, whole)
+    assert first == ((pytest.approx(1.0), True, (0.0,)) if goes_on else (pytest.approx(3.0), False, whole))
+    assert last[:2] == (pytest.approx(1.0 if goes_on else 3.0), False)
+    assert len(last[2]) > len(whole) and last[2][-1] == 0.0 and sorted(last[2], reverse=True) == list(last[2])
+
+
+def test_looser_noise_has_larger_standard_deviations_and_the_same_times(descent):
+    made, hyper = finding._looser(descent.hyper), descent.hyper
+    np.testing.assert_allclose(made.noise.white, 3.0 * hyper.noise.white)
+    np.testing.assert_allclose(made.noise.correlated, 3.0 * hyper.noise.correlated)
+    np.testing.assert_array_equal(made.noise.time_constant, hyper.noise.time_constant)
+    np.testing.assert_allclose(made.laws[0], hyper.laws[0] * [3.0, 1.0])
+
+
 def test_a_record_that_no_flight_follows_is_told(monkeypatch, descent):
     """Whatever was tried is listed, the best path is kept, and nothing goes on from there."""
     at = lifted.Lifted(descent.flights[0].still(), np.zeros((1, 1)), np.zeros((1, 1)))
-    defects = iter((0.9, 0.5, 0.7, 0.8))
+    defects = iter((0.9, 0.5, 0.7))
 
-    def stuck(flights, hyper, priors, theta, places, levels, near=None, progress=None, careful=False):
+    def stuck(flights, hyper, priors, theta, places, levels, near=None, progress=None):
         row = lifted.Row(0.0, 12.0, next(defects), 1.0, 1.0, 1.0)
         return lifted.LiftedFit(theta, (at,), np.eye(len(priors)), (row,), False)
 
@@ -178,5 +210,38 @@ def test_a_record_that_no_flight_follows_is_told(monkeypatch, descent):
     theta = np.zeros(len(descent.priors))
     with pytest.raises(finding.UnsettledError, match="no flight of the model follows the record") as told:
         finding._along_record(descent.flights, descent.hyper, descent.priors, theta, [at], lifted.NEAR, print)
-    assert len(told.value.tried) == 4 and "defect 0.5" in told.value.tried[1]
+    assert len(told.value.tried) == 3 and "defect 0.5" in told.value.tried[1]
     assert told.value.best.rows[-1].defect == 0.5 and told.value.priors == tuple(descent.priors)
+
+
+def test_a_flight_that_strays_from_its_path_is_told_with_what_to_do(monkeypatch, descent):
+    at = lifted.Lifted(descent.flights[0].still(), np.zeros((1, 1)), np.zeros((1, 1)))
+
+    def there(flights, hyper, priors, theta, places, levels, near=None, progress=None):
+        return lifted.LiftedFit(theta, (at,), np.eye(len(priors)), (lifted.Row(0.0, 12.0, 1e-4, 1.0, 1.0, 1.0),), True)
+
+    monkeypatch.setattr(lifted, "descend", there)
+    monkeypatch.setattr(lifted, "tightened", lambda flights, hyper, priors, made: made)
+    monkeypatch.setattr(finding.optimum, "total_cost", lambda *_: 112.0)
+    theta = np.zeros(len(descent.priors))
+    with pytest.raises(finding.UnsettledError) as told:
+        finding._along_record(descent.flights, descent.hyper, descent.priors, theta, [at], lifted.NEAR, print)
+    assert all("strays from there, by 100 in cost: shorten the window" in words for words in told.value.tried)
+
+
+def test_noise_parameters_without_a_mode_give_way_to_the_next(found, descent, monkeypatch):
+    settled, seen = finding.settle(descent.flights, descent.priors, HyperPrior(descent.hyper, 0.4)), []
+    right, usual = settled.hyper, finding._corrected
+
+    def refuse(made, converged):
+        seen.append(made.hyper)
+        if made.hyper is not right:
+            raise FitError("no mode")
+        return usual(made, converged)
+
+    monkeypatch.setattr(finding, "_corrected", refuse)
+    other = finding._looser(right)
+    _, hyper, made, lost = finding._last(descent.flights, descent.priors, settled, [other, right])
+    assert hyper is right and made.hyper is right and seen == [other, right] and finding._LOST_MEAN in lost
+    with pytest.raises(FitError, match="no mode"):
+        finding._last(descent.flights, descent.priors, settled, [other])

@@ -9,7 +9,7 @@ import pytest
 
 from bayeschute.inference import gap
 from bayeschute.inference.statespace import innovations
-from bayeschute.inference.target import as_series, course, filter_gains, linearise
+from bayeschute.inference.target import as_seen, course, filter_gains, linearise
 
 
 @pytest.fixture(scope="module")
@@ -37,11 +37,11 @@ def test_the_slope_is_that_of_half_the_squared_innovations(linear, along):
     lin, made = along
     shift = np.random.default_rng(3).standard_normal(np.shape(linear.flight.observed))
     shift = np.where(linear.flight.present, shift, 0.0)
-    series = np.asarray(as_series(lin))
+    seen = as_seen(lin)
 
     def cost(theta, by):
-        seen = series[..., 0] - series[..., 1:] @ theta - by
-        return 0.5 * float(np.sum(np.square(innovations(made, seen[..., None]))))
+        series, driven = (part[..., 0] - part[..., 1:] @ theta for part in seen)
+        return 0.5 * float(np.sum(np.square(innovations(made, (series - by)[..., None], driven[..., None]))))
 
     told = gap.slope(lin, made, shift)
     for i, axis in enumerate(np.eye(linear.theta.size)):

@@ -6,14 +6,16 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from bayeschute.dynamics.start import deviation_names
 from bayeschute.errors import InputError
 from bayeschute.flight.clean import clean
 from bayeschute.flight.record import make_record
 from bayeschute.inference import map as optimum
+from bayeschute.inference import records
 from bayeschute.inference.latent import Latent
 from bayeschute.inference.noise import Noise
 from bayeschute.inference.priors import Prior
-from bayeschute.inference.records import density_profile, descent_data, filled
+from bayeschute.inference.records import density_profile, descent_data, filled, opening_of
 from bayeschute.inference.target import Hyper
 
 GUSTS = Latent(("drift",), ((0, 0),))
@@ -84,3 +86,43 @@ def test_a_slow_series_on_a_fast_clock_tells_no_more_than_on_its_own():
 def test_missing_variables_are_named():
     with pytest.raises(InputError, match="no density"):
         descent_data(_record().drop_vars("density"), GUSTS)
+
+
+def test_an_opening_is_a_quadratic_and_what_the_record_scatters_about_it():
+    """The first second and a half alone; a gap is passed over, few samples have a mean, none have nothing."""
+    time, rng = 3.0 + 0.1 * np.arange(60), np.random.default_rng(1)
+    t = time - time[0]
+    smooth = np.stack([2.0 - 0.5 * t + 0.3 * t**2, 1.0 + 4.0 * t], axis=1)
+    smooth[t > 1.55] = 1e3
+    smooth[4:7, 0] = np.nan
+    made = opening_of(time, smooth)
+    np.testing.assert_allclose(made.value, [2.0, 1.0])
+    np.testing.assert_allclose(made.slope, [-0.5, 4.0])
+    np.testing.assert_allclose(made.scatter, 0.0, atol=1e-12)
+    fast = 3.0 + 1e-3 * np.arange(2000)
+    noisy = opening_of(fast, 1.0 + 0.2 * rng.standard_normal((2000, 3, 2)))
+    assert noisy.value.shape == noisy.slope.shape == noisy.scatter.shape == (3, 2)
+    np.testing.assert_allclose(noisy.scatter, 0.2, rtol=0.06)
+    few = np.full((60, 2), np.nan)
+    few[[0, 5, 9], 0] = 1.0, 2.0, 6.0
+    seen = opening_of(time, few)
+    np.testing.assert_allclose([seen.value[0], seen.slope[0], seen.scatter[0]], [3.0, 0.0, np.sqrt(14.0 / 3.0)])
+    assert np.isnan([part[1] for part in seen]).all()
+
+
+def _widths(velocity=0.0, rate: float | None = 0.0, direction=0.0, attitude=True):
+    """Standard deviations of the start by kind, all of a kind alike."""
+    made = records._start_scale(2, attitude, records._Scatter(velocity, rate, direction))
+    kinds = [name.split(".")[0] for name in deviation_names(2)]
+    assert made.shape == (len(kinds),)
+    found = {kind: {float(x) for x, k in zip(made, kinds, strict=True) if k == kind} for kind in kinds}
+    assert all(len(values) == 1 for values in found.values())
+    return {kind: values.pop() for kind, values in found.items()}
+
+
+def test_what_a_record_s_opening_scatters_widens_the_start():
+    least = {"velocity": 0.5, "attitude": 0.02, "rate": 0.02, "direction": 0.01, "turning": 0.02}
+    assert _widths() == least == _widths(0.01, 0.001, 0.001)
+    wide = _widths(0.4, 0.1, 0.03)
+    assert wide == pytest.approx(least | {"velocity": 1.2, "rate": 0.3, "direction": 0.09, "turning": 0.06})
+    assert _widths(rate=None, attitude=False) == least | {"attitude": 0.1, "rate": 0.2}

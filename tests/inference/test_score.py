@@ -15,7 +15,7 @@ from bayeschute.inference.evidence import HyperPrior
 from bayeschute.inference.noise import Noise
 from bayeschute.inference.priors import precision
 from bayeschute.inference.statespace import innovations
-from bayeschute.inference.target import Hyper, as_series, course, filter_gains, linearise
+from bayeschute.inference.target import Hyper, as_seen, course, filter_gains, linearise
 
 LOG_SD = 0.7
 
@@ -26,8 +26,8 @@ def _plain(vector, like, flights, linear, before, parameters=True):
     middle = ravel_pytree(jax.tree.map(jnp.log, like))[0]
     value, matrix = 0.5 * jnp.sum(((vector - middle) / LOG_SD) ** 2), before
     for flight, lin in zip(flights, linear, strict=True):
-        made, series = filter_gains(flight, hyper, lin), as_series(lin)
-        unit = innovations(made, series).reshape(-1, series.shape[2])
+        made, seen = filter_gains(flight, hyper, lin), as_seen(lin)
+        unit = innovations(made, *seen).reshape(-1, seen.series.shape[2])
         value = value + 0.5 * unit[:, 0] @ unit[:, 0] + made.log_determinant
         matrix = matrix + unit[:, 1:].T @ unit[:, 1:]
     return value + 0.5 * jnp.linalg.slogdet(matrix)[1] if parameters else value
@@ -60,14 +60,14 @@ def test_gradient_is_that_of_the_differentiated_filter(name, request):
     at = at + 0.4 * np.random.default_rng(3).standard_normal(at.size)
     before = jnp.asarray(precision(made.priors))
     value, gradient = _by_ad(at, like, flights, linear, before, True)
-    series = tuple(as_series(lin) for lin in linear)
-    ours = score.evidence_score(at, like, LOG_SD, flights, linear, series, before)
+    seen = tuple(as_seen(lin) for lin in linear)
+    ours = score.evidence_score(at, like, LOG_SD, flights, linear, seen, before)
     assert float(ours[0]) == pytest.approx(float(value), rel=1e-11)
     np.testing.assert_allclose(ours[1], gradient, rtol=1e-8, atol=1e-8 * np.abs(gradient).max())
     assert (np.abs(gradient) > 1e-4).all()
     # Parameters held: the same without their matrix, and no prior.
     held = sum(
-        score.conditional_score(at, like, f, lin, s[..., 0]) for f, lin, s in zip(flights, linear, series, strict=True)
+        score.conditional_score(at, like, f, lin, s.column(0)) for f, lin, s in zip(flights, linear, seen, strict=True)
     )
     wanted = _by_ad(at, like, flights, linear, before, False)[1] - (at - score.to_vector(made.hyper)) / LOG_SD**2
     np.testing.assert_allclose(held, wanted, rtol=1e-8, atol=1e-8 * np.abs(wanted).max())
@@ -87,7 +87,7 @@ def test_noise_without_processes_of_its_own_has_a_gradient(descent):
     hyper = Hyper(Noise(*(jnp.asarray(a) for a in descent.hyper.noise.__dict__.values())), ())
     lin = linearise(flight, descent.theta, course(flight, hyper, flight.still()))
     at, before = jnp.asarray(score.to_vector(hyper)) + 0.1, jnp.asarray(precision(descent.priors))
-    ours = score.evidence_score(at, hyper, LOG_SD, (flight,), (lin,), (as_series(lin),), before)
+    ours = score.evidence_score(at, hyper, LOG_SD, (flight,), (lin,), (as_seen(lin),), before)
     value, gradient = _by_ad(at, hyper, (flight,), (lin,), before, True)
     assert float(ours[0]) == pytest.approx(float(value), rel=1e-11)
     np.testing.assert_allclose(ours[1], gradient, rtol=1e-8, atol=1e-8)

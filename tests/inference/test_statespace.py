@@ -13,7 +13,7 @@ from bayeschute.dynamics.integrate import Steps
 from bayeschute.inference import latent
 from bayeschute.inference.latent import Latent
 from bayeschute.inference.noise import Noise
-from bayeschute.inference.statespace import gains, innovations, response, smooth
+from bayeschute.inference.statespace import Seen, gains, innovations, response, smooth, smooth_driven
 
 T, X, D, A, P, C, DT = 30, 3, 2, 2, 2, 2, 0.2
 WHICH = Latent(("drift", "oscillator"), ((0, 0), (1, 0), (1, 1)))
@@ -187,3 +187,85 @@ def test_a_disturbance_that_drives_nothing_keeps_its_prior_mean(case):
     shocks = np.asarray(run(case.steps._replace(**still), LAWS, NOISE, case.here, case.series)[3])
     np.testing.assert_allclose(shocks[:, 0], 0.0, atol=1e-14)
     assert np.abs(shocks[:, 1:]).max() > 0.1
+
+
+def _along(steps, driven):
+    """States (T, X, M) and outputs (T, C, M) that known pushes of the states (T, X, M) alone lead to."""
+    x = [driven[0]]
+    for a, push in zip(steps.by_state, driven[1:], strict=True):
+        x.append(a @ x[-1] + push)
+    return np.array(x), np.einsum("tcx,txm->tcm", steps.out_state, np.array(x))
+
+
+@pytest.fixture(scope="module")
+def driven(case):
+    """Data of flights that are pushed at every step, what the filter makes of them, and their undisturbed paths."""
+    pushes = np.random.default_rng(2).standard_normal((T, X, 3))
+    path, outputs = _along(case.steps, pushes)
+    return SimpleNamespace(seen=Seen(case.series + outputs, pushes), path=path)
+
+
+def test_what_drives_the_states_is_taken_from_the_data(case, driven):
+    """Innovations, start and shocks are those of the data less the response to it over the whole record."""
+    got = smooth_driven(case.made, driven.seen)
+    np.testing.assert_allclose(got.innovations.reshape(T, C, 3), case.unit, atol=1e-10)
+    np.testing.assert_allclose(innovations(case.made, *driven.seen), case.unit, atol=1e-10)
+    np.testing.assert_allclose(got.start, case.expected[0], atol=1e-10)
+    np.testing.assert_allclose(got.shocks, case.expected[1], atol=1e-10)
+    assert np.abs(innovations(case.made, driven.seen.series) - case.unit).max() > 1.0
+
+
+def test_expected_states_are_those_of_expected_start_and_shocks(case, driven):
+    got = smooth_driven(case.made, driven.seen)
+    process = latent.dynamics(WHICH, LAWS, DT)
+    start, error = SCALE[:, None] * got.start, np.asarray(latent.disturbances(process, got.shocks))
+    own = case.steps._replace(out_state=np.tile(np.eye(X), (T, 1, 1)), out_theta=np.zeros((T, X, P)))
+    disturbed = response(own, start, error, np.zeros((P, 3)))
+    np.testing.assert_allclose(got.states, driven.path + disturbed, atol=1e-9)
+    assert np.abs(disturbed).max() > 0.1
+
+
+def test_expected_states_are_the_dense_posterior_means(case, driven, dense):
+    """With noise of the states themselves: no start and shocks tell those."""
+    slack, here = np.array([0.3, 0.1, 0.5]), case.here
+    made = gains(case.steps, SCALE, latent.dynamics(WHICH, LAWS, DT), NOISE, DT, here, slack)
+    got = smooth_driven(made, driven.seen)
+    own = case.steps._replace(out_state=np.tile(np.eye(X), (T, 1, 1)), out_theta=np.zeros((T, X, P)))
+    each = np.eye(D + T * A)
+    states = response(own, each[:D], each[D:].reshape(T, A, -1), np.zeros((P, len(each))))
+    states = np.asarray(states).reshape(T * X, -1)
+    pushed = _along(case.steps, np.eye(T * X).reshape(T, X, -1))[0].reshape(T * X, -1)
+    law = states[:, :D] * SCALE**2 @ states[:, :D].T + states[:, D:] @ case.disturbed @ states[:, D:].T
+    law = law + pushed * np.tile(slack**2, T) @ pushed.T
+    out = dense.stack(np.einsum("tcx,txm->tcm", case.steps.out_state, np.eye(T * X).reshape(T, X, -1)), here)
+    noise = dense.noise_covariance(DT * np.arange(T), here, NOISE.white, NOISE.correlated, NOISE.time_constant)
+    wanted = law @ out.T @ np.linalg.solve(out @ law @ out.T + noise, case.seen)
+    np.testing.assert_allclose(got.states - driven.path, wanted.reshape(T, X, 3), atol=1e-9)
+
+
+def test_seen_has_columns_and_a_gap_is_of_the_data_alone(driven):
+    seen, gap = driven.seen, np.random.default_rng(4).standard_normal((T, C))
+    np.testing.assert_array_equal(seen.column(1).series[..., 0], seen.series[..., 1])
+    np.testing.assert_array_equal(seen.column(slice(1, None)).driven, seen.driven[..., 1:])
+    less = Seen(*map(jnp.asarray, seen)).less(gap)
+    np.testing.assert_allclose(less.series[..., 0], seen.series[..., 0] - gap)
+    np.testing.assert_array_equal(less.series[..., 1:], seen.series[..., 1:])
+    np.testing.assert_array_equal(less.driven, seen.driven)
+
+
+def test_an_unstable_flight_is_followed_where_its_response_over_the_record_is_garbage():
+    """A state that grows by e^60 from end to end, pushed at every sample and kept where it is by its disturbances."""
+    samples, here, rng = 301, np.ones((301, 1), bool), np.random.default_rng(6)
+    one, none = np.ones((samples, 1, 1)), np.zeros((samples, 1, 1))
+    grown = np.exp(0.2) * one[1:]
+    steps = Steps(grown, none[1:], none[1:], one[1:], none[0], one[0], one, none)
+    noise = Noise(np.array([0.01]), np.array([1e-6]), np.array([1.0]))
+    law = latent.dynamics(Latent(("drift",), ((0, 0),)), (np.array([2.0, 0.01]),), DT)
+    made = gains(steps, np.array([1.0]), law, noise, DT, here)
+    path, pushes = rng.standard_normal((2, samples, 1, 1))
+    seen = Seen(path + 0.01 * rng.standard_normal(path.shape), pushes)
+    got = smooth_driven(made, seen)
+    np.testing.assert_allclose(got.states, path, atol=0.05)
+    assert np.sqrt(np.mean(np.square(got.innovations))) == pytest.approx(1.0, abs=0.3)
+    off = np.abs(innovations(made, seen.series - _along(steps, pushes)[1]) - got.innovations)
+    assert off[:50].max() < 1e-6 and not off[-50:].max() < 1.0  # no digit is left of the data by then

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from bayeschute.inference.map import conditional
-from bayeschute.inference.statespace import response
+from bayeschute.inference.statespace import innovations, response, smooth, smooth_driven
 from bayeschute.inference.target import (
     Course,
     Unknowns,
-    as_series,
+    as_seen,
     cost,
     course,
     filter_gains,
@@ -83,16 +83,50 @@ def test_a_start_moves_the_first_state_by_its_scale(descent):
     np.testing.assert_allclose(first[1] - first[0], [0.0, 2.0])
 
 
+def _open_loop(lin):
+    """Data about the undisturbed flight, and derivatives by theta: responses over the whole record (T, C, 1 + P)."""
+    start, error, p = np.asarray(lin.driven.start), np.asarray(lin.driven.error), lin.steps.out_theta.shape[2]
+    known = response(lin.steps, start[:, None], error[..., None], np.zeros((p, 1)))
+    none = np.zeros((start.size, p)), np.zeros((*error.shape, p))
+    return np.concatenate([lin.residual[..., None] + known, response(lin.steps, *none, np.eye(p))], axis=2)
+
+
 def test_linearised_series_are_the_dense_ones(linear, line):
     """Data about the undisturbed flight, and derivatives by theta, wherever the flight was linearised."""
     y, zero, by = linear.matrices.model(linear.flight)
-    stack, made = linear.matrices.dense.stack, np.asarray(as_series(line[0]))
+    stack, made = linear.matrices.dense.stack, _open_loop(line[0])
     here = linear.flight.present
     np.testing.assert_allclose(stack(made[..., 0], here), y - zero - by[:, :2] @ linear.theta, atol=1e-12)
     np.testing.assert_allclose(stack(made[..., 1:], here), by[:, :2], atol=1e-12)
     left = y - zero - by @ np.concatenate([linear.theta, _dense(linear, line[1])])
     np.testing.assert_allclose(stack(np.asarray(line[0].residual), here), left, atol=1e-12)
     assert (np.asarray(line[0].residual)[~here] == 0.0).all()
+
+
+@pytest.mark.parametrize("which", ["line", "bent"])
+def test_what_is_seen_step_by_step_tells_the_same_as_whole_responses(which, linear, descent, request):
+    """Innovations, start and shocks: about the undisturbed flight, or of data and pushes about the disturbed one."""
+    lin = request.getfixturevalue(which)
+    lin = lin[0] if which == "line" else lin
+    flight, hyper = (linear.flight, linear.hyper) if which == "line" else (descent.flights[0], descent.hyper)
+    made, seen, whole = filter_gains(flight, hyper, lin), as_seen(lin), _open_loop(lin)
+    assert seen.series.shape == whole.shape and seen.driven.shape == (*lin.steps.out_state.shape[::2], whole.shape[2])
+    want = np.asarray(innovations(made, whole))
+    close = {"rtol": 1e-9, "atol": 1e-9 * np.abs(want).max()}
+    np.testing.assert_allclose(innovations(made, *seen), want, **close)
+    got = smooth_driven(made, seen)
+    for ours, theirs in zip(got[1:3], smooth(made, whole), strict=True):
+        np.testing.assert_allclose(ours, theirs, **close)
+
+
+def test_defects_drive_the_states_of_the_first_column_alone(line):
+    steps, rng = line[0].steps, np.random.default_rng(5)
+    plain, defects = as_seen(line[0]), rng.standard_normal(np.shape(as_seen(line[0]).driven)[:2])
+    broken = as_seen(line[0], defects)
+    np.testing.assert_allclose(broken.driven[..., 0] - plain.driven[..., 0], defects, atol=1e-14)
+    np.testing.assert_array_equal(broken.driven[..., 1:], plain.driven[..., 1:])
+    np.testing.assert_array_equal(broken.series, plain.series)
+    np.testing.assert_array_equal(-plain.driven[0, :, 1:], steps.first_theta)
 
 
 def test_response_of_the_linear_flight_is_the_dense_one(linear, line):

@@ -97,7 +97,7 @@ def dumbbell_data(
     wind = filled(record["wind"].values, "wind") if "wind" in record else np.zeros((time.size, 2))
     inputs = DumbbellInputs(wind, filled(record["density"].values, "density"))
     opening = filled(np.column_stack([swing, velocity]), "swing_angle and capsule_velocity")
-    value, slope = opening_of(time, opening)
+    value, slope, _ = opening_of(time, opening)
     start = np.array([0.0, 0.0, value[1], value[2], value[0], slope[0]])
     names = tuple(p.name for p in priors)
     model = DumbbellFlight(base, aero, start, inputs, float(time[1] - time[0]), names, tuple(channels), substeps)

@@ -22,11 +22,11 @@ from bayeschute.inference.priors import Prior, precision
 from bayeschute.inference.score import evidence_score
 from bayeschute.inference.score import from_vector as from_vector
 from bayeschute.inference.score import to_vector as to_vector
-from bayeschute.inference.target import FlightData, Hyper, Linear, as_series
+from bayeschute.inference.target import FlightData, Hyper, Linear, as_seen
 from bayeschute.numerics import processors
 
 Array = NDArray[np.float64]
-_series = jax.jit(as_series)
+_seen = jax.jit(as_seen)
 _TOLD = 0.1  # axes along which noise parameters are known better than this have no skewness to speak of
 
 
@@ -58,10 +58,10 @@ def function_of(
         From (V,), in the order of `to_vector`, to value and gradient (V,); 1e300 and zeros where it is not finite.
     """
     median = jax.tree.map(lambda a: jnp.asarray(a, float), prior.median)
-    series = tuple(_series(lin) for lin in linear)
+    seen = tuple(_seen(lin) for lin in linear)
     if gaps is not None:
-        series = tuple(s.at[:, :, 0].add(-jnp.asarray(gap)) for s, gap in zip(series, gaps, strict=True))
-    fixed = (median, prior.log_sd, tuple(flights), tuple(linear), series, precision(priors))
+        seen = tuple(s.less(gap) for s, gap in zip(seen, gaps, strict=True))
+    fixed = (median, prior.log_sd, tuple(flights), tuple(linear), seen, precision(priors))
 
     def objective(vector: Array) -> tuple[float, Array]:
         value, gradient = evidence_score(jnp.asarray(vector), *fixed)

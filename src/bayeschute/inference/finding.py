@@ -36,10 +36,11 @@ HORIZONS = (
 _SMALL_STEPS = tuple(0.1 * i for i in range(1, 11))  # where those lead astray
 _MOST, _MOST_SMALL = 12, 40  # most iterations of a fit to an opening, and to one of the small steps
 _MODE_STEPS, _NEAR = 16, 0.2  # most steps to the marginal mode; length of the last, in standard deviations
-_TURN_NEAR, _JOINT_NEAR = lifted.Near(20.0, np.inf, 0.05), lifted.Near(0.1, 0.1)  # ends of a turn, and of the last
-_SMALL_LEVELS = (5.0, 3.0, 1.7, 1.0, 0.6, 0.3, 0.17, 0.1, 0.05, 0.0)  # of slack, where the usual ones don't do
+_SMALL_LEVELS = (5.0, 3.0, 1.7, 1.0, 0.6, 0.3, 0.17, 0.1, 0.05, 0.02, 0.0)  # where the usual ones don't do
 _FEW_DEFECTS = 0.02  # of the last level's slack, at which single shooting can go on
-_LOOSE = 3.0  # times the prior medians of the disturbances' standard deviations, until noise parameters are found
+_TURN_NEAR = lifted.Near(20.0, np.inf, 0.05)  # end of a turn
+_JOINT_NEAR = lifted.Near(0.1, 0.1, _FEW_DEFECTS)  # and of the last
+_LOOSE = 3.0  # times the prior medians of all standard deviations, until noise parameters are found
 _APART = 5.0  # log density by which a simulation may be worse than the path that it should follow
 _POLISH = 10  # most steps of single shooting after the fit along the record
 _TURNS, _REST = 6, 0.4  # most turns of noise parameters and mode; a step of the mode after which there is no other
@@ -51,6 +52,7 @@ _DETERMINANT = 0.2  # error of the log determinant's polynomial beyond which it 
 _LOST_PULL = (
     "how start and disturbances change their effect with the parameters: along some axis it outweighs the density"
 )
+_LOST_MEAN = "that the mean of the noise parameters lies beside their most probable values: no mode was found there"
 _FAR = 1.0  # standard deviations by which noise parameters at their mean may move a parameter
 _LEAST_OPENING = 0.05  # share of the record at which the first part is shortened no more
 _LEAST_GAIN = 0.05  # share of the record by which the fitted part must at least be lengthened
@@ -218,9 +220,13 @@ def settle(
 
 
 def _looser(hyper: Hyper) -> Hyper:
-    """Noise parameters whose disturbances are stronger: with these a flight follows its record more easily."""
-    laws = (np.asarray(law, float) for law in hyper.laws)
-    return replace(hyper, laws=tuple(np.concatenate([_LOOSE * law[:1], law[1:]]) for law in laws))
+    """Noise parameters whose noise and disturbances are stronger: with these a flight follows its record more easily.
+
+    As a likelihood to a small power does, they leave more of the say to the priors and make a wrong path cheaper.
+    """
+    noise, laws = hyper.noise, (np.asarray(law, float) for law in hyper.laws)
+    noise = replace(noise, white=_LOOSE * np.asarray(noise.white), correlated=_LOOSE * np.asarray(noise.correlated))
+    return replace(hyper, noise=noise, laws=tuple(np.concatenate([_LOOSE * law[:1], law[1:]]) for law in laws))
 
 
 def _placed(flight: FlightData, hyper: Hyper, theta: Array, place: Unknowns | Lifted) -> Lifted | None:
@@ -240,37 +246,38 @@ def _along_record(
     """A fit along the record whose path obeys the equations of motion, from where it is or from the record's path.
 
     What is fast is tried first, then what gets further. A fit that begins anew is one whose noise parameters are still
-    to be found: where it does not get there, disturbances may be stronger than these say. One that goes on must end so
-    near the equations of motion that its simulation follows the record too.
+    to be found, so it begins with stronger noise than they say. One that goes on must end so near the equations of
+    motion that its simulation follows the record too.
 
     Raises:
         UnsettledError: If defects are left whatever was tried.
     """
     whole, looser = (*lifted.LEVELS, 0.0), _looser(hyper)
-    begun: list[tuple[str, Hyper, Sequence[Lifted] | None, tuple[float, ...], bool]] = [
-        ("from the path of the record", hyper, None, whole, False),
-        ("from the path of the record, disturbances stronger", looser, None, whole, False),
-        ("from the path of the record, disturbances stronger, carefully", looser, None, whole, True),
-        ("from the path of the record, disturbances stronger, in smaller steps", looser, None, _SMALL_LEVELS, True),
+    anew = "from the path of the record"
+    begun: list[tuple[str, Hyper, Sequence[Lifted] | None, tuple[float, ...]]] = [
+        (f"{anew}, noise stronger", looser, None, whole),
+        (anew, hyper, None, whole),
+        (f"{anew}, noise stronger, in smaller steps", looser, None, _SMALL_LEVELS),
     ]
     if at is not None:
-        begun = [
-            ("from the path of the turn before", hyper, at, (0.0,), False),
-            ("from the path of the turn before, carefully", hyper, at, (0.0,), True),
-            begun[0],
-            ("from the path of the record, carefully", hyper, None, whole, True),
-        ]
+        on = ("from the path of the turn before", hyper, at, (0.0,))
+        begun = [on, (anew, hyper, None, whole), (f"{anew}, in smaller steps", hyper, None, _SMALL_LEVELS)]
     tried: list[str] = []
     best: LiftedFit | None = None
-    for words, noise, places, levels, careful in begun:
-        if levels == (0.0,) and best is not None:
-            theta, places = best.theta, best.flights
-        made = lifted.descend(flights, noise, priors, theta, places, levels, near=near, progress=tell, careful=careful)
+    for words, noise, places, levels in begun:
+        made = lifted.descend(flights, noise, priors, theta, places, levels, near=near, progress=tell)
+        said = f"{len(made.rows)} steps, the last {made.rows[-1] if made.rows else 'none: not finite'}"
         if made.rows and made.rows[-1].level == 0.0 and made.rows[-1].defect < max(near.defect, _FEW_DEFECTS):
-            apart = optimum.total_cost(flights, noise, priors, made.theta, made.unknowns) - made.rows[-1].cost
-            if at is None or apart < _APART:
+            if at is None:
                 return made
-        tried.append(f"{words}: {len(made.rows)} steps, the last {made.rows[-1] if made.rows else 'none: not finite'}")
+            made = lifted.tightened(flights, noise, priors, made)
+            apart = optimum.total_cost(flights, noise, priors, made.theta, made.unknowns) - made.rows[-1].cost
+            if apart < _APART:
+                return made
+            said += (
+                f"; a simulation strays from there, by {apart:.3g} in cost: shorten the window, or split it in flights"
+            )
+        tried.append(f"{words}: {said}")
         if best is None or (made.rows and best.rows and made.rows[-1].defect < best.rows[-1].defect):
             best = made
     assert best is not None
@@ -437,12 +444,12 @@ def conclude(
     known = evidence.law_covariance(flights, _linear(made), priors, hyper, prior, slope, _gaps(made))
     moved = evidence.mean_less_mode(flights, _linear(made), priors, hyper, prior, known, _gaps(made))
     scale = np.asarray(made.scale)
+    laws = [hyper]
     if np.max(np.abs(scale @ slope @ moved) / np.linalg.norm(scale, axis=1)) <= _FAR:
-        hyper = jax.tree.map(np.asarray, evidence.from_vector(evidence.to_vector(hyper) + moved, hyper))
+        laws = [jax.tree.map(np.asarray, evidence.from_vector(evidence.to_vector(hyper) + moved, hyper)), hyper]
     say(0.8, "log determinant at the mode")
     began = Settled(replace(best, converged=settled.optimum.converged), hyper, value)
-    best = marginal_mode(flights, priors, began)
-    made, lost = _corrected(marginalise(flights, hyper, priors, best), best.converged)
+    best, hyper, made, lost = _last(flights, priors, began, laws)
     wrong = determinant.error(made, 4, np.random.default_rng(0))
     if wrong > _DETERMINANT:
         made = replace(made, determinant=determinant.around(made, crossed=len(priors)))
@@ -450,6 +457,26 @@ def conclude(
     slope = scipy.linalg.solve_triangular(np.asarray(made.scale), scale @ slope, lower=True)
     effect = LawEffect(slope, *law_spread(made, known))
     return Found(best, hyper, made, value, known, effect, wrong, profile(made), lost)
+
+
+def _last(
+    flights: Sequence[FlightData], priors: Sequence[Prior], began: Settled, laws: Sequence[Hyper]
+) -> tuple[Optimum, Hyper, Marginal, tuple[str, ...]]:
+    """The mode under the first noise parameters that lead to one, the posterior there, and corrections left out.
+
+    Raises:
+        FitError: If none does.
+    """
+    for rest, hyper in zip(range(len(laws) - 1, -1, -1), laws, strict=True):
+        try:
+            best = marginal_mode(flights, priors, began._replace(hyper=hyper))
+            made, lost = _corrected(marginalise(flights, hyper, priors, best), best.converged)
+        except (FitError, FloatingPointError):
+            if not rest:
+                raise
+            continue
+        return best, hyper, made, lost if hyper is laws[0] else (*lost, _LOST_MEAN)
+    raise ValueError("no noise parameters")
 
 
 def _corrected(made: Marginal, converged: bool) -> tuple[Marginal, tuple[str, ...]]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from bayeschute.air.vector import Component
 from bayeschute.inference.drawing import drawn, normals
 from bayeschute.inference.statespace import Gains, innovations
-from bayeschute.inference.target import Course, FlightData, Hyper, Linear, as_series, course, residuals
+from bayeschute.inference.target import Course, FlightData, Hyper, Linear, as_seen, course, residuals
 
 _PAIRS = 32  # of simulations
 _SHARES = (1.0, 0.5, 0.25, 0.125)  # of the conditional law's width at which pairs are tried
@@ -62,7 +62,9 @@ def mean(
 @jax.jit
 def slope(linear: Linear, made: Gains, gap: Component) -> jax.Array:
     """What a gap (T, C) adds to the slope of minus the log density by theta (P,), where the flight was linearised."""
-    by_theta = as_series(linear)[..., 1:]
-    unit = innovations(made, jnp.concatenate([jnp.asarray(gap)[..., None], by_theta], axis=2))
+    seen = as_seen(linear)
+    first = jnp.asarray(gap)[..., None], jnp.zeros_like(seen.driven[..., :1])
+    alone = [jnp.concatenate([one, part[..., 1:]], axis=2) for one, part in zip(first, seen, strict=True)]
+    unit = innovations(made, *alone)
     unit = unit.reshape(-1, unit.shape[2])
     return unit[:, 1:].T @ unit[:, 0]

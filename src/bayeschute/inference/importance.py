@@ -38,14 +38,13 @@ from bayeschute.inference.law_effect import LawEffect
 from bayeschute.inference.map import conditional
 from bayeschute.inference.marginal import course_at
 from bayeschute.inference.priors import Prior, standard
-from bayeschute.inference.statespace import Gains, innovations
+from bayeschute.inference.statespace import innovations
 from bayeschute.inference.target import (
     Course,
     FlightData,
     Hyper,
     Linear,
     Unknowns,
-    as_series,
     course,
     filter_gains,
     linearise,
@@ -205,15 +204,11 @@ def cross_determinant(flight: FlightData, hyper: Hyper, one: Model, other: Model
 
 
 @jax.jit
-def _centred(flight: FlightData, hyper: Hyper, linear: Linear) -> Course:
-    return course(flight, hyper, conditional(flight, hyper, linear).optimum)
+def _centre(flight: FlightData, hyper: Hyper, linear: Linear) -> Unknowns:
+    return conditional(flight, hyper, linear).optimum
 
 
-@jax.jit
-def _filter(flight: FlightData, hyper: Hyper, linear: Linear) -> tuple[Gains, jax.Array]:
-    return filter_gains(flight, hyper, linear), as_series(linear)[..., :1]
-
-
+_gains = jax.jit(filter_gains)
 _squares = jax.jit(lambda made, series: jnp.sum(innovations(made, series) ** 2, axis=(0, 1)))
 
 
@@ -249,9 +244,10 @@ def estimates(flight: FlightData, hyper: Hyper, theta: Array, near: Course, numb
         near: A course near the conditional optimum.
         numbers: From `drawing.normals`, M draws.
     """
-    best = linearise(flight, theta, _centred(flight, hyper, linearise(flight, theta, near)))
-    made, series = _filter(flight, hyper, best)
-    many = np.shape(numbers.start)[1]
+    centre = _centre(flight, hyper, linearise(flight, theta, near))
+    best = linearise(flight, theta, course(flight, hyper, centre))
+    made, many = _gains(flight, hyper, best), np.shape(numbers.start)[1]
+    series = about(made, best.residual[..., None], jax.tree.map(lambda a: a[..., None], centre))
     wide = jnp.repeat(jnp.asarray(theta)[:, None], many, axis=1)
     unknowns = drawn(flight, hyper, made, jnp.repeat(series, many, axis=2), numbers)
     for _ in range(_MOVES):

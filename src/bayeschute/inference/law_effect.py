@@ -24,11 +24,11 @@ from bayeschute.inference.differences import beside
 from bayeschute.inference.map import conditional
 from bayeschute.inference.marginal import Marginal, course_at, shifted
 from bayeschute.inference.score import conditional_score, from_vector, to_vector
-from bayeschute.inference.target import as_series, linearise
+from bayeschute.inference.target import as_seen, linearise
 from bayeschute.numerics import processors
 
 Array = NDArray[np.float64]
-_seen = jax.jit(lambda linear: as_series(linear)[..., 0])
+_seen = jax.jit(lambda linear, gap: as_seen(linear).column(0).less(gap))
 
 
 class LawEffect(NamedTuple):
@@ -94,7 +94,7 @@ def law_slope(marginal: Marginal, step: float = 0.5) -> Array:
         total: Array = np.zeros(at.size)
         for flight, along in zip(marginal.flights, marginal.along, strict=True):
             linear = linearise(flight, theta, course_at(along, shift))
-            total = total + np.asarray(conditional_score(at, like, flight, linear, _seen(linear) - along.gap))
+            total = total + np.asarray(conditional_score(at, like, flight, linear, _seen(linear, along.gap)))
         return total
 
     with ThreadPoolExecutor(processors()) as pool:

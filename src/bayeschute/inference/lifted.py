@@ -28,16 +28,17 @@ from bayeschute.inference.latent import disturbances
 from bayeschute.inference.noise import whiten
 from bayeschute.inference.priors import Prior, precision, standard, working
 from bayeschute.inference.quasi_newton import secant_step
-from bayeschute.inference.statespace import gains, innovations, response, smooth
-from bayeschute.inference.target import Course, FlightData, Hyper, Linear, Unknowns, course, states
+from bayeschute.inference.statespace import Seen, gains, smooth_driven
+from bayeschute.inference.target import Course, FlightData, Hyper, Linear, Unknowns, as_seen, course, states
 
 Array = NDArray[np.float64]
 LEVELS = (3.0, 1.0, 0.3)  # times a path's slack, one after the other
 _MOST, _MOST_HELD = 15, 40  # steps at a level, and where the path obeys the equations of motion
 _FEW_DEFECTS, _SECANTS = 0.2, 6  # of that slack, at which earlier slopes tell of the next step; how many do
-_FIRM = 0.1  # times the prior standard deviations at levels with slack: it is the path that is sought there
 _PRICE = 3.0  # of a defect of the last level's slack, in log density; more than the shocks of the states ask for
-_SHARES, _RESTING = (1.0, 0.5, 0.2, 0.05), 4  # of steps; most that bring a path to rest
+_SHARES, _CLOSING = (1.0, 0.5, 0.2, 0.05), 5  # of steps; most that close the defects of one
+_NONE, _TIGHTENING = np.zeros(0), 12  # no step of parameters; most steps of a path towards no defects
+_IDLE = 4  # steps that together gain next to nothing: however long the next would be, it leads nowhere
 _FREE = 1e-2  # damping below which a step is as good as free
 _FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-3, 1e-9, 1e8
 
@@ -57,6 +58,7 @@ class Near(NamedTuple):
 
 
 NEAR = Near(0.2, 0.3)
+_NEAR_LEVEL = Near(2.0, np.inf)  # end of a level with slack: what its optimum is does not matter
 
 
 class Lifted(NamedTuple):
@@ -108,16 +110,16 @@ class Solved(NamedTuple):
     """The linear problem of a flight along a path, solved for all but the parameters.
 
     Attributes:
-        drift: How far the path moves by its defects and by what drives it now (T, X).
         gram: Products of the innovations of data and of the derivatives by parameters (1 + P, 1 + P).
         start: Standard start, and its derivatives by the parameters, sign turned (D, 1 + P).
-        shocks: Likewise of the shocks of the latent processes and of the states (T, L + X, 1 + P).
+        shocks: Likewise of the shocks of the latent processes (T, L, 1 + P).
+        states: Likewise of how far the path moves (T, X, 1 + P).
     """
 
-    drift: jax.Array
     gram: jax.Array
     start: jax.Array
     shocks: jax.Array
+    states: jax.Array
 
 
 class Row(NamedTuple):
@@ -130,7 +132,6 @@ class Row(NamedTuple):
         gain: By which the merit fell.
         step: Largest step of a parameter over its standard error.
         share: Of the step that was taken.
-        held: Whether it was one of path and disturbances alone.
     """
 
     level: float
@@ -139,14 +140,12 @@ class Row(NamedTuple):
     gain: float
     step: float
     share: float
-    held: bool = False
 
     def __str__(self) -> str:
         """The row as a line of the log."""
-        what = "parameters held" if self.held else f"step {self.step:.3f} standard errors"
         return (
             f"slack {self.level:g}: cost {self.cost:.2f}, gain {self.gain:.3g}, defect {self.defect:.2g}, "
-            f"{what}, share {self.share:g}"
+            f"step {self.step:.3f} standard errors, share {self.share:g}"
         )
 
 
@@ -233,48 +232,40 @@ def solve(flight: FlightData, hyper: Hyper, slack: Component, at: Lifted, made: 
         at: The path.
         made: The flight linearised along it.
     """
-    steps, error, start = made.steps, at.error, flight.start_scale * at.unknowns.start
-
-    def carry(drift: jax.Array, row: tuple) -> tuple[jax.Array, jax.Array]:
-        a, defect, c0, c1, e0, e1 = row
-        drift = a @ drift + defect - c0 @ e0 - c1 @ e1
-        return drift, drift
-
-    first = made.reached.first - at.path[0] - steps.first_start @ start
-    defects = made.reached.steps - at.path[1:]
-    rows = (steps.by_state, defects, steps.by_now, steps.by_then, error[:-1], error[1:])
-    drift = jnp.concatenate([first[None], jax.lax.scan(carry, first, rows)[1]])
-    here, count = jnp.asarray(flight.present), steps.first_theta.shape[1]
-    seen = jnp.where(here, made.residual - jnp.einsum("tcx,tx->tc", steps.out_state, drift), 0.0)
-    none = jnp.zeros((start.size, count)), jnp.zeros((*error.shape, count))
-    wide = jnp.where(here[..., None], response(steps, *none, jnp.eye(count)), 0.0)
-    series = jnp.concatenate([seen[..., None], wide], axis=2)
+    defects = jnp.concatenate([(made.reached.first - at.path[0])[None], made.reached.steps - at.path[1:]])
+    seen = as_seen(linear(flight, at, made), defects)
     law, noise = hyper.dynamics(flight), hyper.outputs(flight)
-    filtered = gains(steps, flight.start_scale, law, noise, flight.dt, here, slack)
-    unit = innovations(filtered, series).reshape(-1, 1 + count)
-    return Solved(drift, unit.T @ unit, *smooth(filtered, series))
+    filtered = gains(made.steps, flight.start_scale, law, noise, flight.dt, jnp.asarray(flight.present), slack)
+    got = smooth_driven(filtered, seen)
+    unit = got.innovations.reshape(-1, got.start.shape[1])
+    return Solved(unit.T @ unit, got.start, got.shocks[:, : flight.latent.size], got.states)
 
 
 @jax.jit
-def moved(
-    flight: FlightData, hyper: Hyper, slack: Component, at: Lifted, made: Along, solved: Solved, step: jax.Array
-) -> Lifted:
+def moved(flight: FlightData, hyper: Hyper, at: Lifted, solved: Solved, step: jax.Array) -> Lifted:
     """Where a step of the parameters (P,) takes start, shocks and path in the linear problem."""
-    steps, size = made.steps, flight.latent.size
-    start = solved.start[:, 0] - solved.start[:, 1:] @ step
-    shocks = solved.shocks[..., 0] - solved.shocks[..., 1:] @ step
-    of_states = shocks[:, size:] * slack
-    error = disturbances(hyper.dynamics(flight), shocks[:, :size])
+    start, shocks, away = (a[..., 0] - a[..., 1:] @ step for a in (solved.start, solved.shocks, solved.states))
+    return Lifted(Unknowns(start, shocks), disturbances(hyper.dynamics(flight), shocks), at.path + away)
 
-    def carry(x: jax.Array, row: tuple) -> tuple[jax.Array, jax.Array]:
-        a, b, c0, c1, e0, e1, w = row
-        x = a @ x + b @ step + c0 @ e0 + c1 @ e1 + w
-        return x, x
 
-    first = steps.first_start @ (flight.start_scale * start) + steps.first_theta @ step + of_states[0]
-    rows = (steps.by_state, steps.by_theta, steps.by_now, steps.by_then, error[:-1], error[1:], of_states[1:])
-    away = jnp.concatenate([first[None], jax.lax.scan(carry, first, rows)[1]])
-    return Lifted(Unknowns(start, shocks[:, :size]), error, at.path + solved.drift + away)
+@jax.jit
+def closed(flight: FlightData, hyper: Hyper, at: Lifted, made: Along) -> Lifted:
+    """A path whose defects are closed in the linear problem, by the likeliest change of start, shocks and path.
+
+    What the data pull at has no part in it: repeated, it gets rid of defects as Newton's method does.
+
+    Args:
+        flight: The record.
+        hyper: Noise parameters; the disturbances must be those of the shocks under them.
+        at: The path.
+        made: The flight linearised along it.
+    """
+    defects = jnp.concatenate([(made.reached.first - at.path[0])[None], made.reached.steps - at.path[1:]])
+    law, noise = hyper.dynamics(flight), hyper.outputs(flight)
+    filtered = gains(made.steps, flight.start_scale, law, noise, flight.dt, jnp.asarray(flight.present))
+    got = smooth_driven(filtered, Seen(jnp.zeros_like(made.residual)[..., None], defects[..., None]))
+    unknowns = Unknowns(at.unknowns.start + got.start[:, 0], at.unknowns.shocks + got.shocks[..., 0])
+    return Lifted(unknowns, disturbances(law, unknowns.shocks), at.path + got.states[..., 0])
 
 
 @jax.jit
@@ -306,22 +297,21 @@ class _Level:
     hyper: Hyper
     priors: Sequence[Prior]
     level: float
-    careful: bool = False
 
-    def slack(self, flight: FlightData, least: float = 0.0) -> Array:
+    def slack(self, flight: FlightData, level: float | None = None) -> Array:
         assert flight.path is not None
-        return np.asarray(max(self.level, least) * flight.path.slack)
+        return np.asarray((self.level if level is None else level) * flight.path.slack)
 
     def point(self, theta: Array, flights: Sequence[Lifted]) -> _Point:
         """A point; its merit is infinite where a step or an output is not finite."""
         cost = merit = 0.5 * float(np.sum(standard(self.priors, theta) ** 2))
-        made, defect = [], 0.0
+        made, defect, unit = [], 0.0, self.level or LEVELS[-1]
         for flight, at in zip(self.records, flights, strict=True):
             made.append(along(flight, theta, at))
-            part = terms(flight, self.hyper, self.slack(flight, LEVELS[-1]), at, made[-1])
+            part = terms(flight, self.hyper, self.slack(flight, unit), at, made[-1])
             cost += float(part.data)
             merit += float(part.data) + (float(part.squares) if self.level else _PRICE * float(part.sizes))
-            defect = max(defect, float(part.largest) * max(self.level, LEVELS[-1]) / LEVELS[-1])
+            defect = max(defect, float(part.largest) * unit / LEVELS[-1])
         merit = merit if np.isfinite(merit) else np.inf
         return _Point(theta, tuple(flights), tuple(made), merit, cost, defect)
 
@@ -335,18 +325,33 @@ class _Level:
             matrix, gradient = matrix + gram[1:, 1:], gradient - gram[1:, 0]
         return found, matrix, gradient
 
+    def relaxed(self, here: _Point) -> list[Lifted]:
+        """Where path, start and shocks are best in the linear problem, parameters held."""
+        trio, ends = zip(self.records, here.flights, here.along, strict=True), list[Lifted]()
+        for flight, at, made in trio:
+            steps = made.steps
+            none = {name: getattr(steps, name)[..., :0] for name in ("first_theta", "by_theta", "out_theta")}
+            alone = made._replace(steps=steps._replace(**none))
+            ends.append(moved(flight, self.hyper, at, solve(flight, self.hyper, self.slack(flight), at, alone), _NONE))
+        return ends
+
+    def closed(self, here: _Point) -> _Point:
+        """The point without the defects that the linear problem knows of, parameters held."""
+        trio = zip(self.records, here.flights, here.along, strict=True)
+        ends = [closed(flight, self.hyper, at, made) for flight, at, made in trio]
+        return _tried(self, here, ends, np.zeros_like(here.theta), 1.0)
+
     def moved(self, here: _Point, solved: Sequence[Solved], step: Array) -> list[Lifted]:
         """Flights at the end of a step of the parameters."""
-        rows = zip(self.records, here.flights, here.along, solved, strict=True)
-        return [moved(f, self.hyper, self.slack(f), at, made, one, step) for f, at, made, one in rows]
+        trio = zip(self.records, here.flights, solved, strict=True)
+        return [moved(f, self.hyper, at, one, step) for f, at, one in trio]
 
 
 class _Step(NamedTuple):
-    """Where a step leads, the share of it that was taken, and whether the parameters were held."""
+    """Where a step leads, and the share of it that was taken."""
 
     point: _Point
     share: float
-    held: bool
 
 
 def _tried(level: _Level, here: _Point, ends: Sequence[Lifted], step: Array, share: float) -> _Point:
@@ -354,50 +359,35 @@ def _tried(level: _Level, here: _Point, ends: Sequence[Lifted], step: Array, sha
     return level.point(here.theta + share * step, [shortened(f, a, b, share) for f, a, b in trio])
 
 
-def _rested(level: _Level, here: _Point, solved: Sequence[Solved], most: int) -> tuple[_Point, float]:
-    """Path, start and disturbances brought nearer to rest, parameters held, and the share of the last step."""
-    held, share = np.zeros_like(here.theta), 0.0
-    for _ in range(most):
-        ends, found = level.moved(here, solved, held), None
-        for shares in ((1.0, 0.5), (0.2,)):  # whole steps may lead from side to side
-            points = {share: _tried(level, here, ends, held, share) for share in shares}
-            share = min(points, key=lambda s: points[s].merit)
-            if points[share].merit < here.merit:
-                found = points[share]
-                break
-        if found is None:
+def _closed(level: _Level, here: _Point, bound: float) -> _Point:
+    """A point whose defects are closed, parameters held, until its merit is below a bound and falls no more.
+
+    Given up where it won't come below at the pace of the last step.
+    """
+    for left in range(_CLOSING, 0, -1):
+        there = level.closed(here)
+        if not there.merit < here.merit:
             break
-        gain, here = here.merit - found.merit, found
-        if gain < NEAR.gain:
+        gain, here = here.merit - there.merit, there
+        if gain < NEAR.gain or gain * (left - 1) < here.merit - bound:
             break
-        solved = level.solved(here)[0]
-    return here, share
+    return here
 
 
 def _lower(level: _Level, here: _Point, solved: Sequence[Solved], step: Array) -> _Step | None:
-    """A step that lowers the merit.
+    """The whole step where it lowers the merit, else a share of it.
 
-    The whole one where it does, else a share of it. A careful fit takes half a step where that does better than the
-    whole; where the path breaks the equations of motion, one of path and disturbances alone; and where it obeys them,
-    it judges a share of the step after path and disturbances have come to rest: products of the parameters' change with
-    that of the path make defects that the linear problem does not know.
+    Where the path obeys the equations of motion, a share is judged after its defects are closed: products of the
+    parameters' change with that of the path make some that the linear problem does not know, and their price would hold
+    every step back (Maratos 1978).
     """
     there = level.moved(here, solved, step)
-    whole = _tried(level, here, there, step, 1.0)
-    careful = level.careful and level.level == 0.0
-    if whole.merit < here.merit:
-        half = _tried(level, here, there, step, 0.5) if careful else whole
-        return _Step(whole, 1.0, False) if whole.merit <= half.merit else _Step(half, 0.5, False)
-    if careful and here.defect > _FEW_DEFECTS:
-        rest, share = _rested(level, here, solved, _RESTING)
-        if rest.merit < here.merit:
-            return _Step(rest, share, True)
     for share in _SHARES:
-        point = whole if share == 1.0 else _tried(level, here, there, step, share)
-        if careful and np.isfinite(point.merit) and point.merit > here.merit:
-            point = _rested(level, point, level.solved(point)[0], _RESTING)[0]
+        point = _tried(level, here, there, step, share)
+        if level.level == 0.0 and here.merit < point.merit < np.inf:
+            point = _closed(level, point, here.merit)
         if point.merit < here.merit:
-            return _Step(point, share, False)
+            return _Step(point, share)
     return None
 
 
@@ -434,18 +424,40 @@ def _descend(
         if found is None:
             return here, covariance, rows, False
         before, here = here, found.point
-        if found.share == 1.0 and not found.held:
+        if found.share == 1.0:
             damping = max(damping / 10.0, _LEAST_DAMPING)
         length = float(np.max(np.abs(here.theta - before.theta) / np.sqrt(np.diag(covariance))))
         gain = before.merit - here.merit
-        rows.append(Row(level.level, here.cost, here.defect, gain, length, found.share, found.held))
+        rows.append(Row(level.level, here.cost, here.defect, gain, length, found.share))
         say(rows[-1])
         # A step that damping made short says nothing of the optimum, nor does the part of one that was taken.
         whole = float(np.max(np.abs(step) / np.sqrt(np.diag(covariance)))) if damping < _FREE else np.inf
-        near_enough = gain < near.gain and whole <= near.step and not found.held
-        if near_enough and (level.level or here.defect < near.defect):
+        idle = damping < _FREE and len(rows) >= _IDLE and sum(row.gain for row in rows[-_IDLE:]) < near.gain
+        if gain < near.gain and (whole <= near.step or idle) and (level.level or here.defect < near.defect):
             return here, covariance, rows, True
     return here, covariance, rows, False
+
+
+def tightened(flights: Sequence[FlightData], hyper: Hyper, priors: Sequence[Prior], made: LiftedFit) -> LiftedFit:
+    """A fit whose defects are brought as near to none as numbers allow, parameters held.
+
+    A simulation that begins where such a path does follows it for longer: what is left of defects grows with time
+    where a flight is unstable.
+
+    Args:
+        flights: Records.
+        hyper: Noise parameters, held.
+        priors: Priors of the parameters.
+        made: From `descend`.
+    """
+    level = _Level(flights, hyper, priors, 0.0)
+    here = level.point(made.theta, made.flights)
+    for _ in range(_TIGHTENING):
+        there = level.closed(here)
+        if not there.defect < here.defect:
+            break
+        here = there
+    return replace(made, flights=here.flights)
 
 
 def descend(
@@ -458,7 +470,6 @@ def descend(
     most: int = _MOST_HELD,
     near: Near = NEAR,
     progress: Callable[[Row], None] | None = None,
-    careful: bool = False,
 ) -> LiftedFit:
     """Fit along the record, level by level.
 
@@ -472,8 +483,6 @@ def descend(
         most: Most steps where they do.
         near: When the last level is done with.
         progress: Called with every step.
-        careful: Whether parameters keep near their priors at levels with slack, and the path is brought to rest before
-            a step is judged: slower, and it does where a plain fit gets stuck.
 
     Returns:
         The fit; `converged` is that of the last level.
@@ -481,15 +490,16 @@ def descend(
     say, rows = progress or (lambda row: None), list[Row]()
     places = [begin(f) for f in flights] if at is None else list(at)
     covariance, converged = np.full((len(priors),) * 2, np.nan), False
-    firm = [replace(p, scale=_FIRM * p.scale) for p in priors]
     for level in levels:
-        problem = _Level(flights, hyper, firm if level and careful else priors, level, careful)
+        problem = _Level(flights, hyper, priors, level)
         here = problem.point(theta, places)
         if at is not None and level == levels[0]:
-            # Its disturbances may be those of other noise parameters: their shocks come with the first step.
-            here = here._replace(merit=np.inf)
+            # Its disturbances may be those of other noise parameters: these find theirs before parameters move.
+            held = np.zeros_like(theta)
+            moved_on = _tried(problem, here, problem.relaxed(here), held, 1.0)
+            here = moved_on if np.isfinite(moved_on.merit) else here._replace(merit=np.inf)
         last = level == levels[-1]
-        bounds = near if last else NEAR
+        bounds = near if last else _NEAR_LEVEL
         here, covariance, made, converged = _descend(problem, here, _MOST if level else most, bounds, say)
         theta, places = here.theta, list(here.flights)
         rows += made

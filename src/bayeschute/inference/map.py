@@ -20,13 +20,13 @@ from numpy.typing import NDArray
 
 from bayeschute.air.vector import Component
 from bayeschute.inference.priors import Prior, precision, standard, working
-from bayeschute.inference.statespace import innovations, smooth
+from bayeschute.inference.statespace import smooth_driven
 from bayeschute.inference.target import (
     FlightData,
     Hyper,
     Linear,
     Unknowns,
-    as_series,
+    as_seen,
     cost,
     course,
     filter_gains,
@@ -84,12 +84,11 @@ class Conditional(NamedTuple):
 @jax.jit
 def conditional(data: FlightData, hyper: Hyper, linear: Linear) -> Conditional:
     """Eliminate start and shocks of a linearised flight."""
-    made, series = filter_gains(data, hyper, linear), as_series(linear)
-    unit = innovations(made, series).reshape(-1, series.shape[2])
-    start, shocks = smooth(made, series)
+    got = smooth_driven(filter_gains(data, hyper, linear), as_seen(linear))
+    unit = got.innovations.reshape(-1, got.start.shape[1])
     return Conditional(
-        Unknowns(start[:, 0], shocks[..., 0]),
-        Unknowns(start[:, 1:], shocks[..., 1:]),
+        Unknowns(got.start[:, 0], got.shocks[..., 0]),
+        Unknowns(got.start[:, 1:], got.shocks[..., 1:]),
         unit[:, 1:].T @ unit[:, 1:],
         -unit[:, 1:].T @ unit[:, 0],
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -26,6 +27,7 @@ from bayeschute.inference.target import FlightData
 
 Array = NDArray[np.float64]
 _OPENING = 1.5  # [s] of record from which the reference start is read
+_WIDE = 3.0  # times the scatter of the opening about the start: noise that is slow hardly scatters there
 _SETTLED = 3.0  # times c/k, after which riser tensions have forgotten how the flight began
 _ALTITUDE_STEP = 100.0  # [m] between nodes of a density profile
 
@@ -48,8 +50,22 @@ def filled(values: Array, where: str) -> Array:
     return flat.reshape(np.shape(values))
 
 
-def opening_of(time: Array, values: Array) -> tuple[Array, Array]:
-    """Value and slope at the first sample, per column, by a quadratic through the opening of a record."""
+class Opening(NamedTuple):
+    """A quadratic through the opening of a record, per column.
+
+    Attributes:
+        value: At the first sample.
+        slope: Likewise [1/s].
+        scatter: Root mean square of what the samples are off.
+    """
+
+    value: Array
+    slope: Array
+    scatter: Array
+
+
+def opening_of(time: Array, values: Array) -> Opening:
+    """A quadratic through the opening of a record (T, ...), its mean where too few samples are seen."""
     near = time <= time[0] + _OPENING
     ends = []
     for column in values[near].reshape(int(near.sum()), -1).T:
@@ -60,9 +76,12 @@ def opening_of(time: Array, values: Array) -> tuple[Array, Array]:
             if present.any()
             else None
         )
-        ends.append((np.nan, np.nan) if fit is None else (fit[0], fit[1] if degree else 0.0))
-    value, slope = np.array(ends).T
-    return value.reshape(values.shape[1:]), slope.reshape(values.shape[1:])
+        if fit is None:
+            ends.append((np.nan, np.nan, np.nan))
+            continue
+        off = column[present] - np.polynomial.polynomial.polyval(time[near][present] - time[0], fit)
+        ends.append((fit[0], fit[1] if degree else 0.0, np.sqrt(np.mean(off**2))))
+    return Opening(*(part.reshape(values.shape[1:]) for part in np.array(ends).T))
 
 
 def fitted_channels(record: xr.Dataset, channels: Sequence[str]) -> tuple[str, ...]:
@@ -141,14 +160,16 @@ def cluster_data(
     velocity = record["capsule_velocity"].values
     recorded = "capsule_attitude" in record and bool(np.isfinite(record["capsule_attitude"].values).any())
     attitude = _attitude(record, apart, recorded)
-    start = _start(record, base, time, apart, attitude)
+    start, scatter = _start(record, base, time, apart, attitude)
     wind = filled(record["wind"].values, "wind") if "wind" in record else np.zeros((samples, 3))
     inputs = ClusterInputs(wind, filled(record["density"].values, "density"), np.ones((samples, n)), attitude)
     used = fitted_channels(record, channels)
     names = tuple(p.name for p in priors) if names is None else tuple(names)
     flight = ClusterFlight(base, start, tangent_basis(start.direction), inputs, dt, structure, names, used)
-    upper = np.array([p.centre + 3.0 * p.scale if p.name in LOGARITHMIC else p.centre for p in priors])
-    flight = replace(flight, substeps=substeps(fastest_pole(flight, upper, 9 + 4 * n), dt))
+    # Stiff lines and light canopies make the fastest pole.
+    tail = {name: -3.0 if name == "enclosed_air_factor" else 3.0 for name in LOGARITHMIC}
+    stiff = np.array([p.centre + tail.get(p.name, 0.0) * p.scale for p in priors])
+    flight = replace(flight, substeps=substeps(fastest_pole(flight, stiff, 9 + 4 * n), dt))
 
     columns = {"canopy_position": apart.reshape(samples, -1), "capsule_velocity": velocity}
     columns |= {c: record[c].values.reshape(samples, -1) for c in used if c not in (*columns, "capsule_attitude")}
@@ -165,9 +186,8 @@ def cluster_data(
     gapless = (filled(a, where) for a, where in ((velocity, "capsule_velocity"), (apart, "canopy_position")))
     seen, hung = gapless
     path = record_path(start, base, dt, seen, attitude, hung)
-    return flight_data(
-        flight, time, observed, numbers, latent, _start_scale(n, recorded, "capsule_rate" in record), until, path
-    )
+    scale = _start_scale(n, recorded, scatter)
+    return flight_data(flight, time, observed, numbers, latent, scale, until, path)
 
 
 def _measured(record: xr.Dataset, channel: str, n: int) -> NDArray[np.bool_]:
@@ -205,10 +225,24 @@ def flight_data(
     )
 
 
-def _start_scale(n: int, attitude: bool, rate: bool) -> Array:
-    """Prior standard deviations of the initial deviations, wide beside what the opening of a record tells."""
-    by_kind = {"velocity": 0.5, "attitude": 0.02 if attitude else 0.1, "rate": 0.02 if rate else 0.2}
-    by_kind |= {"direction": 0.01, "turning": 0.02}
+class _Scatter(NamedTuple):
+    """What the opening of a record scatters about the reference start; the rate's is None where none was recorded."""
+
+    velocity: float
+    rate: float | None
+    direction: float
+
+
+def _start_scale(n: int, attitude: bool, scatter: _Scatter) -> Array:
+    """Prior standard deviations of the initial deviations, wide beside what the opening of a record tells.
+
+    What serves a capsule under long risers is too little for a small one that rocks within the opening, or whose
+    canopies are seen less sharply for the length of its risers.
+    """
+    direction = max(0.01, _WIDE * scatter.direction)
+    by_kind = {"velocity": max(0.5, _WIDE * scatter.velocity), "attitude": 0.02 if attitude else 0.1}
+    by_kind |= {"rate": 0.2 if scatter.rate is None else max(0.02, _WIDE * scatter.rate)}
+    by_kind |= {"direction": direction, "turning": max(0.02, direction / _OPENING)}
     return np.array([by_kind[name.split(".")[0]] for name in deviation_names(n)])
 
 
@@ -226,26 +260,34 @@ def _attitude(record: xr.Dataset, apart: Array, recorded: bool) -> Array:
     return q / np.linalg.norm(q, axis=1, keepdims=True)
 
 
-def _start(record: xr.Dataset, base: Cluster, time: Array, apart: Array, attitude: Array) -> Start:
-    """Reference start of a record: values and slopes of its opening."""
+def _start(record: xr.Dataset, base: Cluster, time: Array, apart: Array, attitude: Array) -> tuple[Start, _Scatter]:
+    """Reference start of a record, values and slopes of its opening, and what that scatters."""
     b = base.capsule.attach_b
     q = quaternion(attitude.T)
     attach = np.stack([np.asarray(c) for c in _ned(q, Vec3(b.x, b.y, b.z))], axis=1)
     riser = apart - attach[:, None]
     direction = riser / np.linalg.norm(riser, axis=-1, keepdims=True)
-    n0, turning = opening_of(time, direction)
+    n0, turning, aside = opening_of(time, direction)
     if not np.isfinite(n0).all():
         got = f"no canopy position in the first {_OPENING:g} s"
         raise InputError(Fault("record of a cluster", got, "every canopy seen there", "Move the start of the window."))
     n0 /= np.linalg.norm(n0, axis=-1, keepdims=True)
     turning = turning - n0 * np.sum(n0 * turning, axis=-1, keepdims=True)
-    velocity = opening_of(time, filled(record["capsule_velocity"].values, "capsule_velocity"))[0]
-    rate = np.zeros(3)
+    velocity = opening_of(time, filled(record["capsule_velocity"].values, "capsule_velocity"))
+    rate, shaking = np.zeros(3), None
     if "capsule_rate" in record:
-        seen = opening_of(time, record["capsule_rate"].values)[0]
-        rate = np.where(np.isfinite(seen), seen, 0.0)
+        seen = opening_of(time, record["capsule_rate"].values)
+        rate = np.where(np.isfinite(seen.value), seen.value, 0.0)
+        shaking = _typical(seen.scatter)
     position = filled(record["capsule_position"].values, "capsule_position")[0]
-    return Start(position, velocity, attitude[0], rate, n0.T, turning.T)
+    start = Start(position, velocity.value, attitude[0], rate, n0.T, turning.T)
+    return start, _Scatter(_typical(velocity.scatter), shaking, _typical(aside))
+
+
+def _typical(scatter: Array) -> float:
+    """Root mean square over columns; zero where none has a value."""
+    seen = scatter[np.isfinite(scatter)]
+    return float(np.sqrt(np.mean(seen**2))) if seen.size else 0.0
 
 
 def _ned(q: Quaternion, v: Vec3) -> tuple[Component, Component, Component]:

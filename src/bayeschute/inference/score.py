@@ -20,7 +20,7 @@ from jax.flatten_util import ravel_pytree
 from numpy.typing import NDArray
 
 from bayeschute.air.vector import Component
-from bayeschute.inference.statespace import Gains, covariances, forward
+from bayeschute.inference.statespace import Gains, Seen, covariances, forward
 from bayeschute.inference.target import FlightData, Hyper, Linear
 
 Array = NDArray[np.float64]
@@ -84,11 +84,11 @@ def parts(flight: FlightData, hyper: Hyper) -> Parts:
     return Parts(made.transition, made.shock, made.first, kept, noise.correlated**2, noise.white**2)
 
 
-def run(flight: FlightData, hyper: Hyper, linear: Linear, series: jax.Array) -> Pass:
-    """Run a linearised flight's filter over series (T, C, M)."""
+def run(flight: FlightData, hyper: Hyper, linear: Linear, seen: Seen) -> Pass:
+    """Run a linearised flight's filter."""
     dynamics, noise = hyper.dynamics(flight), hyper.outputs(flight)
     made = covariances(linear.steps, flight.start_scale, dynamics, noise, flight.dt, jnp.asarray(flight.present))
-    return Pass(*made, *forward(made[0], series))
+    return Pass(*made, *forward(made[0], *seen))
 
 
 def slope(flight: FlightData, hyper: Hyper, linear: Linear, done: Pass, mix: jax.Array) -> Parts:
@@ -160,9 +160,7 @@ def pull(flight: FlightData, vector: jax.Array, like: Hyper, by: Parts) -> jax.A
 
 
 @jax.jit
-def conditional_score(
-    vector: jax.Array, like: Hyper, flight: FlightData, linear: Linear, series: jax.Array
-) -> jax.Array:
+def conditional_score(vector: jax.Array, like: Hyper, flight: FlightData, linear: Linear, seen: Seen) -> jax.Array:
     """Gradient (V,) of a flight's ``1/2 |innovations|^2 + log det``, parameters held.
 
     Args:
@@ -170,10 +168,10 @@ def conditional_score(
         like: Noise parameters of the same form.
         flight: The record.
         linear: It, linearised.
-        series: What the linear model sees there (T, C).
+        seen: What the linear model sees there, one column.
     """
     hyper = from_vector(vector, like)
-    done = run(flight, hyper, linear, series[..., None])
+    done = run(flight, hyper, linear, seen)
     return pull(flight, vector, like, slope(flight, hyper, linear, done, jnp.eye(1)))
 
 
@@ -184,7 +182,7 @@ def evidence_score(
     log_sd: float,
     flights: tuple[FlightData, ...],
     linear: tuple[Linear, ...],
-    series: tuple[jax.Array, ...],
+    seen: tuple[Seen, ...],
     prior_precision: jax.Array,
 ) -> tuple[jax.Array, jax.Array]:
     """Minus the log evidence and the log prior, up to a constant, and its gradient.
@@ -198,7 +196,7 @@ def evidence_score(
         log_sd: Standard deviation of the logarithms.
         flights: Records.
         linear: Their linearisations.
-        series: From `target.as_series`, per flight (T, C, 1 + P).
+        seen: From `target.as_seen`, per flight.
         prior_precision: Of the parameters (P, P).
 
     Returns:
@@ -207,9 +205,9 @@ def evidence_score(
     hyper = from_vector(vector, median)
     off = (vector - ravel_pytree(jax.tree.map(jnp.log, median))[0]) / log_sd
     value, matrix, passes = 0.5 * off @ off, prior_precision, []
-    for flight, lin, seen in zip(flights, linear, series, strict=True):
-        done = run(flight, hyper, lin, seen)
-        unit = done.unit.reshape(-1, seen.shape[2])
+    for flight, lin, data in zip(flights, linear, seen, strict=True):
+        done = run(flight, hyper, lin, data)
+        unit = done.unit.reshape(-1, data.series.shape[2])
         value = value + 0.5 * unit[:, 0] @ unit[:, 0] + done.gains.log_determinant
         matrix = matrix + unit[:, 1:].T @ unit[:, 1:]
         passes.append(done)

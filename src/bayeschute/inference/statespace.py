@@ -33,6 +33,7 @@ class Gains(NamedTuple):
         shock: Effect of the next sample's shocks on the next state (T, S, L).
         start: Effect of the start's standard deviations on the first state (S, D).
         first: Effect of the first shocks on it (S, L).
+        spread: Predicted covariances, rows of the flight's own states (T, X, S).
     """
 
     transition: Component
@@ -43,6 +44,7 @@ class Gains(NamedTuple):
     shock: Component
     start: Component
     first: Component
+    spread: Component
 
     @property
     def log_determinant(self) -> jax.Array:
@@ -129,6 +131,7 @@ def covariances(
         parts: tuple[jax.Array, jax.Array, jax.Array], row: tuple
     ) -> tuple[tuple[jax.Array, jax.Array, jax.Array], tuple[jax.Array, ...]]:
         (p, cross, own), (f, g, h, r, seen) = parts, row
+        spread = jnp.concatenate([p[:x], cross[:x]], axis=1)
         hp = jnp.concatenate([h @ p[:x] + seen * cross.T, h @ cross[:x] + seen * own], axis=1)
         root = jnp.linalg.cholesky(hp[:, :x] @ h.T + hp[:, split:] * seen.T + jnp.diag(r))
         both = jax.scipy.linalg.solve_triangular(root, jnp.concatenate([hp, jnp.eye(c)], axis=1), lower=True)
@@ -139,21 +142,51 @@ def covariances(
         latents = jnp.concatenate([moved[:, x:], phi[:, None] * cross[x:].T])
         p = moved @ f.T + g @ g.T
         after = (p, mixed * phi, kept * phi + jnp.diag((1.0 - phi**2) * stationary))
-        return after, (half.T @ inverse, root, inverse, latents, jnp.concatenate([mixed, kept]))
+        return after, (half.T @ inverse, root, inverse, latents, jnp.concatenate([mixed, kept]), spread)
 
     rows = (f[:, :split, :split], g[:, :split], h[:, :, :x], r, jnp.asarray(here)[:, :, None] * 1.0)
     parts = (p, jnp.zeros((split, c)), jnp.diag(stationary))
-    _, (gain, root, inverse, latents, noises) = jax.lax.scan(step, parts, rows)
-    return Gains(f, h, gain, root, inverse, g, start, first), latents, noises
+    _, (gain, root, inverse, latents, noises, spread) = jax.lax.scan(step, parts, rows)
+    return Gains(f, h, gain, root, inverse, g, start, first, spread), latents, noises
 
 
-def innovations(made: Gains, series: jax.Array) -> jax.Array:
-    """Standardised innovations (T, C, ...) of series (T, C, ...): data, or columns of derivatives."""
-    return forward(made, series)[0]
+class Seen(NamedTuple):
+    """Data, or columns of derivatives by parameters, and what moves the states beside their transitions.
+
+    What drives the states enters at every step, so that the data correct at once what it adds. Where a flight is
+    unstable that stays as small as it is known, while its response over the whole record grows beyond all bounds.
+
+    Attributes:
+        series: (T, C, M).
+        driven: The first state, then what every step adds (T, X, M).
+    """
+
+    series: jax.Array
+    driven: jax.Array
+
+    def column(self, which: int | slice) -> Seen:
+        """Some of the columns."""
+        some = slice(which, which + 1) if isinstance(which, int) else which
+        return Seen(self.series[..., some], self.driven[..., some])
+
+    def less(self, gap: Component) -> Seen:
+        """The first column less (T, C)."""
+        return self._replace(series=self.series.at[..., 0].add(-jnp.asarray(gap)))
 
 
-def forward(made: Gains, series: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
+def innovations(made: Gains, series: jax.Array, driven: jax.Array | None = None) -> jax.Array:
+    """Standardised innovations (T, C, ...) of series (T, C, ...): data, or columns of derivatives; see `Seen`."""
+    return forward(made, series, driven)[0]
+
+
+def forward(made: Gains, series: jax.Array, driven: jax.Array | None = None) -> tuple[jax.Array, jax.Array, jax.Array]:
     """The filter's means along series (T, C, ...), whose trailing axes become one, M.
+
+    Args:
+        made: The filter.
+        series: Data, or columns of derivatives.
+        driven: What moves the flight's own states beside their transitions (T, X, M): the first state, then what every
+            step adds. None: nothing does.
 
     Returns:
         Standardised innovations (T, C, ...), ``S^-1`` times the innovations (T, C, M), filtered means (T, S, M).
@@ -161,35 +194,65 @@ def forward(made: Gains, series: jax.Array) -> tuple[jax.Array, jax.Array, jax.A
     wide = series.reshape(*series.shape[:2], -1)
 
     def step(mean: jax.Array, row: tuple) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
-        f, h, gain, z = row
+        f, h, gain, z, by = row
+        if by is not None:
+            mean = mean.at[: by.shape[0]].add(by)
         v = z - h @ mean
         filtered = mean + gain @ v
         return f @ filtered, (v, filtered)
 
     here = jnp.any(made.output != 0.0, axis=2)[:, :, None]
-    rows = (made.transition, made.output, made.gain, jnp.where(here, wide, 0.0))
+    rows = (made.transition, made.output, made.gain, jnp.where(here, wide, 0.0), driven)
     _, (v, filtered) = jax.lax.scan(step, jnp.zeros((made.first.shape[0], wide.shape[2])), rows)
     unit = made.inverse @ v
     weighted = jnp.swapaxes(made.inverse, 1, 2) @ unit
     return unit.reshape(series.shape), weighted, filtered
 
 
-def smooth(made: Gains, series: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Expected standard start (D, ...) and shocks (T, L, ...) given series (T, C, ...)."""
-    _, weighted, _ = forward(made, series)
-    lead = series.shape[2:]
+def _backward(made: Gains, weighted: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """Expected standard start (D, M), shocks (T, L, M), and the smoother's vectors (T, S, M)."""
 
-    def step(r: jax.Array, row: tuple) -> tuple[jax.Array, jax.Array]:
+    def step(r: jax.Array, row: tuple) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
         f, h, gain, g, v = row
-        shock = g.T @ r
         back = f.T @ r
-        return back + h.T @ (v - gain.T @ back), shock
+        before = back + h.T @ (v - gain.T @ back)
+        return before, (g.T @ r, before)
 
     rows = (made.transition, made.output, made.gain, made.shock, weighted)
     zero = jnp.zeros((made.first.shape[0], weighted.shape[2]))
-    r, shocks = jax.lax.scan(step, zero, rows, reverse=True)
-    shocks = jnp.concatenate([(made.first.T @ r)[None], shocks[:-1]])
-    return (made.start.T @ r).reshape(-1, *lead), shocks.reshape(*shocks.shape[:2], *lead)
+    r, (shocks, vectors) = jax.lax.scan(step, zero, rows, reverse=True)
+    return made.start.T @ r, jnp.concatenate([(made.first.T @ r)[None], shocks[:-1]]), vectors
+
+
+def smooth(made: Gains, series: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Expected standard start (D, ...) and shocks (T, L, ...) given series (T, C, ...)."""
+    lead = series.shape[2:]
+    start, shocks, _ = _backward(made, forward(made, series)[1])
+    return start.reshape(-1, *lead), shocks.reshape(*shocks.shape[:2], *lead)
+
+
+class Smoothed(NamedTuple):
+    """What data tell of a flight.
+
+    Attributes:
+        innovations: Standardised (T, C, M).
+        start: Expected standard start (D, M).
+        shocks: Likewise of the shocks (T, L, M).
+        states: Likewise of the flight's own states (T, X, M).
+    """
+
+    innovations: jax.Array
+    start: jax.Array
+    shocks: jax.Array
+    states: jax.Array
+
+
+def smooth_driven(made: Gains, seen: Seen) -> Smoothed:
+    """Filter and smoother of a flight whose states are driven by more than their disturbances."""
+    unit, weighted, filtered = forward(made, *seen)
+    start, shocks, vectors = _backward(made, weighted)
+    predicted = filtered - made.gain @ (made.root @ unit)
+    return Smoothed(unit, start, shocks, predicted[:, : seen.driven.shape[1]] + made.spread @ vectors)
 
 
 def response(steps: Steps, start: jax.Array, disturbance: jax.Array, theta: jax.Array) -> jax.Array:

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from bayeschute.inference.differences import beside
 from bayeschute.inference.marginal import Along, Marginal, course_at, shifted
 from bayeschute.inference.statespace import Gains, innovations
-from bayeschute.inference.target import FlightData, as_series, filter_gains, linearise
+from bayeschute.inference.target import FlightData, as_seen, filter_gains, linearise
 from bayeschute.numerics import processors
 
 Array = NDArray[np.float64]
@@ -61,7 +61,7 @@ def _by_sample(flight: FlightData, made: Gains) -> jax.Array:
 
 @jax.jit
 def _unit(along: Along) -> jax.Array:
-    return innovations(along.gains, as_series(along.linear).at[:, :, 0].add(-along.gap))
+    return innovations(along.gains, *as_seen(along.linear).less(along.gap))
 
 
 _gains = jax.jit(filter_gains)

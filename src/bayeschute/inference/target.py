@@ -20,7 +20,7 @@ from bayeschute.inference import latent as processes
 from bayeschute.inference.latent import Latent
 from bayeschute.inference.noise import Noise, whiten
 from bayeschute.inference.record_path import RecordPath
-from bayeschute.inference.statespace import Gains, gains, response
+from bayeschute.inference.statespace import Gains, Seen, gains
 
 
 @jax.tree_util.register_dataclass
@@ -172,18 +172,23 @@ def filter_gains(data: FlightData, hyper: Hyper, linear: Linear) -> Gains:
     )
 
 
-def as_series(linear: Linear) -> jax.Array:
-    """The linear model's data and its derivatives (T, C, 1 + P).
+def as_seen(linear: Linear, defects: Component | None = None) -> Seen:
+    """The linear model's data and their derivatives, 1 + P columns.
 
-    First column: what the data would be about the undisturbed, linearised flight at theta (residual plus the response
-    to start and disturbances that lies in it); then the derivatives of the outputs by theta.
+    The first: what the data would be about the undisturbed, linearised flight at theta (residual plus the response to
+    start and disturbances that lies in it); then the derivatives of the outputs by theta.
+
+    Args:
+        linear: The flight linearised.
+        defects: By how much the first state and every step lead beside the path that it is linearised along (T, X);
+            None: it is a flight.
     """
-    start, error = jnp.asarray(linear.driven.start), jnp.asarray(linear.driven.error)
-    p = linear.steps.out_theta.shape[2]
-    wide = response(
-        linear.steps,
-        jnp.concatenate([start[:, None], jnp.zeros((start.size, p))], axis=1),
-        jnp.concatenate([error[..., None], jnp.zeros((*error.shape, p))], axis=2),
-        jnp.concatenate([jnp.zeros((p, 1)), jnp.eye(p)], axis=1),
+    steps, start, error = linear.steps, jnp.asarray(linear.driven.start), jnp.asarray(linear.driven.error)
+    rest = (steps.by_now @ error[:-1, :, None] + steps.by_then @ error[1:, :, None])[..., 0]
+    known = -jnp.concatenate([(steps.first_start @ start)[None], rest])
+    known = known if defects is None else known + defects
+    by_theta = jnp.concatenate([steps.first_theta[None], steps.by_theta])
+    return Seen(
+        jnp.concatenate([linear.residual[..., None], steps.out_theta], axis=2),
+        jnp.concatenate([known[..., None], -by_theta], axis=2),
     )
-    return wide.at[:, :, 0].add(linear.residual)

@@ -21,7 +21,7 @@ from bayeschute.inference.target import (
     FlightData,
     Hyper,
     Linear,
-    as_series,
+    as_seen,
     course,
     filter_gains,
     linearise,
@@ -218,7 +218,7 @@ def _step_error(flight: FlightData, stored: Stored, driven: Course) -> float:
 @jax.jit
 def _prediction_errors(flight: FlightData, hyper: Hyper, linear: Linear) -> jax.Array:
     """One-step prediction errors of a linearised flight in their standard deviations (T, C)."""
-    return innovations(filter_gains(flight, hyper, linear), as_series(linear)[..., 0])
+    return innovations(filter_gains(flight, hyper, linear), *as_seen(linear).column(0))[..., 0]
 
 
 def _innovation_share(flight: FlightData, stored: Stored, driven: Course) -> float:
