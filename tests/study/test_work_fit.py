@@ -8,8 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bayeschute.inference.finding import Settled
-from bayeschute.inference.lifted import Lifted
+from bayeschute.inference.finding import Settled, UnsettledError
+from bayeschute.inference.lifted import Lifted, LiftedFit, Row
 from bayeschute.inference.map import Optimum
 from bayeschute.inference.noise import Noise
 from bayeschute.inference.priors import Prior, covariance, given_zero
@@ -103,6 +103,29 @@ def test_where_a_flight_of_the_library_fails_it_begins_on_the_record(run):
     run.fails = "two"
     _settled(run)
     assert run.settled[1].begin[1] is None
+
+
+@pytest.mark.parametrize("obeys", [True, False])
+def test_a_library_whose_simulations_stray_is_judged_along_the_record(run, monkeypatch, obeys):
+    """Its path must obey the equations of motion; where it does, the smaller model goes on from there."""
+    whole, places = work_fit.settle, tuple(Lifted(None, None, np.full((3, 2), float(i))) for i in range(2))
+    row = Row(0.0, 1.0, 1e-9 if obeys else 0.5, 0.1, 0.1, 1.0)
+    best = LiftedFit(MODE, places, LAW, (row,), True)
+
+    def strays(flights, priors, *rest, **more):
+        if len(priors) == len(PRIORS):
+            raise UnsettledError("it strays", ["once"], best, priors, HYPER)
+        return whole(flights, priors, *rest, **more)
+
+    monkeypatch.setattr(work_fit, "settle", strays)
+    if not obeys:
+        with pytest.raises(UnsettledError, match="it strays"):
+            _settled(run)
+        return
+    group, *_ = _settled(run)
+    theta, at, hyper = run.settled[0].begin
+    np.testing.assert_allclose(theta, choose(PRIORS, MODE, LAW, ("axial[q]", "transverse[c]")).theta)
+    assert len(group.priors) == 4 and tuple(at) == places and hyper is HYPER
 
 
 def test_the_priors_that_were_used_are_kept(run):

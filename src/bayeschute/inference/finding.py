@@ -107,12 +107,21 @@ class UnsettledError(FitError):
     Attributes:
         best: The fit along the record whose defects are least.
         priors: Of its parameters.
+        hyper: Noise parameters of the turn.
     """
 
-    def __init__(self, reason: str, tried: Iterable[str], best: LiftedFit, priors: Sequence[Prior]) -> None:
+    def __init__(
+        self, reason: str, tried: Iterable[str], best: LiftedFit, priors: Sequence[Prior], hyper: Hyper
+    ) -> None:
         """Keep the best fit beside what a `FitError` tells."""
         super().__init__(reason, tried)
-        self.best, self.priors = best, tuple(priors)
+        self.best, self.priors, self.hyper = best, tuple(priors), hyper
+
+    @property
+    def obeys(self) -> bool:
+        """Whether that fit's path obeys the equations of motion: its simulation alone strays from there."""
+        rows = self.best.rows
+        return bool(rows) and rows[-1].level == 0.0 and rows[-1].defect < _FEW_DEFECTS
 
 
 class Settled(NamedTuple):
@@ -282,7 +291,7 @@ def _along_record(
             best = made
     assert best is not None
     reason = "no flight of the model follows the record: steps along the best path break the equations of motion"
-    raise UnsettledError(reason, tried, best, priors)
+    raise UnsettledError(reason, tried, best, priors, hyper)
 
 
 def _settle_along(

@@ -19,7 +19,7 @@ from bayeschute.inference.best_path import BestPath
 from bayeschute.inference.evidence import HyperPrior
 from bayeschute.inference.finding import Begin, Found, Settled, UnsettledError, conclude, marginal_mode, settle
 from bayeschute.inference.law_effect import LawEffect, widened
-from bayeschute.inference.lifted import along, flown
+from bayeschute.inference.lifted import Lifted, along, flown
 from bayeschute.inference.omitted import scores
 from bayeschute.inference.posterior import data_tree, sample
 from bayeschute.inference.priors import Prior
@@ -258,22 +258,33 @@ def _searched(
 ) -> tuple[Group, Settled, dict[str, float]]:
     """Joint optimum of a group with those terms of the library that its flights ask for.
 
+    A library that bends the flights so that their simulation strays is judged by its fit along the record.
+
     Returns:
         The group with the priors that were used, its optimum, and the log evidence for every term that may be left out.
     """
     assert job.study.structure is not None
     flights = [data_of(job, f, group.priors) for f in group.flights]
-    library = _joint(job, group, prior, lambda s, w: say(0.5 * s, f"library of terms: {w}"))
-    mode = marginal_mode(flights, group.priors, library, lambda s, w: say(0.5 + 0.1 * s, f"library of terms: {w}"), 4)
     core = set(job.study.structure.core)
     may_go = [p.name for p in group.priors if "[" in p.name and canopies.coefficient(p.name) not in core]
-    chosen = choose(group.priors, mode.theta, mode.covariance, may_go)
+    places: list[Lifted | None]
+    try:
+        library = _joint(job, group, prior, lambda s, w: say(0.5 * s, f"library of terms: {w}"))
+    except UnsettledError as error:
+        if not error.obeys:
+            raise
+        theta, covariance, hyper, places = error.best.theta, error.best.covariance, error.hyper, [*error.best.flights]
+        say(0.5, "library of terms: simulations stray from its optimum, so terms are chosen along the record")
+    else:
+        told = lambda s, w: say(0.5 + 0.1 * s, f"library of terms: {w}")  # noqa: E731
+        mode = marginal_mode(flights, group.priors, library, told, 4)
+        theta, covariance, hyper = mode.theta, mode.covariance, library.hyper
+        places = [flown(f, hyper, theta, x) for f, x in zip(flights, mode.unknowns, strict=True)]
+    chosen = choose(group.priors, theta, covariance, may_go)
     say(0.6, f"{int(chosen.kept.sum())} of {chosen.kept.size} parameters kept")
-    pairs = zip(flights, mode.unknowns, strict=True)
-    places = [flown(f, library.hyper, mode.theta, x) for f, x in pairs]
     known = [x for x in places if x is not None]
     smaller = replace(group, priors=chosen.priors)
-    begin = (chosen.theta, known if len(known) == len(flights) else None, library.hyper)
+    begin = (chosen.theta, known if len(known) == len(flights) else None, hyper)
     settled = _joint(job, smaller, prior, lambda s, w: say(0.6 + 0.4 * s, w), begin)
     _revise(job, chosen.priors)
     return smaller, settled, chosen.evidence
