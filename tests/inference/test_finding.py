@@ -245,3 +245,37 @@ def test_noise_parameters_without_a_mode_give_way_to_the_next(found, descent, mo
     assert hyper is right and made.hyper is right and seen == [other, right] and finding._LOST_MEAN in lost
     with pytest.raises(FitError, match="no mode"):
         finding._last(descent.flights, descent.priors, settled, [other])
+
+
+def test_beside_the_mode_the_density_is_seen_to_be_higher_towards_it(found, descent):
+    """One look takes the search at least half of two standard deviations back; at the mode there is nothing higher."""
+    assert finding._higher(found.marginal, found.optimum) is None
+    sd = np.sqrt(np.diag(found.optimum.covariance))
+    aside = replace(found.optimum, theta=found.optimum.theta + 2.0 * sd)
+    near = finding.marginalise(descent.flights, found.hyper, descent.priors, aside)
+    higher = finding._higher(near, aside)
+    assert higher is not None
+    assert np.max(np.abs(higher.theta - found.optimum.theta) / sd) <= 1.0
+    assert np.isfinite(np.asarray(higher.unknowns[0].shocks)).all()
+
+
+def test_a_search_that_ended_beside_the_mode_is_begun_again_where_it_is_higher(found, descent, monkeypatch):
+    settled, usual, began = found.optimum, finding._corrected, []
+    tries = iter((False, True))
+
+    def once(made, converged):
+        if next(tries):
+            return usual(made, converged)
+        raise FitError("no mode")
+
+    def mode(flights, priors, settled, progress=None, most=0):
+        began.append(settled.optimum)
+        return found.optimum
+
+    elsewhere = replace(settled, cost=-1.0)
+    monkeypatch.setattr(finding, "_corrected", once)
+    monkeypatch.setattr(finding, "marginal_mode", mode)
+    monkeypatch.setattr(finding, "_higher", lambda near, best: elsewhere)
+    begin = finding.Settled(settled, found.hyper, 0.0)
+    _, _, _, lost = finding._last(descent.flights, descent.priors, begin, [found.hyper])
+    assert began == [settled, elsewhere] and lost == ()

@@ -16,7 +16,7 @@ from bayeschute.errors import FitError
 from bayeschute.inference import determinant, evidence, lifted
 from bayeschute.inference import map as optimum
 from bayeschute.inference.evidence import HyperPrior
-from bayeschute.inference.fit_checks import Profile, profile
+from bayeschute.inference.fit_checks import PLACES, Profile, profile
 from bayeschute.inference.following import follow
 from bayeschute.inference.law_effect import LawEffect, law_slope, law_spread
 from bayeschute.inference.lifted import Lifted, LiftedFit
@@ -53,6 +53,7 @@ _LOST_PULL = (
     "how start and disturbances change their effect with the parameters: along some axis it outweighs the density"
 )
 _LOST_MEAN = "that the mean of the noise parameters lies beside their most probable values: no mode was found there"
+_CLIMBS = 3  # times that a search for the mode is begun again where the density is seen to be higher
 _FAR = 1.0  # standard deviations by which noise parameters at their mean may move a parameter
 _LEAST_OPENING = 0.05  # share of the record at which the first part is shortened no more
 _LEAST_GAIN = 0.05  # share of the record by which the fitted part must at least be lengthened
@@ -477,15 +478,41 @@ def _last(
         FitError: If none does.
     """
     for rest, hyper in zip(range(len(laws) - 1, -1, -1), laws, strict=True):
-        try:
-            best = marginal_mode(flights, priors, began._replace(hyper=hyper))
-            made, lost = _corrected(marginalise(flights, hyper, priors, best), best.converged)
-        except (FitError, FloatingPointError):
-            if not rest:
-                raise
-            continue
-        return best, hyper, made, lost if hyper is laws[0] else (*lost, _LOST_MEAN)
+        from_here = began.optimum
+        for again in range(_CLIMBS, -1, -1):
+            try:
+                best = marginal_mode(flights, priors, Settled(from_here, hyper, began.evidence))
+                near = marginalise(flights, hyper, priors, best)
+                made, lost = _corrected(near, best.converged)
+            except FitError:
+                higher = _higher(near, best) if again else None
+                if higher is None and not rest:
+                    raise
+                if higher is None:
+                    break
+                from_here = higher
+            except FloatingPointError:
+                if not rest:
+                    raise
+                break
+            else:
+                return best, hyper, made, lost if hyper is laws[0] else (*lost, _LOST_MEAN)
     raise ValueError("no noise parameters")
+
+
+def _higher(near: Marginal, best: Optimum) -> Optimum | None:
+    """The best of the places at which a density that has no mode at its centre was looked at; None: the centre."""
+    seen = profile(replace(near, determinant=determinant.around(near)))
+    fall = np.where(np.isfinite(seen.fall), seen.fall, np.inf)
+    axis, place = np.unravel_index(np.argmin(fall), fall.shape)
+    if fall[axis, place] >= 0.0:
+        return None
+    shift = np.asarray(near.scale) @ (PLACES[place] * seen.direction[axis])
+    moved = (
+        jax.tree.map(lambda a, by: np.asarray(a + by @ shift), along.unknowns, along.unknowns_slope)
+        for along in near.along
+    )
+    return replace(best, theta=best.theta + shift, unknowns=tuple(moved))
 
 
 def _corrected(made: Marginal, converged: bool) -> tuple[Marginal, tuple[str, ...]]:
