@@ -53,7 +53,7 @@ _LOST_PULL = (
     "how start and disturbances change their effect with the parameters: along some axis it outweighs the density"
 )
 _LOST_MEAN = "that the mean of the noise parameters lies beside their most probable values: no mode was found there"
-_CLIMBS = 3  # times that a search for the mode is begun again where the density is seen to be higher
+_CLIMBS = 1  # times that a search for the mode is begun again where the density is seen to be higher
 _FAR = 1.0  # standard deviations by which noise parameters at their mean may move a parameter
 _LEAST_OPENING = 0.05  # share of the record at which the first part is shortened no more
 _LEAST_GAIN = 0.05  # share of the record by which the fitted part must at least be lengthened
