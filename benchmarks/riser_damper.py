@@ -43,6 +43,8 @@ def drop_of(path: Path) -> ClusterFlight:
     study = load_study_or_vehicle(path)
     flight = next(f for f in study.flights if f.virtual is not None)
     model, structure = setup.cluster(study.vehicle, flight.capsule_mass)
+    if model.capsule.products is not None:
+        raise ValueError("a capsule with products of inertia: this benchmark wants principal axes")
     drop = setup.drop(flight.virtual)
     start, n = start_of(drop, model, structure.canopies), structure.canopies
     samples = round(drop.duration / drop.dt) + 1
@@ -59,8 +61,6 @@ def damped(x: jax.Array, one: ClusterFlight, density: jax.Array, h: jax.Array) -
     geo = geometry(state, model.capsule)
     d = geo.direction.stack()  # (3, n): stretch rate = d . (canopy velocity - attach velocity)
     to_body = jnp.stack([state.attitude.to_body(Vec3(*d[:, i])).stack() for i in range(n)])
-    if model.capsule.products is not None:
-        raise ValueError("a capsule with products of inertia: this benchmark wants principal axes")
     arm, inertia = (jnp.asarray([v.x, v.y, v.z]) for v in (model.capsule.attach_b, model.capsule.inertia))
     turning = jnp.cross(jnp.broadcast_to(arm, (n, 3)), to_body)  # what a body rate takes off a stretch rate
     mass = model.canopies.dry_mass + density * model.canopies.enclosed_volume

@@ -224,9 +224,24 @@ def test_a_flight_that_strays_from_its_path_is_told_with_what_to_do(monkeypatch,
     monkeypatch.setattr(lifted, "tightened", lambda flights, hyper, priors, made: made)
     monkeypatch.setattr(finding.optimum, "total_cost", lambda *_: 112.0)
     theta = np.zeros(len(descent.priors))
-    with pytest.raises(finding.UnsettledError) as told:
+    with pytest.raises(finding.UnsettledError, match="obeys .* shorter window, or split the record") as told:
         finding._along_record(descent.flights, descent.hyper, descent.priors, theta, [at], lifted.NEAR, print)
-    assert all("strays from there, by 100 in cost: shorten the window" in words for words in told.value.tried)
+    assert told.value.obeys and all("it strays, by 100 in cost" in words for words in told.value.tried)
+
+
+def test_a_fit_that_took_no_step_is_not_the_best(monkeypatch, descent):
+    at, rows = lifted.Lifted(descent.flights[0].still(), np.zeros((1, 1)), np.zeros((1, 1))), iter((None, 0.9, None))
+
+    def seldom(flights, hyper, priors, theta, places, levels, near=None, progress=None):
+        defect = next(rows)
+        made = () if defect is None else (lifted.Row(0.0, 12.0, defect, 1.0, 1.0, 1.0),)
+        return lifted.LiftedFit(theta, (at,), np.eye(len(priors)), made, False)
+
+    monkeypatch.setattr(lifted, "descend", seldom)
+    theta = np.zeros(len(descent.priors))
+    with pytest.raises(finding.UnsettledError, match="break the equations of motion") as told:
+        finding._along_record(descent.flights, descent.hyper, descent.priors, theta, [at], lifted.NEAR, print)
+    assert told.value.best.rows[-1].defect == 0.9 and not told.value.obeys
 
 
 def test_noise_parameters_without_a_mode_give_way_to_the_next(found, descent, monkeypatch):
@@ -236,7 +251,7 @@ def test_noise_parameters_without_a_mode_give_way_to_the_next(found, descent, mo
     def refuse(made, converged):
         seen.append(made.hyper)
         if made.hyper is not right:
-            raise FitError("no mode")
+            raise finding._NoModeError("no mode", found.profile)
         return usual(made, converged)
 
     monkeypatch.setattr(finding, "_corrected", refuse)
@@ -249,11 +264,11 @@ def test_noise_parameters_without_a_mode_give_way_to_the_next(found, descent, mo
 
 def test_beside_the_mode_the_density_is_seen_to_be_higher_towards_it(found, descent):
     """One look takes the search at least half of two standard deviations back; at the mode there is nothing higher."""
-    assert finding._higher(found.marginal, found.optimum) is None
+    assert finding._higher(found.marginal, found.optimum, found.profile) is None
     sd = np.sqrt(np.diag(found.optimum.covariance))
     aside = replace(found.optimum, theta=found.optimum.theta + 2.0 * sd)
     near = finding.marginalise(descent.flights, found.hyper, descent.priors, aside)
-    higher = finding._higher(near, aside)
+    higher = finding._higher(near, aside, finding.profile(near))
     assert higher is not None
     assert np.max(np.abs(higher.theta - found.optimum.theta) / sd) <= 1.0
     assert np.isfinite(np.asarray(higher.unknowns[0].shocks)).all()
@@ -266,7 +281,7 @@ def test_a_search_that_ended_beside_the_mode_is_begun_again_where_it_is_higher(f
     def once(made, converged):
         if next(tries):
             return usual(made, converged)
-        raise FitError("no mode")
+        raise finding._NoModeError("no mode", found.profile)
 
     def mode(flights, priors, settled, progress=None, most=0):
         began.append(settled.optimum)
@@ -275,7 +290,7 @@ def test_a_search_that_ended_beside_the_mode_is_begun_again_where_it_is_higher(f
     elsewhere = replace(settled, cost=-1.0)
     monkeypatch.setattr(finding, "_corrected", once)
     monkeypatch.setattr(finding, "marginal_mode", mode)
-    monkeypatch.setattr(finding, "_higher", lambda near, best: elsewhere)
+    monkeypatch.setattr(finding, "_higher", lambda near, best, seen: elsewhere)
     begin = finding.Settled(settled, found.hyper, 0.0)
     _, _, _, lost = finding._last(descent.flights, descent.priors, begin, [found.hyper])
     assert began == [settled, elsewhere] and lost == ()

@@ -90,7 +90,7 @@ def test_medians_of_the_noise_follow_channels_and_groups(study: Study, descents)
     for law, numbers in zip(found.laws, wanted, strict=True):
         assert list(law) == pytest.approx(numbers)
     winds = ("wind, horizontal", "wind, vertical", "slow wind, horizontal", "slow wind, vertical")
-    assert setup.law_names(study) == (*winds, "canopy force", "transverse force", "roll", "breathing")
+    assert setup.law_names(study) == (*winds, "canopy force", "transverse force", "capsule roll", "breathing")
     descent = load_study(descents.study)
     assert [list(law) for law in setup.hyper(descent).laws] == [[0.5, 30.0]]
     assert setup.law_names(descent) == ("wind, vertical",)
@@ -142,7 +142,7 @@ def test_slow_wind_adds_to_wind(study: Study, descents):
     slow = WindNoise(horizontal="1 m/s", vertical="0.5 m/s", time_constant="60 s")
     made = replace(study, noise=study.noise.model_copy(update={"slow_wind": slow}))
     winds = ("wind, horizontal", "wind, vertical", "slow wind, horizontal", "slow wind, vertical")
-    assert setup.law_names(made) == (*winds, "canopy force", "transverse force", "roll", "breathing")
+    assert setup.law_names(made) == (*winds, "canopy force", "transverse force", "capsule roll", "breathing")
     assert setup.latent(made, 1).processes == (*WIND, (0, 2), (1, 2), (2, 3), (3, 4), (4, 5), (5, 5), (6, 6), (3, 7))
     assert [list(law) for law in setup.hyper(made).laws[2:4]] == [[1.0, 60.0], [0.5, 60.0]]
     descent = load_study(descents.study)

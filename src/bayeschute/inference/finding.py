@@ -52,6 +52,11 @@ _DETERMINANT = 0.2  # error of the log determinant's polynomial beyond which it 
 _LOST_PULL = (
     "how start and disturbances change their effect with the parameters: along some axis it outweighs the density"
 )
+_BREAKS = "no flight of the model follows the record: steps along the best path break the equations of motion"
+_STRAYS = (
+    "a path was found that obeys the equations of motion, but the flight is so unstable there that a simulation from "
+    "its start strays from the record; fit a shorter window, or split the record in several flights"
+)
 _LOST_MEAN = "that the mean of the noise parameters lies beside their most probable values: no mode was found there"
 _CLIMBS = 1  # times that a search for the mode is begun again where the density is seen to be higher
 _FAR = 1.0  # standard deviations by which noise parameters at their mean may move a parameter
@@ -111,12 +116,10 @@ class UnsettledError(FitError):
         hyper: Noise parameters of the turn.
     """
 
-    def __init__(
-        self, reason: str, tried: Iterable[str], best: LiftedFit, priors: Sequence[Prior], hyper: Hyper
-    ) -> None:
+    def __init__(self, tried: Iterable[str], best: LiftedFit, priors: Sequence[Prior], hyper: Hyper) -> None:
         """Keep the best fit beside what a `FitError` tells."""
-        super().__init__(reason, tried)
         self.best, self.priors, self.hyper = best, tuple(priors), hyper
+        super().__init__(_STRAYS if self.obeys else _BREAKS, tried)
 
     @property
     def obeys(self) -> bool:
@@ -284,15 +287,12 @@ def _along_record(
             apart = optimum.total_cost(flights, noise, priors, made.theta, made.unknowns) - made.rows[-1].cost
             if apart < _APART:
                 return made
-            said += (
-                f"; a simulation strays from there, by {apart:.3g} in cost: shorten the window, or split it in flights"
-            )
+            said += f"; simulated from its start it strays, by {apart:.3g} in cost"
         tried.append(f"{words}: {said}")
-        if best is None or (made.rows and best.rows and made.rows[-1].defect < best.rows[-1].defect):
+        if best is None or (made.rows and (not best.rows or made.rows[-1].defect < best.rows[-1].defect)):
             best = made
     assert best is not None
-    reason = "no flight of the model follows the record: steps along the best path break the equations of motion"
-    raise UnsettledError(reason, tried, best, priors, hyper)
+    raise UnsettledError(tried, best, priors, hyper)
 
 
 def _settle_along(
@@ -469,6 +469,14 @@ def conclude(
     return Found(best, hyper, made, value, known, effect, wrong, profile(made), lost)
 
 
+class _NoModeError(FitError):
+    """A point beside the mode; `seen` is the density about it without the corrections that follow theta."""
+
+    def __init__(self, reason: str, seen: Profile) -> None:
+        super().__init__(reason)
+        self.seen = seen
+
+
 def _last(
     flights: Sequence[FlightData], priors: Sequence[Prior], began: Settled, laws: Sequence[Hyper]
 ) -> tuple[Optimum, Hyper, Marginal, tuple[str, ...]]:
@@ -476,33 +484,30 @@ def _last(
 
     Raises:
         FitError: If none does.
+        FloatingPointError: If simulations fail on the way under the last of them.
     """
-    for rest, hyper in zip(range(len(laws) - 1, -1, -1), laws, strict=True):
-        from_here = began.optimum
-        for again in range(_CLIMBS, -1, -1):
+    failed: Exception = ValueError("no noise parameters")
+    for hyper in laws:
+        here: Optimum | None = began.optimum
+        for _ in range(1 + _CLIMBS):
+            assert here is not None
             try:
-                best = marginal_mode(flights, priors, Settled(from_here, hyper, began.evidence))
+                best = marginal_mode(flights, priors, Settled(here, hyper, began.evidence))
                 near = marginalise(flights, hyper, priors, best)
                 made, lost = _corrected(near, best.converged)
-            except FitError:
-                higher = _higher(near, best) if again else None
-                if higher is None and not rest:
-                    raise
-                if higher is None:
-                    break
-                from_here = higher
-            except FloatingPointError:
-                if not rest:
-                    raise
-                break
+            except _NoModeError as error:
+                failed, here = error, _higher(near, best, error.seen)
+            except FloatingPointError as error:
+                failed, here = error, None
             else:
                 return best, hyper, made, lost if hyper is laws[0] else (*lost, _LOST_MEAN)
-    raise ValueError("no noise parameters")
+            if here is None:
+                break
+    raise failed
 
 
-def _higher(near: Marginal, best: Optimum) -> Optimum | None:
+def _higher(near: Marginal, best: Optimum, seen: Profile) -> Optimum | None:
     """The best of the places at which a density that has no mode at its centre was looked at; None: the centre."""
-    seen = profile(replace(near, determinant=determinant.around(near)))
     fall = np.where(np.isfinite(seen.fall), seen.fall, np.inf)
     axis, place = np.unravel_index(np.argmin(fall), fall.shape)
     if fall[axis, place] >= 0.0:
@@ -535,9 +540,10 @@ def _corrected(made: Marginal, converged: bool) -> tuple[Marginal, tuple[str, ..
     tried.append(profile(plain))
     if not (tried[-1].is_mode or converged):
         falls = ", ".join(f"{one.worst:.3g}" for one in tried)
-        raise FitError(
+        raise _NoModeError(
             "the search for the mode of the marginal posterior did not end at one: one standard deviation beside it "
-            f"the log density falls by {falls} at least, with its corrections in turn and without; about 0.5 is wanted"
+            f"the log density falls by {falls} at least, with its corrections in turn and without; about 0.5 is wanted",
+            tried[-1],
         )
     return plain, (_LOST_PULL,)
 

@@ -164,10 +164,9 @@ class Seen(NamedTuple):
     series: jax.Array
     driven: jax.Array
 
-    def column(self, which: int | slice) -> Seen:
-        """Some of the columns."""
-        some = slice(which, which + 1) if isinstance(which, int) else which
-        return Seen(self.series[..., some], self.driven[..., some])
+    def column(self, which: int) -> Seen:
+        """One of the columns, alone."""
+        return Seen(self.series[..., which, None], self.driven[..., which, None])
 
     def less(self, gap: Component) -> Seen:
         """The first column less (T, C)."""

@@ -215,7 +215,7 @@ def _groups(study: Study) -> list[tuple[str, str, str, tuple[float, ...]]]:
         found.append(("transverse force", "across", "drift", (f.sd, f.time_constant)))
     if table.roll is not None:
         f = table.roll
-        found.append(("roll", "roll", "drift", (f.sd, f.time_constant)))
+        found.append(("capsule roll", "roll", "drift", (f.sd, f.time_constant)))
     if table.breathing is not None:
         b = table.breathing
         found.append(("breathing", "canopy", "oscillator", (b.sd, b.frequency, b.damping_ratio)))

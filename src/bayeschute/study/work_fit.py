@@ -276,8 +276,11 @@ def _searched(
         theta, covariance, hyper, places = error.best.theta, error.best.covariance, error.hyper, [*error.best.flights]
         say(0.5, "library of terms: simulations stray from its optimum, so terms are chosen along the record")
     else:
-        told = lambda s, w: say(0.5 + 0.1 * s, f"library of terms: {w}")  # noqa: E731
-        mode = marginal_mode(flights, group.priors, library, told, 4)
+
+        def tell(share: float, words: str) -> None:
+            say(0.5 + 0.1 * share, f"library of terms: {words}")
+
+        mode = marginal_mode(flights, group.priors, library, tell, 4)
         theta, covariance, hyper = mode.theta, mode.covariance, library.hyper
         places = [flown(f, hyper, theta, x) for f, x in zip(flights, mode.unknowns, strict=True)]
     chosen = choose(group.priors, theta, covariance, may_go)
