@@ -269,7 +269,7 @@ def test_the_joint_optimum_is_where_single_shooting_ends(descent):
     assert abs(made.theta - want.theta)[0] < 0.02 * np.sqrt(want.covariance[0, 0]) and made.converged
 
 
-WAY, NONE = np.array([0.15]), np.zeros(1)
+WAY, NONE = np.array([0.15]), "no mode"
 
 
 @pytest.fixture
@@ -283,7 +283,8 @@ def judged(monkeypatch):
             steps.append(step)
             if ways[step] is None:
                 raise FloatingPointError("flights beside the optimum fail")
-            return replace(made, bend=Quadratic(np.zeros(1), np.array([[0.01 * step]]))), ways[step]
+            way = None if ways[step] is NONE else ways[step]
+            return replace(made, bend=Quadratic(np.zeros(1), np.array([[0.01 * step]]))), way
 
         monkeypatch.setattr(laplace, "corrected", corrected)
         return steps
@@ -303,10 +304,12 @@ def judged(monkeypatch):
 )
 def test_corrections_are_taken_nearer_then_left_out_where_they_outweigh_the_density(found, judged, told, step, tried):
     steps = judged(*told)
-    made, lost, ahead = finding._corrected(found.marginal)
+    made, lost, ahead, taken = finding._corrected(found.marginal)
     assert float(made.bend.curvature[0, 0]) == pytest.approx(0.01 * step) and steps == tried
-    assert lost == (() if step else (finding._LOST_BEND,))
-    np.testing.assert_array_equal(ahead, WAY if step else NONE)  # found is at its mode: nothing beside it is higher
+    assert lost == (() if step else (finding._LOST_BEND,)) and taken == step
+    np.testing.assert_array_equal(
+        ahead, WAY if step else 0.0 * WAY
+    )  # found is at its mode: nothing beside it is higher
 
 
 def test_where_no_flight_beside_a_point_flies_there_are_no_corrections(found, judged):
@@ -321,7 +324,7 @@ def test_without_a_bend_that_can_be_trusted_the_way_ahead_is_to_where_the_densit
     sd = np.sqrt(found.optimum.covariance[0, 0])
     aside = replace(found.optimum, theta=found.optimum.theta + 2.0 * sd)
     near = finding.marginalise(descent.flights, found.hyper, descent.priors, aside)
-    _, _, ahead = finding._corrected(near)
+    _, _, ahead, _ = finding._corrected(near)
     higher = finding._ahead(near, aside, ahead)
     assert abs(higher.theta - found.optimum.theta)[0] <= 1.1 * sd
 
@@ -390,7 +393,7 @@ def test_a_search_whose_steps_stay_long_ended_beside_the_mode(found, descent, mo
     ways, begin = iter((1.5, 1.2, 1.4, 1.3, 1.5, 0.4, 1.1, 0.9)), finding.Settled(found.optimum, found.hyper, 0.0)
     monkeypatch.setattr(finding, "marginal_mode", lambda *given: found.optimum)
     monkeypatch.setattr(finding, "marginalise", lambda *given: found.marginal)
-    monkeypatch.setattr(finding, "_corrected", lambda made: (made, (), np.array([next(ways)])))
+    monkeypatch.setattr(finding, "_corrected", lambda made: (made, (), np.array([next(ways)]), 0.0))
     monkeypatch.setattr(finding, "_ahead", lambda near, best, step: replace(best, cost=step[0]))
     monkeypatch.setattr(finding, "profile", lambda made, middle: SimpleNamespace(is_mode=True, worst=0.5))
     with pytest.raises(FitError, match=r"after 4 steps towards it the mode is still off by 1\.2 standard deviations"):

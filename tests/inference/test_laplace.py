@@ -147,7 +147,7 @@ def test_a_way_ahead_is_no_longer_than_three_and_none_without_a_mode():
     far = laplace._newton(100.0 * slope, curvature)
     assert np.linalg.norm(far) == pytest.approx(3.0)
     np.testing.assert_allclose(far / 3.0, -np.linalg.solve(curvature, slope) / np.linalg.norm(np.linalg.solve(curvature, slope)))  # fmt: skip
-    np.testing.assert_array_equal(laplace._newton(slope, np.array([[1.0, 2.0], [2.0, 1.0]])), 0.0)
+    assert laplace._newton(slope, np.array([[1.0, 2.0], [2.0, 1.0]])) is None
 
 
 def _limited(monkeypatch, least, most):
@@ -256,7 +256,7 @@ def test_the_exact_profile_is_followed(gusty):
 
 
 def test_draws_without_random_numbers_lie_at_the_exact_optimum(gusty):
-    """Their cost, simulated, is nearly the least; far less so where draws follow the linear model alone."""
+    """Their cost, simulated, is the least; it is not where draws follow the linear model alone."""
     flight, hyper, _, made, right = gusty
     xi, still = np.array([-1.0, 1.0]), (jax.tree.map(np.zeros_like, normals(flight, 2, np.random.default_rng(0))),)
     least, theta = np.array([one.cost for one in _exact(gusty, xi)]), np.asarray(made.theta(xi[None]))
@@ -264,7 +264,7 @@ def test_draws_without_random_numbers_lie_at_the_exact_optimum(gusty):
         np.asarray(cost(flight, hyper, theta, draw_flights(one, xi[None], still)[0].unknowns)) - least
         for one in (made, right)
     ]
-    assert (above[0] > 0.05).all() and (np.abs(above[1]) < 0.4 * above[0]).all(), above
+    assert (above[0] > 0.05).all() and (np.abs(above[1]) < 0.015).all(), above
 
 
 def test_asides_are_what_linear_slopes_lack(gusty):

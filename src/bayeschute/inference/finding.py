@@ -454,10 +454,6 @@ def conclude(
     began = Settled(replace(best, converged=settled.optimum.converged), hyper, value)
     best, hyper, made, lost, seen = _last(flights, priors, began, laws)
     wrong = laplace.error(made, 4, np.random.default_rng(0))
-    if wrong > _DETERMINANT and np.asarray(made.bend.curvature).any():
-        say(0.9, "log determinant with all products")
-        made, _ = laplace.corrected(made, crossed=len(priors))
-        wrong = laplace.error(made, 4, np.random.default_rng(0))
     slope = scipy.linalg.solve_triangular(np.asarray(made.scale), scale @ slope, lower=True)
     effect = LawEffect(slope, *law_spread(made, known))
     return Found(best, hyper, made, value, known, effect, wrong, seen, lost)
@@ -482,13 +478,16 @@ def _last(
             for _ in range(1 + _MOVES):
                 near = marginalise(flights, hyper, priors, here)
                 found.append((here, *_corrected(near)))
-                if _away(found[-1][-1]) < _AT_MODE:
+                if _away(found[-1][3]) < _AT_MODE:
                     break
-                here = _ahead(near, here, found[-1][-1])
+                here = _ahead(near, here, found[-1][3])
         except FloatingPointError as error:
             failed = error
             continue
-        best, made, lost, ahead = min(found, key=lambda one: _away(one[-1]))
+        best, made, lost, ahead, step = min(found, key=lambda one: _away(one[3]))
+        if step and laplace.error(made, 4, np.random.default_rng(0)) > _DETERMINANT:
+            made, there = laplace.corrected(made, step, crossed=len(priors))
+            ahead = ahead if there is None else there
         seen, away = profile(made, ahead), _away(ahead)
         if seen.is_mode and away < _BESIDE_MODE:
             lost = lost if hyper is laws[0] else (*lost, _LOST_MEAN)
@@ -517,12 +516,13 @@ def _ahead(near: Marginal, best: Optimum, step: Array) -> Optimum:
     return replace(best, theta=best.theta + shift, flights=flights)
 
 
-def _corrected(made: Marginal) -> tuple[Marginal, tuple[str, ...], Array]:
+def _corrected(made: Marginal) -> tuple[Marginal, tuple[str, ...], Array, float]:
     """The posterior with the corrections that can be trusted about a point, which had to be left out, and a way on.
 
     Returns:
         The posterior; what is lost; and a step in standard coordinates to its mode, or, where it has none, to the best
-        of the places at which the density was looked at.
+        of the places at which the density was looked at; and how far beside the point Laplace's approximation was
+        taken, 0 where it has no part in it.
 
     Raises:
         FloatingPointError: If flights fail beside the point.
@@ -535,8 +535,8 @@ def _corrected(made: Marginal) -> tuple[Marginal, tuple[str, ...], Array]:
         except FloatingPointError as error:
             failed = error
             continue
-        if ahead.any():
-            return one, (), ahead
+        if ahead is not None:
+            return one, (), ahead, step
         plain = plain or replace(one, bend=Quadratic.none(len(one.bend.slope)))
     if plain is None:
         assert failed is not None
@@ -544,7 +544,8 @@ def _corrected(made: Marginal) -> tuple[Marginal, tuple[str, ...], Array]:
     seen = profile(plain)
     fall = np.where(np.isfinite(seen.fall), seen.fall, np.inf)
     axis, place = np.unravel_index(np.argmin(fall), fall.shape)
-    return plain, (_LOST_BEND,), PLACES[place] * seen.direction[axis] * float(fall[axis, place] < 0.0)
+    ahead = PLACES[place] * seen.direction[axis] * float(fall[axis, place] < 0.0)
+    return plain, (_LOST_BEND,), ahead, 0.0
 
 
 def _linear(made: Marginal) -> list[Linear]:

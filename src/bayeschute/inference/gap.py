@@ -64,7 +64,7 @@ def mean(
         both = [np.asarray(a) - b for a, b in zip((residual, defects), still, strict=True)]
         by_pair = [0.5 * (a[..., :pairs] + a[..., pairs:]) for a in both]
         farthest = np.max(np.abs(np.asarray(away)), axis=(0, 2))[:, None]
-        good = np.isfinite(by_pair[0]).all(axis=(0, 1)) & (np.abs(by_pair[1]) <= farthest).all(axis=(0, 1))
+        good = np.isfinite(by_pair[0]).all(axis=(0, 1)) & (np.abs(by_pair[1]) <= farthest + 1e-9).all(axis=(0, 1))
         lost = lost or int((~good).sum())
         if 2 * good.sum() >= pairs:
             less, more = (jnp.asarray(a[..., good].mean(axis=-1) / share**2) for a in by_pair)

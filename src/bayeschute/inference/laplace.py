@@ -172,7 +172,7 @@ def lack(marginal: Marginal, step: float = 0.2) -> Array:
     return found
 
 
-def corrected(marginal: Marginal, step: float = 1.0, crossed: int = _CROSSED) -> tuple[Marginal, Array]:
+def corrected(marginal: Marginal, step: float = 1.0, crossed: int = _CROSSED) -> tuple[Marginal, Array | None]:
     """The posterior with what its linear models lack, from Laplace's approximation to both sides along every axis.
 
     Along an axis on which a flight fails there, a half, a quarter or an eighth as far. Starts, shocks and paths then
@@ -187,7 +187,7 @@ def corrected(marginal: Marginal, step: float = 1.0, crossed: int = _CROSSED) ->
 
     Returns:
         The posterior, and Newton's step from the centre to its mode in standard coordinates (P,), no longer than 3;
-        zero where the density has no mode.
+        None where the density has no mode.
 
     Raises:
         FloatingPointError: If a flight fails at an eighth of the step too.
@@ -213,11 +213,11 @@ def corrected(marginal: Marginal, step: float = 1.0, crossed: int = _CROSSED) ->
     return made, _newton(slope + made.rest.slope, own + made.rest.curvature)
 
 
-def _newton(slope: Array, curvature: Array) -> Array:
-    """Step to where a quadratic polynomial is least, no longer than 3; zero where it has no least value."""
+def _newton(slope: Array, curvature: Array) -> Array | None:
+    """Step to where a quadratic polynomial is least, no longer than 3; None where it has no least value."""
     values, axes = np.linalg.eigh(curvature)
     if values[0] <= 0.0:
-        return np.zeros_like(slope)
+        return None
     step = np.asarray(-axes @ ((axes.T @ slope) / values))
     return step * min(1.0, _FARTHEST / max(float(np.linalg.norm(step)), 1e-300))
 
@@ -247,7 +247,7 @@ def _expansion(marginal: Marginal, h: Array) -> tuple[Array, Array]:
     up, down, first, second = np.split(value, np.cumsum([len(h), len(h), len(i)]))
     made = np.diag((up + down) / h**2)
     made[i, j] = made[j, i] = (first + second - up[i] - up[j] - down[i] - down[j]) / (2.0 * h[i] * h[j])
-    return (up - down) / (2.0 * h), np.asarray(np.nan_to_num(made, nan=0.0))
+    return np.nan_to_num((up - down) / (2.0 * h), nan=0.0), np.asarray(np.nan_to_num(made, nan=0.0))
 
 
 def _followed(

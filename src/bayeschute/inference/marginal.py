@@ -303,7 +303,10 @@ def draw_flights(
         for _ in range(_CORRECTIONS):
             driven = course(flight, law, jax.tree.map(jnp.add, free, aside))._replace(path=path)
             residual, defects = stepped(flight, theta, driven)
-            seen = Seen(residual, defects - _disturbed(along.linear, course(flight, law, free)))
+            seen = Seen(  # the linear model does without what it lacks
+                residual + jnp.asarray(along.linear.steps.out_state) @ aside_path,
+                defects - _disturbed(along.linear, course(flight, law, free)),
+            )
             free, away = drawn(flight, law, made, seen, z)
             path = moved(flight, path, away)
         unknowns = jax.tree.map(jnp.add, free, aside)

@@ -119,7 +119,8 @@ def save_fit(job: Job, group: Group, found: Found, draws: Draws, wide: Array) ->
         "covariance": best.covariance,
         "determinant_slope": found.marginal.determinant.slope,
         "determinant_curvature": found.marginal.determinant.curvature,
-        "bend": found.marginal.bend.curvature,
+        "bend_slope": found.marginal.bend.slope,
+        "bend_curvature": found.marginal.bend.curvature,
         "hyper": to_vector(found.hyper),
         "xi": draws.xi,
         "wide": wide,
@@ -209,7 +210,7 @@ def load_fit(job: Job, group: Group) -> Stored:
     marginal = marginalise(flights, hyper, group.priors, best)
     along = tuple(one._replace(aside=aside) for one, aside in zip(marginal.along, asides, strict=True))
     determinant = Quadratic(a["determinant_slope"], a["determinant_curvature"])
-    bend = Quadratic(np.zeros(len(best.theta)), a["bend"])
+    bend = Quadratic(a["bend_slope"], a["bend_curvature"])
     marginal = replace(marginal, along=along, determinant=determinant, bend=bend)
     scale, known = np.asarray(marginal.scale), a["law_covariance"]
     theta, held = (best.theta + a[name] @ scale.T for name in ("wide", "xi"))
