@@ -488,7 +488,8 @@ def _last(
         if step and laplace.error(made, 4, np.random.default_rng(0)) > _DETERMINANT:
             made, there = laplace.corrected(made, step, crossed=len(priors))
             ahead = ahead if there is None else there
-        seen, away = profile(made, ahead), _away(ahead)
+        away = _away(ahead)
+        seen = max((profile(made), profile(made, ahead)), key=lambda one: (one.is_mode, one.worst))
         if seen.is_mode and away < _BESIDE_MODE:
             lost = lost if hyper is laws[0] else (*lost, _LOST_MEAN)
             return replace(best, converged=began.optimum.converged), hyper, made, lost, seen
