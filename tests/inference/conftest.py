@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 
 from bayeschute.dynamics.descent import DensityProfile, DescentFlight, DescentInputs
-from bayeschute.inference import determinant
+from bayeschute.inference import laplace
+from bayeschute.inference.drawing import Normals
 from bayeschute.inference.evidence import HyperPrior
 from bayeschute.inference.finding import find
 from bayeschute.inference.latent import Latent
@@ -216,9 +217,8 @@ def straight(linear):
 
 @pytest.fixture(scope="session")
 def falling(descent):
-    """The marginal posterior of two descents with one parameter, and its determinant."""
-    made = optimal_marginal(descent.flights, descent, descent.theta)
-    return replace(made, determinant=determinant.around(made))
+    """The marginal posterior of two descents with one parameter, with what its linear models lack."""
+    return laplace.corrected(optimal_marginal(descent.flights, descent, descent.theta))[0]
 
 
 class _Matrices:
@@ -280,6 +280,21 @@ class _Matrices:
         y, zero, by = self.model(flight)
         r, u, _ = self.covariances(flight, hyper, [])
         return self.dense.gaussian_log_density(y - zero - by[:, :2] @ theta, r + by[:, 2:] @ u @ by[:, 2:].T)
+
+
+@pytest.fixture(scope="session")
+def each_number():
+    """Makes the numbers behind draws of a flight: none at all, then each of them alone."""
+
+    def numbers(flight):
+        t, c = flight.observed.shape
+        shapes = ((flight.starts,), (t, flight.latent.size), (t, c), (t, c))
+        sizes = [int(np.prod(s)) for s in shapes]
+        eye = np.concatenate([np.zeros((sum(sizes), 1)), np.eye(sum(sizes))], axis=1)
+        parts = zip(np.split(eye, np.cumsum(sizes)[:-1]), shapes, strict=True)
+        return Normals(*(a.reshape(*s, -1) for a, s in parts))
+
+    return numbers
 
 
 @pytest.fixture

@@ -12,6 +12,7 @@ from scipy.special import digamma
 from bayeschute.inference import evidence
 from bayeschute.inference.evidence import HyperPrior
 from bayeschute.inference.noise import Noise
+from bayeschute.inference.statespace import Gap
 from bayeschute.inference.target import Hyper, course, linearise
 
 LOG_SD = 0.7
@@ -163,9 +164,14 @@ def test_an_evidence_that_is_not_finite_is_refused(linear):
 
 
 def test_a_gap_shifts_what_the_linear_model_sees(linear):
+    """Outputs by themselves, and by the response to what it adds to every step."""
     lin, prior = [_linearised(linear.flight, linear.hyper, linear.theta, linear.u)], HyperPrior(linear.hyper, LOG_SD)
-    at, gap = evidence.to_vector(linear.hyper), np.full(np.shape(linear.flight.observed), 0.1)
-    moved = replace(linear.flight, observed=np.asarray(linear.flight.observed) - gap)
+    at, pushes = evidence.to_vector(linear.hyper), 0.05 * np.random.default_rng(6).standard_normal((60, 2))
+    gap, states = Gap(np.full(np.shape(linear.flight.observed), 0.1), pushes), [pushes[0]]
+    for push in pushes[1:]:
+        states.append(np.array([[0.95, 0.2], [-0.2, 0.9]]) @ states[-1] + push)
+    response = np.array(states) @ np.array([[1.0, 0.0], [0.5, 1.0]])
+    moved = replace(linear.flight, observed=np.asarray(linear.flight.observed) - gap.outputs - response)
     other = [_linearised(moved, linear.hyper, linear.theta, linear.u)]
     ours = evidence.function_of([linear.flight], lin, linear.priors, prior, [gap])(at)
     wanted = evidence.function_of([moved], other, linear.priors, prior)(at)

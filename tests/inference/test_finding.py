@@ -5,16 +5,17 @@ from __future__ import annotations
 from dataclasses import replace
 from types import SimpleNamespace
 
-import jax
 import numpy as np
 import pytest
 from scipy.optimize import brentq
 
 from bayeschute.errors import FitError
-from bayeschute.inference import determinant, finding, lifted
+from bayeschute.inference import finding, laplace, lifted
 from bayeschute.inference.evidence import HyperPrior
-from bayeschute.inference.marginal import log_density
+from bayeschute.inference.map import Optimum
+from bayeschute.inference.marginal import Quadratic, log_density
 from bayeschute.inference.score import to_vector
+from bayeschute.inference.target import Lifted, flown
 
 
 def test_found(found, descent):
@@ -36,11 +37,12 @@ def test_the_optimum_is_the_mode_of_the_marginal_posterior(found):
         ends = np.asarray(log_density(marginal, np.array([[-0.1, 0.1]])))
         return (ends[1] - ends[0]) / 0.2
 
-    flat = jax.tree.map(np.zeros_like, found.marginal.determinant)
-    for stored, anew in zip(found.marginal.determinant, determinant.around(found.marginal), strict=True):
-        np.testing.assert_allclose(stored, anew, rtol=1e-9)
+    again, _ = laplace.corrected(found.marginal)
+    for name in ("determinant", "bend"):
+        for stored, anew in zip(getattr(found.marginal, name), getattr(again, name), strict=True):
+            np.testing.assert_allclose(stored, anew, rtol=1e-7)
     assert abs(slope(found.marginal)) < 0.01
-    assert abs(slope(replace(found.marginal, determinant=flat))) > 0.03
+    assert abs(slope(replace(found.marginal, determinant=Quadratic.none(1)))) > 0.03
 
 
 def test_progress_grows(descent):
@@ -124,7 +126,7 @@ def test_the_mode_is_found_far_from_the_joint_optimum(descent, monkeypatch):
         away = np.linalg.solve(factor, np.asarray(made.centre) - start)
         return 6.0 * np.exp(away * np.log(2.0) / 2.0)
 
-    monkeypatch.setattr(determinant, "slope", bent)
+    monkeypatch.setattr(laplace, "lack", bent)
     best = finding.marginal_mode(descent.flights, descent.priors, settled)
     away = float(np.linalg.solve(factor, best.theta - start)[0])
     balance = brentq(lambda x: x + 6.0 * np.exp(x * np.log(2.0) / 2.0), -6.0, 0.0)
@@ -141,7 +143,7 @@ def test_the_mode_is_found_across_a_slope_much_flatter_than_gauss_newton_expects
         away = np.linalg.solve(factor, np.asarray(made.centre) - start)
         return share * (away - mode) - away
 
-    monkeypatch.setattr(determinant, "slope", flat)
+    monkeypatch.setattr(laplace, "lack", flat)
     best = finding.marginal_mode(descent.flights, descent.priors, settled)
     away = float(np.linalg.solve(factor, best.theta - start)[0])
     assert best.converged and abs(away - mode) < 0.2
@@ -166,27 +168,33 @@ def test_noise_parameters_go_to_their_mean_unless_that_is_too_far(found, descent
     np.testing.assert_allclose(went, 0.0 if held else moved, atol=1e-9)
 
 
-@pytest.mark.parametrize("goes_on", [False, True])
-def test_a_fit_that_begins_anew_begins_with_stronger_noise_and_goes_on_in_smaller_steps(monkeypatch, descent, goes_on):
-    """From a path that is known its own noise is right; of all that is tried the first that gets there is kept."""
-    at, tried = lifted.Lifted(descent.flights[0].still(), np.zeros((1, 1)), np.zeros((1, 1))), []
+OWN, LOUD = pytest.approx(1.0), pytest.approx(3.0)
 
-    def third(flights, hyper, priors, theta, places, levels, near=None, progress=None):
+
+@pytest.mark.parametrize(
+    ("goes_on", "begins", "wanted"),
+    [
+        (False, True, [(LOUD, False, "whole"), (OWN, False, "whole"), (LOUD, False, "small")]),
+        (True, False, [(OWN, True, "held"), (OWN, False, "whole"), (OWN, False, "small")]),
+        (False, False, [(OWN, False, "whole"), (OWN, False, "small")]),
+    ],
+)
+def test_what_is_fast_is_tried_first_then_what_gets_further(monkeypatch, descent, goes_on, begins, wanted):
+    """A fit that begins has stronger noise than it is told; of all that is tried the first that gets there is kept."""
+    at, tried = Lifted(descent.flights[0].still(), np.zeros((1, 1)), np.zeros((1, 1))), []
+
+    def late(flights, hyper, priors, theta, places, levels, near=None, progress=None):
         tried.append((float(np.asarray(hyper.noise.white)[0]) / 0.05, places is not None, tuple(levels)))
-        row = lifted.Row(0.0, 12.0, 1e-4 if len(tried) == 3 else 0.5, 1.0, 1.0, 1.0)
+        row = lifted.Row(0.0, 12.0, 1e-4 if len(tried) == len(wanted) else 0.5, 1.0, 1.0, 1.0)
         return lifted.LiftedFit(theta, (at,), np.eye(len(priors)), (row,), True)
 
-    monkeypatch.setattr(lifted, "descend", third)
-    monkeypatch.setattr(lifted, "tightened", lambda flights, hyper, priors, made: made)
-    monkeypatch.setattr(finding.optimum, "total_cost", lambda *_: 12.0)
+    monkeypatch.setattr(lifted, "descend", late)
     given = descent.flights, descent.hyper, descent.priors, np.zeros(1), [at] if goes_on else None
-    assert finding._along_record(*given, lifted.NEAR, print).rows[-1].defect == 1e-4
-    whole = (*lifted.LEVELS, 0.0)
-    first, second, last = tried
-    assert second == (pytest.approx(1.0), False, whole)
-    assert first == ((pytest.approx(1.0), True, (0.0,)) if goes_on else (pytest.approx(3.0), False, whole))
-    assert last[:2] == (pytest.approx(1.0 if goes_on else 3.0), False)
-    assert len(last[2]) > len(whole) and last[2][-1] == 0.0 and sorted(last[2], reverse=True) == list(last[2])
+    assert finding._along_record(*given, lifted.NEAR, print, begins).rows[-1].defect == 1e-4
+    levels = {"whole": (*lifted.LEVELS, 0.0), "held": (0.0,), "small": tried[-1][2]}
+    assert tried == [(noise, placed, levels[name]) for noise, placed, name in wanted]
+    small = levels["small"]
+    assert len(small) > len(levels["whole"]) and small[-1] == 0.0 and sorted(small, reverse=True) == list(small)
 
 
 def test_looser_noise_has_larger_standard_deviations_and_the_same_times(descent):
@@ -199,7 +207,7 @@ def test_looser_noise_has_larger_standard_deviations_and_the_same_times(descent)
 
 def test_a_record_that_no_flight_follows_is_told(monkeypatch, descent):
     """Whatever was tried is listed, the best path is kept, and nothing goes on from there."""
-    at = lifted.Lifted(descent.flights[0].still(), np.zeros((1, 1)), np.zeros((1, 1)))
+    at = Lifted(descent.flights[0].still(), np.zeros((1, 1)), np.zeros((1, 1)))
     defects = iter((0.9, 0.5, 0.7))
 
     def stuck(flights, hyper, priors, theta, places, levels, near=None, progress=None):
@@ -214,23 +222,8 @@ def test_a_record_that_no_flight_follows_is_told(monkeypatch, descent):
     assert told.value.best.rows[-1].defect == 0.5 and told.value.priors == tuple(descent.priors)
 
 
-def test_a_flight_that_strays_from_its_path_is_told_with_what_to_do(monkeypatch, descent):
-    at = lifted.Lifted(descent.flights[0].still(), np.zeros((1, 1)), np.zeros((1, 1)))
-
-    def there(flights, hyper, priors, theta, places, levels, near=None, progress=None):
-        return lifted.LiftedFit(theta, (at,), np.eye(len(priors)), (lifted.Row(0.0, 12.0, 1e-4, 1.0, 1.0, 1.0),), True)
-
-    monkeypatch.setattr(lifted, "descend", there)
-    monkeypatch.setattr(lifted, "tightened", lambda flights, hyper, priors, made: made)
-    monkeypatch.setattr(finding.optimum, "total_cost", lambda *_: 112.0)
-    theta = np.zeros(len(descent.priors))
-    with pytest.raises(finding.UnsettledError, match="obeys .* shorter window, or split the record") as told:
-        finding._along_record(descent.flights, descent.hyper, descent.priors, theta, [at], lifted.NEAR, print)
-    assert told.value.obeys and all("it strays, by 100 in cost" in words for words in told.value.tried)
-
-
 def test_a_fit_that_took_no_step_is_not_the_best(monkeypatch, descent):
-    at, rows = lifted.Lifted(descent.flights[0].still(), np.zeros((1, 1)), np.zeros((1, 1))), iter((None, 0.9, None))
+    at, rows = Lifted(descent.flights[0].still(), np.zeros((1, 1)), np.zeros((1, 1))), iter((None, 0.9, None))
 
     def seldom(flights, hyper, priors, theta, places, levels, near=None, progress=None):
         defect = next(rows)
@@ -241,56 +234,169 @@ def test_a_fit_that_took_no_step_is_not_the_best(monkeypatch, descent):
     theta = np.zeros(len(descent.priors))
     with pytest.raises(finding.UnsettledError, match="break the equations of motion") as told:
         finding._along_record(descent.flights, descent.hyper, descent.priors, theta, [at], lifted.NEAR, print)
-    assert told.value.best.rows[-1].defect == 0.9 and not told.value.obeys
+    assert told.value.best.rows[-1].defect == 0.9
+
+
+@pytest.mark.parametrize("path", [True, False])
+def test_a_joint_optimum_goes_along_the_record_where_there_is_one(descent, monkeypatch, path):
+    """Else by single shooting; both from where they are told to."""
+    at, told = [flown(f, descent.hyper, descent.theta, f.still()) for f in descent.flights], []
+    flights = [replace(f, path=SimpleNamespace() if path else None) for f in descent.flights]
+
+    def along(flights, hyper, priors, theta, places, near, tell):
+        told.append(("along", places))
+        rows = (lifted.Row(0.3, 9.0, 0.3, 1.0, 1.0, 1.0), lifted.Row(0.0, 7.0, 1e-4, 0.1, 0.2, 1.0))
+        return lifted.LiftedFit(theta + 1.0, tuple(at), np.eye(1), rows, True)
+
+    def shot(flights, hyper, priors, theta, unknowns, tolerance):
+        told.append(("shot", unknowns))
+        return Optimum(theta + 1.0, tuple(at), np.eye(1), 7.0, True, 2, 0.2, (7.0,))
+
+    monkeypatch.setattr(finding, "_along_record", along)
+    monkeypatch.setattr(finding.optimum, "fit", shot)
+    for begin in (None, at):
+        made = finding.joint(flights, descent.hyper, descent.priors, descent.theta, begin)
+        assert (made.cost, made.converged, made.iterations, made.last_step, made.trace) == (7.0, True, 2, 0.2, (7.0,))
+        np.testing.assert_allclose(made.theta, descent.theta + 1.0)
+    assert [name for name, _ in told] == 2 * ["along" if path else "shot"] and told[0][1] is None
+    assert told[1][1] is at if path else [u is x.unknowns for u, x in zip(told[1][1], at, strict=True)] == [True, True]
+
+
+def test_the_joint_optimum_is_where_single_shooting_ends(descent):
+    want = finding.optimum.fit(descent.flights, descent.hyper, descent.priors, descent.theta, tolerance=1e-4)
+    at = [flown(f, descent.hyper, descent.theta, f.still()) for f in descent.flights]
+    made = finding.joint(descent.flights, descent.hyper, descent.priors, descent.theta + 0.3, at)
+    assert abs(made.theta - want.theta)[0] < 0.02 * np.sqrt(want.covariance[0, 0]) and made.converged
+
+
+WAY, NONE = np.array([0.15]), "no mode"
+
+
+@pytest.fixture
+def judged(monkeypatch):
+    """Makes corrections at a step of one and of 0.3 fail (None), or lead to a mode, or to none."""
+
+    def set_up(*told):
+        steps, ways = [], dict(zip((1.0, 0.3), told, strict=True))
+
+        def corrected(made, step):
+            steps.append(step)
+            if ways[step] is None:
+                raise FloatingPointError("flights beside the optimum fail")
+            way = None if ways[step] is NONE else ways[step]
+            return replace(made, bend=Quadratic(np.zeros(1), np.array([[0.01 * step]]))), way
+
+        monkeypatch.setattr(laplace, "corrected", corrected)
+        return steps
+
+    return set_up
+
+
+@pytest.mark.parametrize(
+    ("told", "step", "tried"),
+    [
+        ((WAY, None), 1.0, [1.0]),
+        ((NONE, WAY), 0.3, [1.0, 0.3]),
+        ((None, WAY), 0.3, [1.0, 0.3]),
+        ((NONE, NONE), 0.0, [1.0, 0.3]),
+        ((NONE, None), 0.0, [1.0, 0.3]),
+    ],
+)
+def test_corrections_are_taken_nearer_then_left_out_where_they_outweigh_the_density(found, judged, told, step, tried):
+    steps = judged(*told)
+    made, lost, ahead, taken = finding._corrected(found.marginal)
+    assert float(made.bend.curvature[0, 0]) == pytest.approx(0.01 * step) and steps == tried
+    assert lost == (() if step else (finding._LOST_BEND,)) and taken == step
+    np.testing.assert_array_equal(
+        ahead, WAY if step else 0.0 * WAY
+    )  # found is at its mode: nothing beside it is higher
+
+
+def test_where_no_flight_beside_a_point_flies_there_are_no_corrections(found, judged):
+    judged(None, None)
+    with pytest.raises(FloatingPointError, match="beside the optimum"):
+        finding._corrected(found.marginal)
+
+
+def test_without_a_bend_that_can_be_trusted_the_way_ahead_is_to_where_the_density_is_higher(found, judged, descent):
+    """Two standard deviations beside the mode: at least half of the way back."""
+    judged(NONE, NONE)
+    sd = np.sqrt(found.optimum.covariance[0, 0])
+    aside = replace(found.optimum, theta=found.optimum.theta + 2.0 * sd)
+    near = finding.marginalise(descent.flights, found.hyper, descent.priors, aside)
+    _, _, ahead, _ = finding._corrected(near)
+    higher = finding._ahead(near, aside, ahead)
+    assert abs(higher.theta - found.optimum.theta)[0] <= 1.1 * sd
+
+
+def test_a_point_ahead_is_on_the_path_that_follows_the_parameters(found, descent):
+    made = finding._ahead(found.marginal, found.optimum, np.array([0.7]))
+    np.testing.assert_allclose(made.theta, np.asarray(found.marginal.theta(np.array([0.7]))))
+    for flight, at in zip(descent.flights, made.flights, strict=True):
+        own = flown(flight, found.hyper, made.theta, at.unknowns)
+        np.testing.assert_allclose(at.path, own.path, atol=0.05 * np.ptp(own.path))
+
+
+def test_the_search_goes_on_to_the_mode_that_the_corrections_tell_of(found, descent):
+    """From beside it, where the search by slopes alone has ended."""
+    sd = np.sqrt(found.optimum.covariance[0, 0])
+    begin = finding.Settled(found.optimum, found.hyper, found.evidence)
+    usual, moved = finding.marginal_mode, []
+
+    def beside(flights, priors, settled, progress=None, most=0):
+        best = usual(flights, priors, settled)
+        moved.append(best.theta[0])
+        near = finding.marginalise(flights, found.hyper, priors, best)
+        return finding._ahead(near, best, np.array([0.8]))
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(finding, "marginal_mode", beside)
+        best, hyper, made, lost, seen = finding._last(descent.flights, descent.priors, begin, [found.hyper])
+    assert hyper is found.hyper and lost == () and len(moved) == 1
+    assert abs(best.theta[0] - found.optimum.theta[0]) < 0.3 * sd
+    assert seen.is_mode and seen.worst == pytest.approx(0.5, abs=0.05)
 
 
 def test_noise_parameters_without_a_mode_give_way_to_the_next(found, descent, monkeypatch):
-    settled, seen = finding.settle(descent.flights, descent.priors, HyperPrior(descent.hyper, 0.4)), []
-    right, usual = settled.hyper, finding._corrected
+    settled = finding.settle(descent.flights, descent.priors, HyperPrior(descent.hyper, 0.4))
+    right, usual, seen = settled.hyper, finding.profile, []
 
-    def refuse(made, converged):
+    def told(made, middle):
         seen.append(made.hyper)
-        if made.hyper is not right:
-            raise finding._NoModeError("no mode", found.profile)
-        return usual(made, converged)
+        return usual(made, middle) if made.hyper is right else SimpleNamespace(is_mode=False, worst=-0.3)
 
-    monkeypatch.setattr(finding, "_corrected", refuse)
+    monkeypatch.setattr(finding, "profile", told)
     other = finding._looser(right)
-    _, hyper, made, lost = finding._last(descent.flights, descent.priors, settled, [other, right])
+    _, hyper, made, lost, _ = finding._last(descent.flights, descent.priors, settled, [other, right])
     assert hyper is right and made.hyper is right and seen == [other, right] and finding._LOST_MEAN in lost
-    with pytest.raises(FitError, match="no mode"):
+    with pytest.raises(FitError, match=r"falls by -0\.3 at least"):
         finding._last(descent.flights, descent.priors, settled, [other])
 
 
-def test_beside_the_mode_the_density_is_seen_to_be_higher_towards_it(found, descent):
-    """One look takes the search at least half of two standard deviations back; at the mode there is nothing higher."""
-    assert finding._higher(found.marginal, found.optimum, found.profile) is None
-    sd = np.sqrt(np.diag(found.optimum.covariance))
-    aside = replace(found.optimum, theta=found.optimum.theta + 2.0 * sd)
-    near = finding.marginalise(descent.flights, found.hyper, descent.priors, aside)
-    higher = finding._higher(near, aside, finding.profile(near))
-    assert higher is not None
-    assert np.max(np.abs(higher.theta - found.optimum.theta) / sd) <= 1.0
-    assert np.isfinite(np.asarray(higher.unknowns[0].shocks)).all()
+def test_noise_parameters_under_which_nothing_flies_give_way_to_the_next(found, descent, monkeypatch):
+    settled, usual = finding.Settled(found.optimum, found.hyper, found.evidence), finding.marginal_mode
+    other = finding._looser(found.hyper)
+
+    def lost(flights, priors, settled, progress=None, most=0):
+        if settled.hyper is other:
+            raise FloatingPointError("a step fails")
+        return usual(flights, priors, settled)
+
+    monkeypatch.setattr(finding, "marginal_mode", lost)
+    assert finding._last(descent.flights, descent.priors, settled, [other, found.hyper])[1] is found.hyper
+    with pytest.raises(FloatingPointError, match="a step fails"):
+        finding._last(descent.flights, descent.priors, settled, [other])
 
 
-def test_a_search_that_ended_beside_the_mode_is_begun_again_where_it_is_higher(found, descent, monkeypatch):
-    settled, usual, began = found.optimum, finding._corrected, []
-    tries = iter((False, True))
-
-    def once(made, converged):
-        if next(tries):
-            return usual(made, converged)
-        raise finding._NoModeError("no mode", found.profile)
-
-    def mode(flights, priors, settled, progress=None, most=0):
-        began.append(settled.optimum)
-        return found.optimum
-
-    elsewhere = replace(settled, cost=-1.0)
-    monkeypatch.setattr(finding, "_corrected", once)
-    monkeypatch.setattr(finding, "marginal_mode", mode)
-    monkeypatch.setattr(finding, "_higher", lambda near, best, seen: elsewhere)
-    begin = finding.Settled(settled, found.hyper, 0.0)
-    _, _, _, lost = finding._last(descent.flights, descent.priors, begin, [found.hyper])
-    assert began == [settled, elsewhere] and lost == ()
+def test_a_search_whose_steps_stay_long_ended_beside_the_mode(found, descent, monkeypatch):
+    """Of the points that it went by that with the shortest way ahead is judged."""
+    ways, begin = iter((1.5, 1.2, 1.4, 1.3, 1.5, 0.4, 1.1, 0.9)), finding.Settled(found.optimum, found.hyper, 0.0)
+    monkeypatch.setattr(finding, "marginal_mode", lambda *given: found.optimum)
+    monkeypatch.setattr(finding, "marginalise", lambda *given: found.marginal)
+    monkeypatch.setattr(finding, "_corrected", lambda made: (made, (), np.array([next(ways)]), 0.0))
+    monkeypatch.setattr(finding, "_ahead", lambda near, best, step: replace(best, cost=step[0]))
+    monkeypatch.setattr(finding, "profile", lambda made, middle: SimpleNamespace(is_mode=True, worst=0.5))
+    with pytest.raises(FitError, match=r"after 4 steps towards it the mode is still off by 1\.2 standard deviations"):
+        finding._last(descent.flights, descent.priors, begin, [found.hyper])
+    best, *_ = finding._last(descent.flights, descent.priors, begin, [found.hyper])
+    assert best.cost == 1.5  # the step that led to the point from which 0.4 are left

@@ -8,23 +8,25 @@ import numpy as np
 import pytest
 
 from bayeschute.inference import importance
-from bayeschute.inference.drawing import linear_response, normals
+from bayeschute.inference.drawing import normals
 from bayeschute.inference.evidence import HyperPrior
 from bayeschute.inference.finding import find
 from bayeschute.inference.importance import Following, cross_determinant, estimates, improved, laplace, weigh
+from bayeschute.inference.latent import disturbances
 from bayeschute.inference.law_effect import LawEffect
 from bayeschute.inference.noise import log_determinant
-from bayeschute.inference.target import Course, Unknowns, course, filter_gains, linearise
+from bayeschute.inference.statespace import response
+from bayeschute.inference.target import Course, course, linearise
 from bayeschute.samplers.population import Proposal
 
 
-def _jacobian(flight, made):
+def _jacobian(flight, hyper, lin):
     """Outputs by start and shocks as one dense matrix (T C, D + T L)."""
     starts, latents, samples = flight.starts, flight.latent.size, flight.samples
-    size = starts + samples * latents
-    one = np.eye(size)
-    many = Unknowns(one[:starts], one[starts:].reshape(samples, latents, size))
-    return np.asarray(linear_response(made, many)).reshape(-1, size)
+    one = np.eye(starts + samples * latents)
+    error = disturbances(hyper.dynamics(flight), one[starts:].reshape(samples, latents, -1))
+    start, theta = flight.start_scale[:, None] * one[:starts], np.zeros((lin.steps.out_theta.shape[2], len(one)))
+    return np.asarray(response(lin.steps, start, error, theta)).reshape(-1, len(one))
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +45,7 @@ def test_cross_determinant_is_that_of_the_dense_matrix(two_courses, dense, missi
     if missing:
         flight = replace(flight, present=np.asarray(flight.present) & (np.arange(5) != 2)[:, None])
     models = [importance._model(flight, hyper, lin) for lin in linear]
-    j, j_0 = (_jacobian(flight, filter_gains(flight, hyper, lin)) for lin in linear)
+    j, j_0 = (_jacobian(flight, hyper, lin) for lin in linear)
     noise = hyper.outputs(flight)
     here = np.asarray(flight.present)
     r = dense.noise_covariance(

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from bayeschute.inference import determinant, law_effect, score
+from bayeschute.inference import law_effect, score
+from bayeschute.inference.laplace import lack
 from bayeschute.inference.law_effect import LawEffect, joint_covariance, law_slope, law_spread, widened
 from bayeschute.inference.map import fit
 from bayeschute.inference.marginal import marginalise
@@ -38,7 +39,7 @@ def covariance():
 def _mode(descent, hyper, theta):
     """The mode of the marginal posterior of two descents."""
     best = fit(descent.flights, hyper, descent.priors, theta, tolerance=1e-4)
-    slope = determinant.slope(marginalise(descent.flights, hyper, descent.priors, best))
+    slope = lack(marginalise(descent.flights, hyper, descent.priors, best))
     tilt = np.linalg.solve(np.linalg.cholesky(best.covariance).T, slope)
     return fit(descent.flights, hyper, descent.priors, best.theta, best.unknowns, tolerance=1e-4, tilt=tilt)
 

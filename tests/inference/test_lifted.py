@@ -16,15 +16,15 @@ from bayeschute.dynamics.kernel import flight as kernel
 from bayeschute.dynamics.parameters import Structure
 from bayeschute.flight.sensors import SensorNoise
 from bayeschute.forecast.virtual import Turbulence, VirtualDrop, fly
-from bayeschute.inference import lifted
+from bayeschute.inference import lifted, target
 from bayeschute.inference import map as optimum
 from bayeschute.inference.latent import Latent
-from bayeschute.inference.lifted import Lifted, along, begin, descend, flown, linear, moved, solve, terms
+from bayeschute.inference.lifted import begin, descend, led, onward, rest, solve, terms
 from bayeschute.inference.noise import Noise
 from bayeschute.inference.priors import Prior, standard
 from bayeschute.inference.record_path import RecordPath
 from bayeschute.inference.records import cluster_data
-from bayeschute.inference.target import Hyper, Unknowns, course, linearise, states
+from bayeschute.inference.target import Hyper, Lifted, Unknowns, course, flown, linearise, states
 
 _spec = importlib.util.spec_from_file_location(
     "small_cluster", Path(__file__).parents[1] / "twins" / "small_cluster.py"
@@ -75,8 +75,8 @@ def shot(drop):
 
 
 def _solved(flight, hyper, theta, at, slack):
-    made = along(flight, theta, at)
-    return made, solve(flight, hyper, np.asarray(slack), at, made)
+    made = linearise(flight, theta, at.course(flight))
+    return made, solve(flight, hyper, np.asarray(slack), made)
 
 
 @pytest.mark.parametrize("which", ["linear", "descent", "drop"])
@@ -91,7 +91,7 @@ def test_along_its_own_simulation_a_flight_is_linearised_as_by_shooting(which, r
     made, got = _solved(flight, case.hyper, theta, at, np.zeros(at.path.shape[1]))
     shooting = linearise(flight, theta, course(flight, case.hyper, u))
     want = optimum.conditional(flight, case.hyper, shooting)
-    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, atol=1e-9), linear(flight, at, made), shooting)
+    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, atol=1e-9), made, shooting)
     gram = np.asarray(got.gram)
     np.testing.assert_allclose(gram[1:, 1:], want.matrix, rtol=1e-6)
     np.testing.assert_allclose(-gram[1:, 0], want.gradient, rtol=1e-6, atol=1e-6 * np.abs(want.gradient).max())
@@ -110,7 +110,7 @@ def test_a_step_of_nothing_lands_on_the_smoothed_flight_whatever_the_path(broken
     at = begin(broken)
     made, got = _solved(broken, linear.hyper, linear.theta, at, np.zeros(2))
     assert float(terms(broken, linear.hyper, np.ones(2), at, made).largest) > 0.5
-    there = moved(broken, linear.hyper, at, got, np.zeros(2))
+    there = led(broken, linear.hyper, at, got, np.zeros(2))
     shooting = linearise(broken, linear.theta, course(broken, linear.hyper, broken.still()))
     want = optimum.conditional(broken, linear.hyper, shooting).optimum
     np.testing.assert_allclose(there.unknowns.start, want.start, atol=1e-9)
@@ -128,7 +128,7 @@ def test_one_whole_step_solves_a_linear_problem(broken, linear):
     step = np.linalg.solve(gram[1:, 1:] + prior, gram[1:, 0] - prior @ (theta - [p.centre for p in linear.priors]))
     np.testing.assert_allclose(theta + step, mean[:2], atol=1e-8)
     np.testing.assert_allclose(np.linalg.inv(gram[1:, 1:] + prior), covariance[:2, :2], rtol=1e-8)
-    there = moved(broken, linear.hyper, at, got, step)
+    there = led(broken, linear.hyper, at, got, step)
     found = np.concatenate([there.unknowns.start, np.asarray(there.error).ravel()])
     np.testing.assert_allclose(found, mean[2:], atol=1e-8)
     driven = course(broken, linear.hyper, there.unknowns)
@@ -156,7 +156,7 @@ def test_slack_is_white_noise_of_the_states(broken, linear, dense):
     samples, law = broken.samples, linear.hyper.dynamics(broken)
     size = broken.latent.size
     made, got = _solved(broken, linear.hyper, theta, begin(broken), slack)
-    there = moved(broken, linear.hyper, begin(broken), got, np.zeros(2))
+    there = led(broken, linear.hyper, begin(broken), got, np.zeros(2))
 
     disturbing = np.asarray(lifted.disturbances(law, jnp.eye(samples * size).reshape(samples, size, -1)))  # (T, A, T L)
     count = 2 + samples * size + 2 * samples
@@ -185,7 +185,7 @@ def test_slack_is_white_noise_of_the_states(broken, linear, dense):
     np.testing.assert_allclose(there.error, error, atol=1e-9)
     np.testing.assert_allclose(there.path, _naive(broken, theta, start, error, pushes)[0], atol=1e-9)
     assert np.abs(pushes).max() > 0.5 * slack.min()  # the path needs them
-    defects = terms(broken, linear.hyper, slack, there, along(broken, theta, there))
+    defects = terms(broken, linear.hyper, slack, there, linearise(broken, theta, there.course(broken)))
     np.testing.assert_allclose(float(defects.squares), 0.5 * np.sum(z[2 + samples * size :] ** 2), rtol=1e-7)
     assert float(defects.sizes) == pytest.approx(np.abs(z[2 + samples * size :]).sum(), rel=1e-7)
     assert float(defects.largest) == pytest.approx(np.abs(z[2 + samples * size :]).max(), rel=1e-7)
@@ -218,7 +218,9 @@ def _same_optimum(drop, shot, made):
     total = optimum.total_cost([drop.flight], drop.hyper, drop.priors, made.theta, made.unknowns)
     assert total == pytest.approx(shot.cost, abs=0.02)
     (at,) = made.flights
-    told = terms(drop.flight, drop.hyper, drop.flight.path.slack, at, along(drop.flight, made.theta, at))
+    told = terms(
+        drop.flight, drop.hyper, drop.flight.path.slack, at, linearise(drop.flight, made.theta, at.course(drop.flight))
+    )
     assert float(told.largest) < 1e-2
     driven = course(drop.flight, drop.hyper, at.unknowns)
     np.testing.assert_allclose(at.error, driven.error, atol=1e-9)
@@ -260,7 +262,7 @@ def test_what_a_level_lowers_is_what_it_says(drop, level):
 
     def merit(theta, at):
         slack = (level or lifted.LEVELS[-1]) * drop.flight.path.slack
-        told = terms(drop.flight, drop.hyper, slack, at, along(drop.flight, theta, at))
+        told = terms(drop.flight, drop.hyper, slack, at, linearise(drop.flight, theta, at.course(drop.flight)))
         held = float(told.squares) if level else lifted._PRICE * float(told.sizes)
         return 0.5 * float(np.sum(standard(drop.priors, theta) ** 2)) + float(told.data) + held
 
@@ -268,7 +270,9 @@ def test_what_a_level_lowers_is_what_it_says(drop, level):
     gains = [row.gain for row in made.rows]
     fell = merit(start, begin(drop.flight)) - merit(made.theta, made.flights[0])
     assert min(gains) > 0.0 and sum(gains) == pytest.approx(fell, rel=1e-9)
-    sizes = terms(drop.flight, drop.hyper, lifted.LEVELS[-1] * drop.flight.path.slack, made.flights[0], along(drop.flight, made.theta, made.flights[0]))  # fmt: skip
+    (at,) = made.flights
+    lin = linearise(drop.flight, made.theta, at.course(drop.flight))
+    sizes = terms(drop.flight, drop.hyper, lifted.LEVELS[-1] * drop.flight.path.slack, at, lin)
     assert made.rows[-1].defect == pytest.approx(float(sizes.largest), rel=1e-9)
 
 
@@ -279,24 +283,6 @@ def test_a_fit_under_other_noise_parameters_goes_on_from_its_path(drop, shot):
     made = descend([drop.flight], drop.hyper, drop.priors, before.theta, before.flights, (0.0,), near=TIGHT)
     _same_optimum(drop, shot, made)
     assert np.isfinite([row.gain for row in made.rows]).all() and min(row.gain for row in made.rows) > 0.0
-
-
-def test_a_path_whose_defects_are_tightened_is_its_own_simulation(drop):
-    """Parameters stay, and minus the log density along the path becomes that of the flight simulated from its start."""
-    flights, given = [drop.flight], (drop.hyper, drop.priors)
-    rough = descend(flights, *given, drop.theta, near=lifted.Near(1e4, np.inf, 0.5))
-    made = lifted.tightened(flights, *given, rough)
-
-    def largest(fit):
-        (at,) = fit.flights
-        slack = lifted.LEVELS[-1] * drop.flight.path.slack
-        return float(terms(drop.flight, drop.hyper, slack, at, along(drop.flight, fit.theta, at)).largest)
-
-    assert largest(made) < 1e-6 < largest(rough)
-    np.testing.assert_array_equal(made.theta, rough.theta)
-    (at,) = made.flights
-    own = flown(drop.flight, drop.hyper, made.theta, at.unknowns)
-    np.testing.assert_allclose(own.path, at.path, atol=1e-4)
 
 
 def test_two_flights_share_their_parameters(broken, linear):
@@ -319,12 +305,6 @@ def test_a_flight_without_a_path_is_refused(linear, descent):
         descend([linear.flight], linear.hyper, linear.priors, linear.theta)
 
 
-def test_a_flight_that_fails_has_no_path_of_its_own(descent):
-    flight = descent.flights[0]
-    assert flown(flight, descent.hyper, descent.theta, flight.still()) is not None
-    assert flown(flight, descent.hyper, np.array([150.0]), flight.still()) is None
-
-
 def test_without_a_finite_linearisation_nothing_moves(broken, linear):
     lost = replace(broken, path=broken.path._replace(states=np.full_like(broken.path.states, np.nan)))
     made = descend([lost], linear.hyper, linear.priors, linear.theta)
@@ -341,14 +321,83 @@ def test_jax_serves_where_there_is_no_machine_code(descent, monkeypatch):
 
     def once():
         made, solved = _solved(flight, descent.hyper, descent.theta, at, slack)
-        return made, solved, moved(flight, descent.hyper, at, solved, step)
+        return made, solved, led(flight, descent.hyper, at, solved, step)
 
     ours = once()
-    monkeypatch.setattr(lifted.kernel, "along_path", lambda *given: None)
+    monkeypatch.setattr(target.kernel, "along_path", lambda *given: None)
     theirs = once()
     close = lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-7, atol=1e-8 * np.abs(b).max())  # noqa: E731
     jax.tree.map(close, ours, theirs)
     assert isinstance(theirs[2], Lifted) and np.abs(np.asarray(theirs[2].path) - at.path).max() > 0.1
+
+
+def _largest(flight, theta, at, hyper):
+    slack = lifted.LEVELS[-1] * flight.path.slack
+    return float(terms(flight, hyper, slack, at, linearise(flight, theta, at.course(flight))).largest)
+
+
+def test_at_rest_a_linear_flight_is_at_its_dense_conditional_mean(broken, linear):
+    """And the slope by the parameters is that with everything else following, from a path that is no flight at all."""
+    mean, covariance = linear.matrices.posterior(broken, linear.hyper, linear.priors)
+    theta = np.array([1.5, 0.4])
+    found = rest([broken], linear.hyper, linear.priors, theta, [begin(broken)])
+    gain = np.linalg.solve(covariance[:2, :2], covariance[:2, 2:]).T
+    (at,) = found.flights
+    got = np.concatenate([at.unknowns.start, np.asarray(at.error).ravel()])
+    np.testing.assert_allclose(got, mean[2:] + gain @ (theta - mean[:2]), atol=1e-8)
+    precision = np.linalg.inv(covariance[:2, :2])
+    np.testing.assert_allclose(found.matrix, precision, rtol=1e-7)
+    np.testing.assert_allclose(found.gradient, precision @ (theta - mean[:2]), rtol=1e-6)
+    total = optimum.total_cost([broken], linear.hyper, linear.priors, theta, [at.unknowns])
+    assert found.cost == pytest.approx(total, rel=1e-9) and found.defect < 1e-8
+    # A step onward is exact, whatever its length.
+    (there,) = onward([broken], linear.hyper, found, mean[:2] - theta)
+    got = np.concatenate([there.unknowns.start, np.asarray(there.error).ravel()])
+    np.testing.assert_allclose(got, mean[2:], atol=1e-8)
+    own = flown(broken, linear.hyper, mean[:2], there.unknowns)
+    np.testing.assert_allclose(there.path, own.path, atol=1e-8)
+
+
+def test_at_rest_a_descent_s_slope_is_that_of_its_least_cost(descent):
+    """Against central differences; brought to rest again nothing moves, and a step onward stays near it."""
+    theta, given = descent.theta + 0.3, (descent.flights, descent.hyper, descent.priors)
+    off = [flown(f, descent.hyper, theta, f.still()) for f in descent.flights]
+    found = rest(*given, theta, off)
+    sd = 1.0 / np.sqrt(found.matrix[0, 0])
+    h = 0.05 * sd
+
+    def least(at):
+        held = [replace(descent.priors[0], centre=at[0], scale=1e-7)]
+        best = optimum.fit(descent.flights, descent.hyper, held, at, tolerance=1e-4)
+        return best.cost + 0.5 * ((at[0] - descent.priors[0].centre) / descent.priors[0].scale) ** 2
+
+    slope = (least(theta + h) - least(theta - h)) / (2.0 * h)
+    assert found.gradient[0] == pytest.approx(slope, rel=0.02)
+    assert found.cost == pytest.approx(least(theta), abs=0.06)
+    again = rest(*given, theta, found.flights)
+    assert abs(again.cost - found.cost) < 0.05 and abs(again.gradient - found.gradient)[0] < 0.05 / sd
+    step = np.array([0.5 * sd])
+    ends, near = onward(*given[:2], again, step), rest(*given, theta + step, again.flights)
+    for end, at in zip(ends, near.flights, strict=True):
+        np.testing.assert_allclose(end.path, at.path, atol=0.05 * np.abs(at.path).max())
+        np.testing.assert_allclose(end.unknowns.shocks, at.unknowns.shocks, atol=0.1)
+
+
+def test_at_rest_a_drop_obeys(drop, shot):
+    """Start, shocks and path from the record's path, parameters held at the optimum of single shooting."""
+    rough = descend([drop.flight], drop.hyper, drop.priors, shot.theta, near=lifted.Near(1e4, np.inf, 0.5))
+    found = rest([drop.flight], drop.hyper, drop.priors, shot.theta, rough.flights)
+    assert found.cost == pytest.approx(shot.cost, abs=0.1)
+    sd = np.sqrt(np.diag(shot.covariance))
+    assert np.abs(found.gradient * sd).max() < 0.2 and found.defect < 0.02
+    (at,) = found.flights
+    assert found.defect == pytest.approx(_largest(drop.flight, shot.theta, at, drop.hyper), rel=1e-6)
+    assert np.abs(np.asarray(at.path) - shot.flights[0].path).max() < 0.05
+
+
+def test_where_nothing_is_finite_nothing_rests(descent):
+    at = [flown(f, descent.hyper, descent.theta, f.still()) for f in descent.flights]
+    assert rest(descent.flights, descent.hyper, descent.priors, np.array([np.nan]), at) is None
 
 
 def test_a_row_is_a_line_of_the_log():

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from bayeschute.inference import map as module
-from bayeschute.inference.map import conditional, fit, relaxed, total_cost
-from bayeschute.inference.target import course, linearise
+from bayeschute.inference.map import conditional, fit, total_cost
+from bayeschute.inference.target import course, linearise, states
 
 
 @pytest.fixture(scope="module")
@@ -203,23 +203,11 @@ def test_a_cost_that_is_not_finite_is_infinite(descent, found):
     assert total_cost(*given, np.array([150.0]), found.unknowns) == np.inf
 
 
-def test_start_and_shocks_at_rest_leave_the_slope_of_the_parameters_alone(descent, found):
-    """Against central differences of the cost, start and shocks at their best on either side."""
-    theta = found.theta + 0.3
-    off = [f.still() for f in descent.flights]
-
-    def lowest(at):
-        rest = relaxed(descent.flights, descent.hyper, descent.priors, at, off)
-        return total_cost(descent.flights, descent.hyper, descent.priors, at, rest.unknowns)
-
-    rest = relaxed(descent.flights, descent.hyper, descent.priors, theta, off)
-    h = 0.02 / np.sqrt(rest.matrix[0, 0])
-    assert rest.gradient[0] == pytest.approx((lowest(theta + h) - lowest(theta - h)) / (2.0 * h), rel=0.02)
-    again = relaxed(descent.flights, descent.hyper, descent.priors, theta, rest.unknowns)
-    assert np.abs(again.gradient - rest.gradient)[0] < 0.05 * np.sqrt(rest.matrix[0, 0])
-
-
-def test_a_flight_that_fails_where_it_is_to_relax_says_so(descent):
-    with pytest.raises(FloatingPointError, match="conditional optimum"):
-        off = [f.still() for f in descent.flights]
-        relaxed(descent.flights, descent.hyper, descent.priors, np.array([np.nan]), off)
+def test_flights_of_an_optimum_are_on_the_paths_of_their_simulations(descent, found):
+    for flight, at, u in zip(descent.flights, found.flights, found.unknowns, strict=True):
+        driven = course(flight, descent.hyper, u)
+        np.testing.assert_array_equal(at.error, driven.error)
+        np.testing.assert_array_equal(at.path, states(flight, found.theta, driven))
+    for lin, flight, u in zip(found.linear(descent.flights), descent.flights, found.unknowns, strict=True):
+        wanted = linearise(flight, found.theta, course(flight, descent.hyper, u))
+        jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, atol=1e-9), lin, wanted)

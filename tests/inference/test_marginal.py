@@ -9,24 +9,29 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from bayeschute.inference import latent
-from bayeschute.inference.drawing import Normals, normals
+from bayeschute.inference import latent, marginal
+from bayeschute.inference.drawing import normals
 from bayeschute.inference.map import fit
 from bayeschute.inference.marginal import (
     Quadratic,
-    draw_unknowns,
+    course_at,
+    draw_flights,
+    in_batches,
     log_density,
     marginalise,
+    place_at,
     projected_residuals,
+    seen_along,
 )
-from bayeschute.inference.target import Hyper, cost, course
+from bayeschute.inference.statespace import innovations
+from bayeschute.inference.target import Hyper, cost, course, flown, states, stepped
 
 POINT = np.array([1.3, -0.4])  # standard coordinates away from the optimum
 
 
 def _flat(marginal):
     """The posterior whose determinant is held constant."""
-    return replace(marginal, determinant=jax.tree.map(np.zeros_like, marginal.determinant))
+    return replace(marginal, determinant=Quadratic.none(np.size(marginal.centre)))
 
 
 def test_log_density_is_the_dense_one_where_all_is_linear(linear, straight):
@@ -57,7 +62,7 @@ def test_projected_residuals_agree_with_the_log_density(falling, straight):
     bent = replace(straight, determinant=Quadratic(np.array([0.4, -0.3]), np.array([[0.1, -0.1], [-0.1, 0.2]])))
     for made, p in ((falling, 1), (bent, 2)):
         xi = np.random.default_rng(2).standard_normal((p, 6)) * 1.5
-        slope, curvature = (np.asarray(a) for a in made.determinant)
+        slope, curvature = (np.asarray(a) for a in made.rest)
         from_residuals = -0.5 * np.sum(np.asarray(projected_residuals(made, xi)) ** 2, axis=0)
         from_residuals = from_residuals - slope @ xi - 0.5 * np.sum(xi * (curvature @ xi), axis=0)
         np.testing.assert_allclose(from_residuals, log_density(made, xi), rtol=1e-9)
@@ -76,31 +81,23 @@ def test_the_exact_profile_is_followed_to_second_order(descent, falling):
     assert np.ptp(wanted) > 0.5
     # Without random numbers, draws are nearly that optimum.
     still = tuple(jax.tree.map(np.zeros_like, normals(f, 6, np.random.default_rng(0))) for f in descent.flights)
-    drawn, at = draw_unknowns(falling, xi, still), np.asarray(falling.theta(xi))
-    costs = sum(np.asarray(cost(f, descent.hyper, at, u)) for f, u in zip(descent.flights, drawn, strict=True))
+    drawn, at = draw_flights(falling, xi, still), np.asarray(falling.theta(xi))
+    costs = sum(np.asarray(cost(f, descent.hyper, at, x.unknowns)) for f, x in zip(descent.flights, drawn, strict=True))
     np.testing.assert_allclose(costs[:3], best, atol=0.01)
 
 
-def _columns(flight):
-    """Zeros, then each number behind a draw alone."""
-    t, c = flight.observed.shape
-    shapes = ((flight.starts,), (t, flight.latent.size), (t, c), (t, c))
-    sizes = [int(np.prod(s)) for s in shapes]
-    eye = np.concatenate([np.zeros((sum(sizes), 1)), np.eye(sum(sizes))], axis=1)
-    return Normals(*(a.reshape(*s, -1) for a, s in zip(np.split(eye, np.cumsum(sizes)[:-1]), shapes, strict=True)))
-
-
-def test_drawn_unknowns_have_the_conditional_law(linear, straight):
+def test_drawn_unknowns_have_the_conditional_law(linear, straight, each_number):
     """Draws are linear in their numbers: mean and covariance are read off exactly."""
     mean, covariance = linear.matrices.posterior(linear.flight, linear.hyper, linear.priors)
     theta = np.asarray(straight.theta(jnp.asarray(POINT[:, None])))[:, 0]
     gain = np.linalg.solve(covariance[:2, :2], covariance[:2, 2:]).T
     wanted = mean[2:] + gain @ (theta - mean[:2])
     spread = covariance[2:, 2:] - gain @ covariance[:2, 2:]
-    numbers = _columns(linear.flight)
+    numbers = each_number(linear.flight)
     count = numbers.start.shape[-1]
-    drawn = draw_unknowns(straight, np.repeat(POINT[:, None], count, axis=1), (numbers,))[0]
+    drawn, found, _ = draw_flights(straight, np.repeat(POINT[:, None], count, axis=1), (numbers,))[0]
     error = np.asarray(latent.disturbances(linear.hyper.dynamics(linear.flight), drawn.shocks))
+    np.testing.assert_allclose(found, error, atol=1e-12)
     dense = np.concatenate([drawn.start, error.reshape(-1, count)])
     se = np.sqrt(np.diag(spread))
     np.testing.assert_allclose(dense[:, 0] / se, wanted / se, atol=1e-5)
@@ -117,17 +114,20 @@ def test_drawn_unknowns_have_the_conditional_law(linear, straight):
     np.testing.assert_allclose((z[:, 1:] - z[:, :1]) @ (z[:, 1:] - z[:, :1]).T, left, atol=1e-8)
 
 
-def test_drawn_unknowns_under_other_noise_have_its_conditional_law(linear, straight):
+def test_drawn_unknowns_under_other_noise_have_its_conditional_law(linear, straight, each_number):
     """Noise parameters of a draw's own: the dense conditional law under those."""
     law = Hyper(jax.tree.map(lambda a: 1.5 * a, linear.hyper.noise), (np.array([0.3, 4.0]), np.array([0.5, 0.5, 0.3])))
     mean, covariance = linear.matrices.posterior(linear.flight, law, linear.priors)
     theta = np.asarray(straight.theta(jnp.asarray(POINT[:, None])))[:, 0]
     gain = np.linalg.solve(covariance[:2, :2], covariance[:2, 2:]).T
     wanted, spread = mean[2:] + gain @ (theta - mean[:2]), covariance[2:, 2:] - gain @ covariance[:2, 2:]
-    numbers = _columns(linear.flight)
+    numbers = each_number(linear.flight)
     count = numbers.start.shape[-1]
-    drawn = draw_unknowns(straight, np.repeat(POINT[:, None], count, axis=1), (numbers,), law)[0]
-    error = np.asarray(course(linear.flight, law, drawn).error).reshape(-1, count)
+    drawn, found, path = draw_flights(straight, np.repeat(POINT[:, None], count, axis=1), (numbers,), law)[0]
+    driven = course(linear.flight, law, drawn)
+    np.testing.assert_allclose(found, driven.error, atol=1e-12)
+    np.testing.assert_allclose(path, states(linear.flight, np.repeat(theta[:, None], count, axis=1), driven), atol=1e-8)
+    error = np.asarray(driven.error).reshape(-1, count)
     dense, se = np.concatenate([drawn.start, error]), np.sqrt(np.diag(spread))
     np.testing.assert_allclose(dense[:, 0] / se, wanted / se, atol=1e-5)
     root = (dense[:, 1:] - dense[:, :1]) / se[:, None]
@@ -140,11 +140,15 @@ def test_drawn_unknowns_of_a_descent_fit_their_data(descent, falling):
     numbers = tuple(normals(f, 64, rng) for f in descent.flights)
     assert [a.shape for a in numbers[0]] == [(1, 64), (101, 1, 64), (101, 1, 64), (101, 1, 64)]
     theta = falling.theta(jnp.asarray(xi))
-    still = draw_unknowns(falling, xi, jax.tree.map(np.zeros_like, numbers))
-    for flight, u, v in zip(descent.flights, draw_unknowns(falling, xi, numbers), still, strict=True):
+    still = draw_flights(falling, xi, jax.tree.map(np.zeros_like, numbers))
+    for flight, x, y in zip(descent.flights, draw_flights(falling, xi, numbers), still, strict=True):
+        u = x.unknowns
         twice = 2.0 * np.asarray(cost(flight, descent.hyper, theta, u))
-        least = 2.0 * np.asarray(cost(flight, descent.hyper, theta, v))
+        least = 2.0 * np.asarray(cost(flight, descent.hyper, theta, y.unknowns))
         free = u.start.shape[0] + u.shocks[..., 0].size
+        # The paths nearly obey: repeated moves leave what is of second order of second order.
+        _, defects = stepped(flight, theta, x.course(flight, 1))
+        assert np.abs(defects).max() < 0.02
         assert twice.mean() - least.mean() == pytest.approx(free, abs=4.0 * np.sqrt(2.0 * free / 64))
         assert np.ptp(least) < 1e-9 * least.mean()
 
@@ -162,3 +166,84 @@ def test_a_failed_simulation_is_nan_and_leaves_the_rest(falling):
     made = np.asarray(log_density(falling, xi))
     assert np.isnan(made[1]) and np.isfinite(made[[0, 2, 4, 5]]).all()
     np.testing.assert_allclose(made[2], np.asarray(log_density(falling, np.where(xi == 1e6, 0.0, xi)))[2], rtol=1e-12)
+
+
+def test_batches_are_joined_and_padding_dropped():
+    xi = np.arange(2.0 * 70).reshape(2, 70)
+    seen = []
+    made = in_batches(lambda part: (seen.append(part.shape), part.sum(axis=0))[1], xi)
+    np.testing.assert_array_equal(made, xi.sum(axis=0))
+    assert seen == [(2, 64), (2, 64)]
+
+
+def test_flights_follow_the_parameters_on_the_dense_conditional_means(linear, straight):
+    """Where all is linear start, shocks, disturbances and path of every point are those of its own optimum."""
+    mean, covariance = linear.matrices.posterior(linear.flight, linear.hyper, linear.priors)
+    gain = np.linalg.solve(covariance[:2, :2], covariance[:2, 2:]).T
+    xi, (along,) = np.stack([POINT, -2.0 * POINT], axis=1), straight.along
+    theta = np.asarray(straight.theta(xi))
+    shift = jnp.asarray(theta - np.asarray(straight.centre)[:, None])
+    many = place_at(linear.flight, along, shift)
+    for b in range(2):
+        at = place_at(linear.flight, along, shift[:, b])
+        jax.tree.map(lambda a, c, b=b: np.testing.assert_allclose(a, c[..., b], atol=1e-12), at, many)
+        found = np.concatenate([at.unknowns.start, np.asarray(at.error).ravel()])
+        np.testing.assert_allclose(found, mean[2:] + gain @ (theta[:, b] - mean[:2]), atol=1e-5)
+        own = flown(linear.flight, linear.hyper, theta[:, b], at.unknowns)
+        np.testing.assert_allclose(at.path, own.path, atol=1e-9)
+        np.testing.assert_allclose(at.error, own.error, atol=1e-12)
+    driven = course_at(linear.flight, along, shift)
+    np.testing.assert_allclose(driven.start, linear.flight.start_scale[:, None] * many.unknowns.start)
+    np.testing.assert_array_equal(driven.path, many.path)
+
+
+def test_what_is_seen_does_not_hang_on_the_path_where_all_is_linear(linear, straight):
+    """Innovations at a point from its own path, or from another with the defects that it has."""
+    flight, (along,) = linear.flight, straight.along
+    theta = jnp.asarray(straight.theta(POINT[:, None]))
+    shift = theta - jnp.asarray(straight.centre)[:, None]
+    driven = course_at(flight, along, shift)
+    away = 0.3 * np.random.default_rng(6).standard_normal(driven.path.shape)
+    unit = []
+    for one in (driven, driven._replace(path=driven.path + away)):
+        residual, defects = stepped(flight, theta, one)
+        seen = seen_along(along, residual, defects, shift)
+        unit.append(np.asarray(innovations(along.gains, *seen)))
+    np.testing.assert_allclose(unit[1], unit[0], atol=1e-8)
+
+
+def test_the_optimum_is_next_to_the_place_it_is_asked_for_at(linear):
+    """From a path that is anything but a flight, where all is linear: its own conditional optimum."""
+    best = fit([linear.flight], linear.hyper, linear.priors, np.zeros(2), tolerance=1e-6)
+    (at,) = best.flights
+    rng = np.random.default_rng(8)
+    path = at.path + 0.3 * rng.standard_normal(at.path.shape)
+    shocks = at.unknowns.shocks + rng.standard_normal(at.unknowns.shocks.shape)
+    lost = at._replace(path=path, unknowns=at.unknowns._replace(shocks=shocks))
+    (found,) = marginalise([linear.flight], linear.hyper, linear.priors, replace(best, flights=(lost,))).along
+    np.testing.assert_allclose(found.at.unknowns.shocks, at.unknowns.shocks, atol=1e-5)
+    np.testing.assert_allclose(found.at.path, at.path, atol=1e-5)
+    np.testing.assert_allclose(found.linear.defects, 0.0, atol=1e-9)
+
+
+def test_no_place_is_out_of_range_where_all_is_linear(straight):
+    """The centre among them."""
+    xi = np.concatenate([np.zeros((2, 1)), 5.0 * np.random.default_rng(9).standard_normal((2, 5))], axis=1)
+    rows = np.asarray(projected_residuals(straight, xi))
+    np.testing.assert_array_equal(np.asarray(projected_residuals(straight, xi, smooth=True)), rows)
+    size = straight.flights[0].observed.size
+    assert len(rows) == size + 1 + 2
+    np.testing.assert_array_equal(rows[size], 0.0)
+
+
+def test_places_where_innovations_bend_too_far_are_dear(straight):
+    """Against a linear model whose derivatives are 0.4 of those that the flight has."""
+    (along,) = straight.along
+    unit = jnp.concatenate([along.unit[..., :1], 0.4 * along.unit[..., 1:]], axis=2)
+    short = replace(straight, along=(along._replace(unit=unit),))
+    xi = np.stack([POINT, -2.0 * POINT], axis=1)
+    shift = np.asarray(straight.scale) @ xi
+    square = np.sum(np.einsum("tcp,pb->tcb", along.unit[..., 1:], shift) ** 2, axis=(0, 1))
+    price = marginal._PRICE * (0.6**2 * square - marginal._MOST_BENT * (0.4**2 * square + marginal._ROUNDING))
+    np.testing.assert_allclose(log_density(straight, xi) - log_density(short, xi), 0.5 * price, rtol=1e-6)
+    assert np.isnan(projected_residuals(short, xi, smooth=True)).any(axis=0).all()

@@ -21,7 +21,7 @@ def without(linear):
 def _scores(linear, without):
     theta = np.array([without.theta[0], 0.0])
     kept = np.array([True, False])
-    return scores([linear.flight], linear.hyper, linear.priors, theta, without.unknowns, kept)
+    return scores([linear.flight], linear.hyper, linear.priors, theta, without.flights, kept)
 
 
 def test_the_step_leads_to_the_estimate_without_a_prior(linear, without):
@@ -39,5 +39,5 @@ def test_a_term_that_is_needed_stands_out_and_one_that_is_not_does_not(linear, f
     held = [linear.priors[0], replace(linear.priors[1], centre=0.0, scale=1e-7)]
     best = fit([flight], linear.hyper, held, np.zeros(2), tolerance=1e-8)
     theta, kept = np.array([best.theta[0], 0.0]), np.array([True, False])
-    step, se = scores([flight], linear.hyper, linear.priors, theta, best.unknowns, kept)
+    step, se = scores([flight], linear.hyper, linear.priors, theta, best.flights, kept)
     assert (abs(step[1] / se[1]) > 4.0) == asked

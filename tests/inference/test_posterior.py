@@ -115,14 +115,6 @@ def test_broken_proposals_give_way_to_emcee(found, draws, asked, broken, monkeyp
     np.testing.assert_allclose(np.quantile(other.xi, [0.1, 0.5, 0.9]), np.quantile(draws.xi, [0.1, 0.5, 0.9]), atol=0.4)
 
 
-def test_batches_are_joined_and_padding_dropped():
-    xi = np.arange(2.0 * 70).reshape(2, 70)
-    seen = []
-    made = posterior.in_batches(lambda part: (seen.append(part.shape), part.sum(axis=0))[1], xi)
-    np.testing.assert_array_equal(made, xi.sum(axis=0))
-    assert seen == [(2, 64), (2, 64)]
-
-
 def test_log_likelihood_sums_to_the_marginal_one(found, draws):
     """Together with prior and determinant, the samples' log likelihoods make up the density that was drawn from."""
     made, predicted = posterior._per_sample(found.marginal, draws, np.random.default_rng(5), None)

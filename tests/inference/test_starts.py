@@ -74,10 +74,21 @@ def test_an_optimum_that_is_another_is_measured_from_the_one_kept(settled, desce
     kept = settled[0].settled.optimum
     se = float(np.sqrt(kept.covariance[0, 0]))
     other = replace(kept, theta=kept.theta - 3.0 * se, cost=kept.cost + 2.5)
-    monkeypatch.setattr(starts.optimum, "fit", lambda *given: other)
+    monkeypatch.setattr(starts, "joint", lambda *given: other)
     (told,) = compare(descent.flights, descent.priors, settled[0], [settled[1]])
     assert told.away == pytest.approx(3.0) and told.worse == pytest.approx(2.5)
     assert told.parameter == "cds_over_mass" and told.converged
+
+
+@pytest.mark.parametrize("kind", [FloatingPointError, FitError])
+def test_an_optimum_that_follows_no_record_under_the_kept_noise_is_told(settled, descent, monkeypatch, kind):
+    def fails(*given):
+        raise kind("no flight follows the record")
+
+    monkeypatch.setattr(starts, "joint", fails)
+    (told,) = compare(descent.flights, descent.priors, settled[0], [settled[1]])
+    assert told.why == "no flight follows the record" and np.isnan(told.away)
+    assert not judge([told], False).passed
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from bayeschute.dynamics.integrate import Steps
 from bayeschute.inference import latent
 from bayeschute.inference.latent import Latent
 from bayeschute.inference.noise import Noise
-from bayeschute.inference.statespace import Seen, gains, innovations, response, smooth, smooth_driven
+from bayeschute.inference.statespace import Gap, Seen, gains, innovations, response, smooth_driven
 
 T, X, D, A, P, C, DT = 30, 3, 2, 2, 2, 2, 0.2
 WHICH = Latent(("drift", "oscillator"), ((0, 0), (1, 0), (1, 1)))
@@ -24,9 +24,10 @@ SCALE = np.array([0.5, 1.4])
 
 @jax.jit
 def run(steps, laws, noise, here, series):
-    """Gains, innovations, expected start and shocks."""
+    """Gains, innovations, expected start and shocks of flights that nothing drives."""
     made = gains(steps, SCALE, latent.dynamics(WHICH, laws, DT), noise, DT, here)
-    return made, innovations(made, series), *smooth(made, series)
+    got = smooth_driven(made, Seen(series, jnp.zeros((T, X, series.shape[2]))))
+    return made, innovations(made, series), got.start, got.shocks
 
 
 def _steps(rng):
@@ -149,11 +150,7 @@ def test_smoothed_start_and_shocks_are_the_dense_posterior_means(case):
 
 
 def test_series_without_a_batch_axis(case):
-    one = case.series[..., 2]
-    _, unit, start, shocks = run(case.steps, LAWS, NOISE, case.here, one)
-    np.testing.assert_allclose(unit, case.unit[..., 2], atol=1e-12)
-    np.testing.assert_allclose(start, case.expected[0][:, 2], atol=1e-12)
-    np.testing.assert_allclose(shocks, case.expected[1][..., 2], atol=1e-12)
+    np.testing.assert_allclose(innovations(case.made, case.series[..., 2]), case.unit[..., 2], atol=1e-12)
 
 
 def test_response_is_the_dense_one(case):
@@ -244,13 +241,26 @@ def test_expected_states_are_the_dense_posterior_means(case, driven, dense):
 
 
 def test_seen_has_columns_and_a_gap_is_of_the_data_alone(driven):
-    seen, gap = driven.seen, np.random.default_rng(4).standard_normal((T, C))
+    seen, rng = driven.seen, np.random.default_rng(4)
+    gap = Gap(rng.standard_normal((T, C)), rng.standard_normal((T, X)))
     np.testing.assert_array_equal(seen.column(1).series[..., 0], seen.series[..., 1])
     np.testing.assert_array_equal(seen.column(1).driven, seen.driven[..., 1:2])
     less = Seen(*map(jnp.asarray, seen)).less(gap)
-    np.testing.assert_allclose(less.series[..., 0], seen.series[..., 0] - gap)
-    np.testing.assert_array_equal(less.series[..., 1:], seen.series[..., 1:])
-    np.testing.assert_array_equal(less.driven, seen.driven)
+    np.testing.assert_allclose(less.series[..., 0], seen.series[..., 0] - gap.outputs)
+    np.testing.assert_allclose(less.driven[..., 0], seen.driven[..., 0] + gap.driven)
+    for ours, theirs in zip(less, seen, strict=True):
+        np.testing.assert_array_equal(ours[..., 1:], theirs[..., 1:])
+
+
+def test_data_of_flights_that_lie_off_by_a_gap_tell_what_they_would_without(case, driven):
+    """Outputs and ends of steps that are displaced, and data with the response to both."""
+    rng = np.random.default_rng(7)
+    gap = Gap(rng.standard_normal((T, C)), rng.standard_normal((T, X)))
+    response_to_both = gap.outputs + _along(case.steps, gap.driven[..., None])[1][..., 0]
+    series = driven.seen.series.copy()
+    series[..., 0] += response_to_both
+    seen = Seen(jnp.asarray(series), jnp.asarray(driven.seen.driven)).less(gap)
+    np.testing.assert_allclose(innovations(case.made, *seen), case.unit, atol=1e-10)
 
 
 def test_an_unstable_flight_is_followed_where_its_response_over_the_record_is_garbage():

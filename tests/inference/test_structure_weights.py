@@ -9,10 +9,11 @@ import pytest
 from scipy.integrate import quad
 from scipy.special import expit, roots_hermitenorm
 
-from bayeschute.inference import determinant, structure_weights
 from bayeschute.inference import map as optimum
-from bayeschute.inference.marginal import log_density, marginalise, sample_log_likelihoods
+from bayeschute.inference import structure_weights
+from bayeschute.inference.marginal import course_at, log_density, marginalise, sample_log_likelihoods, shifted
 from bayeschute.inference.structure_weights import counts, sequential_scores, terms, weights
+from bayeschute.inference.target import filter_gains, linearise
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +64,13 @@ def test_scores_of_falling_bodies_sum_to_the_evidence_by_quadrature(found):
 def test_tilts_are_those_of_the_determinant(found):
     per_flight = terms(found.marginal)
     total = sum(part.tilt.sum(axis=0) for part in per_flight)
-    np.testing.assert_allclose(total, determinant.around(found.marginal).slope, rtol=1e-9)
+    ends, made = [], found.marginal
+    for xi in (np.ones(1), -np.ones(1)):
+        theta, shift = shifted(made, xi)
+        linear = [linearise(f, theta, course_at(f, a, shift)) for f, a in zip(made.flights, made.along, strict=True)]
+        pairs = zip(made.flights, linear, strict=True)
+        ends.append(sum(float(filter_gains(f, made.hyper, one).log_determinant) for f, one in pairs))
+    np.testing.assert_allclose(total, [0.5 * (ends[0] - ends[1])], rtol=1e-9)
 
 
 def test_tilts_are_taken_nearer_where_flights_fail(found, fails_beyond):

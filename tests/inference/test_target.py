@@ -2,23 +2,34 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from bayeschute.dynamics.kernel import flight as kernel
+from bayeschute.inference import target
 from bayeschute.inference.map import conditional
-from bayeschute.inference.statespace import innovations, response, smooth, smooth_driven
+from bayeschute.inference.statespace import Seen, innovations, response, smooth_driven
 from bayeschute.inference.target import (
     Course,
+    Lifted,
     Unknowns,
     as_seen,
     cost,
     course,
+    disturbed,
     filter_gains,
+    flown,
+    jax_states,
+    jax_stepped,
     linearise,
+    moved,
     residuals,
     states,
+    stepped,
 )
 
 
@@ -115,14 +126,15 @@ def test_what_is_seen_step_by_step_tells_the_same_as_whole_responses(which, line
     close = {"rtol": 1e-9, "atol": 1e-9 * np.abs(want).max()}
     np.testing.assert_allclose(innovations(made, *seen), want, **close)
     got = smooth_driven(made, seen)
-    for ours, theirs in zip(got[1:3], smooth(made, whole), strict=True):
+    undriven = smooth_driven(made, Seen(jnp.asarray(whole), jnp.zeros_like(seen.driven)))
+    for ours, theirs in zip(got[1:3], undriven[1:3], strict=True):
         np.testing.assert_allclose(ours, theirs, **close)
 
 
 def test_defects_drive_the_states_of_the_first_column_alone(line):
     steps, rng = line[0].steps, np.random.default_rng(5)
-    plain, defects = as_seen(line[0]), rng.standard_normal(np.shape(as_seen(line[0]).driven)[:2])
-    broken = as_seen(line[0], defects)
+    plain, defects = as_seen(line[0]), rng.standard_normal(np.shape(line[0].defects))
+    broken = as_seen(line[0]._replace(defects=line[0].defects + defects))
     np.testing.assert_allclose(broken.driven[..., 0] - plain.driven[..., 0], defects, atol=1e-14)
     np.testing.assert_array_equal(broken.driven[..., 1:], plain.driven[..., 1:])
     np.testing.assert_array_equal(broken.series, plain.series)
@@ -182,3 +194,155 @@ def test_residuals_of_the_truth_have_the_law_of_the_noise(descent):
         s = cost(flight, descent.hyper, descent.theta, u)
         degrees = flight.present.sum() + u.start.size + u.shocks.size
         assert abs(2.0 * float(s) - degrees) < 4.0 * np.sqrt(2.0 * degrees)
+
+
+@pytest.fixture(params=["linear", "descent"])
+def flying(request, linear, descent):
+    """A flight, its noise parameters and parameters, on the path of its simulation."""
+    case = (linear.flight, linear.hyper, linear.theta, linear.u)
+    if request.param == "descent":
+        case = (descent.flights[0], descent.hyper, descent.theta, descent.u[0])
+    return *case[:3], flown(*case)
+
+
+def test_on_its_own_simulation_a_flight_obeys(flying):
+    flight, hyper, theta, at = flying
+    driven = course(flight, hyper, at.unknowns)
+    np.testing.assert_array_equal(at.path, states(flight, jnp.asarray(theta), driven))
+    np.testing.assert_array_equal(at.error, driven.error)
+    along = at.course(flight)
+    np.testing.assert_allclose(along.start, driven.start)
+    residual, defects = stepped(flight, jnp.asarray(theta), along)
+    np.testing.assert_allclose(defects, 0.0, atol=1e-12 * np.abs(at.path).max())
+    np.testing.assert_allclose(residual, residuals(flight, jnp.asarray(theta), driven), atol=1e-12)
+    assert (np.asarray(residual)[~flight.present] == 0.0).all()
+
+
+def test_along_its_own_simulation_a_flight_is_linearised_as_without_a_path(flying):
+    flight, hyper, theta, at = flying
+    along, alone = (linearise(flight, theta, one) for one in (at.course(flight), course(flight, hyper, at.unknowns)))
+    np.testing.assert_allclose(alone.driven.path, at.path, atol=1e-12)
+    np.testing.assert_allclose(alone.defects, 0.0, atol=1e-12 * np.abs(at.path).max())
+    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, atol=1e-11), along, alone)
+
+
+def test_what_a_flight_is_linearised_along_is_the_path_that_is_stepped(flying):
+    """Residuals and defects are those of `stepped`, whatever the path."""
+    flight, _, theta, at = flying
+    rng = np.random.default_rng(3)
+    driven = at.course(flight)._replace(path=at.path + 0.3 * rng.standard_normal(at.path.shape))
+    made, (residual, defects) = linearise(flight, theta, driven), stepped(flight, jnp.asarray(theta), driven)
+    np.testing.assert_allclose(made.residual, residual, atol=1e-12)
+    np.testing.assert_allclose(made.defects, defects, atol=1e-12)
+    assert np.abs(defects).min(axis=1).max() > 0.1
+    np.testing.assert_array_equal(made.driven.path, driven.path)
+
+
+def test_defects_are_by_how_much_the_first_state_and_all_steps_lead_beside_the_path(linear):
+    """The linear flight's equations, one sample after the other."""
+    flight, theta, drive, rng = linear.flight, linear.theta, linear.flight.model.drive, np.random.default_rng(4)
+    start, error, path = (rng.standard_normal(n) for n in ((2,), (60, 2), (60, 2)))
+    residual, defects = stepped(flight, jnp.asarray(theta), Course(start, error, path))
+    wanted, seen = [np.array([1.0, -0.5 + 0.3 * theta[0]]) + start - path[0]], []
+    for t, x in enumerate(path):
+        if t:
+            known = [0.05 * drive[t - 1] * theta[1], 0.02 * (drive[t - 1] + drive[t]) + 0.05 * theta[0]]
+            led = np.array([[0.95, 0.2], [-0.2, 0.9]]) @ path[t - 1] + 0.05 * (error[t - 1] + error[t]) + known
+            wanted.append(led - x)
+        seen.append([x[0] + 0.5 * x[1] + 0.2 * theta[1] * drive[t], x[1]])
+    np.testing.assert_allclose(defects, wanted, atol=1e-12)
+    np.testing.assert_allclose(residual, np.where(flight.present, flight.observed - seen, 0.0), atol=1e-12)
+
+
+def test_steps_of_a_batch_are_those_of_each(flying):
+    flight, _, theta, at = flying
+    rng = np.random.default_rng(6)
+    many = jax.tree.map(lambda a: a[..., None] + 0.1 * rng.standard_normal((*a.shape, 3)), at.course(flight))
+    wide = theta[:, None] + 0.1 * rng.standard_normal((theta.size, 3))
+    whole = stepped(flight, wide, many)
+    for ours, jax_made in zip(whole, jax_stepped(flight, wide, many), strict=True):
+        np.testing.assert_allclose(ours, jax_made, atol=1e-11 * np.abs(at.path).max())
+    for b in range(3):
+        one = stepped(flight, jnp.asarray(wide[:, b]), jax.tree.map(lambda a, b=b: a[..., b], many))
+        for ours, alone in zip(whole, one, strict=True):
+            np.testing.assert_allclose(ours[..., b], alone, atol=1e-11 * np.abs(at.path).max())
+
+
+def test_jax_serves_where_there_is_no_machine_code(descent, monkeypatch):
+    pytest.importorskip("llvmlite")
+    flight, theta = descent.flights[0], jnp.asarray(descent.theta)
+    at = flown(flight, descent.hyper, theta, descent.u[0])
+    path = at.path + np.random.default_rng(7).standard_normal(at.path.shape)
+    driven = at.course(flight)._replace(path=path)
+    assert kernel.reached(flight.model, theta, *driven) is not None
+
+    def once():
+        known = states(flight, theta, driven, driven.path[:20])
+        return stepped(flight, theta, driven), linearise(flight, theta, driven), known
+
+    ours = once()
+    for name in ("reached", "along_path", "states"):
+        monkeypatch.setattr(target.kernel, name, lambda *given: None)
+    close = lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-9)  # noqa: E731
+    jax.tree.map(close, ours, once())
+
+
+@pytest.mark.parametrize("known", [1, 17])
+def test_a_simulation_goes_on_from_known_states(flying, known):
+    flight, hyper, theta, at = flying
+    driven = course(flight, hyper, at.unknowns)
+    for simulated in (states, jax_states):
+        goes_on = simulated(flight, jnp.asarray(theta), driven, at.path[:known])
+        np.testing.assert_allclose(goes_on, at.path, atol=1e-11 * np.abs(at.path).max())
+    other = at.path[:known] + 0.1
+    made = states(flight, jnp.asarray(theta), driven, other)
+    np.testing.assert_array_equal(made[:known], other)
+    _, defects = stepped(flight, jnp.asarray(theta), driven._replace(path=made))
+    np.testing.assert_allclose(defects[known:], 0.0, atol=1e-12 * np.abs(at.path).max())
+    assert np.abs(np.asarray(made) - at.path)[known:].max() > 0.05
+
+
+def test_a_flight_that_fails_has_no_path_of_its_own(descent):
+    flight = descent.flights[0]
+    assert isinstance(flown(flight, descent.hyper, descent.theta, flight.still()), Lifted)
+    assert flown(flight, descent.hyper, np.array([150.0]), flight.still()) is None
+
+
+def test_start_and_disturbances_move_states_linearly(linear, line):
+    """What they add to the first state and to every step of the linear flight, alone and in a batch."""
+    flight, theta, steps = linear.flight, jnp.asarray(linear.theta), line[0].steps
+    rng = np.random.default_rng(8)
+    start, error, path = (rng.standard_normal(n) for n in ((2, 3), (60, 2, 3), (60, 2)))
+    _, still = stepped(flight, theta, Course(np.zeros(2), np.zeros((60, 2)), path))
+    made = np.asarray(disturbed(steps, Course(start, error)))
+    for b in range(3):
+        _, defects = stepped(flight, theta, Course(start[:, b], error[..., b], path))
+        np.testing.assert_allclose(made[..., b], defects - still, atol=1e-12)
+        np.testing.assert_allclose(disturbed(steps, Course(start[:, b], error[..., b])), made[..., b], atol=1e-14)
+
+
+def test_a_path_is_moved_by_its_change_or_as_its_model_retracts(linear):
+    """A model that keeps something has the last word."""
+    rng = np.random.default_rng(9)
+    path, by = rng.standard_normal((2, 60, 2, 3))
+    np.testing.assert_array_equal(moved(linear.flight, path, by), path + by)
+
+    @jax.tree_util.register_dataclass
+    @dataclass(frozen=True)
+    class Kept(type(linear.flight.model)):
+        def retract(self, x, step):
+            return jnp.stack([x[:, 0] + step[:, 0], x[:, 1]], axis=1)
+
+    kept = moved(replace(linear.flight, model=Kept(linear.flight.model.drive)), path, by)
+    np.testing.assert_array_equal(kept[:, 1], path[:, 1])
+    np.testing.assert_array_equal(kept[:, 0], path[:, 0] + by[:, 0])
+
+
+def test_a_lifted_flight_s_course_has_the_start_in_its_own_units(linear):
+    flight, at = linear.flight, flown(linear.flight, linear.hyper, linear.theta, linear.u)
+    wide = jax.tree.map(lambda a: jnp.stack([a, 2.0 * a], axis=-1), at)
+    made = wide.course(flight, 1)
+    np.testing.assert_allclose(made.start[:, 0], flight.start_scale * at.unknowns.start)
+    np.testing.assert_allclose(made.start[:, 1], 2.0 * made.start[:, 0])
+    np.testing.assert_array_equal(made.path, wide.path)
+    np.testing.assert_array_equal(made.error, wide.error)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
+import jax
 import numpy as np
 import pytest
 import xarray as xr
@@ -12,15 +13,17 @@ from bayeschute.inference.finding import Settled
 from bayeschute.inference.map import Optimum
 from bayeschute.inference.noise import Noise
 from bayeschute.inference.priors import Prior
-from bayeschute.inference.target import Hyper, Unknowns
+from bayeschute.inference.target import Hyper, Lifted, Unknowns
 from bayeschute.samplers.protocol import Draws
 from bayeschute.study import checkpoint, work_fit
 from bayeschute.study.stages import run_study
 
 RNG = np.random.default_rng(5)
 PRIORS = [Prior("a", 0.1, 0.2, False, "1", "x"), Prior("b", 1.0 / 3.0, 0.2, True, "m", "y")]
-UNKNOWNS = tuple(Unknowns(RNG.standard_normal(3), RNG.standard_normal((4, 2))) for _ in range(2))
-BEST = Optimum(RNG.standard_normal(2), UNKNOWNS, np.eye(2), 1.0 / 7.0, True, 5, 0.01, (3.0, 2.0))
+FLIGHTS = tuple(
+    Lifted(Unknowns(RNG.standard_normal(3), RNG.standard_normal((4, 2))), *RNG.standard_normal((2, 4, 5))) for _ in range(2)
+)  # fmt: skip
+BEST = Optimum(RNG.standard_normal(2), FLIGHTS, np.eye(2), 1.0 / 7.0, True, 5, 0.01, (3.0, 2.0))
 HYPER = Hyper(Noise(*RNG.random((3, 2))), (RNG.random(2), RNG.random(3)))
 
 
@@ -34,9 +37,7 @@ def test_an_optimum_comes_back_to_the_bit(tmp_path):
     assert priors == PRIORS and scores == {"c": 1.1} and settled.evidence == -2.0 / 3.0
     np.testing.assert_array_equal(settled.optimum.theta, BEST.theta)
     assert (settled.optimum.cost, settled.optimum.trace) == (BEST.cost, BEST.trace)
-    for made, wanted in zip(settled.optimum.unknowns, UNKNOWNS, strict=True):
-        np.testing.assert_array_equal(made.start, wanted.start)
-        np.testing.assert_array_equal(made.shocks, wanted.shocks)
+    jax.tree.map(np.testing.assert_array_equal, settled.optimum.flights, FLIGHTS)
     np.testing.assert_array_equal(settled.hyper.noise.correlated, HYPER.noise.correlated)
     assert len(settled.hyper.laws) == 2
     np.testing.assert_array_equal(settled.hyper.laws[1], HYPER.laws[1])

@@ -104,7 +104,7 @@ def test_white_noise_draws_from_the_raw_bound(descents, tmp_path: Path, sandwich
     assert row == pytest.approx(sandwich[1]["output_error"][0])
     with xr.open_datatree(tmp_path / "run" / "posterior.nc", engine="h5netcdf") as tree:
         assert float(tree["posterior"]["cds_over_mass"].std()) == pytest.approx(row["raw_sd"], rel=0.25)
-        assert "diverging" in tree["sample_stats"]
+        assert "acceptance_rate" in tree["sample_stats"]
     assert label("white").startswith("teaching only, not for use")
 
 

@@ -14,7 +14,7 @@ from bayeschute.inference.finding import Settled
 from bayeschute.inference.map import Optimum
 from bayeschute.inference.noise import Noise
 from bayeschute.inference.priors import Prior
-from bayeschute.inference.target import Hyper, Unknowns
+from bayeschute.inference.target import Hyper, Lifted, Unknowns
 from bayeschute.samplers.protocol import Draws
 from bayeschute.study import checkpoint, structures
 from bayeschute.study.fits import Group
@@ -88,8 +88,8 @@ def _fitted(job, group, say):
     if "axial[q]" in names:
         raise FloatingPointError("lost on purpose")
     size = len(names)
-    unknowns = (Unknowns(np.zeros(3), np.zeros((4, 2))),)
-    best = Optimum(np.full(size, float(size)), unknowns, np.eye(size), 1.0, True, 5, 0.01, (2.0,))
+    flights = (Lifted(Unknowns(np.zeros(3), np.zeros((4, 2))), np.zeros((4, 2)), np.zeros((4, 5))),)
+    best = Optimum(np.full(size, float(size)), flights, np.eye(size), 1.0, True, 5, 0.01, (2.0,))
     later = (0.05 if "transverse[rate]" in names else 0.0) + 0.0 * np.arange(100.0)
     draws = Draws(np.full((2, 3, size), float(size)), np.zeros((2, 3)), {}, 0, 6, ())
     return structures._Fitted(Settled(best, HYPER, 0.0), draws, np.full(25, -1.0), later, True)
@@ -147,7 +147,8 @@ def test_a_structure_that_has_settled_is_not_fitted_again(job, monkeypatch):
 
     monkeypatch.setattr(structures, "settle", forbidden)
     job.study.sampler.starts = None
-    best = Optimum(np.zeros(4), (Unknowns(np.zeros(3), np.zeros((4, 2))),), np.eye(4), 1.0, True, 5, 0.01, (2.0,))
+    flights = (Lifted(Unknowns(np.zeros(3), np.zeros((4, 2))), np.zeros((4, 2)), np.zeros((4, 5))),)
+    best = Optimum(np.zeros(4), flights, np.eye(4), 1.0, True, 5, 0.01, (2.0,))
     group = Group("structure-1", (), tuple(PRIORS))
     checkpoint.put_settled(job, group.name, PRIORS, Settled(best, HYPER, -2.5), {})
     assert structures._settled(job, group, None, lambda share, words: None).evidence == -2.5

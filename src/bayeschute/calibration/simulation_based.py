@@ -25,7 +25,7 @@ from bayeschute.inference.drawing import normals
 from bayeschute.inference.evidence import HyperPrior, from_vector, to_vector
 from bayeschute.inference.finding import Found, find
 from bayeschute.inference.law_effect import widened
-from bayeschute.inference.marginal import draw_unknowns
+from bayeschute.inference.marginal import draw_flights
 from bayeschute.inference.noise import colour
 from bayeschute.inference.posterior import sample
 from bayeschute.inference.priors import Prior, factor, working
@@ -174,8 +174,7 @@ def derived(template: Template, found: Found, xi: Array, seed: int) -> dict[str,
         law = from_vector(at + moved, found.hyper)
         shifted = jnp.asarray(found.law_effect.carried(xi[pick], moved).T)
         numbers = tuple(normals(f, _GROUP, rng) for f in marginal.flights)
-        known = draw_unknowns(marginal, shifted, numbers, law)[-1]
-        x = np.asarray(states(flight, marginal.theta(shifted), course(flight, law, known)))
+        x = np.asarray(draw_flights(marginal, shifted, numbers, law)[-1].path)
         parts.append({k: v[: len(xi) - start] for k, v in template.quantities(flight, x).items()})
     return {name: np.concatenate([p[name] for p in parts]) for name in parts[0]}
 

@@ -177,8 +177,8 @@ class ClusterFlight:
         2008). So is the size of the quaternion of the attitude.
 
         Args:
-            x: States (T, X).
-            step: Change of the states (T, X).
+            x: States (T, X, ...).
+            step: Change of the states (T, X, ...).
         """
         n, capsule = self.structure.canopies, self.base.capsule
 
@@ -190,15 +190,15 @@ class ClusterFlight:
             geo = geometry(state, capsule)
             return size(state.attitude), geo.length, geo.stretch_rate
 
-        before, change = jax.jvp(kept, (x.T,), (step.T,))
+        before, change = jax.jvp(kept, (jnp.moveaxis(x, 1, 0),), (jnp.moveaxis(step, 1, 0),))
         turned, length, rate = jax.tree.map(jnp.add, before, change)
-        there = unpack((x + step).T, n)
+        there = unpack(jnp.moveaxis(x + step, 1, 0), n)
         q, share = there.attitude, turned / size(there.attitude)
         there = replace(there, attitude=Quaternion(q.w * share, q.x * share, q.y * share, q.z * share))
         geo = geometry(there, capsule)
         place = there.canopy_position + geo.direction * (length - geo.length)
         moving = there.canopy_velocity + geo.direction * (rate - geo.stretch_rate)
-        return pack(replace(there, canopy_position=place, canopy_velocity=moving)).T
+        return jnp.moveaxis(pack(replace(there, canopy_position=place, canopy_velocity=moving)), 0, 1)
 
     def observe(self, x: jax.Array, numbers: Cluster, now: Any) -> jax.Array:
         """Outputs of `channels`, in order (C, ...)."""

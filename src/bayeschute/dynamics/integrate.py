@@ -59,7 +59,9 @@ def _widen(tree: Any, rank: int) -> Any:
     return jax.tree.map(lambda a: jnp.reshape(a, (*jnp.shape(a), *(1,) * rank)), tree)
 
 
-def trajectory(model: FlightModel, theta: jax.Array, start: jax.Array, error: jax.Array) -> jax.Array:
+def trajectory(
+    model: FlightModel, theta: jax.Array, start: jax.Array, error: jax.Array, given: jax.Array | None = None
+) -> jax.Array:
     """States at every sample.
 
     Args:
@@ -67,22 +69,24 @@ def trajectory(model: FlightModel, theta: jax.Array, start: jax.Array, error: ja
         theta: Parameters (P, ...).
         start: Initial deviations (D, ...).
         error: Latent disturbances at every sample (T, A, ...).
+        given: States known at the first samples (K, X, ...); the simulation goes on from the last of them.
 
     Returns:
         States (T, X, ...).
     """
     inputs = _widen(model.inputs(), theta.ndim - 1)
     numbers = model.numbers(theta)
-    first = model.initial(numbers, start)
+    known = model.initial(numbers, start)[None] if given is None else given
+    first, done = known[-1], len(known) - 1
 
     def step(x: jax.Array, now_then: Any) -> tuple[jax.Array, jax.Array]:
         now, then, e0, e1 = now_then
         x = model.advance(x, numbers, now, then, e0, e1)
         return x, x
 
-    now, then = jax.tree.map(lambda a: a[:-1], inputs), jax.tree.map(lambda a: a[1:], inputs)
-    _, rest = jax.lax.scan(step, first, (now, then, error[:-1], error[1:]))
-    return jnp.concatenate([first[None], rest])
+    now, then = jax.tree.map(lambda a: a[done:-1], inputs), jax.tree.map(lambda a: a[done + 1 :], inputs)
+    _, rest = jax.lax.scan(step, first, (now, then, error[done:-1], error[done + 1 :]))
+    return jnp.concatenate([known, rest])
 
 
 def outputs(model: FlightModel, states: jax.Array, theta: jax.Array) -> jax.Array:
@@ -139,6 +143,22 @@ class Reached(NamedTuple):
     steps: jax.Array
 
 
+def reached(model: FlightModel, theta: jax.Array, start: jax.Array, error: jax.Array, path: jax.Array) -> Reached:
+    """The first state, and where every step leads from the states of a path.
+
+    Args:
+        model: The flight.
+        theta: Parameters (P, ...).
+        start: Initial deviations (D, ...).
+        error: Latent disturbances at every sample (T, A, ...).
+        path: States (T, X, ...), which need not obey the equations of motion.
+    """
+    inputs, numbers = _widen(model.inputs(), theta.ndim - 1), model.numbers(theta)
+    now, then = jax.tree.map(lambda a: a[:-1], inputs), jax.tree.map(lambda a: a[1:], inputs)
+    steps = jax.vmap(lambda x, now, then, e0, e1: model.advance(x, numbers, now, then, e0, e1))
+    return Reached(model.initial(numbers, start), steps(path[:-1], now, then, error[:-1], error[1:]))
+
+
 def along_path(
     model: FlightModel, theta: jax.Array, start: jax.Array, error: jax.Array, path: jax.Array
 ) -> tuple[jax.Array, Reached, Steps]:
@@ -160,14 +180,15 @@ def along_path(
     step = jax.vmap(jax.jacfwd(advance, argnums=(0, 1, 4, 5)), in_axes=(0, None, 0, 0, 0, 0))
     rows = (path[:-1], theta, now, then, error[:-1], error[1:])
     along = step(*rows)
-    reached = Reached(
-        model.initial(model.numbers(theta), start), jax.vmap(advance, in_axes=(0, None, 0, 0, 0, 0))(*rows)
-    )
     first = jax.jacfwd(lambda t, d: model.initial(model.numbers(t), d), argnums=(0, 1))(theta, start)
     observe = jax.vmap(
         jax.jacfwd(lambda x, t, now: model.observe(x, model.numbers(t), now), argnums=(0, 1)), in_axes=(0, None, 0)
     )
-    return outputs(model, path, theta), reached, Steps(*along, *first, *observe(path, theta, inputs))
+    return (
+        outputs(model, path, theta),
+        reached(model, theta, start, error, path),
+        Steps(*along, *first, *observe(path, theta, inputs)),
+    )
 
 
 def jacobian(

@@ -22,9 +22,9 @@ from bayeschute.dynamics.cluster_flight import ClusterFlight
 from bayeschute.flight.sensors import ornstein_uhlenbeck
 from bayeschute.inference.drawing import Normals, normals
 from bayeschute.inference.evidence import from_vector, to_vector
+from bayeschute.inference.finding import joint
 from bayeschute.inference.law_effect import LawEffect
-from bayeschute.inference.map import fit
-from bayeschute.inference.marginal import Marginal, draw_unknowns, marginalise
+from bayeschute.inference.marginal import Marginal, draw_flights, marginalise
 from bayeschute.inference.priors import Prior
 from bayeschute.inference.target import Course, FlightData, Hyper, Unknowns, course, states
 
@@ -54,8 +54,8 @@ class Prediction:
 
 
 def _simulate(flight: FlightData, theta: jax.Array, driven: Course) -> tuple[jax.Array, jax.Array]:
-    """Quantities (Q, T, B) and the last velocity (3, B)."""
-    return _quantities(flight, states(flight, theta, driven))
+    """Quantities (Q, T, B) and the last velocity (3, B); simulated from where the course's path ends, if it has one."""
+    return _quantities(flight, states(flight, theta, driven, driven.path))
 
 
 @jax.jit
@@ -91,7 +91,8 @@ def opening(flight: FlightData, seconds: float) -> FlightData:
     model: Any = flight.model
     shorter = replace(model, record=jax.tree.map(lambda a: np.asarray(a)[:samples], model.record))
     observed, present = (np.asarray(a)[:samples] for a in (flight.observed, flight.present))
-    return replace(flight, model=shorter, observed=observed, present=present)
+    path = None if flight.path is None else flight.path._replace(states=flight.path.states[:samples])
+    return replace(flight, model=shorter, observed=observed, present=present, path=path)
 
 
 def opened(flight: FlightData, hyper: Hyper, posterior: Sequence[Prior]) -> Marginal:
@@ -106,7 +107,7 @@ def opened(flight: FlightData, hyper: Hyper, posterior: Sequence[Prior]) -> Marg
         The marginal posterior whose unknowns `predict` draws and continues.
     """
     theta = np.array([p.centre for p in posterior])
-    best = fit([flight], hyper, posterior, theta, tolerance=0.1, most=12)
+    best = joint([flight], hyper, posterior, theta)
     return marginalise([flight], hyper, posterior, best)
 
 
@@ -178,8 +179,9 @@ def predict(
     xi = np.linalg.solve(np.asarray(marginal.scale), (theta - np.asarray(marginal.centre)).T)
 
     def driven(xi: Array, numbers: tuple[Normals, ...], later: Array, law: Hyper) -> Course:
-        known = draw_unknowns(marginal, xi, numbers, law)[index]
-        return course(flight, law, Unknowns(known.start, jnp.concatenate([known.shocks[:kept], later])))
+        known = draw_flights(marginal, xi, numbers, law)[index]
+        shocks = jnp.concatenate([known.unknowns.shocks[:kept], later])
+        return course(flight, law, Unknowns(known.unknowns.start, shocks))._replace(path=known.path[:kept])
 
     rows, lasts = [], []
     first: Any = None

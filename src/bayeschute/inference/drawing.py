@@ -1,6 +1,8 @@
 """Draws of the start and disturbances of a linearised flight given its data, by simulation smoothing.
 
-A draw of the linear model is moved onto the data by the smoother (Durbin and Koopman 2002).
+A draw of the linear model is moved onto the data by the smoother (Durbin and Koopman 2002). The smoother knows a draw
+by its innovations alone, and these come from how far the draw runs from its own prediction, which stays small where the
+draw itself grows without bound, as that of an unstable flight does.
 """
 
 from __future__ import annotations
@@ -12,8 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from bayeschute.air.vector import Component
-from bayeschute.inference.noise import colour
-from bayeschute.inference.statespace import Gains, smooth
+from bayeschute.inference.statespace import Gains, Seen, backward, forward
 from bayeschute.inference.target import FlightData, Hyper, Unknowns
 
 
@@ -26,6 +27,13 @@ class Normals(NamedTuple):
     white: Component
 
 
+class Drawn(NamedTuple):
+    """A draw: standard start and shocks, and how far its states lie from those of the path (T, X, B)."""
+
+    unknowns: Unknowns
+    states: jax.Array
+
+
 def normals(flight: FlightData, draws: int, rng: np.random.Generator) -> Normals:
     """Numbers for `drawn`."""
     t, c = np.shape(flight.observed)
@@ -34,27 +42,45 @@ def normals(flight: FlightData, draws: int, rng: np.random.Generator) -> Normals
 
 
 @jax.jit
-def about(made: Gains, residual: jax.Array, unknowns: Unknowns) -> jax.Array:
-    """What the linear model sees of residuals simulated at these unknowns."""
-    return residual + linear_response(made, unknowns)
+def drawn(flight: FlightData, hyper: Hyper, made: Gains, seen: Seen, z: Normals) -> Drawn:
+    """Draw of the unknowns of the linear model given what it sees.
+
+    Args:
+        flight: The record.
+        hyper: Noise parameters.
+        made: The filter.
+        seen: Data about a path, one column a draw.
+        z: From `normals`; zeros give the smoothed unknowns.
+    """
+    unit, weighted, filtered = forward(made, *seen)
+    off, of_draw = _prediction_errors(flight, hyper, made, z)
+    start, shocks, vectors = backward(made, weighted - of_draw)
+    predicted = filtered - made.gain @ (made.root @ unit) + off
+    states = predicted[:, : seen.driven.shape[1]] + made.spread @ vectors
+    return Drawn(Unknowns(start + z.start, shocks + z.shocks), states)
 
 
-@jax.jit
-def drawn(flight: FlightData, hyper: Hyper, made: Gains, series: jax.Array, z: Normals) -> Unknowns:
-    """Smooth the difference between data and a draw of the linear model, and add it to the draw."""
-    seen = linear_response(made, Unknowns(z.start, z.shocks))
-    seen = seen + colour(hyper.outputs(flight), flight.dt, z.drift, z.white)
-    start, shocks = smooth(made, series - seen)
-    return Unknowns(start + z.start, shocks + z.shocks)
+def _prediction_errors(flight: FlightData, hyper: Hyper, made: Gains, z: Normals) -> tuple[jax.Array, jax.Array]:
+    """By how much a draw runs from its prediction (T, S, B), and its innovations times their inverse covariance."""
+    noise, many = hyper.outputs(flight), z.start.shape[1]
+    count, size = made.output.shape[1:]
+    phi, sd = (jnp.asarray(a)[:, None] for a in (jnp.exp(-flight.dt / noise.time_constant), noise.correlated))
+    white = jnp.asarray(noise.white)[:, None] * z.white
+    rows = jnp.asarray(flight.present)[..., None]
+    noisy = jnp.zeros((len(rows), size, many))
+    noisy = (
+        noisy.at[:, size - count :]
+        .set(sd * jnp.sqrt(1.0 - phi**2) * z.drift)
+        .at[0, size - count :]
+        .set(sd * z.drift[0])
+    )
 
+    def step(off: jax.Array, row: tuple) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
+        f, h, gain, inverse, g, e, here, shock, drift = row
+        v = jnp.where(here, h @ off + e, 0.0)
+        return f @ (off - gain @ v) + g @ shock + drift, (off, inverse.T @ (inverse @ v))
 
-def linear_response(made: Gains, unknowns: Unknowns) -> jax.Array:
-    """Outputs (T, C, B) of the linear model driven by standard unknowns, residual noise left out."""
-
-    def step(state: jax.Array, row: tuple) -> tuple[jax.Array, jax.Array]:
-        f, h, g, z = row
-        return f @ state + g @ z, h @ state
-
-    first = made.start @ unknowns.start + made.first @ unknowns.shocks[0]
-    later = jnp.concatenate([unknowns.shocks[1:], unknowns.shocks[:1]])  # the last is not used
-    return jax.lax.scan(step, first, (made.transition, made.output, made.shock, later))[1]
+    first = made.start @ z.start + made.first @ z.shocks[0] + noisy[0]
+    after = (jnp.concatenate([a[1:], a[:1]]) for a in (z.shocks, noisy))  # the last is not used
+    parts = (made.transition, made.output, made.gain, made.inverse, made.shock, white, rows, *after)
+    return jax.lax.scan(step, first, parts)[1]

@@ -17,11 +17,11 @@ import numpy as np
 import scipy.optimize
 from numpy.typing import NDArray
 
-from bayeschute.air.vector import Component
 from bayeschute.inference.priors import Prior, precision
 from bayeschute.inference.score import evidence_score
 from bayeschute.inference.score import from_vector as from_vector
 from bayeschute.inference.score import to_vector as to_vector
+from bayeschute.inference.statespace import Gap
 from bayeschute.inference.target import FlightData, Hyper, Linear, as_seen
 from bayeschute.numerics import processors
 
@@ -43,7 +43,7 @@ def function_of(
     linear: Sequence[Linear],
     priors: Sequence[Prior],
     prior: HyperPrior,
-    gaps: Sequence[Component] | None = None,
+    gaps: Sequence[Gap] | None = None,
 ) -> Callable[[Array], tuple[float, Array]]:
     """Minus the log evidence, up to a constant, and its gradient, as a function of the noise parameters' logarithms.
 
@@ -79,7 +79,7 @@ def maximise(
     hyper: Hyper,
     prior: HyperPrior,
     most: int = 60,
-    gaps: Sequence[Component] | None = None,
+    gaps: Sequence[Gap] | None = None,
 ) -> tuple[Hyper, float]:
     """Noise parameters of greatest evidence at a linearisation.
 
@@ -90,7 +90,7 @@ def maximise(
         hyper: Where to start.
         prior: Priors of the noise parameters.
         most: Most iterations of L-BFGS.
-        gaps: See `inference.marginal`, per flight (T, C); none where None.
+        gaps: See `inference.marginal`, per flight; none where None.
 
     Returns:
         The noise parameters and minus the log evidence up to a constant.
@@ -120,7 +120,7 @@ def law_covariance(
     hyper: Hyper,
     prior: HyperPrior,
     slope: Array,
-    gaps: Sequence[Component] | None = None,
+    gaps: Sequence[Gap] | None = None,
 ) -> Array:
     """Laplace covariance of the logarithms of all noise parameters, by differences of the gradient.
 
@@ -154,7 +154,7 @@ def mean_less_mode(
     hyper: Hyper,
     prior: HyperPrior,
     covariance: Array,
-    gaps: Sequence[Component] | None = None,
+    gaps: Sequence[Gap] | None = None,
 ) -> Array:
     """How far the mean of the logarithms of the noise parameters lies from their mode, by their skewness.
 

@@ -7,24 +7,24 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from bayeschute.air.vector import Component
 from bayeschute.errors import FitError
-from bayeschute.inference import determinant, evidence, lifted
+from bayeschute.inference import evidence, laplace, lifted
 from bayeschute.inference import map as optimum
 from bayeschute.inference.evidence import HyperPrior
 from bayeschute.inference.fit_checks import PLACES, Profile, profile
-from bayeschute.inference.following import follow
 from bayeschute.inference.law_effect import LawEffect, law_slope, law_spread
-from bayeschute.inference.lifted import Lifted, LiftedFit
+from bayeschute.inference.lifted import LiftedFit
 from bayeschute.inference.map import Optimum
-from bayeschute.inference.marginal import Marginal, gap_slope, marginalise
+from bayeschute.inference.marginal import Marginal, Quadratic, gap_slope, marginalise, place_at
 from bayeschute.inference.priors import Prior, working
 from bayeschute.inference.quasi_newton import length, secant_step
-from bayeschute.inference.target import FlightData, Hyper, Linear, Unknowns, course, linearise
+from bayeschute.inference.statespace import Gap
+from bayeschute.inference.target import FlightData, Hyper, Lifted, Linear, Unknowns
 
 Array = NDArray[np.float64]
 Progress = Callable[[float, str], None]
@@ -39,26 +39,20 @@ _MODE_STEPS, _NEAR = 16, 0.2  # most steps to the marginal mode; length of the l
 _SMALL_LEVELS = (5.0, 3.0, 1.7, 1.0, 0.6, 0.3, 0.17, 0.1, 0.05, 0.02, 0.0)  # where the usual ones don't do
 _FEW_DEFECTS = 0.02  # of the last level's slack, at which single shooting can go on
 _TURN_NEAR = lifted.Near(20.0, np.inf, 0.05)  # end of a turn
-_JOINT_NEAR = lifted.Near(0.1, 0.1, _FEW_DEFECTS)  # and of the last
+_LAST_NEAR = lifted.Near(1.0, 0.5, _FEW_DEFECTS)  # and of the last: the marginal mode is sought from there
+_JOINT_NEAR = lifted.Near(0.1, 0.1, _FEW_DEFECTS)  # where joint optima are compared
 _LOOSE = 3.0  # times the prior medians of all standard deviations, until noise parameters are found
-_APART = 5.0  # log density by which a simulation may be worse than the path that it should follow
-_POLISH = 10  # most steps of single shooting after the fit along the record
-_TURNS, _REST = 6, 0.4  # most turns of noise parameters and mode; a step of the mode after which there is no other
+_TURNS, _REST = 3, 0.4  # most turns of noise parameters and mode; a step of the mode after which there is no other
 _RISE = 20.0  # of minus the marginal log density over a step, beyond which half of it is tried
-_SAME_SLOPE = 0.5  # standard deviations within which the log determinant's slope is taken for the same
+_SAME_SLOPE = 0.5  # standard deviations within which the slope of what linear models lack is taken for the same
 _MODE_TURN = 2  # most steps of the mode in each of them
-_FOLLOWING = (1.0, 0.3)  # steps [standard deviations] at which it is looked how start and disturbances follow
-_DETERMINANT = 0.2  # error of the log determinant's polynomial beyond which it gets all products
-_LOST_PULL = (
-    "how start and disturbances change their effect with the parameters: along some axis it outweighs the density"
-)
+_BESIDE = (1.0, 0.3)  # steps [standard deviations] at which Laplace's approximation is taken
+_DETERMINANT = 0.2  # error of the polynomials beyond which the log determinant's gets all products
+_LOST_BEND = "how the flights' derivatives change with the parameters: along some axis it outweighs the density"
 _BREAKS = "no flight of the model follows the record: steps along the best path break the equations of motion"
-_STRAYS = (
-    "a path was found that obeys the equations of motion, but the flight is so unstable there that a simulation from "
-    "its start strays from the record; fit a shorter window, or split the record in several flights"
-)
 _LOST_MEAN = "that the mean of the noise parameters lies beside their most probable values: no mode was found there"
-_CLIMBS = 1  # times that a search for the mode is begun again where the density is seen to be higher
+_AT_MODE, _BESIDE_MODE = 0.2, 0.5  # root mean square distance from there, along all axes, that ends it, or will do
+_MOVES = 3  # most steps to the mode of the posterior with all its corrections
 _FAR = 1.0  # standard deviations by which noise parameters at their mean may move a parameter
 _LEAST_OPENING = 0.05  # share of the record at which the first part is shortened no more
 _LEAST_GAIN = 0.05  # share of the record by which the fitted part must at least be lengthened
@@ -75,7 +69,7 @@ class Found:
         evidence: Minus the log evidence of the most probable noise parameters, up to a constant.
         law_covariance: Of the logarithms of the noise parameters (V, V).
         law_effect: How the parameters' conditional posterior follows those logarithms.
-        determinant_error: Root mean square error of the log determinant's polynomial over the posterior.
+        determinant_error: Root mean square error of the log density over the posterior, Laplace's at the same points.
         profile: The density along the axes about the mode.
         lost: Corrections that were left out since they can't be trusted, in words.
     """
@@ -98,12 +92,7 @@ def _until(flight: FlightData, share: float) -> FlightData:
     return replace(flight, present=seen)
 
 
-def _linearised(flights: Sequence[FlightData], hyper: Hyper, best: Optimum) -> list[Linear]:
-    pairs = zip(flights, best.unknowns, strict=True)
-    return [linearise(f, best.theta, course(f, hyper, x)) for f, x in pairs]
-
-
-Begin = tuple[Array, Sequence[Unknowns | Lifted] | None, Hyper]
+Begin = tuple[Array, Sequence[Lifted] | None, Hyper]
 """Parameters, where every flight begins (None: on the path of its record), noise parameters."""
 
 
@@ -119,13 +108,7 @@ class UnsettledError(FitError):
     def __init__(self, tried: Iterable[str], best: LiftedFit, priors: Sequence[Prior], hyper: Hyper) -> None:
         """Keep the best fit beside what a `FitError` tells."""
         self.best, self.priors, self.hyper = best, tuple(priors), hyper
-        super().__init__(_STRAYS if self.obeys else _BREAKS, tried)
-
-    @property
-    def obeys(self) -> bool:
-        """Whether that fit's path obeys the equations of motion: its simulation alone strays from there."""
-        rows = self.best.rows
-        return bool(rows) and rows[-1].level == 0.0 and rows[-1].defect < _FEW_DEFECTS
+        super().__init__(_BREAKS, tried)
 
 
 class Settled(NamedTuple):
@@ -213,7 +196,7 @@ def settle(
     unknowns: Sequence[Unknowns] | None = None
     if begin is not None:
         theta, places, hyper = begin
-        unknowns = [x.unknowns if isinstance(x, Lifted) else x for x in places] if places is not None else None
+        unknowns = [x.unknowns for x in places] if places is not None else None
     if unknowns is None:
         theta, unknowns = lengthened(flights, priors, hyper, theta, say)
     for turn in range(rounds + 1):
@@ -227,7 +210,7 @@ def settle(
         theta, unknowns = best.theta, best.unknowns
         if not last:
             say((turn + 0.9) / (rounds + 1), f"noise parameters {turn + 1}")
-            linear = _linearised(flights, hyper, best)
+            linear = best.linear(flights)
             hyper, value = evidence.maximise(flights, linear, priors, hyper, prior, most=20 if turn == 0 else 12)
     return Settled(best, hyper, value)
 
@@ -242,11 +225,6 @@ def _looser(hyper: Hyper) -> Hyper:
     return replace(hyper, noise=noise, laws=tuple(np.concatenate([_LOOSE * law[:1], law[1:]]) for law in laws))
 
 
-def _placed(flight: FlightData, hyper: Hyper, theta: Array, place: Unknowns | Lifted) -> Lifted | None:
-    """A place along the record; of unknowns alone, that of their simulation."""
-    return place if isinstance(place, Lifted) else lifted.flown(flight, hyper, theta, place)
-
-
 def _along_record(
     flights: Sequence[FlightData],
     hyper: Hyper,
@@ -255,39 +233,34 @@ def _along_record(
     at: Sequence[Lifted] | None,
     near: lifted.Near,
     tell: Callable[[lifted.Row], None],
+    begins: bool = False,
 ) -> LiftedFit:
     """A fit along the record whose path obeys the equations of motion, from where it is or from the record's path.
 
-    What is fast is tried first, then what gets further. A fit that begins anew is one whose noise parameters are still
-    to be found, so it begins with stronger noise than they say. One that goes on must end so near the equations of
-    motion that its simulation follows the record too.
+    What is fast is tried first, then what gets further. One that begins, so that noise parameters are still to be
+    found, has stronger noise than they say.
 
     Raises:
         UnsettledError: If defects are left whatever was tried.
     """
-    whole, looser = (*lifted.LEVELS, 0.0), _looser(hyper)
-    anew = "from the path of the record"
+    whole, anew = (*lifted.LEVELS, 0.0), "from the path of the record"
     begun: list[tuple[str, Hyper, Sequence[Lifted] | None, tuple[float, ...]]] = [
-        (f"{anew}, noise stronger", looser, None, whole),
         (anew, hyper, None, whole),
-        (f"{anew}, noise stronger, in smaller steps", looser, None, _SMALL_LEVELS),
+        (f"{anew}, in smaller steps", hyper, None, _SMALL_LEVELS),
     ]
     if at is not None:
-        on = ("from the path of the turn before", hyper, at, (0.0,))
-        begun = [on, (anew, hyper, None, whole), (f"{anew}, in smaller steps", hyper, None, _SMALL_LEVELS)]
+        begun.insert(0, ("from the path of the turn before", hyper, at, (0.0,)))
+    elif begins:
+        looser = _looser(hyper)
+        begun = [(f"{words}, noise stronger", looser, None, levels) for words, _, _, levels in begun]
+        begun.insert(1, (anew, hyper, None, whole))
     tried: list[str] = []
     best: LiftedFit | None = None
     for words, noise, places, levels in begun:
         made = lifted.descend(flights, noise, priors, theta, places, levels, near=near, progress=tell)
         said = f"{len(made.rows)} steps, the last {made.rows[-1] if made.rows else 'none: not finite'}"
         if made.rows and made.rows[-1].level == 0.0 and made.rows[-1].defect < max(near.defect, _FEW_DEFECTS):
-            if at is None:
-                return made
-            made = lifted.tightened(flights, noise, priors, made)
-            apart = optimum.total_cost(flights, noise, priors, made.theta, made.unknowns) - made.rows[-1].cost
-            if apart < _APART:
-                return made
-            said += f"; simulated from its start it strays, by {apart:.3g} in cost"
+            return made
         tried.append(f"{words}: {said}")
         if best is None or (made.rows and (not best.rows or made.rows[-1].defect < best.rows[-1].defect)):
             best = made
@@ -306,57 +279,72 @@ def _settle_along(
     theta, hyper = working(priors)[0], prior.median
     at: Sequence[Lifted] | None = None
     if begin is not None:
-        theta, places, hyper = begin
-        if places is not None:
-            known = [y for f, x in zip(flights, places, strict=True) if (y := _placed(f, hyper, theta, x)) is not None]
-            at = known if len(known) == len(flights) else None
+        theta, at, hyper = begin
     turns = 1 if at is None else 0  # noise parameters that come with a path are of a fit before
     for turn in range(turns + 1):
 
         def tell(row: lifted.Row, turn: int = turn) -> None:
             say((turn + 0.3) / (turns + 1), f"along the record {turn + 1}, {row}")
 
-        made = _along_record(flights, hyper, priors, theta, at, _JOINT_NEAR if turn == turns else _TURN_NEAR, tell)
+        near = _LAST_NEAR if turn == turns else _TURN_NEAR
+        made = _along_record(flights, hyper, priors, theta, at, near, tell, begins=at is None)
         theta, at = made.theta, made.flights
-        linear = [lifted.linear(f, x, lifted.along(f, theta, x)) for f, x in zip(flights, at, strict=True)]
+        best = _optimum(made)
         if turn < turns:
-            hyper, value = evidence.maximise(flights, linear, priors, hyper, prior, most=20)
+            hyper, value = evidence.maximise(flights, best.linear(flights), priors, hyper, prior, most=20)
             say((turn + 0.9) / (turns + 1), f"noise parameters: log evidence {-value:.1f}")
-    value = evidence.function_of(flights, linear, priors, prior)(evidence.to_vector(hyper))[0]
-
-    def polish(iteration: int, cost: float, step: float) -> None:
-        say(0.95, f"optimum: cost {cost:.2f}, step {step:.3f} standard errors")
-
-    best = optimum.fit(flights, hyper, priors, theta, made.unknowns, _JOINT_NEAR.step, _POLISH, progress=polish)
+    value = evidence.function_of(flights, best.linear(flights), priors, prior)(evidence.to_vector(hyper))[0]
     return Settled(best, hyper, value)
+
+
+def joint(
+    flights: Sequence[FlightData],
+    hyper: Hyper,
+    priors: Sequence[Prior],
+    theta: Array,
+    at: Sequence[Lifted] | None = None,
+) -> Optimum:
+    """The joint optimum over parameters and disturbances for held noise parameters.
+
+    Args:
+        flights: Records.
+        hyper: Noise parameters.
+        priors: Priors of the parameters.
+        theta: Where to begin, working coordinates (P,).
+        at: Likewise, every flight; on the path of the record, or with undisturbed flights, where None.
+
+    Raises:
+        UnsettledError: If no flight follows the record.
+        FloatingPointError: If models without a path of the record don't fly at the start.
+    """
+    if all(f.path is not None for f in flights):
+        return _optimum(_along_record(flights, hyper, priors, theta, at, _JOINT_NEAR, lambda row: None))
+    unknowns = None if at is None else [x.unknowns for x in at]
+    return optimum.fit(flights, hyper, priors, theta, unknowns, 0.01)
+
+
+def _optimum(made: LiftedFit) -> Optimum:
+    """Where a fit along the record ended."""
+    rows = made.rows
+    trace, last = tuple(row.cost for row in rows if row.level == 0.0), rows[-1]
+    return Optimum(made.theta, made.flights, made.covariance, last.cost, made.converged, len(rows), last.step, trace)
 
 
 class _Placed(NamedTuple):
     """A point at rest on the way to the marginal mode: the slope of what the cost lacks, and the step from there."""
 
-    best: Optimum
-    rest: optimum.Relaxed
+    theta: Array
+    rest: lifted.Rest
     tilt: Array
     step: Array
 
-    def onward(self, flights: Sequence[FlightData], hyper: Hyper, priors: Sequence[Prior]) -> Optimum:
-        """The end of the step: Gauss-Newton's, under the tilt that makes it this one."""
-        towards = -self.rest.matrix @ self.step - self.rest.gradient
-        return optimum.fit(flights, hyper, priors, self.best.theta, self.best.unknowns, 0.01, most=1, tilt=towards)
+    def onward(self, flights: Sequence[FlightData], hyper: Hyper) -> tuple[Array, tuple[Lifted, ...]]:
+        """Parameters and flights at the end of the step."""
+        return self.theta + self.step, lifted.onward(flights, hyper, self.rest, self.step)
 
     def rise(self, theta: Array, cost: float) -> float:
         """By how much minus the marginal log density is greater at parameters of this cost, the tilt held."""
-        return cost - self.rest.cost + float(self.tilt @ (theta - self.best.theta))
-
-
-def _at_rest(
-    flights: Sequence[FlightData], hyper: Hyper, priors: Sequence[Prior], best: Optimum
-) -> optimum.Relaxed | None:
-    """Start and shocks at rest at parameters; None where no simulation flies there."""
-    try:
-        return optimum.relaxed(flights, hyper, priors, best.theta, best.unknowns)
-    except FloatingPointError:
-        return None
+        return cost - self.rest.cost + float(self.tilt @ (theta - self.theta))
 
 
 def marginal_mode(
@@ -385,35 +373,40 @@ def marginal_mode(
         The mode, start and shocks at their best for it; `converged` is false where steps did not become short.
     """
     say = progress or (lambda share, words: None)
-    best, hyper, distance = settled.optimum, settled.hyper, np.inf
+    begun, hyper, distance = settled.optimum, settled.hyper, np.inf
+    theta, places, covariance = begun.theta, begun.flights, begun.covariance
     bends: list[tuple[Array, Array]] = []
     last: tuple[Array, Array] | None = None
-    told: tuple[Array, Array] | None = None  # the log determinant's slope, and where
+    told: tuple[Array, Array] | None = None  # the slope of what linear models lack, and where
     before: _Placed | None = None
     for turn in range(most):
-        say(turn / most, "log determinant")
-        rest = _at_rest(flights, hyper, priors, best)
-        if before is not None and (rest is None or before.rise(best.theta, rest.cost) > _RISE):
+        rest = lifted.rest(flights, hyper, priors, theta, places)
+        if before is not None and (rest is None or before.rise(theta, rest.cost) > _RISE):
             before = before._replace(step=0.5 * before.step)  # a step that lost the record
-            best = before.onward(flights, hyper, priors)
+            theta, places = before.onward(flights, hyper)
             continue
         if rest is None:
-            raise FloatingPointError("the simulation at the conditional optimum, or its derivative, is not finite")
-        best = replace(best, unknowns=rest.unknowns, covariance=scipy.linalg.inv(rest.matrix))
+            raise FloatingPointError(
+                "a step of the flights at the conditional optimum, or its derivative, is not finite"
+            )
+        covariance = scipy.linalg.inv(rest.matrix)
+        best = replace(begun, theta=theta, flights=rest.flights, covariance=covariance)
         made = marginalise(flights, hyper, priors, best)
-        if told is None or length(best.theta - told[0], best.covariance) > _SAME_SLOPE:
-            told = best.theta, scipy.linalg.solve_triangular(np.asarray(made.scale).T, determinant.slope(made))
+        if told is None or length(theta - told[0], covariance) > _SAME_SLOPE:
+            told = theta, scipy.linalg.solve_triangular(np.asarray(made.scale).T, laplace.lack(made))
         tilt = told[1] + gap_slope(made)
         slope = rest.gradient + tilt
         if last is not None:
-            bends.append((best.theta - last[0], slope - last[1]))
-        step, last = secant_step(slope, best.covariance, bends), (best.theta, slope)
-        distance = length(step, best.covariance)
-        before = _Placed(best, rest, tilt, step)
-        best = before.onward(flights, hyper, priors)
-        if distance < _NEAR or np.array_equal(best.theta, last[0]):
+            bends.append((theta - last[0], slope - last[1]))
+        step, last = secant_step(slope, covariance, bends), (theta, slope)
+        distance = length(step, covariance)
+        say(turn / most, f"marginal mode: cost {rest.cost:.2f}, step {distance:.3f} standard deviations")
+        before = _Placed(theta, rest, tilt, step)
+        theta, places = before.onward(flights, hyper)
+        if distance < _NEAR:
             break
-    return replace(best, converged=settled.optimum.converged and distance < _NEAR)
+    converged = begun.converged and distance < _NEAR
+    return replace(begun, theta=theta, flights=places, covariance=covariance, converged=converged)
 
 
 def conclude(
@@ -459,100 +452,108 @@ def conclude(
         laws = [jax.tree.map(np.asarray, evidence.from_vector(evidence.to_vector(hyper) + moved, hyper)), hyper]
     say(0.8, "log determinant at the mode")
     began = Settled(replace(best, converged=settled.optimum.converged), hyper, value)
-    best, hyper, made, lost = _last(flights, priors, began, laws)
-    wrong = determinant.error(made, 4, np.random.default_rng(0))
-    if wrong > _DETERMINANT:
-        made = replace(made, determinant=determinant.around(made, crossed=len(priors)))
-        wrong = determinant.error(made, 4, np.random.default_rng(0))
+    best, hyper, made, lost, seen = _last(flights, priors, began, laws)
+    wrong = laplace.error(made, 4, np.random.default_rng(0))
     slope = scipy.linalg.solve_triangular(np.asarray(made.scale), scale @ slope, lower=True)
     effect = LawEffect(slope, *law_spread(made, known))
-    return Found(best, hyper, made, value, known, effect, wrong, profile(made), lost)
-
-
-class _NoModeError(FitError):
-    """A point beside the mode; `seen` is the density about it without the corrections that follow theta."""
-
-    def __init__(self, reason: str, seen: Profile) -> None:
-        super().__init__(reason)
-        self.seen = seen
+    return Found(best, hyper, made, value, known, effect, wrong, seen, lost)
 
 
 def _last(
     flights: Sequence[FlightData], priors: Sequence[Prior], began: Settled, laws: Sequence[Hyper]
-) -> tuple[Optimum, Hyper, Marginal, tuple[str, ...]]:
-    """The mode under the first noise parameters that lead to one, the posterior there, and corrections left out.
+) -> tuple[Optimum, Hyper, Marginal, tuple[str, ...], Profile]:
+    """The mode under the first noise parameters that lead to one, the posterior, corrections left out, the density.
+
+    A point that turns out to lie beside the mode, once what the linear models lack is known, is left for it.
 
     Raises:
         FitError: If none does.
-        FloatingPointError: If simulations fail on the way under the last of them.
+        FloatingPointError: If flights fail on the way under the last of them.
     """
     failed: Exception = ValueError("no noise parameters")
     for hyper in laws:
-        here: Optimum | None = began.optimum
-        for _ in range(1 + _CLIMBS):
-            assert here is not None
-            try:
-                best = marginal_mode(flights, priors, Settled(here, hyper, began.evidence))
-                near = marginalise(flights, hyper, priors, best)
-                made, lost = _corrected(near, best.converged)
-            except _NoModeError as error:
-                failed, here = error, _higher(near, best, error.seen)
-            except FloatingPointError as error:
-                failed, here = error, None
-            else:
-                return best, hyper, made, lost if hyper is laws[0] else (*lost, _LOST_MEAN)
-            if here is None:
-                break
+        try:
+            here = marginal_mode(flights, priors, Settled(began.optimum, hyper, began.evidence))
+            found = []
+            for _ in range(1 + _MOVES):
+                near = marginalise(flights, hyper, priors, here)
+                found.append((here, *_corrected(near)))
+                if _away(found[-1][3]) < _AT_MODE:
+                    break
+                here = _ahead(near, here, found[-1][3])
+        except FloatingPointError as error:
+            failed = error
+            continue
+        best, made, lost, ahead, step = min(found, key=lambda one: _away(one[3]))
+        if step and laplace.error(made, 4, np.random.default_rng(0)) > _DETERMINANT:
+            made, there = laplace.corrected(made, step, crossed=len(priors))
+            ahead = ahead if there is None else there
+        away = _away(ahead)
+        seen = max((profile(made), profile(made, ahead)), key=lambda one: (one.is_mode, one.worst))
+        if seen.is_mode and away < _BESIDE_MODE:
+            lost = lost if hyper is laws[0] else (*lost, _LOST_MEAN)
+            return replace(best, converged=began.optimum.converged), hyper, made, lost, seen
+        why = (
+            f"after {len(found)} steps towards it the mode is still off by {away:.2g} standard deviations, root mean "
+            f"square of all axes, and less than {_BESIDE_MODE:g} is wanted"
+            if seen.is_mode
+            else f"one standard deviation beside it the log density falls by {seen.worst:.3g} at least, about 0.5 is "
+            "wanted"
+        )
+        failed = FitError(f"the search for the mode of the marginal posterior did not end at one: {why}")
     raise failed
 
 
-def _higher(near: Marginal, best: Optimum, seen: Profile) -> Optimum | None:
-    """The best of the places at which a density that has no mode at its centre was looked at; None: the centre."""
-    fall = np.where(np.isfinite(seen.fall), seen.fall, np.inf)
-    axis, place = np.unravel_index(np.argmin(fall), fall.shape)
-    if fall[axis, place] >= 0.0:
-        return None
-    shift = np.asarray(near.scale) @ (PLACES[place] * seen.direction[axis])
-    moved = (
-        jax.tree.map(lambda a, by: np.asarray(a + by @ shift), along.unknowns, along.unknowns_slope)
-        for along in near.along
-    )
-    return replace(best, theta=best.theta + shift, unknowns=tuple(moved))
+def _away(step: Array) -> float:
+    """Root mean square of a step in standard coordinates."""
+    return float(np.sqrt(np.mean(step**2)))
 
 
-def _corrected(made: Marginal, converged: bool) -> tuple[Marginal, tuple[str, ...]]:
-    """The posterior with the corrections that can be trusted about its mode, and which had to be left out.
+def _ahead(near: Marginal, best: Optimum, step: Array) -> Optimum:
+    """The point a step in standard coordinates away."""
+    shift = np.asarray(near.scale) @ step
+    pairs = zip(near.flights, near.along, strict=True)
+    flights = tuple(place_at(flight, along, jnp.asarray(shift)) for flight, along in pairs)
+    return replace(best, theta=best.theta + shift, flights=flights)
+
+
+def _corrected(made: Marginal) -> tuple[Marginal, tuple[str, ...], Array, float]:
+    """The posterior with the corrections that can be trusted about a point, which had to be left out, and a way on.
+
+    Returns:
+        The posterior; what is lost; and a step in standard coordinates to its mode, or, where it has none, to the best
+        of the places at which the density was looked at; and how far beside the point Laplace's approximation was
+        taken, 0 where it has no part in it.
 
     Raises:
-        FitError: If the point is no mode with or without them, and its search did not end there either.
+        FloatingPointError: If flights fail beside the point.
     """
-    tried = []
-    for step in _FOLLOWING:
+    plain: Marginal | None = None
+    failed: FloatingPointError | None = None
+    for step in _BESIDE:
         try:
-            one = follow(made, step)
-            one = replace(one, determinant=determinant.around(one))
-        except FloatingPointError:
+            one, ahead = laplace.corrected(made, step)
+        except FloatingPointError as error:
+            failed = error
             continue
-        tried.append(profile(one))
-        if tried[-1].is_mode:
-            return one, ()
-    plain = replace(made, determinant=determinant.around(made))
-    tried.append(profile(plain))
-    if not (tried[-1].is_mode or converged):
-        falls = ", ".join(f"{one.worst:.3g}" for one in tried)
-        raise _NoModeError(
-            "the search for the mode of the marginal posterior did not end at one: one standard deviation beside it "
-            f"the log density falls by {falls} at least, with its corrections in turn and without; about 0.5 is wanted",
-            tried[-1],
-        )
-    return plain, (_LOST_PULL,)
+        if ahead is not None:
+            return one, (), ahead, step
+        plain = plain or replace(one, bend=Quadratic.none(len(one.bend.slope)))
+    if plain is None:
+        assert failed is not None
+        raise failed
+    seen = profile(plain)
+    fall = np.where(np.isfinite(seen.fall), seen.fall, np.inf)
+    axis, place = np.unravel_index(np.argmin(fall), fall.shape)
+    ahead = PLACES[place] * seen.direction[axis] * float(fall[axis, place] < 0.0)
+    return plain, (_LOST_BEND,), ahead, 0.0
 
 
 def _linear(made: Marginal) -> list[Linear]:
     return [along.linear for along in made.along]
 
 
-def _gaps(made: Marginal) -> list[Component]:
+def _gaps(made: Marginal) -> list[Gap]:
     return [along.gap for along in made.along]
 
 

@@ -57,11 +57,12 @@ class Profile(NamedTuple):
         return True
 
 
-def profile(marginal: Marginal, more: Sequence[Array] = ()) -> Profile:
+def profile(marginal: Marginal, middle: Array | None = None, more: Sequence[Array] = ()) -> Profile:
     """The log density along the axes of the parameters' covariance, and along those on which corrections bend most.
 
     Args:
-        marginal: The posterior about its mode.
+        marginal: The posterior.
+        middle: Its mode, standard coordinates (P,); the centre where None.
         more: Further directions (P,).
     """
     size = np.size(marginal.centre)
@@ -72,5 +73,6 @@ def profile(marginal: Marginal, more: Sequence[Array] = ()) -> Profile:
     found += [np.asarray(d) / np.linalg.norm(d) for d in more]
     direction = np.array(found)
     points = np.concatenate([np.zeros((size, 1)), *(place * direction.T for place in PLACES)], axis=1)
+    points = points if middle is None else points + middle[:, None]
     value = np.asarray(log_density(marginal, jnp.asarray(points)))
     return Profile(direction, (value[0] - value[1:]).reshape(len(PLACES), len(direction)).T)

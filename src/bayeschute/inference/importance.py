@@ -31,21 +31,23 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.special import logsumexp
 
-from bayeschute.inference.drawing import Normals, about, drawn, normals
+from bayeschute.inference.drawing import Normals, drawn, normals
 from bayeschute.inference.evidence import HyperPrior, from_vector, to_vector
 from bayeschute.inference.finding import Found
 from bayeschute.inference.law_effect import LawEffect
 from bayeschute.inference.map import conditional
 from bayeschute.inference.marginal import course_at
 from bayeschute.inference.priors import Prior, standard
-from bayeschute.inference.statespace import innovations
+from bayeschute.inference.statespace import Seen, innovations
 from bayeschute.inference.target import (
     Course,
     FlightData,
     Hyper,
     Linear,
     Unknowns,
+    as_seen,
     course,
+    disturbed,
     filter_gains,
     linearise,
     residuals,
@@ -209,7 +211,15 @@ def _centre(flight: FlightData, hyper: Hyper, linear: Linear) -> Unknowns:
 
 
 _gains = jax.jit(filter_gains)
-_squares = jax.jit(lambda made, series: jnp.sum(innovations(made, series) ** 2, axis=(0, 1)))
+_squares = jax.jit(lambda made, seen: jnp.sum(innovations(made, *seen) ** 2, axis=(0, 1)))
+
+
+def _seen(flight: FlightData, linear: Linear, theta: jax.Array, driven: Course) -> Seen:
+    """What the linear model sees of simulations."""
+    return Seen(residuals(flight, theta, driven), -_disturbed(linear, driven))
+
+
+_disturbed = jax.jit(lambda linear, driven: disturbed(linear.steps, driven))
 
 
 def _apart(one: Unknowns, other: Unknowns) -> Array:
@@ -247,17 +257,17 @@ def estimates(flight: FlightData, hyper: Hyper, theta: Array, near: Course, numb
     centre = _centre(flight, hyper, linearise(flight, theta, near))
     best = linearise(flight, theta, course(flight, hyper, centre))
     made, many = _gains(flight, hyper, best), np.shape(numbers.start)[1]
-    series = about(made, best.residual[..., None], jax.tree.map(lambda a: a[..., None], centre))
     wide = jnp.repeat(jnp.asarray(theta)[:, None], many, axis=1)
-    unknowns = drawn(flight, hyper, made, jnp.repeat(series, many, axis=2), numbers)
+    middle = Seen(*(jnp.repeat(a, many, axis=2) for a in as_seen(best).column(0)))
+    unknowns = drawn(flight, hyper, made, middle, numbers).unknowns
     for _ in range(_MOVES):
-        seen = about(made, residuals(flight, wide, course(flight, hyper, unknowns)), unknowns)
-        before, unknowns = unknowns, drawn(flight, hyper, made, seen, numbers)
+        seen = _seen(flight, best, wide, course(flight, hyper, unknowns))
+        before, unknowns = unknowns, drawn(flight, hyper, made, seen, numbers).unknowns
         moved = _apart(unknowns, before)
         if np.max(moved, where=np.isfinite(moved), initial=0.0) < _REST:
             break
     driven = course(flight, hyper, unknowns)
-    seen = about(made, residuals(flight, wide, driven), unknowns)
+    seen = _seen(flight, best, wide, driven)
     constant = float(made.log_determinant) - 0.5 * np.log(2.0 * np.pi) * np.sum(flight.present)
     value = constant - 0.5 * np.asarray(_squares(made, seen))
     folded, there = np.zeros(many, bool), _model(flight, hyper, best)
@@ -306,7 +316,9 @@ def weigh(
         shift, total, scatter = jnp.asarray(theta[i]) - jnp.asarray(found.marginal.centre), 0.0, 0.0
         moved, failed, folded = 0.0, 0, 0
         for flight, along in zip(found.marginal.flights, found.marginal.along, strict=True):
-            made = estimates(flight, hyper, theta[i], course_at(along, shift), _both(normals(flight, pairs, of_draw)))
+            made = estimates(
+                flight, hyper, theta[i], course_at(flight, along, shift), _both(normals(flight, pairs, of_draw))
+            )
             flown = np.isfinite(made.log_likelihood)
             if not flown.any():
                 return -np.inf, np.nan, np.nan, failed + 2 * pairs, folded

@@ -93,7 +93,7 @@ def law_slope(marginal: Marginal, step: float = 0.5) -> Array:
         theta, shift = shifted(marginal, jnp.asarray(xi))
         total: Array = np.zeros(at.size)
         for flight, along in zip(marginal.flights, marginal.along, strict=True):
-            linear = linearise(flight, theta, course_at(along, shift))
+            linear = linearise(flight, theta, course_at(flight, along, shift))
             total = total + np.asarray(conditional_score(at, like, flight, linear, _seen(linear, along.gap)))
         return total
 

@@ -12,8 +12,8 @@ these.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -21,15 +21,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayeschute.air.vector import Component
-from bayeschute.dynamics import integrate
-from bayeschute.dynamics.integrate import Reached, Steps
-from bayeschute.dynamics.kernel import flight as kernel
 from bayeschute.inference.latent import disturbances
 from bayeschute.inference.noise import whiten
 from bayeschute.inference.priors import Prior, precision, standard, working
 from bayeschute.inference.quasi_newton import secant_step
 from bayeschute.inference.statespace import Seen, gains, smooth_driven
-from bayeschute.inference.target import Course, FlightData, Hyper, Linear, Unknowns, as_seen, course, states
+from bayeschute.inference.target import FlightData, Hyper, Lifted, Linear, Unknowns, as_seen, linearise, moved
 
 Array = NDArray[np.float64]
 LEVELS = (3.0, 1.0, 0.3)  # times a path's slack, one after the other
@@ -37,7 +34,8 @@ _MOST, _MOST_HELD = 15, 40  # steps at a level, and where the path obeys the equ
 _FEW_DEFECTS, _SECANTS = 0.2, 6  # of that slack, at which earlier slopes tell of the next step; how many do
 _PRICE = 3.0  # of a defect of the last level's slack, in log density; more than the shocks of the states ask for
 _SHARES, _CLOSING = (1.0, 0.5, 0.2, 0.05), 5  # of steps; most that close the defects of one
-_NONE, _TIGHTENING = np.zeros(0), 12  # no step of parameters; most steps of a path towards no defects
+_NONE = np.zeros(0)  # no step of parameters
+_RESTING, _MOST_RESTING = 0.02, 12  # gain in log density at which start and shocks are at rest; most steps to there
 _IDLE = 4  # steps that together gain next to nothing: however long the next would be, it leads nowhere
 _FREE = 1e-2  # damping below which a step is as good as free
 _FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-3, 1e-9, 1e8
@@ -59,35 +57,6 @@ class Near(NamedTuple):
 
 NEAR = Near(0.2, 0.3)
 _NEAR_LEVEL = Near(2.0, np.inf)  # end of a level with slack: what its optimum is does not matter
-
-
-class Lifted(NamedTuple):
-    """A flight's unknowns along its record.
-
-    Attributes:
-        unknowns: Standard start and shocks.
-        error: Disturbances of these shocks (T, A); before the first step under other noise parameters, those that the
-            shocks had under the ones before.
-        path: States (T, X).
-    """
-
-    unknowns: Unknowns
-    error: Component
-    path: Component
-
-
-class Along(NamedTuple):
-    """A flight linearised along a path.
-
-    Attributes:
-        residual: Data less outputs on the path, zero where no datum exists (T, C).
-        reached: The first state, and where every step leads.
-        steps: Derivatives of the steps and outputs.
-    """
-
-    residual: Component
-    reached: Reached
-    steps: Steps
 
 
 class Terms(NamedTuple):
@@ -173,9 +142,6 @@ class LiftedFit:
         return tuple(one.unknowns for one in self.flights)
 
 
-_along_by_jax = jax.jit(integrate.along_path)
-
-
 def begin(flight: FlightData) -> Lifted:
     """A flight on the path that its record shows, undisturbed.
 
@@ -188,68 +154,42 @@ def begin(flight: FlightData) -> Lifted:
     return Lifted(flight.still(), error, jnp.asarray(flight.path.states))
 
 
-def flown(flight: FlightData, hyper: Hyper, theta: Array, unknowns: Unknowns) -> Lifted | None:
-    """A flight on the path of its own simulation; None where that is not finite."""
-    driven = course(flight, hyper, unknowns)
-    path = states(flight, jnp.asarray(theta), driven)
-    return Lifted(unknowns, driven.error, path) if bool(jnp.isfinite(path).all()) else None
-
-
-def along(flight: FlightData, theta: Array, at: Lifted) -> Along:
-    """A flight linearised along a path, by machine code where `kernel.flight` has it."""
-    start = flight.start_scale * at.unknowns.start
-    made = kernel.along_path(flight.model, theta, start, at.error, at.path)
-    if made is None:
-        made = _along_by_jax(flight.model, jnp.asarray(theta), start, at.error, at.path)
-    y, reached, steps = made
-    return Along(jnp.where(flight.present, flight.observed - y, 0.0), reached, steps)
-
-
-def linear(flight: FlightData, at: Lifted, made: Along) -> Linear:
-    """The linearised flight as `target.linearise` makes it, of a path without defects."""
-    return Linear(made.residual, Course(flight.start_scale * at.unknowns.start, at.error), made.steps)
-
-
 @jax.jit
-def terms(flight: FlightData, hyper: Hyper, slack: Component, at: Lifted, made: Along) -> Terms:
+def terms(flight: FlightData, hyper: Hyper, slack: Component, at: Lifted, made: Linear) -> Terms:
     """What a flight adds to the merit."""
     unit = whiten(hyper.outputs(flight), flight.dt, jnp.asarray(flight.present), made.residual)
-    first, rest = at.path[0] - made.reached.first, at.path[1:] - made.reached.steps
-    defect = jnp.concatenate([first[None], rest]) / slack
+    defect = made.defects / slack
     data = 0.5 * (jnp.sum(unit**2) + jnp.sum(at.unknowns.start**2) + jnp.sum(at.unknowns.shocks**2))
     sizes = jnp.abs(defect)
     return Terms(data, 0.5 * jnp.sum(defect**2), jnp.sum(sizes), jnp.max(sizes))
 
 
 @jax.jit
-def solve(flight: FlightData, hyper: Hyper, slack: Component, at: Lifted, made: Along) -> Solved:
+def solve(flight: FlightData, hyper: Hyper, slack: Component, made: Linear) -> Solved:
     """Solve the linear problem of a flight for path, start and shocks.
 
     Args:
         flight: The record.
         hyper: Noise parameters.
         slack: Standard deviations of the states' defects (X,); zeros: none are left.
-        at: The path.
-        made: The flight linearised along it.
+        made: The flight linearised along a path.
     """
-    defects = jnp.concatenate([(made.reached.first - at.path[0])[None], made.reached.steps - at.path[1:]])
-    seen = as_seen(linear(flight, at, made), defects)
     law, noise = hyper.dynamics(flight), hyper.outputs(flight)
     filtered = gains(made.steps, flight.start_scale, law, noise, flight.dt, jnp.asarray(flight.present), slack)
-    got = smooth_driven(filtered, seen)
+    got = smooth_driven(filtered, as_seen(made))
     unit = got.innovations.reshape(-1, got.start.shape[1])
     return Solved(unit.T @ unit, got.start, got.shocks[:, : flight.latent.size], got.states)
 
 
 @jax.jit
-def moved(flight: FlightData, hyper: Hyper, at: Lifted, solved: Solved, step: jax.Array) -> Lifted:
+def led(flight: FlightData, hyper: Hyper, at: Lifted, solved: Solved, step: jax.Array) -> Lifted:
     """Where a step of the parameters (P,) takes start, shocks and path in the linear problem."""
     start, shocks, away = (a[..., 0] - a[..., 1:] @ step for a in (solved.start, solved.shocks, solved.states))
     return Lifted(Unknowns(start, shocks), disturbances(hyper.dynamics(flight), shocks), at.path + away)
 
 
 @jax.jit
-def closed(flight: FlightData, hyper: Hyper, at: Lifted, made: Along) -> Lifted:
+def closed(flight: FlightData, hyper: Hyper, at: Lifted, made: Linear) -> Lifted:
     """A path whose defects are closed in the linear problem, by the likeliest change of start, shocks and path.
 
     What the data pull at has no part in it: repeated, it gets rid of defects as Newton's method does.
@@ -260,22 +200,18 @@ def closed(flight: FlightData, hyper: Hyper, at: Lifted, made: Along) -> Lifted:
         at: The path.
         made: The flight linearised along it.
     """
-    defects = jnp.concatenate([(made.reached.first - at.path[0])[None], made.reached.steps - at.path[1:]])
     law, noise = hyper.dynamics(flight), hyper.outputs(flight)
     filtered = gains(made.steps, flight.start_scale, law, noise, flight.dt, jnp.asarray(flight.present))
-    got = smooth_driven(filtered, Seen(jnp.zeros_like(made.residual)[..., None], defects[..., None]))
+    got = smooth_driven(filtered, Seen(jnp.zeros_like(made.residual)[..., None], made.defects[..., None]))
     unknowns = Unknowns(at.unknowns.start + got.start[:, 0], at.unknowns.shocks + got.shocks[..., 0])
     return Lifted(unknowns, disturbances(law, unknowns.shocks), at.path + got.states[..., 0])
 
 
 @jax.jit
 def shortened(flight: FlightData, at: Lifted, there: Lifted, share: float) -> Lifted:
-    """A share of the way to where a linear step leads; a model that can `retract` keeps what is stiff in it."""
+    """A share of the way to where a linear step leads."""
     there = jax.tree.map(lambda a, b: a + share * (b - a), at, there)
-    model: Any = flight.model
-    if not hasattr(model, "retract"):
-        return there
-    return there._replace(path=model.retract(at.path, there.path - at.path))
+    return there._replace(path=moved(flight, at.path, there.path - at.path))
 
 
 class _Point(NamedTuple):
@@ -283,7 +219,7 @@ class _Point(NamedTuple):
 
     theta: Array
     flights: tuple[Lifted, ...]
-    along: tuple[Along, ...]
+    along: tuple[Linear, ...]
     merit: float
     cost: float
     defect: float
@@ -298,17 +234,20 @@ class _Level:
     priors: Sequence[Prior]
     level: float
 
-    def slack(self, flight: FlightData, level: float | None = None) -> Array:
-        assert flight.path is not None
-        return np.asarray((self.level if level is None else level) * flight.path.slack)
+    def slack(self, flight: FlightData, at: Lifted, level: float | None = None) -> Array:
+        if flight.path is None:  # as of a record that tells states to a hundredth of their size
+            own = 1e-2 * np.sqrt(np.mean(np.asarray(at.path) ** 2, axis=0)) + 1e-9
+        else:
+            own = np.asarray(flight.path.slack)
+        return (self.level if level is None else level) * own
 
     def point(self, theta: Array, flights: Sequence[Lifted]) -> _Point:
         """A point; its merit is infinite where a step or an output is not finite."""
-        cost = merit = 0.5 * float(np.sum(standard(self.priors, theta) ** 2))
+        cost = merit = 0.5 * float(np.sum(standard(self.priors, theta) ** 2)) if self.priors else 0.0
         made, defect, unit = [], 0.0, self.level or LEVELS[-1]
         for flight, at in zip(self.records, flights, strict=True):
-            made.append(along(flight, theta, at))
-            part = terms(flight, self.hyper, self.slack(flight, unit), at, made[-1])
+            made.append(linearise(flight, theta, at.course(flight)))
+            part = terms(flight, self.hyper, self.slack(flight, at, unit), at, made[-1])
             cost += float(part.data)
             merit += float(part.data) + (float(part.squares) if self.level else _PRICE * float(part.sizes))
             defect = max(defect, float(part.largest) * unit / LEVELS[-1])
@@ -320,7 +259,7 @@ class _Level:
         matrix, found = precision(self.priors), list[Solved]()
         gradient = matrix @ (here.theta - working(self.priors)[0])
         for flight, at, made in zip(self.records, here.flights, here.along, strict=True):
-            found.append(solve(flight, self.hyper, self.slack(flight), at, made))
+            found.append(solve(flight, self.hyper, self.slack(flight, at), made))
             gram = np.asarray(found[-1].gram)
             matrix, gradient = matrix + gram[1:, 1:], gradient - gram[1:, 0]
         return found, matrix, gradient
@@ -329,10 +268,8 @@ class _Level:
         """Where path, start and shocks are best in the linear problem, parameters held."""
         trio, ends = zip(self.records, here.flights, here.along, strict=True), list[Lifted]()
         for flight, at, made in trio:
-            steps = made.steps
-            none = {name: getattr(steps, name)[..., :0] for name in ("first_theta", "by_theta", "out_theta")}
-            alone = made._replace(steps=steps._replace(**none))
-            ends.append(moved(flight, self.hyper, at, solve(flight, self.hyper, self.slack(flight), at, alone), _NONE))
+            alone = made.without_theta()
+            ends.append(led(flight, self.hyper, at, solve(flight, self.hyper, self.slack(flight, at), alone), _NONE))
         return ends
 
     def closed(self, here: _Point) -> _Point:
@@ -344,7 +281,89 @@ class _Level:
     def moved(self, here: _Point, solved: Sequence[Solved], step: Array) -> list[Lifted]:
         """Flights at the end of a step of the parameters."""
         trio = zip(self.records, here.flights, solved, strict=True)
-        return [moved(f, self.hyper, at, one, step) for f, at, one in trio]
+        return [led(f, self.hyper, at, one, step) for f, at, one in trio]
+
+
+class Rest(NamedTuple):
+    """Path, start and shocks at their best for given parameters, and the cost about there with these following.
+
+    Attributes:
+        flights: Of every flight.
+        gradient: Of the cost by theta (P,).
+        matrix: Its Gauss-Newton matrix (P, P).
+        cost: Minus the log density up to constants.
+        defect: Largest that is left, over the slack of the last level.
+        onward: The flights' linear problems there.
+    """
+
+    flights: tuple[Lifted, ...]
+    gradient: Array
+    matrix: Array
+    cost: float
+    defect: float
+    onward: tuple[Solved, ...]
+
+
+def rest(
+    flights: Sequence[FlightData], hyper: Hyper, priors: Sequence[Prior], theta: Array, at: Sequence[Lifted]
+) -> Rest | None:
+    """Bring paths, start and shocks to their conditional optimum, parameters held; None where nothing is finite.
+
+    Args:
+        flights: Records.
+        hyper: Noise parameters.
+        priors: Priors of the parameters.
+        theta: Parameters, working coordinates (P,).
+        at: Where to begin.
+    """
+    level = _Level(flights, hyper, priors, 0.0)
+    here = _resting(level, level.point(theta, at))
+    solved, matrix, gradient = level.solved(here)
+    if not (np.isfinite(here.merit) and np.isfinite(matrix).all() and np.isfinite(gradient).all()):
+        return None
+    return Rest(here.flights, gradient, matrix, here.cost, here.defect, tuple(solved))
+
+
+def brought(
+    flights: Sequence[FlightData], hyper: Hyper, theta: Array, at: Sequence[Lifted]
+) -> list[tuple[Lifted, Linear]]:
+    """Flights at their conditional optima for held parameters, and linearised there; arguments as of `rest`."""
+    level = _Level(flights, hyper, (), 0.0)
+    here = _resting(level, level.point(theta, at))
+    return list(zip(here.flights, here.along, strict=True))
+
+
+def _resting(level: _Level, here: _Point) -> _Point:
+    """Steps of paths, start and shocks, parameters held, until their gain is small."""
+    held = np.zeros_like(here.theta)
+    if not all(_consistent(f, level.hyper, at) for f, at in zip(level.records, here.flights, strict=True)):
+        here = _tried(level, here, level.relaxed(here), held, 1.0)  # what it cost before says nothing
+    for _ in range(_MOST_RESTING):
+        found = _lower(level, here, level.relaxed(here), held)
+        if found is None:
+            break
+        gain, here = here.merit - found.point.merit, found.point
+        if gain < _RESTING:
+            break
+    return here
+
+
+@jax.jit
+def _apart(flight: FlightData, hyper: Hyper, at: Lifted) -> jax.Array:
+    return jnp.max(jnp.abs(at.error - disturbances(hyper.dynamics(flight), at.unknowns.shocks)), initial=0.0)
+
+
+def _consistent(flight: FlightData, hyper: Hyper, at: Lifted) -> bool:
+    """Whether the disturbances are those of the shocks, not of the noise parameters of a turn before."""
+    return bool(_apart(flight, hyper, at) <= 1e-9 * (1.0 + np.max(np.abs(at.error), initial=0.0)))
+
+
+def onward(flights: Sequence[FlightData], hyper: Hyper, here: Rest, step: Array) -> tuple[Lifted, ...]:
+    """Flights where a step of the parameters (P,) from a place at rest leads them."""
+    ends = []
+    for flight, at, solved in zip(flights, here.flights, here.onward, strict=True):
+        ends.append(shortened(flight, at, led(flight, hyper, at, solved, jnp.asarray(step)), 1.0))
+    return tuple(ends)
 
 
 class _Step(NamedTuple):
@@ -374,14 +393,13 @@ def _closed(level: _Level, here: _Point, bound: float) -> _Point:
     return here
 
 
-def _lower(level: _Level, here: _Point, solved: Sequence[Solved], step: Array) -> _Step | None:
+def _lower(level: _Level, here: _Point, there: Sequence[Lifted], step: Array) -> _Step | None:
     """The whole step where it lowers the merit, else a share of it.
 
     Where the path obeys the equations of motion, a share is judged after its defects are closed: products of the
     parameters' change with that of the path make some that the linear problem does not know, and their price would hold
     every step back (Maratos 1978).
     """
-    there = level.moved(here, solved, step)
     for share in _SHARES:
         point = _tried(level, here, there, step, share)
         if level.level == 0.0 and here.merit < point.merit < np.inf:
@@ -417,7 +435,7 @@ def _descend(
         while found is None and damping < _MOST_DAMPING:
             damped = matrix + damping * np.diag(np.diag(matrix))
             step = secant_step(gradient, np.asarray(np.linalg.inv(damped), np.float64), bends)
-            found = _lower(level, here, solved, step)
+            found = _lower(level, here, level.moved(here, solved, step), step)
             if found is None:
                 bends, last = [], None
                 damping = max(10.0 * damping, _FIRST_DAMPING)
@@ -436,28 +454,6 @@ def _descend(
         if gain < near.gain and (whole <= near.step or idle) and (level.level or here.defect < near.defect):
             return here, covariance, rows, True
     return here, covariance, rows, False
-
-
-def tightened(flights: Sequence[FlightData], hyper: Hyper, priors: Sequence[Prior], made: LiftedFit) -> LiftedFit:
-    """A fit whose defects are brought as near to none as numbers allow, parameters held.
-
-    A simulation that begins where such a path does follows it for longer: what is left of defects grows with time
-    where a flight is unstable.
-
-    Args:
-        flights: Records.
-        hyper: Noise parameters, held.
-        priors: Priors of the parameters.
-        made: From `descend`.
-    """
-    level = _Level(flights, hyper, priors, 0.0)
-    here = level.point(made.theta, made.flights)
-    for _ in range(_TIGHTENING):
-        there = level.closed(here)
-        if not there.defect < here.defect:
-            break
-        here = there
-    return replace(made, flights=here.flights)
 
 
 def descend(

@@ -20,10 +20,11 @@ from numpy.typing import NDArray
 
 from bayeschute.air.vector import Component
 from bayeschute.inference.priors import Prior, precision, standard, working
-from bayeschute.inference.statespace import smooth_driven
+from bayeschute.inference.statespace import Gains, smooth_driven
 from bayeschute.inference.target import (
     FlightData,
     Hyper,
+    Lifted,
     Linear,
     Unknowns,
     as_seen,
@@ -31,12 +32,12 @@ from bayeschute.inference.target import (
     course,
     filter_gains,
     linearise,
+    states,
 )
 
 Array = NDArray[np.float64]
 _FREE = 1e-2  # damping below which a step counts as a Gauss-Newton step
 _SHRINK = (1.0, 0.5, 0.25)
-_RELAXED, _MOST_RELAXING = 0.05, 6  # gain in log density at which start and shocks are at rest; most steps to there
 _FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-4, 1e-9, 1e6
 
 
@@ -46,7 +47,7 @@ class Optimum:
 
     Attributes:
         theta: Parameters in working coordinates (P,).
-        unknowns: Start and shocks of every flight.
+        flights: Start, shocks and path of every flight.
         covariance: Laplace covariance of theta, start and shocks integrated out (P, P).
         cost: Minus the joint log density up to constants.
         converged: Whether the last step was below tolerance.
@@ -56,13 +57,22 @@ class Optimum:
     """
 
     theta: Array
-    unknowns: tuple[Unknowns, ...]
+    flights: tuple[Lifted, ...]
     covariance: Array
     cost: float
     converged: bool
     iterations: int
     last_step: float
     trace: tuple[float, ...]
+
+    @property
+    def unknowns(self) -> tuple[Unknowns, ...]:
+        """Start and shocks of every flight."""
+        return tuple(one.unknowns for one in self.flights)
+
+    def linear(self, flights: Sequence[FlightData]) -> list[Linear]:
+        """The flights linearised along their paths."""
+        return [linearise(f, self.theta, at.course(f)) for f, at in zip(flights, self.flights, strict=True)]
 
 
 class Conditional(NamedTuple):
@@ -71,26 +81,33 @@ class Conditional(NamedTuple):
     Attributes:
         optimum: Conditional optimum at the linearisation.
         slope: Its derivatives by theta, last axis, sign turned.
+        states: How far the path moves to that optimum, then its derivatives, sign turned (T, X, 1 + P).
         matrix: Gauss-Newton matrix of theta, start and shocks eliminated (P, P).
         gradient: Gradient of minus the log density by theta, likewise (P,).
+        gains: The filter.
     """
 
     optimum: Unknowns
     slope: Unknowns
+    states: jax.Array
     matrix: Component
     gradient: Component
+    gains: Gains
 
 
 @jax.jit
 def conditional(data: FlightData, hyper: Hyper, linear: Linear) -> Conditional:
     """Eliminate start and shocks of a linearised flight."""
-    got = smooth_driven(filter_gains(data, hyper, linear), as_seen(linear))
+    made = filter_gains(data, hyper, linear)
+    got = smooth_driven(made, as_seen(linear))
     unit = got.innovations.reshape(-1, got.start.shape[1])
     return Conditional(
         Unknowns(got.start[:, 0], got.shocks[..., 0]),
         Unknowns(got.start[:, 1:], got.shocks[..., 1:]),
+        got.states,
         unit[:, 1:].T @ unit[:, 1:],
         -unit[:, 1:].T @ unit[:, 0],
+        made,
     )
 
 
@@ -255,52 +272,14 @@ def fit(
         if progress is not None:
             progress(iteration, here.value, largest)
     covariance = scipy.linalg.inv(here.matrix)
-    return Optimum(
-        here.theta, tuple(here.unknowns), covariance, here.value, converged, iteration, largest, tuple(trace)
-    )
+    ends = _flown(flights, hyper, here)
+    return Optimum(here.theta, ends, covariance, here.value, converged, iteration, largest, tuple(trace))
 
 
-class Relaxed(NamedTuple):
-    """Start and shocks at their best for given parameters, and the cost about there with these following.
-
-    Attributes:
-        unknowns: Of every flight.
-        gradient: Of the cost by theta (P,).
-        matrix: Its Gauss-Newton matrix (P, P).
-        cost: The cost.
-    """
-
-    unknowns: tuple[Unknowns, ...]
-    gradient: Array
-    matrix: Array
-    cost: float
-
-
-def relaxed(
-    flights: Sequence[FlightData], hyper: Hyper, priors: Sequence[Prior], theta: Array, unknowns: Sequence[Unknowns]
-) -> Relaxed:
-    """Bring start and shocks to their conditional optimum, parameters held: there the cost's slope is that of theta.
-
-    Args:
-        flights: Records.
-        hyper: Noise parameters.
-        priors: Priors of theta.
-        theta: Parameters, working coordinates (P,).
-        unknowns: Where to start.
-
-    Raises:
-        FloatingPointError: If the simulation at the start, or its derivative, is not finite.
-    """
-    problem, held = _Problem(flights, hyper, priors, np.zeros(len(priors)), False), np.zeros(len(priors))
-    here = problem.point(theta, unknowns)
-    if here is None:
-        raise FloatingPointError("the simulation at the conditional optimum, or its derivative, is not finite")
-    for _ in range(_MOST_RELAXING):
-        tried = (problem.point(*here.towards(held, share), here.value) for share in _SHRINK)
-        there = next((point for point in tried if point is not None), None)
-        if there is None:
-            break
-        gained, here = here.value - there.value, there
-        if gained < _RELAXED:
-            break
-    return Relaxed(tuple(here.unknowns), here.gradient, here.matrix, here.value)
+def _flown(flights: Sequence[FlightData], hyper: Hyper, here: _Point) -> tuple[Lifted, ...]:
+    """The flights on the paths of their simulations, which are finite at every point of a fit until its last datum."""
+    made = []
+    for flight, unknowns in zip(flights, here.unknowns, strict=True):
+        driven = course(flight, hyper, unknowns)
+        made.append(Lifted(unknowns, driven.error, states(flight, jnp.asarray(here.theta), driven)))
+    return tuple(made)

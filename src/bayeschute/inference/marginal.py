@@ -1,18 +1,19 @@
 """The posterior of the parameters alone, start and latent disturbances integrated out as Gaussian given them.
 
-At a point theta_0 the flight is linearised along its conditional optimum. For another theta follow that optimum
-linearly, simulate there once with the full equations, and integrate what is left as a Gaussian: the linear model's
-filter turns the simulation's residuals into innovations, ``log density = -1/2 |innovations|^2 - log det`` (METHODS 6).
-The determinant depends on theta through the linearisation; leaving that out moves parameters by several standard
-errors, so a polynomial stands for it (`inference.determinant`). That the linear model's derivatives are those at
-theta_0 is made good by `inference.following`.
+At a point theta_0 the flight is linearised along its conditional optimum, a path with its start and disturbances. For
+another theta follow that path linearly, take every step and output there once with the full equations, and integrate
+what is left as a Gaussian: the linear model's filter turns residuals and the steps' defects into innovations,
+``log density = -1/2 |innovations|^2 - rest`` (METHODS 6). Steps are corrected by the data one by one, so that a flight
+may be unstable without its likelihood being so. What the linear model lacks, as its derivatives are those at theta_0,
+is a polynomial: the log determinant, which moves parameters by several standard errors, and how much the exact
+conditional optimum is curved (`inference.laplace`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -21,55 +22,59 @@ from numpy.typing import NDArray
 
 from bayeschute.air.vector import Component
 from bayeschute.inference import gap
-from bayeschute.inference.drawing import Normals, about, drawn
+from bayeschute.inference.drawing import Normals, drawn
+from bayeschute.inference.lifted import brought
 from bayeschute.inference.map import Optimum, conditional
 from bayeschute.inference.priors import Prior, factor, working
-from bayeschute.inference.statespace import Gains, innovations, response
+from bayeschute.inference.statespace import Gains, Gap, Seen, innovations
 from bayeschute.inference.target import (
     Course,
     FlightData,
     Hyper,
+    Lifted,
     Linear,
-    Unknowns,
+    as_seen,
     course,
+    disturbed,
     filter_gains,
-    linearise,
-    residuals,
+    moved,
+    stepped,
 )
 
 Array = NDArray[np.float64]
 _CORRECTIONS = 1
+_MOST_BENT, _PRICE, _ROUNDING = 0.25, 100.0, 1e-3  # see `out_of_range`
+BATCH = 64
 
 
 class Along(NamedTuple):
-    """A flight about the conditional optimum of its course.
+    """A flight about the conditional optimum of its path.
 
     Attributes:
-        unknowns: The optimum at theta_0.
-        unknowns_slope: Its derivatives by theta, last axis.
-        pull: Likewise of what draws the unknowns aside, since the linear model's derivatives are not those at theta
-            (`inference.following`).
-        driven: The course at theta_0.
-        slope: Its derivatives by theta, last axis.
-        offset: Linear response of the outputs to that course (T, C).
-        offset_slope: Its derivatives by theta, less the response to the pull (T, C, P).
-        gap: Mean of simulated outputs over start and disturbances given theta_0, less those at their optimum (T, C).
-        lost: How many pairs of simulations behind the gap failed.
+        at: The optimum at theta_0.
+        slope: Its derivatives by theta in the linear model, last axis.
+        aside: What these lack of the derivatives of the exact optimum.
+        known: What start and disturbances add to every step at theta_0, linearly (T, X).
+        known_slope: Its derivatives by theta (T, X, P).
+        gap: Mean of steps and outputs over start and disturbances given theta_0, less those at their optimum.
+        rough: The same of few paths, for its change with theta.
+        lost: How many pairs of paths behind the gap failed.
         linear: The flight linearised there.
         gains: The filter.
+        unit: Innovations at theta_0, and minus their derivatives by theta (T, C, 1 + P).
     """
 
-    unknowns: Unknowns
-    unknowns_slope: Unknowns
-    pull: Unknowns
-    driven: Course
-    slope: Course
-    offset: Component
-    offset_slope: Component
-    gap: Component
+    at: Lifted
+    slope: Lifted
+    aside: Lifted
+    known: Component
+    known_slope: Component
+    gap: Gap
+    rough: Gap
     lost: int
     linear: Linear
     gains: Gains
+    unit: Component
 
 
 class Quadratic(NamedTuple):
@@ -103,7 +108,7 @@ class Marginal:
         prior_centre: Prior means of theta (P,).
         prior_factor: Lower Cholesky factor of its prior covariance (P, P).
         determinant: Log determinant of all flights together, less its value at theta_0.
-        pull: What the pull of all flights adds to minus the log density.
+        bend: What the linear models lack of the curvature of minus the log density at the exact conditional optima.
     """
 
     flights: tuple[FlightData, ...]
@@ -114,12 +119,12 @@ class Marginal:
     prior_centre: Component
     prior_factor: Component
     determinant: Quadratic
-    pull: Quadratic
+    bend: Quadratic
 
     @property
     def rest(self) -> Quadratic:
         """Minus the log density less the squares of `projected_residuals`."""
-        return Quadratic(*(a + b for a, b in zip(self.determinant, self.pull, strict=True)))
+        return Quadratic(*(a + b for a, b in zip(self.determinant, self.bend, strict=True)))
 
     def theta(self, xi: Component) -> Component:
         """Parameters (P, ...) of standard coordinates (P, ...)."""
@@ -128,64 +133,30 @@ class Marginal:
 
 
 @jax.jit
-def _conditional(flight: FlightData, hyper: Hyper, linear: Linear) -> tuple[Unknowns, Unknowns, Gains]:
-    """The conditional optimum of a linearised flight, its derivatives by theta, and the filter."""
+def _about(flight: FlightData, hyper: Hyper, linear: Linear) -> tuple[Lifted, jax.Array, Gains]:
+    """Derivatives of the conditional optimum, those of `Along.known`, and the filter."""
     given = conditional(flight, hyper, linear)
-    return given.optimum, jax.tree.map(jnp.negative, given.slope), filter_gains(flight, hyper, linear)
+    by_theta = jax.tree.map(jnp.negative, given.slope)
+    slope = Lifted(by_theta, course(flight, hyper, by_theta).error, -given.states[..., 1:])
+    known = disturbed(linear.steps, slope.course(flight, 1))
+    return slope, known, given.gains
 
 
-@jax.jit
-def _responses(
-    flight: FlightData, hyper: Hyper, linear: Linear, unknowns: Unknowns, slope: Unknowns, pull: Unknowns
-) -> tuple[Course, Course, jax.Array, jax.Array]:
-    """The course of these unknowns, its derivatives, and the linear responses of `Along`."""
-    driven, by_theta = course(flight, hyper, unknowns), course(flight, hyper, slope)
-    seen = course(flight, hyper, jax.tree.map(jnp.subtract, slope, pull))
-    p = by_theta.start.shape[1]
-    both = response(
-        linear.steps,
-        jnp.concatenate([driven.start[:, None], seen.start], axis=1),
-        jnp.concatenate([driven.error[..., None], seen.error], axis=2),
-        jnp.zeros((p, 1 + p)),
-    )
-    return driven, by_theta, both[..., 0], both[..., 1:]
-
-
-def _along(flight: FlightData, hyper: Hyper, theta: Array, unknowns: Unknowns) -> Along:
-    """A flight about the conditional optimum next to these unknowns."""
-    linear = linearise(flight, theta, course(flight, hyper, unknowns))
-    best, slope, made = _conditional(flight, hyper, linear)
-    pull = jax.tree.map(jnp.zeros_like, slope)
-    driven, by_theta, offset, offset_slope = _responses(flight, hyper, linear, best, slope, pull)
-    mean, lost = gap.mean(flight, hyper, made, theta, driven)
-    return Along(best, slope, pull, driven, by_theta, offset, offset_slope, mean, lost, linear, made)
-
-
-def with_slopes(marginal: Marginal, slopes: Sequence[Unknowns], pulls: Sequence[Unknowns]) -> Marginal:
-    """The posterior whose starts and shocks follow theta by these slopes, against these pulls.
-
-    Args:
-        marginal: The posterior.
-        slopes: Of every flight, as `Along.unknowns_slope`.
-        pulls: Likewise, as `Along.pull`.
-    """
-    scale, along, total = np.asarray(marginal.scale), [], Quadratic.none(np.size(marginal.centre))
-    for flight, before, slope, pull in zip(marginal.flights, marginal.along, slopes, pulls, strict=True):
-        made = _responses(flight, marginal.hyper, before.linear, before.unknowns, slope, pull)
-        names = ("driven", "slope", "offset", "offset_slope")
-        along.append(before._replace(unknowns_slope=slope, pull=pull, **dict(zip(names, made, strict=True))))
-        for at, by, pulled in zip(before.unknowns, slope, pull, strict=True):
-            u = np.asarray(by).reshape(-1, len(scale)) @ scale
-            c = np.asarray(pulled).reshape(-1, len(scale)) @ scale
-            both = c.T @ u
-            total = Quadratic(total.slope + np.ravel(at) @ c, total.curvature + both + both.T - c.T @ c)
-    return replace(marginal, along=tuple(along), pull=total)
+def _along(flight: FlightData, hyper: Hyper, theta: Array, at: Lifted, linear: Linear) -> Along:
+    """A flight about its conditional optimum."""
+    slope, known_slope, made = _about(flight, hyper, linear)
+    aside = jax.tree.map(jnp.zeros_like, slope)
+    mean, lost = gap.mean(flight, hyper, made, theta, linear.driven)
+    rough, _ = gap.mean(flight, hyper, made, theta, linear.driven, rough=True)
+    known = disturbed(linear.steps, linear.driven)
+    unit = _innovations(made, *as_seen(linear).less(mean))
+    return Along(at, slope, aside, known, known_slope, mean, rough, lost, linear, made, unit)
 
 
 def marginalise(flights: Sequence[FlightData], hyper: Hyper, priors: Sequence[Prior], optimum: Optimum) -> Marginal:
     """Set the marginal posterior up at an optimum, its determinant still held constant."""
-    pairs = zip(flights, optimum.unknowns, strict=True)
-    along = tuple(_along(flight, hyper, optimum.theta, unknowns) for flight, unknowns in pairs)
+    places = brought(flights, hyper, optimum.theta, optimum.flights)
+    along = tuple(_along(flight, hyper, optimum.theta, *place) for flight, place in zip(flights, places, strict=True))
     flat, root = Quadratic.none(len(priors)), np.linalg.cholesky(optimum.covariance)
     return Marginal(tuple(flights), hyper, along, optimum.theta, root, working(priors)[0], factor(priors), flat, flat)
 
@@ -199,13 +170,22 @@ def gap_slope(marginal: Marginal) -> Array:
 
 
 @jax.jit
-def course_at(along: Along, shift: jax.Array) -> Course:
-    """Courses at ``theta_0 + shift`` (P, ...)."""
-    rank = jnp.ndim(shift) - 1
-    return Course(
-        jnp.reshape(along.driven.start, (-1, *(1,) * rank)) + along.slope.start @ shift,
-        jnp.reshape(along.driven.error, (*jnp.shape(along.driven.error), *(1,) * rank)) + along.slope.error @ shift,
-    )
+def _place(flight: FlightData, at: Lifted, slope: Lifted, shift: jax.Array) -> Lifted:
+    many = (1,) * (jnp.ndim(shift) - 1)
+    by = jax.tree.map(lambda a: jnp.tensordot(a, shift, axes=1), slope)
+    wide = jax.tree.map(lambda a, b: jnp.broadcast_to(jnp.reshape(a, (*jnp.shape(a), *many)), b.shape), at, by)
+    both = jax.tree.map(jnp.add, wide, by)
+    return Lifted(both.unknowns, both.error, moved(flight, wide.path, by.path))
+
+
+def place_at(flight: FlightData, along: Along, shift: jax.Array) -> Lifted:
+    """Start, shocks and path at ``theta_0 + shift`` (P, ...), followed linearly."""
+    return _place(flight, along.at, along.slope, shift)
+
+
+def course_at(flight: FlightData, along: Along, shift: jax.Array) -> Course:
+    """Likewise, as what drives the flight."""
+    return place_at(flight, along, shift).course(flight, jnp.ndim(shift) - 1)
 
 
 def shifted(marginal: Marginal, xi: Component) -> tuple[jax.Array, jax.Array]:
@@ -215,41 +195,60 @@ def shifted(marginal: Marginal, xi: Component) -> tuple[jax.Array, jax.Array]:
 
 
 @jax.jit
-def _seen(along: Along, residual: jax.Array, shift: jax.Array) -> jax.Array:
-    """What the linear model sees (T, C, B): residuals of the full simulation less its gap, plus the linear response."""
-    return residual + (along.offset - along.gap)[..., None] + along.offset_slope @ shift
+def seen_along(along: Along, residual: jax.Array, defects: jax.Array, shift: jax.Array) -> Seen:
+    """What the linear model sees of residuals (T, C, B) and defects (T, X, B) on the paths of `course_at`."""
+    driven = defects - along.known[..., None] - along.known_slope @ shift
+    return Seen(residual - along.gap.outputs[..., None], driven + along.gap.driven[..., None])
 
 
-def _series(flight: FlightData, along: Along, theta: jax.Array, shift: jax.Array) -> jax.Array:
-    return _seen(along, residuals(flight, theta, course_at(along, shift)), shift)
+def _seen(flight: FlightData, along: Along, theta: jax.Array, shift: jax.Array) -> Seen:
+    return seen_along(along, *stepped(flight, theta, course_at(flight, along, shift)), shift)
+
+
+@jax.jit
+def out_of_range(along: Along, unit: jax.Array, shift: jax.Array) -> jax.Array:
+    """Root of twice the price of innovations (T, C, B) that have bent too far (B,).
+
+    They bend with theta, as steps are taken with the full equations. Where they depart from a straight line by more
+    than a share of its length, derivatives taken at theta_0 say nothing any more, and a linear model about a path that
+    breaks the equations of motion may fit better than any flight can. So such places are made dear.
+    """
+    straight = along.unit[..., 1:] @ shift
+    bent = jnp.sum((unit - along.unit[..., :1] + straight) ** 2, axis=(0, 1))
+    excess = bent - _MOST_BENT * (jnp.sum(straight**2, axis=(0, 1)) + _ROUNDING)
+    inside = excess <= 0.0
+    return jnp.where(inside, 0.0, jnp.sqrt(_PRICE * jnp.where(inside, 1.0, excess)))
 
 
 _innovations = jax.jit(innovations)
 _gains = jax.jit(filter_gains)
 
 
-def projected_residuals(marginal: Marginal, xi: Component) -> jax.Array:
+def projected_residuals(marginal: Marginal, xi: Component, smooth: bool = False) -> jax.Array:
     """The vector whose ``-1/2 |.|^2`` is the marginal log density without its `rest`, up to a constant.
 
     Args:
         marginal: The posterior.
         xi: Standard coordinates (P, B).
+        smooth: NaN at places that are out of range, in the place of their price, which has a kink.
 
     Returns:
-        (N, B): innovations of every flight, then theta under its prior.
+        (N, B): innovations of every flight and what is `out_of_range` there, then theta under its prior.
     """
     theta, shift = shifted(marginal, xi)
-    parts = [
-        _innovations(along.gains, _series(flight, along, theta, shift)).reshape(-1, xi.shape[1])
-        for flight, along in zip(marginal.flights, marginal.along, strict=True)
-    ]
+    parts = []
+    for flight, along in zip(marginal.flights, marginal.along, strict=True):
+        unit = _innovations(along.gains, *_seen(flight, along, theta, shift))
+        parts += [unit.reshape(-1, xi.shape[1]), out_of_range(along, unit, shift)[None]]
+        if smooth:
+            parts[-1] = jnp.where(parts[-1] > 0.0, jnp.nan, parts[-1])
     away = theta - jnp.asarray(marginal.prior_centre)[:, None]
     prior = jax.scipy.linalg.solve_triangular(jnp.asarray(marginal.prior_factor), away, lower=True)
     return jnp.concatenate([*parts, prior])
 
 
 def log_density(marginal: Marginal, xi: Component) -> jax.Array:
-    """Marginal log density (B,) up to a constant at standard coordinates (P, B); NaN where a simulation fails."""
+    """Marginal log density (B,) up to a constant at standard coordinates (P, B); NaN where a step fails."""
     return -0.5 * jnp.sum(projected_residuals(marginal, xi) ** 2, axis=0) - marginal.rest.at(jnp.asarray(xi))
 
 
@@ -265,24 +264,24 @@ def sample_log_likelihoods(marginal: Marginal, xi: jax.Array) -> tuple[jax.Array
     """
     theta, shift = shifted(marginal, xi)
     pairs = zip(marginal.flights, marginal.along, strict=True)
-    return tuple(_log_likelihoods(f, a.gains, _series(f, a, theta, shift)) for f, a in pairs)
+    return tuple(_log_likelihoods(f, a.gains, _seen(f, a, theta, shift)) for f, a in pairs)
 
 
 @jax.jit
-def _log_likelihoods(flight: FlightData, made: Gains, series: jax.Array) -> jax.Array:
+def _log_likelihoods(flight: FlightData, made: Gains, seen: Seen) -> jax.Array:
     scale = jnp.log(jnp.diagonal(made.root, axis1=1, axis2=2)) + 0.5 * jnp.log(2.0 * jnp.pi)
     constant = jnp.sum(jnp.where(flight.present, scale, 0.0), axis=1)
-    return -0.5 * jnp.sum(innovations(made, series) ** 2, axis=1) - constant[:, None]
+    return -0.5 * jnp.sum(innovations(made, *seen) ** 2, axis=1) - constant[:, None]
 
 
-def draw_unknowns(
+def draw_flights(
     marginal: Marginal, xi: Component, numbers: tuple[Normals, ...], hyper: Hyper | None = None
-) -> tuple[Unknowns, ...]:
-    """Draws of every flight's unknowns given theta, by simulation smoothing (Durbin and Koopman 2002).
+) -> tuple[Lifted, ...]:
+    """Draws of every flight's start, shocks and path given theta, by simulation smoothing (Durbin and Koopman 2002).
 
-    A draw of the linear model is moved onto the data by the smoother. The full simulation then departs from the linear
-    one by more than the posterior's width, so the move is repeated with residuals simulated at the draw itself
-    (randomised optimisation, Bardsley et al. 2014, with fixed Jacobians).
+    A draw of the linear model is moved onto the data by the smoother. The full equations then depart from the linear
+    model by more than the posterior's width, so the move is repeated along the draw's own path (randomised
+    optimisation, Bardsley et al. 2014, with fixed derivatives).
 
     Args:
         marginal: The posterior.
@@ -291,20 +290,36 @@ def draw_unknowns(
         hyper: Noise parameters of this draw; the marginal's where None.
 
     Returns:
-        Start (D, B) and shocks (T, L, B) per flight.
+        Start (D, B), shocks (T, L, B), disturbances (T, A, B) and path (T, X, B) per flight.
     """
     theta, shift = shifted(marginal, xi)
     law, found = hyper or marginal.hyper, []
     for flight, along, z in zip(marginal.flights, marginal.along, numbers, strict=True):
         made = along.gains if hyper is None else _gains(flight, hyper, along.linear)
-        pull = Unknowns(*(jnp.tensordot(a, shift, axes=1) for a in along.pull))
-        free = drawn(flight, law, made, _series(flight, along, theta, shift), z)
+        aside, _, aside_path = jax.tree.map(lambda a: jnp.tensordot(a, shift, axes=1), along.aside)
+        driven = course_at(flight, along, shift)
+        free, away = drawn(flight, law, made, seen_along(along, *stepped(flight, theta, driven), shift), z)
+        path = moved(flight, driven.path, away + aside_path)
         for _ in range(_CORRECTIONS):
-            residual = residuals(flight, theta, course(flight, law, _sum(free, pull)))
-            free = drawn(flight, law, made, about(made, residual, free), z)
-        found.append(_sum(free, pull))
+            driven = course(flight, law, jax.tree.map(jnp.add, free, aside))._replace(path=path)
+            residual, defects = stepped(flight, theta, driven)
+            seen = Seen(  # the linear model does without what it lacks
+                residual + jnp.asarray(along.linear.steps.out_state) @ aside_path,
+                defects - _disturbed(along.linear, course(flight, law, free)),
+            )
+            free, away = drawn(flight, law, made, seen, z)
+            path = moved(flight, path, away)
+        unknowns = jax.tree.map(jnp.add, free, aside)
+        found.append(Lifted(unknowns, course(flight, law, unknowns).error, path))
     return tuple(found)
 
 
-def _sum(one: Unknowns, other: Unknowns) -> Unknowns:
-    return jax.tree.map(jnp.add, one, other)
+_disturbed = jax.jit(lambda linear, driven: disturbed(linear.steps, driven))
+
+
+def in_batches(function: Callable[[Array], Any], xi: Array, batch: int = BATCH) -> Any:
+    """Apply a function of (P, batch) to (P, B) in equal pieces, so that one compilation serves; last axes joined."""
+    count = xi.shape[-1]
+    padded = np.concatenate([xi, np.repeat(xi[..., -1:], -count % batch, axis=-1)], axis=-1)
+    pieces = [function(padded[..., i : i + batch]) for i in range(0, padded.shape[-1], batch)]
+    return jax.tree.map(lambda *a: np.concatenate([np.asarray(x) for x in a], axis=-1)[..., :count], *pieces)

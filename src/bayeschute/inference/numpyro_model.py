@@ -18,10 +18,10 @@ import numpyro.distributions as dist
 from numpy.typing import NDArray
 
 from bayeschute.errors import Fault, InputError
-from bayeschute.inference.marginal import Marginal, course_at
+from bayeschute.inference.marginal import Marginal, course_at, out_of_range, seen_along
 from bayeschute.inference.priors import Prior, factor, working
 from bayeschute.inference.statespace import innovations
-from bayeschute.inference.target import compared, jax_states
+from bayeschute.inference.target import jax_stepped
 
 Array = NDArray[np.float64]
 SITE = "log_likelihood"
@@ -32,9 +32,11 @@ def _log_likelihood(marginal: Marginal, theta: jax.Array, inverse: jax.Array) ->
     shift = theta - jnp.asarray(marginal.centre)
     total = -marginal.rest.at(inverse @ shift)
     for flight, along in zip(marginal.flights, marginal.along, strict=True):
-        residual = compared(flight, theta, jax_states(flight, theta, course_at(along, shift)))
-        seen = residual + along.offset - along.gap + along.offset_slope @ shift
-        total = total - 0.5 * jnp.sum(innovations(along.gains, seen) ** 2)
+        residual, defects = jax_stepped(flight, theta, course_at(flight, along, shift))
+        seen = seen_along(along, residual[..., None], defects[..., None], shift[:, None])
+        unit = innovations(along.gains, *seen)
+        dear = out_of_range(along, unit, shift[:, None])[0]
+        total = total - 0.5 * (jnp.sum(unit**2) + dear**2)
     return total
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from bayeschute.inference.map import conditional
 from bayeschute.inference.priors import Prior, precision
-from bayeschute.inference.target import FlightData, Hyper, Unknowns, course, linearise
+from bayeschute.inference.target import FlightData, Hyper, Lifted, linearise
 
 Array = NDArray[np.float64]
 
@@ -25,7 +25,7 @@ def scores(
     hyper: Hyper,
     priors: Sequence[Prior],
     theta: Array,
-    unknowns: Sequence[Unknowns],
+    at: Sequence[Lifted],
     kept: NDArray[np.bool_],
 ) -> tuple[Array, Array]:
     """Step and standard error of every parameter, starting from zero for those left out.
@@ -35,7 +35,7 @@ def scores(
         hyper: Noise parameters.
         priors: Priors of all parameters; those of left-out terms don't count.
         theta: The optimum, zero for left-out terms (P,).
-        unknowns: Start and shocks at the optimum, per flight.
+        at: Start, shocks and path at the optimum, per flight.
         kept: Which parameters were fitted (P,).
 
     Returns:
@@ -44,8 +44,8 @@ def scores(
     matrix: Array = np.zeros((theta.size, theta.size))
     gradient: Array = np.zeros(theta.size)
     matrix[np.ix_(kept, kept)] = precision([p for p, here in zip(priors, kept, strict=True) if here])
-    for flight, x in zip(flights, unknowns, strict=True):
-        given = conditional(flight, hyper, linearise(flight, theta, course(flight, hyper, x)))
+    for flight, x in zip(flights, at, strict=True):
+        given = conditional(flight, hyper, linearise(flight, theta, x.course(flight)))
         matrix, gradient = matrix + np.asarray(given.matrix), gradient + np.asarray(given.gradient)
     covariance: Array = np.asarray(np.linalg.inv(matrix), np.float64)
     return -covariance @ np.where(kept, 0.0, gradient), np.sqrt(np.diag(covariance))

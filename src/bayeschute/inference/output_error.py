@@ -22,7 +22,7 @@ from bayeschute.errors import Fault, InputError
 from bayeschute.inference.map import Optimum
 from bayeschute.inference.priors import Prior, factor, precision, values
 from bayeschute.inference.statespace import response
-from bayeschute.inference.target import FlightData, Hyper, Linear, course, linearise
+from bayeschute.inference.target import FlightData, Hyper, Linear
 from bayeschute.regression.colored import residual_noise
 from bayeschute.samplers.protocol import Draws
 
@@ -124,8 +124,7 @@ def bounds(
     information = scipy.linalg.block_diag(precision(priors), np.eye(size - p))
     middle, memory = information.copy(), []
     at = p
-    for flight, unknowns in zip(flights, optimum.unknowns, strict=True):
-        linear = linearise(flight, optimum.theta, course(flight, hyper, unknowns))
+    for flight, linear in zip(flights, optimum.linear(flights), strict=True):
         sd, present = _noise_sd(flight, hyper), np.asarray(flight.present, bool)
         design = np.where(present[..., None], np.asarray(_sensitivities(flight, linear)) / sd[:, None], 0.0)
         own = np.concatenate([np.arange(p), np.arange(at, at + flight.starts)])

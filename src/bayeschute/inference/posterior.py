@@ -15,8 +15,10 @@ from numpy.typing import NDArray
 
 from bayeschute.inference.drawing import normals
 from bayeschute.inference.marginal import (
+    BATCH,
     Marginal,
-    draw_unknowns,
+    draw_flights,
+    in_batches,
     log_density,
     projected_residuals,
     sample_log_likelihoods,
@@ -24,23 +26,14 @@ from bayeschute.inference.marginal import (
 from bayeschute.inference.noise import colour
 from bayeschute.inference.priors import Prior, factor, standard, values, working
 from bayeschute.inference.surrogate import Surrogate, build
-from bayeschute.inference.target import FlightData, Hyper, Unknowns, course, residuals
+from bayeschute.inference.target import FlightData, Hyper, compared
 from bayeschute.samplers import ensemble, nuts, population
 from bayeschute.samplers.doubt import doubt
 from bayeschute.samplers.protocol import Draws
 
 Array = NDArray[np.float64]
 Progress = Callable[[float, str], None]
-BATCH = 64
 _LAST_STEPS = 1000  # of emcee's ensembles where all else failed: hours would not make such draws good
-
-
-def in_batches(function: Callable[[Array], Any], xi: Array, batch: int = BATCH) -> Any:
-    """Apply a function of (P, batch) to (P, B) in equal pieces, so that one compilation serves; last axes joined."""
-    count = xi.shape[-1]
-    padded = np.concatenate([xi, np.repeat(xi[..., -1:], -count % batch, axis=-1)], axis=-1)
-    pieces = [function(padded[..., i : i + batch]) for i in range(0, padded.shape[-1], batch)]
-    return jax.tree.map(lambda *a: np.concatenate([np.asarray(x) for x in a], axis=-1)[..., :count], *pieces)
 
 
 def sample(
@@ -88,7 +81,7 @@ def sample(
         return by_emcee()
     rng = np.random.default_rng([seed, 2])
     surrogate, failed = build(
-        lambda xi: in_batches(lambda part: projected_residuals(marginal, part), xi), marginal.rest, rng
+        lambda xi: in_batches(lambda part: projected_residuals(marginal, part, smooth=True), xi), marginal.rest, rng
     )
     density = jax.tree_util.Partial(Surrogate.log_density, surrogate)
     made = nuts.corrected(exact, density, parameters, chains, warmup, draws, seed, progress=tell(kind))
@@ -198,19 +191,19 @@ def _per_sample(
 
     def prediction(part: Array) -> tuple[Array, ...]:
         numbers = tuple(normals(f, part.shape[1], rng) for f in marginal.flights)
-        drawn = draw_unknowns(marginal, jnp.asarray(part), numbers)
+        drawn = draw_flights(marginal, jnp.asarray(part), numbers)
         theta = marginal.theta(jnp.asarray(part))
-        return tuple(_predicted(f, marginal.hyper, theta, u, rng) for f, u in zip(marginal.flights, drawn, strict=True))
+        return tuple(
+            _predicted(f, marginal.hyper, theta, x.path, rng) for f, x in zip(marginal.flights, drawn, strict=True)
+        )
 
     made = [np.moveaxis(a, -1, 0).reshape(chains, thin.size, *a.shape[:2]) for a in in_batches(prediction, picked)]
     return rows, made
 
 
-def _predicted(
-    flight: FlightData, hyper: Hyper, theta: jax.Array, unknowns: Unknowns, rng: np.random.Generator
-) -> Array:
-    """Replicated data (T, C, B): outputs at the drawn unknowns, and new noise; NaN where nothing was recorded."""
-    residual = np.asarray(residuals(flight, theta, course(flight, hyper, unknowns)))
+def _predicted(flight: FlightData, hyper: Hyper, theta: jax.Array, path: jax.Array, rng: np.random.Generator) -> Array:
+    """Replicated data (T, C, B): outputs on the drawn paths, and new noise; NaN where nothing was recorded."""
+    residual = np.asarray(compared(flight, theta, path))
     drift, white = (jnp.asarray(rng.standard_normal(residual.shape)) for _ in range(2))
     noisy = np.asarray(flight.observed)[..., None] - residual + colour(hyper.outputs(flight), flight.dt, drift, white)
     return np.where(np.asarray(flight.present)[..., None], noisy, np.nan)

@@ -16,8 +16,7 @@ import scipy.linalg
 import scipy.stats
 from numpy.typing import NDArray
 
-from bayeschute.inference.marginal import Marginal, projected_residuals
-from bayeschute.inference.posterior import in_batches
+from bayeschute.inference.marginal import Marginal, in_batches, projected_residuals
 from bayeschute.inference.priors import Prior, values
 
 Array = NDArray[np.float64]

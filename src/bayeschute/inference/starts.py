@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayeschute.errors import FitError
-from bayeschute.inference import map as optimum
 from bayeschute.inference.evidence import HyperPrior
-from bayeschute.inference.finding import Progress, Settled, settle
+from bayeschute.inference.finding import Progress, Settled, joint, settle
 from bayeschute.inference.priors import Prior, factor, working
 from bayeschute.inference.target import FlightData
 
@@ -143,8 +142,8 @@ def compare(
         own = start.settled.optimum
         more = start.settled.evidence - best.settled.evidence
         try:
-            moved = optimum.fit(flights, hyper, priors, own.theta, own.unknowns, 0.01)
-        except FloatingPointError as error:
+            moved = joint(flights, hyper, priors, own.theta, own.flights)
+        except (FloatingPointError, FitError) as error:
             told.append(Told(start.number, str(error), own.converged, more, np.nan, "", np.nan))
             continue
         off = np.abs(moved.theta - kept.theta) / se

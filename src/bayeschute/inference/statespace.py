@@ -168,9 +168,20 @@ class Seen(NamedTuple):
         """One of the columns, alone."""
         return Seen(self.series[..., which, None], self.driven[..., which, None])
 
-    def less(self, gap: Component) -> Seen:
-        """The first column less (T, C)."""
-        return self._replace(series=self.series.at[..., 0].add(-jnp.asarray(gap)))
+    def less(self, gap: Gap) -> Seen:
+        """The first column less a gap: data less its outputs, states driven by it too."""
+        outputs, driven = (jnp.asarray(a) for a in gap)
+        return Seen(self.series.at[..., 0].add(-outputs), self.driven.at[..., 0].add(driven))
+
+
+class Gap(NamedTuple):
+    """How far the mean of flights lies from the flight of the mean: outputs (T, C), and the ends of all steps (T, X).
+
+    As in `Seen` the first of the latter is the first state.
+    """
+
+    outputs: Component
+    driven: Component
 
 
 def innovations(made: Gains, series: jax.Array, driven: jax.Array | None = None) -> jax.Array:
@@ -208,7 +219,7 @@ def forward(made: Gains, series: jax.Array, driven: jax.Array | None = None) -> 
     return unit.reshape(series.shape), weighted, filtered
 
 
-def _backward(made: Gains, weighted: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
+def backward(made: Gains, weighted: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Expected standard start (D, M), shocks (T, L, M), and the smoother's vectors (T, S, M)."""
 
     def step(r: jax.Array, row: tuple) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
@@ -221,13 +232,6 @@ def _backward(made: Gains, weighted: jax.Array) -> tuple[jax.Array, jax.Array, j
     zero = jnp.zeros((made.first.shape[0], weighted.shape[2]))
     r, (shocks, vectors) = jax.lax.scan(step, zero, rows, reverse=True)
     return made.start.T @ r, jnp.concatenate([(made.first.T @ r)[None], shocks[:-1]]), vectors
-
-
-def smooth(made: Gains, series: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Expected standard start (D, ...) and shocks (T, L, ...) given series (T, C, ...)."""
-    lead = series.shape[2:]
-    start, shocks, _ = _backward(made, forward(made, series)[1])
-    return start.reshape(-1, *lead), shocks.reshape(*shocks.shape[:2], *lead)
 
 
 class Smoothed(NamedTuple):
@@ -249,7 +253,7 @@ class Smoothed(NamedTuple):
 def smooth_driven(made: Gains, seen: Seen) -> Smoothed:
     """Filter and smoother of a flight whose states are driven by more than their disturbances."""
     unit, weighted, filtered = forward(made, *seen)
-    start, shocks, vectors = _backward(made, weighted)
+    start, shocks, vectors = backward(made, weighted)
     predicted = filtered - made.gain @ (made.root @ unit)
     return Smoothed(unit, start, shocks, predicted[:, : seen.driven.shape[1]] + made.spread @ vectors)
 

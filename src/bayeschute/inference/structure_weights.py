@@ -83,7 +83,7 @@ def terms(marginal: Marginal, step: float = 1.0) -> list[Terms]:
         theta, shift = shifted(marginal, jnp.asarray(xi))
         found = []
         for flight, along in zip(marginal.flights, marginal.along, strict=True):
-            linear = linearise(flight, theta, course_at(along, shift))
+            linear = linearise(flight, theta, course_at(flight, along, shift))
             found.append(np.asarray(_by_sample(flight, _gains(flight, marginal.hyper, linear))))
         return np.concatenate(found)
 

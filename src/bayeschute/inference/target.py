@@ -8,13 +8,14 @@ prior of theta is added where flights are put together.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 
 from bayeschute.air.vector import Component
-from bayeschute.dynamics.integrate import FlightModel, Steps, outputs, step_jacobians, trajectory
+from bayeschute.dynamics import integrate
+from bayeschute.dynamics.integrate import FlightModel, Reached, Steps, outputs, trajectory
 from bayeschute.dynamics.kernel import flight as kernel
 from bayeschute.inference import latent as processes
 from bayeschute.inference.latent import Latent
@@ -93,10 +94,40 @@ class Hyper:
 
 
 class Course(NamedTuple):
-    """What drives a flight beside its parameters: initial deviations (D, ...) and disturbances (T, A, ...)."""
+    """What drives a flight beside its parameters, and the path that it is looked at along.
+
+    Where a flight is unstable, its simulation leaves every path that is not exact to the last digit. What is said of a
+    flight that has a record is therefore said along a path, step by step.
+
+    Attributes:
+        start: Initial deviations (D, ...).
+        error: Disturbances (T, A, ...).
+        path: States (T, X, ...), which need not obey the equations of motion; None: those of the simulation.
+    """
 
     start: Component
     error: Component
+    path: Any = None
+
+
+class Lifted(NamedTuple):
+    """A flight's unknowns and its path.
+
+    Attributes:
+        unknowns: Standard start and shocks.
+        error: Disturbances of these shocks (T, A); before the first step under other noise parameters, those that the
+            shocks had under the ones before.
+        path: States (T, X).
+    """
+
+    unknowns: Unknowns
+    error: Component
+    path: Component
+
+    def course(self, data: FlightData, trailing: int = 0) -> Course:
+        """What drives the flight, along its path; arrays may have trailing axes."""
+        scale = jnp.reshape(jnp.asarray(data.start_scale), (-1, *(1,) * trailing))
+        return Course(scale * jnp.asarray(self.unknowns.start), self.error, self.path)
 
 
 @jax.jit
@@ -108,15 +139,63 @@ def course(data: FlightData, hyper: Hyper, unknowns: Unknowns) -> Course:
 
 # The simulation is compiled once per batch size: what is built on it is put together outside of compiled functions.
 @jax.jit
-def jax_states(data: FlightData, theta: jax.Array, driven: Course) -> jax.Array:
+def jax_states(data: FlightData, theta: jax.Array, driven: Course, known: jax.Array | None = None) -> jax.Array:
     """Simulated states (T, X, ...) by JAX alone, which can differentiate them."""
-    return trajectory(data.model, theta, driven.start, driven.error)
+    return trajectory(data.model, theta, driven.start, driven.error, known)
 
 
-def states(data: FlightData, theta: Component, driven: Course) -> jax.Array:
-    """Simulated states (T, X, ...), by machine code where `kernel.flight` has it, else by JAX."""
-    made = kernel.states(data.model, theta, driven.start, driven.error)
-    return jax_states(data, theta, driven) if made is None else made
+def states(data: FlightData, theta: Component, driven: Course, known: Component | None = None) -> jax.Array:
+    """Simulated states (T, X, ...), by machine code where `kernel.flight` has it, else by JAX.
+
+    Args:
+        data: The flight.
+        theta: Parameters (P, ...).
+        driven: What drives it; a path is not asked for.
+        known: States at the first samples (K, X, ...), which the simulation goes on from.
+    """
+    made = kernel.states(data.model, theta, driven.start, driven.error, known)
+    return jax_states(data, theta, driven, known) if made is None else made
+
+
+def flown(data: FlightData, hyper: Hyper, theta: Component, unknowns: Unknowns) -> Lifted | None:
+    """A flight on the path of its own simulation; None where that is not finite."""
+    driven = course(data, hyper, unknowns)
+    path = states(data, jnp.asarray(theta), driven)
+    return Lifted(unknowns, driven.error, path) if bool(jnp.isfinite(path).all()) else None
+
+
+@jax.jit
+def moved(data: FlightData, path: jax.Array, by: jax.Array) -> jax.Array:
+    """A path (T, X, ...) moved by a change of its states; a model that can `retract` keeps what is stiff in it."""
+    model: Any = data.model
+    return model.retract(path, by) if hasattr(model, "retract") else path + by
+
+
+@jax.jit
+def jax_stepped(data: FlightData, theta: jax.Array, driven: Course) -> tuple[jax.Array, jax.Array]:
+    """`stepped` by JAX alone, which can differentiate it."""
+    made = integrate.reached(data.model, theta, driven.start, driven.error, driven.path)
+    return _stepped(data, theta, driven.path, made)
+
+
+@jax.jit
+def _stepped(data: FlightData, theta: jax.Array, path: jax.Array, made: Reached) -> tuple[jax.Array, jax.Array]:
+    return compared(data, theta, path), jnp.concatenate([made.first[None], made.steps]) - path
+
+
+def stepped(data: FlightData, theta: Component, driven: Course) -> tuple[jax.Array, jax.Array]:
+    """Data minus outputs (T, C, ...) on a path, and by how much the first state and all steps lead beside it.
+
+    Args:
+        data: The flight.
+        theta: Parameters (P, ...).
+        driven: What drives it, and its path.
+
+    Returns:
+        The residuals, zero where no datum exists, and the defects (T, X, ...).
+    """
+    made = kernel.reached(data.model, theta, driven.start, driven.error, driven.path)
+    return jax_stepped(data, theta, driven) if made is None else _stepped(data, theta, driven.path, made)
 
 
 @jax.jit
@@ -146,23 +225,40 @@ def cost(data: FlightData, hyper: Hyper, theta: Component, unknowns: Unknowns) -
 
 
 class Linear(NamedTuple):
-    """A flight linearised at (theta, course): residuals (T, C) there, and the derivatives of all steps."""
+    """A flight linearised at (theta, course), along the course's path.
+
+    Attributes:
+        residual: Data minus outputs, zero where no datum exists (T, C).
+        defects: By how much the first state and every step lead beside the path (T, X).
+        driven: The course.
+        steps: Derivatives of all steps and outputs.
+    """
 
     residual: Component
+    defects: Component
     driven: Course
     steps: Steps
 
+    def without_theta(self) -> Linear:
+        """The same without derivatives by theta, P = 0: what holds for parameters held costs less."""
+        none = {name: getattr(self.steps, name)[..., :0] for name in ("first_theta", "by_theta", "out_theta")}
+        return self._replace(steps=self.steps._replace(**none))
+
 
 @jax.jit
-def _steps(data: FlightData, theta: jax.Array, driven: Course) -> tuple[jax.Array, Steps]:
-    return step_jacobians(data.model, theta, driven.start, driven.error)
+def _along_by_jax(data: FlightData, theta: jax.Array, driven: Course) -> tuple[jax.Array, Reached, Steps]:
+    return integrate.along_path(data.model, theta, driven.start, driven.error, driven.path)
 
 
 def linearise(data: FlightData, theta: Component, driven: Course) -> Linear:
-    """Residuals and exact derivatives of all steps at (theta, course), made like `states`."""
-    made = kernel.steps(data.model, theta, driven.start, driven.error)
-    y, steps = _steps(data, theta, driven) if made is None else made
-    return Linear(jnp.where(data.present, data.observed - y, 0.0), driven, steps)
+    """Residuals, defects and exact derivatives of all steps, made like `states`."""
+    theta = jnp.asarray(theta)
+    if driven.path is None:
+        driven = driven._replace(path=states(data, theta, driven))
+    made = kernel.along_path(data.model, theta, driven.start, driven.error, driven.path)
+    y, reached, steps = _along_by_jax(data, theta, driven) if made is None else made
+    defects = jnp.concatenate([reached.first[None], reached.steps]) - driven.path
+    return Linear(jnp.where(data.present, data.observed - y, 0.0), defects, driven, steps)
 
 
 def filter_gains(data: FlightData, hyper: Hyper, linear: Linear) -> Gains:
@@ -172,23 +268,25 @@ def filter_gains(data: FlightData, hyper: Hyper, linear: Linear) -> Gains:
     )
 
 
-def as_seen(linear: Linear, defects: Component | None = None) -> Seen:
+def as_seen(linear: Linear) -> Seen:
     """The linear model's data and their derivatives, 1 + P columns.
 
-    The first: what the data would be about the undisturbed, linearised flight at theta (residual plus the response to
-    start and disturbances that lies in it); then the derivatives of the outputs by theta.
-
-    Args:
-        linear: The flight linearised.
-        defects: By how much the first state and every step lead beside the path that it is linearised along (T, X);
-            None: it is a flight.
+    The first: what the data would be about the undisturbed, linearised flight at theta (residual, and what start and
+    disturbances have in the path); then the derivatives of the outputs by theta.
     """
-    steps, start, error = linear.steps, jnp.asarray(linear.driven.start), jnp.asarray(linear.driven.error)
-    rest = (steps.by_now @ error[:-1, :, None] + steps.by_then @ error[1:, :, None])[..., 0]
-    known = -jnp.concatenate([(steps.first_start @ start)[None], rest])
-    known = known if defects is None else known + defects
+    steps = linear.steps
+    known = linear.defects - disturbed(steps, linear.driven)
     by_theta = jnp.concatenate([steps.first_theta[None], steps.by_theta])
     return Seen(
         jnp.concatenate([linear.residual[..., None], steps.out_theta], axis=2),
         jnp.concatenate([known[..., None], -by_theta], axis=2),
     )
+
+
+def disturbed(steps: Steps, driven: Course) -> jax.Array:
+    """What start and disturbances add to the first state and by every step, linearly (T, X, ...)."""
+    start, error = jnp.asarray(driven.start), jnp.asarray(driven.error)
+    wide = error.reshape(*error.shape[:2], -1)
+    first = steps.first_start @ start.reshape(len(start), -1)
+    made = jnp.concatenate([first[None], steps.by_now @ wide[:-1] + steps.by_then @ wide[1:]])
+    return made.reshape(*made.shape[:2], *start.shape[1:])

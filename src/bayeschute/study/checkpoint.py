@@ -21,8 +21,9 @@ from bayeschute.inference.finding import Settled
 from bayeschute.inference.map import Optimum
 from bayeschute.inference.noise import Noise
 from bayeschute.inference.priors import Prior
-from bayeschute.inference.target import Hyper, Unknowns
+from bayeschute.inference.target import Hyper
 from bayeschute.samplers.protocol import Draws
+from bayeschute.study.fits import as_arrays, from_arrays
 from bayeschute.study.stages import Job, write_whole
 
 Arrays = dict[str, NDArray[Any]]
@@ -54,8 +55,8 @@ def put_settled(job: Job, name: str, priors: Sequence[Prior], settled: Settled, 
         **{key: np.asarray(getattr(hyper.noise, key)) for key in _NOISE},
         **{f"law{i}": np.asarray(law) for i, law in enumerate(hyper.laws)},
     }
-    for i, unknowns in enumerate(best.unknowns):
-        arrays |= {f"start{i}": np.asarray(unknowns.start), f"shocks{i}": np.asarray(unknowns.shocks)}
+    for i, at in enumerate(best.flights):
+        arrays |= as_arrays(at, i)
     _write(job, name, arrays)
 
 
@@ -66,9 +67,9 @@ def get_settled(job: Job, name: str) -> tuple[list[Prior], Settled, dict[str, fl
         return None
     said = json.loads(str(a["said"]))
     cost, converged, iterations, last, evidence = a["facts"]
-    unknowns = tuple(Unknowns(a[f"start{i}"], a[f"shocks{i}"]) for i in range(_count(a, "start")))
+    flights = tuple(from_arrays(a, i) for i in range(_count(a, "path")))
     best = Optimum(
-        a["theta"], unknowns, a["covariance"], float(cost), bool(converged), int(iterations), float(last),
+        a["theta"], flights, a["covariance"], float(cost), bool(converged), int(iterations), float(last),
         tuple(map(float, a["trace"])),
     )  # fmt: skip
     hyper = Hyper(Noise(*(a[key] for key in _NOISE)), tuple(a[f"law{i}"] for i in range(_count(a, "law"))))

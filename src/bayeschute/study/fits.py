@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -16,10 +16,10 @@ from bayeschute.inference.evidence import from_vector, to_vector
 from bayeschute.inference.finding import Found
 from bayeschute.inference.law_effect import LawEffect
 from bayeschute.inference.map import Optimum
-from bayeschute.inference.marginal import Marginal, Quadratic, marginalise, with_slopes
+from bayeschute.inference.marginal import Marginal, Quadratic, marginalise
 from bayeschute.inference.priors import Prior, correlated
 from bayeschute.inference.records import cluster_data, descent_data
-from bayeschute.inference.target import FlightData, Hyper, Unknowns
+from bayeschute.inference.target import FlightData, Hyper, Lifted, Unknowns
 from bayeschute.samplers.doubt import pareto_k
 from bayeschute.samplers.protocol import Draws
 from bayeschute.study import canopies, setup
@@ -97,6 +97,18 @@ def data_of(job: Job, flight: Flight, priors: Sequence[Prior], like: Flight | No
     return made if flight.wind_profile is None else by_altitude(made, record, flight.wind_profile)
 
 
+def as_arrays(at: Lifted, number: int, name: str = "") -> dict[str, Array]:
+    """A flight's unknowns and path as named arrays of a file."""
+    parts = {"start": at.unknowns.start, "shocks": at.unknowns.shocks, "error": at.error, "path": at.path}
+    return {f"{name}{part}{number}": np.asarray(value) for part, value in parts.items()}
+
+
+def from_arrays(arrays: Mapping[str, Array], number: int, name: str = "") -> Lifted:
+    """What `as_arrays` took apart."""
+    start, shocks, error, path = (arrays[f"{name}{part}{number}"] for part in ("start", "shocks", "error", "path"))
+    return Lifted(Unknowns(start, shocks), error, path)
+
+
 def save_fit(job: Job, group: Group, found: Found, draws: Draws, wide: Array) -> None:
     """Keep a finished fit: what `load_fit` needs to set it up again."""
     from bayeschute.study.stages import write_whole
@@ -107,6 +119,8 @@ def save_fit(job: Job, group: Group, found: Found, draws: Draws, wide: Array) ->
         "covariance": best.covariance,
         "determinant_slope": found.marginal.determinant.slope,
         "determinant_curvature": found.marginal.determinant.curvature,
+        "bend_slope": found.marginal.bend.slope,
+        "bend_curvature": found.marginal.bend.curvature,
         "hyper": to_vector(found.hyper),
         "xi": draws.xi,
         "wide": wide,
@@ -129,9 +143,8 @@ def save_fit(job: Job, group: Group, found: Found, draws: Draws, wide: Array) ->
             ]
         ),
     }
-    for i, (unknowns, along) in enumerate(zip(best.unknowns, found.marginal.along, strict=True)):
-        for name, part in (("", unknowns), ("slope_", along.unknowns_slope), ("pull_", along.pull)):
-            arrays |= {f"{name}start{i}": np.asarray(part.start), f"{name}shocks{i}": np.asarray(part.shocks)}
+    for i, along in enumerate(found.marginal.along):
+        arrays |= as_arrays(along.at, i) | as_arrays(along.aside, i, "aside_")
     if "log_ratio" in draws.stats:
         arrays["pareto_k"] = pareto_k(draws.stats["log_ratio"])
 
@@ -156,7 +169,7 @@ class Stored:
         evaluations: Evaluations of the exact density.
         law_covariance: Of the logarithms of the noise parameters.
         law_effect: How the parameters' conditional posterior follows those.
-        determinant_error: Root mean square error of the log determinant's polynomial.
+        determinant_error: Root mean square error of the log density against Laplace's.
         least_fall: Of the log density at one standard deviation along any axis.
         is_mode: Whether it falls to both sides along every axis.
         pareto_k: Of the ratios exact/surrogate; None where the draws were not corrected ones.
@@ -189,16 +202,16 @@ def load_fit(job: Job, group: Group) -> Stored:
         a = {k: file[k] for k in file.files}
     hyper = load_hyper(job, group)
     cost, converged, iterations, last, _, failed, evaluations, wrong, fall, mode = a["facts"]
-    unknowns, slopes, pulls = (
-        tuple(Unknowns(a[f"{name}start{i}"], a[f"{name}shocks{i}"]) for i in range(len(group.flights)))
-        for name in ("", "slope_", "pull_")
-    )
+    at, asides = ([from_arrays(a, i, name) for i in range(len(group.flights))] for name in ("", "aside_"))
     best = Optimum(
-        a["theta"], unknowns, a["covariance"], float(cost), bool(converged), int(iterations), float(last), ()
+        a["theta"], tuple(at), a["covariance"], float(cost), bool(converged), int(iterations), float(last), ()
     )
     flights = [data_of(job, f, group.priors) for f in group.flights]
-    marginal = with_slopes(marginalise(flights, hyper, group.priors, best), slopes, pulls)
-    marginal = replace(marginal, determinant=Quadratic(a["determinant_slope"], a["determinant_curvature"]))
+    marginal = marginalise(flights, hyper, group.priors, best)
+    along = tuple(one._replace(aside=aside) for one, aside in zip(marginal.along, asides, strict=True))
+    determinant = Quadratic(a["determinant_slope"], a["determinant_curvature"])
+    bend = Quadratic(a["bend_slope"], a["bend_curvature"])
+    marginal = replace(marginal, along=along, determinant=determinant, bend=bend)
     scale, known = np.asarray(marginal.scale), a["law_covariance"]
     theta, held = (best.theta + a[name] @ scale.T for name in ("wide", "xi"))
     counts, effect = (int(failed), int(evaluations)), LawEffect(a["law_slope"], a["law_spread"], a["law_excess"])

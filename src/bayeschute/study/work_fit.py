@@ -19,11 +19,10 @@ from bayeschute.inference.best_path import BestPath
 from bayeschute.inference.evidence import HyperPrior
 from bayeschute.inference.finding import Begin, Found, Settled, UnsettledError, conclude, marginal_mode, settle
 from bayeschute.inference.law_effect import LawEffect, widened
-from bayeschute.inference.lifted import Lifted, along, flown
 from bayeschute.inference.omitted import scores
 from bayeschute.inference.posterior import data_tree, sample
 from bayeschute.inference.priors import Prior
-from bayeschute.inference.target import FlightData
+from bayeschute.inference.target import FlightData, linearise
 from bayeschute.inference.term_search import choose
 from bayeschute.samplers.protocol import Draws
 from bayeschute.study import canopies, checkpoint, populations, setup, several_starts, structures
@@ -118,8 +117,8 @@ def _with_paths(job: Job, group: Group, error: FitError) -> FitError:
         data, time = data_of(job, flight, group.priors), load_flight(job, flight.name)["time"].values
         model: Any = data.model
         assert data.path is not None
-        made = along(data, best.theta, place)
-        defect = np.max(np.abs((np.asarray(place.path)[1:] - np.asarray(made.reached.steps)) / data.path.slack), axis=1)
+        made = linearise(data, best.theta, place.course(data))
+        defect = np.max(np.abs(np.asarray(made.defects)[1:] / data.path.slack), axis=1)
         noise = setup.hyper(job.study).outputs(data)
         names = output_names(model.channels, model.structure.canopies)
         residual = np.where(np.asarray(data.present), np.asarray(made.residual), np.nan)
@@ -220,7 +219,7 @@ def _settled(
         theta = np.zeros(len(whole))
         theta[kept] = settled.optimum.theta
         everything = [data_of(job, f, whole) for f in group.flights]
-        step, se = scores(everything, settled.hyper, whole, theta, settled.optimum.unknowns, kept)
+        step, se = scores(everything, settled.hyper, whole, theta, settled.optimum.flights, kept)
         z = {p.name: float(step[i] / se[i]) for i, p in enumerate(whole) if not kept[i]}
         asked = [p for p in left_out if abs(z[p.name]) > SCORE]
         if not asked:
@@ -228,7 +227,7 @@ def _settled(
         priors, old = with_terms(job.study, group.priors, asked)
         theta = np.zeros(len(priors))
         theta[old] = settled.optimum.theta
-        begins = [None, (theta, settled.optimum.unknowns, settled.hyper)]
+        begins = [None, (theta, settled.optimum.flights, settled.hyper)]
         left_out = [p for p in left_out if p not in asked]
         group = replace(group, priors=tuple(priors))
         _revise(job, priors)
@@ -258,8 +257,6 @@ def _searched(
 ) -> tuple[Group, Settled, dict[str, float]]:
     """Joint optimum of a group with those terms of the library that its flights ask for.
 
-    A library that bends the flights so that their simulation strays is judged by its fit along the record.
-
     Returns:
         The group with the priors that were used, its optimum, and the log evidence for every term that may be left out.
     """
@@ -267,27 +264,16 @@ def _searched(
     flights = [data_of(job, f, group.priors) for f in group.flights]
     core = set(job.study.structure.core)
     may_go = [p.name for p in group.priors if "[" in p.name and canopies.coefficient(p.name) not in core]
-    places: list[Lifted | None]
-    try:
-        library = _joint(job, group, prior, lambda s, w: say(0.5 * s, f"library of terms: {w}"))
-    except UnsettledError as error:
-        if not error.obeys:
-            raise
-        theta, covariance, hyper, places = error.best.theta, error.best.covariance, error.hyper, [*error.best.flights]
-        say(0.5, "library of terms: simulations stray from its optimum, so terms are chosen along the record")
-    else:
+    library = _joint(job, group, prior, lambda s, w: say(0.5 * s, f"library of terms: {w}"))
 
-        def tell(share: float, words: str) -> None:
-            say(0.5 + 0.1 * share, f"library of terms: {words}")
+    def tell(share: float, words: str) -> None:
+        say(0.5 + 0.1 * share, f"library of terms: {words}")
 
-        mode = marginal_mode(flights, group.priors, library, tell, 4)
-        theta, covariance, hyper = mode.theta, mode.covariance, library.hyper
-        places = [flown(f, hyper, theta, x) for f, x in zip(flights, mode.unknowns, strict=True)]
-    chosen = choose(group.priors, theta, covariance, may_go)
+    mode = marginal_mode(flights, group.priors, library, tell, 4)
+    chosen = choose(group.priors, mode.theta, mode.covariance, may_go)
     say(0.6, f"{int(chosen.kept.sum())} of {chosen.kept.size} parameters kept")
-    known = [x for x in places if x is not None]
     smaller = replace(group, priors=chosen.priors)
-    begin = (chosen.theta, known if len(known) == len(flights) else None, hyper)
+    begin = (chosen.theta, mode.flights, library.hyper)
     settled = _joint(job, smaller, prior, lambda s, w: say(0.6 + 0.4 * s, w), begin)
     _revise(job, chosen.priors)
     return smaller, settled, chosen.evidence

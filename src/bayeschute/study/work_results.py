@@ -6,7 +6,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import arviz_stats
-import jax
 import jax.numpy as jnp
 import numpy as np
 import xarray as xr
@@ -15,18 +14,9 @@ from numpy.typing import NDArray
 from bayeschute.flight.reconstruct import reconstruct
 from bayeschute.forecast import bands
 from bayeschute.forecast import risk as risk_files
-from bayeschute.inference.statespace import innovations
-from bayeschute.inference.target import (
-    Course,
-    FlightData,
-    Hyper,
-    Linear,
-    as_seen,
-    course,
-    filter_gains,
-    linearise,
-    residuals,
-)
+from bayeschute.inference.marginal import Along
+from bayeschute.inference.statespace import Seen, innovations
+from bayeschute.inference.target import FlightData, as_seen, stepped
 from bayeschute.samplers.doubt import MOST_K
 from bayeschute.study import setup, several_starts, structures
 from bayeschute.study.fits import Stored, groups, load_fit, summary_draws
@@ -54,7 +44,7 @@ class _Fits(NamedTuple):
         evaluations: Of the exact density.
         step_errors: See `_step_error`, by flight.
         shares: See `_innovation_share`, by flight.
-        determinant_errors: Of the log determinant's polynomial, by fit.
+        determinant_errors: Of the log density, by fit; see `laplace.error`.
         least_falls: Of the log density at one standard deviation along any axis, by fit.
         modes: Whether it falls to both sides along every axis, by fit.
         away: Distance of the draws' mean from the mode [Laplace's standard deviations], by fit.
@@ -80,10 +70,9 @@ def _of_fits(job: Job, tell: bool) -> _Fits:
     stored, steps, shares, told = [], [], [], {}
     for i, group in enumerate(todo):
         one = load_fit(job, group)
-        for flight, unknowns in zip(one.marginal.flights, one.optimum.unknowns, strict=True):
-            driven = course(flight, one.hyper, unknowns)
-            steps.append(_step_error(flight, one, driven))
-            shares.append(_innovation_share(flight, one, driven))
+        for flight, along in zip(one.marginal.flights, one.marginal.along, strict=True):
+            steps.append(_step_error(flight, one.optimum.theta, along))
+            shares.append(_innovation_share(flight, along))
         if tell:
             told[group.name] = of_fit(job, group, one)
         stored.append(one)
@@ -178,7 +167,7 @@ def check(job: Job, tell: bool = True) -> str:
         max(fits.determinant_errors),
         0.2,
         max(fits.determinant_errors) < 0.2,
-        "root mean square error of the log determinant's polynomial over the posterior",
+        "root mean square error of the log density over the posterior, against Laplace's at the same points",
     )
     if fits.tails:
         detail = (
@@ -205,26 +194,19 @@ def _over(posterior: xr.Dataset, function: Any) -> dict[str, float]:
     return {str(name): float(np.asarray(function(posterior[name]))) for name in posterior.data_vars}
 
 
-def _step_error(flight: FlightData, stored: Stored, driven: Course) -> float:
-    """Largest change of an output when the integration step is halved, over that output's white noise."""
+def _step_error(flight: FlightData, theta: Array, along: Along) -> float:
+    """Largest change of a one-step prediction error when the integration step is halved [standard deviations]."""
     model: Any = flight.model
     finer = replace(flight, model=replace(model, substeps=2 * model.substeps))
-    theta = jnp.asarray(stored.optimum.theta)
-    change = np.abs(np.asarray(residuals(flight, theta, driven)) - np.asarray(residuals(finer, theta, driven)))
-    noise = stored.hyper.outputs(flight)
-    return float(np.max(change / np.maximum(np.asarray(noise.white), np.asarray(noise.correlated) * 0.1)))
+    driven = along.at.course(flight)
+    coarse, fine = (stepped(one, jnp.asarray(theta), driven)[1] for one in (flight, finer))
+    change = Seen(jnp.zeros((*np.shape(flight.observed), 1)), (fine - coarse)[..., None])
+    return float(np.max(np.abs(np.asarray(innovations(along.gains, *change)))))
 
 
-@jax.jit
-def _prediction_errors(flight: FlightData, hyper: Hyper, linear: Linear) -> jax.Array:
-    """One-step prediction errors of a linearised flight in their standard deviations (T, C)."""
-    return innovations(filter_gains(flight, hyper, linear), *as_seen(linear).column(0))[..., 0]
-
-
-def _innovation_share(flight: FlightData, stored: Stored, driven: Course) -> float:
+def _innovation_share(flight: FlightData, along: Along) -> float:
     """Share of one-step prediction errors of the linear model at the optimum within +-1.645 standard deviations."""
-    linear = linearise(flight, stored.optimum.theta, driven)
-    unit = np.asarray(_prediction_errors(flight, stored.hyper, linear))
+    unit = np.asarray(innovations(along.gains, *as_seen(along.linear).column(0)))[..., 0]
     return float(np.mean(np.abs(unit[np.asarray(flight.present)]) < 1.6449))
 
 

@@ -18,7 +18,14 @@ from bayeschute.air.wind_field import wind_field
 from bayeschute.dynamics.cluster import geometry, tension
 from bayeschute.dynamics.descent import DensityProfile, DescentFlight, DescentInputs
 from bayeschute.dynamics.dumbbell import Dumbbell, DumbbellFlight, DumbbellInputs
-from bayeschute.dynamics.integrate import along_path, jacobian_compiled, step_jacobians, trajectory_compiled
+from bayeschute.dynamics.integrate import (
+    along_path,
+    jacobian_compiled,
+    reached,
+    step_jacobians,
+    trajectory,
+    trajectory_compiled,
+)
 from bayeschute.dynamics.kernel import flight as kernel
 from bayeschute.dynamics.kernel import programs
 from bayeschute.dynamics.parameters import Structure
@@ -168,6 +175,29 @@ def test_every_flight_of_a_batch_is_the_single_flight(case):
     many = np.asarray(kernel.states(case.model, case.theta, case.start, case.error))
     for i in (0, 7, BATCH - 1):
         assert_close(kernel.states(*case.one(i)), many[..., i], 1e-10)
+
+
+def test_steps_from_a_path_are_those_of_jax(case):
+    path = np.asarray(kernel.states(case.model, case.theta, case.start, case.error))
+    path = path * (1.0 + 1e-3 * np.random.default_rng(5).normal(size=path.shape))
+    got = kernel.reached(case.model, case.theta, case.start, case.error, path)
+    want = reached(case.model, jnp.asarray(case.theta), jnp.asarray(case.start), jnp.asarray(case.error), path)
+    assert_close(got.first[None], want.first[None], 1e-10)
+    assert_close(got.steps, want.steps, 1e-10)
+    one = kernel.reached(*case.one(), path[..., 0])
+    assert_close(one.steps, np.asarray(want.steps)[..., 0], 1e-10)
+
+
+@pytest.mark.parametrize("known", [1, 9, T])
+def test_a_flight_goes_on_from_the_states_given(case, known):
+    whole = np.asarray(kernel.states(case.model, case.theta, case.start, case.error))
+    goes_on = kernel.states(case.model, case.theta, case.start, case.error, whole[:known])
+    assert_close(goes_on, whole, 1e-12)
+    given = 1.01 * whole[:known]
+    got = np.asarray(kernel.states(case.model, case.theta, case.start, case.error, given))
+    want = trajectory(case.model, jnp.asarray(case.theta), jnp.asarray(case.start), jnp.asarray(case.error), given)
+    assert np.array_equal(got[:known], given)
+    assert_close(got, want, 1e-9)
 
 
 @pytest.mark.parametrize("count", [1, 2, 8, 9])

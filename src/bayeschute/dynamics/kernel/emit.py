@@ -111,6 +111,10 @@ class Code:
         """Arithmetic of addresses and counters."""
         return self.new(f"{op} i64 {a}, {b}")
 
+    def least(self, a: str, b: str) -> str:
+        """The smaller of two counters."""
+        return self.new(f"select i1 {self.new(f'icmp slt i64 {a}, {b}')}, i64 {a}, i64 {b}")
+
     @contextmanager
     def loop(self, count: str | int, first: str | int = 0) -> Iterator[str]:
         """Repeat what is written inside for a counter from `first` to below `count`; not at all if there is none."""

@@ -44,7 +44,7 @@ def obstacle(model: FlightModel, theta: Any, start: Any, error: Any) -> str | No
     return found if isinstance(found, str) else None
 
 
-def states(model: FlightModel, theta: Any, start: Any, error: Any) -> jax.Array | None:
+def states(model: FlightModel, theta: Any, start: Any, error: Any, given: Any = None) -> jax.Array | None:
     """States at every sample, as `integrate.trajectory`.
 
     Args:
@@ -52,12 +52,38 @@ def states(model: FlightModel, theta: Any, start: Any, error: Any) -> jax.Array 
         theta: Parameters (P,) or (P, B).
         start: Initial deviations (D,) or (D, B).
         error: Latent disturbances (T, A) or (T, A, B).
+        given: States known at the first samples (K, X) or (K, X, B); the simulation goes on from the last of them.
 
     Returns:
         States (T, X) or (T, X, B), or None where there is an `obstacle`.
     """
     programs = _served(model, theta, start, error)
-    return None if isinstance(programs, str) else jnp.asarray(_states(programs, model, theta, start, error))
+    if isinstance(programs, str):
+        return None
+    made, first = _states(programs, model, theta, start, error, given), given
+    if first is not None:
+        made[: len(first)] = np.asarray(first)
+    return jnp.asarray(made)
+
+
+def reached(model: FlightModel, theta: Any, start: Any, error: Any, path: Any) -> integrate.Reached | None:
+    """Where every step leads from the states of a path, as `integrate.reached`.
+
+    Args:
+        model: The flight.
+        theta: Parameters (P,) or (P, B).
+        start: Initial deviations (D,) or (D, B).
+        error: Latent disturbances (T, A) or (T, A, B).
+        path: States (T, X) or (T, X, B).
+
+    Returns:
+        States reached, or None where there is an `obstacle`.
+    """
+    programs = _served(model, theta, start, error)
+    if isinstance(programs, str):
+        return None
+    made = _states(programs, model, theta, start, error, path)
+    return integrate.Reached(jnp.asarray(made[0]), jnp.asarray(made[1:]))
 
 
 def steps(model: FlightModel, theta: Any, start: Any, error: Any) -> tuple[jax.Array, Steps] | None:
@@ -226,7 +252,8 @@ def _first_slopes(programs: Programs, model: Any, theta: Any, start: Any) -> tup
     return first, by_theta, by_start
 
 
-def _states(programs: Programs, model: Any, theta: Any, start: Any, error: Any) -> Array:
+def _states(programs: Programs, model: Any, theta: Any, start: Any, error: Any, path: Any = None) -> Array:
+    """The first state, and where the steps lead: from a path as far as it goes, then from where the last one led."""
     batch = np.shape(theta)[1:]
     count = batch[0] if batch else 1
     lanes = 1 if count == 1 else LANES
@@ -241,12 +268,14 @@ def _states(programs: Programs, model: Any, theta: Any, start: Any, error: Any) 
     begin.call(shared, theta, start, first, aligned(begin.scratch), stride, 0, blocks)
     made = aligned(samples, size, stride)
     made[0] = first.T
+    known = made[:1].copy() if path is None else np.reshape(np.asarray(path, float), (len(path), size, count))
+    known = _padded(known, stride)
     simulate, shared, record = programs.simulate(lanes), _shared(model, programs.rate), _record(model)
     plan = stage_plan(float(model.dt) / model.substeps, model.substeps)
 
     def work(begin: int, end: int) -> None:
-        sizes = samples, stride, begin, end, model.substeps
-        simulate.call(shared, theta, record, error, plan, made, aligned(simulate.scratch), *sizes)
+        sizes = samples, stride, begin, end, model.substeps, len(known)
+        simulate.call(shared, theta, record, error, plan, known, made, aligned(simulate.scratch), *sizes)
 
     _in_parts(blocks, work)
     return made[..., :count].reshape(samples, size, *batch)

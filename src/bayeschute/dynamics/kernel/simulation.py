@@ -79,8 +79,9 @@ def simulation(graph: Graph, rates: Sequence[int], rows: Mapping[str, int], lane
     """Fly blocks of flights, the flights of a block side by side.
 
     Arguments of the function: ``shared``; ``theta`` (P, stride); ``record`` (T, R); ``error`` (T, A, stride); ``plan``
-    from `stage_plan`; ``states`` (T, X, stride), the first sample given; ``scratch``; then samples, stride, first and
-    last block, substeps.
+    from `stage_plan`; ``path`` (given, X, stride), at whose states the first steps begin; ``states`` (T, X, stride),
+    where they lead; ``scratch``; then samples, stride, first and last block, substeps, and how many states are given,
+    at least one.
 
     Args:
         graph: Expressions.
@@ -99,9 +100,11 @@ def simulation(graph: Graph, rates: Sequence[int], rows: Mapping[str, int], lane
         lane = code.integer("mul", block, lanes)
         places = {"shared": Place("%shared"), "theta": Place(code.address("%theta", lane), "%stride")}
         sections.write(RUN, places)
-        states, error = code.address("%states", lane), code.address("%error", lane)
-        begin(code, [code.load(states, code.integer("mul", "%stride", i)) for i in range(size)], held)
+        states, error, path = (code.address(f"%{name}", lane) for name in ("states", "error", "path"))
         with code.loop(steps) as sample:
+            with code.loop(code.least(code.integer("add", sample, 1), "%given"), sample):  # once, or not at all
+                here = code.address(path, code.integer("mul", sample, across))
+                begin(code, [code.load(here, code.integer("mul", "%stride", i)) for i in range(size)], held)
             then = code.integer("add", sample, 1)
             for name, when in (("now", sample), ("then", then)):
                 places[name] = Place(code.address("%record", code.integer("mul", when, rows["now"])))
@@ -118,5 +121,5 @@ def simulation(graph: Graph, rates: Sequence[int], rows: Mapping[str, int], lane
             for i in range(size):
                 value = code.load("%scratch", held.total + i * lanes)
                 code.store(value, out, code.integer("mul", "%stride", i))
-    pointers = ("shared", "theta", "record", "error", "plan", "states", "scratch")
-    return code.program("simulate", pointers, ("samples", "stride", "first", "last", "substeps"), memory.size)
+    pointers = ("shared", "theta", "record", "error", "plan", "path", "states", "scratch")
+    return code.program("simulate", pointers, ("samples", "stride", "first", "last", "substeps", "given"), memory.size)
