@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from bayeschute.inference import gap
 from bayeschute.inference.differences import beside
 from bayeschute.inference.map import conditional
-from bayeschute.inference.marginal import Along, Marginal, Quadratic, course_at, in_batches, log_density, shifted
+from bayeschute.inference.marginal import Along, Marginal, Quadratic, course_at, in_batches, linear_residuals, shifted
 from bayeschute.inference.statespace import Gains, Gap, innovations
 from bayeschute.inference.target import (
     Course,
@@ -144,10 +144,9 @@ def _values(marginal: Marginal, points: Array) -> Array:
 
 def _own(marginal: Marginal, points: Array) -> Array:
     """Minus the log density of the linear models (N,) at points (N, P), less that at theta_0."""
-    none = Quadratic.none(points.shape[1])
-    plain, places = replace(marginal, determinant=none, bend=none), np.vstack([0.0 * points[:1], points])
-    value = -np.asarray(in_batches(lambda part: log_density(plain, jnp.asarray(part)), places.T))
-    return np.asarray(value[1:] - value[0])
+    places = np.vstack([0.0 * points[:1], points])
+    squares = in_batches(lambda part: jnp.sum(linear_residuals(marginal, part)[0] ** 2, axis=0), places.T)
+    return 0.5 * np.asarray(squares[1:] - squares[0])
 
 
 def lack(marginal: Marginal, step: float = 0.2) -> Array:

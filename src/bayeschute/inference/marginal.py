@@ -206,16 +206,17 @@ def _seen(flight: FlightData, along: Along, theta: jax.Array, shift: jax.Array) 
 
 
 @jax.jit
-def out_of_range(along: Along, unit: jax.Array, shift: jax.Array) -> jax.Array:
+def out_of_range(along: Along, unit: jax.Array, shift: jax.Array, xi: jax.Array) -> jax.Array:
     """Root of twice the price of innovations (T, C, B) that have bent too far (B,).
 
     They bend with theta, as steps are taken with the full equations. Where they depart from a straight line by more
-    than a share of its length, derivatives taken at theta_0 say nothing any more, and a linear model about a path that
-    breaks the equations of motion may fit better than any flight can. So such places are made dear.
+    than a share of the step to that place (P, B) in standard deviations, derivatives taken at theta_0 say nothing any
+    more, and a linear model about a path that breaks the equations of motion may fit better than any flight can. So
+    such places are made dear.
     """
     straight = along.unit[..., 1:] @ shift
     bent = jnp.sum((unit - along.unit[..., :1] + straight) ** 2, axis=(0, 1))
-    excess = bent - _MOST_BENT * (jnp.sum(straight**2, axis=(0, 1)) + _ROUNDING)
+    excess = bent - _MOST_BENT * (jnp.sum(xi**2, axis=0) + _ROUNDING)
     inside = excess <= 0.0
     return jnp.where(inside, 0.0, jnp.sqrt(_PRICE * jnp.where(inside, 1.0, excess)))
 
@@ -224,27 +225,26 @@ _innovations = jax.jit(innovations)
 _gains = jax.jit(filter_gains)
 
 
-def projected_residuals(marginal: Marginal, xi: Component, smooth: bool = False) -> jax.Array:
-    """The vector whose ``-1/2 |.|^2`` is the marginal log density without its `rest`, up to a constant.
-
-    Args:
-        marginal: The posterior.
-        xi: Standard coordinates (P, B).
-        smooth: NaN at places that are out of range, in the place of their price, which has a kink.
+def linear_residuals(marginal: Marginal, xi: Component) -> tuple[jax.Array, jax.Array]:
+    """Residuals of the linear models at standard coordinates (P, B), and the price of places out of their range.
 
     Returns:
-        (N, B): innovations of every flight and what is `out_of_range` there, then theta under its prior.
+        (N, B): innovations of every flight, then theta under its prior; (F, B): what is `out_of_range` per flight.
     """
     theta, shift = shifted(marginal, xi)
-    parts = []
+    rows, prices = [], []
     for flight, along in zip(marginal.flights, marginal.along, strict=True):
         unit = _innovations(along.gains, *_seen(flight, along, theta, shift))
-        parts += [unit.reshape(-1, xi.shape[1]), out_of_range(along, unit, shift)[None]]
-        if smooth:
-            parts[-1] = jnp.where(parts[-1] > 0.0, jnp.nan, parts[-1])
+        rows.append(unit.reshape(-1, xi.shape[1]))
+        prices.append(out_of_range(along, unit, shift, jnp.asarray(xi)))
     away = theta - jnp.asarray(marginal.prior_centre)[:, None]
-    prior = jax.scipy.linalg.solve_triangular(jnp.asarray(marginal.prior_factor), away, lower=True)
-    return jnp.concatenate([*parts, prior])
+    rows.append(jax.scipy.linalg.solve_triangular(jnp.asarray(marginal.prior_factor), away, lower=True))
+    return jnp.concatenate(rows), jnp.stack(prices)
+
+
+def projected_residuals(marginal: Marginal, xi: Component) -> jax.Array:
+    """The vector (N, B) whose ``-1/2 |.|^2`` is the marginal log density at (P, B) without `rest`, up to a constant."""
+    return jnp.concatenate(linear_residuals(marginal, xi))
 
 
 def log_density(marginal: Marginal, xi: Component) -> jax.Array:

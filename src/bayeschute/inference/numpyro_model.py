@@ -30,12 +30,13 @@ SITE = "log_likelihood"
 @jax.jit
 def _log_likelihood(marginal: Marginal, theta: jax.Array, inverse: jax.Array) -> jax.Array:
     shift = theta - jnp.asarray(marginal.centre)
-    total = -marginal.rest.at(inverse @ shift)
+    xi = inverse @ shift
+    total = -marginal.rest.at(xi)
     for flight, along in zip(marginal.flights, marginal.along, strict=True):
         residual, defects = jax_stepped(flight, theta, course_at(flight, along, shift))
         seen = seen_along(along, residual[..., None], defects[..., None], shift[:, None])
         unit = innovations(along.gains, *seen)
-        dear = out_of_range(along, unit, shift[:, None])[0]
+        dear = out_of_range(along, unit, shift[:, None], xi[:, None])[0]
         total = total - 0.5 * (jnp.sum(unit**2) + dear**2)
     return total
 

@@ -19,8 +19,8 @@ from bayeschute.inference.marginal import (
     Marginal,
     draw_flights,
     in_batches,
+    linear_residuals,
     log_density,
-    projected_residuals,
     sample_log_likelihoods,
 )
 from bayeschute.inference.noise import colour
@@ -62,6 +62,11 @@ def sample(
             return np.asarray(log_density(marginal, xi))
         return np.asarray(in_batches(lambda part: log_density(marginal, part), xi))
 
+    def in_range(xi: Array) -> jax.Array:
+        """Residuals for the surrogate; NaN where the price of a place out of range would put a kink into them."""
+        rows, prices = linear_residuals(marginal, xi)
+        return jnp.where(jnp.any(prices > 0.0, axis=0), jnp.nan, rows)
+
     def tell(name: str) -> Callable[[int, int], None]:
         return lambda done, wanted: progress(done / wanted, f"{name}: {done} of {wanted}") if progress else None
 
@@ -80,9 +85,7 @@ def sample(
     if kind == "emcee":
         return by_emcee()
     rng = np.random.default_rng([seed, 2])
-    surrogate, failed = build(
-        lambda xi: in_batches(lambda part: projected_residuals(marginal, part, smooth=True), xi), marginal.rest, rng
-    )
+    surrogate, failed = build(lambda xi: in_batches(in_range, xi), marginal.rest, rng)
     density = jax.tree_util.Partial(Surrogate.log_density, surrogate)
     made = nuts.corrected(exact, density, parameters, chains, warmup, draws, seed, progress=tell(kind))
     lost = sum(int(along.lost) for along in marginal.along)
