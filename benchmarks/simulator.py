@@ -31,13 +31,13 @@ import simulator_others as others
 from numpy.typing import NDArray
 from simulator_flights import DT, PLAIN, RICH, SAMPLES, Flights, errors, flights
 
-from bayeschute.dynamics.integrate import step_jacobians, trajectory
+from bayeschute.dynamics.integrate import along_path, trajectory
 from bayeschute.dynamics.kernel import flight as kernel
 
 Array = NDArray[np.float64]
 Numbers = dict[str, Any]
 SWING, DESCENT = 1e-3, 0.02  # wanted accuracy [deg], [ft/s]
-BATCH, KNOTS, TIGHT, TURNS = 64, 45, 16, 25
+BATCH, TIGHT, TURNS = 64, 16, 25
 
 
 def best(works: Mapping[str, Callable[[], Any]], repeats: int = TURNS) -> dict[str, float]:
@@ -162,27 +162,23 @@ def against_solvers(given: Flights, tight: Array, ratios: Numbers, context: Numb
 
 
 def jacobians(ratios: Numbers, context: Numbers) -> None:
-    """Value and derivatives by 20 parameters, then by 135 wind knots too; and of all steps, by the wind at samples."""
+    """Flight and derivatives of all its steps, by 20 parameters and by the wind at samples."""
     given = flights(RICH, SAMPLES, 1, axes=3).one()
     assert given[1].size == 20, given[1].size
-    weights = np.maximum(0.0, 1.0 - np.abs(np.linspace(0.0, KNOTS - 1.0, SAMPLES)[:, None] - np.arange(KNOTS)))
-    assert KNOTS * given[3].shape[1] == 135, given[3].shape
     times = best(
         {
             "single": lambda: kernel.states(*given),
-            "20 parameters": lambda: kernel.jacobian(*given),
-            "and 135 knots and the start": lambda: kernel.jacobian(*given, weights),
-            f"steps by 20 parameters and {3 * SAMPLES} winds": lambda: kernel.steps(*given),
+            f"and its steps by 20 parameters and {3 * SAMPLES} winds": lambda: kernel.along_path(
+                *given, kernel.states(*given)
+            ),
         }
     )
     context["jacobian_ms"] = milliseconds(times)
-    print("value and derivatives with 20 parameters, ms:")
+    print("a flight alone and with derivatives, ms:")
     for name, t in times.items():
         print(f"  {1e3 * t:8.2f}  {name}")
-    single, by_theta, by_knots, by_steps = times.values()
-    ratios["jacobian20_vs_single_time_ratio"] = by_theta / single
-    ratios["jacobian_135_knots_vs_jacobian20_time_ratio"] = by_knots / by_theta
-    ratios["linearise_vs_jacobian20_time_ratio"] = by_steps / by_theta
+    single, by_steps = times.values()
+    ratios["linearise_vs_single_time_ratio"] = by_steps / single
 
 
 def growth(ratios: Numbers, context: Numbers) -> None:
@@ -199,7 +195,10 @@ def growth(ratios: Numbers, context: Numbers) -> None:
 
 def jax_steps(context: Numbers) -> None:
     """The derivatives of all steps by the pure JAX path."""
-    given, work = flights(RICH, SAMPLES, 1, axes=3).one(), jax.jit(step_jacobians)
+    given, work = (
+        flights(RICH, SAMPLES, 1, axes=3).one(),
+        jax.jit(lambda *flight: along_path(*flight, trajectory(*flight))),
+    )
     taken = best({"JAX": lambda: work(*given)}, 3)
     context["steps_by_jax_ms"] = milliseconds(taken)["JAX"]
     print(f"derivatives of all steps by JAX: {1e3 * taken['JAX']:.0f} ms")

@@ -158,7 +158,7 @@ def test_machine_code_gives_the_same_outputs_and_derivatives():
     start, error = 0.02 * np.random.default_rng(2).normal(size=17), np.zeros((6, 3))
     assert kernel.obstacle(MODEL, THETA, start, error) is None
     x = np.asarray(kernel.states(MODEL, THETA, start, error))
-    y, steps = kernel.steps(MODEL, THETA, start, error)
+    y, _, steps = kernel.along_path(MODEL, THETA, start, error, kernel.states(MODEL, THETA, start, error))
     for t in range(6):
         by_state, by_theta = slopes(x[t], THETA)
         want = np.asarray(observe(x[t], THETA))
@@ -212,7 +212,7 @@ def test_machine_code_serves_canopies_with_coefficients_of_their_own():
     assert kernel.obstacle(EACH, OWN, start, error) is None
     want = np.asarray(trajectory_compiled(EACH, OWN, start, error))
     np.testing.assert_allclose(kernel.states(EACH, OWN, start, error), want, rtol=1e-11, atol=1e-9)
-    _, steps = kernel.steps(EACH, OWN, start, error)
+    _, _, steps = kernel.along_path(EACH, OWN, start, error, kernel.states(EACH, OWN, start, error))
     by_theta = jax.jacfwd(lambda theta: EACH.advance(want[0], EACH.numbers(theta), NOW, NOW, error[0], error[0]))
     exact = np.asarray(by_theta(jnp.asarray(OWN)))
     size = 1e-12 + np.abs(exact).max(axis=1, keepdims=True)

@@ -17,7 +17,7 @@ import pytest
 
 from bayeschute.air.vector import Vec3
 from bayeschute.dynamics.cluster import Air, geometry, state_rate
-from bayeschute.dynamics.integrate import rk4, step_jacobians, trajectory_compiled
+from bayeschute.dynamics.integrate import along_path, rk4, trajectory_compiled
 from bayeschute.dynamics.kernel import flight as kernel
 from bayeschute.dynamics.parameters import Structure
 from bayeschute.dynamics.state import unpack
@@ -84,7 +84,6 @@ def test_the_flights_go_where_they_should():
 
 
 forward = jax.jit(jax.jacfwd(states))
-jacobians = jax.jit(step_jacobians)
 
 
 @pytest.mark.parametrize("name", STARTS)
@@ -193,10 +192,10 @@ def chained_to_the_end(steps, count):
 def test_derivatives_of_whole_flights_equal_finite_differences(flight, how):
     name, (one, theta, start, error) = flight
     if how == "jax":
-        fly, differentiate = trajectory_compiled, jacobians
+        fly, differentiate = trajectory_compiled, jax.jit(along_path)
     else:
         pytest.importorskip("llvmlite")
-        fly, differentiate = kernel.states, kernel.steps
+        fly, differentiate = kernel.states, kernel.along_path
     step = 1e-5 if name == "through slack to taut" else 1e-3  # a riser's second derivatives jump as it comes taut
     size = np.concatenate([np.where(theta > 100.0, 1e3, 1.0), np.ones(9), np.full(4, 0.1)])
     moves = np.eye(size.size) * size * step
@@ -206,7 +205,8 @@ def test_derivatives_of_whole_flights_equal_finite_differences(flight, how):
     y = np.asarray(fly(one, *driven))[-1].reshape(19, 6, size.size)
     y = y[:, :3] - y[:, :2:-1]
     want = (y[:, 0] - 9.0 * y[:, 1] + 45.0 * y[:, 2]) / 60.0
-    got = chained_to_the_end(differentiate(one, theta, start, error)[1], theta.size) * size * step
+    path = trajectory_compiled(one, theta, start, error)
+    got = chained_to_the_end(differentiate(one, theta, start, error, path)[2], theta.size) * size * step
     scale = np.abs(want).max(axis=0)
     felt = scale > 1e-4 * step
     np.testing.assert_array_less(np.abs(got - want)[:, felt] / scale[felt], 1e-6)

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from bayeschute.dynamics.cluster_flight import channel_sizes
-from bayeschute.dynamics.integrate import outputs, rk4, step_jacobians, trajectory, trajectory_compiled
+from bayeschute.dynamics.integrate import along_path, outputs, rk4, trajectory, trajectory_compiled
 from bayeschute.dynamics.parameters import Structure
 
 _spec = importlib.util.spec_from_file_location(
@@ -42,6 +42,12 @@ FLIGHT = small.flight(
 )  # fmt: skip
 WEIGHTS = np.maximum(0.0, 1.0 - np.abs(np.linspace(0, KNOTS - 1, T)[:, None] - np.arange(KNOTS)))
 see = jax.jit(outputs)
+
+
+def step_jacobians(*given):
+    """Outputs and the derivatives of all steps along a flight's own simulation."""
+    y, _, steps = along_path(*given, trajectory(*given))
+    return y, steps
 
 
 def batch(z):

@@ -1,8 +1,7 @@
 """One simulation loop and its exact Jacobians for every model of a flight.
 
 A model advances a state from one sample of a record to the next. Simulations run through the samples in turn; Jacobians
-are taken of all steps at once along a known trajectory, then chained: their cost hardly depends on the number of
-parameters or knots.
+are taken of all steps at once along a known path, so their cost hardly depends on the number of parameters.
 """
 
 from __future__ import annotations
@@ -120,19 +119,6 @@ class Steps(NamedTuple):
     out_theta: jax.Array
 
 
-def step_jacobians(model: FlightModel, theta: jax.Array, start: jax.Array, error: jax.Array) -> tuple[jax.Array, Steps]:
-    """Outputs (T, C) and the derivatives of all steps at once.
-
-    Args:
-        model: The flight.
-        theta: Parameters (P,).
-        start: Initial deviations (D,).
-        error: Latent disturbances at every sample (T, A).
-    """
-    y, _, steps = along_path(model, theta, start, error, trajectory(model, theta, start, error))
-    return y, steps
-
-
 class Reached(NamedTuple):
     """The first state (X,) of parameters and deviations, and where a step leads from every state of a path (T - 1, X).
 
@@ -191,44 +177,4 @@ def along_path(
     )
 
 
-def jacobian(
-    model: FlightModel, theta: jax.Array, start: jax.Array, error: jax.Array, weights: jax.Array
-) -> tuple[jax.Array, jax.Array]:
-    """Outputs and their exact derivatives by parameters, initial deviations and knots.
-
-    Args:
-        model: The flight.
-        theta: Parameters (P,).
-        start: Initial deviations (D,).
-        error: Latent disturbances at every sample (T, A), equal to ``weights @ knots``.
-        weights: Interpolation weights of the knots (T, K).
-
-    Returns:
-        Outputs (T, C) and derivatives (T, C, P + D + K A); knots vary slower than axes in the last block.
-    """
-    y, steps = step_jacobians(model, theta, start, error)
-    return y, chained(steps, weights)
-
-
-def chained(steps: Steps, weights: jax.Array) -> jax.Array:
-    """Derivatives of the outputs (T, C, P + D + K A) from those of the steps; see `jacobian`."""
-    size, p, axes, knots = *steps.first_theta.shape, steps.by_now.shape[2], weights.shape[1]
-    deviations = steps.first_start.shape[1]
-    first = jnp.concatenate([steps.first_theta, steps.first_start, jnp.zeros((size, knots * axes))], axis=1)
-
-    def chain(s: jax.Array, parts: Any) -> tuple[jax.Array, jax.Array]:
-        a, b, c0, c1, w0, w1 = parts
-        by_knots = w0[None, :, None] * c0[:, None, :] + w1[None, :, None] * c1[:, None, :]
-        direct = jnp.concatenate([b, jnp.zeros((size, deviations)), by_knots.reshape(size, -1)], axis=1)
-        s = a @ s + direct
-        return s, s
-
-    rows = (steps.by_state, steps.by_theta, steps.by_now, steps.by_then, weights[:-1], weights[1:])
-    _, rest = jax.lax.scan(chain, first, rows)
-    sensitivity = jnp.concatenate([first[None], rest])
-    total = jnp.einsum("tcx,txm->tcm", steps.out_state, sensitivity)
-    return total.at[:, :, :p].add(steps.out_theta)
-
-
-jacobian_compiled = jax.jit(jacobian)
 trajectory_compiled = jax.jit(trajectory)

@@ -20,9 +20,7 @@ from bayeschute.dynamics.descent import DensityProfile, DescentFlight, DescentIn
 from bayeschute.dynamics.dumbbell import Dumbbell, DumbbellFlight, DumbbellInputs
 from bayeschute.dynamics.integrate import (
     along_path,
-    jacobian_compiled,
     reached,
-    step_jacobians,
     trajectory,
     trajectory_compiled,
 )
@@ -210,7 +208,7 @@ def test_batch_of_any_size(descent, count):
 def test_derivatives_are_differences_of_flights(case):
     """Of the last state by parameters, start and disturbances: products of the derivatives of the steps."""
     model, theta, start, error = case.one()
-    _, steps = kernel.steps(model, theta, start, error)
+    _, _, steps = kernel.along_path(model, theta, start, error, kernel.states(model, theta, start, error))
     direction = np.random.default_rng(3).normal(size=theta.size + start.size + error.size)
     scale = np.concatenate([np.abs(theta) * 1e-2, np.full(start.size, 1e-2), np.full(error.size, 1e-1)])
     by_theta, by_start, by_error = np.split(direction * scale, [theta.size, theta.size + start.size])
@@ -225,18 +223,6 @@ def test_derivatives_are_differences_of_flights(case):
     wide, narrow = (last[:, 0] - last[:, 1]) / 2e-3, (last[:, 2] - last[:, 3]) / 1e-3
     want = narrow + (narrow - wide) / 3.0  # Richardson
     assert (np.abs(tangent - want) < 1e-6 * np.abs(want).max() * 1.0 + 1e-9 * np.abs(last).max()).all()
-
-
-@pytest.mark.parametrize("name", ["descent", "dumbbell"])
-def test_derivatives_are_those_of_jax(name):
-    case = CASES[name]()
-    y, steps = kernel.steps(*case.one())
-    y_jax, steps_jax = jax.jit(step_jacobians)(*case.one())
-    assert_close(y, y_jax, 1e-9)
-    for field, got, want in zip(steps._fields, steps, steps_jax, strict=True):
-        assert got.shape == want.shape, field
-        size = np.abs(want).max() + 1e-12
-        assert np.abs(np.asarray(got) - want).max() < 1e-9 * size, field
 
 
 @pytest.mark.parametrize("name", ["descent", "dumbbell"])
@@ -259,10 +245,7 @@ def test_along_any_path_outputs_steps_and_their_ends_are_those_of_jax(name):
 def test_along_its_own_path_a_flight_gets_where_it_gets(case):
     model, theta, start, error = case.one()
     path = np.asarray(kernel.states(model, theta, start, error))
-    y, reached, steps = kernel.along_path(model, theta, start, error, path)
-    want_y, want = kernel.steps(model, theta, start, error)
-    np.testing.assert_array_equal(y, want_y)
-    jax.tree.map(np.testing.assert_array_equal, steps, want)
+    _, reached, _ = kernel.along_path(model, theta, start, error, path)
     np.testing.assert_allclose(reached.first, path[0], rtol=1e-12, atol=1e-12)
     assert_close(reached.steps, path[1:], 1e-12)
 
@@ -286,17 +269,6 @@ def test_every_step_along_a_path_is_its_own(case):
     check(mixed[1].steps, *(made[1].steps for made in alone))
     for name in by_sample:
         check(getattr(mixed[2], name), *(getattr(made[2], name) for made in alone))
-
-
-def test_whole_jacobian(descent):
-    weights = np.maximum(0.0, 1.0 - np.abs(np.linspace(0, 3, T)[:, None] - np.arange(4)))
-    y, whole = kernel.jacobian(*descent.one(), weights)
-    y_jax, want = jacobian_compiled(*descent.one(), weights)
-    assert_close(y, y_jax, 1e-11)
-    assert_close(whole, want, 1e-9)
-    y, alone = kernel.jacobian(*descent.one())
-    assert_close(y, y_jax, 1e-11)
-    assert_close(alone, want[:, :, :1], 1e-9)
 
 
 def test_risers_go_slack_and_taut_alike():
@@ -328,11 +300,7 @@ def test_without_llvmlite_jax_serves(descent, monkeypatch):
     monkeypatch.setattr(programs, "available", lambda: False)
     given = descent.model, descent.theta, descent.start, descent.error
     assert "llvmlite is not installed" in kernel.obstacle(*given)
-    assert (
-        kernel.states(*given) is None
-        and kernel.steps(*descent.one()) is None
-        and kernel.jacobian(*descent.one()) is None
-    )
+    assert kernel.states(*given) is None
     assert kernel.along_path(*descent.one(), np.zeros((T, 1))) is None
 
 

@@ -78,9 +78,8 @@ def differentiation(
     """Carry tangents along blocks of samples of one flight.
 
     The first columns of the tangents are derivatives by the inputs of `groups`; those after have no input of their own.
-    At each sample they start from ``source`` (block of columns, X, lanes) and end in ``carried``, likewise, and in
-    ``out`` (T, X, blocks of columns times lanes). Where both are one array they run on from sample to sample. Where the
-    state itself gets to from each sample is left in ``reached`` (X, stride).
+    At each sample they start from ``source`` (block of columns, X, lanes) and end in ``out`` (T, X, blocks of columns
+    times lanes). Where the state itself gets to from each sample is left in ``reached`` (X, stride).
 
     Other arguments of the function: ``shared``; ``theta`` (P,); ``record`` (R, stride); ``error`` (A, stride);
     ``plan``; ``states`` (X, stride); ``table``; ``scratch``; then stride, first and last block of samples, substeps,
@@ -114,7 +113,7 @@ def differentiation(
                 _carry(code, slopes, sample, column, True, tangents, (out, width))
             with code.loop("%blocks", slopes.blocks) as column:
                 _carry(code, slopes, sample, column, False, tangents, (out, width))
-    pointers = "shared theta record error plan states source carried out reached table scratch".split()
+    pointers = "shared theta record error plan states source out reached table scratch".split()
     program = code.program("differentiate", pointers, "stride first last substeps blocks".split(), memory.size)
     return program, STAGES * lanes * slopes.size
 
@@ -164,7 +163,7 @@ def _carry(
     """Carry a block of tangents through one sample; `driven` ones have inputs of their own."""
     size, lanes = len(slopes.rates), code.lanes
     place = code.integer("mul", column, size * lanes)
-    source, carried = code.address("%source", place), code.address("%carried", place)
+    source = code.address("%source", place)
     begin(code, [code.load(source, i * lanes) for i in range(size)], held)
 
     def body(stage: Stage, table: str) -> None:
@@ -192,6 +191,4 @@ def _carry(
     out_base, width = out
     block = code.address(out_base, code.integer("mul", column, lanes))
     for i in range(size):
-        value = code.load("%scratch", held.total + i * lanes)
-        code.store(value, carried, i * lanes)
-        code.store(value, block, code.integer("mul", width, i))
+        code.store(code.load("%scratch", held.total + i * lanes), block, code.integer("mul", width, i))

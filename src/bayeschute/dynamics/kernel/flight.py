@@ -18,7 +18,6 @@ import numpy as np
 
 from bayeschute.dynamics import integrate
 from bayeschute.dynamics.integrate import FlightModel, Steps
-from bayeschute.dynamics.kernel import chaining
 from bayeschute.dynamics.kernel.machine import Array, aligned
 from bayeschute.dynamics.kernel.programs import LANES, Programs, opening, programs_of
 from bayeschute.dynamics.kernel.simulation import stage_plan
@@ -86,25 +85,6 @@ def reached(model: FlightModel, theta: Any, start: Any, error: Any, path: Any) -
     return integrate.Reached(jnp.asarray(made[0]), jnp.asarray(made[1:]))
 
 
-def steps(model: FlightModel, theta: Any, start: Any, error: Any) -> tuple[jax.Array, Steps] | None:
-    """Outputs (T, C) and derivatives of all steps, as `integrate.step_jacobians`.
-
-    Args:
-        model: The flight.
-        theta: Parameters (P,).
-        start: Initial deviations (D,).
-        error: Latent disturbances (T, A).
-
-    Returns:
-        Outputs and derivatives, or None where there is an `obstacle`.
-    """
-    programs = _served(model, theta, start, error)
-    if isinstance(programs, str) or np.ndim(theta) != 1:
-        return None
-    y, made, _ = _all_steps(programs, model, theta, start, error, _states(programs, model, theta, start, error))
-    return jnp.asarray(y), _as_steps(made, np.size(theta), np.shape(error)[1])
-
-
 def along_path(
     model: FlightModel, theta: Any, start: Any, error: Any, path: Any
 ) -> tuple[jax.Array, integrate.Reached, Steps] | None:
@@ -129,70 +109,13 @@ def along_path(
     size = len(programs.first.result)
     if np.shape(path) != (np.shape(error)[0], size):
         raise ValueError(f"a path of shape {np.shape(path)} for {np.shape(error)[0]} samples of {size} states")
-    y, made, reached = _all_steps(programs, model, theta, start, error, np.asarray(path, float))
-    steps = _as_steps(made, np.size(theta), np.shape(error)[1])
-    return jnp.asarray(y), integrate.Reached(*map(jnp.asarray, reached)), steps
-
-
-def _as_steps(made: chaining.Along, p: int, axes: int) -> Steps:
-    """Derivatives as JAX takes them, for P parameters and A disturbances."""
-    size = made.first_theta.shape[0]
-    by_theta, by_now, by_then, by_state, _ = np.split(made.step, np.cumsum([p, axes, axes, size]), axis=2)
-    return Steps(
-        by_state=_handed_over(by_state),
-        by_theta=_handed_over(by_theta),
-        by_now=_handed_over(by_now),
-        by_then=_handed_over(by_then),
-        first_theta=jnp.asarray(made.first_theta),
-        first_start=jnp.asarray(made.first_start),
-        out_state=jnp.asarray(made.out_state),
-        out_theta=jnp.asarray(made.out_theta),
-    )
-
-
-def jacobian(
-    model: FlightModel, theta: Any, start: Any, error: Any, weights: Array | None = None
-) -> tuple[jax.Array, jax.Array] | None:
-    """Outputs and their derivatives along a flight.
-
-    Args:
-        model: The flight.
-        theta: Parameters (P,).
-        start: Initial deviations (D,).
-        error: Latent disturbances (T, A).
-        weights: Interpolation weights of knots (T, K): derivatives are then those of `integrate.jacobian`. If None,
-            derivatives are by the parameters alone.
-
-    Returns:
-        Outputs (T, C) and derivatives (T, C, P + D + K A) or (T, C, P), or None where there is an `obstacle`.
-    """
-    programs = _served(model, theta, start, error)
-    if isinstance(programs, str) or np.ndim(theta) != 1:
-        return None
-    if weights is not None:
-        y, made, _ = _all_steps(programs, model, theta, start, error, _states(programs, model, theta, start, error))
-        return jnp.asarray(y), jnp.asarray(chaining.chained(made, np.asarray(weights, float), np.shape(error)[1]))
-    x = _states(programs, model, theta, start, error)
-    along = _Along(programs, model, theta, error, x)
-    p = np.size(theta)
-    _, first, _ = _first_slopes(programs, model, theta, start)
-    carried = along.carried(("theta",), _columns([first]), restart=False)[:, :, :p]
+    along = _Along(programs, model, theta, error, np.asarray(path, float))
+    by_theta, by_now, by_then, by_state = along.slopes()
     y, out_state, out_theta = along.outputs()
-    return jnp.asarray(y), jnp.asarray(out_state @ np.concatenate([first[None], carried]) + out_theta)
-
-
-def _all_steps(
-    programs: Programs, model: FlightModel, theta: Any, start: Any, error: Any, x: Array
-) -> tuple[Array, chaining.Along, tuple[Array, Array]]:
-    """Outputs (T, C), the derivatives of all steps along states (T, X), the first state and where every step leads."""
-    along = _Along(programs, model, theta, error, x)
-    size, columns = x.shape[1], sum(along.rows[group] for group in _DRIVEN)
-    source = _columns([np.zeros((size, columns)), np.eye(size)])
-    made = along.carried(_DRIVEN, source, restart=True)
-    y, out_state, out_theta = along.outputs()
-    first, by_theta, by_start = _first_slopes(programs, model, theta, start)
-    reached = first, along.reached[:, : len(x) - 1].T
-    return y, chaining.Along(made, by_theta, by_start, out_state, out_theta), reached
+    first, first_theta, first_start = _first_slopes(programs, model, theta, start)
+    reached = integrate.Reached(jnp.asarray(first), jnp.asarray(along.reached[:, : len(path) - 1].T))
+    others = map(jnp.asarray, (first_theta, first_start, out_state, out_theta))
+    return jnp.asarray(y), reached, Steps(by_state, by_theta, by_now, by_then, *others)
 
 
 def _shared(model: Any, traced: Traced) -> Array:
@@ -282,7 +205,7 @@ def _states(programs: Programs, model: Any, theta: Any, start: Any, error: Any, 
 
 
 class _Along:
-    """A known flight with its samples side by side; `reached` (X, stride): where every step leads, once carried."""
+    """A known flight with its samples side by side; `reached` (X, stride): where every step leads, after `slopes`."""
 
     def __init__(self, programs: Programs, model: Any, theta: Any, error: Any, x: Array) -> None:
         self.model, self.x, self.theta = model, x, np.array(theta, float, order="C")
@@ -295,27 +218,24 @@ class _Along:
         )
         self.reached = aligned(x.shape[1], self.stride)
 
-    def carried(self, groups: tuple[str, ...], source: Array, restart: bool) -> Array:
-        """Tangents after every step (T - 1, X, M), begun anew at each sample or carried on; see `differentiation`."""
-        model, made = self.model, self.programs.differentiate(groups)
-        blocks, size = len(source), self.x.shape[1]
+    def slopes(self) -> list[jax.Array]:
+        """Every next state by parameters, by disturbances at the sample and the next one, by state (T - 1, X, ...)."""
+        model, made = self.model, self.programs.differentiate(_DRIVEN)
+        size, columns = self.x.shape[1], [self.rows[group] for group in _DRIVEN]
+        source = _columns([np.zeros((size, sum(columns))), np.eye(size)])
+        blocks = len(source)
         out = aligned(self.blocks * LANES, size, blocks * LANES)
         shared = _shared(model, self.programs.rate)
         plan = stage_plan(float(model.dt) / model.substeps, model.substeps)
 
         def work(begin: int, end: int) -> None:
-            end_of = aligned(*source.shape) if restart else source
             memory = aligned(made.table * model.substeps), aligned(made.scratch)
             known = shared, self.theta, self.record, self.error, plan, self.states
-            made.call(
-                *known, source, end_of, out, self.reached, *memory, self.stride, begin, end, model.substeps, blocks
-            )
+            made.call(*known, source, out, self.reached, *memory, self.stride, begin, end, model.substeps, blocks)
 
-        if restart:
-            _in_parts(self.blocks, work)
-        else:
-            work(0, self.blocks)
-        return out[: len(self.x) - 1]
+        _in_parts(self.blocks, work)
+        parts = np.split(out[: len(self.x) - 1], np.cumsum([*columns, size]), axis=2)
+        return [_handed_over(part) for part in parts[:-1]]
 
     def outputs(self) -> tuple[Array, Array, Array]:
         """Outputs (T, C) and their derivatives by state (T, C, X) and parameters (T, C, P)."""
