@@ -1,18 +1,14 @@
-"""Planar coefficients: the printed curves, the stable design, and the same written as terms of the cluster."""
+"""Planar coefficients: the printed curves, and the stable design."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from bayeschute.aero.terms import axial_coefficient, transverse_coefficient
-from bayeschute.air.airflow import CanopyFlow
-from bayeschute.air.vector import Vec3
-from bayeschute.dynamics.planar import PlanarAero, cluster_terms
+from bayeschute.dynamics.planar import PlanarAero
 
 AERO = PlanarAero(0.927, -0.329, 0.189, 0.1901, -0.988)
 STABLE = replace(AERO, statically_stable=True)
@@ -36,21 +32,3 @@ def test_stable_design_starts_at_the_trim_angle():
     assert float(STABLE.axial(0.0)) == 0.927
     np.testing.assert_allclose(AERO.axial(alpha) - STABLE.axial(alpha), 0.329 * 0.189 / 2)
     assert float(STABLE.trim()) == 0.0
-
-
-@pytest.mark.parametrize("aero", [AERO, STABLE])
-@pytest.mark.parametrize("rate, speed", [("pivot", 10.0), ("riser", 7.0)])
-def test_terms_of_the_cluster_are_the_same_coefficients(aero, rate, speed):
-    """A canopy whose axis points down, air from below at alpha ahead; the riser turns."""
-    aero, length, turning = replace(aero, rate=rate), 35.0, 0.3
-    alpha = np.linspace(-0.6, 0.6, 41)
-    zero = jnp.zeros_like(alpha)
-    axis, e = Vec3(zero, zero, zero + 1.0), Vec3(jnp.sin(alpha), zero, zero)
-    r = Vec3(turning * jnp.cos(alpha) * length / (2 * speed), zero, zero)
-    flow = CanopyFlow(axis, e, r, jnp.asarray(alpha**2), jnp.cos(alpha), zero + 1.0, zero + 1.0, zero, ())
-    axial, transverse = cluster_terms(aero, length, speed)
-    force = transverse_coefficient(tuple(transverse), tuple(transverse.values()), flow)
-    np.testing.assert_allclose(axial_coefficient(tuple(axial), tuple(axial.values()), flow), aero.axial(alpha))
-    rate_term = aero.C_Nalphadot * (turning if rate == "pivot" else turning * length / (2 * speed)) * np.cos(alpha)
-    np.testing.assert_allclose(-force.x, aero.normal(alpha) + rate_term, atol=1e-12)
-    np.testing.assert_allclose(force.y, 0.0)

@@ -1,27 +1,14 @@
-"""Bodies driven by their accelerations, and biases of velocities: exact where nothing is noisy, honest where it is."""
+"""Biases of velocities: exact where nothing is noisy, honest where it is."""
 
 from __future__ import annotations
 
-import importlib.util
-from pathlib import Path
-
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from bayeschute.air.standard import STANDARD_GRAVITY
-from bayeschute.dynamics.cluster import state_rate
 from bayeschute.errors import InputError
-from bayeschute.flight.back_driving import SHORTEST, back_drive, drive, remove_velocity_bias, velocity_bias
+from bayeschute.flight.back_driving import SHORTEST, remove_velocity_bias, velocity_bias
 from bayeschute.flight.record import make_record, repairs
 from bayeschute.flight.sensors import SensorNoise, noisy
-
-_spec = importlib.util.spec_from_file_location(
-    "small_cluster", Path(__file__).parents[1] / "twins" / "small_cluster.py"
-)
-small = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(small)
 
 DT, SAMPLES, RATE = 0.1, 601, 0.43
 TIME = DT * np.arange(SAMPLES)
@@ -31,43 +18,17 @@ SPEEDS, PLACES = SensorNoise(0.1, 0.05, 1.0), SensorNoise(0.3, 0.2, 2.0)
 
 
 def motion():
-    """Position, velocity and acceleration (T, 3) of a swing about a steady descent."""
+    """Position and velocity (T, 3) of a swing about a steady descent."""
     s, c = np.sin(RATE * TIME)[:, None], np.cos(RATE * TIME)[:, None]
     fall = np.array([0.0, 0.0, 10.0])
-    return -SWING * s / RATE**2 + fall * TIME[:, None], -SWING * c / RATE + fall, SWING * s
+    return -SWING * s / RATE**2 + fall * TIME[:, None], -SWING * c / RATE + fall
 
 
 def seen(seed, bias=BIAS, velocity=SPEEDS, position=PLACES, copies=1):
     """Records (T, copies, 3) of position and velocity."""
     rng = np.random.default_rng(seed)
-    p, v, _ = (np.repeat(a[:, None], copies, axis=1) for a in motion())
+    p, v = (np.repeat(a[:, None], copies, axis=1) for a in motion())
     return noisy(p, position, DT, rng), noisy(v + bias, velocity, DT, rng)
-
-
-def test_accelerations_that_are_linear_between_samples_give_positions_exactly():
-    rng = np.random.default_rng(0)
-    a = rng.normal(size=(SAMPLES, 2))
-    p, v = np.empty((2, SAMPLES, 2))
-    p[0], v[0] = (3.0, -2.0), (1.0, 4.0)
-    for i in range(SAMPLES - 1):  # a third-degree polynomial across every interval
-        v[i + 1] = v[i] + DT * (a[i] + a[i + 1]) / 2.0
-        p[i + 1] = p[i] + v[i] * DT + a[i] * DT**2 / 2.0 + (a[i + 1] - a[i]) * DT**2 / 6.0
-    for offset, biased in ((0.0, False), (0.0, True), (0.07, True)):
-        found = drive(a + offset, p, DT, biased)
-        np.testing.assert_allclose(found.position, p, atol=1e-8)
-        np.testing.assert_allclose(found.velocity, v, atol=1e-9)
-        np.testing.assert_allclose(found.acceleration_bias, offset, atol=1e-11)
-        assert (found.residual < 1e-8).all()
-    assert (drive(a + 0.07, p, DT, biased=False).residual > 1.0).all()  # 126 m of it but for the best start
-
-
-def test_what_is_missing_is_left_out():
-    p, _, a = motion()
-    holes, cut = p.copy(), a.copy()
-    holes[100:150], cut[:50] = np.nan, np.nan
-    found = drive(cut, holes, DT)
-    assert np.isnan(found.position[:50]).all() and np.isfinite(found.position[50:]).all()
-    np.testing.assert_allclose(found.position[50:], p[50:], atol=5e-3)  # a swing isn't linear between samples
 
 
 def test_a_bias_without_noise_is_found_exactly():
@@ -140,61 +101,15 @@ def test_no_bias_leaves_the_record_as_it_was():
     assert [note.kind for note in repairs(after)] == ["derived"]
 
 
-@pytest.fixture(scope="module")
-def flown():
-    """States of a cluster (T, 25) and their rates, at rest air."""
-    one = small.flight(small.cluster(), small.start(np.array([[0.3, 0.1], [0.0, 0.15], [-1.0, -1.0]])))
-    states = small.fly(one)
-    now = jax.tree.map(lambda a: a[0], one.record)
-
-    def rate(x):
-        return state_rate(x, one.base, one.structure, one.air(x, now, now, jnp.zeros(3), jnp.zeros(3), 0.0))
-
-    return states, np.asarray(jax.jit(jax.vmap(rate))(states))
-
-
-def test_the_simulator_s_accelerations_drive_capsule_and_canopies_to_its_positions(flown):
-    """As CP2 was checked: equations of motion and kinematics agree, to what straight lines between samples cost."""
-    states, rates = flown
-    for place, speed in ((slice(0, 3), slice(3, 6)), (slice(13, 19), slice(19, 25))):
-        found = drive(rates[:, speed], states[:, place], small.DT, biased=False)
-        assert np.abs(found.position - states[:, place]).max() < 0.02
-        assert np.abs(found.velocity - states[:, speed]).max() < 0.05
-
-
-def test_records_drive_their_bodies(flown):
-    states, rates = flown
-    q, lifted = states[:, 6:10], rates[:, 3:6] - np.array([0.0, 0.0, STANDARD_GRAVITY])
-    w, u = q[:, :1], -q[:, 1:]  # NED to body is the other way round
-    twice = 2.0 * np.cross(u, lifted)
-    seen_by = {
-        "capsule_position": states[:, 0:3],
-        "canopy_position": np.moveaxis(states[:, 13:19].reshape(-1, 3, 2), 1, 2),
-        "capsule_attitude": q,
-        "capsule_specific_force": lifted + w * twice + np.cross(u, twice) + np.array([0.0, 0.0, 0.02]),
-    }
-    time = small.DT * np.arange(len(states))
-    driven = back_drive(make_record(time=time, **seen_by))
-    assert driven["capsule_position"].residual.max() < 0.05
-    assert np.linalg.norm(driven["capsule_position"].acceleration_bias) == pytest.approx(0.02, rel=0.2)
-    assert driven["canopy_position"].position.shape == (len(states), 2, 3)
-    assert np.nanmax(driven["canopy_position"].residual) < 0.5
-    without = {name: seen_by[name] for name in ("capsule_position", "canopy_position")}
-    assert back_drive(make_record(time=time, **without))["capsule_position"].acceleration_bias.tolist() == [0.0] * 3
-
-
 def test_bad_input_is_named():
-    p, v, a = motion()
+    p, v = motion()
     with pytest.raises(InputError, match="shape"):
         velocity_bias(v[:, :2], p, DT)
-    for call in (lambda x: velocity_bias(x, p, DT), lambda x: drive(x, p, DT)):
-        few = np.full_like(v, np.nan)
-        few[: SHORTEST - 1] = 1.0
-        with pytest.raises(InputError, match=f"{SHORTEST - 1} positions .*at least {SHORTEST}"):
-            call(few)
+    few = np.full_like(v, np.nan)
+    few[: SHORTEST - 1] = 1.0
+    with pytest.raises(InputError, match=f"{SHORTEST - 1} positions .*at least {SHORTEST}"):
+        velocity_bias(few, p, DT)
     with pytest.raises(InputError, match="without capsule_velocity"):
         remove_velocity_bias(make_record(time=TIME, capsule_position=p))
     with pytest.raises(InputError, match="uniform"):
         remove_velocity_bias(make_record(time=TIME**1.01, capsule_position=p, capsule_velocity=v))
-    with pytest.raises(InputError, match="without positions"):
-        back_drive(make_record(time=TIME, capsule_velocity=v))

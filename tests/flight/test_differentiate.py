@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bayeschute.errors import InputError
-from bayeschute.flight.differentiate import derivative, noise_gain, savitzky_golay, second_derivative
+from bayeschute.flight.differentiate import derivative, savitzky_golay
 
 
 def response(f, n=9):
@@ -39,12 +39,6 @@ def test_agrees_with_scipy():
     np.testing.assert_allclose(savitzky_golay(x, 0.2, 11, 1, 3), want, atol=1e-12)
 
 
-def test_second_derivative_of_a_slow_sine():
-    t = np.arange(0, 30, 0.1)
-    got = second_derivative(np.sin(t), 0.1)
-    np.testing.assert_allclose(got[8:-8], -np.sin(t[8:-8]), atol=0.02)
-
-
 @given(
     hole=st.integers(0, 29),
     window=st.sampled_from([5, 7, 11]),
@@ -61,18 +55,6 @@ def test_a_window_that_touches_a_gap_gives_nan_and_no_other_changes(hole, window
     touched = (starts <= hole) & (hole < starts + window)
     assert (np.isnan(b) == touched).all()
     np.testing.assert_array_equal(a[~touched], b[~touched])
-
-
-@pytest.mark.parametrize(("window", "times"), [(5, 1), (5, 2), (11, 1), (11, 2)])
-def test_noise_gain_is_what_noise_shows(window, times):
-    x = np.random.default_rng(1).standard_normal(200_000)
-    for _ in range(times):
-        x = savitzky_golay(x, 0.1, window)
-    assert np.std(x[50:-50]) == pytest.approx(noise_gain(0.1, window, times=times), rel=0.01)
-
-
-def test_noise_gain_closed_form():
-    assert noise_gain(0.1) == pytest.approx(1 / (0.1 * np.sqrt(10)))
 
 
 @pytest.mark.parametrize(

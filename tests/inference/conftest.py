@@ -23,7 +23,7 @@ from bayeschute.inference.map import fit
 from bayeschute.inference.marginal import marginalise, shifted
 from bayeschute.inference.noise import Noise
 from bayeschute.inference.priors import Prior
-from bayeschute.inference.target import FlightData, Hyper, Unknowns, course, residuals
+from bayeschute.inference.target import FlightData, Hyper, Lifted, Unknowns, course, residuals, states
 
 GUSTS = Latent(("drift",), ((0, 0),))
 MIXED = Latent(("drift", "oscillator"), ((0, 0), (1, 0), (1, 1)))  # a law shared, and two processes in one row
@@ -114,6 +114,17 @@ def simulate(flight, hyper, theta, seed, gaps=0.1):
     present = rng.random(observed.shape) > gaps
     present[10:14] = False
     return replace(flight, observed=np.where(present, observed, 0.0), present=present), u
+
+
+@pytest.fixture(scope="session")
+def flown():
+    """A flight on the path of its own simulation, of a flight, its noise parameters, parameters and unknowns."""
+
+    def made(data, hyper, theta, unknowns):
+        driven = course(data, hyper, unknowns)
+        return Lifted(unknowns, driven.error, states(data, jnp.asarray(theta), driven))
+
+    return made
 
 
 @pytest.fixture(scope="session")

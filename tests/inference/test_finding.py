@@ -15,7 +15,7 @@ from bayeschute.inference.evidence import HyperPrior
 from bayeschute.inference.map import Optimum
 from bayeschute.inference.marginal import Quadratic, log_density
 from bayeschute.inference.score import to_vector
-from bayeschute.inference.target import Lifted, flown
+from bayeschute.inference.target import Lifted
 
 
 def test_found(found, descent):
@@ -238,7 +238,7 @@ def test_a_fit_that_took_no_step_is_not_the_best(monkeypatch, descent):
 
 
 @pytest.mark.parametrize("path", [True, False])
-def test_a_joint_optimum_goes_along_the_record_where_there_is_one(descent, monkeypatch, path):
+def test_a_joint_optimum_goes_along_the_record_where_there_is_one(descent, monkeypatch, path, flown):
     """Else by single shooting; both from where they are told to."""
     at, told = [flown(f, descent.hyper, descent.theta, f.still()) for f in descent.flights], []
     flights = [replace(f, path=SimpleNamespace() if path else None) for f in descent.flights]
@@ -262,7 +262,7 @@ def test_a_joint_optimum_goes_along_the_record_where_there_is_one(descent, monke
     assert told[1][1] is at if path else [u is x.unknowns for u, x in zip(told[1][1], at, strict=True)] == [True, True]
 
 
-def test_the_joint_optimum_is_where_single_shooting_ends(descent):
+def test_the_joint_optimum_is_where_single_shooting_ends(descent, flown):
     want = finding.optimum.fit(descent.flights, descent.hyper, descent.priors, descent.theta, tolerance=1e-4)
     at = [flown(f, descent.hyper, descent.theta, f.still()) for f in descent.flights]
     made = finding.joint(descent.flights, descent.hyper, descent.priors, descent.theta + 0.3, at)
@@ -329,7 +329,7 @@ def test_without_a_bend_that_can_be_trusted_the_way_ahead_is_to_where_the_densit
     assert abs(higher.theta - found.optimum.theta)[0] <= 1.1 * sd
 
 
-def test_a_point_ahead_is_on_the_path_that_follows_the_parameters(found, descent):
+def test_a_point_ahead_is_on_the_path_that_follows_the_parameters(found, descent, flown):
     made = finding._ahead(found.marginal, found.optimum, np.array([0.7]))
     np.testing.assert_allclose(made.theta, np.asarray(found.marginal.theta(np.array([0.7]))))
     for flight, at in zip(descent.flights, made.flights, strict=True):

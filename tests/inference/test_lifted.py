@@ -24,7 +24,7 @@ from bayeschute.inference.noise import Noise
 from bayeschute.inference.priors import Prior, standard
 from bayeschute.inference.record_path import RecordPath
 from bayeschute.inference.records import cluster_data
-from bayeschute.inference.target import Hyper, Lifted, Unknowns, course, flown, linearise, states
+from bayeschute.inference.target import Hyper, Lifted, Unknowns, course, linearise, states
 
 _spec = importlib.util.spec_from_file_location(
     "small_cluster", Path(__file__).parents[1] / "twins" / "small_cluster.py"
@@ -80,7 +80,7 @@ def _solved(flight, hyper, theta, at, slack):
 
 
 @pytest.mark.parametrize("which", ["linear", "descent", "drop"])
-def test_along_its_own_simulation_a_flight_is_linearised_as_by_shooting(which, request):
+def test_along_its_own_simulation_a_flight_is_linearised_as_by_shooting(which, request, flown):
     case = request.getfixturevalue(which)
     flight = case.flights[0] if which == "descent" else case.flight
     rng = np.random.default_rng(1)
@@ -248,7 +248,7 @@ def test_where_a_fit_along_the_record_begins_does_not_matter(drop, shot, signs):
     _same_optimum(drop, shot, made)
 
 
-def test_a_drop_whose_fit_begins_at_its_optimum_has_converged(drop, shot):
+def test_a_drop_whose_fit_begins_at_its_optimum_has_converged(drop, shot, flown):
     at = flown(drop.flight, drop.hyper, shot.theta, shot.unknowns[0])
     made = descend([drop.flight], drop.hyper, drop.priors, shot.theta, [at], (0.0,))
     _same_optimum(drop, shot, made)
@@ -336,7 +336,7 @@ def _largest(flight, theta, at, hyper):
     return float(terms(flight, hyper, slack, at, linearise(flight, theta, at.course(flight))).largest)
 
 
-def test_at_rest_a_linear_flight_is_at_its_dense_conditional_mean(broken, linear):
+def test_at_rest_a_linear_flight_is_at_its_dense_conditional_mean(broken, linear, flown):
     """And the slope by the parameters is that with everything else following, from a path that is no flight at all."""
     mean, covariance = linear.matrices.posterior(broken, linear.hyper, linear.priors)
     theta = np.array([1.5, 0.4])
@@ -358,7 +358,7 @@ def test_at_rest_a_linear_flight_is_at_its_dense_conditional_mean(broken, linear
     np.testing.assert_allclose(there.path, own.path, atol=1e-8)
 
 
-def test_at_rest_a_descent_s_slope_is_that_of_its_least_cost(descent):
+def test_at_rest_a_descent_s_slope_is_that_of_its_least_cost(descent, flown):
     """Against central differences; brought to rest again nothing moves, and a step onward stays near it."""
     theta, given = descent.theta + 0.3, (descent.flights, descent.hyper, descent.priors)
     off = [flown(f, descent.hyper, theta, f.still()) for f in descent.flights]
@@ -395,7 +395,7 @@ def test_at_rest_a_drop_obeys(drop, shot):
     assert np.abs(np.asarray(at.path) - shot.flights[0].path).max() < 0.05
 
 
-def test_where_nothing_is_finite_nothing_rests(descent):
+def test_where_nothing_is_finite_nothing_rests(descent, flown):
     at = [flown(f, descent.hyper, descent.theta, f.still()) for f in descent.flights]
     assert rest(descent.flights, descent.hyper, descent.priors, np.array([np.nan]), at) is None
 

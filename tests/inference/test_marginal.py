@@ -25,7 +25,7 @@ from bayeschute.inference.marginal import (
     seen_along,
 )
 from bayeschute.inference.statespace import innovations
-from bayeschute.inference.target import Hyper, cost, course, flown, states, stepped
+from bayeschute.inference.target import Hyper, cost, course, states, stepped
 
 POINT = np.array([1.3, -0.4])  # standard coordinates away from the optimum
 
@@ -177,7 +177,7 @@ def test_batches_are_joined_and_padding_dropped():
     assert seen == [(2, 64), (2, 64)]
 
 
-def test_flights_follow_the_parameters_on_the_dense_conditional_means(linear, straight):
+def test_flights_follow_the_parameters_on_the_dense_conditional_means(linear, straight, flown):
     """Where all is linear start, shocks, disturbances and path of every point are those of its own optimum."""
     mean, covariance = linear.matrices.posterior(linear.flight, linear.hyper, linear.priors)
     gain = np.linalg.solve(covariance[:2, :2], covariance[:2, 2:]).T

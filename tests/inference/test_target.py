@@ -15,14 +15,12 @@ from bayeschute.inference.map import conditional
 from bayeschute.inference.statespace import Seen, innovations, response, smooth_driven
 from bayeschute.inference.target import (
     Course,
-    Lifted,
     Unknowns,
     as_seen,
     cost,
     course,
     disturbed,
     filter_gains,
-    flown,
     jax_states,
     jax_stepped,
     linearise,
@@ -197,7 +195,7 @@ def test_residuals_of_the_truth_have_the_law_of_the_noise(descent):
 
 
 @pytest.fixture(params=["linear", "descent"])
-def flying(request, linear, descent):
+def flying(request, linear, descent, flown):
     """A flight, its noise parameters and parameters, on the path of its simulation."""
     case = (linear.flight, linear.hyper, linear.theta, linear.u)
     if request.param == "descent":
@@ -268,7 +266,7 @@ def test_steps_of_a_batch_are_those_of_each(flying):
             np.testing.assert_allclose(ours[..., b], alone, atol=1e-11 * np.abs(at.path).max())
 
 
-def test_jax_serves_where_there_is_no_machine_code(descent, monkeypatch):
+def test_jax_serves_where_there_is_no_machine_code(descent, monkeypatch, flown):
     pytest.importorskip("llvmlite")
     flight, theta = descent.flights[0], jnp.asarray(descent.theta)
     at = flown(flight, descent.hyper, theta, descent.u[0])
@@ -302,12 +300,6 @@ def test_a_simulation_goes_on_from_known_states(flying, known):
     assert np.abs(np.asarray(made) - at.path)[known:].max() > 0.05
 
 
-def test_a_flight_that_fails_has_no_path_of_its_own(descent):
-    flight = descent.flights[0]
-    assert isinstance(flown(flight, descent.hyper, descent.theta, flight.still()), Lifted)
-    assert flown(flight, descent.hyper, np.array([150.0]), flight.still()) is None
-
-
 def test_start_and_disturbances_move_states_linearly(linear, line):
     """What they add to the first state and to every step of the linear flight, alone and in a batch."""
     flight, theta, steps = linear.flight, jnp.asarray(linear.theta), line[0].steps
@@ -338,7 +330,7 @@ def test_a_path_is_moved_by_its_change_or_as_its_model_retracts(linear):
     np.testing.assert_array_equal(kept[:, 0], path[:, 0] + by[:, 0])
 
 
-def test_a_lifted_flight_s_course_has_the_start_in_its_own_units(linear):
+def test_a_lifted_flight_s_course_has_the_start_in_its_own_units(linear, flown):
     flight, at = linear.flight, flown(linear.flight, linear.hyper, linear.theta, linear.u)
     wide = jax.tree.map(lambda a: jnp.stack([a, 2.0 * a], axis=-1), at)
     made = wide.course(flight, 1)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bayeschute.errors import InputError
-from bayeschute.regression.diagnostics import null_models, signal_to_noise, theil
+from bayeschute.regression.diagnostics import null_models, theil
 from bayeschute.regression.equation_error import fit
 
 
@@ -50,13 +50,3 @@ def test_null_model_of_a_vector_has_a_mean_for_each_component():
     assert model.r2 == pytest.approx(0.0, abs=1e-12) and model.prediction[[0, 9]].tolist() == pytest.approx([2.0, -3.0])
     with pytest.raises(InputError):
         null_models(z, np.zeros(10))
-
-
-def test_signal_to_noise_names_both_variants():
-    signal = 3.0 + np.sqrt(2.0) * np.sin(np.linspace(0, 20 * np.pi, 2001)[:-1])
-    s = signal_to_noise(signal, 0.5)
-    assert s.about_mean == pytest.approx(2.0, rel=1e-6) and s.with_mean == pytest.approx(np.sqrt(10) / 0.5, rel=1e-6)
-    assert not s.sufficient and signal_to_noise(signal, 0.1).sufficient
-    for bad in (0.0, np.nan):
-        with pytest.raises(InputError):
-            signal_to_noise(signal, bad)

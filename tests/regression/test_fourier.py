@@ -1,11 +1,11 @@
-"""Finite Fourier transforms against closed forms, and their end terms."""
+"""Finite Fourier transforms against closed forms."""
 
 import numpy as np
 import pytest
 
 from bayeschute.errors import InputError
 from bayeschute.regression import fourier
-from bayeschute.regression.fourier import derivative_transform, finite_transform, harmonics
+from bayeschute.regression.fourier import finite_transform, harmonics
 
 DT, N = 0.1, 700
 T = (N - 1) * DT
@@ -61,14 +61,6 @@ def test_chirp_z_and_matrix_agree(monkeypatch):
     np.testing.assert_allclose(finite_transform(x, DT, frequency), plain, atol=1e-9)
     uneven = np.sort(rng.uniform(0.05, 2.0, 20))
     np.testing.assert_allclose(finite_transform(x, DT, uneven)[7], finite_transform(x, DT, uneven[7:8])[0], atol=1e-9)
-
-
-def test_end_terms_give_the_transform_of_the_derivative():
-    lam, frequency = -0.04 + 0.7j, np.linspace(0.03, 0.6, 25)
-    x = np.exp(lam * t).real
-    rate = (lam * np.exp(lam * t)).real
-    made = derivative_transform(finite_transform(x, DT, frequency), x[0], x[-1], T, frequency)
-    np.testing.assert_allclose(made, finite_transform(rate, DT, frequency), atol=1e-6)
 
 
 def test_harmonics():

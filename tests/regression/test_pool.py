@@ -12,9 +12,6 @@ from bayeschute.regression.pool import (
     exponent_tuples,
     product_pool,
     spline,
-    spline_name,
-    vector_pool,
-    with_splines,
 )
 
 
@@ -56,18 +53,11 @@ def test_splines():
     np.testing.assert_allclose(spline(x, 0.8), [0, 0, 0, 1.2, np.nan])
     np.testing.assert_allclose(spline(x, 0.8, side="below", power=2), [3.24, 0.09, 0, 0, np.nan])
     np.testing.assert_allclose(spline(x, 0.8, power=0), [0, 0, 0, 1, np.nan])
-    assert spline_name("alpha", "16deg") == "(alpha-16deg)_+"
-    assert spline_name("D", 0.8, side="below", power=2) == "(0.8-D)_+^2"
-    assert spline_name("V", -0.1) == "(V+0.1)_+" and spline_name("V", -0.1, side="below") == "(-0.1-V)_+"
-    both = with_splines({"D": x[:4]}, {"D": [0.8, 1.0]}, side="below")
-    assert list(both) == ["D", "(0.8-D)_+", "(1-D)_+"]
     for bad in ({"side": "left"}, {"power": -1}):
         with pytest.raises(InputError):
             spline(x, 0.8, **bad)
     with pytest.raises(InputError):
         spline(x, np.nan)
-    with pytest.raises(InputError):
-        with_splines({"D": x}, {"E": [1.0]})
 
 
 def test_products_of_disjoint_splines_are_dropped_by_the_selection():
@@ -76,16 +66,6 @@ def test_products_of_disjoint_splines_are_dropped_by_the_selection():
     pool = product_pool(variables, 2)
     s = select(pool.matrix(), 1 + variables["high"], pool.names, indices=pool.indices, sigma_max2=1e-8)
     assert "low*high" in dict(s.dropped) and set(s.terms) == {"1", "high"}
-
-
-def test_vector_pool():
-    rng = np.random.default_rng(2)
-    vectors = {"e": rng.normal(size=(7, 2)), "rate": rng.normal(size=(7, 2))}
-    names, columns = vector_pool(vectors, product_pool({"alpha": np.arange(7.0), "q": np.ones(7)}, 1))
-    assert names == ("e", "e*alpha", "e*q", "rate", "rate*alpha", "rate*q")
-    np.testing.assert_allclose(columns[:, :, 4], vectors["rate"] * np.arange(7.0)[:, None])
-    with pytest.raises(InputError):
-        vector_pool({"e": np.ones((6, 2))}, product_pool({"alpha": np.arange(7.0)}, 1))
 
 
 def test_index_of_high_powers_stays_readable():

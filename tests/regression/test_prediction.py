@@ -7,7 +7,7 @@ import pytest
 
 from bayeschute.errors import InputError
 from bayeschute.regression.equation_error import fit
-from bayeschute.regression.prediction import predict_record, predict_records
+from bayeschute.regression.prediction import predict_record
 from bayeschute.regression.stack import stack_components
 
 
@@ -50,14 +50,16 @@ def test_gaps_stay_gaps():
     assert test.samples == 1998 and np.flatnonzero(np.isnan(test.residual)).tolist() == [5, 9]
 
 
-def test_many_records_by_name():
+def test_components_have_means_of_their_own():
     rng = np.random.default_rng(4)
     terms = rng.normal(size=(2, 400, 2, 1))
     stacks = [stack_components(t, 0.7 * t[..., 0] + 0.1 * rng.normal(size=(400, 2))) for t in terms]
     f = fit(stacks[0].X, stacks[0].z, ["e"], blocks=stacks[0].blocks, groups=stacks[0].groups)
-    tests = predict_records(f, {"stack": stacks[1], "pair": (stacks[1].X, stacks[1].z)})
-    assert list(tests) == ["stack", "pair"] == [t.label for t in tests.values()]
-    assert tests["stack"].rms == tests["pair"].rms and tests["stack"].rms_ratio == pytest.approx(1.0, abs=0.15)
+    z = stacks[1].z + 3.0 * stacks[1].components  # so that the means of the two differ
+    apart, together = (predict_record(f, stacks[1].X, z, components=c) for c in (stacks[1].components, None))
+    assert apart.rms == together.rms and apart.r2 < together.r2
+    test = predict_record(f, stacks[1].X, stacks[1].z, components=stacks[1].components)
+    assert test.rms_ratio == pytest.approx(1.0, abs=0.15)
 
 
 def test_wrong_columns_are_refused():

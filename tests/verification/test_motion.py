@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from bayeschute.dynamics.dumbbell import steady_descent
-from bayeschute.dynamics.pendulum import pendulum, pivot_distance
 from bayeschute.dynamics.planar import PlanarAero
-from bayeschute.verification.motion import Motion, amplitude, cycle, dumbbell, ending, fly, observed_pivot
+from bayeschute.verification.motion import Motion, amplitude, cycle, dumbbell, ending, fly
 from bayeschute.verification.sets import T71
 
 AERO = PlanarAero(0.927, -0.329, 0.189, 0.1901, -0.988)
@@ -63,20 +62,3 @@ def test_rate_of_the_angle_of_attack_is_its_derivative():
     motion, _ = fly(MODEL, AERO, RHO, start, 20.0)
     central = (motion.alpha[2:] - motion.alpha[:-2]) / 0.2
     np.testing.assert_allclose(motion.alpha_rate[1:-1][20:], central[20:], atol=1e-3)
-
-
-def test_observed_pivot_of_a_small_steady_swing_is_the_linear_one():
-    still = replace(AERO, C_Nalphadot=-0.22)  # neither grows nor decays by much
-    start = np.asarray(steady_descent(MODEL, still, RHO)) + [0, 0, 0, 0, 1e-3, 0]
-    _, states = fly(MODEL, still, RHO, start, 62.0)  # four periods
-    want = pivot_distance(pendulum(MODEL, RHO, 0.927), 0.1901)
-    assert observed_pivot(states) == pytest.approx(want, rel=0.01)
-
-
-def test_observed_pivot_of_a_compound_motion():
-    """A line that turns about a point 40 m above the capsule while that point moves steadily."""
-    swing, rate = 0.2 * np.sin(0.44 * TIME), 0.2 * 0.44 * np.cos(0.44 * TIME)
-    states = np.zeros((len(TIME), 6))
-    states[:, 4], states[:, 5] = swing, rate
-    states[:, 2] = 3.0 + 40.0 * rate * np.cos(swing)
-    assert observed_pivot(states) == pytest.approx(40.0)

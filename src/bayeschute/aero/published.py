@@ -13,7 +13,7 @@ from bayeschute.errors import Fault, InputError
 from bayeschute.units import to_si
 
 PLANAR_UNITS = {"C_A0": "", "C_Aalpha": "1/rad", "alpha_0": "rad", "C_Nalpha": "1/rad", "C_Nalphadot": "s/rad"}
-# Factors of the polar form with the unit that each gives to a coefficient (meanings: `bayeschute.aero.polar_terms`).
+# Factors of the polar form with the unit of each coefficient (meanings: `bayeschute.regression.polar_grammar`).
 POLAR_FACTORS = {
     "1": "",
     "q": "1/Pa",

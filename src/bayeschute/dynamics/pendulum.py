@@ -7,14 +7,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
-import numpy as np
-
 from bayeschute.air.vector import Component
 from bayeschute.dynamics.dumbbell import Dumbbell
-
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(48)
 
 
 class Pendulum(NamedTuple):
@@ -75,12 +69,6 @@ def pivot_distance(p: Pendulum, normal_slope: Component) -> Component:
     return share * p.length
 
 
-def normal_slope_of_pivot(p: Pendulum, distance: Component) -> Component:
-    """C_Nalpha [1/rad] from L_L [m]: 6.3.1-33 inverted."""
-    share = distance / p.length
-    return p.axial * (p.canopy_mass * p.gravity / share - p.air_weight) / p.weight
-
-
 def induced_damping(p: Pendulum, normal_slope: Component, speed: Component) -> Component:
     """C_Nalpha L_C/V [s/rad], what the canopies' own motion adds to the damping (6.3.1-17).
 
@@ -97,53 +85,3 @@ def decay_rate(p: Pendulum, damping: Component) -> Component:
 def total_damping(p: Pendulum, decay: Component) -> Component:
     """(C_Nalphadot)_tot [s/rad] from b [1/s]: 6.3.1-23 inverted."""
     return 2.0 * p.inertia * decay / p.force
-
-
-def damped_frequency(omega_n: Component, decay: Component) -> Component:
-    """omega_d [rad/s] of an underdamped swing (6.3.1-26)."""
-    return (omega_n**2 - decay**2) ** 0.5
-
-
-def undamped_frequency(omega_d: Component, decay: Component) -> Component:
-    """omega_n [rad/s] from what is observed: 6.3.1-26 inverted."""
-    return (omega_d**2 + decay**2) ** 0.5
-
-
-def decay_of_peaks(first: Component, last: Component, time: Component) -> Component:
-    """Decay rate b [1/s] from two peaks on the same side, `time` [s] apart (6.3.1-25)."""
-    return jnp.log(first / last) / time
-
-
-def swing(time: Component, omega_n: Component, decay: Component, angle: Component, rate: Component = 0.0) -> Component:
-    """Theta(t) [rad] (6.3.1-25..28), continued to critical and overdamped motion.
-
-    Args:
-        time: [s].
-        omega_n: Natural frequency [rad/s].
-        decay: b [1/s].
-        angle: Theta at time zero [rad].
-        rate: Its rate at time zero [rad/s].
-    """
-    square = omega_n**2 - decay**2
-    size = jnp.sqrt(jnp.maximum(jnp.abs(square), 1e-30)) * time
-    near = jnp.abs(square) * time**2 < 1e-8
-    cosine = jnp.where(near, 1.0 - square * time**2 / 2.0, jnp.where(square > 0.0, jnp.cos(size), jnp.cosh(size)))
-    quotient = jnp.where(square > 0.0, jnp.sin(size), jnp.sinh(size)) / jnp.where(near, 1.0, size)
-    sine = time * jnp.where(near, 1.0 - square * time**2 / 6.0, quotient)
-    return jnp.exp(-decay * time) * (angle * cosine + (rate + decay * angle) * sine)
-
-
-def large_period(p: Pendulum, normal_slope: Component, amplitude: Component) -> jax.Array:
-    """Period [s] of the undamped 6.3.1-20 at any amplitude [rad] below pi, by its energy integral.
-
-    With C_Nalpha = 0 it is 4 K(sin(amplitude/2)) sqrt(m_C L/(m_C g - W_C)).
-    """
-    a = jnp.asarray(amplitude)[..., None]
-    phase = jnp.pi / 4.0 * (_NODES + 1.0)
-    angle = a * jnp.sin(phase)
-    # cos(angle) - cos(a), a^2 - angle^2: products keep both exact near the turning point.
-    gravity = 2.0 * jnp.sin(0.5 * (a + angle)) * jnp.sin(0.5 * (a - angle))
-    spring = 0.5 * (a - angle) * (a + angle)
-    air_weight, force = (jnp.asarray(v)[..., None] for v in (p.air_weight, p.force * normal_slope))
-    speed = jnp.sqrt(2.0 * (air_weight * gravity + force * spring) / jnp.asarray(p.inertia)[..., None])
-    return 4.0 * jnp.sum(jnp.pi / 4.0 * _WEIGHTS * a * jnp.cos(phase) / speed, axis=-1)

@@ -1,4 +1,4 @@
-"""Aerodynamics of canopies that move in one plane (report 6.3.1-10..12), and their exact twins for the cluster."""
+"""Aerodynamics of canopies that move in one plane (report 6.3.1-10..12)."""
 
 from __future__ import annotations
 
@@ -54,28 +54,3 @@ class PlanarAero:
         if not self.statically_stable:
             return slope * alpha * (alpha * alpha - self.alpha_0**2)
         return slope * alpha * (size + self.alpha_0) * (size + 2.0 * self.alpha_0)
-
-
-def cluster_terms(
-    aero: PlanarAero, length: Component, speed: Component
-) -> tuple[dict[str, Component], dict[str, Component]]:
-    """The same coefficients as terms of the cluster (`bayeschute.aero.terms`) with rate ``"riser"``.
-
-    Static terms are equal for every alpha. Damping is equal where the aero's rate is ``"riser"``; a pivot rate is
-    turned into one at the given airspeed, since the cluster makes its rate non-dimensional with that of the moment.
-
-    Args:
-        aero: Coefficients.
-        length: Reference length l of the canopies [m].
-        speed: Airspeed at which damping shall agree [m/s].
-
-    Returns:
-        Axial and transverse terms with their coefficients.
-    """
-    a, k = aero.alpha_0, aero.C_Nalpha
-    axial = {"1": aero.axial(0.0), "alpha^2": 0.5 * aero.C_Aalpha / a}
-    transverse = {"angle": -0.5 * k, "angle*alpha^2": 0.5 * k / a**2}
-    if aero.statically_stable:
-        transverse = {"angle": k, "angle*alpha": 1.5 * k / a, "angle*alpha^2": 0.5 * k / a**2}
-    scale = 2.0 * speed / length if aero.rate == "pivot" else 1.0
-    return axial, transverse | {"rate": aero.C_Nalphadot * scale}

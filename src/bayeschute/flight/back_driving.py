@@ -1,7 +1,6 @@
-"""Equations of motion driven by recorded accelerations, and biases of recorded velocities (report, section 7.4).
+"""Biases of recorded velocities (report, section 7.4).
 
-Where a record is sound, its accelerations carry a body from one place and velocity to all its recorded positions. A
-bias of the recorded velocity shows as a drift of what velocities carry the body to, away from where it was.
+A bias of the recorded velocity shows as a drift of what velocities carry the body to, away from where it was.
 """
 
 from __future__ import annotations
@@ -15,11 +14,8 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.signal import lfilter
 from scipy.stats import norm
 
-from bayeschute.air.standard import STANDARD_GRAVITY
 from bayeschute.errors import Fault, InputError
-from bayeschute.flight.angles import unit
 from bayeschute.flight.derive import uniform_interval
-from bayeschute.flight.reconstruct import smooth_motion, to_ned
 from bayeschute.flight.record import AXIS, Repair, with_repairs
 
 if TYPE_CHECKING:
@@ -32,22 +28,6 @@ LEVEL = 0.999  # of confidence that a bias isn't chance; measured, chance alone 
 _BLOCKS = 40  # means of so many parts of a record tell its noise
 _RATIOS = np.geomspace(1e-2, 1e4, 19)  # of what the noises of velocity and position do to those means
 _MEMORIES = (0.0, 0.02, 0.06, 0.18)  # time constants of either noise, over the record's length
-
-
-class Driven(NamedTuple):
-    """Motion of a body by its recorded accelerations; components (...).
-
-    Attributes:
-        position: (T, ...) [m]; NaN outside of the longest stretch of accelerations without a gap.
-        velocity: (T, ...) [m/s].
-        acceleration_bias: Recorded less true, constant over the record (...) [m/s^2]; zero where none was sought.
-        residual: Root mean square of recorded less driven positions (...) [m].
-    """
-
-    position: Array
-    velocity: Array
-    acceleration_bias: Array
-    residual: Array
 
 
 class VelocityBias(NamedTuple):
@@ -66,44 +46,6 @@ class VelocityBias(NamedTuple):
     def found(self, level: float = LEVEL) -> NDArray[np.bool_]:
         """Which components have a bias that isn't chance, at a level of confidence (...)."""
         return np.asarray(np.abs(self.bias) > norm.ppf(0.5 + 0.5 * level) * self.se)
-
-
-def drive(acceleration: NDArray, position: NDArray, dt: float, biased: bool = True) -> Driven:
-    """Drive a body by its accelerations from the place and velocity at which it meets its recorded positions best.
-
-    Accelerations are linear between samples, and the integrals exact. Place, velocity and bias are by least squares.
-
-    Args:
-        acceleration: Recorded (T, ...) [m/s^2]; NaN where missing.
-        position: Recorded (T, ...) [m]; NaN where missing.
-        dt: Sample interval [s].
-        biased: Whether accelerations have a constant bias, to be found.
-
-    Raises:
-        InputError: If shapes differ or fewer than `SHORTEST` samples are there.
-    """
-    a, p = _alike(acceleration, position, "acceleration")
-    motion, residual = np.full((2, *a.shape), np.nan), np.empty(a.shape[1])
-    bias = np.zeros(a.shape[1])
-    for c in range(a.shape[1]):
-        run = _longest(np.isfinite(a[:, c]))
-        felt, known = a[run, c], np.isfinite(p[run, c])
-        _enough(int(known.sum()), "positions with accelerations")
-        velocity = np.concatenate([[0.0], np.cumsum(0.5 * dt * (felt[1:] + felt[:-1]))])
-        hops = velocity[:-1] * dt + dt**2 * (2.0 * felt[:-1] + felt[1:]) / 6.0
-        place = np.concatenate([[0.0], np.cumsum(hops)])
-        t = dt * np.arange(felt.size)
-        columns = np.stack([np.ones_like(t), t, 0.5 * t**2][: 2 + biased], axis=1)
-        size = np.abs(columns).max(axis=0)
-        found = np.linalg.lstsq(columns[known] / size, (p[run, c] - place)[known], rcond=None)[0] / size
-        place = place + columns @ found
-        slope = columns[:, : 1 + biased] @ found[1:]
-        bias[c] = -found[2] if biased else 0.0
-        motion[0, run, c], motion[1, run, c] = place, velocity + slope
-        residual[c] = np.sqrt(np.mean((p[run, c] - place)[known] ** 2))
-    tail = np.shape(acceleration)[1:]
-    position, velocity = motion.reshape(2, -1, *tail)
-    return Driven(position, velocity, bias.reshape(tail), residual.reshape(tail))
 
 
 def velocity_bias(velocity: NDArray, position: NDArray, dt: float) -> VelocityBias:
@@ -180,38 +122,6 @@ def _known_noise(y: Array, x: Array, covariance: Array) -> tuple[float, Array, A
     variance = misfit / (freedom - 2) * float(np.linalg.inv(information)[1, 1])  # of Student's t
     log_likelihood = -0.5 * (freedom * float(np.log(misfit).sum()) + axes * log_determinant)
     return log_likelihood, line[1], variance
-
-
-def back_drive(record: xr.Dataset, gravity: float = STANDARD_GRAVITY) -> dict[str, Driven]:
-    """Drive capsule and canopies of a record by their accelerations.
-
-    The capsule's are its specific forces where these and its attitude are recorded, with a constant bias that is found
-    along; otherwise, as the canopies', smoothed derivatives of the motion.
-
-    Args:
-        record: At a uniform rate, with ``capsule_position``, ``canopy_position`` or both.
-        gravity: [m/s^2].
-
-    Returns:
-        By variable: components (axis) or (canopy, axis).
-
-    Raises:
-        InputError: If there is no position, the rate isn't uniform or too few samples are there.
-    """
-    dt = uniform_interval(record["time"].values, "back-driving")
-    out: dict[str, Driven] = {}
-    for name in ("capsule_position", "canopy_position"):
-        if name not in record:
-            continue
-        position = _values(record, name)
-        if name == "capsule_position" and {"capsule_specific_force", "capsule_attitude"} <= set(record.data_vars):
-            felt = to_ned(unit(_values(record, "capsule_attitude")), _values(record, "capsule_specific_force"))
-            out[name] = drive(felt + np.array([0.0, 0.0, gravity]), position, dt)
-        else:
-            out[name] = drive(smooth_motion(position, dt)[1], position, dt, biased=False)
-    if not out:
-        raise InputError(Fault("back-driving", "a record without positions", "capsule_position or canopy_position"))
-    return out
 
 
 def remove_velocity_bias(record: xr.Dataset, level: float = LEVEL) -> tuple[xr.Dataset, VelocityBias]:

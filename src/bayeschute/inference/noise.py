@@ -82,18 +82,6 @@ def whiten(noise: Noise, dt: Component, present: jax.Array, series: jax.Array) -
     return jax.lax.scan(step, jnp.zeros(series.shape[1:]), rows)[1]
 
 
-def log_determinant(noise: Noise, dt: Component, present: jax.Array) -> jax.Array:
-    """Half the log determinant of the covariance plus the constant of the present samples."""
-    _, _, s = gains(noise, dt, present)
-    return 0.5 * jnp.sum(jnp.where(present, jnp.log(2.0 * jnp.pi * s), 0.0))
-
-
-def log_density(noise: Noise, dt: Component, present: jax.Array, series: jax.Array) -> jax.Array:
-    """Log density of residuals (T, C) summed over samples and outputs."""
-    innovations = whiten(noise, dt, present, series)
-    return -0.5 * jnp.sum(innovations**2) - log_determinant(noise, dt, present)
-
-
 @jax.jit
 def colour(noise: Noise, dt: Component, drift: jax.Array, white: jax.Array) -> jax.Array:
     """AR(1) plus white noise (T, C, ...) made of two arrays of standard normal numbers of that shape."""

@@ -157,13 +157,6 @@ def states(data: FlightData, theta: Component, driven: Course, known: Component 
     return jax_states(data, theta, driven, known) if made is None else made
 
 
-def flown(data: FlightData, hyper: Hyper, theta: Component, unknowns: Unknowns) -> Lifted | None:
-    """A flight on the path of its own simulation; None where that is not finite."""
-    driven = course(data, hyper, unknowns)
-    path = states(data, jnp.asarray(theta), driven)
-    return Lifted(unknowns, driven.error, path) if bool(jnp.isfinite(path).all()) else None
-
-
 @jax.jit
 def moved(data: FlightData, path: jax.Array, by: jax.Array) -> jax.Array:
     """A path (T, X, ...) moved by a change of its states; a model that can `retract` keeps what is stiff in it."""

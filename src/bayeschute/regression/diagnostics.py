@@ -1,4 +1,4 @@
-"""A fit beside what it must beat: Theil's inequality, models that know no aerodynamics, signal over noise."""
+"""A fit beside what it must beat: Theil's inequality, and models that know no aerodynamics."""
 
 from __future__ import annotations
 
@@ -10,8 +10,6 @@ from jaxtyping import Float
 from bayeschute.errors import Fault, InputError
 from bayeschute.regression.problem import group_variance, out_of_range, row_labels
 from bayeschute.regression.series import Labels
-
-LOW_SNR = 3.0
 
 
 class Theil(NamedTuple):
@@ -46,20 +44,6 @@ class NullModel(NamedTuple):
     r2: float
     rms: float
     prediction: Float[np.ndarray, " N"]
-
-
-class SignalToNoise(NamedTuple):
-    """Signal over noise, both variants.
-
-    Attributes:
-        about_mean: rms(signal - mean)/sigma.
-        with_mean: rms(signal)/sigma.
-        sufficient: Whether `about_mean` is above 3 (report, 6.3.5).
-    """
-
-    about_mean: float
-    with_mean: float
-    sufficient: bool
 
 
 def theil(z: Float[np.ndarray, " N"], y: Float[np.ndarray, " N"]) -> Theil:
@@ -125,27 +109,6 @@ def null_models(
         force = float(pressure) if pressure is not None else float(shape @ z[used] / (shape @ shape))
         found.append(_null("constant force", force, z[used], force * shape, used, variance))
     return tuple(found)
-
-
-def signal_to_noise(signal: Float[np.ndarray, " N"], sigma: float) -> SignalToNoise:
-    """Signal-to-noise ratio of a smoothed signal (report, 6.3.5), with and without its mean.
-
-    Args:
-        signal: Smoothed signal; NaN left out, (N,).
-        sigma: Standard deviation of the noise [unit of the signal].
-
-    Returns:
-        Both ratios.
-
-    Raises:
-        InputError: If sigma isn't above 0 or no number is left.
-    """
-    values = np.asarray(signal, dtype=np.float64)
-    values = values[~np.isnan(values)]
-    if not values.size or not np.isfinite(values).all() or not (np.isfinite(sigma) and sigma > 0.0):
-        raise InputError(Fault("signal-to-noise", f"{values.size} values, sigma {sigma!r}", "finite values, sigma > 0"))
-    about = float(np.std(values)) / sigma
-    return SignalToNoise(about, float(np.sqrt(np.mean(values**2))) / sigma, about > LOW_SNR)
 
 
 def _pairs(z: np.ndarray, y: np.ndarray, where: str) -> tuple[np.ndarray, np.ndarray]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -13,7 +13,6 @@ from scipy import linalg, stats
 from bayeschute.errors import Fault, InputError
 from bayeschute.regression.colored import ColoredNoise, residual_noise
 from bayeschute.regression.problem import Problem, group_variance, read_problem, row_labels
-from bayeschute.regression.selection import Selection
 from bayeschute.regression.series import Labels
 
 _DEPENDENT = 1e-11
@@ -205,31 +204,6 @@ def _with_errors(problem: Problem, solved: _Solved, noise: ColoredNoise, varianc
         noise=noise,
         max_leverage=float(np.max(np.einsum("ij,ij->i", Q, Q))),
     )
-
-
-def refit(
-    selection: Selection,
-    X: Float[np.ndarray, "N p"],
-    z: Float[np.ndarray, " N"],
-    **options: Any,
-) -> EquationErrorFit:
-    """Fit the terms that a selection kept, with their errors.
-
-    Args:
-        selection: Terms kept.
-        X: All candidates, in the order given to `select`, (N, p).
-        z: Response, (N,).
-        **options: Passed to `fit`.
-
-    Returns:
-        The fit of the kept terms, in order of choice.
-
-    Raises:
-        InputError: If no term was kept; as `fit`.
-    """
-    if not selection.selected:
-        raise InputError(Fault("refit", "a selection without terms", "at least one term", "Lower sigma_max."))
-    return fit(np.asarray(X)[:, list(selection.selected)], z, selection.terms, **options)
 
 
 def _factor(X: np.ndarray, names: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -3,9 +3,6 @@
 ``x~(f) = int_0^T x(t) exp(-2 pi i f t) dt`` of the cubic spline through the samples, exactly: piece by piece the
 moments of ``s^k exp(-i omega s)`` times sums over the samples, by matrix product or, where that would be large, by
 chirp-z transform. So the error is that of the spline, of fourth order in the sample interval, at any frequency.
-
-A record that does not end where it began has end terms: ``int x' exp(-i omega t) dt = i omega x~ + x(T) exp(-i omega T)
-- x(0)``. They are kept here, and are what lets a decaying swing be analysed without windows.
 """
 
 from __future__ import annotations
@@ -87,25 +84,6 @@ def finite_transform(
     sums = _sums(np.moveaxis(pieces, 0, 1).reshape(x.shape[0] - 1, -1), frequency, dt)
     total = np.sum(moments[:, :, None] * sums.reshape(frequency.size, 4, -1), axis=1)
     return total.reshape(frequency.size, *x.shape[1:])
-
-
-def derivative_transform(
-    transform: Complex[np.ndarray, " M"], first: float, last: float, duration: float, frequency: Float[np.ndarray, " M"]
-) -> Complex[np.ndarray, " M"]:
-    """Transform of x' from that of x and the end values.
-
-    Args:
-        transform: Of x.
-        first: x(0).
-        last: x(T).
-        duration: T [s].
-        frequency: [Hz].
-
-    Returns:
-        [unit of x].
-    """
-    s = 2j * np.pi * np.asarray(frequency)
-    return np.asarray(s * transform + last * np.exp(-s * duration) - first)
 
 
 def _check(x: np.ndarray, dt: float, frequency: np.ndarray) -> None:

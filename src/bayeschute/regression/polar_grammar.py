@@ -1,6 +1,7 @@
 """Names of polar explanatory variables and their products: what may be written, told without importing JAX.
 
-The variables are those of `bayeschute.aero.polar_terms` and two more (`closing`, splines):
+The variables are those of the report's polar form (7.3-2..5) and two more (`closing`, splines). The angle of proximity
+runs from the airflow across the axis to the direction away from the other canopy (6.1-13).
 
 | variable | meaning | unit |
 |---|---|---|

@@ -127,40 +127,6 @@ def product_pool(
     return Pool(names, stacked, exponents, tuple(extra), further)
 
 
-def vector_pool(
-    vectors: Mapping[str, Float[np.ndarray, "N c"]], scalars: Pool
-) -> tuple[tuple[str, ...], Float[np.ndarray, "N c p"]]:
-    """Equivariant candidates: each vector alone and times each scalar of a pool, component by component.
-
-    Args:
-        vectors: Vector terms by name, components on the last axis, (N, c).
-        scalars: Scalar factors; the constant gives the vector alone whether or not the pool holds it.
-
-    Returns:
-        Names such as ``e`` and ``e*alpha^2``, and the columns, (N, c, p), to be stacked by
-        `bayeschute.regression.stack.stack_components`.
-
-    Raises:
-        InputError: For vectors whose shape doesn't fit.
-    """
-    N = scalars.values.shape[0]
-    arrays = {name: np.asarray(v, dtype=np.float64) for name, v in vectors.items()}
-    shapes = {a.shape for a in arrays.values()}
-    if len(shapes) != 1 or (shape := shapes.pop())[0] != N or len(shape) != 2:
-        got = ", ".join(f"{name} {a.shape}" for name, a in arrays.items()) or "none"
-        raise InputError(Fault("pool vectors", got, f"arrays ({N}, components) of one shape"))
-    factors = [(j, name) for j, name in enumerate(scalars.names) if name != "1"]
-    names: list[str] = []
-    out = np.empty((N, shape[1], len(arrays) * (len(factors) + 1)))
-    for vector, components in arrays.items():
-        out[:, :, len(names)] = components
-        names.append(vector)
-        for j, scalar in factors:
-            out[:, :, len(names)] = components * scalars.column(j)[:, None]
-            names.append(f"{vector}*{scalar}")
-    return tuple(names), out
-
-
 def spline(
     values: Float[np.ndarray, " N"], knot: float, *, side: str = "above", power: int = 1
 ) -> Float[np.ndarray, " N"]:
@@ -187,45 +153,6 @@ def spline(
     if power == 0:
         return np.where(np.isnan(excess), np.nan, np.where(excess > 0.0, 1.0, 0.0))
     return np.asarray(np.maximum(excess, 0.0) ** power)
-
-
-def spline_name(variable: str, knot: str | float, *, side: str = "above", power: int = 1) -> str:
-    """Name of a one-sided spline: ``(alpha-16deg)_+`` or ``(0.8-D_prox)_+``, with ``^m`` from the second power."""
-    label = knot if isinstance(knot, str) else f"{knot:g}"
-    moved = f"+{label[1:]}" if label.startswith("-") else f"-{label}"
-    inside = f"{variable}{moved}" if side == "above" else f"{label}-{variable}"
-    return f"({inside})_+" if power == 1 else f"({inside})_+^{power}"
-
-
-def with_splines(
-    variables: Mapping[str, Float[np.ndarray, " N"]],
-    knots: Mapping[str, Sequence[float]],
-    *,
-    side: str = "above",
-    power: int = 1,
-) -> dict[str, Float[np.ndarray, " N"]]:
-    """The variables and after them their one-sided splines, one for each knot.
-
-    Args:
-        variables: Values by name.
-        knots: Knots of some of the variables, in their units.
-        side: Where the splines aren't zero.
-        power: Power of the splines.
-
-    Returns:
-        Values by name, for `product_pool`.
-
-    Raises:
-        InputError: For a knot of a variable that isn't there.
-    """
-    unknown = [name for name in knots if name not in variables]
-    if unknown:
-        raise InputError(Fault("spline knots", f"variables {unknown}", f"some of {list(variables)}"))
-    out = dict(variables)
-    for name, places in knots.items():
-        for knot in places:
-            out[spline_name(name, knot, side=side, power=power)] = spline(variables[name], knot, side=side, power=power)
-    return out
 
 
 def exponent_tuples(variables: int, order: int, *, constant: bool = True) -> Int[np.ndarray, "p n"]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +12,6 @@ from bayeschute.regression.diagnostics import Theil, theil
 from bayeschute.regression.equation_error import EquationErrorFit
 from bayeschute.regression.problem import group_variance, read_problem, row_labels
 from bayeschute.regression.series import Labels
-from bayeschute.regression.stack import Stack
 
 
 class PredictionTest(NamedTuple):
@@ -105,27 +103,3 @@ def predict_record(
 
 def _over(mean_square: float, rms: float) -> float:
     return float(np.sqrt(mean_square)) / rms if rms > 0.0 else np.nan
-
-
-def predict_records(
-    fit: EquationErrorFit, records: Mapping[str, Stack | tuple[np.ndarray, np.ndarray]]
-) -> dict[str, PredictionTest]:
-    """Try a fit on other canopies and flights.
-
-    Args:
-        fit: The model, as identified.
-        records: Regressors and data of each, by name.
-
-    Returns:
-        One test per record, by name.
-
-    Raises:
-        InputError: As `predict_record`.
-    """
-    tests = {}
-    for label, record in records.items():
-        if isinstance(record, Stack):
-            tests[label] = predict_record(fit, record.X, record.z, label=label, components=record.components)
-        else:
-            tests[label] = predict_record(fit, record[0], record[1], label=label)
-    return tests

@@ -10,9 +10,9 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from bayeschute.regression.collinearity import HIGH_CORRELATION
-from bayeschute.regression.diagnostics import LOW_SNR
 
 Array = NDArray[np.float64]
+LOW_SNR = 3.0  # signal over noise (report, 6.3.5)
 PENDULUM_PERIOD = 14.5  # [s], 0.069 Hz (report, 7.1)
 _LEVELS = (0.02, 0.98)  # quantiles that are told as a range
 _WORDS = {

@@ -16,7 +16,6 @@ from bayeschute.dynamics.dumbbell import (
     DumbbellFlight,
     DumbbellInputs,
     airflow,
-    axes,
     centre_velocity,
     state_rate,
     with_parameters,
@@ -177,15 +176,3 @@ def ending(motion: Motion, trim: float, window: float = 60.0) -> str:
     if amplitude(last) >= CYCLING:
         return "limit cycle"
     return "glide" if trim > 0.0 and abs(last.alpha.mean()) > 0.5 * trim else "vertical descent"
-
-
-def observed_pivot(states: Array) -> float:
-    """Distance from the capsule to the point of the line whose horizontal velocity varies least [m].
-
-    Args:
-        states: States of one motion (T, 6), whole cycles.
-    """
-    _, b3 = axes(states[:, 4])
-    lever = states[:, 5] * np.asarray(b3[0])
-    lever = lever - lever.mean()
-    return float(-(lever @ (states[:, 2] - states[:, 2].mean())) / (lever @ lever))
