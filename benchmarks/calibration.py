@@ -20,7 +20,8 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-from bayeschute.calibration.page import page
+from calibration_page import page
+
 from bayeschute.calibration.workers import kept_open
 
 sys.path.insert(0, str(Path(__file__).parent))

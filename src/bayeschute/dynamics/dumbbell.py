@@ -75,12 +75,6 @@ def airflow(x: jax.Array, wind: Component, length: Component) -> tuple[Component
     return along * b1[0] + down * b1[1], along * b3[0] + down * b3[1] + length * x[5]
 
 
-def angle_of_attack(x: jax.Array, wind: Component, length: Component) -> jax.Array:
-    """Alpha of the canopies, with sign [rad] (6.3.1-14)."""
-    u, w = airflow(x, wind, length)
-    return jnp.arctan2(w, u)
-
-
 def state_rate(x: jax.Array, model: Dumbbell, aero: PlanarAero, wind: Component, density: Component) -> jax.Array:
     """Rate of the state: capsule position (along, down), its velocity, theta, theta' (6.3.1-5, -7).
 

@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayeschute.errors import Fault, InputError
 from bayeschute.forecast.bands import Prediction
 
-Array = NDArray[np.float64]
 BETWEEN = "structure"  # source of the variance between structures
 
 

@@ -20,11 +20,9 @@ from bayeschute.regression.orthogonal import select
 from bayeschute.regression.problem import group_variance, positive
 from bayeschute.regression.stack import Stack
 
-Array = NDArray[np.float64]
 SOURCES = ("colored", "smoothing", "given", "variance")
 LARGEST = 30  # terms of the model whose residuals are looked at first
 _PASSES = 6
-_TINY = float(np.finfo(float).tiny)
 
 
 class NoiseLevel(NamedTuple):

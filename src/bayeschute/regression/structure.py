@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayeschute.errors import Fault, InputError
 from bayeschute.regression.bootstrap import Bootstrap, block_bootstrap
@@ -23,7 +22,6 @@ from bayeschute.regression.selection import Selection
 from bayeschute.regression.stability import CandidateStructure, SelectionFrequency, best_structures, selection_frequency
 from bayeschute.regression.stack import Stack
 
-Array = NDArray[np.float64]
 _PATHS = (40, 300)  # terms of a path at most
 CEILINGS = (0.25, 0.5, 2.0, 4.0)  # multiples of sigma_max^2 at which the selection frequency is told too
 

@@ -28,8 +28,6 @@ from bayeschute.study.vehicle_schema import BreathingTable, CapsuleTable, Vehicl
 from bayeschute.study.virtual_schema import VirtualFlight
 from bayeschute.study.wind_schema import ProfileTable, WindTable
 
-Array = NDArray[np.float64]
-
 
 def _offset_b(place: tuple[float, ...], centre: tuple[float, ...]) -> Vec3:
     """A place from the centre of mass in body axes: x and z of the structural frame reverse (6.3.3-14b, -20b)."""

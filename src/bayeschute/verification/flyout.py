@@ -44,20 +44,6 @@ class Flyout(NamedTuple):
         down = s.weight - 2.0 * self.load * (s.C_A * cos + C_N * sin) - 2.0 * m * L * cos * theta_rate**2
         return tuple(np.linalg.solve(matrix, [down, L * (s.dry_weight * sin - self.load * C_N) + turning]))
 
-    def small_period(self) -> float:
-        """Period of small oscillations about the relative equilibrium [s]."""
-        s, h = self.set, 1e-4
-        m, L, D, sin = s.canopy_mass, s.length, s.mass, np.sin(self.lean)
-
-        def moment(theta: float) -> float:  # G of the linearised equation
-            C_N = SLOPE * (theta - TRIM)
-            down = s.weight - 2.0 * self.load * (s.C_A * np.cos(theta) + C_N * np.sin(theta))
-            spin = m * L * self.momentum**2 * np.cos(theta) / np.sin(theta) ** 3
-            return s.dry_weight * np.sin(theta) - self.load * C_N + spin - m * np.sin(theta) * down / D
-
-        slope = (moment(self.lean + h) - moment(self.lean - h)) / (2.0 * h)
-        return float(2.0 * np.pi * np.sqrt(m * L * (1.0 - 2.0 * m * sin**2 / D) / -slope))
-
 
 def flyout(s: ParameterSet, spin: float) -> Flyout:
     """The relative equilibrium at a rate of turn [rad/s]: forces across the riser, and weight, in balance."""

@@ -16,7 +16,6 @@ SHARED = "shared"  # the group of numbers that all lanes have in common
 FLOAT, INTEGER, BOOLEAN = "float", "integer", "boolean"
 COMPARISONS = ("lt", "le", "eq", "ne")
 LOGIC = ("and", "or", "xor", "not")
-ELEMENTARY = ("sin", "cos", "exp", "log", "atan2", "tan", "tanh", "asin", "acos", "atan", "sinh", "cosh", "pow")
 _COMMUTATIVE = ("add", "mul", "eq", "ne", "and", "or", "xor", "max", "min")
 _FOLDS: dict[str, Callable] = {
     "add": np.add, "sub": np.subtract, "mul": np.multiply, "div": np.divide, "neg": np.negative, "abs": np.abs,
