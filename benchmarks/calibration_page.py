@@ -7,9 +7,9 @@ from typing import Any
 
 from scipy.stats import t
 
+from bayeschute.calibration.coverage_tables import ENOUGH, MOST_FAILED, NOMINAL, WANTED, promised, verdict
 from bayeschute.calibration.recalibration import learned
 from bayeschute.calibration.scores import LEVELS
-from bayeschute.calibration.tables import ENOUGH, MOST_FAILED, NOMINAL, WANTED, promised, verdict
 
 Result = dict[str, Any]
 _WANTED = f"{100 * WANTED[0]:.0f} to {100 * WANTED[1]:.0f}"

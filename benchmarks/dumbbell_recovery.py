@@ -20,21 +20,22 @@ import numpy as np
 import xarray as xr
 
 from bayeschute.aero.published import load_published
-from bayeschute.dynamics.dumbbell import Dumbbell
+from bayeschute.core.units import to_si
 from bayeschute.dynamics.parameters import Canopies
-from bayeschute.dynamics.published import planar_aero
-from bayeschute.flight.sensors import SensorNoise
-from bayeschute.forecast.virtual import Turbulence
-from bayeschute.forecast.virtual_swing import Swing, SwingDrop, fly_swing, predict_swings, swing_of
-from bayeschute.forecast.virtual_wind import WindProfile
-from bayeschute.inference import finding, output_error, posterior
-from bayeschute.inference.dumbbell_data import STILL, WIND, dumbbell_data
-from bayeschute.inference.evidence import HyperPrior
-from bayeschute.inference.law_effect import widened
-from bayeschute.inference.noise import Noise
-from bayeschute.inference.priors import Prior
-from bayeschute.inference.target import Hyper
-from bayeschute.units import to_si
+from bayeschute.likelihood.joint import Hyper
+from bayeschute.likelihood.noise import Noise
+from bayeschute.likelihood.priors import Prior
+from bayeschute.posterior import fit, sampler
+from bayeschute.posterior.assess import output_error
+from bayeschute.posterior.noise_evidence import HyperPrior
+from bayeschute.posterior.noise_uncertainty import widened
+from bayeschute.records.sensors import SensorNoise
+from bayeschute.reduced.dumbbell import Dumbbell
+from bayeschute.reduced.dumbbell_data import STILL, WIND, dumbbell_data
+from bayeschute.reduced.published_models import planar_aero
+from bayeschute.reduced.virtual_swing import Swing, SwingDrop, fly_swing, predict_swings, swing_of
+from bayeschute.virtual.drop import Turbulence
+from bayeschute.virtual.virtual_wind import WindProfile
 
 FT, SLUG, DEGREE = to_si("1 ft", "m"), to_si("1 slug", "kg"), to_si("1 deg", "rad")
 CANOPIES = Canopies(10563.0 * FT**2, 116.0 * FT, 32.0 * FT, 328.0 / 32.174 * SLUG, 140164.0 * FT**3)
@@ -115,11 +116,11 @@ def one(seed: int) -> dict[str, Any]:
     priors = priors_off(seed)
     rows: dict[str, dict[str, float]] = {}
     flights = [dumbbell_data(record, BASE, AERO, priors, STILL)]
-    settled = finding.settle(flights, priors, HyperPrior(WHITE))
+    settled = fit.settle(flights, priors, HyperPrior(WHITE))
     bounds = output_error.bounds(flights, settled.hyper, priors, settled.optimum)
-    found = finding.find([dumbbell_data(record, BASE, AERO, priors, WIND)], priors, HyperPrior(COLORED))
+    found = fit.find([dumbbell_data(record, BASE, AERO, priors, WIND)], priors, HyperPrior(COLORED))
     marginal = found.marginal
-    xi = posterior.sample(marginal, "nuts", 4, 300, 500, seed).xi
+    xi = sampler.sample(marginal, "nuts", 4, 300, 500, seed).xi
     wide = widened(xi, found.law_effect, found.law_covariance, seed).reshape(-1, len(priors))
     draws = np.asarray(marginal.centre) + wide @ np.asarray(marginal.scale).T
     print(f"seed {seed}  {'':6} start    truth | output error  raw sd  corrected | latent wind      sd | report's sd")

@@ -26,7 +26,7 @@ from types import ModuleType
 
 import numpy as np
 
-from bayeschute.regression.modal import fit_swing
+from bayeschute.swing.modal import fit_swing
 
 
 def _twin() -> ModuleType:

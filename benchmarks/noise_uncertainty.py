@@ -1,7 +1,7 @@
 """What uncertain noise parameters do to the parameters' standard deviations, beside what is drawn.
 
-Draws are made for held noise parameters, stretched and moved with drawn ones by an expansion (`inference.law_effect`).
-Here noise parameters are drawn from their Laplace law, and the flights linearised at the optimum tell the parameters'
+Draws are made for held noise parameters, stretched and moved with drawn ones by an expansion
+(`posterior.noise_uncertainty`). Here noise parameters are drawn from their Laplace law, and the flights linearised at the optimum tell the parameters'
 covariance for each. The table gives, by parameter, the standard deviation with the mean of those covariances over that
 which is drawn: for draws as they are, for draws weighed by their evidence, and, as it was without any stretching, for
 covariances held. The slope's part is the same in all. Above 1, intervals are too narrow by as much.
@@ -32,14 +32,14 @@ def one(out: Path, seed: int, draws: int) -> tuple[dict[str, dict[str, float]], 
     Returns:
         Ratios of standard deviations by case and parameter, and how many draws the weights are worth.
     """
-    from bayeschute.inference.evidence import HyperPrior, from_vector, function_of, to_vector
-    from bayeschute.inference.law_effect import LawEffect, joint_covariance
-    from bayeschute.inference.map import conditional
-    from bayeschute.inference.priors import working
-    from bayeschute.study import setup
-    from bayeschute.study.fits import groups, load_fit
+    from bayeschute.likelihood.priors import working
+    from bayeschute.posterior.joint_mode import conditional
+    from bayeschute.posterior.noise_evidence import HyperPrior, from_vector, function_of, to_vector
+    from bayeschute.posterior.noise_uncertainty import LawEffect, joint_covariance
+    from bayeschute.study.assembly import assemble
+    from bayeschute.study.assembly.fits import groups, load_fit
     from bayeschute.study.load import load_study
-    from bayeschute.study.stages import Job, run_study
+    from bayeschute.study.run.stages import Job, run_study
 
     run_study(STUDY, out / f"seed{seed}", until="fit", resume=True, seed=seed)
     job = Job(load_study(STUDY), out / f"seed{seed}", False, "", lambda *_: None)
@@ -47,7 +47,7 @@ def one(out: Path, seed: int, draws: int) -> tuple[dict[str, dict[str, float]], 
     stored = load_fit(job, group)
     linear, gaps = ([getattr(a, key) for a in stored.marginal.along] for key in ("linear", "gap"))
     flights = stored.marginal.flights
-    evidence = function_of(flights, linear, group.priors, HyperPrior(setup.hyper(job.study)), gaps)
+    evidence = function_of(flights, linear, group.priors, HyperPrior(assemble.hyper(job.study)), gaps)
     at, root = to_vector(stored.hyper), np.linalg.cholesky(stored.law_covariance)
     half = np.random.default_rng([seed, 21]).standard_normal((draws // 2, at.size))
     log_weight, covariances = [], []

@@ -19,10 +19,10 @@ from typing import Any
 import numpy as np
 from parameter_coverage import STUDY, flown
 
-from bayeschute.inference import map as optimum
-from bayeschute.inference.finding import lengthened
-from bayeschute.inference.priors import working
-from bayeschute.study import setup
+from bayeschute.likelihood.priors import working
+from bayeschute.posterior import joint_mode as optimum
+from bayeschute.posterior.fit import lengthened
+from bayeschute.study.assembly import assemble
 from bayeschute.study.load import load_study
 
 NEAR = 0.1  # standard errors
@@ -59,7 +59,7 @@ def main() -> None:
     data, priors = flown(study, given.seed)
     rows = []
     for seed in range(given.starts):
-        rows.append(one(data, setup.hyper(study), priors, seed))
+        rows.append(one(data, assemble.hyper(study), priors, seed))
         told = f"cost {rows[-1]['cost']:.3f}, {rows[-1]['iterations']} steps" if rows[-1]["ok"] else rows[-1]["error"]
         print(f"start {seed}: {told}, {rows[-1]['wall_s']:.1f} s", flush=True)
     good = [row for row in rows if row["ok"]]

@@ -401,7 +401,7 @@ def record(flight: OtherFlight, known_for: float | None = None) -> xr.Dataset:
         known_for: Of a flight to be predicted, how much of it is known [s]: all that comes later is blanked but the
             density of the air, and its wind is left to the profile. None: all is known.
     """
-    from bayeschute.flight.record import make_record
+    from bayeschute.records.record import make_record
 
     arrays: dict[str, Any] = {
         "capsule_position": flight.position,

@@ -70,7 +70,7 @@ def _si(value: float, unit: str) -> str:
 
 def _magnitude(text: str, unit: str) -> float:
     """A quantity with its unit, such as ``"0.15 m"``, in SI."""
-    from bayeschute.units import factor_to_si
+    from bayeschute.core.units import factor_to_si
 
     number, _, given = text.partition(" ")
     scale, zero = factor_to_si(given, unit)
@@ -230,7 +230,7 @@ def write_flight(flight: OtherFlight, folder: Path, known_for: float | None = No
         folder: Where to.
         known_for: As of `other_records.record` [s].
     """
-    from bayeschute.flight.record import write_record
+    from bayeschute.records.record import write_record
 
     write_record(record(flight, known_for), folder / f"{flight.name}.nc")
     head = "altitude,north,east"
@@ -250,7 +250,7 @@ def write_set(data: Path, names: Sequence[str], folder: Path) -> Path:
     Returns:
         Path of the study.
     """
-    from bayeschute.study.foretell import OPENING
+    from bayeschute.study.run.forecasts import OPENING
 
     folder.mkdir(parents=True, exist_ok=True)
     first, *predicted = (read_flight(data, name) for name in names)

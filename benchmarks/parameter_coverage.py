@@ -27,7 +27,7 @@ OTHERS = 0.5  # prior standard deviation of the other coefficients
 
 def priors_about(study: Any, structure: Any, model: Any) -> list[Any]:
     """Priors centred on the flown values: wide for coefficients, the study's for the risers."""
-    from bayeschute.inference.priors import Prior
+    from bayeschute.likelihood.priors import Prior
 
     made = []
     for kind, terms, values in (
@@ -53,22 +53,22 @@ def flown(study: Any, seed: int, drop: Any = None, priors: Any = priors_about) -
         drop: What is flown; the study's own where None.
         priors: Makes the priors, as `priors_about` does.
     """
-    from bayeschute.forecast.virtual import fly
-    from bayeschute.inference.records import cluster_data
-    from bayeschute.study import setup
+    from bayeschute.likelihood.channels import cluster_data
+    from bayeschute.study.assembly import assemble
+    from bayeschute.virtual.drop import fly
 
-    model, structure = setup.cluster(study.vehicle)
-    record, _ = fly(setup.drop(study.flights[0].virtual) if drop is None else drop, model, structure, seed)
+    model, structure = assemble.cluster(study.vehicle)
+    record, _ = fly(assemble.drop(study.flights[0].virtual) if drop is None else drop, model, structure, seed)
     made = tuple(priors(study, structure, model))
     blank = replace(model, axial=(0.0,) * len(structure.axial), transverse=(0.0,) * len(structure.transverse))
-    latent, channels = setup.latent(study, structure.canopies), tuple(study.noise.channels())
+    latent, channels = assemble.latent(study, structure.canopies), tuple(study.noise.channels())
     return cluster_data(record, blank, structure, made, channels, latent), made
 
 
 def known_noise(drop: Any) -> Any:
     """The noise parameters that make a drop's record and disturbances."""
-    from bayeschute.inference.noise import Noise
-    from bayeschute.inference.target import Hyper
+    from bayeschute.likelihood.joint import Hyper
+    from bayeschute.likelihood.noise import Noise
 
     rows = [drop.sensors[name] for name in ("canopy_position", "capsule_velocity", "capsule_attitude")]
     noise = Noise(*(np.array([getattr(r, k) for r in rows]) for k in ("white", "correlated", "time_constant")))
@@ -87,15 +87,15 @@ def known_noise(drop: Any) -> Any:
 
 def one(study: Any, seed: int, known: bool) -> dict[str, Any]:
     """Fly and fit one replicate."""
-    from bayeschute.flight.sensors import SensorNoise
-    from bayeschute.inference import map as optimum
-    from bayeschute.inference.evidence import HyperPrior
-    from bayeschute.inference.finding import Settled, find, marginal_mode
-    from bayeschute.inference.law_effect import joint_covariance
-    from bayeschute.inference.priors import working
-    from bayeschute.study import setup
+    from bayeschute.likelihood.priors import working
+    from bayeschute.posterior import joint_mode as optimum
+    from bayeschute.posterior.fit import Settled, find, marginal_mode
+    from bayeschute.posterior.noise_evidence import HyperPrior
+    from bayeschute.posterior.noise_uncertainty import joint_covariance
+    from bayeschute.records.sensors import SensorNoise
+    from bayeschute.study.assembly import assemble
 
-    drop = setup.drop(study.flights[0].virtual)
+    drop = assemble.drop(study.flights[0].virtual)
     if known:
         drop = replace(drop, sensors={**drop.sensors, "wind": SensorNoise()})
     flight, priors = flown(study, seed, drop)
@@ -106,7 +106,7 @@ def one(study: Any, seed: int, known: bool) -> dict[str, Any]:
         best = marginal_mode(data, priors, Settled(best, hyper, np.nan))
         covariance = best.covariance
     else:
-        found = find(data, priors, HyperPrior(setup.hyper(study)))
+        found = find(data, priors, HyperPrior(assemble.hyper(study)))
         best = found.optimum
         covariance = joint_covariance(found.marginal.scale, found.law_effect, found.law_covariance)
     z = (best.theta - working(priors)[0]) / np.sqrt(np.diag(covariance))

@@ -99,10 +99,10 @@ def landings(batches: int, drops: int) -> dict[str, Cost]:
     import jax
     from simulator_flights import PLAIN, SAMPLES, flights
 
-    from bayeschute.dynamics.kernel import flight as kernel
+    from bayeschute.compiler import compiled_model as kernel
     from bayeschute.dynamics.outcome import Outcome, simulate
     from bayeschute.study.load import load_study
-    from bayeschute.study.simulate import fly_drop, wanted_drops
+    from bayeschute.study.run.simulate import fly_drop, wanted_drops
 
     given = flights(PLAIN, SAMPLES, BATCH)
     why = kernel.obstacle(*given.all())
@@ -111,7 +111,7 @@ def landings(batches: int, drops: int) -> dict[str, Cost]:
     several = wanted_drops(study, study.flights[:1], drops + 1, SEED)
 
     def states(_: int) -> None:
-        from bayeschute.dynamics.integrate import trajectory_compiled
+        from bayeschute.compiler.integrate import trajectory_compiled
 
         made = kernel.states(*given.all())
         jax.block_until_ready(trajectory_compiled(*given.all()) if made is None else made)
@@ -219,7 +219,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     """All costs."""
     import bayeschute
     from bayeschute.study.load import load_study
-    from bayeschute.study.simulate import fly_drop, wanted_drops
+    from bayeschute.study.run.simulate import fly_drop, wanted_drops
 
     first, warm = fits(options.fits, options.quick)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024) / 1e9

@@ -26,9 +26,9 @@ import numpy as np
 import bayeschute
 from bayeschute.calibration import simulation_based as sbc
 from bayeschute.calibration.campaign import run
-from bayeschute.forecast.bands import quantities_of_states
-from bayeschute.inference.evidence import HyperPrior
-from bayeschute.inference.priors import Prior
+from bayeschute.likelihood.priors import Prior
+from bayeschute.posterior.noise_evidence import HyperPrior
+from bayeschute.prediction.bands import quantities_of_states
 
 sys.path.insert(0, str(Path(__file__).parent))
 ROOT = Path(__file__).parents[1]
@@ -45,8 +45,8 @@ def dumbbell() -> sbc.Template:
     """A planar swing of 90 s with unknown wind."""
     import dumbbell_recovery as swing
 
-    from bayeschute.forecast.virtual_swing import fly_swing
-    from bayeschute.inference.dumbbell_data import WIND, dumbbell_data
+    from bayeschute.reduced.dumbbell_data import WIND, dumbbell_data
+    from bayeschute.reduced.virtual_swing import fly_swing
 
     record, _ = fly_swing(swing.FIRST, swing.BASE, swing.AERO, 1)
     priors = tuple(Prior(n, v, SPREAD[n], False, "1", "Table 7.1-2") for n, v in swing.TRUTH.items())
@@ -63,8 +63,8 @@ def cluster() -> sbc.Template:
 
     import parameter_coverage as study_of
 
-    from bayeschute.forecast.bands import opening
-    from bayeschute.study import setup
+    from bayeschute.prediction.bands import opening
+    from bayeschute.study.assembly import assemble
     from bayeschute.study.load import load_study
 
     def narrower(*given: Any) -> list[Any]:
@@ -78,7 +78,7 @@ def cluster() -> sbc.Template:
         seen = quantities_of_states(data, x)
         return sbc.swing_quantities(seen["swing_angle"], seen["descent_rate"], float(data.dt))
 
-    return sbc.Template(opening(flight, 45.0), priors, HyperPrior(setup.hyper(study), LOG_SD), quantities)
+    return sbc.Template(opening(flight, 45.0), priors, HyperPrior(assemble.hyper(study), LOG_SD), quantities)
 
 
 @lru_cache(maxsize=2)

@@ -1,7 +1,8 @@
 """Reference posteriors: exact importance sampling of everything unknown, and the default inference beside it.
 
 ``--make`` draws parameters and noise parameters about what the default inference found, weighs every draw by an
-unbiased estimate of its exact joint density (`bayeschute.inference.importance`), and keeps moments and quantiles under
+unbiased estimate of its exact joint density (`bayeschute.posterior.assess.exact_importance`), and keeps moments and
+quantiles under
 models/reference/posteriors. Nothing that makes the default inference fast is in those weights: no marginal mode, no
 parabola of the determinant, no surrogate, no noise parameters held, no linear shift for their uncertainty. Without
 ``--make`` the default inference is run and compared with what is kept.
@@ -23,14 +24,14 @@ from typing import Any
 import numpy as np
 
 import bayeschute
-from bayeschute.inference import importance
-from bayeschute.inference.evidence import HyperPrior
-from bayeschute.inference.finding import Found, find
-from bayeschute.inference.importance import Following, Weighed
-from bayeschute.inference.law_effect import widened
-from bayeschute.inference.posterior import sample
-from bayeschute.inference.priors import Prior
-from bayeschute.inference.target import FlightData
+from bayeschute.likelihood.joint import FlightData
+from bayeschute.likelihood.priors import Prior
+from bayeschute.posterior.assess import exact_importance
+from bayeschute.posterior.assess.exact_importance import Following, Weighed
+from bayeschute.posterior.fit import Found, find
+from bayeschute.posterior.noise_evidence import HyperPrior
+from bayeschute.posterior.noise_uncertainty import widened
+from bayeschute.posterior.sampler import sample
 
 sys.path.insert(0, str(Path(__file__).parent))
 STORED = Path(__file__).parents[1] / "models" / "reference" / "posteriors"
@@ -62,13 +63,13 @@ def cluster_ar1() -> Case:
     """The default study's first flight with the terms that it flies, no latent disturbances, AR(1) noise."""
     import parameter_coverage as study_of
 
-    from bayeschute.study import setup
-    from bayeschute.study.identity import with_noise
+    from bayeschute.study.assembly import assemble
+    from bayeschute.study.evidence.identity import with_noise
     from bayeschute.study.load import load_study
 
     study = with_noise(load_study(study_of.STUDY), "ar1")
     flight, priors = study_of.flown(study, SEED)
-    return Case(flight, priors, HyperPrior(setup.hyper(study)))
+    return Case(flight, priors, HyperPrior(assemble.hyper(study)))
 
 
 CASES: dict[str, Callable[[], Case]] = {
@@ -102,16 +103,16 @@ def make(name: str, case: Case, found: Found, draws: int) -> dict[str, Any]:
         def tell(share: float, words: str) -> None:
             print(f"\r{name}: {words}, {(perf_counter() - began) / 60.0:.1f} min   ", end="", flush=True)
 
-        made = importance.weigh(found, case.priors, case.noise, proposal, count, seed, progress=tell)
+        made = exact_importance.weigh(found, case.priors, case.noise, proposal, count, seed, progress=tell)
         print(f"\n  {made.effective:.0f} effective draws, Pareto k {made.pareto_k:.2f}")
         return made
 
-    proposal = importance.laplace(found)
+    proposal = exact_importance.laplace(found)
     for pilot in range(PILOTS):
         made = weigh(proposal, draws // PILOT, SEED + pilot)
         if made.effective > GOOD * len(made.theta):
             break
-        proposal = importance.improved(found, proposal, made)
+        proposal = exact_importance.improved(found, proposal, made)
     main = weigh(proposal, draws, SEED + PILOTS)
     return {
         "case": name, "seed": SEED, "draws": draws, "effective_draws": main.effective, "pareto_k": main.pareto_k,

@@ -18,11 +18,11 @@ from typing import Any
 
 import numpy as np
 
-from bayeschute.flight.sensors import ornstein_uhlenbeck
+from bayeschute.records.sensors import ornstein_uhlenbeck
 from bayeschute.regression.bootstrap import block_bootstrap
 from bayeschute.regression.equation_error import fit
-from bayeschute.regression.exchange import exchange
 from bayeschute.regression.orthogonal import select
+from bayeschute.structure.exchange import exchange
 
 
 def problem(samples: int, candidates: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:

@@ -24,15 +24,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from bayeschute.air.standard import standard_density
-from bayeschute.air.vector import Vec3
+from bayeschute.atmosphere.standard import standard_density
+from bayeschute.core.vectors import Vec3
 from bayeschute.dynamics.cluster import geometry, state_rate
 from bayeschute.dynamics.cluster_flight import ClusterFlight, ClusterInputs, quantity
-from bayeschute.dynamics.start import tangent_basis
+from bayeschute.dynamics.initial_state import tangent_basis
 from bayeschute.dynamics.state import unpack
-from bayeschute.forecast.virtual import start_of
-from bayeschute.study import setup
+from bayeschute.study.assembly import assemble
 from bayeschute.study.load import load_study_or_vehicle
+from bayeschute.virtual.drop import start_of
 
 ENOUGH = {"swing [deg]": 1e-3, "descent [m/s]": 0.02 * 0.3048}  # what issue and report ask for
 STEPS = {"Runge-Kutta 4": (3, 4, 6, 8, 12, 16, 24), "split, Runge-Kutta 4": (1, 2, 3, 4, 6, 8, 12, 16, 24, 48)}
@@ -42,10 +42,10 @@ def drop_of(path: Path) -> ClusterFlight:
     """The virtual drop of a vehicle, in a steady atmosphere at its altitude of start."""
     study = load_study_or_vehicle(path)
     flight = next(f for f in study.flights if f.virtual is not None)
-    model, structure = setup.cluster(study.vehicle, flight.capsule_mass)
+    model, structure = assemble.cluster(study.vehicle, flight.capsule_mass)
     if model.capsule.products is not None:
         raise ValueError("a capsule with products of inertia: this benchmark wants principal axes")
-    drop = setup.drop(flight.virtual)
+    drop = assemble.drop(flight.virtual)
     start, n = start_of(drop, model, structure.canopies), structure.canopies
     samples = round(drop.duration / drop.dt) + 1
     altitude = drop.altitude - start.velocity[2] * drop.dt * np.arange(samples)

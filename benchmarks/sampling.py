@@ -105,9 +105,9 @@ def target_of(marginal: Any) -> Any:
     import jax.numpy as jnp
     from sampling_peers import Target
 
-    from bayeschute.inference.marginal import course_at, log_density, projected_residuals, shifted
-    from bayeschute.inference.statespace import innovations
-    from bayeschute.inference.target import compared, jax_states
+    from bayeschute.likelihood.joint import compared, jax_states
+    from bayeschute.likelihood.kalman import innovations
+    from bayeschute.posterior.marginal import course_at, log_density, projected_residuals, shifted
 
     def one(numbers: Any, xi: jax.Array) -> jax.Array:
         """The marginal log density by JAX alone: `marginal.log_density` goes through machine code."""
@@ -143,18 +143,18 @@ def apart(target: Any, count: int = 4) -> float:
 
 def begin(folder: Path, quick: bool, seed: int) -> tuple[Any, list[Any], Any, Any]:
     """Priors and data of the study's fit: priors, flights, priors of the noise parameters, settings of the sampler."""
-    from bayeschute.inference.evidence import HyperPrior
-    from bayeschute.study import setup
-    from bayeschute.study.fits import data_of, groups
+    from bayeschute.posterior.noise_evidence import HyperPrior
+    from bayeschute.study.assembly import assemble
+    from bayeschute.study.assembly.fits import data_of, groups
     from bayeschute.study.load import load_study
-    from bayeschute.study.stages import Job, run_study
+    from bayeschute.study.run.stages import Job, run_study
 
     run_study(STUDY, folder, until="priors", quick=quick, seed=seed)
     study = load_study(STUDY)
-    job = Job(setup.smaller(study) if quick else study, folder, quick, "", lambda *_: None)
+    job = Job(assemble.smaller(study) if quick else study, folder, quick, "", lambda *_: None)
     group = groups(job)[0]
     flights = [data_of(job, flight, group.priors) for flight in group.flights]
-    return group.priors, flights, HyperPrior(setup.hyper(study)), job.study.sampler
+    return group.priors, flights, HyperPrior(assemble.hyper(study)), job.study.sampler
 
 
 def twice(now: Callable[[], float], work: Callable[[], Any]) -> tuple[Any, float, float]:
@@ -173,8 +173,8 @@ def ours(given: argparse.Namespace, now: Callable[[], float], folder: Path) -> t
         The posterior; draws for the budget; rows for the budget and for the study's number of draws; times of finding
         with and without compilation.
     """
-    from bayeschute.inference.finding import find
-    from bayeschute.inference.posterior import sample
+    from bayeschute.posterior.fit import find
+    from bayeschute.posterior.sampler import sample
 
     priors, flights, prior, table = begin(folder, given.quick, given.seed)
     rounds = 1 if given.quick else 2

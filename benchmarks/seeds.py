@@ -22,7 +22,7 @@ STUDY = Path(__file__).parents[1] / "models" / "studies" / "cdt-3-11.toml"
 
 def one(out: Path, seed: int, quick: bool) -> dict[str, Any]:
     """Run (or resume) the study with a seed and read what the tables need."""
-    from bayeschute.study.stages import run_study
+    from bayeschute.study.run.stages import run_study
 
     summary = run_study(STUDY, out / f"seed{seed}", resume=True, quick=quick, seed=seed)
     known = {name: p for name, p in summary["parameters"].items() if "truth" in p}
@@ -43,14 +43,14 @@ def one(out: Path, seed: int, quick: bool) -> dict[str, Any]:
 
 def against_emcee(out: Path, seed: int, quick: bool, draws: int, ensembles: int) -> dict[str, float]:
     """Means of the posterior by emcee minus those by NUTS, over the posterior standard deviations."""
-    from bayeschute.inference.posterior import sample
-    from bayeschute.study import setup
-    from bayeschute.study.fits import groups, load_fit
+    from bayeschute.posterior.sampler import sample
+    from bayeschute.study.assembly import assemble
+    from bayeschute.study.assembly.fits import groups, load_fit
     from bayeschute.study.load import load_study
-    from bayeschute.study.stages import Job
+    from bayeschute.study.run.stages import Job
 
     study = load_study(STUDY)
-    job = Job(setup.smaller(study) if quick else study, out / f"seed{seed}", quick, "", lambda *_: None)
+    job = Job(assemble.smaller(study) if quick else study, out / f"seed{seed}", quick, "", lambda *_: None)
     group = groups(job)[0]
     stored = load_fit(job, group)
     made = sample(stored.marginal, "emcee", ensembles, 0, draws, seed)

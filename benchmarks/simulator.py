@@ -31,8 +31,8 @@ import simulator_others as others
 from numpy.typing import NDArray
 from simulator_flights import DT, PLAIN, RICH, SAMPLES, Flights, errors, flights
 
-from bayeschute.dynamics.integrate import along_path, trajectory
-from bayeschute.dynamics.kernel import flight as kernel
+from bayeschute.compiler import compiled_model as kernel
+from bayeschute.compiler.integrate import along_path, trajectory
 
 Array = NDArray[np.float64]
 Numbers = dict[str, Any]

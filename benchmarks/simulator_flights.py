@@ -10,14 +10,14 @@ import jax
 import numpy as np
 from numpy.typing import NDArray
 
-from bayeschute.air.standard import standard_density
+from bayeschute.atmosphere.standard import standard_density
 from bayeschute.dynamics.cluster_flight import LOGARITHMIC, ClusterFlight, ClusterInputs, quantity
+from bayeschute.dynamics.initial_state import tangent_basis
 from bayeschute.dynamics.parameters import Structure
-from bayeschute.dynamics.stability import fastest_pole, substeps
-from bayeschute.dynamics.start import tangent_basis
-from bayeschute.forecast.virtual import start_of
-from bayeschute.study import setup
+from bayeschute.dynamics.step_size import fastest_pole, substeps
+from bayeschute.study.assembly import assemble
 from bayeschute.study.load import load_study
+from bayeschute.virtual.drop import start_of
 
 Array = NDArray[np.float64]
 STUDY = Path(__file__).parents[1] / "models" / "studies" / "cdt-3-11.toml"
@@ -67,11 +67,11 @@ def flights(structure: Structure, samples: int, batch: int, axes: int = 5) -> Fl
         axes: Disturbances: of the wind (3), and of both axial factors (5).
     """
     study, rng = load_study(STUDY), np.random.default_rng(1)
-    base, own = setup.cluster(study.vehicle)
+    base, own = assemble.cluster(study.vehicle)
     known = dict(zip((*own.axial, *own.transverse), (*base.axial, *base.transverse), strict=True))
     kinds = {"axial": structure.axial, "transverse": structure.transverse}
     base = replace(base, **{kind: tuple(float(known.get(t, 0.0)) for t in terms) for kind, terms in kinds.items()})
-    drop = setup.drop(study.flights[0].virtual)
+    drop = assemble.drop(study.flights[0].virtual)
     start = start_of(drop, base, structure.canopies)
     time = np.arange(samples) * DT
     altitude = drop.altitude - start.velocity[2] * time

@@ -25,12 +25,11 @@ from dataclasses import replace
 import numpy as np
 
 from bayeschute.aero.published import load_published
-from bayeschute.dynamics import modes, pendulum
-from bayeschute.dynamics.published import planar_aero
-from bayeschute.report import behaviour_figures as draw
-from bayeschute.units import to_si
-from bayeschute.verification import behaviour
-from bayeschute.verification.motion import dumbbell
+from bayeschute.core.units import to_si
+from bayeschute.reduced import behaviour, cluster_mode_laws, pendulum
+from bayeschute.reduced.motion import dumbbell
+from bayeschute.reduced.published_models import planar_aero
+from bayeschute.report.figures import behaviour_figures as draw
 from bayeschute.verification.sets import T71
 
 FEET = 1.0 / to_si("1 ft", "m")
@@ -133,12 +132,12 @@ draw.pivot_figure(sensitivity)
 # breathing of 0.23 Hz that moves the descent rate between 32 and 35.2 ft/s.
 
 # %%
-canopy = modes.Canopy(T71.canopy_mass, T71.dry_weight, T71.length)
-slope = modes.flyout_slope(canopy, T71.load, 15.0)
+canopy = cluster_mode_laws.Canopy(T71.canopy_mass, T71.dry_weight, T71.length)
+slope = cluster_mode_laws.flyout_slope(canopy, T71.load, 15.0)
 turning, radius = 2 * np.pi / 35.0, to_si("50 ft", "m")
-load = modes.maypole_q_area(canopy, T71.C_A, radius, turning, T71.weight)
-breathing = modes.Breathing(T71.mass, T71.weight, to_si("34 ft/s", "m/s"), T71.C_A)
-C_Aeta = modes.breathing_axial_slope(breathing, to_si("1.6 ft/s", "m/s"), 0.23)
+load = cluster_mode_laws.maypole_q_area(canopy, T71.C_A, radius, turning, T71.weight)
+breathing = cluster_mode_laws.Breathing(T71.mass, T71.weight, to_si("34 ft/s", "m/s"), T71.C_A)
+C_Aeta = cluster_mode_laws.breathing_axial_slope(breathing, to_si("1.6 ft/s", "m/s"), 0.23)
 print(f"flyout:    C_Nalpha = {slope:.2f} per rad")
 print(f"maypole:   C_N = {modes.maypole_normal(canopy, load, radius, turning):.4f}")
 print(f"breathing: C_Aeta = {C_Aeta:.3f} for eta = 1")

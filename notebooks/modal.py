@@ -33,13 +33,13 @@ import matplotlib.pyplot as plt
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from bayeschute.flight.read import ColumnSpec, read_record
-from bayeschute.flight.record import make_record
-from bayeschute.regression.fourier import harmonics
-from bayeschute.regression.hanging_swing import hanging_swing
-from bayeschute.regression.modal import amplitude_effect, compare_halves
-from bayeschute.regression.second_order import second_order_output_error
-from bayeschute.regression.spectrum import multitaper
+from bayeschute.records.read import ColumnSpec, read_record
+from bayeschute.records.record import make_record
+from bayeschute.swing.fourier import harmonics
+from bayeschute.swing.hanging_swing import hanging_swing
+from bayeschute.swing.modal import amplitude_effect, compare_halves
+from bayeschute.swing.second_order import second_order_output_error
+from bayeschute.swing.spectrum import multitaper
 
 parser = argparse.ArgumentParser()
 parser.add_argument("--data", default=os.environ.get("BAYESCHUTE_DATA"))
@@ -193,5 +193,5 @@ for name, swing in found.items():
     print(f"{name}: {domain[name]:.4f} +- {error:.4f} Hz, damping ratio {ratio:.4f} (converged: {made.converged})")
 
 # %% [markdown]
-# Clusters have more modes. `bayeschute.inference.cluster_modes` labels the windows of a cluster's record (pendulum,
+# Clusters have more modes. `bayeschute.reduced.cluster_modes` labels the windows of a cluster's record (pendulum,
 # glide, flyout, maypole) and gives the coefficients that each mode tells, with intervals.

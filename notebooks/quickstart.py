@@ -29,25 +29,25 @@ import jax
 import numpy as np
 from numpyro.infer import MCMC, NUTS, init_to_value
 
-from bayeschute.air.standard import standard_density
-from bayeschute.flight.clean import clean
-from bayeschute.flight.derive import derive
-from bayeschute.flight.read import ColumnSpec, read_record
-from bayeschute.flight.record import repairs
-from bayeschute.forecast import bands
-from bayeschute.forecast.requirement import requirement_check
-from bayeschute.inference import numpyro_model
-from bayeschute.inference.evidence import HyperPrior
-from bayeschute.inference.finding import find
-from bayeschute.inference.identifiability import confounding, law_labels
-from bayeschute.inference.latent import Latent
-from bayeschute.inference.law_effect import widened
-from bayeschute.inference.noise import Noise
-from bayeschute.inference.posterior import data_tree, sample
-from bayeschute.inference.priors import Prior
-from bayeschute.inference.records import descent_data
-from bayeschute.inference.target import Hyper
-from bayeschute.report.figures import band_figure
+from bayeschute.atmosphere.standard import standard_density
+from bayeschute.likelihood.channels import descent_data
+from bayeschute.likelihood.disturbances import Latent
+from bayeschute.likelihood.joint import Hyper
+from bayeschute.likelihood.noise import Noise
+from bayeschute.likelihood.priors import Prior
+from bayeschute.posterior import numpyro_model
+from bayeschute.posterior.assess.identifiability import confounding, law_labels
+from bayeschute.posterior.fit import find
+from bayeschute.posterior.noise_evidence import HyperPrior
+from bayeschute.posterior.noise_uncertainty import widened
+from bayeschute.posterior.sampler import data_tree, sample
+from bayeschute.prediction import bands
+from bayeschute.prediction.requirement import requirement_check
+from bayeschute.records.clean import clean
+from bayeschute.records.derive import derive
+from bayeschute.records.read import ColumnSpec, read_record
+from bayeschute.records.record import repairs
+from bayeschute.report.figures.record_figures import band_figure
 
 SEED = 1
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bayeschute.numerics import let_go
+from bayeschute.core.numerics import let_go
 
 TRUTH = {"low": 0.155, "high": 0.160}  # C_D S/m [m^2/kg]
 STUDY = """
@@ -63,7 +63,7 @@ class Descents:
 
 def descent_altitude(cds_over_mass: float, start: float, samples: int, rng: np.random.Generator) -> np.ndarray:
     """Altitude of a body at its terminal speed in a standard day's air that goes up and down (samples,) [m]."""
-    from bayeschute.air.standard import standard_density
+    from bayeschute.atmosphere.standard import standard_density
 
     altitude, gust = np.empty(samples), 0.0
     altitude[0] = start
@@ -96,7 +96,7 @@ class Finished:
 
 @pytest.fixture(scope="session")
 def finished(descents: Descents, tmp_path_factory: pytest.TempPathFactory) -> Finished:
-    from bayeschute.study.stages import run_study
+    from bayeschute.study.run.stages import run_study
 
     folder = tmp_path_factory.mktemp("runs") / "whole"
     told: list[tuple[str, float, str]] = []

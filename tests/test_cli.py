@@ -14,8 +14,8 @@ from typer.testing import CliRunner
 
 from bayeschute import __version__
 from bayeschute.cli import app
-from bayeschute.errors import Fault, InputError
-from bayeschute.screen import Bars
+from bayeschute.console import Bars
+from bayeschute.core.errors import Fault, InputError
 from bayeschute.study.templates import copy_templates
 
 ROOT = Path(__file__).parents[1]
@@ -25,7 +25,7 @@ STUDY = ROOT / "models/studies/cdt-3-11.toml"
 @pytest.fixture
 def stages(monkeypatch: pytest.MonkeyPatch) -> types.ModuleType:
     """A stand-in for the stages, to see what they are given and to let them fail; the real ones: tests/acceptance."""
-    module = types.ModuleType("bayeschute.study.stages")
+    module = types.ModuleType("bayeschute.study.run.stages")
     monkeypatch.setitem(sys.modules, module.__name__, module)
     return module
 
@@ -60,8 +60,10 @@ def test_help_imports_nothing_slow():
 
 
 def test_reading_studies_and_records_sets_up_no_jax():
-    modules = "bayeschute.cli, bayeschute.study.schema, bayeschute.study.load, bayeschute.flight.read"
-    done = _python(f"import sys, {modules}; print([n for n in ('jax', 'bayeschute.numerics') if n in sys.modules])")
+    modules = "bayeschute.cli, bayeschute.study.schema.study_schema, bayeschute.study.load, bayeschute.records.read"
+    done = _python(
+        f"import sys, {modules}; print([n for n in ('jax', 'bayeschute.core.numerics') if n in sys.modules])"
+    )
     assert done.stdout.strip() == "[]", done.stderr
 
 
@@ -196,7 +198,7 @@ def test_simulate_takes_a_study(tmp_path: Path):
 
 
 def test_simulate_takes_a_vehicle_and_tells_of_drops_that_failed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
-    from bayeschute.study.simulate import Drops
+    from bayeschute.study.run.simulate import Drops
 
     copy_templates(tmp_path)
     seen = []
@@ -206,7 +208,7 @@ def test_simulate_takes_a_vehicle_and_tells_of_drops_that_failed(monkeypatch: py
         seen.append((study.vehicle_path.name, *wanted))  # type: ignore[attr-defined]
         return Drops([out / "x.nc"], {"ok": 1, "ill-posed": 1}, {"y": "ill-posed at 0.0 s"}, (1e-5, 1e-4))
 
-    monkeypatch.setattr("bayeschute.study.simulate.simulate_study", simulate_study)
+    monkeypatch.setattr("bayeschute.study.run.simulate.simulate_study", simulate_study)
     arguments = [
         "simulate",
         str(tmp_path / "vehicle.toml"),

@@ -13,8 +13,8 @@ from typing import Annotated, Any
 import typer
 
 from bayeschute import __version__
-from bayeschute.errors import Fault, InputError
-from bayeschute.screen import Bars, place_for_json, say, told, write_json
+from bayeschute.console import Bars, place_for_json, say, told, write_json
+from bayeschute.core.errors import Fault, InputError
 
 app = typer.Typer(
     name="bayeschute",
@@ -83,7 +83,7 @@ def run(
     with told(again):
         _free_folder(folder)
         _sound(study, data)  # before anything slow is imported, and before anything is written
-        from bayeschute.study.stages import run_study
+        from bayeschute.study.run.stages import run_study
 
         last = until.value if until else None
         with Bars() as bars:
@@ -174,7 +174,7 @@ def simulate(
         if not any(flight.virtual for flight in study.flights):
             wanted = "a study with a [flight.virtual] table, or a vehicle"
             raise InputError(Fault(str(source), "a study of records only", wanted))
-        from bayeschute.study.simulate import simulate_study
+        from bayeschute.study.run.simulate import simulate_study
 
         with Bars() as bars:
             drops = simulate_study(study, out, draws=draws, seed=seed, progress=bars, workers=workers, address=dask)
@@ -209,8 +209,8 @@ def verify(
 
         choose(case or ())  # what is wrong is told before anything slow is imported
         place_for_json(json)
-        from bayeschute.verification.campaign import document, verdict, verify
-        from bayeschute.verification.results import table
+        from bayeschute.verification.all_cases import document, verdict, verify
+        from bayeschute.verification.case_results import table
 
         with Bars() as bars:
             results, seconds = verify(case or (), bars)
@@ -242,7 +242,7 @@ def calibrate(
     quick: Annotated[bool, typer.Option("--quick", help="Small sizes, to see that all works; not for use.")] = False,
 ) -> None:
     """Fly replicates of a study and count what its intervals and bands hold."""
-    from bayeschute.study.disturbances import DISTURBANCES
+    from bayeschute.study.evidence.scenarios import DISTURBANCES
 
     if disturbance == "list":
         for name, kind in DISTURBANCES.items():
@@ -252,7 +252,7 @@ def calibrate(
     with told("Finished replicates are kept; the same command goes on."):
         _free_folder(folder)
         _sound(study, None)
-        from bayeschute.calibration.tables import lines
+        from bayeschute.calibration.coverage_tables import lines
         from bayeschute.study.calibrate import calibrate as fly_replicates
 
         with Bars() as bars:
@@ -297,7 +297,7 @@ def modes(
     """Frequency and damping of a body's swing under its parachute, from raw gyro and accelerometer."""
     with told():
         place_for_json(json)
-        from bayeschute.study.modes import document, find_modes, lines
+        from bayeschute.study.swing_modes import document, find_modes, lines
 
         found = find_modes(record, column or (), window, band, not free, seed)
         if json is not None:
@@ -314,7 +314,7 @@ def report(folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of
     with told():
         if not folder.is_dir():
             raise InputError(Fault(str(folder), "no such folder", "the folder of a run"))
-        from bayeschute.report.html import build_report
+        from bayeschute.report.page import build_report
 
         say(f"Report: {build_report(folder)}")
 

@@ -13,7 +13,7 @@ import xarray as xr
 from typer.testing import CliRunner
 
 from bayeschute.cli import app
-from bayeschute.flight.record import load_record
+from bayeschute.records.record import load_record
 
 ROOT = Path(__file__).parents[2]
 LEFT = """

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bayeschute.aero.capsule_rates import angle_rates
-from bayeschute.air.vector import Vec3
+from bayeschute.core.vectors import Vec3
 
 
 @pytest.mark.parametrize("seed", range(5))

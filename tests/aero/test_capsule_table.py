@@ -9,8 +9,8 @@ import pytest
 
 from bayeschute.aero.capsule_grid import COEFFICIENTS
 from bayeschute.aero.capsule_table import capsule_table, table_coefficients
-from bayeschute.air.vector import Vec3
-from bayeschute.errors import InputError
+from bayeschute.core.errors import InputError
+from bayeschute.core.vectors import Vec3
 
 ANGLE, ROLL = np.deg2rad(np.arange(0.0, 181.0, 15.0)), np.deg2rad(np.arange(0.0, 360.0, 45.0))
 

@@ -7,10 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from bayeschute.aero.airflow import CanopyFlow, squared_angle
 from bayeschute.aero.polar import PitchPlane, angle_rates, drag_coefficient, polar_coefficient, wind_axes
 from bayeschute.aero.terms import axial_coefficient, transverse_coefficient
-from bayeschute.air.airflow import CanopyFlow, squared_angle
-from bayeschute.air.vector import dot, vec3
+from bayeschute.core.vectors import dot, vec3
 
 LENGTH, SPEED = 35.0, 9.75
 

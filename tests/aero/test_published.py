@@ -9,8 +9,8 @@ from importlib.resources import files
 import pytest
 
 from bayeschute.aero.published import load_published, parse_published, published_names
-from bayeschute.errors import InputError
-from bayeschute.units import to_si
+from bayeschute.core.errors import InputError
+from bayeschute.core.units import to_si
 
 PSF = to_si("1 psf", "Pa")
 

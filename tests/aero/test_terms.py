@@ -7,9 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from bayeschute.aero.airflow import CanopyFlow, Neighbour, squared_angle
 from bayeschute.aero.terms import axial_coefficient, axial_term, transverse_coefficient, transverse_term
-from bayeschute.air.airflow import CanopyFlow, Neighbour, squared_angle
-from bayeschute.air.vector import vec3
+from bayeschute.core.vectors import vec3
 
 AWAY = np.array([[0.9], [0.1], [0.0]])
 RATE = np.array([[0.2], [-0.3], [0.0]])

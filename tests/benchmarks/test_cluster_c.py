@@ -11,9 +11,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from bayeschute.air.vector import Vec3
+from bayeschute.compiler.integrate import trajectory_compiled
+from bayeschute.core.vectors import Vec3
 from bayeschute.dynamics.cluster import geometry
-from bayeschute.dynamics.integrate import trajectory_compiled
 from bayeschute.dynamics.parameters import Structure
 from bayeschute.dynamics.state import unpack
 

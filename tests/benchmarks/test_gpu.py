@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bayeschute.compiler import compiled_model as kernel
 from bayeschute.dynamics.cluster_flight import quantity
-from bayeschute.dynamics.kernel import flight as kernel
 
 FOLDER = Path(__file__).parents[2] / "benchmarks"
 T, BATCH = 61, 4

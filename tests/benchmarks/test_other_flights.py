@@ -11,8 +11,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bayeschute.aero.grammar import check_axial, check_transverse
-from bayeschute.air.vector import Vec3
+from bayeschute.aero.term_names import check_axial, check_transverse
+from bayeschute.core.vectors import Vec3
 
 FOLDER = Path(__file__).parents[2] / "benchmarks"
 DATA = Path(__file__).parents[3] / "shared" / "otherflights"
@@ -124,11 +124,11 @@ class TestConversion:
         assert np.linalg.eigvalsh(f.inertia).min() > 0.0
 
     def test_the_vehicle_has_the_whole_inertia(self, other, flight, letter):
-        from bayeschute.study import setup
-        from bayeschute.study.vehicle_schema import Vehicle
+        from bayeschute.study.assembly import assemble
+        from bayeschute.study.schema.vehicle_schema import Vehicle
 
         f = flight(f"{letter}_1")
-        capsule = setup.cluster(Vehicle.model_validate(other.studies.vehicle(f)))[0].capsule
+        capsule = assemble.cluster(Vehicle.model_validate(other.studies.vehicle(f)))[0].capsule
         momentum = [np.asarray(capsule.angular_momentum(Vec3(*axis)).stack()) for axis in np.eye(3)]
         np.testing.assert_allclose(momentum, f.inertia, atol=1e-6 * f.inertia.max())
 
@@ -166,8 +166,8 @@ class TestStudies:
             assert left == [t for t in default["structure"][kind] if single and other.studies.needs_a_neighbour(t)]
 
     def test_a_flight_to_be_predicted_is_blanked_beyond_its_opening(self, written, letter):
-        from bayeschute.flight.record import load_record
-        from bayeschute.study.foretell import OPENING
+        from bayeschute.records.record import load_record
+        from bayeschute.study.run.forecasts import OPENING
 
         study = written(letter)
         tables = tomllib.loads(study.read_text())

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bayeschute.inference.priors import Prior
+from bayeschute.likelihood.priors import Prior
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 

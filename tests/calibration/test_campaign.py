@@ -13,7 +13,7 @@ import pytest
 
 from bayeschute.calibration.campaign import run
 from bayeschute.calibration.rows import read_rows
-from bayeschute.errors import InputError
+from bayeschute.core.errors import InputError
 
 SEEDS = range(40, 48)
 

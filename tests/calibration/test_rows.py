@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from bayeschute.calibration.rows import entries, read_rows, row_of, write_row
-from bayeschute.errors import InputError
+from bayeschute.core.errors import InputError
 
 
 def row(seed: int) -> dict[str, Any]:

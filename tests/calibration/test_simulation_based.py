@@ -11,17 +11,17 @@ import pytest
 
 from bayeschute.aero.published import load_published
 from bayeschute.calibration import simulation_based as sbc
-from bayeschute.dynamics.dumbbell import Dumbbell
 from bayeschute.dynamics.parameters import Canopies
-from bayeschute.dynamics.published import planar_aero
-from bayeschute.forecast.virtual_swing import SwingDrop, fly_swing
-from bayeschute.inference.dumbbell_data import GUSTS, dumbbell_data
-from bayeschute.inference.evidence import HyperPrior, to_vector
-from bayeschute.inference.finding import find
-from bayeschute.inference.law_effect import joint_covariance
-from bayeschute.inference.noise import Noise
-from bayeschute.inference.priors import Prior
-from bayeschute.inference.target import Hyper, residuals
+from bayeschute.likelihood.joint import Hyper, residuals
+from bayeschute.likelihood.noise import Noise
+from bayeschute.likelihood.priors import Prior
+from bayeschute.posterior.fit import find
+from bayeschute.posterior.noise_evidence import HyperPrior, to_vector
+from bayeschute.posterior.noise_uncertainty import joint_covariance
+from bayeschute.reduced.dumbbell import Dumbbell
+from bayeschute.reduced.dumbbell_data import GUSTS, dumbbell_data
+from bayeschute.reduced.published_models import planar_aero
+from bayeschute.reduced.virtual_swing import SwingDrop, fly_swing
 
 TABLE = load_published("table-7.1-2")
 AERO, TRUTH = planar_aero(TABLE), TABLE.estimates()

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from bayeschute.calibration.workers import Lost, client_of, finished, kept_open
-from bayeschute.errors import InputError
+from bayeschute.core.errors import InputError
 
 pytest.importorskip("distributed", reason="Dask is not installed")
 dask = pytest.importorskip("dask")

@@ -2,24 +2,17 @@
 
 from __future__ import annotations
 
-import importlib.util
 from dataclasses import replace
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from tests.twins import small_cluster as small
 
-from bayeschute.air.vector import Vec3
+from bayeschute.core.vectors import Vec3
 from bayeschute.dynamics.cluster import Air, state_rate
 from bayeschute.dynamics.state import unpack
-
-_spec = importlib.util.spec_from_file_location(
-    "small_cluster", Path(__file__).parents[1] / "twins" / "small_cluster.py"
-)
-small = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(small)
 
 WIND, WIND_RATE, SHEAR = np.array([2.0, -1.0, 0.5]), np.array([0.4, 0.3, -0.2]), np.array([0.02, -0.05, 0.01])
 PLAIN = small.cluster()

@@ -6,23 +6,16 @@ nothing that the bodies do changes dynamic pressure or wind direction, so forces
 
 from __future__ import annotations
 
-import importlib.util
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.special import ellipj, ellipk
+from tests.twins import small_cluster as small
 
-from bayeschute.air.vector import Vec3
+from bayeschute.core.units import to_si
+from bayeschute.core.vectors import Vec3
 from bayeschute.dynamics.parameters import Canopies, Risers
-from bayeschute.units import to_si
-
-_spec = importlib.util.spec_from_file_location(
-    "small_cluster", Path(__file__).parents[1] / "twins" / "small_cluster.py"
-)
-small = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(small)
 
 FT, SLUG, LBF = to_si("1 ft", "m"), to_si("1 slug", "kg"), to_si("1 lbf", "N")
 G = 32.174 * FT

@@ -2,30 +2,21 @@
 
 from __future__ import annotations
 
-import importlib.util
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 
 import jax
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from tests.twins import naive_cluster, small_cluster
 
-from bayeschute.air.vector import Vec3
+from bayeschute.core.vectors import Vec3
 from bayeschute.dynamics.cluster import Air, geometry, state_rate, tension
 from bayeschute.dynamics.parameters import Structure
 from bayeschute.dynamics.state import pack, unpack
 
-
-def _load(name):
-    spec = importlib.util.spec_from_file_location(name, Path(__file__).parents[1] / "twins" / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-twin, small = _load("naive_cluster"), _load("small_cluster")
+twin, small = naive_cluster, small_cluster
 
 AXIAL = {
     "1": 0.9,

@@ -2,30 +2,23 @@
 
 from __future__ import annotations
 
-import importlib.util
 from dataclasses import replace
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from tests.twins import small_cluster as small
 
-from bayeschute.air.vector import Vec3
-from bayeschute.air.wind_field import wind_field
+from bayeschute.atmosphere.wind_field import wind_field
+from bayeschute.compiler import compiled_model as kernel
+from bayeschute.compiler.integrate import trajectory_compiled
+from bayeschute.core.vectors import Vec3
 from bayeschute.dynamics.cluster import geometry, state_rate
 from bayeschute.dynamics.cluster_flight import CHANNELS, air_between, blown, channel_sizes, quantity
-from bayeschute.dynamics.integrate import trajectory_compiled
-from bayeschute.dynamics.kernel import flight as kernel
 from bayeschute.dynamics.parameters import Structure
 from bayeschute.dynamics.state import unpack
-from bayeschute.flight.angles import swing_angle as recorded_swing
-
-_spec = importlib.util.spec_from_file_location(
-    "small_cluster", Path(__file__).parents[1] / "twins" / "small_cluster.py"
-)
-small = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(small)
+from bayeschute.records.angles import swing_angle as recorded_swing
 
 NAMES = ("riser_stiffness", "riser_length", "capsule_mass", "canopy_mass")
 THETA = np.array([np.log(2.0e5), 71.0, 9200.0, 140.0])

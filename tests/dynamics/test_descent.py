@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from bayeschute.compiler.integrate import outputs, trajectory, trajectory_compiled
 from bayeschute.dynamics.descent import DensityProfile, DescentFlight, DescentInputs, quantity
-from bayeschute.dynamics.integrate import outputs, trajectory, trajectory_compiled
 
 T, DT, RHO, G = 61, 0.2, 1.1, 9.80665
 FLAT = DensityProfile(0.0, 1000.0, np.log(np.full(5, RHO)))

@@ -2,30 +2,21 @@
 
 from __future__ import annotations
 
-import importlib.util
 from dataclasses import replace
-from pathlib import Path
 
 import jax
 import numpy as np
 import pytest
+from tests.twins import small_cluster
 
-from bayeschute.air.vector import Vec3
+from bayeschute.core.vectors import Vec3
 from bayeschute.dynamics import forces
 from bayeschute.dynamics.cluster import Air, canopy_flow, canopy_force, geometry, state_rate
 from bayeschute.dynamics.cluster_flight import with_parameters
 from bayeschute.dynamics.parameters import Structure
 from bayeschute.dynamics.state import unpack
 
-
-def _load(name):
-    spec = importlib.util.spec_from_file_location(name, Path(__file__).parents[1] / "twins" / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-small = _load("small_cluster")
+small = small_cluster
 ZERO = Vec3(0.0, 0.0, 0.0)
 AIR = Air(Vec3(2.0, -1.0, 0.5), ZERO, 1.1, np.array([0.95, 1.05]), ZERO)
 

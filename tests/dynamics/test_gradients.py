@@ -6,27 +6,20 @@ tension to jump there, derivatives of steps would miss that parameters move that
 
 from __future__ import annotations
 
-import importlib.util
 from dataclasses import replace
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from tests.twins import small_cluster as small
 
-from bayeschute.air.vector import Vec3
+from bayeschute.compiler import compiled_model as kernel
+from bayeschute.compiler.integrate import along_path, rk4, trajectory_compiled
+from bayeschute.core.vectors import Vec3
 from bayeschute.dynamics.cluster import Air, geometry, state_rate
-from bayeschute.dynamics.integrate import along_path, rk4, trajectory_compiled
-from bayeschute.dynamics.kernel import flight as kernel
 from bayeschute.dynamics.parameters import Structure
 from bayeschute.dynamics.state import unpack
-
-_spec = importlib.util.spec_from_file_location(
-    "small_cluster", Path(__file__).parents[1] / "twins" / "small_cluster.py"
-)
-small = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(small)
 
 ONE = Structure(("1", "alpha^2"), ("angle", "angle*alpha^2", "rate"), 1, "riser")
 MODEL = small.cluster((0.0,) * 2, (0.0,) * 3)

@@ -2,24 +2,17 @@
 
 from __future__ import annotations
 
-import importlib.util
 from dataclasses import replace
-from pathlib import Path
 
 import jax
 import numpy as np
 import pytest
+from tests.twins import small_cluster as small
 
+from bayeschute.compiler.integrate import trajectory_compiled
 from bayeschute.dynamics.descent import DensityProfile, DescentFlight, DescentInputs
-from bayeschute.dynamics.integrate import trajectory_compiled
 from bayeschute.dynamics.outcome import Outcome, judge, simulate
 from bayeschute.dynamics.parameters import Structure
-
-_spec = importlib.util.spec_from_file_location(
-    "small_cluster", Path(__file__).parents[1] / "twins" / "small_cluster.py"
-)
-small = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(small)
 
 DIRECTION = np.array([[0.3, 0.1], [0.0, 0.15], [-1.0, -1.0]])
 SAMPLES = 31

@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-import importlib.util
-from pathlib import Path
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from tests.twins import dense_noise as twin
 
-from bayeschute.inference.noise import Noise, gains, whiten
-
-_spec = importlib.util.spec_from_file_location("dense_noise", Path(__file__).parents[1] / "twins" / "dense_noise.py")
-twin = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(twin)
+from bayeschute.likelihood.noise import Noise, gains, whiten
 
 DT, SAMPLES = 0.1, 70
 

@@ -14,8 +14,8 @@ import pytest
 from jax.tree_util import Partial
 from scipy import stats
 
-from bayeschute.samplers import ensemble, nuts
-from bayeschute.samplers.protocol import Counted
+from bayeschute.posterior.sampling import delayed_acceptance, ensemble
+from bayeschute.posterior.sampling.protocol import Counted
 
 GAUSSIAN = {"bend": 0.0, "slope": 1.5, "width": 0.7}
 BANANA = {"bend": 0.6, "slope": 0.0, "width": 0.6}
@@ -72,11 +72,11 @@ LIMIT = 4.5
 
 
 def run_plain(law, seed, draws=1000):
-    return nuts.plain(Partial(log_density, law), 2, 4, 400, draws, seed, thinning=2)
+    return delayed_acceptance.plain(Partial(log_density, law), 2, 4, 400, draws, seed, thinning=2)
 
 
 def run_corrected(law, seed, draws=2000, surrogate=None):
-    return nuts.corrected(batch(law), Partial(log_density, surrogate or law), 2, 4, 400, draws, seed)
+    return delayed_acceptance.corrected(batch(law), Partial(log_density, surrogate or law), 2, 4, 400, draws, seed)
 
 
 def run_ensemble(law, seed, draws=2000):
@@ -116,7 +116,7 @@ def test_a_poor_surrogate_costs_acceptance_and_nothing_else():
     assert made.stats["acceptance_rate"].mean() < 0.8 < good.stats["acceptance_rate"].mean()
     assert worst(BANANA, made.xi) < LIMIT
     assert worst(POOR, made.xi) > LIMIT  # it isn't the surrogate's law
-    uncorrected = nuts.corrected(batch(POOR), Partial(log_density, POOR), 2, 4, 400, 2000, 4)
+    uncorrected = delayed_acceptance.corrected(batch(POOR), Partial(log_density, POOR), 2, 4, 400, 2000, 4)
     assert worst(BANANA, uncorrected.xi) > LIMIT
 
 
@@ -135,7 +135,7 @@ def _holed(x):
 
 
 def test_failures_are_rejected_and_counted():
-    corrected = nuts.corrected(_holed, Partial(log_density, GAUSSIAN), 2, 4, 400, 2000, 7)
+    corrected = delayed_acceptance.corrected(_holed, Partial(log_density, GAUSSIAN), 2, 4, 400, 2000, 7)
     walked = ensemble.sample(_holed, 2, 2, 2000, 7, walkers=20)
     mean = -stats.norm.pdf(0.5) / stats.norm.cdf(0.5)  # of a standard normal cut at 0.5
     for made in (corrected, walked):
@@ -171,7 +171,7 @@ def test_an_ensemble_that_never_moves_says_so():
 
 def test_progress_reaches_its_end():
     heard = []
-    nuts.corrected(
+    delayed_acceptance.corrected(
         batch(GAUSSIAN), Partial(log_density, GAUSSIAN), 2, 4, 400, 40, 9, progress=lambda *a: heard.append(a)
     )
     assert heard[-1][0] == heard[-1][1]

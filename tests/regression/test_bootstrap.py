@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from bayeschute.errors import InputError
+from bayeschute.core.errors import InputError
 from bayeschute.regression.bootstrap import block_bootstrap
 from bayeschute.regression.equation_error import fit
 

@@ -3,10 +3,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bayeschute.errors import InputError
+from bayeschute.core.errors import InputError
 from bayeschute.regression.equation_error import fit
 from bayeschute.regression.orthogonal import select
-from bayeschute.regression.stack import stack_components
+from bayeschute.regression.stacked import stack_components
 
 
 def problem(seed=0, n=200):

@@ -3,11 +3,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bayeschute.errors import InputError
-from bayeschute.flight.sensors import ornstein_uhlenbeck
+from bayeschute.core.errors import InputError
+from bayeschute.records.sensors import ornstein_uhlenbeck
 from bayeschute.regression.noise_level import longest_run, noise_level, series_noise
 from bayeschute.regression.orthogonal import select
-from bayeschute.regression.stack import stack_components
+from bayeschute.regression.stacked import stack_components
 
 DT = 0.1
 

@@ -1,19 +1,14 @@
 from __future__ import annotations
 
-import importlib.util
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from sklearn.linear_model import OrthogonalMatchingPursuit, orthogonal_mp
+from tests.twins import naive_mof as twin
 
-from bayeschute.errors import InputError
+from bayeschute.core.errors import InputError
 from bayeschute.regression.orthogonal import orthonormal, select
-
-_spec = importlib.util.spec_from_file_location("naive_mof", Path(__file__).parents[1] / "twins" / "naive_mof.py")
-twin = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(twin)
 
 # sqrt(mse), dmse, perr, R2, pe, F of the print-out in section 7.3 of NASA/TM-2019-220410
 PRINTED = np.array(

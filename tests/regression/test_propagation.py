@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from bayeschute.errors import InputError
-from bayeschute.flight.differentiate import savitzky_golay
+from bayeschute.core.errors import InputError
+from bayeschute.records.differentiate import savitzky_golay
 from bayeschute.regression.propagation import position_noise, propagate
-from bayeschute.regression.stack import stack_components
+from bayeschute.regression.stacked import stack_components
 
 DT, SD = 0.1, 0.05
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from bayeschute.errors import InputError
-from bayeschute.regression.colored import residual_noise
+from bayeschute.core.errors import InputError
+from bayeschute.regression.colored_errors import residual_noise
 from bayeschute.regression.residuals import autocorrelation, press
 
 

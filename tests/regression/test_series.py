@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bayeschute.errors import InputError
+from bayeschute.core.errors import InputError
 from bayeschute.regression.series import time_series
 
 

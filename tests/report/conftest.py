@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from bayeschute.report.html import build_report
-from bayeschute.report.results import Results, read_results
+from bayeschute.report.page import build_report
+from bayeschute.report.run_results import Results, read_results
 
 
 @pytest.fixture(scope="session")

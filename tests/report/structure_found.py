@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from bayeschute.regression.pool import product_pool
 from bayeschute.regression.propagation import Propagated
-from bayeschute.regression.stack import stack_components
-from bayeschute.regression.structure import Search, identify
-from bayeschute.regression.structure_entry import entry
-from bayeschute.regression.synthetic import Making, replicate
-from bayeschute.regression.synthetic_entry import checks, synthetic_entry
+from bayeschute.regression.stacked import stack_components
+from bayeschute.structure.candidates import product_pool
+from bayeschute.structure.search import Search, identify
+from bayeschute.structure.structure_entry import entry
+from bayeschute.structure.synthetic import Making, replicate
+from bayeschute.structure.synthetic_entry import checks, synthetic_entry
 
 DT = 0.1
 

@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 from arviz_base import from_dict
 
-from bayeschute.forecast import risk
+from bayeschute.prediction import risk_files
 
 UNITS = {
     "axial[1]": "1",
@@ -308,8 +308,8 @@ def build_run(
         }
     }
     limit = 10.0584
-    risk.write_risk(folder / "risk", posterior, landings, UNITS, thresholds={"sea_level_rate": [limit]})
-    requirement = risk.requirement_check(
+    risk_files.write_risk(folder / "risk", posterior, landings, UNITS, thresholds={"sea_level_rate": [limit]})
+    requirement = risk_files.requirement_check(
         rate,
         name="descent rate at touchdown",
         quantity="sea_level_descent_rate",

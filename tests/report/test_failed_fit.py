@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bayeschute.inference.best_path import BestPath, as_arrays
+from bayeschute.posterior.best_path import BestPath, as_arrays
 from bayeschute.report import failed_fit
-from bayeschute.report.html import build_report
-from bayeschute.report.results import read_results
+from bayeschute.report.page import build_report
+from bayeschute.report.run_results import read_results
 
 OUTPUTS = ("canopy_position.1.north", "canopy_position.1.east", "capsule_attitude.x", "odd")
 NOISE = (0.2, 0.2, 0.002, 1.0)

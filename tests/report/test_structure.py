@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
-from pathlib import Path
 
 import pytest
 
-from bayeschute.report import tables, tables_structure
-from bayeschute.report.html import build_report
+from bayeschute.report.page import build_report
 from bayeschute.report.structure_text import grid, print_out, structure_text
+from bayeschute.report.tables import structure_tables, summary_tables
 from bayeschute.report.wording import MISSING
-
-_spec = importlib.util.spec_from_file_location("structure_found", Path(__file__).parent / "structure_found.py")
-_module = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(_module)
+from tests.report import structure_found as _module
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +51,7 @@ def test_a_missed_target_is_shouted(found):
     missed = json.loads(json.dumps(found))
     missed["synthetic"]["checks"]["true terms selected"]["passed"] = False
     assert "bound 0.8: MISSED" in structure_text(missed)
-    table = tables_structure.target_table(missed["synthetic"])
+    table = structure_tables.target_table(missed["synthetic"])
     assert column(table, "Result")[0] == "missed" and table.rows[0][-1].kind == "bad"
 
 
@@ -66,34 +61,34 @@ def test_grid():
 
 def test_how_sure_the_terms_are(found):
     facts = found["coefficients"]["axial"]
-    table = tables_structure.sureness_table(facts)
+    table = structure_tables.sureness_table(facts)
     assert column(table, "Term")[:2] == ["1", "alpha^2"] and table.marked >= {0, 1}
     assert column(table, "Kept")[0] == "100 %" and {"0.25 ×", "4 ×"} <= {c.label for c in table.columns}
     assert sum(span for _, span in table.groups) == len(table.columns) == len(table.rows[0])
-    assert tables_structure.sureness_table({}) is None and tables_structure.sureness_table({"frequency": None}) is None
-    structures = tables_structure.structures_table(facts)
-    assert "alpha^2" in structures.rows[0][1].text and tables_structure.structures_table({}) is None
+    assert structure_tables.sureness_table({}) is None and structure_tables.sureness_table({"frequency": None}) is None
+    structures = structure_tables.structures_table(facts)
+    assert "alpha^2" in structures.rows[0][1].text and structure_tables.structures_table({}) is None
 
 
 def test_predictions_and_known_terms(found):
-    table = tables_structure.prediction_table(found["coefficients"]["axial"])
+    table = structure_tables.prediction_table(found["coefficients"]["axial"])
     assert column(table, "Not used") == ["other"] and column(table, "Residual / fit's") == ["1.00"]
     assert float(column(table, "at the least")[0]) == 1.0 and column(table, "true") == [MISSING]
     assert sum(span for _, span in table.groups) == len(table.columns) == len(table.rows[0])
     spoilt = {"rms": 0.1, "rms_ratio": 1.3, "least_ratio": 1.0, "without": {"term": "alpha^2", "rms_ratio": 1.1}}
     facts = found["coefficients"]["axial"] | {"check": {"other": spoilt}}
-    assert column(tables_structure.prediction_table(facts), "Better without") == ["alpha^2: 1.10"]
+    assert column(structure_tables.prediction_table(facts), "Better without") == ["alpha^2: 1.10"]
     text = structure_text({"coefficients": {"axial": facts}})
     assert "; 1.10 without alpha^2" in text and "as good as" not in text
-    known = tables_structure.known_table(found["synthetic"]["coefficients"]["C_A"])
+    known = structure_tables.known_table(found["synthetic"]["coefficients"]["C_A"])
     assert column(known, "Term") == ["1", "alpha^2"] and known.rows[1][0].small == "1/rad^2"
     assert sum(span for _, span in known.groups) == len(known.columns) == len(known.rows[0])
-    assert tables_structure.known_table({}) is None and tables_structure.false_table({}) is None
+    assert structure_tables.known_table({}) is None and structure_tables.false_table({}) is None
 
 
 def test_the_ceiling_that_was_used_stands_out(found):
     facts = found["coefficients"]["axial"]
-    table = tables.ceiling_table(facts)
+    table = summary_tables.ceiling_table(facts)
     (row,) = table.marked
     assert table.rows[row][1].text == str(facts["pse_minimum_at"])
 

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from bayeschute.calibration.scores import LEVELS
-from bayeschute.errors import InputError
+from bayeschute.core.errors import InputError
 from bayeschute.study import calibrate as module
 from bayeschute.study.calibrate import FIRST_SEED, calibrate
-from bayeschute.study.identity import configuration, with_noise
+from bayeschute.study.evidence.identity import configuration, with_noise
 from bayeschute.study.load import load_study
 
 STUDIES = Path(__file__).parents[2] / "models/studies"

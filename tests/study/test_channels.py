@@ -9,13 +9,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bayeschute.flight.record import repairs
-from bayeschute.study import setup
-from bayeschute.study.fits import data_of
-from bayeschute.study.identity import configuration, study_hash
+from bayeschute.records.record import repairs
+from bayeschute.study.assembly import assemble
+from bayeschute.study.assembly.fits import data_of
+from bayeschute.study.evidence.identity import configuration, study_hash
 from bayeschute.study.load import check_study, load_study
-from bayeschute.study.work_data import ingest, load_flight, priors
-from bayeschute.study.work_report import true_values
+from bayeschute.study.run.stage_data import ingest, load_flight, priors
+from bayeschute.study.run.stage_report import true_values
 
 NOISE = r'^(?=capsule_attitude = \{ white = "0.1 deg", correlated = "0.2 deg", time_constant = "2 s")'
 SENSORS = r"^(?=dropouts = \{ share)"
@@ -55,7 +55,7 @@ def test_units_of_the_study_file(asked: Path):
     assert noise["riser_tension"].white == pytest.approx(444.82216)
     assert noise["swing_angle"].white == pytest.approx(np.deg2rad(0.2))
     assert noise["descent_rate"].white == pytest.approx(0.2 * 0.3048)
-    drop = setup.drop(study.flights[0].virtual)
+    drop = assemble.drop(study.flights[0].virtual)
     assert drop.sensors["riser_tension"].white == pytest.approx(444.82216) and "descent_rate" not in drop.sensors
 
 
@@ -82,7 +82,7 @@ def test_from_the_study_to_what_is_fitted(asked: Path, tmp_path: Path):
     assert truth["capsule_mass"] == study.vehicle.capsule.mass
     assert truth["canopy_mass"] == study.vehicle.canopies.dry_mass
 
-    from bayeschute.study.work_data import load_priors
+    from bayeschute.study.run.stage_data import load_priors
 
     parameters = load_priors(job)
     theta = np.array([p.centre for p in parameters])

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from bayeschute.errors import InputError
-from bayeschute.inference.latent import Latent
-from bayeschute.study import setup
+from bayeschute.core.errors import InputError
+from bayeschute.likelihood.disturbances import Latent
+from bayeschute.study.assembly import assemble
 from bayeschute.study.formulation import label, noise_medians, notes
 from bayeschute.study.load import load_study
-from bayeschute.study.stages import run_study
+from bayeschute.study.run.stages import run_study
 
 MODELS = ("ar1", "ar1+white", "white", "sandwich")
 
@@ -36,15 +36,15 @@ def asking(descents, folder: Path, model: str) -> Path:
 def test_the_default_is_latent(cluster: Path):
     study = load_study(cluster)
     assert study.noise.model == "latent" and study.noise.has_latent()
-    assert label("latent") == "" and notes(study.noise) == [] and setup.latent(study, 2).least == 0
+    assert label("latent") == "" and notes(study.noise) == [] and assemble.latent(study, 2).least == 0
 
 
 @pytest.mark.parametrize("model", MODELS)
 def test_other_models_have_no_latent_disturbances(cluster: Path, spoil, model: str):
     study = load_study(spoil(cluster, r"^\[noise\].*", f'[noise]\nmodel = "{model}"'))
-    made = setup.latent(study, 2)
+    made = assemble.latent(study, 2)
     assert made == Latent((), (), 3) and made.rows == 3 and made.size == 0
-    assert setup.hyper(study).laws == () and setup.law_names(study) == ()
+    assert assemble.hyper(study).laws == () and assemble.law_names(study) == ()
     assert label(model) and any("not used" in line for line in notes(study.noise))
 
 

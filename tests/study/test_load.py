@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from bayeschute.errors import InputError
+from bayeschute.core.errors import InputError
 from bayeschute.study.load import (
     check_study,
     file_hash,

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from bayeschute.errors import InputError
+from bayeschute.core.errors import InputError
 from bayeschute.study.load import load_study, load_vehicle
 from bayeschute.study.templates import template
 

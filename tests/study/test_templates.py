@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from bayeschute.errors import InputError
+from bayeschute.core.errors import InputError
 from bayeschute.study.load import check_study
 from bayeschute.study.templates import NAMES, copy_templates, template
 

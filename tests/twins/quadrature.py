@@ -5,7 +5,7 @@ from __future__ import annotations
 import jax
 import numpy as np
 
-from bayeschute.inference.target import Unknowns, cost
+from bayeschute.likelihood.joint import Unknowns, cost
 
 
 @jax.jit

@@ -5,11 +5,11 @@ from __future__ import annotations
 import jax
 import numpy as np
 
-from bayeschute.air.vector import Vec3
+from bayeschute.compiler.integrate import trajectory_compiled
+from bayeschute.core.vectors import Vec3
 from bayeschute.dynamics.cluster_flight import ClusterFlight, ClusterInputs
-from bayeschute.dynamics.integrate import trajectory_compiled
+from bayeschute.dynamics.initial_state import Start, tangent_basis
 from bayeschute.dynamics.parameters import Canopies, Capsule, Cluster, Risers, Structure
-from bayeschute.dynamics.start import Start, tangent_basis
 
 SAMPLES, DT, SUBSTEPS = 201, 0.1, 25
 TWO = Structure(("1", "alpha^2"), ("e", "angle", "angle*alpha^2", "rate", "repulsion(0.8)"), 2, "riser")

@@ -8,13 +8,22 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from bayeschute.air.vector import Vec3
+from bayeschute.core.vectors import Vec3
 from bayeschute.dynamics import cluster
-from bayeschute.verification import bounce, capsule, descent, flying, flyout, glide, maypole, pendulum
-from bayeschute.verification.campaign import RUNS, verify
+from bayeschute.verification import (
+    bounce,
+    capsule_cases,
+    flying,
+    flyout,
+    glide,
+    maypole,
+    pendulum_cases,
+    vertical_descent,
+)
+from bayeschute.verification.all_cases import RUNS, verify
+from bayeschute.verification.case_results import table
 from bayeschute.verification.catalogue import CASES
-from bayeschute.verification.pendulum import Pendulum
-from bayeschute.verification.results import table
+from bayeschute.verification.pendulum_cases import Pendulum
 from bayeschute.verification.sets import DEGREE, FOOT, POUND, SETS, SLUG, T71
 
 QUICK = ("1", "3a", "3b", "5", "11", "13")  # one force law, one compilation
@@ -113,10 +122,10 @@ def test_derived_numbers_of_the_common_set():
 
 def test_printed_numbers_of_descent_and_glide():
     s = T71
-    ramp = np.sqrt((s.fall - descent.RAMP) / s.kappa)
+    ramp = np.sqrt((s.fall - vertical_descent.RAMP) / s.kappa)
     assert ramp / FOOT == pytest.approx(32.0260, rel=2e-6)
-    assert descent.shear_reference(s, np.array([0.0, 30.0]))[-1] / FOOT == pytest.approx(58.361, rel=1e-5)
-    end = descent.exponential_speed(s, np.array([7730.336 * FOOT]))[0]
+    assert vertical_descent.shear_reference(s, np.array([0.0, 30.0]))[-1] / FOOT == pytest.approx(58.361, rel=1e-5)
+    end = vertical_descent.exponential_speed(s, np.array([7730.336 * FOOT]))[0]
     assert end / FOOT == pytest.approx(29.0107, rel=2e-6)
     np.testing.assert_allclose(np.array(glide.glide_velocity(s)) / FOOT, [6.19742, 32.3992], rtol=1e-6)
     v_z, behind, lean = glide.shear_flight(s)
@@ -129,14 +138,14 @@ def test_printed_numbers_of_the_modes():
     s = T71
     assert s.pendulum_rate == pytest.approx(0.363819, rel=2e-6)
     stiff = Pendulum(24.0 * DEGREE, slope=0.1901)
-    assert pendulum.swing_period(s, Pendulum(24.0 * DEGREE)) == pytest.approx(17.4614, rel=3e-6)
-    assert pendulum.swing_period(s, stiff) == pytest.approx(15.6326, rel=3e-6)
+    assert pendulum_cases.swing_period(s, Pendulum(24.0 * DEGREE)) == pytest.approx(17.4614, rel=3e-6)
+    assert pendulum_cases.swing_period(s, stiff) == pytest.approx(15.6326, rel=3e-6)
     assert stiff.small_rate(s) == pytest.approx(0.405500, rel=2e-6)
     assert stiff.pivot(s) / FOOT == pytest.approx(195.670, rel=3e-6)
     assert Pendulum(0.0, damping=0.5).decay(s) == pytest.approx(0.0421698, rel=1e-6)
     assert Pendulum(0.0, damping=-0.3).decay(s) == pytest.approx(-0.0253019, rel=1e-6)
     swing = Pendulum(20.0 * DEGREE, s.pendulum_rate / 2.0)
-    assert pendulum.nutation(s, swing, np.array([0.0]))[1] == pytest.approx(8.71582, rel=1e-6)
+    assert pendulum_cases.nutation(s, swing, np.array([0.0]))[1] == pytest.approx(8.71582, rel=1e-6)
     m = maypole.maypole(s)
     assert m.load / POUND == pytest.approx(12324.6, rel=2e-6)
     assert m.normal == pytest.approx(0.0448817, rel=1e-6)
@@ -153,18 +162,18 @@ def test_closed_forms_solve_their_equations(s):
     time = np.linspace(0.0, 30.0, 61)
     swing = Pendulum(20.0 * DEGREE, s.pendulum_rate / 2.0)
     np.testing.assert_allclose(
-        pendulum.nutation(s, swing, time)[0], pendulum.pendulum_ode(s, swing, time)[0], atol=1e-10
+        pendulum_cases.nutation(s, swing, time)[0], pendulum_cases.pendulum_ode(s, swing, time)[0], atol=1e-10
     )
     plane = Pendulum(24.0 * DEGREE)
     np.testing.assert_allclose(
-        pendulum.plane_swing(s, plane.lean, time), pendulum.pendulum_ode(s, plane, time)[0], atol=1e-10
+        pendulum_cases.plane_swing(s, plane.lean, time), pendulum_cases.pendulum_ode(s, plane, time)[0], atol=1e-10
     )
 
     def fall(_, y):
-        return [y[1], s.fall - s.kappa * np.exp(y[0] / descent.SCALE_HEIGHT) * y[1] ** 2]
+        return [y[1], s.fall - s.kappa * np.exp(y[0] / vertical_descent.SCALE_HEIGHT) * y[1] ** 2]
 
     y = solve_ivp(fall, (0, 30), [0.0, s.terminal_speed], "DOP853", time, rtol=1e-12, atol=1e-12).y
-    np.testing.assert_allclose(descent.exponential_speed(s, y[0]), y[1], rtol=1e-11)
+    np.testing.assert_allclose(vertical_descent.exponential_speed(s, y[0]), y[1], rtol=1e-11)
 
     mass, stiffness, pull = bounce._relative(s, 1.0)
 
@@ -175,13 +184,21 @@ def test_closed_forms_solve_their_equations(s):
     y = solve_ivp(spring, (0, 10), begin, "DOP853", time / 3.0, rtol=1e-12, atol=1e-12, max_step=1e-3).y
     np.testing.assert_allclose(bounce.stretch(s, 1.0, time / 3.0), y[0], atol=2e-6)
 
-    inertia = np.array([capsule.AXIAL_INERTIA, capsule.LATERAL_INERTIA, capsule.LATERAL_INERTIA])
+    inertia = np.array([capsule_cases.AXIAL_INERTIA, capsule_cases.LATERAL_INERTIA, capsule_cases.LATERAL_INERTIA])
     rate = solve_ivp(
-        lambda _, w: -np.cross(w, inertia * w) / inertia, (0, 30), capsule.SPIN, "DOP853", time, rtol=1e-12, atol=1e-13
+        lambda _, w: -np.cross(w, inertia * w) / inertia,
+        (0, 30),
+        capsule_cases.SPIN,
+        "DOP853",
+        time,
+        rtol=1e-12,
+        atol=1e-13,
     ).y.T
-    turned, attitude = capsule.top(time)
+    turned, attitude = capsule_cases.top(time)
     np.testing.assert_allclose(turned, rate, atol=1e-10)
-    np.testing.assert_allclose(attitude.apply(inertia * turned), np.tile(inertia * capsule.SPIN, (61, 1)), atol=1e-6)
+    np.testing.assert_allclose(
+        attitude.apply(inertia * turned), np.tile(inertia * capsule_cases.SPIN, (61, 1)), atol=1e-6
+    )
     np.testing.assert_allclose(_spin(attitude, time), turned[1:-1], atol=2e-3)
 
 
@@ -197,4 +214,4 @@ def test_scaled_exponential_integral_on_both_sides_of_where_its_forms_meet():
     y = solve_ivp(
         lambda s, f: 1.0 / s - f, (1.0, 1000.0), [1.8951178163559368 / np.e], "LSODA", s, rtol=1e-12, atol=1e-15
     ).y[0]
-    np.testing.assert_allclose(descent.scaled_exponential_integral(s), y, rtol=1e-9)
+    np.testing.assert_allclose(vertical_descent.scaled_exponential_integral(s), y, rtol=1e-9)

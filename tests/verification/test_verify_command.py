@@ -11,8 +11,8 @@ import pytest
 from typer.testing import CliRunner
 
 from bayeschute.cli import app
-from bayeschute.verification import campaign
-from bayeschute.verification.results import all_members
+from bayeschute.verification import all_cases
+from bayeschute.verification.case_results import all_members
 
 ROOT = Path(__file__).parents[2]
 
@@ -24,7 +24,7 @@ def stand_ins(monkeypatch):
     def case(name, error):
         return lambda: all_members(name, "error", "nothing", "ft/s", [[error]] * 4, 1e-3)
 
-    monkeypatch.setattr(campaign, "RUNS", {"1": case("1", 1e-5), "2": case("2", float("nan"))})
+    monkeypatch.setattr(all_cases, "RUNS", {"1": case("1", 1e-5), "2": case("2", float("nan"))})
 
 
 def test_all_well_is_exit_code_0(stand_ins, tmp_path):

@@ -1,0 +1,1 @@
+"""Aerodynamics: terms of canopies, airflow, the capsule, and published sets."""

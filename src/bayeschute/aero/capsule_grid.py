@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from bayeschute.errors import Fault
+from bayeschute.core.errors import Fault
 
 Array = NDArray[np.float64]
 

@@ -6,7 +6,7 @@ import math
 
 import jax.numpy as jnp
 
-from bayeschute.air.vector import Component, Vec3
+from bayeschute.core.vectors import Component, Vec3
 
 _LEAST_COSINE = math.cos(math.radians(80.0))  # of the sideslip angle: exact below, finite beyond
 

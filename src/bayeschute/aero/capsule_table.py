@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayeschute.aero.capsule_grid import COEFFICIENTS, grid_faults, is_pole
-from bayeschute.air.vector import Component, Vec3
-from bayeschute.errors import InputError
+from bayeschute.core.errors import InputError
+from bayeschute.core.vectors import Component, Vec3
 
 Array = NDArray[np.float64]
 Harmonic = tuple[int, int, bool]  # place in COEFFICIENTS, m, whether it is the sine's

@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 
-from bayeschute.air.airflow import CanopyFlow
-from bayeschute.air.vector import Component, Vec3, cross, dot, norm
+from bayeschute.aero.airflow import CanopyFlow
+from bayeschute.core.vectors import Component, Vec3, cross, dot, norm
 
 _LEAST_SINE = 1e-9  # keeps the unit vector across the axis finite where there is none
 

@@ -9,11 +9,11 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from bayeschute.errors import Fault, InputError
-from bayeschute.units import to_si
+from bayeschute.core.errors import Fault, InputError
+from bayeschute.core.units import to_si
 
 PLANAR_UNITS = {"C_A0": "", "C_Aalpha": "1/rad", "alpha_0": "rad", "C_Nalpha": "1/rad", "C_Nalphadot": "s/rad"}
-# Factors of the polar form with the unit of each coefficient (meanings: `bayeschute.regression.polar_grammar`).
+# Factors of the polar form with the unit of each coefficient (meanings: `bayeschute.structure.polar_names`).
 POLAR_FACTORS = {
     "1": "",
     "q": "1/Pa",

@@ -31,9 +31,9 @@ from functools import cache
 
 import jax.numpy as jnp
 
-from bayeschute.aero.grammar import parse_term
-from bayeschute.air.airflow import CanopyFlow, Neighbour
-from bayeschute.air.vector import Component, Vec3, cross, dot
+from bayeschute.aero.airflow import CanopyFlow, Neighbour
+from bayeschute.aero.term_names import parse_term
+from bayeschute.core.vectors import Component, Vec3, cross, dot
 
 _TINY = 1e-12
 

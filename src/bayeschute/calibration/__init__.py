@@ -1,0 +1,1 @@
+"""What intervals and bands hold over many replicates."""

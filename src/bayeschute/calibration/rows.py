@@ -23,7 +23,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from bayeschute.errors import Fault, InputError
+from bayeschute.core.errors import Fault, InputError
 
 Row = dict[str, Any]
 _COLUMNS = (("seed", pa.int64()), ("entry", pa.string()), ("value", pa.float64()), ("text", pa.string()))

@@ -21,15 +21,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayeschute.calibration.ranks import EcdfTest, rank, uniform
-from bayeschute.inference.drawing import normals
-from bayeschute.inference.evidence import HyperPrior, from_vector, to_vector
-from bayeschute.inference.finding import Found, find
-from bayeschute.inference.law_effect import widened
-from bayeschute.inference.marginal import draw_flights
-from bayeschute.inference.noise import colour
-from bayeschute.inference.posterior import sample
-from bayeschute.inference.priors import Prior, factor, working
-from bayeschute.inference.target import Course, FlightData, Hyper, Unknowns, course, residuals, states
+from bayeschute.likelihood.joint import Course, FlightData, Hyper, Unknowns, course, residuals, states
+from bayeschute.likelihood.noise import colour
+from bayeschute.likelihood.priors import Prior, factor, working
+from bayeschute.likelihood.simulation_smoother import normals
+from bayeschute.posterior.fit import Found, find
+from bayeschute.posterior.marginal import draw_flights
+from bayeschute.posterior.noise_evidence import HyperPrior, from_vector, to_vector
+from bayeschute.posterior.noise_uncertainty import widened
+from bayeschute.posterior.sampler import sample
 
 Array = NDArray[np.float64]
 Row = dict[str, Any]

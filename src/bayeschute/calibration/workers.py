@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, NamedTuple, TypeVar
 
-from bayeschute.errors import Fault, InputError
+from bayeschute.core.errors import Fault, InputError
 
 T = TypeVar("T")
 R = TypeVar("R")

@@ -1,0 +1,1 @@
+"""Equations of motion of capsule, canopies and risers, and of a point mass under drag."""

@@ -7,10 +7,7 @@ from dataclasses import dataclass
 import jax
 import jax.numpy as jnp
 
-from bayeschute.aero.capsule_rates import angle_rates
-from bayeschute.aero.capsule_table import table_coefficients
-from bayeschute.aero.terms import axial_coefficient, transverse_coefficient
-from bayeschute.air.airflow import (
+from bayeschute.aero.airflow import (
     SEA_LEVEL_DENSITY,
     CanopyFlow,
     axis_rate,
@@ -19,9 +16,12 @@ from bayeschute.air.airflow import (
     squared_angle,
     wind_direction_rate,
 )
-from bayeschute.air.vector import Component, Vec3, cross, dot, norm, perpendicular
+from bayeschute.aero.capsule_rates import angle_rates
+from bayeschute.aero.capsule_table import table_coefficients
+from bayeschute.aero.terms import axial_coefficient, transverse_coefficient
+from bayeschute.core.vectors import Component, Vec3, cross, dot, norm, perpendicular
 from bayeschute.dynamics.parameters import Capsule, Cluster, Risers, Structure
-from bayeschute.dynamics.riser_law import riser_tension
+from bayeschute.dynamics.riser import riser_tension
 from bayeschute.dynamics.state import ClusterState, pack, unpack
 
 _LEAST_SPEED = 1e-6  # [m/s]; keeps 1/|V| finite at rest and changes nothing that flies

@@ -10,13 +10,13 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from bayeschute.air.airflow import SEA_LEVEL_DENSITY
-from bayeschute.air.vector import Component, Quaternion, Vec3, dot, norm, quaternion, vec3
-from bayeschute.air.wind_field import WindField
+from bayeschute.aero.airflow import SEA_LEVEL_DENSITY
+from bayeschute.atmosphere.wind_field import WindField
+from bayeschute.compiler.integrate import rk4
+from bayeschute.core.vectors import Component, Quaternion, Vec3, dot, norm, quaternion, vec3
 from bayeschute.dynamics.cluster import Air, geometry, state_rate, tension
-from bayeschute.dynamics.integrate import rk4
+from bayeschute.dynamics.initial_state import Start, initial_state
 from bayeschute.dynamics.parameters import Cluster, Structure
-from bayeschute.dynamics.start import Start, initial_state
 from bayeschute.dynamics.state import ClusterState, pack, unpack
 
 _COEFFICIENT = re.compile(r"(axial|transverse)\[(.*)\](?:\.canopy(\d+))?")

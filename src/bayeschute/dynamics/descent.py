@@ -8,9 +8,9 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from bayeschute.air.airflow import SEA_LEVEL_DENSITY
-from bayeschute.air.vector import Component
-from bayeschute.dynamics.integrate import rk4
+from bayeschute.aero.airflow import SEA_LEVEL_DENSITY
+from bayeschute.compiler.integrate import rk4
+from bayeschute.core.vectors import Component
 from bayeschute.dynamics.parameters import STANDARD_GRAVITY
 
 

@@ -7,9 +7,9 @@ batched, differentiated and identified by name like those of the terms. The equa
 
 from __future__ import annotations
 
+from bayeschute.aero.airflow import CanopyFlow
 from bayeschute.aero.polar import PitchPlane, drag_coefficient, polar_coefficient
-from bayeschute.air.airflow import CanopyFlow
-from bayeschute.air.vector import Vec3
+from bayeschute.core.vectors import Vec3
 from bayeschute.dynamics.cluster import Air, RiserGeometry
 from bayeschute.dynamics.parameters import Cluster
 

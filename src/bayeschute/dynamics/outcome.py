@@ -11,11 +11,11 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from bayeschute.air.vector import Component, norm
+from bayeschute.compiler import compiled_model as kernel
+from bayeschute.compiler.integrate import FlightModel, trajectory_compiled
+from bayeschute.core.vectors import Component, norm
 from bayeschute.dynamics.cluster import geometry, least_inertia
 from bayeschute.dynamics.cluster_flight import ClusterFlight
-from bayeschute.dynamics.integrate import FlightModel, trajectory_compiled
-from bayeschute.dynamics.kernel import flight as kernel
 from bayeschute.dynamics.state import CAPSULE_SIZE, unpack
 
 LONGEST_SLACK = 1.0  # [s] that a riser of a descent may be slack; longer, the model of lines and canopies says little
@@ -62,7 +62,7 @@ class Simulation(NamedTuple):
 def simulate(model: FlightModel, theta: Component, start: Component, error: Component) -> Simulation:
     """Fly, fly again in halved steps, and judge.
 
-    The states are those of `bayeschute.dynamics.integrate.trajectory`, by machine code where `kernel.flight` has it;
+    The states are those of `bayeschute.compiler.integrate.trajectory`, by machine code where `kernel.flight` has it;
     the rest costs twice their time.
 
     Args:
@@ -85,7 +85,7 @@ def examine(model: FlightModel, theta: Component, start: Component, error: Compo
         theta: Parameters (P, ...).
         start: Initial deviations (D, ...).
         error: Latent disturbances at every sample (T, A, ...).
-        states: What `bayeschute.dynamics.integrate.trajectory` gives for all that (T, X, ...).
+        states: What `bayeschute.compiler.integrate.trajectory` gives for all that (T, X, ...).
     """
     coarse: Any = model  # every flight model is a dataclass with substeps; its protocol says only what flying needs
     finer = replace(coarse, substeps=2 * coarse.substeps)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import jax
 
 from bayeschute.aero.capsule_table import CapsuleTable
-from bayeschute.air.vector import Component, Vec3, dot
+from bayeschute.core.vectors import Component, Vec3, dot
 
 STANDARD_GRAVITY = 9.80665  # [m/s^2]
 

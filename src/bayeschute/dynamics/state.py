@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import jax
 import jax.numpy as jnp
 
-from bayeschute.air.vector import Component, Quaternion, Vec3, quaternion, vec3
+from bayeschute.core.vectors import Component, Quaternion, Vec3, quaternion, vec3
 
 CAPSULE_SIZE = 13
 

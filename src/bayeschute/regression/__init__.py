@@ -1,0 +1,1 @@
+"""Equation error by least squares with colored residuals and orthogonal functions."""

@@ -1,4 +1,4 @@
-"""Moving-block bootstrap of least squares: the check of the covariance that `bayeschute.regression.colored` computes.
+"""Moving-block bootstrap of least squares: the check of the covariance that `regression.colored_errors` computes.
 
 Circular blocks within each series (Politis & Romano 1992), so that rows which remember each other move together.
 """
@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from bayeschute.errors import Fault, InputError
+from bayeschute.core.errors import Fault, InputError
 from bayeschute.regression.problem import read_problem
 from bayeschute.regression.series import Labels, Series, time_series
 

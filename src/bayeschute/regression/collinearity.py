@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from bayeschute.errors import Fault, InputError
+from bayeschute.core.errors import Fault, InputError
 from bayeschute.regression.problem import read_problem
 
 HIGH_CORRELATION = 0.9

@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy import linalg, stats
 
-from bayeschute.errors import Fault, InputError
-from bayeschute.regression.colored import ColoredNoise, residual_noise
+from bayeschute.core.errors import Fault, InputError
+from bayeschute.regression.colored_errors import ColoredNoise, residual_noise
 from bayeschute.regression.problem import Problem, group_variance, read_problem, row_labels
 from bayeschute.regression.series import Labels
 
@@ -136,7 +136,7 @@ def fit(
         max_lag_fraction: Lags are cut at this share of each series.
         taper: ``"parzen"`` or ``"bartlett"``.
         pool: One autocovariance for all series.
-        bias_passes: See `bayeschute.regression.colored.residual_noise`.
+        bias_passes: See `bayeschute.regression.colored_errors.residual_noise`.
 
     Returns:
         The fit.

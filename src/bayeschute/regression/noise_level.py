@@ -13,12 +13,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bayeschute.errors import Fault, InputError
-from bayeschute.flight.smoothing import SHORTEST, fourier_smooth
+from bayeschute.core.errors import Fault, InputError
+from bayeschute.records.smoothing import SHORTEST, fourier_smooth
 from bayeschute.regression.equation_error import fit
 from bayeschute.regression.orthogonal import select
 from bayeschute.regression.problem import group_variance, positive
-from bayeschute.regression.stack import Stack
+from bayeschute.regression.stacked import Stack
 
 SOURCES = ("colored", "smoothing", "given", "variance")
 LARGEST = 30  # terms of the model whose residuals are looked at first

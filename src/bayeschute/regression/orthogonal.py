@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from bayeschute.errors import Fault, InputError
-from bayeschute.regression.ceiling import Ceiling, noise_ceiling
+from bayeschute.core.errors import Fault, InputError
+from bayeschute.regression.noise_ceiling import Ceiling, noise_ceiling
 from bayeschute.regression.problem import Problem, group_variance, positive, read_problem, row_labels
 from bayeschute.regression.selection import Row, Selection
 

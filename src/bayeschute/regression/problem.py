@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from bayeschute.errors import Fault, InputError
+from bayeschute.core.errors import Fault, InputError
 
 _SMALLEST, _LARGEST = 1e-60, 1e60
 

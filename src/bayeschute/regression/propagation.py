@@ -16,10 +16,10 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from bayeschute.errors import Fault, InputError
-from bayeschute.flight.smoothing import SHORTEST, fourier_smooth
+from bayeschute.core.errors import Fault, InputError
+from bayeschute.records.smoothing import SHORTEST, fourier_smooth
 from bayeschute.regression.noise_level import longest_run
-from bayeschute.regression.stack import Stack
+from bayeschute.regression.stacked import Stack
 
 Array = NDArray[np.float64]
 

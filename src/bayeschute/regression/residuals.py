@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy import linalg
 
-from bayeschute.errors import Fault, InputError
-from bayeschute.regression.colored import ColoredNoise
+from bayeschute.core.errors import Fault, InputError
+from bayeschute.regression.colored_errors import ColoredNoise
 from bayeschute.regression.problem import group_variance, read_problem, row_labels
 from bayeschute.regression.series import Labels
 

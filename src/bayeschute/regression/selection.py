@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import solve_triangular
 
-from bayeschute.errors import Fault, InputError
-from bayeschute.regression.ceiling import Ceiling
+from bayeschute.core.errors import Fault, InputError
+from bayeschute.regression.noise_ceiling import Ceiling
 from bayeschute.regression.problem import positive
 
 

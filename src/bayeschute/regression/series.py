@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from bayeschute.errors import Fault, InputError
+from bayeschute.core.errors import Fault, InputError
 from bayeschute.regression.problem import row_labels
 
 Labels = Sequence[Hashable] | np.ndarray | None

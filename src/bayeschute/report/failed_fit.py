@@ -11,12 +11,12 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from bayeschute.flight.record import VARIABLES
-from bayeschute.inference.best_path import BestPath, from_arrays
-from bayeschute.report.canvas import INK, SERIES, SHADE, VERMILION, sheet, styled
-from bayeschute.report.results import Results, json_object, try_read
+from bayeschute.posterior.best_path import BestPath, from_arrays
+from bayeschute.records.record import VARIABLES
+from bayeschute.report.figures.canvas import INK, SERIES, SHADE, VERMILION, sheet, styled
+from bayeschute.report.run_results import Results, json_object, try_read
 from bayeschute.report.structure_view import Draw
-from bayeschute.report.tables import Cell, Table, cells, columns_of, mappings
+from bayeschute.report.tables.summary_tables import Cell, Table, cells, columns_of, mappings
 from bayeschute.report.wording import (
     MISSING,
     at_precision,

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from bayeschute.report.results import Results
+from bayeschute.report.run_results import Results
 from bayeschute.report.wording import counted, is_number, listed, number, percent, probability, quantity, quantity_name
 
 

@@ -7,8 +7,10 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from bayeschute.report import diagnostics, sentences, tables, tables_structure
-from bayeschute.report.results import Results
+from bayeschute.report import sentences
+from bayeschute.report.figures import inference_figures
+from bayeschute.report.run_results import Results
+from bayeschute.report.tables import structure_tables, summary_tables
 from bayeschute.report.wording import listed
 
 Draw = Callable[[Figure, str, str, str], Any]  # figure, name of its file, words instead of it, caption
@@ -24,12 +26,12 @@ def _part(name: str, facts: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "name": name,
         "sentences": sentences.structure_sentences(facts),
-        "selected": tables.selected_table(facts),
-        "sureness": tables_structure.sureness_table(facts),
-        "structures": tables_structure.structures_table(facts),
-        "prediction": tables_structure.prediction_table(facts),
-        "ceiling": tables.ceiling_table(facts),
-        "ranking": tables.ranking_table(facts),
+        "selected": summary_tables.selected_table(facts),
+        "sureness": structure_tables.sureness_table(facts),
+        "structures": structure_tables.structures_table(facts),
+        "prediction": structure_tables.prediction_table(facts),
+        "ceiling": summary_tables.ceiling_table(facts),
+        "ranking": summary_tables.ranking_table(facts),
     }
 
 
@@ -40,10 +42,10 @@ def _synthetic(results: Results) -> dict[str, Any] | None:
     parts = [
         {
             "name": str(name),
-            "sentences": tables_structure.synthetic_sentences(str(name), facts),
-            "known": tables_structure.known_table(facts),
-            "false": tables_structure.false_table(facts),
-            "ranking": tables.ranking_table(facts),
+            "sentences": structure_tables.synthetic_sentences(str(name), facts),
+            "known": structure_tables.known_table(facts),
+            "false": structure_tables.false_table(facts),
+            "ranking": summary_tables.ranking_table(facts),
         }
         for name, facts in found["coefficients"].items()
         if isinstance(facts, Mapping)
@@ -55,7 +57,7 @@ def _synthetic(results: Results) -> dict[str, Any] | None:
         "canopy": found.get("canopy"),
         "time_constant": found.get("time_constant"),
         "replicates": found.get("replicates"),
-        "targets": tables_structure.target_table(found),
+        "targets": structure_tables.target_table(found),
         "parts": parts,
     }
 
@@ -77,7 +79,7 @@ def structure_view(results: Results, draw: Draw) -> dict[str, Any]:
             "charges for every term, and its least value says where to stop."
         )
         alt = f"Fit error and predicted error against the number of terms. {listed(kept)}."
-        pictures.append(draw(diagnostics.pse_figure(ranked), "structure-pse", alt, caption))
+        pictures.append(draw(inference_figures.pse_figure(ranked), "structure-pse", alt, caption))
     return {
         "parts": [_part(name, facts) for name, facts in coefficients.items()],
         "polar": [_part(name, facts) for name, facts in _entries(results, "polar").items()],

@@ -7,7 +7,7 @@ import re
 from functools import cache
 from typing import Any, TypeGuard
 
-from bayeschute.units import factor_to_si
+from bayeschute.core.units import factor_to_si
 
 MISSING = "–"
 SHOWN_IN = {  # SI unit: unit of the report

@@ -1,0 +1,1 @@
+"""A study file, and everything that is made of it."""

@@ -11,15 +11,15 @@ from pathlib import Path
 from typing import Any
 
 from bayeschute.calibration.campaign import run
-from bayeschute.calibration.tables import summarise
-from bayeschute.errors import Fault, InputError
-from bayeschute.study.disturbances import DISTURBANCES
-from bayeschute.study.identity import configuration, identity, with_noise
+from bayeschute.calibration.coverage_tables import summarise
+from bayeschute.core.errors import Fault, InputError
+from bayeschute.study.evidence.identity import configuration, identity, with_noise
+from bayeschute.study.evidence.scenarios import DISTURBANCES
 from bayeschute.study.load import load_study
-from bayeschute.study.log import NAME as LOG
-from bayeschute.study.log import Log, warnings_to
 from bayeschute.study.replicate import replicate
-from bayeschute.study.stages import write_whole
+from bayeschute.study.run.log import NAME as LOG
+from bayeschute.study.run.log import Log, warnings_to
+from bayeschute.study.run.stages import write_whole
 from bayeschute.study.study import Study
 
 FIRST_SEED = 20_000
@@ -75,7 +75,7 @@ def calibrate(
         progress: Called with the share done and words.
 
     Returns:
-        The result, as written to ``<noise>.<disturbance>.json``: see `bayeschute.calibration.tables.summarise`, and
+        The result, as written to ``<noise>.<disturbance>.json``: see `calibration.coverage_tables.summarise`, and
         study, noise, disturbance, the configuration's hash and the programs' versions.
 
     Raises:

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bayeschute.inference.noise import Noise
-from bayeschute.study.belief_schema import ChannelNoise, NoiseTable
+from bayeschute.likelihood.noise import Noise
+from bayeschute.study.schema.belief_schema import ChannelNoise, NoiseTable
 from bayeschute.study.study import Study
 
 _TINY = 1e-6  # stands for no noise of a kind: a logarithm is needed

@@ -10,16 +10,16 @@ from typing import Annotated, Any, NamedTuple
 
 from pydantic import TypeAdapter, ValidationError
 
-from bayeschute.errors import Fault, InputError
-from bayeschute.study.beside import context
-from bayeschute.study.columns import check_columns
-from bayeschute.study.crosscheck import Draft, check_span, crosscheck
-from bayeschute.study.faults import faults_of
-from bayeschute.study.files import DATA_VARIABLE, read_toml, record_paths
-from bayeschute.study.schema import QUANTITIES, Column, FlightTable, StudyFile
+from bayeschute.core.errors import Fault, InputError
+from bayeschute.study.schema.columns import check_columns
+from bayeschute.study.schema.crosscheck import Draft, check_span, crosscheck
+from bayeschute.study.schema.schema_faults import faults_of
+from bayeschute.study.schema.sidecar import context
+from bayeschute.study.schema.study_files import DATA_VARIABLE, read_toml, record_paths
+from bayeschute.study.schema.study_schema import QUANTITIES, Column, FlightTable, StudyFile
+from bayeschute.study.schema.vehicle_schema import Vehicle
 from bayeschute.study.study import Flight, Study, canonical, file_hash, study_hash
 from bayeschute.study.templates import template
-from bayeschute.study.vehicle_schema import Vehicle
 
 __all__ = [
     "Flight",
@@ -78,7 +78,7 @@ def check_study(path: Path | str, data_dir: Path | str | None = None) -> list[Fa
 
 def _record_faults(draft: Draft, index: int, path: Path) -> list[Fault]:
     """Faults of a record, read in full; places in the column map are told as places in the study file."""
-    from bayeschute.flight.read import ColumnSpec, read_record
+    from bayeschute.records.read import ColumnSpec, read_record
 
     flight = draft.flights[index]
     own = flight.columns is not None

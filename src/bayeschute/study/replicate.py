@@ -11,17 +11,18 @@ from typing import Any
 
 import numpy as np
 
-from bayeschute.calibration.modes import score_modes
+from bayeschute.calibration.mode_scores import score_modes
 from bayeschute.calibration.recalibration import scaled_shares
 from bayeschute.calibration.scores import inside, score
-from bayeschute.numerics import let_go
-from bayeschute.study import setup, work
-from bayeschute.study.disturbances import DISTURBANCES
-from bayeschute.study.fits import summary_draws
-from bayeschute.study.foretell import Foretold, foretell
-from bayeschute.study.stages import Job
+from bayeschute.core.numerics import let_go
+from bayeschute.study.assembly import assemble
+from bayeschute.study.assembly.fits import summary_draws
+from bayeschute.study.evidence.scenarios import DISTURBANCES
+from bayeschute.study.run import stage_list
+from bayeschute.study.run.forecasts import Foretold, foretell
+from bayeschute.study.run.stage_report import flown_terms, true_values
+from bayeschute.study.run.stages import Job
 from bayeschute.study.study import Study
-from bayeschute.study.work_report import flown_terms, true_values
 
 Row = dict[str, Any]
 WINDOW = 30.0  # [s] of the time since the start by which scores are split
@@ -54,13 +55,13 @@ def replicate(seed: int, study: Study, disturbance: str = "none", quick: bool = 
 
 def _scored(study: Study, disturbance: str, quick: bool) -> Row:
     kind = DISTURBANCES[disturbance]
-    sized = setup.smaller(study) if quick else study
+    sized = assemble.smaller(study) if quick else study
     with tempfile.TemporaryDirectory(prefix="bayeschute-") as folder:
         job = Job(sized, Path(folder), quick, "", lambda *_: None)
-        work.ingest(replace(job, study=kind.flown(sized)))
-        for stage in (work.structure, work.priors, work.fit):
+        stage_list.ingest(replace(job, study=kind.flown(sized)))
+        for stage in (stage_list.structure, stage_list.priors, stage_list.fit):
             stage(job)
-        work.check(job, tell=False)
+        stage_list.check(job, tell=False)
         draws, _ = summary_draws(job)
         truth = true_values(job) if kind.terms_known else {}
         parameters = {

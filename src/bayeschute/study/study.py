@@ -9,13 +9,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from bayeschute.study.belief_schema import NoiseTable, PriorsTable
-from bayeschute.study.quantities import Cut, Strict
-from bayeschute.study.schema import Column, PredictTable, RequirementTable, SamplerTable
-from bayeschute.study.structure_schema import StructureTable, SyntheticTable
-from bayeschute.study.vehicle_schema import Vehicle
-from bayeschute.study.virtual_schema import VirtualFlight
-from bayeschute.study.wind_schema import ProfileTable
+from bayeschute.study.schema.belief_schema import NoiseTable, PriorsTable
+from bayeschute.study.schema.quantities import Cut, Strict
+from bayeschute.study.schema.structure_schema import StructureTable, SyntheticTable
+from bayeschute.study.schema.study_schema import Column, PredictTable, RequirementTable, SamplerTable
+from bayeschute.study.schema.vehicle_schema import Vehicle
+from bayeschute.study.schema.virtual_schema import VirtualFlight
+from bayeschute.study.schema.wind_schema import ProfileTable
 
 
 @dataclass(frozen=True)

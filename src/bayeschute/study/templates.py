@@ -5,7 +5,7 @@ from __future__ import annotations
 from importlib import resources
 from pathlib import Path
 
-from bayeschute.errors import Fault, InputError
+from bayeschute.core.errors import Fault, InputError
 
 NAMES = ("vehicle.toml", "virtual.toml", "cluster.toml", "descent.toml")
 

@@ -1,0 +1,1 @@
+"""Check cases: simulated flights against closed forms."""

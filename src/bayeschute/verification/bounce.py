@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from bayeschute.dynamics import forces
+from bayeschute.verification.case_results import Result, single, unturned
 from bayeschute.verification.flying import MEMBERS, Flown, Weather, begin, fly, leaning
-from bayeschute.verification.results import Result, single, unturned
 from bayeschute.verification.sets import Array, ParameterSet
 
 SLACK_AT_START = 1.0  # [m]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from bayeschute.errors import Fault, InputError
+from bayeschute.core.errors import Fault, InputError
 
 
 class CheckCase(NamedTuple):

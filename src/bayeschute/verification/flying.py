@@ -11,9 +11,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from bayeschute.air.vector import Component, Vec3
+from bayeschute.compiler.integrate import rk4
+from bayeschute.core.vectors import Component, Vec3
 from bayeschute.dynamics.cluster import Air, geometry, state_rate, tension
-from bayeschute.dynamics.integrate import rk4
 from bayeschute.dynamics.parameters import Cluster, Structure
 from bayeschute.dynamics.state import ClusterState, unpack
 from bayeschute.verification.sets import SETS, Array, ParameterSet

@@ -8,10 +8,10 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import root
 
+from bayeschute.verification.case_results import SLACK, Result, elastic, unturned
 from bayeschute.verification.flying import MEMBERS, Weather, begin, fly, leaning
 from bayeschute.verification.glide import riser_lean
 from bayeschute.verification.prescribed import spring
-from bayeschute.verification.results import SLACK, Result, elastic, unturned
 from bayeschute.verification.sets import DEGREE, Array, ParameterSet
 
 SLOPE, TRIM = 1.25, 0.15  # C_N = SLOPE (theta - TRIM), [1/rad] and [rad]

@@ -6,8 +6,8 @@ import numpy as np
 from scipy.optimize import brentq
 
 from bayeschute.dynamics import forces
+from bayeschute.verification.case_results import Result, all_members, single, unturned
 from bayeschute.verification.flying import MEMBERS, Flown, Weather, begin, fly, leaning
-from bayeschute.verification.results import Result, all_members, single, unturned
 from bayeschute.verification.sets import Array, ParameterSet
 
 # Table 7.1-2: C_A0, C_Aalpha [1/rad], alpha_0 [rad]; C_Nalpha [1/rad], C_Nalphadot [s/rad].

@@ -8,11 +8,11 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from bayeschute.dynamics import forces
-from bayeschute.verification.descent import centre_velocity
+from bayeschute.verification.case_results import Result, all_members, elastic, single, unturned
 from bayeschute.verification.flying import MEMBERS, Weather, begin, fly, leaning
 from bayeschute.verification.glide import AXIAL, NORMAL, NORMAL_RATE, swing
-from bayeschute.verification.results import Result, all_members, elastic, single, unturned
 from bayeschute.verification.sets import FOOT, T71, Array, ParameterSet
+from bayeschute.verification.vertical_descent import centre_velocity
 
 LEAN = 0.3  # initial swing angle [rad]
 EARLY, SETTLED, END = 30.0, 150.0, 300.0  # [s]

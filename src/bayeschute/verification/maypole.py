@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from bayeschute.dynamics import forces
+from bayeschute.verification.case_results import Result, single, unturned
 from bayeschute.verification.flying import MEMBERS, Weather, begin, fly, leaning
-from bayeschute.verification.results import Result, single, unturned
 from bayeschute.verification.sets import FOOT, ParameterSet
 
 RADIUS, PERIOD = 50.0 * FOOT, 35.0

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import jax.numpy as jnp
 
-from bayeschute.air.airflow import CanopyFlow, axis_rate, squared_angle
-from bayeschute.air.vector import Vec3, dot, norm, perpendicular
+from bayeschute.aero.airflow import CanopyFlow, axis_rate, squared_angle
+from bayeschute.core.vectors import Vec3, dot, norm, perpendicular
 from bayeschute.dynamics.cluster import Air, RiserGeometry
 from bayeschute.dynamics.parameters import Cluster
 

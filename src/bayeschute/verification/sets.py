@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bayeschute.air.vector import Vec3
+from bayeschute.core.units import to_si
+from bayeschute.core.vectors import Vec3
 from bayeschute.dynamics.parameters import Canopies, Capsule, Cluster, Risers, engagement_length
-from bayeschute.units import to_si
 
 Array = NDArray[np.float64]
 

@@ -1,0 +1,1 @@
+"""From a JAX function of small arrays to sparse derivatives and machine code; knows nothing of parachutes."""

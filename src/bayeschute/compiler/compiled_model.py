@@ -1,0 +1,249 @@
+"""Simulations and derivatives of a flight by machine code made from its model; the numbers are those of `integrate`.
+
+The code is made of the operations that JAX records of a model's `rate` and `observe`, each done once, several flights
+or samples side by side. It serves concrete arrays on a processor, for models whose `advance` is `rk4` of their `rate`,
+where llvmlite is installed (``pip install bayeschute[fast]``). Elsewhere the functions here return None and
+`integrate` does the same more slowly; `obstacle` tells why.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from bayeschute.compiler import integrate
+from bayeschute.compiler.integrate import FlightModel, Steps
+from bayeschute.compiler.machine import Array, aligned
+from bayeschute.compiler.programs import LANES, Programs, opening, programs_of
+from bayeschute.compiler.simulation import stage_plan
+from bayeschute.compiler.trace import Traced
+from bayeschute.core.numerics import processors
+
+_DRIVEN = ("theta", "error_now", "error_then")
+
+
+def _served(model: FlightModel, theta: Any, start: Any, error: Any) -> Programs | str:
+    """Programs for a call, or why there are none."""
+    if any(isinstance(a, jax.core.Tracer) for a in jax.tree.leaves((model, theta, start, error))):
+        return "the call is traced"
+    batch = np.shape(theta)[1:]
+    if len(batch) > 1 or np.shape(start)[1:] != batch or np.shape(error)[2:] != batch:
+        return "there is more than one batch axis, or not the same everywhere"
+    return programs_of(model, theta, start, error)
+
+
+def obstacle(model: FlightModel, theta: Any, start: Any, error: Any) -> str | None:
+    """Why a flight isn't simulated by machine code, in words; None where it is. Arguments as of `states`."""
+    found = _served(model, theta, start, error)
+    return found if isinstance(found, str) else None
+
+
+def states(model: FlightModel, theta: Any, start: Any, error: Any, given: Any = None) -> jax.Array | None:
+    """States at every sample, as `integrate.trajectory`.
+
+    Args:
+        model: The flight.
+        theta: Parameters (P,) or (P, B).
+        start: Initial deviations (D,) or (D, B).
+        error: Latent disturbances (T, A) or (T, A, B).
+        given: States known at the first samples (K, X) or (K, X, B); the simulation goes on from the last of them.
+
+    Returns:
+        States (T, X) or (T, X, B), or None where there is an `obstacle`.
+    """
+    programs = _served(model, theta, start, error)
+    if isinstance(programs, str):
+        return None
+    made, first = _states(programs, model, theta, start, error, given), given
+    if first is not None:
+        made[: len(first)] = np.asarray(first)
+    return jnp.asarray(made)
+
+
+def reached(model: FlightModel, theta: Any, start: Any, error: Any, path: Any) -> integrate.Reached | None:
+    """Where every step leads from the states of a path, as `integrate.reached`.
+
+    Args:
+        model: The flight.
+        theta: Parameters (P,) or (P, B).
+        start: Initial deviations (D,) or (D, B).
+        error: Latent disturbances (T, A) or (T, A, B).
+        path: States (T, X) or (T, X, B).
+
+    Returns:
+        States reached, or None where there is an `obstacle`.
+    """
+    programs = _served(model, theta, start, error)
+    if isinstance(programs, str):
+        return None
+    made = _states(programs, model, theta, start, error, path)
+    return integrate.Reached(jnp.asarray(made[0]), jnp.asarray(made[1:]))
+
+
+def along_path(
+    model: FlightModel, theta: Any, start: Any, error: Any, path: Any
+) -> tuple[jax.Array, integrate.Reached, Steps] | None:
+    """Outputs, where every step leads and all derivatives along a given path, as `integrate.along_path`.
+
+    Args:
+        model: The flight.
+        theta: Parameters (P,).
+        start: Initial deviations (D,).
+        error: Latent disturbances (T, A).
+        path: States (T, X), which need not obey the equations of motion.
+
+    Returns:
+        Outputs (T, C), states reached and derivatives, or None where there is an `obstacle`.
+
+    Raises:
+        ValueError: If the path is not one of so many samples and states.
+    """
+    programs = _served(model, theta, start, error)
+    if isinstance(programs, str) or np.ndim(theta) != 1:
+        return None
+    size = len(programs.first.result)
+    if np.shape(path) != (np.shape(error)[0], size):
+        raise ValueError(f"a path of shape {np.shape(path)} for {np.shape(error)[0]} samples of {size} states")
+    along = _Along(programs, model, theta, error, np.asarray(path, float))
+    by_theta, by_now, by_then, by_state = along.slopes()
+    y, out_state, out_theta = along.outputs()
+    first, first_theta, first_start = _first_slopes(programs, model, theta, start)
+    reached = integrate.Reached(jnp.asarray(first), jnp.asarray(along.reached[:, : len(path) - 1].T))
+    others = map(jnp.asarray, (first_theta, first_start, out_state, out_theta))
+    return jnp.asarray(y), reached, Steps(by_state, by_theta, by_now, by_then, *others)
+
+
+def _shared(model: Any, traced: Traced) -> Array:
+    """Numbers of a model, in the order of their group of inputs."""
+    leaves = jax.tree.leaves(model)
+    return np.concatenate([np.zeros(0), *(np.ravel(np.asarray(leaves[i], float)) for i in traced.read)])
+
+
+def _record(model: Any) -> Array:
+    """Inputs at the samples (T, R)."""
+    leaves = [np.asarray(leaf, float) for leaf in jax.tree.leaves(model.inputs())]
+    return np.ascontiguousarray(np.concatenate([leaf.reshape(len(leaf), -1) for leaf in leaves], axis=1))
+
+
+def _padded(a: Any, length: int) -> Array:
+    """An array with its last axis continued to a length by its last entries."""
+    a = np.asarray(a, float)
+    made = aligned(*a.shape[:-1], length)
+    made[..., : a.shape[-1]] = a
+    made[..., a.shape[-1] :] = a[..., -1:]
+    return made
+
+
+def _handed_over(part: Array) -> jax.Array:
+    """A part of an array for JAX, which takes aligned memory as it is."""
+    made = aligned(*part.shape)
+    made[...] = part
+    return jnp.asarray(made)
+
+
+def _columns(parts: list[Array]) -> Array:
+    """Columns side by side (X, M) as blocks (M / lanes, X, lanes)."""
+    whole = np.concatenate(parts, axis=1)
+    blocks = -(-whole.shape[1] // LANES)
+    made = aligned(blocks, whole.shape[0], LANES)
+    wide = np.zeros((whole.shape[0], blocks * LANES))
+    wide[:, : whole.shape[1]] = whole
+    made[:] = wide.reshape(-1, blocks, LANES).swapaxes(0, 1)
+    return made
+
+
+def _in_parts(count: int, work: Callable[[int, int], None]) -> None:
+    """Do ranges of blocks on all processors."""
+    shares = np.linspace(0, count, min(processors(), count) + 1).astype(int)
+    if len(shares) == 2:
+        return work(0, count)
+    with ThreadPoolExecutor(len(shares) - 1) as pool:
+        list(pool.map(work, shares[:-1].tolist(), shares[1:].tolist()))
+
+
+def _first_slopes(programs: Programs, model: Any, theta: Any, start: Any) -> tuple[Array, Array, Array]:
+    """The first state (X,) and its derivatives by parameters (X, P) and by deviations (X, D)."""
+    made, traced, size = programs.begin_slopes(), programs.first, len(programs.first.result)
+    first, by_theta, by_start = aligned(size), aligned(size, np.size(theta)), aligned(size, np.size(start))
+    given = _shared(opening(model), traced), np.array(theta, float), np.array(start, float)
+    made.call(*given, first, by_theta, by_start, aligned(made.scratch), 1, 0, 1)
+    return first, by_theta, by_start
+
+
+def _states(programs: Programs, model: Any, theta: Any, start: Any, error: Any, path: Any = None) -> Array:
+    """The first state, and where the steps lead: from a path as far as it goes, then from where the last one led."""
+    batch = np.shape(theta)[1:]
+    count = batch[0] if batch else 1
+    lanes = 1 if count == 1 else LANES
+    stride, blocks = -(-count // lanes) * lanes, -(-count // lanes)
+    theta, start, error = (
+        _padded(np.reshape(np.asarray(a, float), (*np.shape(a)[:k], count)), stride)
+        for a, k in ((theta, 1), (start, 1), (error, 2))
+    )
+    samples, size = len(error), len(programs.first.result)
+    begin, first = programs.begin(lanes), aligned(stride, size)
+    shared = _shared(opening(model), programs.first)
+    begin.call(shared, theta, start, first, aligned(begin.scratch), stride, 0, blocks)
+    made = aligned(samples, size, stride)
+    made[0] = first.T
+    known = made[:1].copy() if path is None else np.reshape(np.asarray(path, float), (len(path), size, count))
+    known = _padded(known, stride)
+    simulate, shared, record = programs.simulate(lanes), _shared(model, programs.rate), _record(model)
+    plan = stage_plan(float(model.dt) / model.substeps, model.substeps)
+
+    def work(begin: int, end: int) -> None:
+        sizes = samples, stride, begin, end, model.substeps, len(known)
+        simulate.call(shared, theta, record, error, plan, known, made, aligned(simulate.scratch), *sizes)
+
+    _in_parts(blocks, work)
+    return made[..., :count].reshape(samples, size, *batch)
+
+
+class _Along:
+    """A known flight with its samples side by side; `reached` (X, stride): where every step leads, after `slopes`."""
+
+    def __init__(self, programs: Programs, model: Any, theta: Any, error: Any, x: Array) -> None:
+        self.model, self.x, self.theta = model, x, np.array(theta, float, order="C")
+        self.programs = programs
+        self.rows = self.programs.rate.rows
+        self.blocks = -(-len(x) // LANES)
+        self.stride = (self.blocks + 1) * LANES
+        self.record, self.error, self.states = (
+            _padded(a.T, self.stride) for a in (_record(model), np.asarray(error), x)
+        )
+        self.reached = aligned(x.shape[1], self.stride)
+
+    def slopes(self) -> list[jax.Array]:
+        """Every next state by parameters, by disturbances at the sample and the next one, by state (T - 1, X, ...)."""
+        model, made = self.model, self.programs.differentiate(_DRIVEN)
+        size, columns = self.x.shape[1], [self.rows[group] for group in _DRIVEN]
+        source = _columns([np.zeros((size, sum(columns))), np.eye(size)])
+        blocks = len(source)
+        out = aligned(self.blocks * LANES, size, blocks * LANES)
+        shared = _shared(model, self.programs.rate)
+        plan = stage_plan(float(model.dt) / model.substeps, model.substeps)
+
+        def work(begin: int, end: int) -> None:
+            memory = aligned(made.table * model.substeps), aligned(made.scratch)
+            known = shared, self.theta, self.record, self.error, plan, self.states
+            made.call(*known, source, out, self.reached, *memory, self.stride, begin, end, model.substeps, blocks)
+
+        _in_parts(self.blocks, work)
+        parts = np.split(out[: len(self.x) - 1], np.cumsum([*columns, size]), axis=2)
+        return [_handed_over(part) for part in parts[:-1]]
+
+    def outputs(self) -> tuple[Array, Array, Array]:
+        """Outputs (T, C) and their derivatives by state (T, C, X) and parameters (T, C, P)."""
+        made, traced = self.programs.observe(), self.programs.outputs
+        total, count = self.blocks * LANES, len(traced.result)
+        y, by_state, by_theta = (aligned(total, count, *s) for s in ((), (self.x.shape[1],), (self.theta.size,)))
+        shared, scratch = _shared(self.model, traced), aligned(made.scratch)
+        places = shared, self.theta, self.states, self.record, y, by_state, by_theta, scratch
+        made.call(*places, self.stride, 0, self.blocks)
+        count = len(self.x)
+        return y[:count], by_state[:count], by_theta[:count]

@@ -1,0 +1,91 @@
+"""What commands put before their user: lines, faults, progress, results as JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from bayeschute.core.errors import Fault, InputError
+
+if TYPE_CHECKING:
+    from rich.progress import Progress, TaskID
+
+
+def say(text: str = "", error: bool = False) -> None:
+    """Print a line, to stderr if it tells a fault."""
+    typer.echo(text, err=error)
+
+
+@contextmanager
+def told(when_stopped: str = "") -> Iterator[None]:
+    """Bad input becomes one line per fault and exit code 2; Ctrl-C becomes exit code 130."""
+    try:
+        yield
+    except InputError as error:
+        for fault in error.faults:
+            say(" ".join(str(fault).split()), error=True)
+        raise typer.Exit(2) from error
+    except KeyboardInterrupt as stop:
+        say(f"Stopped. {when_stopped}".strip(), error=True)
+        raise typer.Exit(130) from stop
+
+
+class Bars:
+    """Progress bars, one a stage; an instance is the callback that long work is given.
+
+    Call it with the stage's name, the share that is done (0 to 1), and a few words; the words given with 1 stay on the
+    screen as the stage's summary.
+    """
+
+    def __init__(self) -> None:
+        self._progress: Progress | None = None
+        self._tasks: dict[str, TaskID] = {}
+
+    def __enter__(self) -> Bars:
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+        stage, words = TextColumn("{task.description:<10}"), TextColumn("{task.fields[words]}", markup=False)
+        console = Console(stderr=True)
+        self._progress = Progress(stage, BarColumn(bar_width=24), TimeElapsedColumn(), words, console=console)
+        self._progress.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._progress is not None:
+            self._progress.stop()
+
+    def __call__(self, stage: str, done: float, words: str = "") -> None:
+        """Move the bar of a stage."""
+        if self._progress is None:
+            return
+        if stage not in self._tasks:
+            self._tasks[stage] = self._progress.add_task(stage, total=1.0, words=words)
+        self._progress.update(self._tasks[stage], completed=min(max(done, 0.0), 1.0), words=words)
+
+
+def place_for_json(where: str | None) -> None:
+    """Refuse a place for results where no file can be."""
+    if where not in (None, "-") and (Path(where).is_dir() or not Path(where).absolute().parent.is_dir()):
+        raise InputError(Fault(f"--json {where}", "no place for a file", "a file in a folder that exists"))
+
+
+def write_json(content: dict[str, Any], where: str) -> None:
+    """Write JSON to a file, or to the screen where the file is ``-``."""
+    import json
+
+    text = json.dumps(content, indent=2, allow_nan=False)
+    if where == "-":
+        say(text)
+        return
+    try:
+        Path(where).write_text(text + "\n", encoding="utf-8")
+    except OSError as error:
+        raise InputError(Fault(f"--json {where}", str(error), "a file that can be written")) from error

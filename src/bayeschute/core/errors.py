@@ -1,0 +1,67 @@
+"""What bad input looks like, every fault with where, got, wanted, do; and a fit of sound input that failed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One fault of one input.
+
+    Attributes:
+        where: File and place, e.g. ``models/studies/x.toml [prior.C_A0] sd``.
+        got: What stands there.
+        wanted: What would be accepted.
+        do: What the reader can do about it; may be empty.
+    """
+
+    where: str
+    got: str
+    wanted: str
+    do: str = ""
+
+    def __str__(self) -> str:
+        """One line: where, got, wanted, do."""
+        line = f"{self.where}: got {self.got}; wanted {self.wanted}."
+        return f"{line} {self.do}" if self.do else line
+
+
+class InputError(ValueError):
+    """Input that can't be used, with all its faults at once.
+
+    Attributes:
+        faults: Every fault found, in the order of the input.
+    """
+
+    def __init__(self, faults: Fault | Iterable[Fault]) -> None:
+        """Collect the faults; a single one may be given alone."""
+        self.faults: tuple[Fault, ...] = (faults,) if isinstance(faults, Fault) else tuple(faults)
+        super().__init__("\n".join(str(fault) for fault in self.faults))
+
+
+class FitError(RuntimeError):
+    """A fit of sound input that did not come to rest.
+
+    Attributes:
+        reason: What happened and what may help, one sentence.
+        tried: What was tried, one line an attempt.
+        paths: The best flights found (`bayeschute.posterior.best_path.BestPath`), one a record; may be empty.
+        parameters: Name, value, standard error and unit at the best point; may be empty.
+    """
+
+    def __init__(
+        self,
+        reason: str,
+        tried: Iterable[str] = (),
+        paths: Iterable[Any] = (),
+        parameters: Iterable[tuple[str, float, float, str]] = (),
+    ) -> None:
+        """Collect what is known all the same."""
+        self.reason = reason
+        self.tried: tuple[str, ...] = tuple(tried)
+        self.paths: tuple[Any, ...] = tuple(paths)
+        self.parameters: tuple[tuple[str, float, float, str], ...] = tuple(parameters)
+        super().__init__(reason)

@@ -1,0 +1,1 @@
+"""Priors, noise, disturbances and the linear-Gaussian algebra along a flight."""

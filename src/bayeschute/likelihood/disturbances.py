@@ -1,0 +1,118 @@
+"""Latent disturbances: what a model doesn't know, as stationary Gauss-Markov processes put where the error arises.
+
+Errors of the wind are Ornstein-Uhlenbeck ("drift"); the axial force of each canopy fluctuates by a drift and by
+breathing, a randomly driven oscillator (6.3.2-27). Every process is a small linear state-space model, exact at the
+samples of a record, driven by standard normal shocks: these shocks are the unknowns of a fit. Several processes may add
+up in one disturbance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import jax.scipy.linalg
+
+from bayeschute.core.vectors import Component
+
+KINDS = {"drift": 2, "oscillator": 3}
+"""Parameters of each kind: drift (sd, e-folding time [s]); oscillator (sd, frequency [Hz], damping ratio)."""
+STATES = {"drift": 1, "oscillator": 2}
+
+
+class Latent(NamedTuple):
+    """Which processes there are.
+
+    Attributes:
+        kinds: Kind of every group of processes that share their parameters (G entries).
+        processes: Disturbance (its row) and group of every process.
+        least: Least number of disturbances, that without a process being zero: what a flight model asks for where
+            there are no processes.
+    """
+
+    kinds: tuple[str, ...]
+    processes: tuple[tuple[int, int], ...]
+    least: int = 0
+
+    @property
+    def rows(self) -> int:
+        """Number of disturbances A."""
+        return max(self.least, *(1 + row for row, _ in self.processes), 0)
+
+    @property
+    def size(self) -> int:
+        """Number of states L."""
+        return sum(STATES[self.kinds[group]] for _, group in self.processes)
+
+
+class Dynamics(NamedTuple):
+    """``l' = transition l + shock z``, ``l_0 = first z_0``, disturbances ``output l``; z standard normal.
+
+    Attributes:
+        transition: (L, L).
+        shock: (L, L), lower.
+        first: (L, L), lower.
+        output: (A, L).
+    """
+
+    transition: Component
+    shock: Component
+    first: Component
+    output: Component
+
+
+def _block(kind: str, law: Component, dt: Component) -> tuple[Component, Component, Component]:
+    """Transition, and Cholesky factors of the shocks' and the stationary covariance, of one process."""
+    if kind == "drift":
+        sd, tau = law[0], law[1]
+        return (
+            jnp.exp(-dt / tau).reshape(1, 1),
+            (sd * jnp.sqrt(-jnp.expm1(-2.0 * dt / tau))).reshape(1, 1),
+            sd.reshape(1, 1),
+        )
+    sd, omega, zeta = law[0], 2.0 * jnp.pi * law[1], law[2]
+    # States (x, x'/omega) have the stationary covariance sd^2 I.
+    generator = jnp.array([[0.0, 1.0], [-1.0, 0.0]]) * omega + jnp.array([[0.0, 0.0], [0.0, -2.0]]) * omega * zeta
+    transition = jax.scipy.linalg.expm(generator * dt)
+    driven = jnp.linalg.cholesky(jnp.eye(2) * (1.0 + 1e-13) - transition @ transition.T)
+    return transition, sd * driven, sd * jnp.eye(2)
+
+
+def dynamics(latent: Latent, laws: Sequence[Component], dt: Component) -> Dynamics:
+    """State-space model of all processes.
+
+    Args:
+        latent: The processes.
+        laws: Parameters of every group, in the order of `KINDS`.
+        dt: Sample interval [s].
+    """
+    if not latent.processes:
+        none = jnp.zeros((0, 0))
+        return Dynamics(none, none, none, jnp.zeros((latent.rows, 0)))
+    blocks = [_block(kind, jnp.asarray(law), dt) for kind, law in zip(latent.kinds, laws, strict=True)]
+    chosen = [blocks[group] for _, group in latent.processes]
+    transition, shock, first = (jax.scipy.linalg.block_diag(*(b[i] for b in chosen)) for i in range(3))
+    columns = []
+    for row, group in latent.processes:
+        columns += [[1.0 if a == row else 0.0 for a in range(latent.rows)]]
+        columns += [[0.0] * latent.rows] * (STATES[latent.kinds[group]] - 1)
+    return Dynamics(transition, shock, first, jnp.array(columns).T)
+
+
+def path(made: Dynamics, shocks: jax.Array) -> jax.Array:
+    """Latent states (T, L, ...) driven by standard normal shocks (T, L, ...); the first shock is the first state's."""
+
+    def step(state: jax.Array, z: jax.Array) -> tuple[jax.Array, jax.Array]:
+        state = jnp.tensordot(made.transition, state, axes=1) + jnp.tensordot(made.shock, z, axes=1)
+        return state, state
+
+    first = jnp.tensordot(made.first, shocks[0], axes=1)
+    _, rest = jax.lax.scan(step, first, shocks[1:])
+    return jnp.concatenate([first[None], rest])
+
+
+def disturbances(made: Dynamics, shocks: jax.Array) -> jax.Array:
+    """Disturbances (T, A, ...) of standard normal shocks (T, L, ...)."""
+    return jnp.moveaxis(jnp.tensordot(made.output, path(made, shocks), axes=(1, 1)), 0, 1)

@@ -1,0 +1,285 @@
+"""The joint density of parameters, initial state and latent disturbances of one flight.
+
+Unknowns beside the parameters theta (P,) are, per flight, a standard normal start (D,) and standard normal shocks
+(T, L) of the latent processes. ``-log density = 1/2 |innovations|^2 + 1/2 |start|^2 + 1/2 |shocks|^2 + const``; the
+prior of theta is added where flights are put together.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from bayeschute.compiler import compiled_model as kernel
+from bayeschute.compiler import integrate
+from bayeschute.compiler.integrate import FlightModel, Reached, Steps, outputs, trajectory
+from bayeschute.core.vectors import Component
+from bayeschute.likelihood import disturbances as processes
+from bayeschute.likelihood.disturbances import Latent
+from bayeschute.likelihood.kalman import Gains, Seen, gains
+from bayeschute.likelihood.noise import Noise, whiten
+from bayeschute.likelihood.record_path import RecordPath
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class FlightData:
+    """A record ready to be fitted.
+
+    Attributes:
+        model: The flight's model.
+        observed: Data in the order of the model's outputs (T, C).
+        present: Which data exist (T, C).
+        dt: Sample interval [s].
+        start_scale: Prior standard deviations of the initial deviations (D,).
+        channel: Channel of every output, by number (C entries).
+        latent: Processes of the latent disturbances.
+        path: States as the record shows them; None for a model that is begun by a simulation.
+    """
+
+    model: FlightModel
+    observed: Component
+    present: Component
+    dt: Component
+    start_scale: Component
+    channel: tuple[int, ...] = field(metadata={"static": True})
+    latent: Latent = field(metadata={"static": True})
+    path: RecordPath | None = None
+
+    @property
+    def starts(self) -> int:
+        """Number of initial deviations."""
+        return int(self.start_scale.shape[0])
+
+    @property
+    def samples(self) -> int:
+        """Number of samples."""
+        return int(self.observed.shape[0])
+
+    def still(self) -> Unknowns:
+        """Unknowns at their prior means."""
+        return Unknowns(jnp.zeros(self.starts), jnp.zeros((self.samples, self.latent.size)))
+
+
+class Unknowns(NamedTuple):
+    """Standard normal unknowns of a flight: start (D, ...) and shocks of the latent processes (T, L, ...)."""
+
+    start: Component
+    shocks: Component
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Hyper:
+    """Noise parameters, all positive.
+
+    Attributes:
+        noise: Residual noise per channel.
+        laws: Parameters of every group of latent processes, in the order of `latent.KINDS`.
+    """
+
+    noise: Noise
+    laws: tuple[Component, ...]
+
+    def outputs(self, data: FlightData) -> Noise:
+        """Residual noise per output."""
+        return jax.tree.map(lambda a: jnp.asarray(a)[jnp.array(data.channel)], self.noise)
+
+    def dynamics(self, data: FlightData) -> processes.Dynamics:
+        """State-space model of the flight's latent processes."""
+        return processes.dynamics(data.latent, self.laws, data.dt)
+
+
+class Course(NamedTuple):
+    """What drives a flight beside its parameters, and the path that it is looked at along.
+
+    Where a flight is unstable, its simulation leaves every path that is not exact to the last digit. What is said of a
+    flight that has a record is therefore said along a path, step by step.
+
+    Attributes:
+        start: Initial deviations (D, ...).
+        error: Disturbances (T, A, ...).
+        path: States (T, X, ...), which need not obey the equations of motion; None: those of the simulation.
+    """
+
+    start: Component
+    error: Component
+    path: Any = None
+
+
+class Lifted(NamedTuple):
+    """A flight's unknowns and its path.
+
+    Attributes:
+        unknowns: Standard start and shocks.
+        error: Disturbances of these shocks (T, A); before the first step under other noise parameters, those that the
+            shocks had under the ones before.
+        path: States (T, X).
+    """
+
+    unknowns: Unknowns
+    error: Component
+    path: Component
+
+    def course(self, data: FlightData, trailing: int = 0) -> Course:
+        """What drives the flight, along its path; arrays may have trailing axes."""
+        scale = jnp.reshape(jnp.asarray(data.start_scale), (-1, *(1,) * trailing))
+        return Course(scale * jnp.asarray(self.unknowns.start), self.error, self.path)
+
+
+@jax.jit
+def course(data: FlightData, hyper: Hyper, unknowns: Unknowns) -> Course:
+    """Initial deviations and disturbances of standard unknowns."""
+    scale = jnp.reshape(data.start_scale, (-1, *(1,) * (unknowns.start.ndim - 1)))
+    return Course(scale * unknowns.start, processes.disturbances(hyper.dynamics(data), unknowns.shocks))
+
+
+# The simulation is compiled once per batch size: what is built on it is put together outside of compiled functions.
+@jax.jit
+def jax_states(data: FlightData, theta: jax.Array, driven: Course, known: jax.Array | None = None) -> jax.Array:
+    """Simulated states (T, X, ...) by JAX alone, which can differentiate them."""
+    return trajectory(data.model, theta, driven.start, driven.error, known)
+
+
+def states(data: FlightData, theta: Component, driven: Course, known: Component | None = None) -> jax.Array:
+    """Simulated states (T, X, ...), by machine code where `kernel.flight` has it, else by JAX.
+
+    Args:
+        data: The flight.
+        theta: Parameters (P, ...).
+        driven: What drives it; a path is not asked for.
+        known: States at the first samples (K, X, ...), which the simulation goes on from.
+    """
+    made = kernel.states(data.model, theta, driven.start, driven.error, known)
+    return jax_states(data, theta, driven, known) if made is None else made
+
+
+@jax.jit
+def moved(data: FlightData, path: jax.Array, by: jax.Array) -> jax.Array:
+    """A path (T, X, ...) moved by a change of its states; a model that can `retract` keeps what is stiff in it."""
+    model: Any = data.model
+    return model.retract(path, by) if hasattr(model, "retract") else path + by
+
+
+@jax.jit
+def jax_stepped(data: FlightData, theta: jax.Array, driven: Course) -> tuple[jax.Array, jax.Array]:
+    """`stepped` by JAX alone, which can differentiate it."""
+    made = integrate.reached(data.model, theta, driven.start, driven.error, driven.path)
+    return _stepped(data, theta, driven.path, made)
+
+
+@jax.jit
+def _stepped(data: FlightData, theta: jax.Array, path: jax.Array, made: Reached) -> tuple[jax.Array, jax.Array]:
+    return compared(data, theta, path), jnp.concatenate([made.first[None], made.steps]) - path
+
+
+def stepped(data: FlightData, theta: Component, driven: Course) -> tuple[jax.Array, jax.Array]:
+    """Data minus outputs (T, C, ...) on a path, and by how much the first state and all steps lead beside it.
+
+    Args:
+        data: The flight.
+        theta: Parameters (P, ...).
+        driven: What drives it, and its path.
+
+    Returns:
+        The residuals, zero where no datum exists, and the defects (T, X, ...).
+    """
+    made = kernel.reached(data.model, theta, driven.start, driven.error, driven.path)
+    return jax_stepped(data, theta, driven) if made is None else _stepped(data, theta, driven.path, made)
+
+
+@jax.jit
+def compared(data: FlightData, theta: jax.Array, x: jax.Array) -> jax.Array:
+    """Data minus outputs of states (T, C, ...); zero where no datum exists."""
+    y = outputs(data.model, x, theta)
+    extra = (1,) * (y.ndim - 2)
+    observed, present = (jnp.reshape(a, (*a.shape, *extra)) for a in (data.observed, data.present))
+    return jnp.where(present, observed - y, 0.0)
+
+
+def residuals(data: FlightData, theta: Component, driven: Course) -> jax.Array:
+    """Data minus simulation (T, C, ...); zero where no datum exists."""
+    return compared(data, theta, states(data, theta, driven))
+
+
+@jax.jit
+def _joint(data: FlightData, hyper: Hyper, residual: jax.Array, unknowns: Unknowns) -> jax.Array:
+    parts = (whiten(hyper.outputs(data), data.dt, data.present, residual), unknowns.start, unknowns.shocks)
+    axes = ((0, 1), (0,), (0, 1))
+    return 0.5 * sum((jnp.sum(a**2, axis=ax) for a, ax in zip(parts, axes, strict=True)), jnp.zeros(()))
+
+
+def cost(data: FlightData, hyper: Hyper, theta: Component, unknowns: Unknowns) -> jax.Array:
+    """Minus the joint log density of one flight up to terms in `hyper`, batch axes kept."""
+    return _joint(data, hyper, residuals(data, theta, course(data, hyper, unknowns)), unknowns)
+
+
+class Linear(NamedTuple):
+    """A flight linearised at (theta, course), along the course's path.
+
+    Attributes:
+        residual: Data minus outputs, zero where no datum exists (T, C).
+        defects: By how much the first state and every step lead beside the path (T, X).
+        driven: The course.
+        steps: Derivatives of all steps and outputs.
+    """
+
+    residual: Component
+    defects: Component
+    driven: Course
+    steps: Steps
+
+    def without_theta(self) -> Linear:
+        """The same without derivatives by theta, P = 0: what holds for parameters held costs less."""
+        none = {name: getattr(self.steps, name)[..., :0] for name in ("first_theta", "by_theta", "out_theta")}
+        return self._replace(steps=self.steps._replace(**none))
+
+
+@jax.jit
+def _along_by_jax(data: FlightData, theta: jax.Array, driven: Course) -> tuple[jax.Array, Reached, Steps]:
+    return integrate.along_path(data.model, theta, driven.start, driven.error, driven.path)
+
+
+def linearise(data: FlightData, theta: Component, driven: Course) -> Linear:
+    """Residuals, defects and exact derivatives of all steps, made like `states`."""
+    theta = jnp.asarray(theta)
+    if driven.path is None:
+        driven = driven._replace(path=states(data, theta, driven))
+    made = kernel.along_path(data.model, theta, driven.start, driven.error, driven.path)
+    y, reached, steps = _along_by_jax(data, theta, driven) if made is None else made
+    defects = jnp.concatenate([reached.first[None], reached.steps]) - driven.path
+    return Linear(jnp.where(data.present, data.observed - y, 0.0), defects, driven, steps)
+
+
+def filter_gains(data: FlightData, hyper: Hyper, linear: Linear) -> Gains:
+    """Covariance pass of the filter of a linearised flight."""
+    return gains(
+        linear.steps, data.start_scale, hyper.dynamics(data), hyper.outputs(data), data.dt, jnp.asarray(data.present)
+    )
+
+
+def as_seen(linear: Linear) -> Seen:
+    """The linear model's data and their derivatives, 1 + P columns.
+
+    The first: what the data would be about the undisturbed, linearised flight at theta (residual, and what start and
+    disturbances have in the path); then the derivatives of the outputs by theta.
+    """
+    steps = linear.steps
+    known = linear.defects - disturbed(steps, linear.driven)
+    by_theta = jnp.concatenate([steps.first_theta[None], steps.by_theta])
+    return Seen(
+        jnp.concatenate([linear.residual[..., None], steps.out_theta], axis=2),
+        jnp.concatenate([known[..., None], -by_theta], axis=2),
+    )
+
+
+def disturbed(steps: Steps, driven: Course) -> jax.Array:
+    """What start and disturbances add to the first state and by every step, linearly (T, X, ...)."""
+    start, error = jnp.asarray(driven.start), jnp.asarray(driven.error)
+    wide = error.reshape(*error.shape[:2], -1)
+    first = steps.first_start @ start.reshape(len(start), -1)
+    made = jnp.concatenate([first[None], steps.by_now @ wide[:-1] + steps.by_then @ wide[1:]])
+    return made.reshape(*made.shape[:2], *start.shape[1:])

@@ -1,0 +1,221 @@
+"""Exact gradients of a linearised flight's deviance by its noise parameters, by a smoother.
+
+The deviance is ``1/2 sum_c |innovations of series c|^2 + log det``. Backwards in the filter run the adjoints of its
+predicted means, -r, and of its predicted covariances, ``1/2 (N - sum_c r_c r_c')``, with the r and N of Durbin and
+Koopman (2012, section 4.4); from them follow the derivatives by transition, shocks and noise (Koopman and Shephard
+1992, for the shocks). That is one pass over the record, whatever the number of noise parameters.
+
+The noise parameters enter by a handful of small matrices only (`Parts`): the derivatives by those are summed along the
+flight, and a vector-Jacobian product of the map from the parameters to them does the rest.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.flatten_util import ravel_pytree
+from numpy.typing import NDArray
+
+from bayeschute.core.vectors import Component
+from bayeschute.likelihood.joint import FlightData, Hyper, Linear
+from bayeschute.likelihood.kalman import Gains, Seen, covariances, forward
+
+Array = NDArray[np.float64]
+
+
+class Parts(NamedTuple):
+    """What a flight's state-space model takes from the noise parameters; L latent states, C outputs.
+
+    Attributes:
+        transition: Of the latent processes (L, L).
+        shock: Their shocks (L, L).
+        first: The first ones (L, L).
+        kept: AR(1) coefficients of the residual noise (C,).
+        stationary: Its stationary variances (C,).
+        white: Variances of its white part (C,).
+    """
+
+    transition: Component
+    shock: Component
+    first: Component
+    kept: Component
+    stationary: Component
+    white: Component
+
+
+class Pass(NamedTuple):
+    """A flight's filter run over series (T, C, M).
+
+    Attributes:
+        gains: The filter.
+        latents: From `statespace.covariances`.
+        noises: Likewise.
+        unit: Standardised innovations (T, C, M).
+        weighted: ``S^-1`` times the innovations (T, C, M).
+        filtered: Filtered means (T, S, M).
+    """
+
+    gains: Gains
+    latents: jax.Array
+    noises: jax.Array
+    unit: jax.Array
+    weighted: jax.Array
+    filtered: jax.Array
+
+
+def to_vector(hyper: Hyper) -> Array:
+    """Logarithms of all noise parameters in one vector (V,)."""
+    return np.asarray(ravel_pytree(jax.tree.map(lambda a: jnp.log(jnp.asarray(a, float)), hyper))[0])
+
+
+def from_vector(vector: Component, like: Hyper) -> Hyper:
+    """The inverse of `to_vector`, in the form of another set of noise parameters."""
+    unravel = ravel_pytree(jax.tree.map(lambda a: jnp.asarray(a, float), like))[1]
+    return jax.tree.map(jnp.exp, unravel(jnp.asarray(vector)))
+
+
+def parts(flight: FlightData, hyper: Hyper) -> Parts:
+    """What the noise parameters make of a flight's state-space model."""
+    made, noise = hyper.dynamics(flight), hyper.outputs(flight)
+    kept = jnp.exp(-flight.dt / noise.time_constant)
+    return Parts(made.transition, made.shock, made.first, kept, noise.correlated**2, noise.white**2)
+
+
+def run(flight: FlightData, hyper: Hyper, linear: Linear, seen: Seen) -> Pass:
+    """Run a linearised flight's filter."""
+    dynamics, noise = hyper.dynamics(flight), hyper.outputs(flight)
+    made = covariances(linear.steps, flight.start_scale, dynamics, noise, flight.dt, jnp.asarray(flight.present))
+    return Pass(*made, *forward(made[0], *seen))
+
+
+def slope(flight: FlightData, hyper: Hyper, linear: Linear, done: Pass, mix: jax.Array) -> Parts:
+    """Derivatives of ``1/2 |innovations of series @ mix|^2 + log det`` of a flight by `Parts`.
+
+    Args:
+        flight: The record.
+        hyper: Noise parameters.
+        linear: The flight linearised.
+        done: From `run`.
+        mix: Which combinations of its series count (M, K), held fixed.
+
+    Returns:
+        The derivatives, in the form of the parts.
+    """
+    made, given, dynamics = done.gains, parts(flight, hyper), hyper.dynamics(flight)
+    size, c = dynamics.transition.shape[0], given.kept.shape[0]
+    split = made.transition.shape[1] - c
+    x, phi, seen = split - size, given.kept, jnp.asarray(flight.present) * 1.0
+    # Processes enter the simulation's states by `way`: there the transition has ``.. + way @ transition``, the shocks
+    # ``way @ shock``.
+    way = jnp.swapaxes(linear.steps.by_then @ dynamics.output, 1, 2)
+    way = jnp.concatenate([way, 0.0 * way[-1:]])
+    weighted, means = done.weighted @ mix, done.filtered[:, x:] @ mix
+    inverse = jnp.swapaxes(made.inverse, 1, 2) @ made.inverse - weighted @ jnp.swapaxes(weighted, 1, 2)
+
+    # The recursion of z = N - r r' itself: with w = S^-1 v, u = L' r, it gains H' (S^-1 - w w') H - H' w u' - u w' H.
+    def step(later: tuple[jax.Array, jax.Array], row: tuple) -> tuple[tuple[jax.Array, jax.Array], tuple]:
+        r, z = later
+        f, h, here, gain, inverse, w, latents, noises, mean, way = row
+        by_way, way_r = way @ z[:x] + z[x:split], way @ r[:x] + r[x:split]
+        kept = jnp.sum(z[split:] * noises.T, axis=1) - jnp.sum(r[split:] * mean[size:], axis=1)
+        latent = by_way @ latents - way_r @ mean[:size].T
+        shock = by_way[:, :x] @ way.T + by_way[:, x:split]
+        drift = jnp.diagonal(z)[split:]
+        back = jnp.concatenate([f.T @ r[:split], phi[:, None] * r[split:]])
+        body, cross = f.T @ z[:split, :split] @ f, (f.T @ z[:split, split:]) * phi
+        own = z[split:, split:] * (phi[:, None] * phi)
+        z = jnp.concatenate([jnp.concatenate([body, cross], 1), jnp.concatenate([cross.T, own], 1)])
+        pulled, g = gain.T @ z, gain.T @ back
+        mixed = w @ g.T
+        d = inverse + pulled @ gain
+        white = 0.5 * here * (jnp.diagonal(d) + 2.0 * jnp.diagonal(mixed))
+        d = 0.5 * d + mixed
+        half = jnp.concatenate([d @ h, jnp.zeros((c, size)), d * here], axis=1) - pulled - w @ back.T
+        half = jnp.concatenate([h.T @ half, jnp.zeros((size, split + c)), here[:, None] * half])
+        e = w - g
+        r = back + jnp.concatenate([h.T @ e, jnp.zeros((size, e.shape[1])), here[:, None] * e])
+        return (r, z + half + half.T), (latent, shock, kept, drift, white)
+
+    filtered = (made.transition[:, :split, :split], made.output[:, :, :x], seen, made.gain, inverse)
+    rows = (*filtered, weighted, done.latents, done.noises, means, way)
+    zero = (jnp.zeros((split + c, mix.shape[1])), jnp.zeros((split + c, split + c)))
+    (r, z), made_of = jax.lax.scan(step, zero, rows, reverse=True)
+    latent, shocks, kept, drift, white = (jnp.sum(a, axis=0) for a in made_of)
+    return Parts(
+        latent,
+        shocks @ given.shock,
+        z[x:split, x:split] @ given.first,
+        kept - phi * given.stationary * drift,
+        0.5 * (1.0 - phi**2) * drift + 0.5 * jnp.diagonal(z)[split:],
+        white,
+    )
+
+
+def pull(flight: FlightData, vector: jax.Array, like: Hyper, by: Parts) -> jax.Array:
+    """Derivatives by the logarithms of the noise parameters (V,) from those by a flight's `Parts`."""
+    return jax.vjp(lambda v: parts(flight, from_vector(v, like)), vector)[1](by)[0]
+
+
+@jax.jit
+def conditional_score(vector: jax.Array, like: Hyper, flight: FlightData, linear: Linear, seen: Seen) -> jax.Array:
+    """Gradient (V,) of a flight's ``1/2 |innovations|^2 + log det``, parameters held.
+
+    Args:
+        vector: Logarithms of the noise parameters (V,).
+        like: Noise parameters of the same form.
+        flight: The record.
+        linear: It, linearised.
+        seen: What the linear model sees there, one column.
+    """
+    hyper = from_vector(vector, like)
+    done = run(flight, hyper, linear, seen)
+    return pull(flight, vector, like, slope(flight, hyper, linear, done, jnp.eye(1)))
+
+
+@jax.jit
+def evidence_score(
+    vector: jax.Array,
+    median: Hyper,
+    log_sd: float,
+    flights: tuple[FlightData, ...],
+    linear: tuple[Linear, ...],
+    seen: tuple[Seen, ...],
+    prior_precision: jax.Array,
+) -> tuple[jax.Array, jax.Array]:
+    """Minus the log evidence and the log prior, up to a constant, and its gradient.
+
+    With M the matrix of the parameters, ``B B' = M^-1`` held fixed, the gradient of ``1/2 log det M`` is that of half
+    the squared innovations of the columns of derivatives times B: one more set of series in the deviance.
+
+    Args:
+        vector: Logarithms of the noise parameters (V,).
+        median: Medians of their priors.
+        log_sd: Standard deviation of the logarithms.
+        flights: Records.
+        linear: Their linearisations.
+        seen: From `target.as_seen`, per flight.
+        prior_precision: Of the parameters (P, P).
+
+    Returns:
+        The value and its gradient (V,).
+    """
+    hyper = from_vector(vector, median)
+    off = (vector - ravel_pytree(jax.tree.map(jnp.log, median))[0]) / log_sd
+    value, matrix, passes = 0.5 * off @ off, prior_precision, []
+    for flight, lin, data in zip(flights, linear, seen, strict=True):
+        done = run(flight, hyper, lin, data)
+        unit = done.unit.reshape(-1, data.series.shape[2])
+        value = value + 0.5 * unit[:, 0] @ unit[:, 0] + done.gains.log_determinant
+        matrix = matrix + unit[:, 1:].T @ unit[:, 1:]
+        passes.append(done)
+    root = jnp.linalg.cholesky(matrix)
+    value = value + jnp.sum(jnp.log(jnp.diagonal(root)))
+    spread = jax.scipy.linalg.solve_triangular(root, jnp.eye(len(root)), lower=True).T
+    mix = jax.scipy.linalg.block_diag(jnp.eye(1), spread)
+    gradient = off / log_sd
+    for flight, lin, done in zip(flights, linear, passes, strict=True):
+        gradient = gradient + pull(flight, vector, median, slope(flight, hyper, lin, done, mix))
+    return value, gradient

@@ -1,0 +1,86 @@
+"""Draws of the start and disturbances of a linearised flight given its data, by simulation smoothing.
+
+A draw of the linear model is moved onto the data by the smoother (Durbin and Koopman 2002). The smoother knows a draw
+by its innovations alone, and these come from how far the draw runs from its own prediction, which stays small where the
+draw itself grows without bound, as that of an unstable flight does.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from bayeschute.core.vectors import Component
+from bayeschute.likelihood.joint import FlightData, Hyper, Unknowns
+from bayeschute.likelihood.kalman import Gains, Seen, backward, forward
+
+
+class Normals(NamedTuple):
+    """Standard normal numbers behind one draw of a flight: start (D, B), shocks (T, L, B), residual noise (T, C, B)."""
+
+    start: Component
+    shocks: Component
+    drift: Component
+    white: Component
+
+
+class Drawn(NamedTuple):
+    """A draw: standard start and shocks, and how far its states lie from those of the path (T, X, B)."""
+
+    unknowns: Unknowns
+    states: jax.Array
+
+
+def normals(flight: FlightData, draws: int, rng: np.random.Generator) -> Normals:
+    """Numbers for `drawn`."""
+    t, c = np.shape(flight.observed)
+    shapes = ((flight.starts,), (t, flight.latent.size), (t, c), (t, c))
+    return Normals(*(rng.standard_normal((*shape, draws)) for shape in shapes))
+
+
+@jax.jit
+def drawn(flight: FlightData, hyper: Hyper, made: Gains, seen: Seen, z: Normals) -> Drawn:
+    """Draw of the unknowns of the linear model given what it sees.
+
+    Args:
+        flight: The record.
+        hyper: Noise parameters.
+        made: The filter.
+        seen: Data about a path, one column a draw.
+        z: From `normals`; zeros give the smoothed unknowns.
+    """
+    unit, weighted, filtered = forward(made, *seen)
+    off, of_draw = _prediction_errors(flight, hyper, made, z)
+    start, shocks, vectors = backward(made, weighted - of_draw)
+    predicted = filtered - made.gain @ (made.root @ unit) + off
+    states = predicted[:, : seen.driven.shape[1]] + made.spread @ vectors
+    return Drawn(Unknowns(start + z.start, shocks + z.shocks), states)
+
+
+def _prediction_errors(flight: FlightData, hyper: Hyper, made: Gains, z: Normals) -> tuple[jax.Array, jax.Array]:
+    """By how much a draw runs from its prediction (T, S, B), and its innovations times their inverse covariance."""
+    noise, many = hyper.outputs(flight), z.start.shape[1]
+    count, size = made.output.shape[1:]
+    phi, sd = (jnp.asarray(a)[:, None] for a in (jnp.exp(-flight.dt / noise.time_constant), noise.correlated))
+    white = jnp.asarray(noise.white)[:, None] * z.white
+    rows = jnp.asarray(flight.present)[..., None]
+    noisy = jnp.zeros((len(rows), size, many))
+    noisy = (
+        noisy.at[:, size - count :]
+        .set(sd * jnp.sqrt(1.0 - phi**2) * z.drift)
+        .at[0, size - count :]
+        .set(sd * z.drift[0])
+    )
+
+    def step(off: jax.Array, row: tuple) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
+        f, h, gain, inverse, g, e, here, shock, drift = row
+        v = jnp.where(here, h @ off + e, 0.0)
+        return f @ (off - gain @ v) + g @ shock + drift, (off, inverse.T @ (inverse @ v))
+
+    first = made.start @ z.start + made.first @ z.shocks[0] + noisy[0]
+    after = (jnp.concatenate([a[1:], a[:1]]) for a in (z.shocks, noisy))  # the last is not used
+    parts = (made.transition, made.output, made.gain, made.inverse, made.shock, white, rows, *after)
+    return jax.lax.scan(step, first, parts)[1]

@@ -1,0 +1,502 @@
+"""A fit along the record: parameters and path found together, held to the data before they are held to the model.
+
+A simulation from prior means leaves the record within a pendulum period, and what is linearised about it says nothing
+of the optimum. So the states of the flights are unknowns too, beside parameters, start and shocks ("lifted" Newton,
+Albersmeyer & Diehl 2010; weak constraint, Bell 1994; multiple shooting with an interval per sample, Bock 1983). They
+begin at what the record shows and may break the equations of motion by defects whose standard deviations are lowered
+level by level, to none in the end. Along such a path all steps are linearised at once; one filter and smoother solves
+for path, start and shocks as linear functions of the parameters, and what is left is a damped least-squares problem in
+these.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+
+from bayeschute.core.vectors import Component
+from bayeschute.likelihood.disturbances import disturbances
+from bayeschute.likelihood.joint import FlightData, Hyper, Lifted, Linear, Unknowns, as_seen, linearise, moved
+from bayeschute.likelihood.kalman import Seen, gains, smooth_driven
+from bayeschute.likelihood.noise import whiten
+from bayeschute.likelihood.priors import Prior, precision, standard, working
+from bayeschute.posterior.quasi_newton import secant_step
+
+Array = NDArray[np.float64]
+LEVELS = (3.0, 1.0, 0.3)  # times a path's slack, one after the other
+_MOST, _MOST_HELD = 15, 40  # steps at a level, and where the path obeys the equations of motion
+_FEW_DEFECTS, _SECANTS = 0.2, 6  # of that slack, at which earlier slopes tell of the next step; how many do
+_PRICE = 3.0  # of a defect of the last level's slack, in log density; more than the shocks of the states ask for
+_SHARES, _CLOSING = (1.0, 0.5, 0.2, 0.05), 5  # of steps; most that close the defects of one
+_NONE = np.zeros(0)  # no step of parameters
+_RESTING, _MOST_RESTING = 0.02, 12  # gain in log density at which start and shocks are at rest; most steps to there
+_IDLE = 4  # steps that together gain next to nothing: however long the next would be, it leads nowhere
+_FREE = 1e-2  # damping below which a step is as good as free
+_FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-3, 1e-9, 1e8
+
+
+class Near(NamedTuple):
+    """When a fit is done with: largest gain of the last step in log density, its length, and what defects are left.
+
+    Attributes:
+        gain: In log density.
+        step: Of a parameter, in standard errors.
+        defect: Of the last level's slack; less is as good as none, even in a flight that strays from there.
+    """
+
+    gain: float
+    step: float
+    defect: float = 1e-3
+
+
+NEAR = Near(0.2, 0.3)
+_NEAR_LEVEL = Near(2.0, np.inf)  # end of a level with slack: what its optimum is does not matter
+
+
+class Terms(NamedTuple):
+    """What a flight adds to the merit of a fit, and how large its defects are.
+
+    Attributes:
+        data: Half the squares of innovations, start and shocks.
+        squares: Half the squares of the defects over the slack.
+        sizes: Sum of their sizes.
+        largest: The largest of them.
+    """
+
+    data: jax.Array
+    squares: jax.Array
+    sizes: jax.Array
+    largest: jax.Array
+
+
+class Solved(NamedTuple):
+    """The linear problem of a flight along a path, solved for all but the parameters.
+
+    Attributes:
+        gram: Products of the innovations of data and of the derivatives by parameters (1 + P, 1 + P).
+        start: Standard start, and its derivatives by the parameters, sign turned (D, 1 + P).
+        shocks: Likewise of the shocks of the latent processes (T, L, 1 + P).
+        states: Likewise of how far the path moves (T, X, 1 + P).
+    """
+
+    gram: jax.Array
+    start: jax.Array
+    shocks: jax.Array
+    states: jax.Array
+
+
+class Row(NamedTuple):
+    """A step of the fit, for its log.
+
+    Attributes:
+        level: Slack over that of the flights' paths; 0: the path obeys the equations of motion.
+        cost: Minus the log density along the path, defects aside.
+        defect: Largest defect, over the slack of the last level.
+        gain: By which the merit fell.
+        step: Largest step of a parameter over its standard error.
+        share: Of the step that was taken.
+    """
+
+    level: float
+    cost: float
+    defect: float
+    gain: float
+    step: float
+    share: float
+
+    def __str__(self) -> str:
+        """The row as a line of the log."""
+        return (
+            f"slack {self.level:g}: cost {self.cost:.2f}, gain {self.gain:.3g}, defect {self.defect:.2g}, "
+            f"step {self.step:.3f} standard errors, share {self.share:g}"
+        )
+
+
+@dataclass(frozen=True)
+class LiftedFit:
+    """A fit along the record.
+
+    Attributes:
+        theta: Parameters (P,).
+        flights: Start, shocks and path of every flight.
+        covariance: Of the parameters by the last linear problem (P, P).
+        rows: The steps.
+        converged: Whether the last level was done with, defects as good as none.
+    """
+
+    theta: Array
+    flights: tuple[Lifted, ...]
+    covariance: Array
+    rows: tuple[Row, ...]
+    converged: bool
+
+    @property
+    def unknowns(self) -> tuple[Unknowns, ...]:
+        """Start and shocks of every flight."""
+        return tuple(one.unknowns for one in self.flights)
+
+
+def begin(flight: FlightData) -> Lifted:
+    """A flight on the path that its record shows, undisturbed.
+
+    Raises:
+        ValueError: If the flight has no such path.
+    """
+    if flight.path is None:
+        raise ValueError("a fit along the record wants a flight with the path of its record")
+    error = jnp.zeros((flight.samples, flight.latent.rows))
+    return Lifted(flight.still(), error, jnp.asarray(flight.path.states))
+
+
+@jax.jit
+def terms(flight: FlightData, hyper: Hyper, slack: Component, at: Lifted, made: Linear) -> Terms:
+    """What a flight adds to the merit."""
+    unit = whiten(hyper.outputs(flight), flight.dt, jnp.asarray(flight.present), made.residual)
+    defect = made.defects / slack
+    data = 0.5 * (jnp.sum(unit**2) + jnp.sum(at.unknowns.start**2) + jnp.sum(at.unknowns.shocks**2))
+    sizes = jnp.abs(defect)
+    return Terms(data, 0.5 * jnp.sum(defect**2), jnp.sum(sizes), jnp.max(sizes))
+
+
+@jax.jit
+def solve(flight: FlightData, hyper: Hyper, slack: Component, made: Linear) -> Solved:
+    """Solve the linear problem of a flight for path, start and shocks.
+
+    Args:
+        flight: The record.
+        hyper: Noise parameters.
+        slack: Standard deviations of the states' defects (X,); zeros: none are left.
+        made: The flight linearised along a path.
+    """
+    law, noise = hyper.dynamics(flight), hyper.outputs(flight)
+    filtered = gains(made.steps, flight.start_scale, law, noise, flight.dt, jnp.asarray(flight.present), slack)
+    got = smooth_driven(filtered, as_seen(made))
+    unit = got.innovations.reshape(-1, got.start.shape[1])
+    return Solved(unit.T @ unit, got.start, got.shocks[:, : flight.latent.size], got.states)
+
+
+@jax.jit
+def led(flight: FlightData, hyper: Hyper, at: Lifted, solved: Solved, step: jax.Array) -> Lifted:
+    """Where a step of the parameters (P,) takes start, shocks and path in the linear problem."""
+    start, shocks, away = (a[..., 0] - a[..., 1:] @ step for a in (solved.start, solved.shocks, solved.states))
+    return Lifted(Unknowns(start, shocks), disturbances(hyper.dynamics(flight), shocks), at.path + away)
+
+
+@jax.jit
+def closed(flight: FlightData, hyper: Hyper, at: Lifted, made: Linear) -> Lifted:
+    """A path whose defects are closed in the linear problem, by the likeliest change of start, shocks and path.
+
+    What the data pull at has no part in it: repeated, it gets rid of defects as Newton's method does.
+
+    Args:
+        flight: The record.
+        hyper: Noise parameters; the disturbances must be those of the shocks under them.
+        at: The path.
+        made: The flight linearised along it.
+    """
+    law, noise = hyper.dynamics(flight), hyper.outputs(flight)
+    filtered = gains(made.steps, flight.start_scale, law, noise, flight.dt, jnp.asarray(flight.present))
+    got = smooth_driven(filtered, Seen(jnp.zeros_like(made.residual)[..., None], made.defects[..., None]))
+    unknowns = Unknowns(at.unknowns.start + got.start[:, 0], at.unknowns.shocks + got.shocks[..., 0])
+    return Lifted(unknowns, disturbances(law, unknowns.shocks), at.path + got.states[..., 0])
+
+
+@jax.jit
+def shortened(flight: FlightData, at: Lifted, there: Lifted, share: float) -> Lifted:
+    """A share of the way to where a linear step leads."""
+    there = jax.tree.map(lambda a, b: a + share * (b - a), at, there)
+    return there._replace(path=moved(flight, at.path, there.path - at.path))
+
+
+class _Point(NamedTuple):
+    """A point of the fit: its flights linearised, and what it costs."""
+
+    theta: Array
+    flights: tuple[Lifted, ...]
+    along: tuple[Linear, ...]
+    merit: float
+    cost: float
+    defect: float
+
+
+@dataclass(frozen=True)
+class _Level:
+    """What is minimised at a level of slack; 0: the path is to obey, and its defects have a price."""
+
+    records: Sequence[FlightData]
+    hyper: Hyper
+    priors: Sequence[Prior]
+    level: float
+
+    def slack(self, flight: FlightData, at: Lifted, level: float | None = None) -> Array:
+        if flight.path is None:  # as of a record that tells states to a hundredth of their size
+            own = 1e-2 * np.sqrt(np.mean(np.asarray(at.path) ** 2, axis=0)) + 1e-9
+        else:
+            own = np.asarray(flight.path.slack)
+        return (self.level if level is None else level) * own
+
+    def point(self, theta: Array, flights: Sequence[Lifted]) -> _Point:
+        """A point; its merit is infinite where a step or an output is not finite."""
+        cost = merit = 0.5 * float(np.sum(standard(self.priors, theta) ** 2)) if self.priors else 0.0
+        made, defect, unit = [], 0.0, self.level or LEVELS[-1]
+        for flight, at in zip(self.records, flights, strict=True):
+            made.append(linearise(flight, theta, at.course(flight)))
+            part = terms(flight, self.hyper, self.slack(flight, at, unit), at, made[-1])
+            cost += float(part.data)
+            merit += float(part.data) + (float(part.squares) if self.level else _PRICE * float(part.sizes))
+            defect = max(defect, float(part.largest) * unit / LEVELS[-1])
+        merit = merit if np.isfinite(merit) else np.inf
+        return _Point(theta, tuple(flights), tuple(made), merit, cost, defect)
+
+    def solved(self, here: _Point) -> tuple[list[Solved], Array, Array]:
+        """The flights' linear problems, and Gauss-Newton matrix and gradient of the parameters."""
+        matrix, found = precision(self.priors), list[Solved]()
+        gradient = matrix @ (here.theta - working(self.priors)[0])
+        for flight, at, made in zip(self.records, here.flights, here.along, strict=True):
+            found.append(solve(flight, self.hyper, self.slack(flight, at), made))
+            gram = np.asarray(found[-1].gram)
+            matrix, gradient = matrix + gram[1:, 1:], gradient - gram[1:, 0]
+        return found, matrix, gradient
+
+    def relaxed(self, here: _Point) -> list[Lifted]:
+        """Where path, start and shocks are best in the linear problem, parameters held."""
+        trio, ends = zip(self.records, here.flights, here.along, strict=True), list[Lifted]()
+        for flight, at, made in trio:
+            alone = made.without_theta()
+            ends.append(led(flight, self.hyper, at, solve(flight, self.hyper, self.slack(flight, at), alone), _NONE))
+        return ends
+
+    def closed(self, here: _Point) -> _Point:
+        """The point without the defects that the linear problem knows of, parameters held."""
+        trio = zip(self.records, here.flights, here.along, strict=True)
+        ends = [closed(flight, self.hyper, at, made) for flight, at, made in trio]
+        return _tried(self, here, ends, np.zeros_like(here.theta), 1.0)
+
+    def moved(self, here: _Point, solved: Sequence[Solved], step: Array) -> list[Lifted]:
+        """Flights at the end of a step of the parameters."""
+        trio = zip(self.records, here.flights, solved, strict=True)
+        return [led(f, self.hyper, at, one, step) for f, at, one in trio]
+
+
+class Rest(NamedTuple):
+    """Path, start and shocks at their best for given parameters, and the cost about there with these following.
+
+    Attributes:
+        flights: Of every flight.
+        gradient: Of the cost by theta (P,).
+        matrix: Its Gauss-Newton matrix (P, P).
+        cost: Minus the log density up to constants.
+        defect: Largest that is left, over the slack of the last level.
+        onward: The flights' linear problems there.
+    """
+
+    flights: tuple[Lifted, ...]
+    gradient: Array
+    matrix: Array
+    cost: float
+    defect: float
+    onward: tuple[Solved, ...]
+
+
+def rest(
+    flights: Sequence[FlightData], hyper: Hyper, priors: Sequence[Prior], theta: Array, at: Sequence[Lifted]
+) -> Rest | None:
+    """Bring paths, start and shocks to their conditional optimum, parameters held; None where nothing is finite.
+
+    Args:
+        flights: Records.
+        hyper: Noise parameters.
+        priors: Priors of the parameters.
+        theta: Parameters, working coordinates (P,).
+        at: Where to begin.
+    """
+    level = _Level(flights, hyper, priors, 0.0)
+    here = _resting(level, level.point(theta, at))
+    solved, matrix, gradient = level.solved(here)
+    if not (np.isfinite(here.merit) and np.isfinite(matrix).all() and np.isfinite(gradient).all()):
+        return None
+    return Rest(here.flights, gradient, matrix, here.cost, here.defect, tuple(solved))
+
+
+def brought(
+    flights: Sequence[FlightData], hyper: Hyper, theta: Array, at: Sequence[Lifted]
+) -> list[tuple[Lifted, Linear]]:
+    """Flights at their conditional optima for held parameters, and linearised there; arguments as of `rest`."""
+    level = _Level(flights, hyper, (), 0.0)
+    here = _resting(level, level.point(theta, at))
+    return list(zip(here.flights, here.along, strict=True))
+
+
+def _resting(level: _Level, here: _Point) -> _Point:
+    """Steps of paths, start and shocks, parameters held, until their gain is small."""
+    held = np.zeros_like(here.theta)
+    if not all(_consistent(f, level.hyper, at) for f, at in zip(level.records, here.flights, strict=True)):
+        here = _tried(level, here, level.relaxed(here), held, 1.0)  # what it cost before says nothing
+    for _ in range(_MOST_RESTING):
+        found = _lower(level, here, level.relaxed(here), held)
+        if found is None:
+            break
+        gain, here = here.merit - found.point.merit, found.point
+        if gain < _RESTING:
+            break
+    return here
+
+
+@jax.jit
+def _apart(flight: FlightData, hyper: Hyper, at: Lifted) -> jax.Array:
+    return jnp.max(jnp.abs(at.error - disturbances(hyper.dynamics(flight), at.unknowns.shocks)), initial=0.0)
+
+
+def _consistent(flight: FlightData, hyper: Hyper, at: Lifted) -> bool:
+    """Whether the disturbances are those of the shocks, not of the noise parameters of a turn before."""
+    return bool(_apart(flight, hyper, at) <= 1e-9 * (1.0 + np.max(np.abs(at.error), initial=0.0)))
+
+
+def onward(flights: Sequence[FlightData], hyper: Hyper, here: Rest, step: Array) -> tuple[Lifted, ...]:
+    """Flights where a step of the parameters (P,) from a place at rest leads them."""
+    ends = []
+    for flight, at, solved in zip(flights, here.flights, here.onward, strict=True):
+        ends.append(shortened(flight, at, led(flight, hyper, at, solved, jnp.asarray(step)), 1.0))
+    return tuple(ends)
+
+
+class _Step(NamedTuple):
+    """Where a step leads, and the share of it that was taken."""
+
+    point: _Point
+    share: float
+
+
+def _tried(level: _Level, here: _Point, ends: Sequence[Lifted], step: Array, share: float) -> _Point:
+    trio = zip(level.records, here.flights, ends, strict=True)
+    return level.point(here.theta + share * step, [shortened(f, a, b, share) for f, a, b in trio])
+
+
+def _closed(level: _Level, here: _Point, bound: float) -> _Point:
+    """A point whose defects are closed, parameters held, until its merit is below a bound and falls no more.
+
+    Given up where it won't come below at the pace of the last step.
+    """
+    for left in range(_CLOSING, 0, -1):
+        there = level.closed(here)
+        if not there.merit < here.merit:
+            break
+        gain, here = here.merit - there.merit, there
+        if gain < NEAR.gain or gain * (left - 1) < here.merit - bound:
+            break
+    return here
+
+
+def _lower(level: _Level, here: _Point, there: Sequence[Lifted], step: Array) -> _Step | None:
+    """The whole step where it lowers the merit, else a share of it.
+
+    Where the path obeys the equations of motion, a share is judged after its defects are closed: products of the
+    parameters' change with that of the path make some that the linear problem does not know, and their price would hold
+    every step back (Maratos 1978).
+    """
+    for share in _SHARES:
+        point = _tried(level, here, there, step, share)
+        if level.level == 0.0 and here.merit < point.merit < np.inf:
+            point = _closed(level, point, here.merit)
+        if point.merit < here.merit:
+            return _Step(point, share)
+    return None
+
+
+def _descend(
+    level: _Level, here: _Point, most: int, near: Near, say: Callable[[Row], None]
+) -> tuple[_Point, Array, list[Row], bool]:
+    """Damped Gauss-Newton steps, shortened until the merit falls.
+
+    Returns:
+        Where they lead, the parameters' covariance there, the steps, and whether the last was short.
+    """
+    damping, rows, covariance = _FIRST_DAMPING, list[Row](), np.full((len(level.priors),) * 2, np.nan)
+    bends: list[tuple[Array, Array]] = []
+    last: tuple[Array, Array] | None = None
+    while len(rows) < most:
+        solved, matrix, gradient = level.solved(here)
+        if not (np.isfinite(matrix).all() and np.isfinite(gradient).all()):
+            return here, covariance, rows, False
+        covariance = np.asarray(np.linalg.inv(matrix))
+        if level.level == 0.0 and here.defect < _FEW_DEFECTS:  # else the slope is that of another path
+            if last is not None and not np.array_equal(here.theta, last[0]):
+                bends = [*bends, (here.theta - last[0], gradient - last[1])][-_SECANTS:]
+            last = here.theta, gradient
+        else:
+            bends, last = [], None
+        found: _Step | None = None
+        while found is None and damping < _MOST_DAMPING:
+            damped = matrix + damping * np.diag(np.diag(matrix))
+            step = secant_step(gradient, np.asarray(np.linalg.inv(damped), np.float64), bends)
+            found = _lower(level, here, level.moved(here, solved, step), step)
+            if found is None:
+                bends, last = [], None
+                damping = max(10.0 * damping, _FIRST_DAMPING)
+        if found is None:
+            return here, covariance, rows, False
+        before, here = here, found.point
+        if found.share == 1.0:
+            damping = max(damping / 10.0, _LEAST_DAMPING)
+        length = float(np.max(np.abs(here.theta - before.theta) / np.sqrt(np.diag(covariance))))
+        gain = before.merit - here.merit
+        rows.append(Row(level.level, here.cost, here.defect, gain, length, found.share))
+        say(rows[-1])
+        # A step that damping made short says nothing of the optimum, nor does the part of one that was taken.
+        whole = float(np.max(np.abs(step) / np.sqrt(np.diag(covariance)))) if damping < _FREE else np.inf
+        idle = damping < _FREE and len(rows) >= _IDLE and sum(row.gain for row in rows[-_IDLE:]) < near.gain
+        if gain < near.gain and (whole <= near.step or idle) and (level.level or here.defect < near.defect):
+            return here, covariance, rows, True
+    return here, covariance, rows, False
+
+
+def descend(
+    flights: Sequence[FlightData],
+    hyper: Hyper,
+    priors: Sequence[Prior],
+    theta: Array,
+    at: Sequence[Lifted] | None = None,
+    levels: Sequence[float] = (*LEVELS, 0.0),
+    most: int = _MOST_HELD,
+    near: Near = NEAR,
+    progress: Callable[[Row], None] | None = None,
+) -> LiftedFit:
+    """Fit along the record, level by level.
+
+    Args:
+        flights: Records, with their paths.
+        hyper: Noise parameters, held.
+        priors: Priors of the parameters.
+        theta: Where to begin (P,).
+        at: Likewise, per flight; the record's path where None.
+        levels: Slack over that of the paths, one after the other; 0: paths obey the equations of motion.
+        most: Most steps where they do.
+        near: When the last level is done with.
+        progress: Called with every step.
+
+    Returns:
+        The fit; `converged` is that of the last level.
+    """
+    say, rows = progress or (lambda row: None), list[Row]()
+    places = [begin(f) for f in flights] if at is None else list(at)
+    covariance, converged = np.full((len(priors),) * 2, np.nan), False
+    for level in levels:
+        problem = _Level(flights, hyper, priors, level)
+        here = problem.point(theta, places)
+        if at is not None and level == levels[0]:
+            # Its disturbances may be those of other noise parameters: these find theirs before parameters move.
+            held = np.zeros_like(theta)
+            moved_on = _tried(problem, here, problem.relaxed(here), held, 1.0)
+            here = moved_on if np.isfinite(moved_on.merit) else here._replace(merit=np.inf)
+        last = level == levels[-1]
+        bounds = near if last else _NEAR_LEVEL
+        here, covariance, made, converged = _descend(problem, here, _MOST if level else most, bounds, say)
+        theta, places = here.theta, list(here.flights)
+        rows += made
+    return LiftedFit(theta, tuple(places), covariance, tuple(rows), converged)

@@ -1,0 +1,178 @@
+"""What a record tells and what it does not: sloppy directions, confounding with noise and wind, power scaling."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import arviz_stats
+import jax.numpy as jnp
+import numpy as np
+import xarray as xr
+from arviz_base import from_dict
+from numpy.typing import NDArray
+
+from bayeschute.likelihood.disturbances import KINDS
+from bayeschute.likelihood.priors import Prior, factor, standard, values, working
+from bayeschute.posterior.marginal import Marginal
+from bayeschute.posterior.noise_uncertainty import LawEffect, joint_covariance
+
+Array = NDArray[np.float64]
+FELT = 0.05  # power-scaling sensitivity from which on a component is felt (Kallioinen et al. 2024)
+_LAWS = {"drift": ("sd", "time constant"), "oscillator": ("sd", "frequency", "damping ratio")}
+
+
+class Direction(NamedTuple):
+    """A combination of the parameters, each measured in standard deviations of its prior.
+
+    Attributes:
+        weights: Of every parameter; their squares sum to one.
+        information: What the record tells of it, in units of what the prior does (an eigenvalue).
+        contraction: Share of the prior's variance along it that the record takes away.
+    """
+
+    weights: dict[str, float]
+    information: float
+    contraction: float
+
+
+def directions(covariance: Array, priors: Sequence[Prior]) -> list[Direction]:
+    """Combinations of the parameters from the least to the best told: eigenvectors of the record's Fisher matrix.
+
+    In coordinates in which the prior is standard normal, the Laplace precision is one plus the record's information.
+    Weights are those of the parameters in their own prior standard deviations.
+
+    Args:
+        covariance: Laplace covariance in working coordinates (P, P): `Optimum.covariance`, or
+            ``scale @ scale.T`` of a `Marginal`.
+        priors: Priors of the parameters.
+    """
+    scale, root = working(priors)[1], factor(priors)
+    information = root.T @ np.linalg.inv(covariance) @ root - np.eye(len(priors))
+    found, vectors = np.linalg.eigh(0.5 * (information + information.T))
+    vectors = root @ vectors / scale[:, None]
+    vectors = vectors / np.linalg.norm(vectors, axis=0)
+    made = []
+    for value, vector in zip(np.maximum(found, 0.0), vectors.T, strict=True):
+        turned = vector * np.sign(vector[np.argmax(np.abs(vector))])
+        weights = {p.name: float(w) for p, w in zip(priors, turned, strict=True)}
+        made.append(Direction(weights, float(value), float(value / (1.0 + value))))
+    return made
+
+
+def in_words(direction: Direction, least: float = 0.3) -> str:
+    """A direction as a sum, parameters of small weight left out: ``0.81 C_Aalpha - 0.59 alpha_0``."""
+    parts = sorted(direction.weights.items(), key=lambda item: -abs(item[1]))
+    kept = [(name, w) for i, (name, w) in enumerate(parts) if i == 0 or abs(w) >= least]
+    text = " ".join(f"{'-' if w < 0.0 else '+'} {abs(w):.2f} {name}" for name, w in kept)
+    return text.removeprefix("+ ")
+
+
+class Confounding(NamedTuple):
+    """How far noise colour and wind stand in for the parameters.
+
+    Attributes:
+        parameters: Names (P).
+        laws: Names of the noise parameters (V).
+        correlation: Between parameters and logarithms of noise parameters in their joint posterior (P, V).
+        share: By how much every parameter's variance would be less, were the noise parameters known to be what they
+            are at the mode, as a share (P,).
+    """
+
+    parameters: tuple[str, ...]
+    laws: tuple[str, ...]
+    correlation: Array
+    share: Array
+
+    def strongest(self) -> dict[str, tuple[str, float]]:
+        """Every parameter's strongest partner among the noise parameters, with the correlation."""
+        picked = np.argmax(np.abs(self.correlation), axis=1)
+        return {
+            name: (self.laws[j], float(self.correlation[i, j]))
+            for i, (name, j) in enumerate(zip(self.parameters, picked, strict=True))
+        }
+
+
+def confounding(
+    scale: Array, effect: LawEffect, law_covariance: Array, priors: Sequence[Prior], laws: Sequence[str]
+) -> Confounding:
+    """Correlations of parameters with noise parameters in their joint posterior, and what these add to the variance.
+
+    Args:
+        scale: Factor of the parameters' covariance for held noise parameters, as in `Marginal` (P, P).
+        effect: Of the noise parameters.
+        law_covariance: Of their logarithms (V, V).
+        priors: Priors of the parameters.
+        laws: Names of the noise parameters, see `law_labels`.
+    """
+    held, whole = np.diag(scale @ scale.T), np.diag(joint_covariance(scale, effect, law_covariance))
+    together = scale @ effect.slope @ law_covariance
+    sd = np.sqrt(np.outer(whole, np.diag(law_covariance)))
+    return Confounding(tuple(p.name for p in priors), tuple(laws), together / sd, 1.0 - held / whole)
+
+
+def law_labels(channels: Sequence[str], groups: Sequence[str], kinds: Sequence[str]) -> list[str]:
+    """Names of all noise parameters, in the order of `score.to_vector`.
+
+    Args:
+        channels: Channels of the residual noise.
+        groups: Groups of latent processes.
+        kinds: Kind of every group, of `latent.KINDS`.
+    """
+    assert all(len(_LAWS[kind]) == count for kind, count in KINDS.items())
+    parts = ("white noise", "correlated noise", "time constant")
+    noise = [f"{channel}, {part}" for part in parts for channel in channels]
+    return noise + [f"{group}, {part}" for group, kind in zip(groups, kinds, strict=True) for part in _LAWS[kind]]
+
+
+class Sensitivity(NamedTuple):
+    """How strongly a posterior answers to its parts made a little stronger or weaker (power scaling).
+
+    Attributes:
+        prior: To the prior.
+        likelihood: To the likelihood.
+    """
+
+    prior: float
+    likelihood: float
+
+    def diagnosis(self) -> str:
+        """The reading, in words (Kallioinen et al. 2024, section 4)."""
+        if self.prior < FELT:
+            return "the prior hardly matters" if self.likelihood >= FELT else "neither is felt"
+        return "prior and record may disagree" if self.likelihood >= FELT else "mostly the prior"
+
+
+def log_likelihood(marginal: Marginal, theta: Array, per_sample: Sequence[Array]) -> Array:
+    """Log likelihood (chain, draw), its log determinant included.
+
+    Args:
+        marginal: The posterior.
+        theta: Draws in working coordinates (chain, draw, P).
+        per_sample: Log likelihood of every sample (chain, draw, T), per flight, determinants those at the centre, as
+            the group ``log_likelihood`` of `posterior.data_tree`.
+    """
+    inverse = np.linalg.inv(np.asarray(marginal.scale))
+    xi = np.moveaxis((theta - np.asarray(marginal.centre)) @ inverse.T, -1, 0)
+    total = sum((np.asarray(part).sum(axis=-1) for part in per_sample), np.zeros(theta.shape[:2]))
+    return np.asarray(total - np.asarray(marginal.rest.at(jnp.asarray(xi))))
+
+
+def power_scaling(priors: Sequence[Prior], theta: Array, likelihood: Array) -> Mapping[str, Sensitivity]:
+    """Power-scaling sensitivity of every parameter (Kallioinen et al. 2024) by ArviZ.
+
+    Args:
+        priors: Priors of the parameters.
+        theta: Draws in working coordinates (chain, draw, P), of the sampler itself.
+        likelihood: Their log likelihood (chain, draw), up to a constant.
+    """
+    names, own = [p.name for p in priors], values(priors, theta)
+    tree = from_dict(
+        {
+            "posterior": {name: own[..., i] for i, name in enumerate(names)},
+            "log_prior": {"all": -0.5 * np.sum(standard(priors, theta) ** 2, axis=-1)},
+            "log_likelihood": {"all": likelihood},
+        }
+    )
+    found: list[xr.Dataset] = [arviz_stats.psense(tree, group=group) for group in ("prior", "likelihood")]
+    return {name: Sensitivity(*(float(part[name]) for part in found)) for name in names}

@@ -1,0 +1,195 @@
+"""Is the joint optimum the only one? It is sought from several starts, the best is kept, and how others differ is told.
+
+Starts have noise parameters of their own at the end. So every other optimum is first moved to where it lies under the
+noise parameters of the best one: only then are their places and densities those of one function.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayeschute.core.errors import FitError
+from bayeschute.likelihood.joint import FlightData
+from bayeschute.likelihood.priors import Prior, factor, working
+from bayeschute.posterior.fit import Progress, Settled, joint, settle
+from bayeschute.posterior.noise_evidence import HyperPrior
+
+Array = NDArray[np.float64]
+SPREAD = 0.5  # of the starts about the prior means, in standard deviations of the priors
+NEAR = 0.1  # standard errors within which optima count as one
+CLEARLY = 5.0  # log density by which another optimum must be worse to be of no concern: less than 1 % of the mass
+_STREAM = 14  # keeps the random numbers of starts apart from those of others
+
+
+class Start(NamedTuple):
+    """Where a start led.
+
+    Attributes:
+        number: 0 is the prior means; negative numbers are begins of another kind.
+        settled: The joint optimum; None where a simulation was not finite.
+        why: What failed; empty where nothing did.
+    """
+
+    number: int
+    settled: Settled | None
+    why: str = ""
+
+
+class Told(NamedTuple):
+    """An optimum beside the one that is kept.
+
+    Attributes:
+        number: Of its start.
+        why: What failed; empty where nothing did. The numbers below are then NaN.
+        converged: Whether its optimum converged, with its own noise parameters.
+        evidence: Minus its log evidence up to a constant, less that of the one kept.
+        away: Its largest distance from the one kept, in that one's standard errors.
+        parameter: Which parameter lies farthest off.
+        worse: By how much its log density is less, noise parameters those of the one kept.
+    """
+
+    number: int
+    why: str
+    converged: bool
+    evidence: float
+    away: float
+    parameter: str
+    worse: float
+
+
+def begin(priors: Sequence[Prior], number: int, seed: int) -> Array:
+    """Parameters of a start (P,), working coordinates: the prior means for number 0, else a draw about them."""
+    centre = working(priors)[0]
+    if number == 0:
+        return centre
+    rng = np.random.default_rng([seed, _STREAM, number])
+    return np.asarray(centre + SPREAD * factor(priors) @ rng.standard_normal(centre.size))
+
+
+def settle_from(
+    flights: Sequence[FlightData],
+    priors: Sequence[Prior],
+    prior: HyperPrior,
+    number: int,
+    seed: int,
+    rounds: int = 1,
+    progress: Progress | None = None,
+) -> Start:
+    """Settle from one start, as `finding.settle`.
+
+    Args:
+        flights: Records.
+        priors: Priors of the parameters.
+        prior: Priors of the noise parameters.
+        number: Of the start, see `begin`.
+        seed: Of all starts.
+        rounds: Turns of optimum and evidence.
+        progress: Called with a share done and words.
+
+    Returns:
+        The start; a simulation that is not finite is told in it, not raised.
+    """
+    say = progress or (lambda share, words: None)
+    try:
+        if number == 0:
+            return Start(0, settle(flights, priors, prior, rounds, say))
+        return Start(
+            number, settle(flights, priors, prior, rounds, say, (begin(priors, number, seed), None, prior.median))
+        )
+    except (FloatingPointError, FitError) as error:
+        return Start(number, None, str(error))
+
+
+def best_of(tried: Sequence[Start]) -> Start:
+    """The start of greatest evidence, among those that converged where any did.
+
+    Raises:
+        FloatingPointError: If every start failed.
+    """
+    good = [s for s in tried if s.settled is not None]
+    if not good:
+        raise FloatingPointError(f"{tried[0].why} (none of {len(tried)} starts led anywhere)")
+
+    def rank(start: Start) -> tuple[bool, float]:
+        assert start.settled is not None
+        return not start.settled.optimum.converged, start.settled.evidence
+
+    return min(good, key=rank)
+
+
+def compare(
+    flights: Sequence[FlightData], priors: Sequence[Prior], best: Start, others: Sequence[Start]
+) -> tuple[Told, ...]:
+    """How the other optima differ from the best.
+
+    Args:
+        flights: Records.
+        priors: Priors of the parameters.
+        best: From `best_of`.
+        others: The other starts.
+    """
+    assert best.settled is not None
+    kept, hyper = best.settled.optimum, best.settled.hyper
+    se, told = np.sqrt(np.diag(kept.covariance)), []
+    for start in others:
+        if start.settled is None:
+            told.append(Told(start.number, start.why, False, np.nan, np.nan, "", np.nan))
+            continue
+        own = start.settled.optimum
+        more = start.settled.evidence - best.settled.evidence
+        try:
+            moved = joint(flights, hyper, priors, own.theta, own.flights)
+        except (FloatingPointError, FitError) as error:
+            told.append(Told(start.number, str(error), own.converged, more, np.nan, "", np.nan))
+            continue
+        off = np.abs(moved.theta - kept.theta) / se
+        far = int(np.argmax(off))
+        converged = own.converged and moved.converged
+        told.append(Told(start.number, "", converged, more, float(off[far]), priors[far].name, moved.cost - kept.cost))
+    return tuple(told)
+
+
+class Verdict(NamedTuple):
+    """What several starts say of the optimum.
+
+    Attributes:
+        passed: Whether at least one other start converged, and every one that did led to the same place or to one that
+            is clearly worse, in log density and in evidence.
+        away: Largest distance of an optimum that is not clearly worse [standard errors]; NaN without any.
+        words: Counts, and every optimum that differs.
+    """
+
+    passed: bool
+    away: float
+    words: str
+
+
+def judge(told: Sequence[Told], converged: bool) -> Verdict:
+    """Count agreement, and tell every optimum that differs.
+
+    Args:
+        told: From `compare`.
+        converged: Whether the optimum that is kept converged.
+    """
+    reached = [t for t in told if t.converged]
+    same = [t for t in reached if t.away <= NEAR]
+    rivals = [t for t in reached if t.away > NEAR and min(t.worse, t.evidence) < CLEARLY]
+    failed = [t for t in told if t.why]
+    words = [f"{len(same) + 1} of {len(told) + 1} starts led to the same optimum within {NEAR:g} standard errors"]
+    for t in sorted((t for t in reached if t.away > NEAR), key=lambda t: t.worse):
+        sort = "a rival" if t in rivals else "clearly worse"
+        words.append(
+            f"start {t.number} lies {t.away:.2g} standard errors off in {t.parameter}, log density {-t.worse:+.3g}, "
+            f"log evidence {-t.evidence:+.3g} ({sort})"
+        )
+    stuck = [str(t.number) for t in told if not t.converged and not t.why]
+    if stuck:
+        words.append(f"not converged: start {', '.join(stuck)}")
+    if failed:
+        words.append(f"{len(failed)} failed (start {', '.join(str(t.number) for t in failed)}: {failed[0].why})")
+    away = max((t.away for t in (*same, *rivals)), default=np.nan)
+    return Verdict(converged and bool(reached) and not rivals, away, "; ".join(words))

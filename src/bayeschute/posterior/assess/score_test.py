@@ -1,0 +1,51 @@
+"""Terms that the structure left out: does the simulated flight ask for them?
+
+Equation error sees a term through airflow that is wrong by the wind's error, which can hide it altogether. At the
+fitted optimum the flight itself can be asked: with the coefficients of all left-out terms at zero, one Gauss-Newton
+step over all coefficients tells where each would go and with which standard error (a score test, Rao 1948), start and
+disturbances eliminated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayeschute.likelihood.joint import FlightData, Hyper, Lifted, linearise
+from bayeschute.likelihood.priors import Prior, precision
+from bayeschute.posterior.joint_mode import conditional
+
+Array = NDArray[np.float64]
+
+
+def scores(
+    flights: Sequence[FlightData],
+    hyper: Hyper,
+    priors: Sequence[Prior],
+    theta: Array,
+    at: Sequence[Lifted],
+    kept: NDArray[np.bool_],
+) -> tuple[Array, Array]:
+    """Step and standard error of every parameter, starting from zero for those left out.
+
+    Args:
+        flights: The flights with a structure that holds all terms.
+        hyper: Noise parameters.
+        priors: Priors of all parameters; those of left-out terms don't count.
+        theta: The optimum, zero for left-out terms (P,).
+        at: Start, shocks and path at the optimum, per flight.
+        kept: Which parameters were fitted (P,).
+
+    Returns:
+        Steps (P,), zero for kept ones' own gradients, and standard errors (P,).
+    """
+    matrix: Array = np.zeros((theta.size, theta.size))
+    gradient: Array = np.zeros(theta.size)
+    matrix[np.ix_(kept, kept)] = precision([p for p, here in zip(priors, kept, strict=True) if here])
+    for flight, x in zip(flights, at, strict=True):
+        given = conditional(flight, hyper, linearise(flight, theta, x.course(flight)))
+        matrix, gradient = matrix + np.asarray(given.matrix), gradient + np.asarray(given.gradient)
+    covariance: Array = np.asarray(np.linalg.inv(matrix), np.float64)
+    return -covariance @ np.where(kept, 0.0, gradient), np.sqrt(np.diag(covariance))

@@ -1,0 +1,1 @@
+"""Posteriors of several flights, bodies or structures together."""

@@ -1,0 +1,202 @@
+"""Bodies that share most parameters and differ in a few about populations: drops, canopies, or both.
+
+Fits were made under independent priors of all parameters. A posterior with its prior taken out again is a Gaussian
+likelihood, correlations included; those of fits made one by one add up (`joint`). The shared parameters phi have the
+priors of the fits. What differs are members of populations, ``theta_m ~ N(mu_k, tau_k^2)``; mu has the priors of the
+fits, tau is half-normal. Given tau all of it is one Gaussian law, from which phi, mu and theta are integrated out in
+closed form; tau is drawn with numpyro's NUTS, and the rest from its law given tau. For Gaussian likelihoods that is the
+joint hierarchical posterior, not an approximation of it.
+
+`bayeschute.posterior.combine.random_effects` is the case without shared parameters. It must not be used where there
+are some: every member then informs the shared ones, and through their correlations the population (tests show by how much).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+
+from bayeschute.core.vectors import Component
+from bayeschute.posterior.sampling import delayed_acceptance
+
+Array = NDArray[np.float64]
+
+
+class Likelihood(NamedTuple):
+    """A Gaussian likelihood of parameters x up to a constant: ``shift x - 1/2 x precision x``."""
+
+    precision: Array
+    shift: Array
+
+
+class Hierarchy(NamedTuple):
+    """Draws of the joint posterior.
+
+    Attributes:
+        shared: Shared parameters (chain, draw, S).
+        mean: Population means (chain, draw, K).
+        sd: Population standard deviations (chain, draw, K).
+        members: Parameters of the members, one population after the other (chain, draw, M).
+        failed: Evaluations that were not finite.
+    """
+
+    shared: Array
+    mean: Array
+    sd: Array
+    members: Array
+    failed: int
+
+
+class _Law(NamedTuple):
+    """What a posterior is made of but for the populations' standard deviations.
+
+    Attributes:
+        told: Likelihood of (shared, members).
+        centre: Prior means of shared parameters and population means (S + K,).
+        scale: Their prior standard deviations (S + K,).
+        spread: Scales of the half-normal priors of the populations' standard deviations (K,).
+        of: Population of every member (M,).
+    """
+
+    told: Likelihood
+    centre: Component
+    scale: Component
+    spread: Component
+    of: Component
+
+
+def likelihood_of(mean: Array, covariance: Array, prior_centre: Array, prior_scale: Array) -> Likelihood:
+    """Gaussian likelihood of a posterior whose prior is taken out again.
+
+    Args:
+        mean: Posterior mean (P,), working coordinates.
+        covariance: Posterior covariance (P, P).
+        prior_centre: Prior means (P,).
+        prior_scale: Prior standard deviations (P,).
+
+    Returns:
+        The likelihood; along directions in which the posterior is wider than the prior, by chance of its draws, it
+        tells nothing.
+    """
+    scale = np.asarray(prior_scale)
+    whitened = np.linalg.inv(covariance / np.outer(scale, scale))
+    values, vectors = np.linalg.eigh(0.5 * (whitened + whitened.T))
+    told = values > 1.0
+    off = vectors.T @ ((mean - prior_centre) / scale)
+    precision = (vectors * np.where(told, values - 1.0, 0.0)) @ vectors.T / np.outer(scale, scale)
+    shift = vectors @ np.where(told, values * off, 0.0) / scale
+    return Likelihood(precision, shift + precision @ np.asarray(prior_centre))
+
+
+def joint(likelihoods: Sequence[Likelihood], places: Sequence[Sequence[int]], size: int) -> Likelihood:
+    """One likelihood of several, made of data that are independent given the parameters.
+
+    Args:
+        likelihoods: Of some parameters each.
+        places: Where these stand among all, per likelihood.
+        size: Number of all parameters.
+    """
+    whole = Likelihood(np.zeros((size, size)), np.zeros(size))
+    for one, place in zip(likelihoods, places, strict=True):
+        at = np.asarray(place, dtype=int)
+        whole.precision[at[:, None], at] += one.precision
+        whole.shift[at] += one.shift
+    return whole
+
+
+def _lift(law: _Law, sd: Component) -> jax.Array:
+    """From (shared, population means, members' standard scores) to (shared, members)."""
+    members, size = law.of.shape[0], law.told.shift.shape[0]
+    shared, m = size - members, jnp.arange(members)
+    lift = jnp.zeros((size, shared + sd.shape[0] + members)).at[:shared, :shared].set(jnp.eye(shared))
+    return lift.at[shared + m, shared + law.of].set(1.0).at[shared + m, shared + sd.shape[0] + m].set(sd[law.of])
+
+
+def _given(law: _Law, sd: Component) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """Law of (shared, means, members' standard scores) given the populations' standard deviations.
+
+    Returns:
+        Cholesky factor of its precision; the mean in the coordinates of that factor; the log density of the data given
+        sd, up to a constant.
+    """
+    lift, own = _lift(law, sd), jnp.zeros(law.of.shape[0])
+    prior = jnp.concatenate([1.0 / law.scale**2, own + 1.0])
+    root = jnp.linalg.cholesky(lift.T @ law.told.precision @ lift + jnp.diag(prior))
+    shift = lift.T @ law.told.shift + jnp.concatenate([law.centre / law.scale**2, own])
+    off = jax.scipy.linalg.solve_triangular(root, shift, lower=True)
+    return root, off, 0.5 * off @ off - jnp.sum(jnp.log(jnp.diagonal(root)))
+
+
+def _log_density(law: _Law, x: jax.Array) -> jax.Array:
+    """Log density of ``log(sd / spread)`` (K,)."""
+    unit = jnp.exp(x)
+    return _given(law, law.spread * unit)[2] + jnp.sum(x - 0.5 * unit**2)
+
+
+@jax.jit
+def _draw(law: _Law, sd: jax.Array, z: jax.Array) -> jax.Array:
+    """Shared parameters, means and members (S + K + M,) from their law given sd and standard normals."""
+    root, off, _ = _given(law, sd)
+    drawn = jax.scipy.linalg.solve_triangular(root.T, off + z, lower=False)
+    own = (_lift(law, sd) @ drawn)[-law.of.shape[0] :]
+    return jnp.concatenate([drawn[: law.centre.shape[0]], own])
+
+
+def fit(
+    likelihood: Likelihood,
+    sizes: Sequence[int],
+    centre: Array,
+    scale: Array,
+    spread: Array,
+    chains: int,
+    warmup: int,
+    draws: int,
+    seed: int,
+) -> Hierarchy:
+    """Draw shared parameters, populations and their members.
+
+    Args:
+        likelihood: Of the shared parameters, then the members of all populations, one after the other (S + M).
+        sizes: Number of members of every population.
+        centre: Prior means of shared parameters, then of population means (S + K,).
+        scale: Their prior standard deviations (S + K,).
+        spread: Scales of the half-normal priors of the populations' standard deviations (K,).
+        chains: Chains.
+        warmup: Warm-up steps.
+        draws: Draws per chain.
+        seed: Seed.
+
+    Raises:
+        ValueError: If there is no population, one has no member, or lengths don't agree.
+    """
+    count, known = len(sizes), len(centre)
+    fits = len(spread) == count <= known and len(likelihood.shift) == known - count + sum(sizes)
+    if not (fits and count and min(sizes) >= 1):
+        raise ValueError("a hierarchy needs populations, members of each, and a likelihood of all parameters")
+    law = jax.tree.map(jnp.asarray, _Law(likelihood, centre, scale, spread, np.repeat(np.arange(count), sizes)))
+    made = delayed_acceptance.plain(
+        jax.tree_util.Partial(_log_density, law), count, chains, warmup, draws, seed, thinning=3
+    )
+    sd = np.asarray(spread) * np.exp(made.xi)
+    flat = sd.reshape(-1, count)
+    z = np.random.default_rng([seed, 16]).standard_normal((len(flat), known + sum(sizes)))
+    drawn = np.asarray(jax.vmap(_draw, (None, 0, 0))(law, flat, z)).reshape(chains, draws, -1)
+    shared, mean, members = np.split(drawn, [known - count, known], axis=-1)
+    return Hierarchy(shared, mean, sd, members, made.failed)
+
+
+def others(made: Hierarchy, of: Sequence[int], rng: np.random.Generator) -> Array:
+    """Further members of populations, which no data are of (chain, draw, N).
+
+    Args:
+        made: The hierarchy.
+        of: The population of each (N,).
+        rng: Random numbers.
+    """
+    mean, sd = made.mean[..., list(of)], made.sd[..., list(of)]
+    return mean + sd * rng.standard_normal(mean.shape)

@@ -1,0 +1,275 @@
+"""The marginal log density by Laplace at a point of its own, and what the linear models about the mode lack of it.
+
+`posterior.marginal` integrates start and disturbances out with derivatives taken at theta_0, at the price of one look
+at every step. Here a flight is brought to its conditional optimum at another theta and linearised there, which costs
+hundreds of times as much: half the squares of innovations and the log determinant are those of theta itself. As r, what
+is left of the data, is noise and not small, the optimum bends where the derivatives change with theta; a marginal
+density without that is too narrow, by a fifth and more in parameters that tell how strongly a gust is felt. So both are
+found on either side along every axis, and two quadratic polynomials stand for what the linear models lack: the log
+determinant, and the difference between the exact curvature and theirs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+
+from bayeschute.core.numerics import processors
+from bayeschute.likelihood import mean_correction
+from bayeschute.likelihood.joint import (
+    Course,
+    FlightData,
+    Hyper,
+    Lifted,
+    Linear,
+    as_seen,
+    course,
+    filter_gains,
+    linearise,
+    moved,
+)
+from bayeschute.likelihood.kalman import Gains, Gap, innovations
+from bayeschute.posterior.differences import beside
+from bayeschute.posterior.joint_mode import conditional
+from bayeschute.posterior.marginal import Along, Marginal, Quadratic, course_at, in_batches, linear_residuals, shifted
+
+Array = NDArray[np.float64]
+_CROSSED = 3  # axes whose products with others the log determinant's polynomial has
+_FARTHEST = 3.0  # standard deviations that a step to the mode may be long
+_gains = jax.jit(filter_gains)
+
+
+class Laplace(NamedTuple):
+    """The marginal log density at a point by Laplace's approximation there, and how it slopes.
+
+    Attributes:
+        square: Half the squares of innovations and of theta under its prior.
+        gradient: Of that by standard coordinates (P,).
+        determinant: Log determinant.
+        flights: Conditional optima.
+    """
+
+    square: float
+    gradient: Array
+    determinant: float
+    flights: tuple[Lifted, ...]
+
+
+@jax.jit
+def _squares(made: Gains, linear: Linear, gap: Gap) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """Half the squares of innovations, their gradient, and the log determinant."""
+    seen = as_seen(linear).less(gap)
+    unit = innovations(made, *seen).reshape(-1, seen.series.shape[2])
+    return 0.5 * unit[:, 0] @ unit[:, 0], -unit[:, 1:].T @ unit[:, 0], made.log_determinant
+
+
+@jax.jit
+def _moved(flight: FlightData, hyper: Hyper, linear: Linear) -> Lifted:
+    """Where the linear problem of a flight has its optimum."""
+    given = conditional(flight, hyper, linear)
+    path = moved(flight, jnp.asarray(linear.driven.path), given.states[..., 0])
+    return Lifted(given.optimum, course(flight, hyper, given.optimum).error, path)
+
+
+def _brought(marginal: Marginal, theta: jax.Array, shift: jax.Array) -> list[Linear]:
+    """The flights linearised at their conditional optima, one step from where they are followed to.
+
+    More steps tell little more where steps converge. Where they don't, as there are several optima, they would leave
+    the one that is followed.
+    """
+    made = []
+    for flight, along in zip(marginal.flights, marginal.along, strict=True):
+        there = linearise(flight, theta, course_at(flight, along, shift)).without_theta()
+        made.append(linearise(flight, theta, _moved(flight, marginal.hyper, there).course(flight)))
+    return made
+
+
+def _gap(flight: FlightData, hyper: Hyper, along: Along, theta: jax.Array, made: Gains, driven: Course) -> Gap:
+    """The gap at another theta; its change is that of few paths. Not finite where these fail."""
+    try:
+        few, _ = mean_correction.mean(flight, hyper, made, theta, driven, rough=True)
+    except FloatingPointError:
+        return jax.tree.map(lambda a: jnp.full(jnp.shape(a), jnp.nan), along.gap)
+    return Gap(*(a + b - c for a, b, c in zip(along.gap, few, along.rough, strict=True)))
+
+
+def _under_prior(marginal: Marginal, theta: jax.Array) -> tuple[float, Array]:
+    """Half the squares of theta under its prior, and their gradient."""
+    root = np.asarray(marginal.prior_factor)
+    away = np.linalg.solve(root, np.asarray(theta) - np.asarray(marginal.prior_centre))
+    return 0.5 * float(away @ away), np.linalg.solve(root.T, away)
+
+
+def at(marginal: Marginal, xi: Array) -> Laplace:
+    """Laplace's approximation at standard coordinates (P,); not finite where a step fails."""
+    theta, shift = shifted(marginal, jnp.asarray(xi))
+    square, gradient = _under_prior(marginal, theta)
+    determinant, places = 0.0, []
+    brought = _brought(marginal, theta, shift)
+    for flight, along, linear in zip(marginal.flights, marginal.along, brought, strict=True):
+        made = _gains(flight, marginal.hyper, linear)
+        there = _gap(flight, marginal.hyper, along, theta, made, linear.driven)
+        value, slope, more = _squares(made, linear, there)
+        square, gradient, determinant = square + float(value), gradient + np.asarray(slope), determinant + float(more)
+        places.append(_moved(flight, marginal.hyper, linear.without_theta()))
+    return Laplace(square, np.asarray(marginal.scale).T @ gradient, determinant, tuple(places))
+
+
+def _values(marginal: Marginal, points: Array) -> Array:
+    """Half the squares, and log determinants, at points (N, P), both less those at theta_0 (N, 2)."""
+
+    def one(xi: Array) -> list[float]:
+        theta, shift = shifted(marginal, jnp.asarray(xi))
+        made = [_under_prior(marginal, theta)[0], 0.0]
+        brought = _brought(marginal, theta, shift)
+        for flight, along, linear in zip(marginal.flights, marginal.along, brought, strict=True):
+            linear = linear.without_theta()
+            gains = _gains(flight, marginal.hyper, linear)
+            there = _gap(flight, marginal.hyper, along, theta, gains, linear.driven)
+            square, _, determinant = _squares(gains, linear, there)
+            made = [made[0] + float(square), made[1] + float(determinant)]
+        return made
+
+    with ThreadPoolExecutor(processors()) as pool:
+        found = np.array(list(pool.map(one, [0.0 * points[0], *points])))
+    return found[1:] - found[0]
+
+
+def _own(marginal: Marginal, points: Array) -> Array:
+    """Minus the log density of the linear models (N,) at points (N, P), less that at theta_0."""
+    places = np.vstack([0.0 * points[:1], points])
+    squares = in_batches(lambda part: jnp.sum(linear_residuals(marginal, part)[0] ** 2, axis=0), places.T)
+    return 0.5 * np.asarray(squares[1:] - squares[0])
+
+
+def lack(marginal: Marginal, step: float = 0.2) -> Array:
+    """Slope at theta_0 of what the linear models lack, in standard coordinates (P,), by one-sided differences.
+
+    Where a flight beside the optimum fails, the difference is taken to the other side.
+
+    Raises:
+        FloatingPointError: If flights fail to both sides.
+    """
+    axes = np.eye(np.size(marginal.centre))
+
+    def slopes(points: Array, by: float) -> Array:
+        return np.asarray((_values(marginal, points).sum(axis=1) - _own(marginal, points)) / by)
+
+    found = slopes(step * axes, step)
+    lost = ~np.isfinite(found)
+    if lost.any():
+        found[lost] = slopes(-step * axes[lost], -step)
+    if not np.isfinite(found).all():
+        raise FloatingPointError("flights to both sides of the optimum fail: the log density has no slope there")
+    return found
+
+
+def corrected(marginal: Marginal, step: float = 1.0, crossed: int = _CROSSED) -> tuple[Marginal, Array | None]:
+    """The posterior with what its linear models lack, from Laplace's approximation to both sides along every axis.
+
+    Along an axis on which a flight fails there, a half, a quarter or an eighth as far. Starts, shocks and paths then
+    follow theta as the exact optima do. The `crossed` axes of greatest curvature of the log determinant get their
+    products with all others too; a product at both corners of which a flight fails is left out (`error` tells what is
+    missing).
+
+    Args:
+        marginal: The posterior.
+        step: How far to look [standard deviations].
+        crossed: How many axes get their products.
+
+    Returns:
+        The posterior, and Newton's step from the centre to its mode in standard coordinates (P,), no longer than 3;
+        None where the density has no mode.
+
+    Raises:
+        FloatingPointError: If a flight fails at an eighth of the step too.
+    """
+    count, ends = np.size(marginal.centre), dict[tuple[float, ...], Laplace]()
+
+    def told(xi: Array) -> Array:
+        found = at(marginal, xi)
+        ends[tuple(xi.tolist())] = found
+        return np.array([found.square, found.determinant, *found.gradient])
+
+    with ThreadPoolExecutor(processors()) as pool:
+        up, down, h = beside(
+            lambda points: np.array(list(pool.map(told, points))), count, step, "the marginal log density"
+        )
+    sides = [[ends[tuple(row.tolist())].flights for row in sign * h * np.eye(count)] for sign in (1.0, -1.0)]
+    here, h = at(marginal, np.zeros(count)), h[:, 0]
+    determinant = _polynomial(marginal, up[:, 1] - here.determinant, down[:, 1] - here.determinant, h, crossed)
+    exact = (up - down)[:, 2:] / (2.0 * h[:, None])
+    slope, own = _expansion(marginal, h)
+    bend = Quadratic((up - down)[:, 0] / (2.0 * h) - slope, 0.5 * (exact + exact.T) - own)
+    made = replace(_followed(marginal, sides[0], sides[1], h), determinant=determinant, bend=bend)
+    return made, _newton(slope + made.rest.slope, own + made.rest.curvature)
+
+
+def _newton(slope: Array, curvature: Array) -> Array | None:
+    """Step to where a quadratic polynomial is least, no longer than 3; None where it has no least value."""
+    values, axes = np.linalg.eigh(curvature)
+    if values[0] <= 0.0:
+        return None
+    step = np.asarray(-axes @ ((axes.T @ slope) / values))
+    return step * min(1.0, _FARTHEST / max(float(np.linalg.norm(step)), 1e-300))
+
+
+def _polynomial(marginal: Marginal, up: Array, down: Array, h: Array, crossed: int) -> Quadratic:
+    """The log determinant from its changes along every axis, and those at corners between the ones that bend most."""
+    curvature, count = np.diag((up + down) / h**2), len(h)
+    first = np.argsort(-np.abs(np.diag(curvature)))[:crossed]
+    left = np.array([(i, j) for n, i in enumerate(first) for j in range(count) if j not in first[: n + 1]], int)
+    for side, sign in ((up, 1.0), (down, -1.0)):
+        if not left.size:
+            break
+        i, j = left.T
+        corners = _values(marginal, sign * (np.diag(h)[i] + np.diag(h)[j]))[:, 1]
+        mixed = (corners - side[i] - side[j]) / (h[i] * h[j])
+        known = np.isfinite(mixed)
+        curvature[i[known], j[known]] = curvature[j[known], i[known]] = mixed[known]
+        left = left[~known]
+    return Quadratic((up - down) / (2.0 * h), curvature)
+
+
+def _expansion(marginal: Marginal, h: Array) -> tuple[Array, Array]:
+    """Slope and curvature of minus the log density of the linear models at theta_0: zero where a step fails."""
+    i, j = np.triu_indices(len(h), 1)
+    corners = np.diag(h)[i] + np.diag(h)[j]
+    value = _own(marginal, np.concatenate([np.diag(h), -np.diag(h), corners, -corners]))
+    up, down, first, second = np.split(value, np.cumsum([len(h), len(h), len(i)]))
+    made = np.diag((up + down) / h**2)
+    made[i, j] = made[j, i] = (first + second - up[i] - up[j] - down[i] - down[j]) / (2.0 * h[i] * h[j])
+    return np.nan_to_num((up - down) / (2.0 * h), nan=0.0), np.asarray(np.nan_to_num(made, nan=0.0))
+
+
+def _followed(
+    marginal: Marginal, up: Sequence[Sequence[Lifted]], down: Sequence[Sequence[Lifted]], h: Array
+) -> Marginal:
+    """The posterior whose draws follow theta as conditional optima on either side along every axis do."""
+    inverse, made = np.linalg.inv(np.asarray(marginal.scale)), []
+    for number, along in enumerate(marginal.along):
+        pairs = zip(up, down, h, strict=True)
+        sides = [jax.tree.map(lambda a, b, h=h: (a - b) / (2.0 * h), u[number], d[number]) for u, d, h in pairs]
+        exact = jax.tree.map(lambda *columns: np.stack(columns, axis=-1) @ inverse, *sides)
+        made.append(along._replace(aside=jax.tree.map(lambda a, b: np.asarray(a - b), exact, along.slope)))
+    return replace(marginal, along=tuple(made))
+
+
+def error(marginal: Marginal, points: int, rng: np.random.Generator) -> float:
+    """Root mean square error of the log density at standard normal points: against Laplace's, both less the centre's.
+
+    Args:
+        marginal: From `corrected`.
+        points: How many.
+        rng: Source of randomness.
+    """
+    xi = rng.standard_normal((points, np.size(marginal.centre)))
+    rest = np.asarray(marginal.rest.at(jnp.asarray(xi.T)))
+    return float(np.sqrt(np.mean((_values(marginal, xi).sum(axis=1) - _own(marginal, xi) - rest) ** 2)))

@@ -1,0 +1,325 @@
+"""The posterior of the parameters alone, start and latent disturbances integrated out as Gaussian given them.
+
+At a point theta_0 the flight is linearised along its conditional optimum, a path with its start and disturbances. For
+another theta follow that path linearly, take every step and output there once with the full equations, and integrate
+what is left as a Gaussian: the linear model's filter turns residuals and the steps' defects into innovations,
+``log density = -1/2 |innovations|^2 - rest`` (METHODS 6). Steps are corrected by the data one by one, so that a flight
+may be unstable without its likelihood being so. What the linear model lacks, as its derivatives are those at theta_0,
+is a polynomial: the log determinant, which moves parameters by several standard errors, and how much the exact
+conditional optimum is curved (`posterior.laplace`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+
+from bayeschute.core.vectors import Component
+from bayeschute.likelihood import mean_correction
+from bayeschute.likelihood.joint import (
+    Course,
+    FlightData,
+    Hyper,
+    Lifted,
+    Linear,
+    as_seen,
+    course,
+    disturbed,
+    filter_gains,
+    moved,
+    stepped,
+)
+from bayeschute.likelihood.kalman import Gains, Gap, Seen, innovations
+from bayeschute.likelihood.priors import Prior, factor, working
+from bayeschute.likelihood.simulation_smoother import Normals, drawn
+from bayeschute.posterior.along_record import brought
+from bayeschute.posterior.joint_mode import Optimum, conditional
+
+Array = NDArray[np.float64]
+_CORRECTIONS = 1
+_MOST_BENT, _PRICE, _ROUNDING = 0.25, 100.0, 1e-3  # see `out_of_range`
+BATCH = 64
+
+
+class Along(NamedTuple):
+    """A flight about the conditional optimum of its path.
+
+    Attributes:
+        at: The optimum at theta_0.
+        slope: Its derivatives by theta in the linear model, last axis.
+        aside: What these lack of the derivatives of the exact optimum.
+        known: What start and disturbances add to every step at theta_0, linearly (T, X).
+        known_slope: Its derivatives by theta (T, X, P).
+        gap: Mean of steps and outputs over start and disturbances given theta_0, less those at their optimum.
+        rough: The same of few paths, for its change with theta.
+        lost: How many pairs of paths behind the gap failed.
+        linear: The flight linearised there.
+        gains: The filter.
+        unit: Innovations at theta_0, and minus their derivatives by theta (T, C, 1 + P).
+    """
+
+    at: Lifted
+    slope: Lifted
+    aside: Lifted
+    known: Component
+    known_slope: Component
+    gap: Gap
+    rough: Gap
+    lost: int
+    linear: Linear
+    gains: Gains
+    unit: Component
+
+
+class Quadratic(NamedTuple):
+    """``slope xi + 1/2 xi' curvature xi`` of standard coordinates: (P,) and a symmetric matrix (P, P)."""
+
+    slope: Component
+    curvature: Component
+
+    @classmethod
+    def none(cls, parameters: int) -> Quadratic:
+        """Zero."""
+        return cls(np.zeros(parameters), np.zeros((parameters, parameters)))
+
+    def at(self, xi: Component) -> jax.Array:
+        """Values (...) at (P, ...)."""
+        bent = jnp.tensordot(self.curvature, xi, axes=1)
+        return jnp.tensordot(self.slope, xi, axes=1) + 0.5 * jnp.sum(xi * bent, axis=0)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Marginal:
+    """The marginal posterior; `scale` maps standard coordinates xi to theta: ``theta = centre + scale @ xi``.
+
+    Attributes:
+        flights: Records.
+        hyper: Noise parameters, fixed.
+        along: Start and disturbances given theta, one entry per flight.
+        centre: Where the flights were linearised (P,).
+        scale: Lower Cholesky factor of the Laplace covariance of theta (P, P).
+        prior_centre: Prior means of theta (P,).
+        prior_factor: Lower Cholesky factor of its prior covariance (P, P).
+        determinant: Log determinant of all flights together, less its value at theta_0.
+        bend: What the linear models lack of the curvature of minus the log density at the exact conditional optima.
+    """
+
+    flights: tuple[FlightData, ...]
+    hyper: Hyper
+    along: tuple[Along, ...]
+    centre: Component
+    scale: Component
+    prior_centre: Component
+    prior_factor: Component
+    determinant: Quadratic
+    bend: Quadratic
+
+    @property
+    def rest(self) -> Quadratic:
+        """Minus the log density less the squares of `projected_residuals`."""
+        return Quadratic(*(a + b for a, b in zip(self.determinant, self.bend, strict=True)))
+
+    def theta(self, xi: Component) -> Component:
+        """Parameters (P, ...) of standard coordinates (P, ...)."""
+        rank = jnp.ndim(xi) - 1
+        return self.centre.reshape(-1, *(1,) * rank) + jnp.tensordot(self.scale, xi, axes=1)
+
+
+@jax.jit
+def _about(flight: FlightData, hyper: Hyper, linear: Linear) -> tuple[Lifted, jax.Array, Gains]:
+    """Derivatives of the conditional optimum, those of `Along.known`, and the filter."""
+    given = conditional(flight, hyper, linear)
+    by_theta = jax.tree.map(jnp.negative, given.slope)
+    slope = Lifted(by_theta, course(flight, hyper, by_theta).error, -given.states[..., 1:])
+    known = disturbed(linear.steps, slope.course(flight, 1))
+    return slope, known, given.gains
+
+
+def _along(flight: FlightData, hyper: Hyper, theta: Array, at: Lifted, linear: Linear) -> Along:
+    """A flight about its conditional optimum."""
+    slope, known_slope, made = _about(flight, hyper, linear)
+    aside = jax.tree.map(jnp.zeros_like, slope)
+    mean, lost = mean_correction.mean(flight, hyper, made, theta, linear.driven)
+    rough, _ = mean_correction.mean(flight, hyper, made, theta, linear.driven, rough=True)
+    known = disturbed(linear.steps, linear.driven)
+    unit = _innovations(made, *as_seen(linear).less(mean))
+    return Along(at, slope, aside, known, known_slope, mean, rough, lost, linear, made, unit)
+
+
+def marginalise(flights: Sequence[FlightData], hyper: Hyper, priors: Sequence[Prior], optimum: Optimum) -> Marginal:
+    """Set the marginal posterior up at an optimum, its determinant still held constant."""
+    places = brought(flights, hyper, optimum.theta, optimum.flights)
+    along = tuple(_along(flight, hyper, optimum.theta, *place) for flight, place in zip(flights, places, strict=True))
+    flat, root = Quadratic.none(len(priors)), np.linalg.cholesky(optimum.covariance)
+    return Marginal(tuple(flights), hyper, along, optimum.theta, root, working(priors)[0], factor(priors), flat, flat)
+
+
+def gap_slope(marginal: Marginal) -> Array:
+    """What the gap adds to the slope of minus the log density at theta_0, by theta (P,)."""
+    total: Array = np.zeros(np.size(marginal.centre))
+    for along in marginal.along:
+        total = total + np.asarray(mean_correction.slope(along.linear, along.gains, along.gap))
+    return total
+
+
+@jax.jit
+def _place(flight: FlightData, at: Lifted, slope: Lifted, shift: jax.Array) -> Lifted:
+    many = (1,) * (jnp.ndim(shift) - 1)
+    by = jax.tree.map(lambda a: jnp.tensordot(a, shift, axes=1), slope)
+    wide = jax.tree.map(lambda a, b: jnp.broadcast_to(jnp.reshape(a, (*jnp.shape(a), *many)), b.shape), at, by)
+    both = jax.tree.map(jnp.add, wide, by)
+    return Lifted(both.unknowns, both.error, moved(flight, wide.path, by.path))
+
+
+def place_at(flight: FlightData, along: Along, shift: jax.Array) -> Lifted:
+    """Start, shocks and path at ``theta_0 + shift`` (P, ...), followed linearly."""
+    return _place(flight, along.at, along.slope, shift)
+
+
+def course_at(flight: FlightData, along: Along, shift: jax.Array) -> Course:
+    """Likewise, as what drives the flight."""
+    return place_at(flight, along, shift).course(flight, jnp.ndim(shift) - 1)
+
+
+def shifted(marginal: Marginal, xi: Component) -> tuple[jax.Array, jax.Array]:
+    """Parameters at standard coordinates (P, ...), and how far they lie from the centre."""
+    theta = marginal.theta(jnp.asarray(xi))
+    return theta, theta - jnp.reshape(marginal.centre, (-1, *(1,) * (theta.ndim - 1)))
+
+
+@jax.jit
+def seen_along(along: Along, residual: jax.Array, defects: jax.Array, shift: jax.Array) -> Seen:
+    """What the linear model sees of residuals (T, C, B) and defects (T, X, B) on the paths of `course_at`."""
+    driven = defects - along.known[..., None] - along.known_slope @ shift
+    return Seen(residual - along.gap.outputs[..., None], driven + along.gap.driven[..., None])
+
+
+def _seen(flight: FlightData, along: Along, theta: jax.Array, shift: jax.Array) -> Seen:
+    return seen_along(along, *stepped(flight, theta, course_at(flight, along, shift)), shift)
+
+
+@jax.jit
+def out_of_range(along: Along, unit: jax.Array, shift: jax.Array, xi: jax.Array) -> jax.Array:
+    """Root of twice the price of innovations (T, C, B) that have bent too far (B,).
+
+    They bend with theta, as steps are taken with the full equations. Where they depart from a straight line by more
+    than a share of the step to that place (P, B) in standard deviations, derivatives taken at theta_0 say nothing any
+    more, and a linear model about a path that breaks the equations of motion may fit better than any flight can. So
+    such places are made dear.
+    """
+    straight = along.unit[..., 1:] @ shift
+    bent = jnp.sum((unit - along.unit[..., :1] + straight) ** 2, axis=(0, 1))
+    excess = bent - _MOST_BENT * (jnp.sum(xi**2, axis=0) + _ROUNDING)
+    inside = excess <= 0.0
+    return jnp.where(inside, 0.0, jnp.sqrt(_PRICE * jnp.where(inside, 1.0, excess)))
+
+
+_innovations = jax.jit(innovations)
+_gains = jax.jit(filter_gains)
+
+
+def linear_residuals(marginal: Marginal, xi: Component) -> tuple[jax.Array, jax.Array]:
+    """Residuals of the linear models at standard coordinates (P, B), and the price of places out of their range.
+
+    Returns:
+        (N, B): innovations of every flight, then theta under its prior; (F, B): what is `out_of_range` per flight.
+    """
+    theta, shift = shifted(marginal, xi)
+    rows, prices = [], []
+    for flight, along in zip(marginal.flights, marginal.along, strict=True):
+        unit = _innovations(along.gains, *_seen(flight, along, theta, shift))
+        rows.append(unit.reshape(-1, xi.shape[1]))
+        prices.append(out_of_range(along, unit, shift, jnp.asarray(xi)))
+    away = theta - jnp.asarray(marginal.prior_centre)[:, None]
+    rows.append(jax.scipy.linalg.solve_triangular(jnp.asarray(marginal.prior_factor), away, lower=True))
+    return jnp.concatenate(rows), jnp.stack(prices)
+
+
+def projected_residuals(marginal: Marginal, xi: Component) -> jax.Array:
+    """The vector (N, B) whose ``-1/2 |.|^2`` is the marginal log density at (P, B) without `rest`, up to a constant."""
+    return jnp.concatenate(linear_residuals(marginal, xi))
+
+
+def log_density(marginal: Marginal, xi: Component) -> jax.Array:
+    """Marginal log density (B,) up to a constant at standard coordinates (P, B); NaN where a step fails."""
+    return -0.5 * jnp.sum(projected_residuals(marginal, xi) ** 2, axis=0) - marginal.rest.at(jnp.asarray(xi))
+
+
+def sample_log_likelihoods(marginal: Marginal, xi: jax.Array) -> tuple[jax.Array, ...]:
+    """Log density of every sample given all earlier ones and the parameters, start and disturbances integrated out.
+
+    Args:
+        marginal: The posterior.
+        xi: Standard coordinates (P, B).
+
+    Returns:
+        (T, B) per flight, zero where nothing was recorded; determinants are those at theta_0.
+    """
+    theta, shift = shifted(marginal, xi)
+    pairs = zip(marginal.flights, marginal.along, strict=True)
+    return tuple(_log_likelihoods(f, a.gains, _seen(f, a, theta, shift)) for f, a in pairs)
+
+
+@jax.jit
+def _log_likelihoods(flight: FlightData, made: Gains, seen: Seen) -> jax.Array:
+    scale = jnp.log(jnp.diagonal(made.root, axis1=1, axis2=2)) + 0.5 * jnp.log(2.0 * jnp.pi)
+    constant = jnp.sum(jnp.where(flight.present, scale, 0.0), axis=1)
+    return -0.5 * jnp.sum(innovations(made, *seen) ** 2, axis=1) - constant[:, None]
+
+
+def draw_flights(
+    marginal: Marginal, xi: Component, numbers: tuple[Normals, ...], hyper: Hyper | None = None
+) -> tuple[Lifted, ...]:
+    """Draws of every flight's start, shocks and path given theta, by simulation smoothing (Durbin and Koopman 2002).
+
+    A draw of the linear model is moved onto the data by the smoother. The full equations then depart from the linear
+    model by more than the posterior's width, so the move is repeated along the draw's own path (randomised
+    optimisation, Bardsley et al. 2014, with fixed derivatives).
+
+    Args:
+        marginal: The posterior.
+        xi: Standard coordinates of the parameters (P, B).
+        numbers: From `normals`, per flight; zeros give the conditional modes.
+        hyper: Noise parameters of this draw; the marginal's where None.
+
+    Returns:
+        Start (D, B), shocks (T, L, B), disturbances (T, A, B) and path (T, X, B) per flight.
+    """
+    theta, shift = shifted(marginal, xi)
+    law, found = hyper or marginal.hyper, []
+    for flight, along, z in zip(marginal.flights, marginal.along, numbers, strict=True):
+        made = along.gains if hyper is None else _gains(flight, hyper, along.linear)
+        aside, _, aside_path = jax.tree.map(lambda a: jnp.tensordot(a, shift, axes=1), along.aside)
+        driven = course_at(flight, along, shift)
+        free, away = drawn(flight, law, made, seen_along(along, *stepped(flight, theta, driven), shift), z)
+        path = moved(flight, driven.path, away + aside_path)
+        for _ in range(_CORRECTIONS):
+            driven = course(flight, law, jax.tree.map(jnp.add, free, aside))._replace(path=path)
+            residual, defects = stepped(flight, theta, driven)
+            seen = Seen(  # the linear model does without what it lacks
+                residual + jnp.asarray(along.linear.steps.out_state) @ aside_path,
+                defects - _disturbed(along.linear, course(flight, law, free)),
+            )
+            free, away = drawn(flight, law, made, seen, z)
+            path = moved(flight, path, away)
+        unknowns = jax.tree.map(jnp.add, free, aside)
+        found.append(Lifted(unknowns, course(flight, law, unknowns).error, path))
+    return tuple(found)
+
+
+_disturbed = jax.jit(lambda linear, driven: disturbed(linear.steps, driven))
+
+
+def in_batches(function: Callable[[Array], Any], xi: Array, batch: int = BATCH) -> Any:
+    """Apply a function of (P, batch) to (P, B) in equal pieces, so that one compilation serves; last axes joined."""
+    count = xi.shape[-1]
+    padded = np.concatenate([xi, np.repeat(xi[..., -1:], -count % batch, axis=-1)], axis=-1)
+    pieces = [function(padded[..., i : i + batch]) for i in range(0, padded.shape[-1], batch)]
+    return jax.tree.map(lambda *a: np.concatenate([np.asarray(x) for x in a], axis=-1)[..., :count], *pieces)

@@ -1,0 +1,78 @@
+"""Is the point that a fit ended at a mode, and are its corrections smaller than what they correct?
+
+The marginal density is a sum of squares, which one simulation gives, and of corrections that are expanded about the
+mode: what draws start and disturbances aside (`inference.following`), and the log determinant. About a mode, in
+coordinates in which the covariance is one, the log density falls by about a half one standard deviation out along every
+axis, and by two at two. Where a correction makes it rise there, or fall off a cliff, the expansion does not hold,
+however well a sampler does on it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+
+from bayeschute.posterior.marginal import Marginal, log_density
+
+Array = NDArray[np.float64]
+PLACES = (-2.0, -1.0, 1.0, 2.0)
+_STEEPEST = 5.0  # fall at one standard deviation beyond which the density is far narrower than its covariance says
+
+
+class Profile(NamedTuple):
+    """How far the log density falls along axes of standard coordinates.
+
+    Attributes:
+        direction: Unit vectors (N, P).
+        fall: From the centre to `PLACES` along them (N, 4); NaN where a simulation fails.
+    """
+
+    direction: Array
+    fall: Array
+
+    @property
+    def worst(self) -> float:
+        """Least fall at one standard deviation; a half about a Gaussian mode, negative where the density rises."""
+        near = self.fall[:, [i for i, place in enumerate(PLACES) if abs(place) == 1.0]]
+        return float(np.nanmin(near)) if np.isfinite(near).any() else -np.inf
+
+    @property
+    def is_mode(self) -> bool:
+        """Whether the density falls to both sides along every axis, on and on, and nowhere like a cliff."""
+        by_place = dict(zip(PLACES, self.fall.T, strict=True))
+        for sign in (-1.0, 1.0):
+            near, far = by_place[sign], by_place[2.0 * sign]
+            known = np.isfinite(near)
+            if (
+                not known.all()
+                or (near <= 0.0).any()
+                or (near > _STEEPEST).any()
+                or (far[np.isfinite(far)] <= near[np.isfinite(far)]).any()
+            ):
+                return False
+        return True
+
+
+def profile(marginal: Marginal, middle: Array | None = None, more: Sequence[Array] = ()) -> Profile:
+    """The log density along the axes of the parameters' covariance, and along those on which corrections bend most.
+
+    Args:
+        marginal: The posterior.
+        middle: Its mode, standard coordinates (P,); the centre where None.
+        more: Further directions (P,).
+    """
+    size = np.size(marginal.centre)
+    found = [*np.eye(size)]
+    curvature = np.asarray(marginal.rest.curvature)
+    if curvature.any():
+        found += [*np.linalg.eigh(curvature)[1][:, [0, -1]].T]
+    found += [np.asarray(d) / np.linalg.norm(d) for d in more]
+    direction = np.array(found)
+    points = np.concatenate([np.zeros((size, 1)), *(place * direction.T for place in PLACES)], axis=1)
+    points = points if middle is None else points + middle[:, None]
+    value = np.asarray(log_density(marginal, jnp.asarray(points)))
+    return Profile(direction, (value[0] - value[1:]).reshape(len(PLACES), len(direction)).T)

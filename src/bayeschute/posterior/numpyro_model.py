@@ -1,0 +1,100 @@
+"""The marginal posterior as a numpyro model with named sites, for notebooks.
+
+Every parameter is a site of its own, in its own unit and with its own prior; the likelihood, start and latent
+disturbances integrated out, enters by `numpyro.factor`. On numpyro's unconstrained space, where a parameter with a
+log-normal prior is its logarithm, the log density is that of `marginal.log_density` up to a constant. Only JAX is used,
+no machine code, so that numpyro can differentiate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpyro
+import numpyro.distributions as dist
+from numpy.typing import NDArray
+
+from bayeschute.core.errors import Fault, InputError
+from bayeschute.likelihood.joint import jax_stepped
+from bayeschute.likelihood.kalman import innovations
+from bayeschute.likelihood.priors import Prior, factor, working
+from bayeschute.posterior.marginal import Marginal, course_at, out_of_range, seen_along
+
+Array = NDArray[np.float64]
+SITE = "log_likelihood"
+
+
+@jax.jit
+def _log_likelihood(marginal: Marginal, theta: jax.Array, inverse: jax.Array) -> jax.Array:
+    shift = theta - jnp.asarray(marginal.centre)
+    xi = inverse @ shift
+    total = -marginal.rest.at(xi)
+    for flight, along in zip(marginal.flights, marginal.along, strict=True):
+        residual, defects = jax_stepped(flight, theta, course_at(flight, along, shift))
+        seen = seen_along(along, residual[..., None], defects[..., None], shift[:, None])
+        unit = innovations(along.gains, *seen)
+        dear = out_of_range(along, unit, shift[:, None], xi[:, None])[0]
+        total = total - 0.5 * (jnp.sum(unit**2) + dear**2)
+    return total
+
+
+def log_likelihood(marginal: Marginal) -> Callable[[jax.Array], jax.Array]:
+    """The differentiable log likelihood of parameters in working coordinates (P,), up to a constant.
+
+    Args:
+        marginal: The posterior.
+
+    Returns:
+        A function of theta (P,); NaN where the simulation fails. With the log prior it is `marginal.log_density`.
+    """
+    inverse = jnp.asarray(np.linalg.inv(np.asarray(marginal.scale)))  # a product: no triangular solves in a batch
+    return lambda theta: _log_likelihood(marginal, theta, inverse)
+
+
+def model(marginal: Marginal, priors: Sequence[Prior]) -> Callable[[], None]:
+    """The model of a marginal posterior; give it to `numpyro.infer.NUTS` or `numpyro.infer.Predictive`.
+
+    Args:
+        marginal: The posterior, set up with the same priors.
+        priors: Priors of the parameters, in order; their names become the sites.
+
+    Returns:
+        A numpyro model without arguments: a site per parameter in its unit, and the factor `SITE`. Where a simulation
+        fails, the factor is minus infinity.
+
+    Raises:
+        InputError: If the priors are not those of the posterior, or a name is taken twice.
+    """
+    centre, root = working(priors)[0], factor(priors)
+    here = np.asarray(marginal.prior_centre), np.asarray(marginal.prior_factor)
+    if centre.shape != here[0].shape or not (np.array_equal(centre, here[0]) and np.array_equal(root, here[1])):
+        got = f"{len(priors)} others"
+        raise InputError(Fault("priors of a numpyro model", got, f"the {here[0].size} of the marginal posterior"))
+    names = [p.name for p in priors]
+    if len({*names, SITE}) != len(names) + 1:
+        raise InputError(Fault("priors of a numpyro model", ", ".join(names), f"different names, none {SITE!r}"))
+    likelihood = log_likelihood(marginal)
+
+    def made() -> None:
+        theta: list[jax.Array] = []
+        standard: list[jax.Array] = []
+        for p, row in zip(priors, root, strict=True):  # each given those before it
+            k = len(theta)
+            mean = p.centre + sum((row[j] * standard[j] for j in range(k) if row[j]), 0.0)
+            law = dist.LogNormal(mean, row[k]) if p.logarithmic else dist.Normal(mean, row[k])
+            value = numpyro.sample(p.name, law)
+            theta.append(jnp.log(value) if p.logarithmic else value)
+            standard.append((theta[-1] - mean) / row[k])
+        told = likelihood(jnp.stack(theta))
+        numpyro.factor(SITE, jnp.where(jnp.isnan(told), -jnp.inf, told))
+
+    return made
+
+
+def start(marginal: Marginal, priors: Sequence[Prior]) -> dict[str, Array]:
+    """Values of the sites at the centre of the posterior, for `numpyro.infer.init_to_value`."""
+    centre = np.asarray(marginal.centre)
+    return {p.name: np.asarray(p.value(centre[i])) for i, p in enumerate(priors)}

@@ -1,0 +1,79 @@
+"""Whether corrected draws may be believed: the tail of their importance ratios, and R-hat.
+
+Delayed acceptance is exact in the limit whatever its surrogate, but where the surrogate's tails are too thin the walk
+sticks, and finite draws don't show what they miss. The ratios exact/surrogate at the surrogate's proposals tell: the
+shape k of their upper tail (Vehtari, Simpson, Gelman, Yao and Gabry 2024) is 0.7 or more where their mean, and with it
+the correction, can't be trusted.
+"""
+
+from __future__ import annotations
+
+import arviz_stats
+import numpy as np
+import xarray as xr
+from arviz_stats.base import array_stats
+from scipy.stats import chi2
+
+from bayeschute.posterior.sampling.protocol import Array, Draws
+
+MOST_K = 0.7
+MOST_RHAT = 1.01
+_EQUAL = 1e-6  # spread of log ratios up to which all weights are the same, and there is no tail
+_LEAST = 25  # ratios of which a tail can be fitted: ArviZ takes a fifth of few, and wants five
+_FALSE_ALARM = 1e-3  # chance that independent draws, as many as there are, are refused by R-hat
+
+
+def pareto_k(log_ratio: Array) -> float:
+    """Shape of the generalised Pareto distribution of the largest importance ratios.
+
+    Args:
+        log_ratio: Log ratios exact/surrogate up to a constant, any shape; not finite where a simulation failed, which
+            is a weight of zero.
+
+    Returns:
+        The shape k; 0 where all ratios are equal, infinity where too few are finite or all of the tail is one value,
+        as of a walk that sticks.
+    """
+    good = np.ravel(log_ratio)[np.isfinite(np.ravel(log_ratio))]
+    if good.size < _LEAST:
+        return float(np.inf)
+    if np.ptp(good) < _EQUAL:
+        return 0.0
+    # ArviZ takes log likelihoods, whose negatives are the log weights of leaving one out.
+    try:
+        return float(array_stats.psislw(-good)[1])
+    except ValueError:  # the tail has no width
+        return float(np.inf)
+
+
+def largest_rhat(xi: Array) -> float:
+    """Largest R-hat of the parameters of draws (chain, draw, P); not a number where a parameter never moved."""
+    names = ("chain", "draw", "parameter")
+    return float(np.max(np.asarray(arviz_stats.rhat(xr.DataArray(xi, dims=names)))))
+
+
+def rhat_bound(chains: int, draws: int, parameters: int) -> float:
+    """1.01, or what independent draws exceed once in a thousand times where they are few.
+
+    The squared split R-hat of independent draws is about ``1 + (c / (2 chains - 1) - 1) / (draws / 2)``, c chi-squared
+    with ``2 chains - 1`` degrees of freedom; the largest over ranks and folded ranks of all parameters counts.
+    """
+    degrees = 2 * chains - 1
+    spread = float(chi2.isf(_FALSE_ALARM / (2 * parameters), degrees)) / degrees
+    return max(MOST_RHAT, float(np.sqrt(1.0 + 2.0 * max(spread - 1.0, 0.0) / draws)))
+
+
+def doubt(draws: Draws) -> str:
+    """Why draws by delayed acceptance can't be believed, in words; empty where they can.
+
+    Args:
+        draws: Of `nuts.corrected`, with ``log_ratio`` among their numbers.
+    """
+    reasons = []
+    k = pareto_k(draws.stats["log_ratio"])
+    if not k < MOST_K:
+        reasons.append(f"Pareto k of the ratios exact/surrogate is {k:.2f}, not below {MOST_K}")
+    largest, bound = largest_rhat(draws.xi), rhat_bound(*draws.xi.shape)
+    if not largest < bound:
+        reasons.append(f"R-hat is {largest:.3f}, not below {bound:.3g}")
+    return "; ".join(reasons)

@@ -1,0 +1,80 @@
+"""A quadratic surrogate of projected residuals: the marginal posterior as a quartic polynomial of its parameters.
+
+The marginal log density is ``-1/2 |r(xi)|^2 - rest`` with r nearly linear in xi and the rest a polynomial.
+Fit ``r(xi) ~ C m(xi)``, m all monomials up to degree two, to simulations around the optimum, and compress: with
+``C = Q R`` the first part is ``-1/2 |R m(xi)|^2``, a product with a triangular matrix of as many rows as monomials. It
+costs microseconds and has a gradient.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+
+from bayeschute.core.vectors import Component
+from bayeschute.posterior.marginal import Quadratic
+
+Array = NDArray[np.float64]
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Surrogate:
+    """``log density = -1/2 |factor @ monomials(xi)|^2 - rest``; `factor` is (M, M), M = 1 + P + P (P + 1)/2."""
+
+    factor: Component
+    rest: Quadratic
+
+    def log_density(self, xi: jax.Array) -> jax.Array:
+        """Surrogate log density at standard coordinates (P, ...), up to a constant."""
+        return -0.5 * jnp.sum((self.factor @ monomials(xi)) ** 2, axis=0) - self.rest.at(xi)
+
+
+def monomials(xi: jax.Array) -> jax.Array:
+    """All monomials up to degree two of (P, ...): (M, ...)."""
+    p = xi.shape[0]
+    i, j = np.triu_indices(p)
+    return jnp.concatenate([jnp.ones_like(xi[:1]), xi, xi[i] * xi[j]])
+
+
+def build(
+    residuals: Callable[[Array], Array],
+    rest: Quadratic,
+    rng: np.random.Generator,
+    spread: float = 1.3,
+    factor: int = 3,
+) -> tuple[Surrogate, int]:
+    """Fit the surrogate.
+
+    Args:
+        residuals: Projected residuals (N, B) at standard coordinates (P, B).
+        rest: What the density is besides them, a polynomial already (`Marginal.rest`).
+        rng: Source of the design points.
+        spread: Standard deviation of the design points.
+        factor: Design points per monomial.
+
+    Returns:
+        The surrogate and the number of simulations that failed.
+
+    Raises:
+        FloatingPointError: If fewer simulations succeed than there are monomials.
+    """
+    parameters = int(np.size(rest.slope))
+    count = 1 + parameters + parameters * (parameters + 1) // 2
+    points = spread * rng.standard_normal((parameters, factor * count))
+    points[:, 0] = 0.0
+    values = np.concatenate(
+        [residuals(part) for part in np.array_split(points, factor * count // 64 + 1, axis=1)], axis=1
+    )
+    good = np.isfinite(values).all(axis=0)
+    if good.sum() < count:
+        raise FloatingPointError(f"{(~good).sum()} of {good.size} simulations around the optimum failed")
+    design = np.asarray(monomials(jnp.asarray(points[:, good])))
+    weight = np.exp(-0.25 * np.sum(points[:, good] ** 2, axis=0) * (1.0 - 1.0 / spread**2))
+    coefficients = np.linalg.lstsq((design * weight).T, (values[:, good] * weight).T, rcond=None)[0].T
+    return Surrogate(np.linalg.qr(coefficients, mode="r"), rest), int((~good).sum())

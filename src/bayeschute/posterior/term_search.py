@@ -1,0 +1,104 @@
+"""Which terms a fitted flight asks for: evidence of models that go without some of a library's terms.
+
+The whole library is fitted to the flight once, under priors that keep it from nonsense, start and disturbances
+integrated out. There its posterior is nearly Gaussian, and the evidence of a model without some terms, over that of the
+whole, is the posterior density of their being zero over the prior one (Dickey 1971). Terms leave one by one, or come
+back, as long as the evidence grows, a stated penalty on each term counted. Equation error does the same on forces; here
+the wind's error is part of the model, which it can't be there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayeschute.likelihood.priors import Prior, covariance, given_zero, working
+
+Array = NDArray[np.float64]
+PENALTY = 2.0
+"""Least logarithm of the evidence, for a model with a term over one without, at which the term is kept."""
+
+
+class Chosen(NamedTuple):
+    """A model taken out of a library.
+
+    Attributes:
+        priors: Of its parameters, the other terms known to be zero.
+        theta: Its most probable parameters in the Gaussian of the library (P,).
+        kept: Which of the library's parameters it has.
+        evidence: By parameter that may be left out, logarithm of the evidence for it: what the chosen model gains by
+            it, or would.
+    """
+
+    priors: tuple[Prior, ...]
+    theta: Array
+    kept: NDArray[np.bool_]
+    evidence: dict[str, float]
+
+
+def log_evidence_without(priors: Sequence[Prior], mean: Array, law: Array, out: NDArray[np.bool_]) -> float:
+    """Logarithm of the evidence of a model whose parameters `out` are zero, over that of the whole.
+
+    Args:
+        priors: Of all parameters.
+        mean: Posterior mean (P,), working coordinates.
+        law: Posterior covariance (P, P).
+        out: Which parameters are zero (P,).
+    """
+    if not out.any():
+        return 0.0
+
+    def density(centre: Array, spread: Array) -> float:
+        root = np.linalg.cholesky(spread[np.ix_(out, out)])
+        return float(-0.5 * np.sum(np.linalg.solve(root, centre[out]) ** 2) - np.sum(np.log(np.diag(root))))
+
+    return density(mean, law) - density(working(priors)[0], covariance(priors))
+
+
+def choose(
+    priors: Sequence[Prior], mean: Array, law: Array, may_go: Collection[str], penalty: float = PENALTY
+) -> Chosen:
+    """Leave terms of a library out, and take back those that pay.
+
+    Args:
+        priors: Of all parameters.
+        mean: Posterior mean of the library (P,), working coordinates.
+        law: Its covariance (P, P).
+        may_go: Names of the parameters that may be left out.
+        penalty: Least logarithm of the evidence at which a term is kept.
+
+    Returns:
+        The model.
+    """
+    free = np.array([p.name in may_go for p in priors])
+    out = np.zeros(len(priors), bool)
+
+    def told(gone: NDArray[np.bool_]) -> float:
+        return log_evidence_without(priors, mean, law, gone) + penalty * int(gone.sum())
+
+    def toggled(i: int) -> NDArray[np.bool_]:
+        other = out.copy()
+        other[i] = not other[i]
+        return other
+
+    now = 0.0
+    while free.any():
+        found = {i: told(toggled(i)) for i in map(int, np.flatnonzero(free))}
+        best = max(found, key=lambda i: found[i])
+        if found[best] <= now:
+            break
+        out, now = toggled(best), found[best]
+    here = log_evidence_without(priors, mean, law, out)
+    gains = {}
+    for i in map(int, np.flatnonzero(free)):
+        change = log_evidence_without(priors, mean, law, toggled(i)) - here
+        gains[priors[i].name] = change if out[i] else -change
+    kept = ~out
+    theta = mean[kept]
+    if out.any():
+        theta = theta - law[np.ix_(kept, out)] @ np.linalg.solve(law[np.ix_(out, out)], mean[out])
+    names = [p.name for p, gone in zip(priors, out, strict=True) if gone]
+    return Chosen(tuple(given_zero(priors, names)), theta, kept, gains)

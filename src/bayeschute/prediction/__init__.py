@@ -1,0 +1,1 @@
+"""Bands, requirements, landings and the files of a risk assessment."""

@@ -1,0 +1,316 @@
+"""Bands of quantities of interest: parameters, initial state and latent disturbances drawn together.
+
+A flight to be predicted is known by the opening of its record only: those samples fix the initial state (and what they
+say of the disturbances); beyond them the disturbances follow their process. The same code serves a part of a record
+held out in time, and the smoothing of a fitted flight.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from bayeschute.dynamics import cluster_flight, descent
+from bayeschute.dynamics.cluster_flight import ClusterFlight
+from bayeschute.likelihood.joint import Course, FlightData, Hyper, Unknowns, course, states
+from bayeschute.likelihood.priors import Prior
+from bayeschute.likelihood.simulation_smoother import Normals, normals
+from bayeschute.posterior.fit import joint
+from bayeschute.posterior.marginal import Marginal, draw_flights, marginalise
+from bayeschute.posterior.noise_evidence import from_vector, to_vector
+from bayeschute.posterior.noise_uncertainty import LawEffect
+from bayeschute.records.sensors import ornstein_uhlenbeck
+
+Array = NDArray[np.float64]
+GROUP = 16  # draws that share their noise parameters
+QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
+UNITS = {"swing_angle": "rad", "flyout_angle": "rad", "descent_rate": "m/s", "sea_level_descent_rate": "m/s"}
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Draws of a flight.
+
+    Attributes:
+        time: (T,) [s].
+        draws: Quantity by name, (draw, T); NaN where a simulation failed.
+        touchdown: Capsule velocity at the last sample, (draw, 3) NED [m/s]; descents hold (0, 0, rate).
+        failed: Simulations that were not finite.
+        shares: Share of variance by quantity and source; NaN where no simulation tells.
+    """
+
+    time: Array
+    draws: Mapping[str, Array]
+    touchdown: Array
+    failed: int
+    shares: Mapping[str, Mapping[str, float]]
+
+
+def _simulate(flight: FlightData, theta: jax.Array, driven: Course) -> tuple[jax.Array, jax.Array]:
+    """Quantities (Q, T, B) and the last velocity (3, B); simulated from where the course's path ends, if it has one."""
+    return _quantities(flight, states(flight, theta, driven, driven.path))
+
+
+@jax.jit
+def _quantities(flight: FlightData, x: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Quantities (Q, T, B) and the last velocity (3, B) of states (T, X, B)."""
+    model: Any = flight.model
+    extra = (1,) * (x.ndim - 2)
+    if isinstance(model, ClusterFlight):
+        density = jnp.reshape(model.record.density, (-1, *extra))
+        attach, n = model.base.capsule.attach_b, model.structure.canopies
+        rows = [
+            jax.vmap(lambda s, rho, q=q: cluster_flight.quantity(q, s, rho, attach, n))(x, density)
+            for q in cluster_flight.QUANTITIES
+        ]
+        return jnp.stack(rows), x[-1, 3:6]
+    rows = [jax.vmap(lambda s, q=q: descent.quantity(q, s, model.air))(x) for q in descent.QUANTITIES]
+    return jnp.stack(rows), jnp.stack([0.0 * x[-1, 1], 0.0 * x[-1, 1], x[-1, 1]])
+
+
+def quantities_of(flight: FlightData) -> tuple[str, ...]:
+    """Quantities that a flight's model offers."""
+    return cluster_flight.QUANTITIES if isinstance(flight.model, ClusterFlight) else descent.QUANTITIES
+
+
+def quantities_of_states(flight: FlightData, x: Array) -> dict[str, Array]:
+    """Quantities of interest (T, B) of states (T, X, B)."""
+    return dict(zip(quantities_of(flight), np.asarray(_quantities(flight, jnp.asarray(x))[0]), strict=True))
+
+
+def opening(flight: FlightData, seconds: float) -> FlightData:
+    """The first seconds of a flight as a flight of its own."""
+    samples = int(round(seconds / float(flight.dt))) + 1
+    model: Any = flight.model
+    shorter = replace(model, record=jax.tree.map(lambda a: np.asarray(a)[:samples], model.record))
+    observed, present = (np.asarray(a)[:samples] for a in (flight.observed, flight.present))
+    path = None if flight.path is None else flight.path._replace(states=flight.path.states[:samples])
+    return replace(flight, model=shorter, observed=observed, present=present, path=path)
+
+
+def opened(flight: FlightData, hyper: Hyper, posterior: Sequence[Prior]) -> Marginal:
+    """What an opening's data say of its own unknowns, the parameters as the posterior has them.
+
+    Args:
+        flight: From `opening`.
+        hyper: Noise parameters.
+        posterior: Gaussian summary of the posterior, as priors here.
+
+    Returns:
+        The marginal posterior whose unknowns `predict` draws and continues.
+    """
+    theta = np.array([p.centre for p in posterior])
+    best = joint([flight], hyper, posterior, theta)
+    return marginalise([flight], hyper, posterior, best)
+
+
+def law_draws(hyper: Hyper, covariance: Array, draws: int, rng: np.random.Generator) -> list[Hyper]:
+    """Noise parameters drawn about those of the fit.
+
+    Args:
+        hyper: Noise parameters of the fit.
+        covariance: Of their logarithms (V, V).
+        draws: How many.
+        rng: Source of randomness.
+    """
+    at, root = to_vector(hyper), np.linalg.cholesky(covariance)
+    return [from_vector(at + root @ rng.standard_normal(at.size), hyper) for _ in range(draws)]
+
+
+def carried(marginal: Marginal, theta: Array, laws: Sequence[Hyper], effect: LawEffect) -> Array:
+    """Draws of the parameters for held noise parameters as they are for those that `predict` takes for each.
+
+    Args:
+        marginal: Of the fit that the draws are from.
+        theta: Draws, working coordinates (B, P).
+        laws: Noise parameters, from `law_draws`; groups of draws take them in turn.
+        effect: Of the noise parameters.
+
+    Returns:
+        (B, P).
+    """
+    off = np.array([to_vector(law) for law in laws]) - to_vector(marginal.hyper)
+    scale, centre = np.asarray(marginal.scale), np.asarray(marginal.centre)
+    xi = np.linalg.solve(scale, (theta - centre).T).T
+    return np.asarray(centre + effect.carried(xi, off[np.arange(len(xi)) // GROUP % len(laws)]) @ scale.T)
+
+
+def predict(
+    marginal: Marginal,
+    index: int,
+    theta: Array,
+    laws: Sequence[Hyper],
+    seed: int,
+    whole: FlightData | None = None,
+    told: float = np.inf,
+    progress: Callable[[float], None] | None = None,
+    disturbance_log_sd: float = 0.0,
+    groups: range | None = None,
+) -> Prediction:
+    """Draw a flight's quantities.
+
+    Args:
+        marginal: Of the fit the flight was part of, or from `opened`.
+        index: Which of its flights.
+        theta: Draws of the parameters, working coordinates (B, P); see `carried`.
+        laws: Noise parameters, from `law_draws`; groups of draws take them in turn.
+        seed: Seed of unknowns.
+        whole: The whole flight where the marginal holds its opening only.
+        told: Data end here [s from the first sample]; disturbances beyond are free.
+        progress: Called with a share done.
+        disturbance_log_sd: Standard deviation of the logarithm of a factor on disturbances beyond the data, one a draw.
+        groups: Only these groups of `GROUP` draws each, drawn as if all were; all where None. Shares of variance are
+            there with the first group only.
+
+    Returns:
+        The prediction.
+    """
+    stronger = np.random.default_rng([seed, index, 11])
+    part, rng = marginal.flights[index], np.random.default_rng([seed, index])
+    flight, draws = whole or part, theta.shape[0]
+    kept = min(int(np.floor(told / float(flight.dt) + 1e-9)) + 1 if np.isfinite(told) else part.samples, part.samples)
+    xi = np.linalg.solve(np.asarray(marginal.scale), (theta - np.asarray(marginal.centre)).T)
+
+    def driven(xi: Array, numbers: tuple[Normals, ...], later: Array, law: Hyper) -> Course:
+        known = draw_flights(marginal, xi, numbers, law)[index]
+        shocks = jnp.concatenate([known.unknowns.shocks[:kept], later])
+        return course(flight, law, Unknowns(known.unknowns.start, shocks))._replace(path=known.path[:kept])
+
+    rows, lasts = [], []
+    first: Any = None
+    for i, at in enumerate(range(0, draws, GROUP)):
+        pick, keep = np.minimum(np.arange(at, at + GROUP), draws - 1), min(GROUP, draws - at)
+        numbers = tuple(normals(f, GROUP, rng) for f in marginal.flights)
+        later = rng.standard_normal((flight.samples - kept, flight.latent.size, GROUP))
+        later = later * np.exp(disturbance_log_sd * stronger.standard_normal(GROUP))
+        given = (xi[:, pick], numbers, later, laws[i % len(laws)])
+        first = first or given
+        if groups is not None and i not in groups:
+            continue  # only its random numbers are taken
+        quantities, last = _simulate(flight, marginal.theta(jnp.asarray(xi[:, pick])), driven(*given))
+        rows.append(np.asarray(quantities)[..., :keep])
+        lasts.append(np.asarray(last)[:, :keep])
+        if progress is not None:
+            progress(min((at + GROUP) / draws, 1.0))
+    made: Array = np.concatenate(rows, axis=-1)
+    ends: Array = np.concatenate(lasts, axis=-1)
+    bad = ~np.isfinite(made).all(axis=(0, 1))
+    made[..., bad], ends[:, bad] = np.nan, np.nan
+    names = quantities_of(flight)
+    time = np.arange(flight.samples, dtype=float) * float(flight.dt)
+    if groups is not None and 0 not in groups:
+        return Prediction(time, {name: made[i].T for i, name in enumerate(names)}, ends.T, int(bad.sum()), {})
+    drawn_xi, numbers, later, law = first
+    still, quiet, silence = jax.tree.map(np.zeros_like, first[:3])
+    middle, drawn = driven(still, quiet, silence, law), driven(still, numbers, later, law)
+    shares = _shares(marginal, flight, drawn_xi, middle, drawn, driven(drawn_xi, quiet, silence, law), names)
+    return Prediction(time, {name: made[i].T for i, name in enumerate(names)}, ends.T, int(bad.sum()), shares)
+
+
+def _shares(
+    marginal: Marginal,
+    flight: FlightData,
+    xi: Array,
+    middle: Course,
+    drawn: Course,
+    followed: Course,
+    names: Sequence[str],
+) -> dict[str, dict[str, float]]:
+    """Variance of each quantity when one source alone varies, as shares of their sum, averaged over the flight."""
+    cases = {"parameter": (xi, followed), "initial state": (0.0 * xi, Course(drawn.start, middle.error))}
+    kind = np.array([_latent(flight, row) for row in range(flight.latent.rows)])
+    for source in dict.fromkeys(kind):
+        error = np.where((kind == source)[:, None], drawn.error, middle.error)
+        cases[str(source)] = (0.0 * xi, Course(middle.start, error))
+    variance = {}
+    for source, (x, driven) in cases.items():
+        quantities, _ = _simulate(flight, marginal.theta(jnp.asarray(x)), driven)
+        made = np.asarray(quantities)
+        variance[source] = np.full(len(made), np.nan)
+        if np.isfinite(made).any():
+            variance[source] = np.nanmean(np.nanvar(made, axis=-1), axis=-1)
+    total = np.sum(list(variance.values()), axis=0)
+    return {
+        name: {source: 0.0 if total[i] == 0.0 else float(v[i] / total[i]) for source, v in variance.items()}
+        for i, name in enumerate(names)
+    }
+
+
+def _latent(flight: FlightData, row: int) -> str:
+    return "canopy force" if isinstance(flight.model, ClusterFlight) and row >= 3 else "wind"
+
+
+def recorded_draws(prediction: Prediction, name: str, noise: tuple[float, float, float] | None, seed: int) -> Array:
+    """Draws of a quantity as instruments record it: with AR(1) and white noise (white, correlated, time constant)."""
+    values = prediction.draws[name]
+    if noise is None:
+        return values
+    white, correlated, tau = noise
+    rng = np.random.default_rng([seed, 7])
+    dt = float(prediction.time[1] - prediction.time[0])
+    drift = ornstein_uhlenbeck(correlated, tau, dt, values.T.shape, rng).T
+    return values + drift + white * rng.standard_normal(values.shape)
+
+
+def quantiles(draws: Array, shares: Sequence[float] = QUANTILES) -> Array:
+    """Quantiles (Q, T) of draws (B, T), of those that did not fail; NaN where all did."""
+    known = np.isfinite(draws).any(axis=0)
+    made = np.full((len(shares), draws.shape[1]), np.nan)
+    made[:, known] = np.nanquantile(draws[:, known], shares, axis=0)
+    return made
+
+
+def coverage(draws: Array, reference: Array, counted: NDArray[np.bool_]) -> float | None:
+    """Share of counted samples with the reference (T,) inside the 90 % band of draws (B, T).
+
+    Returns:
+        The share [1]; None where no sample has both a reference and a band, which draws that all failed have nowhere.
+    """
+    low, high = quantiles(draws, (QUANTILES[0], QUANTILES[-1]))
+    known = np.isfinite(reference) & np.isfinite(low) & np.isfinite(high) & counted
+    return float(np.mean((reference[known] >= low[known]) & (reference[known] <= high[known]))) if known.any() else None
+
+
+def dataset(
+    prediction: Prediction,
+    time: Array,
+    wanted: Sequence[str],
+    truth: xr.Dataset | None,
+    record: Mapping[str, Array],
+    held_out: NDArray[np.bool_],
+    role: str,
+) -> xr.Dataset:
+    """The entry of ``predictions.nc`` for a flight.
+
+    Args:
+        prediction: Its draws.
+        time: Times of the record [s].
+        wanted: Quantities to keep.
+        truth: Truth, where known.
+        record: Quantities as the record has them, (T,) each.
+        held_out: Samples that the fit did not see.
+        role: ``identify`` or ``predict``.
+    """
+    made = xr.Dataset(coords={"quantile": ("quantile", list(QUANTILES)), "time": ("time", time, {"units": "s"})})
+    names = [q for q in wanted if q in prediction.draws]
+    for name in names:
+        unit = {"units": UNITS[name]}
+        made[name] = (("quantile", "time"), quantiles(prediction.draws[name]), unit)
+        if truth is not None and name in truth:
+            made[f"{name}_truth"] = ("time", truth[name].values, unit)
+        if name in record:
+            made[f"{name}_record"] = ("time", record[name], unit)
+    made["held_out"] = ("time", held_out)
+    sources = list(next(iter(prediction.shares.values())))
+    table = [[prediction.shares[name][s] for name in names] for s in sources]
+    made["variance_share"] = (("source", "quantity"), np.array(table), {"units": "1"})
+    made = made.assign_coords(source=sources, quantity=names)
+    made.attrs = {"role": role, "failed": prediction.failed}
+    return made

@@ -1,0 +1,1 @@
+"""Flight records: read, checked, cleaned, resampled, and motion reconstructed from them."""

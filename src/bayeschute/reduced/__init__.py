@@ -1,0 +1,1 @@
+"""Reduced models of a cluster: pendulum, planar dumbbell, flyout, maypole and breathing."""

@@ -1,0 +1,282 @@
+"""One self-contained report from a run folder: tables, figures and the sentences between them."""
+
+from __future__ import annotations
+
+import base64
+import os
+import re
+from collections.abc import Mapping
+from importlib import resources
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+from jinja2 import Environment, StrictUndefined
+from matplotlib.figure import Figure
+
+from bayeschute.report import failed_fit, sentences
+from bayeschute.report.figures import inference_figures, record_figures
+from bayeschute.report.figures.canvas import save
+from bayeschute.report.run_results import Results, read_results
+from bayeschute.report.structure_view import Draw, structure_view
+from bayeschute.report.tables import identifiability_tables, record_tables, summary_tables, trust_tables
+from bayeschute.report.wording import counted, is_number, listed, number, percent, quantity_name
+
+LANDING_OF = {  # quantity of a band: quantity of a landing
+    "sea_level_descent_rate": "sea_level_rate",
+    "descent_rate": "vertical_speed",
+    "swing_angle": "swing_amplitude",
+}
+
+
+class Picture(NamedTuple):
+    """A figure in the report: data URI, text for those who can't see it, and caption."""
+
+    uri: str
+    alt: str
+    caption: str
+
+
+def _picture(figure: Figure, folder: Path, name: str, alt: str, caption: str) -> Picture:
+    """Save a figure and inline it."""
+    svg = save(figure, folder, name)
+    uri = "data:image/svg+xml;base64," + base64.b64encode(svg.read_bytes()).decode("ascii")
+    return Picture(uri, alt, caption)
+
+
+def _slug(name: str) -> str:
+    """A name that is safe in a file name."""
+    return "".join(c if c.isalnum() or c in "-_." else "-" for c in name)
+
+
+def _limits(results: Results, landing: bool = False) -> dict[str, float]:
+    """Upper limits of the requirements by quantity (SI)."""
+    found = {}
+    for requirement in sentences.requirements(results):
+        name, limit = str(requirement.get("quantity")), requirement.get("at_most")
+        if is_number(limit):
+            found[LANDING_OF.get(name, name) if landing else name] = float(limit or 0.0)
+    return found
+
+
+def _record_pictures(results: Results, folder: Path) -> list[Picture]:
+    """One figure per record."""
+    found = []
+    for name, record in results.flights.items():
+        facts = results.part("flights").get(name)
+        repairs = record_tables.faults_of(record_tables.repairs_of(facts if isinstance(facts, Mapping) else {}, record))
+        figure = record_figures.record_figure(record, repairs)
+        if figure.axes:
+            alt = f"Altitude, descent rate and wind of {name} over time; {counted(len(repairs), 'fault')} marked."
+            caption = f"{name}: the record as it was used. Purple marks what was missing, faulty or left out."
+            found.append(_picture(figure, folder, f"record-{_slug(name)}", alt, caption))
+    return found
+
+
+def _band_pictures(results: Results, folder: Path) -> list[Picture]:
+    """One figure of bands per flight."""
+    found = []
+    for name, bands in results.predictions.items():
+        quantities = record_figures.band_quantities(bands)
+        if not quantities:
+            continue
+        shares = [(q, record_figures.coverage(bands, q, 0.05, 0.95)) for q in quantities]
+        scored = [f"{percent(s)} of the {quantity_name(q)}" for q, s in shares if s is not None]
+        alt = f"Predicted bands of {listed([quantity_name(q) for q in quantities])} on {name} over time."
+        alt += f" Inside the 90 % band: {listed(scored)}." if scored else ""
+        role = bands.attrs.get("role")
+        seen = {"predict": "not used in the fit", "identify": "used in the fit"}.get(str(role), "")
+        caption = f"{name}{', ' + seen if seen else ''}: median, 50 % and 90 % bands from the draws of parameters, "
+        caption += "wind and initial state."
+        figure = record_figures.band_figure(bands, _limits(results))
+        found.append(_picture(figure, folder, f"bands-{_slug(name)}", alt, caption))
+    return found
+
+
+def _variance_picture(results: Results, folder: Path) -> Picture | None:
+    """Shares of variance of all flights."""
+    shares: dict[str, xr.DataArray] = {
+        name: bands["variance_share"]
+        for name, bands in results.predictions.items()
+        if "variance_share" in bands and {"source", "quantity"} == set(bands["variance_share"].dims)
+    }
+    if not shares:
+        return None
+    caption = "Where the width of the bands comes from: what better knowledge of each source could take away."
+    return _picture(
+        record_figures.variance_figure(shares),
+        folder,
+        "variance",
+        f"Stacked bars: shares of variance by source for {listed(list(shares))}.",
+        caption,
+    )
+
+
+def _autocorrelations(results: Results) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Curves of residual autocorrelation that the run left, by name."""
+    sources: dict[str, Any] = {str(k): v for k, v in results.part("residuals").items()}
+    for name, facts in (results.structure.get("coefficients") or {}).items():
+        if isinstance(facts, Mapping):
+            sources[f"{name} force, structure"] = facts.get("residual")
+    found = {}
+    for name, facts in sources.items():
+        if isinstance(facts, Mapping) and isinstance(facts.get("autocorrelation"), list):
+            value = np.array(facts["autocorrelation"], dtype=float)
+            lag = np.array(facts.get("lag") or np.arange(value.size) * float(facts.get("step", 1.0)), dtype=float)
+            if value.size > 1 and lag.shape == value.shape and np.isfinite(value).all():
+                found[name] = (lag, value)
+    return found
+
+
+def _posterior_pictures(results: Results, folder: Path) -> tuple[list[Picture], list[Picture]]:
+    """Figures of the posterior, and those of the chains."""
+    parameters = results.part("parameters")
+    names = [n for n in parameters if n in results.posterior] or list(results.posterior)
+    draws = {n: results.posterior[n] for n in names if np.isfinite(results.posterior[n]).all()}
+    if not draws:
+        return [], []
+    facts: dict[str, Mapping[str, Any]] = {n: p for n, p in parameters.items() if isinstance(p, Mapping)}
+    units = {n: str(facts.get(n, {}).get("unit") or "1") for n in draws}
+    truth = {n: float(facts[n]["truth"]) for n in draws if n in facts and is_number(facts[n].get("truth"))}
+    most = inference_figures.MOST_PANELS
+    more = f" The first {most} of {len(draws)} parameters." if len(draws) > most else ""
+    caption = "What was known before (grey, dashed) and after (blue) the record was used; the true value where known."
+    figure = inference_figures.marginal_figure(draws, results.prior, truth, units)
+    alt = f"Prior and posterior densities of {counted(len(draws), 'parameter')}."
+    found = [_picture(figure, folder, "marginals", alt, caption + more)]
+    varied = [n for n in draws if draws[n].std() > 0][:24]
+    if len(varied) > 1:
+        matrix = np.corrcoef(np.stack([draws[n].ravel() for n in varied]))
+        i, j = np.unravel_index(np.argmax(np.abs(np.tril(matrix, -1))), matrix.shape)
+        strongest = f"The strongest is {number(float(matrix[i, j]), 2)}, between {varied[i]} and {varied[j]}."
+        figure = inference_figures.correlation_figure(varied, matrix)
+        caption = "Pair correlations of the posterior. Use joint draws where they are strong. " + strongest
+        found.append(_picture(figure, folder, "correlation", f"Heat map of correlations. {strongest}", caption))
+    caption = "Traces of the chains, and how the ranks of each chain's draws spread, relative to an even spread (grey: "
+    caption += "99 % of what chance alone does to independent draws). Chains that agree look alike."
+    alt = f"Traces and rank histograms of {counted(len(draws), 'parameter')}."
+    chains = [_picture(inference_figures.chain_figure(draws, units), folder, "chains", alt, caption + more)]
+    return found, chains
+
+
+def _exceedance_picture(results: Results, folder: Path) -> Picture | None:
+    """Exceedance of the landing quantities that matter most."""
+    table = results.risk.get("exceedance")
+    needed = {"run", "quantity", "unit", "threshold", "probability", "draws", "clopper_pearson_low"}
+    if table is None or table.empty or not needed <= set(table.columns):
+        return None
+    limits = _limits(results, landing=True)
+    known = list(dict.fromkeys(table["quantity"]))
+    wanted = [q for q in [*limits, "sea_level_rate", "vertical_speed", "swing_amplitude"] if q in known] or known
+    table = table[table["quantity"].isin(list(dict.fromkeys(wanted))[:2])]
+    names = listed([quantity_name(q) for q in dict.fromkeys(table["quantity"])])
+    return _picture(
+        record_figures.exceedance_figure(table, limits),
+        folder,
+        "exceedance",
+        f"Probability of exceeding a threshold, for {names}.",
+        "Probability that a landing exceeds a threshold; shaded: 90 % Clopper-Pearson limits (number of landings).",
+    )
+
+
+def _of_every_run(results: Results, draw: Draw) -> dict[str, Any]:
+    """What the template sets of any run: what was fed in, the structure, where it came from."""
+    summary = results.summary
+    vehicle, notes = summary.get("vehicle"), summary.get("notes")
+    return {
+        "title": str(summary.get("title") or "Parachute identification"),
+        "heading": re.sub(r"(?<=\w)-(?=\w)", "\u2011", str(summary.get("title") or "Parachute identification")),
+        "model": summary.get("model"),
+        "quick": summary.get("quick") is True,
+        "label": sentences.label(results),
+        "verified": sentences.is_verified(results),
+        "flights": record_tables.flight_table(results),
+        "repairs": record_tables.repair_table(results),
+        "preparation": record_tables.preparation_table(results),
+        "noise": summary_tables.noise_table(results),
+        "latent": summary.get("noise_model", "latent") == "latent",
+        "vehicle": summary_tables.plain_table(vehicle, "Vehicle", "") if isinstance(vehicle, Mapping) else None,
+        "vehicle_name": vehicle if isinstance(vehicle, str) else None,
+        "records": _record_pictures(results, results.folder / "figures"),
+        "structure": structure_view(results, draw),
+        "notes": [str(n) for n in notes] if isinstance(notes, list) else [],
+        "absent": results.absent,
+        "seed": summary.get("seed"),
+        "finished": summary.get("finished") or summary.get("created"),
+        "provenance": trust_tables.provenance_tables(results),
+    }
+
+
+def _context(results: Results) -> dict[str, Any]:
+    """Everything the template sets."""
+    folder = results.folder / "figures"
+
+    def draw(figure: Figure, *words: str) -> Picture:
+        return _picture(figure, folder, *words)
+
+    every = _of_every_run(results, draw)
+    if failed_fit.is_failed(results):
+        failed = failed_fit.view(results, draw)
+        return every | {"failed": failed, "key": failed_fit.key_sentences(results), "warnings": []}
+    half = {
+        (flight, name): share
+        for flight, bands in results.predictions.items()
+        for name in record_figures.band_quantities(bands)
+        if (share := record_figures.coverage(bands, name, 0.25, 0.75)) is not None
+    }
+    posterior, chains = _posterior_pictures(results, folder)
+    curves = _autocorrelations(results)
+    if curves:
+        caption = (
+            "Autocorrelation of what the model left over. Where it stays high, white-noise errors would be too small."
+        )
+        alt = f"Residual autocorrelation of {listed(list(curves))}."
+        chains.append(_picture(inference_figures.autocorrelation_figure(curves), folder, "residuals", alt, caption))
+    return every | {
+        "failed": None,
+        "key": sentences.key_sentences(results),
+        "warnings": trust_tables.warnings_of(results),
+        "output_error": summary_tables.output_error_table(results),
+        "posterior": summary_tables.posterior_table(results),
+        "uninformed": sentences.uninformed(results),
+        "posterior_pictures": posterior,
+        "told": {
+            "sentences": identifiability_tables.told_sentences(results),
+            "parameters": identifiability_tables.told_table(results),
+            "directions": identifiability_tables.direction_table(results),
+        },
+        "bands": _band_pictures(results, folder),
+        "coverage": trust_tables.coverage_table(results, half),
+        "variance": _variance_picture(results, folder),
+        "checks": trust_tables.check_table(results),
+        "sampling": trust_tables.sampling_table(results),
+        "chains": chains,
+        "requirements": trust_tables.requirement_table(results),
+        "exceedance": _exceedance_picture(results, folder),
+        "tolerance": trust_tables.tolerance_report(results),
+        "marginals": trust_tables.marginal_report(results),
+    }
+
+
+def build_report(run_dir: str | Path) -> Path:
+    """Write figures and ``report.page`` from the results of a run, or from what it kept of a fit that failed.
+
+    Args:
+        run_dir: Folder that `bayeschute run` wrote; only summary.json must be there.
+
+    Returns:
+        The path of the report: one file with its pictures inside, which needs no network.
+
+    Raises:
+        InputError: If summary.json is missing or is no JSON object.
+    """
+    results = read_results(Path(run_dir))
+    text = resources.files("bayeschute.report").joinpath("template.html.j2").read_text(encoding="utf-8")
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    page = environment.from_string(text).render(_context(results))
+    path = results.folder / "report.html"
+    part = path.with_name("report.html.part")
+    part.write_text(page, encoding="utf-8")
+    os.replace(part, path)
+    return path

@@ -1,0 +1,158 @@
+"""Everything that a run left in its folder, read once; what is missing or unreadable is told, not hidden."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from bayeschute.core.errors import Fault, InputError
+
+T = TypeVar("T")
+RISK_FILES = ("marginals.csv", "correlation.csv", "touchdown.parquet", "exceedance.csv", "tolerance.csv")
+
+
+@dataclass(frozen=True)
+class Results:
+    """The contents of a run folder.
+
+    Attributes:
+        folder: The run folder.
+        summary: summary.json.
+        structure: structure.json, empty if absent.
+        posterior: Parameter name to draws (chain, draw).
+        prior: Parameter name to draws (chain, draw).
+        divergent: Divergent transitions (chain, draw), or None.
+        predictions: Flight name to its bands.
+        flights: Flight name to its record.
+        risk: File stem to table.
+        absent: Sentences on what is missing.
+    """
+
+    folder: Path
+    summary: Mapping[str, Any]
+    structure: Mapping[str, Any]
+    posterior: Mapping[str, np.ndarray]
+    prior: Mapping[str, np.ndarray]
+    divergent: np.ndarray | None
+    predictions: Mapping[str, xr.Dataset]
+    flights: Mapping[str, xr.Dataset]
+    risk: Mapping[str, pd.DataFrame]
+    absent: tuple[str, ...]
+
+    def part(self, name: str) -> Mapping[str, Any]:
+        """A mapping of the summary, empty where it is missing or something else."""
+        value = self.summary.get(name)
+        return value if isinstance(value, Mapping) else {}
+
+
+def _summary(path: Path) -> dict[str, Any]:
+    """The one file a report can't do without."""
+    try:
+        loaded = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        fault = Fault(str(path), "no such file", "the summary of a finished run", "Run `bayeschute run` first.")
+        raise InputError(fault) from None
+    except ValueError as error:
+        raise InputError(Fault(str(path), f"text that is no JSON ({error})", "the summary of a finished run")) from None
+    if not isinstance(loaded, dict):
+        raise InputError(Fault(str(path), f"a JSON {type(loaded).__name__}", "a JSON object"))
+    return loaded
+
+
+def try_read(path: Path, read: Callable[[Path], T], absent: list[str], loss: str) -> T | None:
+    """Read a file, or note what the report loses without it."""
+    if not path.exists():
+        absent.append(f"{path.name} is not in the run folder: {loss}.")
+        return None
+    try:
+        return read(path)
+    except (OSError, ValueError, KeyError) as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        absent.append(f"{path.name} could not be read ({reason}): {loss}.")
+        return None
+
+
+def json_object(path: Path) -> dict[str, Any]:
+    """A JSON object from a file."""
+    loaded = json.loads(path.read_text(encoding="utf-8"))
+    if not isinstance(loaded, dict):
+        raise ValueError(f"holds a {type(loaded).__name__}, not an object")
+    return loaded
+
+
+def _tree(path: Path) -> dict[str, xr.Dataset]:
+    """All first-level groups of a NetCDF file, in memory."""
+    with xr.open_datatree(path, engine="h5netcdf") as tree:
+        return {str(name): node.to_dataset().load() for name, node in tree.children.items()}
+
+
+def _dataset(path: Path) -> xr.Dataset:
+    """One NetCDF file, in memory."""
+    with xr.open_dataset(path, engine="h5netcdf") as data:
+        return data.load()
+
+
+def _scalars(group: xr.Dataset | None) -> dict[str, np.ndarray]:
+    """Variables with dims (chain, draw) only."""
+    if group is None:
+        return {}
+    return {
+        str(name): np.asarray(values.transpose("chain", "draw").values, dtype=float)
+        for name, values in group.data_vars.items()
+        if set(values.dims) == {"chain", "draw"}
+    }
+
+
+def read_results(run_dir: Path) -> Results:
+    """Read a run folder.
+
+    Args:
+        run_dir: Folder that `bayeschute run` wrote.
+
+    Returns:
+        Its contents; optional files that are missing or unreadable are named in `absent`.
+
+    Raises:
+        InputError: If summary.json is missing or is no JSON object.
+    """
+    summary = _summary(run_dir / "summary.json")
+    absent: list[str] = []
+    structure = try_read(run_dir / "structure.json", json_object, absent, "no structure is shown") or {}
+    loss = "no prior and posterior curves, correlations and chains are shown"
+    groups = try_read(run_dir / "posterior.nc", _tree, absent, loss) or {}
+    predictions = try_read(run_dir / "predictions.nc", _tree, absent, "no bands are shown") or {}
+    flights = {}
+    for path in sorted((run_dir / "flights").glob("*.nc")):
+        if "truth" in path.stem:
+            continue
+        record = try_read(path, _dataset, absent, "this record is not drawn")
+        if record is not None:
+            flights[path.stem] = record
+    if not flights:
+        absent.append("flights/ holds no records: they are not drawn.")
+    risk = {}
+    for name in RISK_FILES:
+        read: Callable[[Path], pd.DataFrame] = pd.read_parquet if name.endswith("parquet") else pd.read_csv
+        table = try_read(run_dir / "risk" / name, read, absent, "this risk table is not shown")
+        if table is not None:
+            risk[Path(name).stem] = table
+    divergent = groups["sample_stats"]["diverging"].values if "diverging" in groups.get("sample_stats", {}) else None
+    return Results(
+        folder=run_dir,
+        summary=summary,
+        structure=structure,
+        posterior=_scalars(groups.get("posterior")),
+        prior=_scalars(groups.get("prior")),
+        divergent=divergent,
+        predictions=predictions,
+        flights=flights,
+        risk=risk,
+        absent=tuple(absent),
+    )

@@ -1,0 +1,139 @@
+"""The tables of what was fed in: flights, what was wrong with their records, and how they were prepared."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import xarray as xr
+
+from bayeschute.report.run_results import Results
+from bayeschute.report.sentences import plain
+from bayeschute.report.tables.summary_tables import Cell, Table, cells, columns_of, mappings
+from bayeschute.report.wording import MISSING, ROLES, is_number, listed, short, whole
+
+PREPARATION = ("resampled", "derived", "assumed")  # kinds that are steps of the work and no faults of a record
+MOST_ROWS = 60
+MOST_ALIKE = 3  # more faults of one kind in one variable become one row
+
+Repairs = Sequence[Mapping[str, Any]]
+
+
+def repairs_of(facts: Mapping[str, Any], record: xr.Dataset | None) -> list[Mapping[str, Any]]:
+    """The repairs of a flight: from the summary, or from the record itself."""
+    if "repairs" in facts or record is None:
+        return mappings(facts.get("repairs"))
+    try:
+        return mappings(json.loads(record.attrs.get("repairs", "[]")))
+    except (TypeError, ValueError):
+        return [{"kind": "unreadable", "detail": "the record's list of repairs is no JSON"}]
+
+
+def faults_of(repairs: Repairs) -> list[Mapping[str, Any]]:
+    """Repairs that tell of something missing or wrong."""
+    return [r for r in repairs if r.get("kind") not in PREPARATION]
+
+
+def _flights(results: Results) -> dict[str, tuple[Mapping[str, Any], list[Mapping[str, Any]]]]:
+    """Flight name to its facts and its repairs."""
+    named = results.part("flights")
+    found = {}
+    for name in [*named, *(n for n in results.flights if n not in named)]:
+        facts = named.get(name)
+        facts = facts if isinstance(facts, Mapping) else {}
+        found[str(name)] = (facts, repairs_of(facts, results.flights.get(name)))
+    return found
+
+
+def flight_table(results: Results) -> Table | None:
+    """What was fed in: flights, their use, length and number of faults found."""
+    rows = []
+    for name, (facts, repairs) in _flights(results).items():
+        roles = facts.get("roles") or []
+        source = facts.get("source")
+        rows.append(
+            cells(
+                Cell(name, "strong", str(source) if source else ""),
+                listed([ROLES.get(str(r), str(r)) for r in roles]) if roles else MISSING,
+                whole(facts.get("samples")),
+                short(facts.get("duration_s")),
+                str(len(faults_of(repairs))),
+            )
+        )
+    columns = columns_of("Flight:text|Used for:text|Samples:num|Length [s]:num|Faults found:num")
+    return Table(columns, tuple(rows)) if rows else None
+
+
+def _length(repair: Mapping[str, Any]) -> float:
+    """How long a repair lasts [s]; 0 where it has no times."""
+    start, end = repair.get("start"), repair.get("end")
+    return float(end) - float(start) if is_number(start) and is_number(end) else 0.0
+
+
+def _together(alike: Repairs) -> Mapping[str, Any]:
+    """Many faults of one kind in one variable as one."""
+    longest = max(alike, key=_length)
+    starts = [r["start"] for r in alike if is_number(r.get("start"))]
+    ends = [r["end"] for r in alike if is_number(r.get("end"))]
+    counts = [r["count"] for r in alike if is_number(r.get("count"))]
+    detail = (
+        f"{longest.get('detail') or ''} (longest: {short(_length(longest), 3)} s at {short(longest.get('start'), 5)} s)"
+    )
+    return {
+        "kind": f"{plain(str(alike[0].get('kind', MISSING)))}, {len(alike)} times",
+        "variable": alike[0].get("variable"),
+        "start": min(starts, default=None),
+        "end": max(ends, default=None),
+        "count": sum(counts) if counts else None,
+        "detail": detail.strip(),
+    }
+
+
+def _grouped(repairs: Repairs) -> list[Mapping[str, Any]]:
+    """Repairs with those of one kind and variable put together where they are many."""
+    groups: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
+    for repair in repairs:
+        groups.setdefault((str(repair.get("kind")), str(repair.get("variable"))), []).append(repair)
+    found: list[Mapping[str, Any]] = []
+    for alike in groups.values():
+        found += [_together(alike)] if len(alike) > MOST_ALIKE else alike
+    return found
+
+
+def _rows(results: Results, preparation: bool) -> list[tuple[Cell, ...]]:
+    """Rows of faults, or of the steps of preparation."""
+    rows = []
+    for name, (_, repairs) in _flights(results).items():
+        faults = faults_of(repairs)
+        for repair in _grouped([r for r in repairs if r not in faults] if preparation else faults):
+            rows.append(
+                cells(
+                    name,
+                    plain(str(repair.get("kind", MISSING))),
+                    Cell(str(repair.get("variable") or "all"), "code"),
+                    short(repair.get("start"), 5),
+                    short(repair.get("end"), 5),
+                    whole(repair.get("count")),
+                    Cell(str(repair.get("detail") or ""), "wrap"),
+                )
+            )
+    return rows
+
+
+def _table(rows: list[tuple[Cell, ...]], label: str) -> Table | None:
+    """A table of repairs; what does not fit is counted."""
+    columns = columns_of(f"Flight:text|{label}:text|Variable:code|From [s]:num|To [s]:num|Samples:num|Detail:text")
+    more = len(rows) - MOST_ROWS
+    caption = f"The first {MOST_ROWS}; {more} more stand in the records under flights/." if more > 0 else ""
+    return Table(columns, tuple(rows[:MOST_ROWS]), caption) if rows else None
+
+
+def repair_table(results: Results) -> Table | None:
+    """Gaps, outliers and jumps that were found in the records."""
+    return _table(_rows(results, preparation=False), "Found")
+
+
+def preparation_table(results: Results) -> Table | None:
+    """What was resampled, derived or assumed."""
+    return _table(_rows(results, preparation=True), "Done")

@@ -1,0 +1,244 @@
+"""The tables of what was fed in and what was found, as plain values that the template sets."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple
+
+from bayeschute.report.run_results import Results
+from bayeschute.report.sentences import plain, truth_inside
+from bayeschute.report.wording import (
+    MISSING,
+    at_precision,
+    is_number,
+    number,
+    parameter_meaning,
+    quantity,
+    short,
+    shown_unit,
+)
+
+
+class Cell(NamedTuple):
+    """A cell: its text, a class of the style sheet, and small print under it."""
+
+    text: str
+    kind: str = ""
+    small: str = ""
+
+
+class Column(NamedTuple):
+    """A column: its heading and whether it holds text, code or numbers ("text", "code", "num")."""
+
+    label: str
+    kind: str = "text"
+
+
+class Table(NamedTuple):
+    """A table: columns, rows, a caption, spans above the headings, and indices of rows to stand out."""
+
+    columns: tuple[Column, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    caption: str = ""
+    groups: tuple[tuple[str, int], ...] = ()
+    marked: frozenset[int] = frozenset()
+    style: str = ""
+
+
+def columns_of(text: str) -> tuple[Column, ...]:
+    """Columns from ``"label:kind|label:kind"``."""
+    pairs = (part.rpartition(":") for part in text.split("|"))
+    return tuple(Column(label, kind) for label, _, kind in pairs)
+
+
+def cells(*texts: str | Cell) -> tuple[Cell, ...]:
+    """A row of cells."""
+    return tuple(t if isinstance(t, Cell) else Cell(t) for t in texts)
+
+
+def mappings(items: Any) -> list[Mapping[str, Any]]:
+    """The mappings of a list; nothing where it is no list."""
+    return [i for i in items if isinstance(i, Mapping)] if isinstance(items, list | tuple) else []
+
+
+def _flat(mapping: Mapping[str, Any], prefix: str = "") -> Iterable[tuple[str, str]]:
+    """Name and text of every value of a nested mapping; {value, unit} pairs become quantities."""
+    for key, value in mapping.items():
+        name = f"{prefix}{plain(str(key))}"
+        if isinstance(value, Mapping) and "value" in value:
+            yield name, quantity(value["value"], str(value.get("unit", "1")), 5)
+        elif isinstance(value, Mapping):
+            yield from _flat(value, f"{name}, ")
+        elif isinstance(value, list | tuple):
+            yield name, ", ".join(short(v) for v in value)
+        else:
+            yield name, short(value, 5)
+
+
+def plain_table(mapping: Mapping[str, Any], left: str, right: str) -> Table | None:
+    """Any nested mapping as a table of two columns."""
+    rows = tuple(cells(name, Cell(text, "wrap")) for name, text in _flat(mapping))
+    return Table((Column(left), Column(right)), rows, style="narrow") if rows else None
+
+
+def noise_table(results: Results) -> Table | None:
+    """Residual noise of the channels and laws of the latent disturbances, as they were found."""
+    known = {name: facts for name, facts in results.part("noise").items() if isinstance(facts, Mapping) and facts}
+    labels = {"time_constant": "Time constant [s]", "frequency": "Frequency [Hz]", "damping_ratio": "Damping ratio"}
+    keys = [key for key in labels if any(is_number(facts.get(key)) for facts in known.values())]
+    rows = []
+    for name, facts in known.items():
+        scale, shown = shown_unit(str(facts.get("unit") or "1"))
+        sizes = [number(scale * facts[k], 3) if is_number(facts.get(k)) else MISSING for k in ("white", "correlated")]
+        rest = [number(facts.get(key), 3) for key in keys]
+        rows.append(cells(plain(name), *sizes, *rest, Cell(shown, "muted")))
+    columns = columns_of(
+        "|".join(["Channel:text", "White:num", "Correlated:num", *(f"{labels[k]}:num" for k in keys), "Unit:text"])
+    )
+    caption = (
+        "Standard deviations and time constants, frequency and damping of what oscillates, as found. "
+        "Wind, canopy force and breathing: latent disturbances that the fit infers."
+    )
+    return Table(columns, tuple(rows), caption, style="narrow") if rows else None
+
+
+def selected_table(facts: Mapping[str, Any]) -> Table | None:
+    """The terms of one coefficient with colored and white standard errors."""
+    rows = []
+    for term in mappings(facts.get("selected")):
+        se, white = term.get("se"), term.get("white_se")
+        ratio = number(float(white) / float(se), 2) if is_number(white) and is_number(se) and se else MISSING
+        unit = str(term.get("unit") or "1")
+        rows.append(
+            cells(
+                Cell(str(term.get("term", MISSING)), "code"),
+                Cell(at_precision(term.get("estimate"), se), "strong"),
+                number(se, 2),
+                number(white, 2),
+                ratio,
+                Cell("" if unit == "1" else unit, "muted"),
+            )
+        )
+    columns = columns_of("Term:code|Estimate:num|Standard error:num|White-noise s.e.:num|White / colored:num|Unit:text")
+    if not any(line[-1].text for line in rows):
+        columns, rows = columns[:-1], [line[:-1] for line in rows]
+    return Table(columns, tuple(rows)) if rows else None
+
+
+def ranking_table(facts: Mapping[str, Any], most: int = 20) -> Table | None:
+    """The ranking of the orthogonal functions in the form of the NASA report's print-out (section 7.3)."""
+    ranking = mappings(facts.get("ranking"))[:most]
+    rows = []
+    for place, row in enumerate(ranking, start=1):
+        mse, f_ratio, r2, perr = (row.get(k) for k in ("mse", "f_ratio", "r2", "perr"))
+        rows.append(
+            cells(
+                str(place),
+                str(row.get("index", MISSING)),
+                Cell(str(row.get("term", "")), "code"),
+                f"{float(mse) ** 0.5:.3e}" if is_number(mse) and mse >= 0 else MISSING,
+                f"{float(row['dmse']):.3e}" if is_number(row.get("dmse")) else MISSING,
+                f"{perr:.2f}" if is_number(perr) else MISSING,
+                f"{r2:.2f}" if is_number(r2) else MISSING,
+                f"{float(row['pe']):.3e}" if is_number(row.get("pe")) else MISSING,
+                str(place),
+                f"{f_ratio:.2f}" if is_number(f_ratio) else MISSING,
+            )
+        )
+    columns = columns_of("o.f.:num|# index:num|term:code|sqrt(mse):num|dmse:num|perr:num|R2:num|pe:num|n:num|F:num")
+    least = facts.get("pse_minimum_at")
+    kept = int(least) if is_number(least) else len(mappings(facts.get("selected")))
+    marked = frozenset({kept - 1}) if 0 < kept <= len(rows) else frozenset()
+    return Table(columns, tuple(rows), marked=marked, style="print") if rows else None
+
+
+def ceiling_table(facts: Mapping[str, Any]) -> Table | None:
+    """How the structure changes with the noise ceiling."""
+    used = facts.get("sigma_max2")
+    rows, marked = [], set()
+    for i, step in enumerate(mappings(facts.get("sensitivity"))):
+        ceiling = step.get("sigma_max2")
+        terms = [str(t) for t in step.get("terms") or []]
+        root = number(float(ceiling) ** 0.5, 3) if is_number(ceiling) and ceiling >= 0 else MISSING
+        low, high = step.get("low"), step.get("high")
+        if is_number(used) and is_number(low) and low <= used and (high is None or used < high):
+            marked.add(i)
+        elif is_number(used) and low is None and is_number(ceiling) and abs(ceiling - used) <= 1e-9 * abs(used):
+            marked.add(i)
+        rows.append(cells(root, str(len(terms)), Cell(", ".join(terms) or MISSING, "code wrap")))
+    columns = columns_of("Noise ceiling σ_max:num|Terms:num|Kept:code")
+    return Table(columns, tuple(rows), marked=frozenset(marked), style="narrow") if rows else None
+
+
+def _posterior_row(name: str, facts: Mapping[str, Any], with_truth: bool) -> tuple[Cell, ...]:
+    """One row of the posterior table."""
+    scale, unit = shown_unit(str(facts.get("unit") or "1"))
+
+    def shown(key: str, sd_key: str) -> str:
+        value, sd = facts.get(key), facts.get(sd_key)
+        return at_precision(scale * value, scale * sd if is_number(sd) else None) if is_number(value) else MISSING
+
+    def spread(key: str) -> str:
+        return number(scale * facts[key], 2) if is_number(facts.get(key)) else MISSING
+
+    rhat, contraction = facts.get("rhat"), facts.get("contraction")
+    weak = is_number(contraction) and contraction < 0.1
+    row = [
+        Cell(name, "code", parameter_meaning(name) + (f" [{unit}]" if unit else "")),
+        Cell(shown("prior_mean", "prior_sd"), "muted"),
+        Cell(spread("prior_sd"), "muted"),
+        Cell(shown("mean", "sd"), "strong"),
+        Cell(spread("sd")),
+        Cell(f"{shown('q05', 'sd')} … {shown('q95', 'sd')}"),
+        Cell(f"{contraction:.2f}" if is_number(contraction) else MISSING, "weak" if weak else ""),
+        Cell(f"{rhat:.3f}" if is_number(rhat) else MISSING, "bad" if is_number(rhat) and rhat > 1.01 else ""),
+        Cell(" / ".join(f"{facts[k]:,.0f}" if is_number(facts.get(k)) else MISSING for k in ("ess_bulk", "ess_tail"))),
+    ]
+    if with_truth:
+        inside = truth_inside(facts)
+        place = {True: "inside", False: "outside", None: ""}[inside]
+        row.append(Cell(shown("truth", "sd"), "outside" if inside is False else "", place))
+    return tuple(row)
+
+
+def posterior_table(results: Results) -> Table | None:
+    """Prior against posterior, convergence, and the truth where it is known."""
+    parameters = {str(n): p for n, p in results.part("parameters").items() if isinstance(p, Mapping)}
+    if not parameters:
+        return None
+    with_truth = any(is_number(p.get("truth")) for p in parameters.values())
+    rows = tuple(_posterior_row(name, facts, with_truth) for name, facts in parameters.items())
+    columns = columns_of(
+        "Parameter:text|mean:num|sd:num|mean:num|sd:num|90 % interval:num|contraction:num|R-hat:num|ESS bulk / tail:num"
+    )
+    groups: tuple[tuple[str, int], ...] = (("", 1), ("Prior", 2), ("Posterior", 4), ("Chains", 2))
+    if with_truth:
+        columns += columns_of("value:num")
+        groups += (("Truth", 1),)
+    return Table(columns, rows, groups=groups, style="dense")
+
+
+def output_error_table(results: Results) -> Table | None:
+    """Estimates of output error with raw and corrected standard errors (the report's table 7.1-2)."""
+    rows = []
+    for facts in mappings(results.summary.get("output_error")):
+        scale, shown = shown_unit(str(facts.get("unit") or "1"))
+        estimate, raw, corrected = (
+            scale * facts[key] if is_number(facts.get(key)) else None for key in ("estimate", "raw_sd", "corrected_sd")
+        )
+        name = Cell(str(facts.get("parameter", MISSING)), "code")
+        rows.append(
+            cells(
+                name,
+                Cell(at_precision(estimate, corrected), "strong"),
+                number(raw, 2),
+                number(corrected, 2),
+                Cell(shown, "muted"),
+            )
+        )
+    columns = columns_of("Parameter:text|Estimate:num|Raw s.e.:num|Corrected s.e.:num|Unit:text")
+    caption = (
+        "Classical output error. Raw: Cramer-Rao bound as if residuals were white. Corrected: for residuals that stay "
+        "alike from sample to sample. In the form of table 7.1-2 of NASA/TM-2019-220410; priors included."
+    )
+    return Table(columns, tuple(rows), caption, style="narrow") if rows else None

@@ -1,0 +1,214 @@
+"""The tables of how far to trust a run, of risk, and of where it came from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from bayeschute.report.run_results import Results
+from bayeschute.report.sentences import plain, requirement_limit, requirements
+from bayeschute.report.tables.summary_tables import Cell, Table, cells, columns_of, plain_table
+from bayeschute.report.wording import (
+    MISSING,
+    counted,
+    is_number,
+    number,
+    percent,
+    probability,
+    quantity,
+    quantity_name,
+    short,
+    shown_unit,
+    whole,
+)
+
+CHECKS = (  # part of a check's name, what it asks
+    ("rhat", "Do the chains agree? (R-hat, greatest)"),
+    ("r_hat", "Do the chains agree? (R-hat, greatest)"),
+    ("ess", "Are there enough independent draws? (least effective number)"),
+    ("diverg", "Did the sampler follow the posterior everywhere? (divergent steps)"),
+    ("bfmi", "Did the sampler move between energy levels? (E-BFMI, least)"),
+    ("solver", "Is the integrator's error below the noise?"),
+    ("step", "Is the integrator's error below the noise?"),
+    ("loo_pit", "Do left-out samples fall where predicted? (LOO-PIT)"),
+    ("posterior_predictive", "Do simulated records look like the measured one?"),
+    ("ppc", "Do simulated records look like the measured one?"),
+    ("calibration", "Do intervals of this configuration cover over replicate flights?"),
+    ("sbc", "Do intervals of this configuration cover over replicate flights?"),
+    ("coverage", "Do the bands hold what was flown?"),
+    ("failed", "Did the simulations of the forecast run to their end?"),
+    ("bands", "Has every flight its bands?"),
+    ("residual", "Do the residuals look like the noise model?"),
+)
+
+
+def coverage_table(results: Results, half: Mapping[tuple[str, str], float]) -> Table | None:
+    """Share of truth and record inside the bands.
+
+    Args:
+        results: The run.
+        half: Share inside the 50 % band by flight and quantity, of the truth where known, else of the record.
+    """
+    rows = []
+    for flight, quantities in results.part("coverage").items():
+        for name, shares in quantities.items() if isinstance(quantities, Mapping) else ():
+            if isinstance(shares, Mapping):
+                texts = [percent(shares.get("truth")), percent(shares.get("record")), percent(half.get((flight, name)))]
+                flown, failed = shares.get("draws"), shares.get("failed")
+                words = f"{failed} of {flown + failed} simulations failed" if is_number(flown) and failed else ""
+                none = [Cell("none", "bad")] * 3 if flown == 0 else texts
+                rows.append(cells(flight, Cell(quantity_name(str(name)), "", words), *none))
+    columns = columns_of("Flight:text|Quantity:text|Truth in 90 % band:num|Record in 90 % band:num|In 50 % band:num")
+    caption = (
+        "A record carries sensor noise that a band of the true motion need not hold. 50 % band: truth where known."
+    )
+    return Table(columns, tuple(rows), caption) if rows else None
+
+
+def check_table(results: Results) -> Table | None:
+    """Every check with its value and bound."""
+    rows = []
+    for name, check in results.part("checks").items():
+        if not isinstance(check, Mapping):
+            continue
+        passed = check.get("passed")
+        words = {True: ("passed", "good"), False: ("failed", "bad")}
+        verdict = words.get(passed, ("not run", "weak")) if isinstance(passed, bool) else ("not run", "weak")
+        asks = next((text for part, text in CHECKS if part in str(name).lower()), "")
+        asks = str(check.get("detail") or check.get("what") or asks)
+        value, bound = (short(v) for v in (check.get("value"), check.get("bound")))
+        rows.append(cells(Cell(plain(str(name)), "strong"), Cell(asks, "wrap"), value, bound, Cell(*verdict)))
+    columns = columns_of("Check:text|What it asks:text|Value:num|Bound:num|Result:text")
+    return Table(columns, tuple(rows)) if rows else None
+
+
+def requirement_table(results: Results) -> Table | None:
+    """P(met) over the posterior, apart from what the number of landings leaves open."""
+    rows = []
+    for r in requirements(results):
+        unit = str(r.get("unit") or "1")
+        simulation = f"{probability(r.get('simulation_low'))} … {probability(r.get('simulation_high'))}"
+        posterior = f"{probability(r.get('posterior_q05'))} … {probability(r.get('posterior_q95'))}"
+        scale, shown = shown_unit(unit)
+        edges = [number(scale * r[k], 3) if is_number(r.get(k)) else MISSING for k in ("q05", "median", "q95")]
+        statistic = f"{plain(str(r['statistic']))} " if r.get("statistic") else ""
+        small = f"{statistic}{quantity_name(str(r.get('quantity', '')))}" + (f", {r['run']}" if r.get("run") else "")
+        landings = r.get("landings", r.get("draws"))
+        failed = r.get("failed")
+        rows.append(
+            cells(
+                Cell(str(r.get("name", MISSING)), "wrap strong", small),
+                Cell(requirement_limit(r), "wrap"),
+                Cell(f"{edges[1]} {shown}", "", f"90 %: {edges[0]} … {edges[2]}"),
+                Cell(probability(r.get("probability_met")), "big"),
+                simulation if is_number(r.get("simulation_low")) else MISSING,
+                posterior if is_number(r.get("posterior_q05")) else MISSING,
+                Cell(whole(landings), "", f"{failed} failed" if failed else ""),
+            )
+        )
+    columns = columns_of(
+        "Requirement:text|Limit:text|Predicted:num|P(met):num|by number of landings:num"
+        "|over the posterior:num|Landings:num"
+    )
+    groups = (("", 4), ("90 % limits of P(met)", 2), ("", 1))
+    return Table(columns, tuple(rows), groups=groups) if rows else None
+
+
+def tolerance_report(results: Results) -> Table | None:
+    """Wilks' limits of the landing quantities, the best that the draws allow."""
+    table = results.risk.get("tolerance")
+    needed = {"run", "quantity", "unit", "share", "confidence", "failures", "needed", "enough", "limit"}
+    if table is None or not needed <= set(table.columns) or table.empty:
+        return None
+    rows = []
+    for (run, name, share, confidence), part in table.groupby(["run", "quantity", "share", "confidence"], sort=False):
+        enough = part[part["enough"].astype(bool)]
+        best = (enough if len(enough) else part).iloc[-1 if len(enough) else 0]
+        limit = quantity(float(best["limit"]), str(best["unit"])) if len(enough) else "too few draws"
+        rows.append(
+            cells(
+                str(run),
+                quantity_name(str(name)),
+                f"{100 * share:g} / {100 * confidence:g}",
+                f"{best['needed']:,.0f}",
+                f"{best['failures']:,.0f}",
+                Cell(limit if limit != MISSING else "none: failed solves", "" if len(enough) else "weak"),
+            )
+        )
+    columns = columns_of(
+        "Flight:text|Quantity:text|Share / confidence [%]:num|Draws needed:num|Allowed beyond:num|Upper limit:num"
+    )
+    caption = "Order statistics after Wilks: with the stated confidence, the share of landings lies below the limit."
+    return Table(columns, tuple(rows), caption)
+
+
+def marginal_report(results: Results) -> Table | None:
+    """The model-memo rows: family and constants by parameter."""
+    table = results.risk.get("marginals")
+    needed = {"parameter", "unit", "family", "location", "scale", "mean", "sd", "q00135", "q99865", "ks_distance"}
+    if table is None or not needed <= set(table.columns) or table.empty:
+        return None
+    rows = []
+    for row in table.to_dict("records"):
+        unit = "" if row["unit"] in ("1", 1) else str(row["unit"])
+        values = [
+            number(float(row[k]), 4) for k in ("location", "scale", "q00135", "q05", "q50", "q95", "q99865") if k in row
+        ]
+        rows.append(
+            cells(
+                Cell(str(row["parameter"]), "code"),
+                Cell(unit, "muted"),
+                str(row["family"]),
+                *values,
+                number(float(row["ks_distance"]), 2),
+            )
+        )
+    heads = "".join(f"|{k}:num" for k in ("0.135 %", "5 %", "50 %", "95 %", "99.865 %"))
+    columns = columns_of(f"Parameter:code|Unit:text|Family:text|location:num|scale:num{heads}|K-S:num")
+    caption = (
+        "Family with the least Akaike criterion per independent draw; K-S: its greatest distance from the draws. SI."
+    )
+    return Table(columns, tuple(rows), caption, style="dense")
+
+
+def sampling_table(results: Results) -> Table | None:
+    """Facts on the sampling."""
+    words = {
+        "wall_s": "wall time [s]",
+        "min_ess_per_s": "least effective draws per second",
+        "failed_solves": "failed simulations",
+        "divergences": "divergent steps",
+    }
+    return plain_table({words.get(k, k): v for k, v in results.part("sampling").items()}, "What", "Value")
+
+
+def provenance_tables(results: Results) -> Sequence[Table]:
+    """Seed, versions and hashes."""
+    found = []
+    versions, hashes = results.part("versions"), results.part("hashes")
+    if versions:
+        found.append(plain_table(versions, "Package", "Version"))
+    if hashes:
+        rows = tuple(cells(str(k), Cell(str(v), "code wrap")) for k, v in hashes.items())
+        found.append(Table(columns_of("Input:text|Hash:code"), rows, style="narrow"))
+    return [t for t in found if t is not None]
+
+
+def without_bands(results: Results) -> list[str]:
+    """Flights of whose forecast every simulation failed."""
+    return [
+        str(flight)
+        for flight, quantities in results.part("coverage").items()
+        if isinstance(quantities, Mapping)
+        and any(isinstance(shares, Mapping) and shares.get("draws") == 0 for shares in quantities.values())
+    ]
+
+
+def warnings_of(results: Results) -> list[str]:
+    """Counts that a reader must not miss."""
+    sampling = results.part("sampling")
+    found = [f"{flight} has no bands: every simulation of its forecast failed." for flight in without_bands(results)]
+    for key, noun, verb in (("divergences", "step", "diverged"), ("failed_solves", "simulation", "failed")):
+        count = sampling.get(key)
+        if is_number(count) and count > 0:
+            found.append(f"{counted(int(count), noun)} of the sampling {verb}; see “How far to trust it”.")
+    return found

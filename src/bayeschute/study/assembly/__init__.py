@@ -1,0 +1,1 @@
+"""From the words of a study to models, data and priors."""

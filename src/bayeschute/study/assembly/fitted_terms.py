@@ -1,0 +1,122 @@
+"""Terms that equation error did not select, kept at hand for a fit that asks for them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayeschute.likelihood.priors import Prior, correlated, from_equation_error
+from bayeschute.study.assembly import canopies
+from bayeschute.study.study import Study
+
+if TYPE_CHECKING:
+    from bayeschute.study.run.stages import Job
+
+ADDED = "added since the fitted flight asked for it"
+_LARGEST = 0.2
+"""Root mean square, over the record, of what a term is expected to add to a force coefficient at most [1].
+
+Coefficients of axial force are near 0.9, of transverse force below 0.2 where canopies fly. A record that moves too
+little to tell terms apart leaves them near zero by this, and their sum where equation error puts it.
+"""
+
+
+_UNSEEN = 1e-4
+"""Least root mean square of a regressor that counts: one that is zero all along tells nothing of its coefficient."""
+
+
+def of_selected(study: Study, kind: str, entry: Mapping[str, Any], flight: str) -> list[Prior]:
+    """Priors of the terms that equation error selected, with the covariance of their fit.
+
+    Args:
+        study: For inflation and floor.
+        kind: ``axial`` or ``transverse``.
+        entry: Of structure.json.
+        flight: Where estimates come from, for the report.
+    """
+    rows, table = entry["selected"], study.priors
+    made = [
+        from_equation_error(f"{kind}[{r['term']}]", r["estimate"], r["se"], table.inflation, table.floor, flight=flight)
+        for r in rows
+    ]
+    if entry.get("covariance") is None or not rows:
+        return made
+    law = table.inflation**2 * np.array(entry["covariance"]) + table.floor**2 * np.eye(len(rows))
+    return correlated(made, np.array([r["estimate"] for r in rows]), law)
+
+
+def of_library(study: Study, kind: str, entry: Mapping[str, Any], flight: str) -> list[Prior]:
+    """Priors of all candidates: the covariance of their joint fit, inflated, and none larger than is plausible.
+
+    Equation error's Gaussian, widened, is multiplied by one about zero for every term but the constant, under which the
+    term adds no more than `_LARGEST` to the coefficient. Where a record can't tell the candidates apart, equation error
+    says the selected ones only.
+
+    Args:
+        study: For inflation and floor.
+        kind: ``axial`` or ``transverse``.
+        entry: Of structure.json.
+        flight: Where estimates come from, for the report.
+    """
+    told, table = entry["together"], study.priors
+    names, size = list(told["terms"]), np.array(told["rms"], float)
+    centre: NDArray[np.float64] = np.zeros(len(names))
+    known: NDArray[np.float64] = np.zeros((len(names), len(names)))
+    source = f"equation error on {flight}, all candidates together, {table.inflation:g} x colored standard error"
+    if told["estimate"] is not None:
+        here = [names.index(name) for name in told["fitted"]]
+        centre[here] = told["estimate"]
+        law = table.inflation**2 * np.array(told["covariance"], float) + table.floor**2 * np.eye(len(here))
+        known[np.ix_(here, here)] = np.linalg.inv(law)
+    else:
+        here = [names.index(row["term"]) for row in entry["selected"]]
+        law = table.inflation**2 * np.array(entry["covariance"], float) + table.floor**2 * np.eye(len(here))
+        known[np.ix_(here, here)] = np.linalg.inv(law)
+        centre[here] = [row["estimate"] for row in entry["selected"]]
+        source += "; it can't tell all of them apart"
+    plausible = np.where(np.array(names) == "1", 0.0, (np.maximum(size, _UNSEEN) / _LARGEST) ** 2)
+    both = np.linalg.inv(known + np.diag(np.maximum(plausible, 1e-12)))
+    blank = [Prior(f"{kind}[{name}]", 0.0, 1.0, False, "1", source) for name in names]
+    return correlated(blank, both @ known @ centre, 0.5 * (both + both.T))
+
+
+def terms_left_out(job: Job) -> list[Prior]:
+    """Priors of the terms that equation error did not select, from the fit of all candidates together.
+
+    Args:
+        job: A run whose structure is known.
+    """
+    study = job.study
+    if study.model != "cluster":
+        return []
+    flight = ", ".join(f.name for f in study.with_role("structure"))
+    found = job.load("structure.json")["coefficients"]
+    made = []
+    for kind, entry in found.items():
+        for term in entry.get("left_out", ()):
+            name, table = f"{kind}[{term['term']}]", study.priors
+            one = from_equation_error(name, term["estimate"], term["se"], table.inflation, table.floor, flight=flight)
+            made.append(replace(one, source=f"{one.source}; {ADDED}"))
+    return made
+
+
+def in_order(study: Study, priors: Sequence[Prior]) -> list[Prior]:
+    """Priors in the order of the study: coefficients as its pools name their terms, then all others as they are.
+
+    Which order equation error ranks terms in is chance where they tell as much. Fits of the same terms, as those of
+    replicates are, would compile a function for every one of these orders.
+    """
+    table = study.structure
+    pools = [] if table is None else [f"{k}[{term}]" for k in ("axial", "transverse") for term in getattr(table, k)]
+    place = {name: i for i, name in enumerate(pools)}
+    return sorted(priors, key=lambda p: place.get(canopies.coefficient(p.name), len(place)))
+
+
+def with_terms(study: Study, priors: Sequence[Prior], more: Sequence[Prior]) -> tuple[list[Prior], NDArray[np.bool_]]:
+    """Priors with those of more terms in their places, and which of them were there before."""
+    made = in_order(study, [*priors, *more])
+    return made, np.array([p not in more for p in made])

@@ -1,0 +1,241 @@
+"""Bodies of a kind with their population, and drops and canopies that differ about one.
+
+Descents are fits of a parameter each, with a population of their logarithms. Drops of a cluster share most parameters;
+those that ``vary`` in ``[priors]`` names are each drop's own, those of ``vary_canopies`` each canopy's. Drops are
+fitted one by one if some parameter is their own; then all fits are joined (`posterior.combine.hierarchy`). Flights
+that were fitted are predicted with the parameters that the joined posterior gives their drop and canopies, one that was
+not with those of further members of the populations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+from arviz_base import from_dict
+from numpy.typing import NDArray
+
+from bayeschute.likelihood.priors import Prior, working
+from bayeschute.posterior.combine import hierarchy, random_effects
+from bayeschute.posterior.combine.hierarchy import Hierarchy
+from bayeschute.posterior.noise_uncertainty import LawEffect
+from bayeschute.study.assembly import canopies
+from bayeschute.study.assembly.fits import Group, Stored, groups, load_fit
+from bayeschute.study.run.stage_data import load_priors
+
+if TYPE_CHECKING:
+    from bayeschute.study.run.stages import Job
+
+Array = NDArray[np.float64]
+FILE = "fit/members.npz"
+_PRIOR_DRAWS = 2000
+_OWN_LENGTHS = ("log_likelihood", "posterior_predictive", "observed_data")  # groups whose flights differ in length
+
+
+def joined(job: Job, todo: Sequence[Group], trees: Sequence[xr.DataTree]) -> xr.DataTree:
+    """One DataTree of several fits, in the order of the fits."""
+    return (_joined_groups if job.study.model == "cluster" else _bodies)(job, todo, trees)
+
+
+def _bodies(job: Job, todo: Sequence[Group], trees: Sequence[xr.DataTree]) -> xr.DataTree:
+    """Several bodies' posteriors, with their population."""
+    table, prior = job.study.sampler, load_priors(job)[0]
+    own = [load_fit(job, group).theta for group in todo]
+    told = [random_effects.likelihood_of(float(x.mean()), float(x.std()), prior.centre, prior.scale) for x in own]
+    mean, sd = np.array(told).T
+    sizes = (table.chains, table.warmup, table.draws, job.study.seed)
+    made = random_effects.fit(mean, sd, (prior.centre, prior.scale), *sizes)
+    rng = np.random.default_rng([job.study.seed, 4])
+    plain = _together(trees, ("posterior", "conditional", "prior", "log_prior", *_OWN_LENGTHS))
+    plain["posterior"] |= {"population_mean": made.mean, "population_sd": made.sd}
+    plain["prior"] |= {
+        "population_mean": prior.centre + prior.scale * rng.standard_normal((1, _PRIOR_DRAWS)),
+        "population_sd": np.abs(prior.scale * rng.standard_normal((1, _PRIOR_DRAWS))),
+    }
+    units = {name: "1" if name.startswith("population") else prior.unit for name in plain["posterior"]}
+    return _tree(plain, units)
+
+
+def _together(trees: Sequence[xr.DataTree], wanted: Sequence[str]) -> dict[str, dict[str, Array]]:
+    """Variables of several trees by group, where their names differ."""
+    found: dict[str, dict[str, Array]] = {}
+    for tree in trees:
+        for name in wanted:
+            if name in tree.children:
+                rows = {str(k): np.asarray(v) for k, v in tree[name].ds.data_vars.items()}
+                found.setdefault(name, {}).update(rows)
+    return found
+
+
+def _tree(plain: dict[str, dict[str, Array]], units: dict[str, str]) -> xr.DataTree:
+    tree = from_dict({name: rows for name, rows in plain.items() if name not in _OWN_LENGTHS})
+    for name in _OWN_LENGTHS:
+        if name in plain:
+            tree[name] = xr.DataTree(_own_dims(plain[name], name))
+    for name, unit in units.items():
+        tree["posterior"][name].attrs["units"] = unit
+    return tree
+
+
+def _own_dims(variables: dict[str, Array], group: str) -> xr.Dataset:
+    """Lengths of the flights differ: each keeps dimensions of its own."""
+    lead = () if group == "observed_data" else ("chain", "draw")
+    made = xr.Dataset()
+    for name, array in variables.items():
+        rest = [f"{name}_{i}" for i in range(array.ndim - len(lead))]
+        made[name] = ((*lead, *rest), array)
+    return made
+
+
+class _Places(NamedTuple):
+    """Where the parameters of all fits stand: shared ones first, then the members of every population.
+
+    Attributes:
+        shared: Names of the shared parameters.
+        populations: Names of the parameters that vary, in the order of their populations.
+        members: Names of the members, one population after the other.
+        of: Population of each member, by its place.
+        fits: Per fit, the place of each of its parameters among shared ones and members.
+    """
+
+    shared: tuple[str, ...]
+    populations: tuple[str, ...]
+    members: tuple[str, ...]
+    of: tuple[int, ...]
+    fits: tuple[tuple[int, ...], ...]
+
+    @property
+    def known(self) -> tuple[str, ...]:
+        """Names of what has a prior: shared parameters, then means of the populations."""
+        return self.shared + self.populations
+
+
+def _places(vary: Sequence[str], todo: Sequence[Group]) -> _Places:
+    """Places of the parameters of some fits, of which those in `vary` differ from fit to fit, others by canopy."""
+
+    def member(name: str, group: Group) -> str:
+        return f"{name}@{group.name}" if name in vary else name if canopies.is_of_canopy(name) else ""
+
+    of: dict[str, dict[str, None]] = {}
+    for group in todo:
+        for p in group.priors:
+            if own := member(p.name, group):
+                of.setdefault(canopies.coefficient(p.name), {})[own] = None
+    shared = tuple(p.name for p in todo[0].priors if not member(p.name, todo[0]))
+    members = tuple(name for some in of.values() for name in some)
+    place = {name: i for i, name in enumerate((*shared, *members))}
+    fits = tuple(tuple(place[member(p.name, group) or p.name] for p in group.priors) for group in todo)
+    return _Places(shared, tuple(of), members, tuple(k for k, some in enumerate(of.values()) for _ in some), fits)
+
+
+def _joined_groups(job: Job, todo: Sequence[Group], trees: Sequence[xr.DataTree]) -> xr.DataTree:
+    """Fits joined; their draws are kept for the predictions.
+
+    Returns:
+        ``posterior`` and ``prior``: shared parameters and population means by the parameter's name, standard deviations
+        of the population as ``sd(name)`` (of the logarithm where the prior is log-normal), a drop's own as
+        ``name@drop``, a canopy's own as ``name@drop.canopy1``; ``conditional``: draws of each fit, as ``name@fit``
+        where there are several.
+    """
+    from bayeschute.study.run.stages import write_whole
+
+    study, places, priors = job.study, _places(job.study.priors.vary or (), todo), _by_name(todo)
+    table, (centre, scale) = study.sampler, working([priors[name] for name in places.known])
+    spread, likelihoods = _spread(job, places, priors), []
+    for group in todo:
+        before = working(group.priors)
+        flat = load_fit(job, group).theta.reshape(-1, len(group.priors))
+        alone = (flat.mean(axis=0), np.cov(flat, rowvar=False).reshape(flat.shape[1], -1))
+        likelihoods.append(hierarchy.likelihood_of(*alone, *before))
+    told = hierarchy.joint(likelihoods, places.fits, len(places.shared) + len(places.members))
+    sizes = [places.of.count(k) for k in range(len(places.populations))]
+    made = hierarchy.fit(told, sizes, centre, scale, spread, table.chains, table.warmup, table.draws, study.seed)
+    kept: dict[str, Any] = {"shared": made.shared, "mean": made.mean, "sd": made.sd, "members": made.members}
+    write_whole(job.out / FILE, partial(np.savez, **kept))
+    plain = _together(trees, (*_OWN_LENGTHS, *(("sample_stats",) if len(todo) == 1 else ())))
+    plain["posterior"] = _named(places, priors, made)
+    plain["prior"] = _named(places, priors, _before(places, centre, scale, spread, study.seed))
+    plain["conditional"] = {
+        p.name if len(todo) == 1 else f"{p.name}@{group.name}": np.asarray(tree["conditional"][p.name])
+        for group, tree in zip(todo, trees, strict=True)
+        for p in group.priors
+    }
+    return _tree(plain, _units(places, priors))
+
+
+def _units(places: _Places, priors: Mapping[str, Prior]) -> dict[str, str]:
+    """Units of all that `_named` names; a standard deviation of logarithms has none."""
+    units = {name: p.unit for name, p in priors.items()}
+    for name in places.populations:
+        units[f"sd({name})"] = "1" if priors[name].logarithmic else priors[name].unit
+    return units | {name: units[places.populations[k]] for name, k in zip(places.members, places.of, strict=True)}
+
+
+def _spread(job: Job, places: _Places, priors: Mapping[str, Prior]) -> Array:
+    """Scales of the priors of the populations' standard deviations: as given, else those of their means' priors."""
+    given = job.study.priors.spread or {}
+    return np.array([given.get(name, priors[name].scale) for name in places.populations])
+
+
+def _by_name(todo: Sequence[Group]) -> dict[str, Prior]:
+    """Priors of shared parameters and of population means, by name."""
+    return {p.name: p for group in todo for p in canopies.together(group.priors)}
+
+
+def _before(places: _Places, centre: Array, scale: Array, spread: Array, seed: int) -> Hierarchy:
+    """Draws of the prior of a hierarchy."""
+    rng, size, shared = np.random.default_rng([seed, 4]), (1, _PRIOR_DRAWS), len(places.shared)
+    both = centre + scale * rng.standard_normal((*size, centre.size))
+    sd = np.abs(spread * rng.standard_normal((*size, spread.size)))
+    before = Hierarchy(both[..., :shared], both[..., shared:], sd, both[..., :0], 0)
+    return before._replace(members=hierarchy.others(before, places.of, rng))
+
+
+def _named(places: _Places, priors: Mapping[str, Prior], made: Hierarchy) -> dict[str, Array]:
+    """Draws of a hierarchy by the names of its posterior, in the parameters' own units."""
+    both = dict(zip(places.known, np.moveaxis(np.concatenate([made.shared, made.mean], axis=-1), -1, 0), strict=True))
+    found = {name: p.value(both[name]) for name, p in priors.items()}
+    for k, name in enumerate(places.populations):
+        found[f"sd({name})"] = made.sd[..., k]
+        own = [m for m, of in enumerate(places.of) if of == k]
+        found |= {places.members[m]: priors[name].value(made.members[..., m]) for m in own}
+    return found
+
+
+def by_members(job: Job, group: Group, alone: Stored, flown: bool, draws: int) -> list[tuple[Group, Stored, int]]:
+    """Fits that foretell a flight, what the joined posterior says of its parameters, and how many draws each gives.
+
+    Args:
+        job: The run.
+        group: The fit that the flight was part of; any of the study's where there is none, and then all foretell it.
+        alone: That fit, as it is kept.
+        flown: Whether the flight was fitted.
+        draws: Of the flight.
+    """
+    every = groups(job)
+    todo = [group] if flown else every
+    share = [len(part) for part in np.array_split(np.arange(draws), len(todo))]
+    return [
+        (one, _of_members(job, alone if one == group else load_fit(job, one), flown, every, every.index(one)), n)
+        for one, n in zip(todo, share, strict=True)
+        if n
+    ]
+
+
+def _of_members(job: Job, alone: Stored, flown: bool, todo: Sequence[Group], fit: int) -> Stored:
+    """A fit with the parameters that the joined posterior gives it, or gives further members of the populations.
+
+    Noise stays that of the fit alone. The draws are in an order of their own, so that fits which foretell one flight
+    together don't all give the same ones.
+    """
+    with np.load(job.out / FILE) as file:
+        made = Hierarchy(**{name: file[name] for name in ("shared", "mean", "sd", "members")}, failed=0)
+    rng, places = np.random.default_rng([job.study.seed, 17, fit]), _places(job.study.priors.vary or (), todo)
+    members = made.members if flown else hierarchy.others(made, places.of, rng)
+    theta = np.concatenate([made.shared, members], axis=-1)[..., list(places.fits[fit])]
+    mixed = rng.permutation(theta.reshape(-1, theta.shape[-1])).reshape(theta.shape)
+    return replace(alone, theta=mixed, held=mixed, law_effect=LawEffect.none(*alone.law_effect.slope.shape))

@@ -1,0 +1,1 @@
+"""Calibration of a study, and what a run may claim by it."""

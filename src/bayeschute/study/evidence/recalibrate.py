@@ -1,0 +1,88 @@
+"""Bands of unseen flights widened by what replicates of the configuration held (``[predict] recalibrate``)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from bayeschute.calibration.coverage_tables import ENOUGH
+from bayeschute.calibration.recalibration import FACTORS, learned
+from bayeschute.core.errors import Fault, InputError
+from bayeschute.prediction import bands
+from bayeschute.study.evidence.identity import stored
+from bayeschute.study.study import Study
+
+if TYPE_CHECKING:
+    from bayeschute.study.run.forecasts import Foretold
+    from bayeschute.study.run.stages import Job
+
+NAME = "recalibration.json"
+"""File of a run that says by how much its bands were widened."""
+
+
+class Widening(NamedTuple):
+    """Factors on the width of bands by quantity, and on how many replicates they were learned."""
+
+    factors: Mapping[str, float]
+    replicates: int
+
+    @property
+    def words(self) -> str:
+        """What was done, for a label or a note."""
+        parts = ", ".join(f"{name.replace('_', ' ')} by {factor:.2f}" for name, factor in self.factors.items())
+        return f"bands of unseen flights are widened ({parts}), learned on {self.replicates} replicates"
+
+
+def plain(study: Study) -> Study:
+    """The study without recalibration: that of which replicates are flown."""
+    return replace(study, predict=study.predict.model_copy(update={"recalibrate": None}))
+
+
+def widening(job: Job) -> Widening | None:
+    """By how much bands of a run are to be widened; None where the study doesn't ask for it, or the run is a quick one.
+
+    Raises:
+        InputError: If no calibration of the configuration is stored that tells it.
+    """
+    from bayeschute.study.evidence.calibration_status import places
+
+    if job.study.predict.recalibrate is None or job.quick:
+        return None
+    where, wanted = "[predict] recalibrate", f"a stored calibration of this configuration, {ENOUGH} replicates or more"
+    do = f"`bayeschute calibrate`, the study without this line, into {job.out / 'calibration'}."
+    found = stored(plain(job.study), False, places(job))
+    if found is None or found["replicates"] < ENOUGH:
+        got = "none is stored" if found is None else f"{found['replicates']} replicates are stored"
+        raise InputError(Fault(where, got, wanted, do))
+    factors = learned(found)
+    asked = job.study.predict.quantities or ()
+    faults = [
+        Fault(where, f"its shares of widened bands of {name} are not kept: rows of an older version", wanted, do)
+        if name not in factors
+        else Fault(where, f"{name}: no factor up to {FACTORS[-1]:g} would hold 90 %", "bands that are nearly right")
+        for name in asked
+        if factors.get(name) is None
+    ]
+    if faults:
+        raise InputError(faults)
+    return Widening({name: f for name in asked if (f := factors[name]) is not None}, found["replicates"])
+
+
+def widened(one: Foretold, by: Widening | None) -> Foretold:
+    """A flight with its draws moved away from, or towards, their median; a flight that was fitted whole as it is."""
+    if by is None or not one.held_out.any():
+        return one
+    draws = dict(one.prediction.draws)
+    for name, factor in by.factors.items():
+        middle = bands.quantiles(draws[name], (0.5,))[0]
+        draws[name] = middle + factor * (draws[name] - middle)
+    return replace(one, prediction=replace(one.prediction, draws=draws))
+
+
+def told(job: Job) -> Widening | None:
+    """What a run did, as it was stored; None where it did nothing."""
+    if not (job.out / NAME).exists():
+        return None
+    said: dict[str, Any] = job.load(NAME)
+    return Widening(said["factors"], said["replicates"])

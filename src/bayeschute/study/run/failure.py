@@ -1,0 +1,73 @@
+"""What a run keeps of a fit that failed: why, what was tried, the best flights found; a summary and a report of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bayeschute.core.errors import FitError
+from bayeschute.posterior.best_path import BestPath, as_arrays
+from bayeschute.study.assembly import assemble
+from bayeschute.study.run.stage_data import load_priors
+from bayeschute.study.run.stage_report import heading, origin
+
+if TYPE_CHECKING:
+    from bayeschute.study.run.stages import Job
+
+LABEL = "no fit"
+
+
+def keep(job: Job, error: FitError | FloatingPointError) -> str:
+    """Write ``fit/failed.npz``, ``fit/failed.json``, ``summary.json`` and ``report.page`` of a fit that failed.
+
+    Args:
+        job: The run; its stages before the fit are done.
+        error: What the fit ended with.
+
+    Returns:
+        A line for the progress.
+    """
+    from bayeschute.report.page import build_report
+    from bayeschute.study.run.stages import write_whole
+
+    if not isinstance(error, FitError):
+        error = FitError(str(error), (str(error),))
+    paths: tuple[BestPath, ...] = error.paths
+
+    def write(path: Path) -> None:
+        with path.open("wb") as file:
+            np.savez(file, allow_pickle=False, **as_arrays(paths))
+
+    write_whole(job.out / "fit" / "failed.npz", write)
+    told = {"reason": error.reason, "tried": error.tried, "residuals": {p.flight: _residuals(p) for p in paths}}
+    job.save("fit/failed.json", assemble.as_plain(told | {"parameters": _parameters(job, error)}))
+    fit = {"fit": {"converged": False, **told}}
+    job.save("summary.json", assemble.as_plain(heading(job, LABEL) | fit | origin(job)))
+    build_report(job.out)
+    return f"failed: {error.reason}"
+
+
+def forget(job: Job) -> None:
+    """Take away what an earlier fit that failed has left."""
+    for name in ("failed.json", "failed.npz"):
+        (job.out / "fit" / name).unlink(missing_ok=True)
+
+
+def _residuals(path: BestPath) -> dict[str, dict[str, Any]]:
+    """Per output: root mean square of the residuals, what the sensor's noise would leave, and how many they are."""
+    counts = np.isfinite(path.residual).sum(axis=0)
+    rows = zip(path.outputs, path.rms(), path.noise, counts, strict=True)
+    return {name: {"rms": rms, "noise": noise, "samples": count} for name, rms, noise, count in rows}
+
+
+def _parameters(job: Job, error: FitError) -> list[dict[str, Any]]:
+    """Parameters at the best point beside their priors."""
+    before = {prior.name: prior.moments() for prior in load_priors(job)}
+    rows = []
+    for name, value, se, unit in error.parameters:
+        row = {"name": name, "value": value, "standard_error": se, "unit": unit}
+        known = dict(zip(("prior_mean", "prior_sd"), before.get(name, ()), strict=False))
+        rows.append(row | known)
+    return rows

@@ -1,0 +1,240 @@
+"""Draws of every flight that is fitted or predicted; in this process or over Dask, the same bit for bit.
+
+What a flight needs is gathered here, its draws are made in parts anywhere. A part takes its random numbers from the
+place in the flight's one stream where a single process would, so it doesn't matter who draws it, nor when.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from bayeschute.calibration.workers import Lost, client_of, finished
+from bayeschute.core.errors import Fault, InputError
+from bayeschute.likelihood.joint import FlightData, Hyper
+from bayeschute.likelihood.priors import Prior
+from bayeschute.posterior.marginal import Marginal
+from bayeschute.prediction import bands
+from bayeschute.prediction.mixture import mix
+from bayeschute.study.assembly.fits import Group, Stored, data_of, gaussian_summary, groups, load_fit
+from bayeschute.study.assembly.populations import by_members
+from bayeschute.study.run import structures
+from bayeschute.study.run.stage_data import load_flight, load_truth
+from bayeschute.study.study import Flight
+
+if TYPE_CHECKING:
+    from bayeschute.study.run.stages import Job
+
+Array = NDArray[np.float64]
+OPENING = 5.0  # [s] of its record by which a flight to be predicted is known
+PART = 512  # least draws that are worth a task of their own
+_MOST_PARTS = 64  # of a flight: every part steps over the random numbers of those before it
+_AHEAD = 2  # parts per core under way at once
+
+
+@dataclass(frozen=True)
+class Foretold:
+    """A flight with the draws of its quantities.
+
+    Attributes:
+        flight: The flight.
+        stored: The fit that tells its parameters.
+        prediction: Draws.
+        time: Times of the record [s].
+        held_out: Samples that the fit did not see.
+        record: The record.
+        truth: The truth, where known.
+        seed: Of its random numbers.
+    """
+
+    flight: Flight
+    stored: Stored
+    prediction: bands.Prediction
+    time: Array
+    held_out: NDArray[np.bool_]
+    record: xr.Dataset
+    truth: xr.Dataset | None
+    seed: int
+
+    @property
+    def counted(self) -> NDArray[np.bool_]:
+        """Samples by which bands are scored: those held out, all where none is."""
+        return self.held_out if self.held_out.any() else np.ones(self.time.size, bool)
+
+
+@dataclass(frozen=True)
+class _Order:
+    """What draws of a flight need, wherever they are made.
+
+    Attributes:
+        known: The fit it was part of; or data, noise parameters and Gaussian summary by which its opening is fitted.
+        index: Its place in the fit.
+        whole: The whole flight, where it was not fitted.
+        theta: Draws of the parameters, those of every group for its noise parameters.
+        laws: Noise parameters, in turn.
+        seed: Seed.
+        told: Its data are known up to here [s from the first sample].
+        spread: Of the strength of disturbances beyond the data.
+    """
+
+    known: Marginal | tuple[Hyper, list[Prior]]
+    index: int
+    whole: FlightData | None
+    theta: Array
+    laws: list[Hyper]
+    seed: int
+    told: float
+    spread: float
+
+    def parts(self) -> list[range]:
+        """Groups of draws, in parts of a task each; the same however many processes there are."""
+        count = -(-len(self.theta) // bands.GROUP)
+        size = max(PART // bands.GROUP, -(-count // _MOST_PARTS))
+        return [range(i, min(i + size, count)) for i in range(0, count, size)]
+
+    def draw(self, groups: range | None = None, share: Callable[[float], None] | None = None) -> bands.Prediction:
+        """Draw groups of the flight's draws, or all."""
+        if isinstance(self.known, Marginal):
+            marginal = self.known
+        else:
+            assert self.whole is not None
+            marginal = bands.opened(bands.opening(self.whole, OPENING), *self.known)
+        return bands.predict(
+            marginal, self.index, self.theta, self.laws, self.seed, self.whole, self.told, share, self.spread,
+            groups,
+        )  # fmt: skip
+
+
+def _group_of(job: Job, flight: Flight) -> Group:
+    """The fit whose parameters predict a flight: its own where it was fitted, else the study's only one."""
+    todo = groups(job)
+    return next((g for g in todo if flight in g.flights), todo[0])
+
+
+def _order(
+    job: Job, flight: Flight, group: Group, stored: Stored, draws: int, place: tuple[int, int]
+) -> tuple[_Order, Array]:
+    """What draws of a flight by one fit need; `place` is the number of the flight and that of the structure.
+
+    Returns:
+        That, and the times of its record.
+    """
+    study, (i, j) = job.study, place
+    flat = stored.held.reshape(-1, stored.held.shape[-1])
+    picked = flat[np.linspace(0, len(flat) - 1, min(draws, len(flat))).astype(int)]
+    time = load_flight(job, flight.name)["time"].values
+    rng = np.random.default_rng([study.seed, 5, i, *([j] if j else [])])
+    laws = bands.law_draws(stored.hyper, stored.law_covariance, -(-len(picked) // bands.GROUP), rng)
+    theta = bands.carried(stored.marginal, picked, laws, stored.law_effect)
+    known: Marginal | tuple[Hyper, list[Prior]] = stored.marginal
+    index, whole, until = 0, None, _until(flight, flight in group.flights, time)
+    if flight in group.flights:
+        index = group.flights.index(flight)
+    else:
+        whole = data_of(job, flight, group.priors, like=group.flights[0])
+        known = (stored.hyper, gaussian_summary(group.priors, stored.theta))
+    seed, spread = study.seed + 100 + i + 10_000 * j, study.predict.disturbance_log_sd
+    return _Order(known, index, whole, theta, laws, seed, until - time[0], spread), time
+
+
+def _until(flight: Flight, fitted: bool, time: Array) -> float:
+    """Where the data end by which a flight is known [s]."""
+    if not fitted:
+        return float(time[0]) + OPENING
+    return flight.identify_until.at(time[0], time[-1]) if flight.identify_until is not None else np.inf
+
+
+Tell = Callable[[Sequence[bands.Prediction]], Foretold]
+
+
+def _orders(job: Job, i: int, flight: Flight) -> tuple[list[_Order], Tell]:
+    """What a flight's draws need, by every structure that has a share in them, and what becomes of them."""
+    group = _group_of(job, flight)
+    stored, flown = load_fit(job, group), flight in group.flights
+    draws = min(job.study.predict.draws, stored.held[..., 0].size)
+    if job.study.priors.hierarchical:
+        told = by_members(job, group, stored, flown, draws)
+    else:
+        members = structures.members(job, group, draws)
+        told = [(one, stored if one is group else load_fit(job, one), n) for one, n in members]
+    made = [_order(job, flight, one, of_it, draws, (i, j)) for j, (one, of_it, draws) in enumerate(told)]
+    orders, time = [order for order, _ in made], made[0][1]
+    record, truth = load_flight(job, flight.name), load_truth(job, flight.name)
+    held_out = time > _until(flight, flown, time)
+    seed = job.study.seed + 100 + i
+    return orders, lambda made: Foretold(flight, stored, mix(made), time, held_out, record, truth, seed)
+
+
+def foretell(job: Job) -> Iterator[Foretold]:
+    """Draw the quantities of every flight that is fitted or predicted.
+
+    Draws whose process was lost count as simulations that failed.
+
+    Raises:
+        InputError: If Dask is wanted and not there or breaks off, or the first part of a flight is lost.
+    """
+    flights = [f for f in job.study.flights if {"identify", "predict"} & set(f.roles)]
+    say = job.say("predict")
+    with client_of(job.workers, job.address) as client:
+        if client is not None:
+            asked = [_orders(job, i, flight) for i, flight in enumerate(flights)]
+            coming = _anywhere([order for orders, _ in asked for order in orders], client, say)
+            yield from (tell([next(coming) for _ in orders]) for orders, tell in asked)
+            return
+        for i, flight in enumerate(flights):
+            orders, tell = _orders(job, i, flight)
+            made = []
+            for j, order in enumerate(orders):
+
+                def share(done: float, before: float = i + j / len(orders), orders: int = len(orders)) -> None:
+                    say((before + done / orders) / len(flights), flights[int(before)].name)
+
+                made.append(order.draw(share=share))
+            yield tell(made)
+
+
+def _drawn(part: tuple[int, _Order, range]) -> bands.Prediction:
+    """A task: part of a flight's draws."""
+    _, order, groups = part
+    return order.draw(groups)
+
+
+def _anywhere(orders: Sequence[_Order], client: Any, say: Callable[[float, str], None]) -> Iterator[bands.Prediction]:
+    """Predictions in the order of the flights, their parts drawn by the processes of a client."""
+    todo = [(i, order, part) for i, order in enumerate(orders) for part in order.parts()]
+    waiting: list[dict[int, bands.Prediction | Lost]] = [{} for _ in orders]
+    given = lost = 0
+    for done, ((i, _, part), made) in enumerate(finished(_drawn, todo, client, _AHEAD), 1):
+        waiting[i][part.start] = made
+        lost += isinstance(made, Lost)
+        say(done / len(todo), f"{done} of {len(todo)} parts" + (f", {lost} lost with their workers" if lost else ""))
+        while given < len(orders) and len(waiting[given]) == len(orders[given].parts()):
+            yield _joined(orders[given], waiting[given])
+            waiting[given], given = {}, given + 1
+
+
+def _joined(order: _Order, made: Mapping[int, bands.Prediction | Lost]) -> bands.Prediction:
+    """The parts of a flight as one prediction; draws of parts that were lost are failed ones."""
+    first = made[0]
+    if isinstance(first, Lost):
+        do = "Give the command again with --resume; if it is memory, with fewer workers."
+        raise InputError(Fault("predict", f"worker lost: {first.why}", "draws made to their end", do))
+    drawn: dict[str, list[Array]] = {name: [] for name in first.draws}
+    ends, failed = [], 0
+    for part in order.parts():
+        one = made[part.start]
+        if isinstance(one, Lost):
+            count = min(part.stop * bands.GROUP, len(order.theta)) - part.start * bands.GROUP
+            none = {name: np.full((count, first.time.size), np.nan) for name in drawn}
+            one = bands.Prediction(first.time, none, np.full((count, 3), np.nan), count, {})
+        for name, values in one.draws.items():
+            drawn[name].append(values)
+        ends.append(one.touchdown)
+        failed += one.failed
+    whole = {name: np.concatenate(values) for name, values in drawn.items()}
+    return bands.Prediction(first.time, whole, np.concatenate(ends), failed, first.shares)

@@ -1,0 +1,181 @@
+"""Stages before the fit: records in, priors out (between them: `bayeschute.study.run.stage_structure`)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+from bayeschute.core.errors import Fault, InputError
+from bayeschute.likelihood.channels import fitted_channels
+from bayeschute.likelihood.priors import Prior
+from bayeschute.records.back_driving import remove_velocity_bias
+from bayeschute.records.clean import clean
+from bayeschute.records.derive import derive
+from bayeschute.records.read import ColumnSpec, read_record
+from bayeschute.records.record import Repair, load_record, repairs, with_repairs, write_record
+from bayeschute.study.assembly import assemble, canopies
+from bayeschute.study.assembly.canopy_wind import with_wind
+from bayeschute.study.assembly.fitted_terms import in_order, of_library, of_selected
+from bayeschute.study.load import Study
+from bayeschute.study.study import Flight
+from bayeschute.virtual.drop import fly
+
+if TYPE_CHECKING:
+    from bayeschute.study.run.stages import Job
+
+
+def flown(study: Study, flight: Flight, seed: int, quick: bool = False) -> tuple[xr.Dataset, xr.Dataset]:
+    """Record and truth of a virtual flight; where its outcome isn't ok, the record's list of repairs says so.
+
+    Raises:
+        InputError: If the simulated flight leaves the finite numbers.
+    """
+    assert study.vehicle is not None and flight.virtual is not None
+    model, structure_ = assemble.cluster(study.vehicle, flight.capsule_mass, canopies.flown(study, flight, seed))
+    try:
+        record, truth = fly(assemble.drop(flight.virtual, quick), model, structure_, seed)
+    except FloatingPointError as error:
+        do = "Check the vehicle's [aero]: rate terms may make the canopies unstable beyond bounds."
+        raise InputError(Fault(f"flight {flight.name}", str(error), "a flight that stays finite", do)) from error
+    if "failed_at_s" in record.attrs:
+        time = record["time"].values
+        since = float(record.attrs["failed_at_s"])
+        detail = f"{record.attrs['outcome']}: not to be relied on from here"
+        told = Repair("simulation", "", since, float(time[-1]), int((time >= since).sum()), detail)
+        record = with_repairs(record, [told])
+    return record, truth
+
+
+def write_truth(truth: xr.Dataset, path: Path) -> Path:
+    """Write the truth beside a record."""
+    kept = {name: value for name, value in truth.attrs.items() if name != "repairs"}
+    truth.drop_attrs(deep=False).assign_attrs(kept).to_netcdf(path, engine="h5netcdf")
+    return path
+
+
+def load_truth(job: Job, name: str) -> xr.Dataset | None:
+    """Truth of a virtual flight; None for a measured one."""
+    path = job.out / "flights" / f"{name}.truth.nc"
+    return xr.load_dataset(path, engine="h5netcdf") if path.exists() else None
+
+
+def load_flight(job: Job, name: str) -> xr.Dataset:
+    """The ingested record of a flight."""
+    return load_record(job.out / "flights" / f"{name}.nc")
+
+
+def ingest(job: Job) -> str:
+    """Read or fly every record, clean it, derive what it implies, store it."""
+    from bayeschute.study.run.stages import write_whole
+
+    study, listed = job.study, 0
+    for i, flight in enumerate(study.flights):
+        truth = None
+        if flight.virtual is not None:
+            raw, truth = flown(study, flight, assemble.flight_seed(study, flight), job.quick)
+        else:
+            assert flight.path is not None
+            columns = {k: ColumnSpec(c.column, c.unit) for k, c in flight.columns.items()}
+            raw = read_record(flight.path, columns or None, flight.window)
+        rate = flight.rate or 1.0 / float(np.median(np.diff(raw["time"].values)))
+        record = clean(raw, rate, flight.window, flight.skip_first)
+        if flight.remove_velocity_bias:
+            record, _ = remove_velocity_bias(record)
+        record = record if study.model == "cluster" and flight.virtual is not None else derive(record)
+        if flight.wind_profile is not None:
+            record = with_wind(record, flight.wind_profile)
+        if study.model == "cluster" and "identify" in flight.roles:
+            record = with_repairs(record, _not_fitted(record, tuple(study.noise.channels())))
+        listed += sum(r.kind not in ("resampled", "derived", "assumed") for r in repairs(record))
+        if truth is not None:
+            last = truth["time"].values[[0, -1]]  # rounding may put a record's last time beyond the truth's
+            at = record["time"].values
+            truth = truth.interp(time=np.clip(at, *last)).assign_coords(time=at)
+            write_whole(job.out / "flights" / f"{flight.name}.truth.nc", partial(write_truth, truth))
+        write_whole(job.out / "flights" / f"{flight.name}.nc", partial(write_record, record))
+        job.say("ingest")((i + 1) / len(study.flights), flight.name)
+    return f"{len(study.flights)} flights, {listed} repairs listed"
+
+
+def _not_fitted(record: xr.Dataset, channels: tuple[str, ...]) -> list[Repair]:
+    """What is to be told of channels that have noise in the study but can't be fitted to this record."""
+    used, time = fitted_channels(record, channels), record["time"].values
+    told = {name: "not recorded" for name in channels if name not in record}
+    told |= {name: "without a value" for name in channels if name in record and not record[name].notnull().any()}
+    return [
+        Repair("assumed", name, float(time[0]), float(time[-1]), 0, f"{told.get(name, 'derived')}: it is not fitted")
+        for name in channels
+        if name not in used
+    ]
+
+
+def priors(job: Job) -> str:
+    """Priors of every parameter: from equation error, or given from outside."""
+    study, made = job.study, []
+    found = job.load("structure.json")["coefficients"]
+    source = ", ".join(f.name for f in study.with_role("structure"))
+    whole = study.structure is not None and study.structure.fit != "selected"
+    for kind, entry in found.items():
+        made += of_library(study, kind, entry, source) if whole else of_selected(study, kind, entry, source)
+    made = in_order(study, made)
+    given = study.priors.given
+    for name, unit in _GIVEN.items():
+        table = getattr(given, name)
+        if table is not None:
+            made.append(_given(name, table, unit))
+    _check_varying(study, [p.name for p in made])
+    job.save("priors.json", [p.__dict__ for p in made])
+    return f"{len(made)} parameters"
+
+
+def _check_varying(study: Study, names: Sequence[str]) -> None:
+    """What differs from drop to drop is a parameter of the fit, what differs from canopy to canopy a coefficient."""
+    table, faults = study.priors, []
+    wanted = {"vary": list(names), "vary_canopies": [name for name in names if "[" in name]}
+    for key, known in wanted.items():
+        if unknown := sorted(set(getattr(table, key) or ()) - set(known)):
+            of_the_fit = f"{'parameters' if key == 'vary' else 'coefficients'} of the fit: {', '.join(known)}"
+            do = "Name those, or widen the structure."
+            faults.append(Fault(f"[priors] {key}", ", ".join(unknown), of_the_fit, do))
+    if faults:
+        raise InputError(faults)
+
+
+_GIVEN = {
+    "riser_stiffness": "N/m",
+    "riser_damping": "N s/m",
+    "riser_length": "m",
+    "capsule_axial_force": "1",
+    "enclosed_air_factor": "1",
+    "capsule_mass": "kg",
+    "canopy_mass": "kg",
+    "cds_over_mass": "m^2/kg",
+}
+_POSITIVE = ("riser_stiffness", "riser_damping", "enclosed_air_factor", "cds_over_mass")
+
+
+def _given(name: str, table: Any, unit: str) -> Prior:
+    """A prior from outside in its working coordinate; one that must be positive keeps its moments as a log-normal."""
+    source = "given in the study"
+    if table.log_normal:
+        log_mean, log_sd = float(np.log(table.median)), float(table.log_sd)
+    else:
+        log_sd = float(np.sqrt(np.log1p((table.sd / table.mean) ** 2)))
+        log_mean = float(np.log(table.mean) - 0.5 * log_sd**2)
+    if name in _POSITIVE:
+        return Prior(name, log_mean, log_sd, True, unit, source)
+    if table.log_normal:
+        mean = float(np.exp(log_mean + 0.5 * log_sd**2))
+        return Prior(name, mean, mean * float(np.sqrt(np.expm1(log_sd**2))), False, unit, source)
+    return Prior(name, float(table.mean), float(table.sd), False, unit, source)
+
+
+def load_priors(job: Job) -> list[Prior]:
+    """The priors of all parameters: those that the stage left, or with the terms that the fit asked for in addition."""
+    revised = "fit/priors.json" if (job.out / "fit" / "priors.json").exists() else "priors.json"
+    return [Prior(**entry) for entry in job.load(revised)]

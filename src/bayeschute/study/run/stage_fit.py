@@ -1,0 +1,300 @@
+"""The stage `fit`: data, optimum, noise parameters, draws, one DataTree."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from bayeschute.core.errors import FitError
+from bayeschute.dynamics.cluster_flight import output_names
+from bayeschute.likelihood.joint import FlightData, linearise
+from bayeschute.likelihood.priors import Prior
+from bayeschute.posterior.assess import output_error
+from bayeschute.posterior.assess.score_test import scores
+from bayeschute.posterior.best_path import BestPath
+from bayeschute.posterior.fit import Begin, Found, Settled, UnsettledError, conclude, marginal_mode, settle
+from bayeschute.posterior.noise_evidence import HyperPrior
+from bayeschute.posterior.noise_uncertainty import LawEffect, widened
+from bayeschute.posterior.sampler import data_tree, sample
+from bayeschute.posterior.sampling.protocol import Draws
+from bayeschute.posterior.term_search import choose
+from bayeschute.study.assembly import assemble, canopies, populations
+from bayeschute.study.assembly.fits import Group, data_of, groups, save_fit
+from bayeschute.study.assembly.fitted_terms import terms_left_out, with_terms
+from bayeschute.study.run import checkpoint, several_starts, structures
+from bayeschute.study.run.stage_data import load_flight
+
+if TYPE_CHECKING:
+    from bayeschute.study.run.stages import Job
+
+Array = NDArray[np.float64]
+SCORE = 4.0  # standard errors from zero at which a term that was left out is added
+
+
+def fit(job: Job) -> str:
+    """Fit every group, draw, and store draws and DataTree."""
+    import time
+
+    from bayeschute.study.run.stages import write_whole
+
+    study, trees, said = job.study, [], []
+    for name in ("priors.json", "output_error.json", "structures.json"):
+        (job.out / "fit" / name).unlink(missing_ok=True)
+    if not job.resume:
+        checkpoint.clear(job)
+    todo, began = groups(job), time.perf_counter()
+    wall: dict[str, float] = {}
+    asked_for: dict[str, float] = {}
+    failed, names = 0, [group.name for group in todo]
+    if study.structure is not None and study.structure.stack is not None:
+        names += _structures(job, todo[0])
+        wall["structures_s"] = time.perf_counter() - began
+    for i, group in enumerate(todo):
+
+        def say(share: float, words: str, a: float = 0.0, b: float = 1.0, i: int = i, name: str = group.name) -> None:
+            label = f"{name}: {words}" if len(todo) > 1 else words
+            job.say("fit")((i + a + (b - a) * share) / len(todo), label)
+
+        clock = time.perf_counter()
+        try:
+            group, found, asked = _found(job, group, say)
+        except FitError as error:
+            raise _with_paths(job, group, error) from error
+        except FloatingPointError as error:
+            do = "look at priors.json and the vehicle (the model must fly from the prior means), or shorten the window"
+            raise FitError(f"fit of {group.name}: {error}; {do}.", (f"{group.name}: {error}",)) from error
+        said += [f"Left out of the posterior of {group.name}: {lost}." for lost in found.lost]
+        asked_for |= asked
+        wall["optimum_s"] = wall.get("optimum_s", 0.0) + time.perf_counter() - clock
+        kinds = ["nuts", "emcee"] if study.sampler.kind == "both" else [study.sampler.kind]
+        bounds = _bounds(job, group, found) if study.noise.model in ("white", "sandwich") else None
+        if study.noise.model == "sandwich":  # its covariance doesn't come from the noise parameters
+            kinds, found = ["sandwich"], replace(found, law_effect=LawEffect.none(*found.law_effect.slope.shape))
+        for kind in kinds:
+            clock = time.perf_counter()
+            draws = checkpoint.get_draws(job, group.name, kind)
+            if draws is None:
+                draws = _draws(job, i, found, bounds, kind, lambda s, w: say(s, w, 0.8, 0.9))
+                checkpoint.put_draws(job, group.name, kind, draws)
+            wall[f"{kind}_s"] = wall.get(f"{kind}_s", 0.0) + time.perf_counter() - clock
+            flights = [f.name for f in group.flights]
+            wide = widened(draws.xi, found.law_effect, found.law_covariance, study.seed)
+            tree = data_tree(
+                found.marginal, group.priors, draws, study.seed, flights, lambda s, w: say(s, w, 0.9, 1.0), wide
+            )
+            if kind == kinds[0]:
+                save_fit(job, group, found, draws, wide)
+                trees.append(tree)
+                failed += draws.failed
+                said += list(draws.notes)
+            else:
+                write_whole(job.out / f"posterior.{kind}.nc", partial(_write_tree, tree))
+    alone = len(trees) == 1 and not study.priors.hierarchical
+    tree = trees[0] if alone else populations.joined(job, todo, trees)
+    write_whole(job.out / "posterior.nc", partial(_write_tree, tree))
+    wall["fit_s"] = time.perf_counter() - began
+    facts = {"wall": wall, "notes": said, "failed": failed, "scores": assemble.as_plain(asked_for)}
+    if starts := several_starts.told(job, names):
+        facts |= {"starts": starts, "notes": [*said, *several_starts.note(starts)]}
+    job.save("fit/facts.json", facts)
+    checkpoint.clear(job)
+    return f"{len(todo)} fits, {failed} failed simulations"
+
+
+def _with_paths(job: Job, group: Group, error: FitError) -> FitError:
+    """What failed, with the residuals along the best path, and parameters there."""
+    if not isinstance(error, UnsettledError):
+        return error
+    group = replace(group, priors=error.priors)
+    best, paths = error.best, []
+    for flight, place in zip(group.flights, best.flights, strict=True):
+        data, time = data_of(job, flight, group.priors), load_flight(job, flight.name)["time"].values
+        model: Any = data.model
+        assert data.path is not None
+        made = linearise(data, best.theta, place.course(data))
+        defect = np.max(np.abs(np.asarray(made.defects)[1:] / data.path.slack), axis=1)
+        noise = assemble.hyper(job.study).outputs(data)
+        names = output_names(model.channels, model.structure.canopies)
+        residual = np.where(np.asarray(data.present), np.asarray(made.residual), np.nan)
+        sd = np.hypot(np.asarray(noise.white), np.asarray(noise.correlated))
+        paths.append(BestPath(flight.name, time, names, residual, sd, defect))
+    sd = np.sqrt(np.diag(best.covariance))
+    rows = zip(group.priors, best.theta, sd, strict=True)
+    parameters = [
+        (p.name, float(p.value(x)), float(s * p.value(x) if p.logarithmic else s), p.unit) for p, x, s in rows
+    ]
+    return FitError(f"fit of {group.name}: {error.reason}", error.tried, paths, parameters)
+
+
+def _structures(job: Job, group: Group) -> list[str]:
+    """Fit and weigh several structures; the best is then taken up like a fit that was stopped."""
+    try:
+        return structures.fit_all(job, group, lambda s, w: job.say("fit")(0.5 * s, w))
+    except FloatingPointError as error:
+        do = "look at structure.json and the vehicle (a model must fly from its prior means), or shorten the window"
+        raise FitError(f"fits of the structures: {error}; {do}.", (f"every structure: {error}",)) from error
+
+
+def _bounds(job: Job, group: Group, found: Found) -> output_error.Bounds:
+    """Cramer-Rao bounds of a group's estimates, and their table for the summary."""
+    made = output_error.bounds(found.marginal.flights, found.hyper, group.priors, found.optimum)
+    path = job.out / "fit" / "output_error.json"
+    before = job.load("fit/output_error.json") if path.exists() else []
+    rows = [row._asdict() for row in output_error.table(made, group.priors)]
+    job.save("fit/output_error.json", [*before, *assemble.as_plain(rows)])
+    return made
+
+
+def _draws(
+    job: Job, group: int, found: Found, bounds: output_error.Bounds | None, kind: str, say: Callable[[float, str], None]
+) -> Draws:
+    """Draws of the sampler, or about the estimates of output error, of the group of this number."""
+    table, seed, marginal = job.study.sampler, job.study.seed, found.marginal
+    if kind == "sandwich":
+        assert bounds is not None
+        centre, scale = np.asarray(marginal.centre), np.asarray(marginal.scale)
+        rng = np.random.default_rng([seed, 6, group])
+        return output_error.gaussian_draws(bounds, centre, scale, table.chains, table.draws, rng)
+    return sample(marginal, kind, table.chains, table.warmup, table.draws, seed, say)
+
+
+def _found(
+    job: Job, group: Group, say: Callable[[float, str, float, float], None]
+) -> tuple[Group, Found, dict[str, float]]:
+    """Fit a group, or take up what an earlier run kept of it.
+
+    Returns:
+        The group with the priors that were used, what was found, and the last scores of left-out terms.
+    """
+    prior, kept = HyperPrior(assemble.hyper(job.study)), checkpoint.get_settled(job, group.name)
+    if kept is None:
+        group, settled, z = _settled(job, group, prior, lambda s, w: say(s, w, 0.0, 0.6))
+        checkpoint.put_settled(job, group.name, group.priors, settled, z)
+    else:
+        priors, settled, z = kept
+        if tuple(priors) != group.priors:
+            group = replace(group, priors=tuple(priors))
+            _revise(job, priors)
+    flights = [data_of(job, f, group.priors) for f in group.flights]
+    return group, conclude(flights, group.priors, prior, settled, lambda s, w: say(s, w, 0.6, 0.8)), z
+
+
+def _settled(
+    job: Job, group: Group, prior: HyperPrior, say: Callable[[float, str], None]
+) -> tuple[Group, Settled, dict[str, float]]:
+    """Joint optimum of a group; terms that were left out and that the simulated flight asks for are added.
+
+    A fit without a term that is needed settles in a place of its own. So the next one begins at the prior means and,
+    for comparison, there; the greater evidence is kept.
+
+    Returns:
+        The group with the priors that were used, its optimum, and the last scores of left-out terms.
+    """
+    table = job.study.structure
+    # A search takes what the noise model leaves to the residuals for evidence; drops that are joined share their terms.
+    if table is not None and table.fit == "search" and job.study.noise.model == "latent":
+        if not job.study.priors.hierarchical:
+            return _searched(job, group, prior, say)
+    # The score test of a term takes what the noise model leaves to the residuals for evidence: latent models only.
+    here = {p.name for p in group.priors}
+    latent = job.study.noise.model == "latent"
+    latent = latent and not job.study.priors.vary  # drops that are joined have the same parameters
+    left_out, z = [p for p in terms_left_out(job) if latent and p.name not in here], dict[str, float]()
+    begins: list[Begin | None] = [None]
+    while True:
+        if job.study.sampler.starts is None:
+            flights = [data_of(job, f, group.priors) for f in group.flights]
+            settled = _best(flights, group.priors, prior, begins, say)
+        else:
+            settled = several_starts.settled(job, group, prior, begins, say)
+        if not left_out:
+            break
+        whole, kept = with_terms(job.study, group.priors, left_out)
+        theta = np.zeros(len(whole))
+        theta[kept] = settled.optimum.theta
+        everything = [data_of(job, f, whole) for f in group.flights]
+        step, se = scores(everything, settled.hyper, whole, theta, settled.optimum.flights, kept)
+        z = {p.name: float(step[i] / se[i]) for i, p in enumerate(whole) if not kept[i]}
+        asked = [p for p in left_out if abs(z[p.name]) > SCORE]
+        if not asked:
+            break
+        priors, old = with_terms(job.study, group.priors, asked)
+        theta = np.zeros(len(priors))
+        theta[old] = settled.optimum.theta
+        begins = [None, (theta, settled.optimum.flights, settled.hyper)]
+        left_out = [p for p in left_out if p not in asked]
+        group = replace(group, priors=tuple(priors))
+        _revise(job, priors)
+    return group, settled, z
+
+
+def _best(
+    flights: Sequence[FlightData],
+    priors: Sequence[Prior],
+    prior: HyperPrior,
+    begins: Sequence[Begin | None],
+    say: Callable[[float, str], None],
+) -> Settled:
+    """The optimum of greatest evidence from several begins; one that fails counts only where all do."""
+    found: list[Settled] = []
+    for i, begin in enumerate(begins):
+        try:
+            found.append(settle(flights, priors, prior, progress=say, begin=begin))
+        except FitError:
+            if i + 1 == len(begins) and not found:
+                raise
+    return min(found, key=lambda s: s.evidence)
+
+
+def _searched(
+    job: Job, group: Group, prior: HyperPrior, say: Callable[[float, str], None]
+) -> tuple[Group, Settled, dict[str, float]]:
+    """Joint optimum of a group with those terms of the library that its flights ask for.
+
+    Returns:
+        The group with the priors that were used, its optimum, and the log evidence for every term that may be left out.
+    """
+    assert job.study.structure is not None
+    flights = [data_of(job, f, group.priors) for f in group.flights]
+    core = set(job.study.structure.core)
+    may_go = [p.name for p in group.priors if "[" in p.name and canopies.coefficient(p.name) not in core]
+    library = _joint(job, group, prior, lambda s, w: say(0.5 * s, f"library of terms: {w}"))
+
+    def tell(share: float, words: str) -> None:
+        say(0.5 + 0.1 * share, f"library of terms: {words}")
+
+    mode = marginal_mode(flights, group.priors, library, tell, 4)
+    chosen = choose(group.priors, mode.theta, mode.covariance, may_go)
+    say(0.6, f"{int(chosen.kept.sum())} of {chosen.kept.size} parameters kept")
+    smaller = replace(group, priors=chosen.priors)
+    begin = (chosen.theta, mode.flights, library.hyper)
+    settled = _joint(job, smaller, prior, lambda s, w: say(0.6 + 0.4 * s, w), begin)
+    _revise(job, chosen.priors)
+    return smaller, settled, chosen.evidence
+
+
+def _joint(
+    job: Job, group: Group, prior: HyperPrior, say: Callable[[float, str], None], begin: Begin | None = None
+) -> Settled:
+    """Joint optimum of a group, from one start or several."""
+    if job.study.sampler.starts is not None:
+        return several_starts.settled(job, group, prior, [begin], say)
+    return settle(
+        [data_of(job, f, group.priors) for f in group.flights], group.priors, prior, progress=say, begin=begin
+    )
+
+
+def _revise(job: Job, priors: Sequence[Prior]) -> None:
+    """Keep priors that the fit used in the place of those that the stage before it left."""
+    job.save("fit/priors.json", [p.__dict__ for p in canopies.together(priors)])
+
+
+def _write_tree(tree: xr.DataTree, path: Path) -> None:
+    tree.to_netcdf(path, engine="h5netcdf")

@@ -1,0 +1,265 @@
+"""The last stage: summary and report."""
+
+from __future__ import annotations
+
+import platform
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from bayeschute.posterior.term_search import PENALTY
+from bayeschute.records.record import repairs
+from bayeschute.study import formulation
+from bayeschute.study.assembly import assemble, canopies
+from bayeschute.study.assembly.fits import groups, load_hyper, summary_draws
+from bayeschute.study.assembly.fitted_terms import ADDED
+from bayeschute.study.evidence.calibration_status import calibration_check, verification
+from bayeschute.study.evidence.recalibrate import told as told_widening
+from bayeschute.study.load import study_hash
+from bayeschute.study.run import structures
+from bayeschute.study.run.forecasts import OPENING
+from bayeschute.study.run.stage_data import load_flight, load_priors
+from bayeschute.study.study import Flight, Study
+
+if TYPE_CHECKING:
+    from bayeschute.study.run.stages import Job
+
+Array = NDArray[np.float64]
+_CHANNEL_UNIT = {"canopy_position": "m", "capsule_velocity": "m/s", "capsule_attitude": "rad", "descent_rate": "m/s"}
+_CHANNEL_UNIT |= {"swing_angle": "rad", "riser_tension": "N"}
+_PROGRAMS = ("bayeschute", "jax", "numpyro", "emcee", "arviz-base", "numpy", "scipy")
+
+
+def report(job: Job) -> str:
+    """Summary and report."""
+    from bayeschute.report.page import build_report
+
+    job.save("summary.json", assemble.as_plain(_summary(job)))
+    build_report(job.out)
+    return str(job.out / "report.html")
+
+
+def _summary(job: Job) -> dict[str, Any]:
+    study, facts, checked = job.study, job.load("fit/facts.json"), job.load("checks.json")
+    calibration = calibration_check(job)
+    coverage = job.load("coverage.json")
+    checks = checked["checks"] | bands_check(coverage)
+    label = verification(checks | {"calibration": calibration}, study)
+    label = "; ".join(filter(None, (formulation.label(study.noise.model), label)))
+    draws, units = summary_draws(job)
+    some = next(iter(draws.values()))
+    seconds = sum(v for k, v in facts["wall"].items() if k != "fit_s")
+    return {
+        **heading(job, label),
+        "fit": {"converged": checked["checks"]["optimum"]["passed"]},
+        "parameters": _parameters(job, draws, units, checked),
+        "sampling": {
+            "sampler": formulation.sampler(study), "chains": some.shape[0], "draws": some.shape[1],
+            "divergences": _divergences(job), "failed_solves": facts["failed"], "wall_s": seconds,
+            "wall": facts["wall"], "min_ess_per_s": min(checked["ess_bulk"].values()) / seconds,
+        },
+        **_disturbances(job), **_output_error(job), **_identifiability(job), **_recalibration(job),
+        **({"structures": stacked} if (stacked := structures.told(job)) else {}),
+        "coverage": coverage,
+        "checks": checks | {"calibration": calibration},
+        "requirements": job.load("risk/requirements.json"),
+        "notes": [*facts["notes"], *structures.note(stacked), *_notes(job)],
+        **origin(job),
+    }  # fmt: skip
+
+
+def heading(job: Job, label: str) -> dict[str, Any]:
+    """What every summary begins with: what was run on which flights, and the label of its intervals."""
+    study = job.study
+    return {
+        "title": study.title, "model": study.model, "quick": job.quick, "label": label, "seed": study.seed,
+        "vehicle": study.vehicle.name if study.vehicle is not None else None,
+        "flights": {f.name: _flight_entry(job, f) for f in study.flights},
+    }  # fmt: skip
+
+
+def origin(job: Job) -> dict[str, Any]:
+    """What every summary ends with: versions of the programs, and hashes."""
+    return {
+        "versions": {name: version(name) for name in _PROGRAMS} | {"python": platform.python_version()},
+        "hashes": {"study": study_hash(job.study), "run": job.hash},
+    }
+
+
+def bands_check(coverage: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    """The check `bands`, of a run that has flights without bands; a run whose flights have all of theirs has none."""
+    none = [name for name, table in coverage.items() if any(entry.get("draws") == 0 for entry in table.values())]
+    detail = f"flights without bands, since every simulation of the forecast failed: {', '.join(none)}"
+    return {"bands": {"passed": False, "value": len(none), "bound": 0, "detail": detail}} if none else {}
+
+
+def _parameters(
+    job: Job, draws: dict[str, Array], units: dict[str, str], checked: dict[str, Any]
+) -> dict[str, dict[str, Any]]:
+    """Posterior and prior of every parameter in numbers, beside the truth where it is known."""
+    with xr.open_datatree(job.out / "posterior.nc", engine="h5netcdf") as tree:
+        prior = tree["prior"].ds.load()
+    truth, parameters = true_values(job), {}
+    for name, x in draws.items():
+        before, flat = prior[name].values.ravel(), x.ravel()
+        q05, q50, q95 = np.quantile(flat, [0.05, 0.5, 0.95])
+        entry = {
+            "mean": flat.mean(), "sd": flat.std(), "q05": q05, "q50": q50, "q95": q95, "rhat": checked["rhat"][name],
+            "ess_bulk": checked["ess_bulk"][name], "ess_tail": checked["ess_tail"][name], "prior_mean": before.mean(),
+            "prior_sd": before.std(), "contraction": 1.0 - (flat.std() / before.std()) ** 2, "unit": units[name],
+        }  # fmt: skip
+        parameters[name] = entry | ({"truth": truth[name]} if name in truth else {})
+    return parameters
+
+
+def _divergences(job: Job) -> int:
+    """Divergent transitions; a sampler that knows none has none."""
+    with xr.open_datatree(job.out / "posterior.nc", engine="h5netcdf") as tree:
+        known = "sample_stats" in tree.children and "diverging" in tree["sample_stats"]
+        return int(tree["sample_stats"]["diverging"].sum()) if known else 0
+
+
+def _disturbances(job: Job) -> dict[str, Any]:
+    """Noise of the channels and of the wind as found (of the first fit, where there are several)."""
+    hyper = load_hyper(job, groups(job)[0])
+    noise = {
+        name: {
+            "white": hyper.noise.white[i],
+            "correlated": hyper.noise.correlated[i],
+            "time_constant": hyper.noise.time_constant[i],
+            "unit": _CHANNEL_UNIT[name],
+        }
+        | dict.fromkeys(formulation.unused(job.study.noise.model))
+        for i, name in enumerate(job.study.noise.channels())
+    }
+    for name, law in zip(assemble.law_names(job.study), hyper.laws, strict=True):
+        facts = {"white": None, "correlated": law[0], "unit": "m/s" if "wind" in name else "1"}
+        facts |= {"frequency": law[1], "damping_ratio": law[2]} if law.size == 3 else {"time_constant": law[1]}
+        noise[name] = facts
+    return {"noise_model": job.study.noise.model, "noise": noise}
+
+
+def _output_error(job: Job) -> dict[str, Any]:
+    """The table of output error, where the noise model has one."""
+    there = (job.out / "fit" / "output_error.json").exists()
+    return {"output_error": job.load("fit/output_error.json")} if there else {}
+
+
+def _identifiability(job: Job) -> dict[str, Any]:
+    """What the record tells, by fit; a folder whose checks are of an older program has none."""
+    there = (job.out / "identifiability.json").exists()
+    return {"identifiability": job.load("identifiability.json")} if there else {}
+
+
+def _recalibration(job: Job) -> dict[str, Any]:
+    """By how much bands were widened, where they were."""
+    by = told_widening(job)
+    return {} if by is None else {"recalibration": by._asdict()}
+
+
+def _flight_entry(job: Job, flight: Flight) -> dict[str, Any]:
+    record = load_flight(job, flight.name)
+    time = record["time"].values
+    source = "virtual drop" if flight.virtual is not None else flight.path.name if flight.path else ""
+    return {
+        "roles": list(flight.roles),
+        "samples": time.size,
+        "duration_s": time[-1] - time[0],
+        "repairs": [{k: v for k, v in vars(repair).items() if k != "times"} for repair in repairs(record)],
+        "source": source,
+    }
+
+
+def flown_terms(study: Study) -> dict[str, float]:
+    """Coefficients of the terms that the vehicle's virtual drops fly with, by parameter; none in a descent."""
+    return {} if study.vehicle is None else study.vehicle.aero.coefficients()
+
+
+def true_values(job: Job) -> dict[str, float]:
+    """Values the virtual drop was flown with; terms that were selected but not flown have the true value 0."""
+    study = job.study
+    if study.vehicle is None or any(f.virtual is None for f in study.with_role("identify")):
+        return {}
+    risers, capsule, canopies = study.vehicle.risers, study.vehicle.capsule, study.vehicle.canopies
+    flown = flown_terms(study)
+    flown |= {"capsule_mass": capsule.mass, "canopy_mass": canopies.dry_mass, "enclosed_air_factor": 1.0}
+    flown |= {"capsule_axial_force": capsule.axial_force or 0.0}
+    flown |= {"riser_length": risers.length, "riser_stiffness": risers.stiffness, "riser_damping": risers.damping}
+    return {p.name: float(flown.get(p.name, 0.0)) for p in load_priors(job)} | _of_members(study, flown)
+
+
+def _of_members(study: Study, flown: dict[str, float]) -> dict[str, float]:
+    """True values of canopies' own coefficients, and of the standard deviation between canopies where drops agree."""
+    made: dict[str, float] = {}
+    flights = study.with_role("identify")
+    for name in study.priors.vary_canopies or ():
+        spread = {(f.virtual.canopy_sd or {}).get(name, 0.0) for f in flights if f.virtual is not None}
+        made |= {f"sd({name})": spread.pop()} if len(spread) == 1 else {}
+        for flight in flights:
+            drawn = canopies.flown(study, flight, assemble.flight_seed(study, flight)).get(name)
+            assert study.vehicle is not None
+            every = np.full(study.vehicle.canopies.number, flown.get(name, 0.0)) if drawn is None else drawn
+            made |= {canopies.of_canopy(name, flight.name, i + 1): float(v) for i, v in enumerate(every)}
+    return made
+
+
+def _notes(job: Job) -> list[str]:
+    """What a reader of the numbers must know."""
+    notes = [
+        "Parameters are drawn with noise parameters held at the mean of theirs, or at the most probable ones where the "
+        "mean is too far from these; what they leave uncertain then widens the draws, to first order.",
+        "Initial states and latent disturbances are integrated out as Gaussian given the parameters; the log "
+        "determinant of that step is a polynomial of the parameters (its error is among the checks).",
+    ]
+    study, by = job.study, told_widening(job)
+    notes += formulation.notes(study.noise)
+    if by is not None:
+        notes.append(by.words[0].upper() + by.words[1:] + "; requirements and risk files use the draws as predicted.")
+    if study.model != "cluster":
+        air = "Air density is taken by altitude from the record or the standard atmosphere, and counted as known."
+        return [*notes, air]
+    notes.append(
+        f"A flight to be predicted is known by the first {OPENING:g} s of its record and its recorded wind; "
+        "bands are scored after that."
+    )
+    if study.priors.vary_canopies:
+        notes.append(
+            f"From canopy to canopy differ {', '.join(study.priors.vary_canopies)}: by its own name such a coefficient "
+            "is the population's mean, sd(..) is the population's standard deviation, ..@drop.canopy1 is a canopy's "
+            "own; the likelihood is joined with the population as Gaussian. The canopies of a flight to be predicted "
+            "are further ones of that population; few canopies leave its standard deviation much as the prior has it."
+        )
+    if study.priors.vary:
+        fitted = ", ".join(f.name for f in study.with_role("identify"))
+        notes.append(
+            f"{fitted} were fitted one by one and joined, their likelihoods as Gaussian. From drop to drop differ "
+            f"{', '.join(study.priors.vary)}: by its own name such a parameter is the population's mean, sd(..) is the "
+            "population's standard deviation, ..@drop is a drop's own. A drop to be predicted is another one of that "
+            "population; few drops leave its standard deviation much as the prior has it."
+        )
+    added = [p.name for p in load_priors(job) if ADDED in p.source]
+    if added:
+        notes.append(f"Left out by equation error, added since the fitted flight asked for it: {', '.join(added)}.")
+    if study.structure is not None and study.structure.fit == "search" and job.load("fit/facts.json")["scores"]:
+        notes.append(_search_note(job))
+    missed = set(flown_terms(study)) - {p.name for p in load_priors(job) if "[" in p.name}
+    if missed and study.flights[0].virtual is not None:
+        notes.append("Flown but not selected: " + ", ".join(sorted(missed)) + ".")
+    return notes
+
+
+def _search_note(job: Job) -> str:
+    """Which terms of the library the fitted flight asked for, and how strongly."""
+    told = {name: value for name, value in job.load("fit/facts.json")["scores"].items() if value is not None}
+    here = {p.name for p in load_priors(job)}
+    by_strength = sorted(told, key=lambda name: -told[name])
+    kept = [f"{name} ({told[name]:+.1f})" for name in by_strength if name in here]
+    left = [f"{name} ({told[name]:+.1f})" for name in by_strength if name not in here]
+    return (
+        "Terms beyond the core that the fitted flight asked for, with the natural logarithm of the evidence for each: "
+        f"{', '.join(kept) or 'none'}. Left out, since they would have gained less than {PENALTY:g}: "
+        f"{', '.join(left) or 'none'}."
+    )

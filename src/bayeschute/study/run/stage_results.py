@@ -1,0 +1,337 @@
+"""Stages after the fit: checks, predictions, risk files."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import arviz_stats
+import jax.numpy as jnp
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from bayeschute.likelihood.joint import FlightData, as_seen, stepped
+from bayeschute.likelihood.kalman import Seen, innovations
+from bayeschute.posterior.marginal import Along
+from bayeschute.posterior.sampling.sampler_checks import MOST_K
+from bayeschute.prediction import bands, risk_files
+from bayeschute.records.reconstruct import reconstruct
+from bayeschute.study.assembly import assemble
+from bayeschute.study.assembly.fits import Stored, groups, load_fit, summary_draws
+from bayeschute.study.evidence.recalibrate import NAME as RECALIBRATION
+from bayeschute.study.evidence.recalibrate import widened, widening
+from bayeschute.study.run import several_starts, structures
+from bayeschute.study.run.forecasts import Foretold, foretell
+from bayeschute.study.run.stage_identifiability import of_fit
+from bayeschute.study.study import Flight
+
+if TYPE_CHECKING:
+    from bayeschute.study.run.stages import Job
+
+Array = NDArray[np.float64]
+
+
+_FAR_DRAWS = 2.0  # standard deviations: farther off, draws are not about the mode that was found
+
+
+class _Fits(NamedTuple):
+    """What the fits of a run say of themselves.
+
+    Attributes:
+        converged: Whether every optimum did.
+        failed: Simulations that failed while sampling.
+        evaluations: Of the exact density.
+        step_errors: See `_step_error`, by flight.
+        shares: See `_innovation_share`, by flight.
+        determinant_errors: Of the log density, by fit; see `laplace.error`.
+        least_falls: Of the log density at one standard deviation along any axis, by fit.
+        modes: Whether it falls to both sides along every axis, by fit.
+        away: Distance of the draws' mean from the mode [Laplace's standard deviations], by fit.
+        tails: Pareto k, by fit that has one.
+        told: What the records tell, by fit; empty where not asked for.
+    """
+
+    converged: bool
+    failed: int
+    evaluations: int
+    step_errors: list[float]
+    shares: list[float]
+    determinant_errors: list[float]
+    least_falls: list[float]
+    modes: list[bool]
+    away: list[float]
+    tails: list[float]
+    told: dict[str, Any]
+
+
+def _of_fits(job: Job, tell: bool) -> _Fits:
+    todo = groups(job)
+    stored, steps, shares, told = [], [], [], {}
+    for i, group in enumerate(todo):
+        one = load_fit(job, group)
+        for flight, along in zip(one.marginal.flights, one.marginal.along, strict=True):
+            steps.append(_step_error(flight, one.optimum.theta, along))
+            shares.append(_innovation_share(flight, along))
+        if tell:
+            told[group.name] = of_fit(job, group, one)
+        stored.append(one)
+        job.say("check")((i + 1) / len(todo), group.name)
+    return _Fits(
+        all(one.optimum.converged for one in stored),
+        sum(one.failed for one in stored),
+        sum(one.evaluations for one in stored),
+        steps,
+        shares,
+        [one.determinant_error for one in stored],
+        [one.least_fall for one in stored],
+        [one.is_mode for one in stored],
+        [_away(one) for one in stored],
+        [one.pareto_k for one in stored if one.pareto_k is not None],
+        told,
+    )
+
+
+def _away(stored: Stored) -> float:
+    """Largest distance of the draws' mean from the mode along an axis of its Gaussian approximation."""
+    flat = stored.held.reshape(-1, stored.optimum.theta.size).mean(axis=0) - stored.optimum.theta
+    return float(np.max(np.abs(np.linalg.solve(np.asarray(stored.marginal.scale), flat))))
+
+
+def check(job: Job, tell: bool = True) -> str:
+    """Numbers that say whether the fit may be believed, and what its records tell.
+
+    Args:
+        job: The run.
+        tell: Whether to work out what the records tell; replicates have no reader.
+    """
+    checks: dict[str, dict[str, Any]] = {}
+
+    def add(name: str, value: float, bound: float, passed: bool, detail: str) -> None:
+        checks[name] = {"passed": bool(passed), "value": float(value), "bound": bound, "detail": detail}
+
+    tree = xr.open_datatree(job.out / "posterior.nc", engine="h5netcdf")
+    # Of the sampler's own draws, where the uncertainty of the noise parameters was added to the posterior.
+    posterior = tree["posterior"].ds.load().assign(tree["conditional"].ds.load().data_vars)
+    tree.close()
+    rhat, bulk, tail = (_over(posterior, f) for f in (arviz_stats.rhat, _ess_bulk, _ess_tail))
+    add("rhat", max(rhat.values()), 1.01, max(rhat.values()) < 1.01, "largest R-hat of any parameter")
+    add("ess_bulk", min(bulk.values()), 400.0, min(bulk.values()) > 400.0, "least bulk effective sample size")
+    add("ess_tail", min(tail.values()), 400.0, min(tail.values()) > 400.0, "least tail effective sample size")
+    fits = _of_fits(job, tell)
+    add("optimum", float(not fits.converged), 0.0, fits.converged, "fits whose optimum did not converge")
+    if starts := job.load("fit/facts.json").get("starts"):
+        checks["optima"] = several_starts.check(starts)
+    if stacked := structures.told(job):
+        checks["structures"] = structures.check(stacked)
+    add(
+        "failed_solves",
+        fits.failed / max(fits.evaluations, 1),
+        0.01,
+        fits.failed <= 0.01 * fits.evaluations,
+        f"{fits.failed} of {fits.evaluations} simulations failed while sampling",
+    )
+    add(
+        "step_error",
+        max(fits.step_errors),
+        0.2,
+        max(fits.step_errors) < 0.2,
+        "integration error over the white noise of the channel, largest",
+    )
+    add(
+        "mode",
+        min(fits.least_falls),
+        0.0,
+        all(fits.modes),
+        "least fall of the log density one standard deviation beside the mode, along any axis: about 0.5 where it is "
+        "one",
+    )
+    add(
+        "draws_distance",
+        max(fits.away),
+        _FAR_DRAWS,
+        max(fits.away) < _FAR_DRAWS,
+        "distance of the draws' mean from the mode along any axis, in standard deviations of its Gaussian "
+        "approximation",
+    )
+    worst = max(fits.shares, key=lambda s: abs(s - 0.9))
+    add(
+        "innovations",
+        worst,
+        0.9,
+        abs(worst - 0.9) < 0.04,
+        "share of standardised one-step prediction errors within the central 90 %; bound: the target, 0.04 either way",
+    )
+    add(
+        "log_determinant",
+        max(fits.determinant_errors),
+        0.2,
+        max(fits.determinant_errors) < 0.2,
+        "root mean square error of the log density over the posterior, against Laplace's at the same points",
+    )
+    if fits.tails:
+        detail = (
+            "Pareto k of the importance ratios exact/surrogate at the surrogate's proposals: below 0.7 the surrogate "
+            "reaches all that the exact posterior holds, and its correction can be trusted"
+        )
+        add("pareto_k", max(fits.tails), MOST_K, max(fits.tails) < MOST_K, detail)
+    if tell:
+        job.save("identifiability.json", fits.told)
+    job.save("checks.json", {"checks": checks, "rhat": rhat, "ess_bulk": bulk, "ess_tail": tail})
+    missed = [name for name, c in checks.items() if not c["passed"]]
+    return "all passed" if not missed else "missed: " + ", ".join(missed)
+
+
+def _ess_bulk(x: xr.DataArray) -> Any:
+    return arviz_stats.ess(x, method="bulk")
+
+
+def _ess_tail(x: xr.DataArray) -> Any:
+    return arviz_stats.ess(x, method="tail")
+
+
+def _over(posterior: xr.Dataset, function: Any) -> dict[str, float]:
+    return {str(name): float(np.asarray(function(posterior[name]))) for name in posterior.data_vars}
+
+
+def _step_error(flight: FlightData, theta: Array, along: Along) -> float:
+    """Largest change of a one-step prediction error when the integration step is halved [standard deviations]."""
+    model: Any = flight.model
+    finer = replace(flight, model=replace(model, substeps=2 * model.substeps))
+    driven = along.at.course(flight)
+    coarse, fine = (stepped(one, jnp.asarray(theta), driven)[1] for one in (flight, finer))
+    change = Seen(jnp.zeros((*np.shape(flight.observed), 1)), (fine - coarse)[..., None])
+    return float(np.max(np.abs(np.asarray(innovations(along.gains, *change)))))
+
+
+def _innovation_share(flight: FlightData, along: Along) -> float:
+    """Share of one-step prediction errors of the linear model at the optimum within +-1.645 standard deviations."""
+    unit = np.asarray(innovations(along.gains, *as_seen(along.linear).column(0)))[..., 0]
+    return float(np.mean(np.abs(unit[np.asarray(flight.present)]) < 1.6449))
+
+
+def predict(job: Job) -> str:
+    """Bands of every flight that is fitted or predicted."""
+    from bayeschute.study.run.stages import write_whole
+
+    wanted = job.study.predict.quantities or ()
+    made: dict[str, xr.Dataset] = {}
+    arrays: dict[str, Any] = {}
+    coverage: dict[str, Any] = {}
+    without: list[str] = []
+    by = widening(job)
+    for foreseen in foretell(job):
+        one = widened(foreseen, by)
+        name, prediction, truth, counted = one.flight.name, one.prediction, one.truth, one.counted
+        recorded = _recorded(job, one.flight, one.record)
+        role = "predict" if one.held_out.any() else "identify"
+        made[name] = bands.dataset(prediction, one.time, wanted, truth, recorded, one.held_out, role)
+        coverage[name] = {
+            q: {
+                "truth": None if truth is None else bands.coverage(prediction.draws[q], truth[q].values, counted),
+                "record": _record_coverage(job, one, q, recorded),
+                "draws": int(np.isfinite(prediction.draws[q]).all(axis=1).sum()),
+                "failed": prediction.failed,
+            }
+            for q in wanted
+            if q in prediction.draws
+        }
+        without += [name] if not any(entry["draws"] for entry in coverage[name].values()) else []
+        arrays |= {f"{name}|{k}": v for k, v in _statistics(foreseen.prediction, counted).items()}
+    write_whole(
+        job.out / "predictions.nc",
+        lambda p: xr.DataTree.from_dict({f"/{k}": v for k, v in made.items()}).to_netcdf(p, engine="h5netcdf"),
+    )
+    job.save("coverage.json", assemble.as_plain(coverage))
+    (job.out / RECALIBRATION).unlink(missing_ok=True)
+    if by is not None:
+        job.save(RECALIBRATION, by._asdict())
+
+    def write(path: Any) -> None:
+        with path.open("wb") as file:
+            np.savez(file, **arrays)
+
+    write_whole(job.out / "fit" / "statistics.npz", write)
+    none = f", no bands of {', '.join(without)}: every simulation failed" if without else ""
+    return f"{len(made)} flights{none}"
+
+
+def _record_coverage(job: Job, one: Foretold, quantity: str, recorded: dict[str, Array]) -> float | None:
+    """Share of recorded samples inside the band, the channel's noise added where the quantity has a channel.
+
+    A quantity derived from several channels has no noise of its own here: beside the wide band of an unseen flight
+    that does no harm, beside the narrow one of a fitted flight it would mislead, so there it is left out.
+    """
+    noise = _channel_noise(job, one.stored, quantity)
+    if quantity not in recorded or (noise is None and not one.held_out.any()):
+        return None
+    seen = bands.recorded_draws(one.prediction, quantity, noise, one.seed)
+    return bands.coverage(seen, recorded[quantity], one.counted)
+
+
+def _channel_noise(job: Job, stored: Stored, quantity: str) -> tuple[float, float, float] | None:
+    """Residual noise of the channel that records a quantity directly; None where it is derived from several."""
+    channel = {"descent_rate": "descent_rate" if job.study.model == "descent" else "capsule_velocity"}.get(quantity)
+    names = list(job.study.noise.channels())
+    if channel not in names:
+        return None
+    noise, k = stored.hyper.noise, names.index(channel)
+    return float(noise.white[k]), float(noise.correlated[k]), float(noise.time_constant[k])
+
+
+def _recorded(job: Job, flight: Flight, record: xr.Dataset) -> dict[str, Array]:
+    """Quantities of interest as the record has them."""
+    if job.study.vehicle is None:
+        return {"descent_rate": record["descent_rate"].values}
+    seen = reconstruct(record, assemble.geometry(job.study.vehicle, flight.capsule_mass))
+    names = ("swing_angle", "descent_rate", "sea_level_descent_rate", "flyout_angle")
+    return {name: seen[name].values for name in names}
+
+
+def _statistics(prediction: bands.Prediction, counted: NDArray[np.bool_]) -> dict[str, Array]:
+    """Per draw: final, maximum and mean of every quantity over the counted samples, and the touchdown."""
+    table: dict[str, Array] = {}
+    for name, values in prediction.draws.items():
+        part = values[:, counted]
+        table |= {f"{name}|final": part[:, -1], f"{name}|maximum": part.max(axis=1), f"{name}|mean": part.mean(axis=1)}
+    last = prediction.touchdown
+    table["touchdown|vertical_speed"] = last[:, 2]
+    table["touchdown|horizontal_speed"] = np.hypot(last[:, 0], last[:, 1])
+    if "swing_angle" in prediction.draws:
+        table["touchdown|swing_amplitude"] = prediction.draws["swing_angle"][:, counted].max(axis=1)
+    table["touchdown|sea_level_rate"] = prediction.draws["sea_level_descent_rate"][:, -1]
+    return table
+
+
+def _load_statistics(job: Job) -> dict[str, dict[str, Array]]:
+    with np.load(job.out / "fit" / "statistics.npz") as file:
+        tables: dict[str, dict[str, Array]] = {}
+        for key in file.files:
+            flight, name = key.split("|", 1)
+            tables.setdefault(flight, {})[name] = file[key]
+    return tables
+
+
+def risk(job: Job) -> str:
+    """Files for risk assessors, and the requirements."""
+    study, tables = job.study, _load_statistics(job)
+    draws, units = summary_draws(job)
+    touchdown = {f: {k.split("|")[1]: v for k, v in t.items() if k.startswith("touchdown|")} for f, t in tables.items()}
+    ess = job.load("checks.json")["ess_bulk"]
+    independent = int(min(min(ess.values()), study.predict.draws))
+    risk_files.write_risk(job.out / "risk", draws, touchdown, units, effective=ess, independent=independent)
+    rows = []
+    predicted = [f.name for f in study.flights if "predict" in f.roles]
+    for wanted in study.requirements:
+        limit = {"at_most": wanted.at_most} if wanted.at_most is not None else {"at_least": wanted.at_least}
+        for name in predicted:
+            samples = tables[name].get(f"{wanted.quantity}|{wanted.statistic}")
+            if samples is not None:
+                rows.append(
+                    risk_files.requirement_check(
+                        samples, name=wanted.name, quantity=wanted.quantity, unit=bands.UNITS[wanted.quantity],
+                        run=name, statistic=wanted.statistic, independent=independent, **limit,
+                    )
+                )  # fmt: skip
+    job.save("risk/requirements.json", assemble.as_plain(rows))
+    return f"{len(rows)} requirements checked"

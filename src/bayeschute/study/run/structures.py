@@ -1,0 +1,236 @@
+"""Several structures that equation error finds, each fitted to the flight and weighted by how well it foretells it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from bayeschute.core.errors import FitError
+from bayeschute.likelihood.priors import Prior, from_equation_error
+from bayeschute.posterior.combine.model_average import OPENING, counts, sequential_scores, weights
+from bayeschute.posterior.fit import Settled, conclude, settle
+from bayeschute.posterior.noise_evidence import HyperPrior
+from bayeschute.posterior.noise_uncertainty import widened
+from bayeschute.posterior.sampler import sample
+from bayeschute.posterior.sampling.protocol import Draws
+from bayeschute.study.assembly import assemble
+from bayeschute.study.assembly.fits import Group, data_of, save_fit
+from bayeschute.study.assembly.fitted_terms import in_order
+from bayeschute.study.run import checkpoint, several_starts
+from bayeschute.study.run.stage_data import load_priors
+
+if TYPE_CHECKING:
+    from bayeschute.study.run.stages import Job
+
+FILE = "fit/structures.json"
+COUNTS = 0.01  # weight from which a structure must have converged
+_STREAM = 15  # of the bootstrap of the weights
+Say = Callable[[float, str], None]
+
+
+class Candidate(NamedTuple):
+    """A structure to be fitted.
+
+    Attributes:
+        terms: Terms by kind of force.
+        share: Share of the replicates that select them, kinds as independent of each other; NaN if none does.
+        priors: Of all parameters.
+    """
+
+    terms: dict[str, tuple[str, ...]]
+    share: float
+    priors: tuple[Prior, ...]
+
+
+class _Option(NamedTuple):
+    """Terms of one kind, their share of the replicates and the priors of their coefficients."""
+
+    terms: tuple[str, ...]
+    share: float
+    priors: tuple[Prior, ...]
+
+
+def _options(job: Job, kind: str, entry: dict[str, Any], base: Sequence[Prior]) -> list[_Option]:
+    """Structures of one kind: the selected one first, then the others by their share, each set of terms once."""
+    table, flights = job.study.priors, ", ".join(f.name for f in job.study.with_role("structure"))
+    selected = tuple(row["term"] for row in entry["selected"])
+    shares = {frozenset(s["terms"]): float(s["share"]) for s in entry["structures"]}
+    own = tuple(p for p in base if p.name.startswith(f"{kind}["))
+    found = [_Option(selected, shares.get(frozenset(selected), 0.0), own)]
+    for one in sorted(entry["structures"], key=lambda s: -s["share"]):
+        if frozenset(one["terms"]) in {frozenset(o.terms) for o in found}:
+            continue
+        rows = zip(one["terms"], one["estimate"], one["se"], strict=True)
+        made = tuple(
+            from_equation_error(f"{kind}[{term}]", value, se, table.inflation, table.floor, flight=flights)
+            for term, value, se in rows
+        )
+        found.append(_Option(tuple(one["terms"]), float(one["share"]), made))
+    return found
+
+
+def candidates(job: Job) -> list[Candidate]:
+    """The structure that equation error selected, then the others that its replicates select most often.
+
+    Returns:
+        As many as the study asks for, fewer if replicates know no more.
+    """
+    table = job.study.structure
+    assert table is not None and table.stack is not None
+    found, base = job.load("structure.json")["coefficients"], load_priors(job)
+    rest = tuple(p for p in base if "[" not in p.name)
+    made = [Candidate({}, 1.0, ())]
+    for kind, entry in found.items():
+        made = [
+            Candidate({**c.terms, kind: o.terms}, c.share * o.share, (*c.priors, *o.priors))
+            for c in made
+            for o in _options(job, kind, entry, base)
+        ]
+    ordered = [made[0], *sorted(made[1:], key=lambda c: -c.share)][: table.stack]
+    return [c._replace(priors=tuple(in_order(job.study, [*c.priors, *rest]))) for c in ordered]
+
+
+def _settled(job: Job, group: Group, prior: HyperPrior, say: Say) -> Settled:
+    kept = checkpoint.get_settled(job, group.name)
+    if kept is not None and tuple(kept[0]) == group.priors:
+        return kept[1]
+    if job.study.sampler.starts is None:
+        flights = [data_of(job, f, group.priors) for f in group.flights]
+        settled = settle(flights, group.priors, prior, progress=say)
+    else:
+        settled = several_starts.settled(job, group, prior, [None], say)
+    checkpoint.put_settled(job, group.name, group.priors, settled, {})
+    return settled
+
+
+class _Fitted(NamedTuple):
+    """A structure that was fitted: optimum, draws, scores of the opening and the rest of the flights."""
+
+    settled: Settled
+    draws: Draws
+    first: np.ndarray
+    later: np.ndarray
+    converged: bool
+
+
+def _kind(job: Job) -> str:
+    return "nuts" if job.study.sampler.kind == "both" else job.study.sampler.kind
+
+
+def _fitted(job: Job, group: Group, say: Say) -> _Fitted:
+    """Fit, draw, store and score one structure."""
+    prior, table = HyperPrior(assemble.hyper(job.study)), job.study.sampler
+    settled = _settled(job, group, prior, lambda s, w: say(0.6 * s, w))
+    flights = [data_of(job, f, group.priors) for f in group.flights]
+    found = conclude(flights, group.priors, prior, settled, lambda s, w: say(0.6 + 0.2 * s, w))
+    draws = checkpoint.get_draws(job, group.name, _kind(job))
+    if draws is None:
+        sizes = (table.chains, table.warmup, table.draws, job.study.seed)
+        draws = sample(found.marginal, _kind(job), *sizes, lambda s, w: say(0.8 + 0.1 * s, w))
+        checkpoint.put_draws(job, group.name, _kind(job), draws)
+    save_fit(job, group, found, draws, widened(draws.xi, found.law_effect, found.law_covariance, job.study.seed))
+    say(0.9, "leave-future-out scores")
+    return _Fitted(settled, draws, *sequential_scores(found.marginal), found.optimum.converged)
+
+
+def fit_all(job: Job, group: Group, say: Say) -> list[str]:
+    """Fit every structure, weigh them, and keep the best as if it alone had been fitted.
+
+    Args:
+        job: The run.
+        group: The flights, with the priors of the selected structure.
+        say: Called with a share done and words.
+
+    Returns:
+        Names of the fits.
+
+    Raises:
+        FitError: If no structure can be fitted; it holds the best flights of the first that has any.
+        FloatingPointError: If none can be fitted, and none said so.
+    """
+    listed, fitted, why = candidates(job), dict[int, _Fitted](), dict[int, str]()
+    names = [f"structure-{i + 1}" for i in range(len(listed))]
+    farthest: FitError | None = None
+    for i, one in enumerate(listed):
+
+        def tell(share: float, words: str, i: int = i) -> None:
+            say((i + share) / len(listed), f"structure {i + 1} of {len(listed)}: {words}")
+
+        try:
+            fitted[i] = _fitted(job, replace(group, name=names[i], priors=one.priors), tell)
+        except FloatingPointError as error:
+            why[i] = str(error)
+        except FitError as error:
+            why[i], farthest = str(error), farthest or error
+    if not fitted:
+        reason = f"{why[0]} (none of {len(listed)} structures could be fitted)"
+        if farthest is not None:
+            tried = [f"{names[i]}: {said}" for i, said in why.items()]
+            raise FitError(reason, tried, farthest.paths, farthest.parameters)
+        raise FloatingPointError(reason)
+    rng = np.random.default_rng([job.study.seed, _STREAM])
+    made = weights(np.array([one.later for one in fitted.values()]), rng)
+    place = {i: k for k, i in enumerate(fitted)}
+    rows = []
+    for i, one in enumerate(listed):
+        row: dict[str, Any] = {"name": names[i], "terms": {k: list(t) for k, t in one.terms.items()}}
+        row |= {"share": one.share, "priors": [p.__dict__ for p in one.priors], "weight": 0.0, "failed": why.get(i, "")}
+        if i in fitted:
+            k, own = place[i], fitted[i]
+            row |= {"weight": made.weight[k], "score": made.score[k], "behind": made.behind[k]}
+            row |= {"behind_se": made.behind_se[k], "log_evidence": own.first.sum() + own.later.sum()}
+            row |= {"converged": own.converged}
+        rows.append(row)
+    job.save(FILE, [assemble.as_plain(r) | {"priors": r["priors"]} for r in rows])
+    best = max(fitted, key=lambda i: made.weight[place[i]])
+    checkpoint.put_settled(job, group.name, listed[best].priors, fitted[best].settled, {})
+    checkpoint.put_draws(job, group.name, _kind(job), fitted[best].draws)
+    return names
+
+
+def told(job: Job) -> list[dict[str, Any]]:
+    """Structures and weights without priors, heaviest first; none where one structure is fitted."""
+    rows = job.load(FILE) if (job.out / FILE).exists() else []
+    return sorted(({k: v for k, v in r.items() if k != "priors"} for r in rows), key=lambda r: -r["weight"])
+
+
+def members(job: Job, group: Group, draws: int) -> list[tuple[Group, int]]:
+    """Fits that foretell a group's flights, and how many of the draws each gives; the group's own where it is alone."""
+    if not (job.out / FILE).exists():
+        return [(group, draws)]
+    rows = job.load(FILE)
+    share = counts(np.array([r["weight"] for r in rows]), draws)
+    made = [replace(group, name=r["name"], priors=tuple(Prior(**p) for p in r["priors"])) for r in rows]
+    return [(one, int(n)) for one, n in zip(made, share, strict=True) if n > 0]
+
+
+def note(rows: Sequence[dict[str, Any]]) -> list[str]:
+    """A line for the report, from `told`."""
+    if not rows:
+        return []
+    words = []
+    for r in rows:
+        terms = "; ".join(f"{kind} {', '.join(names)}" for kind, names in r["terms"].items())
+        if r["failed"]:
+            words.append(f"failed ({r['failed']}): {terms}")
+        else:
+            words.append(f"{r['weight']:.2f} ({r['behind']:+.1f} +- {r['behind_se']:.1f}): {terms}")
+    return [
+        f"Predictions mix {len(rows)} structures by weight (in brackets the log score after the first "
+        f"{100 * OPENING:g} % of the record, less that of the best, and its standard error): {' | '.join(words)}. "
+        "The posterior is that of the heaviest."
+    ]
+
+
+def check(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """The check ``structures``, from `told`."""
+    lost = [r for r in rows if r["failed"] or (r["weight"] > COUNTS and not r["converged"])]
+    return {
+        "passed": not lost,
+        "value": float(len(lost)),
+        "bound": 0.0,
+        "detail": f"of {len(rows)} structures, those that failed or, above a weight of {COUNTS:g}, did not converge",
+    }

@@ -1,0 +1,1 @@
+"""Tables of study and vehicle files, their units and their faults."""

@@ -1,0 +1,93 @@
+"""Checks of a column map: variables of the record schema, units of their dimension, and what the model needs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from bayeschute.core.errors import Fault
+from bayeschute.core.units import factor_to_si
+from bayeschute.records.record import LABELS, VARIABLES, nearest
+from bayeschute.study.schema.crosscheck import Draft
+from bayeschute.study.schema.schema_faults import show
+from bayeschute.study.schema.study_schema import Column
+
+_WITH_NAMES = (".nc", ".nc4", ".netcdf", ".h5")  # files that may hold the schema's own names and units
+
+
+def _components(name: str) -> list[str]:
+    """Names of the scalar columns that make up a variable, canopies left open as ``N``."""
+    dims = VARIABLES[name].dims[1:]
+    labels = [LABELS.get(dim, ("N",)) for dim in dims]
+    names = [name]
+    for choices in labels:
+        names = [f"{prefix}.{label}" for prefix in names for label in choices]
+    return names
+
+
+def known_columns() -> list[str]:
+    """Every name a column map may have; ``N`` stands for the number of a canopy."""
+    return ["time", *(column for name in VARIABLES for column in _components(name))]
+
+
+def _unit_of(name: str) -> str | None:
+    """SI unit of a column; None where its name is unknown."""
+    if name == "time":
+        return "s"
+    parts = name.split(".")
+    generic = ".".join("N" if part.isdecimal() and int(part) > 0 else part for part in parts)
+    if parts[0] not in VARIABLES or generic not in _components(parts[0]):
+        return None
+    return VARIABLES[parts[0]].unit
+
+
+def _map_faults(draft: Draft, columns: Mapping[str, Column], loc: tuple[int | str, ...]) -> Iterator[Fault]:
+    """Faults of one column map, which stands at `loc`."""
+    for name, spec in columns.items():
+        unit = _unit_of(name)
+        if unit is None:
+            do = nearest(name, known_columns()) or f"Known are {', '.join(known_columns())}."
+            yield Fault(draft.at(*loc, name, ""), f"the unknown variable {show(name)}", "a variable of a record", do)
+            continue
+        try:
+            factor_to_si(spec.unit, unit)
+        except ValueError:
+            yield Fault(draft.at(*loc, name, "unit"), show(spec.unit), f"a unit convertible to {unit}")
+    by_place: dict[str, str] = {}
+    for name, spec in columns.items():
+        if spec.column in by_place:
+            got = f"{show(spec.column)}, which {by_place[spec.column]} takes already"
+            yield Fault(draft.at(*loc, name, "column"), got, "a column of its own")
+        by_place[spec.column] = name
+    if "time" not in columns:
+        yield Fault(draft.at(*loc, ""), "no time", "a column for time", "Add time = { column = ..., unit = 's' }.")
+
+
+def check_columns(draft: Draft) -> list[Fault]:
+    """Faults of the column maps of a study, and of flights that lack one.
+
+    Args:
+        draft: The study as far as its tables could be read.
+    """
+    faults: list[Fault] = []
+    shared: Mapping[str, Column] | None = draft.tables.get("columns")
+    if shared is not None:
+        faults += _map_faults(draft, shared, ("columns",))
+        if draft.model == "descent":
+            faults += _lacks_altitude(draft, shared, ("columns",))
+    for index, flight in draft.flights.items():
+        if flight.columns is not None:
+            loc = ("flight", index, "columns")
+            faults += _map_faults(draft, flight.columns, loc)
+            if draft.model == "descent":
+                faults += _lacks_altitude(draft, flight.columns, loc)
+        elif flight.file is not None and "columns" not in draft.raw and not flight.file.endswith(_WITH_NAMES):
+            wanted = "the columns of this record, here or for the whole study"
+            faults.append(Fault(draft.at("flight", index, "columns", ""), "nothing", wanted, "Add a table [columns]."))
+    return faults
+
+
+def _lacks_altitude(draft: Draft, columns: Mapping[str, Column], loc: tuple[int | str, ...]) -> list[Fault]:
+    """The descent model is fitted to altitudes."""
+    if "altitude" in columns:
+        return []
+    return [Fault(draft.at(*loc, ""), "no altitude", "a column for altitude (model 'descent')")]

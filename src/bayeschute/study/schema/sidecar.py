@@ -1,0 +1,106 @@
+"""Tables of numbers that lie in a file beside a study or a vehicle: found, read, and refused in words."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ValidationInfo
+
+from bayeschute.core.errors import Fault, InputError
+from bayeschute.core.units import factor_to_si
+from bayeschute.study.schema.quantities import refuse
+
+if TYPE_CHECKING:
+    from bayeschute.records.text_table import Table
+
+Array = NDArray[np.float64]
+
+MOST_ROWS = 100_000
+DATA = "${DATA}"
+
+
+def context(folder: Path, data: str = "") -> dict[str, str]:
+    """What a file's tables must know to find others: the folder of the file and what ``${DATA}`` stands for."""
+    return {"folder": str(folder), "data": data}
+
+
+class Wanted(NamedTuple):
+    """A column that is wanted: its name, its unit there, the SI unit it comes out in, whether it may be missing."""
+
+    column: str
+    unit: str
+    si: str
+    optional: bool = False
+
+
+def read_beside(name: str, wanted: Mapping[str, Wanted], info: ValidationInfo) -> dict[str, Array]:
+    """Columns of a comma-separated file, in SI.
+
+    Args:
+        name: Path of the file from the folder of the one that names it.
+        wanted: Columns by the name to return.
+        info: Of pydantic; its context is `context`.
+
+    Returns:
+        Columns (T,) each; optional ones that are missing are left out.
+
+    Raises:
+        PydanticCustomError: If the file isn't there, can't be read, lacks a column or a value.
+    """
+    from bayeschute.records.text_table import read_csv
+
+    path = _path(name, info.context or {})
+    try:
+        table = read_csv(path, {spec.column for spec in wanted.values()})
+    except InputError as error:
+        refuse_all(error.faults)
+    if not 1 <= len(table.frame) <= MOST_ROWS:
+        refuse(f"1 to {MOST_ROWS} rows", f"{len(table.frame)} rows in {path}")
+    found: dict[str, Array] = {}
+    faults: list[Fault] = []
+    for key, spec in wanted.items():
+        where = f"{path} column {spec.column!r}"
+        if spec.column in table.names:
+            values, wrong = _complete(table, spec.column, where)
+            faults += wrong
+            scale, zero = factor_to_si(spec.unit, spec.si)
+            found[key] = scale * values + zero
+        elif not spec.optional:
+            faults.append(Fault(where, f"no such column among {', '.join(table.names)[:200]}", "that column"))
+    if faults:
+        refuse_all(faults)
+    return found
+
+
+def _path(name: str, given: Mapping[str, Any]) -> Path:
+    path = Path(os.path.normpath(Path(given.get("folder", ".")) / name.replace(DATA, given.get("data") or DATA)))
+    try:
+        there = path.is_file()
+    except (OSError, ValueError):  # a name too long, or with a null byte
+        there = False
+    if not there:
+        refuse("a file of comma-separated values that exists", f"no such file {str(path)[:200]!r}")
+    return path
+
+
+def _complete(table: Table, column: str, where: str) -> tuple[Array, list[Fault]]:
+    """A column without gaps, and its faults."""
+    from bayeschute.records.text_table import numbers
+
+    values, wrong = numbers(table.frame[column], where, table.first_row)
+    missing = np.flatnonzero(~np.isfinite(values))
+    if not wrong and missing.size:
+        row = int(table.frame.index[missing[0]]) + table.first_row
+        wrong = [Fault(where, f"no number in row {row} ({missing.size} such rows)", "a number in every row")]
+    return values, wrong
+
+
+def refuse_all(faults: Sequence[Fault]) -> NoReturn:
+    """Refuse a value with all faults of what it stands for in one; their places are told in what was got."""
+    got = "; ".join(f"{fault.where}: {fault.got}" for fault in faults[:5])
+    refuse("; ".join(dict.fromkeys(fault.wanted for fault in faults[:5])), got[:600], faults[0].do)

@@ -1,0 +1,199 @@
+"""Tables of a study file (`models/studies/*.toml`), with the checks a table can make on its own.
+
+Checks across tables and files are in `bayeschute.study.schema.crosscheck`.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, BeforeValidator, ValidationInfo, field_validator, model_validator
+
+from bayeschute.study.schema.belief_schema import NoiseTable, PriorsTable
+from bayeschute.study.schema.quantities import (
+    Bounds,
+    Mass,
+    Name,
+    NotNegativeTime,
+    Rate,
+    Strict,
+    Text,
+    Time,
+    Until,
+    number,
+    one_of,
+    read_quantity,
+    refuse,
+    whole,
+)
+from bayeschute.study.schema.structure_schema import StructureTable, SyntheticTable, distinct
+from bayeschute.study.schema.virtual_schema import VirtualFlight
+from bayeschute.study.schema.wind_schema import ProfileTable
+
+ROLES = ("structure", "identify", "predict")
+UNITS = {  # of the quantities that a study can predict
+    "swing_angle": ("rad", "30 deg"),
+    "descent_rate": ("m/s", "33 ft/s"),
+    "sea_level_descent_rate": ("m/s", "33 ft/s"),
+    "flyout_angle": ("rad", "15 deg"),
+}
+QUANTITIES = {"cluster": tuple(UNITS), "descent": ("descent_rate", "sea_level_descent_rate")}
+
+Role = Annotated[Literal["structure", "identify", "predict"], one_of(*ROLES)]
+Quantity = Annotated[str, one_of(*UNITS)]
+Statistic = Annotated[Literal["final", "maximum", "mean"], one_of("final", "maximum", "mean")]
+
+
+class Column(Strict):
+    """Where a variable stands in a record: name of its column, and its unit there."""
+
+    column: Text
+    unit: Annotated[str, BeforeValidator(lambda value: value if isinstance(value, str) else refuse("a unit"))]
+
+
+class FlightTable(Strict):
+    """A flight: a record in a file, or a virtual drop.
+
+    Attributes:
+        name: Unique within the study.
+        roles: What it is used for.
+        file: Path of the record, relative to the study; ``${DATA}`` stands for the data folder.
+        virtual: The drop to fly.
+        columns: Columns of the record; None: those of the study.
+        window: First and last time used [s].
+        rate: The record is resampled to this rate [Hz]; None: its own.
+        capsule_mass: Replaces the vehicle's [kg].
+        skip_first: Left out at the start of the window [s] (descent).
+        identify_until: What comes later is held out and predicted (descent).
+        remove_velocity_bias: Whether constant biases of the recorded velocity, found against positions, are removed.
+        wind_profile: Wind by altitude about which the recorded wind, the capsule's, tells that of the canopies
+            (cluster); where no wind is recorded it stands for it. None: canopies meet the capsule's wind.
+    """
+
+    name: Name
+    roles: Annotated[tuple[Role, ...], AfterValidator(distinct)]
+    file: Text | None = None
+    virtual: VirtualFlight | None = None
+    columns: dict[str, Column] | None = None
+    window: tuple[Time, Time] | None = None
+    rate: Rate | None = None
+    capsule_mass: Mass | None = None
+    skip_first: NotNegativeTime = 0.0
+    identify_until: Until | None = None
+    remove_velocity_bias: bool = False
+    wind_profile: ProfileTable | None = None
+
+    @model_validator(mode="after")
+    def _comes_from_somewhere(self) -> FlightTable:
+        if self.file is None and self.virtual is None:
+            refuse("either a file or a [flight.virtual] table", "neither")
+        if self.file is not None and self.virtual is not None:
+            refuse("either a file or a [flight.virtual] table", "both")
+        if self.virtual is not None:
+            for key in ("columns", "rate"):
+                if getattr(self, key) is not None:
+                    refuse(f"no {key} beside [flight.virtual]", f"{key} of a virtual flight")
+        if self.window is not None and not self.window[0] < self.window[1]:
+            refuse("a window whose start is before its end", "window of {:g} s to {:g} s".format(*self.window))
+        return self
+
+
+class SamplerTable(Strict):
+    """Sampler, and how long it runs.
+
+    Attributes:
+        kind: Which.
+        chains: Chains.
+        warmup: Warm-up steps.
+        draws: Draws per chain.
+        starts: From how many places the optimum is sought: the prior means, and draws about them; None: from the means.
+    """
+
+    kind: Annotated[Literal["nuts", "emcee", "both"], one_of("nuts", "emcee", "both")] = "nuts"
+    chains: Annotated[int, whole(2, 64)] = 4
+    warmup: Annotated[int, whole(50, 100_000)] = 300
+    draws: Annotated[int, whole(50, 1_000_000)] = 500
+    starts: Annotated[int, whole(2, 100)] | None = None
+
+
+class PredictTable(Strict):
+    """Predictions.
+
+    Attributes:
+        draws: How many.
+        quantities: Which; None: all that the model knows.
+        disturbance_log_sd: Standard deviation of the logarithm by which disturbances beyond the data (other air, nearer
+            to the ground) may be stronger or weaker than those that were fitted; 0: they are the same.
+        recalibrate: ``replicates``: bands of unseen flights are widened by what stored replicates of the configuration
+            held; None: they stay as predicted.
+    """
+
+    draws: Annotated[int, whole(50, 1_000_000)] = 400
+    disturbance_log_sd: Annotated[float, number(Bounds(least=0.0, most=3.0))] = 0.0
+    quantities: Annotated[tuple[Quantity, ...], AfterValidator(distinct)] | None = None
+    recalibrate: Annotated[Literal["replicates"], one_of("replicates")] | None = None
+
+
+class RequirementTable(Strict):
+    """A requirement on a statistic of a predicted quantity over the window.
+
+    Attributes:
+        name: For the report.
+        quantity: Name of the quantity.
+        statistic: final, maximum or mean.
+        at_most: Upper limit [SI unit of the quantity]; this or `at_least`.
+        at_least: Lower limit [SI unit of the quantity].
+    """
+
+    name: Text
+    quantity: Quantity
+    statistic: Statistic
+    at_most: float | None = None
+    at_least: float | None = None
+
+    @field_validator("at_most", "at_least", mode="before")
+    @classmethod
+    def _is_of_the_quantity(cls, value: object, info: ValidationInfo) -> object:
+        """Read the limit in the unit of the quantity; a wrong quantity has its own fault."""
+        known = info.data.get("quantity")
+        return read_quantity(value, *UNITS[known]) if known else None
+
+    @model_validator(mode="after")
+    def _has_one_limit(self) -> RequirementTable:
+        if (self.at_most is None) == (self.at_least is None):
+            refuse("exactly one of at_most and at_least", "neither" if self.at_most is None else "both")
+        return self
+
+
+class StudyFile(Strict):
+    """A study file, table by table.
+
+    Attributes:
+        title: For the report.
+        model: What is identified.
+        vehicle: Path of the vehicle file, relative to the study.
+        seed: Of every random number.
+        columns: Columns of all records that don't name their own.
+        flight: The flights.
+        structure: Selection of the structure (cluster).
+        synthetic: Data made from published terms, to see whether a flight tells them (cluster).
+        priors: Priors.
+        noise: Noise.
+        sampler: Sampler.
+        predict: Predictions.
+        requirement: Requirements.
+    """
+
+    title: Text
+    model: Annotated[Literal["cluster", "descent"], one_of("cluster", "descent")]
+    vehicle: Text | None = None
+    seed: Annotated[int, whole(0, 2**32 - 1)]
+    columns: dict[str, Column] | None = None
+    flight: tuple[FlightTable, ...]
+    structure: StructureTable | None = None
+    synthetic: SyntheticTable | None = None
+    priors: PriorsTable
+    noise: NoiseTable
+    sampler: SamplerTable = SamplerTable()
+    predict: PredictTable = PredictTable()
+    requirement: tuple[RequirementTable, ...] = ()

@@ -1,0 +1,240 @@
+"""Tables of a vehicle file (`models/vehicles/*.toml`): bodies, canopies, risers and the aerodynamics flown."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import AfterValidator, model_validator
+
+from bayeschute.aero.term_names import check_axial, check_transverse, rate_factors
+from bayeschute.study.schema.capsule_schema import CapsuleAeroTable
+from bayeschute.study.schema.quantities import (
+    Area,
+    Bounds,
+    Damping,
+    Frequency,
+    Inertia,
+    InertiaProduct,
+    Length,
+    Mass,
+    Number,
+    PositiveLength,
+    PositiveSpeed,
+    Stiffness,
+    Strict,
+    Text,
+    Volume,
+    number,
+    one_of,
+    refuse,
+    whole,
+)
+
+_GRAVITY = 9.80665  # [m/s^2]
+_SEA_LEVEL_DENSITY = 1.225  # [kg/m^3], US Standard Atmosphere 1976
+Rotation = Annotated[Literal["riser", "airflow"], one_of("riser", "airflow")]
+
+
+_COEFFICIENTS = ("axial_force", "normal_force_slope", "pitch_moment_slope")
+
+
+def _known_axial(terms: dict[str, float]) -> dict[str, float]:
+    faults = [fault for term in terms if (fault := check_axial(term))]
+    if faults or not terms:
+        refuse("at least one term of the axial coefficient, such as '1' or 'alpha^2'", "; ".join(faults) or "no term")
+    return terms
+
+
+def _known_transverse(terms: dict[str, float]) -> dict[str, float]:
+    faults = [fault for term in terms if (fault := check_transverse(term))]
+    if faults:
+        refuse("terms of the transverse coefficient, such as 'e' or 'e*alpha^2'", "; ".join(faults))
+    return terms
+
+
+class CapsuleTable(Strict):
+    """The payload: a rigid body; places in the structural frame (x aft, z reversed).
+
+    Attributes:
+        mass: [kg].
+        inertia: Moments about the centre of mass, body axes [kg m^2].
+        inertia_products: The other elements of the inertia tensor in body axes: xy, xz, yz [kg m^2]; None: zero.
+        reference_area: [m^2].
+        reference_length: [m].
+        centre_of_mass: Structural frame [m].
+        attach_point: Where the risers end; structural frame [m].
+        reference_centre: Where force and moment coefficients are told; structural frame [m].
+        axial_force: C_A in the body frame (6.3.3-11).
+        normal_force_slope: [1/rad].
+        pitch_moment_slope: [1/rad].
+        table: Takes the place of these three: coefficients by total angle of attack and roll.
+        roll_damping: C_lp (6.3.3-13).
+        pitch_damping: C_mq, and C_nr where no yaw_damping is told (6.3.3-13).
+        yaw_damping: C_nr.
+        pitch_rate_damping: C_m_alphadot (6.3.3-13); None: none.
+        yaw_rate_damping: C_n_betadot (6.3.3-13); None: none.
+    """
+
+    mass: Mass
+    inertia: tuple[Inertia, Inertia, Inertia]
+    inertia_products: tuple[InertiaProduct, InertiaProduct, InertiaProduct] | None = None
+    reference_area: Area
+    reference_length: PositiveLength
+    centre_of_mass: tuple[Length, Length, Length]
+    attach_point: tuple[Length, Length, Length]
+    reference_centre: tuple[Length, Length, Length]
+    axial_force: Number | None = None
+    normal_force_slope: Number | None = None
+    pitch_moment_slope: Number | None = None
+    table: CapsuleAeroTable | None = None
+    roll_damping: Number
+    pitch_damping: Number
+    yaw_damping: Number | None = None
+    pitch_rate_damping: Number | None = None
+    yaw_rate_damping: Number | None = None
+
+    @model_validator(mode="after")
+    def _is_a_body(self) -> CapsuleTable:
+        xy, xz, yz = self.inertia_products or (0.0, 0.0, 0.0)
+        x, y, z = self.inertia
+        least = float(np.linalg.eigvalsh([[x, xy, xz], [xy, y, yz], [xz, yz, z]])[0])
+        if least <= 0.0:
+            do = "Give elements of the tensor (minus the integrals of products), about the centre of mass."
+            refuse("an inertia tensor that is positive definite", f"a principal moment of {least:.4g} kg m^2", do)
+        return self
+
+    @model_validator(mode="after")
+    def _has_coefficients(self) -> CapsuleTable:
+        told = [name for name in _COEFFICIENTS if getattr(self, name) is not None]
+        if self.table is None and len(told) < len(_COEFFICIENTS):
+            missing = ", ".join(name for name in _COEFFICIENTS if name not in told)
+            refuse(f"{', '.join(_COEFFICIENTS)}, or a table [capsule.table]", f"no {missing}", "Add it.")
+        if self.table is not None and told:
+            refuse(
+                "coefficients or a table [capsule.table]", f"both a table and {', '.join(told)}", "Remove one of them."
+            )
+        return self
+
+
+class BreathingTable(Strict):
+    """Shape eta of a canopy, a free oscillator that changes its axial coefficient (6.3.2-27, -28).
+
+    Attributes:
+        frequency: Undamped [Hz].
+        damping_ratio: Share of critical damping [1].
+        axial_slope: C_Aeta [1].
+    """
+
+    frequency: Frequency
+    damping_ratio: Annotated[float, number(Bounds(least=0.0, most=1.0))]
+    axial_slope: Number
+
+
+class CanopiesTable(Strict):
+    """Equal canopies.
+
+    Attributes:
+        number: How many.
+        reference_length: l [m].
+        reference_area: S of one canopy [m^2].
+        reference_speed: V_o [m/s].
+        dry_mass: m_d of one canopy [kg].
+        enclosed_volume: V_ea of one canopy [m^3].
+        breathing: Makes every canopy's shape part of the state; None: canopies keep their shape.
+    """
+
+    number: Annotated[int, whole(1, 12)]
+    reference_length: PositiveLength
+    reference_area: Area
+    reference_speed: PositiveSpeed
+    dry_mass: Mass
+    enclosed_volume: Volume
+    breathing: BreathingTable | None = None
+
+
+class RisersTable(Strict):
+    """Risers.
+
+    Attributes:
+        length: Unstretched [m].
+        stiffness: [N/m].
+        damping: [N s/m].
+        engagement: Stretch over which a riser takes hold as it comes taut [m]; None: a quarter of what the capsule's
+            weight stretches it.
+    """
+
+    length: PositiveLength
+    stiffness: Stiffness
+    damping: Damping
+    engagement: PositiveLength | None = None
+
+
+class AeroTable(Strict):
+    """Aerodynamics of a canopy, used to fly virtual drops and never told to an identification.
+
+    Attributes:
+        source: Where the numbers come from.
+        rate: Rate in the damping terms: the riser's direction or the wind's relative to it.
+        axial: Coefficient by term of the axial coefficient.
+        transverse: Coefficient by term of the transverse coefficient.
+    """
+
+    source: Text
+    rate: Rotation
+    axial: Annotated[dict[str, Number], AfterValidator(_known_axial)]
+    transverse: Annotated[dict[str, Number], AfterValidator(_known_transverse)]
+
+    def coefficients(self) -> dict[str, float]:
+        """All coefficients by the name of their parameter, axial ones first."""
+        both = (("axial", self.axial), ("transverse", self.transverse))
+        return {f"{kind}[{term}]": value for kind, terms in both for term, value in terms.items()}
+
+    @model_validator(mode="after")
+    def _is_linear_in_the_rate(self) -> AeroTable:
+        twice = [t for t in (*self.axial, *self.transverse) if rate_factors(t) > 1]
+        if self.rate == "airflow" and twice:
+            wanted = (
+                "terms that hold the rate once where rate is 'airflow': the canopy's acceleration is solved from them"
+            )
+            refuse(wanted, ", ".join(repr(t) for t in twice))
+        return self
+
+
+class Vehicle(Strict):
+    """A vehicle file.
+
+    Attributes:
+        name: For the report.
+        capsule: The payload.
+        canopies: The canopies.
+        risers: The lines between.
+        aero: The aerodynamics of virtual drops.
+    """
+
+    name: Text
+    capsule: CapsuleTable
+    canopies: CanopiesTable
+    risers: RisersTable
+    aero: AeroTable
+
+    @model_validator(mode="after")
+    def _is_well_posed(self) -> Vehicle:
+        """The airflow rate acts as an apparent mass rho S l C_rate/4; with the canopy's own it must stay above zero."""
+        k, damping = self.canopies, self.aero.transverse.get("rate", 0.0)
+        inertia = k.dry_mass + _SEA_LEVEL_DENSITY * k.enclosed_volume
+        apparent = 0.25 * _SEA_LEVEL_DENSITY * k.reference_area * k.reference_length * damping
+        if self.aero.rate == "airflow" and inertia + apparent <= 0.0:
+            wanted = f"a coefficient of 'rate' whose apparent mass stays above -{inertia:.0f} kg, or rate = 'riser'"
+            refuse(wanted, f"{damping:g}, which gives {apparent:.0f} kg")
+        return self
+
+    @model_validator(mode="after")
+    def _hangs_taut(self) -> Vehicle:
+        """Risers have taken hold where the capsule hangs at rest."""
+        stretch = self.capsule.mass * _GRAVITY / (self.canopies.number * self.risers.stiffness)
+        engagement = self.risers.engagement
+        if engagement is not None and engagement > stretch:
+            wanted = f"an engagement of risers up to {stretch:.3g} m, to which the capsule's weight stretches them"
+            refuse(wanted, f"{engagement:.3g} m")
+        return self

@@ -1,0 +1,245 @@
+"""Tables of wind by altitude, and of a virtual drop's wind: by altitude, by time, layers of shear and gusts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import BeforeValidator, ValidationInfo, model_validator
+
+from bayeschute.core.units import factor_to_si
+from bayeschute.study.schema.quantities import (
+    Altitude,
+    NotNegativeTime,
+    PositiveLength,
+    PositiveTime,
+    Speed,
+    Strict,
+    Text,
+    refuse,
+)
+from bayeschute.study.schema.sidecar import Wanted, read_beside
+
+AXES = ("north", "east", "down")
+MOST_PARTS, FASTEST = 50, 500.0  # layers or gusts; [m/s]
+
+
+def _unit(value: Any) -> str:
+    if not isinstance(value, str):
+        refuse("a unit")
+    return value
+
+
+def _yes_or_no(value: Any) -> bool:
+    if not isinstance(value, bool):
+        refuse("true or false")
+    return value
+
+
+class SeriesColumn(Strict):
+    """Where a series stands in a file: name of its column, and its unit there."""
+
+    column: Text
+    unit: Annotated[str, BeforeValidator(_unit)]
+
+
+class HistoryTable(Strict):
+    """Wind by time, from a file of comma-separated values; it adds to the wind by altitude.
+
+    Attributes:
+        file: Path of the file, from the study.
+        time: Column of the time since the first sample; the ends hold beyond.
+        north: Column of the velocity to the north; None: none.
+        east: To the east.
+        down: Downwards.
+        samples: What the file says: rows of time [s], north, east, down [m/s]; not to be given.
+    """
+
+    file: Text
+    time: SeriesColumn
+    north: SeriesColumn | None = None
+    east: SeriesColumn | None = None
+    down: SeriesColumn | None = None
+    samples: tuple[tuple[float, ...], ...] = ()
+
+    @model_validator(mode="after")
+    def _is_read(self, info: ValidationInfo) -> HistoryTable:
+        given = {axis: getattr(self, axis) for axis in AXES}
+        told = "samples" in self.model_fields_set
+        return self.model_copy(update={"samples": _rows(self.file, "time", "s", self.time, given, told, info)})
+
+
+class ProfileFile(Strict):
+    """Wind by altitude, from a file of comma-separated values with its rows upwards or downwards.
+
+    Attributes:
+        file: Path of the file, from the study.
+        altitude: Column of the altitude; the ends hold beyond.
+        north: Column of the velocity to the north; None: none.
+        east: To the east.
+        down: Downwards.
+        samples: What the file says: rows of altitude, north, east, down [m, m/s]; not to be given.
+    """
+
+    file: Text
+    altitude: SeriesColumn
+    north: SeriesColumn | None = None
+    east: SeriesColumn | None = None
+    down: SeriesColumn | None = None
+    samples: tuple[tuple[float, ...], ...] = ()
+
+    @model_validator(mode="after")
+    def _is_read(self, info: ValidationInfo) -> ProfileFile:
+        given = {axis: getattr(self, axis) for axis in AXES}
+        told = "samples" in self.model_fields_set
+        return self.model_copy(update={"samples": _rows(self.file, "altitude", "m", self.altitude, given, told, info)})
+
+
+def _rows(
+    file: str,
+    along: str,
+    si: str,
+    place: SeriesColumn,
+    winds: Mapping[str, SeriesColumn | None],
+    told: bool,
+    info: ValidationInfo,
+) -> tuple[tuple[float, ...], ...]:
+    """Rows of a file of winds along time or altitude, upwards: time [s] or altitude [m], north, east, down [m/s]."""
+    if told:
+        refuse(f"file, {along} and columns of the wind", "samples, which come from the file")
+    given = {axis: column for axis, column in winds.items() if column is not None}
+    if not given:
+        refuse("a column of the wind, such as north = { column = 'w_n', unit = 'm/s' }", "none")
+    wanted = {}
+    for name, column in {along: place, **given}.items():
+        unit = si if name == along else "m/s"
+        try:
+            factor_to_si(column.unit, unit)
+        except ValueError:
+            refuse(f"a unit convertible to {unit}", f"{name} in {column.unit[:60]!r}")
+        wanted[name] = Wanted(column.column, column.unit, unit)
+    found = read_beside(file, wanted, info)
+    x = found[along]
+    if along == "altitude" and x.size > 1 and x[0] > x[-1]:  # a dropped sonde comes from above
+        found = {name: values[::-1] for name, values in found.items()}
+        x = found[along]
+    back = np.flatnonzero(np.diff(x) <= 0.0)
+    if back.size:
+        first, second = x[back[0] : back[0] + 2]
+        refuse(f"{along}s that increase", f"{first:g} {si} followed by {second:g} {si} in {file!r}")
+    zero = np.zeros_like(x)
+    if max(np.abs(found.get(axis, zero)).max() for axis in AXES) > FASTEST:
+        refuse(f"winds up to {FASTEST:g} m/s", f"faster ones in {file!r}", "Is the unit right?")
+    rows = np.stack([x, *(found.get(axis, zero) for axis in AXES)], axis=1)
+    return tuple(map(tuple, rows.tolist()))
+
+
+class LayerTable(Strict):
+    """A layer of shear: the wind changes linearly across it, by so much from above it to below.
+
+    Attributes:
+        middle: Its altitude [m].
+        thickness: [m].
+        north: Change to the north [m/s].
+        east: To the east [m/s].
+        down: Downwards [m/s].
+    """
+
+    middle: Altitude
+    thickness: PositiveLength
+    north: Speed = 0.0
+    east: Speed = 0.0
+    down: Speed = 0.0
+
+
+class GustTable(Strict):
+    """A gust that comes and goes as one minus a cosine; unknown to the identification.
+
+    Attributes:
+        start: After the first sample [s].
+        duration: [s].
+        north: Largest change to the north [m/s].
+        east: To the east [m/s].
+        down: Downwards [m/s].
+    """
+
+    start: NotNegativeTime
+    duration: PositiveTime
+    north: Speed = 0.0
+    east: Speed = 0.0
+    down: Speed = 0.0
+
+
+class ProfileTable(Strict):
+    """Wind by altitude, in the table itself or in a file; the air moves towards north, east and down.
+
+    Attributes:
+        altitude: Increasing; the ends hold beyond [m].
+        north: [m/s].
+        east: [m/s].
+        down: [m/s]; None: none.
+        profile: The same from a file; None: from the table itself.
+    """
+
+    altitude: tuple[Altitude, ...] = ()
+    north: tuple[Speed, ...] = ()
+    east: tuple[Speed, ...] = ()
+    down: tuple[Speed, ...] | None = None
+    profile: ProfileFile | None = None
+
+    @model_validator(mode="after")
+    def _is_by_altitude(self) -> ProfileTable:
+        check_profile(self)
+        if not (self.altitude or self.profile):
+            refuse("altitude, north and east, or a profile", "no wind")
+        return self
+
+
+class WindTable(Strict):
+    """Wind of a virtual drop; the air moves towards north, east and down, and all parts add up.
+
+    Attributes:
+        altitude: Of the wind by altitude, increasing; the ends hold beyond [m].
+        north: [m/s].
+        east: [m/s].
+        down: [m/s]; None: none.
+        profile: Wind by altitude from a file; None: from the table itself.
+        history: Wind by time; None: none.
+        layer: Layers of shear.
+        gust: Gusts.
+        every_body: Whether capsule and canopies meet the wind of their own altitudes; otherwise all meet the capsule's.
+    """
+
+    altitude: tuple[Altitude, ...] = ()
+    north: tuple[Speed, ...] = ()
+    east: tuple[Speed, ...] = ()
+    down: tuple[Speed, ...] | None = None
+    profile: ProfileFile | None = None
+    history: HistoryTable | None = None
+    layer: tuple[LayerTable, ...] = ()
+    gust: tuple[GustTable, ...] = ()
+    every_body: Annotated[bool, BeforeValidator(_yes_or_no)] = False
+
+    @model_validator(mode="after")
+    def _is_a_table(self) -> WindTable:
+        check_profile(self)
+        if max(len(self.layer), len(self.gust)) > MOST_PARTS:
+            refuse(f"up to {MOST_PARTS} layers and as many gusts", f"{len(self.layer)} and {len(self.gust)}")
+        if not (self.altitude or self.profile or self.history or self.layer or self.gust):
+            refuse("altitude, north and east; or a profile, a history, a layer or a gust", "no wind")
+        return self
+
+
+def check_profile(table: ProfileTable | WindTable) -> None:
+    """Refuse a wind by altitude whose lists don't fit each other or that is told twice."""
+    sizes = [len(table.altitude), len(table.north), len(table.east)]
+    if len(set(sizes)) > 1:
+        got = "altitude, north and east of {}, {} and {} values".format(*sizes)
+        refuse("as many winds as altitudes", got)
+    if table.down is not None and len(table.down) != sizes[0]:
+        refuse("as many winds as altitudes", f"altitude and down of {sizes[0]} and {len(table.down)} values")
+    if any(b <= a for a, b in zip(table.altitude, table.altitude[1:], strict=False)):
+        refuse("altitudes that increase", "altitudes that don't increase")
+    if table.altitude and table.profile:
+        refuse("altitude, north and east, or a profile", "both", "Remove one of them.")

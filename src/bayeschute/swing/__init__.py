@@ -1,0 +1,1 @@
+"""Frequency and damping of a swing from raw gyro and accelerometer."""

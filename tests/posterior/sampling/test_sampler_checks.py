@@ -1,0 +1,81 @@
+"""Tails of known shape, chains that agree and chains that don't, and surrogates that are too narrow."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from jax.tree_util import Partial
+
+from bayeschute.posterior.sampling import delayed_acceptance
+from bayeschute.posterior.sampling.protocol import Draws
+from bayeschute.posterior.sampling.sampler_checks import MOST_K, doubt, largest_rhat, pareto_k, rhat_bound
+
+
+@pytest.mark.parametrize("k", [0.2, 0.5, 0.9, 1.3])
+def test_shape_of_weights_that_are_pareto(k):
+    """Weights are u^-k, u uniform: exactly Pareto."""
+    found = [pareto_k(-k * np.log(np.random.default_rng(seed).random((4, 2000)))) for seed in range(40)]
+    assert np.mean(found) == pytest.approx(k, abs=0.1)
+
+
+def test_shape_does_not_depend_on_a_constant_nor_on_weights_of_zero():
+    ratio = -0.6 * np.log(np.random.default_rng(1).random(1000))
+    holed = np.concatenate([ratio, [-np.inf, np.nan]])
+    assert pareto_k(ratio - 500.0) == pytest.approx(pareto_k(ratio), rel=1e-6)
+    assert pareto_k(holed) == pareto_k(ratio)
+
+
+def test_bounded_weights_have_no_heavy_tail():
+    assert pareto_k(np.log(np.random.default_rng(2).random(2000))) < 0.0
+
+
+def test_equal_weights_and_too_few():
+    assert pareto_k(np.full((4, 100), 3.0)) == 0.0
+    assert pareto_k(np.full(100, -np.inf)) == np.inf and pareto_k(np.arange(10.0)) == np.inf
+
+
+def test_a_tail_of_one_value_is_that_of_a_walk_that_sticks():
+    ratio = np.concatenate([np.random.default_rng(6).standard_normal(1000), np.full(1000, 9.0)])
+    assert pareto_k(ratio) == np.inf
+
+
+def test_bound_of_rhat_is_rarely_missed_by_independent_draws():
+    """One in a thousand may; three in three hundred mustn't."""
+    assert rhat_bound(4, 500, 14) == 1.01 < rhat_bound(4, 100, 14) < 1.05
+    rng = np.random.default_rng(3)
+    largest = [largest_rhat(rng.standard_normal((4, 100, 5))) for _ in range(300)]
+    assert sum(np.array(largest) >= rhat_bound(4, 100, 5)) < 3
+    assert max(largest) > 1.01  # a bound of 1.01 would refuse good draws where they are few
+
+
+def _made(xi, ratio=None):
+    given = np.zeros(xi.shape[:2]) if ratio is None else ratio
+    return Draws(xi, np.zeros(xi.shape[:2]), {"log_ratio": given})
+
+
+def test_doubt_says_why():
+    rng = np.random.default_rng(4)
+    xi = rng.standard_normal((4, 500, 3))
+    assert doubt(_made(xi)) == ""
+    heavy = -1.0 * np.log(rng.random((4, 500)))
+    assert doubt(_made(xi, heavy)).startswith("Pareto k")
+    xi[1, :, 2] += 0.5
+    assert doubt(_made(xi)).startswith("R-hat is 1.")
+    both = doubt(_made(xi, heavy))
+    assert "Pareto k" in both and "R-hat" in both
+    xi[..., 2] = 1.0  # never moved
+    assert "R-hat" in doubt(_made(xi))
+
+
+def _normal(width, x):
+    return -0.5 * (x**2).sum() / width**2
+
+
+@pytest.mark.parametrize(("width", "good"), [(1.0, True), (1.3, True), (0.5, False)])
+def test_a_surrogate_too_narrow_is_doubted(width, good):
+    """Exact law standard normal in two dimensions; the ratios' shape is 1 - width^2 where the surrogate is narrower."""
+    made = delayed_acceptance.corrected(
+        lambda x: -0.5 * (x**2).sum(axis=0), Partial(_normal, width), 2, 4, 300, 2000, 5
+    )
+    assert made.stats["log_ratio"].shape == made.xi.shape[:2]
+    assert (pareto_k(made.stats["log_ratio"]) < MOST_K) == good == (not doubt(made))

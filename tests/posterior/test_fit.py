@@ -1,0 +1,403 @@
+"""The marginal posterior is found from data and priors: its mode, its noise parameters, its determinant."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from bayeschute.core.errors import FitError
+from bayeschute.likelihood.joint import Lifted
+from bayeschute.likelihood.kalman_gradient import to_vector
+from bayeschute.posterior import along_record, laplace
+from bayeschute.posterior import fit as finding
+from bayeschute.posterior.joint_mode import Optimum
+from bayeschute.posterior.marginal import Quadratic, log_density
+from bayeschute.posterior.noise_evidence import HyperPrior
+
+
+def test_found(found, descent):
+    assert found.optimum.converged
+    assert abs(found.optimum.theta[0] - descent.theta[0]) < 4.0 * np.sqrt(found.optimum.covariance[0, 0])
+    assert found.law_covariance.shape == (5, 5) and np.isfinite(found.evidence)
+    assert np.linalg.eigvalsh(found.law_covariance).min() > 0.0
+    slope, spread, excess = found.law_effect
+    assert slope.shape == (1, 5) and 0.01 < np.abs(slope).max() < 2.0
+    assert spread.shape == (5, 1, 1) and 0.1 < np.abs(spread).max() < 2.5
+    assert excess.shape == (1, 1) and abs(excess[0, 0]) < 0.2
+    assert 0.0 < found.determinant_error < 0.05
+
+
+def test_the_optimum_is_the_mode_of_the_marginal_posterior(found):
+    """With the determinant the density is level there; without it, it is not."""
+
+    def slope(marginal):
+        ends = np.asarray(log_density(marginal, np.array([[-0.1, 0.1]])))
+        return (ends[1] - ends[0]) / 0.2
+
+    again, _ = laplace.corrected(found.marginal)
+    for name in ("determinant", "bend"):
+        for stored, anew in zip(getattr(found.marginal, name), getattr(again, name), strict=True):
+            np.testing.assert_allclose(stored, anew, rtol=1e-7)
+    assert abs(slope(found.marginal)) < 0.01
+    assert abs(slope(replace(found.marginal, determinant=Quadratic.none(1)))) > 0.03
+
+
+def test_progress_grows(descent):
+    heard = []
+    prior = HyperPrior(descent.hyper, 0.4)
+    finding.find(descent.flights, descent.priors, prior, rounds=1, progress=lambda share, words: heard.append(share))
+    assert heard == sorted(heard) and 0.0 <= heard[0] and heard[-1] <= 1.0
+
+
+@pytest.mark.parametrize(
+    ("least", "shares"),
+    [
+        (0.0, [0.2, 0.5, 1.0]),
+        (0.15, [0.2, 0.1, 0.2, 0.5, 1.0]),  # the flight that begins fails before 20 % of the record
+        (0.06, [0.2, 0.1, 0.05, 0.1, 0.2, 0.5, 1.0]),
+    ],
+)
+def test_openings_are_shortened_where_the_first_flight_fails(descent, monkeypatch, least, shares):
+    """What flies from the beginning ends within a share `least` of the record; once fitted it goes twice as far."""
+    tried, reach = [], [least or 1.0]
+
+    def fit(flights, hyper, priors, theta, unknowns, **options):
+        seen = np.asarray(flights[0].present).any(axis=1)
+        share = (np.flatnonzero(seen)[-1] + 1) / seen.size
+        tried.append(share)
+        assert options["opening"] == (share < 1.0)
+        if share > reach[0]:
+            raise FloatingPointError("lost")
+        reach[0] = 2.5 * share if share < 0.15 else 1.0
+        return SimpleNamespace(theta=theta, unknowns=[f.still() for f in flights])
+
+    monkeypatch.setattr(finding.optimum, "fit", fit)
+    finding.lengthened(descent.flights, descent.priors, descent.hyper, descent.theta, lambda *_: None)
+    assert tried == pytest.approx(shares, abs=0.03)
+
+
+def test_an_opening_of_a_twentieth_that_fails_ends_the_search(descent, monkeypatch):
+    tried = []
+
+    def fit(flights, *_, **options):
+        tried.append(1)
+        raise FloatingPointError("lost")
+
+    monkeypatch.setattr(finding.optimum, "fit", fit)
+    with pytest.raises(FloatingPointError, match="lost"):
+        finding.lengthened(descent.flights, descent.priors, descent.hyper, descent.theta, lambda *_: None)
+    assert len(tried) == 4
+
+
+def test_an_opening_that_led_astray_is_begun_anew_in_small_steps(descent, monkeypatch):
+    """Steps of more than a sixth of the record lead to where no longer opening flies; small ones begin where all did."""
+    tried, astray = [], [False]
+
+    def fit(flights, hyper, priors, theta, unknowns, **options):
+        seen = np.asarray(flights[0].present).any(axis=1)
+        share = (np.flatnonzero(seen)[-1] + 1) / seen.size
+        before = tried[-1] if tried and unknowns is not None else 0.0
+        if unknowns is None:
+            np.testing.assert_array_equal(theta, descent.theta)
+            astray[0] = False
+        if astray[0]:
+            raise FloatingPointError("lost")
+        astray[0] = share - before > 1.0 / 6.0
+        tried.append(share)
+        return SimpleNamespace(theta=theta + 1.0, unknowns=[f.still() for f in flights])
+
+    monkeypatch.setattr(finding.optimum, "fit", fit)
+    found, _ = finding.lengthened(descent.flights, descent.priors, descent.hyper, descent.theta, lambda *_: None)
+    assert tried == pytest.approx([0.2, *np.linspace(0.1, 1.0, 10)], abs=0.03)
+    np.testing.assert_allclose(found, descent.theta + 10.0)
+
+
+def test_the_mode_is_found_far_from_the_joint_optimum(descent, monkeypatch):
+    """A log determinant whose slope dies away: one slope goes much too far, the mode is where slope and cost balance."""
+    settled = finding.settle(descent.flights, descent.priors, HyperPrior(descent.hyper))
+    factor = np.linalg.cholesky(settled.optimum.covariance)
+    start = settled.optimum.theta
+
+    def bent(made):
+        """Slope of 6 per standard deviation at the joint optimum, of half that at two standard deviations."""
+        away = np.linalg.solve(factor, np.asarray(made.centre) - start)
+        return 6.0 * np.exp(away * np.log(2.0) / 2.0)
+
+    monkeypatch.setattr(laplace, "lack", bent)
+    best = finding.marginal_mode(descent.flights, descent.priors, settled)
+    away = float(np.linalg.solve(factor, best.theta - start)[0])
+    balance = brentq(lambda x: x + 6.0 * np.exp(x * np.log(2.0) / 2.0), -6.0, 0.0)
+    assert best.converged and abs(away - balance) < 0.2 < abs(-6.0 - balance)
+
+
+@pytest.mark.parametrize(("share", "mode"), [(0.3, -2.5), (0.25, 2.5)])
+def test_the_mode_is_found_across_a_slope_much_flatter_than_gauss_newton_expects(descent, monkeypatch, share, mode):
+    """Cost and log determinant together rise with a share of the cost's curvature: Gauss-Newton steps stop short."""
+    settled = finding.settle(descent.flights, descent.priors, HyperPrior(descent.hyper))
+    factor, start = np.linalg.cholesky(settled.optimum.covariance), settled.optimum.theta
+
+    def flat(made):
+        away = np.linalg.solve(factor, np.asarray(made.centre) - start)
+        return share * (away - mode) - away
+
+    monkeypatch.setattr(laplace, "lack", flat)
+    best = finding.marginal_mode(descent.flights, descent.priors, settled)
+    away = float(np.linalg.solve(factor, best.theta - start)[0])
+    assert best.converged and abs(away - mode) < 0.2
+
+
+@pytest.mark.parametrize(("far", "held"), [(0.1, False), (50.0, True)])
+def test_noise_parameters_go_to_their_mean_unless_that_is_too_far(found, descent, monkeypatch, far, held):
+    """A displacement by which the parameter would move `far` standard deviations."""
+    (slope,) = found.law_effect.slope
+    moved = far * slope / float(slope @ slope)
+    told, mode = {}, finding.evidence.maximise
+
+    def remembered(*given, **named):
+        told["mode"] = mode(*given, **named)
+        return told["mode"]
+
+    monkeypatch.setattr(finding.evidence, "maximise", remembered)
+    monkeypatch.setattr(finding.evidence, "mean_less_mode", lambda *_: moved)
+    settled = finding.settle(descent.flights, descent.priors, HyperPrior(descent.hyper, 0.4))
+    made = finding.conclude(descent.flights, descent.priors, HyperPrior(descent.hyper, 0.4), settled)
+    went = to_vector(made.hyper) - to_vector(told["mode"][0])
+    np.testing.assert_allclose(went, 0.0 if held else moved, atol=1e-9)
+
+
+OWN, LOUD = pytest.approx(1.0), pytest.approx(3.0)
+
+
+@pytest.mark.parametrize(
+    ("goes_on", "begins", "wanted"),
+    [
+        (False, True, [(LOUD, False, "whole"), (OWN, False, "whole"), (LOUD, False, "small")]),
+        (True, False, [(OWN, True, "held"), (OWN, False, "whole"), (OWN, False, "small")]),
+        (False, False, [(OWN, False, "whole"), (OWN, False, "small")]),
+    ],
+)
+def test_what_is_fast_is_tried_first_then_what_gets_further(monkeypatch, descent, goes_on, begins, wanted):
+    """A fit that begins has stronger noise than it is told; of all that is tried the first that gets there is kept."""
+    at, tried = Lifted(descent.flights[0].still(), np.zeros((1, 1)), np.zeros((1, 1))), []
+
+    def late(flights, hyper, priors, theta, places, levels, near=None, progress=None):
+        tried.append((float(np.asarray(hyper.noise.white)[0]) / 0.05, places is not None, tuple(levels)))
+        row = along_record.Row(0.0, 12.0, 1e-4 if len(tried) == len(wanted) else 0.5, 1.0, 1.0, 1.0)
+        return along_record.LiftedFit(theta, (at,), np.eye(len(priors)), (row,), True)
+
+    monkeypatch.setattr(along_record, "descend", late)
+    given = descent.flights, descent.hyper, descent.priors, np.zeros(1), [at] if goes_on else None
+    assert finding._along_record(*given, along_record.NEAR, print, begins).rows[-1].defect == 1e-4
+    levels = {"whole": (*along_record.LEVELS, 0.0), "held": (0.0,), "small": tried[-1][2]}
+    assert tried == [(noise, placed, levels[name]) for noise, placed, name in wanted]
+    small = levels["small"]
+    assert len(small) > len(levels["whole"]) and small[-1] == 0.0 and sorted(small, reverse=True) == list(small)
+
+
+def test_looser_noise_has_larger_standard_deviations_and_the_same_times(descent):
+    made, hyper = finding._looser(descent.hyper), descent.hyper
+    np.testing.assert_allclose(made.noise.white, 3.0 * hyper.noise.white)
+    np.testing.assert_allclose(made.noise.correlated, 3.0 * hyper.noise.correlated)
+    np.testing.assert_array_equal(made.noise.time_constant, hyper.noise.time_constant)
+    np.testing.assert_allclose(made.laws[0], hyper.laws[0] * [3.0, 1.0])
+
+
+def test_a_record_that_no_flight_follows_is_told(monkeypatch, descent):
+    """Whatever was tried is listed, the best path is kept, and nothing goes on from there."""
+    at = Lifted(descent.flights[0].still(), np.zeros((1, 1)), np.zeros((1, 1)))
+    defects = iter((0.9, 0.5, 0.7))
+
+    def stuck(flights, hyper, priors, theta, places, levels, near=None, progress=None):
+        row = along_record.Row(0.0, 12.0, next(defects), 1.0, 1.0, 1.0)
+        return along_record.LiftedFit(theta, (at,), np.eye(len(priors)), (row,), False)
+
+    monkeypatch.setattr(along_record, "descend", stuck)
+    theta = np.zeros(len(descent.priors))
+    with pytest.raises(finding.UnsettledError, match="no flight of the model follows the record") as told:
+        finding._along_record(descent.flights, descent.hyper, descent.priors, theta, [at], along_record.NEAR, print)
+    assert len(told.value.tried) == 3 and "defect 0.5" in told.value.tried[1]
+    assert told.value.best.rows[-1].defect == 0.5 and told.value.priors == tuple(descent.priors)
+
+
+def test_a_fit_that_took_no_step_is_not_the_best(monkeypatch, descent):
+    at, rows = Lifted(descent.flights[0].still(), np.zeros((1, 1)), np.zeros((1, 1))), iter((None, 0.9, None))
+
+    def seldom(flights, hyper, priors, theta, places, levels, near=None, progress=None):
+        defect = next(rows)
+        made = () if defect is None else (along_record.Row(0.0, 12.0, defect, 1.0, 1.0, 1.0),)
+        return along_record.LiftedFit(theta, (at,), np.eye(len(priors)), made, False)
+
+    monkeypatch.setattr(along_record, "descend", seldom)
+    theta = np.zeros(len(descent.priors))
+    with pytest.raises(finding.UnsettledError, match="break the equations of motion") as told:
+        finding._along_record(descent.flights, descent.hyper, descent.priors, theta, [at], along_record.NEAR, print)
+    assert told.value.best.rows[-1].defect == 0.9
+
+
+@pytest.mark.parametrize("path", [True, False])
+def test_a_joint_optimum_goes_along_the_record_where_there_is_one(descent, monkeypatch, path, flown):
+    """Else by single shooting; both from where they are told to."""
+    at, told = [flown(f, descent.hyper, descent.theta, f.still()) for f in descent.flights], []
+    flights = [replace(f, path=SimpleNamespace() if path else None) for f in descent.flights]
+
+    def along(flights, hyper, priors, theta, places, near, tell):
+        told.append(("along", places))
+        rows = (along_record.Row(0.3, 9.0, 0.3, 1.0, 1.0, 1.0), along_record.Row(0.0, 7.0, 1e-4, 0.1, 0.2, 1.0))
+        return along_record.LiftedFit(theta + 1.0, tuple(at), np.eye(1), rows, True)
+
+    def shot(flights, hyper, priors, theta, unknowns, tolerance):
+        told.append(("shot", unknowns))
+        return Optimum(theta + 1.0, tuple(at), np.eye(1), 7.0, True, 2, 0.2, (7.0,))
+
+    monkeypatch.setattr(finding, "_along_record", along)
+    monkeypatch.setattr(finding.optimum, "fit", shot)
+    for begin in (None, at):
+        made = finding.joint(flights, descent.hyper, descent.priors, descent.theta, begin)
+        assert (made.cost, made.converged, made.iterations, made.last_step, made.trace) == (7.0, True, 2, 0.2, (7.0,))
+        np.testing.assert_allclose(made.theta, descent.theta + 1.0)
+    assert [name for name, _ in told] == 2 * ["along" if path else "shot"] and told[0][1] is None
+    assert told[1][1] is at if path else [u is x.unknowns for u, x in zip(told[1][1], at, strict=True)] == [True, True]
+
+
+def test_the_joint_optimum_is_where_single_shooting_ends(descent, flown):
+    want = finding.optimum.fit(descent.flights, descent.hyper, descent.priors, descent.theta, tolerance=1e-4)
+    at = [flown(f, descent.hyper, descent.theta, f.still()) for f in descent.flights]
+    made = finding.joint(descent.flights, descent.hyper, descent.priors, descent.theta + 0.3, at)
+    assert abs(made.theta - want.theta)[0] < 0.02 * np.sqrt(want.covariance[0, 0]) and made.converged
+
+
+WAY, NONE = np.array([0.15]), "no mode"
+
+
+@pytest.fixture
+def judged(monkeypatch):
+    """Makes corrections at a step of one and of 0.3 fail (None), or lead to a mode, or to none."""
+
+    def set_up(*told):
+        steps, ways = [], dict(zip((1.0, 0.3), told, strict=True))
+
+        def corrected(made, step):
+            steps.append(step)
+            if ways[step] is None:
+                raise FloatingPointError("flights beside the optimum fail")
+            way = None if ways[step] is NONE else ways[step]
+            return replace(made, bend=Quadratic(np.zeros(1), np.array([[0.01 * step]]))), way
+
+        monkeypatch.setattr(laplace, "corrected", corrected)
+        return steps
+
+    return set_up
+
+
+@pytest.mark.parametrize(
+    ("told", "step", "tried"),
+    [
+        ((WAY, None), 1.0, [1.0]),
+        ((NONE, WAY), 0.3, [1.0, 0.3]),
+        ((None, WAY), 0.3, [1.0, 0.3]),
+        ((NONE, NONE), 0.0, [1.0, 0.3]),
+        ((NONE, None), 0.0, [1.0, 0.3]),
+    ],
+)
+def test_corrections_are_taken_nearer_then_left_out_where_they_outweigh_the_density(found, judged, told, step, tried):
+    steps = judged(*told)
+    made, lost, ahead, taken = finding._corrected(found.marginal)
+    assert float(made.bend.curvature[0, 0]) == pytest.approx(0.01 * step) and steps == tried
+    assert lost == (() if step else (finding._LOST_BEND,)) and taken == step
+    np.testing.assert_array_equal(
+        ahead, WAY if step else 0.0 * WAY
+    )  # found is at its mode: nothing beside it is higher
+
+
+def test_where_no_flight_beside_a_point_flies_there_are_no_corrections(found, judged):
+    judged(None, None)
+    with pytest.raises(FloatingPointError, match="beside the optimum"):
+        finding._corrected(found.marginal)
+
+
+def test_without_a_bend_that_can_be_trusted_the_way_ahead_is_to_where_the_density_is_higher(found, judged, descent):
+    """Two standard deviations beside the mode: at least half of the way back."""
+    judged(NONE, NONE)
+    sd = np.sqrt(found.optimum.covariance[0, 0])
+    aside = replace(found.optimum, theta=found.optimum.theta + 2.0 * sd)
+    near = finding.marginalise(descent.flights, found.hyper, descent.priors, aside)
+    _, _, ahead, _ = finding._corrected(near)
+    higher = finding._ahead(near, aside, ahead)
+    assert abs(higher.theta - found.optimum.theta)[0] <= 1.1 * sd
+
+
+def test_a_point_ahead_is_on_the_path_that_follows_the_parameters(found, descent, flown):
+    made = finding._ahead(found.marginal, found.optimum, np.array([0.7]))
+    np.testing.assert_allclose(made.theta, np.asarray(found.marginal.theta(np.array([0.7]))))
+    for flight, at in zip(descent.flights, made.flights, strict=True):
+        own = flown(flight, found.hyper, made.theta, at.unknowns)
+        np.testing.assert_allclose(at.path, own.path, atol=0.05 * np.ptp(own.path))
+
+
+def test_the_search_goes_on_to_the_mode_that_the_corrections_tell_of(found, descent):
+    """From beside it, where the search by slopes alone has ended."""
+    sd = np.sqrt(found.optimum.covariance[0, 0])
+    begin = finding.Settled(found.optimum, found.hyper, found.evidence)
+    usual, moved = finding.marginal_mode, []
+
+    def beside(flights, priors, settled, progress=None, most=0):
+        best = usual(flights, priors, settled)
+        moved.append(best.theta[0])
+        near = finding.marginalise(flights, found.hyper, priors, best)
+        return finding._ahead(near, best, np.array([0.8]))
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(finding, "marginal_mode", beside)
+        best, hyper, made, lost, seen = finding._last(descent.flights, descent.priors, begin, [found.hyper])
+    assert hyper is found.hyper and lost == () and len(moved) == 1
+    assert abs(best.theta[0] - found.optimum.theta[0]) < 0.3 * sd
+    assert seen.is_mode and seen.worst == pytest.approx(0.5, abs=0.05)
+
+
+def test_noise_parameters_without_a_mode_give_way_to_the_next(found, descent, monkeypatch):
+    settled = finding.settle(descent.flights, descent.priors, HyperPrior(descent.hyper, 0.4))
+    right, usual, seen = settled.hyper, finding.profile, []
+
+    def told(made, middle):
+        seen.append(made.hyper)
+        return usual(made, middle) if made.hyper is right else SimpleNamespace(is_mode=False, worst=-0.3)
+
+    monkeypatch.setattr(finding, "profile", told)
+    other = finding._looser(right)
+    _, hyper, made, lost, _ = finding._last(descent.flights, descent.priors, settled, [other, right])
+    assert hyper is right and made.hyper is right and seen == [other, right] and finding._LOST_MEAN in lost
+    with pytest.raises(FitError, match=r"falls by -0\.3 at least"):
+        finding._last(descent.flights, descent.priors, settled, [other])
+
+
+def test_noise_parameters_under_which_nothing_flies_give_way_to_the_next(found, descent, monkeypatch):
+    settled, usual = finding.Settled(found.optimum, found.hyper, found.evidence), finding.marginal_mode
+    other = finding._looser(found.hyper)
+
+    def lost(flights, priors, settled, progress=None, most=0):
+        if settled.hyper is other:
+            raise FloatingPointError("a step fails")
+        return usual(flights, priors, settled)
+
+    monkeypatch.setattr(finding, "marginal_mode", lost)
+    assert finding._last(descent.flights, descent.priors, settled, [other, found.hyper])[1] is found.hyper
+    with pytest.raises(FloatingPointError, match="a step fails"):
+        finding._last(descent.flights, descent.priors, settled, [other])
+
+
+def test_a_search_whose_steps_stay_long_ended_beside_the_mode(found, descent, monkeypatch):
+    """Of the points that it went by that with the shortest way ahead is judged."""
+    ways, begin = iter((1.5, 1.2, 1.4, 1.3, 1.5, 0.4, 1.1, 0.9)), finding.Settled(found.optimum, found.hyper, 0.0)
+    monkeypatch.setattr(finding, "marginal_mode", lambda *given: found.optimum)
+    monkeypatch.setattr(finding, "marginalise", lambda *given: found.marginal)
+    monkeypatch.setattr(finding, "_corrected", lambda made: (made, (), np.array([next(ways)]), 0.0))
+    monkeypatch.setattr(finding, "_ahead", lambda near, best, step: replace(best, cost=step[0]))
+    monkeypatch.setattr(finding, "profile", lambda made, middle: SimpleNamespace(is_mode=True, worst=0.5))
+    with pytest.raises(FitError, match=r"after 4 steps towards it the mode is still off by 1\.2 standard deviations"):
+        finding._last(descent.flights, descent.priors, begin, [found.hyper])
+    best, *_ = finding._last(descent.flights, descent.priors, begin, [found.hyper])
+    assert best.cost == 1.5  # the step that led to the point from which 0.4 are left

@@ -1,0 +1,289 @@
+"""Laplace's approximation against dense Gaussians, exact optima and differences, and the polynomials made of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from bayeschute.likelihood.joint import Hyper, cost, course
+from bayeschute.likelihood.noise import Noise
+from bayeschute.likelihood.priors import Prior
+from bayeschute.likelihood.simulation_smoother import normals
+from bayeschute.posterior import laplace
+from bayeschute.posterior.joint_mode import fit
+from bayeschute.posterior.laplace import at, corrected, error, lack
+from bayeschute.posterior.marginal import Quadratic, draw_flights, log_density, marginalise, place_at, shifted
+from bayeschute.posterior.numpyro_model import log_likelihood
+
+POINT = np.array([1.3, -0.4])  # standard coordinates away from the optimum
+
+
+@pytest.fixture(scope="module")
+def gusty(descent, felt_flight):
+    """A flight whose parameter tells how strongly a gust is felt, and its marginal posterior before and after."""
+    priors = [Prior("felt", 1.0, 1.0, False, "1", "test")]
+    hyper = Hyper(Noise(*(np.array([x]) for x in (0.2, 0.2, 2.0))), (np.array([0.5, 3.0]),))
+    nothing = np.zeros((100, 1))
+    empty = replace(
+        descent.flights[0], model=felt_flight(nothing[:, 0]), observed=nothing, present=nothing == 0.0, start_scale=np.array([0.2])
+    )  # fmt: skip
+    flight, _ = descent.simulate(empty, hyper, np.array([1.0]), 4)
+    made = marginalise([flight], hyper, priors, fit([flight], hyper, priors, np.array([1.0]), tolerance=1e-4))
+    return flight, hyper, priors, made, corrected(made)[0]
+
+
+def _plain(marginal):
+    """The posterior without its corrections."""
+    none = Quadratic.none(np.size(marginal.centre))
+    along = [one._replace(aside=jax.tree.map(np.zeros_like, one.aside)) for one in marginal.along]
+    return replace(marginal, determinant=none, bend=none, along=tuple(along))
+
+
+def test_it_is_the_dense_marginal_density_where_all_is_linear(linear, straight):
+    """And its flights are the dense conditional means."""
+    flight, hyper, priors = linear.flight, linear.hyper, linear.priors
+    mean, covariance = linear.matrices.posterior(flight, hyper, priors)
+    gain = np.linalg.solve(covariance[:2, :2], covariance[:2, 2:]).T
+    constant = -0.5 * flight.present.sum() * np.log(2.0 * np.pi)
+    for xi in (np.zeros(2), POINT, np.array([-3.0, 2.0])):
+        theta = np.asarray(straight.theta(xi))
+        off = np.array([(t - p.centre) / p.scale for t, p in zip(theta, priors, strict=True)])
+        made = at(straight, xi)
+        wanted = linear.matrices.given_theta(flight, hyper, theta) - 0.5 * off @ off
+        assert constant - made.square - made.determinant == pytest.approx(wanted, abs=1e-7)
+        np.testing.assert_allclose(made.gradient, xi, atol=1e-6)
+        (there,) = made.flights
+        found = np.concatenate([there.unknowns.start, np.asarray(there.error).ravel()])
+        np.testing.assert_allclose(found, mean[2:] + gain @ (theta - mean[:2]), atol=1e-8)
+
+
+def test_nothing_is_lacking_where_all_is_linear(straight):
+    np.testing.assert_allclose(lack(straight), 0.0, atol=1e-6)
+    made, ahead = corrected(straight)
+    np.testing.assert_allclose(ahead, 0.0, atol=1e-6)
+    for part in (*made.determinant, *made.bend):
+        np.testing.assert_allclose(part, 0.0, atol=1e-6)
+    for part in jax.tree.leaves(made.along[0].aside):
+        np.testing.assert_allclose(part, 0.0, atol=1e-7)
+    assert error(made, 3, np.random.default_rng(0)) < 1e-5
+    xi = np.random.default_rng(0).standard_normal((2, 6))
+    np.testing.assert_allclose(log_density(made, xi), log_density(straight, xi), atol=1e-5)
+
+
+@pytest.mark.parametrize("which", ["falling", "gusty"])
+@pytest.mark.parametrize("xi", [-1.2, 0.0, 0.9])
+def test_the_gradient_is_that_of_the_squares(which, xi, request):
+    """By central differences, start and disturbances at their optimum on either side."""
+    made = request.getfixturevalue(which)
+    made, h = made[-1] if which == "gusty" else made, 0.05
+    ends = [at(made, np.array([xi + sign * h])).square for sign in (1.0, -1.0)]
+    assert at(made, np.array([xi])).gradient[0] == pytest.approx((ends[0] - ends[1]) / (2.0 * h), abs=0.01)
+
+
+@pytest.mark.parametrize("xi", [-1.0, 1.0])
+def test_the_squares_are_those_of_the_exact_optimum(gusty, xi):
+    """Of a fit with the parameter held."""
+    flight, hyper, priors, made, _ = gusty
+    cost = []
+    for theta in np.asarray(made.theta(np.array([[0.0, xi]])))[0]:
+        held = [Prior("felt", float(theta), 1e-7, False, "1", "held")]
+        best = fit([flight], hyper, held, np.array([theta]), tolerance=1e-4)
+        cost.append(best.cost + 0.5 * ((theta - priors[0].centre) / priors[0].scale) ** 2)
+    ours = at(made, np.array([xi]))
+    assert ours.square - at(made, np.zeros(1)).square == pytest.approx(cost[1] - cost[0], abs=2e-3)
+    assert abs(cost[1] - cost[0]) > 0.2
+    np.testing.assert_allclose(ours.flights[0].unknowns.shocks, best.unknowns[0].shocks, atol=0.01)
+    np.testing.assert_allclose(ours.flights[0].error, course(flight, hyper, ours.flights[0].unknowns).error)
+
+
+@pytest.mark.parametrize("which", ["falling", "gusty"])
+def test_corrected_agrees_to_second_order(which, request):
+    """Slope and curvature of the log density by differences over a small step; without corrections they are others."""
+    made = request.getfixturevalue(which)
+    h = 0.25
+    made, _ = corrected(made[-1] if which == "gusty" else made, step=h)
+    exact = {x: -sum(at(made, np.array([x]))[:3:2]) for x in (-h, 0.0, h)}
+    off = []
+    for one in (made, _plain(made)):
+        ours = np.asarray(log_density(one, np.array([[-h, 0.0, h]])))
+        slope = ours[2] - ours[0] - exact[h] + exact[-h]
+        curvature = ours[2] + ours[0] - 2.0 * ours[1] - exact[h] - exact[-h] + 2.0 * exact[0.0]
+        off.append((abs(slope) / (2.0 * h), abs(curvature) / h**2))
+    assert off[0][0] < 0.01 and off[0][1] < 0.02, off
+    assert max(off[1]) > 0.05, off
+
+
+def test_the_determinant_is_a_parabola_through_exact_values(falling):
+    exact = {x: at(falling, np.array([x])).determinant for x in (-1.0, 0.0, 1.0)}
+    for x in (-1.0, 1.0):
+        assert float(falling.determinant.at(np.array([x]))) == pytest.approx(exact[x] - exact[0.0], rel=1e-9)
+    assert np.abs(falling.determinant.slope).max() > 0.01
+
+
+@pytest.mark.parametrize("which", ["falling", "gusty"])
+def test_what_lacks_slopes_as_the_polynomials_do(which, request):
+    """Over a step to one side, whose end their curvature has a part in."""
+    made, h = request.getfixturevalue(which), 0.2
+    made = made[-1] if which == "gusty" else made
+    rest = corrected(made, h)[0].rest
+    assert lack(made, h)[0] == pytest.approx(rest.slope[0] + 0.5 * h * rest.curvature[0, 0], abs=0.01)
+    assert lack(made, -h)[0] == pytest.approx(rest.slope[0] - 0.5 * h * rest.curvature[0, 0], abs=0.01)
+
+
+def test_the_way_ahead_leads_to_the_mode(falling):
+    made, ahead = corrected(falling)
+    grid = np.linspace(-2.0, 2.0, 401)
+    best = grid[np.argmax(np.asarray(log_density(made, grid[None])))]
+    assert ahead[0] == pytest.approx(best, abs=0.01 + 0.1 * abs(best)) and abs(best) > 0.04
+
+
+def test_a_way_ahead_is_no_longer_than_three_and_none_without_a_mode():
+    slope, curvature = np.array([0.3, -0.2]), np.array([[1.2, 0.4], [0.4, 0.7]])
+    np.testing.assert_allclose(laplace._newton(slope, curvature), -np.linalg.solve(curvature, slope))
+    far = laplace._newton(100.0 * slope, curvature)
+    assert np.linalg.norm(far) == pytest.approx(3.0)
+    np.testing.assert_allclose(far / 3.0, -np.linalg.solve(curvature, slope) / np.linalg.norm(np.linalg.solve(curvature, slope)))  # fmt: skip
+    assert laplace._newton(slope, np.array([[1.0, 2.0], [2.0, 1.0]])) is None
+
+
+def _limited(monkeypatch, least, most):
+    """Flights fail outside these standard coordinates."""
+
+    def some(marginal, xi):
+        theta, shift = shifted(marginal, xi)
+        flies = (np.asarray(xi) >= least).all() and (np.asarray(xi) <= most).all()
+        return (theta if flies else np.nan * theta), shift
+
+    monkeypatch.setattr(laplace, "shifted", some)
+
+
+def test_the_slope_is_taken_to_the_side_on_which_flights_fly(falling, monkeypatch):
+    down = lack(falling, -0.2)
+    _limited(monkeypatch, -1.0, 0.1)
+    np.testing.assert_allclose(lack(falling), down, rtol=1e-9)
+    _limited(monkeypatch, -0.1, 0.1)
+    with pytest.raises(FloatingPointError, match="both sides"):
+        lack(falling)
+
+
+def test_the_step_is_shorter_where_flights_fail(falling, monkeypatch):
+    near, _ = corrected(falling, 0.25)
+    _limited(monkeypatch, -0.3, 0.6)
+    made, _ = corrected(falling)
+    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-9), made.determinant, near.determinant)
+    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-9), made.bend, near.bend)
+    _limited(monkeypatch, -0.1, 0.6)
+    with pytest.raises(FloatingPointError, match="beside the optimum"):
+        corrected(falling)
+
+
+def test_only_the_axis_on_which_flights_fail_gets_a_shorter_step(straight, monkeypatch):
+    """The second, to one side."""
+    real, asked = laplace.at, []
+
+    def some(marginal, xi):
+        asked.append(tuple(xi.tolist()))
+        made = real(marginal, xi)
+        return made._replace(determinant=np.nan) if xi[1] > 0.3 else made
+
+    monkeypatch.setattr(laplace, "at", some)
+    made, _ = corrected(straight)
+    wanted = {(s, 0.0) for s in (1.0, -1.0)} | {(0.0, s * h) for s in (1.0, -1.0) for h in (1.0, 0.5, 0.25)}
+    assert set(asked) - {(0.0, 0.0)} == wanted
+    for part in (*made.determinant, *made.bend):
+        np.testing.assert_allclose(part, 0.0, atol=1e-6)
+
+
+@pytest.mark.parametrize("crossed", [0, 2])
+@pytest.mark.parametrize(("fails", "product"), [((), 0.3), ((1.0,), 0.3), ((1.0, -1.0), 0.0)])
+def test_the_determinant_has_products_of_axes(straight, monkeypatch, fails, product, crossed):
+    """One corner is enough for a product; where flights fail at both it is left out, as where none is asked for."""
+    slope, curvature = np.array([0.5, -0.2]), np.array([[0.2, 0.3], [0.3, -0.1]])
+    real = laplace.at
+
+    def value(xi):
+        failed = any((xi == corner).all() for corner in fails)
+        return np.nan if failed else slope @ xi + 0.5 * xi @ curvature @ xi
+
+    monkeypatch.setattr(laplace, "at", lambda marginal, xi: real(marginal, xi)._replace(determinant=7.0 + value(xi)))
+    monkeypatch.setattr(laplace, "_values", lambda marginal, points: np.array([[0.0, value(x)] for x in points]))
+    made = corrected(straight, crossed=crossed)[0].determinant
+    kept = product if crossed else 0.0
+    np.testing.assert_allclose(made.slope, slope, atol=1e-9)
+    np.testing.assert_allclose(made.curvature, [[0.2, kept], [kept, -0.1]], atol=1e-9)
+
+
+@pytest.mark.parametrize("which", ["falling", "gusty"])
+def test_the_error_is_what_the_polynomials_leave(which, request):
+    made = request.getfixturevalue(which)
+    made = made[-1] if which == "gusty" else made
+    xi = np.random.default_rng(7).standard_normal((3, 1))
+    exact = np.array([-sum(at(made, x)[:3:2]) for x in (np.zeros(1), *xi)])
+    found = []
+    for one in (made, _plain(made)):
+        ours = np.asarray(log_density(one, np.concatenate([np.zeros((1, 1)), xi]).T))
+        left = exact[1:] - exact[0] - ours[1:] + ours[0]
+        found.append(error(one, 3, np.random.default_rng(7)))
+        assert found[-1] == pytest.approx(np.sqrt(np.mean(left**2)), rel=1e-6, abs=1e-9)
+    assert found[0] < 0.3 * found[1] and found[1] > 0.02, found
+
+
+def _exact(gusty, xi):
+    """Least costs and shocks of fits with the parameter held at standard coordinates."""
+    flight, hyper, _, made, _ = gusty
+    found = []
+    for theta in np.asarray(made.theta(np.asarray(xi)[None]))[0]:
+        held = [Prior("felt", float(theta), 1e-7, False, "1", "held")]
+        found.append(fit([flight], hyper, held, np.array([theta]), tolerance=1e-4))
+    return found
+
+
+def test_the_exact_profile_is_followed(gusty):
+    """The density without its determinant is that of the exact optimum, whose curvature Gauss-Newton's is not."""
+    _, _, priors, made, right = gusty
+    xi = np.array([-1.0, 0.0, 1.0])
+    off, theta = [], np.asarray(made.theta(xi[None]))[0]
+    wanted = -np.array([one.cost for one in _exact(gusty, xi)])
+    wanted = wanted - 0.5 * ((theta - priors[0].centre) / priors[0].scale) ** 2
+    for one in (made, right):
+        ours = np.asarray(log_density(replace(one, determinant=Quadratic.none(1)), xi[None]))
+        off.append(np.abs(ours - ours[1] - wanted + wanted[1]).max())
+    assert off[0] > 0.08 and off[1] < 0.02, off
+
+
+def test_draws_without_random_numbers_lie_at_the_exact_optimum(gusty):
+    """Their cost, simulated, is the least; it is not where draws follow the linear model alone."""
+    flight, hyper, _, made, right = gusty
+    xi, still = np.array([-1.0, 1.0]), (jax.tree.map(np.zeros_like, normals(flight, 2, np.random.default_rng(0))),)
+    least, theta = np.array([one.cost for one in _exact(gusty, xi)]), np.asarray(made.theta(xi[None]))
+    above = [
+        np.asarray(cost(flight, hyper, theta, draw_flights(one, xi[None], still)[0].unknowns)) - least
+        for one in (made, right)
+    ]
+    assert (above[0] > 0.05).all() and (np.abs(above[1]) < 0.015).all(), above
+
+
+def test_asides_are_what_linear_slopes_lack(gusty):
+    """With both a flight is where Laplace's approximation finds it, to second order."""
+    flight, *_, right = gusty
+    (along,) = right.along
+    sides = [at(right, np.array([sign])).flights[0] for sign in (1.0, -1.0)]
+    exact = jax.tree.map(lambda a, b: (np.asarray(a) - np.asarray(b)) / (2.0 * float(right.scale[0, 0])), *sides)
+    both = jax.tree.map(lambda a, b: np.asarray(a + b)[..., 0], along.slope, along.aside)
+    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, atol=1e-9 * np.abs(b).max()), both, exact)
+    there = place_at(flight, along, jnp.asarray(right.scale)[:, 0])
+    lacking = np.abs(np.asarray(there.path) - sides[0].path).max()
+    assert lacking > 3.0 * np.abs(there.path + np.asarray(along.aside.path) @ right.scale[:, 0] - sides[0].path).max()
+
+
+def test_numpyro_is_told_the_same(gusty):
+    *_, right = gusty
+    xi = np.array([[-1.0, 0.0, 1.0]])
+    whole = np.asarray(log_density(right, xi))
+    z = (np.asarray(right.theta(xi))[0] - 1.0) / 1.0
+    ours = np.array([float(log_likelihood(right)(jnp.asarray(t))) for t in np.asarray(right.theta(xi)).T])
+    np.testing.assert_allclose(ours - 0.5 * z**2 - (ours[1] - 0.5 * z[1] ** 2), whole - whole[1], atol=1e-8)

@@ -1,0 +1,175 @@
+"""The whole way: found, drawn, kept in a DataTree, read back."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import xarray as xr
+
+from bayeschute.posterior import sampler
+from bayeschute.posterior.marginal import log_density, projected_residuals, sample_log_likelihoods
+from bayeschute.posterior.noise_uncertainty import widened
+from bayeschute.posterior.sampling import independence
+from bayeschute.posterior.sampling.independence import Proposal
+from bayeschute.posterior.sampling.sampler_checks import doubt
+
+CHAINS, DRAWS, NAMES = 2, 120, ("first", "second")
+GROUPS = {
+    "posterior", "prior", "sample_stats", "log_likelihood", "log_prior", "posterior_predictive", "observed_data", "constant_data",
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def draws(found):
+    return sampler.sample(found.marginal, "nuts", CHAINS, 200, DRAWS, seed=1)
+
+
+@pytest.fixture(scope="module")
+def tree(found, draws, descent):
+    return sampler.data_tree(found.marginal, descent.priors, draws, 1, NAMES)
+
+
+def test_widened_draws_are_the_posterior_and_the_samplers_own_are_kept(found, draws, descent, tree):
+    wide = widened(draws.xi, found.law_effect, found.law_covariance, 1)
+    made = sampler.data_tree(found.marginal, descent.priors, draws, 1, NAMES, wide=wide)
+    name = descent.priors[0].name
+    xr.testing.assert_equal(made["conditional"][name], tree["posterior"][name].drop_attrs())
+    theta = np.asarray(found.marginal.centre) + wide @ np.asarray(found.marginal.scale).T
+    np.testing.assert_allclose(np.log(made["posterior"][name]), theta[..., 0])
+    assert made["posterior"][name].attrs["units"] == tree["posterior"][name].attrs["units"]
+    xr.testing.assert_equal(made["log_likelihood"].ds, tree["log_likelihood"].ds)  # at the draws of the sampler
+    assert "conditional" not in tree
+
+
+def test_draws_are_nearly_standard(draws):
+    assert draws.xi.shape == (CHAINS, DRAWS, 1) and draws.failed == 0
+    assert abs(draws.xi.mean()) < 0.35 and draws.xi.std() == pytest.approx(1.0, abs=0.2)
+    assert draws.stats["acceptance_rate"].mean() > 0.9
+
+
+def test_draws_carry_their_log_density(found, draws):
+    flat = draws.xi.reshape(-1, 1).T
+    np.testing.assert_allclose(draws.log_density.ravel(), log_density(found.marginal, flat), atol=1e-8)
+
+
+@pytest.fixture(scope="module")
+def asked(found):
+    """emcee's draws, asked for."""
+    return sampler.sample(found.marginal, "emcee", 1, 0, 400, seed=2)
+
+
+def test_emcee_agrees(asked, draws):
+    assert asked.xi.shape == (1, 400, 1)
+    np.testing.assert_allclose(np.quantile(asked.xi, [0.1, 0.5, 0.9]), np.quantile(draws.xi, [0.1, 0.5, 0.9]), atol=0.4)
+
+
+def test_good_draws_come_without_a_word(draws):
+    assert draws.notes == () and draws.stats["log_ratio"].shape == (CHAINS, DRAWS)
+    assert doubt(draws) == ""
+
+
+@pytest.fixture
+def broken(monkeypatch):
+    """A surrogate whose density is three times too narrow: NUTS on it sticks (k of the ratios is 8/9).
+
+    The draws of a study (4 chains of 500) notice with twelve seeds of twelve, 2 of 300 with eleven.
+    """
+    build = sampler.build
+
+    def narrow(*given):
+        made, failed = build(*given)
+        return replace(made, factor=3.0 * made.factor), failed
+
+    monkeypatch.setattr(sampler, "build", narrow)
+
+
+def test_a_broken_surrogate_gives_way_to_independent_proposals(found, draws, broken):
+    heard = []
+    other = sampler.sample(found.marginal, "nuts", 4, 300, 500, 2, lambda share, words: heard.append(words))
+    assert len(other.notes) == 1 and "independence sampler drew instead" in other.notes[0]
+    assert "Pareto k" in other.notes[0]
+    assert "log_ratio" not in other.stats  # they are not the surrogate's draws
+    assert any(w.startswith("nuts") for w in heard) and heard[-1].startswith("independence sampler")
+    np.testing.assert_allclose(np.quantile(other.xi, [0.1, 0.5, 0.9]), np.quantile(draws.xi, [0.1, 0.5, 0.9]), atol=0.4)
+
+
+@pytest.mark.parametrize("lost", [False, True])
+def test_broken_proposals_give_way_to_emcee(found, draws, asked, broken, monkeypatch, lost):
+    """Proposals a hundred times too narrow, or none at all: emcee on the exact density is the last that is asked."""
+    proposal = Proposal(np.zeros(1), np.full((1, 1), 0.01))
+
+    def learned(*_):
+        if lost:
+            raise FloatingPointError("nothing flies")
+        return proposal, np.zeros((8, 1))
+
+    monkeypatch.setattr(independence, "learned", learned)
+    other = sampler.sample(found.marginal, "nuts", 1, 200, 400, 2)
+    assert len(other.notes) == 1 and "emcee drew instead" in other.notes[0]
+    assert ("nothing flies" in other.notes[0]) == lost
+    np.testing.assert_array_equal(other.xi, asked.xi)
+    assert other.evaluations > asked.evaluations
+    np.testing.assert_allclose(np.quantile(other.xi, [0.1, 0.5, 0.9]), np.quantile(draws.xi, [0.1, 0.5, 0.9]), atol=0.4)
+
+
+def test_log_likelihood_sums_to_the_marginal_one(found, draws):
+    """Together with prior and determinant, the samples' log likelihoods make up the density that was drawn from."""
+    made, predicted = sampler._per_sample(found.marginal, draws, np.random.default_rng(5), None)
+    xi = draws.xi.reshape(-1, 1).T
+    away = np.asarray(found.marginal.theta(jnp.asarray(xi)))[0] - found.marginal.prior_centre
+    z = away / found.marginal.prior_factor[0, 0]
+    ours = sum(rows.sum(axis=-1).ravel() for rows in made) - 0.5 * z**2 - found.marginal.rest.at(xi)
+    wanted = draws.log_density.ravel()
+    np.testing.assert_allclose(ours - ours[0], wanted - wanted[0], atol=1e-8)
+    for likelihood, seen, flight in zip(made, predicted, found.marginal.flights, strict=True):
+        assert likelihood.shape == (CHAINS, DRAWS, 101) and np.isfinite(likelihood).all()
+        assert (likelihood[..., ~flight.present[:, 0]] == 0.0).all()
+        assert seen.shape == (CHAINS, 25, 101, 1)
+        assert (np.isnan(seen) == ~flight.present).all()
+
+
+def test_log_likelihood_has_the_normaliser_of_the_filter(found):
+    flight, along = found.marginal.flights[0], found.marginal.along[0]
+    middle = np.zeros((1, 1))
+    rows = np.asarray(sample_log_likelihoods(found.marginal, middle)[0])
+    unit = np.asarray(projected_residuals(found.marginal, middle))[: flight.observed.size]
+    wanted = (
+        -0.5 * np.sum(unit**2) - float(along.gains.log_determinant) - 0.5 * flight.present.sum() * np.log(2 * np.pi)
+    )
+    assert rows.sum() == pytest.approx(wanted, rel=1e-12)
+
+
+def test_predictions_have_the_spread_of_the_noise(found, tree):
+    for name, flight in zip(NAMES, found.marginal.flights, strict=True):
+        made = tree["posterior_predictive"][name].values.reshape(-1, 101)[:, flight.present[:, 0]]
+        z = (flight.observed[flight.present] - made.mean(axis=0)) / made.std(axis=0)
+        assert 0.3 < np.sqrt(np.mean(z**2)) < 1.5
+        total = np.hypot(found.hyper.noise.white, found.hyper.noise.correlated)
+        assert 0.9 * total < made.std(axis=0).mean() < 2.0 * total
+
+
+def test_tree_round_trips_through_netcdf(tree, draws, descent, tmp_path):
+    assert set(tree.children) == GROUPS
+    tree.to_netcdf(tmp_path / "posterior.nc", engine="h5netcdf")
+    back = xr.open_datatree(tmp_path / "posterior.nc", engine="h5netcdf")
+    assert set(back.children) == GROUPS
+    for group in GROUPS:
+        xr.testing.assert_allclose(back[group].to_dataset(), tree[group].to_dataset())
+    value = back["posterior"]["cds_over_mass"]
+    assert value.dims == ("chain", "draw") and value.attrs["units"] == "m^2/kg"
+    assert value.mean() == pytest.approx(float(np.exp(descent.theta[0])), rel=0.1)
+    assert {"lp", "diverging", "acceptance_rate"} <= set(back["sample_stats"].data_vars)
+    np.testing.assert_allclose(back["sample_stats"]["lp"], draws.log_density)
+    assert back["log_likelihood"]["first"].sizes["draw"] == DRAWS
+    assert np.isnan(back["observed_data"]["first"].values[~descent.flights[0].present]).all()
+    back.close()
+
+
+def test_log_prior_is_the_density_of_the_working_coordinate(tree, descent):
+    p = descent.priors[0]
+    z = (np.log(tree["posterior"]["cds_over_mass"].values) - p.centre) / p.scale
+    wanted = -0.5 * z**2 - np.log(p.scale * np.sqrt(2.0 * np.pi))
+    np.testing.assert_allclose(tree["log_prior"]["cds_over_mass"].values, wanted, atol=1e-10)

@@ -1,0 +1,188 @@
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from html.parser import HTMLParser
+
+import pytest
+
+from bayeschute.core.errors import InputError
+from bayeschute.report import page as html
+from bayeschute.report.page import build_report
+
+SECTIONS = ("fed-in", "structure", "posterior", "told", "predictions", "trust", "risk", "left-out", "provenance")
+VOID = {"meta", "img", "br"}
+
+
+class Page(HTMLParser):
+    """Collects tags, addresses and unclosed elements."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.open: list[str] = []
+        self.faults: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        if not self.open or self.open.pop() != tag:
+            self.faults.append(tag)
+
+
+def visible(text: str) -> str:
+    return re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", re.sub(r"(?s)<style>.*?</style>", "", text)))
+
+
+@pytest.fixture(scope="module")
+def text(run_dir):
+    return (run_dir / "report.html").read_text(encoding="utf-8")
+
+
+@pytest.fixture
+def bare(tmp_path):
+    (tmp_path / "summary.json").write_text("{}")
+    return tmp_path
+
+
+def test_the_page_is_well_formed_and_has_every_section(text):
+    page = Page(text)
+    assert not page.faults and not page.open
+    ids = {attrs.get("id") for tag, attrs in page.tags if tag == "section"}
+    assert set(SECTIONS) <= ids
+    links = [attrs["href"] for tag, attrs in page.tags if tag == "a"]
+    assert links == [f"#{name}" for name in SECTIONS]
+    assert 'class="missing"' not in text
+
+
+def test_the_page_needs_no_network(text):
+    page = Page(text)
+    assert not {tag for tag, _ in page.tags} & {"script", "link", "iframe", "object"}
+    for _, attrs in page.tags:
+        for key in ("src", "href"):
+            assert (attrs.get(key) or "data:").startswith(("data:", "#"))
+    assert not re.search(r"url\(|@import|https?://", re.sub(r"base64,[A-Za-z0-9+/=]+", "", text))
+
+
+def test_every_picture_is_inside_and_told_in_words(text, run_dir):
+    images = [attrs for tag, attrs in Page(text).tags if tag == "img"]
+    files = sorted((run_dir / "figures").iterdir())
+    assert len(images) == len(files) / 2 == 11
+    assert {path.suffix for path in files} == {".png", ".svg"}
+    assert all(path.stat().st_size > 3000 for path in files)
+    assert all(len(attrs["alt"] or "") > 30 for attrs in images)
+    assert all((attrs["src"] or "").startswith("data:image/svg+xml;base64,") for attrs in images)
+
+
+def test_what_a_reader_must_see_is_there(text):
+    words = visible(text)
+    for phrase in (
+        "Not for use",
+        "not verified: no calibration run",
+        "is met with probability 0.9",
+        "which the fit never saw",
+        "8 of 9 parameters with a known true value",
+        "3 simulations of the sampling failed",
+        "-141 m in one sample",
+        "sqrt(mse)",
+        "2 terms kept out of 6 candidates",
+        "Seed 1.",
+        "6c59dd1147eb600d13096aa7d491496e",
+        "restoring force beyond 35 deg",
+    ):
+        assert phrase in words, phrase
+
+
+def test_no_number_of_the_program_leaks_through(text):
+    words = visible(text)
+    assert not re.search(r"\b(nan|None|inf|Undefined|True|False)\b", words)
+
+
+def test_a_summary_alone_gives_a_report_that_says_what_is_missing(bare):
+    words = visible(build_report(bare).read_text())
+    assert "not verified: the summary carries no label" in words
+    for name in ("structure.json", "posterior.nc", "predictions.nc", "flights/", "exceedance.csv"):
+        assert name in words
+    assert "Treat every interval as unverified" in words
+    assert "Not for use" not in words
+    assert not (bare / "figures").exists()
+
+
+def test_damaged_files_are_named_and_do_not_break_it(bare):
+    (bare / "structure.json").write_text("[1, 2")
+    (bare / "posterior.nc").write_bytes(b"\x89HDF not really")
+    (bare / "risk").mkdir()
+    (bare / "risk" / "exceedance.csv").write_text("a,b\n1,2\n")
+    (bare / "risk" / "touchdown.parquet").write_bytes(b"PAR1")
+    words = visible(build_report(bare).read_text())
+    assert "structure.json could not be read" in words
+    assert "posterior.nc could not be read" in words
+    assert "touchdown.parquet could not be read" in words
+
+
+def test_values_of_the_wrong_kind_do_not_break_it(bare):
+    odd = {
+        "title": "<script>alert(1)</script>",
+        "parameters": {
+            "a[1]": {"mean": None, "sd": float("nan"), "truth": "?"},
+            "b": 3,
+            "cds_over_mass": {"mean": 0.16},
+        },
+        "coverage": {"x": None, "y": {"swing_angle": None, "descent_rate": {"truth": None, "record": 0.5}}},
+        "checks": {"rhat": {"passed": False, "value": float("inf"), "bound": None}, "odd": "no"},
+        "flights": {"x": {"repairs": "many", "roles": None}},
+        "requirements": [{"name": "r"}, 3, {"name": "s", "at_least": 2.0, "unit": "m", "probability_met": 1.0}],
+        "sampling": {"nuts": {"chains": 4}, "emcee": {"chains": 8}},
+        "noise": {"c": None, "d": 3, "e": {"white": "loud", "frequency": None}},
+        "notes": "none",
+        "versions": None,
+        "identifiability": {
+            "x": 3,
+            "y": {"parameters": {"a[1]": None, "b": {"noise_share": "much", "likelihood_interval": {"low": 1}}}},
+            "z": {"parameters": 5, "directions": [{"weights": None}, 3, {"contraction": 7, "words": "b"}], "noise": []},
+        },
+    }
+    (bare / "summary.json").write_text(json.dumps(odd))
+    (bare / "structure.json").write_text(json.dumps({"coefficients": {"axial": {}, "odd": 3}}))
+    text = build_report(bare).read_text()
+    assert "<script>" not in text
+    assert "1 of 1 check failed (rhat)" in visible(text)
+    assert not Page(text).faults
+
+
+def test_without_a_summary_there_is_a_plain_fault(tmp_path):
+    with pytest.raises(InputError, match="no such file"):
+        build_report(tmp_path)
+    (tmp_path / "summary.json").write_text("[]")
+    with pytest.raises(InputError, match="JSON object"):
+        build_report(tmp_path)
+
+
+def test_a_failed_build_leaves_the_old_report(bare, monkeypatch):
+    path = build_report(bare)
+    old = path.read_text()
+
+    def broken(results):
+        raise RuntimeError("broken")
+
+    monkeypatch.setattr(html, "_context", broken)
+    with pytest.raises(RuntimeError):
+        build_report(bare)
+    assert path.read_text() == old
+
+
+def test_a_verified_run_without_truth_or_structure(make_run, tmp_path, monkeypatch):
+    folder = make_run(tmp_path, label="verified")
+    for name in ("structure.json", "posterior.nc", "predictions.nc"):
+        (folder / name).unlink()
+    for name in ("risk", "flights"):
+        shutil.rmtree(folder / name)
+    words = visible(build_report(folder).read_text())
+    assert "the intervals carry the label “verified”" in words
+    assert "Not for use" not in words
+    assert "Without posterior.nc" in words

@@ -1,0 +1,81 @@
+"""Draws of flights made in parts: the same bit for bit, in whatever order and process; what is lost is counted."""
+
+from __future__ import annotations
+
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bayeschute.calibration.workers import Lost
+from bayeschute.core.errors import InputError
+from bayeschute.prediction.bands import GROUP
+from bayeschute.study.load import load_study
+from bayeschute.study.run import forecasts as module
+from bayeschute.study.run.forecasts import foretell
+from bayeschute.study.run.stages import Job
+
+
+@pytest.fixture(scope="module")
+def job(finished, descents):
+    return Job(load_study(descents.study), finished.folder, False, "", lambda *_: None)
+
+
+@pytest.fixture(scope="module")
+def alone(job):
+    """Drawn by this process."""
+    return list(foretell(job))
+
+
+@pytest.fixture
+def small_parts(monkeypatch):
+    monkeypatch.setattr(module, "PART", 2 * GROUP)
+
+
+def same(a, b) -> bool:
+    """Whether predictions are the same, NaN included."""
+    assert set(a.draws) == set(b.draws) and a.failed == b.failed and a.shares == b.shares
+    assert all(a.draws[name].tobytes() == b.draws[name].tobytes() for name in a.draws)
+    return a.touchdown.tobytes() == b.touchdown.tobytes() and a.time.tobytes() == b.time.tobytes()
+
+
+def test_parts_in_any_order_are_the_whole(job, alone, small_parts):
+    flights = [f for f in job.study.flights if f.roles]
+    (order,), _ = module._orders(job, 1, flights[1])
+    assert [part.stop for part in order.parts()] == [2, 4, 6, 7]
+    carried = pickle.loads(pickle.dumps(order))  # as a worker gets it
+    made = {part.start: carried.draw(part) for part in reversed(order.parts())}
+    assert same(module._joined(order, made), alone[1].prediction)
+
+
+def test_over_processes_the_same_bit_for_bit(job, alone, small_parts):
+    pytest.importorskip("distributed", reason="Dask is not installed")
+    said = []
+    spread = replace(job, workers=2, progress=lambda stage, share, words: said.append((share, words)))
+    for one, want in zip(foretell(spread), alone, strict=True):
+        assert one.flight == want.flight and same(one.prediction, want.prediction)
+        np.testing.assert_array_equal(one.counted, want.counted)
+    assert said[-1] == (1.0, "8 of 8 parts")
+
+
+def test_parts_that_were_lost_count_as_failed(job, alone, small_parts):
+    (order,), _ = module._orders(job, 0, job.study.flights[0])
+    made = {part.start: order.draw(part) for part in order.parts()}
+    assert len(order.theta) == 100
+    lost = module._joined(order, made | {2: Lost("killed"), 6: Lost("killed")})
+    whole = alone[0].prediction
+    assert lost.failed == whole.failed + 2 * GROUP + 4
+    for name, values in lost.draws.items():
+        gone = np.isnan(values).all(axis=1)
+        assert gone[2 * GROUP : 4 * GROUP].all() and gone[6 * GROUP :].all()
+        np.testing.assert_array_equal(values[~gone], whole.draws[name][~gone])
+    with pytest.raises(InputError, match="worker lost: killed"):
+        module._joined(order, made | {0: Lost("killed")})
+
+
+def test_many_draws_are_few_parts(job):
+    (order,), _ = module._orders(job, 0, job.study.flights[0])
+    many = replace(order, theta=np.repeat(order.theta, 2000, axis=0)).parts()
+    assert len(many) <= module._MOST_PARTS
+    assert [i for part in many for i in part] == list(range(200_000 // GROUP))

@@ -1,0 +1,67 @@
+"""What commands put before their user: exit codes, faults as lines, bars that keep within their ends, JSON."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+import typer
+
+from bayeschute.console import Bars, place_for_json, told, write_json
+from bayeschute.core.errors import Fault, InputError
+
+
+def test_every_fault_is_one_line_on_stderr(capsys):
+    faults = [Fault("a.toml:\n3", "x", "y"), Fault("b.toml", "u", "v", "Do w.")]
+    with pytest.raises(typer.Exit) as stopped, told():
+        raise InputError(faults)
+    assert stopped.value.exit_code == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 2 and "a.toml: 3" in lines[0] and "Do w." in lines[1]
+
+
+def test_a_stop_says_how_to_go_on(capsys):
+    with pytest.raises(typer.Exit) as stopped, told("The same command goes on."):
+        raise KeyboardInterrupt
+    assert stopped.value.exit_code == 130
+    assert "Stopped. The same command goes on." in capsys.readouterr().err
+
+
+def test_what_is_no_fault_of_the_input_is_not_hidden():
+    with pytest.raises(ZeroDivisionError), told():
+        raise ZeroDivisionError
+
+
+def test_bars_keep_the_last_words_of_a_stage(capsys):
+    with Bars() as bars:
+        bars("fit", -0.5, "begins")
+        bars("fit", 7.0, "2 fits")
+        task = bars._progress.tasks[0]
+        assert task.completed == 1.0 and task.fields["words"] == "2 fits"
+    assert "2 fits" in capsys.readouterr().err
+
+
+def test_bars_that_are_not_shown_are_silent(capsys):
+    Bars()("fit", 0.5, "words")
+    assert capsys.readouterr() == ("", "")
+
+
+def test_json_goes_to_the_screen_or_into_a_file(tmp_path: Path, capsys):
+    write_json({"a": 1.5}, "-")
+    assert json.loads(capsys.readouterr().out) == {"a": 1.5}
+    write_json({"a": 1.5}, str(tmp_path / "a.json"))
+    assert json.loads((tmp_path / "a.json").read_text(encoding="utf-8")) == {"a": 1.5}
+    with pytest.raises(ValueError, match="JSON"):
+        write_json({"a": float("nan")}, "-")
+
+
+def test_places_for_no_file_are_refused_beforehand(tmp_path: Path):
+    place_for_json(None)
+    place_for_json("-")
+    place_for_json(str(tmp_path / "a.json"))
+    for where in (tmp_path, tmp_path / "none" / "a.json"):
+        with pytest.raises(InputError, match="no place for a file"):
+            place_for_json(str(where))
+    with pytest.raises(InputError, match="a file that can be written"):
+        write_json({}, str(tmp_path))
