@@ -1,10 +1,11 @@
 """What uncertain noise parameters do to the parameters' standard deviations, beside what is drawn.
 
 Draws are made for held noise parameters, stretched and moved with drawn ones by an expansion
-(`posterior.noise_uncertainty`). Here noise parameters are drawn from their Laplace law, and the flights linearised at the optimum tell the parameters'
-covariance for each. The table gives, by parameter, the standard deviation with the mean of those covariances over that
-which is drawn: for draws as they are, for draws weighed by their evidence, and, as it was without any stretching, for
-covariances held. The slope's part is the same in all. Above 1, intervals are too narrow by as much.
+(`posterior.noise_uncertainty`). Here noise parameters are drawn from their Laplace law, and the flights linearised at
+the optimum tell the parameters' covariance for each. The table gives, by parameter, the standard deviation with the
+mean of those covariances over that which is drawn: for draws as they are, for draws weighed by their evidence, and, as
+it was without any stretching, for covariances held. The slope's part is the same in all. Above 1, intervals are too
+narrow by as much.
 
     python benchmarks/noise_uncertainty.py --out runs/noise --seeds 1 2 3 [--draws 200] [--json]
 """

@@ -7,8 +7,8 @@ fits, tau is half-normal. Given tau all of it is one Gaussian law, from which ph
 closed form; tau is drawn with numpyro's NUTS, and the rest from its law given tau. For Gaussian likelihoods that is the
 joint hierarchical posterior, not an approximation of it.
 
-`bayeschute.posterior.combine.random_effects` is the case without shared parameters. It must not be used where there
-are some: every member then informs the shared ones, and through their correlations the population (tests show by how much).
+`bayeschute.posterior.combine.random_effects` is the case without shared parameters. It must not be used where there are
+some: every member then informs the shared ones, and through their correlations the population (tests show by how much).
 """
 
 from __future__ import annotations
