@@ -39,8 +39,9 @@ def one(out: Path, seed: int, draws: int) -> tuple[dict[str, dict[str, float]], 
     from bayeschute.posterior.noise_uncertainty import LawEffect, joint_covariance
     from bayeschute.study.assembly import assemble
     from bayeschute.study.assembly.fits import groups, load_fit
+    from bayeschute.study.job import Job
     from bayeschute.study.load import load_study
-    from bayeschute.study.run.stages import Job, run_study
+    from bayeschute.study.run.stages import run_study
 
     run_study(STUDY, out / f"seed{seed}", until="fit", resume=True, seed=seed)
     job = Job(load_study(STUDY), out / f"seed{seed}", False, "", lambda *_: None)

@@ -146,8 +146,9 @@ def begin(folder: Path, quick: bool, seed: int) -> tuple[Any, list[Any], Any, An
     from bayeschute.posterior.noise_evidence import HyperPrior
     from bayeschute.study.assembly import assemble
     from bayeschute.study.assembly.fits import data_of, groups
+    from bayeschute.study.job import Job
     from bayeschute.study.load import load_study
-    from bayeschute.study.run.stages import Job, run_study
+    from bayeschute.study.run.stages import run_study
 
     run_study(STUDY, folder, until="priors", quick=quick, seed=seed)
     study = load_study(STUDY)

@@ -46,8 +46,8 @@ def against_emcee(out: Path, seed: int, quick: bool, draws: int, ensembles: int)
     from bayeschute.posterior.sampler import sample
     from bayeschute.study.assembly import assemble
     from bayeschute.study.assembly.fits import groups, load_fit
+    from bayeschute.study.job import Job
     from bayeschute.study.load import load_study
-    from bayeschute.study.run.stages import Job
 
     study = load_study(STUDY)
     job = Job(assemble.smaller(study) if quick else study, out / f"seed{seed}", quick, "", lambda *_: None)

@@ -13,8 +13,9 @@ from bayeschute.records.record import repairs
 from bayeschute.study.assembly import assemble
 from bayeschute.study.assembly.fits import data_of
 from bayeschute.study.evidence.identity import configuration, study_hash
+from bayeschute.study.job import load_flight
 from bayeschute.study.load import check_study, load_study
-from bayeschute.study.run.stage_data import ingest, load_flight, priors
+from bayeschute.study.run.stage_data import ingest, priors
 from bayeschute.study.run.stage_report import true_values
 
 NOISE = r'^(?=capsule_attitude = \{ white = "0.1 deg", correlated = "0.2 deg", time_constant = "2 s")'
@@ -82,7 +83,7 @@ def test_from_the_study_to_what_is_fitted(asked: Path, tmp_path: Path):
     assert truth["capsule_mass"] == study.vehicle.capsule.mass
     assert truth["canopy_mass"] == study.vehicle.canopies.dry_mass
 
-    from bayeschute.study.run.stage_data import load_priors
+    from bayeschute.study.job import load_priors
 
     parameters = load_priors(job)
     theta = np.array([p.centre for p in parameters])

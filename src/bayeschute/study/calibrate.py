@@ -13,13 +13,13 @@ from typing import Any
 from bayeschute.calibration.campaign import run
 from bayeschute.calibration.coverage_tables import summarise
 from bayeschute.core.errors import Fault, InputError
+from bayeschute.core.files import write_whole
 from bayeschute.study.evidence.identity import configuration, identity, with_noise
 from bayeschute.study.evidence.scenarios import DISTURBANCES
 from bayeschute.study.load import load_study
 from bayeschute.study.replicate import replicate
 from bayeschute.study.run.log import NAME as LOG
 from bayeschute.study.run.log import Log, warnings_to
-from bayeschute.study.run.stages import write_whole
 from bayeschute.study.study import Study
 
 FIRST_SEED = 20_000

@@ -12,7 +12,8 @@ from pydantic import TypeAdapter, ValidationError
 
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.study.schema.columns import check_columns
-from bayeschute.study.schema.crosscheck import Draft, check_span, crosscheck
+from bayeschute.study.schema.crosscheck import check_span, crosscheck
+from bayeschute.study.schema.draft import Draft
 from bayeschute.study.schema.schema_faults import faults_of
 from bayeschute.study.schema.sidecar import context
 from bayeschute.study.schema.study_files import DATA_VARIABLE, read_toml, record_paths

@@ -18,10 +18,10 @@ from bayeschute.core.numerics import let_go
 from bayeschute.study.assembly import assemble
 from bayeschute.study.assembly.fits import summary_draws
 from bayeschute.study.evidence.scenarios import DISTURBANCES
+from bayeschute.study.job import Job
 from bayeschute.study.run import stage_list
 from bayeschute.study.run.forecasts import Foretold, foretell
 from bayeschute.study.run.stage_report import flown_terms, true_values
-from bayeschute.study.run.stages import Job
 from bayeschute.study.study import Study
 
 Row = dict[str, Any]

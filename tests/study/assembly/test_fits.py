@@ -18,8 +18,8 @@ from bayeschute.posterior.mode_checks import profile
 from bayeschute.posterior.sampling.protocol import Draws
 from bayeschute.study.assembly import fits
 from bayeschute.study.assembly.fits import as_arrays, from_arrays, gaussian_summary, groups, load_fit
+from bayeschute.study.job import Job
 from bayeschute.study.load import load_study
-from bayeschute.study.run.stages import Job
 
 LAW = np.array([[0.04, 0.01], [0.01, 0.09]])
 PRIORS = correlated(

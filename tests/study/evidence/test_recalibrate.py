@@ -18,11 +18,11 @@ from bayeschute.prediction.bands import Prediction
 from bayeschute.study.calibrate import calibrate
 from bayeschute.study.evidence.calibration_status import calibration_check
 from bayeschute.study.evidence.identity import configuration
-from bayeschute.study.evidence.recalibrate import NAME, Widening, plain, told, widened, widening
+from bayeschute.study.evidence.recalibrate import NAME, Widening, plain, told, widening
+from bayeschute.study.job import Job
 from bayeschute.study.load import load_study
 from bayeschute.study.run import stage_list
-from bayeschute.study.run.forecasts import Foretold
-from bayeschute.study.run.stages import Job
+from bayeschute.study.run.forecasts import Foretold, widened
 
 PATH = Path(__file__).parents[3] / "models/studies/cdt-3-11.toml"
 STUDY = load_study(PATH)

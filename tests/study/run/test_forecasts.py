@@ -11,10 +11,10 @@ import pytest
 from bayeschute.calibration.workers import Lost
 from bayeschute.core.errors import InputError
 from bayeschute.prediction.bands import GROUP
+from bayeschute.study.job import Job
 from bayeschute.study.load import load_study
 from bayeschute.study.run import forecasts as module
 from bayeschute.study.run.forecasts import foretell
-from bayeschute.study.run.stages import Job
 
 
 @pytest.fixture(scope="module")

@@ -15,10 +15,10 @@ from bayeschute.posterior.assess import identifiability
 from bayeschute.posterior.marginal import log_density
 from bayeschute.study.assembly import assemble
 from bayeschute.study.assembly.fits import groups, load_fit
+from bayeschute.study.job import Job
 from bayeschute.study.load import load_study
 from bayeschute.study.run import stage_identifiability, stage_list
 from bayeschute.study.run.stage_identifiability import noise_labels, of_fit
-from bayeschute.study.run.stages import Job
 
 
 @pytest.fixture(scope="module")

@@ -11,9 +11,9 @@ import pytest
 from bayeschute.likelihood.kalman import Gap
 from bayeschute.posterior.marginal import projected_residuals
 from bayeschute.study.assembly.fits import groups, load_fit
+from bayeschute.study.job import Job
 from bayeschute.study.load import load_study
 from bayeschute.study.run.stage_results import _innovation_share, _step_error
-from bayeschute.study.run.stages import Job
 
 
 @pytest.fixture(scope="module")

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import jax
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from bayeschute.core.files import write_whole
 from bayeschute.dynamics.parameters import Structure
 from bayeschute.likelihood.channels import cluster_data, descent_data
 from bayeschute.likelihood.joint import FlightData, Hyper, Lifted, Unknowns
@@ -24,11 +25,8 @@ from bayeschute.posterior.sampling.protocol import Draws
 from bayeschute.posterior.sampling.sampler_checks import pareto_k
 from bayeschute.study.assembly import assemble, canopies
 from bayeschute.study.assembly.canopy_wind import by_altitude
-from bayeschute.study.run.stage_data import load_flight, load_priors
+from bayeschute.study.job import Job, load_flight, load_priors
 from bayeschute.study.study import Flight
-
-if TYPE_CHECKING:
-    from bayeschute.study.run.stages import Job
 
 Array = NDArray[np.float64]
 
@@ -111,8 +109,6 @@ def from_arrays(arrays: Mapping[str, Array], number: int, name: str = "") -> Lif
 
 def save_fit(job: Job, group: Group, found: Found, draws: Draws, wide: Array) -> None:
     """Keep a finished fit: what `load_fit` needs to set it up again."""
-    from bayeschute.study.run.stages import write_whole
-
     best = found.optimum
     arrays: dict[str, Any] = {
         "theta": best.theta,

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bayeschute.likelihood.priors import Prior, correlated, from_equation_error
 from bayeschute.study.assembly import canopies
+from bayeschute.study.job import Job
 from bayeschute.study.study import Study
-
-if TYPE_CHECKING:
-    from bayeschute.study.run.stages import Job
 
 ADDED = "added since the fitted flight asked for it"
 _LARGEST = 0.2

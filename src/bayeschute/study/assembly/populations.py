@@ -12,23 +12,21 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 from arviz_base import from_dict
 from numpy.typing import NDArray
 
+from bayeschute.core.files import write_whole
 from bayeschute.likelihood.priors import Prior, working
 from bayeschute.posterior.combine import hierarchy, random_effects
 from bayeschute.posterior.combine.hierarchy import Hierarchy
 from bayeschute.posterior.noise_uncertainty import LawEffect
 from bayeschute.study.assembly import canopies
 from bayeschute.study.assembly.fits import Group, Stored, groups, load_fit
-from bayeschute.study.run.stage_data import load_priors
-
-if TYPE_CHECKING:
-    from bayeschute.study.run.stages import Job
+from bayeschute.study.job import Job, load_priors
 
 Array = NDArray[np.float64]
 FILE = "fit/members.npz"
@@ -141,8 +139,6 @@ def _joined_groups(job: Job, todo: Sequence[Group], trees: Sequence[xr.DataTree]
         ``name@drop``, a canopy's own as ``name@drop.canopy1``; ``conditional``: draws of each fit, as ``name@fit``
         where there are several.
     """
-    from bayeschute.study.run.stages import write_whole
-
     study, places, priors = job.study, _places(job.study.priors.vary or (), todo), _by_name(todo)
     table, (centre, scale) = study.sampler, working([priors[name] for name in places.known])
     spread, likelihoods = _spread(job, places, priors), []

@@ -3,25 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from bayeschute.calibration.coverage_tables import ENOUGH, WANTED, promised, verdict
-from bayeschute.study.evidence.identity import stored
+from bayeschute.study.evidence.identity import places, stored
 from bayeschute.study.evidence.recalibrate import told as told_widening
+from bayeschute.study.job import Job
 from bayeschute.study.study import Study
 
-if TYPE_CHECKING:
-    from bayeschute.study.run.stages import Job
-
 NONE_STORED = "no calibration of this configuration is stored"
-
-
-def places(job: Job) -> list[Path]:
-    """Folders where calibrations are looked for: the run's, that beside the study's folder, and the repository's."""
-    repository = Path(__file__).parents[3] / "models"
-    models = [job.study.path.resolve().parent.parent, repository]
-    return [job.out / "calibration", *(m / "reference" / "calibration" for m in dict.fromkeys(models))]
 
 
 def calibration_check(job: Job) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import bayeschute
+from bayeschute.study.job import Job
 from bayeschute.study.study import Study, canonical, study_hash
 
 
@@ -49,3 +50,10 @@ def stored(study: Study, quick: bool, places: Sequence[Path]) -> dict[str, Any] 
         if isinstance(result, dict) and result.get("hash") == wanted and result.get("disturbance") == "none":
             found.append(result)
     return max(found, key=lambda r: int(r["replicates"]), default=None)
+
+
+def places(job: Job) -> list[Path]:
+    """Folders where calibrations are looked for: the run's, that beside the study's folder, and the repository's."""
+    repository = Path(__file__).parents[3] / "models"
+    models = [job.study.path.resolve().parent.parent, repository]
+    return [job.out / "calibration", *(m / "reference" / "calibration" for m in dict.fromkeys(models))]

@@ -4,18 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from bayeschute.calibration.coverage_tables import ENOUGH
 from bayeschute.calibration.recalibration import FACTORS, learned
 from bayeschute.core.errors import Fault, InputError
-from bayeschute.prediction import bands
-from bayeschute.study.evidence.identity import stored
+from bayeschute.study.evidence.identity import places, stored
+from bayeschute.study.job import Job
 from bayeschute.study.study import Study
-
-if TYPE_CHECKING:
-    from bayeschute.study.run.forecasts import Foretold
-    from bayeschute.study.run.stages import Job
 
 NAME = "recalibration.json"
 """File of a run that says by how much its bands were widened."""
@@ -45,8 +41,6 @@ def widening(job: Job) -> Widening | None:
     Raises:
         InputError: If no calibration of the configuration is stored that tells it.
     """
-    from bayeschute.study.evidence.calibration_status import places
-
     if job.study.predict.recalibrate is None or job.quick:
         return None
     where, wanted = "[predict] recalibrate", f"a stored calibration of this configuration, {ENOUGH} replicates or more"
@@ -67,17 +61,6 @@ def widening(job: Job) -> Widening | None:
     if faults:
         raise InputError(faults)
     return Widening({name: f for name in asked if (f := factors[name]) is not None}, found["replicates"])
-
-
-def widened(one: Foretold, by: Widening | None) -> Foretold:
-    """A flight with its draws moved away from, or towards, their median; a flight that was fitted whole as it is."""
-    if by is None or not one.held_out.any():
-        return one
-    draws = dict(one.prediction.draws)
-    for name, factor in by.factors.items():
-        middle = bands.quantiles(draws[name], (0.5,))[0]
-        draws[name] = middle + factor * (draws[name] - middle)
-    return replace(one, prediction=replace(one.prediction, draws=draws))
 
 
 def told(job: Job) -> Widening | None:

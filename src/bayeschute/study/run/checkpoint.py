@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bayeschute.core.files import write_whole
 from bayeschute.likelihood.joint import Hyper
 from bayeschute.likelihood.noise import Noise
 from bayeschute.likelihood.priors import Prior
@@ -24,7 +25,7 @@ from bayeschute.posterior.fit import Settled
 from bayeschute.posterior.joint_mode import Optimum
 from bayeschute.posterior.sampling.protocol import Draws
 from bayeschute.study.assembly.fits import as_arrays, from_arrays
-from bayeschute.study.run.stages import Job, write_whole
+from bayeschute.study.job import Job
 
 Arrays = dict[str, NDArray[Any]]
 _NOISE = ("white", "correlated", "time_constant")

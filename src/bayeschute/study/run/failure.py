@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from bayeschute.core.errors import FitError
+from bayeschute.core.files import write_whole
 from bayeschute.posterior.best_path import BestPath, as_arrays
 from bayeschute.study.assembly import assemble
-from bayeschute.study.run.stage_data import load_priors
+from bayeschute.study.job import Job, load_priors
 from bayeschute.study.run.stage_report import heading, origin
-
-if TYPE_CHECKING:
-    from bayeschute.study.run.stages import Job
 
 LABEL = "no fit"
 
@@ -30,7 +28,6 @@ def keep(job: Job, error: FitError | FloatingPointError) -> str:
         A line for the progress.
     """
     from bayeschute.report.page import build_report
-    from bayeschute.study.run.stages import write_whole
 
     if not isinstance(error, FitError):
         error = FitError(str(error), (str(error),))

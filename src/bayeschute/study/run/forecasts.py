@@ -7,8 +7,8 @@ place in the flight's one stream where a single process would, so it doesn't mat
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -23,12 +23,10 @@ from bayeschute.prediction import bands
 from bayeschute.prediction.mixture import mix
 from bayeschute.study.assembly.fits import Group, Stored, data_of, gaussian_summary, groups, load_fit
 from bayeschute.study.assembly.populations import by_members
+from bayeschute.study.evidence.recalibrate import Widening
+from bayeschute.study.job import Job, load_flight, load_truth
 from bayeschute.study.run import structures
-from bayeschute.study.run.stage_data import load_flight, load_truth
 from bayeschute.study.study import Flight
-
-if TYPE_CHECKING:
-    from bayeschute.study.run.stages import Job
 
 Array = NDArray[np.float64]
 OPENING = 5.0  # [s] of its record by which a flight to be predicted is known
@@ -238,3 +236,14 @@ def _joined(order: _Order, made: Mapping[int, bands.Prediction | Lost]) -> bands
         failed += one.failed
     whole = {name: np.concatenate(values) for name, values in drawn.items()}
     return bands.Prediction(first.time, whole, np.concatenate(ends), failed, first.shares)
+
+
+def widened(one: Foretold, by: Widening | None) -> Foretold:
+    """A flight with its draws moved away from, or towards, their median; a flight that was fitted whole as it is."""
+    if by is None or not one.held_out.any():
+        return one
+    draws = dict(one.prediction.draws)
+    for name, factor in by.factors.items():
+        middle = bands.quantiles(draws[name], (0.5,))[0]
+        draws[name] = middle + factor * (draws[name] - middle)
+    return replace(one, prediction=replace(one.prediction, draws=draws))

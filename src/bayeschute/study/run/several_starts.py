@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from bayeschute.posterior.assess.multistart import NEAR, Start, best_of, compare, judge, settle_from
 from bayeschute.posterior.fit import Begin, Settled, settle
 from bayeschute.posterior.noise_evidence import HyperPrior
 from bayeschute.study.assembly import assemble
 from bayeschute.study.assembly.fits import Group, data_of
+from bayeschute.study.job import Job
 from bayeschute.study.run import checkpoint
-
-if TYPE_CHECKING:
-    from bayeschute.study.run.stages import Job
 
 
 def settled(

@@ -23,11 +23,11 @@ import xarray as xr
 import bayeschute
 from bayeschute.calibration.workers import Lost, client_of, finished
 from bayeschute.core.errors import Fault, InputError
+from bayeschute.core.files import write_whole
 from bayeschute.dynamics.outcome import Outcome
 from bayeschute.records.record import write_record
 from bayeschute.study.assembly import assemble
 from bayeschute.study.run.stage_data import flown, write_truth
-from bayeschute.study.run.stages import write_whole
 from bayeschute.study.study import Flight, Study, canonical
 
 HASH = "drop_hash"

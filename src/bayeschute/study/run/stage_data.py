@@ -5,28 +5,27 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from bayeschute.core.errors import Fault, InputError
+from bayeschute.core.files import write_whole
 from bayeschute.likelihood.channels import fitted_channels
 from bayeschute.likelihood.priors import Prior
 from bayeschute.records.back_driving import remove_velocity_bias
 from bayeschute.records.clean import clean
 from bayeschute.records.derive import derive
 from bayeschute.records.read import ColumnSpec, read_record
-from bayeschute.records.record import Repair, load_record, repairs, with_repairs, write_record
+from bayeschute.records.record import Repair, repairs, with_repairs, write_record
 from bayeschute.study.assembly import assemble, canopies
 from bayeschute.study.assembly.canopy_wind import with_wind
 from bayeschute.study.assembly.fitted_terms import in_order, of_library, of_selected
+from bayeschute.study.job import Job
 from bayeschute.study.load import Study
 from bayeschute.study.study import Flight
 from bayeschute.virtual.drop import fly
-
-if TYPE_CHECKING:
-    from bayeschute.study.run.stages import Job
 
 
 def flown(study: Study, flight: Flight, seed: int, quick: bool = False) -> tuple[xr.Dataset, xr.Dataset]:
@@ -58,21 +57,8 @@ def write_truth(truth: xr.Dataset, path: Path) -> Path:
     return path
 
 
-def load_truth(job: Job, name: str) -> xr.Dataset | None:
-    """Truth of a virtual flight; None for a measured one."""
-    path = job.out / "flights" / f"{name}.truth.nc"
-    return xr.load_dataset(path, engine="h5netcdf") if path.exists() else None
-
-
-def load_flight(job: Job, name: str) -> xr.Dataset:
-    """The ingested record of a flight."""
-    return load_record(job.out / "flights" / f"{name}.nc")
-
-
 def ingest(job: Job) -> str:
     """Read or fly every record, clean it, derive what it implies, store it."""
-    from bayeschute.study.run.stages import write_whole
-
     study, listed = job.study, 0
     for i, flight in enumerate(study.flights):
         truth = None
@@ -173,9 +159,3 @@ def _given(name: str, table: Any, unit: str) -> Prior:
         mean = float(np.exp(log_mean + 0.5 * log_sd**2))
         return Prior(name, mean, mean * float(np.sqrt(np.expm1(log_sd**2))), False, unit, source)
     return Prior(name, float(table.mean), float(table.sd), False, unit, source)
-
-
-def load_priors(job: Job) -> list[Prior]:
-    """The priors of all parameters: those that the stage left, or with the terms that the fit asked for in addition."""
-    revised = "fit/priors.json" if (job.out / "fit" / "priors.json").exists() else "priors.json"
-    return [Prior(**entry) for entry in job.load(revised)]

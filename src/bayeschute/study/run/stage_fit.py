@@ -6,13 +6,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
 from bayeschute.core.errors import FitError
+from bayeschute.core.files import write_whole
 from bayeschute.dynamics.cluster_flight import output_names
 from bayeschute.likelihood.joint import FlightData, linearise
 from bayeschute.likelihood.priors import Prior
@@ -28,11 +29,8 @@ from bayeschute.posterior.term_search import choose
 from bayeschute.study.assembly import assemble, canopies, populations
 from bayeschute.study.assembly.fits import Group, data_of, groups, save_fit
 from bayeschute.study.assembly.fitted_terms import terms_left_out, with_terms
+from bayeschute.study.job import Job, load_flight
 from bayeschute.study.run import checkpoint, several_starts, structures
-from bayeschute.study.run.stage_data import load_flight
-
-if TYPE_CHECKING:
-    from bayeschute.study.run.stages import Job
 
 Array = NDArray[np.float64]
 SCORE = 4.0  # standard errors from zero at which a term that was left out is added
@@ -41,8 +39,6 @@ SCORE = 4.0  # standard errors from zero at which a term that was left out is ad
 def fit(job: Job) -> str:
     """Fit every group, draw, and store draws and DataTree."""
     import time
-
-    from bayeschute.study.run.stages import write_whole
 
     study, trees, said = job.study, [], []
     for name in ("priors.json", "output_error.json", "structures.json"):

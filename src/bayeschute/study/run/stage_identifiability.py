@@ -6,7 +6,7 @@ parameters in whose posterior the prior is felt: of the others the posterior say
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -21,9 +21,7 @@ from bayeschute.posterior.noise_uncertainty import LawEffect
 from bayeschute.study import formulation
 from bayeschute.study.assembly import assemble
 from bayeschute.study.assembly.fits import Group, Stored
-
-if TYPE_CHECKING:
-    from bayeschute.study.run.stages import Job
+from bayeschute.study.job import Job
 
 Array = NDArray[np.float64]
 LEVEL = 0.9  # of likelihood intervals

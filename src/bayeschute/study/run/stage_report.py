@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import platform
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -18,14 +18,11 @@ from bayeschute.study.assembly.fits import groups, load_hyper, summary_draws
 from bayeschute.study.assembly.fitted_terms import ADDED
 from bayeschute.study.evidence.calibration_status import calibration_check, verification
 from bayeschute.study.evidence.recalibrate import told as told_widening
+from bayeschute.study.job import Job, load_flight, load_priors
 from bayeschute.study.load import study_hash
 from bayeschute.study.run import structures
 from bayeschute.study.run.forecasts import OPENING
-from bayeschute.study.run.stage_data import load_flight, load_priors
 from bayeschute.study.study import Flight, Study
-
-if TYPE_CHECKING:
-    from bayeschute.study.run.stages import Job
 
 Array = NDArray[np.float64]
 _CHANNEL_UNIT = {"canopy_position": "m", "capsule_velocity": "m/s", "capsule_attitude": "rad", "descent_rate": "m/s"}

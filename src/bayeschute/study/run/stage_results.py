@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import arviz_stats
 import jax.numpy as jnp
@@ -11,6 +11,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from bayeschute.core.files import write_whole
 from bayeschute.likelihood.joint import FlightData, as_seen, stepped
 from bayeschute.likelihood.kalman import Seen, innovations
 from bayeschute.posterior.marginal import Along
@@ -20,14 +21,12 @@ from bayeschute.records.reconstruct import reconstruct
 from bayeschute.study.assembly import assemble
 from bayeschute.study.assembly.fits import Stored, groups, load_fit, summary_draws
 from bayeschute.study.evidence.recalibrate import NAME as RECALIBRATION
-from bayeschute.study.evidence.recalibrate import widened, widening
+from bayeschute.study.evidence.recalibrate import widening
+from bayeschute.study.job import Job
 from bayeschute.study.run import several_starts, structures
-from bayeschute.study.run.forecasts import Foretold, foretell
+from bayeschute.study.run.forecasts import Foretold, foretell, widened
 from bayeschute.study.run.stage_identifiability import of_fit
 from bayeschute.study.study import Flight
-
-if TYPE_CHECKING:
-    from bayeschute.study.run.stages import Job
 
 Array = NDArray[np.float64]
 
@@ -212,8 +211,6 @@ def _innovation_share(flight: FlightData, along: Along) -> float:
 
 def predict(job: Job) -> str:
     """Bands of every flight that is fitted or predicted."""
-    from bayeschute.study.run.stages import write_whole
-
     wanted = job.study.predict.quantities or ()
     made: dict[str, xr.Dataset] = {}
     arrays: dict[str, Any] = {}

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from bayeschute.aero.published import load_published
 from bayeschute.core.errors import InputError
+from bayeschute.core.files import write_whole
 from bayeschute.records.reconstruct import reconstruct
 from bayeschute.regression.propagation import Propagated, propagate
 from bayeschute.regression.stacked import Stack, stack_records
@@ -27,13 +28,10 @@ from bayeschute.structure.synthetic import Making, replicate
 from bayeschute.structure.synthetic_entry import checks, synthetic_entry
 from bayeschute.study.assembly import assemble
 from bayeschute.study.assembly.canopy_wind import canopy_wind
+from bayeschute.study.job import Job, load_flight
 from bayeschute.study.load import Study
-from bayeschute.study.run.stage_data import load_flight
 from bayeschute.study.schema.structure_schema import PolarPoolTable, StructureTable
 from bayeschute.study.study import Flight
-
-if TYPE_CHECKING:
-    from bayeschute.study.run.stages import Job
 
 VECTOR = {"axial": axial_problem, "transverse": transverse_problem}
 _STREAM = 731  # keeps the random numbers of this stage apart from those of others
@@ -43,8 +41,6 @@ _QUICK = 20  # replicates at most with --quick
 
 def structure(job: Job) -> str:
     """Select the aerodynamic terms by equation error; a descent has one term and skips this."""
-    from bayeschute.study.run.stages import write_whole
-
     study = job.study
     if study.structure is None or study.vehicle is None:
         said = ["A descent has one coefficient; nothing is selected."]

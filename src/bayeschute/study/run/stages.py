@@ -11,69 +11,23 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import bayeschute
 from bayeschute.core.errors import Fault, FitError, InputError
+from bayeschute.core.files import write_whole
 from bayeschute.study.evidence.calibration_status import calibration_check
-from bayeschute.study.load import Study, load_study, study_hash
+from bayeschute.study.job import Job, Progress
+from bayeschute.study.load import load_study, study_hash
 from bayeschute.study.run.log import NAME as LOG
 from bayeschute.study.run.log import Log, warnings_to
 
 STAGES = ("ingest", "structure", "priors", "fit", "check", "predict", "risk", "report")
 LEFT = 2
 """What stages leave for each other: one more where a program can't, or mustn't, go on from what an earlier one left."""
-Progress = Callable[[str, float, str], None]
-
-
-@dataclass(frozen=True)
-class Job:
-    """A run under way.
-
-    Attributes:
-        study: The study, at ``--quick`` sizes where asked.
-        out: The run's folder.
-        quick: Whether sizes are cut; results are then not for use.
-        hash: Of everything the results depend on.
-        progress: Called with stage, share done and words.
-        resume: Whether what an earlier run kept of an unfinished stage may be used.
-        workers: Local processes that predictions are spread over; 1: this one.
-        address: Of a Dask scheduler, in place of local processes.
-    """
-
-    study: Study
-    out: Path
-    quick: bool
-    hash: str
-    progress: Progress
-    resume: bool = False
-    workers: int = 1
-    address: str | None = None
-
-    def say(self, stage: str) -> Callable[[float, str], None]:
-        """A progress function of one stage."""
-        return lambda share, words: self.progress(stage, share, words)
-
-    def save(self, name: str, value: Any) -> None:
-        """Write JSON, whole or not at all."""
-        write_whole(self.out / name, lambda path: path.write_text(json.dumps(value, indent=1) + "\n"))
-
-    def load(self, name: str) -> Any:
-        """Read JSON that a stage left."""
-        return json.loads((self.out / name).read_text())
-
-
-def write_whole(path: Path, write: Callable[[Path], Any]) -> None:
-    """Write a file aside, then move it into place."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    aside = path.with_name(f".{path.stem}.part{path.suffix}")
-    write(aside)
-    os.replace(aside, path)
 
 
 def _marker(job: Job, stage: str) -> Path:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,11 +19,8 @@ from bayeschute.posterior.sampling.protocol import Draws
 from bayeschute.study.assembly import assemble
 from bayeschute.study.assembly.fits import Group, data_of, save_fit
 from bayeschute.study.assembly.fitted_terms import in_order
+from bayeschute.study.job import Job, load_priors
 from bayeschute.study.run import checkpoint, several_starts
-from bayeschute.study.run.stage_data import load_priors
-
-if TYPE_CHECKING:
-    from bayeschute.study.run.stages import Job
 
 FILE = "fit/structures.json"
 COUNTS = 0.01  # weight from which a structure must have converged

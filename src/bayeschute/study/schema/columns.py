@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from bayeschute.core.errors import Fault
 from bayeschute.core.units import factor_to_si
 from bayeschute.records.record import LABELS, VARIABLES, nearest
-from bayeschute.study.schema.crosscheck import Draft
+from bayeschute.study.schema.draft import Draft
 from bayeschute.study.schema.schema_faults import show
 from bayeschute.study.schema.study_schema import Column
 

@@ -2,55 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Callable, Iterator
 
 from bayeschute.core.errors import Fault
 from bayeschute.study.schema.belief_schema import FORCES, NoiseTable, PriorsTable
-from bayeschute.study.schema.schema_faults import place, show
+from bayeschute.study.schema.draft import Draft
+from bayeschute.study.schema.schema_faults import show
 from bayeschute.study.schema.structure_crosscheck import check_core, check_polar, check_stack, check_synthetic
-from bayeschute.study.schema.study_schema import QUANTITIES, FlightTable, PredictTable, RequirementTable
-from bayeschute.study.schema.vehicle_schema import Vehicle
+from bayeschute.study.schema.study_schema import QUANTITIES, PredictTable, RequirementTable
 
 _CLUSTER_PRIORS = ("riser_stiffness", "riser_damping", "riser_length")
 _BODIES = ("capsule_mass", "canopy_mass")
 _CLUSTER_ONLY = ("canopy_position", "capsule_velocity", "capsule_attitude", "swing_angle", "riser_tension")
 _CLUSTER_CHANNELS = (*_CLUSTER_ONLY, "descent_rate")
-
-
-@dataclass(frozen=True)
-class Draft:
-    """A study as far as its tables could be read.
-
-    Attributes:
-        file: Path of the study file, as the reader knows it.
-        raw: Its content.
-        tables: Its sound tables by key, except flights.
-        flights: Its sound flights by their place in the file.
-        vehicle: The vehicle, if it could be read.
-    """
-
-    file: str
-    raw: Mapping[str, Any]
-    tables: Mapping[str, Any]
-    flights: Mapping[int, FlightTable] = field(default_factory=dict)
-    vehicle: Vehicle | None = None
-
-    def at(self, *loc: int | str) -> str:
-        """Where a value stands."""
-        return place(self.file, loc, self.raw)
-
-    @property
-    def model(self) -> str | None:
-        """The study's model, if it could be read."""
-        return self.tables.get("model")
-
-    @property
-    def flights_complete(self) -> bool:
-        """Whether every flight of the file is sound."""
-        listed = self.raw.get("flight")
-        return isinstance(listed, list) and len(listed) == len(self.flights)
 
 
 def check_names(draft: Draft) -> Iterator[Fault]:

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 from bayeschute.aero.published import load_published
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.records.record import nearest
 from bayeschute.structure.polar_names import canonical
 from bayeschute.study.schema.belief_schema import NoiseTable
+from bayeschute.study.schema.draft import Draft
 from bayeschute.study.schema.schema_faults import show
 from bayeschute.study.schema.structure_schema import StructureTable, SyntheticTable
-
-if TYPE_CHECKING:
-    from bayeschute.study.schema.crosscheck import Draft
 
 _OF_PROXIMITY = ("distance", "closing", "overlap", "proximity")
 

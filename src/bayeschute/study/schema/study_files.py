@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from bayeschute.core.errors import Fault
-from bayeschute.study.schema.crosscheck import Draft
+from bayeschute.study.schema.draft import Draft
 from bayeschute.study.schema.schema_faults import fault_of_toml, show
 
 DATA, DATA_VARIABLE = "${DATA}", "BAYESCHUTE_DATA"

@@ -1,0 +1,72 @@
+"""A run under way: its study, its folder, and what its stages have left there for each other."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+
+from bayeschute.core.files import write_whole
+from bayeschute.likelihood.priors import Prior
+from bayeschute.records.record import load_record
+from bayeschute.study.study import Study
+
+Progress = Callable[[str, float, str], None]
+
+
+@dataclass(frozen=True)
+class Job:
+    """A run under way.
+
+    Attributes:
+        study: The study, at ``--quick`` sizes where asked.
+        out: The run's folder.
+        quick: Whether sizes are cut; results are then not for use.
+        hash: Of everything the results depend on.
+        progress: Called with stage, share done and words.
+        resume: Whether what an earlier run kept of an unfinished stage may be used.
+        workers: Local processes that predictions are spread over; 1: this one.
+        address: Of a Dask scheduler, in place of local processes.
+    """
+
+    study: Study
+    out: Path
+    quick: bool
+    hash: str
+    progress: Progress
+    resume: bool = False
+    workers: int = 1
+    address: str | None = None
+
+    def say(self, stage: str) -> Callable[[float, str], None]:
+        """A progress function of one stage."""
+        return lambda share, words: self.progress(stage, share, words)
+
+    def save(self, name: str, value: Any) -> None:
+        """Write JSON, whole or not at all."""
+        write_whole(self.out / name, lambda path: path.write_text(json.dumps(value, indent=1) + "\n"))
+
+    def load(self, name: str) -> Any:
+        """Read JSON that a stage left."""
+        return json.loads((self.out / name).read_text())
+
+
+def load_flight(job: Job, name: str) -> xr.Dataset:
+    """The ingested record of a flight."""
+    return load_record(job.out / "flights" / f"{name}.nc")
+
+
+def load_truth(job: Job, name: str) -> xr.Dataset | None:
+    """Truth of a virtual flight; None for a measured one."""
+    path = job.out / "flights" / f"{name}.truth.nc"
+    return xr.load_dataset(path, engine="h5netcdf") if path.exists() else None
+
+
+def load_priors(job: Job) -> list[Prior]:
+    """The priors of all parameters: those that the stage left, or with the terms that the fit asked for in addition."""
+    revised = "fit/priors.json" if (job.out / "fit" / "priors.json").exists() else "priors.json"
+    return [Prior(**entry) for entry in job.load(revised)]

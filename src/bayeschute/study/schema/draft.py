@@ -1,0 +1,45 @@
+"""A study file as far as its tables could be read, for the checks across them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from bayeschute.study.schema.schema_faults import place
+from bayeschute.study.schema.study_schema import FlightTable
+from bayeschute.study.schema.vehicle_schema import Vehicle
+
+
+@dataclass(frozen=True)
+class Draft:
+    """A study as far as its tables could be read.
+
+    Attributes:
+        file: Path of the study file, as the reader knows it.
+        raw: Its content.
+        tables: Its sound tables by key, except flights.
+        flights: Its sound flights by their place in the file.
+        vehicle: The vehicle, if it could be read.
+    """
+
+    file: str
+    raw: Mapping[str, Any]
+    tables: Mapping[str, Any]
+    flights: Mapping[int, FlightTable] = field(default_factory=dict)
+    vehicle: Vehicle | None = None
+
+    def at(self, *loc: int | str) -> str:
+        """Where a value stands."""
+        return place(self.file, loc, self.raw)
+
+    @property
+    def model(self) -> str | None:
+        """The study's model, if it could be read."""
+        return self.tables.get("model")
+
+    @property
+    def flights_complete(self) -> bool:
+        """Whether every flight of the file is sound."""
+        listed = self.raw.get("flight")
+        return isinstance(listed, list) and len(listed) == len(self.flights)
