@@ -11,6 +11,21 @@ import numpy as np
 import pytest
 
 from bayeschute.core.numerics import let_go
+from tests.fitting import (  # noqa: F401
+    bent,
+    dense,
+    descent,
+    each_number,
+    fails_beyond,
+    falling,
+    felt_flight,
+    flown,
+    found,
+    linear,
+    quadrature,
+    short,
+    straight,
+)
 
 TRUTH = {"low": 0.155, "high": 0.160}  # C_D S/m [m^2/kg]
 STUDY = """

@@ -22,14 +22,11 @@ from bayeschute.posterior.fit import find
 from bayeschute.posterior.joint_mode import fit
 from bayeschute.posterior.marginal import marginalise, shifted
 from bayeschute.posterior.noise_evidence import HyperPrior
-from tests.twins import dense_noise, quadrature
+from tests.twins import dense_noise as _dense
+from tests.twins import quadrature as _quadrature
 
 GUSTS = Latent(("drift",), ((0, 0),))
 MIXED = Latent(("drift", "oscillator"), ((0, 0), (1, 0), (1, 1)))  # a law shared, and two processes in one row
-
-
-_dense = dense_noise
-_quadrature = quadrature
 
 
 @jax.tree_util.register_dataclass

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,15 +9,12 @@ import pytest
 
 from bayeschute.report.page import build_report
 from bayeschute.report.run_results import Results, read_results
+from tests.report.synthetic_run import build_run
 
 
 @pytest.fixture(scope="session")
 def make_run() -> Callable[..., Path]:
-    spec = importlib.util.spec_from_file_location("synthetic_run", Path(__file__).with_name("synthetic_run.py"))
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module.build_run
+    return build_run
 
 
 @pytest.fixture(scope="session")
