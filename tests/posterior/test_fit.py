@@ -155,14 +155,14 @@ def test_noise_parameters_go_to_their_mean_unless_that_is_too_far(found, descent
     """A displacement by which the parameter would move `far` standard deviations."""
     (slope,) = found.law_effect.slope
     moved = far * slope / float(slope @ slope)
-    told, mode = {}, finding.evidence.maximise
+    told, mode = {}, finding.noise_evidence.maximise
 
     def remembered(*given, **named):
         told["mode"] = mode(*given, **named)
         return told["mode"]
 
-    monkeypatch.setattr(finding.evidence, "maximise", remembered)
-    monkeypatch.setattr(finding.evidence, "mean_less_mode", lambda *_: moved)
+    monkeypatch.setattr(finding.noise_evidence, "maximise", remembered)
+    monkeypatch.setattr(finding.noise_evidence, "mean_less_mode", lambda *_: moved)
     settled = finding.settle(descent.flights, descent.priors, HyperPrior(descent.hyper, 0.4))
     made = finding.conclude(descent.flights, descent.priors, HyperPrior(descent.hyper, 0.4), settled)
     went = to_vector(made.hyper) - to_vector(told["mode"][0])

@@ -32,7 +32,8 @@ BY = Widening({"swing_angle": 1.5}, 120)
 
 @pytest.fixture
 def job(tmp_path, monkeypatch):
-    monkeypatch.setattr("bayeschute.study.evidence.calibration_status.places", lambda job: [tmp_path / "calibration"])
+    for module in ("calibration_status", "recalibrate"):
+        monkeypatch.setattr(f"bayeschute.study.evidence.{module}.places", lambda job: [tmp_path / "calibration"])
 
     def made(study=ASKED, replicates=100, share=0.92, quick=False, keeps=True):
         kept = {"scaled": [share if f >= 1.1 else 0.5 for f in FACTORS]} if keeps else {}

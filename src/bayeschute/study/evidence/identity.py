@@ -54,6 +54,6 @@ def stored(study: Study, quick: bool, places: Sequence[Path]) -> dict[str, Any] 
 
 def places(job: Job) -> list[Path]:
     """Folders where calibrations are looked for: the run's, that beside the study's folder, and the repository's."""
-    repository = Path(__file__).parents[3] / "models"
+    repository = Path(__file__).parents[4] / "models"
     models = [job.study.path.resolve().parent.parent, repository]
     return [job.out / "calibration", *(m / "reference" / "calibration" for m in dict.fromkeys(models))]
