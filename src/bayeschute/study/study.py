@@ -35,6 +35,7 @@ class Flight:
         identify_until: Where the held-out part begins; None: all is fitted.
         remove_velocity_bias: Whether constant biases of the recorded velocity are removed.
         wind_profile: Wind by altitude; None: canopies meet the capsule's wind.
+        vehicle: Its vehicle, where that is not the study's.
     """
 
     name: str
@@ -49,6 +50,7 @@ class Flight:
     identify_until: Cut | None = None
     remove_velocity_bias: bool = False
     wind_profile: ProfileTable | None = None
+    vehicle: Vehicle | None = None
 
 
 @dataclass(frozen=True)
@@ -95,6 +97,12 @@ class Study:
         """Flights that have a role."""
         return tuple(flight for flight in self.flights if role in flight.roles)
 
+    def vehicle_of(self, flight: Flight) -> Vehicle:
+        """The vehicle that flew a flight: its own, or the study's."""
+        vehicle = flight.vehicle or self.vehicle
+        assert vehicle is not None, "a flight of a point mass has no vehicle"
+        return vehicle
+
 
 def canonical(study: Study) -> dict[str, Any]:
     """What a study says, in SI, whatever its files' layout, comments and units: plain values for JSON."""
@@ -103,10 +111,10 @@ def canonical(study: Study) -> dict[str, Any]:
         # What is not said is left out: options that are added later leave the hashes of today's studies as they are.
         return value.model_dump(exclude_none=True) if isinstance(value, Strict) else vars(value)
 
-    layout = ("path", "vehicle_path", "text", "vehicle_text")
+    layout, usual = ("path", "vehicle_path", "text", "vehicle_text"), ("vehicle",)
     said = {key: value for key, value in vars(study).items() if key not in layout}
     said["flights"] = [
-        {key: value for key, value in vars(flight).items() if key != "path"}
+        {k: v for k, v in vars(flight).items() if k != "path" and not (k in usual and v is None)}
         | {"record": file_hash(flight.path) if flight.path else None}
         for flight in study.flights
     ]

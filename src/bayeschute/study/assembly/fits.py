@@ -82,9 +82,9 @@ def data_of(job: Job, flight: Flight, priors: Sequence[Prior], like: Flight | No
     until = None if flight.identify_until is None else flight.identify_until.at(time[0], time[-1])
     if study.model == "descent":
         return descent_data(record, assemble.latent(study, 1), until)
-    assert study.vehicle is not None
-    n = study.vehicle.canopies.number
-    base, _ = assemble.cluster(study.vehicle, flight.capsule_mass)
+    vehicle = study.vehicle_of(flight)
+    n = vehicle.canopies.number
+    base, _ = assemble.cluster(vehicle, flight.capsule_mass)
     structure = structure_of(priors, n)
     blank = replace(base, axial=(0.0,) * len(structure.axial), transverse=(0.0,) * len(structure.transverse))
     channels = tuple(study.noise.channels())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -34,8 +34,9 @@ def flown(study: Study, flight: Flight, seed: int, quick: bool = False) -> tuple
     Raises:
         InputError: If the simulated flight leaves the finite numbers.
     """
-    assert study.vehicle is not None and flight.virtual is not None
-    model, structure_ = assemble.cluster(study.vehicle, flight.capsule_mass, canopies.flown(study, flight, seed))
+    assert flight.virtual is not None
+    sewn = canopies.flown(study, flight, seed)
+    model, structure_ = assemble.cluster(study.vehicle_of(flight), flight.capsule_mass, sewn)
     try:
         record, truth = fly(assemble.drop(flight.virtual, quick), model, structure_, seed)
     except FloatingPointError as error:
@@ -59,33 +60,54 @@ def write_truth(truth: xr.Dataset, path: Path) -> Path:
 
 def ingest(job: Job) -> str:
     """Read or fly every record, clean it, derive what it implies, store it."""
-    study, listed = job.study, 0
-    for i, flight in enumerate(study.flights):
-        truth = None
-        if flight.virtual is not None:
-            raw, truth = flown(study, flight, assemble.flight_seed(study, flight), job.quick)
-        else:
-            assert flight.path is not None
-            columns = {k: ColumnSpec(c.column, c.unit) for k, c in flight.columns.items()}
-            raw = read_record(flight.path, columns or None, flight.window)
-        rate = flight.rate or 1.0 / float(np.median(np.diff(raw["time"].values)))
-        record = clean(raw, rate, flight.window, flight.skip_first)
-        if flight.remove_velocity_bias:
-            record, _ = remove_velocity_bias(record)
-        record = record if study.model == "cluster" and flight.virtual is not None else derive(record)
-        if flight.wind_profile is not None:
-            record = with_wind(record, flight.wind_profile)
-        if study.model == "cluster" and "identify" in flight.roles:
-            record = with_repairs(record, _not_fitted(record, tuple(study.noise.channels())))
+    listed, flights = 0, job.study.flights
+    for i, flight in enumerate(flights):
+        record = ingest_flight(job, flight)
         listed += sum(r.kind not in ("resampled", "derived", "assumed") for r in repairs(record))
-        if truth is not None:
-            last = truth["time"].values[[0, -1]]  # rounding may put a record's last time beyond the truth's
-            at = record["time"].values
-            truth = truth.interp(time=np.clip(at, *last)).assign_coords(time=at)
-            write_whole(job.out / "flights" / f"{flight.name}.truth.nc", partial(write_truth, truth))
-        write_whole(job.out / "flights" / f"{flight.name}.nc", partial(write_record, record))
-        job.say("ingest")((i + 1) / len(study.flights), flight.name)
-    return f"{len(study.flights)} flights, {listed} repairs listed"
+        job.say("ingest")((i + 1) / len(flights), flight.name)
+    return f"{len(flights)} flights, {listed} repairs listed"
+
+
+def ingest_flight(job: Job, flight: Flight, raw: xr.Dataset | None = None) -> xr.Dataset:
+    """Read or fly a flight's record, clean it, derive what it implies, store it with the truth where that is known.
+
+    Args:
+        job: The run.
+        flight: The flight.
+        raw: Its record as read; None: it is read from its file, or flown.
+
+    Returns:
+        The record as stored.
+    """
+    study, truth = job.study, None
+    if flight.virtual is not None:
+        raw, truth = flown(study, flight, assemble.flight_seed(study, flight), job.quick)
+    elif raw is None:
+        assert flight.path is not None
+        columns = {k: ColumnSpec(c.column, c.unit) for k, c in flight.columns.items()}
+        raw = read_record(flight.path, columns or None, flight.window)
+    record = prepared(study, flight, raw)
+    if truth is not None:
+        last = truth["time"].values[[0, -1]]  # rounding may put a record's last time beyond the truth's
+        at = record["time"].values
+        truth = truth.interp(time=np.clip(at, *last)).assign_coords(time=at)
+        write_whole(job.out / "flights" / f"{flight.name}.truth.nc", partial(write_truth, truth))
+    write_whole(job.out / "flights" / f"{flight.name}.nc", partial(write_record, record))
+    return record
+
+
+def prepared(study: Study, flight: Flight, raw: xr.Dataset) -> xr.Dataset:
+    """A record as read, ready to be used: cleaned, on a uniform clock, with what it implies."""
+    rate = flight.rate or 1.0 / float(np.median(np.diff(raw["time"].values)))
+    record = clean(raw, rate, flight.window, flight.skip_first)
+    if flight.remove_velocity_bias:
+        record, _ = remove_velocity_bias(record)
+    record = record if study.model == "cluster" and flight.virtual is not None else derive(record)
+    if flight.wind_profile is not None:
+        record = with_wind(record, flight.wind_profile)
+    if study.model == "cluster" and "identify" in flight.roles:
+        record = with_repairs(record, _not_fitted(record, tuple(study.noise.channels())))
+    return record
 
 
 def _not_fitted(record: xr.Dataset, channels: tuple[str, ...]) -> list[Repair]:
@@ -102,21 +124,26 @@ def _not_fitted(record: xr.Dataset, channels: tuple[str, ...]) -> list[Repair]:
 
 def priors(job: Job) -> str:
     """Priors of every parameter: from equation error, or given from outside."""
-    study, made = job.study, []
-    found = job.load("structure.json")["coefficients"]
-    source = ", ".join(f.name for f in study.with_role("structure"))
-    whole = study.structure is not None and study.structure.fit != "selected"
-    for kind, entry in found.items():
-        made += of_library(study, kind, entry, source) if whole else of_selected(study, kind, entry, source)
-    made = in_order(study, made)
-    given = study.priors.given
-    for name, unit in _GIVEN.items():
-        table = getattr(given, name)
-        if table is not None:
-            made.append(_given(name, table, unit))
+    study, found = job.study, job.load("structure.json")["coefficients"]
+    made = in_order(study, [*of_structure(study, found), *given_priors(study)])
     _check_varying(study, [p.name for p in made])
     job.save("priors.json", [p.__dict__ for p in made])
     return f"{len(made)} parameters"
+
+
+def of_structure(study: Study, found: Mapping[str, Any]) -> list[Prior]:
+    """Priors of coefficients from ``coefficients`` of structure.json: of all candidates, or of the selected terms."""
+    source = ", ".join(f.name for f in study.with_role("structure"))
+    whole = study.structure is not None and study.structure.fit != "selected"
+    made = of_library if whole else of_selected
+    return [prior for kind, entry in found.items() for prior in made(study, kind, entry, source)]
+
+
+def given_priors(study: Study) -> list[Prior]:
+    """Priors that the study gives from outside, ``[priors.given]``."""
+    given = study.priors.given
+    tables = {name: getattr(given, name) for name in _GIVEN}
+    return [_given(name, table, _GIVEN[name]) for name, table in tables.items() if table is not None]
 
 
 def _check_varying(study: Study, names: Sequence[str]) -> None:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -36,72 +37,126 @@ Array = NDArray[np.float64]
 SCORE = 4.0  # standard errors from zero at which a term that was left out is added
 
 
+Say = Callable[[float, str], None]
+
+
+class Fitted(NamedTuple):
+    """A group of flights that share their parameters, fitted: with the priors used, and scores of left-out terms."""
+
+    group: Group
+    found: Found
+    scores: dict[str, float]
+
+
 def fit(job: Job) -> str:
     """Fit every group, draw, and store draws and DataTree."""
-    import time
-
-    study, trees, said = job.study, [], []
+    began = time.perf_counter()
     for name in ("priors.json", "output_error.json", "structures.json"):
         (job.out / "fit" / name).unlink(missing_ok=True)
     if not job.resume:
         checkpoint.clear(job)
-    todo, began = groups(job), time.perf_counter()
-    wall: dict[str, float] = {}
-    asked_for: dict[str, float] = {}
-    failed, names = 0, [group.name for group in todo]
-    if study.structure is not None and study.structure.stack is not None:
-        names += _structures(job, todo[0])
+    wall = {"optimum_s": 0.0}
+    names, made, drawn = fit_structures(job), list[Fitted](), list[xr.DataTree]()
+    said, failed, todo = list[str](), 0, groups(job)
+    if names:
         wall["structures_s"] = time.perf_counter() - began
     for i, group in enumerate(todo):
 
-        def say(share: float, words: str, a: float = 0.0, b: float = 1.0, i: int = i, name: str = group.name) -> None:
-            label = f"{name}: {words}" if len(todo) > 1 else words
-            job.say("fit")((i + a + (b - a) * share) / len(todo), label)
+        def say(share: float, words: str, i: int = i, name: str = group.name) -> None:
+            job.say("fit")((i + share) / len(todo), f"{name}: {words}" if len(todo) > 1 else words)
 
         clock = time.perf_counter()
-        try:
-            group, found, asked = _found(job, group, say)
-        except FitError as error:
-            raise _with_paths(job, group, error) from error
-        except FloatingPointError as error:
-            do = "look at priors.json and the vehicle (the model must fly from the prior means), or shorten the window"
-            raise FitError(f"fit of {group.name}: {error}; {do}.", (f"{group.name}: {error}",)) from error
-        said += [f"Left out of the posterior of {group.name}: {lost}." for lost in found.lost]
-        asked_for |= asked
-        wall["optimum_s"] = wall.get("optimum_s", 0.0) + time.perf_counter() - clock
-        kinds = ["nuts", "emcee"] if study.sampler.kind == "both" else [study.sampler.kind]
-        bounds = _bounds(job, group, found) if study.noise.model in ("white", "sandwich") else None
-        if study.noise.model == "sandwich":  # its covariance doesn't come from the noise parameters
-            kinds, found = ["sandwich"], replace(found, law_effect=LawEffect.none(*found.law_effect.slope.shape))
-        for kind in kinds:
-            clock = time.perf_counter()
-            draws = checkpoint.get_draws(job, group.name, kind)
-            if draws is None:
-                draws = _draws(job, i, found, bounds, kind, lambda s, w: say(s, w, 0.8, 0.9))
-                checkpoint.put_draws(job, group.name, kind, draws)
-            wall[f"{kind}_s"] = wall.get(f"{kind}_s", 0.0) + time.perf_counter() - clock
-            flights = [f.name for f in group.flights]
-            wide = widened(draws.xi, found.law_effect, found.law_covariance, study.seed)
-            tree = data_tree(
-                found.marginal, group.priors, draws, study.seed, flights, lambda s, w: say(s, w, 0.9, 1.0), wide
-            )
-            if kind == kinds[0]:
-                save_fit(job, group, found, draws, wide)
-                trees.append(tree)
-                failed += draws.failed
-                said += list(draws.notes)
-            else:
-                write_whole(job.out / f"posterior.{kind}.nc", partial(_write_tree, tree))
-    alone = len(trees) == 1 and not study.priors.hierarchical
-    tree = trees[0] if alone else populations.joined(job, todo, trees)
-    write_whole(job.out / "posterior.nc", partial(_write_tree, tree))
+        made.append(fit_group(job, group, _part(say, 0.0, 0.8)))
+        wall["optimum_s"] += time.perf_counter() - clock
+        tree, draws, seconds = draw_group(job, i, made[i], _part(say, 0.8, 1.0))
+        drawn.append(tree)
+        failed, said = failed + draws.failed, [*said, *lost_in(made[i]), *draws.notes]
+        wall |= {name: wall.get(name, 0.0) + spent for name, spent in seconds.items()}
+    write_whole(job.out / "posterior.nc", partial(_write_tree, joined(job, [one.group for one in made], drawn)))
     wall["fit_s"] = time.perf_counter() - began
-    facts = {"wall": wall, "notes": said, "failed": failed, "scores": assemble.as_plain(asked_for)}
-    if starts := several_starts.told(job, names):
+    scored = {name: z for one in made for name, z in one.scores.items()}
+    facts = {"wall": wall, "notes": said, "failed": failed, "scores": assemble.as_plain(scored)}
+    if starts := several_starts.told(job, [group.name for group in todo] + names):
         facts |= {"starts": starts, "notes": [*said, *several_starts.note(starts)]}
     job.save("fit/facts.json", facts)
     checkpoint.clear(job)
     return f"{len(todo)} fits, {failed} failed simulations"
+
+
+def _part(say: Say, start: float, end: float) -> Say:
+    """A progress function of a part of what another reports."""
+    return lambda share, words: say(start + (end - start) * share, words)
+
+
+def fit_structures(job: Job) -> list[str]:
+    """Fit and weigh several structures where the study asks for it; returns the names of their fits."""
+    table = job.study.structure
+    return [] if table is None or table.stack is None else _structures(job, groups(job)[0])
+
+
+def fit_group(job: Job, group: Group, say: Say) -> Fitted:
+    """Fit a group of flights to its marginal posterior.
+
+    Raises:
+        FitError: If no flight of the model follows the records, or no mode is found.
+    """
+    try:
+        return Fitted(*_found(job, group, lambda s, w, a, b: say((a + (b - a) * s) / 0.8, w)))
+    except FitError as error:
+        raise _with_paths(job, group, error) from error
+    except FloatingPointError as error:
+        do = "look at priors.json and the vehicle (the model must fly from the prior means), or shorten the window"
+        raise FitError(f"fit of {group.name}: {error}; {do}.", (f"{group.name}: {error}",)) from error
+
+
+def lost_in(one: Fitted) -> list[str]:
+    """Corrections that a posterior had to do without, as notes."""
+    return [f"Left out of the posterior of {one.group.name}: {lost}." for lost in one.found.lost]
+
+
+def draw_group(job: Job, number: int, fitted: Fitted, say: Say) -> tuple[xr.DataTree, Draws, dict[str, float]]:
+    """Draw from the posterior of a group, and store the fit with its draws.
+
+    Args:
+        job: The run.
+        number: Of the group.
+        fitted: It.
+        say: Called with a share done and words.
+
+    Returns:
+        The group's DataTree, the sampler's draws, and seconds spent by sampler.
+    """
+    study, (group, found, _) = job.study, fitted
+    kinds = ["nuts", "emcee"] if study.sampler.kind == "both" else [study.sampler.kind]
+    bounds = _bounds(job, group, found) if study.noise.model in ("white", "sandwich") else None
+    if study.noise.model == "sandwich":  # its covariance doesn't come from the noise parameters
+        kinds, found = ["sandwich"], replace(found, law_effect=LawEffect.none(*found.law_effect.slope.shape))
+    flights = [f.name for f in group.flights]
+    results: list[tuple[xr.DataTree, Draws]] = []
+    seconds: dict[str, float] = {}
+    for kind in kinds:
+        clock = time.perf_counter()
+        draws = checkpoint.get_draws(job, group.name, kind)
+        if draws is None:
+            draws = _draws(job, number, found, bounds, kind, lambda s, w: say(0.5 * s, w))
+            checkpoint.put_draws(job, group.name, kind, draws)
+        seconds[f"{kind}_s"] = time.perf_counter() - clock
+        wide = widened(draws.xi, found.law_effect, found.law_covariance, study.seed)
+        tree = data_tree(
+            found.marginal, group.priors, draws, study.seed, flights, lambda s, w: say(0.5 + 0.5 * s, w), wide
+        )
+        if results:
+            write_whole(job.out / f"posterior.{kind}.nc", partial(_write_tree, tree))
+        else:
+            save_fit(job, group, found, draws, wide)
+        results.append((tree, draws))
+    return *results[0], seconds
+
+
+def joined(job: Job, made: Sequence[Group], trees: Sequence[xr.DataTree]) -> xr.DataTree:
+    """One posterior of all groups: that of the only one, or theirs joined by their populations."""
+    alone = len(trees) == 1 and not job.study.priors.hierarchical
+    return trees[0] if alone else populations.joined(job, made, trees)
 
 
 def _with_paths(job: Job, group: Group, error: FitError) -> FitError:

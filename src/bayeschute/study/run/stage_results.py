@@ -278,9 +278,9 @@ def _channel_noise(job: Job, stored: Stored, quantity: str) -> tuple[float, floa
 
 def _recorded(job: Job, flight: Flight, record: xr.Dataset) -> dict[str, Array]:
     """Quantities of interest as the record has them."""
-    if job.study.vehicle is None:
+    if job.study.model == "descent":
         return {"descent_rate": record["descent_rate"].values}
-    seen = reconstruct(record, assemble.geometry(job.study.vehicle, flight.capsule_mass))
+    seen = reconstruct(record, assemble.geometry(job.study.vehicle_of(flight), flight.capsule_mass))
     names = ("swing_angle", "descent_rate", "sea_level_descent_rate", "flyout_angle")
     return {name: seen[name].values for name in names}
 

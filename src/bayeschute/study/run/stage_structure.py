@@ -87,9 +87,8 @@ def _table(study: Study) -> StructureTable:
 
 
 def _reconstructed(study: Study, flight: Flight, record: xr.Dataset) -> xr.Dataset:
-    assert study.vehicle is not None
     aloft = None if flight.wind_profile is None else canopy_wind(record, flight.wind_profile)
-    return reconstruct(record, assemble.geometry(study.vehicle, flight.capsule_mass), canopy_wind=aloft)
+    return reconstruct(record, assemble.geometry(study.vehicle_of(flight), flight.capsule_mass), canopy_wind=aloft)
 
 
 def _pool(table: PolarPoolTable) -> PolarPool:
@@ -105,8 +104,7 @@ def _along(study: Study, table: PolarPoolTable, made: xr.Dataset, canopy: int) -
 
 def _problems(study: Study, flight: Flight, record: xr.Dataset, canopies: Sequence[int]) -> dict[str, list[Stack]]:
     """Regressions of every coefficient on the canopies (from 0) of one flight."""
-    assert study.vehicle is not None
-    table, scale, made = _table(study), study.vehicle.canopies, _reconstructed(study, flight, record)
+    table, scale, made = _table(study), study.vehicle_of(flight).canopies, _reconstructed(study, flight, record)
     flow = flow_along(record, made, scale.reference_length, scale.reference_speed)
     found = {
         name: [problem(getattr(table, name), flow, made, canopy) for canopy in canopies]
