@@ -1,3 +1,103 @@
-"""bayeschute: probabilistic identification of parachute clusters from flight records."""
+"""bayeschute: probabilistic identification of parachute clusters from flight records.
 
-__version__ = "0.2.0"
+``import bayeschute as bc`` is the door: nouns (`Study`, `Flight`, `Structure`, `Priors`, `Fit`, `Posterior`,
+`Forecast`, `Run`, `Coverage`) and verbs (`read_record`, `reconstruct`, `select_structure`, `fit`, `sample`, `run`,
+`calibrate`, ...). Names are imported when they are first used, so that the import itself is quick.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from bayeschute.core.version import __version__
+
+if TYPE_CHECKING:
+    from bayeschute.api.beliefs import Priors, Structure
+    from bayeschute.api.inputs import Flight, Flights, Motion, Study, load_vehicle, wind_profile
+    from bayeschute.api.results import Fit, Forecast, Posterior, Probability, Run
+    from bayeschute.api.verbs import (
+        Coverage,
+        calibrate,
+        fit,
+        numpyro_model,
+        read_record,
+        reconstruct,
+        run,
+        sample,
+        scenarios,
+        select_structure,
+    )
+    from bayeschute.core.errors import Fault, FitError, InputError
+    from bayeschute.likelihood.priors import Prior
+    from bayeschute.study.load import check_study
+    from bayeschute.study.run.simulate import simulate_study
+    from bayeschute.study.swing_modes import find_modes
+    from bayeschute.study.templates import copy_templates
+    from bayeschute.verification.all_cases import verify
+
+_PLACES = {
+    "api.beliefs": ("Priors", "Structure"),
+    "api.inputs": ("Flight", "Flights", "Motion", "Study", "load_vehicle", "wind_profile"),
+    "api.results": ("Fit", "Forecast", "Posterior", "Probability", "Run"),
+    "api.verbs": (
+        "Coverage", "calibrate", "fit", "numpyro_model", "read_record", "reconstruct", "run", "sample", "scenarios",
+        "select_structure",
+    ),
+    "core.errors": ("Fault", "FitError", "InputError"),
+    "likelihood.priors": ("Prior",),
+    "study.load": ("check_study",),
+    "study.run.simulate": ("simulate_study",),
+    "study.swing_modes": ("find_modes",),
+    "study.templates": ("copy_templates",),
+    "verification.all_cases": ("verify",),
+}  # fmt: skip
+_PLACE = {name: module for module, names in _PLACES.items() for name in names}
+
+__all__ = [
+    "__version__",
+    "Coverage",
+    "Fault",
+    "Fit",
+    "FitError",
+    "Flight",
+    "Flights",
+    "Forecast",
+    "InputError",
+    "Motion",
+    "Posterior",
+    "Prior",
+    "Priors",
+    "Probability",
+    "Run",
+    "Structure",
+    "Study",
+    "calibrate",
+    "check_study",
+    "copy_templates",
+    "find_modes",
+    "fit",
+    "load_vehicle",
+    "numpyro_model",
+    "read_record",
+    "reconstruct",
+    "run",
+    "sample",
+    "scenarios",
+    "select_structure",
+    "simulate_study",
+    "verify",
+    "wind_profile",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _PLACE:
+        raise AttributeError(f"module 'bayeschute' has no attribute {name!r}")
+    value = getattr(import_module(f"bayeschute.{_PLACE[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return __all__

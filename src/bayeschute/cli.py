@@ -12,9 +12,9 @@ from typing import Annotated, Any
 
 import typer
 
-from bayeschute import __version__
 from bayeschute.console import Bars, place_for_json, say, told, write_json
 from bayeschute.core.errors import Fault, InputError
+from bayeschute.core.version import __version__
 
 app = typer.Typer(
     name="bayeschute",

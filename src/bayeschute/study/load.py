@@ -32,6 +32,7 @@ __all__ = [
     "load_study_or_vehicle",
     "load_vehicle",
     "study_hash",
+    "usual_study",
 ]
 
 
@@ -124,6 +125,17 @@ def load_study_or_vehicle(path: Path | str) -> Study:
         return load_study(path)
     shipped = load_study(template("virtual.toml"))
     return replace(shipped, vehicle=load_vehicle(path), vehicle_path=path, vehicle_text=text)
+
+
+def usual_study(model: str) -> Study:
+    """A study of no flight with the tables that the package's commented studies have, for flights without a study.
+
+    Args:
+        model: ``cluster`` or ``descent``.
+    """
+    study = _read_study(template(f"{model}.toml"), None).study  # its record is the user's, and not there
+    assert study is not None
+    return replace(study, flights=(), vehicle=None, vehicle_path=None, requirements=(), text="", vehicle_text="")
 
 
 def _read_vehicle(path: Path) -> tuple[Vehicle | None, str, list[Fault]]:

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from bayeschute import __version__
+from bayeschute.core.version import __version__
 from bayeschute.verification import (
     bounce,
     capsule_cases,

@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import bayeschute
+from bayeschute.core.version import __version__
 from bayeschute.study.job import Job
 from bayeschute.study.study import Study, canonical, study_hash
 
@@ -18,7 +18,7 @@ def configuration(study: Study, quick: bool = False) -> str:
     """Hash of how a study identifies: model, vehicle, structure, priors, noise, sampler, program; not its flights."""
     said = canonical(study)
     told = {key: said[key] for key in ("model", "vehicle", "structure", "priors", "noise", "sampler", "predict")}
-    text = json.dumps([told, bayeschute.__version__, quick], sort_keys=True)
+    text = json.dumps([told, __version__, quick], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
@@ -29,7 +29,7 @@ def with_noise(study: Study, model: str) -> Study:
 
 def identity(study: Study, disturbance: str, quick: bool) -> str:
     """Hash of all that a row depends on beside its seed."""
-    text = f"{study_hash(replace(study, seed=0))}:{disturbance}:{quick}:{bayeschute.__version__}"
+    text = f"{study_hash(replace(study, seed=0))}:{disturbance}:{quick}:{__version__}"
     return hashlib.sha256(text.encode()).hexdigest()
 
 

@@ -196,6 +196,12 @@ def foretell(job: Job) -> Iterator[Foretold]:
             yield tell(made)
 
 
+def foretell_flight(job: Job, flight: Flight) -> Foretold:
+    """Draw the quantities of one flight of a job's study, in this process."""
+    orders, tell = _orders(job, job.study.flights.index(flight), flight)
+    return tell([order.draw() for order in orders])
+
+
 def _drawn(part: tuple[int, _Order, range]) -> bands.Prediction:
     """A task: part of a flight's draws."""
     _, order, groups = part

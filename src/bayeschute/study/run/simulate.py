@@ -20,10 +20,10 @@ import h5py
 import numpy as np
 import xarray as xr
 
-import bayeschute
 from bayeschute.calibration.workers import Lost, client_of, finished
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.core.files import write_whole
+from bayeschute.core.version import __version__
 from bayeschute.dynamics.outcome import Outcome
 from bayeschute.records.record import write_record
 from bayeschute.study.assembly import assemble
@@ -146,7 +146,7 @@ def wanted_drops(study: Study, flights: Sequence[Flight], draws: int, seed: int 
         for draw in range(draws):
             stem = flight.name if draws == 1 else f"{flight.name}.{draw:05d}"
             own = _seed_of(study, flight, i, draw, seed)
-            text = json.dumps([said, flight.name, own, bayeschute.__version__], sort_keys=True)
+            text = json.dumps([said, flight.name, own, __version__], sort_keys=True)
             wanted.append(Wanted(stem, flight, own, hashlib.sha256(text.encode()).hexdigest()))
     return wanted
 

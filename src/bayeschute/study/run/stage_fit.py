@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -48,6 +48,14 @@ class Fitted(NamedTuple):
     scores: dict[str, float]
 
 
+class Drawn(NamedTuple):
+    """Draws of a group: its DataTree, what the sampler returned, and seconds spent by sampler."""
+
+    tree: xr.DataTree
+    draws: Draws
+    seconds: dict[str, float]
+
+
 def fit(job: Job) -> str:
     """Fit every group, draw, and store draws and DataTree."""
     began = time.perf_counter()
@@ -56,8 +64,7 @@ def fit(job: Job) -> str:
     if not job.resume:
         checkpoint.clear(job)
     wall = {"optimum_s": 0.0}
-    names, made, drawn = fit_structures(job), list[Fitted](), list[xr.DataTree]()
-    said, failed, todo = list[str](), 0, groups(job)
+    names, made, drawn, todo = fit_structures(job), list[Fitted](), list[Drawn](), groups(job)
     if names:
         wall["structures_s"] = time.perf_counter() - began
     for i, group in enumerate(todo):
@@ -68,19 +75,45 @@ def fit(job: Job) -> str:
         clock = time.perf_counter()
         made.append(fit_group(job, group, _part(say, 0.0, 0.8)))
         wall["optimum_s"] += time.perf_counter() - clock
-        tree, draws, seconds = draw_group(job, i, made[i], _part(say, 0.8, 1.0))
-        drawn.append(tree)
-        failed, said = failed + draws.failed, [*said, *lost_in(made[i]), *draws.notes]
-        wall |= {name: wall.get(name, 0.0) + spent for name, spent in seconds.items()}
-    write_whole(job.out / "posterior.nc", partial(_write_tree, joined(job, [one.group for one in made], drawn)))
-    wall["fit_s"] = time.perf_counter() - began
-    scored = {name: z for one in made for name, z in one.scores.items()}
-    facts = {"wall": wall, "notes": said, "failed": failed, "scores": assemble.as_plain(scored)}
-    if starts := several_starts.told(job, [group.name for group in todo] + names):
-        facts |= {"starts": starts, "notes": [*said, *several_starts.note(starts)]}
-    job.save("fit/facts.json", facts)
+        drawn.append(draw_group(job, i, made[i], _part(say, 0.8, 1.0)))
+    for one in drawn:
+        wall |= {name: wall.get(name, 0.0) + spent for name, spent in one.seconds.items()}
+    failed = store(job, made, drawn, wall | {"fit_s": time.perf_counter() - began}, names)
     checkpoint.clear(job)
     return f"{len(todo)} fits, {failed} failed simulations"
+
+
+def store(
+    job: Job,
+    made: Sequence[Fitted],
+    drawn: Sequence[Drawn],
+    wall: Mapping[str, float] | None = None,
+    structures_fitted: Sequence[str] = (),
+) -> int:
+    """Write the posterior of all groups, and what is to be said of their fits.
+
+    Args:
+        job: The run.
+        made: Fits.
+        drawn: Their draws.
+        wall: Seconds by part of the work.
+        structures_fitted: Names of fits of several structures.
+
+    Returns:
+        Simulations that failed.
+    """
+    chosen = [one.group for one in made]
+    alone = len(chosen) == 1 and not job.study.priors.hierarchical
+    tree = drawn[0].tree if alone else populations.joined(job, chosen, [one.tree for one in drawn])
+    write_whole(job.out / "posterior.nc", partial(_write_tree, tree))
+    failed = sum(one.draws.failed for one in drawn)
+    said = [note for fitted, one in zip(made, drawn, strict=True) for note in [*_lost(fitted), *one.draws.notes]]
+    scored = {name: z for one in made for name, z in one.scores.items()}
+    facts = {"wall": dict(wall or {}), "notes": said, "failed": failed, "scores": assemble.as_plain(scored)}
+    if starts := several_starts.told(job, [group.name for group in chosen] + list(structures_fitted)):
+        facts |= {"starts": starts, "notes": [*said, *several_starts.note(starts)]}
+    job.save("fit/facts.json", facts)
+    return failed
 
 
 def _part(say: Say, start: float, end: float) -> Say:
@@ -109,12 +142,12 @@ def fit_group(job: Job, group: Group, say: Say) -> Fitted:
         raise FitError(f"fit of {group.name}: {error}; {do}.", (f"{group.name}: {error}",)) from error
 
 
-def lost_in(one: Fitted) -> list[str]:
+def _lost(one: Fitted) -> list[str]:
     """Corrections that a posterior had to do without, as notes."""
     return [f"Left out of the posterior of {one.group.name}: {lost}." for lost in one.found.lost]
 
 
-def draw_group(job: Job, number: int, fitted: Fitted, say: Say) -> tuple[xr.DataTree, Draws, dict[str, float]]:
+def draw_group(job: Job, number: int, fitted: Fitted, say: Say) -> Drawn:
     """Draw from the posterior of a group, and store the fit with its draws.
 
     Args:
@@ -124,7 +157,7 @@ def draw_group(job: Job, number: int, fitted: Fitted, say: Say) -> tuple[xr.Data
         say: Called with a share done and words.
 
     Returns:
-        The group's DataTree, the sampler's draws, and seconds spent by sampler.
+        Its draws; those of the first sampler where the study asks for both.
     """
     study, (group, found, _) = job.study, fitted
     kinds = ["nuts", "emcee"] if study.sampler.kind == "both" else [study.sampler.kind]
@@ -150,13 +183,7 @@ def draw_group(job: Job, number: int, fitted: Fitted, say: Say) -> tuple[xr.Data
         else:
             save_fit(job, group, found, draws, wide)
         results.append((tree, draws))
-    return *results[0], seconds
-
-
-def joined(job: Job, made: Sequence[Group], trees: Sequence[xr.DataTree]) -> xr.DataTree:
-    """One posterior of all groups: that of the only one, or theirs joined by their populations."""
-    alone = len(trees) == 1 and not job.study.priors.hierarchical
-    return trees[0] if alone else populations.joined(job, made, trees)
+    return Drawn(*results[0], seconds)
 
 
 def _with_paths(job: Job, group: Group, error: FitError) -> FitError:

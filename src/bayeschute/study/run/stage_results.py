@@ -220,7 +220,7 @@ def predict(job: Job) -> str:
     for foreseen in foretell(job):
         one = widened(foreseen, by)
         name, prediction, truth, counted = one.flight.name, one.prediction, one.truth, one.counted
-        recorded = _recorded(job, one.flight, one.record)
+        recorded = recorded_quantities(job, one.flight, one.record)
         role = "predict" if one.held_out.any() else "identify"
         made[name] = bands.dataset(prediction, one.time, wanted, truth, recorded, one.held_out, role)
         coverage[name] = {
@@ -276,7 +276,7 @@ def _channel_noise(job: Job, stored: Stored, quantity: str) -> tuple[float, floa
     return float(noise.white[k]), float(noise.correlated[k]), float(noise.time_constant[k])
 
 
-def _recorded(job: Job, flight: Flight, record: xr.Dataset) -> dict[str, Array]:
+def recorded_quantities(job: Job, flight: Flight, record: xr.Dataset) -> dict[str, Array]:
     """Quantities of interest as the record has them."""
     if job.study.model == "descent":
         return {"descent_rate": record["descent_rate"].values}

@@ -16,12 +16,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import bayeschute
 from bayeschute.core.errors import Fault, FitError, InputError
 from bayeschute.core.files import write_whole
+from bayeschute.core.version import __version__
 from bayeschute.study.evidence.calibration_status import calibration_check
 from bayeschute.study.job import Job, Progress
-from bayeschute.study.load import load_study, study_hash
+from bayeschute.study.load import Study, load_study, study_hash
 from bayeschute.study.run.log import NAME as LOG
 from bayeschute.study.run.log import Log, warnings_to
 
@@ -45,7 +45,7 @@ def _stage_hashes(job: Job) -> dict[str, str]:
 
 
 def run_study(
-    path: Path | str,
+    path: Path | str | Study,
     out: Path | str,
     until: str | None = None,
     resume: bool = False,
@@ -59,7 +59,7 @@ def run_study(
     """Run a study.
 
     Args:
-        path: Study file.
+        path: Study file, or a study that was read.
         out: Folder of the run; made where missing.
         until: Last stage to run; all where None.
         resume: Reuse stages that finished with the same inputs.
@@ -83,7 +83,7 @@ def run_study(
 
     if until is not None and until not in STAGES:
         raise InputError(Fault("--until", repr(until), "one of " + ", ".join(STAGES)))
-    study = load_study(path, data_dir)
+    study = path if isinstance(path, Study) else load_study(path, data_dir)
     if seed is not None:
         study = replace(study, seed=seed)
     if quick:
@@ -92,7 +92,7 @@ def run_study(
     if folder.exists() and any(folder.iterdir()) and not (folder / ".stages").is_dir():
         wanted = "a new folder or one of an earlier run"
         raise InputError(Fault(str(folder), "a folder with other files", wanted, "Choose another --out."))
-    text = f"{study_hash(study)}:{bayeschute.__version__}:{LEFT}:{quick}"
+    text = f"{study_hash(study)}:{__version__}:{LEFT}:{quick}"
     digest = hashlib.sha256(text.encode()).hexdigest()
     job = Job(study, folder, quick, digest, progress or (lambda *_: None), resume, workers, address)
     learned = widening(job)  # told before anything slow where it is not there
@@ -101,7 +101,7 @@ def run_study(
     (folder / ".stages").mkdir(parents=True, exist_ok=True)
     write_whole(folder / "study.toml", lambda p: p.write_text(_as_run(job)))
     with Log(folder / LOG) as log, warnings_to(log):
-        log.line(f"bayeschute {bayeschute.__version__}, seed {study.seed}, {study.path.name}: {study.title}")
+        log.line(f"bayeschute {__version__}, seed {study.seed}, {study.path.name}: {study.title}")
         _run_stages(replace(job, progress=log.beside(progress)), until)
     summary = folder / "summary.json"
     return dict(json.loads(summary.read_text())) if summary.exists() else {}
@@ -149,7 +149,7 @@ def _as_run(job: Job) -> str:
     study = job.study
     sizes = "quick, not for use" if job.quick else "full sizes"
     head = [
-        f"# bayeschute {bayeschute.__version__}; seed {study.seed}; {sizes}",
+        f"# bayeschute {__version__}; seed {study.seed}; {sizes}",
         f"# sha256 of study, vehicle and records: {study_hash(study)}",
     ]
     return "\n".join([*head, "", study.text])

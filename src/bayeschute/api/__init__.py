@@ -1,0 +1,1 @@
+"""What `import bayeschute` offers: flights, priors, fits, posteriors, forecasts, and the verbs between them."""

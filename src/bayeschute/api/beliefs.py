@@ -1,0 +1,138 @@
+"""What is believed before a fit: the structure that equation error supports, and priors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+from bayeschute.api import html
+from bayeschute.likelihood.priors import Prior
+from bayeschute.study.schema.belief_schema import PriorsTable
+from bayeschute.study.schema.structure_schema import StructureTable
+from bayeschute.study.study import Study as StudySpec
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Structure:
+    """Aerodynamic terms that equation error supports, how surely, and their estimates.
+
+    Attributes:
+        spec: The study it was selected for.
+        found: Everything that is known of it, as ``structure.json`` of a run has it.
+        text: Print-outs in the form of the report's section 7.
+    """
+
+    spec: StudySpec
+    found: Mapping[str, Any]
+    text: str
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """The selected terms with estimate, standard error and the share of the replicates that select them."""
+        rows = []
+        for name, entry in self.found["coefficients"].items():
+            shares = (entry.get("frequency") or {}).get("terms", {})
+            for row in entry["selected"]:
+                kept = {key: row[key] for key in ("term", "estimate", "se")}
+                rows.append({"coefficient": name, **kept, "selected": shares.get(row["term"])})
+        return pd.DataFrame(rows)
+
+    @property
+    def stability(self) -> dict[str, list[dict[str, Any]]]:
+        """Whole structures that replicates of the record select, by coefficient, with their shares."""
+        return {name: list(entry["structures"]) for name, entry in self.found["coefficients"].items()}
+
+    def plot(self) -> Figure:
+        """Predicted squared error over the number of terms, a panel per coefficient."""
+        from bayeschute.report.figures.inference_figures import pse_figure
+
+        return pse_figure(self.found["coefficients"])
+
+    def __repr__(self) -> str:
+        """The selected terms, a line per coefficient."""
+        lines = (
+            f"{name}: {', '.join(row['term'] for row in entry['selected'])}"
+            for name, entry in self.found["coefficients"].items()
+        )
+        return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        """The table."""
+        rows = [(r.coefficient, r.term, html.number(r.estimate), html.number(r.se)) for r in self.table.itertuples()]
+        return html.table("Structure", ("coefficient", "term", "estimate", "standard error"), rows)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Priors:
+    """Priors of parameters, jointly Gaussian in their working coordinates (the value, or its logarithm).
+
+    Attributes:
+        parameters: One entry per parameter.
+        table: Inflation, floor, and which parameters differ from drop to drop or canopy to canopy.
+        candidates: How a fit goes on with the structure: searched, kept as it is.
+        found: What structure selection found, where priors come from it.
+
+    Example:
+        >>> import bayeschute as bc
+        >>> priors = bc.Study.example().priors
+        >>> "riser_stiffness" in priors.names
+        True
+    """
+
+    parameters: tuple[Prior, ...]
+    table: PriorsTable
+    candidates: StructureTable | None = None
+    found: Mapping[str, Any] | None = None
+
+    @classmethod
+    def from_structure(cls, structure: Structure, inflation: float | None = None) -> Priors:
+        """Priors of aerodynamic coefficients by equation error.
+
+        Args:
+            structure: From `select_structure`.
+            inflation: Times the standard errors of equation error; None: the study's.
+        """
+        from bayeschute.study.run.stage_data import of_structure
+
+        table = structure.spec.priors
+        table = table if inflation is None else table.model_copy(update={"inflation": float(inflation)})
+        made = of_structure(replace(structure.spec, priors=table), structure.found["coefficients"])
+        return cls(tuple(made), table, structure.spec.structure, structure.found)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters."""
+        return tuple(p.name for p in self.parameters)
+
+    def __or__(self, other: Priors) -> Priors:
+        """Both; where a parameter is in both, the right one's."""
+        kept = [p for p in self.parameters if p.name not in other.names]
+        table = other.table.model_copy(update={"inflation": self.table.inflation, "floor": self.table.floor})
+        candidates = self.candidates if self.candidates is not None else other.candidates
+        return Priors((*kept, *other.parameters), table, candidates, self.found or other.found)
+
+    def __len__(self) -> int:
+        """How many parameters."""
+        return len(self.parameters)
+
+    def _rows(self) -> list[tuple[str, str, str, str]]:
+        rows = []
+        for p in self.parameters:
+            low, middle, high = (float(p.value(np.asarray(p.centre + k * p.scale))) for k in (-1.645, 0.0, 1.645))
+            rows.append((p.name, html.number(middle), f"{html.number(low)} to {html.number(high)}", p.unit))
+        return rows
+
+    def __repr__(self) -> str:
+        """A line per parameter."""
+        return "\n".join(f"{name}: {middle} ({span}) {unit}" for name, middle, span, unit in self._rows())
+
+    def _repr_html_(self) -> str:
+        """Medians and central 90 % as a table."""
+        return html.table("Priors", ("parameter", "median", "central 90 %", "unit"), self._rows())

@@ -1,0 +1,21 @@
+"""Small tables that notebooks show: escaped text, no style of their own."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+
+
+def table(title: str, head: Sequence[str], rows: Sequence[Sequence[object]], note: str = "") -> str:
+    """An HTML table with a title and a note."""
+    cells = "".join(f"<th>{escape(one)}</th>" for one in head)
+    body = "".join("<tr>" + "".join(f"<td>{escape(str(one))}</td>" for one in row) + "</tr>" for row in rows)
+    below = f"<p>{escape(note)}</p>" if note else ""
+    return (
+        f"<div><b>{escape(title)}</b><table><thead><tr>{cells}</tr></thead><tbody>{body}</tbody></table>{below}</div>"
+    )
+
+
+def number(value: float) -> str:
+    """A number to four digits."""
+    return f"{value:.4g}"

@@ -1,0 +1,354 @@
+"""What goes in: studies, flights with their records, and motion along them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike
+
+from bayeschute.api import html
+from bayeschute.api.beliefs import Priors
+from bayeschute.api.workspace import workspace
+from bayeschute.core.errors import Fault, InputError
+from bayeschute.core.units import to_si
+from bayeschute.records.record import Repair, repairs
+from bayeschute.study.job import load_truth
+from bayeschute.study.load import load_study, load_vehicle, usual_study
+from bayeschute.study.schema.belief_schema import NoiseTable
+from bayeschute.study.schema.structure_schema import StructureTable
+from bayeschute.study.schema.vehicle_schema import Vehicle
+from bayeschute.study.schema.wind_schema import ProfileTable
+from bayeschute.study.study import Flight as FlightSpec
+from bayeschute.study.study import Study as StudySpec
+from bayeschute.study.templates import template
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+__all__ = ["Flight", "Flights", "Motion", "Study", "load_vehicle", "wind_profile"]
+
+
+def wind_profile(altitude: ArrayLike, north: ArrayLike, east: ArrayLike, down: ArrayLike | None = None) -> ProfileTable:
+    """Wind by altitude; air moves *towards* north, east and down.
+
+    Args:
+        altitude: Geometric altitude, increasing (K,) [m].
+        north: Velocity of the air to the north (K,) [m/s].
+        east: To the east (K,) [m/s].
+        down: Downwards (K,) [m/s]; zero where None.
+
+    Example:
+        >>> import bayeschute as bc
+        >>> wind = bc.wind_profile([0.0, 2000.0], [3.0, 6.0], [1.0, -2.0])
+        >>> wind.north
+        (3.0, 6.0)
+    """
+    columns = {"altitude": altitude, "north": north, "east": east} | ({} if down is None else {"down": down})
+    rows = {name: np.asarray(values, float).ravel() for name, values in columns.items()}
+    unit = {name: "m" if name == "altitude" else "m/s" for name in rows}
+    written = {name: [f"{value!r} {unit[name]}" for value in values.tolist()] for name, values in rows.items()}
+    try:
+        return ProfileTable.model_validate(written)
+    except ValueError as error:
+        wanted = "increasing altitudes [m] and as many winds [m/s]"
+        raise InputError(Fault("wind_profile", str(error).splitlines()[0], wanted)) from None
+
+
+class Flights(Sequence["Flight"]):
+    """The flights of a study, by place or by name."""
+
+    def __init__(self, flights: Sequence[Flight]) -> None:
+        """Keep flights in their order."""
+        self._flights = tuple(flights)
+
+    def __getitem__(self, key: Any) -> Any:
+        """A flight by name or place, or several by a slice."""
+        if not isinstance(key, str):
+            return self._flights[key]
+        for flight in self._flights:
+            if flight.name == key:
+                return flight
+        raise KeyError(f"no flight {key!r}; there are {', '.join(f.name for f in self._flights)}")
+
+    def __len__(self) -> int:
+        """How many."""
+        return len(self._flights)
+
+    def __iter__(self) -> Iterator[Flight]:
+        """One after the other."""
+        return iter(self._flights)
+
+    def __repr__(self) -> str:
+        """Names and roles."""
+        return f"Flights({', '.join(f.name for f in self._flights)})"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Study:
+    """A study file whose every fault was told: flights, priors, noise, sizes.
+
+    Attributes:
+        spec: Its tables, all numbers in SI.
+
+    Example:
+        >>> import bayeschute as bc
+        >>> study = bc.Study.example()
+        >>> study.flights["cdt-3-11"].roles
+        ('structure', 'identify')
+    """
+
+    spec: StudySpec
+
+    @classmethod
+    def load(cls, path: Path | str, data: Path | str | None = None) -> Study:
+        """Read a study file.
+
+        Args:
+            path: The file (TOML).
+            data: What ``${DATA}`` stands for in it.
+
+        Raises:
+            InputError: With every fault of the study, its vehicle and its records' paths.
+        """
+        return cls(load_study(path, data))
+
+    @classmethod
+    def example(cls) -> Study:
+        """The virtual drop that comes with the package (`bayeschute init` copies its file)."""
+        return cls(load_study(template("virtual.toml")))
+
+    @property
+    def title(self) -> str:
+        """Its title."""
+        return self.spec.title
+
+    @cached_property
+    def flights(self) -> Flights:
+        """Its flights, by name or place."""
+        return Flights([Flight.of_study(self.spec, flight) for flight in self.spec.flights])
+
+    @property
+    def vehicle(self) -> Vehicle | None:
+        """The vehicle; None of a point mass."""
+        return self.spec.vehicle
+
+    @property
+    def candidates(self) -> StructureTable | None:
+        """Candidate terms and how they are searched; None of a point mass."""
+        return self.spec.structure
+
+    @property
+    def priors(self) -> Priors:
+        """Priors that the study gives from outside: risers, masses."""
+        from bayeschute.study.run.stage_data import given_priors
+
+        return Priors(tuple(given_priors(self.spec)), self.spec.priors, self.spec.structure)
+
+    @property
+    def noise(self) -> NoiseTable:
+        """Noise of the channels and latent disturbances."""
+        return self.spec.noise
+
+    def with_flights(self, flights: Sequence[Flight]) -> Study:
+        """The study with other flights."""
+        return Study(replace(self.spec, flights=tuple(flight.spec for flight in flights)))
+
+    def quick(self) -> Study:
+        """The study at small sizes, to see that all works; not for use."""
+        from bayeschute.study.assembly.assemble import smaller
+
+        return Study(smaller(self.spec))
+
+    def __repr__(self) -> str:
+        """Title, model and flights."""
+        return f"Study({self.title!r}, {self.spec.model}, {len(self.flights)} flights, seed {self.spec.seed})"
+
+    def _repr_html_(self) -> str:
+        """The flights as a table."""
+        rows = [(f.name, ", ".join(f.roles), f.source) for f in self.flights]
+        return html.table(self.title, ("flight", "roles", "record"), rows, f"model: {self.spec.model}")
+
+
+@dataclass(frozen=True, eq=False, repr=False, init=False)
+class Flight:
+    """A flight: its record, the vehicle that flew it, the wind it met.
+
+    Attributes:
+        spec: What a study file says of a flight.
+        study: The study it belongs to; of a flight on its own, one with the package's usual tables.
+        raw: The record as read, where it does not come from a file.
+
+    Example:
+        >>> import bayeschute as bc
+        >>> flight = bc.Study.example().flights[0]
+        >>> flight.record.sizes["time"] > 100
+        True
+    """
+
+    spec: FlightSpec
+    study: StudySpec
+    raw: xr.Dataset | None
+
+    def __init__(
+        self,
+        record: xr.Dataset,
+        vehicle: Vehicle | None = None,
+        *,
+        name: str = "flight",
+        wind: ProfileTable | None = None,
+        window: tuple[str | float, str | float] | None = None,
+        rate: str | float | None = None,
+        capsule_mass: str | float | None = None,
+        roles: Sequence[str] = ("structure", "identify"),
+    ) -> None:
+        """A flight from a record in memory.
+
+        Args:
+            record: From `read_record`.
+            vehicle: From `load_vehicle`; None: a point mass, of which altitude or descent rate is enough.
+            name: Its name.
+            wind: From `wind_profile`: how the wind changes with altitude, and the wind itself where none is recorded.
+            window: First and last time used, such as ``("5 s", "95 s")``; bare numbers are seconds.
+            rate: The record is resampled to this rate [Hz]; None: its own.
+            capsule_mass: Replaces the vehicle's [kg].
+            roles: Of ``structure``, ``identify``, ``predict``.
+        """
+        usual = usual_study("cluster" if vehicle is not None else "descent")
+        spec = FlightSpec(
+            name=name,
+            roles=tuple(roles),
+            window=None if window is None else (_si(window[0], "s"), _si(window[1], "s")),
+            rate=None if rate is None else _si(rate, "Hz"),
+            capsule_mass=None if capsule_mass is None else _si(capsule_mass, "kg"),
+            wind_profile=wind,
+        )
+        self._set(spec, replace(usual, flights=(spec,), vehicle=vehicle, title=name), record)
+
+    def _set(self, spec: FlightSpec, study: StudySpec, raw: xr.Dataset | None) -> None:
+        for key, value in (("spec", spec), ("study", study), ("raw", raw)):
+            object.__setattr__(self, key, value)
+
+    @classmethod
+    def of_study(cls, study: StudySpec, spec: FlightSpec, raw: xr.Dataset | None = None) -> Flight:
+        """A flight of a study."""
+        made = cls.__new__(cls)
+        made._set(spec, study, raw)
+        return made
+
+    def changed(self, *, vehicle: Vehicle | None = None, **values: Any) -> Flight:
+        """The flight with another vehicle, name, payload (`capsule_mass` [kg]), window [s], wind profile or roles."""
+        unknown = set(values) - {"name", "capsule_mass", "window", "wind_profile", "roles", "skip_first"}
+        if unknown:
+            raise InputError(Fault("Flight.changed", ", ".join(sorted(unknown)), "a field of a flight"))
+        spec = replace(self.spec, **values) if vehicle is None else replace(self.spec, vehicle=vehicle, **values)
+        return Flight.of_study(self.study, spec, self.raw)
+
+    @property
+    def name(self) -> str:
+        """Its name."""
+        return self.spec.name
+
+    @property
+    def roles(self) -> tuple[str, ...]:
+        """What it is used for: structure, identify, predict."""
+        return self.spec.roles
+
+    @property
+    def vehicle(self) -> Vehicle | None:
+        """The vehicle that flew it."""
+        return self.spec.vehicle or self.study.vehicle
+
+    @property
+    def source(self) -> str:
+        """Where its record comes from."""
+        if self.spec.virtual is not None:
+            return "virtual drop"
+        return self.spec.path.name if self.spec.path is not None else "in memory"
+
+    @cached_property
+    def _prepared(self) -> tuple[xr.Dataset, xr.Dataset | None]:
+        from bayeschute.study.run.stage_data import ingest_flight
+
+        with workspace(replace(self.study, flights=_with(self.study.flights, self.spec))) as job:
+            record = ingest_flight(job, self.spec, self.raw).load()
+            return record, load_truth(job, self.name)
+
+    @property
+    def record(self) -> xr.Dataset:
+        """Its record: cleaned, on a uniform clock, in SI; `repairs` lists what was done to it."""
+        return self._prepared[0]
+
+    @property
+    def truth(self) -> xr.Dataset | None:
+        """The truth of a virtual drop; None of a measured flight."""
+        return self._prepared[1]
+
+    @property
+    def repairs(self) -> tuple[Repair, ...]:
+        """What cleaning dropped, filled, derived or assumed."""
+        return repairs(self.record)
+
+    def plot(self) -> Figure:
+        """The record over time, one panel a channel."""
+        from bayeschute.report.figures.record_figures import record_figure
+
+        return record_figure(self.record, [vars(one) for one in self.repairs])
+
+    def __repr__(self) -> str:
+        """Name, roles and source."""
+        return f"Flight({self.name!r}, {'+'.join(self.roles)}, {self.source})"
+
+    def _repr_html_(self) -> str:
+        """Channels of the record as a table."""
+        record = self.record
+        rows = [
+            (name, "x".join(map(str, one.shape)), one.attrs.get("units", "1"), one.attrs.get("long_name", ""))
+            for name, one in record.data_vars.items()
+        ]
+        time = record["time"].values
+        note = f"{time.size} samples from {time[0]:g} s to {time[-1]:g} s, {len(self.repairs)} repairs"
+        return html.table(self.name, ("channel", "shape", "unit", "meaning"), rows, note)
+
+
+def _si(value: str | float, unit: str) -> float:
+    return to_si(value, unit) if isinstance(value, str) else float(value)
+
+
+def _with(flights: tuple[FlightSpec, ...], spec: FlightSpec) -> tuple[FlightSpec, ...]:
+    """Flights of a study with one that may be a changed one of them, or a new one."""
+    names = [flight.name for flight in flights]
+    if spec.name not in names:
+        return (*flights, spec)
+    return tuple(spec if flight.name == spec.name else flight for flight in flights)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Motion:
+    """Motion and forces along a flight's record.
+
+    Attributes:
+        flight: The flight.
+        data: Angles, airflow, tensions and coefficients over time; units are in the attributes.
+    """
+
+    flight: Flight
+    data: xr.Dataset
+
+    def __getitem__(self, name: str) -> xr.DataArray:
+        """A quantity over time."""
+        return self.data[name]
+
+    def __repr__(self) -> str:
+        """Flight and quantities."""
+        return f"Motion of {self.flight.name}: {', '.join(map(str, self.data.data_vars))}"
+
+    def _repr_html_(self) -> str:
+        """As xarray shows it."""
+        return str(self.data._repr_html_())

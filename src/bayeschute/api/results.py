@@ -1,0 +1,505 @@
+"""What comes out: fits, posteriors, forecasts, and finished runs."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from numpy.typing import NDArray
+
+from bayeschute.api import html
+from bayeschute.api.inputs import Flight, Study
+from bayeschute.api.workspace import KEPT, Files, collected, workspace
+from bayeschute.core.errors import Fault, InputError
+from bayeschute.core.files import write_whole
+from bayeschute.core.units import to_si
+from bayeschute.core.version import __version__
+from bayeschute.prediction import bands
+from bayeschute.prediction.requirement import requirement_check
+from bayeschute.study.archive import study_from_plain, study_to_plain
+from bayeschute.study.assembly.fits import groups, load_fit
+from bayeschute.study.evidence.recalibrate import widening
+from bayeschute.study.run.forecasts import foretell_flight, widened
+from bayeschute.study.run.stage_data import ingest_flight
+from bayeschute.study.run.stage_fit import Fitted
+from bayeschute.study.run.stage_results import recorded_quantities
+from bayeschute.study.study import Study as StudySpec
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+STATISTICS = {"final": lambda x: x[:, -1], "maximum": lambda x: x.max(axis=1), "mean": lambda x: x.mean(axis=1)}
+_GROUP, _SPEC = "bayeschute", "study"
+_FORMAT = 1  # of a stored posterior
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Fit:
+    """Flights fitted: mode of the marginal posterior, noise parameters, and how well the search ended.
+
+    Attributes:
+        spec: The study that was fitted.
+        groups: One entry per set of flights that share their parameters.
+        files: Records, priors and structure, for what comes next.
+    """
+
+    spec: StudySpec
+    groups: tuple[Fitted, ...]
+    files: Files
+
+    @property
+    def converged(self) -> bool:
+        """Whether every search ended at a mode."""
+        return all(one.found.optimum.converged and one.found.profile.is_mode for one in self.groups)
+
+    @property
+    def parameters(self) -> pd.DataFrame:
+        """Mode and standard deviation of every parameter by Laplace's approximation, in its unit."""
+        rows = []
+        for one in self.groups:
+            sds = np.sqrt(np.diag(one.found.optimum.covariance))
+            for prior, at, sd in zip(one.group.priors, one.found.optimum.theta, sds, strict=True):
+                value = float(prior.value(at))
+                spread = float(sd) * (abs(value) if prior.logarithmic else 1.0)
+                rows.append({"parameter": prior.name, "mode": value, "sd": spread, "unit": prior.unit})
+        return pd.DataFrame(rows).set_index("parameter")
+
+    @property
+    def noise(self) -> list[Any]:
+        """Noise parameters of every group."""
+        return [one.found.hyper for one in self.groups]
+
+    @property
+    def notes(self) -> list[str]:
+        """Corrections that had to be left out, since they can't be trusted."""
+        return [lost for one in self.groups for lost in one.found.lost]
+
+    def __repr__(self) -> str:
+        """Flights, parameters and whether the search converged."""
+        names = ", ".join(f.name for one in self.groups for f in one.group.flights)
+        said = "converged" if self.converged else "not converged"
+        return f"Fit of {names}: {len(self.parameters)} parameters, {said}"
+
+    def _repr_html_(self) -> str:
+        """Mode and standard deviation as a table."""
+        rows = [(n, html.number(r["mode"]), html.number(r["sd"]), r["unit"]) for n, r in self.parameters.iterrows()]
+        return html.table(repr(self), ("parameter", "mode", "standard deviation", "unit"), rows, "; ".join(self.notes))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Posterior:
+    """Draws of the parameters given the flights, with what it takes to ask them about another flight.
+
+    A posterior needs no folder: `save` writes one NetCDF file that ArviZ reads, and `load` reads it anywhere.
+
+    Attributes:
+        spec: The study that was fitted, with the fitted flights.
+        data: ArviZ DataTree: posterior, prior, log_likelihood, posterior_predictive, ...
+        files: Records and fits.
+    """
+
+    spec: StudySpec
+    data: xr.DataTree
+    files: Files
+
+    def __getitem__(self, name: str) -> xr.DataArray:
+        """Draws of a parameter (chain, draw) in its unit."""
+        return self.data["posterior"].to_dataset()[name]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters."""
+        return tuple(map(str, self.data["posterior"].data_vars))
+
+    def summary(self, **options: Any) -> pd.DataFrame:
+        """Mean, standard deviation, intervals and diagnostics of every parameter: `arviz_stats.summary`."""
+        import arviz_stats
+
+        return arviz_stats.summary(self.data, **options)
+
+    def _json(self, name: str) -> Any:
+        return json.loads(self.files[name]) if name in self.files else {}
+
+    def checks(self) -> pd.DataFrame:
+        """Checks of fit and draws: whether each passed, its value and bound, and what it means."""
+        return pd.DataFrame(self._json("checks.json").get("checks", {})).T
+
+    def identifiability(self) -> pd.DataFrame:
+        """What the records tell of every parameter beyond its prior."""
+        told = self._json("identifiability.json")
+        rows = {name: entry for group in told.values() for name, entry in group["parameters"].items()}
+        return pd.DataFrame(rows).T
+
+    @property
+    def passed(self) -> bool:
+        """Whether all checks passed."""
+        return bool(self.checks()["passed"].all())
+
+    def save(self, path: Path | str) -> Path:
+        """Write one NetCDF file: the DataTree's groups, and one more with study, records and fits.
+
+        Args:
+            path: Such as ``cdt-3-11.posterior.nc``.
+        """
+        path = Path(path)
+        said = {"format": _FORMAT, "version": __version__, _SPEC: study_to_plain(self.spec)}
+        content = {_SPEC: json.dumps(said).encode(), **{f"file {name}": data for name, data in self.files.items()}}
+        held = xr.Dataset(
+            {
+                f"content_{i}": (f"byte_{i}", np.frombuffer(data, np.uint8), {"name": name})
+                for i, (name, data) in enumerate(content.items())
+            }
+        )
+        tree = self.data.copy()
+        tree[_GROUP] = xr.DataTree(held)
+        write_whole(path, lambda aside: tree.to_netcdf(aside, engine="h5netcdf"))
+        return path
+
+    @classmethod
+    def load(cls, path: Path | str) -> Posterior:
+        """Read a posterior that `save` wrote.
+
+        Raises:
+            InputError: If the file is not one, or a later version wrote it.
+        """
+        path = Path(path)
+        wanted = "a posterior written by `Posterior.save` or `bayeschute fit`"
+        if not path.is_file():
+            raise InputError(Fault(str(path), "no such file", wanted))
+        try:
+            with xr.open_datatree(path, engine="h5netcdf") as opened:
+                tree = opened.load()
+            held = tree[_GROUP].to_dataset()
+            content = {one.attrs["name"]: one.values.astype(np.uint8).tobytes() for one in held.data_vars.values()}
+            said = json.loads(content[_SPEC])
+        except (OSError, KeyError, ValueError) as error:
+            raise InputError(Fault(str(path), f"a file that can't be read ({error})"[:200], wanted)) from None
+        if said.get("format") != _FORMAT:
+            got = f"format {said.get('format')} of version {said.get('version')}"
+            raise InputError(Fault(str(path), got, f"format {_FORMAT}", "Use the version that wrote it."))
+        kept = {name.removeprefix("file "): data for name, data in content.items() if name.startswith("file ")}
+        groups_ = {name: node.to_dataset() for name, node in tree.children.items() if name != _GROUP}
+        return cls(study_from_plain(said[_SPEC]), xr.DataTree.from_dict(groups_), kept)
+
+    @classmethod
+    def of_run(cls, folder: Path | str, study: StudySpec) -> Posterior:
+        """The posterior of a finished run.
+
+        Raises:
+            InputError: If the run has none.
+        """
+        folder = Path(folder)
+        if not (folder / "posterior.nc").is_file():
+            raise InputError(Fault(str(folder), "no posterior.nc", "the folder of a run that was fitted"))
+        with xr.open_datatree(folder / "posterior.nc", engine="h5netcdf") as opened:
+            tree = opened.load()
+        fitted = {f.name for f in study.with_role("identify")} | {f.name for f in study.with_role("structure")}
+        kept = {
+            name: data
+            for name, data in collected(folder, KEPT).items()
+            if not name.startswith("flights/") or name.split("/")[1].split(".")[0] in fitted
+        }
+        return cls(_fitted_only(study), tree, kept)
+
+    def predict(self, flight: Flight, draws: int | None = None, seed: int | None = None) -> Forecast:
+        """Draws of a flight's quantities: of another one, or of one that was fitted.
+
+        Another flight is known by the opening of its record (its first 5 s) and by its wind; beyond that, disturbances
+        follow their process. It may have a vehicle, a payload and a number of canopies of its own.
+
+        Args:
+            flight: From a study, or made of a record or of a virtual drop.
+            draws: How many; the study's number where None.
+            seed: Seed; the study's where None.
+        """
+        spec = self.spec if seed is None else replace(self.spec, seed=seed)
+        if draws is not None:
+            spec = replace(spec, predict=spec.predict.model_copy(update={"draws": int(draws)}))
+        known = {f.name: f for f in spec.flights}
+        asked = flight.spec
+        own = known.get(asked.name)
+        if own is None:
+            vehicle = flight.vehicle if flight.vehicle != self.spec.vehicle else None
+            asked = replace(asked, roles=("predict",), vehicle=vehicle)
+            spec = replace(spec, flights=(*spec.flights, asked))
+        with workspace(spec, self.files) as job:
+            if own is None:
+                ingest_flight(job, asked, flight.raw)
+            foreseen = widened(foretell_flight(job, own or asked), widening(job))
+            recorded = recorded_quantities(job, foreseen.flight, foreseen.record)
+        return Forecast.of(foreseen, recorded)
+
+    def __repr__(self) -> str:
+        """Flights, parameters and draws."""
+        sizes = self.data["posterior"].sizes
+        names = ", ".join(f.name for f in self.spec.with_role("identify"))
+        return f"Posterior of {names}: {len(self.names)} parameters, {sizes['chain']} chains of {sizes['draw']} draws"
+
+    def _repr_html_(self) -> str:
+        """Means and intervals as a table."""
+        rows = []
+        for name in self.names:
+            low, middle, high = (html.number(float(q)) for q in np.quantile(self[name].values, (0.05, 0.5, 0.95)))
+            rows.append((name, middle, f"{low} to {high}", self[name].attrs.get("units", "1")))
+        missed = ", ".join(self.checks().query("passed == False").index) if "checks.json" in self.files else ""
+        note = f"checks missed: {missed}" if missed else "all checks passed"
+        return html.table(repr(self), ("parameter", "median", "central 90 %", "unit"), rows, note)
+
+    @cached_property
+    def marginals(self) -> tuple[Any, ...]:
+        """The marginal posteriors that were sampled, one per set of flights; see `numpyro_model`."""
+        with workspace(self.spec, self.files) as job:
+            return tuple((load_fit(job, group).marginal, group.priors) for group in groups(job))
+
+
+def _fitted_only(study: StudySpec) -> StudySpec:
+    """A study without what was only predicted, and without requirements."""
+    kept = tuple(f for f in study.flights if {"identify", "structure"} & set(f.roles))
+    return replace(study, flights=kept, requirements=())
+
+
+@dataclass(frozen=True)
+class Probability:
+    """P(a requirement is met), and how far the number of draws leaves it open.
+
+    Attributes:
+        met: Share of the draws that meet it; failed simulations count as not met.
+        low: Lower end of the Clopper-Pearson interval.
+        high: Upper end.
+        confidence: Of that interval, two-sided.
+        draws: How many draws.
+        failed: Simulations that failed.
+    """
+
+    met: float
+    low: float
+    high: float
+    confidence: float
+    draws: int
+    failed: int
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Forecast:
+    """Draws of a flight's quantities over time.
+
+    Attributes:
+        name: The flight.
+        draws: Quantities with dims (draw, time), units in the attributes; NaN where a simulation failed.
+        held_out: Samples that the fit did not see (time,).
+        record: Quantities as the record has them, (time,) each; empty without a record.
+        truth: Truth of a virtual drop; None of a measured flight.
+        shares: Share of variance by quantity and source.
+    """
+
+    name: str
+    draws: xr.Dataset
+    held_out: NDArray[np.bool_]
+    record: Mapping[str, Array]
+    truth: xr.Dataset | None
+    shares: Mapping[str, Mapping[str, float]]
+
+    @classmethod
+    def of(cls, foreseen: Any, recorded: Mapping[str, Array]) -> Forecast:
+        """From what a run's stage makes."""
+        one = foreseen.prediction
+        values = {name: (("draw", "time"), x, {"units": bands.UNITS[name]}) for name, x in one.draws.items()}
+        made = xr.Dataset(values, coords={"time": ("time", foreseen.time, {"units": "s"})})
+        made.attrs = {"failed": one.failed, "flight": foreseen.flight.name}
+        return cls(foreseen.flight.name, made, foreseen.held_out, recorded, foreseen.truth, one.shares)
+
+    @property
+    def quantities(self) -> tuple[str, ...]:
+        """Names of the quantities."""
+        return tuple(map(str, self.draws.data_vars))
+
+    @property
+    def counted(self) -> NDArray[np.bool_]:
+        """Samples that are judged: those held out, all where none is."""
+        return self.held_out if self.held_out.any() else np.ones(self.held_out.size, bool)
+
+    def _values(self, quantity: str) -> Array:
+        if quantity not in self.draws:
+            raise InputError(Fault("quantity", repr(quantity), f"one of {', '.join(self.quantities)}"))
+        values: Array = self.draws[quantity].values
+        return values
+
+    def band(self, quantity: str, level: float = 0.9) -> xr.Dataset:
+        """Central band of a quantity.
+
+        Args:
+            quantity: Its name.
+            level: Probability in the band [1].
+
+        Returns:
+            ``low``, ``median`` and ``high`` over time.
+        """
+        if not 0.0 < level < 1.0:
+            raise InputError(Fault("level", repr(level), "a probability between 0 and 1"))
+        shares = (0.5 - 0.5 * level, 0.5, 0.5 + 0.5 * level)
+        unit = self.draws[quantity].attrs if quantity in self.draws else {}
+        rows = zip(("low", "median", "high"), bands.quantiles(self._values(quantity), shares), strict=True)
+        return xr.Dataset({name: ("time", row, unit) for name, row in rows}, coords={"time": self.draws["time"]})
+
+    def probability(
+        self,
+        quantity: str,
+        *,
+        statistic: str = "mean",
+        at_most: str | float | None = None,
+        at_least: str | float | None = None,
+        confidence: float = 0.9,
+    ) -> Probability:
+        """P(a statistic of a quantity over the flight keeps to a limit).
+
+        Args:
+            quantity: Its name.
+            statistic: ``mean``, ``maximum`` or ``final`` over the samples that were not seen.
+            at_most: Upper limit, such as ``"33 ft/s"`` or a number in SI; this or `at_least`.
+            at_least: Lower limit.
+            confidence: Of the interval that the number of draws leaves.
+        """
+        if statistic not in STATISTICS:
+            raise InputError(Fault("statistic", repr(statistic), f"one of {', '.join(STATISTICS)}"))
+        values, unit = self._values(quantity)[:, self.counted], self.draws[quantity].attrs["units"]
+        most, least = (to_si(limit, unit) if isinstance(limit, str) else limit for limit in (at_most, at_least))
+        made = requirement_check(
+            STATISTICS[statistic](values), name=f"{statistic} {quantity}", quantity=quantity, unit=unit,
+            at_most=most, at_least=least, confidence=confidence,
+        )  # fmt: skip
+        low, high = made["simulation_low"], made["simulation_high"]
+        return Probability(made["probability_met"], low, high, confidence, made["draws"], made["failed"])
+
+    def check(self, levels: Sequence[float] = (0.5, 0.9)) -> pd.DataFrame:
+        """How the bands hold what was recorded, and the truth where that is known, over the samples not seen.
+
+        Recorded values hold the sensors' noise, the bands do not.
+
+        Returns:
+            A row per quantity and reference: share of samples inside each band.
+
+        Raises:
+            InputError: If there is neither record nor truth.
+        """
+        truth = {} if self.truth is None else {q: self.truth[q].values for q in self.quantities if q in self.truth}
+        rows = []
+        for kind, reference in (("record", self.record), ("truth", truth)):
+            for name in self.quantities:
+                if name not in reference:
+                    continue
+                row: dict[str, Any] = {"quantity": name, "reference": kind}
+                for level in levels:
+                    one = self.band(name, level)
+                    known = np.isfinite(reference[name]) & np.isfinite(one["low"].values) & self.counted
+                    inside = (reference[name] >= one["low"].values) & (reference[name] <= one["high"].values)
+                    row[f"inside {100 * level:g} %"] = float(inside[known].mean()) if known.any() else np.nan
+                rows.append(row)
+        if not rows:
+            raise InputError(Fault(f"forecast of {self.name}", "no record", "a flight with a record to check by"))
+        return pd.DataFrame(rows)
+
+    def to_dataset(self) -> xr.Dataset:
+        """Quantiles with record and truth, as ``predictions.nc`` of a run has them."""
+        draws = {name: self.draws[name].values for name in self.quantities}
+        last = np.full((self.draws.sizes["draw"], 3), np.nan)
+        one = bands.Prediction(self.draws["time"].values, draws, last, int(self.draws.attrs["failed"]), self.shares)
+        role = "predict" if self.held_out.any() else "identify"
+        return bands.dataset(one, one.time, self.quantities, self.truth, self.record, self.held_out, role)
+
+    def plot(self, limits: Mapping[str, float] | None = None) -> Figure:
+        """Bands over time with record and truth, a panel per quantity.
+
+        Args:
+            limits: Limits by quantity (SI), drawn as lines.
+        """
+        from bayeschute.report.figures.record_figures import band_figure
+
+        return band_figure(self.to_dataset(), limits)
+
+    def __repr__(self) -> str:
+        """Flight, quantities and draws."""
+        sizes = self.draws.sizes
+        told = f"{sizes['draw']} draws of {', '.join(self.quantities)} at {sizes['time']} times"
+        return f"Forecast of {self.name}: {told}, {self.draws.attrs['failed']} failed"
+
+    def _repr_html_(self) -> str:
+        """Medians and 90 % bands of the mean over the flight, as a table."""
+        rows = []
+        for name in self.quantities:
+            means = self._values(name)[:, self.counted].mean(axis=1)
+            low, middle, high = (html.number(float(q)) for q in np.nanquantile(means, (0.05, 0.5, 0.95)))
+            rows.append((name, middle, f"{low} to {high}", self.draws[name].attrs["units"]))
+        return html.table(repr(self), ("mean over the flight", "median", "central 90 %", "unit"), rows)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Run:
+    """A run in a folder, finished or as far as it went.
+
+    Attributes:
+        folder: The folder.
+        study: The study as it ran.
+    """
+
+    folder: Path
+    study: Study
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        """summary.json; empty where the last stage has not run."""
+        path = self.folder / "summary.json"
+        return dict(json.loads(path.read_text(encoding="utf-8"))) if path.is_file() else {}
+
+    @cached_property
+    def posterior(self) -> Posterior:
+        """The posterior."""
+        return Posterior.of_run(self.folder, self.study.spec)
+
+    @cached_property
+    def forecasts(self) -> Mapping[str, Forecast]:
+        """Forecasts of the flights that were fitted or predicted, drawn anew by name."""
+        return _Forecasts(self)
+
+    def report(self) -> Path:
+        """Build report.html from the results; returns its path."""
+        from bayeschute.report.page import build_report
+
+        return build_report(self.folder)
+
+    def __repr__(self) -> str:
+        """Folder and label."""
+        return f"Run({str(self.folder)!r}: {self.summary.get('label', 'not finished')})"
+
+
+class _Forecasts(Mapping[str, Forecast]):
+    """Forecasts of a run, made when asked for."""
+
+    def __init__(self, run: Run) -> None:
+        self._run = run
+        self._made: dict[str, Forecast] = {}
+
+    def __getitem__(self, name: str) -> Forecast:
+        if name not in self._made:
+            study = self._run.study.spec
+            flight = next((f for f in study.flights if f.name == name and f.name in set(self)), None)
+            if flight is None:
+                raise KeyError(name)
+            by_name = {f"flights/{path.name}": path.read_bytes() for path in (self._run.folder / "flights").iterdir()}
+            with workspace(study, {**collected(self._run.folder), **by_name}) as job:
+                foreseen = widened(foretell_flight(job, flight), widening(job))
+                self._made[name] = Forecast.of(foreseen, recorded_quantities(job, flight, foreseen.record))
+        return self._made[name]
+
+    def __iter__(self) -> Any:
+        return iter([f.name for f in self._run.study.spec.flights if {"identify", "predict"} & set(f.roles)])
+
+    def __len__(self) -> int:
+        return len(list(iter(self)))

@@ -1,0 +1,352 @@
+"""The verbs: from a record to motion, structure, fit, posterior, and whole runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import xarray as xr
+
+from bayeschute.api import html
+from bayeschute.api.beliefs import Priors, Structure
+from bayeschute.api.inputs import Flight, Flights, Motion, Study
+from bayeschute.api.results import Fit, Posterior, Run
+from bayeschute.api.workspace import collected, workspace
+from bayeschute.core.errors import Fault, InputError
+from bayeschute.records.read import ColumnSpec
+from bayeschute.records.read import read_record as read_columns
+from bayeschute.study.job import Job, Progress
+from bayeschute.study.schema.belief_schema import NoiseTable
+from bayeschute.study.schema.structure_schema import StructureTable
+from bayeschute.study.study import Study as StudySpec
+
+Columns = Mapping[str, tuple[str, str]]
+
+
+@contextmanager
+def _shown(progress: Progress | bool | None) -> Iterator[Progress | None]:
+    """What progress is told to: a function, or bars in the terminal where it is true."""
+    if progress is True:
+        from bayeschute.console import Bars
+
+        with Bars() as bars:
+            yield bars
+    else:
+        yield progress or None
+
+
+def read_record(path: Path | str, columns: Columns | None = None) -> xr.Dataset:
+    """Read a flight record: CSV, CSV.gz or Parquet with a column map, or NetCDF in the package's own schema.
+
+    Args:
+        path: The file.
+        columns: By quantity (``time``, ``altitude``, ``capsule_position.north``, ``canopy_position.1.down``,
+            ``capsule_attitude.w``, ...) the column's name and its unit there.
+
+    Returns:
+        The record in SI at its own times.
+
+    Raises:
+        InputError: With every fault of map and file.
+
+    Example:
+        >>> import bayeschute as bc
+        >>> record = bc.read_record("drop.csv", {"time": ("t", "s"), "altitude": ("h", "ft")})  # doctest: +SKIP
+    """
+    return read_columns(path, {k: ColumnSpec(*c) for k, c in columns.items()} if columns else None)
+
+
+def reconstruct(flight: Flight) -> Motion:
+    """Angles, airflow, tensions and force coefficients along a flight's record (report 6.1 and 6.3.5).
+
+    Args:
+        flight: Of a cluster.
+
+    Raises:
+        InputError: If the flight has no vehicle.
+    """
+    from bayeschute.records.reconstruct import reconstruct as along
+    from bayeschute.study.assembly.assemble import geometry
+    from bayeschute.study.assembly.canopy_wind import canopy_wind
+
+    if flight.vehicle is None:
+        raise InputError(Fault(f"flight {flight.name}", "no vehicle", "the flight of a cluster"))
+    profile = flight.spec.wind_profile
+    aloft = None if profile is None else canopy_wind(flight.record, profile)
+    return Motion(flight, along(flight.record, geometry(flight.vehicle, flight.spec.capsule_mass), canopy_wind=aloft))
+
+
+def select_structure(
+    motion: Motion | Flight | Sequence[Motion | Flight],
+    candidates: StructureTable | None = None,
+    progress: Progress | bool | None = None,
+) -> Structure:
+    """Which aerodynamic terms the records support, by equation error with colored residuals.
+
+    Args:
+        motion: Of one flight or several.
+        candidates: Candidate terms and how they are searched, as ``study.candidates``; None: the flights' study's.
+        progress: Called with stage, share done and words; True: shown in the terminal.
+    """
+    from bayeschute.study.run.stage_structure import structure
+
+    several = [motion] if isinstance(motion, Motion | Flight) else list(motion)
+    flights = [one.flight if isinstance(one, Motion) else one for one in several]
+    spec = _spec(flights, ("structure", "identify"))
+    spec = spec if candidates is None else replace(spec, structure=candidates)
+    with _shown(progress) as tell, workspace(spec, progress=tell) as job:
+        _ingest(job, flights)
+        structure(job)
+        text = job.out / "structure.txt"
+        said = text.read_text(encoding="utf-8") if text.is_file() else ""
+        return Structure(spec, job.load("structure.json"), said)
+
+
+def fit(
+    flights: Study | Flight | Sequence[Flight],
+    priors: Priors | None = None,
+    *,
+    noise: NoiseTable | None = None,
+    seed: int | None = None,
+    progress: Progress | bool | None = None,
+) -> Fit:
+    """Fit simulated flights to records: joint optimum, noise parameters, mode of the marginal posterior.
+
+    Args:
+        flights: A study, whose flights with the role ``identify`` are fitted; or flights.
+        priors: Of all parameters; None: by `select_structure` and the study's own.
+        noise: Noise of channels and latent disturbances; None: the study's.
+        seed: Of random numbers; None: the study's.
+        progress: Called with stage, share done and words; True: shown in the terminal.
+
+    Raises:
+        FitError: If no flight of the model follows the records; it says what was tried.
+    """
+    from bayeschute.study.assembly.fits import groups
+    from bayeschute.study.run import stage_data, stage_fit, stage_structure
+
+    chosen = _chosen(flights)
+    spec = _spec(chosen, ("structure", "identify"))
+    if priors is not None:
+        spec = replace(spec, priors=priors.table, structure=priors.candidates or spec.structure)
+    spec = replace(spec, noise=noise or spec.noise, seed=spec.seed if seed is None else seed)
+    with _shown(progress) as tell, workspace(spec, progress=tell) as job:
+        _ingest(job, chosen)
+        if priors is None:
+            stage_structure.structure(job)
+            stage_data.priors(job)
+        else:
+            job.save("structure.json", priors.found or {"coefficients": {}})
+            job.save("priors.json", [p.__dict__ for p in stage_data.in_order(spec, priors.parameters)])
+        stage_fit.fit_structures(job)
+        made = tuple(stage_fit.fit_group(job, group, job.say("fit")) for group in groups(job))
+        return Fit(spec, made, collected(job.out))
+
+
+def sample(
+    fitted: Fit,
+    draws: int | None = None,
+    *,
+    chains: int | None = None,
+    warmup: int | None = None,
+    seed: int | None = None,
+    sampler: str | None = None,
+    progress: Progress | bool | None = None,
+) -> Posterior:
+    """Draw from the posterior of a fit, and check fit and draws.
+
+    Args:
+        fitted: From `fit`.
+        draws: In all; the study's number where None.
+        chains: Chains.
+        warmup: Warm-up steps of each.
+        seed: Seed; the fit's where None.
+        sampler: ``nuts``, ``emcee`` or ``both``.
+        progress: Called with stage, share done and words; True: shown in the terminal.
+    """
+    from bayeschute.study.run import stage_fit, stage_results
+
+    table = fitted.spec.sampler
+    count = chains or table.chains
+    asked = {
+        "chains": chains,
+        "warmup": warmup,
+        "kind": sampler,
+        "draws": None if draws is None else -(-draws // count),
+    }
+    table = type(table).model_validate(table.model_dump() | {k: v for k, v in asked.items() if v is not None})
+    spec = replace(fitted.spec, sampler=table, seed=fitted.spec.seed if seed is None else seed)
+    with _shown(progress) as tell, workspace(spec, fitted.files, tell) as job:
+        drawn = [stage_fit.draw_group(job, i, one, job.say("fit")) for i, one in enumerate(fitted.groups)]
+        stage_fit.store(job, fitted.groups, drawn)
+        stage_results.check(job)
+        return Posterior.of_run(job.out, spec)
+
+
+def run(
+    study: Study,
+    folder: Path | str,
+    *,
+    resume: bool = False,
+    quick: bool = False,
+    until: str | None = None,
+    workers: int = 1,
+    progress: Progress | bool | None = None,
+) -> Run:
+    """Records and a study to posterior, bands, risk and report, as `bayeschute run` does.
+
+    Args:
+        study: From `Study.load`.
+        folder: Of the run; made where missing.
+        resume: Reuse finished stages whose inputs are the same.
+        quick: Small sizes, not for use.
+        until: Last stage to run.
+        workers: Local processes that predictions are spread over.
+        progress: Called with stage, share done and words; True: shown in the terminal.
+    """
+    from bayeschute.study.assembly.assemble import smaller
+    from bayeschute.study.run.stages import run_study
+
+    with _shown(progress) as tell:
+        run_study(study.spec, folder, until, resume, quick, progress=tell, workers=workers)
+    return Run(Path(folder), Study(smaller(study.spec)) if quick else study)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Coverage:
+    """What intervals and bands held over replicates of a study.
+
+    Attributes:
+        found: As `bayeschute calibrate` stores it.
+    """
+
+    found: Mapping[str, Any]
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """Share of the replicates whose nominal 90 % interval held the truth, with its standard error."""
+        share, error = self.found["coverage"], self.found["standard_error"]
+        return pd.DataFrame({"share": share, "standard_error": error})
+
+    @property
+    def replicates(self) -> int:
+        """How many replicates counted."""
+        return int(self.found["replicates"])
+
+    def __repr__(self) -> str:
+        """The shares."""
+        return f"Coverage of 90 % intervals over {self.replicates} replicates\n{self.table}"
+
+    def _repr_html_(self) -> str:
+        """The shares as a table."""
+        rows = [(n, f"{r.share:.3f}", f"{r.standard_error:.3f}") for n, r in self.table.iterrows()]
+        return html.table(f"Coverage over {self.replicates} replicates", ("interval", "share", "standard error"), rows)
+
+
+def calibrate(
+    study: Study,
+    folder: Path | str,
+    replicates: int = 100,
+    *,
+    scenario: str = "none",
+    noise: str | None = None,
+    workers: int = 1,
+    quick: bool = False,
+    progress: Callable[[float, str], None] | None = None,
+) -> Coverage:
+    """Fly a study's virtual flights anew many times, fit each, and count what intervals and bands hold.
+
+    Args:
+        study: All flights virtual.
+        folder: Keeps finished replicates; the same call goes on.
+        replicates: How many.
+        scenario: What is flown that the identification is not told; ``none`` or a name of `scenarios`.
+        noise: Replaces the noise model.
+        workers: Local processes.
+        quick: Small sizes, not for use.
+        progress: Called with a share done and words.
+    """
+    from bayeschute.study.calibrate import calibrate as fly_replicates
+
+    return Coverage(
+        fly_replicates(study.spec.path, folder, replicates, scenario, noise, workers, None, quick, progress=progress)
+    )
+
+
+def scenarios() -> dict[str, str]:
+    """Named misspecifications that `calibrate` can fly, and what each is."""
+    from bayeschute.study.evidence.scenarios import DISTURBANCES
+
+    return {name: kind.says for name, kind in DISTURBANCES.items()}
+
+
+def numpyro_model(source: Fit | Posterior) -> Callable[[], None]:
+    """The marginal posterior as a numpyro model with a site per parameter, for `numpyro.infer`.
+
+    Args:
+        source: A fit or a posterior of one set of flights.
+
+    Raises:
+        InputError: If several sets of flights were fitted apart.
+    """
+    from bayeschute.posterior.numpyro_model import model
+
+    if isinstance(source, Fit):
+        pairs = [(one.found.marginal, one.group.priors) for one in source.groups]
+    else:
+        pairs = list(source.marginals)
+    if len(pairs) != 1:
+        raise InputError(Fault("numpyro_model", f"{len(pairs)} fits", "one set of flights that share their parameters"))
+    return model(*pairs[0])
+
+
+def _chosen(flights: Study | Flight | Sequence[Flight]) -> list[Flight]:
+    if isinstance(flights, Study):
+        return [f for f in flights.flights if {"identify", "structure"} & set(f.roles)]
+    return [flights] if isinstance(flights, Flight) else list(flights)
+
+
+def _spec(flights: Sequence[Flight], roles: tuple[str, ...]) -> StudySpec:
+    """The study of some flights: tables of the first's, each flight with the vehicle that flew it."""
+    if not flights:
+        raise InputError(Fault("flights", "none", "at least one flight"))
+    study = flights[0].study
+    names = [flight.name for flight in flights]
+    if len(set(names)) < len(names):
+        raise InputError(Fault("flights", ", ".join(names), "flights of different names", "Use `Flight.changed`."))
+    vehicle = flights[0].vehicle
+    specs = tuple(
+        replace(
+            flight.spec,
+            roles=tuple(role for role in flight.roles if role in roles) or roles,
+            vehicle=None if flight.vehicle == vehicle else flight.vehicle,
+        )
+        for flight in flights
+    )
+    return replace(study, flights=specs, vehicle=vehicle, requirements=())
+
+
+def _ingest(job: Job, flights: Sequence[Flight]) -> None:
+    from bayeschute.study.run.stage_data import ingest_flight
+
+    for spec, flight in zip(job.study.flights, flights, strict=True):
+        ingest_flight(job, spec, flight.raw)
+
+
+__all__ = [
+    "Coverage",
+    "Flights",
+    "calibrate",
+    "fit",
+    "numpyro_model",
+    "read_record",
+    "reconstruct",
+    "run",
+    "sample",
+    "scenarios",
+    "select_structure",
+]

@@ -1,0 +1,39 @@
+"""A run's folder for as long as a verb works: its files are in memory before and after."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+from bayeschute.study.job import Job, Progress
+from bayeschute.study.study import Study
+
+Files = Mapping[str, bytes]
+KEPT = ("flights/*.nc", "structure.*", "priors.json", "fit/**/*", "checks.json", "identifiability.json")
+"""Files that a posterior is asked by, later or elsewhere."""
+
+
+@contextmanager
+def workspace(study: Study, files: Files | None = None, progress: Progress | None = None) -> Iterator[Job]:
+    """A run in a folder of its own, which is gone afterwards.
+
+    Args:
+        study: The study.
+        files: What the folder holds at first, by name.
+        progress: Called with stage, share done and words.
+    """
+    with tempfile.TemporaryDirectory(prefix="bayeschute-") as name:
+        folder = Path(name)
+        for at, content in (files or {}).items():
+            path = folder / at
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(content)
+        yield Job(study, folder, False, "", progress or (lambda *_: None), resume=bool(files))
+
+
+def collected(folder: Path, patterns: tuple[str, ...] = KEPT) -> dict[str, bytes]:
+    """Files of a run's folder by name."""
+    found = sorted({path for pattern in patterns for path in folder.glob(pattern) if path.is_file()})
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in found}
