@@ -111,6 +111,77 @@ def run(
             raise typer.Exit(1)
 
 
+@app.command()
+def fit(
+    study: StudyPath,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Where to.  [default: NAME.posterior.nc beside you]")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite the file.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Small sizes, to see that all works; not for use.")] = False,
+    data: DataDir = None,
+    seed: Seed = None,
+) -> None:
+    """Fit a study's records and draw from the posterior: one file, which can be asked about other flights."""
+    path = out or Path(f"{study.stem}.posterior.nc")
+    with told():
+        if path.exists() and not force:
+            do = "Give another --out, or --force to overwrite it."
+            raise InputError(Fault(f"--out {path}", "a file that is there already", "a new file", do))
+        _sound(study, data)
+        from bayeschute.api.inputs import Study
+        from bayeschute.api.verbs import fit as fit_flights
+        from bayeschute.api.verbs import sample
+        from bayeschute.core.errors import FitError
+
+        wanted = Study.load(study, data)
+        try:
+            with Bars() as bars:
+                fitted = fit_flights(wanted.quick() if quick else wanted, seed=seed, progress=bars)
+                posterior = sample(fitted, progress=bars)
+        except FitError as error:
+            say(f"No fit: {error.reason}", error=True)
+            for line in error.tried:
+                say(f"Tried: {line}", error=True)
+            raise typer.Exit(1) from None
+        posterior.save(path)
+        say(str(posterior.summary()))
+        say(f"Posterior: {path}")
+        checks = posterior.checks()
+        missed = list(checks.index[~checks["passed"].astype(bool)])
+        if quick:
+            say("Quick run: sizes too small for use.")
+        elif missed:
+            say(f"Checks that failed: {', '.join(missed)}", error=True)
+            raise typer.Exit(1)
+
+
+@app.command()
+def predict(
+    posterior: Annotated[Path, typer.Argument(metavar="POSTERIOR", help="From `bayeschute fit`.", show_default=False)],
+    flights: Annotated[
+        Path, typer.Argument(metavar="FLIGHT", help="TOML with [[flight]] tables, as in a study.", show_default=False)
+    ],
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Results.  [default: runs/NAME of the flight file]")
+    ] = None,
+    draws: Annotated[int | None, typer.Option(min=16, max=1_000_000, help="Draws of each flight.")] = None,
+    data: DataDir = None,
+    seed: Seed = None,
+) -> None:
+    """Bands of other flights by a stored posterior, and the requirements that they are to meet."""
+    folder = out or Path("runs") / flights.stem
+    with told():
+        _free_folder(folder)
+        from bayeschute.api.forecasting import predict_file
+
+        with Bars() as bars:
+            made = predict_file(posterior, flights, folder, draws, seed, data, bars)
+        for line in made:
+            say(line)
+        say(f"Results are in {folder}")
+
+
 def _summary_of(folder: Path) -> dict[str, Any]:
     """summary.json of a run; empty where there is none."""
     import json

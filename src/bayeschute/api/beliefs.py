@@ -27,6 +27,11 @@ class Structure:
         spec: The study it was selected for.
         found: Everything that is known of it, as ``structure.json`` of a run has it.
         text: Print-outs in the form of the report's section 7.
+
+    Example:
+        >>> structure = bc.Structure(study.spec, {"coefficients": {}}, "")
+        >>> len(structure.table)
+        0
     """
 
     spec: StudySpec

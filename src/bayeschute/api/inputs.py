@@ -62,7 +62,12 @@ def wind_profile(altitude: ArrayLike, north: ArrayLike, east: ArrayLike, down: A
 
 
 class Flights(Sequence["Flight"]):
-    """The flights of a study, by place or by name."""
+    """The flights of a study, by place or by name.
+
+    Example:
+        >>> [flight.name for flight in study.flights]
+        ['low', 'high']
+    """
 
     def __init__(self, flights: Sequence[Flight]) -> None:
         """Keep flights in their order."""
@@ -336,6 +341,11 @@ class Motion:
     Attributes:
         flight: The flight.
         data: Angles, airflow, tensions and coefficients over time; units are in the attributes.
+
+    Example:
+        >>> motion = bc.reconstruct(bc.Study.example().flights["cdt-3-12"])
+        >>> motion["C_A"].dims
+        ('time', 'canopy')
     """
 
     flight: Flight

@@ -49,6 +49,12 @@ class Fit:
         spec: The study that was fitted.
         groups: One entry per set of flights that share their parameters.
         files: Records, priors and structure, for what comes next.
+
+    Example:
+        >>> fitted.converged
+        True
+        >>> list(fitted.parameters.columns)
+        ['mode', 'sd', 'unit']
     """
 
     spec: StudySpec
@@ -104,6 +110,13 @@ class Posterior:
         spec: The study that was fitted, with the fitted flights.
         data: ArviZ DataTree: posterior, prior, log_likelihood, posterior_predictive, ...
         files: Records and fits.
+
+    Example:
+        >>> draws = posterior[posterior.names[0]]
+        >>> draws.dims
+        ('chain', 'draw')
+        >>> len(posterior.summary()) == len(posterior.names)
+        True
     """
 
     spec: StudySpec
@@ -148,6 +161,11 @@ class Posterior:
 
         Args:
             path: Such as ``cdt-3-11.posterior.nc``.
+
+        Example:
+            >>> path = posterior.save(folder / "drop.posterior.nc")
+            >>> bc.Posterior.load(path).names == posterior.names
+            True
         """
         path = Path(path)
         said = {"format": _FORMAT, "version": __version__, _SPEC: study_to_plain(self.spec)}
@@ -219,6 +237,14 @@ class Posterior:
             flight: From a study, or made of a record or of a virtual drop.
             draws: How many; the study's number where None.
             seed: Seed; the study's where None.
+
+        Raises:
+            InputError: If another flight has the name of one that was fitted.
+
+        Example:
+            >>> forecast = posterior.predict(study.flights[0], draws=64)
+            >>> forecast.draws.sizes["draw"]
+            64
         """
         spec = self.spec if seed is None else replace(self.spec, seed=seed)
         if draws is not None:
@@ -226,6 +252,9 @@ class Posterior:
         known = {f.name: f for f in spec.flights}
         asked = flight.spec
         own = known.get(asked.name)
+        if own is not None and replace(asked, roles=own.roles, vehicle=own.vehicle) != own:
+            do = "Give it another name: `flight.changed(name=...)`."
+            raise InputError(Fault(f"flight {asked.name}", "the name of a fitted flight", "a name of its own", do))
         if own is None:
             vehicle = flight.vehicle if flight.vehicle != self.spec.vehicle else None
             asked = replace(asked, roles=("predict",), vehicle=vehicle)
@@ -277,6 +306,11 @@ class Probability:
         confidence: Of that interval, two-sided.
         draws: How many draws.
         failed: Simulations that failed.
+
+    Example:
+        >>> found = forecast.probability("descent_rate", at_most="100 m/s")
+        >>> found.met
+        1.0
     """
 
     met: float
@@ -298,6 +332,11 @@ class Forecast:
         record: Quantities as the record has them, (time,) each; empty without a record.
         truth: Truth of a virtual drop; None of a measured flight.
         shares: Share of variance by quantity and source.
+
+    Example:
+        >>> band = forecast.band("descent_rate", 0.9)
+        >>> bool((band["low"] < band["high"]).all())
+        True
     """
 
     name: str
@@ -331,6 +370,18 @@ class Forecast:
             raise InputError(Fault("quantity", repr(quantity), f"one of {', '.join(self.quantities)}"))
         values: Array = self.draws[quantity].values
         return values
+
+    def statistic(self, quantity: str, statistic: str = "mean") -> xr.DataArray:
+        """A statistic of a quantity over the samples that were not seen, one value a draw.
+
+        Args:
+            quantity: Its name.
+            statistic: ``mean``, ``maximum`` or ``final``.
+        """
+        if statistic not in STATISTICS:
+            raise InputError(Fault("statistic", repr(statistic), f"one of {', '.join(STATISTICS)}"))
+        values = STATISTICS[statistic](self._values(quantity)[:, self.counted])
+        return xr.DataArray(values, dims="draw", attrs=self.draws[quantity].attrs, name=f"{statistic} {quantity}")
 
     def band(self, quantity: str, level: float = 0.9) -> xr.Dataset:
         """Central band of a quantity.
@@ -367,12 +418,10 @@ class Forecast:
             at_least: Lower limit.
             confidence: Of the interval that the number of draws leaves.
         """
-        if statistic not in STATISTICS:
-            raise InputError(Fault("statistic", repr(statistic), f"one of {', '.join(STATISTICS)}"))
-        values, unit = self._values(quantity)[:, self.counted], self.draws[quantity].attrs["units"]
+        samples, unit = self.statistic(quantity, statistic).values, self.draws[quantity].attrs["units"]
         most, least = (to_si(limit, unit) if isinstance(limit, str) else limit for limit in (at_most, at_least))
         made = requirement_check(
-            STATISTICS[statistic](values), name=f"{statistic} {quantity}", quantity=quantity, unit=unit,
+            samples, name=f"{statistic} {quantity}", quantity=quantity, unit=unit,
             at_most=most, at_least=least, confidence=confidence,
         )  # fmt: skip
         low, high = made["simulation_low"], made["simulation_high"]
@@ -434,8 +483,7 @@ class Forecast:
         """Medians and 90 % bands of the mean over the flight, as a table."""
         rows = []
         for name in self.quantities:
-            means = self._values(name)[:, self.counted].mean(axis=1)
-            low, middle, high = (html.number(float(q)) for q in np.nanquantile(means, (0.05, 0.5, 0.95)))
+            low, middle, high = (html.number(float(q)) for q in self.statistic(name).quantile((0.05, 0.5, 0.95)))
             rows.append((name, middle, f"{low} to {high}", self.draws[name].attrs["units"]))
         return html.table(repr(self), ("mean over the flight", "median", "central 90 %", "unit"), rows)
 
@@ -447,6 +495,11 @@ class Run:
     Attributes:
         folder: The folder.
         study: The study as it ran.
+
+    Example:
+        >>> run = bc.Run(folder / "run", study)
+        >>> run
+        Run('...run': not finished)
     """
 
     folder: Path

@@ -68,6 +68,11 @@ def reconstruct(flight: Flight) -> Motion:
 
     Raises:
         InputError: If the flight has no vehicle.
+
+    Example:
+        >>> motion = bc.reconstruct(bc.Study.example().flights["cdt-3-12"])
+        >>> motion["swing_angle"].attrs["units"]
+        'rad'
     """
     from bayeschute.records.reconstruct import reconstruct as along
     from bayeschute.study.assembly.assemble import geometry
@@ -91,6 +96,11 @@ def select_structure(
         motion: Of one flight or several.
         candidates: Candidate terms and how they are searched, as ``study.candidates``; None: the flights' study's.
         progress: Called with stage, share done and words; True: shown in the terminal.
+
+    Example:
+        >>> structure = bc.select_structure(study.flights[0])
+        >>> structure.found["coefficients"]  # a point mass has one coefficient
+        {}
     """
     from bayeschute.study.run.stage_structure import structure
 
@@ -125,6 +135,10 @@ def fit(
 
     Raises:
         FitError: If no flight of the model follows the records; it says what was tried.
+
+    Example:
+        >>> bc.fit(study.flights[0]).converged
+        True
     """
     from bayeschute.study.assembly.fits import groups
     from bayeschute.study.run import stage_data, stage_fit, stage_structure
@@ -167,6 +181,10 @@ def sample(
         seed: Seed; the fit's where None.
         sampler: ``nuts``, ``emcee`` or ``both``.
         progress: Called with stage, share done and words; True: shown in the terminal.
+
+    Example:
+        >>> bc.sample(fitted, draws=200, chains=2, warmup=50)[fitted.parameters.index[0]].size
+        200
     """
     from bayeschute.study.run import stage_fit, stage_results
 
@@ -207,6 +225,11 @@ def run(
         until: Last stage to run.
         workers: Local processes that predictions are spread over.
         progress: Called with stage, share done and words; True: shown in the terminal.
+
+    Example:
+        >>> run = bc.run(study, folder / "until-priors", until="priors")
+        >>> (run.folder / "priors.json").is_file()
+        True
     """
     from bayeschute.study.assembly.assemble import smaller
     from bayeschute.study.run.stages import run_study
@@ -222,6 +245,11 @@ class Coverage:
 
     Attributes:
         found: As `bayeschute calibrate` stores it.
+
+    Example:
+        >>> found = {"replicates": 40, "coverage": {"axial[1]": 0.9}, "standard_error": {"axial[1]": 0.05}}
+        >>> float(bc.Coverage(found).table.loc["axial[1]", "share"])
+        0.9
     """
 
     found: Mapping[str, Any]
@@ -269,6 +297,9 @@ def calibrate(
         workers: Local processes.
         quick: Small sizes, not for use.
         progress: Called with a share done and words.
+
+    Example:
+        >>> coverage = bc.calibrate(bc.Study.load("mine.toml"), "runs/mine", replicates=40)  # doctest: +SKIP
     """
     from bayeschute.study.calibrate import calibrate as fly_replicates
 
@@ -278,7 +309,12 @@ def calibrate(
 
 
 def scenarios() -> dict[str, str]:
-    """Named misspecifications that `calibrate` can fly, and what each is."""
+    """Named misspecifications that `calibrate` can fly, and what each is.
+
+    Example:
+        >>> "strong-gusts" in bc.scenarios()
+        True
+    """
     from bayeschute.study.evidence.scenarios import DISTURBANCES
 
     return {name: kind.says for name, kind in DISTURBANCES.items()}
@@ -292,6 +328,11 @@ def numpyro_model(source: Fit | Posterior) -> Callable[[], None]:
 
     Raises:
         InputError: If several sets of flights were fitted apart.
+
+    Example:
+        >>> model = bc.numpyro_model(fitted)
+        >>> callable(model)
+        True
     """
     from bayeschute.posterior.numpyro_model import model
 

@@ -17,7 +17,7 @@ from bayeschute.study.schema.draft import Draft
 from bayeschute.study.schema.schema_faults import faults_of
 from bayeschute.study.schema.sidecar import context
 from bayeschute.study.schema.study_files import DATA_VARIABLE, read_toml, record_paths
-from bayeschute.study.schema.study_schema import QUANTITIES, Column, FlightTable, StudyFile
+from bayeschute.study.schema.study_schema import QUANTITIES, Column, FlightsFile, FlightTable, StudyFile
 from bayeschute.study.schema.vehicle_schema import Vehicle
 from bayeschute.study.study import Flight, Study, canonical, file_hash, study_hash
 from bayeschute.study.templates import template
@@ -27,6 +27,7 @@ __all__ = [
     "Study",
     "canonical",
     "check_study",
+    "load_flights",
     "file_hash",
     "load_study",
     "load_study_or_vehicle",
@@ -125,6 +126,51 @@ def load_study_or_vehicle(path: Path | str) -> Study:
         return load_study(path)
     shipped = load_study(template("virtual.toml"))
     return replace(shipped, vehicle=load_vehicle(path), vehicle_path=path, vehicle_text=text)
+
+
+def load_flights(path: Path | str, study: Study, data_dir: Path | str | None = None) -> Study:
+    """Read a file of flights to be predicted by a posterior of a study.
+
+    Args:
+        path: TOML with ``[[flight]]`` tables as in a study; ``vehicle``, ``[columns]``, ``[predict]`` and
+            ``[[requirement]]`` where they are not those of the study.
+        study: That the posterior is of.
+        data_dir: What ``${DATA}`` stands for.
+
+    Returns:
+        The study with these flights, all to be predicted, in the place of its own.
+
+    Raises:
+        InputError: With every fault of the file, and of records that aren't there.
+    """
+    path = Path(path)
+    raw, _, faults = read_toml(path)
+    here = context(path.parent, str(data_dir) if data_dir is not None else os.environ.get(DATA_VARIABLE, ""))
+    if raw is None:
+        raise InputError(faults)
+    listed = raw.get("flight")
+    told = [{"roles": ["predict"], **one} if isinstance(one, dict) else one for one in listed or ()]
+    said = {**raw, "flight": told} if isinstance(listed, list) else raw
+    try:
+        found = FlightsFile.model_validate(said, context=here)
+    except ValidationError as error:
+        raise InputError([*faults, *faults_of(str(path), FlightsFile, error, said)]) from None
+    vehicle = study.vehicle
+    if found.vehicle is not None and study.model != "descent":
+        vehicle, _, more = _read_vehicle(Path(os.path.normpath(path.parent / found.vehicle)))
+        faults += more
+    predict = found.predict or study.predict
+    predict = predict.model_copy(update={"quantities": predict.quantities or QUANTITIES[study.model]})
+    tables = {"model": study.model, "noise": study.noise, "columns": found.columns, "predict": predict}
+    tables |= {"requirement": found.requirement}
+    draft = Draft(str(path), said, tables, dict(enumerate(found.flight)), vehicle)
+    paths, path_faults = record_paths(draft, path.parent, data_dir)
+    faults += [*check_columns(draft), *path_faults]
+    if faults:
+        raise InputError(faults)
+    flights = tuple(_flight(table, paths.get(i), found.columns) for i, table in enumerate(found.flight))
+    flights = tuple(replace(flight, roles=("predict",)) for flight in flights)
+    return replace(study, flights=flights, vehicle=vehicle, predict=predict, requirements=found.requirement)
 
 
 def usual_study(model: str) -> Study:

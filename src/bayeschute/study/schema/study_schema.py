@@ -165,6 +165,10 @@ class RequirementTable(Strict):
         return self
 
 
+def _some(flights: tuple[FlightTable, ...]) -> tuple[FlightTable, ...]:
+    return flights or refuse("at least one [[flight]]", "none")
+
+
 class StudyFile(Strict):
     """A study file, table by table.
 
@@ -196,4 +200,22 @@ class StudyFile(Strict):
     noise: NoiseTable
     sampler: SamplerTable = SamplerTable()
     predict: PredictTable = PredictTable()
+    requirement: tuple[RequirementTable, ...] = ()
+
+
+class FlightsFile(Strict):
+    """A file of flights to be predicted by a posterior.
+
+    Attributes:
+        vehicle: Path of the vehicle file, relative to this one; None: the posterior's vehicle.
+        columns: Columns of all records that don't name their own.
+        flight: The flights.
+        predict: Predictions; None: as the posterior's study has them.
+        requirement: Requirements.
+    """
+
+    vehicle: Text | None = None
+    columns: dict[str, Column] | None = None
+    flight: Annotated[tuple[FlightTable, ...], AfterValidator(_some)]
+    predict: PredictTable | None = None
     requirement: tuple[RequirementTable, ...] = ()

@@ -1,0 +1,69 @@
+"""Forecasts of the flights of a file by a stored posterior: what `bayeschute predict` does."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import xarray as xr
+
+from bayeschute.api.inputs import Flight
+from bayeschute.api.results import Posterior
+from bayeschute.core.files import write_whole
+from bayeschute.report.figures.canvas import save
+from bayeschute.study.job import Progress
+from bayeschute.study.load import load_flights
+
+
+def predict_file(
+    posterior: Path | str,
+    flights: Path | str,
+    folder: Path | str,
+    draws: int | None = None,
+    seed: int | None = None,
+    data: Path | str | None = None,
+    progress: Progress | None = None,
+) -> list[str]:
+    """Predict flights: ``predictions.nc``, ``requirements.json``, and a figure of bands for each.
+
+    Args:
+        posterior: From `Posterior.save`.
+        flights: TOML with ``[[flight]]`` tables, see `load_flights`.
+        folder: Where to.
+        draws: Draws of each flight; the study's number where None.
+        seed: Seed; the study's where None.
+        data: What ``${DATA}`` stands for.
+        progress: Called with stage, share done and words.
+
+    Returns:
+        What was found, line by line.
+
+    Raises:
+        InputError: With every fault of the file, before anything is drawn.
+    """
+    asked, folder = Posterior.load(posterior), Path(folder)
+    study = load_flights(flights, asked.spec, data)
+    bands, rows, lines = {}, [], []
+    for i, spec in enumerate(study.flights):
+        if progress is not None:
+            progress("predict", i / len(study.flights), spec.name)
+        one = asked.predict(Flight.of_study(study, spec), draws or study.predict.draws, seed)
+        bands[f"/{spec.name}"] = one.to_dataset()
+        save(one.plot(), folder, f"bands-{spec.name}")
+        for name in one.quantities:
+            spread, unit = one.statistic(name), one.draws[name].attrs["units"]
+            low, middle, high = (float(q) for q in spread.quantile([0.05, 0.5, 0.95]))
+            lines.append(f"{spec.name}: mean {name} {middle:.4g} {unit}, central 90 % {low:.4g} to {high:.4g}")
+        for wanted in study.requirements:
+            met = one.probability(
+                wanted.quantity, statistic=wanted.statistic, at_most=wanted.at_most, at_least=wanted.at_least
+            )
+            rows.append({"flight": spec.name, **wanted.model_dump(), **vars(met)})
+            said = f"met in {100 * met.met:.1f} % of {met.draws} draws ({100 * met.low:.1f} to {100 * met.high:.1f} %)"
+            lines.append(f"{spec.name}: {wanted.name} {said}")
+    tree = xr.DataTree.from_dict(bands)
+    write_whole(folder / "predictions.nc", lambda path: tree.to_netcdf(path, engine="h5netcdf"))
+    write_whole(folder / "requirements.json", lambda path: path.write_text(json.dumps(rows, indent=1) + "\n"))
+    if progress is not None:
+        progress("predict", 1.0, f"{len(bands)} flights")
+    return lines

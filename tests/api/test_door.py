@@ -1,0 +1,184 @@
+"""The door: every name, the example of the whole way on a cluster, and a posterior that is asked again."""
+
+from __future__ import annotations
+
+import doctest
+import subprocess
+import sys
+from importlib import import_module
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import bayeschute as bc
+
+
+def test_every_public_name_is_there_and_documented():
+    without = [n for n in bc.__all__ if n != "__version__" and not (getattr(bc, n).__doc__ or "").strip()]
+    assert without == [] and set(dir(bc)) == set(bc.__all__)
+    with pytest.raises(AttributeError, match="no attribute 'Posteriors'"):
+        bc.Posteriors  # noqa: B018
+
+
+def test_importing_the_package_imports_nothing_slow():
+    script = "import sys, bayeschute; print(sorted({'jax', 'numpy', 'xarray', 'matplotlib'} & set(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+@pytest.fixture(scope="module")
+def sondes(descents):
+    return bc.Study.load(descents.study)
+
+
+@pytest.fixture(scope="module")
+def fitted(sondes):
+    return bc.fit(sondes.flights["low"])
+
+
+@pytest.fixture(scope="module")
+def posterior(fitted):
+    return bc.sample(fitted, draws=200, chains=2, warmup=50, seed=4)
+
+
+@pytest.fixture(scope="module")
+def forecast(posterior, sondes):
+    return posterior.predict(sondes.flights["high"].changed(name="other"), draws=64)
+
+
+def test_examples_of_the_docstrings_run(sondes, fitted, posterior, forecast, tmp_path):
+    told = {
+        "bc": bc,
+        "folder": tmp_path,
+        "study": sondes,
+        "fitted": fitted,
+        "posterior": posterior,
+        "forecast": forecast,
+    }
+    count = 0
+    for name in ("inputs", "beliefs", "results", "verbs"):
+        result = doctest.testmod(import_module(f"bayeschute.api.{name}"), extraglobs=told, optionflags=doctest.ELLIPSIS)
+        assert result.failed == 0
+        count += result.attempted
+    assert count >= 30
+
+
+def test_every_noun_shows_itself(sondes, fitted, posterior, forecast):
+    flight = sondes.flights[0]
+    for one in (sondes, flight, sondes.priors, fitted, posterior, forecast):
+        assert one._repr_html_().count("<tr>") >= 2 and len(repr(one)) < 500
+    assert "low" in repr(posterior) and "other" in repr(forecast) and "&lt;" not in repr(flight)
+
+
+def test_a_name_that_looks_like_html_is_escaped(descents):
+    record = bc.read_record(
+        descents.study.with_name("low.csv"), {"time": ("time_s", "s"), "altitude": ("altitude_m", "m")}
+    )
+    assert "<script>" not in bc.Flight(record, name="<script>")._repr_html_()
+
+
+def test_a_stored_posterior_answers_as_the_one_it_was_stored_from(posterior, sondes, tmp_path):
+    path = posterior.save(tmp_path / "sondes.posterior.nc")
+    back = bc.Posterior.load(path)
+    assert back.names == posterior.names and back.passed == posterior.passed
+    np.testing.assert_array_equal(back[back.names[0]].values, posterior[posterior.names[0]].values)
+    flight = sondes.flights["high"]
+    want, got = (one.predict(flight, draws=64, seed=9) for one in (posterior, back))
+    xr.testing.assert_identical(got.draws, want.draws)
+    assert not got.draws.equals(back.predict(flight, draws=64, seed=10).draws)
+
+
+def test_arviz_reads_the_stored_file(posterior, tmp_path):
+    import arviz_stats
+
+    with xr.open_datatree(posterior.save(tmp_path / "x.posterior.nc"), engine="h5netcdf") as tree:
+        assert list(arviz_stats.summary(tree).index) == list(posterior.names)
+        assert {"posterior", "prior", "log_likelihood", "posterior_predictive"} <= set(tree.children)
+
+
+def test_a_flight_that_was_fitted_is_predicted_from_its_own_data(posterior, sondes):
+    own = posterior.predict(sondes.flights["low"], draws=64)
+    assert own.held_out.any() and own.held_out.mean() < 0.5  # from `identify_until` on
+    assert own.check()["inside 90 %"].between(0.5, 1.0).all()
+
+
+def test_another_flight_with_the_name_of_a_fitted_one_is_refused(posterior, sondes):
+    with pytest.raises(bc.InputError, match="the name of a fitted flight"):
+        posterior.predict(sondes.flights["high"].changed(name="low"))
+
+
+def test_bands_widen_with_their_level_and_probabilities_are_shares(forecast):
+    narrow, wide = forecast.band("descent_rate", 0.5), forecast.band("descent_rate", 0.9)
+    assert (wide["low"] <= narrow["low"]).all() and (wide["high"] >= narrow["high"]).all()
+    final = forecast.statistic("descent_rate", "final").values
+    limit = float(np.median(final))
+    met = forecast.probability("descent_rate", statistic="final", at_most=limit)
+    assert met.met == pytest.approx(np.mean(final <= limit)) and met.low < met.met < met.high and met.draws == 64
+    feet = forecast.probability("descent_rate", statistic="final", at_most=f"{limit / 0.3048!r} ft/s")
+    assert feet.met == pytest.approx(met.met, abs=1 / 64)
+
+
+@pytest.mark.parametrize(
+    ("ask", "words"),
+    [
+        (lambda f: f.band("swing"), "one of descent_rate"),
+        (lambda f: f.band("descent_rate", 90.0), "a probability between 0 and 1"),
+        (lambda f: f.probability("descent_rate", statistic="mode", at_most=1.0), "one of final, maximum, mean"),
+        (lambda f: f.probability("descent_rate"), "exactly one of the two"),
+    ],
+)
+def test_questions_that_make_no_sense_are_refused(forecast, ask, words):
+    with pytest.raises(bc.InputError, match=words):
+        ask(forecast)
+
+
+@pytest.mark.parametrize("content", [b"", b"no netcdf", b"\x89HDF\r\n\x1a\n" + 100 * b"\0"])
+def test_what_is_no_posterior_is_refused(tmp_path, content):
+    path = tmp_path / "x.nc"
+    path.write_bytes(content)
+    with pytest.raises(bc.InputError, match="a posterior written by"):
+        bc.Posterior.load(path)
+    with pytest.raises(bc.InputError, match="no such file"):
+        bc.Posterior.load(tmp_path / "none.nc")
+
+
+def test_a_run_opens_as_posterior_and_forecasts(finished, descents):
+    run = bc.Run(finished.folder, bc.Study.load(descents.study))
+    assert list(run.forecasts) == ["low", "high"] and run.summary == finished.summary
+    bands = xr.open_datatree(finished.folder / "predictions.nc", engine="h5netcdf")["low"]
+    np.testing.assert_allclose(
+        run.forecasts["low"].band("descent_rate")["high"], bands["descent_rate"].sel(quantile=0.95), rtol=1e-6
+    )
+    assert run.posterior.names == tuple(
+        map(str, xr.open_datatree(finished.folder / "posterior.nc", engine="h5netcdf")["posterior"].data_vars)
+    )
+
+
+def test_the_whole_way_on_a_cluster(tmp_path):
+    """The example of the documentation, on half a minute of a virtual drop and few candidates."""
+    study = bc.Study.example()
+    flight = study.flights["cdt-3-11"].changed(window=(0.0, 25.0))
+    motion = bc.reconstruct(flight)
+    assert motion["C_A"].dims == ("time", "canopy")
+    few = study.candidates.model_copy(
+        update={"axial": ("1", "alpha^2"), "transverse": ("e", "e*alpha^2", "rate"), "fit": "pool"}
+    )
+    structure = bc.select_structure(motion, few)
+    assert {"coefficient", "term", "estimate", "se"} <= set(structure.table) and structure.plot().axes
+    priors = bc.Priors.from_structure(structure, inflation=10.0) | study.priors
+    assert {"axial[1]", "riser_stiffness"} <= set(priors.names)
+    fit = bc.fit([flight], priors, noise=study.noise)
+    assert fit.converged and set(fit.parameters.index) == set(priors.names)
+    posterior = bc.sample(fit, draws=400, seed=1)
+    assert posterior["axial[1]"].sizes == {"chain": 4, "draw": 100}
+    assert set(posterior.identifiability().index) == set(priors.names)
+    back = bc.Posterior.load(posterior.save(tmp_path / "cdt-3-11.posterior.nc"))
+    another = study.flights["cdt-3-12"].changed(window=(0.0, 20.0))
+    forecast = back.predict(another, draws=64)
+    lighter = back.predict(another.changed(name="lighter", capsule_mass=7000.0), draws=64)
+    rate = "sea_level_descent_rate"
+    assert float(lighter.statistic(rate).median()) < 0.95 * float(forecast.statistic(rate).median())
+    assert forecast.check()["inside 90 %"].notna().all() and forecast.plot().axes
+    assert 0.0 <= forecast.probability(rate, statistic="mean", at_most="33 ft/s").met <= 1.0
+    assert callable(bc.numpyro_model(fit)) and callable(bc.numpyro_model(back))
