@@ -18,7 +18,7 @@ LABEL = "no fit"
 
 
 def keep(job: Job, error: FitError | FloatingPointError) -> str:
-    """Write ``fit/failed.npz``, ``fit/failed.json``, ``summary.json`` and ``report.page`` of a fit that failed.
+    """Write ``fit/failed.npz``, ``fit/failed.json``, ``summary.json`` and ``report.html`` of a fit that failed.
 
     Args:
         job: The run; its stages before the fit are done.
