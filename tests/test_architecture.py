@@ -13,9 +13,6 @@ PACKAGE = ROOT / "src" / "bayeschute"
 MOST_FILES = 15  # of a folder, __init__.py aside
 KEPT = {  # nothing reaches them yet
     "bayeschute.likelihood.extended_kalman",  # an independent likelihood to judge the default one by
-    "bayeschute.reduced.cluster_modes",  # and what it uses: modes of a cluster from its record
-    "bayeschute.reduced.mode_coefficients",
-    "bayeschute.reduced.mode_labels",
 }
 
 

@@ -161,6 +161,8 @@ def test_the_whole_way_on_a_cluster(tmp_path):
     flight = study.flights["cdt-3-11"].changed(window=(0.0, 25.0))
     motion = bc.reconstruct(flight)
     assert motion["C_A"].dims == ("time", "canopy")
+    modes = motion.modes(length=8.0)
+    assert len(modes.labels) >= 3 and modes.stretches[0].start == pytest.approx(motion["time"].values[0])
     few = study.candidates.model_copy(
         update={"axial": ("1", "alpha^2"), "transverse": ("e", "e*alpha^2", "rate"), "fit": "pool"}
     )

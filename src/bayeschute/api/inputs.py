@@ -31,6 +31,8 @@ from bayeschute.study.templates import template
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from bayeschute.reduced.cluster_modes import ClusterModes
+
 
 __all__ = ["Flight", "Flights", "Motion", "Study", "load_vehicle", "wind_profile"]
 
@@ -354,6 +356,23 @@ class Motion:
     def __getitem__(self, name: str) -> xr.DataArray:
         """A quantity over time."""
         return self.data[name]
+
+    def modes(self, length: float = 15.0, seed: int = 0) -> ClusterModes:
+        """What the cluster does, window by window (pendulum, glide, flyout, maypole), and what each stretch tells.
+
+        Args:
+            length: Of the windows [s].
+            seed: Of the draws of coefficients.
+
+        Returns:
+            Labels by window, stretches of one label with frequency, damping and coefficients, and the breathing.
+        """
+        from bayeschute.reduced.cluster_modes import cluster_modes
+        from bayeschute.study.assembly.assemble import geometry
+
+        assert self.flight.vehicle is not None
+        vehicle = geometry(self.flight.vehicle, self.flight.spec.capsule_mass)
+        return cluster_modes(self.flight.record, self.data, vehicle, length=length, seed=seed)
 
     def __repr__(self) -> str:
         """Flight and quantities."""
