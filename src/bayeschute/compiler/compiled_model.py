@@ -37,6 +37,12 @@ def _served(model: FlightModel, theta: Any, start: Any, error: Any) -> Programs 
     return programs_of(model, theta, start, error)
 
 
+def programs_for(model: FlightModel, theta: Any, start: Any, error: Any) -> Programs | None:
+    """Programs of a flight; None where there is an `obstacle`. Arguments as of `states`."""
+    found = _served(model, theta, start, error)
+    return None if isinstance(found, str) else found
+
+
 def obstacle(model: FlightModel, theta: Any, start: Any, error: Any) -> str | None:
     """Why a flight isn't simulated by machine code, in words; None where it is. Arguments as of `states`."""
     found = _served(model, theta, start, error)
@@ -106,6 +112,15 @@ def along_path(
     programs = _served(model, theta, start, error)
     if isinstance(programs, str) or np.ndim(theta) != 1:
         return None
+    made = arrays_along(programs, model, theta, start, error, path)
+    y, reached, steps = jax.tree.map(jnp.asarray, made)
+    return y, integrate.Reached(reached[0], reached[1:]), steps
+
+
+def arrays_along(
+    programs: Programs, model: Any, theta: Any, start: Any, error: Any, path: Any
+) -> tuple[Array, Array, Steps]:
+    """`along_path` in NumPy arrays alone, as a function that JAX calls back must be: states reached are (T, X)."""
     size = len(programs.first.result)
     if np.shape(path) != (np.shape(error)[0], size):
         raise ValueError(f"a path of shape {np.shape(path)} for {np.shape(error)[0]} samples of {size} states")
@@ -113,9 +128,9 @@ def along_path(
     by_theta, by_now, by_then, by_state = along.slopes()
     y, out_state, out_theta = along.outputs()
     first, first_theta, first_start = _first_slopes(programs, model, theta, start)
-    reached = integrate.Reached(jnp.asarray(first), jnp.asarray(along.reached[:, : len(path) - 1].T))
-    others = map(jnp.asarray, (first_theta, first_start, out_state, out_theta))
-    return jnp.asarray(y), reached, Steps(by_state, by_theta, by_now, by_then, *others)
+    reached = np.concatenate([first[None], along.reached[:, : len(path) - 1].T])
+    parts: Any = (by_state, by_theta, by_now, by_then, first_theta, first_start, out_state, out_theta)
+    return y, reached, Steps(*parts)
 
 
 def _shared(model: Any, traced: Traced) -> Array:
@@ -139,11 +154,11 @@ def _padded(a: Any, length: int) -> Array:
     return made
 
 
-def _handed_over(part: Array) -> jax.Array:
-    """A part of an array for JAX, which takes aligned memory as it is."""
+def _handed_over(part: Array) -> Array:
+    """A part of an array in memory of its own, aligned, which JAX takes as it is."""
     made = aligned(*part.shape)
     made[...] = part
-    return jnp.asarray(made)
+    return made
 
 
 def _columns(parts: list[Array]) -> Array:
@@ -218,7 +233,7 @@ class _Along:
         )
         self.reached = aligned(x.shape[1], self.stride)
 
-    def slopes(self) -> list[jax.Array]:
+    def slopes(self) -> list[Array]:
         """Every next state by parameters, by disturbances at the sample and the next one, by state (T - 1, X, ...)."""
         model, made = self.model, self.programs.differentiate(_DRIVEN)
         size, columns = self.x.shape[1], [self.rows[group] for group in _DRIVEN]

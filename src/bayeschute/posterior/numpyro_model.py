@@ -2,8 +2,8 @@
 
 Every parameter is a site of its own, in its own unit and with its own prior; the likelihood, start and latent
 disturbances integrated out, enters by `numpyro.factor`. On numpyro's unconstrained space, where a parameter with a
-log-normal prior is its logarithm, the log density is that of `marginal.log_density` up to a constant. Only JAX is used,
-no machine code, so that numpyro can differentiate.
+log-normal prior is its logarithm, the log density is that of `marginal.log_density` up to a constant. Steps are taken
+by machine code with its exact derivatives (`compiler.differentiable`) where there is one, else by JAX.
 """
 
 from __future__ import annotations
@@ -17,28 +17,33 @@ import numpyro
 import numpyro.distributions as dist
 from numpy.typing import NDArray
 
+from bayeschute.compiler.differentiable import differentiable_steps
 from bayeschute.core.errors import Fault, InputError
-from bayeschute.likelihood.joint import jax_stepped
+from bayeschute.likelihood.joint import Course, FlightData, jax_stepped
 from bayeschute.likelihood.kalman import innovations
 from bayeschute.likelihood.priors import Prior, factor, working
-from bayeschute.posterior.marginal import Marginal, course_at, out_of_range, seen_along
+from bayeschute.posterior.marginal import Along, Marginal, course_at, out_of_range, seen_along
 
 Array = NDArray[np.float64]
 SITE = "log_likelihood"
 
 
-@jax.jit
-def _log_likelihood(marginal: Marginal, theta: jax.Array, inverse: jax.Array) -> jax.Array:
-    shift = theta - jnp.asarray(marginal.centre)
-    xi = inverse @ shift
-    total = -marginal.rest.at(xi)
-    for flight, along in zip(marginal.flights, marginal.along, strict=True):
-        residual, defects = jax_stepped(flight, theta, course_at(flight, along, shift))
-        seen = seen_along(along, residual[..., None], defects[..., None], shift[:, None])
-        unit = innovations(along.gains, *seen)
-        dear = out_of_range(along, unit, shift[:, None], xi[:, None])[0]
-        total = total - 0.5 * (jnp.sum(unit**2) + dear**2)
-    return total
+Look = Callable[[jax.Array, Course], tuple[jax.Array, jax.Array]]
+
+
+def _look(flight: FlightData, along: Along) -> Look:
+    """Residuals and defects of a flight at parameters and a path: by machine code where that serves it, else by JAX."""
+    model, at = flight.model, along.at
+    sizes = np.size(along.known_slope, 2), np.size(at.unknowns.start), np.shape(at.error)[1], np.shape(at.path)
+    steps = differentiable_steps(model, *sizes, np.shape(flight.observed)[1])
+    if steps is None:
+        return lambda theta, driven: jax_stepped(flight, theta, driven)
+
+    def look(theta: jax.Array, driven: Course) -> tuple[jax.Array, jax.Array]:
+        y, reached = steps(theta, jnp.asarray(driven.start), jnp.asarray(driven.error), driven.path)
+        return jnp.where(flight.present, flight.observed - y, 0.0), reached - driven.path
+
+    return look
 
 
 def log_likelihood(marginal: Marginal) -> Callable[[jax.Array], jax.Array]:
@@ -51,7 +56,21 @@ def log_likelihood(marginal: Marginal) -> Callable[[jax.Array], jax.Array]:
         A function of theta (P,); NaN where the simulation fails. With the log prior it is `marginal.log_density`.
     """
     inverse = jnp.asarray(np.linalg.inv(np.asarray(marginal.scale)))  # a product: no triangular solves in a batch
-    return lambda theta: _log_likelihood(marginal, theta, inverse)
+    looks = [_look(*pair) for pair in zip(marginal.flights, marginal.along, strict=True)]
+
+    def value(theta: jax.Array) -> jax.Array:
+        shift = theta - jnp.asarray(marginal.centre)
+        xi = inverse @ shift
+        total = -marginal.rest.at(xi)
+        for flight, along, look in zip(marginal.flights, marginal.along, looks, strict=True):
+            residual, defects = look(theta, course_at(flight, along, shift))
+            seen = seen_along(along, residual[..., None], defects[..., None], shift[:, None])
+            unit = innovations(along.gains, *seen)
+            dear = out_of_range(along, unit, shift[:, None], xi[:, None])[0]
+            total = total - 0.5 * (jnp.sum(unit**2) + dear**2)
+        return total
+
+    return value
 
 
 def model(marginal: Marginal, priors: Sequence[Prior]) -> Callable[[], None]:
