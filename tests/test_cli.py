@@ -104,7 +104,7 @@ def test_run_hands_everything_on(stages: types.ModuleType, tmp_path: Path):
     assert isinstance(seen.pop("progress"), Bars)
     assert seen == {
         "path": STUDY, "out": out, "until": None, "resume": True, "quick": True, "data_dir": tmp_path, "seed": 7,
-        "workers": 3, "address": None,
+        "workers": 3, "address": None, "force": False,
     }  # fmt: skip
     assert str(out / "report.html") in result.stdout
     assert "too small for use" in result.stdout

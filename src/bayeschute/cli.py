@@ -70,7 +70,12 @@ def run(
     study: StudyPath,
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Results.  [default: runs/NAME of the study]")] = None,
     until: Annotated[Stage | None, typer.Option(help="Last stage to run.")] = None,
-    resume: Annotated[bool, typer.Option("--resume", help="Reuse finished stages whose inputs are the same.")] = False,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on in the folder of an earlier run, reuse stages that read the same.")
+    ] = False,
+    force: Annotated[
+        bool, typer.Option("--force", help="Begin anew in the folder of an earlier run, its results removed first.")
+    ] = False,
     quick: Annotated[bool, typer.Option("--quick", help="Small sizes, to see that all works; not for use.")] = False,
     data: DataDir = None,
     seed: Seed = None,
@@ -89,7 +94,7 @@ def run(
         with Bars() as bars:
             run_study(
                 study, folder, until=last, resume=resume, quick=quick, data_dir=data, seed=seed, progress=bars,
-                workers=workers, address=dask,
+                workers=workers, address=dask, force=force,
             )  # fmt: skip
         summary = _summary_of(folder)
         if last not in ("ingest", "structure", "priors"):

@@ -214,17 +214,22 @@ def run(
     until: str | None = None,
     workers: int = 1,
     progress: Progress | bool | None = None,
+    force: bool = False,
 ) -> Run:
     """Records and a study to posterior, bands, risk and report, as `bayeschute run` does.
 
     Args:
         study: From `Study.load`.
         folder: Of the run; made where missing.
-        resume: Reuse finished stages whose inputs are the same.
+        resume: Go on in the folder of an earlier run; stages that finished with what they read now are kept.
         quick: Small sizes, not for use.
         until: Last stage to run.
         workers: Local processes that predictions are spread over.
         progress: Called with stage, share done and words; True: shown in the terminal.
+        force: Begin anew in the folder of an earlier run: what that run wrote is removed first.
+
+    Raises:
+        InputError: If `folder` holds something else, or an earlier run and neither `resume` nor `force` is given.
 
     Example:
         >>> run = bc.run(study, folder / "until-priors", until="priors")
@@ -235,7 +240,7 @@ def run(
     from bayeschute.study.run.stages import run_study
 
     with _shown(progress) as tell:
-        run_study(study.spec, folder, until, resume, quick, progress=tell, workers=workers)
+        run_study(study.spec, folder, until, resume, quick, progress=tell, workers=workers, force=force)
     return Run(Path(folder), Study(smaller(study.spec)) if quick else study)
 
 

@@ -26,7 +26,7 @@ class Job:
         study: The study, at ``--quick`` sizes where asked.
         out: The run's folder.
         quick: Whether sizes are cut; results are then not for use.
-        hash: Of everything the results depend on.
+        hash: Key of the stage that is done: of everything its results depend on.
         progress: Called with stage, share done and words.
         resume: Whether what an earlier run kept of an unfinished stage may be used.
         workers: Local processes that predictions are spread over; 1: this one.

@@ -96,12 +96,12 @@ def test_a_stopped_fit_goes_on_to_the_same_draws(descents, finished, tmp_path, m
     assert not (tmp_path / "run/fit/kept").exists()
 
 
-def test_without_resume_nothing_kept_is_used(descents, tmp_path, monkeypatch):
+def test_with_force_nothing_kept_is_used(descents, tmp_path, monkeypatch):
     used = []
     monkeypatch.setattr(checkpoint, "get_settled", lambda job, name: used.append((tmp_path / "run/fit/kept").exists()))
     (tmp_path / "run/.stages").mkdir(parents=True)
     (tmp_path / "run/fit/kept").mkdir(parents=True)
     monkeypatch.setattr(stage_fit, "_settled", lambda *given: (_ for _ in ()).throw(Killed))
     with pytest.raises(Killed):
-        run_study(descents.study, tmp_path / "run", until="fit")
+        run_study(descents.study, tmp_path / "run", until="fit", force=True)
     assert used == [False]

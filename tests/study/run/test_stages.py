@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,10 +14,11 @@ import xarray as xr
 
 from bayeschute.core.errors import InputError
 from bayeschute.records.record import load_record, repairs
+from bayeschute.study import stage_keys
 from bayeschute.study.assembly import assemble
 from bayeschute.study.evidence.identity import configuration
 from bayeschute.study.load import Study, load_study
-from bayeschute.study.run import stages
+from bayeschute.study.run import stage_list, stages
 from bayeschute.study.run.simulate import simulate_study
 from bayeschute.study.run.stages import STAGES, run_study
 from bayeschute.virtual.drop import fly
@@ -98,39 +100,62 @@ def test_resume_writes_the_report_anew_where_replicates_were_stored_since(finish
 
 def test_resume_goes_on_where_a_stage_is_not_marked(begun: Path, sondes: Path):
     before = _markers(begun)
-    (begun / ".stages" / "structure").unlink()
+    (begun / ".stages" / "priors").unlink()
     told, listen = _listen()
     run_study(sondes, begun, until="priors", resume=True, progress=listen)
-    assert ("ingest", 1.0, KEPT) in told
-    assert [words for stage, share, words in told if stage != "ingest" and share == 1.0] == [
-        "nothing to select",
-        "1 parameters",
-    ]
+    assert [words for _, share, words in told if share == 1.0] == [KEPT, KEPT, "1 parameters"]
     after = _markers(begun)
     assert after["ingest"] == before["ingest"]
     assert after["priors"][0] == before["priors"][0] and after["priors"][1] > before["priors"][1]
 
 
-def test_without_resume_everything_is_done_again(begun: Path, sondes: Path):
+def test_an_earlier_run_is_not_overwritten_unless_asked(begun: Path, sondes: Path):
+    before = _markers(begun)
+    with pytest.raises(InputError, match="an earlier run; wanted a new folder, --resume or --force"):
+        run_study(sondes, begun, until="priors")
+    with pytest.raises(InputError, match="--force: got --resume beside it"):
+        run_study(sondes, begun, until="priors", resume=True, force=True)
+    assert _markers(begun) == before
+
+
+def test_force_begins_anew_and_leaves_what_no_run_wrote(finished, descents, tmp_path: Path):
+    folder = Path(shutil.copytree(finished.folder, tmp_path / "run"))
+    assert {path.name for path in folder.iterdir()} <= {".stages", *stages.RESULTS}
+    (folder / "calibration").mkdir()
+    (folder / "calibration/rows.json").write_text("{}", encoding="utf-8")
     told, listen = _listen()
-    run_study(sondes, begun, until="priors", progress=listen)
+    assert run_study(descents.study, folder, until="ingest", force=True, progress=listen) == {}
     assert KEPT not in [words for _, _, words in told]
+    left = {".stages", "calibration", "flights", "study.toml", "log.txt"}
+    assert {path.name for path in folder.iterdir()} == left and (folder / "calibration/rows.json").exists()
+    assert "made-up sondes" in (folder / "log.txt").read_text(encoding="utf-8").splitlines()[0]
 
 
-@pytest.mark.parametrize("change", ["study", "record", "seed", "quick", "program"])
-def test_resume_keeps_nothing_when_its_inputs_have_changed(begun: Path, sondes: Path, spoil, change: str, monkeypatch):
+@pytest.mark.parametrize(
+    ("change", "kept"),
+    [
+        ("prior", ["ingest", "structure"]),
+        ("record", ["structure", "priors"]),  # a descent has no structure, its priors are given
+        ("seed", ["structure", "priors"]),
+        ("quick", []),
+        ("program", []),
+    ],
+)
+def test_resume_keeps_no_stage_that_reads_what_has_changed(
+    begun: Path, sondes: Path, spoil, change: str, kept: list[str], monkeypatch
+):
     options = {"seed": {"seed": 4}, "quick": {"quick": True}}.get(change, {})
-    if change == "study":
+    if change == "prior":
         spoil(sondes, "log_sd = 0.5", "log_sd = 0.4")
     elif change == "record":
         spoil(sondes.parent / "low.csv", r"^1,.*", "1,2988.0")
     elif change == "program":
-        monkeypatch.setattr(stages, "LEFT", stages.LEFT + 1)
+        monkeypatch.setattr(stage_keys, "LEFT", stage_keys.LEFT + 1)
     before = _markers(begun)
     told, listen = _listen()
     run_study(sondes, begun, until="priors", resume=True, progress=listen, **options)
-    assert KEPT not in [words for _, _, words in told]
-    assert all(before[stage][0] != marker for stage, (marker, _) in _markers(begun).items())
+    assert [stage for stage, _, words in told if words == KEPT] == kept
+    assert {stage for stage, marker in _markers(begun).items() if marker == before[stage]} == {*kept}
 
 
 def test_comments_and_units_of_a_study_are_no_change(begun: Path, sondes: Path, spoil):
@@ -143,8 +168,94 @@ def test_comments_and_units_of_a_study_are_no_change(begun: Path, sondes: Path, 
 def test_results_of_other_inputs_are_not_left_beside_new_ones(finished, descents, tmp_path: Path):
     folder = Path(shutil.copytree(finished.folder, tmp_path / "run"))
     assert run_study(descents.study, folder, until="ingest", resume=True, seed=4) == {}
-    assert set(_markers(folder)) == {"ingest"}
+    assert set(_markers(folder)) == {"ingest", "structure", "priors"}  # the latter two read no seed
     assert not (folder / "summary.json").exists() and not (folder / "report.html").exists()
+
+
+FURTHER = """
+[[flight]]
+name = "further"
+file = "high.csv"
+roles = ["predict"]
+rate = "1 Hz"
+[priors.given]"""
+CHANGES = {
+    "title": ('"Two made-up sondes"', '"Two others"', "report"),
+    "requirement": ('"14 m/s"', '"13 m/s"', "risk report"),
+    "draws": (r"draws = 100\n\[\[req", "draws = 150\n[[req", "predict risk report"),
+    "flight": (r"^\[priors\.given\]", FURTHER.strip(), "ingest predict risk report"),
+    "prior": ("log_sd = 0.5", "log_sd = 0.4", "priors fit check predict risk report"),
+    "noise": ('"0.5 m/s"', '"0.4 m/s"', "fit check predict risk report"),
+    "sampler": ("warmup = 50", "warmup = 60", "fit check predict risk report"),
+    "record": ('rate = "1 Hz"', 'rate = "2 Hz"', "ingest fit check predict risk report"),
+    "held out": ('"65 %"', '"70 %"', "fit check predict risk report"),
+}
+
+
+@pytest.mark.parametrize("change", sorted(CHANGES))
+def test_a_stage_is_done_again_where_it_reads_what_has_changed(
+    sondes: Path, tmp_path: Path, spoil, monkeypatch, change: str
+):
+    """The stages themselves do nothing here."""
+    for stage in STAGES:
+        monkeypatch.setattr(stage_list, stage, lambda job, stage=stage: f"{stage} done")
+    run_study(sondes, tmp_path / "run")
+    old, new, again = CHANGES[change]
+    spoil(sondes, old, new)
+    told, listen = _listen()
+    run_study(sondes, tmp_path / "run", resume=True, progress=listen)
+    assert [stage for stage, _, words in told if words == f"{stage} done"] == again.split()
+    assert [stage for stage, _, words in told if words == KEPT] == [s for s in STAGES if s not in again.split()]
+
+
+def test_a_stage_stopped_after_a_change_costs_nothing_else(sondes: Path, tmp_path: Path, spoil, monkeypatch):
+    for stage in STAGES:
+        monkeypatch.setattr(stage_list, stage, lambda job, stage=stage: f"{stage} done")
+    run_study(sondes, tmp_path / "run")
+
+    def stopped(job: object) -> str:
+        raise KeyboardInterrupt
+
+    spoil(sondes, *CHANGES["flight"][:2])
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(stage_list, "ingest", stopped)
+        run_study(sondes, tmp_path / "run", resume=True)
+    assert set(_markers(tmp_path / "run")) == {"structure", "priors", "fit", "check"}
+    told, listen = _listen()
+    run_study(sondes, tmp_path / "run", resume=True, progress=listen)
+    assert [s for s, _, words in told if words == f"{s} done"] == ["ingest", "predict", "risk", "report"]
+
+
+def test_the_structure_of_a_cluster_is_tested_on_every_flight_and_found_on_its_own(cluster: Path, spoil):
+    study = load_study(cluster)
+    first, second = study.flights
+    lighter = replace(study, flights=(first, replace(second, capsule_mass=9000.0)))
+    longer = replace(study, flights=(replace(first, skip_first=1.0), second))
+    keys = [stage_keys.stage_keys(one, False, {}) for one in (study, lighter, longer)]
+    assert [s for s in STAGES if keys[0][s] == keys[1][s]] == ["priors", "fit", "check"]
+    assert not {*keys[0].items()} & {*keys[2].items()}
+    without = replace(study, flights=study.flights[:1])
+    assert stage_keys.stage_keys(without, False, {})["fit"] == keys[0]["fit"]
+    assert stage_keys.stage_keys(study, True, {})["fit"] != keys[0]["fit"]
+
+
+def test_a_further_flight_to_predict_changes_no_number_of_the_others(finished, sondes: Path, tmp_path: Path, spoil):
+    folder = Path(shutil.copytree(finished.folder, tmp_path / "run"))
+    # In front of the others, so that their places change.
+    spoil(sondes, r"^\[\[flight\]\]", FURTHER.rpartition("\n")[0].strip() + "\n[[flight]]")
+    told, listen = _listen()
+    summary = run_study(sondes, folder, resume=True, progress=listen)
+    assert [stage for stage, _, words in told if words == KEPT] == ["structure", "priors", "fit", "check"]
+    assert summary["parameters"] == finished.summary["parameters"]
+    assert set(summary["coverage"]) == {"further", "low", "high"}
+    with (
+        xr.open_datatree(folder / "predictions.nc", engine="h5netcdf") as made,
+        xr.open_datatree(finished.folder / "predictions.nc", engine="h5netcdf") as before,
+    ):
+        for name in ("low", "high"):
+            xr.testing.assert_identical(made[name].to_dataset(), before[name].to_dataset())
+    with np.load(folder / "fit/statistics.npz") as a, np.load(finished.folder / "fit/statistics.npz") as b:
+        assert set(b.files) < set(a.files) and all(a[key].tobytes() == b[key].tobytes() for key in b.files)
 
 
 def test_a_run_that_was_stopped_gives_the_same_draws_bit_for_bit(finished, begun: Path, sondes: Path):

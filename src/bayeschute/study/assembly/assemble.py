@@ -165,10 +165,16 @@ def drop(virtual: VirtualFlight, quick: bool = False) -> VirtualDrop:
     )
 
 
-def flight_seed(study: Study, flight: Flight) -> int:
-    """The seed of one flight's random numbers, its own whatever the other flights are."""
-    place = [f.name for f in study.flights].index(flight.name)
-    return int(np.random.SeedSequence([study.seed, place]).generate_state(1)[0])
+def flight_seed(study: Study, flight: Flight, *use: int) -> int:
+    """The seed of one flight's random numbers: of its name, so it is the same whatever the other flights are.
+
+    Args:
+        study: For its seed.
+        flight: The flight.
+        use: Numbers of what the random numbers are for, all positive; none: for the virtual drop itself.
+    """
+    entropy = [study.seed, *flight.name.encode(), *use]
+    return int(np.random.SeedSequence(entropy).generate_state(1)[0])
 
 
 def hyper(study: Study) -> Hyper:

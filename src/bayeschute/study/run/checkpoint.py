@@ -1,7 +1,7 @@
 """What a fit keeps while it goes on: a run that was stopped goes on from there, to the same draws bit by bit.
 
 Kept are the joint optimum of every group (and of every start, where there are several) and the draws of every sampler,
-in `fit/kept`, under the hash of all that the run depends on: what was kept for another model, record, setting or
+in `fit/kept`, under the hash of all that the fit depends on: what was kept for another model, record, setting or
 version is not used. What lies between the two is made again, and is the same. A fit that has ended leaves nothing
 there.
 """

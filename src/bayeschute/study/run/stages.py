@@ -1,16 +1,16 @@
-"""The job: stages in order, each cached by the hash of its inputs and resumable, each leaving files and nothing else.
+"""The job: stages in order, each cached by the hash of what it reads, resumable, and leaving files and nothing else.
 
 ``ingest -> structure -> priors -> fit -> check -> predict -> risk -> report``. A stage reads what earlier ones wrote;
-it counts as finished when its marker holds the hash of the study, of the program's version and of the stages before it;
-the report also when what stored replicates held is still the same.
+it counts as finished while its marker holds its key (`bayeschute.study.stage_keys`), whether or not a stage before
+it was done again for reasons that it does not read.
 Files are written aside and moved into place, so a run killed at any moment leaves whole files only. A fit that fails
 ends the run with a summary and a report of what is known all the same; ``log.txt`` tells line by line what was done.
 """
 
 from __future__ import annotations
 
-import hashlib
 import json
+import shutil
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -19,29 +19,24 @@ from typing import Any
 from bayeschute.core.errors import Fault, FitError, InputError
 from bayeschute.core.files import write_whole
 from bayeschute.core.version import __version__
-from bayeschute.study.evidence.calibration_status import calibration_check
+from bayeschute.study.evidence.identity import places, stored
+from bayeschute.study.evidence.recalibrate import NAME as RECALIBRATION
 from bayeschute.study.job import Job, Progress
 from bayeschute.study.load import Study, load_study, study_hash
 from bayeschute.study.run.log import NAME as LOG
 from bayeschute.study.run.log import Log, warnings_to
+from bayeschute.study.stage_keys import STAGES, readers, stage_keys
 
-STAGES = ("ingest", "structure", "priors", "fit", "check", "predict", "risk", "report")
-LEFT = 2
-"""What stages leave for each other: one more where a program can't, or mustn't, go on from what an earlier one left."""
+RESULTS = (
+    "flights", "fit", "risk", "figures", "structure.json", "structure.txt", "priors.json", "posterior.nc",
+    "posterior.emcee.nc", "checks.json", "identifiability.json", "predictions.nc", "coverage.json", RECALIBRATION,
+    "summary.json", "report.html", "study.toml", LOG,
+)  # fmt: skip
+"""All that a run writes into its folder, but for the markers of finished stages."""
 
 
 def _marker(job: Job, stage: str) -> Path:
     return job.out / ".stages" / stage
-
-
-def _stage_hashes(job: Job) -> dict[str, str]:
-    hashes, before = {}, job.hash
-    for stage in STAGES:
-        before = hashlib.sha256(f"{before}:{stage}".encode()).hexdigest()
-        hashes[stage] = before
-    # The report's label is of what replicates held: it is written anew where others were stored since.
-    held = json.dumps(calibration_check(job), sort_keys=True)
-    return hashes | {"report": hashlib.sha256(f"{before}:{held}".encode()).hexdigest()}
 
 
 def run_study(
@@ -55,6 +50,7 @@ def run_study(
     progress: Progress | None = None,
     workers: int = 1,
     address: str | None = None,
+    force: bool = False,
 ) -> dict[str, Any]:
     """Run a study.
 
@@ -62,21 +58,23 @@ def run_study(
         path: Study file, or a study that was read.
         out: Folder of the run; made where missing.
         until: Last stage to run; all where None.
-        resume: Reuse stages that finished with the same inputs.
+        resume: Go on in the folder of an earlier run; stages that finished with what they read now are kept.
         quick: Small sizes, same code; the result says that it is not for use.
         data_dir: Replaces ``${DATA}`` in the study's files.
         seed: Replaces the study's seed.
         progress: Called with stage, share done and words.
         workers: Local processes that predictions are spread over; 1: this one. Results are the same.
         address: Of a Dask scheduler, in place of local processes.
+        force: Begin anew in the folder of an earlier run: what that run wrote is removed first.
 
     Returns:
         ``summary.json``; empty if the last stage has not run. After a fit that failed, which ends the run: ``label``
         is "no fit", and ``fit`` says why, what was tried and what the best flights leave of the data.
 
     Raises:
-        InputError: If the study, its files or `until` are not sound, or `out` holds something else; if Dask is
-            wanted and not there; if bands are to be recalibrated and no calibration tells how.
+        InputError: If the study, its files or `until` are not sound; if `out` holds something else, or an earlier run
+            and neither `resume` nor `force` is given, or both are; if Dask is wanted and not there; if bands are to be
+            recalibrated and no calibration tells how.
     """
     from bayeschute.study.assembly import assemble
     from bayeschute.study.evidence.recalibrate import widening
@@ -89,56 +87,87 @@ def run_study(
     if quick:
         study = assemble.smaller(study)
     folder = Path(out)
-    if folder.exists() and any(folder.iterdir()) and not (folder / ".stages").is_dir():
-        wanted = "a new folder or one of an earlier run"
-        raise InputError(Fault(str(folder), "a folder with other files", wanted, "Choose another --out."))
-    text = f"{study_hash(study)}:{__version__}:{LEFT}:{quick}"
-    digest = hashlib.sha256(text.encode()).hexdigest()
-    job = Job(study, folder, quick, digest, progress or (lambda *_: None), resume, workers, address)
+    _check_folder(folder, resume, force)
+    job = Job(study, folder, quick, "", progress or (lambda *_: None), resume, workers, address)
     learned = widening(job)  # told before anything slow where it is not there
-    if learned is not None:
-        job = replace(job, hash=hashlib.sha256(f"{digest}:{json.dumps(learned)}".encode()).hexdigest())
+    if force:
+        _remove(folder)
     (folder / ".stages").mkdir(parents=True, exist_ok=True)
     write_whole(folder / "study.toml", lambda p: p.write_text(_as_run(job)))
     with Log(folder / LOG) as log, warnings_to(log):
         log.line(f"bayeschute {__version__}, seed {study.seed}, {study.path.name}: {study.title}")
-        _run_stages(replace(job, progress=log.beside(progress)), until)
+        by = None if learned is None else learned._asdict()
+        _run_stages(replace(job, progress=log.beside(progress)), until, by)
     summary = folder / "summary.json"
     return dict(json.loads(summary.read_text())) if summary.exists() else {}
 
 
-def _run_stages(job: Job, until: str | None) -> None:
+def _check_folder(folder: Path, resume: bool, force: bool) -> None:
+    """Refuse a folder with other files, and an earlier run of which nobody said what is to become of it."""
+    earlier = (folder / ".stages").is_dir()
+    if folder.exists() and any(folder.iterdir()) and not earlier:
+        wanted = "a new folder or one of an earlier run"
+        raise InputError(Fault(str(folder), "a folder with other files", wanted, "Choose another --out."))
+    if resume and force:
+        raise InputError(Fault("--force", "--resume beside it", "one of the two"))
+    if earlier and not resume and not force:
+        do = "Add --resume to go on and reuse what is unchanged, or --force to remove its results and begin anew."
+        raise InputError(Fault(str(folder), "an earlier run", "a new folder, --resume or --force", do))
+
+
+def _remove(folder: Path) -> None:
+    """Remove what runs write into their folder, and nothing else."""
+    for marker in (folder / ".stages").glob("*"):  # first, so that what is left, if this is stopped, counts as not done
+        marker.unlink()
+    for path in (folder / name for name in RESULTS):
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path)
+        else:
+            path.unlink(missing_ok=True)
+
+
+def _run_stages(job: Job, until: str | None, learned: Any) -> None:
     """Do every stage that isn't done, up to the last one wanted or to a fit that fails."""
     from bayeschute.study.run import failure, stage_list
 
-    hashes, resume = _stage_hashes(job), job.resume
+    # The report's label is of what replicates held: it is written anew where others were stored since.
+    held = stored(job.study, job.quick, places(job))
+    keys = stage_keys(job.study, job.quick, {"predict": learned, "report": held})
+    for stage in STAGES:  # what was made of other inputs is not left beside new results
+        if _marker(job, stage).exists() and not _is_done(job, stage, keys[stage]):
+            _forget(job, stage)
     for stage in STAGES:
-        marker = _marker(job, stage)
-        if resume and marker.exists() and marker.read_text() == hashes[stage]:
+        if _is_done(job, stage, keys[stage]):
             job.progress(stage, 1.0, "kept from an earlier run")
         else:
             _forget(job, stage)
-            resume = False
+            own = replace(job, hash=keys[stage])
             job.progress(stage, 0.0, "")
             try:
-                words = getattr(stage_list, stage)(job)
+                words = getattr(stage_list, stage)(own)
             except (FitError, FloatingPointError) as error:
                 if stage != "fit":
                     raise
-                job.progress(stage, 0.0, failure.keep(job, error))
+                job.progress(stage, 0.0, failure.keep(own, error))
                 return
-            write_whole(marker, partial(Path.write_text, data=hashes[stage]))
+            write_whole(_marker(job, stage), partial(Path.write_text, data=keys[stage]))
             job.progress(stage, 1.0, words)
         if stage == until:
             return
 
 
+def _is_done(job: Job, stage: str, key: str) -> bool:
+    """Whether a stage has finished with what it reads now."""
+    marker = _marker(job, stage)
+    return marker.exists() and marker.read_text() == key
+
+
 def _forget(job: Job, stage: str) -> None:
-    """Count a stage and those after it as not done, and take away what tells of their results."""
+    """Count a stage and those that read its results as not done, and take away what tells of their results."""
     from bayeschute.study.run import failure
 
     failure.forget(job)
-    for later in STAGES[STAGES.index(stage) :]:
+    for later in readers(stage):
         _marker(job, later).unlink(missing_ok=True)
     for name in ("report.html", "summary.json"):
         (job.out / name).unlink(missing_ok=True)
