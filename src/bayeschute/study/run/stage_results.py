@@ -15,7 +15,7 @@ from bayeschute.core.files import write_whole
 from bayeschute.likelihood.joint import FlightData, as_seen, stepped
 from bayeschute.likelihood.kalman import Seen, innovations
 from bayeschute.posterior.marginal import Along
-from bayeschute.posterior.sampling.sampler_checks import MOST_K
+from bayeschute.posterior.sampling.sampler_checks import MOST_K, judge_rhat
 from bayeschute.prediction import bands, risk_files
 from bayeschute.records.reconstruct import reconstruct
 from bayeschute.study.assembly import assemble
@@ -114,7 +114,8 @@ def check(job: Job, tell: bool = True) -> str:
     posterior = tree["posterior"].ds.load().assign(tree["conditional"].ds.load().data_vars)
     tree.close()
     rhat, bulk, tail = (_over(posterior, f) for f in (arviz_stats.rhat, _ess_bulk, _ess_tail))
-    add("rhat", max(rhat.values()), 1.01, max(rhat.values()) < 1.01, "largest R-hat of any parameter")
+    chains = judge_rhat(list(rhat.values()), posterior.sizes["chain"], posterior.sizes["draw"])
+    add("rhat", chains.largest, chains.bound, chains.passed, "largest R-hat of any parameter")
     add("ess_bulk", min(bulk.values()), 400.0, min(bulk.values()) > 400.0, "least bulk effective sample size")
     add("ess_tail", min(tail.values()), 400.0, min(tail.values()) > 400.0, "least tail effective sample size")
     fits = _of_fits(job, tell)
