@@ -1,4 +1,4 @@
-"""How many landings per second does a GPU simulate, and are its numbers those of the processor?
+"""How many descents per second does a GPU simulate, and are its numbers those of the processor?
 
 Flights of 90 s of the default cluster at 10 Hz in 64-bit floats by the pure JAX path: parameters, starts and winds
 differ, winds are linear between values 2 s apart, and of each flight the last state and the largest swing angle are

@@ -1,8 +1,8 @@
-"""What do ten thousand fits and a hundred million landings cost? Measured here, then multiplied, into docs/planning.md.
+"""What do ten thousand fits and a hundred million descents cost? Measured here, then multiplied, into docs/planning.md.
 
 A fit is a whole replicate of the default study: two virtual flights of 90 s flown, structure selected, posterior drawn,
 the unseen flight predicted and scored. The first one is made with an empty compilation cache, as by a worker on a new
-machine; the others are what a worker makes from then on. A landing is a simulated descent of 90 s, made three ways: as
+machine; the others are what a worker makes from then on. A descent is simulated for 90 s, made three ways: as
 states alone, in batches; with its outcome and its steps' error, as risk numbers need it; and as a record with the truth
 beside, one by one, as `bayeschute simulate` makes it. Costs are times of the processor, over all threads, so a busy
 machine changes them little; the walls are told, too.
@@ -31,7 +31,7 @@ import numpy as np
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "planning.md"
-FITS, LANDINGS, WORKERS = 10**4, 10**8, 100  # what the page tells; workers among whom fits are shared
+FITS, DESCENTS, WORKERS = 10**4, 10**8, 100  # what the page tells; workers among whom fits are shared
 SEED = 70_000
 BATCH = 64
 
@@ -94,7 +94,7 @@ def fits(count: int, quick: bool) -> tuple[Cost, Cost]:
     return costs(one, range(1)), costs(one, range(1, count))
 
 
-def landings(batches: int, drops: int) -> dict[str, Cost]:
+def descents(batches: int, drops: int) -> dict[str, Cost]:
     """Simulated descents by the three ways, first calls left out."""
     import jax
     from simulator_flights import PLAIN, SAMPLES, flights
@@ -149,10 +149,10 @@ def machine() -> dict[str, Any]:
 
 
 def hours(made: dict[str, Any]) -> dict[str, float]:
-    """Core hours of all fits and all landings."""
+    """Core hours of all fits and all descents."""
     first, warm = made["first_fit"]["cpu_s"], made["warm_fit"]["cpu_s"]
     found = {"fits": (WORKERS * first + (FITS - WORKERS) * warm) / 3600.0}
-    return found | {name: LANDINGS * made[name]["cpu_s"] / 3600.0 for name in ("states", "judged", "drop")}
+    return found | {name: DESCENTS * made[name]["cpu_s"] / 3600.0 for name in ("states", "judged", "drop")}
 
 
 def rounded(value: float) -> str:
@@ -170,7 +170,7 @@ def page(made: dict[str, Any], here: dict[str, Any], command: str) -> str:
         return f"| {words} | {cpu:.3g}{error} {unit} | {wall:.3g} {unit} | {cost['repeats']} |"
 
     cost, small = hours(made), " Sizes were cut (--quick): not for use." if made["quick"] else ""
-    drop_tb = made["bytes_per_drop"] * LANDINGS / 1e12
+    drop_tb = made["bytes_per_drop"] * DESCENTS / 1e12
     return f"""<!-- Written by `{command}`; run it again rather than edit. -->
 
 # What a large campaign costs
@@ -197,18 +197,18 @@ that is {rounded(cost["fits"] / WORKERS)} hours on the clock with {WORKERS} core
 `benchmarks/campaign_efficiency.py` measures what is lost from one worker to two. A compilation cache that workers share
 (docs/cluster.md) makes `c_first` less.
 
-## 10^8 landings: {rounded(cost["judged"])} core hours
+## 10^8 descents: {rounded(cost["judged"])} core hours
 
-    core hours = n c/3600,    n = {LANDINGS:,}
+    core hours = n c/3600,    n = {DESCENTS:,}
 
-| landings as | core hours |
+| descents as | core hours |
 |---|---|
 | states only | {rounded(cost["states"])} |
 | with outcome and error of steps | {rounded(cost["judged"])} |
 | records with truth, {drop_tb:.0f} TB of files | {rounded(cost["drop"])} |
 
-A landing is the last sample of a descent of 90 s at 10 Hz; cost grows in proportion to the time flown. Landings in such
-numbers are for rare events; `benchmarks/gpu.py` measures how many a GPU makes.
+A descent lasts 90 s at 10 Hz, to the end of a record and not to the ground; cost grows in proportion to the time flown.
+Descents in such numbers are for rare events; `benchmarks/gpu.py` measures how many a GPU makes.
 
 These are products of a measured cost and a number, not campaigns that were run. Other studies cost otherwise: a fit
 goes with the length of the records, the number of flights and of draws.
@@ -223,7 +223,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 
     first, warm = fits(options.fits, options.quick)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024) / 1e9
-    flown = landings(options.batches, options.drops)
+    flown = descents(options.batches, options.drops)
     study = load_study(ROOT / "models" / "studies" / "cdt-3-11.toml")
     drop = fly_drop(wanted_drops(study, study.flights[:1], 1, SEED)[0], study)
     return {
@@ -264,7 +264,7 @@ def main() -> None:
         print(f"written to {out}")
     if options.json:
         cost = hours(made)
-        ratios = {"core_hours_1e4_fits": cost["fits"], "core_hours_1e8_landings": cost["judged"]}
+        ratios = {"core_hours_1e4_fits": cost["fits"], "core_hours_1e8_descents": cost["judged"]}
         print(json.dumps({"ratios": ratios, "context": {"measured": made, "machine": here, "core_hours": cost}}))
 
 

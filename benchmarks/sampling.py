@@ -40,7 +40,6 @@ STUDY = Path(__file__).parents[1] / "models" / "studies" / "cdt-3-11.toml"
 SAME = 1e-8  # the machine code's and JAX' log densities, largest difference
 SHARES = (0.1, 0.25, 0.5)  # of a peer's draws that are left out in turn; the best counts
 ENOUGH = 4  # draws per chain from which effective draws are estimated
-CONVERGED = 1.01
 FLOOR = 500.0  # added to what the density is beside squares, so that its square root can be taken
 
 
@@ -68,9 +67,11 @@ class Row(NamedTuple):
     @property
     def remark(self) -> str:
         """What a reader of the number must know."""
+        from bayeschute.posterior.sampling.sampler_checks import MOST_RHAT
+
         if not np.isfinite(self.rhat):
             return "too few draws to tell: each counts as independent"
-        return "" if self.rhat < CONVERGED else "not converged: effective draws too high"
+        return "" if self.rhat < MOST_RHAT else "not converged: effective draws too high"
 
 
 def effective(xi: Array) -> tuple[float, float]:

@@ -18,8 +18,8 @@ from bayeschute.records.record import load_record
 ROOT = Path(__file__).parents[2]
 LEFT = """
 study.toml flights/low.nc flights/high.nc structure.json posterior.nc predictions.nc summary.json report.html
-risk/draws.parquet risk/draws.csv risk/marginals.csv risk/correlation.csv risk/touchdown.parquet risk/exceedance.csv
-risk/tolerance.csv figures/bands-low.png figures/bands-low.svg
+risk/draws.parquet risk/draws.csv risk/marginals.csv risk/correlation.csv risk/end_of_record.parquet risk/exceedance.csv
+risk/tolerance.csv risk/requirements.json risk/data_dictionary.csv figures/bands-low.png figures/bands-low.svg
 """.split()  # what the design says a run leaves
 
 

@@ -1,4 +1,4 @@
-"""The landings of benchmarks/gpu.py against the simulator's own flights, on the processor."""
+"""The descents of benchmarks/gpu.py against the simulator's own flights, on the processor."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def gpu():
     return gpu
 
 
-def test_landings_are_those_of_the_simulator(gpu):
+def test_descents_are_those_of_the_simulator(gpu):
     pytest.importorskip("llvmlite")
     some = gpu.flights(gpu.PLAIN, T, 1)
     model = some.model

@@ -81,7 +81,7 @@ def test_a_prior_that_does_not_fly_is_said(template):
 
 
 def test_a_row_ranks_parameters_and_derived_quantities(row):
-    derived = {"swing amplitude", "swing frequency", "mean descent rate", "touchdown speed"}
+    derived = {"swing amplitude", "swing frequency", "mean descent rate", "descent rate at the end"}
     assert set(row["ranks"]) == {*NAMES, *derived}
     assert all(0 <= r <= 19 for r in row["ranks"].values())
     assert row["ok"] and row["redrawn"] >= 0
@@ -145,4 +145,4 @@ def test_swing_quantities_of_a_sine():
     assert made["swing amplitude"][0] == pytest.approx(0.3, rel=5e-3)
     assert made["swing frequency"][0] == pytest.approx(0.1, rel=5e-3)
     assert made["mean descent rate"][0] == pytest.approx(10.0)
-    assert made["touchdown speed"][0] == pytest.approx(11.0)
+    assert made["descent rate at the end"][0] == pytest.approx(11.0)

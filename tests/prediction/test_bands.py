@@ -77,12 +77,12 @@ def forecast(flight, begun):
     return bands.predict(begun, 0, np.tile(THETA, (DRAWS, 1)), _laws(), 6, flight.data, 10.0)
 
 
-def test_shapes_and_touchdown(smoothed):
+def test_shapes_and_the_last_velocity(smoothed):
     assert set(smoothed.draws) == {"descent_rate", "sea_level_descent_rate"}
     assert smoothed.draws["descent_rate"].shape == (DRAWS, SAMPLES) and smoothed.failed == 0
-    assert smoothed.touchdown.shape == (DRAWS, 3)
-    np.testing.assert_array_equal(smoothed.touchdown[:, 2], smoothed.draws["descent_rate"][:, -1])
-    np.testing.assert_array_equal(smoothed.touchdown[:, :2], 0.0)
+    assert smoothed.last.shape == (DRAWS, 3)
+    np.testing.assert_array_equal(smoothed.last[:, 2], smoothed.draws["descent_rate"][:, -1])
+    np.testing.assert_array_equal(smoothed.last[:, :2], 0.0)
     np.testing.assert_allclose(smoothed.time, DT * np.arange(SAMPLES))
 
 
@@ -127,7 +127,7 @@ def test_a_failed_simulation_is_counted_and_left_empty(fitted, log_area):
     heard = []
     made = bands.predict(fitted, 0, theta, _laws(), seed=5, progress=heard.append)
     assert made.failed == 1 and heard[-1] == 1.0
-    assert np.isnan(made.draws["descent_rate"][3]).all() and np.isnan(made.touchdown[3]).all()
+    assert np.isnan(made.draws["descent_rate"][3]).all() and np.isnan(made.last[3]).all()
     assert np.isfinite(np.delete(made.draws["descent_rate"], 3, axis=0)).all()
     for share in made.shares.values():
         assert sum(share.values()) == pytest.approx(1.0)

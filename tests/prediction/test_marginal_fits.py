@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from bayeschute.core.errors import InputError
-from bayeschute.prediction.marginal_fits import distribution, fit_marginal
+from bayeschute.prediction.marginal_fits import FAMILIES, NO_EVIDENCE, distribution, fit_marginal
 
 RNG = np.random.default_rng(7)
 
@@ -47,6 +47,14 @@ def test_few_independent_draws_do_not_earn_a_richer_family():
     x = 0.1 * RNG.standard_t(6.0, 4000)
     assert fit_marginal(x).family == "student-t"
     assert fit_marginal(x, effective=20).family == "normal"
+
+
+def test_the_family_kept_is_the_first_within_two_of_the_least_criterion():
+    kept = [fit_marginal(np.random.default_rng(seed).standard_t(25.0, 2000)) for seed in range(30)]
+    assert all(fit.aic <= fit.runner_up_aic + NO_EVIDENCE for fit in kept)
+    behind = [fit for fit in kept if fit.aic > fit.runner_up_aic]
+    assert behind, "some are kept though another has the lesser criterion"
+    assert all(FAMILIES.index(fit.family) < FAMILIES.index(fit.runner_up) for fit in behind)
 
 
 def test_criterion_is_scipys_likelihood():

@@ -15,17 +15,15 @@ from bayeschute.prediction.mixture import mix
 def _prediction(draws: int, mean: float, sd: float, seed: int) -> Prediction:
     x = np.random.default_rng(seed).standard_normal((draws, 5))
     x = mean + sd * (x - x.mean(axis=0)) / x.std(axis=0)
-    touchdown = np.full((draws, 3), mean)
-    return Prediction(
-        np.arange(5.0), {"descent_rate": x}, touchdown, 0, {"descent_rate": {"wind": 0.75, "parameter": 0.25}}
-    )
+    last = np.full((draws, 3), mean)
+    return Prediction(np.arange(5.0), {"descent_rate": x}, last, 0, {"descent_rate": {"wind": 0.75, "parameter": 0.25}})
 
 
 def test_draws_are_all_there_and_variance_is_within_plus_between():
     parts = [_prediction(300, 0.0, 1.0, 1), _prediction(100, 4.0, 2.0, 2)]
     made = mix(parts)
     rate = made.draws["descent_rate"]
-    assert rate.shape == (400, 5) and made.touchdown.shape == (400, 3)
+    assert rate.shape == (400, 5) and made.last.shape == (400, 3)
     np.testing.assert_allclose(rate.mean(axis=0), 1.0, atol=1e-12)
     np.testing.assert_allclose(rate.var(axis=0), 0.75 * 1.0 + 0.25 * 4.0 + 0.75 * 1.0 + 0.25 * 9.0)
     shares = made.shares["descent_rate"]

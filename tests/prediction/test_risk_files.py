@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
@@ -8,6 +10,7 @@ from scipy import stats
 
 from bayeschute.core.errors import InputError
 from bayeschute.prediction import risk_files
+from bayeschute.prediction.data_dictionary import data_dictionary
 
 UNITS = {"axial[1]": "1", "riser_stiffness": "N/m"}
 
@@ -20,11 +23,11 @@ def draws():
 
 
 @pytest.fixture
-def landing():
+def final():
     rng = np.random.default_rng(4)
     rate = rng.normal(9.8, 0.2, 1000)
     rate[[3, 7]] = np.nan
-    return {"cdt-3-12": {"vertical_speed": rate * 1.02, "sea_level_rate": rate}}
+    return {"cdt-3-12": {"descent_rate": rate * 1.02, "sea_level_descent_rate": rate}}
 
 
 def test_draws_come_back_with_units(tmp_path, draws):
@@ -62,10 +65,10 @@ def test_marginals_and_correlation(draws):
     assert matrix.loc["axial[1]", "riser_stiffness"] == pytest.approx(expected)
 
 
-def test_exceedance_counts_failed_solves_against_us(landing):
-    rows = risk_files.exceedance_table(risk_files.touchdown_table(landing), {"sea_level_rate": [10.0]})
-    row = rows[(rows.quantity == "sea_level_rate") & (rows.threshold == 10.0)].iloc[0]
-    rate = landing["cdt-3-12"]["sea_level_rate"]
+def test_exceedance_counts_failed_solves_against_us(final):
+    rows = risk_files.exceedance_table(risk_files.samples_table(final), "final", {"sea_level_descent_rate": [10.0]})
+    row = rows[(rows.quantity == "sea_level_descent_rate") & (rows.threshold == 10.0)].iloc[0]
+    rate = final["cdt-3-12"]["sea_level_descent_rate"]
     count = int((rate > 10.0).sum()) + 2
     assert (row.exceeded, row.failed, row.draws) == (count, 2, 1000)
     limits = stats.binomtest(count, 1000).proportion_ci(0.9, method="exact")
@@ -73,15 +76,15 @@ def test_exceedance_counts_failed_solves_against_us(landing):
     assert (row.credible_low, row.credible_high) == pytest.approx(
         stats.beta(count + 0.5, 1000.5 - count).ppf([0.05, 0.95])
     )
-    part = rows[rows.quantity == "sea_level_rate"]
+    part = rows[rows.quantity == "sea_level_descent_rate"]
     assert (part.threshold.diff().dropna() > 0).all()
     assert (part.probability.diff().dropna() <= 0).all()
 
 
-def test_dependent_draws_widen_the_limits(landing):
-    touchdown = risk_files.touchdown_table(landing)
-    wide = risk_files.exceedance_table(touchdown, independent=100)
-    narrow = risk_files.exceedance_table(touchdown)
+def test_dependent_draws_widen_the_limits(final):
+    samples = risk_files.samples_table(final)
+    wide = risk_files.exceedance_table(samples, "final", independent=100)
+    narrow = risk_files.exceedance_table(samples, "final")
     middle = len(narrow) // 4
     width = wide.clopper_pearson_high - wide.clopper_pearson_low
     assert width[middle] > 2.5 * (narrow.clopper_pearson_high - narrow.clopper_pearson_low)[middle]
@@ -89,7 +92,7 @@ def test_dependent_draws_widen_the_limits(landing):
 
 def test_tolerance_takes_the_order_statistic():
     x = np.random.default_rng(5).permutation(np.arange(1000.0))
-    table = risk_files.tolerance_table(risk_files.touchdown_table({"a": {"vertical_speed": x}}))
+    table = risk_files.tolerance_table(risk_files.samples_table({"a": {"descent_rate": x}}), "final")
     row = table[(table.share == 0.95) & (table.failures == 2)].iloc[0]
     assert (row.needed, row.enough, row.limit) == (124, True, 997.0)
     few = table[(table.share == 0.99865) & (table.failures == 0)].iloc[0]
@@ -100,16 +103,16 @@ def test_tolerance_takes_the_order_statistic():
     assert most.limit == 999.0 - most.failures
 
 
-def test_tolerance_with_a_failed_solve_has_no_limit(landing):
-    table = risk_files.tolerance_table(risk_files.touchdown_table(landing))
-    rows = table[(table.quantity == "sea_level_rate") & (table.share == 0.95)]
+def test_tolerance_with_a_failed_solve_has_no_limit(final):
+    table = risk_files.tolerance_table(risk_files.samples_table(final), "final")
+    rows = table[(table.quantity == "sea_level_descent_rate") & (table.share == 0.95)]
     assert np.isinf(rows[rows.failures == 0].limit.iloc[0])
     assert np.isfinite(rows[rows.failures == 2].limit.iloc[0])
 
 
 def test_requirement_over_single_draws():
     x = np.r_[np.full(90, 9.0), np.full(8, 11.0), [np.nan, np.nan]]
-    check = risk_files.requirement_check(x, name="rate", quantity="sea_level_rate", unit="m/s", at_most=10.0)
+    check = risk_files.requirement_check(x, name="rate", quantity="sea_level_descent_rate", unit="m/s", at_most=10.0)
     limits = stats.binomtest(90, 100).proportion_ci(0.9, method="exact")
     assert check["probability_met"] == 0.9
     assert (check["simulation_low"], check["simulation_high"]) == pytest.approx((limits.low, limits.high))
@@ -131,11 +134,11 @@ def test_requirement_tells_posterior_from_simulation():
         assert check["posterior_sd"] == pytest.approx(truth.std(), rel=0.15)
         assert (check["posterior_q05"], check["posterior_q95"]) == pytest.approx(truth.ppf([0.05, 0.95]), abs=tolerance)
         assert check["simulation_low"] < 0.8 < check["simulation_high"]
-        assert 400 <= check["independent_landings"] <= met.size
-    same = rng.random((400, 50)) < 0.9  # the parameters don't matter: landings are independent
+        assert 400 <= check["independent_simulations"] <= met.size
+    same = rng.random((400, 50)) < 0.9  # the parameters don't matter: flights are independent
     check = risk_files.requirement_check(np.where(same, 0.0, 2.0), name="a", quantity="q", unit="1", at_most=1.0)
     assert check["posterior_sd"] < 0.02
-    assert check["independent_landings"] > 10_000
+    assert check["independent_simulations"] > 10_000
     lost = risk_files.requirement_check(np.full(5, np.nan), name="a", quantity="q", unit="1", at_most=1.0)
     assert (lost["probability_met"], lost["failed"], lost["median"], lost["margin"]) == (0.0, 5, None, None)
     never = risk_files.requirement_check(np.full((10, 4), 2.0), name="a", quantity="q", unit="1", at_most=1.0)
@@ -147,35 +150,91 @@ def test_requirement_wants_one_limit():
         risk_files.requirement_check(np.ones(3), name="a", quantity="q", unit="1")
 
 
-def test_all_files_are_written(tmp_path, draws, landing):
-    tables = risk_files.write_risk(tmp_path / "risk", draws, landing, UNITS, thresholds={"sea_level_rate": [10.0584]})
-    names = {path.name for path in (tmp_path / "risk").iterdir()}
-    assert names == {
+@pytest.fixture
+def requirement(final):
+    rate = final["cdt-3-12"]["sea_level_descent_rate"]
+    return risk_files.requirement_check(
+        rate - 0.5, name="r", quantity="sea_level_descent_rate", unit="m/s", at_most=9.6, run="cdt-3-12",
+        statistic="mean", widened_by=1.2,
+    )  # fmt: skip
+
+
+@pytest.fixture
+def written(tmp_path, draws, final, requirement):
+    mean = {"sea_level_descent_rate": final["cdt-3-12"]["sea_level_descent_rate"] - 0.5}
+    flights = {"cdt-3-12": {"final": final["cdt-3-12"], "mean": mean}}
+    widened = {"cdt-3-12": {"sea_level_descent_rate": 1.2}}
+    risk_files.write_risk(tmp_path, draws, flights, UNITS, requirements=[requirement], widened=widened)
+    return tmp_path
+
+
+def test_all_files_are_written(written):
+    assert {path.name for path in written.iterdir()} == {
         "draws.parquet",
         "draws.csv",
         "draws_units.csv",
         "marginals.csv",
         "correlation.csv",
-        "touchdown.parquet",
+        "end_of_record.parquet",
         "exceedance.csv",
         "tolerance.csv",
+        "requirements.json",
+        "data_dictionary.csv",
     }
-    back = pd.read_csv(tmp_path / "risk" / "exceedance.csv")
-    assert 10.0584 in set(back.threshold)
-    assert list(back.quantity.unique()) == ["vertical_speed", "sea_level_rate"]
-    assert pd.read_parquet(tmp_path / "risk" / "touchdown.parquet").attrs["units"]["sea_level_rate"] == "m/s"
-    square = pd.read_csv(tmp_path / "risk" / "correlation.csv", index_col="parameter")
-    np.testing.assert_allclose(square, tables["correlation"])
+    back = pd.read_csv(written / "exceedance.csv")
+    assert set(zip(back.quantity, back.statistic, strict=True)) == {
+        ("descent_rate", "final"), ("sea_level_descent_rate", "final"), ("sea_level_descent_rate", "mean")
+    }  # fmt: skip
+    assert pd.read_parquet(written / "end_of_record.parquet").attrs["units"]["sea_level_descent_rate"] == "m/s"
+    square = pd.read_csv(written / "correlation.csv", index_col="parameter")
+    assert list(square.columns) == list(square.index) == list(UNITS)
 
 
-def test_without_landings_only_the_parameter_files(tmp_path, draws):
+def test_a_limit_is_a_threshold_of_the_statistic_it_is_set_on(written, requirement):
+    """P(exceeded) and P(met) of a requirement add up to one, and other statistics know nothing of its limit."""
+    table = pd.read_csv(written / "exceedance.csv")
+    there = table[table.threshold == 9.6]
+    assert list(zip(there.quantity, there.statistic, strict=True)) == [("sea_level_descent_rate", "mean")]
+    assert there.probability.iloc[0] == pytest.approx(1.0 - requirement["probability_met"])
+
+
+def test_the_tables_tell_which_draws_were_widened(written):
+    for name in ("exceedance", "tolerance"):
+        factors = pd.read_csv(written / f"{name}.csv").groupby("quantity").widened_by.unique()
+        assert list(factors["sea_level_descent_rate"]) == [1.2] and list(factors["descent_rate"]) == [1.0]
+    assert json.loads((written / "requirements.json").read_text())[0]["widened_by"] == 1.2
+
+
+def test_the_dictionary_has_every_column_of_every_file(written):
+    table = pd.read_csv(written / "data_dictionary.csv", dtype=str)
+    assert list(table.columns) == ["file", "column", "unit", "meaning"] and table.notna().all(axis=None)
+    told = {file: list(part.column) for file, part in table.groupby("file")}
+    there = {}
+    for path in written.iterdir():
+        if path.suffix == ".csv" and path.stem != "data_dictionary":
+            there[path.name] = list(pd.read_csv(path).columns)
+        elif path.suffix == ".parquet":
+            there[path.name] = list(pd.read_parquet(path).columns)
+    there["requirements.json"] = list(json.loads((written / "requirements.json").read_text())[0])
+    assert told == there
+    unit = table.set_index(["file", "column"]).unit
+    assert unit["draws.csv", "riser_stiffness"] == "N/m" and unit["correlation.csv", "riser_stiffness"] == "1"
+    assert unit["end_of_record.parquet", "descent_rate"] == "m/s"
+
+
+def test_a_column_that_nobody_explained_is_refused():
+    with pytest.raises(InputError, match="a column whose meaning is stated"):
+        data_dictionary({"tolerance.csv": ["limit", "mystery"]}, {})
+
+
+def test_without_flights_only_the_parameter_files(tmp_path, draws):
     assert set(risk_files.write_risk(tmp_path, draws)) == {"draws", "marginals", "correlation"}
 
 
-def test_runs_with_different_quantities(landing):
-    both = landing | {"sonde": {"vertical_speed": np.linspace(10, 12, 50)}}
-    table = risk_files.touchdown_table(both)
+def test_runs_with_different_quantities(final):
+    both = final | {"sonde": {"descent_rate": np.linspace(10, 12, 50)}}
+    table = risk_files.samples_table(both)
     assert list(table.run.unique()) == ["cdt-3-12", "sonde"]
-    pairs = set(zip(*risk_files.exceedance_table(table)[["run", "quantity"]].values.T, strict=True))
-    assert ("sonde", "vertical_speed") in pairs
-    assert ("sonde", "sea_level_rate") not in pairs
+    pairs = set(zip(*risk_files.exceedance_table(table, "final")[["run", "quantity"]].values.T, strict=True))
+    assert ("sonde", "descent_rate") in pairs
+    assert ("sonde", "sea_level_descent_rate") not in pairs

@@ -299,25 +299,22 @@ def build_run(
     xr.DataTree.from_dict(bands).to_netcdf(folder / "predictions.nc", engine="h5netcdf")
     (folder / "structure.json").write_text(json.dumps(_structure(rng)))
     rate = rng.normal(9.75, 0.24, 400)
-    landings = {
-        "cdt-3-12": {
-            "vertical_speed": rate * 1.01,
-            "horizontal_speed": np.abs(rng.normal(4, 1.5, 400)),
-            "swing_amplitude": np.radians(rng.normal(18, 2.5, 400)),
-            "sea_level_rate": rate,
-        }
-    }
+    mean = rng.normal(9.75, 0.24, 400)
+    final = {"descent_rate": rate * 1.01, "sea_level_descent_rate": rate}
+    final |= {"horizontal_speed": np.abs(rng.normal(4, 1.5, 400)), "swing_angle": np.radians(rng.normal(9, 2.5, 400))}
+    maximum = {"swing_angle": np.radians(rng.normal(18, 2.5, 400))}
     limit = 10.0584
-    risk_files.write_risk(folder / "risk", posterior, landings, UNITS, thresholds={"sea_level_rate": [limit]})
     requirement = risk_files.requirement_check(
-        rate,
-        name="descent rate at touchdown",
+        mean,
+        name="mean descent rate",
         quantity="sea_level_descent_rate",
-        statistic="final",
+        statistic="mean",
         unit="m/s",
         at_most=limit,
         run="cdt-3-12",
     )
+    drawn = {"cdt-3-12": {"final": final, "maximum": maximum, "mean": {"sea_level_descent_rate": mean}}}
+    risk_files.write_risk(folder / "risk", posterior, drawn, UNITS, requirements=[requirement])
     covered = {"swing_angle": {"truth": 0.91, "record": 0.88}, "descent_rate": {"truth": 0.87, "record": None}}
     summary = {
         "title": "Virtual CDT 3-11, and a CDT 3-12 look-alike predicted from it",

@@ -10,6 +10,8 @@ import pytest
 from bayeschute.core.errors import InputError
 from bayeschute.report import page as html
 from bayeschute.report.page import build_report
+from bayeschute.report.run_results import read_results
+from bayeschute.study.evidence.calibration_status import verification
 
 SECTIONS = ("fed-in", "structure", "posterior", "told", "predictions", "trust", "risk", "left-out", "provenance")
 VOID = {"meta", "img", "br"}
@@ -118,11 +120,11 @@ def test_damaged_files_are_named_and_do_not_break_it(bare):
     (bare / "posterior.nc").write_bytes(b"\x89HDF not really")
     (bare / "risk").mkdir()
     (bare / "risk" / "exceedance.csv").write_text("a,b\n1,2\n")
-    (bare / "risk" / "touchdown.parquet").write_bytes(b"PAR1")
+    (bare / "risk" / "end_of_record.parquet").write_bytes(b"PAR1")
     words = visible(build_report(bare).read_text())
     assert "structure.json could not be read" in words
     assert "posterior.nc could not be read" in words
-    assert "touchdown.parquet could not be read" in words
+    assert "end_of_record.parquet could not be read" in words
 
 
 def test_values_of_the_wrong_kind_do_not_break_it(bare):
@@ -176,6 +178,15 @@ def test_a_failed_build_leaves_the_old_report(bare, monkeypatch):
     assert path.read_text() == old
 
 
+@pytest.mark.parametrize(("missed", "pill"), [({}, "good"), ({"rhat": {"passed": False}}, "weak")])
+def test_the_pill_has_the_colour_of_the_label_that_a_run_writes(make_run, tmp_path, missed, pill):
+    held = {"passed": True, "detail": "120 replicate flights, 0 failed; nominal 90 % intervals held 87 to 94 %"}
+    folder = make_run(tmp_path, label=verification(missed | {"calibration": held}, None))
+    text = build_report(folder).read_text()
+    spans = [attrs["class"] for tag, attrs in Page(text).tags if tag == "span" and "pill" in (attrs.get("class") or "")]
+    assert spans == [f"pill {pill}"] * 2
+
+
 def test_a_verified_run_without_truth_or_structure(make_run, tmp_path, monkeypatch):
     folder = make_run(tmp_path, label="verified")
     for name in ("structure.json", "posterior.nc", "predictions.nc"):
@@ -186,3 +197,38 @@ def test_a_verified_run_without_truth_or_structure(make_run, tmp_path, monkeypat
     assert "the intervals carry the label “verified”" in words
     assert "Not for use" not in words
     assert "Without posterior.nc" in words
+
+
+def _requirements(folder, **changes):
+    """The run's one requirement changed, and its results anew."""
+    summary = json.loads((folder / "summary.json").read_text())
+    summary["requirements"] = [summary["requirements"][0] | changes]
+    (folder / "summary.json").write_text(json.dumps(summary))
+    return read_results(folder)
+
+
+def test_limits_are_drawn_upon_the_statistic_they_are_set_on(make_run, tmp_path, monkeypatch):
+    drawn = {}
+    monkeypatch.setattr(
+        html.record_figures, "exceedance_figure", lambda table, limits: drawn.update(table=table, limits=limits)
+    )
+    monkeypatch.setattr(html.record_figures, "band_figure", lambda bands, limits: drawn.update(bands=limits))
+    monkeypatch.setattr(html, "_picture", lambda *_: None)
+    folder = make_run(tmp_path)
+    for statistic, at_every_time in (("mean", {}), ("final", {}), ("maximum", {"sea_level_descent_rate": 10.0584})):
+        results = _requirements(folder, statistic=statistic)
+        html._exceedance_picture(results, tmp_path)
+        html._band_pictures(results, tmp_path)
+        assert drawn["limits"] == {("sea_level_descent_rate", statistic): [10.0584]}
+        assert drawn["bands"] == at_every_time
+    first = drawn["table"].iloc[0]
+    assert (first.quantity, first.statistic) == ("swing_angle", "maximum"), "no draws of the maximum: the usual ones"
+    html._exceedance_picture(_requirements(folder, statistic="mean"), tmp_path)
+    first = drawn["table"].iloc[0]
+    assert (first.quantity, first.statistic) == ("sea_level_descent_rate", "mean")
+
+
+def test_the_end_of_a_record_is_not_called_a_landing(text):
+    words = visible(text)
+    assert not re.search(r"touchdown|\bland(s|ed|ings)\b", words, re.IGNORECASE)
+    assert "at the end of the record" in words and "is no landing" in words

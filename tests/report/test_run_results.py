@@ -11,7 +11,7 @@ def test_a_run_comes_back_whole(results):
     assert list(results.predictions) == ["cdt-3-11", "cdt-3-12"]
     assert results.predictions["cdt-3-12"].attrs["role"] == "predict"
     assert list(results.flights) == ["cdt-3-11", "cdt-3-12"]
-    assert set(results.risk) == {"marginals", "correlation", "touchdown", "exceedance", "tolerance"}
+    assert set(results.risk) == {"marginals", "correlation", "end_of_record", "exceedance", "tolerance"}
     assert np.isfinite(results.predictions["cdt-3-12"]["swing_angle"].values).all()
     assert results.part("no such part") == {}
     assert results.part("seed") == {}

@@ -35,6 +35,15 @@ def test_the_print_out_has_the_columns_of_the_report(found):
     assert [line[start:].split()[0] for line in lines[1:]] == [row["term"] for row in entry["ranking"]]
 
 
+def test_a_row_that_required_terms_keep_from_the_least_is_not_called_the_least(found):
+    entry = found["coefficients"]["axial"]
+    rows = entry["ranking"]
+    (marked,) = [line for line in print_out(rows, entry["pse_minimum_at"]) if "<-" in line]
+    assert marked.endswith("<- least predicted error")
+    (marked,) = [line for line in print_out(rows, len(rows)) if "<-" in line]
+    assert marked.endswith("<- least predicted error with the terms required")
+
+
 def test_the_text_tells_every_part(found):
     text = structure_text(found)
     for words in (

@@ -260,5 +260,5 @@ def swing_quantities(swing: Array, descent: Array, dt: float) -> dict[str, Array
         "swing amplitude": np.sqrt(2.0) * size,
         "swing frequency": rate / size / (2.0 * np.pi),
         "mean descent rate": descent.mean(axis=0),
-        "touchdown speed": descent[-1],
+        "descent rate at the end": descent[-1],
     }

@@ -1,1 +1,1 @@
-"""Bands, requirements, landings and the files of a risk assessment."""
+"""Bands, requirements, exceedance and the files of a risk assessment."""

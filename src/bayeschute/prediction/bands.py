@@ -41,14 +41,14 @@ class Prediction:
     Attributes:
         time: (T,) [s].
         draws: Quantity by name, (draw, T); NaN where a simulation failed.
-        touchdown: Capsule velocity at the last sample, (draw, 3) NED [m/s]; descents hold (0, 0, rate).
+        last: Capsule velocity at the last sample of the record, (draw, 3) NED [m/s]; descents hold (0, 0, rate).
         failed: Simulations that were not finite.
         shares: Share of variance by quantity and source; NaN where no simulation tells.
     """
 
     time: Array
     draws: Mapping[str, Array]
-    touchdown: Array
+    last: Array
     failed: int
     shares: Mapping[str, Mapping[str, float]]
 

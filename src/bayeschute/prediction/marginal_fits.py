@@ -1,9 +1,9 @@
 """One line per parameter for a model memo: a standard family, its constants, and how well it fits the draws.
 
-The family is the one with the least Akaike criterion per independent draw,
+The family is the first of ``FAMILIES`` whose Akaike criterion per independent draw lies within 2 of the least,
 ``AIC = 2 k - 2 n_e mean(log p)`` with k constants and n_e independent draws (Akaike, IEEE TAC 19 (1974) 716). Draws of
 a Markov chain repeat themselves, so n_e is the effective number and not the number stored. A difference below 2 is no
-evidence: then the family that stands earlier in ``FAMILIES`` is kept. Beside it stands the Kolmogorov distance, the
+evidence: the family kept need not have the least criterion. Beside it stands the Kolmogorov distance, the
 greatest difference between the distribution of the draws and the fitted one.
 """
 
@@ -38,8 +38,8 @@ class Marginal(NamedTuple):
         truncation_high: Upper truncation [unit], inf where there is none.
         degrees_of_freedom: Of the Student-t, inf for the others [1].
         aic: Criterion by which the family was chosen [1].
-        runner_up: Family with the next least criterion.
-        runner_up_aic: Its criterion [1].
+        runner_up: The best of the other families.
+        runner_up_aic: Its criterion [1]; up to ``NO_EVIDENCE`` less than `aic`.
         ks_distance: Greatest distance between the two distributions [1].
     """
 

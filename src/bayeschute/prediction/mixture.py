@@ -37,8 +37,8 @@ def mix(parts: Sequence[Prediction]) -> Prediction:
         return first
     draws = {name: np.concatenate([p.draws[name] for p in parts]) for name in first.draws}
     shares = {name: _shares(name, parts) for name in first.draws}
-    touchdown = np.concatenate([p.touchdown for p in parts])
-    return Prediction(first.time, draws, touchdown, sum(p.failed for p in parts), shares)
+    last = np.concatenate([p.last for p in parts])
+    return Prediction(first.time, draws, last, sum(p.failed for p in parts), shares)
 
 
 def _shares(name: str, parts: Sequence[Prediction]) -> Mapping[str, float]:

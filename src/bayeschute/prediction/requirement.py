@@ -1,6 +1,6 @@
-"""P(requirement met) over the posterior, apart from what the number of simulated landings leaves open.
+"""P(requirement met) over the posterior, apart from what the number of simulated flights leaves open.
 
-A landing whose solve failed is never dropped: it counts as not met, and is reported in a number of its own.
+A flight whose solve failed is never dropped: it counts as not met, and is reported in a number of its own.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ def _spread(met: np.ndarray) -> tuple[float, float, float, float]:
     """How P(met) varies over the posterior: sd and 5/95 % of a Beta with its moments, and the effective number.
 
     Args:
-        met: Landings met, (draw, landing) of booleans; a row shares one draw of the parameters.
+        met: Flights that meet it, (draw, simulation) of booleans; a row shares one draw of the parameters.
     """
-    shares, landings = met.mean(axis=1), met.shape[1]
+    shares, simulations = met.mean(axis=1), met.shape[1]
     mean = float(shares.mean())
-    noise = float((shares * (1 - shares)).mean()) / (landings - 1)  # binomial scatter of a row's share
+    noise = float((shares * (1 - shares)).mean()) / (simulations - 1)  # binomial scatter of a row's share
     between = max(float(shares.var(ddof=1)) - noise, 0.0)
     variance_of_mean = float(shares.var(ddof=1)) / len(shares)
     worst = mean * (1 - mean)
@@ -47,12 +47,13 @@ def requirement_check(
     statistic: str = "",
     confidence: float = 0.9,
     independent: float | None = None,
+    widened_by: float = 1.0,
 ) -> dict[str, Any]:
-    """P(requirement met) over the posterior, and apart from it what the number of simulated landings leaves open.
+    """P(requirement met) over the posterior, and apart from it what the number of simulated flights leaves open.
 
     Args:
-        samples: The quantity by posterior draw, (draw,), or by draw and landing, (draw, landing), where each draw of
-            the parameters met several winds [unit]. NaN: the solve failed; it counts as not met.
+        samples: The quantity by posterior draw, (draw,), or by draw and simulation, (draw, simulation), where each
+            draw of the parameters met several winds [unit]. NaN: the solve failed; it counts as not met.
         name: Name of the requirement.
         quantity: Name of the quantity.
         unit: Its unit.
@@ -62,13 +63,14 @@ def requirement_check(
         statistic: What was taken over the window: final, maximum, mean.
         confidence: Two-sided confidence of the simulation limits [1].
         independent: Number of independent draws among (draw,) samples, if fewer.
+        widened_by: Factor by which the samples were widened before [1]; told in the result.
 
     Returns:
         Plain numbers for summary.json: probability_met; simulation_low, simulation_high (Clopper-Pearson) and
-        credible_low, credible_high (Jeffreys), which shrink with more landings; posterior_sd, posterior_q05,
+        credible_low, credible_high (Jeffreys), which shrink with more simulations; posterior_sd, posterior_q05,
         posterior_q95 of P(met | parameters), which don't (None for (draw,) samples, where the two can't be told
-        apart); draws, landings, met, failed; median, q05, q95 of the quantity; margin, the distance of the median from
-        the limit [unit], positive when met (None where every solve failed).
+        apart); draws, simulations, met, failed; median, q05, q95 of the quantity; margin, the distance of the median
+        from the limit [unit], positive when met (None where every solve failed); widened_by.
 
     Raises:
         InputError: If not exactly one limit is given or no sample is.
@@ -78,7 +80,7 @@ def requirement_check(
         raise InputError(Fault(where, f"at_most={at_most}, at_least={at_least}", "exactly one of the two"))
     x = np.asarray(samples, dtype=float)
     if x.size == 0 or x.ndim not in (1, 2):
-        raise InputError(Fault(where, f"samples of shape {x.shape}", "(draw,) or (draw, landing), not empty"))
+        raise InputError(Fault(where, f"samples of shape {x.shape}", "(draw,) or (draw, simulation), not empty"))
     finite = x[np.isfinite(x)]
     with np.errstate(invalid="ignore"):
         met = np.isfinite(x) & (x <= at_most if at_most is not None else x >= at_least)
@@ -113,12 +115,13 @@ def requirement_check(
         "posterior_q05": low,
         "posterior_q95": high,
         "draws": int(x.shape[0]),
-        "landings": int(x.size),
-        "independent_landings": total,
+        "simulations": int(x.size),
+        "independent_simulations": total,
         "met": int(met.sum()),
         "failed": int(x.size - finite.size),
         "q05": q05,
         "median": median,
         "q95": q95,
         "margin": margin,
+        "widened_by": widened_by,
     }

@@ -1,14 +1,15 @@
-"""The files a risk assessor takes away: draws, marginals, correlations, landings, exceedance, tolerance.
+"""The files a risk assessor takes away: draws, marginals, correlations, end of record, exceedance, tolerance.
 
 Two kinds of doubt are kept apart throughout: what the posterior leaves open (P of meeting a requirement) and what the
-finite number of simulated landings leaves open (Clopper-Pearson and Jeffreys limits, Wilks' order statistics). A
-landing whose solve failed is never dropped: it counts as one beyond every limit, and stands in a column of its own.
+finite number of simulated flights leaves open (Clopper-Pearson and Jeffreys limits, Wilks' order statistics). A
+flight whose simulation failed is never dropped: it counts as one beyond every limit, and stands in a column of its own.
+``data_dictionary.csv`` says what every column is.
 """
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Mapping, Sequence
+import json
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,14 +20,11 @@ import pyarrow.parquet as pq
 from numpy.typing import ArrayLike
 
 from bayeschute.core.errors import Fault, InputError
+from bayeschute.core.files import write_whole
 from bayeschute.prediction.binomial_limits import clopper_pearson, jeffreys, wilks_sample_size
-from bayeschute.prediction.landings import (
-    TOLERANCES,
-    TOUCHDOWN_UNITS,
-    exceedance_table,
-    tolerance_table,
-    touchdown_table,
-)
+from bayeschute.prediction.data_dictionary import data_dictionary
+from bayeschute.prediction.exceedance import TOLERANCES, Widened, exceedance_table, samples_table, tolerance_table
+from bayeschute.prediction.flight_statistics import UNITS
 from bayeschute.prediction.marginal_fits import QUANTILES, distribution, fit_marginal
 from bayeschute.prediction.requirement import requirement_check
 
@@ -38,25 +36,17 @@ __all__ = [
     "jeffreys",
     "marginal_table",
     "requirement_check",
+    "samples_table",
     "tolerance_table",
-    "touchdown_table",
     "wilks_sample_size",
     "write_draws",
     "write_risk",
-    "write_touchdown",
 ]
-
-
-def _atomic(path: Path, write: Callable[[Path], object]) -> None:
-    """Write beside the target and rename, so that a killed process leaves no half file."""
-    part = path.with_name(path.name + ".part")
-    write(part)
-    os.replace(part, path)
 
 
 def _csv(frame: pd.DataFrame, path: Path, index: bool = False) -> None:
     """Write a frame as CSV with every digit."""
-    _atomic(path, lambda part: frame.to_csv(part, index=index))
+    write_whole(path, lambda part: frame.to_csv(part, index=index))
 
 
 def _parquet(frame: pd.DataFrame, path: Path, units: Mapping[str, str]) -> None:
@@ -66,7 +56,7 @@ def _parquet(frame: pd.DataFrame, path: Path, units: Mapping[str, str]) -> None:
     table = pa.Table.from_pandas(frame, preserve_index=False)
     fields = [field.with_metadata({"unit": units.get(field.name, "1")}) for field in table.schema]
     table = table.cast(pa.schema(fields, metadata=table.schema.metadata))
-    _atomic(path, lambda part: pq.write_table(table, part))
+    write_whole(path, lambda part: pq.write_table(table, part))
 
 
 def draws_table(draws: Mapping[str, ArrayLike]) -> pd.DataFrame:
@@ -135,7 +125,7 @@ def marginal_table(
     Returns:
         Columns parameter, unit, family and its constants, mean, sd, quantiles of the draws, the outer quantiles of the
         family (fit_q00135, fit_q99865: the draws alone say little out there), the statistic of the choice (aic, and
-        runner_up with its own), ks_distance, draws, independent_draws.
+        runner_up, the best of the others, with its own), ks_distance, draws, independent_draws.
     """
     rows = []
     for name in _parameters(table):
@@ -158,49 +148,80 @@ def correlation_table(table: pd.DataFrame) -> pd.DataFrame:
     return values
 
 
-def write_touchdown(
-    flights: Mapping[str, Mapping[str, ArrayLike]], folder: Path, units: Mapping[str, str] | None = None
-) -> pd.DataFrame:
-    """Write touchdown.parquet; units of ``TOUCHDOWN_UNITS`` and of `units` go into its metadata."""
-    folder.mkdir(parents=True, exist_ok=True)
-    table = touchdown_table(flights)
-    _parquet(table, folder / "touchdown.parquet", TOUCHDOWN_UNITS | dict(units or {}))
-    return table
-
-
 def write_risk(
     folder: Path,
     draws: Mapping[str, ArrayLike],
-    flights: Mapping[str, Mapping[str, ArrayLike]] | None = None,
+    flights: Mapping[str, Mapping[str, Mapping[str, ArrayLike]]] | None = None,
     units: Mapping[str, str] | None = None,
     bounds: Mapping[str, tuple[float, float]] | None = None,
     effective: Mapping[str, float] | None = None,
-    thresholds: Mapping[str, Sequence[float]] | None = None,
+    requirements: Sequence[Mapping[str, Any]] = (),
     independent: float | None = None,
+    widened: Widened | None = None,
 ) -> dict[str, pd.DataFrame]:
-    """Write every file of the risk folder.
+    """Write every file of the risk folder, and the dictionary of their columns.
 
     Args:
         folder: Usually ``DIR/risk``.
         draws: Parameter name to array (chain, draw), SI.
-        flights: Run name to landing quantities, see `touchdown_table`; without it the landing files are left out.
-        units: Unit of every parameter and landing quantity.
+        flights: Run name to statistic to quantity to values (draw,), see `flight_statistics`; without it the files of
+            flights are left out.
+        units: Unit of every parameter, and of every quantity that is not in `flight_statistics.UNITS`.
         bounds: Known limits of parameters [unit].
         effective: Independent draws by parameter (bulk ESS).
-        thresholds: Thresholds of special interest by landing quantity [unit].
-        independent: Independent landings per run, if fewer than the draws.
+        requirements: Rows of `requirement_check`; their limits are among the thresholds of their statistic.
+        independent: Independent draws per run, if fewer than the draws.
+        widened: Factors by which the draws of flights were widened before.
 
     Returns:
-        The frames by file stem: draws, marginals, correlation, touchdown, exceedance, tolerance.
+        The frames by file stem: draws, marginals, correlation, end_of_record, exceedance, tolerance.
     """
+    units = UNITS | dict(units or {})
     tables = {"draws": write_draws(draws, folder, units)}
     tables["marginals"] = marginal_table(tables["draws"], units, bounds, effective)
     tables["correlation"] = correlation_table(tables["draws"])
     if flights:
-        tables["touchdown"] = write_touchdown(flights, folder, units)
-        tables["exceedance"] = exceedance_table(tables["touchdown"], thresholds, 0.9, independent, units)
-        tables["tolerance"] = tolerance_table(tables["touchdown"], TOLERANCES, independent, units)
+        tables |= _flight_tables(flights, requirements, independent, units, widened)
+        _parquet(tables["end_of_record"], folder / "end_of_record.parquet", units)
     for stem in ("marginals", "correlation", "exceedance", "tolerance"):
         if stem in tables:
             _csv(tables[stem], folder / f"{stem}.csv", index=stem == "correlation")
+    write_whole(folder / "requirements.json", lambda path: path.write_text(json.dumps(list(requirements), indent=1)))
+    _csv(_dictionary(tables, requirements, units), folder / "data_dictionary.csv")
     return tables
+
+
+def _flight_tables(
+    flights: Mapping[str, Mapping[str, Mapping[str, ArrayLike]]],
+    requirements: Sequence[Mapping[str, Any]],
+    independent: float | None,
+    units: Mapping[str, str],
+    widened: Widened | None,
+) -> dict[str, pd.DataFrame]:
+    """End of record, exceedance and tolerance of the statistics of flights, see `write_risk`."""
+    made: dict[str, list[pd.DataFrame]] = {"exceedance": [], "tolerance": []}
+    found: dict[str, pd.DataFrame] = {}
+    for statistic in dict.fromkeys(name for tables in flights.values() for name in tables):
+        samples = samples_table({run: tables[statistic] for run, tables in flights.items() if statistic in tables})
+        if statistic == "final":
+            found["end_of_record"] = samples
+        limits: dict[str, list[float]] = {}
+        for row in requirements:
+            if row["statistic"] == statistic:
+                limit = row["at_most"] if row["at_most"] is not None else row["at_least"]
+                limits.setdefault(row["quantity"], []).append(limit)
+        exceeded = exceedance_table(samples, statistic, limits, 0.9, independent, units, widened)
+        made["exceedance"].append(exceeded)
+        made["tolerance"].append(tolerance_table(samples, statistic, TOLERANCES, independent, units, widened))
+    return found | {stem: pd.concat(tables, ignore_index=True) for stem, tables in made.items()}
+
+
+def _dictionary(
+    tables: Mapping[str, pd.DataFrame], requirements: Sequence[Mapping[str, Any]], units: Mapping[str, str]
+) -> pd.DataFrame:
+    """What every column of the files of these tables is."""
+    columns = {stem: [str(name) for name in table.columns] for stem, table in tables.items()}
+    files = {f"{stem}.{'parquet' if stem == 'end_of_record' else 'csv'}": names for stem, names in columns.items()}
+    files = {"draws.parquet": columns["draws"], "draws_units.csv": ["column", "unit"]} | files
+    files["correlation.csv"] = ["parameter", *columns["correlation"]]
+    return data_dictionary(files | {"requirements.json": list(requirements[0]) if requirements else []}, units)

@@ -21,13 +21,7 @@ from bayeschute.report.figures.canvas import save
 from bayeschute.report.run_results import Results, read_results
 from bayeschute.report.structure_view import Draw, structure_view
 from bayeschute.report.tables import identifiability_tables, record_tables, summary_tables, trust_tables
-from bayeschute.report.wording import counted, is_number, listed, number, percent, quantity_name
-
-LANDING_OF = {  # quantity of a band: quantity of a landing
-    "sea_level_descent_rate": "sea_level_rate",
-    "descent_rate": "vertical_speed",
-    "swing_angle": "swing_amplitude",
-}
+from bayeschute.report.wording import counted, is_number, listed, number, percent, quantity_name, statistic_name
 
 
 class Picture(NamedTuple):
@@ -50,13 +44,24 @@ def _slug(name: str) -> str:
     return "".join(c if c.isalnum() or c in "-_." else "-" for c in name)
 
 
-def _limits(results: Results, landing: bool = False) -> dict[str, float]:
-    """Upper limits of the requirements by quantity (SI)."""
-    found = {}
+def _limits(results: Results) -> dict[tuple[str, str], list[float]]:
+    """Limits of the requirements (SI), by the quantity and the statistic that they are set on."""
+    found: dict[tuple[str, str], list[float]] = {}
     for requirement in sentences.requirements(results):
-        name, limit = str(requirement.get("quantity")), requirement.get("at_most")
-        if is_number(limit):
-            found[LANDING_OF.get(name, name) if landing else name] = float(limit or 0.0)
+        for limit in (requirement.get("at_most"), requirement.get("at_least")):
+            if is_number(limit):
+                key = (str(requirement.get("quantity")), str(requirement.get("statistic")))
+                found[key] = sorted({*found.get(key, []), float(limit)})
+    return found
+
+
+def _limits_at_every_time(results: Results) -> dict[str, float]:
+    """The least upper limit (SI) on the maximum of each quantity: the one kind that holds at every time of a band."""
+    found: dict[str, float] = {}
+    for requirement in sentences.requirements(results):
+        limit, name = requirement.get("at_most"), str(requirement.get("quantity"))
+        if requirement.get("statistic") == "maximum" and is_number(limit):
+            found[name] = min(float(limit), found.get(name, np.inf))
     return found
 
 
@@ -89,7 +94,7 @@ def _band_pictures(results: Results, folder: Path) -> list[Picture]:
         seen = {"predict": "not used in the fit", "identify": "used in the fit"}.get(str(role), "")
         caption = f"{name}{', ' + seen if seen else ''}: median, 50 % and 90 % bands from the draws of parameters, "
         caption += "wind and initial state."
-        figure = record_figures.band_figure(bands, _limits(results))
+        figure = record_figures.band_figure(bands, _limits_at_every_time(results))
         found.append(_picture(figure, folder, f"bands-{_slug(name)}", alt, caption))
     return found
 
@@ -161,23 +166,35 @@ def _posterior_pictures(results: Results, folder: Path) -> tuple[list[Picture], 
 
 
 def _exceedance_picture(results: Results, folder: Path) -> Picture | None:
-    """Exceedance of the landing quantities that matter most."""
+    """Exceedance of the statistics that requirements are set on, of two usual ones at the least."""
     table = results.risk.get("exceedance")
-    needed = {"run", "quantity", "unit", "threshold", "probability", "draws", "clopper_pearson_low"}
+    needed = {"run", "quantity", "statistic", "unit", "threshold", "probability", "draws", "clopper_pearson_low"}
     if table is None or table.empty or not needed <= set(table.columns):
         return None
-    limits = _limits(results, landing=True)
-    known = list(dict.fromkeys(table["quantity"]))
-    wanted = [q for q in [*limits, "sea_level_rate", "vertical_speed", "swing_amplitude"] if q in known] or known
-    table = table[table["quantity"].isin(list(dict.fromkeys(wanted))[:2])]
-    names = listed([quantity_name(q) for q in dict.fromkeys(table["quantity"])])
+    limits = _limits(results)
+    shown = trust_tables.shown_statistics(results, table)
+    shown = shown.head(max(len(limits), 2))
+    if shown.empty:
+        return None
+    table = shown.merge(table)
+    names = listed([statistic_name(q, s) for q, s in zip(shown["quantity"], shown["statistic"], strict=True)])
     return _picture(
         record_figures.exceedance_figure(table, limits),
         folder,
         "exceedance",
         f"Probability of exceeding a threshold, for {names}.",
-        "Probability that a landing exceeds a threshold; shaded: 90 % Clopper-Pearson limits (number of landings).",
+        "Probability that a flight exceeds a threshold; shaded: 90 % Clopper-Pearson limits (number of simulations). A "
+        "required limit stands only where it is set on that very statistic.",
     )
+
+
+def _widened(results: Results) -> str:
+    """Whether what stands under risk is of widened draws, in a sentence; empty where it is not."""
+    table = results.risk.get("exceedance")
+    if table is None or "widened_by" not in table or not (table["widened_by"] != 1.0).any():
+        return ""
+    flights = [str(name) for name in dict.fromkeys(table["run"][table["widened_by"] != 1.0])]
+    return f"Draws of {listed(flights)} are widened as their bands are, by the factors that risk/exceedance.csv names."
 
 
 def _of_every_run(results: Results, draw: Draw) -> dict[str, Any]:
@@ -254,13 +271,14 @@ def _context(results: Results) -> dict[str, Any]:
         "chains": chains,
         "requirements": trust_tables.requirement_table(results),
         "exceedance": _exceedance_picture(results, folder),
+        "widened": _widened(results),
         "tolerance": trust_tables.tolerance_report(results),
         "marginals": trust_tables.marginal_report(results),
     }
 
 
 def build_report(run_dir: str | Path) -> Path:
-    """Write figures and ``report.page`` from the results of a run, or from what it kept of a fit that failed.
+    """Write figures and ``report.html`` from the results of a run, or from what it kept of a fit that failed.
 
     Args:
         run_dir: Folder that `bayeschute run` wrote; only summary.json must be there.

@@ -15,7 +15,7 @@ import xarray as xr
 from bayeschute.core.errors import Fault, InputError
 
 T = TypeVar("T")
-RISK_FILES = ("marginals.csv", "correlation.csv", "touchdown.parquet", "exceedance.csv", "tolerance.csv")
+RISK_FILES = ("marginals.csv", "correlation.csv", "end_of_record.parquet", "exceedance.csv", "tolerance.csv")
 
 
 @dataclass(frozen=True)

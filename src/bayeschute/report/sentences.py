@@ -8,13 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from bayeschute.calibration.label import is_verified as label_is_verified
 from bayeschute.report.run_results import Results
 from bayeschute.report.wording import counted, is_number, listed, number, percent, probability, quantity, quantity_name
 
 
 def is_verified(results: Results) -> bool:
     """Whether the run calls its intervals verified."""
-    return str(results.summary.get("label", "")).strip().lower() == "verified"
+    return label_is_verified(str(results.summary.get("label", "")))
 
 
 def label(results: Results) -> str:
@@ -90,10 +91,10 @@ def risk_sentence(results: Results) -> str:
             f"The requirement “{worst.get('name', 'unnamed')}”, {requirement_limit(worst)}, is met with probability "
             f"{probability(worst['probability_met'])}{where}"
         )
-        landings = worst.get("landings") or worst.get("draws")
-        if is_number(worst.get("simulation_low")) and is_number(landings):
+        simulations = worst.get("simulations") or worst.get("draws")
+        if is_number(worst.get("simulation_low")) and is_number(simulations):
             text += (
-                f"; {landings:,.0f} simulated landings pin that number down to "
+                f"; {simulations:,.0f} simulated flights pin that number down to "
                 f"{probability(worst['simulation_low'])}–{probability(worst.get('simulation_high'))} (90 %)"
             )
         return text + "."

@@ -35,7 +35,8 @@ def print_out(rows: Sequence[Entry], minimum: int, most: int = 20) -> list[str]:
 
     Args:
         rows: Rows of the ranking.
-        minimum: Number of functions with the least predicted squared error.
+        minimum: Number of functions with the least predicted squared error, of no fewer than the terms that were
+            required.
         most: Rows at most.
     """
     shown = rows[:most]
@@ -44,8 +45,10 @@ def print_out(rows: Sequence[Entry], minimum: int, most: int = 20) -> list[str]:
         f"{'o.f.':>4} {'# index':>{width}} {'sqrt(mse)':>10} {'dmse':>11} {'perr':>7} {'R2':>7} {'pe':>10} {'n':>3} "
         f"{'F':>9}  term"
     ]
+    lower = any(row["pe"] < kept["pe"] for row in rows for kept in rows if kept["n"] == minimum)
+    least = "least predicted error" + (" with the terms required" if lower else "")
     for row in shown:
-        mark = "  <- least predicted error" if row["n"] == minimum else ""
+        mark = f"  <- {least}" if row["n"] == minimum else ""
         lines.append(
             f"{row['n']:>4} {row['index']:>{width}} {_root(row['mse']):>10.3e} {row['dmse']:>11.3e} "
             f"{row['perr']:>7.2f} {_number(row['r2'], '.2f'):>7} {row['pe']:>10.3e} {row['n']:>3} "

@@ -23,10 +23,12 @@ QUANTITIES = {
     "descent_rate": "descent rate",
     "sea_level_descent_rate": "sea-level-equivalent descent rate",
     "flyout_angle": "flyout angle",
-    "vertical_speed": "vertical speed",
     "horizontal_speed": "horizontal speed",
-    "swing_amplitude": "swing amplitude",
-    "sea_level_rate": "sea-level-equivalent descent rate",
+}
+STATISTICS = {
+    "final": "at the end of the record",
+    "maximum": "greatest over the window",
+    "mean": "mean over the window",
 }
 ROLES = {"structure": "finding the structure", "identify": "fitting", "predict": "predicting"}
 _PARAMETERS = {
@@ -146,6 +148,13 @@ def quantity(value: Any, unit: str, digits: int = 3) -> str:
 def quantity_name(name: str) -> str:
     """A quantity in words."""
     return QUANTITIES.get(name, name.replace("_", " "))
+
+
+def statistic_name(quantity: str, statistic: str) -> str:
+    """A statistic of a quantity in words."""
+    return (
+        f"{quantity_name(quantity)}, {STATISTICS.get(statistic, statistic)}" if statistic else quantity_name(quantity)
+    )
 
 
 def listed(items: list[str]) -> str:

@@ -2,13 +2,25 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 from jax.tree_util import Partial
 
+import bayeschute
 from bayeschute.posterior.sampling import delayed_acceptance
 from bayeschute.posterior.sampling.protocol import Draws
-from bayeschute.posterior.sampling.sampler_checks import MOST_K, doubt, largest_rhat, pareto_k, rhat_bound
+from bayeschute.posterior.sampling.sampler_checks import (
+    MOST_K,
+    MOST_RHAT,
+    doubt,
+    judge_rhat,
+    pareto_k,
+    rhat_bound,
+    rhat_of,
+)
 
 
 @pytest.mark.parametrize("k", [0.2, 0.5, 0.9, 1.3])
@@ -41,11 +53,25 @@ def test_a_tail_of_one_value_is_that_of_a_walk_that_sticks():
 
 def test_bound_of_rhat_is_rarely_missed_by_independent_draws():
     """One in a thousand may; three in three hundred mustn't."""
-    assert rhat_bound(4, 500, 14) == 1.01 < rhat_bound(4, 100, 14) < 1.05
+    assert rhat_bound(4, 500, 14) == MOST_RHAT == 1.01 < rhat_bound(4, 100, 14) < 1.05
     rng = np.random.default_rng(3)
-    largest = [largest_rhat(rng.standard_normal((4, 100, 5))) for _ in range(300)]
+    largest = [judge_rhat(rhat_of(rng.standard_normal((4, 100, 5))), 4, 100).largest for _ in range(300)]
     assert sum(np.array(largest) >= rhat_bound(4, 100, 5)) < 3
     assert max(largest) > 1.01  # a bound of 1.01 would refuse good draws where they are few
+
+
+def test_a_parameter_that_never_moved_is_not_passed():
+    rhat = judge_rhat([1.0, np.nan, 1.0], 4, 1000)
+    assert np.isnan(rhat.largest) and not rhat.passed
+    assert judge_rhat([1.0, 1.009], 4, 1000).passed and not judge_rhat([1.0, 1.01], 4, 1000).passed
+
+
+def test_nobody_else_has_an_r_hat_rule():
+    """No second bound beside `judge_rhat`: neither the number near R-hat, nor a comparison of one's own."""
+    root = Path(bayeschute.__file__).parent
+    others = [p for p in root.rglob("*.py") if p.name != "sampler_checks.py"]
+    rule = re.compile(r"rhat.*1\.0\d|1\.0\d.*rhat", re.IGNORECASE)
+    assert [p.name for p in others if rule.search(p.read_text(encoding="utf-8"))] == []
 
 
 def _made(xi, ratio=None):

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import matplotlib as mpl
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
 
@@ -41,6 +42,21 @@ def test_band_figure_shows_bands_truth_limit_and_shading(bands):
     whole = bands.assign(held_out=("time", np.ones(10, bool)))
     labels = [text.get_text() for text in record_figures.band_figure(whole).legends[0].get_texts()]
     assert "held out of the fit" not in labels
+
+
+def test_a_limit_stands_upon_its_own_statistic_only():
+    """One that is set on the mean of a quantity is none on its value at the end of the record."""
+    rows = [
+        {"run": "a", "quantity": "descent_rate", "statistic": s, "unit": "m/s", "threshold": t, "probability": p,
+         "draws": 9, "clopper_pearson_low": p, "clopper_pearson_high": p}
+        for s in ("final", "mean") for t, p in ((1.0, 0.9), (2.0, 0.1))
+    ]  # fmt: skip
+    figure = record_figures.exceedance_figure(pd.DataFrame(rows), {("descent_rate", "mean"): [1.5]})
+    limited = {
+        axes.get_title(loc="left"): [line.get_xdata()[0] for line in axes.lines if line.get_label() == "required limit"]
+        for axes in figure.axes
+    }
+    assert limited == {"Descent rate,\nat the end of the record": [], "Descent rate,\nmean over the window": [1.5]}
 
 
 def test_angles_are_drawn_in_degrees(bands):

@@ -142,7 +142,7 @@ def test_a_check_that_did_not_run_is_no_pass(results):
 
 def test_key_sentences_are_made_of_the_numbers(results):
     risk, prediction, trust = sentences.key_sentences(results)
-    assert "at most 10.1 m/s (33.0 ft/s)" in risk and "400 simulated landings" in risk
+    assert "at most 10.1 m/s (33.0 ft/s)" in risk and "400 simulated flights" in risk
     assert prediction == (
         "On cdt-3-12, which the fit never saw, the 90 % band holds 91 % of the true swing angle and 87 % of the true "
         "descent rate."
@@ -166,3 +166,16 @@ def test_the_least_likely_requirement_is_named(results):
     base = results.summary["requirements"][0]
     both = [base, base | {"name": "swing", "probability_met": 0.2}]
     assert "“swing”" in sentences.risk_sentence(replace(results, summary={"requirements": both}))
+
+
+def test_r_hat_is_marked_by_the_bound_of_the_run_s_check(results):
+    checks = results.summary["checks"]
+    for bound, marked in ((1.01, False), (1.0, True)):
+        summary = results.summary | {"checks": checks | {"rhat": {"passed": not marked, "value": 1.0, "bound": bound}}}
+        table = summary_tables.posterior_table(replace(results, summary=summary))
+        assert {cell.kind == "bad" for cell in column(table, "R-hat")} == {marked}
+
+
+def test_no_family_is_said_to_have_the_least_criterion_that_need_not_have_it(results):
+    table = trust_tables.marginal_report(results)
+    assert "within 2 of the least" in table.caption and "with the least" not in table.caption

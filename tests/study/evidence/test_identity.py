@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import json
+import os
+import shutil
+import subprocess
+import sys
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from bayeschute.study.evidence.identity import configuration, identity, stored, with_noise
+from bayeschute.study.evidence.identity import configuration, identity, shipped, stored, with_noise
 from bayeschute.study.load import load_study
 
-STUDY = load_study(Path(__file__).parents[3] / "models/studies/cdt-3-11.toml")
+ROOT = Path(__file__).parents[3]
+STUDY = load_study(ROOT / "models/studies/cdt-3-11.toml")
 
 
 def test_a_configuration_is_how_a_study_identifies_not_what_it_flies():
@@ -33,6 +39,31 @@ def test_a_campaign_is_all_that_its_rows_depend_on_beside_the_seed():
         identity(with_noise(STUDY, "ar1"), "none", False),
     ]
     assert len({wanted, *others}) == 5
+
+
+def test_an_installed_program_finds_the_calibrations_shipped_with_it(tmp_path):
+    """Of the package as its wheel holds it, away from the checkout."""
+    wheel = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["hatch"]["build"]["targets"]["wheel"]
+    (package,) = wheel["packages"]
+    site = tmp_path / "site"
+    shutil.copytree(ROOT / package, site / "bayeschute", ignore=shutil.ignore_patterns("__pycache__"))
+    for source, target in wheel["force-include"].items():
+        shutil.copytree(ROOT / source, site / target)
+    program = (
+        "import sys; from pathlib import Path; from types import SimpleNamespace\n"
+        "from bayeschute.study.evidence.identity import places\n"
+        "made = places(SimpleNamespace(out=Path('run'), study=SimpleNamespace(path=Path('mine/study.toml'))))\n"
+        "print(*(p for p in made if list(p.glob('latent.none.json'))))"
+    )
+    environment = os.environ | {"PYTHONPATH": str(site)}
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=tmp_path, env=environment, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.split() == [str(site / "bayeschute/reference/calibration")]
+
+
+def test_a_checkout_finds_those_of_its_models():
+    assert shipped() == ROOT / "models/reference/calibration" and list(shipped().glob("latent.none.json"))
 
 
 @pytest.fixture

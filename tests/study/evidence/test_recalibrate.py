@@ -9,6 +9,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
 
@@ -87,7 +88,7 @@ def test_draws_move_away_from_their_median_in_flights_unseen():
     np.testing.assert_allclose(after[1], before[1])
     np.testing.assert_allclose(after[2] - after[0], 1.5 * (before[2] - before[0]))
     assert made["other"] is draws and np.isnan(made["swing_angle"][3]).all()
-    assert widened(one, None) is one
+    assert widened(one, None) is one and not one.widened_by and widened(one, BY).widened_by == BY.factors
     fitted = replace(one, held_out=np.zeros(4, bool))
     assert widened(fitted, BY) is fitted
 
@@ -109,6 +110,24 @@ def test_replicates_of_a_recalibrated_study_are_refused(tmp_path):
         calibrate(tmp_path / "study.toml", tmp_path / "out", 4)
 
 
+def _statistics_are_of_the_widened_draws(plain_folder, folder, summary, factors):
+    """Draws at the end of the record lie as much farther from their median as the bands do; so P(met) is of these."""
+    before, after = (pd.read_parquet(f / "risk/end_of_record.parquet") for f in (plain_folder, folder))
+    for (_, was), (_, now) in zip(before.groupby("run"), after.groupby("run"), strict=True):
+        for name, factor in factors.items():
+            spread = was[name] - was[name].median()
+            np.testing.assert_allclose(now[name] - now[name].median(), factor * spread, atol=1e-9)
+    table = pd.read_csv(folder / "risk/exceedance.csv")
+    for name, part in table.groupby("quantity"):
+        assert set(part.widened_by) == {factors.get(name, 1.0)}
+    for row in summary["requirements"]:
+        final = after[after.run == row["run"]][row["quantity"]]
+        assert row["statistic"] == "final" and row["widened_by"] == factors[row["quantity"]]
+        assert row["probability_met"] == pytest.approx(float((final <= row["at_most"]).mean()))
+    text = (folder / "report.html").read_text(encoding="utf-8")
+    assert "Draws of low and high are widened as their bands are" in text
+
+
 def test_bands_of_a_run_are_widened_and_its_summary_says_so(finished, descents, tmp_path):
     """The last stages anew on a finished run, a calibration of its configuration made up beside it."""
     plain_study = load_study(descents.study)
@@ -124,13 +143,15 @@ def test_bands_of_a_run_are_widened_and_its_summary_says_so(finished, descents, 
     (folder / "calibration/made-up.json").write_text(json.dumps(result))
     job = Job(asked, folder, False, "", lambda *_: None)
     stage_list.predict(job)
+    stage_list.risk(job)
     stage_list.report(job)
     before, after = (xr.open_datatree(f / "predictions.nc", engine="h5netcdf") for f in (finished.folder, folder))
     for name in ("low", "high"):
         was, now = (tree[name]["descent_rate"].values for tree in (before, after))
         np.testing.assert_allclose(now - now[2], 1.2 * (was - was[2]), atol=1e-9)
     summary = json.loads((folder / "summary.json").read_text())
-    assert summary["recalibration"] == {"factors": factors, "replicates": 100}
+    assert summary["recalibration"] == {"factors": factors, "replicates": 100, "flights": ["low", "high"]}
+    _statistics_are_of_the_widened_draws(finished.folder, folder, summary, factors)
     assert "descent rate by 1.20" in summary["label"] and summary["label"].startswith("not verified")
     assert any("Bands of unseen flights are widened" in note for note in summary["notes"])
     assert "descent rate by 1.20" in (folder / "report.html").read_text(encoding="utf-8")

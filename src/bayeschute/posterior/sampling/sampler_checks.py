@@ -8,10 +8,13 @@ the correction, can't be trusted.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import arviz_stats
 import numpy as np
 import xarray as xr
 from arviz_stats.base import array_stats
+from numpy.typing import ArrayLike
 from scipy.stats import chi2
 
 from bayeschute.posterior.sampling.protocol import Array, Draws
@@ -46,10 +49,39 @@ def pareto_k(log_ratio: Array) -> float:
         return float(np.inf)
 
 
-def largest_rhat(xi: Array) -> float:
-    """Largest R-hat of the parameters of draws (chain, draw, P); not a number where a parameter never moved."""
+class Rhat(NamedTuple):
+    """The largest R-hat of draws, and what it has to stay below.
+
+    Attributes:
+        largest: Largest R-hat of any parameter [1]; not a number where one never moved.
+        bound: See `rhat_bound` [1].
+    """
+
+    largest: float
+    bound: float
+
+    @property
+    def passed(self) -> bool:
+        """Whether the chains agree."""
+        return self.largest < self.bound
+
+
+def judge_rhat(each: ArrayLike, chains: int, draws: int) -> Rhat:
+    """The one rule by which chains are said to agree, of a sampler's draws and of a run's posterior.
+
+    Args:
+        each: R-hat of each parameter (P,) [1], rank-normalised and split.
+        chains: Number of chains.
+        draws: Draws per chain.
+    """
+    rhat = np.ravel(np.asarray(each, dtype=float))
+    return Rhat(float(np.max(rhat)), rhat_bound(chains, draws, rhat.size))
+
+
+def rhat_of(xi: Array) -> Array:
+    """R-hat of each parameter of draws (chain, draw, P); not a number where a parameter never moved."""
     names = ("chain", "draw", "parameter")
-    return float(np.max(np.asarray(arviz_stats.rhat(xr.DataArray(xi, dims=names)))))
+    return np.asarray(arviz_stats.rhat(xr.DataArray(xi, dims=names)), dtype=float)
 
 
 def rhat_bound(chains: int, draws: int, parameters: int) -> float:
@@ -73,7 +105,7 @@ def doubt(draws: Draws) -> str:
     k = pareto_k(draws.stats["log_ratio"])
     if not k < MOST_K:
         reasons.append(f"Pareto k of the ratios exact/surrogate is {k:.2f}, not below {MOST_K}")
-    largest, bound = largest_rhat(draws.xi), rhat_bound(*draws.xi.shape)
-    if not largest < bound:
-        reasons.append(f"R-hat is {largest:.3f}, not below {bound:.3g}")
+    rhat = judge_rhat(rhat_of(draws.xi), *draws.xi.shape[:2])
+    if not rhat.passed:
+        reasons.append(f"R-hat is {rhat.largest:.3f}, not below {rhat.bound:.3g}")
     return "; ".join(reasons)

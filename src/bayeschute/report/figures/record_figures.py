@@ -1,4 +1,4 @@
-"""Figures of records, bands and landings; the statistical ones are in `bayeschute.report.figures.inference_figures`."""
+"""Figures of records, bands and exceedance; statistical ones: `bayeschute.report.figures.inference_figures`."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from bayeschute.report.figures.canvas import (
     sheet,
     styled,
 )
-from bayeschute.report.wording import feet_per_metre, is_number, quantity_name, shown_unit
+from bayeschute.report.wording import feet_per_metre, is_number, quantity_name, shown_unit, statistic_name
 
 BAND_UNITS = {
     "swing_angle": "rad",
@@ -105,7 +105,7 @@ def band_figure(bands: xr.Dataset, limits: Mapping[str, float] | None = None) ->
 
     Args:
         bands: Dataset with dims (quantile, time) per quantity, see the run folder.
-        limits: Quantity to required limit (SI), drawn as a line.
+        limits: Quantity to the limit that it must keep at every time (SI), drawn as a line.
 
     Returns:
         One panel per quantity over time.
@@ -260,22 +260,22 @@ def variance_figure(shares: Mapping[str, xr.DataArray]) -> Figure:
 
 
 @styled
-def exceedance_figure(table: pd.DataFrame, limits: Mapping[str, float] | None = None) -> Figure:
-    """P(quantity > threshold) with Clopper-Pearson limits, on a logarithmic axis.
+def exceedance_figure(table: pd.DataFrame, limits: Mapping[tuple[str, str], Sequence[float]] | None = None) -> Figure:
+    """P(statistic of a quantity > threshold) with Clopper-Pearson limits, on a logarithmic axis.
 
     Args:
-        table: Frame of exceedance.csv, of the quantities to draw.
-        limits: Quantity to required limit (SI).
+        table: Frame of exceedance.csv, of the quantities and statistics to draw.
+        limits: Quantity and statistic to the limits that are required of it (SI).
 
     Returns:
-        One panel per quantity, one curve per run.
+        One panel per quantity and statistic, in the order of the table, one curve per run.
     """
-    names = sorted(dict.fromkeys(table["quantity"]), key=lambda q: q not in (limits or {}))
+    names = list(dict.fromkeys(zip(table["quantity"], table["statistic"], strict=True)))
     columns = min(len(names), 2)
     rows = math.ceil(len(names) / columns)
     figure, all_axes = sheet(0.5 + 2.9 * rows, rows, columns, sharey=True)
     for axes, name in zip(all_axes, names, strict=False):
-        part = table[table["quantity"] == name]
+        part = table[(table["quantity"] == name[0]) & (table["statistic"] == name[1])]
         scale, unit = shown_unit(str(part["unit"].iloc[0]))
         for (run, curve), color in zip(
             part.groupby("run", sort=False), (BLUE, GREEN, PURPLE, ORANGE) * 9, strict=False
@@ -284,11 +284,12 @@ def exceedance_figure(table: pd.DataFrame, limits: Mapping[str, float] | None = 
             bounds = [curve[f"clopper_pearson_{side}"].to_numpy(dtype=float) for side in ("low", "high")]
             axes.fill_between(x, np.maximum(bounds[0], 1e-9), bounds[1], color=color, alpha=0.22, lw=0)
             axes.plot(x, curve["probability"].replace(0, np.nan), color=color, lw=1.4, label=str(run))
-        if limits and is_number(limits.get(name)):
-            axes.axvline(scale * limits[name], color=INK, lw=1.1, ls=(0, (5, 3)), label="required limit")
+        for limit in (limits or {}).get(name, ()):
+            axes.axvline(scale * limit, color=INK, lw=1.1, ls=(0, (5, 3)), label="required limit")
         axes.set_yscale("log")
         axes.set_ylim(max(0.3 / float(part["draws"].max()), 1e-5), 1.3)
-        axes.set_title(quantity_name(name).capitalize())
+        words = statistic_name(*name)
+        axes.set_title(words[0].upper() + words[1:].replace(", ", ",\n", 1))
         axes.set_xlabel(f"threshold [{unit}]")
         axes.margins(x=0)
     handles = {label: handle for a in all_axes for handle, label in zip(*a.get_legend_handles_labels(), strict=True)}

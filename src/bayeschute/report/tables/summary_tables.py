@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
@@ -170,8 +171,8 @@ def ceiling_table(facts: Mapping[str, Any]) -> Table | None:
     return Table(columns, tuple(rows), marked=frozenset(marked), style="narrow") if rows else None
 
 
-def _posterior_row(name: str, facts: Mapping[str, Any], with_truth: bool) -> tuple[Cell, ...]:
-    """One row of the posterior table."""
+def _posterior_row(name: str, facts: Mapping[str, Any], with_truth: bool, most_rhat: float) -> tuple[Cell, ...]:
+    """One row of the posterior table; R-hat that is not below `most_rhat` is marked."""
     scale, unit = shown_unit(str(facts.get("unit") or "1"))
 
     def shown(key: str, sd_key: str) -> str:
@@ -191,7 +192,7 @@ def _posterior_row(name: str, facts: Mapping[str, Any], with_truth: bool) -> tup
         Cell(spread("sd")),
         Cell(f"{shown('q05', 'sd')} … {shown('q95', 'sd')}"),
         Cell(f"{contraction:.2f}" if is_number(contraction) else MISSING, "weak" if weak else ""),
-        Cell(f"{rhat:.3f}" if is_number(rhat) else MISSING, "bad" if is_number(rhat) and rhat > 1.01 else ""),
+        Cell(f"{rhat:.3f}" if is_number(rhat) else MISSING, "bad" if is_number(rhat) and rhat >= most_rhat else ""),
         Cell(" / ".join(f"{facts[k]:,.0f}" if is_number(facts.get(k)) else MISSING for k in ("ess_bulk", "ess_tail"))),
     ]
     if with_truth:
@@ -201,13 +202,21 @@ def _posterior_row(name: str, facts: Mapping[str, Any], with_truth: bool) -> tup
     return tuple(row)
 
 
+def _rhat_bound(results: Results) -> float:
+    """The bound of the run's check `rhat`; infinity where it has none, and nothing is to be marked."""
+    check = results.part("checks").get("rhat")
+    bound = check.get("bound") if isinstance(check, Mapping) else None
+    return float(bound) if is_number(bound) else math.inf
+
+
 def posterior_table(results: Results) -> Table | None:
     """Prior against posterior, convergence, and the truth where it is known."""
     parameters = {str(n): p for n, p in results.part("parameters").items() if isinstance(p, Mapping)}
     if not parameters:
         return None
     with_truth = any(is_number(p.get("truth")) for p in parameters.values())
-    rows = tuple(_posterior_row(name, facts, with_truth) for name, facts in parameters.items())
+    most_rhat = _rhat_bound(results)
+    rows = tuple(_posterior_row(name, facts, with_truth, most_rhat) for name, facts in parameters.items())
     columns = columns_of(
         "Parameter:text|mean:num|sd:num|mean:num|sd:num|90 % interval:num|contraction:num|R-hat:num|ESS bulk / tail:num"
     )

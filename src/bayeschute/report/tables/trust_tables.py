@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+import pandas as pd
+
+from bayeschute.prediction.marginal_fits import NO_EVIDENCE
 from bayeschute.report.run_results import Results
 from bayeschute.report.sentences import plain, requirement_limit, requirements
 from bayeschute.report.tables.summary_tables import Cell, Table, cells, columns_of, plain_table
@@ -18,9 +21,16 @@ from bayeschute.report.wording import (
     quantity_name,
     short,
     shown_unit,
+    statistic_name,
     whole,
 )
 
+USUAL = (  # quantity, statistic: what a reader asks for where no requirement is set on it
+    ("swing_angle", "maximum"),
+    ("sea_level_descent_rate", "final"),
+    ("descent_rate", "final"),
+    ("horizontal_speed", "final"),
+)
 CHECKS = (  # part of a check's name, what it asks
     ("rhat", "Do the chains agree? (R-hat, greatest)"),
     ("r_hat", "Do the chains agree? (R-hat, greatest)"),
@@ -82,7 +92,7 @@ def check_table(results: Results) -> Table | None:
 
 
 def requirement_table(results: Results) -> Table | None:
-    """P(met) over the posterior, apart from what the number of landings leaves open."""
+    """P(met) over the posterior, apart from what the number of simulations leaves open."""
     rows = []
     for r in requirements(results):
         unit = str(r.get("unit") or "1")
@@ -90,9 +100,9 @@ def requirement_table(results: Results) -> Table | None:
         posterior = f"{probability(r.get('posterior_q05'))} … {probability(r.get('posterior_q95'))}"
         scale, shown = shown_unit(unit)
         edges = [number(scale * r[k], 3) if is_number(r.get(k)) else MISSING for k in ("q05", "median", "q95")]
-        statistic = f"{plain(str(r['statistic']))} " if r.get("statistic") else ""
-        small = f"{statistic}{quantity_name(str(r.get('quantity', '')))}" + (f", {r['run']}" if r.get("run") else "")
-        landings = r.get("landings", r.get("draws"))
+        small = statistic_name(str(r.get("quantity", "")), str(r.get("statistic") or ""))
+        small += f", {r['run']}" if r.get("run") else ""
+        simulations = r.get("simulations", r.get("draws"))
         failed = r.get("failed")
         rows.append(
             cells(
@@ -102,32 +112,49 @@ def requirement_table(results: Results) -> Table | None:
                 Cell(probability(r.get("probability_met")), "big"),
                 simulation if is_number(r.get("simulation_low")) else MISSING,
                 posterior if is_number(r.get("posterior_q05")) else MISSING,
-                Cell(whole(landings), "", f"{failed} failed" if failed else ""),
+                Cell(whole(simulations), "", f"{failed} failed" if failed else ""),
             )
         )
     columns = columns_of(
-        "Requirement:text|Limit:text|Predicted:num|P(met):num|by number of landings:num"
-        "|over the posterior:num|Landings:num"
+        "Requirement:text|Limit:text|Predicted:num|P(met):num|by number of simulations:num"
+        "|over the posterior:num|Simulations:num"
     )
     groups = (("", 4), ("90 % limits of P(met)", 2), ("", 1))
     return Table(columns, tuple(rows), groups=groups) if rows else None
 
 
+def shown_statistics(results: Results, table: pd.DataFrame) -> pd.DataFrame:
+    """The statistics of flights that the report shows: those of the requirements, then `USUAL`.
+
+    Args:
+        results: The run.
+        table: Frame with columns quantity and statistic.
+
+    Returns:
+        Columns quantity and statistic, one row each, of those that are in the table.
+    """
+    there = set(zip(table["quantity"], table["statistic"], strict=True))
+    asked = [(str(r.get("quantity")), str(r.get("statistic"))) for r in requirements(results)]
+    rows = [pair for pair in dict.fromkeys([*asked, *USUAL]) if pair in there]
+    return pd.DataFrame(rows, columns=["quantity", "statistic"])
+
+
 def tolerance_report(results: Results) -> Table | None:
-    """Wilks' limits of the landing quantities, the best that the draws allow."""
+    """Wilks' limits of the statistics that matter most, the best that the draws allow."""
     table = results.risk.get("tolerance")
-    needed = {"run", "quantity", "unit", "share", "confidence", "failures", "needed", "enough", "limit"}
+    needed = {"run", "quantity", "statistic", "unit", "share", "confidence", "failures", "needed", "enough", "limit"}
     if table is None or not needed <= set(table.columns) or table.empty:
         return None
-    rows = []
-    for (run, name, share, confidence), part in table.groupby(["run", "quantity", "share", "confidence"], sort=False):
+    table, rows = shown_statistics(results, table).merge(table), []
+    by = ["run", "quantity", "statistic", "share", "confidence"]
+    for (run, name, statistic, share, confidence), part in table.groupby(by, sort=False):
         enough = part[part["enough"].astype(bool)]
         best = (enough if len(enough) else part).iloc[-1 if len(enough) else 0]
         limit = quantity(float(best["limit"]), str(best["unit"])) if len(enough) else "too few draws"
         rows.append(
             cells(
                 str(run),
-                quantity_name(str(name)),
+                statistic_name(str(name), str(statistic)),
                 f"{100 * share:g} / {100 * confidence:g}",
                 f"{best['needed']:,.0f}",
                 f"{best['failures']:,.0f}",
@@ -137,7 +164,10 @@ def tolerance_report(results: Results) -> Table | None:
     columns = columns_of(
         "Flight:text|Quantity:text|Share / confidence [%]:num|Draws needed:num|Allowed beyond:num|Upper limit:num"
     )
-    caption = "Order statistics after Wilks: with the stated confidence, the share of landings lies below the limit."
+    caption = (
+        "Order statistics after Wilks: with the stated confidence, the share of flights lies below the limit. Every "
+        "statistic of every quantity is in risk/tolerance.csv."
+    )
     return Table(columns, tuple(rows), caption)
 
 
@@ -165,7 +195,8 @@ def marginal_report(results: Results) -> Table | None:
     heads = "".join(f"|{k}:num" for k in ("0.135 %", "5 %", "50 %", "95 %", "99.865 %"))
     columns = columns_of(f"Parameter:code|Unit:text|Family:text|location:num|scale:num{heads}|K-S:num")
     caption = (
-        "Family with the least Akaike criterion per independent draw; K-S: its greatest distance from the draws. SI."
+        "The first of normal, lognormal, truncated normal and Student-t whose Akaike criterion per independent draw "
+        f"lies within {NO_EVIDENCE:g} of the least; K-S: its greatest distance from the draws. SI."
     )
     return Table(columns, tuple(rows), caption, style="dense")
 

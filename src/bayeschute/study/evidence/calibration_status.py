@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from bayeschute.calibration.coverage_tables import ENOUGH, WANTED, promised, verdict
+from bayeschute.calibration.label import label_of
 from bayeschute.study.evidence.identity import places, stored
 from bayeschute.study.evidence.recalibrate import told as told_widening
 from bayeschute.study.job import Job
@@ -70,4 +71,4 @@ def verification(checks: Mapping[str, Mapping[str, Any]], study: Study) -> str:
         lacking[0] += f" ({remedy(study)})"
     if missed:
         lacking.append(f"missed {', '.join(missed)}")
-    return "not verified: " + "; ".join(lacking) if lacking else f"verified: {calibration['detail']}"
+    return label_of(lacking, calibration["detail"])

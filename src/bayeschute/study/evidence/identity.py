@@ -6,12 +6,16 @@ import hashlib
 import json
 from collections.abc import Sequence
 from dataclasses import replace
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
 from bayeschute.core.version import __version__
 from bayeschute.study.job import Job
 from bayeschute.study.study import Study, canonical, study_hash
+
+STORED = Path("reference", "calibration")
+"""Where a folder of models, or the package, keeps results of `calibrate`."""
 
 
 def configuration(study: Study, quick: bool = False) -> str:
@@ -52,8 +56,17 @@ def stored(study: Study, quick: bool, places: Sequence[Path]) -> dict[str, Any] 
     return max(found, key=lambda r: int(r["replicates"]), default=None)
 
 
+def shipped() -> Path:
+    """Folder of the calibrations that come with the program.
+
+    Data of the package where it is installed; in a checkout, and so in an editable install, ``models/reference``.
+    """
+    package = Path(str(resources.files("bayeschute")))
+    installed = package / STORED
+    return installed if installed.is_dir() else package.parents[1] / "models" / STORED
+
+
 def places(job: Job) -> list[Path]:
-    """Folders where calibrations are looked for: the run's, that beside the study's folder, and the repository's."""
-    repository = Path(__file__).parents[4] / "models"
-    models = [job.study.path.resolve().parent.parent, repository]
-    return [job.out / "calibration", *(m / "reference" / "calibration" for m in dict.fromkeys(models))]
+    """Folders where calibrations are looked for: the run's, that beside the study's folder, and the program's."""
+    beside = job.study.path.resolve().parent.parent / STORED
+    return list(dict.fromkeys([job.out / "calibration", beside, shipped()]))

@@ -18,10 +18,11 @@ NAME = "recalibration.json"
 
 
 class Widening(NamedTuple):
-    """Factors on the width of bands by quantity, and on how many replicates they were learned."""
+    """Factors on the width of bands by quantity, on how many replicates they were learned, and flights so widened."""
 
     factors: Mapping[str, float]
     replicates: int
+    flights: tuple[str, ...] = ()
 
     @property
     def words(self) -> str:
@@ -68,4 +69,4 @@ def told(job: Job) -> Widening | None:
     if not (job.out / NAME).exists():
         return None
     said: dict[str, Any] = job.load(NAME)
-    return Widening(said["factors"], said["replicates"])
+    return Widening(said["factors"], said["replicates"], tuple(said.get("flights", ())))

@@ -7,7 +7,7 @@ place in the flight's one stream where a single process would, so it doesn't mat
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -50,6 +50,7 @@ class Foretold:
         record: The record.
         truth: The truth, where known.
         seed: Of its random numbers.
+        widened_by: Factors on the draws' distance from their median by quantity; empty where they are as drawn.
     """
 
     flight: Flight
@@ -60,6 +61,7 @@ class Foretold:
     record: xr.Dataset
     truth: xr.Dataset | None
     seed: int
+    widened_by: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def counted(self) -> NDArray[np.bool_]:
@@ -238,7 +240,7 @@ def _joined(order: _Order, made: Mapping[int, bands.Prediction | Lost]) -> bands
             one = bands.Prediction(first.time, none, np.full((count, 3), np.nan), count, {})
         for name, values in one.draws.items():
             drawn[name].append(values)
-        ends.append(one.touchdown)
+        ends.append(one.last)
         failed += one.failed
     whole = {name: np.concatenate(values) for name, values in drawn.items()}
     return bands.Prediction(first.time, whole, np.concatenate(ends), failed, first.shares)
@@ -252,4 +254,4 @@ def widened(one: Foretold, by: Widening | None) -> Foretold:
     for name, factor in by.factors.items():
         middle = bands.quantiles(draws[name], (0.5,))[0]
         draws[name] = middle + factor * (draws[name] - middle)
-    return replace(one, prediction=replace(one.prediction, draws=draws))
+    return replace(one, prediction=replace(one.prediction, draws=draws), widened_by=by.factors)

@@ -214,7 +214,10 @@ def _notes(job: Job) -> list[str]:
     study, by = job.study, told_widening(job)
     notes += formulation.notes(study.noise)
     if by is not None:
-        notes.append(by.words[0].upper() + by.words[1:] + "; requirements and risk files use the draws as predicted.")
+        notes.append(
+            by.words[0].upper() + by.words[1:] + "; requirements and risk files are of the widened draws, which their "
+            "column widened_by tells."
+        )
     if study.model != "cluster":
         air = "Air density is taken by altitude from the record or the standard atmosphere, and counted as known."
         return [*notes, air]

@@ -15,12 +15,14 @@ from bayeschute.core.files import write_whole
 from bayeschute.likelihood.joint import FlightData, as_seen, stepped
 from bayeschute.likelihood.kalman import Seen, innovations
 from bayeschute.posterior.marginal import Along
-from bayeschute.posterior.sampling.sampler_checks import MOST_K
+from bayeschute.posterior.sampling.sampler_checks import MOST_K, judge_rhat
 from bayeschute.prediction import bands, risk_files
+from bayeschute.prediction.flight_statistics import flight_statistics
 from bayeschute.records.reconstruct import reconstruct
 from bayeschute.study.assembly import assemble
 from bayeschute.study.assembly.fits import Stored, groups, load_fit, summary_draws
 from bayeschute.study.evidence.recalibrate import NAME as RECALIBRATION
+from bayeschute.study.evidence.recalibrate import told as told_widening
 from bayeschute.study.evidence.recalibrate import widening
 from bayeschute.study.job import Job
 from bayeschute.study.run import several_starts, structures
@@ -114,7 +116,8 @@ def check(job: Job, tell: bool = True) -> str:
     posterior = tree["posterior"].ds.load().assign(tree["conditional"].ds.load().data_vars)
     tree.close()
     rhat, bulk, tail = (_over(posterior, f) for f in (arviz_stats.rhat, _ess_bulk, _ess_tail))
-    add("rhat", max(rhat.values()), 1.01, max(rhat.values()) < 1.01, "largest R-hat of any parameter")
+    chains = judge_rhat(list(rhat.values()), posterior.sizes["chain"], posterior.sizes["draw"])
+    add("rhat", chains.largest, chains.bound, chains.passed, "largest R-hat of any parameter")
     add("ess_bulk", min(bulk.values()), 400.0, min(bulk.values()) > 400.0, "least bulk effective sample size")
     add("ess_tail", min(tail.values()), 400.0, min(tail.values()) > 400.0, "least tail effective sample size")
     fits = _of_fits(job, tell)
@@ -210,15 +213,15 @@ def _innovation_share(flight: FlightData, along: Along) -> float:
 
 
 def predict(job: Job) -> str:
-    """Bands of every flight that is fitted or predicted."""
+    """Bands and statistics of every flight that is fitted or predicted, both of the draws as recalibrated."""
     wanted = job.study.predict.quantities or ()
     made: dict[str, xr.Dataset] = {}
     arrays: dict[str, Any] = {}
     coverage: dict[str, Any] = {}
     without: list[str] = []
+    changed: list[str] = []
     by = widening(job)
-    for foreseen in foretell(job):
-        one = widened(foreseen, by)
+    for one in (widened(foreseen, by) for foreseen in foretell(job)):
         name, prediction, truth, counted = one.flight.name, one.prediction, one.truth, one.counted
         recorded = recorded_quantities(job, one.flight, one.record)
         role = "predict" if one.held_out.any() else "identify"
@@ -234,7 +237,9 @@ def predict(job: Job) -> str:
             if q in prediction.draws
         }
         without += [name] if not any(entry["draws"] for entry in coverage[name].values()) else []
-        arrays |= {f"{name}|{k}": v for k, v in _statistics(foreseen.prediction, counted).items()}
+        for statistic, table in flight_statistics(prediction, counted).items():
+            arrays |= {f"{name}|{statistic}|{quantity}": values for quantity, values in table.items()}
+        changed += [name] if one.widened_by else []
     write_whole(
         job.out / "predictions.nc",
         lambda p: xr.DataTree.from_dict({f"/{k}": v for k, v in made.items()}).to_netcdf(p, engine="h5netcdf"),
@@ -242,7 +247,7 @@ def predict(job: Job) -> str:
     job.save("coverage.json", assemble.as_plain(coverage))
     (job.out / RECALIBRATION).unlink(missing_ok=True)
     if by is not None:
-        job.save(RECALIBRATION, by._asdict())
+        job.save(RECALIBRATION, by._replace(flights=tuple(changed))._asdict())
 
     def write(path: Any) -> None:
         with path.open("wb") as file:
@@ -285,50 +290,38 @@ def recorded_quantities(job: Job, flight: Flight, record: xr.Dataset) -> dict[st
     return {name: seen[name].values for name in names}
 
 
-def _statistics(prediction: bands.Prediction, counted: NDArray[np.bool_]) -> dict[str, Array]:
-    """Per draw: final, maximum and mean of every quantity over the counted samples, and the touchdown."""
-    table: dict[str, Array] = {}
-    for name, values in prediction.draws.items():
-        part = values[:, counted]
-        table |= {f"{name}|final": part[:, -1], f"{name}|maximum": part.max(axis=1), f"{name}|mean": part.mean(axis=1)}
-    last = prediction.touchdown
-    table["touchdown|vertical_speed"] = last[:, 2]
-    table["touchdown|horizontal_speed"] = np.hypot(last[:, 0], last[:, 1])
-    if "swing_angle" in prediction.draws:
-        table["touchdown|swing_amplitude"] = prediction.draws["swing_angle"][:, counted].max(axis=1)
-    table["touchdown|sea_level_rate"] = prediction.draws["sea_level_descent_rate"][:, -1]
-    return table
-
-
-def _load_statistics(job: Job) -> dict[str, dict[str, Array]]:
+def _load_statistics(job: Job) -> dict[str, dict[str, dict[str, Array]]]:
+    """Flight to statistic to quantity to values (draw,)."""
     with np.load(job.out / "fit" / "statistics.npz") as file:
-        tables: dict[str, dict[str, Array]] = {}
+        tables: dict[str, dict[str, dict[str, Array]]] = {}
         for key in file.files:
-            flight, name = key.split("|", 1)
-            tables.setdefault(flight, {})[name] = file[key]
+            flight, statistic, quantity = key.split("|")
+            tables.setdefault(flight, {}).setdefault(statistic, {})[quantity] = file[key]
     return tables
 
 
 def risk(job: Job) -> str:
-    """Files for risk assessors, and the requirements."""
-    study, tables = job.study, _load_statistics(job)
+    """Files for risk assessors, and the requirements; of the draws as in the bands, widened where these are."""
+    study, tables, by = job.study, _load_statistics(job), told_widening(job)
+    widened = {} if by is None else dict.fromkeys(by.flights, by.factors)
     draws, units = summary_draws(job)
-    touchdown = {f: {k.split("|")[1]: v for k, v in t.items() if k.startswith("touchdown|")} for f, t in tables.items()}
     ess = job.load("checks.json")["ess_bulk"]
     independent = int(min(min(ess.values()), study.predict.draws))
-    risk_files.write_risk(job.out / "risk", draws, touchdown, units, effective=ess, independent=independent)
     rows = []
     predicted = [f.name for f in study.flights if "predict" in f.roles]
     for wanted in study.requirements:
         limit = {"at_most": wanted.at_most} if wanted.at_most is not None else {"at_least": wanted.at_least}
         for name in predicted:
-            samples = tables[name].get(f"{wanted.quantity}|{wanted.statistic}")
+            samples = tables[name][wanted.statistic].get(wanted.quantity)
             if samples is not None:
                 rows.append(
                     risk_files.requirement_check(
                         samples, name=wanted.name, quantity=wanted.quantity, unit=bands.UNITS[wanted.quantity],
-                        run=name, statistic=wanted.statistic, independent=independent, **limit,
+                        run=name, statistic=wanted.statistic, independent=independent,
+                        widened_by=widened.get(name, {}).get(wanted.quantity, 1.0), **limit,
                     )
                 )  # fmt: skip
-    job.save("risk/requirements.json", assemble.as_plain(rows))
+    risk_files.write_risk(
+        job.out / "risk", draws, tables, units, None, ess, assemble.as_plain(rows), independent, widened
+    )
     return f"{len(rows)} requirements checked"

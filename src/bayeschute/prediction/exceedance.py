@@ -1,6 +1,6 @@
-"""Landings: their table, P(quantity > threshold), and Wilks' tolerance limits.
+"""Draws of quantities as a table, P(quantity > threshold), and Wilks' tolerance limits.
 
-A landing whose solve failed is never dropped: it counts as a landing beyond every limit.
+A draw whose simulation failed is never dropped: it counts as one beyond every limit.
 """
 
 from __future__ import annotations
@@ -14,46 +14,40 @@ from numpy.typing import ArrayLike
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.prediction.binomial_limits import clopper_pearson, jeffreys, wilks_failures, wilks_sample_size
 
-TOUCHDOWN_UNITS = {
-    "vertical_speed": "m/s",
-    "horizontal_speed": "m/s",
-    "swing_amplitude": "rad",
-    "sea_level_rate": "m/s",
-}
 TOLERANCES = ((0.99865, 0.9), (0.9973, 0.9), (0.95, 0.95))  # share and confidence in common use
+Widened = Mapping[str, Mapping[str, float]]  # run to quantity to the factor by which its draws were widened [1]
 
 
-def touchdown_table(flights: Mapping[str, Mapping[str, ArrayLike]]) -> pd.DataFrame:
-    """Landings as one frame.
+def samples_table(runs: Mapping[str, Mapping[str, ArrayLike]]) -> pd.DataFrame:
+    """Draws of quantities, of one statistic each, as one frame.
 
     Args:
-        flights: Run (flight) name to arrays (draw,) by quantity: vertical_speed, horizontal_speed, sea_level_rate
-            [m/s], swing_amplitude [rad], and whatever else is known (riser_tension, mode, ...). NaN: the solve failed.
+        runs: Run (flight) name to arrays (draw,) by quantity. NaN: the simulation failed.
 
     Returns:
         Columns run, draw and the quantities; a quantity that a run lacks is missing there.
 
     Raises:
-        InputError: If the arrays of a run differ in length.
+        InputError: If there is no run, or the arrays of a run differ in length.
     """
     frames = []
-    for run, quantities in flights.items():
+    for run, quantities in runs.items():
         arrays = {name: np.asarray(values) for name, values in quantities.items()}
         shapes = {values.shape for values in arrays.values()}
         if len(shapes) != 1 or len(next(iter(shapes))) != 1:
-            raise InputError(Fault(f"touchdown_table {run}", f"shapes {sorted(shapes)}", "one shape (draw,) for all"))
+            raise InputError(Fault(f"samples_table {run}", f"shapes {sorted(shapes)}", "one shape (draw,) for all"))
         size = next(iter(shapes))[0]
         frames.append(pd.DataFrame({"run": run, "draw": np.arange(size)} | arrays))
     if not frames:
-        raise InputError(Fault("touchdown_table flights", "none", "at least one run"))
+        raise InputError(Fault("samples_table runs", "none", "at least one run"))
     table = pd.concat(frames, ignore_index=True)
     table["run"] = table["run"].astype(str)
     return table
 
 
-def _samples(touchdown: pd.DataFrame) -> Iterable[tuple[str, str, np.ndarray]]:
+def _samples(samples: pd.DataFrame) -> Iterable[tuple[str, str, np.ndarray]]:
     """Run, quantity and its values; failed solves are +inf, quantities that a run lacks are left out."""
-    for run, part in touchdown.groupby("run", sort=False):
+    for run, part in samples.groupby("run", sort=False):
         for name in part.select_dtypes("number").columns.drop("draw"):
             x = part[name].to_numpy(dtype=float)
             if np.isfinite(x).any():
@@ -61,28 +55,32 @@ def _samples(touchdown: pd.DataFrame) -> Iterable[tuple[str, str, np.ndarray]]:
 
 
 def exceedance_table(
-    touchdown: pd.DataFrame,
+    samples: pd.DataFrame,
+    statistic: str,
     thresholds: Mapping[str, Sequence[float]] | None = None,
     confidence: float = 0.9,
     independent: float | None = None,
     units: Mapping[str, str] | None = None,
+    widened: Widened | None = None,
 ) -> pd.DataFrame:
     """P(quantity > threshold) with both kinds of limits.
 
     Args:
-        touchdown: Frame of `touchdown_table`.
+        samples: Frame of `samples_table`.
+        statistic: What the draws are of their quantities, such as "final" or "mean"; goes into the table.
         thresholds: Quantity to thresholds of special interest [unit]; 41 over the range of the draws are added.
         confidence: Two-sided confidence of the limits [1].
         independent: Number of independent draws per run, if fewer than the draws; the counts are scaled down to it.
-        units: Quantity to unit, beyond ``TOUCHDOWN_UNITS``.
+        units: Quantity to unit; "1" where not named.
+        widened: Factors by which draws were widened before; 1 where not named.
 
     Returns:
-        Columns run, quantity, unit, threshold, exceeded, draws, failed, probability, credible_low, credible_high
-        (Jeffreys), clopper_pearson_low, clopper_pearson_high, confidence, independent_draws. Failed solves exceed.
+        Columns run, quantity, statistic, unit, threshold, exceeded, draws, failed, probability, credible_low,
+        credible_high (Jeffreys), clopper_pearson_low, clopper_pearson_high, confidence, independent_draws, widened_by.
+        Failed solves exceed.
     """
     rows = []
-    known = TOUCHDOWN_UNITS | dict(units or {})
-    for run, name, x in _samples(touchdown):
+    for run, name, x in _samples(samples):
         finite = x[np.isfinite(x)]
         grid = set(np.linspace(finite.min(), finite.max(), 41)) | {float(t) for t in (thresholds or {}).get(name, ())}
         total = min(float(independent or x.size), float(x.size))
@@ -93,7 +91,8 @@ def exceedance_table(
                 {
                     "run": run,
                     "quantity": name,
-                    "unit": known.get(name, "1"),
+                    "statistic": statistic,
+                    "unit": (units or {}).get(name, "1"),
                     "threshold": threshold,
                     "exceeded": exceeded,
                     "draws": x.size,
@@ -104,33 +103,37 @@ def exceedance_table(
                     "clopper_pearson_high": clopper_pearson(count, total, confidence).high,
                     "confidence": confidence,
                     "independent_draws": total,
+                    "widened_by": (widened or {}).get(run, {}).get(name, 1.0),
                 }
             )
     return pd.DataFrame(rows)
 
 
 def tolerance_table(
-    touchdown: pd.DataFrame,
+    samples: pd.DataFrame,
+    statistic: str,
     tolerances: Sequence[tuple[float, float]] = TOLERANCES,
     independent: float | None = None,
     units: Mapping[str, str] | None = None,
+    widened: Widened | None = None,
 ) -> pd.DataFrame:
     """Upper tolerance limits by Wilks' order statistics.
 
     Args:
-        touchdown: Frame of `touchdown_table`.
+        samples: Frame of `samples_table`.
+        statistic: What the draws are of their quantities, such as "final" or "mean"; goes into the table.
         tolerances: Pairs of share and one-sided confidence [1].
         independent: Number of independent draws per run, if fewer than the draws; they are thinned down to it.
-        units: Quantity to unit, beyond ``TOUCHDOWN_UNITS``.
+        units: Quantity to unit; "1" where not named.
+        widened: Factors by which draws were widened before; 1 where not named.
 
     Returns:
-        Columns run, quantity, unit, share, confidence, failures, needed (draws), draws, independent_draws, enough,
-        limit. `limit` is the (failures+1)-th greatest draw; NaN where the draws are too few, inf where a failed solve
-        stands there. Failures are 0, 1, 2 and, where it is more, the most that the draws allow.
+        Columns run, quantity, statistic, unit, share, confidence, failures, needed (draws), draws, independent_draws,
+        enough, limit, widened_by. `limit` is the (failures+1)-th greatest draw; NaN where the draws are too few, inf
+        where a failed solve stands there. Failures are 0, 1, 2 and, where it is more, the most that the draws allow.
     """
     rows = []
-    known = TOUCHDOWN_UNITS | dict(units or {})
-    for run, name, x in _samples(touchdown):
+    for run, name, x in _samples(samples):
         step = int(np.ceil(x.size / min(float(independent or x.size), x.size)))
         ordered = np.sort(x[::step])[::-1]
         for share, confidence in tolerances:
@@ -142,7 +145,8 @@ def tolerance_table(
                     {
                         "run": run,
                         "quantity": name,
-                        "unit": known.get(name, "1"),
+                        "statistic": statistic,
+                        "unit": (units or {}).get(name, "1"),
                         "share": share,
                         "confidence": confidence,
                         "failures": failures,
@@ -151,6 +155,7 @@ def tolerance_table(
                         "independent_draws": ordered.size,
                         "enough": enough,
                         "limit": float(ordered[failures]) if enough else np.nan,
+                        "widened_by": (widened or {}).get(run, {}).get(name, 1.0),
                     }
                 )
     return pd.DataFrame(rows)

@@ -1,0 +1,52 @@
+"""Statistics of every simulated flight: its end of the record, greatest and mean values over the window.
+
+The end of the record is wherever the record ends, which may be far above the ground: it is no landing.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayeschute.prediction import bands
+
+Array = NDArray[np.float64]
+
+STATISTICS = {
+    "final": "at the last sample of the record",
+    "maximum": "greatest value over the window that is scored: the part not used in the fit, or all of the record",
+    "mean": "mean over the window that is scored: the part not used in the fit, or all of the record",
+}
+"""Statistics that a requirement may be set on, and what each is."""
+
+UNITS = bands.UNITS | {"horizontal_speed": "m/s"}
+"""Unit by quantity."""
+
+MEANINGS = {
+    "swing_angle": "angle of the mean riser direction from the vertical",
+    "flyout_angle": "half of the angle between two risers, mean over pairs",
+    "descent_rate": "vertical speed of the capsule, positive down",
+    "sea_level_descent_rate": "descent rate times the square root of air density over that at sea level",
+    "horizontal_speed": "horizontal speed of the capsule over the ground",
+}
+"""What a quantity is, by name."""
+
+
+def flight_statistics(prediction: bands.Prediction, counted: NDArray[np.bool_]) -> dict[str, dict[str, Array]]:
+    """Statistics of every draw of a flight.
+
+    Args:
+        prediction: Draws of the flight.
+        counted: Samples of the window (T,), its last the last of the record.
+
+    Returns:
+        Statistic of `STATISTICS` to quantity to values (draw,) [unit of `UNITS`], NaN where a simulation failed. The
+        horizontal speed is known at the last sample only.
+    """
+    found: dict[str, dict[str, Array]] = {name: {} for name in STATISTICS}
+    for name, values in prediction.draws.items():
+        part = values[:, counted]
+        found["final"][name], found["maximum"][name] = part[:, -1], part.max(axis=1)
+        found["mean"][name] = part.mean(axis=1)
+    found["final"]["horizontal_speed"] = np.hypot(prediction.last[:, 0], prediction.last[:, 1])
+    return found
