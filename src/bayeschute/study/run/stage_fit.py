@@ -165,6 +165,7 @@ def draw_group(job: Job, number: int, fitted: Fitted, say: Say) -> Drawn:
     if study.noise.model == "sandwich":  # its covariance doesn't come from the noise parameters
         kinds, found = ["sandwich"], replace(found, law_effect=LawEffect.none(*found.law_effect.slope.shape))
     flights = [f.name for f in group.flights]
+    times = [load_flight(job, name)["time"].values for name in flights]
     results: list[tuple[xr.DataTree, Draws]] = []
     seconds: dict[str, float] = {}
     for kind in kinds:
@@ -176,7 +177,7 @@ def draw_group(job: Job, number: int, fitted: Fitted, say: Say) -> Drawn:
         seconds[f"{kind}_s"] = time.perf_counter() - clock
         wide = widened(draws.xi, found.law_effect, found.law_covariance, study.seed)
         tree = data_tree(
-            found.marginal, group.priors, draws, study.seed, flights, lambda s, w: say(0.5 + 0.5 * s, w), wide
+            found.marginal, group.priors, draws, study.seed, flights, lambda s, w: say(0.5 + 0.5 * s, w), wide, times
         )
         if results:
             write_whole(job.out / f"posterior.{kind}.nc", partial(_write_tree, tree))
