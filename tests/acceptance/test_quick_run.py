@@ -154,6 +154,16 @@ def test_the_default_study_runs_quickly_from_end_to_end(tmp_path: Path):
     assert {"swing_angle", "descent_rate"} <= set(summary["coverage"]["cdt-3-12"])
     assert summary["checks"]["optimum"]["passed"]
     assert (tmp_path / "run/report.html").is_file()
+    with xr.open_datatree(tmp_path / "run/posterior.nc", engine="h5netcdf") as tree:
+        total = tree["log_likelihood"]["cdt-3-11"].sum("time_cdt-3-11") + sum(tree["log_prior"].ds.data_vars.values())
+        apart = (total - tree["sample_stats"]["lp"]).values
+        np.testing.assert_allclose(apart, apart[0, 0], rtol=1e-8)
+        assert tree["log_likelihood"].attrs["lp_error"] < 1e-8 * abs(apart[0, 0])
+        seen = tree["posterior_predictive"]["cdt-3-11"]
+        assert seen.dims == ("chain", "draw", "time_cdt-3-11", "channel") and "capsule_velocity.down" in seen["channel"]
+        assert 0.0 <= tree["prior_predictive"]["cdt-3-11"].attrs["failed"] < 0.5
+    with xr.open_datatree(tmp_path / "run/predictions.nc", engine="h5netcdf") as tree:
+        assert tree["cdt-3-12"]["swing_angle_draws"].dims == ("draw", "time")
 
 
 @pytest.mark.slow

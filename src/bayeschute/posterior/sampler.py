@@ -115,6 +115,7 @@ def data_tree(
     progress: Progress | None = None,
     wide: Array | None = None,
     times: Sequence[Array] | None = None,
+    predictions: bool = True,
 ) -> xr.DataTree:
     """Everything about a posterior in one ArviZ DataTree.
 
@@ -134,6 +135,7 @@ def data_tree(
         wide: The draws widened by the uncertainty of the noise parameters, for the posterior; the group
             ``conditional`` then holds the sampler's own.
         times: Times of the samples of every flight (T,) [s]; from zero where None.
+        predictions: Whether posterior, one-step and prior predictions are made; they cost simulations.
 
     Returns:
         Groups posterior, prior, sample_stats, log_prior, constant_data, those of `flight_groups`, and conditional where
@@ -146,7 +148,7 @@ def data_tree(
     centre, root = working(priors)[0], factor(priors)
     prior_draws = centre + rng.standard_normal((1, 2000, parameters)) @ root.T
     log_prior = -0.5 * standard(priors, held) ** 2 - np.log(np.diag(root)) - 0.5 * np.log(2.0 * np.pi)
-    of_flights = flight_groups(marginal, draws.xi, prior_draws[0], flight_names, times, rng, progress)
+    of_flights = flight_groups(marginal, draws.xi, prior_draws[0], flight_names, times, rng, progress, predictions)
     groups: dict[str, Any] = {
         "posterior": _named(priors, values(priors, theta)),
         "prior": _named(priors, values(priors, prior_draws)),

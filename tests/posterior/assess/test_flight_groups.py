@@ -69,6 +69,12 @@ def test_predictions_are_thinned_by_a_stated_number(stored, found, draws, monkey
     assert made["posterior_predictive"]["first"].sizes["draw"] == 30 and made["prior_predictive"].sizes["draw"] == 5
 
 
+def test_predictions_may_be_left_out(found, draws):
+    before, rng = np.full((5, 1), found.marginal.centre), np.random.default_rng(1)
+    made = flight_groups.flight_groups(found.marginal, draws.xi, before, NAMES, None, rng, predictions=False)
+    assert set(made) == {"observed_data", "log_likelihood"}
+
+
 def test_log_likelihood_and_log_prior_sum_to_the_density_that_was_drawn(stored, draws):
     total = sum(stored["log_likelihood"][name].sum(f"time_{name}") for name in NAMES)
     total = total + sum(stored["log_prior"].ds.data_vars.values())

@@ -41,6 +41,7 @@ GROUPS = (
     "observed_data", "log_likelihood", "posterior_predictive", "one_step_predictive", "prior_predictive",
 )  # fmt: skip
 HELD = "the sampler's own: noise parameters held at their estimate (the group conditional, where there is one)"
+_PACKED = {"zlib": True, "shuffle": True, "complevel": 1}  # a fifth less; more work on noise saves no more
 _LONG: dict[str, Any] = {"draws": HELD}
 _OBSERVED = {"entry": "the records; NaN where nothing was recorded"}
 _EACH = _LONG | {
@@ -102,6 +103,7 @@ def flight_groups(
     times: Sequence[Array] | None,
     rng: np.random.Generator,
     progress: Callable[[float, str], None] | None = None,
+    predictions: bool = True,
 ) -> dict[str, xr.Dataset]:
     """The groups in `GROUPS`.
 
@@ -121,6 +123,7 @@ def flight_groups(
         times: Times of their samples [s]; from zero where None.
         rng: Random numbers.
         progress: Called with a share done and words.
+        predictions: Whether the groups of predictions are made.
     """
     chains, count, parameters = xi.shape
     flights = marginal.flights
@@ -146,28 +149,32 @@ def flight_groups(
         found = in_batches(said(function, words, flat.shape[1]), flat)
         return [np.moveaxis(a, -1, 0).reshape(chains, draws.size, *a.shape[:-1]) for a in found]
 
-    flown = [_from_prior(flight, marginal.hyper, before[:PRIOR_DRAWS], rng) for flight in flights]
     clock = times or [np.arange(flight.samples, dtype=float) * float(flight.dt) for flight in flights]
     thinned = _LONG | {"thin": thin}
 
     def group(values: Sequence[NDArray[Any]], attrs: Mapping[str, Any], labels: Mapping[str, Any]) -> xr.Dataset:
         each = zip(flights, flight_names, values, clock, strict=True)
-        return joined([labelled(*row) for row in each]).assign_coords(labels).assign_attrs(attrs)
+        made = joined([labelled(*row) for row in each]).assign_coords(labels).assign_attrs(attrs)
+        for variable in made.data_vars.values():
+            variable.encoding = dict(_PACKED)
+        return made
 
     places = {"chain": np.arange(chains), "draw": np.arange(count)}
+    observed: list[Any] = [np.where(np.asarray(f.present), np.asarray(f.observed), np.nan) for f in flights]
     everywhere = rows(lambda part: sample_log_likelihoods(marginal, part), "log likelihood", places["draw"])
+    made = {"observed_data": group(observed, _OBSERVED, {}), "log_likelihood": group(everywhere, _EACH, places)}
+    if not predictions:
+        return made
     smoothed = rows(lambda part: _smoothed(marginal, part, rng), "posterior predictions", some)
     one_step = rows(lambda part: _one_step(marginal, part, rng), "one-step predictions", some)
-    observed: list[Any] = [np.where(np.asarray(f.present), np.asarray(f.observed), np.nan) for f in flights]
-    before_all = group(flown, _FLOWN, {"chain": [0], "draw": np.arange(flown[0].shape[1])})
-    for name, made in zip(flight_names, flown, strict=True):
-        before_all[name].attrs["failed"] = float(np.isnan(made).all(axis=(2, 3)).mean())
-    return {
-        "observed_data": group(observed, _OBSERVED, {}),
-        "log_likelihood": group(everywhere, _EACH, places),
+    flown = [_from_prior(flight, marginal.hyper, before[:PRIOR_DRAWS], rng) for flight in flights]
+    of_prior = group(flown, _FLOWN, {"chain": [0], "draw": np.arange(flown[0].shape[1])})
+    for name, row in zip(flight_names, flown, strict=True):
+        of_prior[name].attrs["failed"] = float(np.isnan(row).all(axis=(2, 3)).mean())
+    return made | {
         "posterior_predictive": group(smoothed, thinned | _SMOOTHED, places | {"draw": some}),
         "one_step_predictive": group(one_step, thinned | _ONE_STEP, places | {"draw": some}),
-        "prior_predictive": before_all,
+        "prior_predictive": of_prior,
     }
 
 
