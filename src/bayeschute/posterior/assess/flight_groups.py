@@ -36,6 +36,7 @@ Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 PRIOR_DRAWS = 100  # of the prior that are flown
 MOST_DRAWS = 500  # posterior draws with predictions
+_FAR = 1e30  # what single precision can still hold: states beyond count as failed
 MOST_BYTES = 24_000_000  # of the predictions of one flight
 GROUPS = (
     "observed_data", "log_likelihood", "posterior_predictive", "one_step_predictive", "prior_predictive",
@@ -212,13 +213,10 @@ def _one_step(marginal: Marginal, xi: Array, rng: np.random.Generator) -> tuple[
 
 def _from_prior(flight: FlightData, hyper: Hyper, theta: Array, rng: np.random.Generator) -> Single:
     """Records (1, N, T, C) of flights of the parameters (N, P), NaN where the simulation fails."""
-    z = normals(flight, len(theta), rng)
-    driven = course(flight, hyper, Unknowns(jnp.asarray(z.start), jnp.asarray(z.shocks)))
-    path = states(flight, jnp.asarray(theta.T), driven)
-    made = np.moveaxis(_read(flight, hyper, jnp.asarray(theta.T), path, z), -1, 0)
-    flew = np.isfinite(np.asarray(path)).all(axis=(0, 1))
-    made[~flew] = np.nan
-    return made[None]
+    z, parameters = normals(flight, len(theta), rng), jnp.asarray(theta.T)
+    path = states(flight, parameters, course(flight, hyper, Unknowns(jnp.asarray(z.start), jnp.asarray(z.shocks))))
+    flew = jnp.all(jnp.abs(path) < _FAR, axis=(0, 1))  # of NaN that is false
+    return np.moveaxis(_read(flight, hyper, parameters, jnp.where(flew, path, jnp.nan), z), -1, 0)[None]
 
 
 def for_loo_pit(tree: xr.DataTree, flight: str, channel: str | None = None) -> xr.DataTree:
