@@ -13,6 +13,7 @@ import xarray as xr
 from typer.testing import CliRunner
 
 from bayeschute.cli import app
+from bayeschute.posterior.assess import flight_groups
 from bayeschute.records.record import load_record
 
 ROOT = Path(__file__).parents[2]
@@ -73,9 +74,8 @@ def test_the_summary_holds_numbers_where_numbers_belong(finished):
 
 def test_the_posterior_has_every_group(finished):
     with xr.open_datatree(finished.folder / "posterior.nc", engine="h5netcdf") as tree:
-        assert {"posterior", "prior", "log_likelihood", "log_prior", "posterior_predictive", "observed_data"} <= set(
-            tree.children
-        )
+        groups = {"posterior", "conditional", "prior", "log_prior", *flight_groups.GROUPS}
+        assert groups <= set(tree.children)
         names = {"cds_over_mass[low]", "cds_over_mass[high]", "population_mean", "population_sd"}
         assert set(map(str, tree["posterior"].data_vars)) == names == set(map(str, tree["prior"].data_vars))
         assert dict(tree["posterior"].sizes) == {"chain": 2, "draw": 100}
@@ -90,7 +90,9 @@ def test_bands_cover_the_part_that_was_held_out(finished):
             assert list(bands["quantile"].values) == [0.05, 0.25, 0.5, 0.75, 0.95]
             for quantity in ("descent_rate", "sea_level_descent_rate"):
                 assert bands[quantity].dims == ("quantile", "time")
-                assert bands[quantity].attrs["units"] == "m/s"
+                assert bands[quantity].attrs["units"] == bands[f"{quantity}_draws"].attrs["units"] == "m/s"
+                drawn = bands[f"{quantity}_draws"].quantile([0.05, 0.5, 0.95], "draw").values
+                np.testing.assert_allclose(drawn, bands[quantity][::2], atol=1e-4)  # none is left out of so few
                 assert (np.diff(bands[quantity].values, axis=0) >= 0.0).all()
             held_out = bands["held_out"].values
             assert 0.30 < held_out.mean() < 0.40 and held_out[-1] and not held_out[0]
@@ -152,6 +154,16 @@ def test_the_default_study_runs_quickly_from_end_to_end(tmp_path: Path):
     assert {"swing_angle", "descent_rate"} <= set(summary["coverage"]["cdt-3-12"])
     assert summary["checks"]["optimum"]["passed"]
     assert (tmp_path / "run/report.html").is_file()
+    with xr.open_datatree(tmp_path / "run/posterior.nc", engine="h5netcdf") as tree:
+        total = tree["log_likelihood"]["cdt-3-11"].sum("time_cdt-3-11") + sum(tree["log_prior"].ds.data_vars.values())
+        apart = (total - tree["sample_stats"]["lp"]).values
+        np.testing.assert_allclose(apart, apart[0, 0], rtol=1e-8)
+        assert tree["log_likelihood"].attrs["lp_error"] < 1e-8 * abs(apart[0, 0])
+        seen = tree["posterior_predictive"]["cdt-3-11"]
+        assert seen.dims == ("chain", "draw", "time_cdt-3-11", "channel") and "capsule_velocity.down" in seen["channel"]
+        assert 0.0 <= tree["prior_predictive"]["cdt-3-11"].attrs["failed"] < 0.5
+    with xr.open_datatree(tmp_path / "run/predictions.nc", engine="h5netcdf") as tree:
+        assert tree["cdt-3-12"]["swing_angle_draws"].dims == ("draw", "time")
 
 
 @pytest.mark.slow

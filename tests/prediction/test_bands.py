@@ -271,6 +271,21 @@ def test_dataset(smoothed, flight):
     assert made.attrs == {"role": "identify", "failed": 0} and made["held_out"].sum() == 20
 
 
+def test_draws_are_stored_thinned_and_packed(smoothed, monkeypatch, tmp_path):
+    count, held = len(smoothed.draws["descent_rate"]), np.arange(SAMPLES) > 80
+    assert count > 20
+    monkeypatch.setattr(bands, "MOST_DRAWS", 20)
+    made = bands.dataset(smoothed, smoothed.time, ("descent_rate",), None, {}, held, "identify")
+    xr.DataTree.from_dict({"/one": made}).to_netcdf(tmp_path / "predictions.nc", engine="h5netcdf")
+    with xr.open_datatree(tmp_path / "predictions.nc", engine="h5netcdf") as tree:
+        back = tree["one"]["descent_rate_draws"].load()
+    thin = back.attrs["thin"]
+    assert back.dims == ("draw", "time") and back.attrs["units"] == "m/s" and back.dtype == np.float32
+    assert thin == -(-count // 20) and list(back["draw"].values) == list(range(0, count, thin))
+    np.testing.assert_allclose(back, smoothed.draws["descent_rate"][::thin], rtol=1e-6)
+    assert back.encoding["zlib"]
+
+
 def test_recorded_draws_carry_the_noise_of_the_instrument():
     still = Prediction(DT * np.arange(400), {"descent_rate": np.zeros((200, 400))}, np.zeros((200, 3)), 0, {})
     assert bands.recorded_draws(still, "descent_rate", None, 1) is still.draws["descent_rate"]

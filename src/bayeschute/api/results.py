@@ -21,6 +21,7 @@ from bayeschute.core.errors import Fault, InputError
 from bayeschute.core.files import write_whole
 from bayeschute.core.units import to_si
 from bayeschute.core.version import __version__
+from bayeschute.posterior.assess.flight_groups import for_loo_pit
 from bayeschute.prediction import bands
 from bayeschute.prediction.requirement import requirement_check
 from bayeschute.study.archive import study_from_plain, study_to_plain
@@ -108,7 +109,7 @@ class Posterior:
 
     Attributes:
         spec: The study that was fitted, with the fitted flights.
-        data: ArviZ DataTree: posterior, prior, log_likelihood, posterior_predictive, ...
+        data: ArviZ DataTree; its groups are those of `posterior.sampler.data_tree`.
         files: Records and fits.
 
     Example:
@@ -137,6 +138,18 @@ class Posterior:
         import arviz_stats
 
         return arviz_stats.summary(self.data, **options)
+
+    def for_loo_pit(self, flight: str, channel: str | None = None) -> xr.DataTree:
+        """What `arviz_stats.loo_pit` and `arviz_plots.plot_loo_pit` need; see `assess.flight_groups.for_loo_pit`.
+
+        Args:
+            flight: Name of a fitted flight.
+            channel: One of its outputs; all together where None.
+
+        Raises:
+            InputError: If there is no such flight or output.
+        """
+        return for_loo_pit(self.data, flight, channel)
 
     def _json(self, name: str) -> Any:
         return json.loads(self.files[name]) if name in self.files else {}

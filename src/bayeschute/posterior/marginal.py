@@ -252,26 +252,48 @@ def log_density(marginal: Marginal, xi: Component) -> jax.Array:
     return -0.5 * jnp.sum(projected_residuals(marginal, xi) ** 2, axis=0) - marginal.rest.at(jnp.asarray(xi))
 
 
-def sample_log_likelihoods(marginal: Marginal, xi: jax.Array) -> tuple[jax.Array, ...]:
+def one_step_errors(marginal: Marginal, xi: Component) -> tuple[jax.Array, ...]:
+    """Standardised errors (T, C, B) of predicting every sample from all earlier ones, per flight, at (P, B).
+
+    Zero where nothing was recorded. An output's error is that given the outputs before it in the same sample.
+    """
+    theta, shift = shifted(marginal, xi)
+    pairs = zip(marginal.flights, marginal.along, strict=True)
+    return tuple(_innovations(a.gains, *_seen(f, a, theta, shift)) for f, a in pairs)
+
+
+def sample_log_likelihoods(marginal: Marginal, xi: Component) -> tuple[jax.Array, ...]:
     """Log density of every sample given all earlier ones and the parameters, start and disturbances integrated out.
+
+    Its sum over the samples of all flights is `log_density` without the prior, up to a constant. The squared prediction
+    errors are each sample's own. What is known of whole flights only is spread evenly over recorded data, so that a
+    sample with n recorded outputs gets n shares: `Marginal.rest` over the data of all flights, the price of a place out
+    of the linear model's range over those of the flight. (The log determinant's own terms would be no fair shares: they
+    depend on the units of the outputs.)
 
     Args:
         marginal: The posterior.
         xi: Standard coordinates (P, B).
 
     Returns:
-        (T, B) per flight, zero where nothing was recorded; determinants are those at theta_0.
+        (T, B) per flight, zero where nothing was recorded.
     """
-    theta, shift = shifted(marginal, xi)
-    pairs = zip(marginal.flights, marginal.along, strict=True)
-    return tuple(_log_likelihoods(f, a.gains, _seen(f, a, theta, shift)) for f, a in pairs)
+    xi = jnp.asarray(xi)
+    _, shift = shifted(marginal, xi)
+    each = marginal.rest.at(xi) / sum(np.sum(flight.present) for flight in marginal.flights)
+    rows = zip(marginal.flights, marginal.along, one_step_errors(marginal, xi), strict=True)
+    return tuple(_log_likelihoods(flight, along, unit, shift, xi, each) for flight, along, unit in rows)
 
 
 @jax.jit
-def _log_likelihoods(flight: FlightData, made: Gains, seen: Seen) -> jax.Array:
-    scale = jnp.log(jnp.diagonal(made.root, axis1=1, axis2=2)) + 0.5 * jnp.log(2.0 * jnp.pi)
+def _log_likelihoods(
+    flight: FlightData, along: Along, unit: jax.Array, shift: jax.Array, xi: jax.Array, each: jax.Array
+) -> jax.Array:
+    scale = jnp.log(jnp.diagonal(along.gains.root, axis1=1, axis2=2)) + 0.5 * jnp.log(2.0 * jnp.pi)
     constant = jnp.sum(jnp.where(flight.present, scale, 0.0), axis=1)
-    return -0.5 * jnp.sum(innovations(made, *seen) ** 2, axis=1) - constant[:, None]
+    price = 0.5 * out_of_range(along, unit, shift, xi) ** 2 / jnp.sum(flight.present)
+    shares = jnp.sum(flight.present, axis=1)[:, None] * (each + price)
+    return -0.5 * jnp.sum(unit**2, axis=1) - constant[:, None] - shares
 
 
 def draw_flights(

@@ -13,18 +13,14 @@ import xarray as xr
 from arviz_base import from_dict
 from numpy.typing import NDArray
 
-from bayeschute.likelihood.joint import FlightData, Hyper, compared
-from bayeschute.likelihood.noise import colour
 from bayeschute.likelihood.priors import Prior, factor, standard, values, working
-from bayeschute.likelihood.simulation_smoother import normals
+from bayeschute.posterior.assess.flight_groups import HELD, flight_groups
 from bayeschute.posterior.marginal import (
     BATCH,
     Marginal,
-    draw_flights,
     in_batches,
     linear_residuals,
     log_density,
-    sample_log_likelihoods,
 )
 from bayeschute.posterior.sampling import delayed_acceptance, ensemble, independence
 from bayeschute.posterior.sampling.protocol import Draws
@@ -33,6 +29,7 @@ from bayeschute.posterior.surrogate import Surrogate, build
 
 Array = NDArray[np.float64]
 Progress = Callable[[float, str], None]
+WIDENED = "unconditional: the sampler's own, widened by the uncertainty of the noise parameters"
 _LAST_STEPS = 1000  # of emcee's ensembles where all else failed: hours would not make such draws good
 
 
@@ -117,54 +114,63 @@ def data_tree(
     flight_names: Sequence[str],
     progress: Progress | None = None,
     wide: Array | None = None,
+    times: Sequence[Array] | None = None,
+    predictions: bool = True,
 ) -> xr.DataTree:
     """Everything about a posterior in one ArviZ DataTree.
 
-    The log likelihood is that of every sample given all earlier ones, initial states and latent disturbances integrated
-    out; one entry per sample of each flight, all its outputs together.
+    ``log_likelihood``, ``log_prior`` and ``lp`` (in ``sample_stats``) are of the same draws, the sampler's own. Summed
+    over samples, flights and parameters, the first two are ``lp`` up to a constant; the attribute ``lp_error`` of
+    ``log_likelihood`` is the largest departure from that. `arviz_stats.loo` leaves out a sample given all earlier
+    ones. The attribute ``draws`` of a group says which draws it is about; where these are not in the group
+    ``posterior``, ``tree.assign(posterior=tree["conditional"])`` is the tree of the sampler's own.
 
     Args:
         marginal: The posterior.
         priors: Priors of the parameters.
         draws: Draws in standard coordinates.
-        seed: Seed of prior draws, unknowns and posterior predictions.
+        seed: Seed of prior draws, unknowns and predictions.
         flight_names: Names of the flights, in order.
         progress: Called with a share done and words.
         wide: The draws widened by the uncertainty of the noise parameters, for the posterior; the group
-            ``conditional`` then holds the sampler's own, which its diagnostics are about.
+            ``conditional`` then holds the sampler's own.
+        times: Times of the samples of every flight (T,) [s]; from zero where None.
+        predictions: Whether posterior, one-step and prior predictions are made; they cost simulations.
 
     Returns:
-        Groups posterior, prior, sample_stats, log_likelihood, log_prior, posterior_predictive, observed_data,
-        constant_data.
+        Groups posterior, prior, sample_stats, log_prior, constant_data, those of `flight_groups`, and conditional where
+        draws are widened.
     """
     rng = np.random.default_rng([seed, 3])
-    chains, count, parameters = draws.xi.shape
+    parameters = draws.xi.shape[-1]
     held = np.asarray(marginal.centre) + draws.xi @ np.asarray(marginal.scale).T
     theta = held if wide is None else np.asarray(marginal.centre) + wide @ np.asarray(marginal.scale).T
     centre, root = working(priors)[0], factor(priors)
     prior_draws = centre + rng.standard_normal((1, 2000, parameters)) @ root.T
-    log_prior = -0.5 * standard(priors, theta) ** 2 - np.log(np.diag(root)) - 0.5 * np.log(2.0 * np.pi)
-    likelihood, predictive = _per_sample(marginal, draws, rng, progress)
+    log_prior = -0.5 * standard(priors, held) ** 2 - np.log(np.diag(root)) - 0.5 * np.log(2.0 * np.pi)
+    of_flights = flight_groups(marginal, draws.xi, prior_draws[0], flight_names, times, rng, progress, predictions)
     groups: dict[str, Any] = {
         "posterior": _named(priors, values(priors, theta)),
         "prior": _named(priors, values(priors, prior_draws)),
         "sample_stats": {"lp": draws.log_density, **draws.stats},
         "log_prior": _named(priors, log_prior),
-        "log_likelihood": dict(zip(flight_names, likelihood, strict=True)),
-        "posterior_predictive": dict(zip(flight_names, predictive, strict=True)),
-        "observed_data": {
-            name: np.where(np.asarray(f.present), np.asarray(f.observed), np.nan)
-            for name, f in zip(flight_names, marginal.flights, strict=True)
-        },
         "constant_data": {
             **{f"noise.{k}": np.asarray(v) for k, v in marginal.hyper.noise.__dict__.items()},
             **{f"latent.{i + 1}": np.asarray(law) for i, law in enumerate(marginal.hyper.laws)},
         },
     }
+    said = {name: {"draws": HELD} for name in ("posterior", "sample_stats", "log_prior")}
+    said["log_prior"]["entry"] = "log density of a parameter's working coordinate given the parameters before it"
     if wide is not None:
         groups["conditional"] = _named(priors, values(priors, held))
-    tree = from_dict(groups)
-    for group in ("posterior", "prior"):
+        said |= {"conditional": {"draws": HELD}, "posterior": {"draws": WIDENED}}
+    tree = from_dict(groups, attrs=said)
+    for name, dataset in of_flights.items():
+        tree[name] = xr.DataTree(dataset)
+    total = sum(row.values.sum(axis=-1) for row in of_flights["log_likelihood"].data_vars.values())
+    off = total + log_prior.sum(axis=-1) - draws.log_density
+    tree["log_likelihood"].attrs["lp_error"] = float(np.max(np.abs(off - np.median(off))))
+    for group in {"posterior", "prior", "conditional"} & set(tree.children):
         for p in priors:
             tree[group][p.name].attrs["units"] = p.unit
     return tree
@@ -172,42 +178,3 @@ def data_tree(
 
 def _named(priors: Sequence[Prior], array: Array) -> dict[str, Array]:
     return {p.name: array[..., i] for i, p in enumerate(priors)}
-
-
-def _per_sample(
-    marginal: Marginal, draws: Draws, rng: np.random.Generator, progress: Progress | None
-) -> tuple[list[Array], list[Array]]:
-    """Log likelihood per flight (chain, draw, T) and posterior predictions per flight (chain, up to 25, T, C)."""
-    chains, count, parameters = draws.xi.shape
-    flat = draws.xi.reshape(-1, parameters).T
-    done = 0
-
-    def likelihood(part: Array) -> tuple[jax.Array, ...]:
-        nonlocal done
-        done += part.shape[1]
-        if progress is not None:
-            progress(min(done / flat.shape[1], 1.0), "log likelihood")
-        return sample_log_likelihoods(marginal, jnp.asarray(part))
-
-    rows = [row.T.reshape(chains, count, -1) for row in in_batches(likelihood, flat)]
-    thin = np.unique(np.linspace(0, count - 1, min(25, count)).astype(int))
-    picked = flat[:, (np.arange(chains)[:, None] * count + thin).ravel()]
-
-    def prediction(part: Array) -> tuple[Array, ...]:
-        numbers = tuple(normals(f, part.shape[1], rng) for f in marginal.flights)
-        drawn = draw_flights(marginal, jnp.asarray(part), numbers)
-        theta = marginal.theta(jnp.asarray(part))
-        return tuple(
-            _predicted(f, marginal.hyper, theta, x.path, rng) for f, x in zip(marginal.flights, drawn, strict=True)
-        )
-
-    made = [np.moveaxis(a, -1, 0).reshape(chains, thin.size, *a.shape[:2]) for a in in_batches(prediction, picked)]
-    return rows, made
-
-
-def _predicted(flight: FlightData, hyper: Hyper, theta: jax.Array, path: jax.Array, rng: np.random.Generator) -> Array:
-    """Replicated data (T, C, B): outputs on the drawn paths, and new noise; NaN where nothing was recorded."""
-    residual = np.asarray(compared(flight, theta, path))
-    drift, white = (jnp.asarray(rng.standard_normal(residual.shape)) for _ in range(2))
-    noisy = np.asarray(flight.observed)[..., None] - residual + colour(hyper.outputs(flight), flight.dt, drift, white)
-    return np.where(np.asarray(flight.present)[..., None], noisy, np.nan)

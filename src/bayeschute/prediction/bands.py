@@ -31,6 +31,7 @@ from bayeschute.records.sensors import ornstein_uhlenbeck
 Array = NDArray[np.float64]
 GROUP = 16  # draws that share their noise parameters
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
+MOST_DRAWS = 400  # of every flight in ``predictions.nc``
 UNITS = {"swing_angle": "rad", "flyout_angle": "rad", "descent_rate": "m/s", "sea_level_descent_rate": "m/s"}
 
 
@@ -289,6 +290,10 @@ def dataset(
 ) -> xr.Dataset:
     """The entry of ``predictions.nc`` for a flight.
 
+    A quantity has its quantiles (quantile, time), from all draws, and beside them as ``<quantity>_draws`` (draw, time)
+    every k-th draw, `MOST_DRAWS` at most; k is the attribute ``thin``. A draw is the same flight in all quantities; NaN
+    where its simulation failed.
+
     Args:
         prediction: Its draws.
         time: Times of the record [s].
@@ -298,11 +303,15 @@ def dataset(
         held_out: Samples that the fit did not see.
         role: ``identify`` or ``predict``.
     """
-    made = xr.Dataset(coords={"quantile": ("quantile", list(QUANTILES)), "time": ("time", time, {"units": "s"})})
-    names = [q for q in wanted if q in prediction.draws]
+    count, names = len(prediction.touchdown), [q for q in wanted if q in prediction.draws]
+    thin = max(1, -(-count // MOST_DRAWS))
+    axes = {"quantile": list(QUANTILES), "draw": np.arange(0, count, thin)}
+    made = xr.Dataset(coords=axes | {"time": ("time", time, {"units": "s"})})
     for name in names:
         unit = {"units": UNITS[name]}
         made[name] = (("quantile", "time"), quantiles(prediction.draws[name]), unit)
+        some = prediction.draws[name][::thin].astype(np.float32)
+        made[f"{name}_draws"] = (("draw", "time"), some, unit | {"thin": thin}, {"zlib": True, "shuffle": True})
         if truth is not None and name in truth:
             made[f"{name}_truth"] = ("time", truth[name].values, unit)
         if name in record:

@@ -59,8 +59,9 @@ def _scored(study: Study, disturbance: str, quick: bool) -> Row:
     with tempfile.TemporaryDirectory(prefix="bayeschute-") as folder:
         job = Job(sized, Path(folder), quick, "", lambda *_: None)
         stage_list.ingest(replace(job, study=kind.flown(sized)))
-        for stage in (stage_list.structure, stage_list.priors, stage_list.fit):
+        for stage in (stage_list.structure, stage_list.priors):
             stage(job)
+        stage_list.fit(job, predictions=False)
         stage_list.check(job, tell=False)
         draws, _ = summary_draws(job)
         truth = true_values(job) if kind.terms_known else {}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -20,11 +19,10 @@ from bayeschute.posterior.assess.identifiability import (
     directions,
     in_words,
     law_labels,
-    log_likelihood,
     power_scaling,
 )
 from bayeschute.posterior.joint_mode import fit
-from bayeschute.posterior.marginal import Quadratic, log_density, marginalise, sample_log_likelihoods
+from bayeschute.posterior.marginal import Quadratic, marginalise
 from bayeschute.posterior.noise_uncertainty import LawEffect
 
 
@@ -127,18 +125,6 @@ def test_labels_stand_in_the_order_of_the_vector():
     wanted = {"x, white noise": 1, "y, correlated noise": 4, "x, time constant": 5, "wind, sd": 7}
     wanted |= {"wind, time constant": 8, "breathing, frequency": 10, "breathing, damping ratio": 11}
     assert {k: values[k] for k in wanted} == pytest.approx(wanted)
-
-
-def test_log_likelihood_is_the_density_without_the_prior(straight, linear):
-    _, made = straight
-    xi = 1.5 * np.random.default_rng(2).standard_normal((2, 6))
-    rows = [np.asarray(part).T.reshape(2, 3, -1) for part in sample_log_likelihoods(made, jnp.asarray(xi))]
-    theta = np.asarray(made.theta(jnp.asarray(xi))).T.reshape(2, 3, 2)
-    centre, scale = np.array([p.centre for p in linear.priors]), np.array([p.scale for p in linear.priors])
-    prior = -0.5 * np.sum(((theta - centre) / scale) ** 2, axis=-1)
-    apart = (log_likelihood(made, theta, rows) + prior).ravel() - np.asarray(log_density(made, jnp.asarray(xi)))
-    assert np.ptp(prior) > 0.5
-    np.testing.assert_allclose(apart, apart[0], rtol=0.0, atol=1e-8 * np.abs(apart[0]))
 
 
 def _sensitivities(seen, sd, seed=1):

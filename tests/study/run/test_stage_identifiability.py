@@ -7,9 +7,11 @@ import re
 import shutil
 from pathlib import Path
 
+import arviz_stats
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import xarray as xr
 
 from bayeschute.posterior.assess import identifiability
 from bayeschute.posterior.marginal import log_density
@@ -120,10 +122,22 @@ def test_draws_and_their_log_likelihood_belong_together(job):
     """With the log prior it is the density that the sampler drew from."""
     for group in groups(job):
         stored, (prior,) = load_fit(job, group), group.priors
-        rows = stage_identifiability.log_likelihoods(job, group)
-        likelihood = identifiability.log_likelihood(stored.marginal, stored.held, rows)
+        likelihood = stage_identifiability.log_likelihood(job, group)
         xi = (stored.held[..., 0] - float(stored.marginal.centre[0])) / float(stored.marginal.scale[0, 0])
         density = np.asarray(log_density(stored.marginal, jnp.asarray(xi[0][None])))
         apart = likelihood[0] - 0.5 * ((stored.held[0, :, 0] - prior.centre) / prior.scale) ** 2 - density
         assert np.ptp(density) > 1.0
-        np.testing.assert_allclose(apart, apart[0], rtol=0.0, atol=1e-6 * abs(apart[0]))
+        np.testing.assert_allclose(apart, apart[0], rtol=1e-8)
+
+
+def test_power_scaling_is_that_of_the_stored_posterior_by_arviz(told, finished):
+    with xr.open_datatree(finished.folder / "posterior.nc", engine="h5netcdf") as tree:
+        own = tree.assign(posterior=tree["conditional"])
+        for flight in ("low", "high"):
+            name = f"cds_over_mass[{flight}]"
+            made = arviz_stats.psense_summary(own, name, prior_var_names=name, likelihood_var_names=flight, round_to=9)
+            facts = told[flight]["parameters"][name]
+            assert made.loc[name, "prior"] == pytest.approx(facts["prior_sensitivity"], rel=1e-6)
+            assert made.loc[name, "likelihood"] == pytest.approx(facts["likelihood_sensitivity"], rel=1e-6)
+            counted = arviz_stats.loo(tree, var_name=flight).n_data_points
+            assert counted == int(np.isfinite(tree["observed_data"][flight]).sum()) > 40

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import arviz_stats
-import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 from arviz_base import from_dict
@@ -14,7 +13,6 @@ from numpy.typing import NDArray
 
 from bayeschute.likelihood.disturbances import KINDS
 from bayeschute.likelihood.priors import Prior, factor, standard, values, working
-from bayeschute.posterior.marginal import Marginal
 from bayeschute.posterior.noise_uncertainty import LawEffect, joint_covariance
 
 Array = NDArray[np.float64]
@@ -141,21 +139,6 @@ class Sensitivity(NamedTuple):
         if self.prior < FELT:
             return "the prior hardly matters" if self.likelihood >= FELT else "neither is felt"
         return "prior and record may disagree" if self.likelihood >= FELT else "mostly the prior"
-
-
-def log_likelihood(marginal: Marginal, theta: Array, per_sample: Sequence[Array]) -> Array:
-    """Log likelihood (chain, draw), its log determinant included.
-
-    Args:
-        marginal: The posterior.
-        theta: Draws in working coordinates (chain, draw, P).
-        per_sample: Log likelihood of every sample (chain, draw, T), per flight, determinants those at the centre, as
-            the group ``log_likelihood`` of `posterior.data_tree`.
-    """
-    inverse = np.linalg.inv(np.asarray(marginal.scale))
-    xi = np.moveaxis((theta - np.asarray(marginal.centre)) @ inverse.T, -1, 0)
-    total = sum((np.asarray(part).sum(axis=-1) for part in per_sample), np.zeros(theta.shape[:2]))
-    return np.asarray(total - np.asarray(marginal.rest.at(jnp.asarray(xi))))
 
 
 def power_scaling(priors: Sequence[Prior], theta: Array, likelihood: Array) -> Mapping[str, Sensitivity]:

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from bayeschute.core.files import write_whole
 from bayeschute.likelihood.priors import Prior, working
+from bayeschute.posterior.assess import flight_groups
 from bayeschute.posterior.combine import hierarchy, random_effects
 from bayeschute.posterior.combine.hierarchy import Hierarchy
 from bayeschute.posterior.noise_uncertainty import LawEffect
@@ -31,7 +32,8 @@ from bayeschute.study.job import Job, load_priors
 Array = NDArray[np.float64]
 FILE = "fit/members.npz"
 _PRIOR_DRAWS = 2000
-_OWN_LENGTHS = ("log_likelihood", "posterior_predictive", "observed_data")  # groups whose flights differ in length
+_JOINED = "of the joined posterior; log_likelihood, log_prior and predictions are of each fit alone"
+_ALONE = "the sampler's own, of each fit alone: noise parameters held at their estimate"
 
 
 def joined(job: Job, todo: Sequence[Group], trees: Sequence[xr.DataTree]) -> xr.DataTree:
@@ -48,14 +50,14 @@ def _bodies(job: Job, todo: Sequence[Group], trees: Sequence[xr.DataTree]) -> xr
     sizes = (table.chains, table.warmup, table.draws, job.study.seed)
     made = random_effects.fit(mean, sd, (prior.centre, prior.scale), *sizes)
     rng = np.random.default_rng([job.study.seed, 4])
-    plain = _together(trees, ("posterior", "conditional", "prior", "log_prior", *_OWN_LENGTHS))
+    plain = _together(trees, ("posterior", "conditional", "prior", "log_prior"))
     plain["posterior"] |= {"population_mean": made.mean, "population_sd": made.sd}
     plain["prior"] |= {
         "population_mean": prior.centre + prior.scale * rng.standard_normal((1, _PRIOR_DRAWS)),
         "population_sd": np.abs(prior.scale * rng.standard_normal((1, _PRIOR_DRAWS))),
     }
     units = {name: "1" if name.startswith("population") else prior.unit for name in plain["posterior"]}
-    return _tree(plain, units)
+    return _tree(plain, units, trees)
 
 
 def _together(trees: Sequence[xr.DataTree], wanted: Sequence[str]) -> dict[str, dict[str, Array]]:
@@ -69,24 +71,16 @@ def _together(trees: Sequence[xr.DataTree], wanted: Sequence[str]) -> dict[str, 
     return found
 
 
-def _tree(plain: dict[str, dict[str, Array]], units: dict[str, str]) -> xr.DataTree:
-    tree = from_dict({name: rows for name, rows in plain.items() if name not in _OWN_LENGTHS})
-    for name in _OWN_LENGTHS:
-        if name in plain:
-            tree[name] = xr.DataTree(_own_dims(plain[name], name))
+def _tree(plain: dict[str, dict[str, Array]], units: dict[str, str], trees: Sequence[xr.DataTree]) -> xr.DataTree:
+    """Groups of parameters, then those of the flights of several fits; each says which draws it is about."""
+    known = {name: {"draws": _ALONE} for name in plain if name not in ("posterior", "prior")}
+    tree = from_dict(plain, attrs=known | {"posterior": {"draws": _JOINED}})
+    for name in flight_groups.GROUPS:
+        if parts := [tree_of_fit[name].to_dataset() for tree_of_fit in trees if name in tree_of_fit.children]:
+            tree[name] = xr.DataTree(flight_groups.joined(parts))
     for name, unit in units.items():
         tree["posterior"][name].attrs["units"] = unit
     return tree
-
-
-def _own_dims(variables: dict[str, Array], group: str) -> xr.Dataset:
-    """Lengths of the flights differ: each keeps dimensions of its own."""
-    lead = () if group == "observed_data" else ("chain", "draw")
-    made = xr.Dataset()
-    for name, array in variables.items():
-        rest = [f"{name}_{i}" for i in range(array.ndim - len(lead))]
-        made[name] = ((*lead, *rest), array)
-    return made
 
 
 class _Places(NamedTuple):
@@ -152,7 +146,7 @@ def _joined_groups(job: Job, todo: Sequence[Group], trees: Sequence[xr.DataTree]
     made = hierarchy.fit(told, sizes, centre, scale, spread, table.chains, table.warmup, table.draws, study.seed)
     kept: dict[str, Any] = {"shared": made.shared, "mean": made.mean, "sd": made.sd, "members": made.members}
     write_whole(job.out / FILE, partial(np.savez, **kept))
-    plain = _together(trees, (*_OWN_LENGTHS, *(("sample_stats",) if len(todo) == 1 else ())))
+    plain = _together(trees, ("sample_stats",) if len(todo) == 1 else ())
     plain["posterior"] = _named(places, priors, made)
     plain["prior"] = _named(places, priors, _before(places, centre, scale, spread, study.seed))
     plain["conditional"] = {
@@ -160,7 +154,7 @@ def _joined_groups(job: Job, todo: Sequence[Group], trees: Sequence[xr.DataTree]
         for group, tree in zip(todo, trees, strict=True)
         for p in group.priors
     }
-    return _tree(plain, _units(places, priors))
+    return _tree(plain, _units(places, priors), trees)
 
 
 def _units(places: _Places, priors: Mapping[str, Prior]) -> dict[str, str]:

@@ -56,8 +56,13 @@ class Drawn(NamedTuple):
     seconds: dict[str, float]
 
 
-def fit(job: Job) -> str:
-    """Fit every group, draw, and store draws and DataTree."""
+def fit(job: Job, predictions: bool = True) -> str:
+    """Fit every group, draw, and store draws and DataTree.
+
+    Args:
+        job: The run.
+        predictions: Whether the DataTree has predictions; replicates have no reader.
+    """
     began = time.perf_counter()
     for name in ("priors.json", "output_error.json", "structures.json"):
         (job.out / "fit" / name).unlink(missing_ok=True)
@@ -75,7 +80,7 @@ def fit(job: Job) -> str:
         clock = time.perf_counter()
         made.append(fit_group(job, group, _part(say, 0.0, 0.8)))
         wall["optimum_s"] += time.perf_counter() - clock
-        drawn.append(draw_group(job, i, made[i], _part(say, 0.8, 1.0)))
+        drawn.append(draw_group(job, i, made[i], _part(say, 0.8, 1.0), predictions))
     for one in drawn:
         wall |= {name: wall.get(name, 0.0) + spent for name, spent in one.seconds.items()}
     failed = store(job, made, drawn, wall | {"fit_s": time.perf_counter() - began}, names)
@@ -147,7 +152,7 @@ def _lost(one: Fitted) -> list[str]:
     return [f"Left out of the posterior of {one.group.name}: {lost}." for lost in one.found.lost]
 
 
-def draw_group(job: Job, number: int, fitted: Fitted, say: Say) -> Drawn:
+def draw_group(job: Job, number: int, fitted: Fitted, say: Say, predictions: bool = True) -> Drawn:
     """Draw from the posterior of a group, and store the fit with its draws.
 
     Args:
@@ -155,6 +160,7 @@ def draw_group(job: Job, number: int, fitted: Fitted, say: Say) -> Drawn:
         number: Of the group.
         fitted: It.
         say: Called with a share done and words.
+        predictions: Whether the DataTree has predictions.
 
     Returns:
         Its draws; those of the first sampler where the study asks for both.
@@ -165,6 +171,7 @@ def draw_group(job: Job, number: int, fitted: Fitted, say: Say) -> Drawn:
     if study.noise.model == "sandwich":  # its covariance doesn't come from the noise parameters
         kinds, found = ["sandwich"], replace(found, law_effect=LawEffect.none(*found.law_effect.slope.shape))
     flights = [f.name for f in group.flights]
+    times = [load_flight(job, name)["time"].values for name in flights]
     results: list[tuple[xr.DataTree, Draws]] = []
     seconds: dict[str, float] = {}
     for kind in kinds:
@@ -176,8 +183,9 @@ def draw_group(job: Job, number: int, fitted: Fitted, say: Say) -> Drawn:
         seconds[f"{kind}_s"] = time.perf_counter() - clock
         wide = widened(draws.xi, found.law_effect, found.law_covariance, study.seed)
         tree = data_tree(
-            found.marginal, group.priors, draws, study.seed, flights, lambda s, w: say(0.5 + 0.5 * s, w), wide
-        )
+            found.marginal, group.priors, draws, study.seed, flights, lambda s, w: say(0.5 + 0.5 * s, w), wide, times,
+            predictions,
+        )  # fmt: skip
         if results:
             write_whole(job.out / f"posterior.{kind}.nc", partial(_write_tree, tree))
         else:

@@ -95,9 +95,7 @@ def _with_noise(job: Job, group: Group, stored: Stored, made: dict[str, Any]) ->
 
 def _with_prior(job: Job, group: Group, stored: Stored, told: dict[str, dict[str, Any]]) -> None:
     """Power scaling of every parameter; a likelihood interval where the prior is felt."""
-    rows = log_likelihoods(job, group)
-    likelihood = identifiability.log_likelihood(stored.marginal, stored.held, rows)
-    scaled = identifiability.power_scaling(group.priors, stored.held, likelihood)
+    scaled = identifiability.power_scaling(group.priors, stored.held, log_likelihood(job, group))
     for i, p in enumerate(group.priors):
         felt: Sensitivity = scaled[p.name]
         facts = {"prior_sensitivity": felt.prior, "likelihood_sensitivity": felt.likelihood}
@@ -107,7 +105,8 @@ def _with_prior(job: Job, group: Group, stored: Stored, told: dict[str, dict[str
             told[p.name]["likelihood_interval"] = {"level": LEVEL, "low": ends.low, "high": ends.high, "unit": p.unit}
 
 
-def log_likelihoods(job: Job, group: Group) -> list[Array]:
-    """Log likelihood of every sample for the sampler's own draws (chain, draw, T), per flight of a fit."""
+def log_likelihood(job: Job, group: Group) -> Array:
+    """Log likelihood of the flights of a fit for the sampler's own draws (chain, draw), up to a constant."""
     with xr.open_datatree(job.out / "posterior.nc", engine="h5netcdf") as tree:
-        return [np.asarray(tree["log_likelihood"][flight.name].values) for flight in group.flights]
+        rows = [np.asarray(tree["log_likelihood"][flight.name].values) for flight in group.flights]
+    return np.asarray(sum(row.sum(axis=-1) for row in rows))
