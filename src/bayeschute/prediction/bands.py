@@ -303,7 +303,7 @@ def dataset(
         held_out: Samples that the fit did not see.
         role: ``identify`` or ``predict``.
     """
-    count, names = len(prediction.touchdown), [q for q in wanted if q in prediction.draws]
+    count, names = len(prediction.last), [q for q in wanted if q in prediction.draws]
     thin = max(1, -(-count // MOST_DRAWS))
     axes = {"quantile": list(QUANTILES), "draw": np.arange(0, count, thin)}
     made = xr.Dataset(coords=axes | {"time": ("time", time, {"units": "s"})})
