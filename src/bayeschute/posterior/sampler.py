@@ -13,6 +13,7 @@ import xarray as xr
 from arviz_base import from_dict
 from numpy.typing import NDArray
 
+from bayeschute.core.random import stream
 from bayeschute.likelihood.joint import FlightData, Hyper, compared
 from bayeschute.likelihood.noise import colour
 from bayeschute.likelihood.priors import Prior, factor, standard, values, working
@@ -85,7 +86,7 @@ def sample(
 
     if kind == "emcee":
         return by_emcee()
-    rng = np.random.default_rng([seed, 2])
+    rng = stream(seed, "points of the surrogate")
     surrogate, failed = build(lambda xi: in_batches(in_range, xi), marginal.rest, rng)
     density = jax.tree_util.Partial(Surrogate.log_density, surrogate)
     made = delayed_acceptance.corrected(exact, density, parameters, chains, warmup, draws, seed, progress=tell(kind))
@@ -137,7 +138,7 @@ def data_tree(
         Groups posterior, prior, sample_stats, log_likelihood, log_prior, posterior_predictive, observed_data,
         constant_data.
     """
-    rng = np.random.default_rng([seed, 3])
+    rng = stream(seed, "prior and predictive draws")
     chains, count, parameters = draws.xi.shape
     held = np.asarray(marginal.centre) + draws.xi @ np.asarray(marginal.scale).T
     theta = held if wide is None else np.asarray(marginal.centre) + wide @ np.asarray(marginal.scale).T

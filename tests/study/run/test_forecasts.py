@@ -42,7 +42,7 @@ def same(a, b) -> bool:
 
 def test_parts_in_any_order_are_the_whole(job, alone, small_parts):
     flights = [f for f in job.study.flights if f.roles]
-    (order,), _ = module._orders(job, 1, flights[1])
+    (order,), _ = module._orders(job, flights[1])
     assert [part.stop for part in order.parts()] == [2, 4, 6, 7]
     carried = pickle.loads(pickle.dumps(order))  # as a worker gets it
     made = {part.start: carried.draw(part) for part in reversed(order.parts())}
@@ -60,7 +60,7 @@ def test_over_processes_the_same_bit_for_bit(job, alone, small_parts):
 
 
 def test_parts_that_were_lost_count_as_failed(job, alone, small_parts):
-    (order,), _ = module._orders(job, 0, job.study.flights[0])
+    (order,), _ = module._orders(job, job.study.flights[0])
     made = {part.start: order.draw(part) for part in order.parts()}
     assert len(order.theta) == 100
     lost = module._joined(order, made | {2: Lost("killed"), 6: Lost("killed")})
@@ -75,7 +75,7 @@ def test_parts_that_were_lost_count_as_failed(job, alone, small_parts):
 
 
 def test_many_draws_are_few_parts(job):
-    (order,), _ = module._orders(job, 0, job.study.flights[0])
+    (order,), _ = module._orders(job, job.study.flights[0])
     many = replace(order, theta=np.repeat(order.theta, 2000, axis=0)).parts()
     assert len(many) <= module._MOST_PARTS
     assert [i for part in many for i in part] == list(range(200_000 // GROUP))

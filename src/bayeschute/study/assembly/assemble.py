@@ -12,6 +12,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from bayeschute.aero.capsule_table import capsule_table
+from bayeschute.core.random import seed_of
 from bayeschute.core.vectors import Vec3
 from bayeschute.dynamics import parameters
 from bayeschute.dynamics.parameters import Canopies, Capsule, Cluster, Risers, Structure, engagement_length
@@ -167,8 +168,7 @@ def drop(virtual: VirtualFlight, quick: bool = False) -> VirtualDrop:
 
 def flight_seed(study: Study, flight: Flight) -> int:
     """The seed of one flight's random numbers, its own whatever the other flights are."""
-    place = [f.name for f in study.flights].index(flight.name)
-    return int(np.random.SeedSequence([study.seed, place]).generate_state(1)[0])
+    return seed_of(study.seed, "virtual flight", flight.name)
 
 
 def hyper(study: Study) -> Hyper:

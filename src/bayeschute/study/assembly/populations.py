@@ -20,6 +20,7 @@ from arviz_base import from_dict
 from numpy.typing import NDArray
 
 from bayeschute.core.files import write_whole
+from bayeschute.core.random import stream
 from bayeschute.likelihood.priors import Prior, working
 from bayeschute.posterior.combine import hierarchy, random_effects
 from bayeschute.posterior.combine.hierarchy import Hierarchy
@@ -47,7 +48,7 @@ def _bodies(job: Job, todo: Sequence[Group], trees: Sequence[xr.DataTree]) -> xr
     mean, sd = np.array(told).T
     sizes = (table.chains, table.warmup, table.draws, job.study.seed)
     made = random_effects.fit(mean, sd, (prior.centre, prior.scale), *sizes)
-    rng = np.random.default_rng([job.study.seed, 4])
+    rng = stream(job.study.seed, "prior of bodies")
     plain = _together(trees, ("posterior", "conditional", "prior", "log_prior", *_OWN_LENGTHS))
     plain["posterior"] |= {"population_mean": made.mean, "population_sd": made.sd}
     plain["prior"] |= {
@@ -184,7 +185,7 @@ def _by_name(todo: Sequence[Group]) -> dict[str, Prior]:
 
 def _before(places: _Places, centre: Array, scale: Array, spread: Array, seed: int) -> Hierarchy:
     """Draws of the prior of a hierarchy."""
-    rng, size, shared = np.random.default_rng([seed, 4]), (1, _PRIOR_DRAWS), len(places.shared)
+    rng, size, shared = stream(seed, "prior of the populations"), (1, _PRIOR_DRAWS), len(places.shared)
     both = centre + scale * rng.standard_normal((*size, centre.size))
     sd = np.abs(spread * rng.standard_normal((*size, spread.size)))
     before = Hierarchy(both[..., :shared], both[..., shared:], sd, both[..., :0], 0)
@@ -230,7 +231,7 @@ def _of_members(job: Job, alone: Stored, flown: bool, todo: Sequence[Group], fit
     """
     with np.load(job.out / FILE) as file:
         made = Hierarchy(**{name: file[name] for name in ("shared", "mean", "sd", "members")}, failed=0)
-    rng, places = np.random.default_rng([job.study.seed, 17, fit]), _places(job.study.priors.vary or (), todo)
+    rng, places = stream(job.study.seed, "further members", todo[fit].name), _places(job.study.priors.vary or (), todo)
     members = made.members if flown else hierarchy.others(made, places.of, rng)
     theta = np.concatenate([made.shared, members], axis=-1)[..., list(places.fits[fit])]
     mixed = rng.permutation(theta.reshape(-1, theta.shape[-1])).reshape(theta.shape)

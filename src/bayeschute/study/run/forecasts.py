@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from bayeschute.calibration.workers import Lost, client_of, finished
 from bayeschute.core.errors import Fault, InputError
+from bayeschute.core.random import seed_of, stream
 from bayeschute.likelihood.joint import FlightData, Hyper
 from bayeschute.likelihood.priors import Prior
 from bayeschute.posterior.marginal import Marginal
@@ -114,19 +115,17 @@ def _group_of(job: Job, flight: Flight) -> Group:
     return next((g for g in todo if flight in g.flights), todo[0])
 
 
-def _order(
-    job: Job, flight: Flight, group: Group, stored: Stored, draws: int, place: tuple[int, int]
-) -> tuple[_Order, Array]:
-    """What draws of a flight by one fit need; `place` is the number of the flight and that of the structure.
+def _order(job: Job, flight: Flight, group: Group, stored: Stored, draws: int) -> tuple[_Order, Array]:
+    """What draws of a flight by one fit need.
 
     Returns:
         That, and the times of its record.
     """
-    study, (i, j) = job.study, place
+    study = job.study
     flat = stored.held.reshape(-1, stored.held.shape[-1])
     picked = flat[np.linspace(0, len(flat) - 1, min(draws, len(flat))).astype(int)]
     time = load_flight(job, flight.name)["time"].values
-    rng = np.random.default_rng([study.seed, 5, i, *([j] if j else [])])
+    rng = stream(study.seed, "noise parameters of a flight's draws", flight.name, group.name)
     laws = bands.law_draws(stored.hyper, stored.law_covariance, -(-len(picked) // bands.GROUP), rng)
     theta = bands.carried(stored.marginal, picked, laws, stored.law_effect)
     known: Marginal | tuple[Hyper, list[Prior]] = stored.marginal
@@ -136,7 +135,7 @@ def _order(
     else:
         whole = data_of(job, flight, group.priors, like=group.flights[0])
         known = (stored.hyper, gaussian_summary(group.priors, stored.theta))
-    seed, spread = study.seed + 100 + i + 10_000 * j, study.predict.disturbance_log_sd
+    seed, spread = seed_of(study.seed, "draws of a flight", flight.name, group.name), study.predict.disturbance_log_sd
     return _Order(known, index, whole, theta, laws, seed, until - time[0], spread), time
 
 
@@ -150,7 +149,7 @@ def _until(flight: Flight, fitted: bool, time: Array) -> float:
 Tell = Callable[[Sequence[bands.Prediction]], Foretold]
 
 
-def _orders(job: Job, i: int, flight: Flight) -> tuple[list[_Order], Tell]:
+def _orders(job: Job, flight: Flight) -> tuple[list[_Order], Tell]:
     """What a flight's draws need, by every structure that has a share in them, and what becomes of them."""
     group = _group_of(job, flight)
     stored, flown = load_fit(job, group), flight in group.flights
@@ -160,11 +159,11 @@ def _orders(job: Job, i: int, flight: Flight) -> tuple[list[_Order], Tell]:
     else:
         members = structures.members(job, group, draws)
         told = [(one, stored if one is group else load_fit(job, one), n) for one, n in members]
-    made = [_order(job, flight, one, of_it, draws, (i, j)) for j, (one, of_it, draws) in enumerate(told)]
+    made = [_order(job, flight, one, of_it, draws) for one, of_it, draws in told]
     orders, time = [order for order, _ in made], made[0][1]
     record, truth = load_flight(job, flight.name), load_truth(job, flight.name)
     held_out = time > _until(flight, flown, time)
-    seed = job.study.seed + 100 + i
+    seed = seed_of(job.study.seed, "record of a flight", flight.name)
     return orders, lambda made: Foretold(flight, stored, mix(made), time, held_out, record, truth, seed)
 
 
@@ -180,12 +179,12 @@ def foretell(job: Job) -> Iterator[Foretold]:
     say = job.say("predict")
     with client_of(job.workers, job.address) as client:
         if client is not None:
-            asked = [_orders(job, i, flight) for i, flight in enumerate(flights)]
+            asked = [_orders(job, flight) for flight in flights]
             coming = _anywhere([order for orders, _ in asked for order in orders], client, say)
             yield from (tell([next(coming) for _ in orders]) for orders, tell in asked)
             return
         for i, flight in enumerate(flights):
-            orders, tell = _orders(job, i, flight)
+            orders, tell = _orders(job, flight)
             made = []
             for j, order in enumerate(orders):
 
@@ -198,7 +197,7 @@ def foretell(job: Job) -> Iterator[Foretold]:
 
 def foretell_flight(job: Job, flight: Flight) -> Foretold:
     """Draw the quantities of one flight of a job's study, in this process."""
-    orders, tell = _orders(job, job.study.flights.index(flight), flight)
+    orders, tell = _orders(job, flight)
     return tell([order.draw() for order in orders])
 
 
