@@ -7,8 +7,7 @@ landing whose solve failed is never dropped: it counts as one beyond every limit
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +18,7 @@ import pyarrow.parquet as pq
 from numpy.typing import ArrayLike
 
 from bayeschute.core.errors import Fault, InputError
+from bayeschute.core.files import write_whole
 from bayeschute.prediction.binomial_limits import clopper_pearson, jeffreys, wilks_sample_size
 from bayeschute.prediction.landings import (
     TOLERANCES,
@@ -47,16 +47,9 @@ __all__ = [
 ]
 
 
-def _atomic(path: Path, write: Callable[[Path], object]) -> None:
-    """Write beside the target and rename, so that a killed process leaves no half file."""
-    part = path.with_name(path.name + ".part")
-    write(part)
-    os.replace(part, path)
-
-
 def _csv(frame: pd.DataFrame, path: Path, index: bool = False) -> None:
     """Write a frame as CSV with every digit."""
-    _atomic(path, lambda part: frame.to_csv(part, index=index))
+    write_whole(path, lambda part: frame.to_csv(part, index=index))
 
 
 def _parquet(frame: pd.DataFrame, path: Path, units: Mapping[str, str]) -> None:
@@ -66,7 +59,7 @@ def _parquet(frame: pd.DataFrame, path: Path, units: Mapping[str, str]) -> None:
     table = pa.Table.from_pandas(frame, preserve_index=False)
     fields = [field.with_metadata({"unit": units.get(field.name, "1")}) for field in table.schema]
     table = table.cast(pa.schema(fields, metadata=table.schema.metadata))
-    _atomic(path, lambda part: pq.write_table(table, part))
+    write_whole(path, lambda part: pq.write_table(table, part))
 
 
 def draws_table(draws: Mapping[str, ArrayLike]) -> pd.DataFrame:
