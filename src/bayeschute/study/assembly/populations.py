@@ -11,16 +11,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
 from arviz_base import from_dict
 from numpy.typing import NDArray
 
-from bayeschute.core.files import write_whole
 from bayeschute.core.random import stream
+from bayeschute.core.trees import load_tree, save_tree
 from bayeschute.likelihood.priors import Prior, working
 from bayeschute.posterior.combine import hierarchy, random_effects
 from bayeschute.posterior.combine.hierarchy import Hierarchy
@@ -151,8 +150,7 @@ def _joined_groups(job: Job, todo: Sequence[Group], trees: Sequence[xr.DataTree]
     told = hierarchy.joint(likelihoods, places.fits, len(places.shared) + len(places.members))
     sizes = [places.of.count(k) for k in range(len(places.populations))]
     made = hierarchy.fit(told, sizes, centre, scale, spread, table.chains, table.warmup, table.draws, study.seed)
-    kept: dict[str, Any] = {"shared": made.shared, "mean": made.mean, "sd": made.sd, "members": made.members}
-    write_whole(job.out / FILE, partial(np.savez, **kept))
+    save_tree(job.out / FILE, made)
     plain = _together(trees, (*_OWN_LENGTHS, *(("sample_stats",) if len(todo) == 1 else ())))
     plain["posterior"] = _named(places, priors, made)
     plain["prior"] = _named(places, priors, _before(places, centre, scale, spread, study.seed))
@@ -229,8 +227,7 @@ def _of_members(job: Job, alone: Stored, flown: bool, todo: Sequence[Group], fit
     Noise stays that of the fit alone. The draws are in an order of their own, so that fits which foretell one flight
     together don't all give the same ones.
     """
-    with np.load(job.out / FILE) as file:
-        made = Hierarchy(**{name: file[name] for name in ("shared", "mean", "sd", "members")}, failed=0)
+    made = load_tree(job.out / FILE, Hierarchy)
     rng, places = stream(job.study.seed, "further members", todo[fit].name), _places(job.study.priors.vary or (), todo)
     members = made.members if flown else hierarchy.others(made, places.of, rng)
     theta = np.concatenate([made.shared, members], axis=-1)[..., list(places.fits[fit])]

@@ -12,6 +12,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from bayeschute.core.files import write_whole
+from bayeschute.core.trees import load_tree, save_tree
 from bayeschute.likelihood.joint import FlightData, as_seen, stepped
 from bayeschute.likelihood.kalman import Seen, innovations
 from bayeschute.posterior.marginal import Along
@@ -31,6 +32,7 @@ from bayeschute.study.study import Flight
 Array = NDArray[np.float64]
 
 
+STATISTICS = "fit/statistics.npz"
 _FAR_DRAWS = 2.0  # standard deviations: farther off, draws are not about the mode that was found
 
 
@@ -213,7 +215,7 @@ def predict(job: Job) -> str:
     """Bands of every flight that is fitted or predicted."""
     wanted = job.study.predict.quantities or ()
     made: dict[str, xr.Dataset] = {}
-    arrays: dict[str, Any] = {}
+    statistics: dict[str, dict[str, Array]] = {}
     coverage: dict[str, Any] = {}
     without: list[str] = []
     by = widening(job)
@@ -234,7 +236,7 @@ def predict(job: Job) -> str:
             if q in prediction.draws
         }
         without += [name] if not any(entry["draws"] for entry in coverage[name].values()) else []
-        arrays |= {f"{name}|{k}": v for k, v in _statistics(foreseen.prediction, counted).items()}
+        statistics[name] = _statistics(foreseen.prediction, counted)
     write_whole(
         job.out / "predictions.nc",
         lambda p: xr.DataTree.from_dict({f"/{k}": v for k, v in made.items()}).to_netcdf(p, engine="h5netcdf"),
@@ -243,12 +245,7 @@ def predict(job: Job) -> str:
     (job.out / RECALIBRATION).unlink(missing_ok=True)
     if by is not None:
         job.save(RECALIBRATION, by._asdict())
-
-    def write(path: Any) -> None:
-        with path.open("wb") as file:
-            np.savez(file, **arrays)
-
-    write_whole(job.out / "fit" / "statistics.npz", write)
+    save_tree(job.out / STATISTICS, statistics)
     none = f", no bands of {', '.join(without)}: every simulation failed" if without else ""
     return f"{len(made)} flights{none}"
 
@@ -300,18 +297,9 @@ def _statistics(prediction: bands.Prediction, counted: NDArray[np.bool_]) -> dic
     return table
 
 
-def _load_statistics(job: Job) -> dict[str, dict[str, Array]]:
-    with np.load(job.out / "fit" / "statistics.npz") as file:
-        tables: dict[str, dict[str, Array]] = {}
-        for key in file.files:
-            flight, name = key.split("|", 1)
-            tables.setdefault(flight, {})[name] = file[key]
-    return tables
-
-
 def risk(job: Job) -> str:
     """Files for risk assessors, and the requirements."""
-    study, tables = job.study, _load_statistics(job)
+    study, tables = job.study, load_tree(job.out / STATISTICS, dict[str, dict[str, Array]])
     draws, units = summary_draws(job)
     touchdown = {f: {k.split("|")[1]: v for k, v in t.items() if k.startswith("touchdown|")} for f, t in tables.items()}
     ess = job.load("checks.json")["ess_bulk"]

@@ -26,7 +26,7 @@ from bayeschute.study.run.log import NAME as LOG
 from bayeschute.study.run.log import Log, warnings_to
 
 STAGES = ("ingest", "structure", "priors", "fit", "check", "predict", "risk", "report")
-LEFT = 2
+LEFT = 3
 """What stages leave for each other: one more where a program can't, or mustn't, go on from what an earlier one left."""
 
 
