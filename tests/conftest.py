@@ -31,7 +31,7 @@ TRUTH = {"low": 0.155, "high": 0.160}  # C_D S/m [m^2/kg]
 STUDY = """
 title = "Two made-up sondes"
 model = "descent"
-seed = 3
+seed = 4
 [columns]
 time = { column = "time_s", unit = "s" }
 altitude = { column = "altitude_m", unit = "m" }

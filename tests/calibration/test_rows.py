@@ -42,8 +42,9 @@ def test_pandas_reads_a_folder_as_one_table(tmp_path: Path):
     for seed in (7, 5):
         write_row(tmp_path, "a", row(seed))
     write_row(tmp_path, "a", {"seed": 6, "ok": False, "error": "no flight"})
-    (tmp_path / ".8.part").write_bytes(b"cut")  # what a kill leaves
+    (tmp_path / ".8.0a1b2c.part.parquet").write_bytes(b"cut")  # what a kill leaves
     table = pd.read_parquet(tmp_path)
+    assert set(read_rows(tmp_path)) == {5, 6, 7}
     assert list(table) == ["seed", "entry", "value", "text"]
     means = table[table.entry.str.fullmatch("/parameters/.*/mean")].pivot(index="seed", columns="entry", values="value")
     assert means.loc[7, "/parameters/axial[alpha^2]/mean"] == 0.1 + 0.2

@@ -1,10 +1,11 @@
 from __future__ import annotations
 
-import io
+from pathlib import Path
 
 import numpy as np
 
-from bayeschute.posterior.best_path import BestPath, as_arrays, from_arrays
+from bayeschute.core.trees import load_tree, save_tree
+from bayeschute.posterior.best_path import BestPath
 
 
 def _path(name: str) -> BestPath:
@@ -17,14 +18,13 @@ def test_residuals_are_of_what_was_recorded():
     np.testing.assert_allclose(_path("a").rms(), [np.sqrt(12.5), np.nan, 2.0])
 
 
-def test_paths_come_back_from_a_file():
-    file = io.BytesIO()
-    np.savez(file, allow_pickle=False, **as_arrays([_path("first flight"), _path("b.flight")]))
-    file.seek(0)
-    with np.load(file, allow_pickle=False) as arrays:
-        made = from_arrays(arrays)
+def test_paths_come_back_from_a_file(tmp_path: Path):
+    file = tmp_path / "failed.npz"
+    save_tree(file, (_path("first flight"), _path("b.flight")))
+    made = load_tree(file, tuple[BestPath, ...])
     assert [one.flight for one in made] == ["first flight", "b.flight"]
     assert made[0].outputs == _path("").outputs
     for name in ("time", "residual", "noise", "defect"):
         np.testing.assert_array_equal(getattr(made[1], name), getattr(_path(""), name))
-    assert from_arrays({}) == () and as_arrays([]) == {}
+    save_tree(file, ())
+    assert load_tree(file, tuple[BestPath, ...]) == ()

@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bayeschute.posterior.best_path import BestPath, as_arrays
+from bayeschute.core.trees import save_tree
+from bayeschute.posterior.best_path import BestPath
 from bayeschute.report import failed_fit
 from bayeschute.report.page import build_report
 from bayeschute.report.run_results import read_results
@@ -35,7 +36,7 @@ def failed(run_dir: Path, tmp_path: Path) -> Path:
     residual[:, 3] = np.nan
     path = BestPath("cdt-3-11", time, OUTPUTS, residual, np.array(NOISE), np.abs(rng.normal(size=899)))
     (folder / "fit").mkdir()
-    np.savez(folder / "fit/failed.npz", allow_pickle=False, **as_arrays([path]))
+    save_tree(folder / "fit/failed.npz", (path,))
     row = {"name": "riser_stiffness", "value": 2.2e5, "standard_error": 1e4, "unit": "N/m"}
     row |= {"prior_mean": 2.0e5, "prior_sd": 6e4}
     odd = {"name": "axial[1]", "value": 0.9, "standard_error": None, "unit": "1"}

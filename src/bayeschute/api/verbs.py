@@ -199,7 +199,7 @@ def sample(
     table = type(table).model_validate(table.model_dump() | {k: v for k, v in asked.items() if v is not None})
     spec = replace(fitted.spec, sampler=table, seed=fitted.spec.seed if seed is None else seed)
     with _shown(progress) as tell, workspace(spec, fitted.files, tell) as job:
-        drawn = [stage_fit.draw_group(job, i, one, job.say("fit")) for i, one in enumerate(fitted.groups)]
+        drawn = [stage_fit.draw_group(job, one, job.say("fit")) for one in fitted.groups]
         stage_fit.store(job, fitted.groups, drawn)
         stage_results.check(job)
         return Posterior.of_run(job.out, spec)

@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import binom
 
+from bayeschute.core.random import stream
+
 Array = NDArray[np.float64]
 _SIMULATED = 4000  # samples of ranks behind the band's width
 
@@ -74,7 +76,7 @@ def _pointwise(counts: NDArray[np.int64], n: int, at: Array) -> Array:
 @lru_cache(maxsize=32)
 def _bound(n: int, levels: int, probability: float) -> float:
     """Least pointwise probability that samples of n uniform ranks keep to with the given probability."""
-    rng, at = np.random.default_rng([n, levels]), np.arange(1, levels + 1) / (levels + 1)
+    rng, at = stream(0, "uniform ranks", n, levels), np.arange(1, levels + 1) / (levels + 1)
     drawn = rng.multinomial(n, np.full(levels + 1, 1.0 / (levels + 1)), size=_SIMULATED)
     worst = _pointwise(np.cumsum(drawn, axis=1)[:, :-1], n, at).min(axis=1)
     return float(np.quantile(worst, 1.0 - probability, method="lower"))

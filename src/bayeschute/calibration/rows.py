@@ -14,9 +14,9 @@ columns, so ``pandas.read_parquet(folder)`` gives all rows, complete or of a cam
 from __future__ import annotations
 
 import json
-import os
 from collections import Counter
 from collections.abc import Iterable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from bayeschute.core.errors import Fault, InputError
+from bayeschute.core.files import write_whole
 
 Row = dict[str, Any]
 _COLUMNS = (("seed", pa.int64()), ("entry", pa.string()), ("value", pa.float64()), ("text", pa.string()))
@@ -75,7 +76,6 @@ def write_row(folder: Path, identity: str, row: Row) -> None:
         identity: Hash of the campaign.
         row: With its ``seed``; keys are texts.
     """
-    folder.mkdir(parents=True, exist_ok=True)
     pairs = list(entries(row))
     columns = (
         [row["seed"]] * len(pairs),
@@ -84,9 +84,7 @@ def write_row(folder: Path, identity: str, row: Row) -> None:
         [json.dumps(what) for _, what in pairs],
     )
     table = pa.table(list(columns), pa.schema(_COLUMNS, metadata={_CAMPAIGN: identity.encode()}))
-    aside = folder / f".{row['seed']}.part"  # readers of the folder pass over what begins with a dot
-    pq.write_table(table, aside)
-    os.replace(aside, folder / f"{row['seed']}.parquet")
+    write_whole(folder / f"{row['seed']}.parquet", partial(pq.write_table, table))
 
 
 def read_rows(folder: Path, identity: str | None = None) -> dict[int, Row]:
@@ -101,7 +99,7 @@ def read_rows(folder: Path, identity: str | None = None) -> dict[int, Row]:
     """
     rows: dict[int, Row] = {}
     others, faults = Counter[str](), []
-    for path in sorted(folder.glob("*.parquet")):
+    for path in sorted(folder.glob("[!.]*.parquet")):
         try:
             table = pq.ParquetFile(path).read()
             found = (table.schema.metadata or {})[_CAMPAIGN].decode()

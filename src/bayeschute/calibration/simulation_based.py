@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayeschute.calibration.ranks import EcdfTest, rank, uniform
+from bayeschute.core.random import stream
 from bayeschute.likelihood.joint import Course, FlightData, Hyper, Unknowns, course, residuals, states
 from bayeschute.likelihood.noise import colour
 from bayeschute.likelihood.priors import Prior, factor, working
@@ -131,7 +132,7 @@ def draw(template: Template, seed: int, believed: Believed | None = None) -> Dra
     Raises:
         FloatingPointError: If what is drawn hardly ever flies.
     """
-    rng, flight = np.random.default_rng([seed, 9]), template.flight
+    rng, flight = stream(seed, "truth and data of a replicate"), template.flight
     blank = replace(
         flight, observed=np.zeros(np.shape(flight.observed)), present=np.ones(np.shape(flight.present), bool)
     )
@@ -165,7 +166,7 @@ def derived(template: Template, found: Found, xi: Array, seed: int) -> dict[str,
         xi: Draws of the parameters for held noise parameters, standard coordinates (B, P).
         seed: Seed.
     """
-    marginal, rng = found.marginal, np.random.default_rng([seed, 10])
+    marginal, rng = found.marginal, stream(seed, "derived quantities")
     flight, at = marginal.flights[-1], to_vector(found.hyper)
     root, parts = np.linalg.cholesky(found.law_covariance), []
     for start in range(0, len(xi), _GROUP):

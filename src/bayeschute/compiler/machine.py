@@ -5,10 +5,9 @@ from __future__ import annotations
 import ctypes
 import hashlib
 import importlib.util
-import os
-import tempfile
 import threading
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayeschute.compiler.emit import Program
+from bayeschute.core.files import write_whole
 from bayeschute.core.numerics import compilation_cache
 
 Array = NDArray[np.float64]
@@ -97,12 +97,8 @@ def _kept(key: str) -> bytes | None:
 
 def _keep(key: str, code: bytes) -> bytes:
     """Store an object file; a folder that can't be written only means that it is made again next time."""
-    path = _file(key)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as aside:
-            aside.write(hashlib.sha256(code).digest() + code)
-        os.replace(aside.name, path)
+        write_whole(_file(key), partial(Path.write_bytes, data=hashlib.sha256(code).digest() + code), shared=True)
     except OSError:
         pass
     return code

@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from bayeschute.core.random import stream
 from bayeschute.core.vectors import Component
 from bayeschute.likelihood.joint import Course, FlightData, Hyper, Linear, as_seen, course, moved, stepped
 from bayeschute.likelihood.kalman import Gains, Gap, Seen, innovations
@@ -48,7 +49,7 @@ def mean(
     pairs, shares = (_FEW, _SHARES[2:]) if rough else (_PAIRS, _SHARES)
     (samples, states), outputs = np.shape(driven.path), np.shape(flight.observed)[1]
     blank = Seen(jnp.zeros((samples, outputs, pairs)), jnp.zeros((samples, states, pairs)))
-    z = normals(flight, pairs, np.random.default_rng(0))
+    z = normals(flight, pairs, stream(0, "pairs of the mean flight"))
     off = drawn(flight, hyper, made, blank, z)
     by = course(flight, hyper, off.unknowns)
     wide, lost = jnp.repeat(jnp.asarray(theta)[:, None], 2 * pairs, axis=1), 0

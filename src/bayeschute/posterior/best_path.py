@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,25 +37,3 @@ class BestPath:
         count = known.sum(axis=0)
         total = np.sum(np.where(known, self.residual, 0.0) ** 2, axis=0)
         return np.where(count > 0, np.sqrt(total / np.maximum(count, 1)), np.nan)
-
-
-def as_arrays(paths: Iterable[BestPath]) -> dict[str, NDArray[np.generic]]:
-    """Paths as arrays for one ``.npz`` file, see `from_arrays`."""
-    return {
-        f"{i}.{one.name}": np.asarray(getattr(path, one.name)) for i, path in enumerate(paths) for one in fields(path)
-    }
-
-
-def from_arrays(arrays: Mapping[str, NDArray[np.generic]]) -> tuple[BestPath, ...]:
-    """Paths as `as_arrays` took them.
-
-    Raises:
-        KeyError: If an array of a path is not there.
-    """
-    made = []
-    for i in range(sum(name.endswith(".flight") for name in arrays)):
-        numbers = (np.asarray(arrays[f"{i}.{name}"], float) for name in ("time", "residual", "noise", "defect"))
-        time, residual, noise, defect = numbers
-        outputs = tuple(map(str, arrays[f"{i}.outputs"]))
-        made.append(BestPath(str(arrays[f"{i}.flight"]), time, outputs, residual, noise, defect))
-    return tuple(made)

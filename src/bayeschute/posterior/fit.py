@@ -13,6 +13,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from bayeschute.core.errors import FitError
+from bayeschute.core.random import stream
 from bayeschute.likelihood.joint import FlightData, Hyper, Lifted, Linear, Unknowns
 from bayeschute.likelihood.kalman import Gap
 from bayeschute.likelihood.priors import Prior, working
@@ -456,10 +457,15 @@ def conclude(
     say(0.8, "log determinant at the mode")
     began = Settled(replace(best, converged=settled.optimum.converged), hyper, value)
     best, hyper, made, lost, seen = _last(flights, priors, began, laws)
-    wrong = laplace.error(made, 4, np.random.default_rng(0))
+    wrong = _determinant_error(made)
     slope = scipy.linalg.solve_triangular(np.asarray(made.scale), scale @ slope, lower=True)
     effect = LawEffect(slope, *law_spread(made, known))
     return Found(best, hyper, made, value, known, effect, wrong, seen, lost)
+
+
+def _determinant_error(made: Marginal) -> float:
+    """Error of Laplace's approximation, always at the same points: what follows from it doesn't depend on a seed."""
+    return laplace.error(made, 4, stream(0, "points of the log determinant"))
 
 
 def _last(
@@ -488,7 +494,7 @@ def _last(
             failed = error
             continue
         best, made, lost, ahead, step = min(found, key=lambda one: _away(one[3]))
-        if step and laplace.error(made, 4, np.random.default_rng(0)) > _DETERMINANT:
+        if step and _determinant_error(made) > _DETERMINANT:
             made, there = laplace.corrected(made, step, crossed=len(priors))
             ahead = ahead if there is None else there
         away = _away(ahead)

@@ -21,6 +21,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from bayeschute.core.numerics import processors
+from bayeschute.core.random import stream
 from bayeschute.likelihood.joint import as_seen, linearise
 from bayeschute.likelihood.kalman_gradient import conditional_score, from_vector, to_vector
 from bayeschute.posterior.differences import beside
@@ -143,7 +144,7 @@ def widened(xi: Array, effect: LawEffect, covariance: Array, seed: int) -> Array
         covariance: Of the logarithms of the noise parameters (V, V).
         seed: Seed.
     """
-    z = np.random.default_rng([seed, 8]).standard_normal((*xi.shape[:-1], len(covariance)))
+    z = stream(seed, "noise parameters of the draws").standard_normal((*xi.shape[:-1], len(covariance)))
     return effect.carried(xi, z @ np.linalg.cholesky(covariance).T)
 
 

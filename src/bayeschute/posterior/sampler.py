@@ -13,6 +13,7 @@ import xarray as xr
 from arviz_base import from_dict
 from numpy.typing import NDArray
 
+from bayeschute.core.random import stream
 from bayeschute.likelihood.priors import Prior, factor, standard, values, working
 from bayeschute.posterior.assess.flight_groups import HELD, flight_groups
 from bayeschute.posterior.marginal import (
@@ -82,7 +83,7 @@ def sample(
 
     if kind == "emcee":
         return by_emcee()
-    rng = np.random.default_rng([seed, 2])
+    rng = stream(seed, "points of the surrogate")
     surrogate, failed = build(lambda xi: in_batches(in_range, xi), marginal.rest, rng)
     density = jax.tree_util.Partial(Surrogate.log_density, surrogate)
     made = delayed_acceptance.corrected(exact, density, parameters, chains, warmup, draws, seed, progress=tell(kind))
@@ -141,7 +142,7 @@ def data_tree(
         Groups posterior, prior, sample_stats, log_prior, constant_data, those of `flight_groups`, and conditional where
         draws are widened.
     """
-    rng = np.random.default_rng([seed, 3])
+    rng = stream(seed, "prior and predictive draws")
     parameters = draws.xi.shape[-1]
     held = np.asarray(marginal.centre) + draws.xi @ np.asarray(marginal.scale).T
     theta = held if wide is None else np.asarray(marginal.centre) + wide @ np.asarray(marginal.scale).T

@@ -17,6 +17,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from bayeschute.core.random import stream
 from bayeschute.dynamics import cluster_flight, descent
 from bayeschute.dynamics.cluster_flight import ClusterFlight
 from bayeschute.likelihood.joint import Course, FlightData, Hyper, Unknowns, course, states
@@ -173,8 +174,8 @@ def predict(
     Returns:
         The prediction.
     """
-    stronger = np.random.default_rng([seed, index, 11])
-    part, rng = marginal.flights[index], np.random.default_rng([seed, index])
+    stronger = stream(seed, "strength of disturbances beyond the data", index)
+    part, rng = marginal.flights[index], stream(seed, "unknowns of a flight", index)
     flight, draws = whole or part, theta.shape[0]
     kept = min(int(np.floor(told / float(flight.dt) + 1e-9)) + 1 if np.isfinite(told) else part.samples, part.samples)
     xi = np.linalg.solve(np.asarray(marginal.scale), (theta - np.asarray(marginal.centre)).T)
@@ -254,7 +255,7 @@ def recorded_draws(prediction: Prediction, name: str, noise: tuple[float, float,
     if noise is None:
         return values
     white, correlated, tau = noise
-    rng = np.random.default_rng([seed, 7])
+    rng = stream(seed, "instruments", name)
     dt = float(prediction.time[1] - prediction.time[0])
     drift = ornstein_uhlenbeck(correlated, tau, dt, values.T.shape, rng).T
     return values + drift + white * rng.standard_normal(values.shape)

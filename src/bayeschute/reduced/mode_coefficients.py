@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from bayeschute.core.errors import Fault, InputError
+from bayeschute.core.random import stream
 from bayeschute.reduced.cluster_mode_laws import Canopy, flyout_slope, maypole_normal
 from bayeschute.reduced.pendulum import Pendulum, normal_slope, pivot_distance, total_damping
 from bayeschute.regression.equation_error import fit
@@ -87,7 +88,7 @@ def flyout_coefficients(
     Raises:
         InputError: As `fit_swing`.
     """
-    rng = np.random.default_rng(seed)
+    rng = stream(seed, "flyout")
     swing = fit_swing(flyout_angle, dt, observed="angle", band=band, settle=False, seed=seed)
     natural = swing.draws["frequency"] / np.sqrt(np.maximum(1.0 - swing.draws["damping_ratio"] ** 2, 1e-6))
     period = 1.0 / natural
@@ -124,7 +125,7 @@ def maypole_coefficients(
     Raises:
         InputError: If there are fewer than ten samples or the radius exceeds the length of the lines.
     """
-    rng = np.random.default_rng(seed)
+    rng = stream(seed, "maypole")
     turn = unwrapped(np.asarray(azimuth, dtype=float))
     time = np.arange(turn.size) * dt
     line = fit(np.column_stack([np.ones_like(time), time - time.mean()]), turn, ["azimuth", "turning"])

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from bayeschute.atmosphere.standard import standard_density
 from bayeschute.compiler.integrate import trajectory_compiled
+from bayeschute.core.random import stream
 from bayeschute.likelihood import disturbances as processes
 from bayeschute.likelihood.joint import FlightData, Hyper
 from bayeschute.records.sensors import SensorNoise, noisy, ornstein_uhlenbeck
@@ -69,7 +70,7 @@ def fly_swing(
     Raises:
         FloatingPointError: If the flight is not finite.
     """
-    rng = np.random.default_rng(seed)
+    rng = stream(seed, "virtual swing")
     time = np.arange(round(drop.duration / drop.dt) + 1) * drop.dt
     gusts = drop.turbulence
     sd = np.array([gusts.horizontal, gusts.vertical])

@@ -11,7 +11,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from bayeschute.posterior.best_path import BestPath, from_arrays
+from bayeschute.core.trees import load_tree
+from bayeschute.posterior.best_path import BestPath
 from bayeschute.records.record import VARIABLES
 from bayeschute.report.figures.canvas import INK, SERIES, SHADE, VERMILION, sheet, styled
 from bayeschute.report.run_results import Results, json_object, try_read
@@ -160,8 +161,7 @@ def residual_figure(path: BestPath) -> Figure:
 
 
 def _read_paths(file: Path) -> tuple[BestPath, ...]:
-    with np.load(file, allow_pickle=False) as arrays:
-        return from_arrays(arrays)
+    return load_tree(file, tuple[BestPath, ...])
 
 
 def view(results: Results, draw: Draw) -> dict[str, Any]:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import base64
-import os
 import re
 from collections.abc import Mapping
+from functools import partial
 from importlib import resources
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,6 +15,7 @@ import xarray as xr
 from jinja2 import Environment, StrictUndefined
 from matplotlib.figure import Figure
 
+from bayeschute.core.files import write_whole
 from bayeschute.report import failed_fit, sentences
 from bayeschute.report.figures import inference_figures, record_figures
 from bayeschute.report.figures.canvas import save
@@ -294,7 +295,5 @@ def build_report(run_dir: str | Path) -> Path:
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     page = environment.from_string(text).render(_context(results))
     path = results.folder / "report.html"
-    part = path.with_name("report.html.part")
-    part.write_text(page, encoding="utf-8")
-    os.replace(part, path)
+    write_whole(path, partial(Path.write_text, data=page, encoding="utf-8"))
     return path

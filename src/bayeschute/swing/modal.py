@@ -19,6 +19,7 @@ import numpy as np
 from jaxtyping import Float
 
 from bayeschute.core.errors import Fault, InputError
+from bayeschute.core.random import seed_of, stream
 from bayeschute.swing.oscillator import Observed
 from bayeschute.swing.swing_draws import Optimum, importance, optimum
 from bayeschute.swing.swing_posterior import SwingProblem, solve, whitened
@@ -183,7 +184,7 @@ def _report(
     problem: SwingProblem, at: Optimum, innovations: np.ndarray, start: float, offset: float, every: int, seed: int
 ) -> SwingFit:
     """Draws and what they say."""
-    rng = np.random.default_rng(seed)
+    rng = stream(seed, "posterior of a swing")
     posterior = importance(problem, at, rng)
     place = np.minimum(
         np.searchsorted(np.cumsum(posterior.weight), (rng.random() + np.arange(_DRAWS)) / _DRAWS),
@@ -256,15 +257,15 @@ def compare_halves(fit: SwingFit, seed: int = 0) -> Halves:
     near = max(0.25 * p.frequency, 1.0 / (half * p.dt))
     band = (max(p.frequency - near, 0.1 * p.frequency), p.frequency + near)
 
-    def part(where: slice) -> SwingFit:
+    def part(where: slice, name: str) -> SwingFit:
         return fit_swing(
             p.data[where], p.dt, nuisance=p.nuisance[where], observed=p.observed, band=band, forcing=p.forcing,
-            settle=False, seed=seed,
+            settle=False, seed=seed_of(seed, "half of a record", name),
         )  # fmt: skip
 
-    first, second = part(slice(half)), part(slice(half, None))
-    change = interval(second.draws["frequency"] - first.draws["frequency"][::-1])
-    damping = interval(second.draws["damping_ratio"] - first.draws["damping_ratio"][::-1])
+    first, second = part(slice(half), "first"), part(slice(half, None), "second")
+    change = interval(second.draws["frequency"] - first.draws["frequency"])
+    damping = interval(second.draws["damping_ratio"] - first.draws["damping_ratio"])
     return Halves(first, second, change, damping, change.mean / change.sd)
 
 

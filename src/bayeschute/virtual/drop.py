@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from bayeschute.atmosphere.standard import standard_density
 from bayeschute.compiler.integrate import trajectory_compiled
+from bayeschute.core.random import stream
 from bayeschute.core.vectors import Vec3, vec3
 from bayeschute.dynamics.cluster import geometry, state_rate, tension
 from bayeschute.dynamics.cluster_flight import QUANTITIES, ClusterFlight, ClusterInputs, quantity
@@ -169,7 +170,7 @@ def fly(
     Raises:
         FloatingPointError: If the flight is not finite, with the time of its failure.
     """
-    rng = np.random.default_rng(seed)
+    rng = stream(seed, "virtual drop")
     n, dt = structure.canopies, drop.dt
     time = np.arange(round(drop.duration / dt) + 1, dtype=np.float64) * dt
     gusts = drop.turbulence

@@ -19,8 +19,9 @@ def test_moments_of_a_banana_far_from_the_start():
     x = made.xi.reshape(-1, 4)
     assert made.xi.shape == (4, 1000, 4) and made.failed == 0
     sd = np.array([3.0, np.sqrt(1.0 + 2.0 * (0.1 * 9.0) ** 2), 0.2, 1.0])
-    np.testing.assert_allclose((x.mean(axis=0) - [0.0, 0.0, 4.0, -1.0]) / sd, 0.0, atol=0.15)
-    np.testing.assert_allclose(x.std(axis=0) / sd, 1.0, atol=0.12)
+    error_of_mean, error_of_sd = [0.04, 0.04, 0.017, 0.017], [0.03, 0.06, 0.013, 0.011]  # measured over 24 seeds
+    assert (np.abs(x.mean(axis=0) - [0.0, 0.0, 4.0, -1.0]) / sd < 3.5 * np.array(error_of_mean)).all()
+    assert (np.abs(x.std(axis=0) / sd - 1.0) < 3.5 * np.array(error_of_sd)).all()
     np.testing.assert_allclose(made.log_density.ravel(), _skewed(x.T))
 
 

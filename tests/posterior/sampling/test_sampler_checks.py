@@ -97,9 +97,12 @@ def _normal(width, x):
     return -0.5 * (x**2).sum() / width**2
 
 
-@pytest.mark.parametrize(("width", "good"), [(1.0, True), (1.3, True), (0.5, False)])
+@pytest.mark.parametrize(("width", "good"), [(1.0, True), (1.3, True), (0.3, False)])
 def test_a_surrogate_too_narrow_is_doubted(width, good):
-    """Exact law standard normal in two dimensions; the ratios' shape is 1 - width^2 where the surrogate is narrower."""
+    """Exact law standard normal in two dimensions; the ratios' shape is 1 - width^2 where the surrogate is narrower.
+
+    The estimated shape scatters by 0.15 to 0.2 from seed to seed, so the surrogates stay clear of the bound by that.
+    """
     made = delayed_acceptance.corrected(
         lambda x: -0.5 * (x**2).sum(axis=0), Partial(_normal, width), 2, 4, 300, 2000, 5
     )

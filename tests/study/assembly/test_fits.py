@@ -11,13 +11,12 @@ import jax
 import numpy as np
 import pytest
 
-from bayeschute.likelihood.joint import Lifted, Unknowns
 from bayeschute.likelihood.priors import Prior, correlated, covariance, working
 from bayeschute.posterior.marginal import Quadratic, log_density
 from bayeschute.posterior.mode_checks import profile
 from bayeschute.posterior.sampling.protocol import Draws
 from bayeschute.study.assembly import fits
-from bayeschute.study.assembly.fits import as_arrays, from_arrays, gaussian_summary, groups, load_fit
+from bayeschute.study.assembly.fits import gaussian_summary, groups, load_fit
 from bayeschute.study.job import Job
 from bayeschute.study.load import load_study
 
@@ -59,18 +58,6 @@ def test_a_fit_that_is_taken_up_has_the_density_that_was_kept(finished, descents
         jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, atol=1e-12), ours.aside, theirs.aside)
         jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, atol=1e-6), ours.at, theirs.at)
     assert (again.failed, again.evaluations, again.least_fall) == (3, 4, found.profile.worst)
-
-
-def test_a_flight_comes_back_from_its_arrays():
-    rng = np.random.default_rng(3)
-    flights = [
-        Lifted(Unknowns(*(rng.standard_normal(n) for n in ((2,), (4, 3)))), *rng.standard_normal((2, 4, 5)))
-        for _ in range(3)
-    ]
-    arrays = as_arrays(flights[0], 0) | as_arrays(flights[1], 1) | as_arrays(flights[2], 0, "aside_")
-    assert len(arrays) == 12
-    back = [from_arrays(arrays, 0), from_arrays(arrays, 1), from_arrays(arrays, 0, "aside_")]
-    jax.tree.map(np.testing.assert_array_equal, back, flights)
 
 
 def test_posterior_draws_are_summed_up_with_their_covariance():

@@ -54,7 +54,7 @@ def test_starts_are_kept_compared_and_told(finished, sondes: Path, tmp_path: Pat
     assert line in (tmp_path / "run/report.html").read_text(encoding="utf-8")
     for name in ("low", "high"):  # the best of several starts in one place is where one start leads
         with np.load(tmp_path / f"run/fit/{name}.npz") as a, np.load(finished.folder / f"fit/{name}.npz") as b:
-            assert abs(a["theta"] - b["theta"])[0] < 0.05 * np.sqrt(b["covariance"][0, 0])
+            assert abs(a["optimum/theta"] - b["optimum/theta"])[0] < 0.05 * np.sqrt(b["optimum/covariance"][0, 0])
     assert not (tmp_path / "run/fit/kept").exists()
 
 

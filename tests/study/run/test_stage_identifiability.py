@@ -91,7 +91,8 @@ def test_checks_stay_what_they_were(told, finished):
     checks = json.loads((finished.folder / "checks.json").read_text(encoding="utf-8"))
     assert set(checks) == {"checks", "rhat", "ess_bulk", "ess_tail"}
     assert "identifiability" not in checks["checks"]
-    k = checks["checks"]["pareto_k"]  # the default sampler's own check is among them
+    # The default sampler's own check is among them: with this seed it draws one of the two fits itself.
+    k = checks["checks"]["pareto_k"]
     assert k["passed"] == (k["value"] < k["bound"]) and k["bound"] == 0.7 and "surrogate" in k["detail"]
 
 

@@ -48,8 +48,9 @@ def test_the_vector_structure_predicts_the_other_canopy_and_a_second_flight(defa
     transverse = default["coefficients"]["transverse"]
     assert set(transverse["check"]) == {"cdt-3-11, canopy 2", "cdt-3-12, canopy 1", "cdt-3-12, canopy 2"}
     for label, check in transverse["check"].items():
-        assert check["rms_ratio"] < 1.2, label
+        assert check["rms_ratio"] < 1.4, label  # 1.05 with a standard deviation of 0.11 over eight seeds of the study
         assert check["r2"] > 0.5, label
+    assert np.mean([check["rms_ratio"] for check in transverse["check"].values()]) < 1.25
 
 
 def test_a_pool_that_is_searched_in_the_fit_has_priors_for_all_its_terms(default):
@@ -99,18 +100,20 @@ def test_all_candidates_together_are_told(default):
     assert axial["rms"][axial["terms"].index("1")] == pytest.approx(1.0)
 
 
-def test_why_the_axial_structure_predicts_worse_is_told(default):
-    """The term that chance put in, the least that its terms could leave there, and what the true ones leave."""
-    axial = default["coefficients"]["axial"]
-    true = {"1", "alpha^2"}
-    for label, check in axial["check"].items():
-        assert check["least_ratio"] < min(check["rms_ratio"], 1.1), label
-        assert 1.0 < check["expected_ratio"] < 1.2 and check["true_ratio"] < 1.2
-        if check["rms_ratio"] > 1.15:
-            assert check["without"]["term"] not in true and check["without"]["rms_ratio"] < 1.2, label
+def test_why_a_structure_predicts_worse_is_told(default):
+    """The term that is better left out, the least that its terms could leave there, and what the true ones leave.
+
+    The bounds hold for each of eight seeds of the study.
+    """
+    for entry in default["coefficients"].values():
+        for label, check in entry["check"].items():
+            assert check["least_ratio"] < check["rms_ratio"] < 1.4 * check["least_ratio"], label
+            assert 1.0 < check["expected_ratio"] < 1.1 and 0.6 < check["true_ratio"] < 2.5, label
+            if check["without"] is not None:
+                assert check["without"]["term"] in {t["term"] for t in entry["selected"]}, label
+                assert check["without"]["rms_ratio"] < check["rms_ratio"], label
     for check in default["coefficients"]["transverse"]["check"].values():
-        assert check["rms_ratio"] < 1.05 * check["least_ratio"]
-        assert check["true_ratio"] > 1.4  # error of the wind biases what equation error finds
+        assert check["true_ratio"] > check["rms_ratio"]  # error of the wind biases what equation error finds
 
 
 def test_what_flies_is_found(default):

@@ -32,6 +32,7 @@ from scipy.linalg import solve_triangular
 from scipy.special import logsumexp
 
 from bayeschute.core.numerics import processors
+from bayeschute.core.random import stream
 from bayeschute.likelihood.joint import (
     Course,
     FlightData,
@@ -305,14 +306,17 @@ def weigh(
         pairs: Antithetic pairs of simulations per draw and flight.
         progress: Called with a share done and words.
     """
-    points, count = proposal.draw(draws, np.random.default_rng([seed, 14])), np.size(found.marginal.centre)
+    points, count = (
+        proposal.draw(draws, stream(seed, "points of the importance sampler")),
+        np.size(found.marginal.centre),
+    )
     theta = np.asarray(found.marginal.centre) + points[:, :count] @ np.asarray(found.marginal.scale).T
     law = points[:, count:]
     log_prior = -0.5 * np.sum(standard(priors, theta) ** 2, axis=1)
     log_prior -= 0.5 * np.sum(((law - to_vector(noise.median)) / noise.log_sd) ** 2, axis=1)
 
     def one(i: int) -> tuple[float, float, float, int, int]:
-        hyper, of_draw = from_vector(law[i], found.hyper), np.random.default_rng([seed, 15, i])
+        hyper, of_draw = from_vector(law[i], found.hyper), stream(seed, "disturbances of an importance draw", i)
         shift, total, scatter = jnp.asarray(theta[i]) - jnp.asarray(found.marginal.centre), 0.0, 0.0
         moved, failed, folded = 0.0, 0, 0
         for flight, along in zip(found.marginal.flights, found.marginal.along, strict=True):

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayeschute.core.errors import FitError
+from bayeschute.core.random import stream
 from bayeschute.likelihood.joint import FlightData
 from bayeschute.likelihood.priors import Prior, factor, working
 from bayeschute.posterior.fit import Progress, Settled, joint, settle
@@ -22,7 +23,6 @@ Array = NDArray[np.float64]
 SPREAD = 0.5  # of the starts about the prior means, in standard deviations of the priors
 NEAR = 0.1  # standard errors within which optima count as one
 CLEARLY = 5.0  # log density by which another optimum must be worse to be of no concern: less than 1 % of the mass
-_STREAM = 14  # keeps the random numbers of starts apart from those of others
 
 
 class Start(NamedTuple):
@@ -66,7 +66,7 @@ def begin(priors: Sequence[Prior], number: int, seed: int) -> Array:
     centre = working(priors)[0]
     if number == 0:
         return centre
-    rng = np.random.default_rng([seed, _STREAM, number])
+    rng = stream(seed, "start of a fit", number)
     return np.asarray(centre + SPREAD * factor(priors) @ rng.standard_normal(centre.size))
 
 

@@ -21,6 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
+from bayeschute.core.random import stream
 from bayeschute.core.vectors import Component
 from bayeschute.posterior.sampling import delayed_acceptance
 
@@ -184,7 +185,7 @@ def fit(
     )
     sd = np.asarray(spread) * np.exp(made.xi)
     flat = sd.reshape(-1, count)
-    z = np.random.default_rng([seed, 16]).standard_normal((len(flat), known + sum(sizes)))
+    z = stream(seed, "shared parameters and members").standard_normal((len(flat), known + sum(sizes)))
     drawn = np.asarray(jax.vmap(_draw, (None, 0, 0))(law, flat, z)).reshape(chains, draws, -1)
     shared, mean, members = np.split(drawn, [known - count, known], axis=-1)
     return Hierarchy(shared, mean, sd, members, made.failed)

@@ -18,6 +18,7 @@ from jax.tree_util import Partial
 from numpy.typing import NDArray
 from numpyro.infer import NUTS
 
+from bayeschute.core.random import seed_of, stream
 from bayeschute.posterior.sampling.protocol import Array, Counted, Draws, LogDensity, Progress
 
 ScalarLogDensity = Callable[[jax.Array], jax.Array]
@@ -49,8 +50,8 @@ def plain(
         The draws.
     """
     function = _portable(log_density)
-    start = jnp.asarray(np.random.default_rng(seed).standard_normal((chains, parameters)))
-    state = _begin(function, jax.random.split(jax.random.key(seed), chains), start, warmup)
+    start = jnp.asarray(stream(seed, "start of NUTS").standard_normal((chains, parameters)))
+    state = _begin(function, jax.random.split(jax.random.key(seed_of(seed, "NUTS")), chains), start, warmup)
     kept, steps = _walk(function, state, warmup, draws, thinning)
     made = {name: np.asarray(row) for name, row in kept.items()}
     xi, lp = made.pop("z"), -made.pop("potential_energy")
@@ -94,11 +95,13 @@ def corrected(
     streams, length = per_chain * chains, int(np.ceil(draws / per_chain))
     settle = max(warmup // 10, 10)
     function = _portable(surrogate)
-    start = jnp.asarray(np.random.default_rng([seed, 0]).standard_normal((streams, parameters)))
-    state = _begin(function, jax.random.split(jax.random.key(seed), streams), start, warmup)
+    start = jnp.asarray(stream(seed, "start of delayed acceptance").standard_normal((streams, parameters)))
+    state = _begin(
+        function, jax.random.split(jax.random.key(seed_of(seed, "NUTS on the surrogate")), streams), start, warmup
+    )
     state = _advance(function, state, warmup, warmup)
 
-    counted, rng = Counted(log_density), np.random.default_rng([seed, 1])
+    counted, rng = Counted(log_density), stream(seed, "delayed acceptance")
     exact = counted(np.asarray(state.z).T)
     rows: dict[str, list[Array]] = {
         "xi": [],

@@ -9,6 +9,7 @@ from __future__ import annotations
 import emcee
 import numpy as np
 
+from bayeschute.core.random import stream
 from bayeschute.posterior.sampling.protocol import Counted, Draws, LogDensity, Progress
 
 _WIDE = 1.2  # standard deviation of walkers at their start
@@ -60,7 +61,7 @@ def sample(
     counted = Counted(log_density)
     xi, lp, acceptance, notes = [], [], [], []
     for chain in range(chains):
-        rng = np.random.default_rng([seed, chain])
+        rng = stream(seed, "ensemble sampler", chain)
         moves = emcee.moves.DEMove()
         sampler = emcee.EnsembleSampler(
             walkers, parameters, lambda x: counted(np.asarray(x).T), moves=moves, vectorize=True

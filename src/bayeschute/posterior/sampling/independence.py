@@ -16,6 +16,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.special import logsumexp
 
+from bayeschute.core.random import stream
 from bayeschute.posterior.sampling.protocol import Array, Counted, Draws, LogDensity, Progress
 
 _FREEDOM = 5.0  # degrees of freedom of the proposals
@@ -132,7 +133,7 @@ def sample(
     Raises:
         FloatingPointError: If hardly any point has a density.
     """
-    counted, rng = Counted(log_density), np.random.default_rng([seed, 4])
+    counted, rng = Counted(log_density), stream(seed, "independence sampler")
     proposal, starts = learned(counted, parameters, rng)
     here = starts[:chains]
     value = counted(here.T)

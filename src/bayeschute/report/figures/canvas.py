@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
-from functools import wraps
+from functools import partial, wraps
 from pathlib import Path
 from typing import Any, ParamSpec
 
@@ -12,6 +11,8 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+from bayeschute.core.files import write_whole
 
 P = ParamSpec("P")
 
@@ -82,12 +83,9 @@ def sheet(height: float, rows: int = 1, columns: int = 1, **kwargs: Any) -> tupl
 
 def save(figure: Figure, folder: Path, name: str) -> Path:
     """Write ``name.png`` (at about twice the screen's resolution) and ``name.svg``; returns the path of the SVG."""
-    folder.mkdir(parents=True, exist_ok=True)
     with mpl.rc_context(STYLE):
         figure.draw_without_rendering()
         figure.set_layout_engine("none")  # the layout is found; it need not be sought again for each format
         for kind, options in (("png", {"dpi": 180}), ("svg", {"metadata": {"Date": None}})):
-            part = folder / f"{name}.part.{kind}"
-            figure.savefig(part, format=kind, **options)
-            os.replace(part, folder / f"{name}.{kind}")
+            write_whole(folder / f"{name}.{kind}", partial(figure.savefig, **options))
     return folder / f"{name}.svg"

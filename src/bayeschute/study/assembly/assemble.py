@@ -12,6 +12,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from bayeschute.aero.capsule_table import capsule_table
+from bayeschute.core.random import seed_of
 from bayeschute.core.vectors import Vec3
 from bayeschute.dynamics import parameters
 from bayeschute.dynamics.parameters import Canopies, Capsule, Cluster, Risers, Structure, engagement_length
@@ -165,16 +166,9 @@ def drop(virtual: VirtualFlight, quick: bool = False) -> VirtualDrop:
     )
 
 
-def flight_seed(study: Study, flight: Flight, *use: int) -> int:
-    """The seed of one flight's random numbers: of its name, so it is the same whatever the other flights are.
-
-    Args:
-        study: For its seed.
-        flight: The flight.
-        use: Numbers of what the random numbers are for, all positive; none: for the virtual drop itself.
-    """
-    entropy = [study.seed, *flight.name.encode(), *use]
-    return int(np.random.SeedSequence(entropy).generate_state(1)[0])
+def flight_seed(study: Study, flight: Flight) -> int:
+    """The seed of one flight's random numbers, its own whatever the other flights are."""
+    return seed_of(study.seed, "virtual flight", flight.name)
 
 
 def hyper(study: Study) -> Hyper:

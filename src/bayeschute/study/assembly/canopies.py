@@ -12,12 +12,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from bayeschute.core.random import stream
 from bayeschute.likelihood.priors import Prior
 from bayeschute.study.study import Flight, Study
 
 Array = NDArray[np.float64]
 _MEMBER = re.compile(r"(?P<of>.*\])@(?P<flight>.*)(?P<canopy>\.canopy\d+)")
-_STREAM = 18  # of the random numbers by which the canopies of virtual drops differ
 
 
 def coefficient(name: str) -> str:
@@ -81,6 +81,6 @@ def flown(study: Study, flight: Flight, seed: int) -> dict[str, Array]:
     virtual = flight.virtual
     if study.vehicle is None or virtual is None or virtual.canopy_sd is None:
         return {}
-    rng, usual = np.random.default_rng([seed, _STREAM]), study.vehicle.aero.coefficients()
+    rng, usual = stream(seed, "canopies of a virtual drop"), study.vehicle.aero.coefficients()
     number = study.vehicle.canopies.number
     return {name: usual[name] + sd * rng.standard_normal(number) for name, sd in virtual.canopy_sd.items()}

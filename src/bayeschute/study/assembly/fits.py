@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from pathlib import Path
+from typing import NamedTuple
 
-import jax
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from bayeschute.core.files import write_whole
+from bayeschute.core.trees import load_tree, save_tree
 from bayeschute.dynamics.parameters import Structure
 from bayeschute.likelihood.channels import cluster_data, descent_data
-from bayeschute.likelihood.joint import FlightData, Hyper, Lifted, Unknowns
+from bayeschute.likelihood.joint import FlightData, Hyper, Lifted
 from bayeschute.likelihood.priors import Prior, correlated
 from bayeschute.posterior.fit import Found
 from bayeschute.posterior.joint_mode import Optimum
 from bayeschute.posterior.marginal import Marginal, Quadratic, marginalise
-from bayeschute.posterior.noise_evidence import from_vector, to_vector
 from bayeschute.posterior.noise_uncertainty import LawEffect
 from bayeschute.posterior.sampling.protocol import Draws
 from bayeschute.posterior.sampling.sampler_checks import pareto_k
@@ -95,60 +94,40 @@ def data_of(job: Job, flight: Flight, priors: Sequence[Prior], like: Flight | No
     return made if flight.wind_profile is None else by_altitude(made, record, flight.wind_profile)
 
 
-def as_arrays(at: Lifted, number: int, name: str = "") -> dict[str, Array]:
-    """A flight's unknowns and path as named arrays of a file."""
-    parts = {"start": at.unknowns.start, "shocks": at.unknowns.shocks, "error": at.error, "path": at.path}
-    return {f"{name}{part}{number}": np.asarray(value) for part, value in parts.items()}
+class _Kept(NamedTuple):
+    """What is stored of a fit: as in `Found` and `Draws`, of the marginal posterior what its flights don't tell."""
+
+    optimum: Optimum
+    asides: tuple[Lifted, ...]
+    determinant: Quadratic
+    bend: Quadratic
+    hyper: Hyper
+    xi: Array
+    wide: Array
+    law_covariance: Array
+    law_effect: LawEffect
+    determinant_error: float
+    least_fall: float
+    is_mode: bool
+    failed: int
+    evaluations: int
+    pareto_k: float | None
 
 
-def from_arrays(arrays: Mapping[str, Array], number: int, name: str = "") -> Lifted:
-    """What `as_arrays` took apart."""
-    start, shocks, error, path = (arrays[f"{name}{part}{number}"] for part in ("start", "shocks", "error", "path"))
-    return Lifted(Unknowns(start, shocks), error, path)
+def _file(job: Job, group: Group) -> Path:
+    return job.out / "fit" / f"{group.name}.npz"
 
 
 def save_fit(job: Job, group: Group, found: Found, draws: Draws, wide: Array) -> None:
     """Keep a finished fit: what `load_fit` needs to set it up again."""
-    best = found.optimum
-    arrays: dict[str, Any] = {
-        "theta": best.theta,
-        "covariance": best.covariance,
-        "determinant_slope": found.marginal.determinant.slope,
-        "determinant_curvature": found.marginal.determinant.curvature,
-        "bend_slope": found.marginal.bend.slope,
-        "bend_curvature": found.marginal.bend.curvature,
-        "hyper": to_vector(found.hyper),
-        "xi": draws.xi,
-        "wide": wide,
-        "law_covariance": found.law_covariance,
-        "law_slope": found.law_effect.slope,
-        "law_spread": found.law_effect.spread,
-        "law_excess": found.law_effect.excess,
-        "facts": np.array(
-            [
-                best.cost,
-                best.converged,
-                best.iterations,
-                best.last_step,
-                found.evidence,
-                draws.failed,
-                draws.evaluations,
-                found.determinant_error,
-                found.profile.worst,
-                found.profile.is_mode,
-            ]
-        ),
-    }
-    for i, along in enumerate(found.marginal.along):
-        arrays |= as_arrays(along.at, i) | as_arrays(along.aside, i, "aside_")
-    if "log_ratio" in draws.stats:
-        arrays["pareto_k"] = pareto_k(draws.stats["log_ratio"])
-
-    def write(path: Any) -> None:
-        with path.open("wb") as file:
-            np.savez(file, **arrays)
-
-    write_whole(job.out / "fit" / f"{group.name}.npz", write)
+    made, ratio = found.marginal, draws.stats.get("log_ratio")
+    best = replace(found.optimum, flights=tuple(along.at for along in made.along), trace=())
+    kept = _Kept(
+        best, tuple(along.aside for along in made.along), made.determinant, made.bend, found.hyper, draws.xi, wide,
+        found.law_covariance, found.law_effect, found.determinant_error, found.profile.worst, found.profile.is_mode,
+        draws.failed, draws.evaluations, None if ratio is None else pareto_k(ratio),
+    )  # fmt: skip
+    save_tree(_file(job, group), kept)
 
 
 @dataclass(frozen=True)
@@ -188,31 +167,21 @@ class Stored:
 
 def load_hyper(job: Job, group: Group) -> Hyper:
     """Noise parameters of a finished fit."""
-    with np.load(job.out / "fit" / f"{group.name}.npz") as file:
-        return jax.tree.map(np.asarray, from_vector(file["hyper"], assemble.hyper(job.study)))
+    return load_tree(_file(job, group), Hyper, "hyper")
 
 
 def load_fit(job: Job, group: Group) -> Stored:
     """Read a fit back and set its marginal posterior up again."""
-    with np.load(job.out / "fit" / f"{group.name}.npz") as file:
-        a = {k: file[k] for k in file.files}
-    hyper = load_hyper(job, group)
-    cost, converged, iterations, last, _, failed, evaluations, wrong, fall, mode = a["facts"]
-    at, asides = ([from_arrays(a, i, name) for i in range(len(group.flights))] for name in ("", "aside_"))
-    best = Optimum(
-        a["theta"], tuple(at), a["covariance"], float(cost), bool(converged), int(iterations), float(last), ()
-    )
+    kept = load_tree(_file(job, group), _Kept)
     flights = [data_of(job, f, group.priors) for f in group.flights]
-    marginal = marginalise(flights, hyper, group.priors, best)
-    along = tuple(one._replace(aside=aside) for one, aside in zip(marginal.along, asides, strict=True))
-    determinant = Quadratic(a["determinant_slope"], a["determinant_curvature"])
-    bend = Quadratic(a["bend_slope"], a["bend_curvature"])
-    marginal = replace(marginal, along=along, determinant=determinant, bend=bend)
-    scale, known = np.asarray(marginal.scale), a["law_covariance"]
-    theta, held = (best.theta + a[name] @ scale.T for name in ("wide", "xi"))
-    counts, effect = (int(failed), int(evaluations)), LawEffect(a["law_slope"], a["law_spread"], a["law_excess"])
-    k = float(a["pareto_k"]) if "pareto_k" in a else None
-    return Stored(marginal, best, hyper, theta, held, *counts, known, effect, float(wrong), float(fall), bool(mode), k)
+    marginal = marginalise(flights, kept.hyper, group.priors, kept.optimum)
+    along = tuple(one._replace(aside=aside) for one, aside in zip(marginal.along, kept.asides, strict=True))
+    marginal = replace(marginal, along=along, determinant=kept.determinant, bend=kept.bend)
+    theta, held = (kept.optimum.theta + xi @ np.asarray(marginal.scale).T for xi in (kept.wide, kept.xi))
+    return Stored(
+        marginal, kept.optimum, kept.hyper, theta, held, kept.failed, kept.evaluations, kept.law_covariance,
+        kept.law_effect, kept.determinant_error, kept.least_fall, kept.is_mode, kept.pareto_k,
+    )  # fmt: skip
 
 
 def summary_draws(job: Job) -> tuple[dict[str, Array], dict[str, str]]:

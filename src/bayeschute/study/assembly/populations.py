@@ -11,15 +11,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
 from arviz_base import from_dict
 from numpy.typing import NDArray
 
-from bayeschute.core.files import write_whole
+from bayeschute.core.random import stream
+from bayeschute.core.trees import load_tree, save_tree
 from bayeschute.likelihood.priors import Prior, working
 from bayeschute.posterior.assess import flight_groups
 from bayeschute.posterior.combine import hierarchy, random_effects
@@ -49,7 +49,7 @@ def _bodies(job: Job, todo: Sequence[Group], trees: Sequence[xr.DataTree]) -> xr
     mean, sd = np.array(told).T
     sizes = (table.chains, table.warmup, table.draws, job.study.seed)
     made = random_effects.fit(mean, sd, (prior.centre, prior.scale), *sizes)
-    rng = np.random.default_rng([job.study.seed, 4])
+    rng = stream(job.study.seed, "prior of bodies")
     plain = _together(trees, ("posterior", "conditional", "prior", "log_prior"))
     plain["posterior"] |= {"population_mean": made.mean, "population_sd": made.sd}
     plain["prior"] |= {
@@ -144,8 +144,7 @@ def _joined_groups(job: Job, todo: Sequence[Group], trees: Sequence[xr.DataTree]
     told = hierarchy.joint(likelihoods, places.fits, len(places.shared) + len(places.members))
     sizes = [places.of.count(k) for k in range(len(places.populations))]
     made = hierarchy.fit(told, sizes, centre, scale, spread, table.chains, table.warmup, table.draws, study.seed)
-    kept: dict[str, Any] = {"shared": made.shared, "mean": made.mean, "sd": made.sd, "members": made.members}
-    write_whole(job.out / FILE, partial(np.savez, **kept))
+    save_tree(job.out / FILE, made)
     plain = _together(trees, ("sample_stats",) if len(todo) == 1 else ())
     plain["posterior"] = _named(places, priors, made)
     plain["prior"] = _named(places, priors, _before(places, centre, scale, spread, study.seed))
@@ -178,7 +177,7 @@ def _by_name(todo: Sequence[Group]) -> dict[str, Prior]:
 
 def _before(places: _Places, centre: Array, scale: Array, spread: Array, seed: int) -> Hierarchy:
     """Draws of the prior of a hierarchy."""
-    rng, size, shared = np.random.default_rng([seed, 4]), (1, _PRIOR_DRAWS), len(places.shared)
+    rng, size, shared = stream(seed, "prior of the populations"), (1, _PRIOR_DRAWS), len(places.shared)
     both = centre + scale * rng.standard_normal((*size, centre.size))
     sd = np.abs(spread * rng.standard_normal((*size, spread.size)))
     before = Hierarchy(both[..., :shared], both[..., shared:], sd, both[..., :0], 0)
@@ -222,9 +221,8 @@ def _of_members(job: Job, alone: Stored, flown: bool, todo: Sequence[Group], fit
     Noise stays that of the fit alone. The draws are in an order of their own, so that fits which foretell one flight
     together don't all give the same ones.
     """
-    with np.load(job.out / FILE) as file:
-        made = Hierarchy(**{name: file[name] for name in ("shared", "mean", "sd", "members")}, failed=0)
-    rng, places = np.random.default_rng([job.study.seed, 17, fit]), _places(job.study.priors.vary or (), todo)
+    made = load_tree(job.out / FILE, Hierarchy)
+    rng, places = stream(job.study.seed, "further members", todo[fit].name), _places(job.study.priors.vary or (), todo)
     members = made.members if flown else hierarchy.others(made, places.of, rng)
     theta = np.concatenate([made.shared, members], axis=-1)[..., list(places.fits[fit])]
     mixed = rng.permutation(theta.reshape(-1, theta.shape[-1])).reshape(theta.shape)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from bayeschute.core.errors import FitError
-from bayeschute.core.files import write_whole
-from bayeschute.posterior.best_path import BestPath, as_arrays
+from bayeschute.core.trees import save_tree
+from bayeschute.posterior.best_path import BestPath
 from bayeschute.study.assembly import assemble
 from bayeschute.study.job import Job, load_priors
 from bayeschute.study.run.stage_report import heading, origin
@@ -32,12 +31,7 @@ def keep(job: Job, error: FitError | FloatingPointError) -> str:
     if not isinstance(error, FitError):
         error = FitError(str(error), (str(error),))
     paths: tuple[BestPath, ...] = error.paths
-
-    def write(path: Path) -> None:
-        with path.open("wb") as file:
-            np.savez(file, allow_pickle=False, **as_arrays(paths))
-
-    write_whole(job.out / "fit" / "failed.npz", write)
+    save_tree(job.out / "fit" / "failed.npz", paths)
     told = {"reason": error.reason, "tried": error.tried, "residuals": {p.flight: _residuals(p) for p in paths}}
     job.save("fit/failed.json", assemble.as_plain(told | {"parameters": _parameters(job, error)}))
     fit = {"fit": {"converged": False, **told}}

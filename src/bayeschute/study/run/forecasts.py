@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 
 from bayeschute.calibration.workers import Lost, client_of, finished
 from bayeschute.core.errors import Fault, InputError
+from bayeschute.core.random import seed_of, stream
 from bayeschute.likelihood.joint import FlightData, Hyper
 from bayeschute.likelihood.priors import Prior
 from bayeschute.posterior.marginal import Marginal
 from bayeschute.prediction import bands
 from bayeschute.prediction.mixture import mix
-from bayeschute.study.assembly import assemble
 from bayeschute.study.assembly.fits import Group, Stored, data_of, gaussian_summary, groups, load_fit
 from bayeschute.study.assembly.populations import by_members
 from bayeschute.study.evidence.recalibrate import Widening
@@ -34,7 +34,6 @@ OPENING = 5.0  # [s] of its record by which a flight to be predicted is known
 PART = 512  # least draws that are worth a task of their own
 _MOST_PARTS = 64  # of a flight: every part steps over the random numbers of those before it
 _AHEAD = 2  # parts per core under way at once
-_LAWS, _DRAWS = 5, 6  # uses of a flight's random numbers: noise parameters, draws
 
 
 @dataclass(frozen=True)
@@ -118,8 +117,8 @@ def _group_of(job: Job, flight: Flight) -> Group:
     return next((g for g in todo if flight in g.flights), todo[0])
 
 
-def _order(job: Job, flight: Flight, group: Group, stored: Stored, draws: int, number: int) -> tuple[_Order, Array]:
-    """What draws of a flight by one fit need; `number` is that of the structure, from 1.
+def _order(job: Job, flight: Flight, group: Group, stored: Stored, draws: int) -> tuple[_Order, Array]:
+    """What draws of a flight by one fit need.
 
     Returns:
         That, and the times of its record.
@@ -128,7 +127,7 @@ def _order(job: Job, flight: Flight, group: Group, stored: Stored, draws: int, n
     flat = stored.held.reshape(-1, stored.held.shape[-1])
     picked = flat[np.linspace(0, len(flat) - 1, min(draws, len(flat))).astype(int)]
     time = load_flight(job, flight.name)["time"].values
-    rng = np.random.default_rng(assemble.flight_seed(study, flight, _LAWS, number))
+    rng = stream(study.seed, "noise parameters of a flight's draws", flight.name, group.name)
     laws = bands.law_draws(stored.hyper, stored.law_covariance, -(-len(picked) // bands.GROUP), rng)
     theta = bands.carried(stored.marginal, picked, laws, stored.law_effect)
     known: Marginal | tuple[Hyper, list[Prior]] = stored.marginal
@@ -138,7 +137,7 @@ def _order(job: Job, flight: Flight, group: Group, stored: Stored, draws: int, n
     else:
         whole = data_of(job, flight, group.priors, like=group.flights[0])
         known = (stored.hyper, gaussian_summary(group.priors, stored.theta))
-    seed, spread = assemble.flight_seed(study, flight, _DRAWS, number), study.predict.disturbance_log_sd
+    seed, spread = seed_of(study.seed, "draws of a flight", flight.name, group.name), study.predict.disturbance_log_sd
     return _Order(known, index, whole, theta, laws, seed, until - time[0], spread), time
 
 
@@ -162,11 +161,11 @@ def _orders(job: Job, flight: Flight) -> tuple[list[_Order], Tell]:
     else:
         members = structures.members(job, group, draws)
         told = [(one, stored if one is group else load_fit(job, one), n) for one, n in members]
-    made = [_order(job, flight, one, of_it, draws, j) for j, (one, of_it, draws) in enumerate(told, 1)]
+    made = [_order(job, flight, one, of_it, draws) for one, of_it, draws in told]
     orders, time = [order for order, _ in made], made[0][1]
     record, truth = load_flight(job, flight.name), load_truth(job, flight.name)
     held_out = time > _until(flight, flown, time)
-    seed = assemble.flight_seed(job.study, flight, _DRAWS, 1)
+    seed = seed_of(job.study.seed, "record of a flight", flight.name)
     return orders, lambda made: Foretold(flight, stored, mix(made), time, held_out, record, truth, seed)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from bayeschute.core.random import seed_of
 from bayeschute.posterior.assess.multistart import NEAR, Start, best_of, compare, judge, settle_from
 from bayeschute.posterior.fit import Begin, Settled, settle
 from bayeschute.posterior.noise_evidence import HyperPrior
@@ -49,7 +50,8 @@ def settled(
         if number < 0:
             start = Start(number, settle(flights, group.priors, prior, progress=tell, begin=others[-1 - number]))
         else:
-            start = settle_from(flights, group.priors, prior, number, job.study.seed, progress=tell)
+            seed = seed_of(job.study.seed, "starts of a fit", group.name)
+            start = settle_from(flights, group.priors, prior, number, seed, progress=tell)
         if start.settled is not None:
             checkpoint.put_settled(job, name, group.priors, start.settled, {})
         made.append(start)

@@ -23,6 +23,7 @@ import xarray as xr
 from bayeschute.calibration.workers import Lost, client_of, finished
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.core.files import write_whole
+from bayeschute.core.random import seed_of
 from bayeschute.core.version import __version__
 from bayeschute.dynamics.outcome import Outcome
 from bayeschute.records.record import write_record
@@ -140,12 +141,12 @@ def wanted_drops(study: Study, flights: Sequence[Flight], draws: int, seed: int 
         seed: Replaces the study's.
     """
     wanted = []
-    for i, flight in enumerate(flights):
+    for flight in flights:
         said = canonical(replace(study, flights=(flight,)))
         said = {"vehicle": said["vehicle"]} | {key: said["flights"][0][key] for key in ("virtual", "capsule_mass")}
         for draw in range(draws):
             stem = flight.name if draws == 1 else f"{flight.name}.{draw:05d}"
-            own = _seed_of(study, flight, i, draw, seed)
+            own = _seed_of(study, flight, draw, seed)
             text = json.dumps([said, flight.name, own, __version__], sort_keys=True)
             wanted.append(Wanted(stem, flight, own, hashlib.sha256(text.encode()).hexdigest()))
     return wanted
@@ -230,9 +231,9 @@ def _with_drop(drops: Drops, folder: Path, stem: str, told: Mapping[str, Any]) -
     return drops._replace(step_error=(max(drops.step_error[0], place), max(drops.step_error[1], speed)))
 
 
-def _seed_of(study: Study, flight: Flight, i: int, draw: int, seed: int | None) -> int:
-    """Seed of a draw of flight `i`; the first draw has that of the flight drawn alone."""
+def _seed_of(study: Study, flight: Flight, draw: int, seed: int | None) -> int:
+    """Seed of a draw of a flight; the first draw has that of the flight drawn alone."""
     first = study.seed if seed is None else seed
     if not draw:
         return assemble.flight_seed(replace(study, seed=first), flight)
-    return int(np.random.SeedSequence([first, i, draw]).generate_state(1)[0])
+    return seed_of(first, "further virtual flight", flight.name, draw)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from bayeschute.core.errors import FitError
 from bayeschute.core.files import write_whole
+from bayeschute.core.random import seed_of, stream
 from bayeschute.dynamics.cluster_flight import output_names
 from bayeschute.likelihood.joint import FlightData, linearise
 from bayeschute.likelihood.priors import Prior
@@ -80,7 +81,7 @@ def fit(job: Job, predictions: bool = True) -> str:
         clock = time.perf_counter()
         made.append(fit_group(job, group, _part(say, 0.0, 0.8)))
         wall["optimum_s"] += time.perf_counter() - clock
-        drawn.append(draw_group(job, i, made[i], _part(say, 0.8, 1.0), predictions))
+        drawn.append(draw_group(job, made[i], _part(say, 0.8, 1.0), predictions))
     for one in drawn:
         wall |= {name: wall.get(name, 0.0) + spent for name, spent in one.seconds.items()}
     failed = store(job, made, drawn, wall | {"fit_s": time.perf_counter() - began}, names)
@@ -152,12 +153,11 @@ def _lost(one: Fitted) -> list[str]:
     return [f"Left out of the posterior of {one.group.name}: {lost}." for lost in one.found.lost]
 
 
-def draw_group(job: Job, number: int, fitted: Fitted, say: Say, predictions: bool = True) -> Drawn:
+def draw_group(job: Job, fitted: Fitted, say: Say, predictions: bool = True) -> Drawn:
     """Draw from the posterior of a group, and store the fit with its draws.
 
     Args:
         job: The run.
-        number: Of the group.
         fitted: It.
         say: Called with a share done and words.
         predictions: Whether the DataTree has predictions.
@@ -170,7 +170,7 @@ def draw_group(job: Job, number: int, fitted: Fitted, say: Say, predictions: boo
     bounds = _bounds(job, group, found) if study.noise.model in ("white", "sandwich") else None
     if study.noise.model == "sandwich":  # its covariance doesn't come from the noise parameters
         kinds, found = ["sandwich"], replace(found, law_effect=LawEffect.none(*found.law_effect.slope.shape))
-    flights = [f.name for f in group.flights]
+    flights, seed = [f.name for f in group.flights], seed_of(study.seed, "draws of a fit", group.name)
     times = [load_flight(job, name)["time"].values for name in flights]
     results: list[tuple[xr.DataTree, Draws]] = []
     seconds: dict[str, float] = {}
@@ -178,12 +178,12 @@ def draw_group(job: Job, number: int, fitted: Fitted, say: Say, predictions: boo
         clock = time.perf_counter()
         draws = checkpoint.get_draws(job, group.name, kind)
         if draws is None:
-            draws = _draws(job, number, found, bounds, kind, lambda s, w: say(0.5 * s, w))
+            draws = _draws(job, seed, found, bounds, kind, lambda s, w: say(0.5 * s, w))
             checkpoint.put_draws(job, group.name, kind, draws)
         seconds[f"{kind}_s"] = time.perf_counter() - clock
-        wide = widened(draws.xi, found.law_effect, found.law_covariance, study.seed)
+        wide = widened(draws.xi, found.law_effect, found.law_covariance, seed)
         tree = data_tree(
-            found.marginal, group.priors, draws, study.seed, flights, lambda s, w: say(0.5 + 0.5 * s, w), wide, times,
+            found.marginal, group.priors, draws, seed, flights, lambda s, w: say(0.5 + 0.5 * s, w), wide, times,
             predictions,
         )  # fmt: skip
         if results:
@@ -239,14 +239,14 @@ def _bounds(job: Job, group: Group, found: Found) -> output_error.Bounds:
 
 
 def _draws(
-    job: Job, group: int, found: Found, bounds: output_error.Bounds | None, kind: str, say: Callable[[float, str], None]
+    job: Job, seed: int, found: Found, bounds: output_error.Bounds | None, kind: str, say: Callable[[float, str], None]
 ) -> Draws:
-    """Draws of the sampler, or about the estimates of output error, of the group of this number."""
-    table, seed, marginal = job.study.sampler, job.study.seed, found.marginal
+    """Draws of the sampler, or about the estimates of output error."""
+    table, marginal = job.study.sampler, found.marginal
     if kind == "sandwich":
         assert bounds is not None
         centre, scale = np.asarray(marginal.centre), np.asarray(marginal.scale)
-        rng = np.random.default_rng([seed, 6, group])
+        rng = stream(seed, "draws about output error")
         return output_error.gaussian_draws(bounds, centre, scale, table.chains, table.draws, rng)
     return sample(marginal, kind, table.chains, table.warmup, table.draws, seed, say)
 

@@ -12,6 +12,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from bayeschute.core.files import write_whole
+from bayeschute.core.trees import load_tree, save_tree
 from bayeschute.likelihood.joint import FlightData, as_seen, stepped
 from bayeschute.likelihood.kalman import Seen, innovations
 from bayeschute.posterior.marginal import Along
@@ -33,6 +34,7 @@ from bayeschute.study.study import Flight
 Array = NDArray[np.float64]
 
 
+STATISTICS = "fit/statistics.npz"
 _FAR_DRAWS = 2.0  # standard deviations: farther off, draws are not about the mode that was found
 
 
@@ -216,7 +218,7 @@ def predict(job: Job) -> str:
     """Bands and statistics of every flight that is fitted or predicted, both of the draws as recalibrated."""
     wanted = job.study.predict.quantities or ()
     made: dict[str, xr.Dataset] = {}
-    arrays: dict[str, Any] = {}
+    statistics: dict[str, dict[str, dict[str, Array]]] = {}
     coverage: dict[str, Any] = {}
     without: list[str] = []
     changed: list[str] = []
@@ -237,8 +239,7 @@ def predict(job: Job) -> str:
             if q in prediction.draws
         }
         without += [name] if not any(entry["draws"] for entry in coverage[name].values()) else []
-        for statistic, table in flight_statistics(prediction, counted).items():
-            arrays |= {f"{name}|{statistic}|{quantity}": values for quantity, values in table.items()}
+        statistics[name] = flight_statistics(prediction, counted)
         changed += [name] if one.widened_by else []
     write_whole(
         job.out / "predictions.nc",
@@ -248,12 +249,7 @@ def predict(job: Job) -> str:
     (job.out / RECALIBRATION).unlink(missing_ok=True)
     if by is not None:
         job.save(RECALIBRATION, by._replace(flights=tuple(changed))._asdict())
-
-    def write(path: Any) -> None:
-        with path.open("wb") as file:
-            np.savez(file, **arrays)
-
-    write_whole(job.out / "fit" / "statistics.npz", write)
+    save_tree(job.out / STATISTICS, statistics)
     none = f", no bands of {', '.join(without)}: every simulation failed" if without else ""
     return f"{len(made)} flights{none}"
 
@@ -290,19 +286,10 @@ def recorded_quantities(job: Job, flight: Flight, record: xr.Dataset) -> dict[st
     return {name: seen[name].values for name in names}
 
 
-def _load_statistics(job: Job) -> dict[str, dict[str, dict[str, Array]]]:
-    """Flight to statistic to quantity to values (draw,)."""
-    with np.load(job.out / "fit" / "statistics.npz") as file:
-        tables: dict[str, dict[str, dict[str, Array]]] = {}
-        for key in file.files:
-            flight, statistic, quantity = key.split("|")
-            tables.setdefault(flight, {}).setdefault(statistic, {})[quantity] = file[key]
-    return tables
-
-
 def risk(job: Job) -> str:
     """Files for risk assessors, and the requirements; of the draws as in the bands, widened where these are."""
-    study, tables, by = job.study, _load_statistics(job), told_widening(job)
+    study, tables = job.study, load_tree(job.out / STATISTICS, dict[str, dict[str, dict[str, Array]]])
+    by = told_widening(job)
     widened = {} if by is None else dict.fromkeys(by.flights, by.factors)
     draws, units = summary_draws(job)
     ess = job.load("checks.json")["ess_bulk"]

@@ -13,6 +13,7 @@ import xarray as xr
 from bayeschute.aero.published import load_published
 from bayeschute.core.errors import InputError
 from bayeschute.core.files import write_whole
+from bayeschute.core.random import stream
 from bayeschute.records.reconstruct import reconstruct
 from bayeschute.regression.propagation import Propagated, propagate
 from bayeschute.regression.stacked import Stack, stack_records
@@ -34,7 +35,6 @@ from bayeschute.study.schema.structure_schema import PolarPoolTable, StructureTa
 from bayeschute.study.study import Flight
 
 VECTOR = {"axial": axial_problem, "transverse": transverse_problem}
-_STREAM = 731  # keeps the random numbers of this stage apart from those of others
 _NOISIER = 8  # times the positions' noise is added once more
 _QUICK = 20  # replicates at most with --quick
 
@@ -52,7 +52,7 @@ def structure(job: Job) -> str:
     tests, untested = _checks(job, flights, records)
     dt = float(records[0]["time"][1] - records[0]["time"][0])
     stacks = _stacked(study, flights, records)
-    rng = np.random.default_rng([study.seed, _STREAM])
+    rng = stream(study.seed, "selection of terms")
     made: dict[str, Identified] = {}
     for i, (name, stack) in enumerate(stacks.items()):
         names, indices = _candidates(study, name)
@@ -246,10 +246,10 @@ def _synthetic(job: Job, flights: Sequence[Flight], records: Sequence[xr.Dataset
     published = load_published(table.published, table.reading)
     count = min(table.replicates, _QUICK) if job.quick else table.replicates
     entries = {}
-    for i, (name, snr) in enumerate(table.snr.by_name().items()):
+    for name, snr in table.snr.by_name().items():
         pool = _along(study, _table(study).polar.pools()[name], made, table.canopy - 1)
         making = Making(snr, table.time_constant, count)
-        rng = np.random.default_rng([study.seed, _STREAM, i])
+        rng = stream(study.seed, "data of published terms", name)
         found = replicate(
             pool,
             published.of(name),

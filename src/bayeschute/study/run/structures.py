@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bayeschute.core.errors import FitError
+from bayeschute.core.random import seed_of, stream
 from bayeschute.likelihood.priors import Prior, from_equation_error
 from bayeschute.posterior.combine.model_average import OPENING, counts, sequential_scores, weights
 from bayeschute.posterior.fit import Settled, conclude, settle
@@ -24,7 +25,6 @@ from bayeschute.study.run import checkpoint, several_starts
 
 FILE = "fit/structures.json"
 COUNTS = 0.01  # weight from which a structure must have converged
-_STREAM = 15  # of the bootstrap of the weights
 Say = Callable[[float, str], None]
 
 
@@ -123,12 +123,13 @@ def _fitted(job: Job, group: Group, say: Say) -> _Fitted:
     settled = _settled(job, group, prior, lambda s, w: say(0.6 * s, w))
     flights = [data_of(job, f, group.priors) for f in group.flights]
     found = conclude(flights, group.priors, prior, settled, lambda s, w: say(0.6 + 0.2 * s, w))
+    seed = seed_of(job.study.seed, "draws of a structure", group.name)
     draws = checkpoint.get_draws(job, group.name, _kind(job))
     if draws is None:
-        sizes = (table.chains, table.warmup, table.draws, job.study.seed)
+        sizes = (table.chains, table.warmup, table.draws, seed)
         draws = sample(found.marginal, _kind(job), *sizes, lambda s, w: say(0.8 + 0.1 * s, w))
         checkpoint.put_draws(job, group.name, _kind(job), draws)
-    save_fit(job, group, found, draws, widened(draws.xi, found.law_effect, found.law_covariance, job.study.seed))
+    save_fit(job, group, found, draws, widened(draws.xi, found.law_effect, found.law_covariance, seed))
     say(0.9, "leave-future-out scores")
     return _Fitted(settled, draws, *sequential_scores(found.marginal), found.optimum.converged)
 
@@ -168,7 +169,7 @@ def fit_all(job: Job, group: Group, say: Say) -> list[str]:
             tried = [f"{names[i]}: {said}" for i, said in why.items()]
             raise FitError(reason, tried, farthest.paths, farthest.parameters)
         raise FloatingPointError(reason)
-    rng = np.random.default_rng([job.study.seed, _STREAM])
+    rng = stream(job.study.seed, "bootstrap of the weights")
     made = weights(np.array([one.later for one in fitted.values()]), rng)
     place = {i: k for k, i in enumerate(fitted)}
     rows = []
