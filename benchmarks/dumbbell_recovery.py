@@ -22,12 +22,12 @@ import xarray as xr
 from bayeschute.aero.published import load_published
 from bayeschute.core.units import to_si
 from bayeschute.dynamics.parameters import Canopies
-from bayeschute.likelihood.joint import Hyper
+from bayeschute.likelihood.joint import NoiseParameters
 from bayeschute.likelihood.noise import Noise
 from bayeschute.likelihood.priors import Prior
 from bayeschute.posterior import fit, sampler
 from bayeschute.posterior.assess import output_error
-from bayeschute.posterior.noise_evidence import HyperPrior
+from bayeschute.posterior.noise_evidence import NoisePrior
 from bayeschute.posterior.noise_uncertainty import widened
 from bayeschute.records.sensors import SensorNoise
 from bayeschute.reduced.dumbbell import Dumbbell
@@ -58,8 +58,8 @@ SETTLING = SwingDrop(300.0, 0.1, 7000.0 * FT, 17.0 * DEGREE)
 AFTER, SETTLED = 30.0, 150.0  # [s]
 DRAWS = 64
 WIDE = {"C_A0": 0.5, "C_Aalpha": 1.5, "alpha_0": 0.15, "C_Nalpha": 0.5, "C_Nalphadot": 1.0}
-WHITE = Hyper(Noise(np.array([0.4 * DEGREE, 0.3]), np.full(2, 1e-6), np.ones(2)), ())
-COLORED = Hyper(
+WHITE = NoiseParameters(Noise(np.array([0.4 * DEGREE, 0.3]), np.full(2, 1e-6), np.ones(2)), ())
+COLORED = NoiseParameters(
     Noise(np.array([0.12 * DEGREE, 0.06]), np.array([0.2 * DEGREE, 0.12]), np.array([2.0, 2.0])),
     tuple(np.array([sd * FT, time]) for sd, time in ((2.0, 5.0), (1.0, 5.0), (1.0, 20.0), (1.0, 20.0))),
 )
@@ -72,7 +72,9 @@ def priors_off(seed: int) -> list[Prior]:
     return [Prior(p.name, p.estimate * off[p.name], WIDE[p.name], False, p.unit, "off") for p in TABLE.parameters]
 
 
-def foretold(name: str, draws: np.ndarray, hyper: Hyper | None, priors: list[Prior], seed: int) -> dict[str, Any]:
+def foretold(
+    name: str, draws: np.ndarray, hyper: NoiseParameters | None, priors: list[Prior], seed: int
+) -> dict[str, Any]:
     """Frequency and amplitude of the look-alike and of its limit cycle, as foretold and as true."""
     record, truth = fly_swing(SECOND, LIGHTER, AERO, 1000 + seed)
     settling, _ = fly_swing(SETTLING, LIGHTER, AERO, 0)
@@ -82,7 +84,7 @@ def foretold(name: str, draws: np.ndarray, hyper: Hyper | None, priors: list[Pri
     seen = time >= AFTER
     exact = np.array([list(TRUTH.values())])
     made: dict[str, Any] = {}
-    cases: list[tuple[str, xr.Dataset, float, Hyper | None]] = [
+    cases: list[tuple[str, xr.Dataset, float, NoiseParameters | None]] = [
         ("flight", record, AFTER, hyper),
         ("limit_cycle", settling, SETTLED, None),
     ]
@@ -116,12 +118,12 @@ def one(seed: int) -> dict[str, Any]:
     priors = priors_off(seed)
     rows: dict[str, dict[str, float]] = {}
     flights = [dumbbell_data(record, BASE, AERO, priors, STILL)]
-    settled = fit.settle(flights, priors, HyperPrior(WHITE))
+    settled = fit.joint_fit(flights, priors, NoisePrior(WHITE))
     bounds = output_error.bounds(flights, settled.hyper, priors, settled.optimum)
-    found = fit.find([dumbbell_data(record, BASE, AERO, priors, WIND)], priors, HyperPrior(COLORED))
+    found = fit.find([dumbbell_data(record, BASE, AERO, priors, WIND)], priors, NoisePrior(COLORED))
     marginal = found.marginal
     xi = sampler.sample(marginal, "nuts", 4, 300, 500, seed).xi
-    wide = widened(xi, found.law_effect, found.law_covariance, seed).reshape(-1, len(priors))
+    wide = widened(xi, found.noise_effect, found.noise_parameter_covariance, seed).reshape(-1, len(priors))
     draws = np.asarray(marginal.centre) + wide @ np.asarray(marginal.scale).T
     print(f"seed {seed}  {'':6} start    truth | output error  raw sd  corrected | latent wind      sd | report's sd")
     for i, (p, row) in enumerate(zip(TABLE.parameters, output_error.table(bounds, priors), strict=True)):

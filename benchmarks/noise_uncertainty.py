@@ -35,8 +35,8 @@ def one(out: Path, seed: int, draws: int) -> tuple[dict[str, dict[str, float]], 
     """
     from bayeschute.likelihood.priors import working
     from bayeschute.posterior.joint_mode import conditional
-    from bayeschute.posterior.noise_evidence import HyperPrior, from_vector, function_of, to_vector
-    from bayeschute.posterior.noise_uncertainty import LawEffect, joint_covariance
+    from bayeschute.posterior.noise_evidence import NoisePrior, from_vector, function_of, to_vector
+    from bayeschute.posterior.noise_uncertainty import NoiseEffect, joint_covariance
     from bayeschute.study.assembly import assemble
     from bayeschute.study.assembly.fits import groups, load_fit
     from bayeschute.study.job import Job
@@ -49,8 +49,8 @@ def one(out: Path, seed: int, draws: int) -> tuple[dict[str, dict[str, float]], 
     stored = load_fit(job, group)
     linear, gaps = ([getattr(a, key) for a in stored.marginal.along] for key in ("linear", "gap"))
     flights = stored.marginal.flights
-    evidence = function_of(flights, linear, group.priors, HyperPrior(assemble.hyper(job.study)), gaps)
-    at, root = to_vector(stored.hyper), np.linalg.cholesky(stored.law_covariance)
+    evidence = function_of(flights, linear, group.priors, NoisePrior(assemble.hyper(job.study)), gaps)
+    at, root = to_vector(stored.hyper), np.linalg.cholesky(stored.noise_parameter_covariance)
     half = np.random.default_rng([seed, 21]).standard_normal((draws // 2, at.size))
     log_weight, covariances = [], []
     for z in np.concatenate([half, -half]):
@@ -62,10 +62,10 @@ def one(out: Path, seed: int, draws: int) -> tuple[dict[str, dict[str, float]], 
         log_weight.append(0.5 * z @ z - evidence(at + root @ z)[0])
     weight = np.exp(np.array(log_weight) - max(log_weight))
     weight /= weight.sum()
-    effect, scale = stored.law_effect, np.asarray(stored.marginal.scale)
-    drawn = np.diag(joint_covariance(scale, effect, stored.law_covariance))
-    still = LawEffect.none(*effect.slope.shape)._replace(slope=effect.slope)
-    held = joint_covariance(scale, still, stored.law_covariance)
+    effect, scale = stored.noise_effect, np.asarray(stored.marginal.scale)
+    drawn = np.diag(joint_covariance(scale, effect, stored.noise_parameter_covariance))
+    still = NoiseEffect.none(*effect.slope.shape)._replace(slope=effect.slope)
+    held = joint_covariance(scale, still, stored.noise_parameter_covariance)
     slope = np.diag(held - scale @ scale.T)
     alike = np.full(draws, 1.0 / draws)
     made = {"as drawn": alike, "weighed": weight}

@@ -67,13 +67,13 @@ def flown(study: Any, seed: int, drop: Any = None, priors: Any = priors_about) -
 
 def known_noise(drop: Any) -> Any:
     """The noise parameters that make a drop's record and disturbances."""
-    from bayeschute.likelihood.joint import Hyper
+    from bayeschute.likelihood.joint import NoiseParameters
     from bayeschute.likelihood.noise import Noise
 
     rows = [drop.sensors[name] for name in ("canopy_position", "capsule_velocity", "capsule_attitude")]
     noise = Noise(*(np.array([getattr(r, k) for r in rows]) for k in ("white", "correlated", "time_constant")))
     gusts, breathing = drop.turbulence, drop.breathing
-    return Hyper(
+    return NoiseParameters(
         noise,
         (
             np.array([gusts.horizontal, gusts.time_constant]),
@@ -89,8 +89,8 @@ def one(study: Any, seed: int, known: bool) -> dict[str, Any]:
     """Fly and fit one replicate."""
     from bayeschute.likelihood.priors import working
     from bayeschute.posterior import joint_mode as optimum
-    from bayeschute.posterior.fit import Settled, find, marginal_mode
-    from bayeschute.posterior.noise_evidence import HyperPrior
+    from bayeschute.posterior.fit import JointFit, find, marginal_mode
+    from bayeschute.posterior.noise_evidence import NoisePrior
     from bayeschute.posterior.noise_uncertainty import joint_covariance
     from bayeschute.records.sensors import SensorNoise
     from bayeschute.study.assembly import assemble
@@ -103,12 +103,12 @@ def one(study: Any, seed: int, known: bool) -> dict[str, Any]:
     if known:
         hyper, truth = known_noise(drop), working(priors)[0]
         best = optimum.fit(data, hyper, priors, truth, tolerance=0.05)
-        best = marginal_mode(data, priors, Settled(best, hyper, np.nan))
+        best = marginal_mode(data, priors, JointFit(best, hyper, np.nan))
         covariance = best.covariance
     else:
-        found = find(data, priors, HyperPrior(assemble.hyper(study)))
+        found = find(data, priors, NoisePrior(assemble.hyper(study)))
         best = found.optimum
-        covariance = joint_covariance(found.marginal.scale, found.law_effect, found.law_covariance)
+        covariance = joint_covariance(found.marginal.scale, found.noise_effect, found.noise_parameter_covariance)
     z = (best.theta - working(priors)[0]) / np.sqrt(np.diag(covariance))
     return {
         "seed": seed,

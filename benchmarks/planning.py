@@ -105,7 +105,7 @@ def descents(batches: int, drops: int) -> dict[str, Cost]:
     from bayeschute.study.run.simulate import fly_drop, wanted_drops
 
     given = flights(PLAIN, SAMPLES, BATCH)
-    why = kernel.obstacle(*given.all())
+    why = kernel.why_not_compiled(*given.all())
     print(f"states by {'machine code' if why is None else f'JAX, since there is no machine code: {why}'}")
     study = load_study(ROOT / "models" / "studies" / "cdt-3-11.toml")
     several = wanted_drops(study, study.flights[:1], drops + 1, SEED)

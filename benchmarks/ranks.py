@@ -27,7 +27,7 @@ import bayeschute
 from bayeschute.calibration import simulation_based as sbc
 from bayeschute.calibration.campaign import run
 from bayeschute.likelihood.priors import Prior
-from bayeschute.posterior.noise_evidence import HyperPrior
+from bayeschute.posterior.noise_evidence import NoisePrior
 from bayeschute.prediction.bands import quantities_of_states
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -52,7 +52,7 @@ def dumbbell() -> sbc.Template:
     priors = tuple(Prior(n, v, SPREAD[n], False, "1", "Table 7.1-2") for n, v in swing.TRUTH.items())
     flight = dumbbell_data(record, swing.BASE, swing.AERO, priors, WIND)
     return sbc.Template(
-        flight, priors, HyperPrior(swing.COLORED, LOG_SD),
+        flight, priors, NoisePrior(swing.COLORED, LOG_SD),
         lambda data, x: sbc.swing_quantities(x[:, 4], x[:, 3], float(data.dt)),
     )  # fmt: skip
 
@@ -78,7 +78,7 @@ def cluster() -> sbc.Template:
         seen = quantities_of_states(data, x)
         return sbc.swing_quantities(seen["swing_angle"], seen["descent_rate"], float(data.dt))
 
-    return sbc.Template(opening(flight, 45.0), priors, HyperPrior(assemble.hyper(study), LOG_SD), quantities)
+    return sbc.Template(opening(flight, 45.0), priors, NoisePrior(assemble.hyper(study), LOG_SD), quantities)
 
 
 @lru_cache(maxsize=2)

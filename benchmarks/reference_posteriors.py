@@ -28,8 +28,8 @@ from bayeschute.likelihood.joint import FlightData
 from bayeschute.likelihood.priors import Prior
 from bayeschute.posterior.assess import exact_importance
 from bayeschute.posterior.assess.exact_importance import Following, Weighed
-from bayeschute.posterior.fit import Found, find
-from bayeschute.posterior.noise_evidence import HyperPrior
+from bayeschute.posterior.fit import LaplaceFit, find
+from bayeschute.posterior.noise_evidence import NoisePrior
 from bayeschute.posterior.noise_uncertainty import widened
 from bayeschute.posterior.sampler import sample
 
@@ -48,7 +48,7 @@ class Case:
 
     flight: FlightData
     priors: tuple[Prior, ...]
-    noise: HyperPrior
+    noise: NoisePrior
 
 
 def ranked(name: str) -> Case:
@@ -69,7 +69,7 @@ def cluster_ar1() -> Case:
 
     study = with_noise(load_study(study_of.STUDY), "ar1")
     flight, priors = study_of.flown(study, SEED)
-    return Case(flight, priors, HyperPrior(assemble.hyper(study)))
+    return Case(flight, priors, NoisePrior(assemble.hyper(study)))
 
 
 CASES: dict[str, Callable[[], Case]] = {
@@ -79,11 +79,11 @@ CASES: dict[str, Callable[[], Case]] = {
 }
 
 
-def ours(case: Case) -> tuple[Found, np.ndarray]:
+def ours(case: Case) -> tuple[LaplaceFit, np.ndarray]:
     """The default inference: what was found, and draws of the parameters, working coordinates (S, P)."""
     found = find([case.flight], case.priors, case.noise)
     xi = sample(found.marginal, "nuts", 4, 300, OURS, SEED).xi
-    wide = widened(xi, found.law_effect, found.law_covariance, SEED).reshape(-1, len(case.priors))
+    wide = widened(xi, found.noise_effect, found.noise_parameter_covariance, SEED).reshape(-1, len(case.priors))
     return found, np.asarray(found.marginal.centre) + wide @ np.asarray(found.marginal.scale).T
 
 
@@ -95,7 +95,7 @@ def told(draws: np.ndarray, weight: np.ndarray | None = None) -> dict[str, float
     return {"mean": mean, "sd": float(np.sqrt(w @ (draws - mean) ** 2)), "q05": float(low), "q95": float(high)}
 
 
-def make(name: str, case: Case, found: Found, draws: int) -> dict[str, Any]:
+def make(name: str, case: Case, found: LaplaceFit, draws: int) -> dict[str, Any]:
     """Pilots, the first about what was found, others about the weighed moments of the last where need be; the run."""
     began = perf_counter()
 

@@ -213,7 +213,7 @@ def main() -> None:
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     given = flights(PLAIN, SAMPLES, BATCH)
-    why = kernel.obstacle(*given.all())
+    why = kernel.why_not_compiled(*given.all())
     if why is not None:
         raise SystemExit(f"no machine code here: {why}")
     ratios: Numbers = {}

@@ -32,13 +32,13 @@ from numpyro.infer import MCMC, NUTS, init_to_value
 from bayeschute.atmosphere.standard import standard_density
 from bayeschute.likelihood.channels import descent_data
 from bayeschute.likelihood.disturbances import Latent
-from bayeschute.likelihood.joint import Hyper
+from bayeschute.likelihood.joint import NoiseParameters
 from bayeschute.likelihood.noise import Noise
 from bayeschute.likelihood.priors import Prior
 from bayeschute.posterior import numpyro_model
-from bayeschute.posterior.assess.identifiability import confounding, law_labels
+from bayeschute.posterior.assess.identifiability import confounding, noise_parameter_labels
 from bayeschute.posterior.fit import find
-from bayeschute.posterior.noise_evidence import HyperPrior
+from bayeschute.posterior.noise_evidence import NoisePrior
 from bayeschute.posterior.noise_uncertainty import widened
 from bayeschute.posterior.sampler import data_tree, sample
 from bayeschute.prediction import bands
@@ -97,7 +97,7 @@ for repair in repairs(record):
 # %%
 prior = Prior("cds_over_mass", np.log(0.13), 0.4, logarithmic=True, unit="m^2/kg", source="the maker's data sheet")
 residual = Noise(white=np.array([0.3]), correlated=np.array([0.3]), time_constant=np.array([3.0]))
-noise = HyperPrior(Hyper(residual, laws=(np.array([0.5, 30.0]),)))  # sd [m/s], time constant [s]
+noise = NoisePrior(NoiseParameters(residual, laws=(np.array([0.5, 30.0]),)))  # sd [m/s], time constant [s]
 
 # %% [markdown]
 # ## Fit
@@ -112,7 +112,7 @@ TOLD = 75.0  # [s]
 flight = descent_data(record, Latent(("drift",), ((0, 0),)), until=TOLD)
 found = find([flight], [prior], noise)
 draws = sample(found.marginal, "nuts", chains=4, warmup=100, draws=200, seed=SEED)
-wide = widened(draws.xi, found.law_effect, found.law_covariance, SEED)
+wide = widened(draws.xi, found.noise_effect, found.noise_parameter_covariance, SEED)
 posterior = data_tree(found.marginal, [prior], draws, SEED, ["sonde"], wide=wide)
 drag, held = (posterior[group]["cds_over_mass"].values.ravel() for group in ("posterior", "conditional"))
 low, high = np.quantile(drag, [0.05, 0.95])
@@ -146,8 +146,10 @@ print(f"numpyro: {theirs.mean():.4f} +- {theirs.std():.4f} m^2/kg, ours: {held.m
 
 # %%
 contraction = 1.0 - (np.log(drag).std() / prior.scale) ** 2
-names = law_labels(["descent rate"], ["wind"], ["drift"])
-mixed = confounding(np.asarray(found.marginal.scale), found.law_effect, found.law_covariance, [prior], names)
+names = noise_parameter_labels(["descent rate"], ["wind"], ["drift"])
+mixed = confounding(
+    np.asarray(found.marginal.scale), found.noise_effect, found.noise_parameter_covariance, [prior], names
+)
 (partner, correlation), share = mixed.strongest()["cds_over_mass"], mixed.share[0]
 print(f"taken away from the prior's variance: {contraction:.1%}")
 print(f"due to unknown noise parameters: {share:.1%} of the variance; foremost {partner} ({correlation:.2f})")
@@ -161,8 +163,8 @@ print(f"due to unknown noise parameters: {share:.1%} of the variance; foremost {
 # scatters widely about 90 %; only many flights can tell whether the bands are honest.
 
 # %%
-laws = bands.law_draws(found.hyper, found.law_covariance, 32, np.random.default_rng(SEED))
-theta = bands.carried(found.marginal, np.log(held)[:, None], laws, found.law_effect)
+laws = bands.noise_parameter_draws(found.hyper, found.noise_parameter_covariance, 32, np.random.default_rng(SEED))
+theta = bands.carried(found.marginal, np.log(held)[:, None], laws, found.noise_effect)
 prediction = bands.predict(found.marginal, 0, theta, laws, SEED, told=TOLD)
 time = record["time"].values
 held_out = time > TOLD

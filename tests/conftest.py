@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bayeschute.core.numerics import let_go
+from bayeschute.core.numerics import clear_compiled
 from tests.fitting import (  # noqa: F401
     bent,
     dense,
@@ -123,4 +123,4 @@ def finished(descents: Descents, tmp_path_factory: pytest.TempPathFactory) -> Fi
 def _room_for_compiled_functions() -> Iterator[None]:
     """The whole suite in one process would need more memory maps than Linux allows."""
     yield
-    let_go()
+    clear_compiled()

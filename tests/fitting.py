@@ -13,7 +13,7 @@ import pytest
 
 from bayeschute.dynamics.descent import DensityProfile, DescentFlight, DescentInputs
 from bayeschute.likelihood.disturbances import Latent
-from bayeschute.likelihood.joint import FlightData, Hyper, Lifted, Unknowns, course, residuals, states
+from bayeschute.likelihood.joint import FlightData, Lifted, NoiseParameters, Unknowns, course, residuals, states
 from bayeschute.likelihood.noise import Noise
 from bayeschute.likelihood.priors import Prior
 from bayeschute.likelihood.simulation_smoother import Normals
@@ -21,7 +21,7 @@ from bayeschute.posterior import laplace
 from bayeschute.posterior.fit import find
 from bayeschute.posterior.joint_mode import fit
 from bayeschute.posterior.marginal import marginalise, shifted
-from bayeschute.posterior.noise_evidence import HyperPrior
+from bayeschute.posterior.noise_evidence import NoisePrior
 from tests.twins import dense_noise as _dense
 from tests.twins import quadrature as _quadrature
 
@@ -135,7 +135,7 @@ def descent():
     model = DescentFlight(air, DescentInputs(np.zeros(101)), 2500.0, 10.0, 0.5, substeps=2)
     nothing = np.zeros((101, 1))
     empty = FlightData(model, nothing, nothing == 0.0, 0.5, np.array([2.0]), (0,), GUSTS)
-    hyper = Hyper(Noise(*(np.array([x]) for x in (0.05, 0.10, 2.0))), (np.array([0.4, 12.0]),))
+    hyper = NoiseParameters(Noise(*(np.array([x]) for x in (0.05, 0.10, 2.0))), (np.array([0.4, 12.0]),))
     theta = np.array([np.log(0.2)])
     made = [simulate(empty, hyper, theta, seed) for seed in (1, 2)]
     priors = [Prior("cds_over_mass", float(np.log(0.22)), 0.3, True, "m^2/kg", "a guess")]
@@ -149,7 +149,7 @@ def short(descent):
     """Five samples of a descent in strong gusts, seen sharply: its determinant depends on the drag."""
     flight, rng = descent.flights[0], np.random.default_rng(0)
     model = replace(flight.model, record=DescentInputs(np.zeros(5)))
-    hyper = Hyper(Noise(*(np.array([x]) for x in (0.05, 0.05, 2.0))), (np.array([1.0, 3.0]),))
+    hyper = NoiseParameters(Noise(*(np.array([x]) for x in (0.05, 0.05, 2.0))), (np.array([1.0, 3.0]),))
     empty = replace(flight, model=model, observed=np.zeros((5, 1)), present=np.ones((5, 1), bool))
     u = Unknowns(rng.standard_normal(1), rng.standard_normal((5, 1)))
     from_truth = -np.asarray(residuals(empty, descent.theta, course(empty, hyper, u)))
@@ -161,7 +161,7 @@ def short(descent):
 def bent(descent):
     """Five samples of a bent flight in gusts of which the data tell little."""
     rng, priors = np.random.default_rng(3), [Prior("drive", 1.0, 2.0, False, "1", "test")]
-    hyper = Hyper(Noise(*(np.array([x]) for x in (0.3, 0.3, 2.0))), (np.array([0.8, 3.0]),))
+    hyper = NoiseParameters(Noise(*(np.array([x]) for x in (0.3, 0.3, 2.0))), (np.array([0.8, 3.0]),))
     model, present = BentFlight(np.zeros(5)), np.ones((5, 1), bool)
     flight = replace(
         descent.flights[0], model=model, observed=np.zeros((5, 1)), present=present, start_scale=np.array([0.2])
@@ -181,7 +181,7 @@ def felt_flight():
 @pytest.fixture(scope="session")
 def found(descent):
     """The marginal posterior of the falling bodies."""
-    return find(descent.flights, descent.priors, HyperPrior(descent.hyper, 0.4), rounds=1)
+    return find(descent.flights, descent.priors, NoisePrior(descent.hyper, 0.4), rounds=1)
 
 
 @pytest.fixture(scope="session")
@@ -191,7 +191,7 @@ def linear(dense):
     model, nothing = LinearFlight(np.sin(0.4 * np.arange(samples))), np.zeros((samples, 2))
     empty = FlightData(model, nothing, nothing == 0.0, dt, np.array([0.5, 0.4]), (1, 0), MIXED)
     noise = Noise(np.array([0.04, 0.06]), np.array([0.10, 0.05]), np.array([0.9, 2.0]))
-    hyper = Hyper(noise, (np.array([0.6, 2.5]), np.array([0.9, 0.35, 0.15])))
+    hyper = NoiseParameters(noise, (np.array([0.6, 2.5]), np.array([0.9, 0.35, 0.15])))
     theta = np.array([0.7, -0.4])
     priors = [Prior("one", 0.5, 0.6, False, "1", ""), Prior("two", 0.0, 0.8, False, "1", "")]
     flight, u = simulate(empty, hyper, theta, 3)

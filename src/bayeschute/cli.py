@@ -318,10 +318,10 @@ def calibrate(
     quick: Annotated[bool, typer.Option("--quick", help="Small sizes, to see that all works; not for use.")] = False,
 ) -> None:
     """Fly replicates of a study and count what its intervals and bands hold."""
-    from bayeschute.study.evidence.scenarios import DISTURBANCES
+    from bayeschute.study.evidence.scenarios import SCENARIOS
 
     if disturbance == "list":
-        for name, kind in DISTURBANCES.items():
+        for name, kind in SCENARIOS.items():
             say(f"{name:14} {kind.says}")
         return
     folder = out or Path("runs") / "calibration" / study.stem

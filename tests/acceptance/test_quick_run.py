@@ -17,7 +17,7 @@ from bayeschute.posterior.assess import flight_groups
 from bayeschute.records.record import load_record
 
 ROOT = Path(__file__).parents[2]
-LEFT = """
+ARTEFACT_VERSION = """
 study.toml flights/low.nc flights/high.nc structure.json posterior.nc predictions.nc summary.json report.html
 risk/draws.parquet risk/draws.csv risk/marginals.csv risk/correlation.csv risk/end_of_record.parquet risk/exceedance.csv
 risk/tolerance.csv risk/requirements.json risk/data_dictionary.csv figures/bands-low.png figures/bands-low.svg
@@ -34,7 +34,7 @@ def _numbers(value: object) -> list[float]:
 
 
 def test_a_run_leaves_what_the_design_says(finished):
-    missing = [name for name in LEFT if not (finished.folder / name).is_file()]
+    missing = [name for name in ARTEFACT_VERSION if not (finished.folder / name).is_file()]
     assert missing == []
     assert not list(finished.folder.rglob(".*.part*")), "files that were written aside are left"
 

@@ -12,11 +12,11 @@ import pytest
 from bayeschute.aero.published import load_published
 from bayeschute.calibration import simulation_based as sbc
 from bayeschute.dynamics.parameters import Canopies
-from bayeschute.likelihood.joint import Hyper, residuals
+from bayeschute.likelihood.joint import NoiseParameters, residuals
 from bayeschute.likelihood.noise import Noise
 from bayeschute.likelihood.priors import Prior
 from bayeschute.posterior.fit import find
-from bayeschute.posterior.noise_evidence import HyperPrior, to_vector
+from bayeschute.posterior.noise_evidence import NoisePrior, to_vector
 from bayeschute.posterior.noise_uncertainty import joint_covariance
 from bayeschute.reduced.dumbbell import Dumbbell
 from bayeschute.reduced.dumbbell_data import GUSTS, dumbbell_data
@@ -26,7 +26,7 @@ from bayeschute.reduced.virtual_swing import SwingDrop, fly_swing
 TABLE = load_published("table-7.1-2")
 AERO, TRUTH = planar_aero(TABLE), TABLE.estimates()
 BASE = Dumbbell(9936.0, 71.6, Canopies(981.0, 35.4, 9.75, 149.0, 3969.0))
-HYPER = Hyper(
+HYPER = NoiseParameters(
     Noise(np.array([2e-3, 0.06]), np.array([3e-3, 0.1]), np.array([2.0, 2.0])),
     (np.array([0.5, 5.0]), np.array([0.3, 5.0])),
 )
@@ -39,7 +39,7 @@ def template():
     priors = tuple(Prior(n, TRUTH[n], 0.05, False, "1", "test") for n in NAMES)
     flight = dumbbell_data(record, BASE, AERO, priors, GUSTS)
     return sbc.Template(
-        flight, priors, HyperPrior(HYPER, 0.3), lambda data, x: sbc.swing_quantities(x[:, 4], x[:, 3], float(data.dt))
+        flight, priors, NoisePrior(HYPER, 0.3), lambda data, x: sbc.swing_quantities(x[:, 4], x[:, 3], float(data.dt))
     )
 
 
@@ -120,7 +120,7 @@ def test_truths_come_from_a_posterior(template, believed):
     drawn = [sbc.draw(template, seed, believed) for seed in range(60)]
     xi = np.array([np.linalg.solve(scale, d.theta - centre) for d in drawn])
     law = np.array([to_vector(d.hyper) - to_vector(believed.found.hyper) for d in drawn])
-    effect, covariance = believed.found.law_effect, believed.found.law_covariance
+    effect, covariance = believed.found.noise_effect, believed.found.noise_parameter_covariance
     whole = np.diag(joint_covariance(np.diag(believed.xi.std(axis=0)), effect, covariance))
     assert (np.abs(xi.mean(axis=0) - believed.xi.mean(axis=0)) < 4.0 * np.sqrt(whole / 60)).all()
     np.testing.assert_allclose(xi.std(axis=0), np.sqrt(whole), rtol=0.4)

@@ -159,7 +159,7 @@ def descent():
 
 
 def test_trajectories_are_those_of_jax(case):
-    assert kernel.obstacle(case.model, case.theta, case.start, case.error) is None
+    assert kernel.why_not_compiled(case.model, case.theta, case.start, case.error) is None
     assert_close(kernel.states(case.model, case.theta, case.start, case.error), reference(case), 1e-10)
 
 
@@ -293,7 +293,7 @@ def test_failures_stay_in_their_lane_and_are_those_of_jax(descent):
 def test_without_llvmlite_jax_serves(descent, monkeypatch):
     monkeypatch.setattr(programs, "available", lambda: False)
     given = descent.model, descent.theta, descent.start, descent.error
-    assert "llvmlite is not installed" in kernel.obstacle(*given)
+    assert "llvmlite is not installed" in kernel.why_not_compiled(*given)
     assert kernel.states(*given) is None
     assert kernel.along_path(*descent.one(), np.zeros((T, 1))) is None
 
@@ -301,10 +301,10 @@ def test_without_llvmlite_jax_serves(descent, monkeypatch):
 def test_traced_calls_and_odd_batches_are_left_to_jax(descent):
     given = descent.theta, descent.start, descent.error
     told = []
-    jax.jit(lambda *a: told.append(kernel.obstacle(descent.model, *a)) or 0.0)(*given)
+    jax.jit(lambda *a: told.append(kernel.why_not_compiled(descent.model, *a)) or 0.0)(*given)
     assert told == ["the call is traced"]
-    assert "batch axis" in kernel.obstacle(descent.model, descent.theta, descent.start[:, :1], descent.error)
-    assert "batch axis" in kernel.obstacle(descent.model, *(a[..., None] for a in given))
+    assert "batch axis" in kernel.why_not_compiled(descent.model, descent.theta, descent.start[:, :1], descent.error)
+    assert "batch axis" in kernel.why_not_compiled(descent.model, *(a[..., None] for a in given))
 
 
 @jax.tree_util.register_dataclass
@@ -319,9 +319,9 @@ class Summed(DescentFlight):
 def test_models_without_a_form_are_named(descent):
     model = descent.model
     summed = Summed(model.air, model.record, model.altitude, model.speed, model.dt)
-    assert kernel.obstacle(summed, *descent.one()[1:]) == "no scalar form of cumsum"
+    assert kernel.why_not_compiled(summed, *descent.one()[1:]) == "no scalar form of cumsum"
 
     class Plain:
         pass
 
-    assert kernel.obstacle(Plain(), *descent.one()[1:]) == "Plain has no method 'rate'"
+    assert kernel.why_not_compiled(Plain(), *descent.one()[1:]) == "Plain has no method 'rate'"

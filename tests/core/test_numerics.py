@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 import pytest
 
-from bayeschute.core.numerics import THREADS_VARIABLE, let_go
+from bayeschute.core.numerics import THREADS_VARIABLE, clear_compiled
 
 Doubling = tuple[Callable[[jax.Array], jax.Array], list[int]]
 
@@ -33,14 +33,14 @@ def doubling() -> Doubling:
 
 def test_few_maps_keep_compiled_functions(doubling: Doubling) -> None:
     double, traced = doubling
-    assert not let_go(10**9)
+    assert not clear_compiled(10**9)
     double(jnp.ones(3))
     assert len(traced) == 1
 
 
 def test_many_maps_let_them_go_and_they_are_made_anew(doubling: Doubling) -> None:
     double, traced = doubling
-    assert let_go(0)
+    assert clear_compiled(0)
     assert double(jnp.ones(3)).tolist() == [2.0, 2.0, 2.0]
     assert len(traced) == 2
 

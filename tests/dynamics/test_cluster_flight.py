@@ -149,7 +149,7 @@ def test_an_empty_name_replaces_nothing():
 def test_machine_code_gives_the_same_outputs_and_derivatives():
     pytest.importorskip("llvmlite")
     start, error = 0.02 * np.random.default_rng(2).normal(size=17), np.zeros((6, 3))
-    assert kernel.obstacle(MODEL, THETA, start, error) is None
+    assert kernel.why_not_compiled(MODEL, THETA, start, error) is None
     x = np.asarray(kernel.states(MODEL, THETA, start, error))
     y, _, steps = kernel.along_path(MODEL, THETA, start, error, kernel.states(MODEL, THETA, start, error))
     for t in range(6):
@@ -202,7 +202,7 @@ def test_there_is_no_such_parameter(name):
 def test_machine_code_serves_canopies_with_coefficients_of_their_own():
     pytest.importorskip("llvmlite")
     start, error = 0.02 * np.random.default_rng(2).normal(size=17), np.zeros((6, 3))
-    assert kernel.obstacle(EACH, OWN, start, error) is None
+    assert kernel.why_not_compiled(EACH, OWN, start, error) is None
     want = np.asarray(trajectory_compiled(EACH, OWN, start, error))
     np.testing.assert_allclose(kernel.states(EACH, OWN, start, error), want, rtol=1e-11, atol=1e-9)
     _, _, steps = kernel.along_path(EACH, OWN, start, error, kernel.states(EACH, OWN, start, error))
@@ -251,7 +251,7 @@ def test_machine_code_serves_pushes_and_the_roll():
     """Trajectories are those of JAX, and the derivatives by pushes and roll those of differences."""
     pytest.importorskip("llvmlite")
     start, error = 0.02 * np.random.default_rng(2).normal(size=17), 0.05 * np.random.default_rng(3).normal(size=(6, 10))
-    assert kernel.obstacle(EACH, OWN, start, error) is None
+    assert kernel.why_not_compiled(EACH, OWN, start, error) is None
     got = np.asarray(kernel.states(EACH, OWN, start, error))
     np.testing.assert_allclose(got, trajectory_compiled(EACH, OWN, start, error), rtol=1e-10, atol=1e-9)
     for rows in (np.arange(10) < 5, np.arange(10) < 9):

@@ -11,7 +11,7 @@ from bayeschute.dynamics.initial_state import deviation_names
 from bayeschute.likelihood import channels
 from bayeschute.likelihood.channels import density_profile, descent_data, filled, opening_of
 from bayeschute.likelihood.disturbances import Latent
-from bayeschute.likelihood.joint import Hyper
+from bayeschute.likelihood.joint import NoiseParameters
 from bayeschute.likelihood.noise import Noise
 from bayeschute.likelihood.priors import Prior
 from bayeschute.posterior import joint_mode as optimum
@@ -71,7 +71,7 @@ def test_a_slow_series_on_a_fast_clock_tells_no_more_than_on_its_own():
     spread = np.full(fast.size, np.nan)
     spread[::4] = rate
     noise = Noise(np.array([0.3]), np.array([1e-3]), np.array([1.0]))
-    hyper = Hyper(noise, (np.array([0.05, 5.0]),))
+    hyper = NoiseParameters(noise, (np.array([0.05, 5.0]),))
     priors = [Prior("cds_over_mass", np.log(0.2), 0.5, True, "m^2/kg", "")]
     sds = []
     for step, values in ((1, spread), (4, rate)):

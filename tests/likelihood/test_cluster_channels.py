@@ -15,7 +15,7 @@ from bayeschute.dynamics.cluster_flight import CHANNELS, channel_sizes
 from bayeschute.dynamics.parameters import Structure
 from bayeschute.likelihood.channels import cluster_data, fitted_channels
 from bayeschute.likelihood.disturbances import Latent
-from bayeschute.likelihood.joint import Course, Hyper, states
+from bayeschute.likelihood.joint import Course, NoiseParameters, states
 from bayeschute.likelihood.noise import Noise
 from bayeschute.likelihood.priors import Prior
 from bayeschute.posterior import joint_mode as optimum
@@ -157,7 +157,7 @@ def test_riser_tension_tells_the_mass_of_the_capsule(flown):
     whole = data(flown[0], TENSE)
     blind = replace(whole, present=whole.present & (np.array(whole.channel) != 2))
     noise = Noise(np.array([WHITE[c] for c in TENSE]), np.full(3, 1e-6), np.ones(3))
-    hyper = Hyper(noise, (np.array([0.3, 2.0]), np.array([0.2, 2.0])))
+    hyper = NoiseParameters(noise, (np.array([0.3, 2.0]), np.array([0.2, 2.0])))
     found = [optimum.fit([d], hyper, PRIORS, np.array([p.centre for p in PRIORS])) for d in (whole, blind)]
     told, untold = (np.sqrt(f.covariance[4, 4]) for f in found)
     assert found[0].converged and found[1].converged

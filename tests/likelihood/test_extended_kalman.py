@@ -12,7 +12,7 @@ import pytest
 from bayeschute.dynamics.parameters import Canopies
 from bayeschute.likelihood import extended_kalman
 from bayeschute.likelihood.disturbances import Latent
-from bayeschute.likelihood.joint import FlightData, Hyper
+from bayeschute.likelihood.joint import FlightData, NoiseParameters
 from bayeschute.likelihood.noise import Noise
 from bayeschute.likelihood.priors import Prior
 from bayeschute.posterior import joint_mode as optimum
@@ -38,7 +38,7 @@ def swinging(linear):
     scale = np.array([0.02, 0.02, 0.5, 0.5])
     empty = FlightData(model, nothing, nothing == 0.0, dt, scale, (0, 1, 1), GUSTS)
     noise = Noise(np.array([0.003, 0.06]), np.array([0.004, 0.1]), np.array([2.0, 2.0]))
-    hyper = Hyper(noise, (np.array([0.4, 5.0]),))
+    hyper = NoiseParameters(noise, (np.array([0.4, 5.0]),))
     flight, u = linear.simulate(empty, hyper, TRUTH, 5)
     priors = [Prior(n, c, s, False, "1", "") for n, c, s in zip(NAMES, 1.1 * TRUTH, (0.3, 0.1, 0.1, 1.0), strict=True)]
     return SimpleNamespace(flight=flight, u=u, hyper=hyper, priors=priors)

@@ -12,7 +12,7 @@ import pytest
 from bayeschute.compiler.integrate import Steps
 from bayeschute.likelihood import disturbances
 from bayeschute.likelihood.disturbances import Latent
-from bayeschute.likelihood.kalman import Gap, Seen, gains, innovations, response, smooth_driven
+from bayeschute.likelihood.kalman import MeanCorrection, Seen, gains, innovations, response, smooth_driven
 from bayeschute.likelihood.noise import Noise
 
 T, X, D, A, P, C, DT = 30, 3, 2, 2, 2, 2, 0.2
@@ -242,7 +242,7 @@ def test_expected_states_are_the_dense_posterior_means(case, driven, dense):
 
 def test_seen_has_columns_and_a_gap_is_of_the_data_alone(driven):
     seen, rng = driven.seen, np.random.default_rng(4)
-    gap = Gap(rng.standard_normal((T, C)), rng.standard_normal((T, X)))
+    gap = MeanCorrection(rng.standard_normal((T, C)), rng.standard_normal((T, X)))
     np.testing.assert_array_equal(seen.column(1).series[..., 0], seen.series[..., 1])
     np.testing.assert_array_equal(seen.column(1).driven, seen.driven[..., 1:2])
     less = Seen(*map(jnp.asarray, seen)).less(gap)
@@ -255,7 +255,7 @@ def test_seen_has_columns_and_a_gap_is_of_the_data_alone(driven):
 def test_data_of_flights_that_lie_off_by_a_gap_tell_what_they_would_without(case, driven):
     """Outputs and ends of steps that are displaced, and data with the response to both."""
     rng = np.random.default_rng(7)
-    gap = Gap(rng.standard_normal((T, C)), rng.standard_normal((T, X)))
+    gap = MeanCorrection(rng.standard_normal((T, C)), rng.standard_normal((T, X)))
     response_to_both = gap.outputs + _along(case.steps, gap.driven[..., None])[1][..., 0]
     series = driven.seen.series.copy()
     series[..., 0] += response_to_both

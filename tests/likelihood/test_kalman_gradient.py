@@ -11,12 +11,12 @@ import pytest
 from jax.flatten_util import ravel_pytree
 
 from bayeschute.likelihood import kalman_gradient
-from bayeschute.likelihood.joint import Hyper, as_seen, course, filter_gains, linearise
+from bayeschute.likelihood.joint import NoiseParameters, as_seen, course, filter_gains, linearise
 from bayeschute.likelihood.kalman import innovations
 from bayeschute.likelihood.noise import Noise
 from bayeschute.likelihood.priors import precision
 from bayeschute.posterior import noise_evidence
-from bayeschute.posterior.noise_evidence import HyperPrior
+from bayeschute.posterior.noise_evidence import NoisePrior
 
 LOG_SD = 0.7
 
@@ -79,7 +79,7 @@ def test_gradient_is_that_of_the_differentiated_filter(name, request):
 
 def test_gradient_by_differences(descent, request):
     _, flights, linear, _ = _case("descent", request)
-    value = noise_evidence.function_of(flights, linear, descent.priors, HyperPrior(descent.hyper, LOG_SD))
+    value = noise_evidence.function_of(flights, linear, descent.priors, NoisePrior(descent.hyper, LOG_SD))
     at, step = kalman_gradient.to_vector(descent.hyper) + 0.2, 1e-5
     wanted = [(value(at + step * e)[0] - value(at - step * e)[0]) / (2.0 * step) for e in np.eye(at.size)]
     np.testing.assert_allclose(value(at)[1], wanted, rtol=1e-5, atol=1e-5)
@@ -88,7 +88,7 @@ def test_gradient_by_differences(descent, request):
 def test_noise_without_processes_of_its_own_has_a_gradient(descent):
     """Residual noise alone: no latent process is there to have a transition or a shock."""
     flight = replace(descent.flights[0], latent=descent.flights[0].latent._replace(kinds=(), processes=(), least=1))
-    hyper = Hyper(Noise(*(jnp.asarray(a) for a in descent.hyper.noise.__dict__.values())), ())
+    hyper = NoiseParameters(Noise(*(jnp.asarray(a) for a in descent.hyper.noise.__dict__.values())), ())
     lin = linearise(flight, descent.theta, course(flight, hyper, flight.still()))
     at, before = jnp.asarray(kalman_gradient.to_vector(hyper)) + 0.1, jnp.asarray(precision(descent.priors))
     ours = kalman_gradient.evidence_score(at, hyper, LOG_SD, (flight,), (lin,), (as_seen(lin),), before)

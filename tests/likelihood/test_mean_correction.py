@@ -11,7 +11,7 @@ import pytest
 
 from bayeschute.likelihood import disturbances, mean_correction
 from bayeschute.likelihood.joint import as_seen, course, filter_gains, linearise, states
-from bayeschute.likelihood.kalman import Gap, innovations
+from bayeschute.likelihood.kalman import MeanCorrection, innovations
 from bayeschute.posterior.joint_mode import fit
 
 
@@ -48,7 +48,7 @@ def test_the_slope_is_that_of_half_the_squared_innovations(linear, along):
     lin, made = along
     rng = np.random.default_rng(3)
     outputs = np.where(linear.flight.present, rng.standard_normal(np.shape(linear.flight.observed)), 0.0)
-    shift, none = Gap(outputs, rng.standard_normal(np.shape(lin.driven.path))), Gap(*2 * [0.0])
+    shift, none = MeanCorrection(outputs, rng.standard_normal(np.shape(lin.driven.path))), MeanCorrection(*2 * [0.0])
     seen = as_seen(lin)
 
     def cost(theta, by):

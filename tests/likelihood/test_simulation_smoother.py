@@ -13,7 +13,7 @@ import pytest
 from bayeschute.likelihood import disturbances
 from bayeschute.likelihood.joint import (
     Course,
-    Hyper,
+    NoiseParameters,
     as_seen,
     course,
     filter_gains,
@@ -109,7 +109,7 @@ class GrowingFlight:
 def growing(descent):
     """Such a flight that its disturbances hold near a path, seen with gaps, and its noise parameters."""
     rng, nothing = np.random.default_rng(4), np.zeros((LONG, 1))
-    hyper = Hyper(Noise(*(np.array([x]) for x in (0.1, 0.1, 2.0))), (np.array([1.0, 0.4]),))
+    hyper = NoiseParameters(Noise(*(np.array([x]) for x in (0.1, 0.1, 2.0))), (np.array([1.0, 0.4]),))
     path = 0.3 * np.sin(0.2 * np.arange(LONG))[:, None]
     present = rng.random((LONG, 1)) > 0.1
     present[50:54] = False

@@ -16,7 +16,7 @@ from bayeschute.dynamics.parameters import Structure
 from bayeschute.likelihood import joint
 from bayeschute.likelihood.channels import cluster_data
 from bayeschute.likelihood.disturbances import Latent
-from bayeschute.likelihood.joint import Hyper, Lifted, Unknowns, course, linearise, states
+from bayeschute.likelihood.joint import Lifted, NoiseParameters, Unknowns, course, linearise, states
 from bayeschute.likelihood.noise import Noise
 from bayeschute.likelihood.priors import Prior, standard
 from bayeschute.likelihood.record_path import RecordPath
@@ -58,7 +58,7 @@ def drop():
     gusts = Latent(("drift", "drift"), ((0, 0), (1, 0), (2, 1)))
     data = cluster_data(record, model, structure, priors, tuple(white), gusts)
     noise = Noise(np.array(list(white.values())), 0.3 * np.array(list(white.values())), np.full(3, 1.0))
-    hyper = Hyper(noise, (np.array([0.3, 2.0]), np.array([0.2, 2.0])))
+    hyper = NoiseParameters(noise, (np.array([0.3, 2.0]), np.array([0.2, 2.0])))
     return SimpleNamespace(flight=data, priors=priors, hyper=hyper, theta=np.array(truth))
 
 
@@ -274,7 +274,7 @@ def test_what_a_level_lowers_is_what_it_says(drop, level):
 
 def test_a_fit_under_other_noise_parameters_goes_on_from_its_path(drop, shot):
     """Disturbances of the ones before are kept with the path; their shocks are found before parameters move."""
-    louder = Hyper(drop.hyper.noise, tuple(np.asarray(law) * [1.5, 1.0] for law in drop.hyper.laws))
+    louder = NoiseParameters(drop.hyper.noise, tuple(np.asarray(law) * [1.5, 1.0] for law in drop.hyper.laws))
     before = descend([drop.flight], louder, drop.priors, drop.theta)
     made = descend([drop.flight], drop.hyper, drop.priors, before.theta, before.flights, (0.0,), near=TIGHT)
     _same_optimum(drop, shot, made)

@@ -16,15 +16,15 @@ from bayeschute.posterior import along_record, laplace
 from bayeschute.posterior import fit as finding
 from bayeschute.posterior.joint_mode import Optimum
 from bayeschute.posterior.marginal import Quadratic, log_density
-from bayeschute.posterior.noise_evidence import HyperPrior
+from bayeschute.posterior.noise_evidence import NoisePrior
 
 
 def test_found(found, descent):
     assert found.optimum.converged
     assert abs(found.optimum.theta[0] - descent.theta[0]) < 4.0 * np.sqrt(found.optimum.covariance[0, 0])
-    assert found.law_covariance.shape == (5, 5) and np.isfinite(found.evidence)
-    assert np.linalg.eigvalsh(found.law_covariance).min() > 0.0
-    slope, spread, excess = found.law_effect
+    assert found.noise_parameter_covariance.shape == (5, 5) and np.isfinite(found.evidence)
+    assert np.linalg.eigvalsh(found.noise_parameter_covariance).min() > 0.0
+    slope, spread, excess = found.noise_effect
     assert slope.shape == (1, 5) and 0.01 < np.abs(slope).max() < 2.0
     assert spread.shape == (5, 1, 1) and 0.1 < np.abs(spread).max() < 2.5
     assert excess.shape == (1, 1) and abs(excess[0, 0]) < 0.2
@@ -48,7 +48,7 @@ def test_the_optimum_is_the_mode_of_the_marginal_posterior(found):
 
 def test_progress_grows(descent):
     heard = []
-    prior = HyperPrior(descent.hyper, 0.4)
+    prior = NoisePrior(descent.hyper, 0.4)
     finding.find(descent.flights, descent.priors, prior, rounds=1, progress=lambda share, words: heard.append(share))
     assert heard == sorted(heard) and 0.0 <= heard[0] and heard[-1] <= 1.0
 
@@ -118,7 +118,7 @@ def test_an_opening_that_led_astray_is_begun_anew_in_small_steps(descent, monkey
 
 def test_the_mode_is_found_far_from_the_joint_optimum(descent, monkeypatch):
     """A log determinant whose slope dies away: one slope goes much too far, the mode is where slope and cost balance."""
-    settled = finding.settle(descent.flights, descent.priors, HyperPrior(descent.hyper))
+    settled = finding.joint_fit(descent.flights, descent.priors, NoisePrior(descent.hyper))
     factor = np.linalg.cholesky(settled.optimum.covariance)
     start = settled.optimum.theta
 
@@ -137,7 +137,7 @@ def test_the_mode_is_found_far_from_the_joint_optimum(descent, monkeypatch):
 @pytest.mark.parametrize(("share", "mode"), [(0.3, -2.5), (0.25, 2.5)])
 def test_the_mode_is_found_across_a_slope_much_flatter_than_gauss_newton_expects(descent, monkeypatch, share, mode):
     """Cost and log determinant together rise with a share of the cost's curvature: Gauss-Newton steps stop short."""
-    settled = finding.settle(descent.flights, descent.priors, HyperPrior(descent.hyper))
+    settled = finding.joint_fit(descent.flights, descent.priors, NoisePrior(descent.hyper))
     factor, start = np.linalg.cholesky(settled.optimum.covariance), settled.optimum.theta
 
     def flat(made):
@@ -153,7 +153,7 @@ def test_the_mode_is_found_across_a_slope_much_flatter_than_gauss_newton_expects
 @pytest.mark.parametrize(("far", "held"), [(0.1, False), (50.0, True)])
 def test_noise_parameters_go_to_their_mean_unless_that_is_too_far(found, descent, monkeypatch, far, held):
     """A displacement by which the parameter would move `far` standard deviations."""
-    (slope,) = found.law_effect.slope
+    (slope,) = found.noise_effect.slope
     moved = far * slope / float(slope @ slope)
     told, mode = {}, finding.noise_evidence.maximise
 
@@ -163,8 +163,8 @@ def test_noise_parameters_go_to_their_mean_unless_that_is_too_far(found, descent
 
     monkeypatch.setattr(finding.noise_evidence, "maximise", remembered)
     monkeypatch.setattr(finding.noise_evidence, "mean_less_mode", lambda *_: moved)
-    settled = finding.settle(descent.flights, descent.priors, HyperPrior(descent.hyper, 0.4))
-    made = finding.conclude(descent.flights, descent.priors, HyperPrior(descent.hyper, 0.4), settled)
+    settled = finding.joint_fit(descent.flights, descent.priors, NoisePrior(descent.hyper, 0.4))
+    made = finding.marginal_fit(descent.flights, descent.priors, NoisePrior(descent.hyper, 0.4), settled)
     went = to_vector(made.hyper) - to_vector(told["mode"][0])
     np.testing.assert_allclose(went, 0.0 if held else moved, atol=1e-9)
 
@@ -217,7 +217,7 @@ def test_a_record_that_no_flight_follows_is_told(monkeypatch, descent):
 
     monkeypatch.setattr(along_record, "descend", stuck)
     theta = np.zeros(len(descent.priors))
-    with pytest.raises(finding.UnsettledError, match="no flight of the model follows the record") as told:
+    with pytest.raises(finding.NoJointFitError, match="no flight of the model follows the record") as told:
         finding._along_record(descent.flights, descent.hyper, descent.priors, theta, [at], along_record.NEAR, print)
     assert len(told.value.tried) == 3 and "defect 0.5" in told.value.tried[1]
     assert told.value.best.rows[-1].defect == 0.5 and told.value.priors == tuple(descent.priors)
@@ -233,7 +233,7 @@ def test_a_fit_that_took_no_step_is_not_the_best(monkeypatch, descent):
 
     monkeypatch.setattr(along_record, "descend", seldom)
     theta = np.zeros(len(descent.priors))
-    with pytest.raises(finding.UnsettledError, match="break the equations of motion") as told:
+    with pytest.raises(finding.NoJointFitError, match="break the equations of motion") as told:
         finding._along_record(descent.flights, descent.hyper, descent.priors, theta, [at], along_record.NEAR, print)
     assert told.value.best.rows[-1].defect == 0.9
 
@@ -341,7 +341,7 @@ def test_a_point_ahead_is_on_the_path_that_follows_the_parameters(found, descent
 def test_the_search_goes_on_to_the_mode_that_the_corrections_tell_of(found, descent):
     """From beside it, where the search by slopes alone has ended."""
     sd = np.sqrt(found.optimum.covariance[0, 0])
-    begin = finding.Settled(found.optimum, found.hyper, found.evidence)
+    begin = finding.JointFit(found.optimum, found.hyper, found.evidence)
     usual, moved = finding.marginal_mode, []
 
     def beside(flights, priors, settled, progress=None, most=0):
@@ -359,7 +359,7 @@ def test_the_search_goes_on_to_the_mode_that_the_corrections_tell_of(found, desc
 
 
 def test_noise_parameters_without_a_mode_give_way_to_the_next(found, descent, monkeypatch):
-    settled = finding.settle(descent.flights, descent.priors, HyperPrior(descent.hyper, 0.4))
+    settled = finding.joint_fit(descent.flights, descent.priors, NoisePrior(descent.hyper, 0.4))
     right, usual, seen = settled.hyper, finding.profile, []
 
     def told(made, *middle):
@@ -375,7 +375,7 @@ def test_noise_parameters_without_a_mode_give_way_to_the_next(found, descent, mo
 
 
 def test_noise_parameters_under_which_nothing_flies_give_way_to_the_next(found, descent, monkeypatch):
-    settled, usual = finding.Settled(found.optimum, found.hyper, found.evidence), finding.marginal_mode
+    settled, usual = finding.JointFit(found.optimum, found.hyper, found.evidence), finding.marginal_mode
     other = finding._looser(found.hyper)
 
     def lost(flights, priors, settled, progress=None, most=0):
@@ -391,7 +391,7 @@ def test_noise_parameters_under_which_nothing_flies_give_way_to_the_next(found, 
 
 def test_a_search_whose_steps_stay_long_ended_beside_the_mode(found, descent, monkeypatch):
     """Of the points that it went by that with the shortest way ahead is judged."""
-    ways, begin = iter((1.5, 1.2, 1.4, 1.3, 1.5, 0.4, 1.1, 0.9)), finding.Settled(found.optimum, found.hyper, 0.0)
+    ways, begin = iter((1.5, 1.2, 1.4, 1.3, 1.5, 0.4, 1.1, 0.9)), finding.JointFit(found.optimum, found.hyper, 0.0)
     monkeypatch.setattr(finding, "marginal_mode", lambda *given: found.optimum)
     monkeypatch.setattr(finding, "marginalise", lambda *given: found.marginal)
     monkeypatch.setattr(finding, "_corrected", lambda made: (made, (), np.array([next(ways)]), 0.0))

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from bayeschute.likelihood.joint import Hyper, cost, course
+from bayeschute.likelihood.joint import NoiseParameters, cost, course
 from bayeschute.likelihood.noise import Noise
 from bayeschute.likelihood.priors import Prior
 from bayeschute.likelihood.simulation_smoother import normals
@@ -26,7 +26,7 @@ POINT = np.array([1.3, -0.4])  # standard coordinates away from the optimum
 def gusty(descent, felt_flight):
     """A flight whose parameter tells how strongly a gust is felt, and its marginal posterior before and after."""
     priors = [Prior("felt", 1.0, 1.0, False, "1", "test")]
-    hyper = Hyper(Noise(*(np.array([x]) for x in (0.2, 0.2, 2.0))), (np.array([0.5, 3.0]),))
+    hyper = NoiseParameters(Noise(*(np.array([x]) for x in (0.2, 0.2, 2.0))), (np.array([0.5, 3.0]),))
     nothing = np.zeros((100, 1))
     empty = replace(
         descent.flights[0], model=felt_flight(nothing[:, 0]), observed=nothing, present=nothing == 0.0, start_scale=np.array([0.2])

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bayeschute.likelihood import disturbances
-from bayeschute.likelihood.joint import Hyper, cost, course, states, stepped
+from bayeschute.likelihood.joint import NoiseParameters, cost, course, states, stepped
 from bayeschute.likelihood.kalman import innovations
 from bayeschute.likelihood.simulation_smoother import normals
 from bayeschute.posterior import marginal
@@ -118,7 +118,9 @@ def test_drawn_unknowns_have_the_conditional_law(linear, straight, each_number):
 
 def test_drawn_unknowns_under_other_noise_have_its_conditional_law(linear, straight, each_number):
     """Noise parameters of a draw's own: the dense conditional law under those."""
-    law = Hyper(jax.tree.map(lambda a: 1.5 * a, linear.hyper.noise), (np.array([0.3, 4.0]), np.array([0.5, 0.5, 0.3])))
+    law = NoiseParameters(
+        jax.tree.map(lambda a: 1.5 * a, linear.hyper.noise), (np.array([0.3, 4.0]), np.array([0.5, 0.5, 0.3]))
+    )
     mean, covariance = linear.matrices.posterior(linear.flight, law, linear.priors)
     theta = np.asarray(straight.theta(jnp.asarray(POINT[:, None])))[:, 0]
     gain = np.linalg.solve(covariance[:2, :2], covariance[:2, 2:]).T

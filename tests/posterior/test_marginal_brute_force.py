@@ -15,9 +15,9 @@ from bayeschute.posterior.joint_mode import fit
 from bayeschute.posterior.marginal import (
     Quadratic,
     draw_flights,
-    gap_slope,
     log_density,
     marginalise,
+    mean_correction_slope,
 )
 
 
@@ -80,7 +80,7 @@ def test_the_slope_that_the_search_is_told_of_is_that_of_the_density(bent):
     flight, hyper, priors = bent
     made = marginalise([flight], hyper, priors, fit([flight], hyper, priors, np.array([1.0]), tolerance=1e-4))
     flat = replace(made, along=tuple(a._replace(gap=jax.tree.map(np.zeros_like, a.gap)) for a in made.along))
-    told = float(gap_slope(made)[0] * np.asarray(made.scale)[0, 0])
+    told = float(mean_correction_slope(made)[0] * np.asarray(made.scale)[0, 0])
     ends = [float(np.diff(np.asarray(log_density(m, np.array([[-0.01, 0.01]]))))[0]) / 0.02 for m in (made, flat)]
     assert told == pytest.approx(ends[1] - ends[0], rel=0.02) and abs(told) > 0.01
 

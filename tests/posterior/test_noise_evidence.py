@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from scipy.special import digamma
 
-from bayeschute.likelihood.joint import Hyper, course, linearise
-from bayeschute.likelihood.kalman import Gap
+from bayeschute.likelihood.joint import NoiseParameters, course, linearise
+from bayeschute.likelihood.kalman import MeanCorrection
 from bayeschute.likelihood.noise import Noise
 from bayeschute.posterior import noise_evidence
-from bayeschute.posterior.noise_evidence import HyperPrior
+from bayeschute.posterior.noise_evidence import NoisePrior
 
 LOG_SD = 0.7
 
@@ -28,7 +28,7 @@ def objective(linear):
 
     def at(theta):
         lin = _linearised(linear.flight, linear.hyper, theta, linear.u)
-        return noise_evidence.function_of([linear.flight], [lin], linear.priors, HyperPrior(linear.hyper, LOG_SD))
+        return noise_evidence.function_of([linear.flight], [lin], linear.priors, NoisePrior(linear.hyper, LOG_SD))
 
     return at
 
@@ -51,7 +51,9 @@ def test_vectors_are_invertible(linear):
     vector = noise_evidence.to_vector(linear.hyper)
     there = noise_evidence.from_vector(vector, jax.tree.map(lambda a: 2.0 * a, linear.hyper))
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-12), there, linear.hyper)
-    np.testing.assert_allclose(np.exp(vector[-5:]), np.concatenate(linear.hyper.laws))  # `law_draws` relies on it
+    np.testing.assert_allclose(
+        np.exp(vector[-5:]), np.concatenate(linear.hyper.laws)
+    )  # `noise_parameter_draws` relies on it
     np.testing.assert_allclose(np.exp(vector[:2]), linear.hyper.noise.white)
 
 
@@ -88,7 +90,7 @@ def test_gradient_by_differences(linear, objective, points):
 
 
 def test_several_flights_add_up(descent):
-    prior = HyperPrior(descent.hyper, LOG_SD)
+    prior = NoisePrior(descent.hyper, LOG_SD)
     lin = [_linearised(f, descent.hyper, descent.theta, u) for f, u in zip(descent.flights, descent.u, strict=True)]
     vector = noise_evidence.to_vector(descent.hyper) + 0.2
     far = [replace(descent.priors[0], scale=1e-6)]  # theta known: no shared term
@@ -107,13 +109,15 @@ def test_maximise_recovers_the_noise(descent):
         *(descent.simulate(descent.flights[0], descent.hyper, descent.theta, s, gaps=0.05) for s in (11, 12)),
         strict=True,
     )
-    off = Hyper(Noise(np.array([0.15]), np.array([0.04]), np.array([4.0])), (np.array([1.0, 6.0]),))
+    off = NoiseParameters(Noise(np.array([0.15]), np.array([0.04]), np.array([4.0])), (np.array([1.0, 6.0]),))
     lin = [_linearised(f, descent.hyper, descent.theta, x) for f, x in zip(flights, u, strict=True)]
-    prior = HyperPrior(off, 1.0)
+    prior = NoisePrior(off, 1.0)
     best, value = noise_evidence.maximise(flights, lin, descent.priors, off, prior)
     made, true = noise_evidence.to_vector(best), noise_evidence.to_vector(descent.hyper)
     # 190 samples tell white noise and the wind error; drift of the sensor, beside that of the wind, they don't.
-    se = np.sqrt(np.diag(noise_evidence.law_covariance(flights, lin, descent.priors, best, prior, np.zeros((1, 5)))))
+    se = np.sqrt(
+        np.diag(noise_evidence.noise_parameter_covariance(flights, lin, descent.priors, best, prior, np.zeros((1, 5))))
+    )
     assert (np.abs(made - true) < 3.0 * se).all()
     assert (se[[0, 3, 4]] < [0.2, 0.3, 0.6]).all() and (np.abs(made - true)[[0, 3, 4]] < [0.35, 0.5, 1.0]).all()
     again, _ = noise_evidence.maximise(flights, lin, descent.priors, descent.hyper, prior)
@@ -124,11 +128,11 @@ def test_maximise_recovers_the_noise(descent):
 
 
 def test_maximise_recovers_an_oscillator(linear):
-    truth = Hyper(linear.hyper.noise, (np.array([0.2, 2.5]), np.array([0.9, 0.35, 0.1])))
+    truth = NoiseParameters(linear.hyper.noise, (np.array([0.2, 2.5]), np.array([0.9, 0.35, 0.1])))
     drawn = [linear.simulate(linear.flight, truth, linear.theta, seed) for seed in (21, 22, 23)]
     flights, lin = [f for f, _ in drawn], [_linearised(f, truth, linear.theta, u) for f, u in drawn]
-    off = Hyper(linear.hyper.noise, (np.array([0.4, 2.5]), np.array([0.5, 0.6, 0.3])))
-    best, _ = noise_evidence.maximise(flights, lin, linear.priors, off, HyperPrior(off, 0.7))
+    off = NoiseParameters(linear.hyper.noise, (np.array([0.4, 2.5]), np.array([0.5, 0.6, 0.3])))
+    best, _ = noise_evidence.maximise(flights, lin, linear.priors, off, NoisePrior(off, 0.7))
     sd, frequency, zeta = best.laws[1]
     assert frequency == pytest.approx(0.35, rel=0.1)  # 36 s, a dozen periods
     assert sd == pytest.approx(0.9, rel=0.4) and 0.03 < zeta < 0.3
@@ -136,10 +140,10 @@ def test_maximise_recovers_an_oscillator(linear):
 
 def test_law_covariance_is_the_inverse_curvature_and_never_wider_than_the_prior(linear):
     lin = [_linearised(linear.flight, linear.hyper, linear.theta, linear.u)]
-    prior = HyperPrior(linear.hyper, LOG_SD)
+    prior = NoisePrior(linear.hyper, LOG_SD)
     best = noise_evidence.maximise([linear.flight], lin, linear.priors, linear.hyper, prior)[0]
     held = np.zeros((2, 11))
-    made = noise_evidence.law_covariance([linear.flight], lin, linear.priors, best, prior, held)
+    made = noise_evidence.noise_parameter_covariance([linear.flight], lin, linear.priors, best, prior, held)
     assert made.shape == (11, 11)
     np.testing.assert_allclose(made, made.T, atol=1e-12)
     values, vectors = np.linalg.eigh(made)
@@ -156,7 +160,7 @@ def test_law_covariance_is_the_inverse_curvature_and_never_wider_than_the_prior(
         assert value == pytest.approx(1.0 / curvature, rel=0.05)
     # Parameters that follow the noise parameters take their part off the curvature.
     follow = 0.5 * np.outer([1.0, 0.0], vectors[:, 0]) / np.sqrt(values[0])
-    freed = noise_evidence.law_covariance([linear.flight], lin, linear.priors, best, prior, follow)
+    freed = noise_evidence.noise_parameter_covariance([linear.flight], lin, linear.priors, best, prior, follow)
     assert vectors[:, 0] @ freed @ vectors[:, 0] == pytest.approx(values[0] / 0.75, rel=1e-6)
 
 
@@ -164,14 +168,14 @@ def test_an_evidence_that_is_not_finite_is_refused(linear):
     lin = _linearised(linear.flight, linear.hyper, linear.theta, linear.u)
     spoiled = lin._replace(residual=np.full_like(lin.residual, np.nan))
     with pytest.raises(FloatingPointError, match="not finite"):
-        noise_evidence.maximise([linear.flight], [spoiled], linear.priors, linear.hyper, HyperPrior(linear.hyper))
+        noise_evidence.maximise([linear.flight], [spoiled], linear.priors, linear.hyper, NoisePrior(linear.hyper))
 
 
 def test_a_gap_shifts_what_the_linear_model_sees(linear):
     """Outputs by themselves, and by the response to what it adds to every step."""
-    lin, prior = [_linearised(linear.flight, linear.hyper, linear.theta, linear.u)], HyperPrior(linear.hyper, LOG_SD)
+    lin, prior = [_linearised(linear.flight, linear.hyper, linear.theta, linear.u)], NoisePrior(linear.hyper, LOG_SD)
     at, pushes = noise_evidence.to_vector(linear.hyper), 0.05 * np.random.default_rng(6).standard_normal((60, 2))
-    gap, states = Gap(np.full(np.shape(linear.flight.observed), 0.1), pushes), [pushes[0]]
+    gap, states = MeanCorrection(np.full(np.shape(linear.flight.observed), 0.1), pushes), [pushes[0]]
     for push in pushes[1:]:
         states.append(np.array([[0.95, 0.2], [-0.2, 0.9]]) @ states[-1] + push)
     response = np.array(states) @ np.array([[1.0, 0.0], [0.5, 1.0]])
@@ -186,7 +190,7 @@ def test_a_gap_shifts_what_the_linear_model_sees(linear):
 def test_the_mean_of_skewed_noise_parameters(monkeypatch, linear):
     """Logarithms of two standard deviations that some numbers tell: known in closed form, in turned axes."""
     n, turn = np.array([6.0, 40.0]), np.array([[0.8, -0.6], [0.6, 0.8]])
-    at, prior = np.array([0.3, -1.0]), HyperPrior(linear.hyper)
+    at, prior = np.array([0.3, -1.0]), NoisePrior(linear.hyper)
 
     def objective(x):
         """About the mode `at`: n eta + n/2 exp(-2 eta) along every axis."""
@@ -209,7 +213,7 @@ def test_the_mean_of_skewed_noise_parameters(monkeypatch, linear):
 
 
 def test_axes_at_whose_ends_the_evidence_is_not_finite_are_left_out(monkeypatch, linear):
-    at, prior = np.zeros(2), HyperPrior(linear.hyper)
+    at, prior = np.zeros(2), NoisePrior(linear.hyper)
 
     def objective(x):
         """Skewed along both axes; not finite to one side of the second."""

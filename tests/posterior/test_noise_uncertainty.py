@@ -14,7 +14,13 @@ from bayeschute.posterior import noise_uncertainty
 from bayeschute.posterior.joint_mode import fit
 from bayeschute.posterior.laplace import lack
 from bayeschute.posterior.marginal import marginalise
-from bayeschute.posterior.noise_uncertainty import LawEffect, joint_covariance, law_slope, law_spread, widened
+from bayeschute.posterior.noise_uncertainty import (
+    NoiseEffect,
+    joint_covariance,
+    noise_parameter_slope,
+    noise_parameter_spread,
+    widened,
+)
 
 CHAINS, DRAWS = 4, 20_000
 
@@ -28,7 +34,7 @@ def _symmetric(rng, count, size, scale):
 def effect():
     """Of three noise parameters on two parameters."""
     rng = np.random.default_rng(0)
-    return LawEffect(rng.standard_normal((2, 3)), _symmetric(rng, 3, 2, 0.5), _symmetric(rng, 1, 2, 0.2)[0])
+    return NoiseEffect(rng.standard_normal((2, 3)), _symmetric(rng, 3, 2, 0.5), _symmetric(rng, 1, 2, 0.2)[0])
 
 
 @pytest.fixture
@@ -48,7 +54,7 @@ def _mode(descent, hyper, theta):
 def test_law_slope_is_the_motion_of_the_mode(descent):
     """Refitted with other noise parameters, the mode has moved by the slope."""
     at, best = kalman_gradient.to_vector(descent.hyper), _mode(descent, descent.hyper, descent.theta)
-    slope = law_slope(marginalise(descent.flights, descent.hyper, descent.priors, best))
+    slope = noise_parameter_slope(marginalise(descent.flights, descent.hyper, descent.priors, best))
 
     def mode(vector):
         hyper = jax.tree.map(np.asarray, kalman_gradient.from_vector(vector, descent.hyper))
@@ -62,20 +68,22 @@ def test_law_slope_is_the_motion_of_the_mode(descent):
 
 def test_law_slope_goes_less_far_where_flights_fail(descent, fails_beyond):
     made = marginalise(descent.flights, descent.hyper, descent.priors, _mode(descent, descent.hyper, descent.theta))
-    near = law_slope(made, step=0.125)
+    near = noise_parameter_slope(made, step=0.125)
 
     fails_beyond(noise_uncertainty, 0.2)
-    np.testing.assert_allclose(law_slope(made, step=0.5), near, rtol=1e-12)
+    np.testing.assert_allclose(noise_parameter_slope(made, step=0.5), near, rtol=1e-12)
     fails_beyond(noise_uncertainty, 0.01)
     with pytest.raises(FloatingPointError, match="beside the optimum"):
-        law_slope(made, step=0.5)
+        noise_parameter_slope(made, step=0.5)
 
 
 def test_law_spread_is_what_other_noise_parameters_make_of_the_covariance(descent):
     """Refitted with other noise parameters, the covariance has changed as told; gusts matter most."""
     at, best = kalman_gradient.to_vector(descent.hyper), _mode(descent, descent.hyper, descent.theta)
     sd, middle = 0.1, np.log(best.covariance[0, 0])
-    spread, excess = law_spread(marginalise(descent.flights, descent.hyper, descent.priors, best), sd**2 * np.eye(5))
+    spread, excess = noise_parameter_spread(
+        marginalise(descent.flights, descent.hyper, descent.priors, best), sd**2 * np.eye(5)
+    )
 
     def log_variance(vector):
         hyper = jax.tree.map(np.asarray, kalman_gradient.from_vector(vector, descent.hyper))
@@ -107,7 +115,7 @@ def test_law_spread_of_matrices_that_are_known(monkeypatch):
         hyper=np.zeros(2), scale=scale, prior_factor=prior * np.eye(3), flights=("a", "b"),
         along=tuple(SimpleNamespace(linear=share) for share in (0.25, 0.75)),
     )  # fmt: skip
-    spread, excess = law_spread(made, covariance)
+    spread, excess = noise_parameter_spread(made, covariance)
     np.testing.assert_allclose(spread, -parts, atol=1e-9)
     np.testing.assert_allclose(excess, -(0.5 * bent[0] + 0.3 * bent[1] + 0.2 * bent[2]), atol=1e-9)
 
@@ -124,7 +132,7 @@ def test_draws_are_stretched_by_half_the_logarithm_and_moved(effect):
     np.testing.assert_allclose(effect.carried(xi, off[0])[0], wanted[0], rtol=1e-12)
     calm = effect._replace(excess=0.0 * effect.excess)
     np.testing.assert_allclose(calm.carried(xi, np.zeros(3)), xi, rtol=1e-12)
-    np.testing.assert_allclose(LawEffect.none(2, 3).carried(xi, off), xi, rtol=1e-12)
+    np.testing.assert_allclose(NoiseEffect.none(2, 3).carried(xi, off), xi, rtol=1e-12)
     np.testing.assert_allclose(effect.taken_back(effect.carried(xi, off), off), xi, rtol=1e-12)
 
 
@@ -138,13 +146,13 @@ def test_widened_draws_have_the_joint_covariance(effect, covariance):
     np.testing.assert_allclose(wide.mean(axis=(0, 1)), 0.0, atol=0.03)
     scale = np.array([[2.0, 0.0], [1.0, 3.0]])
     np.testing.assert_allclose(joint_covariance(scale, effect, covariance), scale @ wanted @ scale.T)
-    np.testing.assert_allclose(joint_covariance(scale, LawEffect.none(2, 3), covariance), scale @ scale.T)
+    np.testing.assert_allclose(joint_covariance(scale, NoiseEffect.none(2, 3), covariance), scale @ scale.T)
 
 
 def test_joint_covariance_is_exact_for_one_noise_parameter():
     """The mean of exp(d z), z normal, is exp(d^2 s^2 / 2), along every axis of the spread."""
     turn = scipy.linalg.expm(np.array([[0.0, -0.7], [0.7, 0.0]]))
     d, s = np.array([1.2, -0.8]), 0.6
-    effect = LawEffect(np.array([[0.5], [2.0]]), (turn @ np.diag(d) @ turn.T)[None], np.zeros((2, 2)))
+    effect = NoiseEffect(np.array([[0.5], [2.0]]), (turn @ np.diag(d) @ turn.T)[None], np.zeros((2, 2)))
     wanted = turn @ np.diag(np.exp(0.5 * (d * s) ** 2)) @ turn.T + s**2 * effect.slope @ effect.slope.T
     np.testing.assert_allclose(joint_covariance(np.eye(2), effect, np.array([[s**2]])), wanted, rtol=1e-12)

@@ -14,7 +14,7 @@ from bayeschute.posterior.marginal import log_density, projected_residuals, samp
 from bayeschute.posterior.noise_uncertainty import widened
 from bayeschute.posterior.sampling import independence
 from bayeschute.posterior.sampling.independence import Proposal
-from bayeschute.posterior.sampling.sampler_checks import doubt
+from bayeschute.posterior.sampling.sampler_checks import why_not_trusted
 
 CHAINS, DRAWS, NAMES = 2, 120, ("first", "second")
 GROUPS = {"posterior", "prior", "sample_stats", "log_prior", "constant_data", *flight_groups.GROUPS}
@@ -31,7 +31,7 @@ def tree(found, draws, descent):
 
 
 def test_widened_draws_are_the_posterior_and_the_samplers_own_are_kept(found, draws, descent, tree):
-    wide = widened(draws.xi, found.law_effect, found.law_covariance, 1)
+    wide = widened(draws.xi, found.noise_effect, found.noise_parameter_covariance, 1)
     made = sampler.data_tree(found.marginal, descent.priors, draws, 1, NAMES, wide=wide)
     name = descent.priors[0].name
     xr.testing.assert_identical(made["conditional"][name], tree["posterior"][name])
@@ -68,7 +68,7 @@ def test_emcee_agrees(asked, draws):
 
 def test_good_draws_come_without_a_word(draws):
     assert draws.notes == () and draws.stats["log_ratio"].shape == (CHAINS, DRAWS)
-    assert doubt(draws) == ""
+    assert why_not_trusted(draws) == ""
 
 
 @pytest.fixture

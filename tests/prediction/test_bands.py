@@ -14,17 +14,17 @@ from tests.twins import dense_noise as twin
 
 from bayeschute.dynamics.descent import DensityProfile, DescentFlight, DescentInputs
 from bayeschute.likelihood.disturbances import Latent
-from bayeschute.likelihood.joint import FlightData, Hyper, Unknowns, course, residuals
+from bayeschute.likelihood.joint import FlightData, NoiseParameters, Unknowns, course, residuals
 from bayeschute.likelihood.noise import Noise
 from bayeschute.likelihood.priors import Prior
 from bayeschute.posterior.joint_mode import fit
 from bayeschute.posterior.marginal import marginalise
-from bayeschute.posterior.noise_uncertainty import LawEffect
+from bayeschute.posterior.noise_uncertainty import NoiseEffect
 from bayeschute.prediction import bands
 from bayeschute.prediction.bands import Prediction
 
 GUSTS = Latent(("drift",), ((0, 0),))
-HYPER = Hyper(Noise(np.array([0.05]), np.array([0.1]), np.array([2.0])), (np.array([0.4, 12.0]),))
+HYPER = NoiseParameters(Noise(np.array([0.05]), np.array([0.1]), np.array([2.0])), (np.array([0.4, 12.0]),))
 THETA, SAMPLES, DT, DRAWS = np.array([np.log(0.2)]), 101, 0.5, 80
 PRIORS = [Prior("cds_over_mass", float(THETA[0]) + 0.1, 0.3, True, "m^2/kg", "")]
 
@@ -56,7 +56,7 @@ def _theta(marginal, draws=DRAWS, seed=0):
 
 
 def _laws(covariance=1e-12):
-    return bands.law_draws(HYPER, covariance * np.eye(5), 5, np.random.default_rng(1))
+    return bands.noise_parameter_draws(HYPER, covariance * np.eye(5), 5, np.random.default_rng(1))
 
 
 @pytest.fixture(scope="module")
@@ -193,7 +193,7 @@ def test_law_draws_have_the_covariance_of_their_logarithms():
     rng, hyper = np.random.default_rng(9), replace(HYPER, laws=(np.array([0.4, 12.0]), np.array([0.3, 0.2, 0.15])))
     root = 0.2 * rng.standard_normal((8, 8))
     covariance = root @ root.T + 0.01 * np.eye(8)
-    made = bands.law_draws(hyper, covariance, 800, rng)
+    made = bands.noise_parameter_draws(hyper, covariance, 800, rng)
     assert jax.tree.structure(made[0]) == jax.tree.structure(hyper) and [law.size for law in made[0].laws] == [2, 3]
     logs = np.array([np.log(np.concatenate(jax.tree.leaves(law))) for law in made]).T
     centre = np.log(np.concatenate(jax.tree.leaves(hyper)))
@@ -206,7 +206,7 @@ def test_every_group_is_carried_along_with_its_noise_parameters(fitted):
     """Groups take noise parameters in turn, and draws of a group are carried along with those it takes."""
     laws, theta = _laws(0.02), _theta(fitted, draws=7 * bands.GROUP - 3)
     spread = np.array([1.0, 0.5, 0.0, -0.3, 0.0])[:, None, None]
-    effect = LawEffect(np.array([[0.3, -0.2, 0.0, 0.1, 0.0]]), spread, np.array([[0.2]]))
+    effect = NoiseEffect(np.array([[0.3, -0.2, 0.0, 0.1, 0.0]]), spread, np.array([[0.2]]))
     made = bands.carried(fitted, theta, laws, effect)
     centre, sd = float(fitted.centre[0]), float(fitted.scale[0, 0])
     for i, (one, given) in enumerate(zip(made[:, 0], theta[:, 0], strict=True)):
@@ -214,7 +214,7 @@ def test_every_group_is_carried_along_with_its_noise_parameters(fitted):
         off = np.log(np.concatenate(jax.tree.leaves(law))) - np.log(np.concatenate(jax.tree.leaves(HYPER)))
         stretch = np.exp(0.1 + 0.5 * off @ spread[:, 0, 0])
         assert one == pytest.approx(centre + stretch * (given - centre) + sd * float(effect.slope[0] @ off), rel=1e-12)
-    np.testing.assert_allclose(bands.carried(fitted, theta, laws, LawEffect.none(1, 5)), theta, rtol=1e-12)
+    np.testing.assert_allclose(bands.carried(fitted, theta, laws, NoiseEffect.none(1, 5)), theta, rtol=1e-12)
 
 
 def test_coverage_counts_known_and_counted_samples():

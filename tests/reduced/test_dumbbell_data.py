@@ -9,7 +9,7 @@ import xarray as xr
 from bayeschute.aero.published import load_published
 from bayeschute.core.errors import InputError
 from bayeschute.dynamics.parameters import Canopies
-from bayeschute.likelihood.joint import Hyper
+from bayeschute.likelihood.joint import NoiseParameters
 from bayeschute.likelihood.noise import Noise
 from bayeschute.likelihood.priors import Prior
 from bayeschute.posterior.assess import output_error
@@ -22,7 +22,7 @@ from bayeschute.reduced.virtual_swing import SwingDrop, fly_swing
 TABLE = load_published("table-7.1-2")
 AERO, TRUTH = planar_aero(TABLE), TABLE.estimates()
 BASE = Dumbbell(9936.0, 71.6, Canopies(981.0, 35.4, 9.75, 149.0, 3969.0))
-SMALL = Hyper(Noise(np.array([2e-3, 0.02]), np.full(2, 1e-6), np.ones(2)), ())
+SMALL = NoiseParameters(Noise(np.array([2e-3, 0.02]), np.full(2, 1e-6), np.ones(2)), ())
 
 
 def priors(off=0.0):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bayeschute.dynamics.parameters import Canopies
-from bayeschute.likelihood.joint import Hyper
+from bayeschute.likelihood.joint import NoiseParameters
 from bayeschute.likelihood.noise import Noise
 from bayeschute.likelihood.priors import Prior
 from bayeschute.records.sensors import SensorNoise
@@ -97,6 +97,6 @@ def test_predictions_are_the_flight_where_nothing_is_unknown(still):
 def test_unknown_wind_spreads_predictions(still):
     data = dumbbell_data(still[0], BASE, AERO, PRIORS, GUSTS)
     noise = Noise(np.array([0.01, 0.1]), np.array([0.01, 0.1]), np.ones(2))
-    laws = Hyper(noise, (np.array([0.6, 5.0]), np.array([0.3, 5.0])))
+    laws = NoiseParameters(noise, (np.array([0.6, 5.0]), np.array([0.3, 5.0])))
     made = predict_swings(data, laws, np.repeat(THETA, 3, axis=0), 30.0, np.random.default_rng(1))
     assert (np.ptp(made, axis=0) / made.mean(axis=0) > [1e-3, 1e-2]).all()

@@ -27,7 +27,7 @@ from bayeschute.prediction.requirement import requirement_check
 from bayeschute.study.archive import study_from_plain, study_to_plain
 from bayeschute.study.assembly.fits import groups, load_fit
 from bayeschute.study.evidence.recalibrate import widening
-from bayeschute.study.run.forecasts import foretell_flight, widened
+from bayeschute.study.run.forecasts import forecast_flight, widened
 from bayeschute.study.run.stage_data import ingest_flight
 from bayeschute.study.run.stage_fit import Fitted
 from bayeschute.study.run.stage_results import recorded_quantities
@@ -275,7 +275,7 @@ class Posterior:
         with workspace(spec, self.files) as job:
             if own is None:
                 ingest_flight(job, asked, flight.raw)
-            foreseen = widened(foretell_flight(job, own or asked), widening(job))
+            foreseen = widened(forecast_flight(job, own or asked), widening(job))
             recorded = recorded_quantities(job, foreseen.flight, foreseen.record)
         return Forecast.of(foreseen, recorded)
 
@@ -560,7 +560,7 @@ class _Forecasts(Mapping[str, Forecast]):
                 raise KeyError(name)
             by_name = {f"flights/{path.name}": path.read_bytes() for path in (self._run.folder / "flights").iterdir()}
             with workspace(study, {**collected(self._run.folder), **by_name}) as job:
-                foreseen = widened(foretell_flight(job, flight), widening(job))
+                foreseen = widened(forecast_flight(job, flight), widening(job))
                 self._made[name] = Forecast.of(foreseen, recorded_quantities(job, flight, foreseen.record))
         return self._made[name]
 

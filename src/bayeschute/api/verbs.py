@@ -320,9 +320,9 @@ def scenarios() -> dict[str, str]:
         >>> "strong-gusts" in bc.scenarios()
         True
     """
-    from bayeschute.study.evidence.scenarios import DISTURBANCES
+    from bayeschute.study.evidence.scenarios import SCENARIOS
 
-    return {name: kind.says for name, kind in DISTURBANCES.items()}
+    return {name: kind.says for name, kind in SCENARIOS.items()}
 
 
 def numpyro_model(source: Fit | Posterior) -> Callable[[], None]:

@@ -22,13 +22,13 @@ from numpy.typing import NDArray
 
 from bayeschute.calibration.ranks import EcdfTest, rank, uniform
 from bayeschute.core.random import stream
-from bayeschute.likelihood.joint import Course, FlightData, Hyper, Unknowns, course, residuals, states
+from bayeschute.likelihood.joint import Course, FlightData, NoiseParameters, Unknowns, course, residuals, states
 from bayeschute.likelihood.noise import colour
 from bayeschute.likelihood.priors import Prior, factor, working
 from bayeschute.likelihood.simulation_smoother import normals
-from bayeschute.posterior.fit import Found, find
+from bayeschute.posterior.fit import LaplaceFit, find
 from bayeschute.posterior.marginal import draw_flights
-from bayeschute.posterior.noise_evidence import HyperPrior, from_vector, to_vector
+from bayeschute.posterior.noise_evidence import NoisePrior, from_vector, to_vector
 from bayeschute.posterior.noise_uncertainty import widened
 from bayeschute.posterior.sampler import sample
 
@@ -54,7 +54,7 @@ class Template:
 
     flight: FlightData
     priors: tuple[Prior, ...]
-    noise: HyperPrior
+    noise: NoisePrior
     quantities: Quantities
     most_swing: float = 5.0
 
@@ -68,7 +68,7 @@ class Believed:
         xi: Draws of the parameters for held noise parameters, standard coordinates (S, P).
     """
 
-    found: Found
+    found: LaplaceFit
     xi: Array
 
 
@@ -100,12 +100,12 @@ class Drawn:
 
     flight: FlightData
     theta: Array
-    hyper: Hyper
+    hyper: NoiseParameters
     driven: Course
     redrawn: int
 
 
-def _truth(template: Template, believed: Believed | None, rng: np.random.Generator) -> tuple[Array, Hyper]:
+def _truth(template: Template, believed: Believed | None, rng: np.random.Generator) -> tuple[Array, NoiseParameters]:
     """Parameters and noise parameters, drawn together: from their priors, or from a posterior."""
     if believed is None:
         centre = working(template.priors)[0]
@@ -114,9 +114,9 @@ def _truth(template: Template, believed: Believed | None, rng: np.random.Generat
         law = middle + template.noise.log_sd * rng.standard_normal(middle.size)
         return theta, from_vector(law, template.noise.median)
     found = believed.found
-    root = np.linalg.cholesky(found.law_covariance)
+    root = np.linalg.cholesky(found.noise_parameter_covariance)
     moved = root @ rng.standard_normal(len(root))
-    xi = found.law_effect.carried(believed.xi[rng.integers(len(believed.xi))], moved)
+    xi = found.noise_effect.carried(believed.xi[rng.integers(len(believed.xi))], moved)
     theta = np.asarray(found.marginal.centre) + np.asarray(found.marginal.scale) @ xi
     return theta, from_vector(to_vector(found.hyper) + moved, found.hyper)
 
@@ -155,7 +155,7 @@ def draw(template: Template, seed: int, believed: Believed | None = None) -> Dra
     return Drawn(replace(flight, observed=y + np.asarray(noise)), theta, hyper, driven, redrawn)
 
 
-def derived(template: Template, found: Found, xi: Array, seed: int) -> dict[str, Array]:
+def derived(template: Template, found: LaplaceFit, xi: Array, seed: int) -> dict[str, Array]:
     """Draws of the derived quantities of the last flight (B,).
 
     Every group of draws has noise parameters of its own, and theta with them.
@@ -168,12 +168,12 @@ def derived(template: Template, found: Found, xi: Array, seed: int) -> dict[str,
     """
     marginal, rng = found.marginal, stream(seed, "derived quantities")
     flight, at = marginal.flights[-1], to_vector(found.hyper)
-    root, parts = np.linalg.cholesky(found.law_covariance), []
+    root, parts = np.linalg.cholesky(found.noise_parameter_covariance), []
     for start in range(0, len(xi), _GROUP):
         pick = np.minimum(np.arange(start, start + _GROUP), len(xi) - 1)
         moved = root @ rng.standard_normal(at.size)
         law = from_vector(at + moved, found.hyper)
-        shifted = jnp.asarray(found.law_effect.carried(xi[pick], moved).T)
+        shifted = jnp.asarray(found.noise_effect.carried(xi[pick], moved).T)
         numbers = tuple(normals(f, _GROUP, rng) for f in marginal.flights)
         x = np.asarray(draw_flights(marginal, shifted, numbers, law)[-1].path)
         parts.append({k: v[: len(xi) - start] for k, v in template.quantities(flight, x).items()})
@@ -215,7 +215,7 @@ def ranked(
         raise FloatingPointError("the fit did not converge, and says so")
     held = sample(found.marginal, "nuts", chains, 200, draws, seed).xi.reshape(-1, len(template.priors))
     centre, scale = np.asarray(found.marginal.centre), np.asarray(found.marginal.scale)
-    wide = widened(held, found.law_effect, found.law_covariance, seed)
+    wide = widened(held, found.noise_effect, found.noise_parameter_covariance, seed)
 
     def ranks_among(xi: Array) -> dict[str, int]:
         theta = centre + xi @ scale.T

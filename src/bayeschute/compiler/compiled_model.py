@@ -3,7 +3,7 @@
 The code is made of the operations that JAX records of a model's `rate` and `observe`, each done once, several flights
 or samples side by side. It serves concrete arrays on a processor, for models whose `advance` is `rk4` of their `rate`,
 where llvmlite is installed (``pip install bayeschute[fast]``). Elsewhere the functions here return None and
-`integrate` does the same more slowly; `obstacle` tells why.
+`integrate` does the same more slowly; `why_not_compiled` tells why.
 """
 
 from __future__ import annotations
@@ -38,12 +38,12 @@ def _served(model: FlightModel, theta: Any, start: Any, error: Any) -> Programs 
 
 
 def programs_for(model: FlightModel, theta: Any, start: Any, error: Any) -> Programs | None:
-    """Programs of a flight; None where there is an `obstacle`. Arguments as of `states`."""
+    """Programs of a flight; None where there is an `why_not_compiled`. Arguments as of `states`."""
     found = _served(model, theta, start, error)
     return None if isinstance(found, str) else found
 
 
-def obstacle(model: FlightModel, theta: Any, start: Any, error: Any) -> str | None:
+def why_not_compiled(model: FlightModel, theta: Any, start: Any, error: Any) -> str | None:
     """Why a flight isn't simulated by machine code, in words; None where it is. Arguments as of `states`."""
     found = _served(model, theta, start, error)
     return found if isinstance(found, str) else None
@@ -60,7 +60,7 @@ def states(model: FlightModel, theta: Any, start: Any, error: Any, given: Any = 
         given: States known at the first samples (K, X) or (K, X, B); the simulation goes on from the last of them.
 
     Returns:
-        States (T, X) or (T, X, B), or None where there is an `obstacle`.
+        States (T, X) or (T, X, B), or None where there is an `why_not_compiled`.
     """
     programs = _served(model, theta, start, error)
     if isinstance(programs, str):
@@ -82,7 +82,7 @@ def reached(model: FlightModel, theta: Any, start: Any, error: Any, path: Any) -
         path: States (T, X) or (T, X, B).
 
     Returns:
-        States reached, or None where there is an `obstacle`.
+        States reached, or None where there is an `why_not_compiled`.
     """
     programs = _served(model, theta, start, error)
     if isinstance(programs, str):
@@ -104,7 +104,7 @@ def along_path(
         path: States (T, X), which need not obey the equations of motion.
 
     Returns:
-        Outputs (T, C), states reached and derivatives, or None where there is an `obstacle`.
+        Outputs (T, C), states reached and derivatives, or None where there is an `why_not_compiled`.
 
     Raises:
         ValueError: If the path is not one of so many samples and states.

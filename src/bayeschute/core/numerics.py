@@ -14,8 +14,8 @@ CACHE_VARIABLE = "BAYESCHUTE_CACHE"
 THREADS_VARIABLE = "NPROC"
 """XLA's number of threads (xla/pjrt/utils.cc, `DefaultThreadPoolSize`), read when JAX first computes."""
 MOST_MAPS = 40_000
-"""Memory maps of a process beyond which `let_go` acts. Linux allows 65,530 and ends a process that wants more. A fit of
-the default study brings 14,000, which its replicates share; every other structure brings 9,300 and 0.3 GB."""
+"""Memory maps of a process beyond which `clear_compiled` acts. Linux allows 65,530 and ends a process that wants more.
+A fit of the default study brings 14,000, which its replicates share; every other structure brings 9,300 and 0.3 GB."""
 
 
 def compilation_cache() -> Path:
@@ -31,7 +31,7 @@ def processors() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def let_go(most: int = MOST_MAPS) -> bool:
+def clear_compiled(most: int = MOST_MAPS) -> bool:
     """Forget JAX's compiled functions before their memory maps fill a long-lived process, and give back their memory.
 
     Every structure and record length brings functions of its own, and each keeps dozens of maps. What is needed again

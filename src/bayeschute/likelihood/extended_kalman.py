@@ -19,7 +19,7 @@ import scipy.optimize
 from numpy.typing import NDArray
 
 from bayeschute.core.vectors import Component
-from bayeschute.likelihood.joint import FlightData, Hyper
+from bayeschute.likelihood.joint import FlightData, NoiseParameters
 from bayeschute.likelihood.priors import Prior, precision, standard, working
 
 Array = NDArray[np.float64]
@@ -42,7 +42,7 @@ class Filtered(NamedTuple):
 
 
 @jax.jit
-def extended_filter(data: FlightData, hyper: Hyper, theta: Component) -> Filtered:
+def extended_filter(data: FlightData, hyper: NoiseParameters, theta: Component) -> Filtered:
     """Run an extended Kalman filter over a flight.
 
     The state is (x, l, a): flight, latent processes, correlated residual noise.
@@ -82,7 +82,7 @@ def extended_filter(data: FlightData, hyper: Hyper, theta: Component) -> Filtere
         moved = (x + move[:n], e + move[n : n + size], a + move[n + size :])
         return moved, p - half.T @ half, (term, unit, *moved[:2])
 
-    def foretell(mean: tuple, p: jax.Array, now: Component, then: Component) -> tuple[tuple, jax.Array]:
+    def forecast_flights(mean: tuple, p: jax.Array, now: Component, then: Component) -> tuple[tuple, jax.Array]:
         x, e, a = mean
         e0, e1 = made.output @ e, made.output @ (made.transition @ e)
 
@@ -101,7 +101,7 @@ def extended_filter(data: FlightData, hyper: Hyper, theta: Component) -> Filtere
 
     def step(state: tuple, row: tuple) -> tuple[tuple, tuple]:
         mean, p, before = state
-        mean, p = foretell(mean, p, before, row[2])
+        mean, p = forecast_flights(mean, p, before, row[2])
         mean, p, seen = correct(mean, p, row)
         return (mean, p, row[2]), seen
 
@@ -112,7 +112,7 @@ def extended_filter(data: FlightData, hyper: Hyper, theta: Component) -> Filtere
     return Filtered(*(jnp.concatenate([a[None], b]) for a, b in zip(seen, later, strict=True)))
 
 
-def log_density(data: FlightData, hyper: Hyper, theta: Component) -> jax.Array:
+def log_density(data: FlightData, hyper: NoiseParameters, theta: Component) -> jax.Array:
     """Log density of a record's innovations."""
     return jnp.sum(extended_filter(data, hyper, theta).terms)
 
@@ -158,7 +158,11 @@ def minimise(cost: Callable[[Array], tuple[float, Array]], theta: Array, scale: 
 
 
 def fit(
-    flights: Sequence[FlightData], hyper: Hyper, priors: Sequence[Prior], theta: Array, scale: Array | None = None
+    flights: Sequence[FlightData],
+    hyper: NoiseParameters,
+    priors: Sequence[Prior],
+    theta: Array,
+    scale: Array | None = None,
 ) -> Estimate:
     """Most probable parameters under the innovations' likelihood.
 

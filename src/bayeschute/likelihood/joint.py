@@ -73,7 +73,7 @@ class Unknowns(NamedTuple):
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class Hyper:
+class NoiseParameters:
     """Noise parameters, all positive.
 
     Attributes:
@@ -131,7 +131,7 @@ class Lifted(NamedTuple):
 
 
 @jax.jit
-def course(data: FlightData, hyper: Hyper, unknowns: Unknowns) -> Course:
+def course(data: FlightData, hyper: NoiseParameters, unknowns: Unknowns) -> Course:
     """Initial deviations and disturbances of standard unknowns."""
     scale = jnp.reshape(data.start_scale, (-1, *(1,) * (unknowns.start.ndim - 1)))
     return Course(scale * unknowns.start, processes.disturbances(hyper.dynamics(data), unknowns.shocks))
@@ -206,13 +206,13 @@ def residuals(data: FlightData, theta: Component, driven: Course) -> jax.Array:
 
 
 @jax.jit
-def _joint(data: FlightData, hyper: Hyper, residual: jax.Array, unknowns: Unknowns) -> jax.Array:
+def _joint(data: FlightData, hyper: NoiseParameters, residual: jax.Array, unknowns: Unknowns) -> jax.Array:
     parts = (whiten(hyper.outputs(data), data.dt, data.present, residual), unknowns.start, unknowns.shocks)
     axes = ((0, 1), (0,), (0, 1))
     return 0.5 * sum((jnp.sum(a**2, axis=ax) for a, ax in zip(parts, axes, strict=True)), jnp.zeros(()))
 
 
-def cost(data: FlightData, hyper: Hyper, theta: Component, unknowns: Unknowns) -> jax.Array:
+def cost(data: FlightData, hyper: NoiseParameters, theta: Component, unknowns: Unknowns) -> jax.Array:
     """Minus the joint log density of one flight up to terms in `hyper`, batch axes kept."""
     return _joint(data, hyper, residuals(data, theta, course(data, hyper, unknowns)), unknowns)
 
@@ -254,7 +254,7 @@ def linearise(data: FlightData, theta: Component, driven: Course) -> Linear:
     return Linear(jnp.where(data.present, data.observed - y, 0.0), defects, driven, steps)
 
 
-def filter_gains(data: FlightData, hyper: Hyper, linear: Linear) -> Gains:
+def filter_gains(data: FlightData, hyper: NoiseParameters, linear: Linear) -> Gains:
     """Covariance pass of the filter of a linearised flight."""
     return gains(
         linear.steps, data.start_scale, hyper.dynamics(data), hyper.outputs(data), data.dt, jnp.asarray(data.present)

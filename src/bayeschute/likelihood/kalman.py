@@ -168,13 +168,13 @@ class Seen(NamedTuple):
         """One of the columns, alone."""
         return Seen(self.series[..., which, None], self.driven[..., which, None])
 
-    def less(self, gap: Gap) -> Seen:
+    def less(self, gap: MeanCorrection) -> Seen:
         """The first column less a gap: data less its outputs, states driven by it too."""
         outputs, driven = (jnp.asarray(a) for a in gap)
         return Seen(self.series.at[..., 0].add(-outputs), self.driven.at[..., 0].add(driven))
 
 
-class Gap(NamedTuple):
+class MeanCorrection(NamedTuple):
     """How far the mean of flights lies from the flight of the mean: outputs (T, C), and the ends of all steps (T, X).
 
     As in `Seen` the first of the latter is the first state.

@@ -20,7 +20,7 @@ from jax.flatten_util import ravel_pytree
 from numpy.typing import NDArray
 
 from bayeschute.core.vectors import Component
-from bayeschute.likelihood.joint import FlightData, Hyper, Linear
+from bayeschute.likelihood.joint import FlightData, Linear, NoiseParameters
 from bayeschute.likelihood.kalman import Gains, Seen, covariances, forward
 
 Array = NDArray[np.float64]
@@ -66,32 +66,32 @@ class Pass(NamedTuple):
     filtered: jax.Array
 
 
-def to_vector(hyper: Hyper) -> Array:
+def to_vector(hyper: NoiseParameters) -> Array:
     """Logarithms of all noise parameters in one vector (V,)."""
     return np.asarray(ravel_pytree(jax.tree.map(lambda a: jnp.log(jnp.asarray(a, float)), hyper))[0])
 
 
-def from_vector(vector: Component, like: Hyper) -> Hyper:
+def from_vector(vector: Component, like: NoiseParameters) -> NoiseParameters:
     """The inverse of `to_vector`, in the form of another set of noise parameters."""
     unravel = ravel_pytree(jax.tree.map(lambda a: jnp.asarray(a, float), like))[1]
     return jax.tree.map(jnp.exp, unravel(jnp.asarray(vector)))
 
 
-def parts(flight: FlightData, hyper: Hyper) -> Parts:
+def parts(flight: FlightData, hyper: NoiseParameters) -> Parts:
     """What the noise parameters make of a flight's state-space model."""
     made, noise = hyper.dynamics(flight), hyper.outputs(flight)
     kept = jnp.exp(-flight.dt / noise.time_constant)
     return Parts(made.transition, made.shock, made.first, kept, noise.correlated**2, noise.white**2)
 
 
-def run(flight: FlightData, hyper: Hyper, linear: Linear, seen: Seen) -> Pass:
+def run(flight: FlightData, hyper: NoiseParameters, linear: Linear, seen: Seen) -> Pass:
     """Run a linearised flight's filter."""
     dynamics, noise = hyper.dynamics(flight), hyper.outputs(flight)
     made = covariances(linear.steps, flight.start_scale, dynamics, noise, flight.dt, jnp.asarray(flight.present))
     return Pass(*made, *forward(made[0], *seen))
 
 
-def slope(flight: FlightData, hyper: Hyper, linear: Linear, done: Pass, mix: jax.Array) -> Parts:
+def slope(flight: FlightData, hyper: NoiseParameters, linear: Linear, done: Pass, mix: jax.Array) -> Parts:
     """Derivatives of ``1/2 |innovations of series @ mix|^2 + log det`` of a flight by `Parts`.
 
     Args:
@@ -154,13 +154,15 @@ def slope(flight: FlightData, hyper: Hyper, linear: Linear, done: Pass, mix: jax
     )
 
 
-def pull(flight: FlightData, vector: jax.Array, like: Hyper, by: Parts) -> jax.Array:
+def pull(flight: FlightData, vector: jax.Array, like: NoiseParameters, by: Parts) -> jax.Array:
     """Derivatives by the logarithms of the noise parameters (V,) from those by a flight's `Parts`."""
     return jax.vjp(lambda v: parts(flight, from_vector(v, like)), vector)[1](by)[0]
 
 
 @jax.jit
-def conditional_score(vector: jax.Array, like: Hyper, flight: FlightData, linear: Linear, seen: Seen) -> jax.Array:
+def conditional_score(
+    vector: jax.Array, like: NoiseParameters, flight: FlightData, linear: Linear, seen: Seen
+) -> jax.Array:
     """Gradient (V,) of a flight's ``1/2 |innovations|^2 + log det``, parameters held.
 
     Args:
@@ -178,7 +180,7 @@ def conditional_score(vector: jax.Array, like: Hyper, flight: FlightData, linear
 @jax.jit
 def evidence_score(
     vector: jax.Array,
-    median: Hyper,
+    median: NoiseParameters,
     log_sd: float,
     flights: tuple[FlightData, ...],
     linear: tuple[Linear, ...],

@@ -14,8 +14,8 @@ import numpy as np
 
 from bayeschute.core.random import stream
 from bayeschute.core.vectors import Component
-from bayeschute.likelihood.joint import Course, FlightData, Hyper, Linear, as_seen, course, moved, stepped
-from bayeschute.likelihood.kalman import Gains, Gap, Seen, innovations
+from bayeschute.likelihood.joint import Course, FlightData, Linear, NoiseParameters, as_seen, course, moved, stepped
+from bayeschute.likelihood.kalman import Gains, MeanCorrection, Seen, innovations
 from bayeschute.likelihood.simulation_smoother import drawn, normals
 
 _PAIRS, _FEW = 32, 8  # of paths: for the gap itself, and for its change from place to place
@@ -23,8 +23,8 @@ _SHARES = (1.0, 0.5, 0.25, 0.125)  # of the conditional law's width at which pai
 
 
 def mean(
-    flight: FlightData, hyper: Hyper, made: Gains, theta: Component, driven: Course, rough: bool = False
-) -> tuple[Gap, int]:
+    flight: FlightData, hyper: NoiseParameters, made: Gains, theta: Component, driven: Course, rough: bool = False
+) -> tuple[MeanCorrection, int]:
     """Mean displacement of steps and outputs over the conditional law of path, start and disturbances.
 
     Draws come in pairs about the optimum, so that all that is linear cancels exactly. A pair is left out, and counted,
@@ -69,12 +69,12 @@ def mean(
         lost = lost or int((~good).sum())
         if 2 * good.sum() >= pairs:
             less, more = (jnp.asarray(a[..., good].mean(axis=-1) / share**2) for a in by_pair)
-            return Gap(-less, more), lost
+            return MeanCorrection(-less, more), lost
     raise FloatingPointError("steps under most drawn disturbances about the optimum fail")
 
 
 @jax.jit
-def slope(linear: Linear, made: Gains, gap: Gap) -> jax.Array:
+def slope(linear: Linear, made: Gains, gap: MeanCorrection) -> jax.Array:
     """What a gap adds to the slope of minus the log density by theta (P,), where the flight was linearised."""
     seen = as_seen(linear)
     alone = Seen(*(part.at[..., 0].set(0.0) for part in seen)).less(gap)

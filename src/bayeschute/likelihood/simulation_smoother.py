@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from bayeschute.core.vectors import Component
-from bayeschute.likelihood.joint import FlightData, Hyper, Unknowns
+from bayeschute.likelihood.joint import FlightData, NoiseParameters, Unknowns
 from bayeschute.likelihood.kalman import Gains, Seen, backward, forward
 
 
@@ -42,7 +42,7 @@ def normals(flight: FlightData, draws: int, rng: np.random.Generator) -> Normals
 
 
 @jax.jit
-def drawn(flight: FlightData, hyper: Hyper, made: Gains, seen: Seen, z: Normals) -> Drawn:
+def drawn(flight: FlightData, hyper: NoiseParameters, made: Gains, seen: Seen, z: Normals) -> Drawn:
     """Draw of the unknowns of the linear model given what it sees.
 
     Args:
@@ -60,7 +60,9 @@ def drawn(flight: FlightData, hyper: Hyper, made: Gains, seen: Seen, z: Normals)
     return Drawn(Unknowns(start + z.start, shocks + z.shocks), states)
 
 
-def _prediction_errors(flight: FlightData, hyper: Hyper, made: Gains, z: Normals) -> tuple[jax.Array, jax.Array]:
+def _prediction_errors(
+    flight: FlightData, hyper: NoiseParameters, made: Gains, z: Normals
+) -> tuple[jax.Array, jax.Array]:
     """By how much a draw runs from its prediction (T, S, B), and its innovations times their inverse covariance."""
     noise, many = hyper.outputs(flight), z.start.shape[1]
     count, size = made.output.shape[1:]

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from bayeschute.core.vectors import Component
 from bayeschute.likelihood.disturbances import disturbances
-from bayeschute.likelihood.joint import FlightData, Hyper, Lifted, Linear, Unknowns, as_seen, linearise, moved
+from bayeschute.likelihood.joint import FlightData, Lifted, Linear, NoiseParameters, Unknowns, as_seen, linearise, moved
 from bayeschute.likelihood.kalman import Seen, gains, smooth_driven
 from bayeschute.likelihood.noise import whiten
 from bayeschute.likelihood.priors import Prior, precision, standard, working
@@ -155,7 +155,7 @@ def begin(flight: FlightData) -> Lifted:
 
 
 @jax.jit
-def terms(flight: FlightData, hyper: Hyper, slack: Component, at: Lifted, made: Linear) -> Terms:
+def terms(flight: FlightData, hyper: NoiseParameters, slack: Component, at: Lifted, made: Linear) -> Terms:
     """What a flight adds to the merit."""
     unit = whiten(hyper.outputs(flight), flight.dt, jnp.asarray(flight.present), made.residual)
     defect = made.defects / slack
@@ -165,7 +165,7 @@ def terms(flight: FlightData, hyper: Hyper, slack: Component, at: Lifted, made: 
 
 
 @jax.jit
-def solve(flight: FlightData, hyper: Hyper, slack: Component, made: Linear) -> Solved:
+def solve(flight: FlightData, hyper: NoiseParameters, slack: Component, made: Linear) -> Solved:
     """Solve the linear problem of a flight for path, start and shocks.
 
     Args:
@@ -182,14 +182,14 @@ def solve(flight: FlightData, hyper: Hyper, slack: Component, made: Linear) -> S
 
 
 @jax.jit
-def led(flight: FlightData, hyper: Hyper, at: Lifted, solved: Solved, step: jax.Array) -> Lifted:
+def led(flight: FlightData, hyper: NoiseParameters, at: Lifted, solved: Solved, step: jax.Array) -> Lifted:
     """Where a step of the parameters (P,) takes start, shocks and path in the linear problem."""
     start, shocks, away = (a[..., 0] - a[..., 1:] @ step for a in (solved.start, solved.shocks, solved.states))
     return Lifted(Unknowns(start, shocks), disturbances(hyper.dynamics(flight), shocks), at.path + away)
 
 
 @jax.jit
-def closed(flight: FlightData, hyper: Hyper, at: Lifted, made: Linear) -> Lifted:
+def closed(flight: FlightData, hyper: NoiseParameters, at: Lifted, made: Linear) -> Lifted:
     """A path whose defects are closed in the linear problem, by the likeliest change of start, shocks and path.
 
     What the data pull at has no part in it: repeated, it gets rid of defects as Newton's method does.
@@ -230,7 +230,7 @@ class _Level:
     """What is minimised at a level of slack; 0: the path is to obey, and its defects have a price."""
 
     records: Sequence[FlightData]
-    hyper: Hyper
+    hyper: NoiseParameters
     priors: Sequence[Prior]
     level: float
 
@@ -305,7 +305,7 @@ class Rest(NamedTuple):
 
 
 def rest(
-    flights: Sequence[FlightData], hyper: Hyper, priors: Sequence[Prior], theta: Array, at: Sequence[Lifted]
+    flights: Sequence[FlightData], hyper: NoiseParameters, priors: Sequence[Prior], theta: Array, at: Sequence[Lifted]
 ) -> Rest | None:
     """Bring paths, start and shocks to their conditional optimum, parameters held; None where nothing is finite.
 
@@ -325,7 +325,7 @@ def rest(
 
 
 def brought(
-    flights: Sequence[FlightData], hyper: Hyper, theta: Array, at: Sequence[Lifted]
+    flights: Sequence[FlightData], hyper: NoiseParameters, theta: Array, at: Sequence[Lifted]
 ) -> list[tuple[Lifted, Linear]]:
     """Flights at their conditional optima for held parameters, and linearised there; arguments as of `rest`."""
     level = _Level(flights, hyper, (), 0.0)
@@ -349,16 +349,16 @@ def _resting(level: _Level, here: _Point) -> _Point:
 
 
 @jax.jit
-def _apart(flight: FlightData, hyper: Hyper, at: Lifted) -> jax.Array:
+def _apart(flight: FlightData, hyper: NoiseParameters, at: Lifted) -> jax.Array:
     return jnp.max(jnp.abs(at.error - disturbances(hyper.dynamics(flight), at.unknowns.shocks)), initial=0.0)
 
 
-def _consistent(flight: FlightData, hyper: Hyper, at: Lifted) -> bool:
+def _consistent(flight: FlightData, hyper: NoiseParameters, at: Lifted) -> bool:
     """Whether the disturbances are those of the shocks, not of the noise parameters of a turn before."""
     return bool(_apart(flight, hyper, at) <= 1e-9 * (1.0 + np.max(np.abs(at.error), initial=0.0)))
 
 
-def onward(flights: Sequence[FlightData], hyper: Hyper, here: Rest, step: Array) -> tuple[Lifted, ...]:
+def onward(flights: Sequence[FlightData], hyper: NoiseParameters, here: Rest, step: Array) -> tuple[Lifted, ...]:
     """Flights where a step of the parameters (P,) from a place at rest leads them."""
     ends = []
     for flight, at, solved in zip(flights, here.flights, here.onward, strict=True):
@@ -458,7 +458,7 @@ def _descend(
 
 def descend(
     flights: Sequence[FlightData],
-    hyper: Hyper,
+    hyper: NoiseParameters,
     priors: Sequence[Prior],
     theta: Array,
     at: Sequence[Lifted] | None = None,

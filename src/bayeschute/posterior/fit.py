@@ -14,17 +14,17 @@ from numpy.typing import NDArray
 
 from bayeschute.core.errors import FitError
 from bayeschute.core.random import stream
-from bayeschute.likelihood.joint import FlightData, Hyper, Lifted, Linear, Unknowns
-from bayeschute.likelihood.kalman import Gap
+from bayeschute.likelihood.joint import FlightData, Lifted, Linear, NoiseParameters, Unknowns
+from bayeschute.likelihood.kalman import MeanCorrection
 from bayeschute.likelihood.priors import Prior, working
 from bayeschute.posterior import along_record, laplace, noise_evidence
 from bayeschute.posterior import joint_mode as optimum
 from bayeschute.posterior.along_record import LiftedFit
 from bayeschute.posterior.joint_mode import Optimum
-from bayeschute.posterior.marginal import Marginal, Quadratic, gap_slope, marginalise, place_at
+from bayeschute.posterior.marginal import Marginal, Quadratic, marginalise, mean_correction_slope, place_at
 from bayeschute.posterior.mode_checks import PLACES, Profile, profile
-from bayeschute.posterior.noise_evidence import HyperPrior
-from bayeschute.posterior.noise_uncertainty import LawEffect, law_slope, law_spread
+from bayeschute.posterior.noise_evidence import NoisePrior
+from bayeschute.posterior.noise_uncertainty import NoiseEffect, noise_parameter_slope, noise_parameter_spread
 from bayeschute.posterior.quasi_newton import length, secant_step
 
 Array = NDArray[np.float64]
@@ -60,27 +60,27 @@ _LEAST_GAIN = 0.05  # share of the record by which the fitted part must at least
 
 
 @dataclass(frozen=True)
-class Found:
+class LaplaceFit:
     """The optimum, its noise parameters, the marginal posterior there, and how well the noise parameters are known.
 
     Attributes:
         optimum: Mode of the marginal posterior, with start and shocks there.
-        hyper: Noise parameters: the means of their logarithms, or the most probable ones (see `conclude`).
+        hyper: Noise parameters: the means of their logarithms, or the most probable ones (see `marginal_fit`).
         marginal: The marginal posterior about the optimum.
         evidence: Minus the log evidence of the most probable noise parameters, up to a constant.
-        law_covariance: Of the logarithms of the noise parameters (V, V).
-        law_effect: How the parameters' conditional posterior follows those logarithms.
+        noise_parameter_covariance: Of the logarithms of the noise parameters (V, V).
+        noise_effect: How the parameters' conditional posterior follows those logarithms.
         determinant_error: Root mean square error of the log density over the posterior, Laplace's at the same points.
         profile: The density along the axes about the mode.
         lost: Corrections that were left out since they can't be trusted, in words.
     """
 
     optimum: Optimum
-    hyper: Hyper
+    hyper: NoiseParameters
     marginal: Marginal
     evidence: float
-    law_covariance: Array
-    law_effect: LawEffect
+    noise_parameter_covariance: Array
+    noise_effect: NoiseEffect
     determinant_error: float
     profile: Profile
     lost: tuple[str, ...] = ()
@@ -93,11 +93,11 @@ def _until(flight: FlightData, share: float) -> FlightData:
     return replace(flight, present=seen)
 
 
-Begin = tuple[Array, Sequence[Lifted] | None, Hyper]
+Begin = tuple[Array, Sequence[Lifted] | None, NoiseParameters]
 """Parameters, where every flight begins (None: on the path of its record), noise parameters."""
 
 
-class UnsettledError(FitError):
+class NoJointFitError(FitError):
     """A fit that ended without an optimum.
 
     Attributes:
@@ -106,24 +106,24 @@ class UnsettledError(FitError):
         hyper: Noise parameters of the turn.
     """
 
-    def __init__(self, tried: Iterable[str], best: LiftedFit, priors: Sequence[Prior], hyper: Hyper) -> None:
+    def __init__(self, tried: Iterable[str], best: LiftedFit, priors: Sequence[Prior], hyper: NoiseParameters) -> None:
         """Keep the best fit beside what a `FitError` tells."""
         self.best, self.priors, self.hyper = best, tuple(priors), hyper
         super().__init__(_BREAKS, tried)
 
 
-class Settled(NamedTuple):
+class JointFit(NamedTuple):
     """The joint optimum over parameters and disturbances, its noise parameters, and minus the log evidence there."""
 
     optimum: Optimum
-    hyper: Hyper
+    hyper: NoiseParameters
     evidence: float
 
 
 def lengthened(
     flights: Sequence[FlightData],
     priors: Sequence[Prior],
-    hyper: Hyper,
+    hyper: NoiseParameters,
     theta: Array,
     say: Progress,
     unknowns: Sequence[Unknowns] | None = None,
@@ -168,14 +168,14 @@ def lengthened(
     return theta, unknowns
 
 
-def settle(
+def joint_fit(
     flights: Sequence[FlightData],
     priors: Sequence[Prior],
-    prior: HyperPrior,
+    prior: NoisePrior,
     rounds: int = 1,
     progress: Progress | None = None,
     begin: Begin | None = None,
-) -> Settled:
+) -> JointFit:
     """Fit parameters, start, latent disturbances and noise parameters, by turns.
 
     Args:
@@ -213,10 +213,10 @@ def settle(
             say((turn + 0.9) / (rounds + 1), f"noise parameters {turn + 1}")
             linear = best.linear(flights)
             hyper, value = noise_evidence.maximise(flights, linear, priors, hyper, prior, most=20 if turn == 0 else 12)
-    return Settled(best, hyper, value)
+    return JointFit(best, hyper, value)
 
 
-def _looser(hyper: Hyper) -> Hyper:
+def _looser(hyper: NoiseParameters) -> NoiseParameters:
     """Noise parameters whose noise and disturbances are stronger: with these a flight follows its record more easily.
 
     As a likelihood to a small power does, they leave more of the say to the priors and make a wrong path cheaper.
@@ -228,7 +228,7 @@ def _looser(hyper: Hyper) -> Hyper:
 
 def _along_record(
     flights: Sequence[FlightData],
-    hyper: Hyper,
+    hyper: NoiseParameters,
     priors: Sequence[Prior],
     theta: Array,
     at: Sequence[Lifted] | None,
@@ -242,10 +242,10 @@ def _along_record(
     found, has stronger noise than they say.
 
     Raises:
-        UnsettledError: If defects are left whatever was tried.
+        NoJointFitError: If defects are left whatever was tried.
     """
     whole, anew = (*along_record.LEVELS, 0.0), "from the path of the record"
-    begun: list[tuple[str, Hyper, Sequence[Lifted] | None, tuple[float, ...]]] = [
+    begun: list[tuple[str, NoiseParameters, Sequence[Lifted] | None, tuple[float, ...]]] = [
         (anew, hyper, None, whole),
         (f"{anew}, in smaller steps", hyper, None, _SMALL_LEVELS),
     ]
@@ -266,17 +266,17 @@ def _along_record(
         if best is None or (made.rows and (not best.rows or made.rows[-1].defect < best.rows[-1].defect)):
             best = made
     assert best is not None
-    raise UnsettledError(tried, best, priors, hyper)
+    raise NoJointFitError(tried, best, priors, hyper)
 
 
 def _settle_along(
     flights: Sequence[FlightData],
     priors: Sequence[Prior],
-    prior: HyperPrior,
+    prior: NoisePrior,
     say: Progress,
     begin: Begin | None,
-) -> Settled:
-    """`settle` along the record: the path is kept from turn to turn, whatever the noise parameters become."""
+) -> JointFit:
+    """`joint_fit` along the record: the path is kept from turn to turn, whatever the noise parameters become."""
     theta, hyper = working(priors)[0], prior.median
     at: Sequence[Lifted] | None = None
     if begin is not None:
@@ -295,12 +295,12 @@ def _settle_along(
             hyper, value = noise_evidence.maximise(flights, best.linear(flights), priors, hyper, prior, most=20)
             say((turn + 0.9) / (turns + 1), f"noise parameters: log evidence {-value:.1f}")
     value = noise_evidence.function_of(flights, best.linear(flights), priors, prior)(noise_evidence.to_vector(hyper))[0]
-    return Settled(best, hyper, value)
+    return JointFit(best, hyper, value)
 
 
 def joint(
     flights: Sequence[FlightData],
-    hyper: Hyper,
+    hyper: NoiseParameters,
     priors: Sequence[Prior],
     theta: Array,
     at: Sequence[Lifted] | None = None,
@@ -315,7 +315,7 @@ def joint(
         at: Likewise, every flight; on the path of the record, or with undisturbed flights, where None.
 
     Raises:
-        UnsettledError: If no flight follows the record.
+        NoJointFitError: If no flight follows the record.
         FloatingPointError: If models without a path of the record don't fly at the start.
     """
     if all(f.path is not None for f in flights):
@@ -339,7 +339,7 @@ class _Placed(NamedTuple):
     tilt: Array
     step: Array
 
-    def onward(self, flights: Sequence[FlightData], hyper: Hyper) -> tuple[Array, tuple[Lifted, ...]]:
+    def onward(self, flights: Sequence[FlightData], hyper: NoiseParameters) -> tuple[Array, tuple[Lifted, ...]]:
         """Parameters and flights at the end of the step."""
         return self.theta + self.step, along_record.onward(flights, hyper, self.rest, self.step)
 
@@ -351,7 +351,7 @@ class _Placed(NamedTuple):
 def marginal_mode(
     flights: Sequence[FlightData],
     priors: Sequence[Prior],
-    settled: Settled,
+    settled: JointFit,
     progress: Progress | None = None,
     most: int = _MODE_STEPS,
 ) -> Optimum:
@@ -395,7 +395,7 @@ def marginal_mode(
         made = marginalise(flights, hyper, priors, best)
         if told is None or length(theta - told[0], covariance) > _SAME_SLOPE:
             told = theta, scipy.linalg.solve_triangular(np.asarray(made.scale).T, laplace.lack(made))
-        tilt = told[1] + gap_slope(made)
+        tilt = told[1] + mean_correction_slope(made)
         slope = rest.gradient + tilt
         if last is not None:
             bends.append((theta - last[0], slope - last[1]))
@@ -410,13 +410,13 @@ def marginal_mode(
     return replace(begun, theta=theta, flights=places, covariance=covariance, converged=converged)
 
 
-def conclude(
+def marginal_fit(
     flights: Sequence[FlightData],
     priors: Sequence[Prior],
-    prior: HyperPrior,
-    settled: Settled,
+    prior: NoisePrior,
+    settled: JointFit,
     progress: Progress | None = None,
-) -> Found:
+) -> LaplaceFit:
     """Go from the joint optimum to the mode of the marginal posterior, and set that up.
 
     The joint optimum over parameters and disturbances is not where the marginal posterior of the parameters is
@@ -429,7 +429,7 @@ def conclude(
         flights: Records.
         priors: Priors of the parameters.
         prior: Priors of the noise parameters.
-        settled: From `settle`.
+        settled: From `joint_fit`.
         progress: Called with a share done and words.
     """
     say = progress or (lambda share, words: None)
@@ -439,13 +439,13 @@ def conclude(
         say(0.3 + 0.2 * turn / _TURNS, f"noise parameters at the mode {turn + 1}")
         made = marginalise(flights, hyper, priors, best)
         hyper, value = noise_evidence.maximise(flights, _linear(made), priors, hyper, prior, 12, _gaps(made))
-        before, best = best, marginal_mode(flights, priors, Settled(best, hyper, value), most=_MODE_TURN)
+        before, best = best, marginal_mode(flights, priors, JointFit(best, hyper, value), most=_MODE_TURN)
         if length(best.theta - before.theta, before.covariance) < _REST:
             break
     made = marginalise(flights, hyper, priors, best)
     say(0.5, "uncertainty of the noise parameters")
-    slope = law_slope(made)
-    known = noise_evidence.law_covariance(flights, _linear(made), priors, hyper, prior, slope, _gaps(made))
+    slope = noise_parameter_slope(made)
+    known = noise_evidence.noise_parameter_covariance(flights, _linear(made), priors, hyper, prior, slope, _gaps(made))
     moved = noise_evidence.mean_less_mode(flights, _linear(made), priors, hyper, prior, known, _gaps(made))
     scale = np.asarray(made.scale)
     laws = [hyper]
@@ -455,12 +455,12 @@ def conclude(
             hyper,
         ]
     say(0.8, "log determinant at the mode")
-    began = Settled(replace(best, converged=settled.optimum.converged), hyper, value)
+    began = JointFit(replace(best, converged=settled.optimum.converged), hyper, value)
     best, hyper, made, lost, seen = _last(flights, priors, began, laws)
     wrong = _determinant_error(made)
     slope = scipy.linalg.solve_triangular(np.asarray(made.scale), scale @ slope, lower=True)
-    effect = LawEffect(slope, *law_spread(made, known))
-    return Found(best, hyper, made, value, known, effect, wrong, seen, lost)
+    effect = NoiseEffect(slope, *noise_parameter_spread(made, known))
+    return LaplaceFit(best, hyper, made, value, known, effect, wrong, seen, lost)
 
 
 def _determinant_error(made: Marginal) -> float:
@@ -469,8 +469,8 @@ def _determinant_error(made: Marginal) -> float:
 
 
 def _last(
-    flights: Sequence[FlightData], priors: Sequence[Prior], began: Settled, laws: Sequence[Hyper]
-) -> tuple[Optimum, Hyper, Marginal, tuple[str, ...], Profile]:
+    flights: Sequence[FlightData], priors: Sequence[Prior], began: JointFit, laws: Sequence[NoiseParameters]
+) -> tuple[Optimum, NoiseParameters, Marginal, tuple[str, ...], Profile]:
     """The mode under the first noise parameters that lead to one, the posterior, corrections left out, the density.
 
     A point that turns out to lie beside the mode, once what the linear models lack is known, is left for it.
@@ -482,7 +482,7 @@ def _last(
     failed: Exception = ValueError("no noise parameters")
     for hyper in laws:
         try:
-            here = marginal_mode(flights, priors, Settled(began.optimum, hyper, began.evidence))
+            here = marginal_mode(flights, priors, JointFit(began.optimum, hyper, began.evidence))
             found = []
             for _ in range(1 + _MOVES):
                 near = marginalise(flights, hyper, priors, here)
@@ -562,18 +562,18 @@ def _linear(made: Marginal) -> list[Linear]:
     return [along.linear for along in made.along]
 
 
-def _gaps(made: Marginal) -> list[Gap]:
+def _gaps(made: Marginal) -> list[MeanCorrection]:
     return [along.gap for along in made.along]
 
 
 def find(
     flights: Sequence[FlightData],
     priors: Sequence[Prior],
-    prior: HyperPrior,
+    prior: NoisePrior,
     rounds: int = 1,
     progress: Progress | None = None,
-) -> Found:
-    """The marginal posterior of the parameters: `settle`, then `conclude`."""
+) -> LaplaceFit:
+    """The marginal posterior of the parameters: `joint_fit`, then `marginal_fit`."""
     say = progress or (lambda share, words: None)
-    settled = settle(flights, priors, prior, rounds, lambda share, words: say(0.7 * share, words))
-    return conclude(flights, priors, prior, settled, lambda share, words: say(0.7 + 0.3 * share, words))
+    settled = joint_fit(flights, priors, prior, rounds, lambda share, words: say(0.7 * share, words))
+    return marginal_fit(flights, priors, prior, settled, lambda share, words: say(0.7 + 0.3 * share, words))

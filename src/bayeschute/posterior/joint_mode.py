@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 from bayeschute.core.vectors import Component
 from bayeschute.likelihood.joint import (
     FlightData,
-    Hyper,
     Lifted,
     Linear,
+    NoiseParameters,
     Unknowns,
     as_seen,
     cost,
@@ -96,7 +96,7 @@ class Conditional(NamedTuple):
 
 
 @jax.jit
-def conditional(data: FlightData, hyper: Hyper, linear: Linear) -> Conditional:
+def conditional(data: FlightData, hyper: NoiseParameters, linear: Linear) -> Conditional:
     """Eliminate start and shocks of a linearised flight."""
     made = filter_gains(data, hyper, linear)
     got = smooth_driven(made, as_seen(linear))
@@ -127,7 +127,11 @@ def _opening(data: FlightData, linear: Linear) -> Linear:
 
 
 def total_cost(
-    flights: Sequence[FlightData], hyper: Hyper, priors: Sequence[Prior], theta: Array, unknowns: Sequence[Unknowns]
+    flights: Sequence[FlightData],
+    hyper: NoiseParameters,
+    priors: Sequence[Prior],
+    theta: Array,
+    unknowns: Sequence[Unknowns],
 ) -> float:
     """Minus the log density up to constants; infinite where a simulation fails."""
     value = 0.5 * float(np.sum(standard(priors, np.asarray(theta)) ** 2))
@@ -170,7 +174,7 @@ class _Problem:
     """What is fitted: see `fit` for the attributes."""
 
     flights: Sequence[FlightData]
-    hyper: Hyper
+    hyper: NoiseParameters
     priors: Sequence[Prior]
     tilt: Array
     opening: bool
@@ -221,7 +225,7 @@ def _lower(problem: _Problem, here: _Point, damping: float) -> _Step | None:
 
 def fit(
     flights: Sequence[FlightData],
-    hyper: Hyper,
+    hyper: NoiseParameters,
     priors: Sequence[Prior],
     theta: Array,
     unknowns: Sequence[Unknowns] | None = None,
@@ -276,7 +280,7 @@ def fit(
     return Optimum(here.theta, ends, covariance, here.value, converged, iteration, largest, tuple(trace))
 
 
-def _flown(flights: Sequence[FlightData], hyper: Hyper, here: _Point) -> tuple[Lifted, ...]:
+def _flown(flights: Sequence[FlightData], hyper: NoiseParameters, here: _Point) -> tuple[Lifted, ...]:
     """The flights on the paths of their simulations, which are finite at every point of a fit until its last datum."""
     made = []
     for flight, unknowns in zip(flights, here.unknowns, strict=True):

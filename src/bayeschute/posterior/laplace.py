@@ -26,19 +26,27 @@ from bayeschute.likelihood import mean_correction
 from bayeschute.likelihood.joint import (
     Course,
     FlightData,
-    Hyper,
     Lifted,
     Linear,
+    NoiseParameters,
     as_seen,
     course,
     filter_gains,
     linearise,
     moved,
 )
-from bayeschute.likelihood.kalman import Gains, Gap, innovations
+from bayeschute.likelihood.kalman import Gains, MeanCorrection, innovations
 from bayeschute.posterior.differences import beside
 from bayeschute.posterior.joint_mode import conditional
-from bayeschute.posterior.marginal import Along, Marginal, Quadratic, course_at, in_batches, linear_residuals, shifted
+from bayeschute.posterior.marginal import (
+    Linearisation,
+    Marginal,
+    Quadratic,
+    course_at,
+    in_batches,
+    linear_residuals,
+    shifted,
+)
 
 Array = NDArray[np.float64]
 _CROSSED = 3  # axes whose products with others the log determinant's polynomial has
@@ -63,7 +71,7 @@ class Laplace(NamedTuple):
 
 
 @jax.jit
-def _squares(made: Gains, linear: Linear, gap: Gap) -> tuple[jax.Array, jax.Array, jax.Array]:
+def _squares(made: Gains, linear: Linear, gap: MeanCorrection) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Half the squares of innovations, their gradient, and the log determinant."""
     seen = as_seen(linear).less(gap)
     unit = innovations(made, *seen).reshape(-1, seen.series.shape[2])
@@ -71,7 +79,7 @@ def _squares(made: Gains, linear: Linear, gap: Gap) -> tuple[jax.Array, jax.Arra
 
 
 @jax.jit
-def _moved(flight: FlightData, hyper: Hyper, linear: Linear) -> Lifted:
+def _moved(flight: FlightData, hyper: NoiseParameters, linear: Linear) -> Lifted:
     """Where the linear problem of a flight has its optimum."""
     given = conditional(flight, hyper, linear)
     path = moved(flight, jnp.asarray(linear.driven.path), given.states[..., 0])
@@ -91,13 +99,15 @@ def _brought(marginal: Marginal, theta: jax.Array, shift: jax.Array) -> list[Lin
     return made
 
 
-def _gap(flight: FlightData, hyper: Hyper, along: Along, theta: jax.Array, made: Gains, driven: Course) -> Gap:
+def _gap(
+    flight: FlightData, hyper: NoiseParameters, along: Linearisation, theta: jax.Array, made: Gains, driven: Course
+) -> MeanCorrection:
     """The gap at another theta; its change is that of few paths. Not finite where these fail."""
     try:
         few, _ = mean_correction.mean(flight, hyper, made, theta, driven, rough=True)
     except FloatingPointError:
         return jax.tree.map(lambda a: jnp.full(jnp.shape(a), jnp.nan), along.gap)
-    return Gap(*(a + b - c for a, b, c in zip(along.gap, few, along.rough, strict=True)))
+    return MeanCorrection(*(a + b - c for a, b, c in zip(along.gap, few, along.rough, strict=True)))
 
 
 def _under_prior(marginal: Marginal, theta: jax.Array) -> tuple[float, Array]:

@@ -25,9 +25,9 @@ from bayeschute.likelihood import mean_correction
 from bayeschute.likelihood.joint import (
     Course,
     FlightData,
-    Hyper,
     Lifted,
     Linear,
+    NoiseParameters,
     as_seen,
     course,
     disturbed,
@@ -35,7 +35,7 @@ from bayeschute.likelihood.joint import (
     moved,
     stepped,
 )
-from bayeschute.likelihood.kalman import Gains, Gap, Seen, innovations
+from bayeschute.likelihood.kalman import Gains, MeanCorrection, Seen, innovations
 from bayeschute.likelihood.priors import Prior, factor, working
 from bayeschute.likelihood.simulation_smoother import Normals, drawn
 from bayeschute.posterior.along_record import brought
@@ -47,7 +47,7 @@ _MOST_BENT, _PRICE, _ROUNDING = 0.25, 100.0, 1e-3  # see `out_of_range`
 BATCH = 64
 
 
-class Along(NamedTuple):
+class Linearisation(NamedTuple):
     """A flight about the conditional optimum of its path.
 
     Attributes:
@@ -69,8 +69,8 @@ class Along(NamedTuple):
     aside: Lifted
     known: Component
     known_slope: Component
-    gap: Gap
-    rough: Gap
+    gap: MeanCorrection
+    rough: MeanCorrection
     lost: int
     linear: Linear
     gains: Gains
@@ -112,8 +112,8 @@ class Marginal:
     """
 
     flights: tuple[FlightData, ...]
-    hyper: Hyper
-    along: tuple[Along, ...]
+    hyper: NoiseParameters
+    along: tuple[Linearisation, ...]
     centre: Component
     scale: Component
     prior_centre: Component
@@ -133,8 +133,8 @@ class Marginal:
 
 
 @jax.jit
-def _about(flight: FlightData, hyper: Hyper, linear: Linear) -> tuple[Lifted, jax.Array, Gains]:
-    """Derivatives of the conditional optimum, those of `Along.known`, and the filter."""
+def _about(flight: FlightData, hyper: NoiseParameters, linear: Linear) -> tuple[Lifted, jax.Array, Gains]:
+    """Derivatives of the conditional optimum, those of `Linearisation.known`, and the filter."""
     given = conditional(flight, hyper, linear)
     by_theta = jax.tree.map(jnp.negative, given.slope)
     slope = Lifted(by_theta, course(flight, hyper, by_theta).error, -given.states[..., 1:])
@@ -142,7 +142,7 @@ def _about(flight: FlightData, hyper: Hyper, linear: Linear) -> tuple[Lifted, ja
     return slope, known, given.gains
 
 
-def _along(flight: FlightData, hyper: Hyper, theta: Array, at: Lifted, linear: Linear) -> Along:
+def _along(flight: FlightData, hyper: NoiseParameters, theta: Array, at: Lifted, linear: Linear) -> Linearisation:
     """A flight about its conditional optimum."""
     slope, known_slope, made = _about(flight, hyper, linear)
     aside = jax.tree.map(jnp.zeros_like, slope)
@@ -150,10 +150,12 @@ def _along(flight: FlightData, hyper: Hyper, theta: Array, at: Lifted, linear: L
     rough, _ = mean_correction.mean(flight, hyper, made, theta, linear.driven, rough=True)
     known = disturbed(linear.steps, linear.driven)
     unit = _innovations(made, *as_seen(linear).less(mean))
-    return Along(at, slope, aside, known, known_slope, mean, rough, lost, linear, made, unit)
+    return Linearisation(at, slope, aside, known, known_slope, mean, rough, lost, linear, made, unit)
 
 
-def marginalise(flights: Sequence[FlightData], hyper: Hyper, priors: Sequence[Prior], optimum: Optimum) -> Marginal:
+def marginalise(
+    flights: Sequence[FlightData], hyper: NoiseParameters, priors: Sequence[Prior], optimum: Optimum
+) -> Marginal:
     """Set the marginal posterior up at an optimum, its determinant still held constant."""
     places = brought(flights, hyper, optimum.theta, optimum.flights)
     along = tuple(_along(flight, hyper, optimum.theta, *place) for flight, place in zip(flights, places, strict=True))
@@ -161,7 +163,7 @@ def marginalise(flights: Sequence[FlightData], hyper: Hyper, priors: Sequence[Pr
     return Marginal(tuple(flights), hyper, along, optimum.theta, root, working(priors)[0], factor(priors), flat, flat)
 
 
-def gap_slope(marginal: Marginal) -> Array:
+def mean_correction_slope(marginal: Marginal) -> Array:
     """What the gap adds to the slope of minus the log density at theta_0, by theta (P,)."""
     total: Array = np.zeros(np.size(marginal.centre))
     for along in marginal.along:
@@ -178,12 +180,12 @@ def _place(flight: FlightData, at: Lifted, slope: Lifted, shift: jax.Array) -> L
     return Lifted(both.unknowns, both.error, moved(flight, wide.path, by.path))
 
 
-def place_at(flight: FlightData, along: Along, shift: jax.Array) -> Lifted:
+def place_at(flight: FlightData, along: Linearisation, shift: jax.Array) -> Lifted:
     """Start, shocks and path at ``theta_0 + shift`` (P, ...), followed linearly."""
     return _place(flight, along.at, along.slope, shift)
 
 
-def course_at(flight: FlightData, along: Along, shift: jax.Array) -> Course:
+def course_at(flight: FlightData, along: Linearisation, shift: jax.Array) -> Course:
     """Likewise, as what drives the flight."""
     return place_at(flight, along, shift).course(flight, jnp.ndim(shift) - 1)
 
@@ -195,18 +197,18 @@ def shifted(marginal: Marginal, xi: Component) -> tuple[jax.Array, jax.Array]:
 
 
 @jax.jit
-def seen_along(along: Along, residual: jax.Array, defects: jax.Array, shift: jax.Array) -> Seen:
+def seen_along(along: Linearisation, residual: jax.Array, defects: jax.Array, shift: jax.Array) -> Seen:
     """What the linear model sees of residuals (T, C, B) and defects (T, X, B) on the paths of `course_at`."""
     driven = defects - along.known[..., None] - along.known_slope @ shift
     return Seen(residual - along.gap.outputs[..., None], driven + along.gap.driven[..., None])
 
 
-def _seen(flight: FlightData, along: Along, theta: jax.Array, shift: jax.Array) -> Seen:
+def _seen(flight: FlightData, along: Linearisation, theta: jax.Array, shift: jax.Array) -> Seen:
     return seen_along(along, *stepped(flight, theta, course_at(flight, along, shift)), shift)
 
 
 @jax.jit
-def out_of_range(along: Along, unit: jax.Array, shift: jax.Array, xi: jax.Array) -> jax.Array:
+def out_of_range(along: Linearisation, unit: jax.Array, shift: jax.Array, xi: jax.Array) -> jax.Array:
     """Root of twice the price of innovations (T, C, B) that have bent too far (B,).
 
     They bend with theta, as steps are taken with the full equations. Where they depart from a straight line by more
@@ -287,7 +289,7 @@ def sample_log_likelihoods(marginal: Marginal, xi: Component) -> tuple[jax.Array
 
 @jax.jit
 def _log_likelihoods(
-    flight: FlightData, along: Along, unit: jax.Array, shift: jax.Array, xi: jax.Array, each: jax.Array
+    flight: FlightData, along: Linearisation, unit: jax.Array, shift: jax.Array, xi: jax.Array, each: jax.Array
 ) -> jax.Array:
     scale = jnp.log(jnp.diagonal(along.gains.root, axis1=1, axis2=2)) + 0.5 * jnp.log(2.0 * jnp.pi)
     constant = jnp.sum(jnp.where(flight.present, scale, 0.0), axis=1)
@@ -297,7 +299,7 @@ def _log_likelihoods(
 
 
 def draw_flights(
-    marginal: Marginal, xi: Component, numbers: tuple[Normals, ...], hyper: Hyper | None = None
+    marginal: Marginal, xi: Component, numbers: tuple[Normals, ...], hyper: NoiseParameters | None = None
 ) -> tuple[Lifted, ...]:
     """Draws of every flight's start, shocks and path given theta, by simulation smoothing (Durbin and Koopman 2002).
 

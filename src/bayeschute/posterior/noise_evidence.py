@@ -18,8 +18,8 @@ import scipy.optimize
 from numpy.typing import NDArray
 
 from bayeschute.core.numerics import processors
-from bayeschute.likelihood.joint import FlightData, Hyper, Linear, as_seen
-from bayeschute.likelihood.kalman import Gap
+from bayeschute.likelihood.joint import FlightData, Linear, NoiseParameters, as_seen
+from bayeschute.likelihood.kalman import MeanCorrection
 from bayeschute.likelihood.kalman_gradient import evidence_score
 from bayeschute.likelihood.kalman_gradient import from_vector as from_vector
 from bayeschute.likelihood.kalman_gradient import to_vector as to_vector
@@ -31,10 +31,10 @@ _TOLD = 0.1  # axes along which noise parameters are known better than this have
 
 
 @dataclass(frozen=True)
-class HyperPrior:
+class NoisePrior:
     """Log-normal priors of the noise parameters: medians, and one standard deviation of the logarithm for all."""
 
-    median: Hyper
+    median: NoiseParameters
     log_sd: float = 0.7
 
 
@@ -42,8 +42,8 @@ def function_of(
     flights: Sequence[FlightData],
     linear: Sequence[Linear],
     priors: Sequence[Prior],
-    prior: HyperPrior,
-    gaps: Sequence[Gap] | None = None,
+    prior: NoisePrior,
+    gaps: Sequence[MeanCorrection] | None = None,
 ) -> Callable[[Array], tuple[float, Array]]:
     """Minus the log evidence, up to a constant, and its gradient, as a function of the noise parameters' logarithms.
 
@@ -76,11 +76,11 @@ def maximise(
     flights: Sequence[FlightData],
     linear: Sequence[Linear],
     priors: Sequence[Prior],
-    hyper: Hyper,
-    prior: HyperPrior,
+    hyper: NoiseParameters,
+    prior: NoisePrior,
     most: int = 60,
-    gaps: Sequence[Gap] | None = None,
-) -> tuple[Hyper, float]:
+    gaps: Sequence[MeanCorrection] | None = None,
+) -> tuple[NoiseParameters, float]:
     """Noise parameters of greatest evidence at a linearisation.
 
     Args:
@@ -113,14 +113,14 @@ def maximise(
     return jax.tree.map(np.asarray, from_vector(found.x, prior.median)), float(found.fun)
 
 
-def law_covariance(
+def noise_parameter_covariance(
     flights: Sequence[FlightData],
     linear: Sequence[Linear],
     priors: Sequence[Prior],
-    hyper: Hyper,
-    prior: HyperPrior,
+    hyper: NoiseParameters,
+    prior: NoisePrior,
     slope: Array,
-    gaps: Sequence[Gap] | None = None,
+    gaps: Sequence[MeanCorrection] | None = None,
 ) -> Array:
     """Laplace covariance of the logarithms of all noise parameters, by differences of the gradient.
 
@@ -133,7 +133,7 @@ def law_covariance(
         priors: Priors of theta.
         hyper: Noise parameters of greatest evidence.
         prior: Priors of the noise parameters.
-        slope: From `law_effect.law_slope` (P, V).
+        slope: From `noise_effect.noise_parameter_slope` (P, V).
         gaps: As in `maximise`.
 
     Returns:
@@ -151,10 +151,10 @@ def mean_less_mode(
     flights: Sequence[FlightData],
     linear: Sequence[Linear],
     priors: Sequence[Prior],
-    hyper: Hyper,
-    prior: HyperPrior,
+    hyper: NoiseParameters,
+    prior: NoisePrior,
     covariance: Array,
-    gaps: Sequence[Gap] | None = None,
+    gaps: Sequence[MeanCorrection] | None = None,
 ) -> Array:
     """How far the mean of the logarithms of the noise parameters lies from their mode, by their skewness.
 
@@ -170,7 +170,7 @@ def mean_less_mode(
         priors: Priors of theta.
         hyper: Noise parameters of greatest evidence.
         prior: Priors of the noise parameters.
-        covariance: From `law_covariance` (V, V).
+        covariance: From `noise_parameter_covariance` (V, V).
         gaps: As in `maximise`.
 
     Returns:

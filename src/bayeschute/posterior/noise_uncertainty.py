@@ -32,12 +32,13 @@ Array = NDArray[np.float64]
 _seen = jax.jit(lambda linear, gap: as_seen(linear).column(0).less(gap))
 
 
-class LawEffect(NamedTuple):
+class NoiseEffect(NamedTuple):
     """How the parameters' conditional posterior follows the logarithms of V noise parameters, standard coordinates.
 
     Attributes:
-        slope: Derivatives of its mode (P, V), from `law_slope`.
-        spread: Derivatives of the logarithm of its covariance, symmetric matrices (V, P, P), from `law_spread`.
+        slope: Derivatives of its mode (P, V), from `noise_parameter_slope`.
+        spread: Derivatives of the logarithm of its covariance, symmetric matrices (V, P, P), from
+            `noise_parameter_spread`.
         excess: Mean of that logarithm over the noise parameters (P, P), likewise.
     """
 
@@ -46,7 +47,7 @@ class LawEffect(NamedTuple):
     excess: Array
 
     @classmethod
-    def none(cls, parameters: int, laws: int) -> LawEffect:
+    def none(cls, parameters: int, laws: int) -> NoiseEffect:
         """Parameters that don't follow the noise parameters."""
         size = (parameters, parameters)
         return cls(np.zeros((parameters, laws)), np.zeros((laws, *size)), np.zeros(size))
@@ -71,7 +72,7 @@ class LawEffect(NamedTuple):
         return np.asarray(made[..., 0])
 
 
-def law_slope(marginal: Marginal, step: float = 0.5) -> Array:
+def noise_parameter_slope(marginal: Marginal, step: float = 0.5) -> Array:
     """Derivatives ``-C`` of the parameters' conditional mode by the noise parameters, in standard coordinates.
 
     C is the change along every axis of the gradient by eta of ``1/2 |innovations|^2 + log det``, the flights linearised
@@ -105,7 +106,7 @@ def law_slope(marginal: Marginal, step: float = 0.5) -> Array:
     return np.asarray((down - up) / (2.0 * h))
 
 
-def law_spread(marginal: Marginal, covariance: Array) -> tuple[Array, Array]:
+def noise_parameter_spread(marginal: Marginal, covariance: Array) -> tuple[Array, Array]:
     """How the logarithm of the parameters' covariance follows the noise parameters, in standard coordinates.
 
     The covariance is that of the flights as they are linearised at theta_0. It is looked at a standard deviation to
@@ -116,7 +117,7 @@ def law_spread(marginal: Marginal, covariance: Array) -> tuple[Array, Array]:
         covariance: Of their logarithms (V, V).
 
     Returns:
-        `spread` and `excess` of `LawEffect`, noise parameters in the order of `score.to_vector`.
+        `spread` and `excess` of `NoiseEffect`, noise parameters in the order of `score.to_vector`.
     """
     at, scale, root = to_vector(marginal.hyper), np.asarray(marginal.scale), np.linalg.cholesky(covariance)
     prior = np.linalg.inv(np.asarray(marginal.prior_factor) @ np.asarray(marginal.prior_factor).T)
@@ -135,7 +136,7 @@ def law_spread(marginal: Marginal, covariance: Array) -> tuple[Array, Array]:
     return by_column.reshape(up.shape), 0.5 * np.sum(up + down, axis=0)
 
 
-def widened(xi: Array, effect: LawEffect, covariance: Array, seed: int) -> Array:
+def widened(xi: Array, effect: NoiseEffect, covariance: Array, seed: int) -> Array:
     """Draws for held noise parameters made draws of the joint posterior, each with noise parameters of its own.
 
     Args:
@@ -148,7 +149,7 @@ def widened(xi: Array, effect: LawEffect, covariance: Array, seed: int) -> Array
     return effect.carried(xi, z @ np.linalg.cholesky(covariance).T)
 
 
-def joint_covariance(scale: Array, effect: LawEffect, covariance: Array) -> Array:
+def joint_covariance(scale: Array, effect: NoiseEffect, covariance: Array) -> Array:
     """Covariance of the parameters in the joint posterior (P, P).
 
     The mean of their covariances is exact for one noise parameter without excess, and to second order beyond that.

@@ -22,7 +22,7 @@ from bayeschute.core.errors import Fault, InputError
 from bayeschute.likelihood.joint import Course, FlightData, jax_stepped
 from bayeschute.likelihood.kalman import innovations
 from bayeschute.likelihood.priors import Prior, factor, working
-from bayeschute.posterior.marginal import Along, Marginal, course_at, out_of_range, seen_along
+from bayeschute.posterior.marginal import Linearisation, Marginal, course_at, out_of_range, seen_along
 
 Array = NDArray[np.float64]
 SITE = "log_likelihood"
@@ -31,7 +31,7 @@ SITE = "log_likelihood"
 Look = Callable[[jax.Array, Course], tuple[jax.Array, jax.Array]]
 
 
-def _look(flight: FlightData, along: Along) -> Look:
+def _look(flight: FlightData, along: Linearisation) -> Look:
     """Residuals and defects of a flight at parameters and a path: by machine code where that serves it, else by JAX."""
     model, at = flight.model, along.at
     sizes = np.size(along.known_slope, 2), np.size(at.unknowns.start), np.shape(at.error)[1], np.shape(at.path)

@@ -25,7 +25,7 @@ from bayeschute.posterior.marginal import (
 )
 from bayeschute.posterior.sampling import delayed_acceptance, ensemble, independence
 from bayeschute.posterior.sampling.protocol import Draws
-from bayeschute.posterior.sampling.sampler_checks import doubt
+from bayeschute.posterior.sampling.sampler_checks import why_not_trusted
 from bayeschute.posterior.surrogate import Surrogate, build
 
 Array = NDArray[np.float64]
@@ -42,7 +42,7 @@ def sample(
     Args:
         marginal: The posterior.
         kind: ``"nuts"`` (numpyro's NUTS on a quadratic surrogate, corrected exactly by delayed acceptance) or
-            ``"emcee"`` (ensembles on the same density). Where NUTS' draws fail their own check (`doubt`), an
+            ``"emcee"`` (ensembles on the same density). Where NUTS' draws fail their own check (`why_not_trusted`), an
             independence sampler (`posterior.sampling.independence`) draws, and where its draws fail it too, emcee; a
             note says why.
         chains: Chains.
@@ -79,7 +79,7 @@ def sample(
         except FloatingPointError as error:
             return None, str(error)
         kept = {name: row for name, row in made.stats.items() if name != "log_ratio"}  # not the surrogate's
-        return replace(made, stats=kept), doubt(made)
+        return replace(made, stats=kept), why_not_trusted(made)
 
     if kind == "emcee":
         return by_emcee()
@@ -91,7 +91,7 @@ def sample(
     notes = [f"{failed} simulations failed while the surrogate was built"] if failed else []
     if lost:
         notes.append(f"{lost} pairs of simulations under drawn disturbances failed and are not in the mean flight")
-    reason = doubt(made)
+    reason = why_not_trusted(made)
     if not reason:
         return replace(made, notes=(*made.notes, *notes))
     words = f"Draws by NUTS on a surrogate failed their check ({reason}); "

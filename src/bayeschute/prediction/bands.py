@@ -20,13 +20,13 @@ from numpy.typing import NDArray
 from bayeschute.core.random import stream
 from bayeschute.dynamics import cluster_flight, descent
 from bayeschute.dynamics.cluster_flight import ClusterFlight
-from bayeschute.likelihood.joint import Course, FlightData, Hyper, Unknowns, course, states
+from bayeschute.likelihood.joint import Course, FlightData, NoiseParameters, Unknowns, course, states
 from bayeschute.likelihood.priors import Prior
 from bayeschute.likelihood.simulation_smoother import Normals, normals
 from bayeschute.posterior.fit import joint
 from bayeschute.posterior.marginal import Marginal, draw_flights, marginalise
 from bayeschute.posterior.noise_evidence import from_vector, to_vector
-from bayeschute.posterior.noise_uncertainty import LawEffect
+from bayeschute.posterior.noise_uncertainty import NoiseEffect
 from bayeschute.records.sensors import ornstein_uhlenbeck
 
 Array = NDArray[np.float64]
@@ -97,7 +97,7 @@ def opening(flight: FlightData, seconds: float) -> FlightData:
     return replace(flight, model=shorter, observed=observed, present=present, path=path)
 
 
-def opened(flight: FlightData, hyper: Hyper, posterior: Sequence[Prior]) -> Marginal:
+def opened(flight: FlightData, hyper: NoiseParameters, posterior: Sequence[Prior]) -> Marginal:
     """What an opening's data say of its own unknowns, the parameters as the posterior has them.
 
     Args:
@@ -113,7 +113,9 @@ def opened(flight: FlightData, hyper: Hyper, posterior: Sequence[Prior]) -> Marg
     return marginalise([flight], hyper, posterior, best)
 
 
-def law_draws(hyper: Hyper, covariance: Array, draws: int, rng: np.random.Generator) -> list[Hyper]:
+def noise_parameter_draws(
+    hyper: NoiseParameters, covariance: Array, draws: int, rng: np.random.Generator
+) -> list[NoiseParameters]:
     """Noise parameters drawn about those of the fit.
 
     Args:
@@ -126,13 +128,13 @@ def law_draws(hyper: Hyper, covariance: Array, draws: int, rng: np.random.Genera
     return [from_vector(at + root @ rng.standard_normal(at.size), hyper) for _ in range(draws)]
 
 
-def carried(marginal: Marginal, theta: Array, laws: Sequence[Hyper], effect: LawEffect) -> Array:
+def carried(marginal: Marginal, theta: Array, laws: Sequence[NoiseParameters], effect: NoiseEffect) -> Array:
     """Draws of the parameters for held noise parameters as they are for those that `predict` takes for each.
 
     Args:
         marginal: Of the fit that the draws are from.
         theta: Draws, working coordinates (B, P).
-        laws: Noise parameters, from `law_draws`; groups of draws take them in turn.
+        laws: Noise parameters, from `noise_parameter_draws`; groups of draws take them in turn.
         effect: Of the noise parameters.
 
     Returns:
@@ -148,7 +150,7 @@ def predict(
     marginal: Marginal,
     index: int,
     theta: Array,
-    laws: Sequence[Hyper],
+    laws: Sequence[NoiseParameters],
     seed: int,
     whole: FlightData | None = None,
     told: float = np.inf,
@@ -162,7 +164,7 @@ def predict(
         marginal: Of the fit the flight was part of, or from `opened`.
         index: Which of its flights.
         theta: Draws of the parameters, working coordinates (B, P); see `carried`.
-        laws: Noise parameters, from `law_draws`; groups of draws take them in turn.
+        laws: Noise parameters, from `noise_parameter_draws`; groups of draws take them in turn.
         seed: Seed of unknowns.
         whole: The whole flight where the marginal holds its opening only.
         told: Data end here [s from the first sample]; disturbances beyond are free.
@@ -180,7 +182,7 @@ def predict(
     kept = min(int(np.floor(told / float(flight.dt) + 1e-9)) + 1 if np.isfinite(told) else part.samples, part.samples)
     xi = np.linalg.solve(np.asarray(marginal.scale), (theta - np.asarray(marginal.centre)).T)
 
-    def driven(xi: Array, numbers: tuple[Normals, ...], later: Array, law: Hyper) -> Course:
+    def driven(xi: Array, numbers: tuple[Normals, ...], later: Array, law: NoiseParameters) -> Course:
         known = draw_flights(marginal, xi, numbers, law)[index]
         shocks = jnp.concatenate([known.unknowns.shocks[:kept], later])
         return course(flight, law, Unknowns(known.unknowns.start, shocks))._replace(path=known.path[:kept])

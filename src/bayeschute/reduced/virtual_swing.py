@@ -15,7 +15,7 @@ from bayeschute.atmosphere.standard import standard_density
 from bayeschute.compiler.integrate import trajectory_compiled
 from bayeschute.core.random import stream
 from bayeschute.likelihood import disturbances as processes
-from bayeschute.likelihood.joint import FlightData, Hyper
+from bayeschute.likelihood.joint import FlightData, NoiseParameters
 from bayeschute.records.sensors import SensorNoise, noisy, ornstein_uhlenbeck
 from bayeschute.reduced.dumbbell import Dumbbell, DumbbellFlight, DumbbellInputs, steady_speed
 from bayeschute.reduced.dumbbell_data import PLANE
@@ -136,7 +136,7 @@ def swing_of(time: Array, angle: Array) -> Swing:
 
 
 def predict_swings(
-    flight: FlightData, hyper: Hyper | None, theta: Array, after: float, rng: np.random.Generator
+    flight: FlightData, hyper: NoiseParameters | None, theta: Array, after: float, rng: np.random.Generator
 ) -> Array:
     """Frequency and amplitude of a flight for every draw of the parameters, from the opening of its record on.
 

@@ -80,7 +80,7 @@ def predict_record(
     mse = float(np.mean(error**2))
     own, *_ = np.linalg.lstsq(problem.X, problem.z, rcond=None)
     least = float(np.mean((problem.z - problem.X @ own) ** 2))
-    doubt = float(np.mean(np.einsum("ij,jk,ik->i", problem.X, fit.covariance, problem.X)))
+    why_not_trusted = float(np.mean(np.einsum("ij,jk,ik->i", problem.X, fit.covariance, problem.X)))
     labels = row_labels(components, problem.used.size, f"{where} components")[problem.used]
     variance = group_variance(problem.z, labels)
     leverage = fit.leverage(problem.X)
@@ -91,7 +91,7 @@ def predict_record(
         rms=float(np.sqrt(mse)),
         rms_ratio=_over(mse, fit.rms),
         least_ratio=_over(least, fit.rms),
-        expected_ratio=_over(fit.rms**2 + doubt, fit.rms),
+        expected_ratio=_over(fit.rms**2 + why_not_trusted, fit.rms),
         theil=theil(problem.z, prediction),
         r2=1.0 - mse / variance if variance > 0.0 else np.nan,
         bias=float(np.mean(error)),

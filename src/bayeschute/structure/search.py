@@ -54,7 +54,7 @@ class Search:
     replicates: int = 0
 
 
-class Found(NamedTuple):
+class SearchResult(NamedTuple):
     """What a search kept.
 
     Attributes:
@@ -84,7 +84,7 @@ class Identified:
         structures: The few best structures; empty without replicates.
     """
 
-    found: Found
+    found: SearchResult
     fit: EquationErrorFit
     stack: Stack
     noise: SeriesNoise
@@ -100,7 +100,7 @@ def search(
     how: Search,
     indices: Sequence[str] | None = None,
     compressed: Compressed | None = None,
-) -> Found:
+) -> SearchResult:
     """Rank the candidates and keep what pays.
 
     Args:
@@ -148,9 +148,9 @@ def search(
         if selection.certain:
             break
     if not how.exchange:
-        return Found(selection, None, level, selection.selected)
+        return SearchResult(selection, None, level, selection.selected)
     changed = exchange(selection, stack.X, stack.z, compressed=compressed)
-    return Found(selection, changed, level, changed.columns)
+    return SearchResult(selection, changed, level, changed.columns)
 
 
 def identify(

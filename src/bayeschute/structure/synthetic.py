@@ -25,7 +25,7 @@ from bayeschute.structure.candidates import Pool
 from bayeschute.structure.confusable_terms import Rival, rivals
 from bayeschute.structure.exchange import Compressed, compress
 from bayeschute.structure.polar_names import canonical
-from bayeschute.structure.search import Found, Search, search
+from bayeschute.structure.search import Search, SearchResult, search
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -88,7 +88,7 @@ class Replicates(NamedTuple):
     kept_inside: Flags
     ceiling: Array
     rivals: tuple[Rival, ...]
-    first: Found
+    first: SearchResult
     first_fit: EquationErrorFit
     bootstrap_se: Array
     seen: SeriesNoise
@@ -136,7 +136,7 @@ class _Made(NamedTuple):
 class _Once(NamedTuple):
     """One replicate."""
 
-    found: Found
+    found: SearchResult
     known: EquationErrorFit
     inside: Flags
     white_inside: Flags

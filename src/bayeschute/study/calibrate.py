@@ -15,7 +15,7 @@ from bayeschute.calibration.coverage_tables import summarise
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.core.files import write_whole
 from bayeschute.study.evidence.identity import configuration, identity, with_noise
-from bayeschute.study.evidence.scenarios import DISTURBANCES
+from bayeschute.study.evidence.scenarios import SCENARIOS
 from bayeschute.study.load import load_study
 from bayeschute.study.replicate import replicate
 from bayeschute.study.run.log import NAME as LOG
@@ -33,8 +33,8 @@ def _sound(study: Study, disturbance: str, noise: str | None, replicates: int) -
         wanted = "a cluster study whose flights are all virtual, so that truths are known"
         do = "Describe flights like yours in [flight.virtual] tables (bayeschute init DIR shows how)."
         faults.append(Fault(str(study.path), "a study with recorded flights", wanted, do))
-    if disturbance not in DISTURBANCES:
-        faults.append(Fault("--disturbance", repr(disturbance), "one of " + ", ".join(DISTURBANCES)))
+    if disturbance not in SCENARIOS:
+        faults.append(Fault("--disturbance", repr(disturbance), "one of " + ", ".join(SCENARIOS)))
     if noise is not None and noise not in NOISES:
         faults.append(Fault("--noise", repr(noise), "one of " + ", ".join(NOISES)))
     if study.predict.recalibrate is not None:
@@ -66,7 +66,7 @@ def calibrate(
         path: A study whose flights are virtual.
         out: Folder for rows and the result.
         replicates: How many.
-        disturbance: What is flown that the identification doesn't know, by its name in `DISTURBANCES`.
+        disturbance: What is flown that the identification doesn't know, by its name in `SCENARIOS`.
         noise: Replaces ``[noise] model``; the study's where None.
         workers: Local processes.
         address: Of a Dask scheduler, in place of local processes.
@@ -102,7 +102,7 @@ def calibrate(
         "title": study.title,
         "noise": study.noise.model,
         "disturbance": disturbance,
-        "says": DISTURBANCES[disturbance].says,
+        "says": SCENARIOS[disturbance].says,
         "quick": quick,
         "seeds": [first_seed, first_seed + replicates - 1],
         **summarise(rows),

@@ -14,13 +14,13 @@ import numpy as np
 from bayeschute.calibration.mode_scores import score_modes
 from bayeschute.calibration.recalibration import scaled_shares
 from bayeschute.calibration.scores import inside, score
-from bayeschute.core.numerics import let_go
+from bayeschute.core.numerics import clear_compiled
 from bayeschute.study.assembly import assemble
 from bayeschute.study.assembly.fits import summary_draws
-from bayeschute.study.evidence.scenarios import DISTURBANCES
+from bayeschute.study.evidence.scenarios import SCENARIOS
 from bayeschute.study.job import Job
 from bayeschute.study.run import stage_list
-from bayeschute.study.run.forecasts import Foretold, foretell
+from bayeschute.study.run.forecasts import FlightForecast, forecast_flights
 from bayeschute.study.run.stage_report import flown_terms, true_values
 from bayeschute.study.study import Study
 
@@ -34,7 +34,7 @@ def replicate(seed: int, study: Study, disturbance: str = "none", quick: bool = 
     Args:
         seed: Of its winds, noise and draws.
         study: The study, its noise model as wanted.
-        disturbance: What is flown otherwise, by its name in `DISTURBANCES`.
+        disturbance: What is flown otherwise, by its name in `SCENARIOS`.
         quick: Small sizes; the result is not for use.
 
     Returns:
@@ -49,12 +49,12 @@ def replicate(seed: int, study: Study, disturbance: str = "none", quick: bool = 
             "ok": False,
             "error": f"{type(error).__name__} in {frames[-1].name}: {' '.join(str(error).split())}"[:500],
         }
-    let_go()
+    clear_compiled()
     return {"seed": seed, **row, "wall_s": time.perf_counter() - began}
 
 
 def _scored(study: Study, disturbance: str, quick: bool) -> Row:
-    kind = DISTURBANCES[disturbance]
+    kind = SCENARIOS[disturbance]
     sized = assemble.smaller(study) if quick else study
     with tempfile.TemporaryDirectory(prefix="bayeschute-") as folder:
         job = Job(sized, Path(folder), quick, "", lambda *_: None)
@@ -77,7 +77,7 @@ def _scored(study: Study, disturbance: str, quick: bool) -> Row:
         left_out = sorted(name for name in flown_terms(study) if name not in draws) if kind.terms_known else []
         checks = job.load("checks.json")["checks"]
         bands, modes = {}, {}
-        for one in foretell(job):
+        for one in forecast_flights(job):
             bands[one.flight.name], modes[one.flight.name] = _bands(one, job), _modes(one)
         return {
             "ok": True,
@@ -91,7 +91,7 @@ def _scored(study: Study, disturbance: str, quick: bool) -> Row:
         }
 
 
-def _bands(one: Foretold, job: Job) -> dict[str, Any]:
+def _bands(one: FlightForecast, job: Job) -> dict[str, Any]:
     """Scores of every wanted quantity of a flight: over its counted samples, and by time since the start."""
     assert one.truth is not None
     since, made = one.time - one.time[0], {}
@@ -116,7 +116,7 @@ def _bands(one: Foretold, job: Job) -> dict[str, Any]:
     return made
 
 
-def _modes(one: Foretold) -> dict[str, Any]:
+def _modes(one: FlightForecast) -> dict[str, Any]:
     """Scores of what the modes of a flight do over its counted samples."""
     assert one.truth is not None
     drawn = {name: values[:, one.counted] for name, values in one.prediction.draws.items()}

@@ -1,10 +1,10 @@
 """What each stage of a run reads, and the key under which its results are kept.
 
 A stage is done again when its key changes, and only then. The key is a hash of what the stage reads of the study, the
-keys of the stages whose whole results it reads, the program's version, `LEFT` and whether sizes are cut. Some stages
-read parts of what others leave: the fit takes the records of its own flights from `ingest`, and the priors take
-from `structure` what the flights of that role say, not its tests on other flights. Such a stage names the fields of the
-study from which its part follows.
+keys of the stages whose whole results it reads, the program's version, `ARTEFACT_VERSION` and whether sizes are cut.
+Some stages read parts of what others leave: the fit takes the records of its own flights from `ingest`, and the priors
+take from `structure` what the flights of that role say, not its tests on other flights. Such a stage names the fields
+of the study from which its part follows.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from bayeschute.core.version import __version__
 from bayeschute.study.study import Study, canonical
 
 STAGES = ("ingest", "structure", "priors", "fit", "check", "predict", "risk", "report")
-LEFT = 3
+ARTEFACT_VERSION = 3
 """What stages leave for each other: one more where a program can't, or mustn't, go on from what an earlier one left."""
 USES: dict[str, tuple[str, ...]] = {
     "ingest": (),
@@ -81,7 +81,7 @@ def stage_keys(study: Study, quick: bool, found: Mapping[str, Any]) -> dict[str,
     keys: dict[str, str] = {}
     for stage, values in reads(study).items():
         used = [keys[other] for other in USES[stage]]
-        told = [stage, values, found.get(stage), used, __version__, LEFT, quick]
+        told = [stage, values, found.get(stage), used, __version__, ARTEFACT_VERSION, quick]
         keys[stage] = hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
     return keys
 

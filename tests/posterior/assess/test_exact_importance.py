@@ -22,8 +22,8 @@ from bayeschute.posterior.assess.exact_importance import (
     weigh,
 )
 from bayeschute.posterior.fit import find
-from bayeschute.posterior.noise_evidence import HyperPrior
-from bayeschute.posterior.noise_uncertainty import LawEffect
+from bayeschute.posterior.noise_evidence import NoisePrior
+from bayeschute.posterior.noise_uncertainty import NoiseEffect
 from bayeschute.posterior.sampling.independence import Proposal
 
 
@@ -93,7 +93,7 @@ def test_estimates_of_a_bent_flight_are_unbiased(short, quadrature):
 def test_weighed_draws_have_the_posterior_of_brute_force(short, quadrature):
     """One parameter, noise parameters all but held: moments over a grid of integrals."""
     flight, hyper, priors = short
-    noise = HyperPrior(hyper, 1e-3)
+    noise = NoisePrior(hyper, 1e-3)
     found = find([flight], priors, noise)
     first = weigh(found, priors, noise, laplace(found), 60, 1)
     made = weigh(found, priors, noise, improved(found, laplace(found), first), 200, 2)
@@ -116,7 +116,7 @@ def following():
     """Two parameters that follow one noise parameter."""
     rng = np.random.default_rng(3)
     spread = rng.standard_normal((1, 2, 2))
-    effect = LawEffect(
+    effect = NoiseEffect(
         rng.standard_normal((2, 1)), spread + np.swapaxes(spread, 1, 2), np.array([[0.2, 0.1], [0.1, 0.0]])
     )
     middle, factor = np.array([0.3, -0.2, 0.1]), np.tril(rng.uniform(0.5, 1.0, (3, 3)))
@@ -156,7 +156,7 @@ def test_draws_of_the_proposal_are_of_its_density(following):
 
 
 def test_the_same_seed_weighs_the_same_whatever_thread_is_first(found, descent):
-    noise = HyperPrior(descent.hyper, 0.4)
+    noise = NoisePrior(descent.hyper, 0.4)
     one, other = (weigh(found, descent.priors, noise, laplace(found), 4, 5) for _ in range(2))
     np.testing.assert_array_equal(one.log_weight, other.log_weight)
 
@@ -170,6 +170,6 @@ def test_what_does_not_fly_weighs_nothing_and_is_counted(found, descent, monkeyp
         return made
 
     monkeypatch.setattr(exact_importance, "residuals", lost)
-    made = weigh(found, descent.priors, HyperPrior(descent.hyper, 0.4), laplace(found), 3, 5)
+    made = weigh(found, descent.priors, NoisePrior(descent.hyper, 0.4), laplace(found), 3, 5)
     assert made.failed == 3 * len(found.marginal.flights)
     assert np.isfinite(made.log_weight).all()

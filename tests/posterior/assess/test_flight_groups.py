@@ -32,7 +32,7 @@ def draws(found):
 @pytest.fixture(scope="module")
 def stored(found, draws, descent, tmp_path_factory):
     """A posterior widened by what is not known of the noise parameters, written and read back."""
-    wide = widened(draws.xi, found.law_effect, found.law_covariance, 1)
+    wide = widened(draws.xi, found.noise_effect, found.noise_parameter_covariance, 1)
     times = [7.0 + 0.5 * np.arange(101), np.arange(101) / 2.0]
     path = tmp_path_factory.mktemp("stored") / "posterior.nc"
     sampler.data_tree(found.marginal, descent.priors, draws, 1, NAMES, wide=wide, times=times).to_netcdf(

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayeschute.likelihood.joint import Hyper
+from bayeschute.likelihood.joint import NoiseParameters
 from bayeschute.likelihood.kalman_gradient import to_vector
 from bayeschute.likelihood.noise import Noise
 from bayeschute.likelihood.priors import Prior
@@ -18,12 +18,12 @@ from bayeschute.posterior.assess.identifiability import (
     confounding,
     directions,
     in_words,
-    law_labels,
+    noise_parameter_labels,
     power_scaling,
 )
 from bayeschute.posterior.joint_mode import fit
 from bayeschute.posterior.marginal import Quadratic, marginalise
-from bayeschute.posterior.noise_uncertainty import LawEffect
+from bayeschute.posterior.noise_uncertainty import NoiseEffect
 
 
 def _priors(scales):
@@ -95,7 +95,7 @@ def test_confounding_is_that_of_the_joint_gaussian():
     slope = np.linalg.solve(law, joint[p:, :p]).T
     held = joint[:p, :p] - slope @ law @ slope.T
     scale = np.linalg.cholesky(held)
-    effect = LawEffect.none(p, v)._replace(slope=np.linalg.solve(scale, slope))
+    effect = NoiseEffect.none(p, v)._replace(slope=np.linalg.solve(scale, slope))
     found = confounding(scale, effect, law, _priors(np.ones(p)), [f"law{i}" for i in range(v)])
     sd = np.sqrt(np.diag(joint))
     np.testing.assert_allclose(found.correlation, (joint / np.outer(sd, sd))[:p, p:], rtol=1e-10)
@@ -106,21 +106,21 @@ def test_confounding_is_that_of_the_joint_gaussian():
 
 
 def test_parameters_that_do_not_move_with_the_noise_are_not_confounded():
-    found = confounding(np.eye(2), LawEffect.none(2, 1), np.array([[0.4]]), _priors([1.0, 1.0]), ["sd"])
+    found = confounding(np.eye(2), NoiseEffect.none(2, 1), np.array([[0.4]]), _priors([1.0, 1.0]), ["sd"])
     assert not found.correlation.any() and not found.share.any()
 
 
 def test_the_share_counts_what_the_noise_makes_of_the_covariance():
     """A variance that goes with the noise parameter to the power two: known exactly, it would be less by that much."""
-    effect = LawEffect(np.zeros((1, 1)), np.array([[[2.0]]]), np.zeros((1, 1)))
+    effect = NoiseEffect(np.zeros((1, 1)), np.array([[[2.0]]]), np.zeros((1, 1)))
     found = confounding(np.array([[3.0]]), effect, np.array([[0.2]]), _priors([1.0]), ["sd"])
     assert found.share[0] == pytest.approx(1.0 - np.exp(-0.5 * 4.0 * 0.2), rel=1e-12) and not found.correlation.any()
 
 
 def test_labels_stand_in_the_order_of_the_vector():
     noise = Noise(np.array([1.0, 2.0]), np.array([3.0, 4.0]), np.array([5.0, 6.0]))
-    hyper = Hyper(noise, (np.array([7.0, 8.0]), np.array([9.0, 10.0, 11.0])))
-    labels = law_labels(["x", "y"], ["wind", "breathing"], ["drift", "oscillator"])
+    hyper = NoiseParameters(noise, (np.array([7.0, 8.0]), np.array([9.0, 10.0, 11.0])))
+    labels = noise_parameter_labels(["x", "y"], ["wind", "breathing"], ["drift", "oscillator"])
     values = dict(zip(labels, np.exp(to_vector(hyper)), strict=True))
     wanted = {"x, white noise": 1, "y, correlated noise": 4, "x, time constant": 5, "wind, sd": 7}
     wanted |= {"wind, time constant": 8, "breathing, frequency": 10, "breathing, damping ratio": 11}

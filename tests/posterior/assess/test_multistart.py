@@ -10,19 +10,19 @@ import pytest
 from bayeschute.core.errors import FitError
 from bayeschute.posterior.assess import multistart
 from bayeschute.posterior.assess.multistart import Start, Told, begin, best_of, compare, judge, settle_from
-from bayeschute.posterior.fit import settle
-from bayeschute.posterior.noise_evidence import HyperPrior
+from bayeschute.posterior.fit import joint_fit
+from bayeschute.posterior.noise_evidence import NoisePrior
 
 
 @pytest.fixture(scope="module")
 def settled(descent):
     """The falling bodies from the prior means and from two draws."""
-    prior = HyperPrior(descent.hyper, 0.4)
+    prior = NoisePrior(descent.hyper, 0.4)
     return [settle_from(descent.flights, descent.priors, prior, i, 7, rounds=1) for i in range(3)]
 
 
 def test_the_first_start_is_the_fit_from_the_prior_means(settled, descent):
-    plain = settle(descent.flights, descent.priors, HyperPrior(descent.hyper, 0.4), rounds=1)
+    plain = joint_fit(descent.flights, descent.priors, NoisePrior(descent.hyper, 0.4), rounds=1)
     assert settled[0].settled.evidence == plain.evidence
     np.testing.assert_array_equal(settled[0].settled.optimum.theta, plain.optimum.theta)
 
@@ -50,8 +50,8 @@ def test_a_start_that_fails_is_told_and_the_others_go_on(settled, descent, monke
     def fails(*given, **more):
         raise kind("lost in its last samples")
 
-    monkeypatch.setattr(multistart, "settle", fails)
-    bad = settle_from(descent.flights, descent.priors, HyperPrior(descent.hyper, 0.4), 4, 7, rounds=1)
+    monkeypatch.setattr(multistart, "joint_fit", fails)
+    bad = settle_from(descent.flights, descent.priors, NoisePrior(descent.hyper, 0.4), 4, 7, rounds=1)
     assert bad.settled is None
     told = compare(descent.flights, descent.priors, settled[0], [bad, settled[1]])
     verdict = judge(told, True)

@@ -9,7 +9,7 @@ import pytest
 
 from bayeschute.core.errors import InputError
 from bayeschute.likelihood.disturbances import Latent
-from bayeschute.likelihood.joint import FlightData, Hyper
+from bayeschute.likelihood.joint import FlightData, NoiseParameters
 from bayeschute.likelihood.noise import Noise
 from bayeschute.likelihood.priors import Prior
 from bayeschute.posterior import joint_mode as optimum
@@ -19,7 +19,7 @@ NONE = Latent((), (), 2)
 SAMPLES, DT = 400, 0.2
 WIDE = [Prior("one", 0.5, 50.0, False, "1", ""), Prior("two", 0.0, 50.0, False, "1", "")]
 THETA = np.array([0.7, -0.4])
-WHITE = Hyper(Noise(np.array([0.2, 0.3]), np.full(2, 1e-6), np.ones(2)), ())
+WHITE = NoiseParameters(Noise(np.array([0.2, 0.3]), np.full(2, 1e-6), np.ones(2)), ())
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +56,7 @@ def test_the_optimum_and_raw_bound_are_weighted_least_squares(linear, empty):
 
 def test_corrected_bound_is_the_sandwich_of_dense_matrices(linear, empty):
     """With the parameters fixed by hand the middle is S' R^-1 V R^-1 S, V from the tapered autocovariance."""
-    colored = Hyper(Noise(np.full(2, 1e-6), np.array([0.2, 0.3]), np.array([1.0, 2.0])), ())
+    colored = NoiseParameters(Noise(np.full(2, 1e-6), np.array([0.2, 0.3]), np.array([1.0, 2.0])), ())
     flight, _ = linear.simulate(empty, colored, THETA, 2, gaps=0.0)
     flight = replace(flight, present=np.ones_like(flight.present))
     best = fitted(flight)
@@ -86,7 +86,7 @@ def test_corrected_bound_is_the_sandwich_of_dense_matrices(linear, empty):
 
 
 def test_corrected_errors_are_those_of_replicates_and_raw_ones_are_not(linear, empty):
-    colored = Hyper(Noise(np.full(2, 1e-6), np.array([0.2, 0.3]), np.array([1.5, 1.5])), ())
+    colored = NoiseParameters(Noise(np.full(2, 1e-6), np.array([0.2, 0.3]), np.array([1.5, 1.5])), ())
     z = []
     for seed in range(40):
         flight, _ = linear.simulate(empty, colored, THETA, 100 + seed)

@@ -15,11 +15,11 @@ from bayeschute.posterior.sampling.protocol import Draws
 from bayeschute.posterior.sampling.sampler_checks import (
     MOST_K,
     MOST_RHAT,
-    doubt,
     judge_rhat,
     pareto_k,
     rhat_bound,
     rhat_of,
+    why_not_trusted,
 )
 
 
@@ -82,15 +82,15 @@ def _made(xi, ratio=None):
 def test_doubt_says_why():
     rng = np.random.default_rng(4)
     xi = rng.standard_normal((4, 500, 3))
-    assert doubt(_made(xi)) == ""
+    assert why_not_trusted(_made(xi)) == ""
     heavy = -1.0 * np.log(rng.random((4, 500)))
-    assert doubt(_made(xi, heavy)).startswith("Pareto k")
+    assert why_not_trusted(_made(xi, heavy)).startswith("Pareto k")
     xi[1, :, 2] += 0.5
-    assert doubt(_made(xi)).startswith("R-hat is 1.")
-    both = doubt(_made(xi, heavy))
+    assert why_not_trusted(_made(xi)).startswith("R-hat is 1.")
+    both = why_not_trusted(_made(xi, heavy))
     assert "Pareto k" in both and "R-hat" in both
     xi[..., 2] = 1.0  # never moved
-    assert "R-hat" in doubt(_made(xi))
+    assert "R-hat" in why_not_trusted(_made(xi))
 
 
 def _normal(width, x):
@@ -107,4 +107,4 @@ def test_a_surrogate_too_narrow_is_doubted(width, good):
         lambda x: -0.5 * (x**2).sum(axis=0), Partial(_normal, width), 2, 4, 300, 2000, 5
     )
     assert made.stats["log_ratio"].shape == made.xi.shape[:2]
-    assert (pareto_k(made.stats["log_ratio"]) < MOST_K) == good == (not doubt(made))
+    assert (pareto_k(made.stats["log_ratio"]) < MOST_K) == good == (not why_not_trusted(made))

@@ -92,10 +92,16 @@ def test_medians_of_the_noise_follow_channels_and_groups(study: Study, descents)
     for law, numbers in zip(found.laws, wanted, strict=True):
         assert list(law) == pytest.approx(numbers)
     winds = ("wind, horizontal", "wind, vertical", "slow wind, horizontal", "slow wind, vertical")
-    assert assemble.law_names(study) == (*winds, "canopy force", "transverse force", "capsule roll", "breathing")
+    assert assemble.noise_parameter_names(study) == (
+        *winds,
+        "canopy force",
+        "transverse force",
+        "capsule roll",
+        "breathing",
+    )
     descent = load_study(descents.study)
     assert [list(law) for law in assemble.hyper(descent).laws] == [[0.5, 30.0]]
-    assert assemble.law_names(descent) == ("wind, vertical",)
+    assert assemble.noise_parameter_names(descent) == ("wind, vertical",)
 
 
 WIND = ((0, 0), (1, 0), (2, 1))
@@ -132,7 +138,7 @@ def test_latent_processes_belong_to_axes_and_canopies(study: Study, left_out, ki
     assert made.kinds == ("drift", "drift", *kinds) and made.processes == WIND + processes
     assert made.rows == rows
     assert [KINDS[kind] for kind in made.kinds] == [law.size for law in laws]
-    assert len(assemble.law_names(changed)) == len(laws)
+    assert len(assemble.noise_parameter_names(changed)) == len(laws)
 
 
 def test_a_descent_has_one_latent_process(descents):
@@ -144,7 +150,13 @@ def test_slow_wind_adds_to_wind(study: Study, descents):
     slow = WindNoise(horizontal="1 m/s", vertical="0.5 m/s", time_constant="60 s")
     made = replace(study, noise=study.noise.model_copy(update={"slow_wind": slow}))
     winds = ("wind, horizontal", "wind, vertical", "slow wind, horizontal", "slow wind, vertical")
-    assert assemble.law_names(made) == (*winds, "canopy force", "transverse force", "capsule roll", "breathing")
+    assert assemble.noise_parameter_names(made) == (
+        *winds,
+        "canopy force",
+        "transverse force",
+        "capsule roll",
+        "breathing",
+    )
     assert assemble.latent(made, 1).processes == (*WIND, (0, 2), (1, 2), (2, 3), (3, 4), (4, 5), (5, 5), (6, 6), (3, 7))
     assert [list(law) for law in assemble.hyper(made).laws[2:4]] == [[1.0, 60.0], [0.5, 60.0]]
     descent = load_study(descents.study)
@@ -152,7 +164,7 @@ def test_slow_wind_adds_to_wind(study: Study, descents):
     both = replace(descent, noise=descent.noise.model_copy(update={"slow_wind": up}))
     assert assemble.latent(both, 1) == Latent(("drift", "drift"), ((0, 0), (0, 1)))
     assert [list(law) for law in assemble.hyper(both).laws] == [[0.5, 30.0], [0.5, 600.0]]
-    assert assemble.law_names(both) == ("wind, vertical", "slow wind, vertical")
+    assert assemble.noise_parameter_names(both) == ("wind, vertical", "slow wind, vertical")
 
 
 def test_quick_is_smaller_and_leaves_the_rest(study: Study):

@@ -14,7 +14,7 @@ from arviz_base import from_dict
 from bayeschute.core.errors import InputError
 from bayeschute.likelihood.priors import Prior
 from bayeschute.posterior.combine import hierarchy
-from bayeschute.posterior.noise_uncertainty import LawEffect
+from bayeschute.posterior.noise_uncertainty import NoiseEffect
 from bayeschute.study.assembly import populations
 from bayeschute.study.assembly.canopies import each
 from bayeschute.study.assembly.fits import Group
@@ -38,7 +38,7 @@ class Fit:
 
     theta: np.ndarray
     held: np.ndarray
-    law_effect: LawEffect
+    noise_effect: NoiseEffect
 
 
 @pytest.fixture
@@ -51,7 +51,7 @@ def case(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
         z = rng.standard_normal((CHAINS * DRAWS, 3))
         z = np.linalg.solve(np.linalg.cholesky(np.cov(z, rowvar=False)), (z - z.mean(axis=0)).T).T
         theta = (mean + z @ np.linalg.cholesky(COVARIANCE).T).reshape(CHAINS, DRAWS, 3)
-        fits[group.name] = Fit(theta, theta + 1.0, LawEffect(np.ones((3, 2)), np.ones((2, 3, 3)), np.eye(3)))
+        fits[group.name] = Fit(theta, theta + 1.0, NoiseEffect(np.ones((3, 2)), np.ones((2, 3, 3)), np.eye(3)))
     monkeypatch.setattr(populations, "load_fit", lambda job, group: fits[group.name])
     study = SimpleNamespace(
         model="cluster", seed=4, priors=SimpleNamespace(vary=VARY, vary_canopies=None, spread=None), predict=SimpleNamespace(draws=400),
@@ -112,7 +112,7 @@ def test_prior_draws_are_those_of_the_hierarchy(joined):
 def test_a_drop_that_was_flown_is_foretold_by_its_own_parameters(case, joined):
     ((group, stored, draws),) = populations.by_members(case.job, case.todo[1], case.fits["drop-1"], True, 400)
     assert group is case.todo[1] and draws == 400
-    assert not any(part.any() for part in stored.law_effect) and (stored.held == stored.theta).all()
+    assert not any(part.any() for part in stored.noise_effect) and (stored.held == stored.theta).all()
     for i, name in ((0, "axial[1]@drop-1"), (2, "transverse[e]")):
         assert np.sort(stored.theta[..., i].ravel()) == pytest.approx(np.sort(joined["posterior"][name].values.ravel()))
 
@@ -158,7 +158,7 @@ def together(case: SimpleNamespace, monkeypatch: pytest.MonkeyPatch) -> SimpleNa
     z = rng.standard_normal((CHAINS * DRAWS, size))
     z = np.linalg.solve(np.linalg.cholesky(np.cov(z, rowvar=False)), (z - z.mean(axis=0)).T).T
     theta = (mean + z @ np.linalg.cholesky(covariance).T).reshape(CHAINS, DRAWS, size)
-    fit = Fit(theta, theta, LawEffect(np.ones((size, 2)), np.ones((2, size, size)), np.eye(size)))
+    fit = Fit(theta, theta, NoiseEffect(np.ones((size, 2)), np.ones((2, size, size)), np.eye(size)))
     (group,) = todo = [Group("all", case.todo[0].flights + case.todo[1].flights, CANOPIES)]
     monkeypatch.setattr(populations, "load_fit", lambda job, group: fit)
     monkeypatch.setattr(populations, "groups", lambda job: todo)

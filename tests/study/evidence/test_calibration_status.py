@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from bayeschute.study.evidence.calibration_status import NONE_STORED, calibration_check, remedy, verification
+from bayeschute.study.evidence.calibration_status import NONE_STORED, calibration_check, hint, verification
 from bayeschute.study.evidence.identity import configuration
 from bayeschute.study.load import load_study
 from bayeschute.study.run.stage_report import flown_terms
@@ -87,5 +87,5 @@ def test_the_default_study_promises_the_terms_it_flies():
 
 def test_recorded_flights_and_descents_are_not_sent_to_a_command_that_refuses_them():
     recorded = replace(STUDY, flights=tuple(replace(f, virtual=None) for f in STUDY.flights))
-    assert "given the same tables with virtual flights" in remedy(recorded)
-    assert remedy(replace(STUDY, model="descent")) == "none can be made yet of a descent"
+    assert "given the same tables with virtual flights" in hint(recorded)
+    assert hint(replace(STUDY, model="descent")) == "none can be made yet of a descent"

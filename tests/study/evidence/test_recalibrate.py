@@ -23,7 +23,7 @@ from bayeschute.study.evidence.recalibrate import NAME, Widening, plain, told, w
 from bayeschute.study.job import Job
 from bayeschute.study.load import load_study
 from bayeschute.study.run import stage_list
-from bayeschute.study.run.forecasts import Foretold, widened
+from bayeschute.study.run.forecasts import FlightForecast, widened
 
 PATH = Path(__file__).parents[3] / "models/studies/cdt-3-11.toml"
 STUDY = load_study(PATH)
@@ -82,7 +82,7 @@ def test_draws_move_away_from_their_median_in_flights_unseen():
     draws = np.random.default_rng(1).normal(size=(50, 4))
     draws[3] = np.nan
     whole = Prediction(np.arange(4.0), {"swing_angle": draws, "other": draws}, np.zeros((50, 3)), 1, {})
-    one = Foretold(None, None, whole, np.arange(4.0), np.arange(4) > 1, None, None, 1)
+    one = FlightForecast(None, None, whole, np.arange(4.0), np.arange(4) > 1, None, None, 1)
     made = widened(one, BY).prediction.draws
     before, after = (np.nanquantile(d, [0.05, 0.5, 0.95], axis=0) for d in (draws, made["swing_angle"]))
     np.testing.assert_allclose(after[1], before[1])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bayeschute.study.assembly import assemble
-from bayeschute.study.evidence.scenarios import DISTURBANCES, HEAVIER
+from bayeschute.study.evidence.scenarios import HEAVIER, SCENARIOS
 from bayeschute.study.load import load_study
 from bayeschute.study.study import canonical
 from bayeschute.virtual.drop import fly
@@ -17,7 +17,7 @@ STUDY = load_study(Path(__file__).parents[3] / "models/studies/cdt-3-11.toml")
 
 
 def flown(name):
-    return DISTURBANCES[name].flown(STUDY)
+    return SCENARIOS[name].flown(STUDY)
 
 
 def drops(study):
@@ -28,7 +28,7 @@ def test_none_flies_the_study_itself():
     assert canonical(flown("none")) == canonical(STUDY)
 
 
-@pytest.mark.parametrize("name", [n for n in DISTURBANCES if n != "none"])
+@pytest.mark.parametrize("name", [n for n in SCENARIOS if n != "none"])
 def test_each_changes_what_is_flown_and_nothing_of_the_identification(name):
     before, changed = canonical(STUDY), canonical(flown(name))
     assert changed != before
@@ -74,10 +74,10 @@ def test_another_form_has_terms_of_no_pool_and_therefore_no_true_values():
     pool = STUDY.structure
     assert "alpha^3" in aero.axial and "alpha^3" not in pool.axial
     assert "e*alpha" in aero.transverse and "e*alpha" not in pool.transverse
-    assert not DISTURBANCES["form"].terms_known
+    assert not SCENARIOS["form"].terms_known
 
 
-@pytest.mark.parametrize("name", DISTURBANCES)
+@pytest.mark.parametrize("name", SCENARIOS)
 def test_what_is_flown_stays_finite(name):
     study = flown(name)
     model, structure = assemble.cluster(study.vehicle)

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from bayeschute.likelihood.joint import Hyper, Lifted, Unknowns
+from bayeschute.likelihood.joint import Lifted, NoiseParameters, Unknowns
 from bayeschute.likelihood.noise import Noise
 from bayeschute.likelihood.priors import Prior
-from bayeschute.posterior.fit import Settled
+from bayeschute.posterior.fit import JointFit
 from bayeschute.posterior.joint_mode import Optimum
 from bayeschute.posterior.sampling.protocol import Draws
 from bayeschute.study.run import checkpoint, stage_fit
@@ -24,7 +24,7 @@ FLIGHTS = tuple(
     Lifted(Unknowns(RNG.standard_normal(3), RNG.standard_normal((4, 2))), *RNG.standard_normal((2, 4, 5))) for _ in range(2)
 )  # fmt: skip
 BEST = Optimum(RNG.standard_normal(2), FLIGHTS, np.eye(2), 1.0 / 7.0, True, 5, 0.01, (3.0, 2.0))
-HYPER = Hyper(Noise(*RNG.random((3, 2))), (RNG.random(2), RNG.random(3)))
+HYPER = NoiseParameters(Noise(*RNG.random((3, 2))), (RNG.random(2), RNG.random(3)))
 
 
 def job(tmp_path, digest="a"):
@@ -32,7 +32,7 @@ def job(tmp_path, digest="a"):
 
 
 def test_an_optimum_comes_back_to_the_bit(tmp_path):
-    checkpoint.put_settled(job(tmp_path), "one", PRIORS, Settled(BEST, HYPER, -2.0 / 3.0), {"c": 1.1})
+    checkpoint.put_settled(job(tmp_path), "one", PRIORS, JointFit(BEST, HYPER, -2.0 / 3.0), {"c": 1.1})
     priors, settled, scores = checkpoint.get_settled(job(tmp_path), "one")
     assert priors == PRIORS and scores == {"c": 1.1} and settled.evidence == -2.0 / 3.0
     np.testing.assert_array_equal(settled.optimum.theta, BEST.theta)
@@ -54,7 +54,7 @@ def test_draws_come_back_to_the_bit(tmp_path):
 
 
 def test_what_was_kept_for_another_run_is_refused(tmp_path):
-    checkpoint.put_settled(job(tmp_path), "one", PRIORS, Settled(BEST, HYPER, 0.0), {})
+    checkpoint.put_settled(job(tmp_path), "one", PRIORS, JointFit(BEST, HYPER, 0.0), {})
     assert checkpoint.get_settled(job(tmp_path, "b"), "one") is None
     checkpoint.clear(job(tmp_path))
     assert checkpoint.get_settled(job(tmp_path), "one") is None
@@ -66,7 +66,7 @@ class Killed(BaseException):
 
 def test_a_stopped_fit_goes_on_to_the_same_draws(descents, finished, tmp_path, monkeypatch):
     """Two descents; killed while the second is sampled. The first is not fitted again, the second not optimised again."""
-    sample, settle, calls = stage_fit.sample, stage_fit.settle, []
+    sample, joint_fit, calls = stage_fit.sample, stage_fit.joint_fit, []
 
     def killed(*given):
         calls.append("sample")
@@ -83,7 +83,7 @@ def test_a_stopped_fit_goes_on_to_the_same_draws(descents, finished, tmp_path, m
 
     calls.clear()
     monkeypatch.setattr(stage_fit, "sample", counted("sample", sample))
-    monkeypatch.setattr(stage_fit, "settle", counted("settle", settle))
+    monkeypatch.setattr(stage_fit, "joint_fit", counted("settle", joint_fit))
     run_study(descents.study, tmp_path / "run", until="fit", resume=True)
     assert calls == ["sample"]
     with (

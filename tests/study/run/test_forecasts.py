@@ -14,7 +14,7 @@ from bayeschute.prediction.bands import GROUP
 from bayeschute.study.job import Job
 from bayeschute.study.load import load_study
 from bayeschute.study.run import forecasts as module
-from bayeschute.study.run.forecasts import foretell
+from bayeschute.study.run.forecasts import forecast_flights
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +25,7 @@ def job(finished, descents):
 @pytest.fixture(scope="module")
 def alone(job):
     """Drawn by this process."""
-    return list(foretell(job))
+    return list(forecast_flights(job))
 
 
 @pytest.fixture
@@ -53,7 +53,7 @@ def test_over_processes_the_same_bit_for_bit(job, alone, small_parts):
     pytest.importorskip("distributed", reason="Dask is not installed")
     said = []
     spread = replace(job, workers=2, progress=lambda stage, share, words: said.append((share, words)))
-    for one, want in zip(foretell(spread), alone, strict=True):
+    for one, want in zip(forecast_flights(spread), alone, strict=True):
         assert one.flight == want.flight and same(one.prediction, want.prediction)
         np.testing.assert_array_equal(one.counted, want.counted)
     assert said[-1] == (1.0, "8 of 8 parts")

@@ -8,11 +8,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bayeschute.likelihood.joint import Hyper, Lifted, Unknowns
+from bayeschute.likelihood.joint import Lifted, NoiseParameters, Unknowns
 from bayeschute.likelihood.noise import Noise
 from bayeschute.likelihood.priors import Prior, covariance, given_zero
 from bayeschute.posterior.along_record import LiftedFit, Row
-from bayeschute.posterior.fit import Settled, UnsettledError
+from bayeschute.posterior.fit import JointFit, NoJointFitError
 from bayeschute.posterior.joint_mode import Optimum
 from bayeschute.posterior.term_search import choose
 from bayeschute.study.assembly.fits import Group
@@ -25,7 +25,7 @@ PRIORS = tuple(
 MODE = np.array([0.9, 0.001, 0.4, -0.5, 71.0])
 LAW = 1e-4 * (np.eye(5) + 0.3)
 CORE = ("axial[1]", "transverse[e]")
-HYPER = Hyper(Noise(*np.full((3, 1), 0.1)), ())
+HYPER = NoiseParameters(Noise(*np.full((3, 1), 0.1)), ())
 FLIGHTS = (SimpleNamespace(name="one"), SimpleNamespace(name="two"))
 PLACES = tuple(
     Lifted(Unknowns(np.full(1, i), np.zeros((3, 0))), np.zeros((3, 0)), np.full((3, 2), i)) for i in (0.0, 1.0)
@@ -42,17 +42,17 @@ def run(tmp_path, monkeypatch):
     (tmp_path / "fit").mkdir()
     asked = []
 
-    def settle(flights, priors, prior, progress, begin=None):
+    def joint_fit(flights, priors, prior, progress, begin=None):
         progress(1.0, "settled")
         asked.append(SimpleNamespace(flights=flights, priors=tuple(priors), begin=begin))
         size = len(priors)
-        return Settled(_optimum(np.full(size, 7.0), np.eye(size)), HYPER, -float(len(asked)))
+        return JointFit(_optimum(np.full(size, 7.0), np.eye(size)), HYPER, -float(len(asked)))
 
     def mode(flights, priors, settled, progress=None, most=0):
         assert settled.evidence == -1.0 and len(priors) == 5  # of the library's fit
         return _optimum(MODE, LAW)
 
-    monkeypatch.setattr(stage_fit, "settle", settle)
+    monkeypatch.setattr(stage_fit, "joint_fit", joint_fit)
     monkeypatch.setattr(stage_fit, "marginal_mode", mode)
     monkeypatch.setattr(stage_fit, "data_of", lambda job, flight, priors: (flight.name, tuple(p.name for p in priors)))
     study = SimpleNamespace(
@@ -96,16 +96,16 @@ def test_it_goes_on_from_the_library_s_flights(run):
 
 
 def test_a_library_whose_paths_break_the_equations_of_motion_is_told(run, monkeypatch):
-    whole, row = stage_fit.settle, Row(0.0, 1.0, 0.5, 0.1, 0.1, 1.0)
+    whole, row = stage_fit.joint_fit, Row(0.0, 1.0, 0.5, 0.1, 0.1, 1.0)
     best = LiftedFit(MODE, PLACES, LAW, (row,), True)
 
     def breaks(flights, priors, *rest, **more):
         if len(priors) == len(PRIORS):
-            raise UnsettledError(["once"], best, priors, HYPER)
+            raise NoJointFitError(["once"], best, priors, HYPER)
         return whole(flights, priors, *rest, **more)
 
-    monkeypatch.setattr(stage_fit, "settle", breaks)
-    with pytest.raises(UnsettledError, match="break the equations of motion"):
+    monkeypatch.setattr(stage_fit, "joint_fit", breaks)
+    with pytest.raises(NoJointFitError, match="break the equations of motion"):
         _settled(run)
 
 
@@ -126,7 +126,7 @@ def test_several_starts_are_told_where_the_library_led(run, monkeypatch):
 
     def several(job, group, prior, begins, say):
         asked.append((len(group.priors), begins))
-        return Settled(_optimum(np.zeros(len(group.priors)), np.eye(len(group.priors))), HYPER, -1.0)
+        return JointFit(_optimum(np.zeros(len(group.priors)), np.eye(len(group.priors))), HYPER, -1.0)
 
     monkeypatch.setattr(stage_fit.several_starts, "settled", several)
     run.job.study.sampler.starts = 3

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from bayeschute.likelihood.kalman import Gap
+from bayeschute.likelihood.kalman import MeanCorrection
 from bayeschute.posterior.marginal import projected_residuals
 from bayeschute.study.assembly.fits import groups, load_fit
 from bayeschute.study.job import Job
@@ -53,7 +53,8 @@ def test_a_step_s_error_is_in_standard_deviations_of_prediction_errors(stored):
 def test_prediction_errors_are_standard(stored):
     """The share is that of the innovations of the density at its centre, its gap left out."""
     bare = tuple(
-        along._replace(gap=Gap(*(np.zeros_like(part) for part in along.gap))) for along in stored.marginal.along
+        along._replace(gap=MeanCorrection(*(np.zeros_like(part) for part in along.gap)))
+        for along in stored.marginal.along
     )
     size = len(stored.optimum.theta)
     unit = np.asarray(projected_residuals(replace(stored.marginal, along=bare), np.zeros((size, 1))))[:, 0]

@@ -150,7 +150,7 @@ def test_resume_keeps_no_stage_that_reads_what_has_changed(
     elif change == "record":
         spoil(sondes.parent / "low.csv", r"^1,.*", "1,2988.0")
     elif change == "program":
-        monkeypatch.setattr(stage_keys, "LEFT", stage_keys.LEFT + 1)
+        monkeypatch.setattr(stage_keys, "ARTEFACT_VERSION", stage_keys.ARTEFACT_VERSION + 1)
     before = _markers(begun)
     told, listen = _listen()
     run_study(sondes, begun, until="priors", resume=True, progress=listen, **options)

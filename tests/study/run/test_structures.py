@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from bayeschute.core.errors import FitError
-from bayeschute.likelihood.joint import Hyper, Lifted, Unknowns
+from bayeschute.likelihood.joint import Lifted, NoiseParameters, Unknowns
 from bayeschute.likelihood.noise import Noise
 from bayeschute.likelihood.priors import Prior
-from bayeschute.posterior.fit import Settled
+from bayeschute.posterior.fit import JointFit
 from bayeschute.posterior.joint_mode import Optimum
 from bayeschute.posterior.sampling.protocol import Draws
 from bayeschute.study.assembly.fits import Group
@@ -21,7 +21,7 @@ from bayeschute.study.load import canonical, check_study, load_study
 from bayeschute.study.run import checkpoint, structures
 
 RNG = np.random.default_rng(5)
-HYPER = Hyper(Noise(*RNG.random((3, 2))), (RNG.random(2),))
+HYPER = NoiseParameters(Noise(*RNG.random((3, 2))), (RNG.random(2),))
 AXIAL = {
     "selected": [{"term": "1", "estimate": 0.9, "se": 0.01}],
     "structures": [
@@ -92,7 +92,7 @@ def _fitted(job, group, say):
     best = Optimum(np.full(size, float(size)), flights, np.eye(size), 1.0, True, 5, 0.01, (2.0,))
     later = (0.05 if "transverse[rate]" in names else 0.0) + 0.0 * np.arange(100.0)
     draws = Draws(np.full((2, 3, size), float(size)), np.zeros((2, 3)), {}, 0, 6, ())
-    return structures._Fitted(Settled(best, HYPER, 0.0), draws, np.full(25, -1.0), later, True)
+    return structures._Fitted(JointFit(best, HYPER, 0.0), draws, np.full(25, -1.0), later, True)
 
 
 def test_structures_are_weighed_the_best_is_kept_and_what_failed_is_told(job, monkeypatch):
@@ -145,12 +145,12 @@ def test_a_structure_that_has_settled_is_not_fitted_again(job, monkeypatch):
     def forbidden(*given, **named):
         raise AssertionError("fitted again")
 
-    monkeypatch.setattr(structures, "settle", forbidden)
+    monkeypatch.setattr(structures, "joint_fit", forbidden)
     job.study.sampler.starts = None
     flights = (Lifted(Unknowns(np.zeros(3), np.zeros((4, 2))), np.zeros((4, 2)), np.zeros((4, 5))),)
     best = Optimum(np.zeros(4), flights, np.eye(4), 1.0, True, 5, 0.01, (2.0,))
     group = Group("structure-1", (), tuple(PRIORS))
-    checkpoint.put_settled(job, group.name, PRIORS, Settled(best, HYPER, -2.5), {})
+    checkpoint.put_settled(job, group.name, PRIORS, JointFit(best, HYPER, -2.5), {})
     assert structures._settled(job, group, None, lambda share, words: None).evidence == -2.5
     with pytest.raises(AssertionError, match="fitted again"):  # kept with other priors: another structure's
         structures._settled(job, Group("structure-1", (), tuple(PRIORS[:3])), None, lambda share, words: None)

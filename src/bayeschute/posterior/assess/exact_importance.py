@@ -36,8 +36,8 @@ from bayeschute.core.random import stream
 from bayeschute.likelihood.joint import (
     Course,
     FlightData,
-    Hyper,
     Linear,
+    NoiseParameters,
     Unknowns,
     as_seen,
     course,
@@ -49,11 +49,11 @@ from bayeschute.likelihood.joint import (
 from bayeschute.likelihood.kalman import Seen, innovations
 from bayeschute.likelihood.priors import Prior, standard
 from bayeschute.likelihood.simulation_smoother import Normals, drawn, normals
-from bayeschute.posterior.fit import Found
+from bayeschute.posterior.fit import LaplaceFit
 from bayeschute.posterior.joint_mode import conditional
 from bayeschute.posterior.marginal import course_at
-from bayeschute.posterior.noise_evidence import HyperPrior, from_vector, to_vector
-from bayeschute.posterior.noise_uncertainty import LawEffect
+from bayeschute.posterior.noise_evidence import NoisePrior, from_vector, to_vector
+from bayeschute.posterior.noise_uncertainty import NoiseEffect
 from bayeschute.posterior.sampling.independence import Proposal, effective, fitted
 from bayeschute.posterior.sampling.sampler_checks import pareto_k
 
@@ -104,7 +104,7 @@ class Weighed:
 
 
 class Following(NamedTuple):
-    """Parameters that follow noise parameters as `law_effect` has them: a t distribution, carried along.
+    """Parameters that follow noise parameters as `noise_effect` has them: a t distribution, carried along.
 
     Attributes:
         base: Of what is carried: standard coordinates as for noise parameters held at `law`, and standard coordinates
@@ -117,7 +117,7 @@ class Following(NamedTuple):
     base: Proposal
     law: Array
     factor: Array
-    effect: LawEffect
+    effect: NoiseEffect
 
     def draw(self, count: int, rng: np.random.Generator) -> Array:
         """Standard coordinates and logarithms of the noise parameters (count, P + V)."""
@@ -140,15 +140,15 @@ class Following(NamedTuple):
         return np.asarray(self.base.log_density(held) - grown)
 
 
-def laplace(found: Found) -> Following:
+def laplace(found: LaplaceFit) -> Following:
     """The Laplace posterior of parameters and noise parameters together, a little wider."""
-    size = np.size(found.marginal.centre) + len(found.law_covariance)
+    size = np.size(found.marginal.centre) + len(found.noise_parameter_covariance)
     base = Proposal(np.zeros(size), _SPREAD * np.eye(size), _FREEDOM)
-    factor = np.asarray(np.linalg.cholesky(found.law_covariance), float)
-    return Following(base, to_vector(found.hyper), factor, found.law_effect)
+    factor = np.asarray(np.linalg.cholesky(found.noise_parameter_covariance), float)
+    return Following(base, to_vector(found.hyper), factor, found.noise_effect)
 
 
-def improved(found: Found, before: Following, weighed: Weighed) -> Following:
+def improved(found: LaplaceFit, before: Following, weighed: Weighed) -> Following:
     """The proposal with mean and covariance of weighed draws; repeated, proposals find their way to the posterior."""
     xi = np.linalg.solve(np.asarray(found.marginal.scale), (weighed.theta - np.asarray(found.marginal.centre)).T).T
     held, _ = before.unfolded(np.concatenate([xi, weighed.law], axis=1))
@@ -167,13 +167,15 @@ class Model(NamedTuple):
 
 
 @jax.jit
-def _model(flight: FlightData, hyper: Hyper, linear: Linear) -> Model:
+def _model(flight: FlightData, hyper: NoiseParameters, linear: Linear) -> Model:
     made = filter_gains(flight, hyper, linear)  # its covariances are not used, so XLA leaves them out
     return Model(made.transition, made.output, made.shock, made.start, made.first)
 
 
 @jax.jit
-def cross_determinant(flight: FlightData, hyper: Hyper, one: Model, other: Model) -> tuple[jax.Array, jax.Array]:
+def cross_determinant(
+    flight: FlightData, hyper: NoiseParameters, one: Model, other: Model
+) -> tuple[jax.Array, jax.Array]:
     """Sign and log of ``|det(R + J J_0')|``, R the residual noise's covariance, J the outputs by start and shocks.
 
     Both models run side by side, driven by the same start, shocks and noise. Their cross covariance takes the place of
@@ -207,7 +209,7 @@ def cross_determinant(flight: FlightData, hyper: Hyper, one: Model, other: Model
 
 
 @jax.jit
-def _centre(flight: FlightData, hyper: Hyper, linear: Linear) -> Unknowns:
+def _centre(flight: FlightData, hyper: NoiseParameters, linear: Linear) -> Unknowns:
     return conditional(flight, hyper, linear).optimum
 
 
@@ -245,7 +247,7 @@ class Estimates(NamedTuple):
     folded: NDArray[np.bool_]
 
 
-def estimates(flight: FlightData, hyper: Hyper, theta: Array, near: Course, numbers: Normals) -> Estimates:
+def estimates(flight: FlightData, hyper: NoiseParameters, theta: Array, near: Course, numbers: Normals) -> Estimates:
     """Draw start and shocks given all else by randomise-then-optimise, and estimate the likelihood by each.
 
     Args:
@@ -285,9 +287,9 @@ def _both(numbers: Normals) -> Normals:
 
 
 def weigh(
-    found: Found,
+    found: LaplaceFit,
     priors: Sequence[Prior],
-    noise: HyperPrior,
+    noise: NoisePrior,
     proposal: Following,
     draws: int,
     seed: int,

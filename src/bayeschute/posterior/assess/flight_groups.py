@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.dynamics.cluster_flight import ClusterFlight, output_names
 from bayeschute.dynamics.descent import DescentFlight
-from bayeschute.likelihood.joint import FlightData, Hyper, Unknowns, compared, course, states
+from bayeschute.likelihood.joint import FlightData, NoiseParameters, Unknowns, compared, course, states
 from bayeschute.likelihood.noise import colour
 from bayeschute.likelihood.simulation_smoother import Normals, normals
 from bayeschute.posterior.marginal import (
@@ -179,7 +179,7 @@ def flight_groups(
     }
 
 
-def _read(flight: FlightData, hyper: Hyper, theta: jax.Array, path: jax.Array, z: Normals) -> Single:
+def _read(flight: FlightData, hyper: NoiseParameters, theta: jax.Array, path: jax.Array, z: Normals) -> Single:
     """Data (T, C, B) read on paths (T, X, B) with noise; NaN where nothing was recorded."""
     off = np.asarray(compared(flight, theta, path))
     noise = np.asarray(colour(hyper.outputs(flight), flight.dt, jnp.asarray(z.drift), jnp.asarray(z.white)))
@@ -211,7 +211,7 @@ def _one_step(marginal: Marginal, xi: Array, rng: np.random.Generator) -> tuple[
     return tuple(made)
 
 
-def _from_prior(flight: FlightData, hyper: Hyper, theta: Array, rng: np.random.Generator) -> Single:
+def _from_prior(flight: FlightData, hyper: NoiseParameters, theta: Array, rng: np.random.Generator) -> Single:
     """Records (1, N, T, C) of flights of the parameters (N, P), NaN where the simulation fails."""
     z, parameters = normals(flight, len(theta), rng), jnp.asarray(theta.T)
     path = states(flight, parameters, course(flight, hyper, Unknowns(jnp.asarray(z.start), jnp.asarray(z.shocks))))

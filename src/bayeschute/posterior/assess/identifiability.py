@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from bayeschute.likelihood.disturbances import KINDS
 from bayeschute.likelihood.priors import Prior, factor, standard, values, working
-from bayeschute.posterior.noise_uncertainty import LawEffect, joint_covariance
+from bayeschute.posterior.noise_uncertainty import NoiseEffect, joint_covariance
 
 Array = NDArray[np.float64]
 FELT = 0.05  # power-scaling sensitivity from which on a component is felt (Kallioinen et al. 2024)
@@ -92,24 +92,24 @@ class Confounding(NamedTuple):
 
 
 def confounding(
-    scale: Array, effect: LawEffect, law_covariance: Array, priors: Sequence[Prior], laws: Sequence[str]
+    scale: Array, effect: NoiseEffect, noise_parameter_covariance: Array, priors: Sequence[Prior], laws: Sequence[str]
 ) -> Confounding:
     """Correlations of parameters with noise parameters in their joint posterior, and what these add to the variance.
 
     Args:
         scale: Factor of the parameters' covariance for held noise parameters, as in `Marginal` (P, P).
         effect: Of the noise parameters.
-        law_covariance: Of their logarithms (V, V).
+        noise_parameter_covariance: Of their logarithms (V, V).
         priors: Priors of the parameters.
-        laws: Names of the noise parameters, see `law_labels`.
+        laws: Names of the noise parameters, see `noise_parameter_labels`.
     """
-    held, whole = np.diag(scale @ scale.T), np.diag(joint_covariance(scale, effect, law_covariance))
-    together = scale @ effect.slope @ law_covariance
-    sd = np.sqrt(np.outer(whole, np.diag(law_covariance)))
+    held, whole = np.diag(scale @ scale.T), np.diag(joint_covariance(scale, effect, noise_parameter_covariance))
+    together = scale @ effect.slope @ noise_parameter_covariance
+    sd = np.sqrt(np.outer(whole, np.diag(noise_parameter_covariance)))
     return Confounding(tuple(p.name for p in priors), tuple(laws), together / sd, 1.0 - held / whole)
 
 
-def law_labels(channels: Sequence[str], groups: Sequence[str], kinds: Sequence[str]) -> list[str]:
+def noise_parameter_labels(channels: Sequence[str], groups: Sequence[str], kinds: Sequence[str]) -> list[str]:
     """Names of all noise parameters, in the order of `score.to_vector`.
 
     Args:

@@ -16,8 +16,8 @@ from bayeschute.core.errors import FitError
 from bayeschute.core.random import stream
 from bayeschute.likelihood.joint import FlightData
 from bayeschute.likelihood.priors import Prior, factor, working
-from bayeschute.posterior.fit import Progress, Settled, joint, settle
-from bayeschute.posterior.noise_evidence import HyperPrior
+from bayeschute.posterior.fit import JointFit, Progress, joint, joint_fit
+from bayeschute.posterior.noise_evidence import NoisePrior
 
 Array = NDArray[np.float64]
 SPREAD = 0.5  # of the starts about the prior means, in standard deviations of the priors
@@ -35,7 +35,7 @@ class Start(NamedTuple):
     """
 
     number: int
-    settled: Settled | None
+    settled: JointFit | None
     why: str = ""
 
 
@@ -73,13 +73,13 @@ def begin(priors: Sequence[Prior], number: int, seed: int) -> Array:
 def settle_from(
     flights: Sequence[FlightData],
     priors: Sequence[Prior],
-    prior: HyperPrior,
+    prior: NoisePrior,
     number: int,
     seed: int,
     rounds: int = 1,
     progress: Progress | None = None,
 ) -> Start:
-    """Settle from one start, as `finding.settle`.
+    """Settle from one start, as `finding.joint_fit`.
 
     Args:
         flights: Records.
@@ -96,9 +96,9 @@ def settle_from(
     say = progress or (lambda share, words: None)
     try:
         if number == 0:
-            return Start(0, settle(flights, priors, prior, rounds, say))
+            return Start(0, joint_fit(flights, priors, prior, rounds, say))
         return Start(
-            number, settle(flights, priors, prior, rounds, say, (begin(priors, number, seed), None, prior.median))
+            number, joint_fit(flights, priors, prior, rounds, say, (begin(priors, number, seed), None, prior.median))
         )
     except (FloatingPointError, FitError) as error:
         return Start(number, None, str(error))

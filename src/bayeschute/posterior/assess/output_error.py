@@ -19,7 +19,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from bayeschute.core.errors import Fault, InputError
-from bayeschute.likelihood.joint import FlightData, Hyper, Linear
+from bayeschute.likelihood.joint import FlightData, Linear, NoiseParameters
 from bayeschute.likelihood.kalman import response
 from bayeschute.likelihood.priors import Prior, factor, precision, values
 from bayeschute.posterior.joint_mode import Optimum
@@ -65,7 +65,7 @@ def _sensitivities(flight: FlightData, linear: Linear) -> jax.Array:
     return response(linear.steps, start, jnp.zeros((*error.shape, p + d)), theta)
 
 
-def _noise_sd(flight: FlightData, hyper: Hyper) -> Array:
+def _noise_sd(flight: FlightData, hyper: NoiseParameters) -> Array:
     """Standard deviation of every output's residual noise (C,)."""
     noise = hyper.outputs(flight)
     return np.hypot(np.asarray(noise.white), np.asarray(noise.correlated))
@@ -94,7 +94,7 @@ def _meat(
 
 def bounds(
     flights: Sequence[FlightData],
-    hyper: Hyper,
+    hyper: NoiseParameters,
     priors: Sequence[Prior],
     optimum: Optimum,
     taper: str = "parzen",

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from bayeschute.likelihood.joint import FlightData, Hyper, Lifted, linearise
+from bayeschute.likelihood.joint import FlightData, Lifted, NoiseParameters, linearise
 from bayeschute.likelihood.priors import Prior, precision
 from bayeschute.posterior.joint_mode import conditional
 
@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 def scores(
     flights: Sequence[FlightData],
-    hyper: Hyper,
+    hyper: NoiseParameters,
     priors: Sequence[Prior],
     theta: Array,
     at: Sequence[Lifted],

@@ -26,7 +26,7 @@ from bayeschute.core.numerics import processors
 from bayeschute.likelihood.joint import FlightData, as_seen, filter_gains, linearise
 from bayeschute.likelihood.kalman import Gains, innovations
 from bayeschute.posterior.differences import beside
-from bayeschute.posterior.marginal import Along, Marginal, course_at, shifted
+from bayeschute.posterior.marginal import Linearisation, Marginal, course_at, shifted
 
 Array = NDArray[np.float64]
 OPENING = 0.25  # share of every record that teaches and is not scored
@@ -60,7 +60,7 @@ def _by_sample(flight: FlightData, made: Gains) -> jax.Array:
 
 
 @jax.jit
-def _unit(along: Along) -> jax.Array:
+def _unit(along: Linearisation) -> jax.Array:
     return innovations(along.gains, *as_seen(along.linear).less(along.gap))
 
 

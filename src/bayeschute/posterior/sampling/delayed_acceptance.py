@@ -89,7 +89,7 @@ def corrected(
 
     Returns:
         The draws, with acceptance rates of the exact step, and ``log_ratio``: exact less surrogate log density at what
-        was proposed, minus infinity where a simulation failed (`doubt.pareto_k`).
+        was proposed, minus infinity where a simulation failed (`why_not_trusted.pareto_k`).
     """
     per_chain = max(streams // chains, 1)
     streams, length = per_chain * chains, int(np.ceil(draws / per_chain))

@@ -128,7 +128,7 @@ def sample(
 
     Returns:
         The draws, with acceptance rates, and ``log_ratio``: exact less proposal log density at what was proposed last,
-        minus infinity where a simulation failed (`doubt.pareto_k`).
+        minus infinity where a simulation failed (`why_not_trusted.pareto_k`).
 
     Raises:
         FloatingPointError: If hardly any point has a density.

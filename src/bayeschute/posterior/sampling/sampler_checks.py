@@ -95,7 +95,7 @@ def rhat_bound(chains: int, draws: int, parameters: int) -> float:
     return max(MOST_RHAT, float(np.sqrt(1.0 + 2.0 * max(spread - 1.0, 0.0) / draws)))
 
 
-def doubt(draws: Draws) -> str:
+def why_not_trusted(draws: Draws) -> str:
     """Why draws by delayed acceptance can't be believed, in words; empty where they can.
 
     Args:

@@ -17,7 +17,7 @@ from bayeschute.core.vectors import Vec3
 from bayeschute.dynamics import parameters
 from bayeschute.dynamics.parameters import Canopies, Capsule, Cluster, Risers, Structure, engagement_length
 from bayeschute.likelihood.disturbances import Latent
-from bayeschute.likelihood.joint import Hyper
+from bayeschute.likelihood.joint import NoiseParameters
 from bayeschute.records.reconstruct import ClusterGeometry
 from bayeschute.records.sensors import Dropouts, SensorNoise
 from bayeschute.study.formulation import noise_medians
@@ -171,10 +171,10 @@ def flight_seed(study: Study, flight: Flight) -> int:
     return seed_of(study.seed, "virtual flight", flight.name)
 
 
-def hyper(study: Study) -> Hyper:
+def hyper(study: Study) -> NoiseParameters:
     """Medians of the noise parameters: residual noise per channel, then groups of latent disturbances."""
     noise = noise_medians(list(study.noise.channels().values()), study.noise.model)
-    return Hyper(noise, tuple(np.array(law) for _, _, _, law in _groups(study)))
+    return NoiseParameters(noise, tuple(np.array(law) for _, _, _, law in _groups(study)))
 
 
 def latent(study: Study, canopies: int) -> Latent:
@@ -190,7 +190,7 @@ def latent(study: Study, canopies: int) -> Latent:
     return Latent(tuple(kind for _, _, kind, _ in found), tuple(processes), none)
 
 
-def law_names(study: Study) -> tuple[str, ...]:
+def noise_parameter_names(study: Study) -> tuple[str, ...]:
     """Names of the groups of latent processes, in the order of `hyper`."""
     return tuple(name for name, _, _, _ in _groups(study))
 

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from bayeschute.core.trees import load_tree, save_tree
 from bayeschute.dynamics.parameters import Structure
 from bayeschute.likelihood.channels import cluster_data, descent_data
-from bayeschute.likelihood.joint import FlightData, Hyper, Lifted
+from bayeschute.likelihood.joint import FlightData, Lifted, NoiseParameters
 from bayeschute.likelihood.priors import Prior, correlated
-from bayeschute.posterior.fit import Found
+from bayeschute.posterior.fit import LaplaceFit
 from bayeschute.posterior.joint_mode import Optimum
 from bayeschute.posterior.marginal import Marginal, Quadratic, marginalise
-from bayeschute.posterior.noise_uncertainty import LawEffect
+from bayeschute.posterior.noise_uncertainty import NoiseEffect
 from bayeschute.posterior.sampling.protocol import Draws
 from bayeschute.posterior.sampling.sampler_checks import pareto_k
 from bayeschute.study.assembly import assemble, canopies
@@ -95,17 +95,17 @@ def data_of(job: Job, flight: Flight, priors: Sequence[Prior], like: Flight | No
 
 
 class _Kept(NamedTuple):
-    """What is stored of a fit: as in `Found` and `Draws`, of the marginal posterior what its flights don't tell."""
+    """What is stored of a fit: as in `LaplaceFit` and `Draws`; of the marginal posterior what flights don't tell."""
 
     optimum: Optimum
     asides: tuple[Lifted, ...]
     determinant: Quadratic
     bend: Quadratic
-    hyper: Hyper
+    hyper: NoiseParameters
     xi: Array
     wide: Array
-    law_covariance: Array
-    law_effect: LawEffect
+    noise_parameter_covariance: Array
+    noise_effect: NoiseEffect
     determinant_error: float
     least_fall: float
     is_mode: bool
@@ -118,14 +118,14 @@ def _file(job: Job, group: Group) -> Path:
     return job.out / "fit" / f"{group.name}.npz"
 
 
-def save_fit(job: Job, group: Group, found: Found, draws: Draws, wide: Array) -> None:
+def save_fit(job: Job, group: Group, found: LaplaceFit, draws: Draws, wide: Array) -> None:
     """Keep a finished fit: what `load_fit` needs to set it up again."""
     made, ratio = found.marginal, draws.stats.get("log_ratio")
     best = replace(found.optimum, flights=tuple(along.at for along in made.along), trace=())
     kept = _Kept(
         best, tuple(along.aside for along in made.along), made.determinant, made.bend, found.hyper, draws.xi, wide,
-        found.law_covariance, found.law_effect, found.determinant_error, found.profile.worst, found.profile.is_mode,
-        draws.failed, draws.evaluations, None if ratio is None else pareto_k(ratio),
+        found.noise_parameter_covariance, found.noise_effect, found.determinant_error, found.profile.worst,
+        found.profile.is_mode, draws.failed, draws.evaluations, None if ratio is None else pareto_k(ratio),
     )  # fmt: skip
     save_tree(_file(job, group), kept)
 
@@ -142,8 +142,8 @@ class Stored:
         held: The same with the noise parameters held at their optimum, as the sampler made them.
         failed: Simulations that failed while sampling.
         evaluations: Evaluations of the exact density.
-        law_covariance: Of the logarithms of the noise parameters.
-        law_effect: How the parameters' conditional posterior follows those.
+        noise_parameter_covariance: Of the logarithms of the noise parameters.
+        noise_effect: How the parameters' conditional posterior follows those.
         determinant_error: Root mean square error of the log density against Laplace's.
         least_fall: Of the log density at one standard deviation along any axis.
         is_mode: Whether it falls to both sides along every axis.
@@ -152,22 +152,22 @@ class Stored:
 
     marginal: Marginal
     optimum: Optimum
-    hyper: Hyper
+    hyper: NoiseParameters
     theta: Array
     held: Array
     failed: int
     evaluations: int
-    law_covariance: Array
-    law_effect: LawEffect
+    noise_parameter_covariance: Array
+    noise_effect: NoiseEffect
     determinant_error: float
     least_fall: float
     is_mode: bool
     pareto_k: float | None
 
 
-def load_hyper(job: Job, group: Group) -> Hyper:
+def load_noise_parameters(job: Job, group: Group) -> NoiseParameters:
     """Noise parameters of a finished fit."""
-    return load_tree(_file(job, group), Hyper, "hyper")
+    return load_tree(_file(job, group), NoiseParameters, "hyper")
 
 
 def load_fit(job: Job, group: Group) -> Stored:
@@ -179,8 +179,8 @@ def load_fit(job: Job, group: Group) -> Stored:
     marginal = replace(marginal, along=along, determinant=kept.determinant, bend=kept.bend)
     theta, held = (kept.optimum.theta + xi @ np.asarray(marginal.scale).T for xi in (kept.wide, kept.xi))
     return Stored(
-        marginal, kept.optimum, kept.hyper, theta, held, kept.failed, kept.evaluations, kept.law_covariance,
-        kept.law_effect, kept.determinant_error, kept.least_fall, kept.is_mode, kept.pareto_k,
+        marginal, kept.optimum, kept.hyper, theta, held, kept.failed, kept.evaluations, kept.noise_parameter_covariance,
+        kept.noise_effect, kept.determinant_error, kept.least_fall, kept.is_mode, kept.pareto_k,
     )  # fmt: skip
 
 

@@ -24,7 +24,7 @@ from bayeschute.likelihood.priors import Prior, working
 from bayeschute.posterior.assess import flight_groups
 from bayeschute.posterior.combine import hierarchy, random_effects
 from bayeschute.posterior.combine.hierarchy import Hierarchy
-from bayeschute.posterior.noise_uncertainty import LawEffect
+from bayeschute.posterior.noise_uncertainty import NoiseEffect
 from bayeschute.study.assembly import canopies
 from bayeschute.study.assembly.fits import Group, Stored, groups, load_fit
 from bayeschute.study.job import Job, load_priors
@@ -226,4 +226,4 @@ def _of_members(job: Job, alone: Stored, flown: bool, todo: Sequence[Group], fit
     members = made.members if flown else hierarchy.others(made, places.of, rng)
     theta = np.concatenate([made.shared, members], axis=-1)[..., list(places.fits[fit])]
     mixed = rng.permutation(theta.reshape(-1, theta.shape[-1])).reshape(theta.shape)
-    return replace(alone, theta=mixed, held=mixed, law_effect=LawEffect.none(*alone.law_effect.slope.shape))
+    return replace(alone, theta=mixed, held=mixed, noise_effect=NoiseEffect.none(*alone.noise_effect.slope.shape))

@@ -53,7 +53,7 @@ def calibration_check(job: Job) -> dict[str, Any]:
     return {"passed": not off, "value": held[worst]["share"], "bound": WANTED[0], "detail": says, "held": held}
 
 
-def remedy(study: Study) -> str:
+def hint(study: Study) -> str:
     """How to make a study's calibration: truths are known of virtual flights of a cluster only."""
     if study.model != "cluster":
         return "none can be made yet of a descent"
@@ -68,7 +68,7 @@ def verification(checks: Mapping[str, Mapping[str, Any]], study: Study) -> str:
     calibration = checks["calibration"]
     lacking = [] if calibration["passed"] else [calibration["detail"]]
     if calibration["passed"] is None:
-        lacking[0] += f" ({remedy(study)})"
+        lacking[0] += f" ({hint(study)})"
     if missed:
         lacking.append(f"missed {', '.join(missed)}")
     return label_of(lacking, calibration["detail"])

@@ -87,7 +87,7 @@ def _form(study: Study) -> Study:
 
 
 @dataclass(frozen=True)
-class Disturbance:
+class Scenario:
     """A change of what is flown; the identification goes on as the study says.
 
     Attributes:
@@ -101,17 +101,17 @@ class Disturbance:
     terms_known: bool = True
 
 
-DISTURBANCES = {
-    "none": Disturbance("flights as the study has them: turbulence, breathing, sensor errors, dropouts"),
-    "strong-gusts": Disturbance("turbulence twice as strong", _strong_gusts),
-    "short-gusts": Disturbance("turbulence with a time constant of 1.5 s", _short_gusts),
-    "long-gusts": Disturbance("turbulence with a time constant of 30 s", _long_gusts),
-    "breathing": Disturbance("breathing three times as strong", _breathing),
-    "wind-profile": Disturbance("recorded wind wrong three times as much, with a time constant of 60 s", _wind_profile),
-    "mass": Disturbance("a capsule 3 % heavier than the identification is told", _mass),
-    "form": Disturbance(
+SCENARIOS = {
+    "none": Scenario("flights as the study has them: turbulence, breathing, sensor errors, dropouts"),
+    "strong-gusts": Scenario("turbulence twice as strong", _strong_gusts),
+    "short-gusts": Scenario("turbulence with a time constant of 1.5 s", _short_gusts),
+    "long-gusts": Scenario("turbulence with a time constant of 30 s", _long_gusts),
+    "breathing": Scenario("breathing three times as strong", _breathing),
+    "wind-profile": Scenario("recorded wind wrong three times as much, with a time constant of 60 s", _wind_profile),
+    "mass": Scenario("a capsule 3 % heavier than the identification is told", _mass),
+    "form": Scenario(
         "another aerodynamic form: alpha^3 and e*alpha beside the terms, and in no pool", _form, terms_known=False
     ),
-    "dropouts": Disturbance("a fifth of the canopies' positions missing, 2 s at a time", _dropouts),
+    "dropouts": Scenario("a fifth of the canopies' positions missing, 2 s at a time", _dropouts),
 }
 """By name."""

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from bayeschute.core.trees import load_tree, save_tree
 from bayeschute.likelihood.priors import Prior
-from bayeschute.posterior.fit import Settled
+from bayeschute.posterior.fit import JointFit
 from bayeschute.posterior.sampling.protocol import Draws
 from bayeschute.study.job import Job
 
@@ -27,7 +27,7 @@ class _Kept(NamedTuple):
     """A group's joint optimum, with the priors of its parameters and the scores of left-out terms."""
 
     priors: tuple[Prior, ...]
-    settled: Settled
+    settled: JointFit
     scores: dict[str, float]
 
 
@@ -36,7 +36,7 @@ def clear(job: Job) -> None:
     shutil.rmtree(_folder(job), ignore_errors=True)
 
 
-def put_settled(job: Job, name: str, priors: Sequence[Prior], settled: Settled, scores: dict[str, float]) -> None:
+def put_settled(job: Job, name: str, priors: Sequence[Prior], settled: JointFit, scores: dict[str, float]) -> None:
     """Keep a group's joint optimum.
 
     Args:
@@ -49,7 +49,7 @@ def put_settled(job: Job, name: str, priors: Sequence[Prior], settled: Settled, 
     _write(job, name, _Kept(tuple(priors), settled, scores))
 
 
-def get_settled(job: Job, name: str) -> tuple[list[Prior], Settled, dict[str, float]] | None:
+def get_settled(job: Job, name: str) -> tuple[list[Prior], JointFit, dict[str, float]] | None:
     """A group's joint optimum as `put_settled` took it; None where this run has kept none."""
     kept = _read(job, name, _Kept)
     return None if kept is None else (list(kept.priors), kept.settled, kept.scores)

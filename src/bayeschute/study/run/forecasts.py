@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from bayeschute.calibration.workers import Lost, client_of, finished
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.core.random import seed_of, stream
-from bayeschute.likelihood.joint import FlightData, Hyper
+from bayeschute.likelihood.joint import FlightData, NoiseParameters
 from bayeschute.likelihood.priors import Prior
 from bayeschute.posterior.marginal import Marginal
 from bayeschute.prediction import bands
@@ -37,7 +37,7 @@ _AHEAD = 2  # parts per core under way at once
 
 
 @dataclass(frozen=True)
-class Foretold:
+class FlightForecast:
     """A flight with the draws of its quantities.
 
     Attributes:
@@ -83,11 +83,11 @@ class _Order:
         spread: Of the strength of disturbances beyond the data.
     """
 
-    known: Marginal | tuple[Hyper, list[Prior]]
+    known: Marginal | tuple[NoiseParameters, list[Prior]]
     index: int
     whole: FlightData | None
     theta: Array
-    laws: list[Hyper]
+    laws: list[NoiseParameters]
     seed: int
     told: float
     spread: float
@@ -128,9 +128,11 @@ def _order(job: Job, flight: Flight, group: Group, stored: Stored, draws: int) -
     picked = flat[np.linspace(0, len(flat) - 1, min(draws, len(flat))).astype(int)]
     time = load_flight(job, flight.name)["time"].values
     rng = stream(study.seed, "noise parameters of a flight's draws", flight.name, group.name)
-    laws = bands.law_draws(stored.hyper, stored.law_covariance, -(-len(picked) // bands.GROUP), rng)
-    theta = bands.carried(stored.marginal, picked, laws, stored.law_effect)
-    known: Marginal | tuple[Hyper, list[Prior]] = stored.marginal
+    laws = bands.noise_parameter_draws(
+        stored.hyper, stored.noise_parameter_covariance, -(-len(picked) // bands.GROUP), rng
+    )
+    theta = bands.carried(stored.marginal, picked, laws, stored.noise_effect)
+    known: Marginal | tuple[NoiseParameters, list[Prior]] = stored.marginal
     index, whole, until = 0, None, _until(flight, flight in group.flights, time)
     if flight in group.flights:
         index = group.flights.index(flight)
@@ -148,7 +150,7 @@ def _until(flight: Flight, fitted: bool, time: Array) -> float:
     return flight.identify_until.at(time[0], time[-1]) if flight.identify_until is not None else np.inf
 
 
-Tell = Callable[[Sequence[bands.Prediction]], Foretold]
+Tell = Callable[[Sequence[bands.Prediction]], FlightForecast]
 
 
 def _orders(job: Job, flight: Flight) -> tuple[list[_Order], Tell]:
@@ -166,10 +168,10 @@ def _orders(job: Job, flight: Flight) -> tuple[list[_Order], Tell]:
     record, truth = load_flight(job, flight.name), load_truth(job, flight.name)
     held_out = time > _until(flight, flown, time)
     seed = seed_of(job.study.seed, "record of a flight", flight.name)
-    return orders, lambda made: Foretold(flight, stored, mix(made), time, held_out, record, truth, seed)
+    return orders, lambda made: FlightForecast(flight, stored, mix(made), time, held_out, record, truth, seed)
 
 
-def foretell(job: Job) -> Iterator[Foretold]:
+def forecast_flights(job: Job) -> Iterator[FlightForecast]:
     """Draw the quantities of every flight that is fitted or predicted.
 
     Draws whose process was lost count as simulations that failed.
@@ -197,7 +199,7 @@ def foretell(job: Job) -> Iterator[Foretold]:
             yield tell(made)
 
 
-def foretell_flight(job: Job, flight: Flight) -> Foretold:
+def forecast_flight(job: Job, flight: Flight) -> FlightForecast:
     """Draw the quantities of one flight of a job's study, in this process."""
     orders, tell = _orders(job, flight)
     return tell([order.draw() for order in orders])
@@ -245,7 +247,7 @@ def _joined(order: _Order, made: Mapping[int, bands.Prediction | Lost]) -> bands
     return bands.Prediction(first.time, whole, np.concatenate(ends), failed, first.shares)
 
 
-def widened(one: Foretold, by: Widening | None) -> Foretold:
+def widened(one: FlightForecast, by: Widening | None) -> FlightForecast:
     """A flight with its draws moved away from, or towards, their median; a flight that was fitted whole as it is."""
     if by is None or not one.held_out.any():
         return one

@@ -7,8 +7,8 @@ from typing import Any
 
 from bayeschute.core.random import seed_of
 from bayeschute.posterior.assess.multistart import NEAR, Start, best_of, compare, judge, settle_from
-from bayeschute.posterior.fit import Begin, Settled, settle
-from bayeschute.posterior.noise_evidence import HyperPrior
+from bayeschute.posterior.fit import Begin, JointFit, joint_fit
+from bayeschute.posterior.noise_evidence import NoisePrior
 from bayeschute.study.assembly import assemble
 from bayeschute.study.assembly.fits import Group, data_of
 from bayeschute.study.job import Job
@@ -16,8 +16,8 @@ from bayeschute.study.run import checkpoint
 
 
 def settled(
-    job: Job, group: Group, prior: HyperPrior, begins: Sequence[Begin | None], say: Callable[[float, str], None]
-) -> Settled:
+    job: Job, group: Group, prior: NoisePrior, begins: Sequence[Begin | None], say: Callable[[float, str], None]
+) -> JointFit:
     """The joint optimum of greatest evidence over the study's starts and begins of another kind.
 
     Args:
@@ -48,7 +48,7 @@ def settled(
             made.append(Start(number, kept[1]))
             continue
         if number < 0:
-            start = Start(number, settle(flights, group.priors, prior, progress=tell, begin=others[-1 - number]))
+            start = Start(number, joint_fit(flights, group.priors, prior, progress=tell, begin=others[-1 - number]))
         else:
             seed = seed_of(job.study.seed, "starts of a fit", group.name)
             start = settle_from(flights, group.priors, prior, number, seed, progress=tell)

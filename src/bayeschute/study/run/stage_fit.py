@@ -22,9 +22,17 @@ from bayeschute.likelihood.priors import Prior
 from bayeschute.posterior.assess import output_error
 from bayeschute.posterior.assess.score_test import scores
 from bayeschute.posterior.best_path import BestPath
-from bayeschute.posterior.fit import Begin, Found, Settled, UnsettledError, conclude, marginal_mode, settle
-from bayeschute.posterior.noise_evidence import HyperPrior
-from bayeschute.posterior.noise_uncertainty import LawEffect, widened
+from bayeschute.posterior.fit import (
+    Begin,
+    JointFit,
+    LaplaceFit,
+    NoJointFitError,
+    joint_fit,
+    marginal_fit,
+    marginal_mode,
+)
+from bayeschute.posterior.noise_evidence import NoisePrior
+from bayeschute.posterior.noise_uncertainty import NoiseEffect, widened
 from bayeschute.posterior.sampler import data_tree, sample
 from bayeschute.posterior.sampling.protocol import Draws
 from bayeschute.posterior.term_search import choose
@@ -45,7 +53,7 @@ class Fitted(NamedTuple):
     """A group of flights that share their parameters, fitted: with the priors used, and scores of left-out terms."""
 
     group: Group
-    found: Found
+    found: LaplaceFit
     scores: dict[str, float]
 
 
@@ -169,7 +177,7 @@ def draw_group(job: Job, fitted: Fitted, say: Say, predictions: bool = True) -> 
     kinds = ["nuts", "emcee"] if study.sampler.kind == "both" else [study.sampler.kind]
     bounds = _bounds(job, group, found) if study.noise.model in ("white", "sandwich") else None
     if study.noise.model == "sandwich":  # its covariance doesn't come from the noise parameters
-        kinds, found = ["sandwich"], replace(found, law_effect=LawEffect.none(*found.law_effect.slope.shape))
+        kinds, found = ["sandwich"], replace(found, noise_effect=NoiseEffect.none(*found.noise_effect.slope.shape))
     flights, seed = [f.name for f in group.flights], seed_of(study.seed, "draws of a fit", group.name)
     times = [load_flight(job, name)["time"].values for name in flights]
     results: list[tuple[xr.DataTree, Draws]] = []
@@ -181,7 +189,7 @@ def draw_group(job: Job, fitted: Fitted, say: Say, predictions: bool = True) -> 
             draws = _draws(job, seed, found, bounds, kind, lambda s, w: say(0.5 * s, w))
             checkpoint.put_draws(job, group.name, kind, draws)
         seconds[f"{kind}_s"] = time.perf_counter() - clock
-        wide = widened(draws.xi, found.law_effect, found.law_covariance, seed)
+        wide = widened(draws.xi, found.noise_effect, found.noise_parameter_covariance, seed)
         tree = data_tree(
             found.marginal, group.priors, draws, seed, flights, lambda s, w: say(0.5 + 0.5 * s, w), wide, times,
             predictions,
@@ -196,7 +204,7 @@ def draw_group(job: Job, fitted: Fitted, say: Say, predictions: bool = True) -> 
 
 def _with_paths(job: Job, group: Group, error: FitError) -> FitError:
     """What failed, with the residuals along the best path, and parameters there."""
-    if not isinstance(error, UnsettledError):
+    if not isinstance(error, NoJointFitError):
         return error
     group = replace(group, priors=error.priors)
     best, paths = error.best, []
@@ -228,7 +236,7 @@ def _structures(job: Job, group: Group) -> list[str]:
         raise FitError(f"fits of the structures: {error}; {do}.", (f"every structure: {error}",)) from error
 
 
-def _bounds(job: Job, group: Group, found: Found) -> output_error.Bounds:
+def _bounds(job: Job, group: Group, found: LaplaceFit) -> output_error.Bounds:
     """Cramer-Rao bounds of a group's estimates, and their table for the summary."""
     made = output_error.bounds(found.marginal.flights, found.hyper, group.priors, found.optimum)
     path = job.out / "fit" / "output_error.json"
@@ -239,7 +247,12 @@ def _bounds(job: Job, group: Group, found: Found) -> output_error.Bounds:
 
 
 def _draws(
-    job: Job, seed: int, found: Found, bounds: output_error.Bounds | None, kind: str, say: Callable[[float, str], None]
+    job: Job,
+    seed: int,
+    found: LaplaceFit,
+    bounds: output_error.Bounds | None,
+    kind: str,
+    say: Callable[[float, str], None],
 ) -> Draws:
     """Draws of the sampler, or about the estimates of output error."""
     table, marginal = job.study.sampler, found.marginal
@@ -253,13 +266,13 @@ def _draws(
 
 def _found(
     job: Job, group: Group, say: Callable[[float, str, float, float], None]
-) -> tuple[Group, Found, dict[str, float]]:
+) -> tuple[Group, LaplaceFit, dict[str, float]]:
     """Fit a group, or take up what an earlier run kept of it.
 
     Returns:
         The group with the priors that were used, what was found, and the last scores of left-out terms.
     """
-    prior, kept = HyperPrior(assemble.hyper(job.study)), checkpoint.get_settled(job, group.name)
+    prior, kept = NoisePrior(assemble.hyper(job.study)), checkpoint.get_settled(job, group.name)
     if kept is None:
         group, settled, z = _settled(job, group, prior, lambda s, w: say(s, w, 0.0, 0.6))
         checkpoint.put_settled(job, group.name, group.priors, settled, z)
@@ -269,12 +282,12 @@ def _found(
             group = replace(group, priors=tuple(priors))
             _revise(job, priors)
     flights = [data_of(job, f, group.priors) for f in group.flights]
-    return group, conclude(flights, group.priors, prior, settled, lambda s, w: say(s, w, 0.6, 0.8)), z
+    return group, marginal_fit(flights, group.priors, prior, settled, lambda s, w: say(s, w, 0.6, 0.8)), z
 
 
 def _settled(
-    job: Job, group: Group, prior: HyperPrior, say: Callable[[float, str], None]
-) -> tuple[Group, Settled, dict[str, float]]:
+    job: Job, group: Group, prior: NoisePrior, say: Callable[[float, str], None]
+) -> tuple[Group, JointFit, dict[str, float]]:
     """Joint optimum of a group; terms that were left out and that the simulated flight asks for are added.
 
     A fit without a term that is needed settles in a place of its own. So the next one begins at the prior means and,
@@ -324,15 +337,15 @@ def _settled(
 def _best(
     flights: Sequence[FlightData],
     priors: Sequence[Prior],
-    prior: HyperPrior,
+    prior: NoisePrior,
     begins: Sequence[Begin | None],
     say: Callable[[float, str], None],
-) -> Settled:
+) -> JointFit:
     """The optimum of greatest evidence from several begins; one that fails counts only where all do."""
-    found: list[Settled] = []
+    found: list[JointFit] = []
     for i, begin in enumerate(begins):
         try:
-            found.append(settle(flights, priors, prior, progress=say, begin=begin))
+            found.append(joint_fit(flights, priors, prior, progress=say, begin=begin))
         except FitError:
             if i + 1 == len(begins) and not found:
                 raise
@@ -340,8 +353,8 @@ def _best(
 
 
 def _searched(
-    job: Job, group: Group, prior: HyperPrior, say: Callable[[float, str], None]
-) -> tuple[Group, Settled, dict[str, float]]:
+    job: Job, group: Group, prior: NoisePrior, say: Callable[[float, str], None]
+) -> tuple[Group, JointFit, dict[str, float]]:
     """Joint optimum of a group with those terms of the library that its flights ask for.
 
     Returns:
@@ -367,12 +380,12 @@ def _searched(
 
 
 def _joint(
-    job: Job, group: Group, prior: HyperPrior, say: Callable[[float, str], None], begin: Begin | None = None
-) -> Settled:
+    job: Job, group: Group, prior: NoisePrior, say: Callable[[float, str], None], begin: Begin | None = None
+) -> JointFit:
     """Joint optimum of a group, from one start or several."""
     if job.study.sampler.starts is not None:
         return several_starts.settled(job, group, prior, [begin], say)
-    return settle(
+    return joint_fit(
         [data_of(job, f, group.priors) for f in group.flights], group.priors, prior, progress=say, begin=begin
     )
 

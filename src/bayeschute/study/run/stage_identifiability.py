@@ -16,8 +16,8 @@ from bayeschute.likelihood.priors import working
 from bayeschute.posterior.assess import identifiability
 from bayeschute.posterior.assess.identifiability import FELT, Confounding, Sensitivity
 from bayeschute.posterior.assess.profile import likelihood_interval, profile
-from bayeschute.posterior.noise_evidence import HyperPrior
-from bayeschute.posterior.noise_uncertainty import LawEffect
+from bayeschute.posterior.noise_evidence import NoisePrior
+from bayeschute.posterior.noise_uncertainty import NoiseEffect
 from bayeschute.study import formulation
 from bayeschute.study.assembly import assemble
 from bayeschute.study.assembly.fits import Group, Stored
@@ -66,8 +66,8 @@ def noise_labels(job: Job) -> tuple[list[str], NDArray[np.bool_]]:
     """Names of all noise parameters in the order of `score.to_vector`, and which of them the noise model uses."""
     study = job.study
     canopies = 1 if study.vehicle is None else study.vehicle.canopies.number
-    labels = identifiability.law_labels(
-        list(study.noise.channels()), assemble.law_names(study), assemble.latent(study, canopies).kinds
+    labels = identifiability.noise_parameter_labels(
+        list(study.noise.channels()), assemble.noise_parameter_names(study), assemble.latent(study, canopies).kinds
     )
     idle = tuple(_PARTS[part] for part in formulation.unused(study.noise.model))
     return labels, np.array([not (idle and label.endswith(idle)) for label in labels])
@@ -77,9 +77,9 @@ def _with_noise(job: Job, group: Group, stored: Stored, made: dict[str, Any]) ->
     """Confounding with the noise parameters, and how well these are told themselves."""
     labels, used = noise_labels(job)
     names = [label for label, u in zip(labels, used, strict=True) if u]
-    spread = stored.law_covariance[np.ix_(used, used)]
-    slope, by_law, excess = stored.law_effect
-    effect = LawEffect(slope[:, used], by_law[used], excess)
+    spread = stored.noise_parameter_covariance[np.ix_(used, used)]
+    slope, by_law, excess = stored.noise_effect
+    effect = NoiseEffect(slope[:, used], by_law[used], excess)
     mixed: Confounding = identifiability.confounding(
         np.asarray(stored.marginal.scale), effect, spread, group.priors, names
     )
@@ -88,7 +88,7 @@ def _with_noise(job: Job, group: Group, stored: Stored, made: dict[str, Any]) ->
         partner, correlation = partners[name]
         facts = {"noise_share": share, "noise_partner": partner, "noise_correlation": correlation}
         made["parameters"][name] |= facts
-    before = HyperPrior(assemble.hyper(job.study)).log_sd
+    before = NoisePrior(assemble.hyper(job.study)).log_sd
     made["noise"] = dict(zip(names, 1.0 - np.diag(spread) / before**2, strict=True))
     made["confounding"] = {"noise": names, "correlation": dict(zip(mixed.parameters, mixed.correlation, strict=True))}
 

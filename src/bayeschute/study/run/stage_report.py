@@ -14,7 +14,7 @@ from bayeschute.posterior.term_search import PENALTY
 from bayeschute.records.record import repairs
 from bayeschute.study import formulation
 from bayeschute.study.assembly import assemble, canopies
-from bayeschute.study.assembly.fits import groups, load_hyper, summary_draws
+from bayeschute.study.assembly.fits import groups, load_noise_parameters, summary_draws
 from bayeschute.study.assembly.fitted_terms import ADDED
 from bayeschute.study.evidence.calibration_status import calibration_check, verification
 from bayeschute.study.evidence.recalibrate import told as told_widening
@@ -121,7 +121,7 @@ def _divergences(job: Job) -> int:
 
 def _disturbances(job: Job) -> dict[str, Any]:
     """Noise of the channels and of the wind as found (of the first fit, where there are several)."""
-    hyper = load_hyper(job, groups(job)[0])
+    hyper = load_noise_parameters(job, groups(job)[0])
     noise = {
         name: {
             "white": hyper.noise.white[i],
@@ -132,7 +132,7 @@ def _disturbances(job: Job) -> dict[str, Any]:
         | dict.fromkeys(formulation.unused(job.study.noise.model))
         for i, name in enumerate(job.study.noise.channels())
     }
-    for name, law in zip(assemble.law_names(job.study), hyper.laws, strict=True):
+    for name, law in zip(assemble.noise_parameter_names(job.study), hyper.laws, strict=True):
         facts = {"white": None, "correlated": law[0], "unit": "m/s" if "wind" in name else "1"}
         facts |= {"frequency": law[1], "damping_ratio": law[2]} if law.size == 3 else {"time_constant": law[1]}
         noise[name] = facts

@@ -15,7 +15,7 @@ from bayeschute.core.files import write_whole
 from bayeschute.core.trees import load_tree, save_tree
 from bayeschute.likelihood.joint import FlightData, as_seen, stepped
 from bayeschute.likelihood.kalman import Seen, innovations
-from bayeschute.posterior.marginal import Along
+from bayeschute.posterior.marginal import Linearisation
 from bayeschute.posterior.sampling.sampler_checks import MOST_K, judge_rhat
 from bayeschute.prediction import bands, risk_files
 from bayeschute.prediction.flight_statistics import flight_statistics
@@ -27,7 +27,7 @@ from bayeschute.study.evidence.recalibrate import told as told_widening
 from bayeschute.study.evidence.recalibrate import widening
 from bayeschute.study.job import Job
 from bayeschute.study.run import several_starts, structures
-from bayeschute.study.run.forecasts import Foretold, foretell, widened
+from bayeschute.study.run.forecasts import FlightForecast, forecast_flights, widened
 from bayeschute.study.run.stage_identifiability import of_fit
 from bayeschute.study.study import Flight
 
@@ -198,7 +198,7 @@ def _over(posterior: xr.Dataset, function: Any) -> dict[str, float]:
     return {str(name): float(np.asarray(function(posterior[name]))) for name in posterior.data_vars}
 
 
-def _step_error(flight: FlightData, theta: Array, along: Along) -> float:
+def _step_error(flight: FlightData, theta: Array, along: Linearisation) -> float:
     """Largest change of a one-step prediction error when the integration step is halved [standard deviations]."""
     model: Any = flight.model
     finer = replace(flight, model=replace(model, substeps=2 * model.substeps))
@@ -208,7 +208,7 @@ def _step_error(flight: FlightData, theta: Array, along: Along) -> float:
     return float(np.max(np.abs(np.asarray(innovations(along.gains, *change)))))
 
 
-def _innovation_share(flight: FlightData, along: Along) -> float:
+def _innovation_share(flight: FlightData, along: Linearisation) -> float:
     """Share of one-step prediction errors of the linear model at the optimum within +-1.645 standard deviations."""
     unit = np.asarray(innovations(along.gains, *as_seen(along.linear).column(0)))[..., 0]
     return float(np.mean(np.abs(unit[np.asarray(flight.present)]) < 1.6449))
@@ -223,7 +223,7 @@ def predict(job: Job) -> str:
     without: list[str] = []
     changed: list[str] = []
     by = widening(job)
-    for one in (widened(foreseen, by) for foreseen in foretell(job)):
+    for one in (widened(foreseen, by) for foreseen in forecast_flights(job)):
         name, prediction, truth, counted = one.flight.name, one.prediction, one.truth, one.counted
         recorded = recorded_quantities(job, one.flight, one.record)
         role = "predict" if one.held_out.any() else "identify"
@@ -254,7 +254,7 @@ def predict(job: Job) -> str:
     return f"{len(made)} flights{none}"
 
 
-def _record_coverage(job: Job, one: Foretold, quantity: str, recorded: dict[str, Array]) -> float | None:
+def _record_coverage(job: Job, one: FlightForecast, quantity: str, recorded: dict[str, Array]) -> float | None:
     """Share of recorded samples inside the band, the channel's noise added where the quantity has a channel.
 
     A quantity derived from several channels has no noise of its own here: beside the wide band of an unseen flight

@@ -12,8 +12,8 @@ from bayeschute.core.errors import FitError
 from bayeschute.core.random import seed_of, stream
 from bayeschute.likelihood.priors import Prior, from_equation_error
 from bayeschute.posterior.combine.model_average import OPENING, counts, sequential_scores, weights
-from bayeschute.posterior.fit import Settled, conclude, settle
-from bayeschute.posterior.noise_evidence import HyperPrior
+from bayeschute.posterior.fit import JointFit, joint_fit, marginal_fit
+from bayeschute.posterior.noise_evidence import NoisePrior
 from bayeschute.posterior.noise_uncertainty import widened
 from bayeschute.posterior.sampler import sample
 from bayeschute.posterior.sampling.protocol import Draws
@@ -90,13 +90,13 @@ def candidates(job: Job) -> list[Candidate]:
     return [c._replace(priors=tuple(in_order(job.study, [*c.priors, *rest]))) for c in ordered]
 
 
-def _settled(job: Job, group: Group, prior: HyperPrior, say: Say) -> Settled:
+def _settled(job: Job, group: Group, prior: NoisePrior, say: Say) -> JointFit:
     kept = checkpoint.get_settled(job, group.name)
     if kept is not None and tuple(kept[0]) == group.priors:
         return kept[1]
     if job.study.sampler.starts is None:
         flights = [data_of(job, f, group.priors) for f in group.flights]
-        settled = settle(flights, group.priors, prior, progress=say)
+        settled = joint_fit(flights, group.priors, prior, progress=say)
     else:
         settled = several_starts.settled(job, group, prior, [None], say)
     checkpoint.put_settled(job, group.name, group.priors, settled, {})
@@ -106,7 +106,7 @@ def _settled(job: Job, group: Group, prior: HyperPrior, say: Say) -> Settled:
 class _Fitted(NamedTuple):
     """A structure that was fitted: optimum, draws, scores of the opening and the rest of the flights."""
 
-    settled: Settled
+    settled: JointFit
     draws: Draws
     first: np.ndarray
     later: np.ndarray
@@ -119,17 +119,17 @@ def _kind(job: Job) -> str:
 
 def _fitted(job: Job, group: Group, say: Say) -> _Fitted:
     """Fit, draw, store and score one structure."""
-    prior, table = HyperPrior(assemble.hyper(job.study)), job.study.sampler
+    prior, table = NoisePrior(assemble.hyper(job.study)), job.study.sampler
     settled = _settled(job, group, prior, lambda s, w: say(0.6 * s, w))
     flights = [data_of(job, f, group.priors) for f in group.flights]
-    found = conclude(flights, group.priors, prior, settled, lambda s, w: say(0.6 + 0.2 * s, w))
+    found = marginal_fit(flights, group.priors, prior, settled, lambda s, w: say(0.6 + 0.2 * s, w))
     seed = seed_of(job.study.seed, "draws of a structure", group.name)
     draws = checkpoint.get_draws(job, group.name, _kind(job))
     if draws is None:
         sizes = (table.chains, table.warmup, table.draws, seed)
         draws = sample(found.marginal, _kind(job), *sizes, lambda s, w: say(0.8 + 0.1 * s, w))
         checkpoint.put_draws(job, group.name, _kind(job), draws)
-    save_fit(job, group, found, draws, widened(draws.xi, found.law_effect, found.law_covariance, seed))
+    save_fit(job, group, found, draws, widened(draws.xi, found.noise_effect, found.noise_parameter_covariance, seed))
     say(0.9, "leave-future-out scores")
     return _Fitted(settled, draws, *sequential_scores(found.marginal), found.optimum.converged)
 
