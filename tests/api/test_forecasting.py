@@ -1,0 +1,117 @@
+"""`bayeschute fit` and `bayeschute predict`: a posterior in one file, asked about the flights of another."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+import xarray as xr
+from typer.testing import CliRunner
+
+import bayeschute as bc
+from bayeschute.api.forecasting import predict_file
+from bayeschute.cli import app
+from bayeschute.study.load import load_flights
+
+RUN = CliRunner()
+FLIGHTS = """
+[columns]
+time = { column = "time_s", unit = "s" }
+altitude = { column = "altitude_m", unit = "m" }
+[[flight]]
+name = "tomorrow"
+file = "high.csv"
+rate = "1 Hz"
+[[requirement]]
+name = "slow enough"
+quantity = "descent_rate"
+statistic = "maximum"
+at_most = "100 m/s"
+[[requirement]]
+name = "never fast enough"
+quantity = "descent_rate"
+statistic = "mean"
+at_least = "100 m/s"
+"""
+
+
+@pytest.fixture(scope="module")
+def stored(descents, tmp_path_factory):
+    path = tmp_path_factory.mktemp("stored") / "sondes.posterior.nc"
+    made = RUN.invoke(app, ["fit", str(descents.study), "--out", str(path), "--quick"])
+    assert made.exit_code == 0, made.output
+    assert str(path) in made.output.replace("\n", "")
+    return path
+
+
+@pytest.fixture
+def asked(descents):
+    path = descents.study.with_name("tomorrow.toml")
+    path.write_text(FLIGHTS, encoding="utf-8")
+    return path
+
+
+def test_an_earlier_posterior_is_not_overwritten(stored, descents):
+    before = stored.read_bytes()
+    made = RUN.invoke(app, ["fit", str(descents.study), "--out", str(stored), "--quick"])
+    assert made.exit_code == 2 and "--force" in made.output and stored.read_bytes() == before
+
+
+def test_flights_of_a_file_are_predicted_and_judged(stored, asked, tmp_path):
+    out = tmp_path / "out"
+    made = RUN.invoke(app, ["predict", str(stored), str(asked), "--out", str(out), "--draws", "64"])
+    assert made.exit_code == 0, made.output
+    rows = json.loads((out / "requirements.json").read_text())
+    assert [(row["name"], row["met"]) for row in rows] == [("slow enough", 1.0), ("never fast enough", 0.0)]
+    assert all(row["draws"] == 64 and row["low"] <= row["met"] <= row["high"] for row in rows)
+    with xr.open_datatree(out / "predictions.nc", engine="h5netcdf") as tree:
+        assert list(tree.children) == ["tomorrow"] and "descent_rate" in tree["tomorrow"].data_vars
+    assert list(out.glob("bands-tomorrow.*"))
+
+
+def test_another_limit_needs_no_refit(stored, asked, tmp_path):
+    lines = predict_file(stored, asked, tmp_path / "a", draws=64, seed=3)
+    asked.write_text(FLIGHTS.replace('"100 m/s"', '"1 m/s"'), encoding="utf-8")
+    again = predict_file(stored, asked, tmp_path / "b", draws=64, seed=3)
+    assert lines[:2] == again[:2] and lines[2:] != again[2:]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (("[[flight]]", "[[flights]]"), "flights"),
+        (('"high.csv"', '"higher.csv"'), "higher.csv"),
+        (('unit = "s"', 'unit = "kg"'), "time"),
+        (('"descent_rate"', '"descent"'), "one of"),
+    ],
+)
+def test_every_fault_of_a_flight_file_is_told_before_anything_is_drawn(stored, asked, tmp_path, change, words):
+    asked.write_text(FLIGHTS.replace(*change), encoding="utf-8")
+    with pytest.raises(bc.InputError, match=words):
+        predict_file(stored, asked, tmp_path / "none")
+    assert not (tmp_path / "none").exists()
+
+
+def test_flights_take_the_vehicle_of_the_study_unless_they_have_their_own(tmp_path):
+    study = bc.Study.example().spec
+    path = tmp_path / "drop.toml"
+    text = """
+    [[flight]]
+    name = "next"
+    capsule_mass = "9000 kg"
+    [flight.virtual]
+    duration = "20 s"
+    rate = "10 Hz"
+    altitude = "2000 m"
+    swing = "10 deg"
+    swing_azimuth = "0 deg"
+    swing_rate = "0 deg/s"
+    flyout = "8 deg"
+    flyout_azimuth = "90 deg"
+    wind = { altitude = ["0 m", "3000 m"], north = ["2 m/s", "5 m/s"], east = ["0 m/s", "0 m/s"] }
+    sensors = {}
+    """
+    path.write_text(text, encoding="utf-8")
+    found = load_flights(path, study)
+    assert found.flights[0].capsule_mass == 9000.0 and found.flights[0].roles == ("predict",)
+    assert found.vehicle == study.vehicle and found.requirements == ()
