@@ -31,6 +31,7 @@ from bayeschute.study.run.forecasts import forecast_flight, widened
 from bayeschute.study.run.stage_data import ingest_flight
 from bayeschute.study.run.stage_fit import Fitted
 from bayeschute.study.run.stage_results import recorded_quantities
+from bayeschute.study.stage_keys import ARTEFACT_VERSION
 from bayeschute.study.study import Study as StudySpec
 
 if TYPE_CHECKING:
@@ -39,7 +40,6 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 STATISTICS = {"final": lambda x: x[:, -1], "maximum": lambda x: x.max(axis=1), "mean": lambda x: x.mean(axis=1)}
 _GROUP, _SPEC = "bayeschute", "study"
-_FORMAT = 1  # of a stored posterior
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -181,7 +181,7 @@ class Posterior:
             True
         """
         path = Path(path)
-        said = {"format": _FORMAT, "version": __version__, _SPEC: study_to_plain(self.spec)}
+        said = {"format": ARTEFACT_VERSION, "version": __version__, _SPEC: study_to_plain(self.spec)}
         content = {_SPEC: json.dumps(said).encode(), **{f"file {name}": data for name, data in self.files.items()}}
         held = xr.Dataset(
             {
@@ -213,9 +213,9 @@ class Posterior:
             said = json.loads(content[_SPEC])
         except (OSError, KeyError, ValueError) as error:
             raise InputError(Fault(str(path), f"a file that can't be read ({error})"[:200], wanted)) from None
-        if said.get("format") != _FORMAT:
+        if said.get("format") != ARTEFACT_VERSION:
             got = f"format {said.get('format')} of version {said.get('version')}"
-            raise InputError(Fault(str(path), got, f"format {_FORMAT}", "Use the version that wrote it."))
+            raise InputError(Fault(str(path), got, f"format {ARTEFACT_VERSION}", "Use the version that wrote it."))
         kept = {name.removeprefix("file "): data for name, data in content.items() if name.startswith("file ")}
         groups_ = {name: node.to_dataset() for name, node in tree.children.items() if name != _GROUP}
         return cls(study_from_plain(said[_SPEC]), xr.DataTree.from_dict(groups_), kept)
