@@ -139,5 +139,5 @@ load = cluster_mode_laws.maypole_q_area(canopy, T71.C_A, radius, turning, T71.we
 breathing = cluster_mode_laws.Breathing(T71.mass, T71.weight, to_si("34 ft/s", "m/s"), T71.C_A)
 C_Aeta = cluster_mode_laws.breathing_axial_slope(breathing, to_si("1.6 ft/s", "m/s"), 0.23)
 print(f"flyout:    C_Nalpha = {slope:.2f} per rad")
-print(f"maypole:   C_N = {modes.maypole_normal(canopy, load, radius, turning):.4f}")
+print(f"maypole:   C_N = {cluster_mode_laws.maypole_normal(canopy, load, radius, turning):.4f}")
 print(f"breathing: C_Aeta = {C_Aeta:.3f} for eta = 1")

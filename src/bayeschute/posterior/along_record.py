@@ -83,12 +83,14 @@ class Solved(NamedTuple):
         start: Standard start, and its derivatives by the parameters, sign turned (D, 1 + P).
         shocks: Likewise of the shocks of the latent processes (T, L, 1 + P).
         states: Likewise of how far the path moves (T, X, 1 + P).
+        determinant: Log determinant of the innovations.
     """
 
     gram: jax.Array
     start: jax.Array
     shocks: jax.Array
     states: jax.Array
+    determinant: jax.Array
 
 
 class Row(NamedTuple):
@@ -178,7 +180,8 @@ def solve(flight: FlightData, hyper: NoiseParameters, slack: Component, made: Li
     filtered = gains(made.steps, flight.start_scale, law, noise, flight.dt, jnp.asarray(flight.present), slack)
     got = smooth_driven(filtered, as_seen(made))
     unit = got.innovations.reshape(-1, got.start.shape[1])
-    return Solved(unit.T @ unit, got.start, got.shocks[:, : flight.latent.size], got.states)
+    shocks = got.shocks[:, : flight.latent.size]
+    return Solved(unit.T @ unit, got.start, shocks, got.states, filtered.log_determinant)
 
 
 @jax.jit
@@ -302,6 +305,11 @@ class Rest(NamedTuple):
     cost: float
     defect: float
     onward: tuple[Solved, ...]
+
+    @property
+    def marginal(self) -> float:
+        """Minus the marginal log density by Laplace's approximation, up to constants."""
+        return self.cost + sum(float(one.determinant) for one in self.onward)
 
 
 def rest(

@@ -44,6 +44,8 @@ _LAST_NEAR = along_record.Near(1.0, 0.5, _FEW_DEFECTS)  # and of the last: the m
 _JOINT_NEAR = along_record.Near(0.1, 0.1, _FEW_DEFECTS)  # where joint optima are compared
 _LOOSE = 3.0  # times the prior medians of all standard deviations, until noise parameters are found
 _TURNS, _REST = 3, 0.4  # most turns of noise parameters and mode; a step of the mode after which there is no other
+_HALVINGS = 10  # of a step to the mode at most
+_TRUSTED = 3.0  # standard deviations up to which the last step of a search that did not end is gone all the same
 _RISE = 20.0  # of minus the marginal log density over a step, beyond which half of it is tried
 _SAME_SLOPE = 0.5  # standard deviations within which the slope of what linear models lack is taken for the same
 _MODE_TURN = 2  # most steps of the mode in each of them
@@ -332,20 +334,20 @@ def _optimum(made: LiftedFit) -> Optimum:
 
 
 class _Placed(NamedTuple):
-    """A point at rest on the way to the marginal mode: the slope of what the cost lacks, and the step from there."""
+    """A point at rest on the way to the marginal mode, what the mean correction adds to the slope, and the step on."""
 
     theta: Array
     rest: along_record.Rest
-    tilt: Array
+    correction: Array
     step: Array
 
     def onward(self, flights: Sequence[FlightData], hyper: NoiseParameters) -> tuple[Array, tuple[Lifted, ...]]:
         """Parameters and flights at the end of the step."""
         return self.theta + self.step, along_record.onward(flights, hyper, self.rest, self.step)
 
-    def rise(self, theta: Array, cost: float) -> float:
-        """By how much minus the marginal log density is greater at parameters of this cost, the tilt held."""
-        return cost - self.rest.cost + float(self.tilt @ (theta - self.theta))
+    def rise(self, theta: Array, rest: along_record.Rest) -> float:
+        """By how much minus the marginal log density is greater at another point, the mean correction linear."""
+        return rest.marginal - self.rest.marginal + float(self.correction @ (theta - self.theta))
 
 
 def marginal_mode(
@@ -380,32 +382,36 @@ def marginal_mode(
     last: tuple[Array, Array] | None = None
     told: tuple[Array, Array] | None = None  # the slope of what linear models lack, and where
     before: _Placed | None = None
-    for turn in range(most):
+    turn = halvings = 0
+    while turn < most:
         rest = along_record.rest(flights, hyper, priors, theta, places)
-        if before is not None and (rest is None or before.rise(theta, rest.cost) > _RISE):
-            before = before._replace(step=0.5 * before.step)  # a step that lost the record
+        if before is not None and halvings < _HALVINGS and (rest is None or before.rise(theta, rest) > _RISE):
+            halvings, before = halvings + 1, before._replace(step=0.5 * before.step)  # a step that lost the record
             theta, places = before.onward(flights, hyper)
             continue
         if rest is None:
             raise FloatingPointError(
                 "a step of the flights at the conditional optimum, or its derivative, is not finite"
             )
+        turn, halvings = turn + 1, 0
         covariance = scipy.linalg.inv(rest.matrix)
         best = replace(begun, theta=theta, flights=rest.flights, covariance=covariance)
         made = marginalise(flights, hyper, priors, best)
         if told is None or length(theta - told[0], covariance) > _SAME_SLOPE:
             told = theta, scipy.linalg.solve_triangular(np.asarray(made.scale).T, laplace.lack(made))
-        tilt = told[1] + mean_correction_slope(made)
-        slope = rest.gradient + tilt
+        correction = mean_correction_slope(made)
+        slope = rest.gradient + told[1] + correction
         if last is not None:
             bends.append((theta - last[0], slope - last[1]))
         step, last = secant_step(slope, covariance, bends), (theta, slope)
         distance = length(step, covariance)
-        say(turn / most, f"marginal mode: cost {rest.cost:.2f}, step {distance:.3f} standard deviations")
-        before = _Placed(theta, rest, tilt, step)
+        say((turn - 1) / most, f"marginal mode: cost {rest.cost:.2f}, step {distance:.3f} standard deviations")
+        before = _Placed(theta, rest, correction, step)
         theta, places = before.onward(flights, hyper)
         if distance < _NEAR:
             break
+    if before is not None and distance > _TRUSTED:  # where that step leads nobody has looked
+        theta, places = before.theta, before.rest.flights
     converged = begun.converged and distance < _NEAR
     return replace(begun, theta=theta, flights=places, covariance=covariance, converged=converged)
 

@@ -21,7 +21,7 @@ from bayeschute.posterior.sampling.protocol import Array, Draws
 
 MOST_K = 0.7
 MOST_RHAT = 1.01
-_EQUAL = 1e-6  # spread of log ratios up to which all weights are the same, and there is no tail
+_EQUAL = 0.05  # spread of log ratios up to which weights are all but the same: they cost less than 0.1 % of the draws
 _LEAST = 25  # ratios of which a tail can be fitted: ArviZ takes a fifth of few, and wants five
 _FALSE_ALARM = 1e-3  # chance that independent draws, as many as there are, are refused by R-hat
 
@@ -34,8 +34,8 @@ def pareto_k(log_ratio: Array) -> float:
             is a weight of zero.
 
     Returns:
-        The shape k; 0 where all ratios are equal, infinity where too few are finite or all of the tail is one value,
-        as of a walk that sticks.
+        The shape k; 0 where all ratios are all but equal, infinity where too few are finite or all of the tail is one
+        value, as of a walk that sticks.
     """
     good = np.ravel(log_ratio)[np.isfinite(np.ravel(log_ratio))]
     if good.size < _LEAST:
