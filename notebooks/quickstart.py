@@ -17,8 +17,8 @@
 # A sonde falls under a small parachute. All that is known of the fall is its altitude, once a second, and not without
 # error. How fast will it be going at the end of the part that we have not looked at yet, and how sure may we be?
 #
-# `bayeschute run` does what follows in one command. Here every step is a call of a public function, so that each can be
-# looked at, and replaced.
+# `bayeschute run` does what follows in one command. Here every step is a call of its own, so that each can be looked
+# at.
 
 # %%
 # %matplotlib inline
@@ -29,25 +29,8 @@ import jax
 import numpy as np
 from numpyro.infer import MCMC, NUTS, init_to_value
 
+import bayeschute as bc
 from bayeschute.atmosphere.standard import standard_density
-from bayeschute.likelihood.channels import descent_data
-from bayeschute.likelihood.disturbances import Latent
-from bayeschute.likelihood.joint import NoiseParameters
-from bayeschute.likelihood.noise import Noise
-from bayeschute.likelihood.priors import Prior
-from bayeschute.posterior import numpyro_model
-from bayeschute.posterior.assess.identifiability import confounding, noise_parameter_labels
-from bayeschute.posterior.fit import find
-from bayeschute.posterior.noise_evidence import NoisePrior
-from bayeschute.posterior.noise_uncertainty import widened
-from bayeschute.posterior.sampler import data_tree, sample
-from bayeschute.prediction import bands
-from bayeschute.prediction.requirement import requirement_check
-from bayeschute.records.clean import clean
-from bayeschute.records.derive import derive
-from bayeschute.records.read import ColumnSpec, read_record
-from bayeschute.records.record import repairs
-from bayeschute.report.figures.record_figures import band_figure
 
 SEED = 1
 
@@ -78,12 +61,13 @@ np.savetxt(file, table, fmt="%.2f", delimiter=",", header="time_s,altitude_m", c
 # ## Reading and cleaning
 #
 # Columns have units; whatever is dropped or derived is listed. The outlier goes, the descent rate is the slope of the
-# altitude, and since the record knows nothing of the air, its density is that of a standard day.
+# altitude, and since the record knows nothing of the air, its density is that of a standard day. Only the first 75 s
+# are fitted; the rest is held out.
 
 # %%
-columns = {"time": ColumnSpec("time_s", "s"), "altitude": ColumnSpec("altitude_m", "m")}
-record = derive(clean(read_record(file, columns), rate_hz=1.0))
-for repair in repairs(record):
+raw = bc.read_record(file, {"time": ("time_s", "s"), "altitude": ("altitude_m", "m")})
+flight = bc.Flight(raw, name="sonde", rate="1 Hz", identify_until="75 s")
+for repair in flight.repairs:
     print(f"{repair.kind:10} {repair.variable:14} {repair.start:5.0f} to {repair.end:3.0f} s  {repair.detail}")
 
 # %% [markdown]
@@ -92,46 +76,44 @@ for repair in repairs(record):
 # The maker's drag area and mass say 0.13 m²/kg, give or take a factor of 1.5. The residual of the descent rate is white
 # noise plus noise that is correlated over some seconds. And the air moves: its vertical speed is an unknown function
 # of time, an Ornstein-Uhlenbeck process. Without it the interval would be far too narrow, since samples that share a
-# gust would count as independent.
+# gust would count as independent. What is given of the noise are medians; how strong it is, the record says.
 
 # %%
-prior = Prior("cds_over_mass", np.log(0.13), 0.4, logarithmic=True, unit="m^2/kg", source="the maker's data sheet")
-residual = Noise(white=np.array([0.3]), correlated=np.array([0.3]), time_constant=np.array([3.0]))
-noise = NoisePrior(NoiseParameters(residual, laws=(np.array([0.5, 30.0]),)))  # sd [m/s], time constant [s]
+prior = bc.Prior("cds_over_mass", np.log(0.13), 0.4, logarithmic=True, unit="m^2/kg", source="the maker's data sheet")
+noise = bc.noise(
+    {
+        "descent_rate": {"white": "0.3 m/s", "correlated": "0.3 m/s", "time_constant": "3 s"},
+        "wind": {"vertical": "0.5 m/s", "time_constant": "30 s"},
+    }
+)
 
 # %% [markdown]
-# ## Fit
+# ## Fit, and draw
 #
-# Only the first 75 s are fitted. `find` looks for the optimum and the noise parameters, and how well these are known.
-# `sample` draws from the posterior in which the motion of the air and the first speed are integrated out and the noise
-# parameters held; `widened` gives every draw noise parameters of its own. The tree has the widened draws as its
-# posterior, and the others in the group `conditional`.
+# `fit` looks for the mode of the marginal posterior (the motion of the air and the first speed integrated out) and for
+# the noise parameters. `sample` draws from that posterior, gives every draw noise parameters of its own, and checks fit
+# and draws. What it returns is an ArviZ tree and more: it can be saved, and asked about other flights.
 
 # %%
-TOLD = 75.0  # [s]
-flight = descent_data(record, Latent(("drift",), ((0, 0),)), until=TOLD)
-found = find([flight], [prior], noise)
-draws = sample(found.marginal, "nuts", chains=4, warmup=100, draws=200, seed=SEED)
-wide = widened(draws.xi, found.noise_effect, found.noise_parameter_covariance, SEED)
-posterior = data_tree(found.marginal, [prior], draws, SEED, ["sonde"], wide=wide)
-drag, held = (posterior[group]["cds_over_mass"].values.ravel() for group in ("posterior", "conditional"))
+fit = bc.fit(flight, bc.Priors.of(prior), noise=noise, seed=SEED)
+posterior = bc.sample(fit, draws=800, chains=4, warmup=100)
+drag = posterior["cds_over_mass"].values.ravel()
 low, high = np.quantile(drag, [0.05, 0.95])
 print(f"C_D S/m: {drag.mean():.4f} m^2/kg, 90 % between {low:.4f} and {high:.4f}; true value {TRUE_DRAG}")
+posterior.checks()[["passed", "value", "bound"]]
 
 # %% [markdown]
 # ## The same density in numpyro
 #
-# `numpyro_model.model` is the density for held noise parameters as a numpyro model: one site per parameter, in its own
-# unit, and JAX gradients all the way through the simulation. So whatever numpyro offers can be tried on it, here its
-# plain NUTS sampler. That needs a simulation and its gradient at every leapfrog step, where `sample` walks on a
-# surrogate and corrects.
+# `numpyro_model` is the density for held noise parameters as a numpyro model: one site per parameter, in its own unit.
+# So whatever numpyro offers can be tried on it, here its plain NUTS sampler, beside the sampler's own draws in the
+# group `conditional`.
 
 # %%
-begin = init_to_value(values=numpyro_model.start(found.marginal, [prior]))
-plain = MCMC(
-    NUTS(numpyro_model.model(found.marginal, [prior]), init_strategy=begin), num_warmup=50, num_samples=200,
-    progress_bar=False,
-)  # fmt: skip
+held = posterior.data["conditional"]["cds_over_mass"].values.ravel()
+begin = init_to_value(values={"cds_over_mass": np.array(drag.mean())})
+kernel = NUTS(bc.numpyro_model(fit), init_strategy=begin)
+plain = MCMC(kernel, num_warmup=50, num_samples=200, progress_bar=False)
 plain.run(jax.random.key(SEED))
 theirs = np.asarray(plain.get_samples()["cds_over_mass"])
 print(f"numpyro: {theirs.mean():.4f} +- {theirs.std():.4f} m^2/kg, ours: {held.mean():.4f} +- {held.std():.4f}")
@@ -140,42 +122,34 @@ print(f"numpyro: {theirs.mean():.4f} +- {theirs.std():.4f} m^2/kg, ours: {held.m
 # ## What the record tells, and what stands in for the drag
 #
 # The record takes nearly all of the prior's variance away. But a slow gust looks like another drag. Had we known the
-# gusts' size and pace exactly, would the answer be much narrower? `confounding` says how much of the variance that
-# makes, and which noise parameter goes most with the drag. A short record hardly tells how strong and how slow the
-# gusts are, so it is about a third. (The report of `bayeschute run` says such things of every parameter.)
+# gusts' size and pace exactly, would the answer be much narrower? A short record hardly tells how strong and how slow
+# the gusts are, so it is about a third.
 
 # %%
 contraction = 1.0 - (np.log(drag).std() / prior.scale) ** 2
-names = noise_parameter_labels(["descent rate"], ["wind"], ["drift"])
-mixed = confounding(
-    np.asarray(found.marginal.scale), found.noise_effect, found.noise_parameter_covariance, [prior], names
-)
-(partner, correlation), share = mixed.strongest()["cds_over_mass"], mixed.share[0]
+told = posterior.identifiability().loc["cds_over_mass"]
+share, partner = told["noise_share"], told["noise_partner"]
 print(f"taken away from the prior's variance: {contraction:.1%}")
-print(f"due to unknown noise parameters: {share:.1%} of the variance; foremost {partner} ({correlation:.2f})")
+print(f"due to unknown noise parameters: {share:.1%} of the variance; foremost {partner}")
 
 # %% [markdown]
 # ## Bands on what was not looked at
 #
-# Every draw of the drag goes with noise parameters of its own (`carried` says what they do to it) and a draw of the
-# air's motion: as the data have it for as long as there are data, and free after that. So the band widens where the
-# data end. The held-out part holds one or two independent gusts, so the share that a single flight has inside its band
-# scatters widely about 90 %; only many flights can tell whether the bands are honest.
+# Every draw of the drag goes with noise parameters of its own and a draw of the air's motion: as the data have it for
+# as long as there are data, and free after that. So the band widens where the data end. The held-out part holds one or
+# two independent gusts, so the share that a single flight has inside its band scatters widely about 90 %; only many
+# flights can tell whether the bands are honest.
 
 # %%
-laws = bands.noise_parameter_draws(found.hyper, found.noise_parameter_covariance, 32, np.random.default_rng(SEED))
-theta = bands.carried(found.marginal, np.log(held)[:, None], laws, found.noise_effect)
-prediction = bands.predict(found.marginal, 0, theta, laws, SEED, told=TOLD)
-time = record["time"].values
-held_out = time > TOLD
-seen = {"descent_rate": record["descent_rate"].values}
-made = bands.dataset(prediction, time, ["descent_rate"], None, seen, held_out, "predict")
-covered = bands.coverage(prediction.draws["descent_rate"], rate, held_out)
+forecast = posterior.predict(flight)
+band, held_out = forecast.band("descent_rate", 0.9), forecast.held_out
+inside = (rate >= band["low"].values) & (rate <= band["high"].values)
+covered = float(inside[held_out].mean())
 print(f"true descent rates of the held-out part inside the 90 % band: {covered:.0%}")
 
 # %%
 LIMIT = 11.0  # [m/s]
-band_figure(made, {"descent_rate": LIMIT})
+forecast.plot({"descent_rate": LIMIT})
 
 # %% [markdown]
 # ## A risk number
@@ -184,16 +158,9 @@ band_figure(made, {"descent_rate": LIMIT})
 # answer is due to the number of draws.
 
 # %%
-risk = requirement_check(
-    prediction.draws["descent_rate"][:, -1],
-    name="speed at the end",
-    quantity="descent_rate",
-    unit="m/s",
-    at_most=LIMIT,
-)
-print(f"P(met) = {risk['probability_met']:.3f}, with {risk['confidence']:.0%} confidence between")
-print(f"{risk['simulation_low']:.3f} and {risk['simulation_high']:.3f}; median {risk['median']:.2f} m/s")
+risk = forecast.probability("descent_rate", statistic="final", at_most=LIMIT)
+print(f"P(met) = {risk.met:.3f}, with {risk.confidence:.0%} confidence between {risk.low:.3f} and {risk.high:.3f}")
 
 # %% [markdown]
 # One flight says nothing about the next one's air or canopy. `models/studies/dropsondes.toml` fits several drops and
-# their population; `models/studies/cdt-3-11.toml` does all of this for a capsule under two canopies.
+# their population; `bc.Study.example()` does all of this for a capsule under two canopies.

@@ -27,11 +27,11 @@ def _values(name: str, expression: str, folder: Path) -> Any:
 
 def test_quickstart(tmp_path: Path):
     expression = """dict(
-        mean=drag.mean(), sd=drag.std(), truth=TRUE_DRAG, covered=covered, risk=risk,
+        mean=drag.mean(), sd=drag.std(), truth=TRUE_DRAG, covered=covered, risk=vars(risk),
         plain=[float(theirs.mean()), float(theirs.std())], held=[float(held.mean()), float(held.std())],
         contraction=contraction, share=share, partner=partner,
-        kinds=[repair.kind for repair in repairs(record)], groups=sorted(posterior.children),
-        widths=[float((made["descent_rate"][-1] - made["descent_rate"][0])[part].mean()) for part in (~held_out, held_out)],
+        kinds=[repair.kind for repair in flight.repairs], groups=sorted(posterior.data.children),
+        widths=[float((band["high"] - band["low"]).values[part].mean()) for part in (~held_out, held_out)],
     )"""
     found = _values("quickstart.py", expression, tmp_path)
     assert abs(found["mean"] - found["truth"]) < 4.0 * found["sd"] < 0.1
@@ -44,7 +44,7 @@ def test_quickstart(tmp_path: Path):
     assert found["widths"][1] > found["widths"][0]
     assert 0.3 < found["covered"] <= 1.0  # one or two independent gusts
     risk = found["risk"]
-    assert 0.0 < risk["simulation_low"] <= risk["probability_met"] <= risk["simulation_high"] <= 1.0
+    assert 0.0 < risk["low"] <= risk["met"] <= risk["high"] <= 1.0
     assert risk["failed"] == 0
 
 

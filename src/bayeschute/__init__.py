@@ -14,7 +14,7 @@ from bayeschute.core.version import __version__
 
 if TYPE_CHECKING:
     from bayeschute.api.beliefs import Priors, Structure
-    from bayeschute.api.inputs import Flight, Flights, Motion, Study, load_vehicle, wind_profile
+    from bayeschute.api.inputs import Flight, Flights, Motion, Study, load_vehicle, noise, wind_profile
     from bayeschute.api.results import Fit, Forecast, Posterior, Probability, Run
     from bayeschute.api.verbs import (
         Coverage,
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 _PLACES = {
     "api.beliefs": ("Priors", "Structure"),
-    "api.inputs": ("Flight", "Flights", "Motion", "Study", "load_vehicle", "wind_profile"),
+    "api.inputs": ("Flight", "Flights", "Motion", "Study", "load_vehicle", "noise", "wind_profile"),
     "api.results": ("Fit", "Forecast", "Posterior", "Probability", "Run"),
     "api.verbs": (
         "Coverage", "calibrate", "fit", "numpyro_model", "read_record", "reconstruct", "run", "sample", "scenarios",
@@ -78,6 +78,7 @@ __all__ = [
     "find_modes",
     "fit",
     "load_vehicle",
+    "noise",
     "numpyro_model",
     "read_record",
     "reconstruct",

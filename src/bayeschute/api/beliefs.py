@@ -111,6 +111,17 @@ class Priors:
         made = of_structure(replace(structure.spec, priors=table), structure.found["coefficients"])
         return cls(tuple(made), table, structure.spec.structure, structure.found)
 
+    @classmethod
+    def of(cls, *parameters: Prior) -> Priors:
+        """Priors one by one.
+
+        Example:
+            >>> drag = bc.Prior("cds_over_mass", -2.0, 0.4, logarithmic=True, unit="m^2/kg", source="data sheet")
+            >>> bc.Priors.of(drag).names
+            ('cds_over_mass',)
+        """
+        return cls(parameters, PriorsTable())
+
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the parameters."""

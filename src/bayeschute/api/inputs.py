@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
+from pydantic import TypeAdapter, ValidationError
 
 from bayeschute.api import html
 from bayeschute.api.beliefs import Priors
@@ -21,6 +22,8 @@ from bayeschute.records.record import Repair, repairs
 from bayeschute.study.job import load_truth
 from bayeschute.study.load import load_study, load_vehicle, usual_study
 from bayeschute.study.schema.belief_schema import NoiseTable
+from bayeschute.study.schema.quantities import Cut, Until
+from bayeschute.study.schema.schema_faults import faults_of
 from bayeschute.study.schema.structure_schema import StructureTable
 from bayeschute.study.schema.vehicle_schema import Vehicle
 from bayeschute.study.schema.wind_schema import ProfileTable
@@ -34,7 +37,7 @@ if TYPE_CHECKING:
     from bayeschute.reduced.cluster_modes import ClusterModes
 
 
-__all__ = ["Flight", "Flights", "Motion", "Study", "load_vehicle", "wind_profile"]
+__all__ = ["Flight", "Flights", "Motion", "Study", "load_vehicle", "noise", "wind_profile"]
 
 
 def wind_profile(altitude: ArrayLike, north: ArrayLike, east: ArrayLike, down: ArrayLike | None = None) -> ProfileTable:
@@ -61,6 +64,28 @@ def wind_profile(altitude: ArrayLike, north: ArrayLike, east: ArrayLike, down: A
     except ValueError as error:
         wanted = "increasing altitudes [m] and as many winds [m/s]"
         raise InputError(Fault("wind_profile", str(error).splitlines()[0], wanted)) from None
+
+
+def noise(tables: Mapping[str, Any]) -> NoiseTable:
+    """Noise of channels and latent disturbances, as ``[noise]`` of a study has them.
+
+    Args:
+        tables: By channel ``{"white": ..., "correlated": ..., "time_constant": ...}``, quantities with their units;
+            latent disturbances such as ``wind`` likewise.
+
+    Raises:
+        InputError: With every fault.
+
+    Example:
+        >>> import bayeschute as bc
+        >>> rate = {"white": "0.3 m/s", "correlated": "0.3 m/s", "time_constant": "3 s"}
+        >>> bc.noise({"descent_rate": rate, "wind": {"vertical": "0.5 m/s", "time_constant": "30 s"}}).model
+        'latent'
+    """
+    try:
+        return NoiseTable.model_validate(dict(tables))
+    except ValidationError as error:
+        raise InputError(faults_of("noise", NoiseTable, error, dict(tables))) from None
 
 
 class Flights(Sequence["Flight"]):
@@ -213,6 +238,7 @@ class Flight:
         window: tuple[str | float, str | float] | None = None,
         rate: str | float | None = None,
         capsule_mass: str | float | None = None,
+        identify_until: str | None = None,
         roles: Sequence[str] = ("structure", "identify"),
     ) -> None:
         """A flight from a record in memory.
@@ -225,6 +251,7 @@ class Flight:
             window: First and last time used, such as ``("5 s", "95 s")``; bare numbers are seconds.
             rate: The record is resampled to this rate [Hz]; None: its own.
             capsule_mass: Replaces the vehicle's [kg].
+            identify_until: Where the part begins that is held out and predicted, such as ``"75 s"`` or ``"65 %"``.
             roles: Of ``structure``, ``identify``, ``predict``.
         """
         usual = usual_study("cluster" if vehicle is not None else "descent")
@@ -235,6 +262,7 @@ class Flight:
             rate=None if rate is None else _si(rate, "Hz"),
             capsule_mass=None if capsule_mass is None else _si(capsule_mass, "kg"),
             wind_profile=wind,
+            identify_until=None if identify_until is None else _cut(identify_until),
         )
         self._set(spec, replace(usual, flights=(spec,), vehicle=vehicle, title=name), record)
 
@@ -322,6 +350,13 @@ class Flight:
         time = record["time"].values
         note = f"{time.size} samples from {time[0]:g} s to {time[-1]:g} s, {len(self.repairs)} repairs"
         return html.table(self.name, ("channel", "shape", "unit", "meaning"), rows, note)
+
+
+def _cut(text: str) -> Cut:
+    try:
+        return TypeAdapter(Until).validate_python(text)
+    except ValidationError as error:
+        raise InputError(Fault("identify_until", repr(text), str(error.errors()[0]["msg"]))) from None
 
 
 def _si(value: str | float, unit: str) -> float:
