@@ -43,10 +43,9 @@ from bayeschute.study.job import Job, load_flight
 from bayeschute.study.run import checkpoint, several_starts, structures
 
 Array = NDArray[np.float64]
-SCORE = 4.0  # standard errors from zero at which a term that was left out is added
-
-
 Say = Callable[[float, str], None]
+SCORE = 4.0  # standard errors from zero at which a term that was left out is added
+NEAR_LIBRARY = 1.0  # standard deviations: as near to its mode as a choice among the terms of a library needs
 
 
 class Fitted(NamedTuple):
@@ -369,7 +368,7 @@ def _searched(
     def tell(share: float, words: str) -> None:
         say(0.5 + 0.1 * share, f"library of terms: {words}")
 
-    mode = marginal_mode(flights, group.priors, library, tell, 4)
+    mode = marginal_mode(flights, group.priors, library, tell, near=NEAR_LIBRARY)
     chosen = choose(group.priors, mode.theta, mode.covariance, may_go)
     say(0.6, f"{int(chosen.kept.sum())} of {chosen.kept.size} parameters kept")
     smaller = replace(group, priors=chosen.priors)
