@@ -47,7 +47,7 @@ def test_many_maps_let_them_go_and_they_are_made_anew(doubling: Doubling) -> Non
 
 FREED = """
 import ctypes, os
-from bayeschute.core.numerics import let_go
+from bayeschute.core.numerics import clear_compiled
 
 def resident():
     with open("/proc/self/statm") as told:
@@ -62,7 +62,7 @@ above = c.malloc(1000)
 for block in blocks:
     c.free(block)
 before = resident()
-let_go(0)
+clear_compiled(0)
 print(before - resident())
 """
 

@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _SIGMAS = 8.0  # steps beyond this many robust standard deviations are outliers, if they also exceed the floors below
-_NEIGHBOURS = 7  # samples on either side of a step that foretell it
+_NEIGHBOURS = 7  # samples on either side of a step that predict it
 _FORESIGHT, _MOST_NEIGHBOURS = 2.0, 200  # before a gap: so long a stretch [s], but at most so many samples
 _BURST = 5  # at most so many samples between two opposite steps are a burst of outliers, not a level
 _AROUND = 30  # steps on either side whose scatter counts, beside that of the whole channel

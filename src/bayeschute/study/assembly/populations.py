@@ -196,11 +196,11 @@ def _named(places: _Places, priors: Mapping[str, Prior], made: Hierarchy) -> dic
 
 
 def by_members(job: Job, group: Group, alone: Stored, flown: bool, draws: int) -> list[tuple[Group, Stored, int]]:
-    """Fits that foretell a flight, what the joined posterior says of its parameters, and how many draws each gives.
+    """Fits that predict a flight, what the joined posterior says of its parameters, and how many draws each gives.
 
     Args:
         job: The run.
-        group: The fit that the flight was part of; any of the study's where there is none, and then all foretell it.
+        group: The fit that the flight was part of; any of the study's where there is none, and then all predict it.
         alone: That fit, as it is kept.
         flown: Whether the flight was fitted.
         draws: Of the flight.
@@ -218,7 +218,7 @@ def by_members(job: Job, group: Group, alone: Stored, flown: bool, draws: int) -
 def _of_members(job: Job, alone: Stored, flown: bool, todo: Sequence[Group], fit: int) -> Stored:
     """A fit with the parameters that the joined posterior gives it, or gives further members of the populations.
 
-    Noise stays that of the fit alone. The draws are in an order of their own, so that fits which foretell one flight
+    Noise stays that of the fit alone. The draws are in an order of their own, so that fits which predict one flight
     together don't all give the same ones.
     """
     made = load_tree(job.out / FILE, Hierarchy)

@@ -196,7 +196,7 @@ def told(job: Job) -> list[dict[str, Any]]:
 
 
 def members(job: Job, group: Group, draws: int) -> list[tuple[Group, int]]:
-    """Fits that foretell a group's flights, and how many of the draws each gives; the group's own where it is alone."""
+    """Fits that predict a group's flights, and how many of the draws each gives; the group's own where it is alone."""
     if not (job.out / FILE).exists():
         return [(group, draws)]
     rows = job.load(FILE)
