@@ -356,7 +356,6 @@ def marginal_mode(
     settled: JointFit,
     progress: Progress | None = None,
     most: int = _MODE_STEPS,
-    near: float = _NEAR,
 ) -> Optimum:
     """From the joint optimum to where cost, log determinant and what the gap adds are least together.
 
@@ -372,7 +371,6 @@ def marginal_mode(
         settled: Where to begin, and the noise parameters.
         progress: Called with a share done and words.
         most: Most steps.
-        near: Length of the last step, in standard deviations.
 
     Returns:
         The mode, start and shocks at their best for it; `converged` is false where steps did not become short.
@@ -410,11 +408,11 @@ def marginal_mode(
         say((turn - 1) / most, f"marginal mode: cost {rest.cost:.2f}, step {distance:.3f} standard deviations")
         before = _Placed(theta, rest, correction, step)
         theta, places = before.onward(flights, hyper)
-        if distance < near:
+        if distance < _NEAR:
             break
     if before is not None and distance > _TRUSTED:  # where that step leads nobody has looked
         theta, places = before.theta, before.rest.flights
-    converged = begun.converged and distance < near
+    converged = begun.converged and distance < _NEAR
     return replace(begun, theta=theta, flights=places, covariance=covariance, converged=converged)
 
 

@@ -48,7 +48,7 @@ def run(tmp_path, monkeypatch):
         size = len(priors)
         return JointFit(_optimum(np.full(size, 7.0), np.eye(size)), HYPER, -float(len(asked)))
 
-    def mode(flights, priors, settled, progress=None, near=0.0):
+    def mode(flights, priors, settled, progress=None, most=0):
         assert settled.evidence == -1.0 and len(priors) == 5  # of the library's fit
         return _optimum(MODE, LAW)
 

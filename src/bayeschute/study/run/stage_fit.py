@@ -43,9 +43,10 @@ from bayeschute.study.job import Job, load_flight
 from bayeschute.study.run import checkpoint, several_starts, structures
 
 Array = NDArray[np.float64]
-Say = Callable[[float, str], None]
 SCORE = 4.0  # standard errors from zero at which a term that was left out is added
-NEAR_LIBRARY = 1.0  # standard deviations: as near to its mode as a choice among the terms of a library needs
+
+
+Say = Callable[[float, str], None]
 
 
 class Fitted(NamedTuple):
@@ -368,7 +369,7 @@ def _searched(
     def tell(share: float, words: str) -> None:
         say(0.5 + 0.1 * share, f"library of terms: {words}")
 
-    mode = marginal_mode(flights, group.priors, library, tell, near=NEAR_LIBRARY)
+    mode = marginal_mode(flights, group.priors, library, tell, 4)
     chosen = choose(group.priors, mode.theta, mode.covariance, may_go)
     say(0.6, f"{int(chosen.kept.sum())} of {chosen.kept.size} parameters kept")
     smaller = replace(group, priors=chosen.priors)
