@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import doctest
+import json
 import subprocess
 import sys
+from dataclasses import replace
 from importlib import import_module
 
 import numpy as np
@@ -117,6 +119,20 @@ def test_bands_widen_with_their_level_and_probabilities_are_shares(forecast):
     assert met.met == pytest.approx(np.mean(final <= limit)) and met.low < met.met < met.high and met.draws == 64
     feet = forecast.probability("descent_rate", statistic="final", at_most=f"{limit / 0.3048!r} ft/s")
     assert feet.met == pytest.approx(met.met, abs=1 / 64)
+
+
+def test_draws_that_are_worth_less_leave_a_probability_more_open(forecast):
+    limit = float(np.median(forecast.statistic("descent_rate", "final").values))
+    fewer = replace(forecast, independent=16)
+    one, other = (f.probability("descent_rate", statistic="final", at_most=limit) for f in (forecast, fewer))
+    assert one.met == other.met and other.low < one.low and one.high < other.high
+
+
+def test_a_run_its_files_and_its_python_say_the_same_of_a_requirement(finished, descents):
+    (row, *_) = json.loads((finished.folder / "risk" / "requirements.json").read_text())
+    run = bc.Run(finished.folder, bc.Study.load(descents.study))
+    told = run.forecasts[row["run"]].probability(row["quantity"], statistic=row["statistic"], at_most=row["at_most"])
+    assert (told.met, told.low, told.high) == (row["probability_met"], row["simulation_low"], row["simulation_high"])
 
 
 @pytest.mark.parametrize(

@@ -23,6 +23,7 @@ from bayeschute.core.units import to_si
 from bayeschute.core.version import __version__
 from bayeschute.posterior.assess.flight_groups import for_loo_pit
 from bayeschute.prediction import bands
+from bayeschute.prediction.flight_statistics import REDUCTIONS
 from bayeschute.prediction.requirement import requirement_check
 from bayeschute.study.archive import study_from_plain, study_to_plain
 from bayeschute.study.assembly.fits import groups, load_fit
@@ -38,7 +39,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
-STATISTICS = {"final": lambda x: x[:, -1], "maximum": lambda x: x.max(axis=1), "mean": lambda x: x.mean(axis=1)}
 _GROUP, _SPEC = "bayeschute", "study"
 
 
@@ -277,7 +277,7 @@ class Posterior:
                 ingest_flight(job, asked, flight.raw)
             foreseen = widened(forecast_flight(job, own or asked), widening(job))
             recorded = recorded_quantities(job, foreseen.flight, foreseen.record)
-        return Forecast.of(foreseen, recorded)
+        return Forecast.of(foreseen, recorded, self._json("checks.json"))
 
     def __repr__(self) -> str:
         """Flights, parameters and draws."""
@@ -345,6 +345,7 @@ class Forecast:
         record: Quantities as the record has them, (time,) each; empty without a record.
         truth: Truth of a virtual drop; None of a measured flight.
         shares: Share of variance by quantity and source.
+        independent: How many independent draws these are worth.
 
     Example:
         >>> band = forecast.band("descent_rate", 0.9)
@@ -358,15 +359,17 @@ class Forecast:
     record: Mapping[str, Array]
     truth: xr.Dataset | None
     shares: Mapping[str, Mapping[str, float]]
+    independent: int
 
     @classmethod
-    def of(cls, foreseen: Any, recorded: Mapping[str, Array]) -> Forecast:
-        """From what a run's stage makes."""
+    def of(cls, foreseen: Any, recorded: Mapping[str, Array], checks: Mapping[str, Any]) -> Forecast:
+        """From what the stages `predict` and `check` of a run make."""
         one = foreseen.prediction
         values = {name: (("draw", "time"), x, {"units": bands.UNITS[name]}) for name, x in one.draws.items()}
         made = xr.Dataset(values, coords={"time": ("time", foreseen.time, {"units": "s"})})
         made.attrs = {"failed": one.failed, "flight": foreseen.flight.name}
-        return cls(foreseen.flight.name, made, foreseen.held_out, recorded, foreseen.truth, one.shares)
+        independent = int(min(*checks["ess_bulk"].values(), made.sizes["draw"]))  # as the stage `risk` counts
+        return cls(foreseen.flight.name, made, foreseen.held_out, recorded, foreseen.truth, one.shares, independent)
 
     @property
     def quantities(self) -> tuple[str, ...]:
@@ -391,9 +394,9 @@ class Forecast:
             quantity: Its name.
             statistic: ``mean``, ``maximum`` or ``final``.
         """
-        if statistic not in STATISTICS:
-            raise InputError(Fault("statistic", repr(statistic), f"one of {', '.join(STATISTICS)}"))
-        values = STATISTICS[statistic](self._values(quantity)[:, self.counted])
+        if statistic not in REDUCTIONS:
+            raise InputError(Fault("statistic", repr(statistic), f"one of {', '.join(REDUCTIONS)}"))
+        values = REDUCTIONS[statistic](self._values(quantity)[:, self.counted])
         return xr.DataArray(values, dims="draw", attrs=self.draws[quantity].attrs, name=f"{statistic} {quantity}")
 
     def band(self, quantity: str, level: float = 0.9) -> xr.Dataset:
@@ -435,7 +438,7 @@ class Forecast:
         most, least = (to_si(limit, unit) if isinstance(limit, str) else limit for limit in (at_most, at_least))
         made = requirement_check(
             samples, name=f"{statistic} {quantity}", quantity=quantity, unit=unit,
-            at_most=most, at_least=least, confidence=confidence,
+            at_most=most, at_least=least, confidence=confidence, independent=self.independent,
         )  # fmt: skip
         low, high = made["simulation_low"], made["simulation_high"]
         return Probability(made["probability_met"], low, high, confidence, made["draws"], made["failed"])
@@ -561,7 +564,8 @@ class _Forecasts(Mapping[str, Forecast]):
             by_name = {f"flights/{path.name}": path.read_bytes() for path in (self._run.folder / "flights").iterdir()}
             with workspace(study, {**collected(self._run.folder), **by_name}) as job:
                 foreseen = widened(forecast_flight(job, flight), widening(job))
-                self._made[name] = Forecast.of(foreseen, recorded_quantities(job, flight, foreseen.record))
+                recorded = recorded_quantities(job, flight, foreseen.record)
+                self._made[name] = Forecast.of(foreseen, recorded, job.load("checks.json"))
         return self._made[name]
 
     def __iter__(self) -> Any:

@@ -30,7 +30,8 @@ def workspace(study: Study, files: Files | None = None, progress: Progress | Non
             path = folder / at
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(content)
-        yield Job(study, folder, False, "", progress or (lambda *_: None), resume=bool(files))
+        drawn_with = str((study.sampler, study.seed))  # draws that a fit has kept serve these sizes and this seed only
+        yield Job(study, folder, False, drawn_with, progress or (lambda *_: None), resume=bool(files))
 
 
 def collected(folder: Path, patterns: tuple[str, ...] = KEPT) -> dict[str, bytes]:

@@ -5,6 +5,8 @@ The end of the record is wherever the record ends, which may be far above the gr
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,6 +20,13 @@ STATISTICS = {
     "mean": "mean over the window that is scored: the part not used in the fit, or all of the record",
 }
 """Statistics that a requirement may be set on, and what each is."""
+
+REDUCTIONS: dict[str, Callable[[Array], Array]] = {
+    "final": lambda values: values[:, -1],
+    "maximum": lambda values: values.max(axis=1),
+    "mean": lambda values: values.mean(axis=1),
+}
+"""Each statistic of values over the window (draw, T): (draw,)."""
 
 UNITS = bands.UNITS | {"horizontal_speed": "m/s"}
 """Unit by quantity."""
@@ -45,8 +54,7 @@ def flight_statistics(prediction: bands.Prediction, counted: NDArray[np.bool_]) 
     """
     found: dict[str, dict[str, Array]] = {name: {} for name in STATISTICS}
     for name, values in prediction.draws.items():
-        part = values[:, counted]
-        found["final"][name], found["maximum"][name] = part[:, -1], part.max(axis=1)
-        found["mean"][name] = part.mean(axis=1)
+        for statistic, reduced in REDUCTIONS.items():
+            found[statistic][name] = reduced(values[:, counted])
     found["final"]["horizontal_speed"] = np.hypot(prediction.last[:, 0], prediction.last[:, 1])
     return found

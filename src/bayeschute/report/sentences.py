@@ -175,9 +175,9 @@ def structure_sentences(facts: Mapping[str, Any]) -> list[str]:
             f"For comparison: {plain(str(null.get('name', 'a null model')))} alone explains {percent(null['r2'])}."
         )
     collinearity = facts.get("collinearity")
-    if isinstance(collinearity, Mapping) and is_number(collinearity.get("max_correlation")) and len(selected) > 1:
-        pair = collinearity.get("pair")
-        between = f" ({' and '.join(map(str, pair))})" if isinstance(pair, list | tuple) and pair else ""
+    pair = collinearity.get("pair") if isinstance(collinearity, Mapping) else None
+    if isinstance(collinearity, Mapping) and isinstance(pair, list | tuple) and any(pair):  # else the constant, and one
+        between = f" ({' and '.join(map(str, pair))})"
         flagged = "they are hard to tell apart" if collinearity.get("flagged") else "they can be told apart"
         found.append(
             f"Greatest correlation between two kept terms: {number(collinearity['max_correlation'], 2)}{between}, "

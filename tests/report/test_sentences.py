@@ -1,0 +1,16 @@
+"""Sentences of the report that are made from numbers."""
+
+from __future__ import annotations
+
+from bayeschute.report.sentences import structure_sentences
+
+
+def _of(pair):
+    return structure_sentences(
+        {"selected": [{}, {}], "collinearity": {"max_correlation": 0.4, "pair": pair, "max_vif": 1.2}}
+    )
+
+
+def test_a_correlation_is_told_only_of_two_terms_beside_the_constant():
+    assert any("Greatest correlation between two kept terms: 0.40 (e and rate)" in line for line in _of(["e", "rate"]))
+    assert not any("correlation" in line for line in _of(["", ""]))
