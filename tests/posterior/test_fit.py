@@ -125,7 +125,7 @@ def test_the_mode_is_found_far_from_the_joint_optimum(descent, monkeypatch):
     def bent(made):
         """Slope of 6 per standard deviation at the joint optimum, of half that at two standard deviations."""
         away = np.linalg.solve(factor, np.asarray(made.centre) - start)
-        return 6.0 * np.exp(away * np.log(2.0) / 2.0)
+        return laplace.Lack(6.0 * np.exp(away * np.log(2.0) / 2.0), np.zeros((1, 1)))
 
     monkeypatch.setattr(laplace, "lack", bent)
     best = finding.marginal_mode(descent.flights, descent.priors, settled)
@@ -142,7 +142,7 @@ def test_the_mode_is_found_across_a_slope_much_flatter_than_gauss_newton_expects
 
     def flat(made):
         away = np.linalg.solve(factor, np.asarray(made.centre) - start)
-        return share * (away - mode) - away
+        return laplace.Lack(share * (away - mode) - away, np.zeros((1, 1)))
 
     monkeypatch.setattr(laplace, "lack", flat)
     best = finding.marginal_mode(descent.flights, descent.priors, settled)

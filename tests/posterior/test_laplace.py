@@ -36,6 +36,22 @@ def gusty(descent, felt_flight):
     return flight, hyper, priors, made, corrected(made)[0]
 
 
+def test_the_information_in_covariances_is_fishers(gusty):
+    """One output: half the sum of squared slopes of the logarithm of the innovations' variance."""
+    *_, made = gusty
+    h = 1e-3
+    (flight,), (along,) = made.flights, made.along
+
+    def log_variance(xi):
+        theta, shift = shifted(made, np.array([xi]))
+        linear = laplace._brought(made, theta, shift)[0]
+        return 2.0 * np.log(np.asarray(laplace._gains(flight, made.hyper, linear.without_theta()).root)[:, 0, 0])
+
+    slope = (log_variance(h) - log_variance(-h)) / (2.0 * h)
+    found = lack(made, h).information[0, 0]
+    assert found == pytest.approx(0.5 * slope @ slope, rel=0.01) and found > 0.01
+
+
 def _plain(marginal):
     """The posterior without its corrections."""
     none = Quadratic.none(np.size(marginal.centre))
@@ -62,7 +78,7 @@ def test_it_is_the_dense_marginal_density_where_all_is_linear(linear, straight):
 
 
 def test_nothing_is_lacking_where_all_is_linear(straight):
-    np.testing.assert_allclose(lack(straight), 0.0, atol=1e-6)
+    np.testing.assert_allclose(lack(straight).slope, 0.0, atol=1e-6)
     made, ahead = corrected(straight)
     np.testing.assert_allclose(ahead, 0.0, atol=1e-6)
     for part in (*made.determinant, *made.bend):
@@ -130,8 +146,8 @@ def test_what_lacks_slopes_as_the_polynomials_do(which, request):
     made, h = request.getfixturevalue(which), 0.2
     made = made[-1] if which == "gusty" else made
     rest = corrected(made, h)[0].rest
-    assert lack(made, h)[0] == pytest.approx(rest.slope[0] + 0.5 * h * rest.curvature[0, 0], abs=0.01)
-    assert lack(made, -h)[0] == pytest.approx(rest.slope[0] - 0.5 * h * rest.curvature[0, 0], abs=0.01)
+    assert lack(made, h).slope[0] == pytest.approx(rest.slope[0] + 0.5 * h * rest.curvature[0, 0], abs=0.01)
+    assert lack(made, -h).slope[0] == pytest.approx(rest.slope[0] - 0.5 * h * rest.curvature[0, 0], abs=0.01)
 
 
 def test_the_way_ahead_leads_to_the_mode(falling):
@@ -164,7 +180,8 @@ def _limited(monkeypatch, least, most):
 def test_the_slope_is_taken_to_the_side_on_which_flights_fly(falling, monkeypatch):
     down = lack(falling, -0.2)
     _limited(monkeypatch, -1.0, 0.1)
-    np.testing.assert_allclose(lack(falling), down, rtol=1e-9)
+    for found, wanted in zip(lack(falling), down, strict=True):
+        np.testing.assert_allclose(found, wanted, rtol=1e-9)
     _limited(monkeypatch, -0.1, 0.1)
     with pytest.raises(FloatingPointError, match="both sides"):
         lack(falling)
@@ -210,7 +227,11 @@ def test_the_determinant_has_products_of_axes(straight, monkeypatch, fails, prod
         return np.nan if failed else slope @ xi + 0.5 * xi @ curvature @ xi
 
     monkeypatch.setattr(laplace, "at", lambda marginal, xi: real(marginal, xi)._replace(determinant=7.0 + value(xi)))
-    monkeypatch.setattr(laplace, "_values", lambda marginal, points: np.array([[0.0, value(x)] for x in points]))
+    monkeypatch.setattr(
+        laplace,
+        "_values",
+        lambda marginal, points: laplace._Values(np.array([[0.0, value(x)] for x in points]), np.zeros((0, 0))),
+    )
     made = corrected(straight, crossed=crossed)[0].determinant
     kept = product if crossed else 0.0
     np.testing.assert_allclose(made.slope, slope, atol=1e-9)

@@ -33,7 +33,7 @@ def made(short):
 def test_a_descent_against_brute_force_integration(short, made, quadrature):
     """The integral over six unknowns; without the determinant the marginal is visibly wrong, with it right."""
     flight, hyper, priors = short
-    tilt = replace(made, determinant=Quadratic(laplace.lack(made), np.zeros((1, 1))))
+    tilt = replace(made, determinant=Quadratic(laplace.lack(made).slope, np.zeros((1, 1))))
     right, _ = laplace.corrected(made)
     grid = np.linspace(-2.0, 2.0, 5)
     theta = np.asarray(made.theta(grid[None]))

@@ -46,7 +46,7 @@ def covariance():
 def _mode(descent, hyper, theta):
     """The mode of the marginal posterior of two descents."""
     best = fit(descent.flights, hyper, descent.priors, theta, tolerance=1e-4)
-    slope = lack(marginalise(descent.flights, hyper, descent.priors, best))
+    slope = lack(marginalise(descent.flights, hyper, descent.priors, best)).slope
     tilt = np.linalg.solve(np.linalg.cholesky(best.covariance).T, slope)
     return fit(descent.flights, hyper, descent.priors, best.theta, best.unknowns, tolerance=1e-4, tilt=tilt)
 

@@ -300,6 +300,40 @@ def _settle_along(
     return JointFit(best, hyper, value)
 
 
+def carried_over(
+    flights: Sequence[FlightData],
+    priors: Sequence[Prior],
+    prior: NoisePrior,
+    larger: JointFit,
+    theta: Array,
+    at: Sequence[Lifted],
+) -> JointFit | None:
+    """A fit of a smaller model at the place where a larger one has led, with the noise parameters of that one.
+
+    The marginal mode of a model can lie a hundred standard deviations from its joint optimum; where one of a larger
+    model is known, the way through the joint optimum of the smaller one and back is spared.
+
+    Args:
+        flights: Records, for the parameters of the smaller model.
+        priors: Priors of its parameters.
+        prior: Priors of the noise parameters.
+        larger: The fit of the larger model.
+        theta: Parameters of the smaller one there, working coordinates (P,).
+        at: Start, shocks and path of every flight there.
+
+    Returns:
+        The fit, no joint optimum but a place to seek the marginal mode from; None where flights don't follow the record.
+    """
+    rest = along_record.rest(flights, larger.hyper, priors, theta, at)
+    if rest is None or not rest.defect < _FEW_DEFECTS:
+        return None
+    found = replace(
+        larger.optimum, theta=theta, flights=rest.flights, covariance=scipy.linalg.inv(rest.matrix), cost=rest.cost
+    )
+    evidence = noise_evidence.function_of(flights, found.linear(flights), priors, prior)
+    return JointFit(found, larger.hyper, evidence(noise_evidence.to_vector(larger.hyper))[0])
+
+
 def joint(
     flights: Sequence[FlightData],
     hyper: NoiseParameters,
@@ -333,6 +367,26 @@ def _optimum(made: LiftedFit) -> Optimum:
     return Optimum(made.theta, made.flights, made.covariance, last.cost, made.converged, len(rows), last.step, trace)
 
 
+class _Lacking(NamedTuple):
+    """What the linear models about a point lack (`laplace.Lack`), by theta.
+
+    Attributes:
+        theta: The point (P,).
+        slope: (P,).
+        information: (P, P).
+    """
+
+    theta: Array
+    slope: Array
+    information: Array
+
+    @classmethod
+    def at(cls, made: Marginal) -> _Lacking:
+        """At the centre of a posterior."""
+        lack, inverse = laplace.lack(made), np.linalg.inv(np.asarray(made.scale))
+        return cls(np.asarray(made.centre), inverse.T @ lack.slope, inverse.T @ lack.information @ inverse)
+
+
 class _Placed(NamedTuple):
     """A point at rest on the way to the marginal mode, what the mean correction adds to the slope, and the step on."""
 
@@ -356,6 +410,7 @@ def marginal_mode(
     settled: JointFit,
     progress: Progress | None = None,
     most: int = _MODE_STEPS,
+    near: float = _NEAR,
 ) -> Optimum:
     """From the joint optimum to where cost, log determinant and what the gap adds are least together.
 
@@ -371,6 +426,7 @@ def marginal_mode(
         settled: Where to begin, and the noise parameters.
         progress: Called with a share done and words.
         most: Most steps.
+        near: Length of the last step, in standard deviations.
 
     Returns:
         The mode, start and shocks at their best for it; `converged` is false where steps did not become short.
@@ -380,7 +436,7 @@ def marginal_mode(
     theta, places, covariance = begun.theta, begun.flights, begun.covariance
     bends: list[tuple[Array, Array]] = []
     last: tuple[Array, Array] | None = None
-    told: tuple[Array, Array] | None = None  # the slope of what linear models lack, and where
+    lacking: _Lacking | None = None
     before: _Placed | None = None
     turn = halvings = 0
     while turn < most:
@@ -397,10 +453,11 @@ def marginal_mode(
         covariance = scipy.linalg.inv(rest.matrix)
         best = replace(begun, theta=theta, flights=rest.flights, covariance=covariance)
         made = marginalise(flights, hyper, priors, best)
-        if told is None or length(theta - told[0], covariance) > _SAME_SLOPE:
-            told = theta, scipy.linalg.solve_triangular(np.asarray(made.scale).T, laplace.lack(made))
+        if lacking is None or length(theta - lacking.theta, covariance) > _SAME_SLOPE:
+            lacking = _Lacking.at(made)
+        covariance = scipy.linalg.inv(rest.matrix + lacking.information)
         correction = mean_correction_slope(made)
-        slope = rest.gradient + told[1] + correction
+        slope = rest.gradient + lacking.slope + correction
         if last is not None:
             bends.append((theta - last[0], slope - last[1]))
         step, last = secant_step(slope, covariance, bends), (theta, slope)
@@ -408,11 +465,11 @@ def marginal_mode(
         say((turn - 1) / most, f"marginal mode: cost {rest.cost:.2f}, step {distance:.3f} standard deviations")
         before = _Placed(theta, rest, correction, step)
         theta, places = before.onward(flights, hyper)
-        if distance < _NEAR:
+        if distance < near:
             break
     if before is not None and distance > _TRUSTED:  # where that step leads nobody has looked
         theta, places = before.theta, before.rest.flights
-    converged = begun.converged and distance < _NEAR
+    converged = begun.converged and distance < near
     return replace(begun, theta=theta, flights=places, covariance=covariance, converged=converged)
 
 

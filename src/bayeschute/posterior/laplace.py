@@ -132,12 +132,25 @@ def at(marginal: Marginal, xi: Array) -> Laplace:
     return Laplace(square, np.asarray(marginal.scale).T @ gradient, determinant, tuple(places))
 
 
-def _values(marginal: Marginal, points: Array) -> Array:
-    """Half the squares, and log determinants, at points (N, P), both less those at theta_0 (N, 2)."""
+class _Values(NamedTuple):
+    """Half the squares and log determinants, both less those at theta_0 (N, 2), and how covariances change.
 
-    def one(xi: Array) -> list[float]:
+    Attributes:
+        value: (N, 2).
+        change: Covariances of the innovations less those at theta_0, in whose factors they are expressed; entries of
+            all samples of all flights in one row (N, E), empty where not asked for.
+    """
+
+    value: Array
+    change: Array
+
+
+def _values(marginal: Marginal, points: Array, changes: bool = False) -> _Values:
+    """The marginal log density at points (N, P); the first row is theta_0's own."""
+
+    def one(xi: Array) -> tuple[list[float], list[Array]]:
         theta, shift = shifted(marginal, jnp.asarray(xi))
-        made = [_under_prior(marginal, theta)[0], 0.0]
+        made, roots = [_under_prior(marginal, theta)[0], 0.0], list[Array]()
         brought = _brought(marginal, theta, shift)
         for flight, along, linear in zip(marginal.flights, marginal.along, brought, strict=True):
             linear = linear.without_theta()
@@ -145,11 +158,18 @@ def _values(marginal: Marginal, points: Array) -> Array:
             there = _gap(flight, marginal.hyper, along, theta, gains, linear.driven)
             square, _, determinant = _squares(gains, linear, there)
             made = [made[0] + float(square), made[1] + float(determinant)]
-        return made
+            roots.append(np.asarray(gains.root) if changes else np.zeros((0, 1, 1)))
+        return made, roots
 
     with ThreadPoolExecutor(processors()) as pool:
-        found = np.array(list(pool.map(one, [0.0 * points[0], *points])))
-    return found[1:] - found[0]
+        found = list(pool.map(one, [0.0 * points[0], *points]))
+    values, first = np.array([value for value, _ in found]), found[0][1]
+    inverse = [np.linalg.inv(root) for root in first]
+    rows = []
+    for _, roots in found[1:]:
+        units = [a @ b for a, b in zip(inverse, roots, strict=True)]
+        rows.append(np.concatenate([(u @ np.swapaxes(u, 1, 2) - np.eye(u.shape[1])).ravel() for u in units]))
+    return _Values(values[1:] - values[0], np.array(rows))
 
 
 def _own(marginal: Marginal, points: Array) -> Array:
@@ -159,8 +179,22 @@ def _own(marginal: Marginal, points: Array) -> Array:
     return 0.5 * np.asarray(squares[1:] - squares[0])
 
 
-def lack(marginal: Marginal, step: float = 0.2) -> Array:
-    """Slope at theta_0 of what the linear models lack, in standard coordinates (P,), by one-sided differences.
+class Lack(NamedTuple):
+    """What the linear models lack of the marginal log density at theta_0, in standard coordinates.
+
+    Attributes:
+        slope: Of minus the log density (P,).
+        information: Fisher information that the data have on the parameters through the covariances of the innovations
+            alone, ``1/2 tr(S^-1 dS_i S^-1 dS_j)`` summed over samples (P, P) (Harvey 1989, section 3.4.5). It is what
+            the curvature of the log determinant and of the squares by their covariances is on average.
+    """
+
+    slope: Array
+    information: Array
+
+
+def lack(marginal: Marginal, step: float = 0.2) -> Lack:
+    """Slope of what the linear models lack, and the information in covariances, by one-sided differences.
 
     Where a flight beside the optimum fails, the difference is taken to the other side.
 
@@ -169,16 +203,17 @@ def lack(marginal: Marginal, step: float = 0.2) -> Array:
     """
     axes = np.eye(np.size(marginal.centre))
 
-    def slopes(points: Array, by: float) -> Array:
-        return np.asarray((_values(marginal, points).sum(axis=1) - _own(marginal, points)) / by)
+    def slopes(points: Array, by: float) -> tuple[Array, Array]:
+        found = _values(marginal, points, changes=True)
+        return (found.value.sum(axis=1) - _own(marginal, points)) / by, found.change / by
 
-    found = slopes(step * axes, step)
-    lost = ~np.isfinite(found)
+    slope, change = slopes(step * axes, step)
+    lost = ~np.isfinite(slope)
     if lost.any():
-        found[lost] = slopes(-step * axes[lost], -step)
-    if not np.isfinite(found).all():
+        slope[lost], change[lost] = slopes(-step * axes[lost], -step)
+    if not np.isfinite(slope).all():
         raise FloatingPointError("flights to both sides of the optimum fail: the log density has no slope there")
-    return found
+    return Lack(slope, 0.5 * change @ change.T)
 
 
 def corrected(marginal: Marginal, step: float = 1.0, crossed: int = _CROSSED) -> tuple[Marginal, Array | None]:
@@ -240,7 +275,7 @@ def _polynomial(marginal: Marginal, up: Array, down: Array, h: Array, crossed: i
         if not left.size:
             break
         i, j = left.T
-        corners = _values(marginal, sign * (np.diag(h)[i] + np.diag(h)[j]))[:, 1]
+        corners = _values(marginal, sign * (np.diag(h)[i] + np.diag(h)[j])).value[:, 1]
         mixed = (corners - side[i] - side[j]) / (h[i] * h[j])
         known = np.isfinite(mixed)
         curvature[i[known], j[known]] = curvature[j[known], i[known]] = mixed[known]
@@ -282,4 +317,4 @@ def error(marginal: Marginal, points: int, rng: np.random.Generator) -> float:
     """
     xi = rng.standard_normal((points, np.size(marginal.centre)))
     rest = np.asarray(marginal.rest.at(jnp.asarray(xi.T)))
-    return float(np.sqrt(np.mean((_values(marginal, xi).sum(axis=1) - _own(marginal, xi) - rest) ** 2)))
+    return float(np.sqrt(np.mean((_values(marginal, xi).value.sum(axis=1) - _own(marginal, xi) - rest) ** 2)))

@@ -43,7 +43,7 @@ from bayeschute.posterior.joint_mode import Optimum, conditional
 
 Array = NDArray[np.float64]
 _CORRECTIONS = 1
-_MOST_BENT, _PRICE, _ROUNDING = 0.25, 100.0, 1e-3  # see `out_of_range`
+_MOST_BENT, _PRICE, _ROUNDING = 0.05, 100.0, 1e-3  # see `out_of_range`
 BATCH = 64
 
 

@@ -31,6 +31,7 @@ from bayeschute.posterior.surrogate import Surrogate, build
 Array = NDArray[np.float64]
 Progress = Callable[[float, str], None]
 WIDENED = "unconditional: the sampler's own, widened by the uncertainty of the noise parameters"
+_TEMPERATURES = (1.1, 1.3)  # of the surrogate that proposes, tried in turn
 _LAST_STEPS = 1000  # of emcee's ensembles where all else failed: hours would not make such draws good
 
 
@@ -85,26 +86,40 @@ def sample(
         return by_emcee()
     rng = stream(seed, "points of the surrogate")
     surrogate, failed = build(lambda xi: in_batches(in_range, xi), marginal.rest, rng)
-    density = jax.tree_util.Partial(Surrogate.log_density, surrogate)
-    made = delayed_acceptance.corrected(exact, density, parameters, chains, warmup, draws, seed, progress=tell(kind))
+    tried: list[Draws] = []
+    reasons: list[str] = []
     lost = sum(int(along.lost) for along in marginal.along)
-    notes = [f"{failed} simulations failed while the surrogate was built"] if failed else []
+    notes = (
+        [f"{failed} of the places where the surrogate was fitted failed, or lie out of the linear models' range"]
+        if failed
+        else []
+    )
     if lost:
         notes.append(f"{lost} pairs of simulations under drawn disturbances failed and are not in the mean flight")
-    reason = why_not_trusted(made)
-    if not reason:
-        return replace(made, notes=(*made.notes, *notes))
-    words = f"Draws by NUTS on a surrogate failed their check ({reason}); "
+
+    def with_all(made: Draws, *words: str) -> Draws:
+        """The draws with what all samplers together have spent, and notes."""
+        failures, evaluations = sum(one.failed for one in tried), sum(one.evaluations for one in tried)
+        return replace(made, failed=failures, evaluations=evaluations, notes=(*made.notes, *notes, *words))
+
+    for temperature in _TEMPERATURES:
+        density = jax.tree_util.Partial(Surrogate.log_density, replace(surrogate, temperature=temperature))
+        tried.append(
+            delayed_acceptance.corrected(exact, density, parameters, chains, warmup, draws, seed, progress=tell(kind))
+        )
+        reasons.append(why_not_trusted(tried[-1]))
+        if not reasons[-1]:
+            return with_all(tried[-1])
+    words = f"Draws by NUTS on a surrogate failed their check ({reasons[0]}; on a flatter one {reasons[1]}); "
     other, why = by_population()
-    tried = [made] if other is None else [made, other]
+    if other is not None:
+        tried.append(other)
     if other is None or why:
         words += f"so did those of an independence sampler ({why}); emcee drew instead"
-        other = by_emcee(_LAST_STEPS)
-        tried.append(other)
+        tried.append(by_emcee(_LAST_STEPS))
     else:
         words += "an independence sampler drew instead"
-    failures, evaluations = sum(one.failed for one in tried), sum(one.evaluations for one in tried)
-    return replace(other, failed=failures, evaluations=evaluations, notes=(*other.notes, *notes, words))
+    return with_all(tried[-1], words)
 
 
 def data_tree(

@@ -25,14 +25,23 @@ Array = NDArray[np.float64]
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Surrogate:
-    """``log density = -1/2 |factor @ monomials(xi)|^2 - rest``; `factor` is (M, M), M = 1 + P + P (P + 1)/2."""
+    """``log density = -(1/2 |factor @ monomials(xi)|^2 + rest) / temperature``.
+
+    Attributes:
+        factor: (M, M), M = 1 + P + P (P + 1)/2.
+        rest: What the density is besides the squares.
+        temperature: Above 1, the density is flatter than the fitted one: what proposes has to have the heavier tails,
+            and a quartic polynomial falls faster than a density that flattens out, as along a stiff riser's stiffness.
+    """
 
     factor: Component
     rest: Quadratic
+    temperature: Component = 1.0
 
     def log_density(self, xi: jax.Array) -> jax.Array:
         """Surrogate log density at standard coordinates (P, ...), up to a constant."""
-        return -0.5 * jnp.sum((self.factor @ monomials(xi)) ** 2, axis=0) - self.rest.at(xi)
+        squares = 0.5 * jnp.sum((self.factor @ monomials(xi)) ** 2, axis=0)
+        return -(squares + self.rest.at(xi)) / self.temperature
 
 
 def monomials(xi: jax.Array) -> jax.Array:

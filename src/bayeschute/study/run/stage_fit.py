@@ -27,6 +27,7 @@ from bayeschute.posterior.fit import (
     JointFit,
     LaplaceFit,
     NoJointFitError,
+    carried_over,
     joint_fit,
     marginal_fit,
     marginal_mode,
@@ -43,6 +44,7 @@ from bayeschute.study.job import Job, load_flight
 from bayeschute.study.run import checkpoint, several_starts, structures
 
 Array = NDArray[np.float64]
+_LIBRARY_NEAR = 1.0  # standard deviations of the last step to the library's mode: terms are weighed there
 SCORE = 4.0  # standard errors from zero at which a term that was left out is added
 
 
@@ -369,12 +371,17 @@ def _searched(
     def tell(share: float, words: str) -> None:
         say(0.5 + 0.1 * share, f"library of terms: {words}")
 
-    mode = marginal_mode(flights, group.priors, library, tell, 4)
+    mode = marginal_mode(flights, group.priors, library, tell, near=_LIBRARY_NEAR)
     chosen = choose(group.priors, mode.theta, mode.covariance, may_go)
     say(0.6, f"{int(chosen.kept.sum())} of {chosen.kept.size} parameters kept")
     smaller = replace(group, priors=chosen.priors)
-    begin = (chosen.theta, mode.flights, library.hyper)
-    settled = _joint(job, smaller, prior, lambda s, w: say(0.6 + 0.4 * s, w), begin)
+    settled: JointFit | None = None
+    if job.study.sampler.starts is None:
+        some = [data_of(job, f, smaller.priors) for f in smaller.flights]
+        settled = carried_over(some, smaller.priors, prior, library, chosen.theta, mode.flights)
+    if settled is None:
+        begin = (chosen.theta, mode.flights, library.hyper)
+        settled = _joint(job, smaller, prior, lambda s, w: say(0.6 + 0.4 * s, w), begin)
     _revise(job, chosen.priors)
     return smaller, settled, chosen.evidence
 
