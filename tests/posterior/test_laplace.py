@@ -40,7 +40,7 @@ def test_the_information_in_covariances_is_fishers(gusty):
     """One output: half the sum of squared slopes of the logarithm of the innovations' variance."""
     *_, made = gusty
     h = 1e-3
-    (flight,), (along,) = made.flights, made.along
+    (flight,) = made.flights
 
     def log_variance(xi):
         theta, shift = shifted(made, np.array([xi]))

@@ -322,7 +322,7 @@ def carried_over(
         at: Start, shocks and path of every flight there.
 
     Returns:
-        The fit, no joint optimum but a place to seek the marginal mode from; None where flights don't follow the record.
+        A place to seek the marginal mode from, no joint optimum; None where flights don't follow the record.
     """
     rest = along_record.rest(flights, larger.hyper, priors, theta, at)
     if rest is None or not rest.defect < _FEW_DEFECTS:
