@@ -1,8 +1,8 @@
 """bayeschute: probabilistic identification of parachute clusters from flight records.
 
 ``import bayeschute as bc`` is the door: nouns (`Study`, `Flight`, `Structure`, `Priors`, `Fit`, `Posterior`,
-`Forecast`, `Run`, `Coverage`) and verbs (`read_record`, `reconstruct`, `select_structure`, `fit`, `sample`, `run`,
-`calibrate`, ...). Names are imported when they are first used, so that the import itself is quick.
+`Forecast`, `Landings`, `Run`, `Coverage`) and verbs (`read_record`, `reconstruct`, `select_structure`, `fit`,
+`sample`, `run`, `calibrate`, ...). Names are imported when they are first used, so that the import itself is quick.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from bayeschute.core.version import __version__
 if TYPE_CHECKING:
     from bayeschute.api.beliefs import Priors, Structure
     from bayeschute.api.inputs import Flight, Flights, Motion, Study, load_vehicle, noise, wind_profile
+    from bayeschute.api.landings import Landings
     from bayeschute.api.results import Fit, Forecast, Posterior, Probability, Run
     from bayeschute.api.verbs import (
         Coverage,
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
 _PLACES = {
     "api.beliefs": ("Priors", "Structure"),
     "api.inputs": ("Flight", "Flights", "Motion", "Study", "load_vehicle", "noise", "wind_profile"),
+    "api.landings": ("Landings",),
     "api.results": ("Fit", "Forecast", "Posterior", "Probability", "Run"),
     "api.verbs": (
         "Coverage", "calibrate", "fit", "numpyro_model", "read_record", "reconstruct", "run", "sample", "scenarios",
@@ -64,6 +66,7 @@ __all__ = [
     "Flights",
     "Forecast",
     "InputError",
+    "Landings",
     "Motion",
     "Posterior",
     "Prior",

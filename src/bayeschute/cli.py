@@ -187,6 +187,36 @@ def predict(
         say(f"Results are in {folder}")
 
 
+@app.command(name="land")
+def land_command(
+    posterior: Annotated[Path, typer.Argument(metavar="POSTERIOR", help="From `bayeschute fit`.", show_default=False)],
+    campaign: Annotated[Path, typer.Argument(metavar="CAMPAIGN", help="Campaign file (TOML).", show_default=False)],
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Results.  [default: runs/NAME of the campaign file]")
+    ] = None,
+    landings: Annotated[
+        int | None, typer.Option(min=64, max=10_000_000, help="At most so many, in place of the campaign's number.")
+    ] = None,
+    data: DataDir = None,
+    workers: Workers = 1,
+    dask: DaskAddress = None,
+) -> None:
+    """Landings to the ground by a stored posterior: how likely they meet their limits, and how sure that is."""
+    folder = out or Path("runs") / campaign.stem
+    with told("Finished batches are kept; the same command goes on."):
+        _free_folder(folder)
+        from bayeschute.study.landing_campaign.campaign_file import load_campaign
+
+        load_campaign(campaign, data)  # before anything slow is imported
+        from bayeschute.api.landing_command import Asked, land_file
+
+        with Bars() as bars:
+            made = land_file(posterior, campaign, folder, Asked(landings, workers, dask), data, bars)
+        for line in made:
+            say(line)
+        say(f"Results are in {folder}")
+
+
 def _summary_of(folder: Path) -> dict[str, Any]:
     """summary.json of a run; empty where there is none."""
     import json

@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 
 from bayeschute.api import html
 from bayeschute.api.inputs import Flight, Study
+from bayeschute.api.landing_verb import Winds, campaign_of, drawn_from, land
+from bayeschute.api.landings import Landings
 from bayeschute.api.workspace import KEPT, Files, collected, workspace
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.core.files import write_whole
@@ -28,10 +30,12 @@ from bayeschute.prediction.requirement import requirement_check
 from bayeschute.study.archive import study_from_plain, study_to_plain
 from bayeschute.study.assembly.fits import groups, load_fit
 from bayeschute.study.evidence.recalibrate import widening
+from bayeschute.study.job import Progress
 from bayeschute.study.run.forecasts import forecast_flight, widened
 from bayeschute.study.run.stage_data import ingest_flight
 from bayeschute.study.run.stage_fit import Fitted
 from bayeschute.study.run.stage_results import recorded_quantities
+from bayeschute.study.schema.vehicle_schema import Vehicle
 from bayeschute.study.stage_keys import ARTEFACT_VERSION
 from bayeschute.study.study import Study as StudySpec
 
@@ -278,6 +282,41 @@ class Posterior:
             foreseen = widened(forecast_flight(job, own or asked), widening(job))
             recorded = recorded_quantities(job, foreseen.flight, foreseen.record)
         return Forecast.of(foreseen, recorded, self._json("checks.json"))
+
+    def land(
+        self,
+        vehicle: Vehicle | None = None,
+        winds: Winds = None,
+        draws: int = 100_000,
+        *,
+        start: Mapping[str, Any] | None = None,
+        seed: int | None = None,
+        workers: int = 1,
+        folder: Path | str | None = None,
+        progress: Progress | None = None,
+        **tables: Any,
+    ) -> Landings:
+        """Landings to the ground: joint draws of parameters, winds, gusts, starts and canopies.
+
+        Args:
+            vehicle: That lands; None: that of the posterior.
+            winds: Winds by altitude from `wind_profile`, one or many, each as likely as any other; or the entries of
+                ``[wind]`` of a campaign file. None: calm, with gusts as the posterior knows them.
+            draws: Landings; they take 200 draws of the parameters in turn, unless `tables` says ``draws``.
+            start: Entries of ``[start]`` of a campaign file that differ from a steady descent from 1200 m.
+            seed: Of all random numbers; the study's where None.
+            workers: Local processes; 1: this one.
+            folder: Where batches are kept as they come, so that the same call goes on after it was stopped.
+            progress: Called with a name, the share done and words.
+            **tables: Other entries of a campaign file, such as ``ground={"altitude": "1200 m"}``; with a
+                ``requirement``, landings end as soon as it is decided.
+
+        Raises:
+            InputError: With every fault, or if the posterior is of a point mass.
+        """
+        campaign = campaign_of(vehicle, winds, draws, start, self.spec.seed if seed is None else seed, **tables)
+        plan = drawn_from(campaign, self.spec, self.files)
+        return land(campaign, plan, None if folder is None else Path(folder), workers, progress=progress)
 
     def __repr__(self) -> str:
         """Flights, parameters and draws."""

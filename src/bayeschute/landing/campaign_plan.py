@@ -1,8 +1,8 @@
 """A campaign of landings as numbers: what they are drawn from, which of them, and how they are flown.
 
-A landing is five whole numbers: its draw of the parameters, its wind, start, gusts and canopies. Each begins a stream of
-random numbers of its own, so a landing is the same in whatever batch, process or order it is flown, and landings that
-share some of the five differ in the others alone.
+A landing is five whole numbers: its draw of the parameters, its wind, start, gusts and canopies. Each begins a stream
+of random numbers of its own, so a landing is the same in whatever batch, process or order it is flown, and landings
+that share some of the five differ in the others alone.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from bayeschute.dynamics.cluster_flight import ClusterFlight, ClusterInputs
 from bayeschute.dynamics.initial_state import Start, tangent_basis
 from bayeschute.dynamics.parameters import Cluster, Structure
 from bayeschute.dynamics.step_size import fastest_pole, substeps
-from bayeschute.landing import start_plan, touchdown
+from bayeschute.landing import measures, start_plan, touchdown
 from bayeschute.landing.descend import SAMPLE, SECOND, Landed, Weather, descend
 from bayeschute.landing.landing_model import LandingFlight, density_law
 from bayeschute.landing.latent_draws import latent_rows, without_wind
@@ -105,12 +105,12 @@ def fly(plan: CampaignPlan, ids: Ids) -> NDArray[np.void]:
 
     Args:
         plan: What they are drawn from.
-        ids: (N, 5), in the order of `touchdown.IDS`.
+        ids: (N, 5), in the order of `measures.IDS`.
 
     Returns:
-        Rows (N,) of `touchdown.ROW`.
+        Rows (N,) of `measures.ROW`.
     """
-    made = np.zeros(len(ids), touchdown.ROW)
+    made = np.zeros(len(ids), measures.ROW)
     first = 0
     for number, one in enumerate(plan.models):
         here = np.flatnonzero((ids[:, 0] >= first) & (ids[:, 0] < first + len(one.theta)))
@@ -128,7 +128,8 @@ def _batch(plan: CampaignPlan, number: int, ids: Ids, local: Ids) -> NDArray[np.
     theta = one.theta[local].T
     u_start = _each(plan.seed, "starts of landings", ids[:, 2], (start_plan.SIZE,))
     winds = plan.winds
-    wind = winds.by_altitude(_each(plan.seed, "winds of landings", ids[:, 1], (winds.size,)), plan.altitudes)
+    u_wind = _each(plan.seed, "winds of landings", ids[:, 1], (winds.size,))
+    wind = winds.by_altitude(u_wind, plan.altitudes)
     shear = shear_of(wind)
     latent, wind = _gusts(plan, one, model, ids, local, wind)
     axial = plan.canopy_sd * _each(plan.seed, "canopies of landings", ids[:, 4], (n,))
@@ -138,7 +139,9 @@ def _batch(plan: CampaignPlan, number: int, ids: Ids, local: Ids) -> NDArray[np.
     ).astype(int)[0]
     x = start_plan.begin(plan.start, model, theta, u_start, wind[from_start, :, np.arange(count)].T)
     landed = descend(model, theta, x, weather, plan.floor)
-    return _rows(model, theta, x, landed, ids, shear)
+    made = _rows(model, theta, x, landed, ids, shear)
+    made["profile"] = winds.member(u_wind)
+    return made
 
 
 def _gusts(
@@ -177,8 +180,8 @@ def _each(seed: int, name: str, ids: Ids, shape: tuple[int, ...]) -> Array:
 
 
 def _rows(model: LandingFlight, theta: Array, x: Array, landed: Landed, ids: Ids, shear: Array) -> NDArray[np.void]:
-    made = np.zeros(len(ids), touchdown.ROW)
-    for i, name in enumerate(touchdown.IDS):
+    made = np.zeros(len(ids), measures.ROW)
+    for i, name in enumerate(measures.IDS):
         made[name] = ids[:, i]
     with np.errstate(invalid="ignore"):
         numbers = touchdown.at_ground(model, theta, landed.states)
@@ -196,7 +199,7 @@ def _rows(model: LandingFlight, theta: Array, x: Array, landed: Landed, ids: Ids
         "start_swing": touchdown.at_ground(model, theta, x)["swing_angle"],
     }
     bad = landed.outcome != 0
-    for name in touchdown.MEASURES:
+    for name in measures.MEASURES:
         made[name] = np.where(bad & (not name.startswith(("start_", "wind_"))), np.nan, numbers[name])
     made["outcome"], made["label"] = landed.outcome, np.where(bad, -1, moving.label)
     return made

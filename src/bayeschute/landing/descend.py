@@ -169,4 +169,3 @@ def _touch(
         window = seen[np.arange(max(last - WINDOW + 1, 0), last + 1) % keep, :, lane]
         landed.path[:, lane] = window[:, 2 * n :].mean(axis=0)
         landed.across[-len(window) :, :, :, lane] = window[:, : 2 * n].reshape(-1, 2, n)
-

@@ -118,7 +118,7 @@ def density_law(low: float, high: float) -> tuple[Array, float, float]:
     middle, half = 0.5 * (low + high), 0.5 * max(high - low, 100.0)
     s = np.cos(np.pi * (np.arange(64) + 0.5) / 64)
     law = np.polynomial.chebyshev.Chebyshev.fit(s, np.log(standard_density(middle + half * s)), _DEGREE, domain=(-1, 1))
-    return law.convert(kind=np.polynomial.Polynomial).coef, middle, half
+    return np.asarray(law.convert(kind=np.polynomial.Polynomial).coef, float), middle, half
 
 
 def flown(model: LandingFlight, theta: Array, x: Array, error: Array) -> Array:

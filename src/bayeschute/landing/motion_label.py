@@ -11,10 +11,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from bayeschute.landing.measures import LABELS
 from bayeschute.reduced.mode_labels import Thresholds
 
 Array = NDArray[np.float64]
-LABELS = ("steady", "glide", "pendulum", "cone", "flyout", "maypole")
 CONE = 0.5  # least ratio of the minor to the major axis of the swing
 
 

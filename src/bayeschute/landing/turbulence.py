@@ -79,7 +79,7 @@ def field(law: Turbulence, z: Array, step: float) -> Array:
         (N, 3, ...) [m/s].
     """
     size = z.shape[1]
-    omega = 2.0 * np.pi * np.fft.rfftfreq(size, step)
+    omega = np.asarray(2.0 * np.pi * np.fft.rfftfreq(size, step), float)
     band = 2.0 * np.pi / (size * step)
     parts = []
     for axis in range(3):
