@@ -39,6 +39,15 @@ class Stage(StrEnum):
     REPORT = "report"
 
 
+class Question(StrEnum):
+    """What may be asked of landings beside their requirements."""
+
+    SHARES = "shares"
+    RARE = "rare"
+    PLACARD = "placard"
+    DESIGN = "design"
+
+
 StudyPath = Annotated[Path, typer.Argument(metavar="STUDY", help="Study file (TOML).", show_default=False)]
 DataDir = Annotated[
     Path | None, typer.Option("--data", metavar="DIR", help="Folder that ${DATA} stands for in the study.")
@@ -197,6 +206,13 @@ def land_command(
     landings: Annotated[
         int | None, typer.Option(min=64, max=10_000_000, help="At most so many, in place of the campaign's number.")
     ] = None,
+    also: Annotated[
+        list[Question] | None,
+        typer.Option(
+            help="What drives it (shares), failures too rare to count (rare), go or no-go by shear and payload "
+            "(placard), which drop next (design); may be given again."
+        ),
+    ] = None,
     data: DataDir = None,
     workers: Workers = 1,
     dask: DaskAddress = None,
@@ -210,8 +226,9 @@ def land_command(
         load_campaign(campaign, data)  # before anything slow is imported
         from bayeschute.api.landing_command import Asked, land_file
 
+        wanted = Asked(landings, workers, dask, tuple(dict.fromkeys(one.value for one in also or ())))
         with Bars() as bars:
-            made = land_file(posterior, campaign, folder, Asked(landings, workers, dask), data, bars)
+            made = land_file(posterior, campaign, folder, wanted, data, bars)
         for line in made:
             say(line)
         say(f"Results are in {folder}")

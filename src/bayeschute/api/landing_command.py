@@ -8,13 +8,18 @@ from typing import NamedTuple
 
 import pandas as pd
 
+from bayeschute.api.landing_questions import Asking, check_questions, day, drivers, next_drop, rare
 from bayeschute.api.landing_verb import drawn_from, land
 from bayeschute.api.landings import Landings, in_words, requirement_table
 from bayeschute.api.results import Posterior
 from bayeschute.core.files import write_whole
+from bayeschute.landing.onset import placard_table
 from bayeschute.report.figures.canvas import save
+from bayeschute.report.figures.landing_figures import design_figure, drivers_figure, placard_figure
 from bayeschute.study.job import Progress
 from bayeschute.study.landing_campaign.campaign_file import load_campaign
+
+QUESTIONS = ("shares", "rare", "placard", "design")
 
 
 class Asked(NamedTuple):
@@ -24,11 +29,13 @@ class Asked(NamedTuple):
         landings: At most so many; None: as the campaign says.
         workers: Local processes.
         address: Of a Dask scheduler.
+        also: Questions of `QUESTIONS`.
     """
 
     landings: int | None = None
     workers: int = 1
     address: str | None = None
+    also: tuple[str, ...] = ()
 
 
 def land_file(
@@ -45,7 +52,7 @@ def land_file(
         posterior: From `Posterior.save`.
         campaign: TOML, see `campaign_schema.CampaignFile`.
         folder: Where to; batches that it holds already are kept.
-        wanted: How.
+        wanted: How, and what else is asked.
         data: What ``${DATA}`` stands for.
         progress: Called with stage, share done and words.
 
@@ -59,9 +66,60 @@ def land_file(
     if wanted.landings is not None:
         read = read.with_landings(wanted.landings)
     known = Posterior.load(posterior)
+    check_questions(read, wanted.also, known.spec, data)
     plan = drawn_from(read, known.spec, known.files)
     made = land(read, plan, folder, wanted.workers, wanted.address, progress)
-    return write_landings(made, folder)
+    lines = write_landings(made, folder)
+    asking = Asking(read, plan, made, wanted.workers, wanted.address, progress)
+    answers = {
+        "shares": partial(_shares, asking),
+        "rare": partial(_rare, asking),
+        "placard": partial(_placard, asking),
+        "design": partial(_design, asking, known, data),
+    }
+    for name in wanted.also:
+        lines += answers[name](folder)
+    return lines
+
+
+def _shares(asking: Asking, folder: Path) -> list[str]:
+    table = drivers(asking)
+    write_whole(folder / "shares.csv", partial(_csv, table))
+    save(drivers_figure(table), folder, "shares")
+    lines = []
+    for name, part in table[table["kind"] == "total"].groupby("quantity", sort=False):
+        some = part.sort_values("share", ascending=False)
+        rows = zip(some["source"], some["share"], some["standard_error"], strict=True)
+        lines.append(f"{name}, total shares: " + ", ".join(f"{s} {x:.2f} +- {e:.2f}" for s, x, e in rows))
+    return lines
+
+
+def _rare(asking: Asking, folder: Path) -> list[str]:
+    found = rare(asking)
+    rows = [(name, one.probability, one.variation, one.evaluations) for name, one in found.items()]
+    table = pd.DataFrame(rows, columns=["requirement", "probability_not_met", "variation", "landings"])
+    write_whole(folder / "rare.csv", partial(_csv, table))
+    return [f"{name}: P(not met) {p:.3g}, coefficient of variation {cv:.2f}, {n} landings" for name, p, cv, n in rows]
+
+
+def _placard(asking: Asking, folder: Path) -> list[str]:
+    cells = day(asking)
+    write_whole(folder / "placard.csv", partial(_csv, placard_table(cells)))
+    save(placard_figure(cells), folder, "placard")
+    return [
+        f"shear {c.shear:.3g} m/s, payload {c.capsule_mass:.5g} kg: {c.word}, pendulum {100 * c.pendulum.met:.0f} %"
+        for c in cells
+    ]
+
+
+def _design(asking: Asking, known: Posterior, data: Path | str | None, folder: Path) -> list[str]:
+    table = next_drop(asking, known.spec, known.files, data)
+    write_whole(folder / "design.csv", partial(_csv, table))
+    save(design_figure(table), folder, "design")
+    return [
+        f"{row.candidate}: spread of P(met) {row.spread_now:.3f} now, {row.spread_expected:.3f} expected after it"
+        for row in table.itertuples()
+    ]
 
 
 def write_landings(made: Landings, folder: Path) -> list[str]:

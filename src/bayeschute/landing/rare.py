@@ -1,9 +1,9 @@
 """Probabilities too small to be counted: subset simulation in standard normal space.
 
 Au and Beck (Probab. Eng. Mech. 16, 2001, 263): P(F) as a product of conditional probabilities of nested events, each
-large enough to be counted; samples of an event begin chains that stay in it. The chains' moves are those of Papaioannou
-et al. (Probab. Eng. Mech. 41, 2015, 89), u' = rho u + sqrt(1 - rho^2) xi, which don't suffer from many dimensions; rho is
-adapted to an acceptance of 0.44. The limit state sees plain arrays, so it may be anything from a formula to landings.
+large enough to be counted; samples of an event begin chains that stay in it. The chains' moves are those of
+Papaioannou et al. (Probab. Eng. Mech. 41, 2015, 89), u' = rho u + sqrt(1 - rho^2) xi, which don't suffer from many
+dimensions; rho is adapted to an acceptance of 0.44. The limit state sees plain arrays: a formula, or landings.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """What drives a quantity: shares of its variance by groups of inputs (Sobol), and by correlated parameters (Shapley).
 
-Groups of inputs are independent of each other, so their shares are Sobol's: Saltelli's design (Comput. Phys. Commun. 181,
-2010, 259) of two base samples and mixtures of them, with Jansen's estimators (1999). Parameters of a posterior are
-correlated, and Sobol's shares don't hold for them; theirs are Shapley values of the explained variance of a linear model
-(Lindeman, Merenda and Gold 1980; Owen and Prieur 2017).
+Groups of inputs are independent of each other, so their shares are Sobol's: Saltelli's design (Comput. Phys. Commun.
+181, 2010, 259) of two base samples and mixtures of them, with Jansen's estimators (1999). Parameters of a posterior
+are correlated, and Sobol's shares don't hold for them; theirs are Shapley values of the variance that a linear model
+explains (Lindeman, Merenda and Gold 1980; Owen and Prieur 2017).
 """
 
 from __future__ import annotations

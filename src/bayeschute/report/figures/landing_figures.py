@@ -8,10 +8,11 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Ellipse
+from matplotlib.patches import Ellipse, Rectangle
 from numpy.typing import NDArray
 
 from bayeschute.landing.measures import LABELS, MEASURES
+from bayeschute.landing.onset import Cell
 from bayeschute.landing.requirements import Limit, exceedance
 from bayeschute.report.figures.canvas import BLUE, INK, SERIES, SKY, SOFT, VERMILION, sheet, styled
 
@@ -107,4 +108,61 @@ def landing_figure(rows: Rows, quantity: str, limits: Sequence[Limit] = ()) -> F
     figure, axes = sheet(4.2, 1, 2)
     scatter(axes[0], rows)
     exceedance_curve(axes[1], exceedance(rows, quantity), quantity, limits)
+    return figure
+
+
+_SHADES = {"go": "#bfe3d3", "can't tell": "#f3e2b3", "no-go": "#f2c0a8"}
+
+
+def onset_map(ax: Axes, cells: Sequence[Cell]) -> Axes:
+    """P(pendulum) against shear and payload, cells shaded by the day's verdict: a placard.
+
+    Args:
+        ax: Where to draw.
+        cells: From `landing.onset.placard`.
+    """
+    shears = sorted({one.shear for one in cells})
+    masses = sorted({one.capsule_mass for one in cells})
+    for one in cells:
+        i, j = masses.index(one.capsule_mass), shears.index(one.shear)
+        ax.add_patch(Rectangle((i - 0.5, j - 0.5), 1.0, 1.0, color=_SHADES[one.word], lw=0.0))
+        spread = f"{100 * one.pendulum.low:.0f} to {100 * one.pendulum.high:.0f} %"
+        words = f"{one.word}\npendulum {100 * one.pendulum.met:.0f} %\n({spread})"
+        ax.text(i, j, words, ha="center", va="center", fontsize=7.4)
+    ax.set_xticks(range(len(masses)), [f"{mass:.0f}" for mass in masses])
+    ax.set_yticks(range(len(shears)), [f"{shear:.1f}" for shear in shears])
+    ax.set(xlim=(-0.5, len(masses) - 0.5), ylim=(-0.5, len(shears) - 0.5), xlabel="payload [kg]")
+    ax.set(ylabel="change of the wind across the layer [m/s]", title="Placard")
+    ax.grid(visible=False)
+    return ax
+
+
+@styled
+def placard_figure(cells: Sequence[Cell]) -> Figure:
+    """The placard on a sheet of its own."""
+    rows = len({one.shear for one in cells})
+    figure, axes = sheet(1.4 + 0.7 * rows)
+    onset_map(axes[0], cells)
+    return figure
+
+
+@styled
+def drivers_figure(table: pd.DataFrame) -> Figure:
+    """Tornado of the total shares of groups beside Shapley shares of parameters, a row for each quantity."""
+    names = list(dict.fromkeys(table["quantity"]))
+    figure, axes = sheet(2.2 * len(names), len(names), 2)
+    for i, name in enumerate(names):
+        for ax, kind in zip(axes[2 * i : 2 * i + 2], ("total", "shapley"), strict=True):
+            part = table[(table["quantity"] == name) & (table["kind"] == kind)].set_index("source")
+            tornado(ax, part["share"].to_dict(), part["standard_error"].fillna(0.0).to_dict())
+            ax.set_title(f"{name.replace('_', ' ')}: " + ("groups, total" if kind == "total" else "parameters"))
+    return figure
+
+
+@styled
+def design_figure(table: pd.DataFrame) -> Figure:
+    """Candidate drops by the expected shrinking of P(met)'s spread."""
+    figure, axes = sheet(1.2 + 0.35 * len(table))
+    tornado(axes[0], dict(zip(table["candidate"], table["shrinking"], strict=True)))
+    axes[0].set(xlabel="expected shrinking of the spread of P(met) [1]", title="Next drop")
     return figure
