@@ -19,7 +19,7 @@ import numpy as np
 from bayeschute.core.numerics import processors
 from bayeschute.core.random import stream
 from bayeschute.landing.campaign_plan import CampaignPlan, Parameters
-from bayeschute.landing.flying import BATCH
+from bayeschute.landing.fly_landings import BATCH
 from bayeschute.study.assembly import assemble
 from bayeschute.study.landing_campaign.campaign_file import load_campaign, wind_plan
 from bayeschute.study.landing_campaign.landing_plan import start_plan

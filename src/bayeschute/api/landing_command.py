@@ -8,12 +8,11 @@ from typing import NamedTuple
 
 import pandas as pd
 
+from bayeschute.api.landing_files import write_csv, write_for_others, write_landings
 from bayeschute.api.landing_questions import Asking, check_questions, day, drivers, next_drop, rare
 from bayeschute.api.landing_verb import drawn_from, land
-from bayeschute.api.landings import Landings, in_words, requirement_table
 from bayeschute.api.results import Posterior
-from bayeschute.core.files import write_whole
-from bayeschute.landing.onset import placard_table
+from bayeschute.landing.decisions.onset import placard_table
 from bayeschute.report.figures.canvas import save
 from bayeschute.report.figures.landing_figures import design_figure, drivers_figure, placard_figure
 from bayeschute.study.job import Progress
@@ -46,7 +45,7 @@ def land_file(
     data: Path | str | None = None,
     progress: Progress | None = None,
 ) -> list[str]:
-    """Land: ``landings.nc``, ``landings.parquet``, ``requirements.csv``, ``exceedance.csv`` and figures.
+    """Land, and write landings, tables, figures and what other programs take, each named in ``data_dictionary.csv``.
 
     Args:
         posterior: From `Posterior.save`.
@@ -70,6 +69,7 @@ def land_file(
     plan = drawn_from(read, known.spec, known.files)
     made = land(read, plan, folder, wanted.workers, wanted.address, progress)
     lines = write_landings(made, folder)
+    write_for_others(known, plan, folder)
     asking = Asking(read, plan, made, wanted.workers, wanted.address, progress)
     answers = {
         "shares": partial(_shares, asking),
@@ -84,7 +84,7 @@ def land_file(
 
 def _shares(asking: Asking, folder: Path) -> list[str]:
     table = drivers(asking)
-    write_whole(folder / "shares.csv", partial(_csv, table))
+    write_csv(table, folder / "shares.csv")
     save(drivers_figure(table), folder, "shares")
     lines = []
     for name, part in table[table["kind"] == "total"].groupby("quantity", sort=False):
@@ -98,13 +98,13 @@ def _rare(asking: Asking, folder: Path) -> list[str]:
     found = rare(asking)
     rows = [(name, one.probability, one.variation, one.evaluations) for name, one in found.items()]
     table = pd.DataFrame(rows, columns=["requirement", "probability_not_met", "variation", "landings"])
-    write_whole(folder / "rare.csv", partial(_csv, table))
+    write_csv(table, folder / "rare.csv")
     return [f"{name}: P(not met) {p:.3g}, coefficient of variation {cv:.2f}, {n} landings" for name, p, cv, n in rows]
 
 
 def _placard(asking: Asking, folder: Path) -> list[str]:
     cells = day(asking)
-    write_whole(folder / "placard.csv", partial(_csv, placard_table(cells)))
+    write_csv(placard_table(cells), folder / "placard.csv")
     save(placard_figure(cells), folder, "placard")
     return [
         f"shear {c.shear:.3g} m/s, payload {c.capsule_mass:.5g} kg: {c.word}, pendulum {100 * c.pendulum.met:.0f} %"
@@ -114,29 +114,9 @@ def _placard(asking: Asking, folder: Path) -> list[str]:
 
 def _design(asking: Asking, known: Posterior, data: Path | str | None, folder: Path) -> list[str]:
     table = next_drop(asking, known.spec, known.files, data)
-    write_whole(folder / "design.csv", partial(_csv, table))
+    write_csv(table, folder / "design.csv")
     save(design_figure(table), folder, "design")
     return [
         f"{row.candidate}: spread of P(met) {row.spread_now:.3f} now, {row.spread_expected:.3f} expected after it"
         for row in table.itertuples()
     ]
-
-
-def write_landings(made: Landings, folder: Path) -> list[str]:
-    """Files of landings; returns what they say, line by line."""
-    judged = made.judgements()
-    made.save(folder / "landings.nc")
-    frame = made.table.to_dataframe()
-    write_whole(folder / "landings.parquet", lambda path: frame.to_parquet(path, index=False))
-    if judged:
-        write_whole(folder / "requirements.csv", partial(_csv, requirement_table(judged)))
-    quantities = [limit.quantity for one in made.requirements for limit in one.limits] or ["vertical_speed"]
-    for quantity in dict.fromkeys(quantities):
-        table = made.exceedance(quantity)
-        write_whole(folder / f"exceedance-{quantity}.csv", partial(_csv, table))
-        save(made.plot(quantity), folder, f"landings-{quantity}")
-    return in_words(made, judged)
-
-
-def _csv(table: pd.DataFrame, path: Path) -> None:
-    table.to_csv(path, index=False)

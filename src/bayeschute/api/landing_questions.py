@@ -16,13 +16,13 @@ from bayeschute.api.workspace import Files, workspace
 from bayeschute.calibration.workers import client_of, finished
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.landing.campaign_plan import CampaignPlan
-from bayeschute.landing.drop_value import probit_slope, ranking
-from bayeschute.landing.flying import BATCH, fly, nested
-from bayeschute.landing.onset import Cell, PlacardPlan, placard
-from bayeschute.landing.rare import Rare
-from bayeschute.landing.rare_landings import failure
-from bayeschute.landing.requirements import Requirement
-from bayeschute.landing.shares import by_groups, design, shapley
+from bayeschute.landing.decisions.drop_value import probit_slope, ranking
+from bayeschute.landing.decisions.onset import Cell, PlacardPlan, placard
+from bayeschute.landing.decisions.rare import Rare
+from bayeschute.landing.decisions.rare_landings import failure
+from bayeschute.landing.decisions.requirements import Requirement
+from bayeschute.landing.decisions.shares import by_groups, design, shapley
+from bayeschute.landing.fly_landings import BATCH, fly, nested
 from bayeschute.study.job import Progress
 from bayeschute.study.landing_campaign.campaign_file import Campaign
 from bayeschute.study.landing_campaign.candidate_drops import candidates, covariances

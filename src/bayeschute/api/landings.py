@@ -19,9 +19,9 @@ from bayeschute.core.errors import Fault, InputError
 from bayeschute.core.files import write_whole
 from bayeschute.core.units import to_si
 from bayeschute.core.version import __version__
-from bayeschute.landing import requirements
+from bayeschute.landing.decisions import requirements
+from bayeschute.landing.decisions.requirements import Judgement, Limit, Requirement, judge
 from bayeschute.landing.measures import IDS, LABELS, MEASURES, OUTCOMES, ROW
-from bayeschute.landing.requirements import Judgement, Limit, Requirement, judge
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

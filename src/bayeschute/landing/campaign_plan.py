@@ -1,8 +1,8 @@
 """A campaign of landings as numbers: what they are drawn from, which of them, and how they are flown.
 
 A landing is five whole numbers: its draw of the parameters, its wind, start, gusts and canopies. Each begins a stream
-of random numbers of its own, so a landing is the same in whatever batch, process or order it is flown, and landings
-that share some of the five differ in the others alone.
+of random numbers of its own, so a landing is the same in whatever process or order it is flown (in another batch to
+the last digits, as sums are vectorised otherwise), and landings that share some of the five differ in the others alone.
 """
 
 from __future__ import annotations

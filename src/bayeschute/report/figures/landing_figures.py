@@ -11,9 +11,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, Rectangle
 from numpy.typing import NDArray
 
+from bayeschute.landing.decisions.onset import Cell
+from bayeschute.landing.decisions.requirements import Limit, exceedance
 from bayeschute.landing.measures import LABELS, MEASURES
-from bayeschute.landing.onset import Cell
-from bayeschute.landing.requirements import Limit, exceedance
 from bayeschute.report.figures.canvas import BLUE, INK, SERIES, SKY, SOFT, VERMILION, sheet, styled
 
 Rows = NDArray[np.void]

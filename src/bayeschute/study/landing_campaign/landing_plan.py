@@ -8,7 +8,7 @@ import numpy as np
 
 from bayeschute.core.version import __version__
 from bayeschute.landing.campaign_plan import CampaignPlan, Parameters
-from bayeschute.landing.requirements import Limit, Requirement
+from bayeschute.landing.decisions.requirements import Limit, Requirement
 from bayeschute.landing.start_plan import StartPlan
 from bayeschute.study.job import Job
 from bayeschute.study.landing_campaign.campaign_file import Campaign, wind_plan

@@ -16,7 +16,7 @@ from bayeschute.calibration.workers import Lost, client_of, finished
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.core.files import write_whole
 from bayeschute.landing.campaign_plan import CampaignPlan
-from bayeschute.landing.flying import BATCH, fly, nested
+from bayeschute.landing.fly_landings import BATCH, fly, nested
 from bayeschute.landing.measures import ROW
 
 Rows = NDArray[np.void]

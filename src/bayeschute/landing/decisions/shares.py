@@ -125,7 +125,8 @@ def shapley(inputs: Array, values: ArrayLike, names: Sequence[str], seed: int = 
         Share by name; they sum to the squared multiple correlation, corrected for the number of inputs.
     """
     x = (inputs - inputs.mean(axis=0)) / np.maximum(inputs.std(axis=0), 1e-300)
-    y = np.asarray(values, float) - np.mean(values)
+    y = np.asarray(values, float)
+    y = y - y.mean()
     gram, cross, power = x.T @ x / y.size, x.T @ y / y.size, max(float(y @ y) / y.size, 1e-300)
     gram += 1e-10 * np.eye(len(gram))
     known: dict[tuple[int, ...], float] = {(): 0.0}

@@ -11,8 +11,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from bayeschute.landing.campaign_plan import CampaignPlan
-from bayeschute.landing.decision import Chance, chance
-from bayeschute.landing.requirements import Judgement, Requirement, judge
+from bayeschute.landing.decisions.decision import Chance, chance
+from bayeschute.landing.decisions.requirements import Judgement, Requirement, judge
 from bayeschute.landing.wind_plan import Event
 
 Fly = Callable[[CampaignPlan, int], NDArray[np.void]]

@@ -8,9 +8,9 @@ from scipy.special import ndtr
 
 from bayeschute.core.random import stream
 from bayeschute.landing.campaign_plan import CampaignPlan
-from bayeschute.landing.flying import BATCH, Normals, fly_normals, normal_sizes
-from bayeschute.landing.rare import Rare, subset_simulation
-from bayeschute.landing.requirements import Requirement
+from bayeschute.landing.decisions.rare import Rare, subset_simulation
+from bayeschute.landing.decisions.requirements import Requirement
+from bayeschute.landing.fly_landings import BATCH, Normals, fly_normals, normal_sizes
 
 Array = NDArray[np.float64]
 

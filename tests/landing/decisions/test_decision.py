@@ -7,9 +7,9 @@ import pytest
 from scipy.special import ndtr, ndtri
 
 from bayeschute.core.errors import InputError
-from bayeschute.landing.decision import chance, decide
+from bayeschute.landing.decisions.decision import chance, decide
+from bayeschute.landing.decisions.requirements import Limit, Requirement, effective, exceedance, judge
 from bayeschute.landing.measures import ROW
-from bayeschute.landing.requirements import Limit, Requirement, effective, exceedance, judge
 from bayeschute.prediction.binomial_limits import wilks_sample_size
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
-from bayeschute.landing.decision import Chance, Verdict, chance, decide
+from bayeschute.landing.decisions.decision import Chance, Verdict, chance, decide
 from bayeschute.prediction.binomial_limits import clopper_pearson
 
 

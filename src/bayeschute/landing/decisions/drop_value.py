@@ -19,7 +19,7 @@ from scipy.optimize import minimize
 from scipy.special import log_ndtr, ndtr
 from scipy.stats import norm
 
-from bayeschute.landing.decision import counts
+from bayeschute.landing.decisions.decision import counts
 
 Array = NDArray[np.float64]
 _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(31)
@@ -93,7 +93,7 @@ def ranking(
     present = spread(slope.at_mean, now, now)
     rows = []
     for name, left in after.items():
-        then = min(float(np.sqrt(max(slope.slope @ left @ slope.slope, 0.0))), now)
+        then = min(float(np.sqrt(np.maximum(slope.slope @ left @ slope.slope, 0.0))), now)
         expected = spread(slope.at_mean, now, then)
         row = {"candidate": name, "spread_now": present, "spread_expected": expected}
         row |= {"shrinking": 1.0 - expected / present if present > 0.0 else 0.0}

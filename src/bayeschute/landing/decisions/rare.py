@@ -106,6 +106,5 @@ def _chains(
         kept.append(np.arange(count))
         step += 1
         spread = float(np.clip(spread * np.exp((taken.mean() - _WANTED) / np.sqrt(step)), 0.05, 1.0))
-    made = (np.concatenate(parts)[:samples] for parts in (kept_u, kept_g, kept))
-    u_all, g_all, chain_all = made
-    return u_all, g_all, chain_all, spread
+    chain = np.concatenate(kept)[:samples]
+    return np.concatenate(kept_u)[:samples], np.concatenate(kept_g)[:samples], chain, spread

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from bayeschute.landing.drop_value import probit_slope, ranking, spread
+from bayeschute.landing.decisions.drop_value import probit_slope, ranking, spread
+from bayeschute.landing.decisions.onset import PlacardPlan, in_cell, placard, placard_table
+from bayeschute.landing.decisions.requirements import Limit, Requirement
 from bayeschute.landing.measures import ROW
-from bayeschute.landing.onset import PlacardPlan, in_cell, placard, placard_table
-from bayeschute.landing.requirements import Limit, Requirement
 
 
 def test_the_slope_of_a_probit_is_found():
@@ -38,7 +38,7 @@ def test_the_expected_spread_is_that_of_repeated_drops():
 def test_candidates_are_ranked_by_what_they_tell_of_the_goal():
     now = np.diag([1.0, 1.0])
     after = {"other": np.diag([1.0, 0.01]), "goal": np.diag([0.25, 1.0]), "nothing": now}
-    from bayeschute.landing.drop_value import Slope
+    from bayeschute.landing.decisions.drop_value import Slope
 
     table = ranking(Slope(0.5, np.array([0.8, 0.0])), now, after, ("a", "b"))
     assert table["candidate"].tolist()[0] == "goal"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from bayeschute.landing.rare import subset_simulation
+from bayeschute.landing.decisions.rare import subset_simulation
 
 
 @pytest.mark.parametrize(("beta", "dimension"), [(2.3263, 2), (3.719, 2), (3.719, 200), (4.2649, 20)])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bayeschute.landing.shares import by_groups, design, shapley, sobol
+from bayeschute.landing.decisions.shares import by_groups, design, shapley, sobol
 
 
 def ishigami(u):
