@@ -61,7 +61,7 @@ def test_places_for_no_file_are_refused_beforehand(tmp_path: Path):
     place_for_json("-")
     place_for_json(str(tmp_path / "a.json"))
     for where in (tmp_path, tmp_path / "none" / "a.json"):
-        with pytest.raises(InputError, match="no place for a file"):
+        with pytest.raises(InputError, match="no file can be written"):
             place_for_json(str(where))
     with pytest.raises(InputError, match="a file that can be written"):
         write_json({}, str(tmp_path))

@@ -1,4 +1,4 @@
-"""The airflow that a canopy sees, without a singular axis (report 6.1-1..13 and 6.3.3-8, rewritten as vectors)."""
+"""Airflow of a canopy as vectors, without the singular axis of the report's angles (6.1-1..13, 6.3.3-8)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a table of a capsule's aerodynamics must be like to be interpolated; no JAX is needed to know."""
+"""Validation of a capsule's aerodynamic table for interpolation; free of JAX."""
 
 from __future__ import annotations
 

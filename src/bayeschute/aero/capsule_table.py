@@ -2,9 +2,9 @@
 
 A coefficient of a smooth body is a Fourier series in the roll whose m-th amplitude begins at the axis with a power of
 the sine: C(alpha, phi) = sum over m of sin(alpha)^p [a_m(alpha) cos(m phi) + b_m(alpha) sin(m phi)], p = 0 for m = 0,
-1 for odd m, 2 for even m. The series meets every roll of the table; a_m and b_m are cubic splines through the table's
-angles, with zero slope on the axis. Written with the direction of the airflow in the body, nothing depends on the roll
-itself, which is undefined on the axis.
+1 for odd m, 2 for even m. The series interpolates every roll angle of the table; a_m and b_m are cubic splines through
+the table's angles of attack, with zero slope on the axis. Written with the direction of the airflow in body axes,
+nothing depends on the roll angle itself, which is undefined on the axis.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Published sets of coefficients: TOML files with source, units and readings of their signs, checked as they load."""
+"""Published sets of aerodynamic coefficients: TOML files with source, units and sign conventions, validated on load."""
 
 from __future__ import annotations
 

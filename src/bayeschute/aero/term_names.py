@@ -1,4 +1,4 @@
-"""Names of aerodynamic terms: what may be written, told without importing JAX (meanings: `bayeschute.aero.terms`)."""
+"""Syntax of the names of aerodynamic terms, free of JAX (meanings: `bayeschute.aero.terms`)."""
 
 from __future__ import annotations
 

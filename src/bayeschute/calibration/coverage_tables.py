@@ -1,4 +1,4 @@
-"""What replicates say of a configuration's intervals and bands: shares, standard errors, and a verdict."""
+"""Coverage of intervals and bands over replicates: shares, standard errors, and a verdict."""
 
 from __future__ import annotations
 
@@ -155,7 +155,7 @@ def promised(summary: dict[str, Any]) -> list[str]:
 
 
 def verdict(summary: dict[str, Any], name: str) -> str:
-    """Whether a share keeps the promise, in words: ``kept``, ``too narrow``, ``too wide``, or why none is said."""
+    """Verdict on a coverage: ``kept`` (nominal), ``too narrow``, ``too wide``, or why there is none."""
     share, low, high = summary["coverage"][name], *WANTED
     made, failed = summary["replicates"], len(summary["failed"])
     if made < ENOUGH:
@@ -166,7 +166,7 @@ def verdict(summary: dict[str, Any], name: str) -> str:
 
 
 def lines(summary: dict[str, Any]) -> list[str]:
-    """The table for a screen: name, share at 90 %, its standard error, shares at all levels, verdict."""
+    """The table for the terminal: name, coverage at all levels, standard error at 90 %, verdict."""
     entries = summary["parameters"] | summary["bands"] | summary.get("modes", {})
     wide = max((len(name) for name in entries), default=0)
     head = "  ".join(f"{100 * level:>3.0f} %" for level in LEVELS)

@@ -1,7 +1,8 @@
-"""What the modes of a cluster do in a flight, one truth each against draws: amplitude and frequency of every mode.
+"""Calibration of predicted amplitude and frequency of the modes of a cluster (pendulum, scissors), flight by flight.
 
-The pendulum shows in the swing angle, the scissors (canopies moving apart and together) in the flyout angle. A share of
-samples counts a band; this counts flights: does the interval of a mode's amplitude hold the flight's own?
+The pendulum mode is measured by the swing angle, the scissors mode (canopies moving apart and together) by the flyout
+angle. The coverage of a band is a share of samples; here it is a share of flights: those whose true amplitude (or
+frequency) of a mode lies inside its predicted interval.
 """
 
 from __future__ import annotations

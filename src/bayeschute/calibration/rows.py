@@ -1,6 +1,6 @@
 """Rows of a campaign as Parquet: a folder with a file per replicate, written as they come, read as one table.
 
-A row is what a replicate leaves: names, numbers and texts, nested. Its file is a table with one line per entry:
+A row contains the results of a replicate: names, numbers and texts, nested. Its file is a table, one line per entry:
 
     seed   entry                                   value   text
     40000  /parameters/axial[alpha^2]/mean         0.231   0.231

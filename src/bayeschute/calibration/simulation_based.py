@@ -1,13 +1,13 @@
 """Simulation-based calibration: truths from the prior, data from the model itself, and the rank of every truth.
 
-Parameters, noise parameters, initial state, latent disturbances and residual noise of a replicate are all drawn as the
-identification believes; then it is identified, and truths are ranked among draws (Talts et al. 2018). Whatever the
-approximations of the inference do to its intervals shows in the ranks.
+Parameters, noise parameters, initial state, latent disturbances and residual noise of a replicate are drawn from the
+priors and models that the identification assumes; then the replicate is identified, and the true values are ranked
+among its draws (Talts et al. 2018). Errors of the intervals that approximate inference causes show in the ranks.
 
-The prior is often far wider than where a study's records lie. Truths may be drawn from the posterior of a fit to the
-template's own record instead. Record and replicate are then fitted together with the original priors: what was drawn
-from p(theta | y), with data y' of its own, is ranked among draws of p(theta | y, y'), and ranks are uniform again if
-the inference is right (Saeilynoja et al. 2025, posterior simulation-based calibration).
+The prior is often far wider than the region of a study's records. The true values may be drawn from the posterior of a
+fit to the template's own record instead. Record and replicate are then fitted together with the original priors: a draw
+from p(theta | y), with its own data y', is ranked among draws of p(theta | y, y'), and ranks are uniform again if the
+inference is correct (Saeilynoja et al. 2025, posterior simulation-based calibration).
 """
 
 from __future__ import annotations

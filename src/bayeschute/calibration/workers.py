@@ -1,4 +1,4 @@
-"""Tasks among processes: in this one, in local ones, or on a Dask cluster; each is finished or its loss is told."""
+"""Parallel execution of tasks: in this process, in local processes, or on a Dask cluster; losses are reported."""
 
 from __future__ import annotations
 

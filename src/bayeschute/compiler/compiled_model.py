@@ -1,9 +1,9 @@
-"""Simulations and derivatives of a flight by machine code made from its model; the numbers are those of `integrate`.
+"""Simulation of a flight and its derivatives by compiled machine code; same numbers as `integrate`.
 
-The code is made of the operations that JAX records of a model's `rate` and `observe`, each done once, several flights
-or samples side by side. It serves concrete arrays on a processor, for models whose `advance` is `rk4` of their `rate`,
-where llvmlite is installed (``pip install bayeschute[fast]``). Elsewhere the functions here return None and
-`integrate` does the same more slowly; `why_not_compiled` tells why.
+The code is generated from the operations that JAX traces in a model's `rate` and `observe`, each evaluated once, for
+several flights or samples side by side (SIMD). It takes concrete arrays on a CPU, for models whose `advance` is `rk4`
+of their `rate`, where llvmlite is installed (``pip install bayeschute[fast]``). Otherwise the functions here return
+None and `integrate` does the same more slowly; `why_not_compiled` gives the reason.
 """
 
 from __future__ import annotations

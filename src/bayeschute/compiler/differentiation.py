@@ -1,4 +1,4 @@
-"""The program that carries tangents along a known flight through all Runge-Kutta steps.
+"""Forward sensitivities along a known trajectory: the program that propagates tangents through all Runge-Kutta steps.
 
 For a block of samples, side by side, the sparse Jacobian of the rate is computed at every stage of every step and kept
 in a table. Then, sample by sample, blocks of tangents go through the stages, side by side too: a straight run of

@@ -1,4 +1,4 @@
-"""Operations of a graph sorted by how often they must be done, and their results kept where others read them."""
+"""Operations of a graph sorted by how often they must be evaluated (loop-invariant code motion)."""
 
 from __future__ import annotations
 

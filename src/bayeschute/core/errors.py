@@ -1,4 +1,4 @@
-"""What bad input looks like, every fault with where, got, wanted, do; and a fit of sound input that failed."""
+"""Errors: invalid input (every fault with where, got, wanted, do), and a fit that failed on valid input."""
 
 from __future__ import annotations
 

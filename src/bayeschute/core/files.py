@@ -1,4 +1,4 @@
-"""Files are written whole or not at all: a run killed at any moment leaves no halves."""
+"""Atomic file writing: a file is written whole or not at all."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The one place that sets JAX's precision (64 bits) and threads, and keeps and forgets its compiled functions."""
+"""Numerical settings of JAX: 64-bit precision, threads, and the cache of compiled functions."""
 
 from __future__ import annotations
 

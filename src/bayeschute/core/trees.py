@@ -1,4 +1,4 @@
-"""Nested values in one ``.npz`` file, which plain NumPy reads without pickle: ``optimum/flights/0/path`` and the like.
+"""Nested values in one ``.npz`` file that plain NumPy reads without pickle: ``optimum/flights/0/path``.
 
 A tree is made of dataclasses, named tuples, tuples, lists and mappings with texts as keys; its leaves are arrays,
 numbers, truth values and texts, or None, which leaves no entry.

@@ -1,4 +1,4 @@
-"""Quantities with units enter here and leave in SI; no factor is typed by hand."""
+"""Quantities with units, converted to SI where they enter."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The three-body cluster along one record: the model of the main job."""
+"""The cluster model along one record: the capsule under n canopies as a discrete-time state-space model."""
 
 from __future__ import annotations
 

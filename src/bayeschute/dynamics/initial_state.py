@@ -1,4 +1,4 @@
-"""Initial states of a cluster with taut risers: a few free numbers, and stretch that starts no line transient."""
+"""Initial states of a cluster: a few free parameters, with riser stretch in equilibrium (no line transient)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How a simulation ended, and how far its steps can be trusted: values, so that batches of flights carry them."""
+"""Outcome and integration error of a simulation, as values that batches of flights carry."""
 
 from __future__ import annotations
 

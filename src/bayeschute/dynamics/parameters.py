@@ -1,4 +1,4 @@
-"""Numbers of the three-body cluster (report 6.3.3), as pytrees that may carry trailing batch axes."""
+"""Parameters of the cluster model (report 6.3.3), as pytrees that may carry trailing batch axes."""
 
 from __future__ import annotations
 

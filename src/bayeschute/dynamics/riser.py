@@ -1,4 +1,4 @@
-"""The tension of an elastic riser that can't push and takes hold as its lines come taut (report 6.3.3-1..3)."""
+"""Tension of an elastic, damped riser that carries no compression (report 6.3.3-1..3)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From a cleaned record to data that can be fitted: channels, reference start, what is fitted, what held out."""
+"""From a cleaned record to fitted data: channels, reference initial state, fitted and held-out samples."""
 
 from __future__ import annotations
 

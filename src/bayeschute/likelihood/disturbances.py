@@ -1,9 +1,9 @@
-"""Latent disturbances: what a model doesn't know, as stationary Gauss-Markov processes put where the error arises.
+"""Latent disturbances (process noise): stationary Gauss-Markov processes for wind error, force and breathing.
 
 Errors of the wind are Ornstein-Uhlenbeck ("drift"); the axial force of each canopy fluctuates by a drift and by
-breathing, a randomly driven oscillator (6.3.2-27). Every process is a small linear state-space model, exact at the
-samples of a record, driven by standard normal shocks: these shocks are the unknowns of a fit. Several processes may add
-up in one disturbance.
+breathing, a randomly excited oscillator (6.3.2-27). Every process is a small linear state-space model, discretised
+exactly at the samples of a record, driven by standard normal white noise (`shocks` in the code), which is the unknown
+of a fit. A disturbance may be the sum of several processes.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
-"""The joint density of parameters, initial state and latent disturbances of one flight.
+"""Joint density of the parameters, initial state and latent disturbances of one flight.
 
-Unknowns beside the parameters theta (P,) are, per flight, a standard normal start (D,) and standard normal shocks
-(T, L) of the latent processes. ``-log density = 1/2 |innovations|^2 + 1/2 |start|^2 + 1/2 |shocks|^2 + const``; the
-prior of theta is added where flights are put together.
+Besides the parameters theta (P,), the unknowns of a flight are its standardised initial deviations (`start`, (D,)) and
+the standard normal white noise that drives the latent processes (`shocks`, (T, L)):
+``-log density = 1/2 |innovations|^2 + 1/2 |start|^2 + 1/2 |shocks|^2 + const``. The prior of theta is added where
+flights are combined.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Exact linear-Gaussian algebra along a linearised flight: filter, smoother, and what it takes to integrate a path out.
+"""Kalman filter and smoother along a linearised flight, integrating initial state and disturbances out exactly.
 
 Around a trajectory the flight is linear: states ``x' = A x + B0 e + B1 e'``, outputs ``y = H x``, disturbances e from
 their Markov processes, residual noise AR(1) + white. Together that is one linear state-space model with state

@@ -1,12 +1,12 @@
-"""Exact gradients of a linearised flight's deviance by its noise parameters, by a smoother.
+"""Gradient of the Kalman-filter deviance with respect to the noise parameters, by a smoother (adjoint recursion).
 
 The deviance is ``1/2 sum_c |innovations of series c|^2 + log det``. Backwards in the filter run the adjoints of its
 predicted means, -r, and of its predicted covariances, ``1/2 (N - sum_c r_c r_c')``, with the r and N of Durbin and
 Koopman (2012, section 4.4); from them follow the derivatives by transition, shocks and noise (Koopman and Shephard
 1992, for the shocks). That is one pass over the record, whatever the number of noise parameters.
 
-The noise parameters enter by a handful of small matrices only (`Parts`): the derivatives by those are summed along the
-flight, and a vector-Jacobian product of the map from the parameters to them does the rest.
+The noise parameters enter through a few small matrices only (`Parts`): the derivatives with respect to those are summed
+along the flight, and multiplied by the Jacobian of the map from the parameters to them (vector-Jacobian product).
 """
 
 from __future__ import annotations

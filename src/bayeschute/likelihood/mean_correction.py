@@ -1,9 +1,9 @@
-"""The gap: how far the mean of flights lies from the flight of the mean.
+"""Second-order (curvature) correction of the predicted mean of a linearised flight (second-order filter).
 
-Given the parameters, start and disturbances are known within a width over which the flight is not quite linear. The
-ends of its steps and its outputs, averaged over that width, differ from those on the most probable path; a marginal
-density that leaves this out leans parameters by up to half a standard deviation. (What a second-order filter adds to an
-extended one; Jazwinski 1970, section 9.3.)
+Given the parameters, initial state and disturbances are uncertain over a range in which the flight is not quite linear.
+The expected states and outputs over that range differ from those on the most probable trajectory by half the curvature
+times the covariance; a marginal density without this correction biases parameters by up to half a standard deviation.
+It is the term by which a second-order filter differs from an extended Kalman filter (Jazwinski 1970, section 9.3).
 """
 
 from __future__ import annotations

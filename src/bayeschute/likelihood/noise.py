@@ -1,4 +1,4 @@
-"""Residual noise AR(1) + white: exact, O(n), with gaps (METHODS 5).
+"""Measurement noise AR(1) + white: exact whitening by a Kalman filter, O(n), with missing samples.
 
 A channel's residual is ``a_t + w_t``: a stationary first-order process plus white noise. A Kalman filter turns a series
 into innovations; its gains depend on the pattern of gaps alone, so it is a linear map that whitens residuals and their

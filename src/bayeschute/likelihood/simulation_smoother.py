@@ -1,8 +1,8 @@
-"""Draws of the start and disturbances of a linearised flight given its data, by simulation smoothing.
+"""Simulation smoother: draws of initial state and disturbances of a linearised flight given its data.
 
-A draw of the linear model is moved onto the data by the smoother (Durbin and Koopman 2002). The smoother knows a draw
-by its innovations alone, and these come from how far the draw runs from its own prediction, which stays small where the
-draw itself grows without bound, as that of an unstable flight does.
+A draw of the linear model is conditioned on the data by the smoother (Durbin and Koopman 2002). The smoother needs only
+the innovations of the draw, and these are computed from the deviation of the draw from its own prediction, which stays
+small where the draw itself grows without bound, as for an unstable flight.
 """
 
 from __future__ import annotations

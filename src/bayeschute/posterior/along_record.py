@@ -1,4 +1,4 @@
-"""A fit along the record: parameters and path found together, held to the data before they are held to the model.
+"""Joint estimation of parameters and trajectory by lifted Newton with weak constraints (multiple shooting).
 
 A simulation from prior means leaves the record within a pendulum period, and what is linearised about it says nothing
 of the optimum. So the states of the flights are unknowns too, beside parameters, start and shocks ("lifted" Newton,

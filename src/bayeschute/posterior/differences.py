@@ -1,4 +1,4 @@
-"""Differences about a point beside which a flight may fail."""
+"""Finite differences about a point in whose neighbourhood a flight may fail."""
 
 from __future__ import annotations
 

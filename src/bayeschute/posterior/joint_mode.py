@@ -1,4 +1,4 @@
-"""The most probable parameters, start and latent disturbances: Gauss-Newton with exact Jacobians, smoothed by a filter.
+"""Joint posterior mode of parameters, initial state and disturbances: Gauss-Newton with a Kalman smoother.
 
 A flight linearised along its course is a linear state-space model, so one pass of a Kalman filter and smoother gives
 the conditional optimum of start and disturbances as a linear function of the parameters; what is left is a

@@ -1,4 +1,4 @@
-"""Noise parameters by their evidence: the Laplace approximation of the marginal likelihood, maximised.
+"""Empirical Bayes for the noise parameters: maximisation of the Laplace approximation of the evidence.
 
 Along its course a flight is linear, so the filter's likelihood integrates start and disturbances out exactly; theta is
 integrated out by Laplace's method at the point of linearisation. The sum is maximised over the logarithms of the noise

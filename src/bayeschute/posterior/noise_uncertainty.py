@@ -1,4 +1,4 @@
-"""What the uncertainty of the noise parameters adds to that of the parameters.
+"""Contribution of uncertain noise hyperparameters to the posterior of the parameters.
 
 Parameters are drawn with the noise parameters held. With ``xi`` the parameters' standard coordinates and ``eta`` the
 logarithms of the noise parameters, minus the log of their joint density is about

@@ -1,4 +1,4 @@
-"""Gauss-Newton steps, corrected by how the slope has changed over earlier ones.
+"""Structured quasi-Newton: Gauss-Newton steps corrected by secants of the gradient.
 
 Gauss-Newton's matrix knows nothing of how the model bends, nor of terms of the density that are no squares. Where these
 are large its steps converge slowly, to one side or from side to side, and a few secants mend that: the structured

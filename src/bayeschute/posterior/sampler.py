@@ -1,4 +1,4 @@
-"""Draws of the marginal posterior, and everything about them in one ArviZ DataTree."""
+"""Sampling of the marginal posterior into one ArviZ DataTree."""
 
 from __future__ import annotations
 

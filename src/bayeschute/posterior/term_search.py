@@ -1,4 +1,4 @@
-"""Which terms a fitted flight asks for: evidence of models that go without some of a library's terms.
+"""Term selection within the fit: Bayes factors by Savage-Dickey density ratios.
 
 The whole library is fitted to the flight once, under priors that keep it from nonsense, start and disturbances
 integrated out. There its posterior is nearly Gaussian, and the evidence of a model without some terms, over that of the

@@ -1,8 +1,8 @@
-"""Bands of quantities of interest: parameters, initial state and latent disturbances drawn together.
+"""Posterior predictive bands: parameters, initial state and latent disturbances are drawn jointly and simulated.
 
-A flight to be predicted is known by the opening of its record only: those samples fix the initial state (and what they
-say of the disturbances); beyond them the disturbances follow their process. The same code serves a part of a record
-held out in time, and the smoothing of a fitted flight.
+Of a flight to be predicted only the initialisation window of its record is used: those samples determine the initial
+state (and the disturbances, as far as they do); after them the disturbances follow their stochastic process. The same
+code serves a part of a record held out in time, and the smoothing of a fitted flight.
 """
 
 from __future__ import annotations

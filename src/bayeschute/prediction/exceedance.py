@@ -1,6 +1,6 @@
 """Draws of quantities as a table, P(quantity > threshold), and Wilks' tolerance limits.
 
-A draw whose simulation failed is never dropped: it counts as one beyond every limit.
+A draw whose simulation failed is never dropped: it counts as exceeding every limit.
 """
 
 from __future__ import annotations

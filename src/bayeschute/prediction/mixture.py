@@ -1,4 +1,4 @@
-"""Predictions of one flight by several structures, mixed in proportion to their weights."""
+"""Predictions of one flight averaged over model structures in proportion to their weights."""
 
 from __future__ import annotations
 

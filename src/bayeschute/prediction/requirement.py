@@ -1,6 +1,6 @@
-"""P(requirement met) over the posterior, apart from what the number of simulated flights leaves open.
+"""Posterior predictive probability of meeting a requirement, with Monte Carlo limits given separately.
 
-A flight whose solve failed is never dropped: it counts as not met, and is reported in a number of its own.
+A flight whose simulation failed is never dropped: it counts as not meeting the requirement, and failures are counted.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""The files a risk assessor takes away: draws, marginals, correlations, end of record, exceedance, tolerance.
+"""Files of the risk assessment: draws, marginals, correlations, end of record, exceedance, tolerance limits.
 
-Two kinds of doubt are kept apart throughout: what the posterior leaves open (P of meeting a requirement) and what the
-finite number of simulated flights leaves open (Clopper-Pearson and Jeffreys limits, Wilks' order statistics). A
-flight whose simulation failed is never dropped: it counts as one beyond every limit, and stands in a column of its own.
-``data_dictionary.csv`` says what every column is.
+Two kinds of uncertainty are kept separate throughout: posterior uncertainty (in the probability of meeting a
+requirement) and Monte Carlo error of the finite number of simulated flights (Clopper-Pearson and Jeffreys limits,
+Wilks' order statistics). A flight whose simulation failed is never dropped: it counts as exceeding every limit, and a
+column gives the number of failures. ``data_dictionary.csv`` describes every column.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a pendulum under canopies does, and why: studies of the planar dumbbell (report 6.3.1.2, 7.1, F-1..F-4)."""
+"""Studies of the planar dumbbell: stability, limit cycle, bistability, pivot point (6.3.1.2, 7.1, F-1..F-4)."""
 
 from __future__ import annotations
 

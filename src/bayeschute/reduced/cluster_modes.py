@@ -1,4 +1,4 @@
-"""Modes of a cluster along its record: a label per window, and the coefficients that each stretch of a mode tells."""
+"""Modes of a cluster along its record: a label per window, and aerodynamic coefficients from each stretch of a mode."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""Aerodynamic coefficients that modes of motion tell, with uncertainty (report 6.3.1-24, -23, 6.3.2-9, -22).
+"""Aerodynamic coefficients from modes of motion, with uncertainty (report 6.3.1-24, -23, 6.3.2-9, -22).
 
-The closed forms are those of `bayeschute.reduced.cluster_mode_laws` and `bayeschute.reduced.pendulum`; what a record
-gives (period, rate of turn, load) enters as draws, and coefficients come out as draws. Masses, lengths and weights are
-taken as known.
+The closed forms are those of `bayeschute.reduced.cluster_mode_laws` and `bayeschute.reduced.pendulum`; the quantities
+measured in a record (period, rate of rotation, load) enter as draws, and coefficients are returned as draws. Masses,
+lengths and weights are assumed to be known.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Motions of the planar dumbbell, many at once, and what is read off them."""
+"""Simulated motions of the planar dumbbell, in batches, and their features."""
 
 from __future__ import annotations
 

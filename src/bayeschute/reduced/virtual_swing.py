@@ -1,4 +1,4 @@
-"""Virtual drops of the planar dumbbell, and what a swing amounts to: its frequency and its amplitude."""
+"""Virtual drops of the planar dumbbell, and frequency and amplitude of a swing."""
 
 from __future__ import annotations
 

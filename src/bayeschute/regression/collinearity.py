@@ -1,4 +1,4 @@
-"""How much regressors resemble each other: correlation, variance inflation, condition index."""
+"""Collinearity of regressors: correlation, variance inflation factor, condition index."""
 
 from __future__ import annotations
 

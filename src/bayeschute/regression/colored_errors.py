@@ -1,12 +1,12 @@
-"""Residuals that remember: covariance of least squares under colored residuals.
+"""Covariance of least-squares estimates under colored (autocorrelated) residuals.
 
 ``Cov = (X'X)^-1 [X' R X] (X'X)^-1`` (report, 6.3.5 and its reference 16), R Toeplitz in each time series, from the
 biased autocorrelation of the residuals, cut at a tenth of the series and tapered by Parzen's window: both are positive
 sequences, so R is positive. It is applied by FFT. Fitting removes part of the slow noise from the residuals; that part
-is computed from R itself and put back (a few fixed-point passes).
+is computed from R itself and restored (a few fixed-point iterations).
 
 Rows are grouped into time series by `blocks` (a record, a canopy, a vector component); rows with a NaN are gaps and
-keep their place in time. Series of one group happen at the same times, and their cross-correlation counts too.
+keep their place in time. Series of one group are simultaneous, and their cross-correlation is included.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A fit beside what it must beat: Theil's inequality, and models that know no aerodynamics."""
+"""Goodness of fit against references: Theil's inequality coefficient, and null models without aerodynamics."""
 
 from __future__ import annotations
 

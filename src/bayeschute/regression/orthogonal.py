@@ -1,9 +1,9 @@
-"""Which terms a record can carry: multivariate orthogonal functions (report, 6.3.6; table and print-out of 7.3).
+"""Structure selection by multivariate orthogonal functions (report, 6.3.6; table and print-out of 7.3).
 
-Each candidate column is stripped of what the chosen ones already explain; the remainder psi that lowers the mean
-squared error most is chosen next. With h orthonormal to all chosen before, nothing of the matrix is overwritten: the
-squared norms of the remainders are updated by ``|psi_j|^2 -= (x_j . h)^2`` and recomputed from the column where
-cancellation has eaten half the digits (the safeguard of LAPACK's pivoted QR). One pass over the matrix per row.
+Each candidate column is orthogonalised against the selected ones; the remainder psi that lowers the mean squared error
+most is selected next. With h orthonormal to all selected before, the matrix is not overwritten: the squared norms of
+the remainders are updated by ``|psi_j|^2 -= (x_j . h)^2`` and recomputed from the column where cancellation has lost
+half the digits (the safeguard of LAPACK's pivoted QR). One pass over the matrix per selected term.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a fit left over: autocorrelation and spectrum of residuals, and predictions of rows that were left out."""
+"""Residual analysis: autocorrelation and spectrum of residuals, and predictions of rows that were left out."""
 
 from __future__ import annotations
 

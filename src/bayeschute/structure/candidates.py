@@ -1,7 +1,7 @@
 """Pools of candidate terms: all products of explanatory variables up to a total order (report, 6.3.6 and 7.3-1).
 
-Splines enter as variables of their own. Columns are made one at a time, so that a large pool costs the memory of the
-columns asked for.
+Splines enter as additional variables. Columns are computed one at a time, so that a large pool needs memory only for
+the columns requested.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Prediction tests: a model identified on one canopy or flight, tried on the others (report, figures 7.3-2 to -4)."""
+"""Prediction tests: a model identified on one canopy or flight, applied to the others (report, figures 7.3-2 to -4)."""
 
 from __future__ import annotations
 

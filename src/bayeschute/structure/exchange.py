@@ -1,9 +1,10 @@
-"""Exchange of terms after the selection: the nearest minimum of the predicted squared error over sets of terms.
+"""Sequential replacement of terms: a local minimum of the predicted squared error over sets of terms.
 
-Orthogonal functions are chosen one at a time (report, 6.3.6). Where candidates resemble each other, the first choice
-may be a compromise that later terms make superfluous, and it stays. So single terms are taken out, put in or exchanged,
-best move first, as long as the predicted squared error falls (sequential replacement; Miller, Subset Selection in
-Regression, 2002). The result is no worse than the selection's, and no single change of a term improves it.
+Orthogonal functions are selected one at a time (report, 6.3.6). Where candidates are collinear, the first selection may
+be a compromise that later terms make superfluous, but it is never removed. So single terms are removed, added or
+exchanged, best move first, as long as the predicted squared error falls (sequential replacement; Miller, Subset
+Selection in Regression, 2002). The result is no worse than the forward selection, and no single change of a term
+improves it.
 """
 
 from __future__ import annotations

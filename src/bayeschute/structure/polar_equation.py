@@ -1,8 +1,8 @@
 """Polar equation error: the report's C_A, C_Y and C_N on products of its explanatory variables (7.3-1 to -5).
 
 The variables are evaluated along a reconstructed record (`bayeschute.records.reconstruct`); rates are those of the
-airflow (6.1-8, -9). Where alpha_T vanishes its azimuth has no meaning and rows are missing; the vector regression
-(`bayeschute.regression.vector_equation`) has no such place.
+airflow (6.1-8, -9). Where alpha_T vanishes its azimuth is undefined and rows are missing; the vector regression
+(`bayeschute.regression.vector_equation`) has no such singularity.
 """
 
 from __future__ import annotations

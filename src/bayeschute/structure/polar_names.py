@@ -1,4 +1,4 @@
-"""Names of polar explanatory variables and their products: what may be written, told without importing JAX.
+"""Syntax of the names of polar explanatory variables and their products, free of JAX.
 
 The variables are those of the report's polar form (7.3-2..5) and two more (`closing`, splines). The angle of proximity
 runs from the airflow across the axis to the direction away from the other canopy (6.1-13).

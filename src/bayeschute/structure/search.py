@@ -1,4 +1,4 @@
-"""Structure of an aerodynamic coefficient from records: which terms the data support, how surely, and their estimates.
+"""Structure selection for an aerodynamic coefficient: the terms that the data support, their stability and estimates.
 
 The regressions come from `bayeschute.regression.vector_equation` (equivariant terms, what the simulator flies with) or
 from `bayeschute.structure.polar_equation` (the report's C_A, C_Y, C_N).
@@ -181,7 +181,9 @@ def identify(
     found = search(stack, names, dt, how, indices)
     if not found.columns:
         do = "Lower sigma_max, or use a record with more motion."
-        raise InputError(Fault("equation error", "no term that pays for itself", "at least one term", do))
+        raise InputError(
+            Fault("equation error", "no term that lowers the predicted squared error", "at least one term", do)
+        )
     kept = list(found.columns)
     layout: dict[str, Any] = {"blocks": stack.blocks, "groups": stack.groups}
     terms = [names[j] for j in kept]

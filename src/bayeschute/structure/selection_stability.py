@@ -1,4 +1,4 @@
-"""Structure as uncertain: how often terms and whole structures are selected when the record is redrawn in blocks."""
+"""Selection stability: how often terms and structures are selected over moving-block bootstrap replicates."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What was found for one coefficient as plain values: the entry of ``structure.json``."""
+"""Result of the structure selection for one coefficient as plain values: the entry of ``structure.json``."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""Would this record's motion tell a given structure? Data made from known terms, and the search for them, many times.
+"""Simulation study of structure selection: known terms on the motion of a record, selected over many replicates.
 
-The explanatory variables are those of a record, the coefficient is a sum of known terms of them plus noise that
-remembers (Ornstein-Uhlenbeck), and every replicate has noise of its own. Counted are how often terms are selected,
-whether intervals cover, and which collinear candidate stands in the place of a term that is missed.
+The explanatory variables are those of a record, the coefficient is a sum of known terms of them plus autocorrelated
+noise (Ornstein-Uhlenbeck), independent in every replicate. Results are the selection frequency of every term, the
+coverage of intervals, and the collinear candidate that is selected in place of a term that is missed.
 """
 
 from __future__ import annotations

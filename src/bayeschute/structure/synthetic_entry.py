@@ -1,4 +1,4 @@
-"""What synthetic data of known terms showed, as plain values: the entry ``synthetic`` of ``structure.json``."""
+"""Result of the simulation study with known terms, as plain values: the entry ``synthetic`` of ``structure.json``."""
 
 from __future__ import annotations
 

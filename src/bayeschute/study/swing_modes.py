@@ -1,4 +1,4 @@
-"""A body's swing from its own log: columns named on the command line in, a table or plain values out."""
+"""Swing modes from a log (`bayeschute modes`): columns named on the command line in, a table or JSON out."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _QUANTITIES = (  # of the fit, unit, factor to it
 
 
 class Modes(NamedTuple):
-    """What a log tells of its swing.
+    """Swing modes found in a log.
 
     Attributes:
         path: The log.
@@ -125,7 +125,7 @@ def _as_option(where: str) -> str:
 
 
 def document(modes: Modes) -> dict[str, Any]:
-    """What was found as plain values.
+    """The result as plain values.
 
     Args:
         modes: As found.
@@ -163,7 +163,7 @@ def document(modes: Modes) -> dict[str, Any]:
 
 
 def lines(modes: Modes) -> list[str]:
-    """The table for the screen."""
+    """The table for the terminal."""
     told = document(modes)
     (start, end), fitted = told["window"], told["fitted"]
     rate = "" if told["descent_rate"] is None else f" at {told['descent_rate']:.1f} m/s"
@@ -171,29 +171,30 @@ def lines(modes: Modes) -> list[str]:
     out = [
         f"{modes.path.name}: descent{rate} from {start:.1f} to {end:.1f} s; {spin}",
         f"fitted from {fitted[0]:.1f} s: {told['cycles']:.1f} cycles of a damped swing"
-        + (" that gusts drive" if told["forcing"] else ", free of gusts: intervals too narrow in air that moves"),
+        + (" excited by gusts" if told["forcing"] else ", without gust excitation: intervals too narrow in moving air"),
         f"{'':14} {'mean':>9} {'sd':>9} {'5 %':>9} {'95 %':>9}  unit",
     ]
     for name, q in told["quantities"].items():
         values = " ".join(f"{q[k]:>9.4f}" for k in ("mean", "sd", "low", "high"))
         out.append(f"{name.replace('_', ' '):14} {values}  {'' if q['unit'] == '1' else q['unit']}".rstrip())
-    out.append(f"Amplitude lowers a pendulum's frequency by {-100.0 * told['amplitude_effect']:.2f} % at the start.")
+    effect = -100.0 * told["amplitude_effect"]
+    out.append(f"The finite initial amplitude lowers the frequency of a pendulum by {effect:.2f} %.")
     halves = told["halves"]
     if halves["compared"]:
         change, damping = halves["frequency_change"], halves["damping_change"]
         out.append(
-            f"Second half less first: {change['mean']:+.4f} Hz ({change['low']:+.4f} to {change['high']:+.4f}), "
+            f"Second half minus first half: {change['mean']:+.4f} Hz ({change['low']:+.4f} to {change['high']:+.4f}), "
             f"damping ratio {damping['mean']:+.4f} ({damping['low']:+.4f} to {damping['high']:+.4f}); "
             f"{_verdict(change)}"
         )
     else:
-        out.append(f"Halves are not compared: {halves['reason']}")
+        out.append(f"The halves of the record are not compared: {halves['reason']}")
     if not told["trusted"]:
-        out.append(f"Not to be trusted: {told['effective_draws']:.0f} effective draws stand behind these numbers.")
+        out.append(f"Not reliable: the effective sample size is only {told['effective_draws']:.0f}.")
     return out
 
 
 def _verdict(change: dict[str, float]) -> str:
     if change["low"] <= 0.0 <= change["high"]:
-        return "no change of frequency is seen."
-    return "the frequency changed on the way, and one number for both halves hides that."
+        return "no significant change of frequency."
+    return "the frequency changed significantly, so one value for the whole record is misleading."

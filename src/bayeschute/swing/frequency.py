@@ -1,8 +1,8 @@
 """Equation error and output error in the frequency domain (Klein and Morelli 2006, chapter 7; report, R-8).
 
-Data are finite Fourier transforms at M frequencies. The covariance follows from counting real numbers: M complex
-residuals are 2 M real ones where the frequencies are harmonics of the record; frequencies closer than 1/T repeat what
-their neighbours say, and the covariance is scaled up by as much.
+Data are finite Fourier transforms at M frequencies. The covariance counts real degrees of freedom: M complex residuals
+are 2 M real ones where the frequencies are harmonics of the record; frequencies closer than 1/T are redundant, and the
+covariance is scaled up accordingly.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Where in a log a body hangs under its open parachute: from the altitude, and the accelerometer where there is one.
+"""Detection of the steady descent under the open parachute in a log, from altitude and accelerometer.
 
 No number of a vehicle is needed. Touchdown is where the altitude stops changing; before it, as far back as the
 equivalent airspeed of the descent stays near that of the seconds after, lies the descent under the last parachute to

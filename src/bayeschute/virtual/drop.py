@@ -1,4 +1,4 @@
-"""Virtual drops: flights of the simulator with disturbances unknown to an identification, seen by instruments."""
+"""Virtual drops: simulated flights with disturbances unknown to the identification, measured by simulated sensors."""
 
 from __future__ import annotations
 

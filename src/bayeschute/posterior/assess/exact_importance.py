@@ -1,4 +1,4 @@
-"""The exact joint posterior by weights: a judge of all that the default inference approximates.
+"""Exact joint posterior by importance sampling: the reference for all approximations of the default inference.
 
 Parameters and noise parameters are drawn together from a wide t distribution about the posterior that was found. For
 every draw the flight is linearised anew at its conditional optimum, and a few starts and shocks u are drawn by

@@ -1,4 +1,4 @@
-"""What a record tells and what it does not: sloppy directions, confounding with noise and wind, power scaling."""
+"""Practical identifiability: sloppy directions, confounding with noise parameters, power-scaling sensitivity."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Is the joint optimum the only one? It is sought from several starts, the best is kept, and how others differ is told.
+"""Multistart check of the joint optimum: several starts, the best is kept, differences are reported.
 
 Starts have noise parameters of their own at the end. So every other optimum is first moved to where it lies under the
 noise parameters of the best one: only then are their places and densities those of one function.

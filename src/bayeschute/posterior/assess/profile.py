@@ -1,4 +1,4 @@
-"""Profiles of the marginal posterior: one parameter held at value after value, all others at their best for it.
+"""Profile posterior and profile likelihood: one parameter fixed at value after value, the others optimised.
 
 At each value the rest is a least-squares problem with a small polynomial beside it: Gauss-Newton with Jacobians by
 differences, all values and all columns in batches of simulations. The prior of the parameter itself is constant along

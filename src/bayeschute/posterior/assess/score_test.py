@@ -1,4 +1,4 @@
-"""Terms that the structure left out: does the simulated flight ask for them?
+"""Score test (Lagrange multiplier test) of aerodynamic terms that the structure left out, on the simulated flight.
 
 Equation error sees a term through airflow that is wrong by the wind's error, which can hide it altogether. At the
 fitted optimum the flight itself can be asked: with the coefficients of all left-out terms at zero, one Gauss-Newton

@@ -1,4 +1,4 @@
-"""Bodies that share most parameters and differ in a few about populations: drops, canopies, or both.
+"""Hierarchical model of drops and canopies that share most parameters and differ in some.
 
 Fits were made under independent priors of all parameters. A posterior with its prior taken out again is a Gaussian
 likelihood, correlations included; those of fits made one by one add up (`joint`). The shared parameters phi have the

@@ -1,4 +1,4 @@
-"""Weights of rival structures from how well each foretells a record: leave-future-out scores and pseudo-BMA+.
+"""Model averaging of structures: leave-future-out log scores and pseudo-BMA+ weights.
 
 A structure is scored by the log density of every sample given all earlier ones, parameters, start and disturbances
 integrated out. The sum over the whole record is the log evidence, which hangs on the priors of the terms that rivals

@@ -1,4 +1,4 @@
-"""An independence sampler whose proposal learns: t distributions fitted to weighed draws, then Metropolis and Hastings.
+"""Adaptive independence sampler: population Monte Carlo proposals of t mixtures, then Metropolis-Hastings.
 
 Adaptive importance sampling (Cappé, Guillin, Marin and Robert 2004): a population is drawn from a t distribution and
 weighed by the exact density over that of the mixture of the last ones (Veach and Guibas' balance heuristic); its

@@ -1,4 +1,4 @@
-"""What every sampler takes and returns; samplers know nothing of parachutes."""
+"""Interface of the samplers, which are independent of parachutes."""
 
 from __future__ import annotations
 

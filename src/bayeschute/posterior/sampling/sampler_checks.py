@@ -1,4 +1,4 @@
-"""Whether corrected draws may be believed: the tail of their importance ratios, and R-hat.
+"""Diagnostics of corrected draws: Pareto k of their importance ratios, and R-hat.
 
 Delayed acceptance is exact in the limit whatever its surrogate, but where the surrogate's tails are too thin the walk
 sticks, and finite draws don't show what they miss. The ratios exact/surrogate at the surrogate's proposals tell: the

@@ -1,4 +1,4 @@
-"""The tables of what was fed in and what was found, as plain values that the template sets."""
+"""Tables of noise, structure and parameter estimates, as plain values that the template shows."""
 
 from __future__ import annotations
 

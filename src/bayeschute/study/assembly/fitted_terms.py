@@ -1,4 +1,4 @@
-"""Terms that equation error did not select, kept at hand for a fit that asks for them."""
+"""Priors of aerodynamic terms that equation error did not select, for the search within the fit."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from bayeschute.study.assembly import canopies
 from bayeschute.study.job import Job
 from bayeschute.study.study import Study
 
-ADDED = "added since the fitted flight asked for it"
+ADDED = "added by the score test of the fitted flight"
 _LARGEST = 0.2
-"""Root mean square, over the record, of what a term is expected to add to a force coefficient at most [1].
+"""Prior standard deviation of a term's contribution to a force coefficient, root mean square over the record [1].
 
-Coefficients of axial force are near 0.9, of transverse force below 0.2 where canopies fly. A record that moves too
-little to tell terms apart leaves them near zero by this, and their sum where equation error puts it.
+Coefficients of axial force are near 0.9, of transverse force below 0.2 where canopies fly. Where the motion is too
+small to separate collinear terms, this prior keeps each of them near zero, and their sum where equation error puts it.
 """
 
 
 _UNSEEN = 1e-4
-"""Least root mean square of a regressor that counts: one that is zero all along tells nothing of its coefficient."""
+"""Least root mean square of a regressor: one that is zero all along carries no information on its coefficient."""
 
 
 def of_selected(study: Study, kind: str, entry: Mapping[str, Any], flight: str) -> list[Prior]:

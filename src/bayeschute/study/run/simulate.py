@@ -1,7 +1,7 @@
-"""Virtual drops of a study, stored as records with the truth beside; in this process or over Dask, the same files.
+"""Virtual drops of a study, stored as records with the true motion; in this process or over Dask, the same files.
 
-A drop follows from its vehicle, its flight table and a seed of its own, so it doesn't matter who flies it, nor when.
-Its files carry a hash of these, and drops that are there already are kept.
+A drop is determined by its vehicle, its flight table and its seed, so its numbers do not depend on the worker. Its
+files contain a hash of these, and drops that exist already are kept.
 """
 
 from __future__ import annotations
@@ -32,17 +32,17 @@ from bayeschute.study.run.stage_data import flown, write_truth
 from bayeschute.study.study import Flight, Study, canonical
 
 HASH = "drop_hash"
-"""Attribute of records and truths: what they are drops of."""
-_AHEAD = 4  # drops per core under way at once: results wait in workers' memory
+"""Attribute of records and truths: the hash of the inputs of the drop."""
+_AHEAD = 4  # drops per core submitted at once: results wait in workers' memory
 
 
 class Drops(NamedTuple):
-    """What `simulate_study` flew.
+    """Result of `simulate_study`.
 
     Attributes:
         files: Records and truths, written now or kept.
         outcomes: Number of drops by outcome, in words.
-        failed: Drops that aren't ok, with what became of them.
+        failed: Drops that aren't ok, with their outcome.
         step_error: Largest error due to the steps over drops that are ok: positions [m], velocities [m/s].
         kept: How many were there already.
     """
@@ -64,7 +64,7 @@ class Wanted(NamedTuple):
 
 
 class Flown(NamedTuple):
-    """A drop that was flown: attributes that tell its outcome; its files' bytes, none where it failed; faults."""
+    """A simulated drop: attributes with its outcome; bytes of its files, none if it failed; faults."""
 
     told: Mapping[str, Any]
     record: bytes = b""
@@ -89,14 +89,14 @@ def simulate_study(
     Args:
         study: The study.
         out: A folder; files are ``<flight>.nc`` and ``<flight>.truth.nc``, numbered where `draws` > 1.
-        draws: Virtual drops of each flight, with seeds of their own.
+        draws: Number of virtual drops of each flight, each with its own seed.
         seed: Replaces the study's.
         progress: Called with a name, the share done and words.
         workers: Local processes; 1: this one.
         address: Of a Dask scheduler, in place of local processes. Workers send files' bytes; they need not see `out`.
 
     Returns:
-        The files, and what became of every drop; the same, but for `kept`, whoever flew them.
+        The files, and the outcome of every drop; the same, except for `kept`, on any worker.
 
     Raises:
         InputError: If the study has no virtual flight, no drop stays finite, or Dask is not there or breaks off.
@@ -132,7 +132,7 @@ def simulate_study(
 
 
 def wanted_drops(study: Study, flights: Sequence[Flight], draws: int, seed: int | None = None) -> list[Wanted]:
-    """All drops in order: of each flight, so many.
+    """All drops in order, by flight.
 
     Args:
         study: The study.
@@ -153,7 +153,7 @@ def wanted_drops(study: Study, flights: Sequence[Flight], draws: int, seed: int 
 
 
 def fly_drop(wanted: Wanted, study: Study) -> Flown:
-    """Fly one drop; whatever stops it is told, not raised, so that the others are flown.
+    """Simulate one drop; errors are returned, not raised, so that the others continue.
 
     Args:
         wanted: The drop.
@@ -163,7 +163,7 @@ def fly_drop(wanted: Wanted, study: Study) -> Flown:
         record, truth = flown(study, wanted.flight, wanted.seed)
     except InputError as error:
         return Flown({"outcome": Outcome.DIVERGED.words, "why": error.faults[0].got}, faults=tuple(error.faults))
-    except Exception as error:  # whatever it is, it is one failed drop: counted and told
+    except Exception as error:  # any error fails this drop only: it is counted and reported
         return _broken(wanted.stem, f"{type(error).__name__}: {' '.join(str(error).split())}"[:500])
     with tempfile.TemporaryDirectory(prefix="bayeschute-") as folder:
         mark = {HASH: wanted.hash}
@@ -179,7 +179,7 @@ def _broken(stem: str, why: str) -> Flown:
 
 
 def _plain(truth: xr.Dataset) -> dict[str, Any]:
-    """Attributes without what is long."""
+    """Attributes without the long ones."""
     return {name: value for name, value in truth.attrs.items() if name != "repairs"}
 
 
@@ -194,7 +194,7 @@ def _paths(folder: Path, stem: str) -> tuple[Path, Path]:
 
 
 def _kept(folder: Path, one: Wanted) -> dict[str, Any] | None:
-    """What a drop's files tell of it, where both are there and of this very drop."""
+    """Attributes of a drop's files, if both exist and belong to this drop."""
     told: dict[str, Any] = {}
     for path in _paths(folder, one.stem):
         try:
@@ -219,7 +219,7 @@ def _spell(seconds: float) -> str:
 
 
 def _with_drop(drops: Drops, folder: Path, stem: str, told: Mapping[str, Any]) -> Drops:
-    """Counted: one drop more, of which the attributes tell."""
+    """Counts with one more drop, described by its attributes."""
     words = told["outcome"]
     drops = drops._replace(outcomes={**drops.outcomes, words: drops.outcomes.get(words, 0) + 1})
     if "why" not in told:

@@ -1,7 +1,7 @@
-"""What each fit's record tells and what it does not, in numbers: a part of the stage `check`.
+"""Identifiability analysis of each fit, in numbers: a part of the stage `check`.
 
-Least-told directions and confounding cost nothing beside a fit. Profiles cost simulations, so they are made only of the
-parameters in whose posterior the prior is felt: of the others the posterior says the same.
+Directions of least information and confounding cost little compared with a fit. Profiles cost simulations, so they are
+computed only of parameters that are sensitive to the prior: for the others the posterior gives the same interval.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _PARTS = {"white": "white noise", "correlated": "correlated noise", "time_consta
 
 
 def of_fit(job: Job, group: Group, stored: Stored) -> dict[str, Any]:
-    """What the flights of one fit tell of its parameters.
+    """Identifiability of the parameters of one fit.
 
     Args:
         job: The run.
@@ -41,7 +41,7 @@ def of_fit(job: Job, group: Group, stored: Stored) -> dict[str, Any]:
         ``parameters``: by name ``shift`` (of the posterior's mean from the prior's, in standard deviations of the
         prior) and, where they are known, ``noise_share``, ``noise_partner``, ``noise_correlation``,
         ``prior_sensitivity``, ``likelihood_sensitivity``, ``diagnosis`` and ``likelihood_interval``; ``directions``,
-        the least told first; ``confounding``: all correlations of parameters with noise parameters;
+        the least determined first; ``confounding``: all correlations of parameters with noise parameters;
         ``noise``: contraction of every noise parameter's logarithm. Draws of the sandwich come from no prior, no
         likelihood and no noise parameters: of those, only shifts and directions are told.
     """
@@ -74,7 +74,7 @@ def noise_labels(job: Job) -> tuple[list[str], NDArray[np.bool_]]:
 
 
 def _with_noise(job: Job, group: Group, stored: Stored, made: dict[str, Any]) -> None:
-    """Confounding with the noise parameters, and how well these are told themselves."""
+    """Confounding with the noise parameters, and the contraction of these."""
     labels, used = noise_labels(job)
     names = [label for label, u in zip(labels, used, strict=True) if u]
     spread = stored.noise_parameter_covariance[np.ix_(used, used)]
@@ -94,7 +94,7 @@ def _with_noise(job: Job, group: Group, stored: Stored, made: dict[str, Any]) ->
 
 
 def _with_prior(job: Job, group: Group, stored: Stored, told: dict[str, dict[str, Any]]) -> None:
-    """Power scaling of every parameter; a likelihood interval where the prior is felt."""
+    """Power-scaling sensitivity of every parameter; a profile-likelihood interval where the prior matters."""
     scaled = identifiability.power_scaling(group.priors, stored.held, log_likelihood(job, group))
     for i, p in enumerate(group.priors):
         felt: Sensitivity = scaled[p.name]

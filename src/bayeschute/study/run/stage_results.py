@@ -1,4 +1,4 @@
-"""Stages after the fit: checks, predictions, risk files."""
+"""Stages `check`, `predict` and `risk`: checks of the fit, predictions, risk files."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _FAR_DRAWS = 2.0  # standard deviations: farther off, draws are not about the mo
 
 
 class _Fits(NamedTuple):
-    """What the fits of a run say of themselves.
+    """Diagnostics of the fits of a run.
 
     Attributes:
         converged: Whether every optimum did.
@@ -52,7 +52,7 @@ class _Fits(NamedTuple):
         modes: Whether it falls to both sides along every axis, by fit.
         away: Distance of the draws' mean from the mode [Laplace's standard deviations], by fit.
         tails: Pareto k, by fit that has one.
-        told: What the records tell, by fit; empty where not asked for.
+        told: Identifiability by fit; empty if not requested.
     """
 
     converged: bool
@@ -102,11 +102,11 @@ def _away(stored: Stored) -> float:
 
 
 def check(job: Job, tell: bool = True) -> str:
-    """Numbers that say whether the fit may be believed, and what its records tell.
+    """Convergence diagnostics and checks of the fit, and the identifiability analysis.
 
     Args:
         job: The run.
-        tell: Whether to work out what the records tell; replicates have no reader.
+        tell: Whether to run the identifiability analysis; replicates don't need it.
     """
     checks: dict[str, dict[str, Any]] = {}
 
@@ -120,10 +120,22 @@ def check(job: Job, tell: bool = True) -> str:
     rhat, bulk, tail = (_over(posterior, f) for f in (arviz_stats.rhat, _ess_bulk, _ess_tail))
     chains = judge_rhat(list(rhat.values()), posterior.sizes["chain"], posterior.sizes["draw"])
     add("rhat", chains.largest, chains.bound, chains.passed, "largest R-hat of any parameter")
-    add("ess_bulk", min(bulk.values()), 400.0, min(bulk.values()) > 400.0, "least bulk effective sample size")
-    add("ess_tail", min(tail.values()), 400.0, min(tail.values()) > 400.0, "least tail effective sample size")
+    add(
+        "ess_bulk",
+        min(bulk.values()),
+        400.0,
+        min(bulk.values()) > 400.0,
+        "smallest bulk effective sample size of any parameter",
+    )
+    add(
+        "ess_tail",
+        min(tail.values()),
+        400.0,
+        min(tail.values()) > 400.0,
+        "smallest tail effective sample size of any parameter",
+    )
     fits = _of_fits(job, tell)
-    add("optimum", float(not fits.converged), 0.0, fits.converged, "fits whose optimum did not converge")
+    add("optimum", float(not fits.converged), 0.0, fits.converged, "number of fits whose optimisation did not converge")
     if starts := job.load("fit/facts.json").get("starts"):
         checks["optima"] = several_starts.check(starts)
     if stacked := structures.told(job):
@@ -140,23 +152,23 @@ def check(job: Job, tell: bool = True) -> str:
         max(fits.step_errors),
         0.2,
         max(fits.step_errors) < 0.2,
-        "integration error over the white noise of the channel, largest",
+        "largest integration error relative to the white measurement noise of the channel",
     )
     add(
         "mode",
         min(fits.least_falls),
         0.0,
         all(fits.modes),
-        "least fall of the log density one standard deviation beside the mode, along any axis: about 0.5 where it is "
-        "one",
+        "smallest decrease of the log density one standard deviation away from the mode, along any axis; 0.5 for a "
+        "Gaussian, and positive at a maximum",
     )
     add(
         "draws_distance",
         max(fits.away),
         _FAR_DRAWS,
         max(fits.away) < _FAR_DRAWS,
-        "distance of the draws' mean from the mode along any axis, in standard deviations of its Gaussian "
-        "approximation",
+        "largest distance of the mean of the draws from the mode along any axis, in standard deviations of the "
+        "Gaussian approximation",
     )
     worst = max(fits.shares, key=lambda s: abs(s - 0.9))
     add(
@@ -164,19 +176,21 @@ def check(job: Job, tell: bool = True) -> str:
         worst,
         0.9,
         abs(worst - 0.9) < 0.04,
-        "share of standardised one-step prediction errors within the central 90 %; bound: the target, 0.04 either way",
+        "share of standardised innovations (one-step prediction errors) inside their central 90 % interval; the bound "
+        "is the target, with a tolerance of 0.04",
     )
     add(
         "log_determinant",
         max(fits.determinant_errors),
         0.2,
         max(fits.determinant_errors) < 0.2,
-        "root mean square error of the log density over the posterior, against Laplace's at the same points",
+        "root mean square error of the interpolated log determinant over the posterior, against Laplace's "
+        "approximation at the same points",
     )
     if fits.tails:
         detail = (
-            "Pareto k of the importance ratios exact/surrogate at the surrogate's proposals: below 0.7 the surrogate "
-            "reaches all that the exact posterior holds, and its correction can be trusted"
+            "Pareto k of the importance ratios exact/surrogate density at the surrogate's proposals; below 0.7 the "
+            "proposals cover the exact posterior and the correction is reliable"
         )
         add("pareto_k", max(fits.tails), MOST_K, max(fits.tails) < MOST_K, detail)
     if tell:
@@ -287,7 +301,7 @@ def recorded_quantities(job: Job, flight: Flight, record: xr.Dataset) -> dict[st
 
 
 def risk(job: Job) -> str:
-    """Files for risk assessors, and the requirements; of the draws as in the bands, widened where these are."""
+    """Files for risk assessment, and the requirements, from the draws of the bands (recalibrated where these are)."""
     study, tables = job.study, load_tree(job.out / STATISTICS, dict[str, dict[str, dict[str, Array]]])
     by = told_widening(job)
     widened = {} if by is None else dict.fromkeys(by.flights, by.factors)

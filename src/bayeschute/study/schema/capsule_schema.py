@@ -77,7 +77,7 @@ class CapsuleAeroTable(Strict):
         return read
 
     def given(self) -> dict[str, Rows]:
-        """Rows of the coefficients that are told."""
+        """Rows of the coefficients that are given."""
         return {name: rows for name in COEFFICIENTS if (rows := getattr(self, name)) is not None}
 
     def arrays(self) -> dict[str, np.ndarray]:

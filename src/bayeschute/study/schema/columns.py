@@ -11,7 +11,7 @@ from bayeschute.study.schema.draft import Draft
 from bayeschute.study.schema.schema_faults import show
 from bayeschute.study.schema.study_schema import Column
 
-_WITH_NAMES = (".nc", ".nc4", ".netcdf", ".h5")  # files that may hold the schema's own names and units
+_WITH_NAMES = (".nc", ".nc4", ".netcdf", ".h5")  # files that may contain the names and units of the schema
 
 
 def _components(name: str) -> list[str]:
@@ -41,7 +41,7 @@ def _unit_of(name: str) -> str | None:
 
 
 def _map_faults(draft: Draft, columns: Mapping[str, Column], loc: tuple[int | str, ...]) -> Iterator[Fault]:
-    """Faults of one column map, which stands at `loc`."""
+    """Faults of one column map, located at `loc`."""
     for name, spec in columns.items():
         unit = _unit_of(name)
         if unit is None:

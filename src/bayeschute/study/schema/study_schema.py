@@ -45,7 +45,7 @@ Statistic = Annotated[Literal["final", "maximum", "mean"], one_of("final", "maxi
 
 
 class Column(Strict):
-    """Where a variable stands in a record: name of its column, and its unit there."""
+    """Column of a variable in a record: its name, and its unit there."""
 
     column: Text
     unit: Annotated[str, BeforeValidator(lambda value: value if isinstance(value, str) else refuse("a unit"))]
@@ -56,15 +56,15 @@ class FlightTable(Strict):
 
     Attributes:
         name: Unique within the study.
-        roles: What it is used for.
-        file: Path of the record, relative to the study; ``${DATA}`` stands for the data folder.
+        roles: Uses of the flight.
+        file: Path of the record, relative to the study; ``${DATA}`` is replaced by the data folder.
         virtual: The drop to fly.
         columns: Columns of the record; None: those of the study.
         window: First and last time used [s].
-        rate: The record is resampled to this rate [Hz]; None: its own.
+        rate: Sampling rate to which the record is resampled [Hz]; None: that of the record.
         capsule_mass: Replaces the vehicle's [kg].
         skip_first: Left out at the start of the window [s] (descent).
-        identify_until: What comes later is held out and predicted (descent).
+        identify_until: End of the fitted part; the rest is held out and predicted (descent).
         remove_velocity_bias: Whether constant biases of the recorded velocity, found against positions, are removed.
         wind_profile: Wind by altitude about which the recorded wind, the capsule's, tells that of the canopies
             (cluster); where no wind is recorded it stands for it. None: canopies meet the capsule's wind.
@@ -154,7 +154,7 @@ class RequirementTable(Strict):
     @field_validator("at_most", "at_least", mode="before")
     @classmethod
     def _is_of_the_quantity(cls, value: object, info: ValidationInfo) -> object:
-        """Read the limit in the unit of the quantity; a wrong quantity has its own fault."""
+        """Read the limit in the unit of the quantity; an unknown quantity is reported elsewhere."""
         known = info.data.get("quantity")
         return read_quantity(value, *UNITS[known]) if known else None
 
@@ -174,13 +174,13 @@ class StudyFile(Strict):
 
     Attributes:
         title: For the report.
-        model: What is identified.
+        model: The flight model.
         vehicle: Path of the vehicle file, relative to the study.
         seed: Of every random number.
         columns: Columns of all records that don't name their own.
         flight: The flights.
         structure: Selection of the structure (cluster).
-        synthetic: Data made from published terms, to see whether a flight tells them (cluster).
+        synthetic: Simulation study with published terms, to test whether a flight identifies them (cluster).
         priors: Priors.
         noise: Noise.
         sampler: Sampler.
