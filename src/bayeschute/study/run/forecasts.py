@@ -31,7 +31,7 @@ from bayeschute.study.run import structures
 from bayeschute.study.study import Flight
 
 Array = NDArray[np.float64]
-OPENING = 5.0  # [s] of its record by which a flight to be predicted is known
+OPENING = 5.0  # [s] initialisation window: the part of its record that a prediction uses
 PART = 512  # least number of draws for a separate task
 _MOST_PARTS = 64  # of a flight: every part steps over the random numbers of those before it
 _AHEAD = 2  # parts per core submitted at once
