@@ -27,14 +27,14 @@ def run(
     address: str | None = None,
     progress: Progress | None = None,
 ) -> list[Row]:
-    """Make the rows of all seeds that the folder does not hold yet.
+    """Compute the rows of all seeds that the folder does not contain yet.
 
     Args:
         task: Makes the row of a seed; it counts its own failures as rows with ``ok`` false. Sent to workers, so it must
             be a function of a module or a partial of one.
         seeds: Seeds wanted.
         folder: Of the rows.
-        identity: Hash of all that rows depend on beside the seed.
+        identity: Hash of all that rows depend on except the seed.
         workers: Local processes; 1: this one.
         address: Of a Dask scheduler, in place of local processes.
         progress: Called with the share done and words.

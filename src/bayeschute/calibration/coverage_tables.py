@@ -28,7 +28,7 @@ def _share(values: Sequence[Any], of_shares: bool) -> dict[str, float]:
 
 
 def coverage_of_parameters(rows: Sequence[Row]) -> dict[str, dict[str, Any]]:
-    """Share of replicates whose intervals hold the truth, by parameter; a flown term left out counts as outside.
+    """Coverage of intervals over replicates, by parameter; a true term that was not selected counts as outside.
 
     Args:
         rows: Rows of a campaign that are ok.
@@ -56,7 +56,7 @@ def coverage_of_parameters(rows: Sequence[Row]) -> dict[str, dict[str, Any]]:
 
 
 def coverage_of_bands(rows: Sequence[Row]) -> dict[str, dict[str, Any]]:
-    """Share of samples whose truth lies in the bands, per ``flight/quantity``; replicates are the independent units.
+    """Coverage of bands: share of samples inside, per ``flight/quantity``; replicates are the independent units.
 
     Args:
         rows: Rows of a campaign that are ok.
@@ -91,7 +91,7 @@ def coverage_of_bands(rows: Sequence[Row]) -> dict[str, dict[str, Any]]:
 
 
 def coverage_of_modes(rows: Sequence[Row]) -> dict[str, dict[str, Any]]:
-    """Share of replicates whose intervals hold what a mode does in a flight, per ``flight/what``.
+    """Coverage of intervals of amplitude and frequency of the modes over replicates, per ``flight/mode``.
 
     Args:
         rows: Rows of a campaign that are ok; those made before modes were scored are left out.
@@ -126,7 +126,7 @@ def summarise(rows: Sequence[Row]) -> dict[str, Any]:
         ``replicates`` that are ok, ``failed`` with the reasons, ``nominal``, ``coverage`` and ``standard_error`` by
         name, the full tables of ``parameters`` and ``bands``, that of ``modes`` (no promise
         rests on it), how often each of a run's own checks was missed, in how many replicates Pareto k of the sampler's
-        correction was ``below`` 0.7 of those that told it, and the mean ``wall_s``.
+        correction was ``below`` 0.7 of those that reported it, and the mean ``wall_s``.
     """
     good = [row for row in rows if row["ok"]]
     parameters, bands = coverage_of_parameters(good), coverage_of_bands(good)
@@ -149,7 +149,7 @@ def summarise(rows: Sequence[Row]) -> dict[str, Any]:
 
 
 def promised(summary: dict[str, Any]) -> list[str]:
-    """Names whose coverage a claim rests on: aerodynamic parameters flown, bands of flights the fit did not see."""
+    """Names whose coverage decides the label: true aerodynamic parameters, bands of flights that were not fitted."""
     aero = [name for name in summary["parameters"] if "[" in name]
     return aero + [name for name, entry in summary["bands"].items() if entry["role"] == "predict"]
 

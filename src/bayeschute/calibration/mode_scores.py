@@ -21,7 +21,7 @@ MODES = {"pendulum": "swing_angle", "scissors": "flyout_angle"}
 
 
 def content(values: Mapping[str, Array], dt: float) -> dict[str, Array]:
-    """What the modes do in a stretch of a flight.
+    """Amplitude and frequency of the modes in a stretch of a flight.
 
     Args:
         values: Quantities by name, (..., T) each: angles [rad], ``descent_rate`` [m/s]; those that are missing are left
@@ -41,7 +41,7 @@ def content(values: Mapping[str, Array], dt: float) -> dict[str, Array]:
         size = np.sqrt(np.mean(moved**2, axis=-1))
         rate = np.sqrt(np.mean(np.gradient(moved, dt, axis=-1) ** 2, axis=-1))
         made[f"{mode} amplitude"] = np.sqrt(2.0) * size
-        with np.errstate(invalid="ignore", divide="ignore"):  # what does not move has no frequency
+        with np.errstate(invalid="ignore", divide="ignore"):  # a constant series has no frequency
             made[f"{mode} frequency"] = rate / size / (2.0 * np.pi)
     if "descent_rate" in values:
         made["mean descent rate"] = values["descent_rate"].mean(axis=-1)
@@ -49,7 +49,7 @@ def content(values: Mapping[str, Array], dt: float) -> dict[str, Array]:
 
 
 def score_modes(draws: Mapping[str, Array], truth: Mapping[str, Array], dt: float) -> dict[str, dict[str, Any]]:
-    """Score what the modes do in a flight.
+    """Score amplitude and frequency of the modes in a flight.
 
     Args:
         draws: Quantities by name, (S, T) each; draws that failed are not finite and left out.

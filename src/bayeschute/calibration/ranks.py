@@ -89,7 +89,7 @@ def uniform(ranks: NDArray[np.int64], levels: int, probability: float = 0.95, te
         ranks: 0..L each (N,).
         levels: L.
         probability: With which a uniform sample lies inside the band as a whole.
-        tests: How many quantities are looked at together; the band of each is widened by Sidak's rule so that all of
+        tests: Number of quantities tested together; the band of each is widened by Sidak's rule so that all of
             them are inside with that probability.
 
     Returns:

@@ -32,9 +32,9 @@ _CAMPAIGN = b"campaign"
 
 
 def entries(row: Row) -> Iterator[tuple[str, Any]]:
-    """JSON pointers of a row with what is there, in its order.
+    """JSON pointers of a row with their values, in its order.
 
-    A list is an entry too, before those of what it holds; so is a dict that is empty or in a list.
+    A list is an entry too, before those of its items; so is a dict that is empty or in a list.
     """
     yield from _below("", row)
 
@@ -95,7 +95,7 @@ def read_rows(folder: Path, identity: str | None = None) -> dict[int, Row]:
         identity: Hash of the campaign; that of the first row where None.
 
     Raises:
-        InputError: If files belong to another campaign or hold something else; all of them at once.
+        InputError: If files belong to another campaign or are no rows; all of them at once.
     """
     rows: dict[int, Row] = {}
     others, faults = Counter[str](), []

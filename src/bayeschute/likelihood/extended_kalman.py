@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 
 
 class Filtered(NamedTuple):
-    """What the filter leaves.
+    """Result of the filter.
 
     Attributes:
         terms: Log density of every sample given all earlier ones (T,).
@@ -153,7 +153,7 @@ def minimise(cost: Callable[[Array], tuple[float, Array]], theta: Array, scale: 
         rows.append((scaled(found.x + move)[1] - scaled(found.x - move)[1]) / (2.0 * step * s))
     curvature: Array = np.array(rows)
     covariance = scipy.linalg.inv(0.5 * (curvature + curvature.T)) * np.outer(scale, scale)
-    # the gradient's length in standard deviations: what is left to gain
+    # the gradient's length in standard deviations: expected decrease
     left = float(np.abs(found.jac @ (covariance / np.outer(scale, scale)) @ found.jac))
     return Estimate(theta + scale * found.x, covariance, float(found.fun), left < 1e-4)
 

@@ -84,7 +84,7 @@ def whiten(noise: Noise, dt: Component, present: jax.Array, series: jax.Array) -
 
 @jax.jit
 def colour(noise: Noise, dt: Component, drift: jax.Array, white: jax.Array) -> jax.Array:
-    """AR(1) plus white noise (T, C, ...) made of two arrays of standard normal numbers of that shape."""
+    """AR(1) plus white noise (T, C, ...) from two arrays of standard normal numbers of that shape."""
     extra = (1,) * (drift.ndim - 2)
     phi, sd, small = (
         jnp.reshape(a, (-1, *extra)) for a in (jnp.exp(-dt / noise.time_constant), noise.correlated, noise.white)

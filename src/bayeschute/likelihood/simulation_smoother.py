@@ -19,7 +19,7 @@ from bayeschute.likelihood.kalman import Gains, Seen, backward, forward
 
 
 class Normals(NamedTuple):
-    """Standard normal numbers behind one draw of a flight: start (D, B), shocks (T, L, B), residual noise (T, C, B)."""
+    """Standard normal numbers behind one draw of a flight: start (D, B), process noise (T, L, B), noise (T, C, B)."""
 
     start: Component
     shocks: Component
@@ -28,7 +28,7 @@ class Normals(NamedTuple):
 
 
 class Drawn(NamedTuple):
-    """A draw: standard start and shocks, and how far its states lie from those of the path (T, X, B)."""
+    """A draw: standard start and process noise, and the deviation of its states from the trajectory (T, X, B)."""
 
     unknowns: Unknowns
     states: jax.Array
@@ -43,13 +43,13 @@ def normals(flight: FlightData, draws: int, rng: np.random.Generator) -> Normals
 
 @jax.jit
 def drawn(flight: FlightData, hyper: NoiseParameters, made: Gains, seen: Seen, z: Normals) -> Drawn:
-    """Draw of the unknowns of the linear model given what it sees.
+    """Draw of the unknowns of the linear model given its data.
 
     Args:
         flight: The record.
         hyper: Noise parameters.
         made: The filter.
-        seen: Data about a path, one column a draw.
+        seen: Data relative to a trajectory, one column per draw.
         z: From `normals`; zeros give the smoothed unknowns.
     """
     unit, weighted, filtered = forward(made, *seen)

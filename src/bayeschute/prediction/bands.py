@@ -45,7 +45,7 @@ class Prediction:
         draws: Quantity by name, (draw, T); NaN where a simulation failed.
         last: Capsule velocity at the last sample of the record, (draw, 3) NED [m/s]; descents hold (0, 0, rate).
         failed: Simulations that were not finite.
-        shares: Share of variance by quantity and source; NaN where no simulation tells.
+        shares: Share of variance by quantity and source; NaN without successful simulations.
     """
 
     time: Array
@@ -56,7 +56,7 @@ class Prediction:
 
 
 def _simulate(flight: FlightData, theta: jax.Array, driven: Course) -> tuple[jax.Array, jax.Array]:
-    """Quantities (Q, T, B) and the last velocity (3, B); simulated from where the course's path ends, if it has one."""
+    """Quantities (Q, T, B) and the last velocity (3, B); simulated from the end of the trajectory, if there is one."""
     return _quantities(flight, states(flight, theta, driven, driven.path))
 
 
@@ -88,7 +88,7 @@ def quantities_of_states(flight: FlightData, x: Array) -> dict[str, Array]:
 
 
 def opening(flight: FlightData, seconds: float) -> FlightData:
-    """The first seconds of a flight as a flight of its own."""
+    """The initialisation window: the first seconds of a flight as a separate flight."""
     samples = int(round(seconds / float(flight.dt))) + 1
     model: Any = flight.model
     shorter = replace(model, record=jax.tree.map(lambda a: np.asarray(a)[:samples], model.record))
@@ -98,7 +98,7 @@ def opening(flight: FlightData, seconds: float) -> FlightData:
 
 
 def opened(flight: FlightData, hyper: NoiseParameters, posterior: Sequence[Prior]) -> Marginal:
-    """What an opening's data say of its own unknowns, the parameters as the posterior has them.
+    """Posterior of the unknowns of an initialisation window, with the parameters' posterior as prior.
 
     Args:
         flight: From `opening`.
@@ -129,7 +129,7 @@ def noise_parameter_draws(
 
 
 def carried(marginal: Marginal, theta: Array, laws: Sequence[NoiseParameters], effect: NoiseEffect) -> Array:
-    """Draws of the parameters for held noise parameters as they are for those that `predict` takes for each.
+    """Draws of the parameters, moved from the fixed noise parameters to those that `predict` takes for each draw.
 
     Args:
         marginal: Of the fit that the draws are from.
@@ -166,8 +166,8 @@ def predict(
         theta: Draws of the parameters, working coordinates (B, P); see `carried`.
         laws: Noise parameters, from `noise_parameter_draws`; groups of draws take them in turn.
         seed: Seed of unknowns.
-        whole: The whole flight where the marginal holds its opening only.
-        told: Data end here [s from the first sample]; disturbances beyond are free.
+        whole: The whole flight, where the marginal is of its initialisation window only.
+        told: End of the data that are used [s from the first sample]; disturbances after it follow their process.
         progress: Called with a share done.
         disturbance_log_sd: Standard deviation of the logarithm of a factor on disturbances beyond the data, one a draw.
         groups: Only these groups of `GROUP` draws each, drawn as if all were; all where None. Shares of variance are

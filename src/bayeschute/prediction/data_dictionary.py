@@ -120,7 +120,7 @@ def data_dictionary(files: Mapping[str, Sequence[str]], units: Mapping[str, str]
         Columns file, column, unit, meaning.
 
     Raises:
-        InputError: If nobody has said what a column means.
+        InputError: If a column has no description.
     """
     rows = []
     for file, columns in files.items():

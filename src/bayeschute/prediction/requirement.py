@@ -49,7 +49,7 @@ def requirement_check(
     independent: float | None = None,
     widened_by: float = 1.0,
 ) -> dict[str, Any]:
-    """P(requirement met) over the posterior, and apart from it what the number of simulated flights leaves open.
+    """P(requirement met) over the posterior, with Monte Carlo limits for the number of simulated flights.
 
     Args:
         samples: The quantity by posterior draw, (draw,), or by draw and simulation, (draw, simulation), where each
@@ -60,10 +60,10 @@ def requirement_check(
         at_most: Upper limit [unit]; this or `at_least`.
         at_least: Lower limit [unit].
         run: Flight it was predicted on.
-        statistic: What was taken over the window: final, maximum, mean.
+        statistic: Statistic over the window: final, maximum, mean.
         confidence: Two-sided confidence of the simulation limits [1].
         independent: Number of independent draws among (draw,) samples, if fewer.
-        widened_by: Factor by which the samples were widened before [1]; told in the result.
+        widened_by: Factor by which the samples were widened before [1]; part of the result.
 
     Returns:
         Plain numbers for summary.json: probability_met; simulation_low, simulation_high (Clopper-Pearson) and

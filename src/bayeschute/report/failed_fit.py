@@ -31,7 +31,7 @@ from bayeschute.report.wording import (
 )
 
 _UNITS = {name: variable.unit for name, variable in VARIABLES.items()} | {"capsule_attitude": "rad"}
-_WIDE = 2.0  # residuals this many times the sensor's noise stand out
+_WIDE = 2.0  # residuals this many times the sensor noise are marked
 _INSIDE = 1.6449  # standard deviations that hold 90 %
 _MOST_LINES = 6
 

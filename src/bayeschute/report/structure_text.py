@@ -16,7 +16,7 @@ def structure_text(structure: Entry) -> str:
         structure: Its content.
 
     Returns:
-        Lines to be printed or kept beside it.
+        Text to be printed or stored as ``structure.txt``.
     """
     blocks = []
     if structure.get("sufficiency"):
