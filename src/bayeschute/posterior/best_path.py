@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class BestPath:
-    """A flight beside its record.
+    """A trajectory, its record and the residuals.
 
     Attributes:
         flight: Name of the record.

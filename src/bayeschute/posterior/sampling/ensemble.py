@@ -51,7 +51,7 @@ def sample(
         draws: Nearly independent draws wanted per ensemble.
         seed: Seed.
         walkers: Walkers per ensemble; 4 P, an even number, where 0.
-        most_steps: Steps after which an ensemble ends whatever it has.
+        most_steps: Maximum number of steps of an ensemble.
         progress: Called with draws done and wanted.
 
     Returns:

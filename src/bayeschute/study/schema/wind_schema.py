@@ -209,7 +209,7 @@ class WindTable(Strict):
         layer: Layers of shear.
         gust: Gusts.
         every_body: Whether the wind at capsule and canopies is that at their altitudes; otherwise all have the
-        capsule's.
+            capsule's.
     """
 
     altitude: tuple[Altitude, ...] = ()
