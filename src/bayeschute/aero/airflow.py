@@ -15,7 +15,7 @@ SEA_LEVEL_DENSITY = 1.225  # [kg/m^3], US Standard Atmosphere 1976
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class CanopyFlow:
-    """What the aerodynamic terms of canopies may depend on; arrays (canopy, ...).
+    """Explanatory variables of the aerodynamic terms of canopies; arrays (canopy, ...).
 
     Attributes:
         axis: Canopy axis x, from the canopy to its attach point (6.3.3-8a), NED components.

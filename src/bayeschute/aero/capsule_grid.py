@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 COEFFICIENTS = ("C_A", "C_Y", "C_N", "C_l", "C_m", "C_n")  # forces -C_A x + C_Y y - C_N z, then moments (6.3.3-11, -12)
 MOST_ANGLES, MOST_ROLLS = 721, 72
 _ACROSS = COEFFICIENTS[1:3] + COEFFICIENTS[4:]
-_ROUNDING = 1e-6  # [rad] of angles, share of coefficients: what writing a table in decimals may cost
+_ROUNDING = 1e-6  # [rad] of angles, share of coefficients: rounding of a table written in decimals
 
 
 def is_pole(angle: Array) -> NDArray[np.bool_]:

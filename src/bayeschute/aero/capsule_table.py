@@ -34,12 +34,12 @@ class CapsuleTable:
     """Splines of the amplitudes of H harmonics over K angles.
 
     Attributes:
-        angle: Total angles of attack (K,) [rad]; beyond the ends the coefficients of the ends hold.
+        angle: Total angles of attack (K,) [rad]; constant extrapolation.
         value: Amplitudes at the first angle (H,).
         slope: Their slopes there (H,) [1/rad].
         curvature: Half their second derivatives there (H,) [1/rad^2].
         jump: Sixth parts of the third derivatives' jumps at all angles but the last (K - 1, H) [1/rad^3].
-        harmonics: What each amplitude belongs to.
+        harmonics: Harmonic of each amplitude.
     """
 
     angle: Component
@@ -77,7 +77,7 @@ def capsule_table(angle: Array, roll: Array, coefficients: Mapping[str, Array]) 
 
 
 def _of_revolution(full: Mapping[str, Array]) -> dict[Harmonic, Array]:
-    """Amplitudes of a body of revolution from its coefficients at roll 0: what is across turns with the roll."""
+    """Amplitudes of a body of revolution from its coefficients at roll 0; lateral ones rotate with the roll angle."""
     c = {name: values[:, 0] for name, values in full.items()}
     at = {name: i for i, name in enumerate(COEFFICIENTS)}
     return {
@@ -95,7 +95,7 @@ def _of_revolution(full: Mapping[str, Array]) -> dict[Harmonic, Array]:
 
 
 def _fourier(full: Mapping[str, Array], rolls: int) -> dict[Harmonic, Array]:
-    """Amplitudes of the trigonometric interpolation through even rolls; what is only rounding is left out."""
+    """Amplitudes of the trigonometric interpolation through equidistant roll angles, without rounding errors."""
     series: dict[Harmonic, Array] = {}
     for place, values in enumerate(full.values()):
         transform = np.fft.rfft(values, axis=1) / rolls

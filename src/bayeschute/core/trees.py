@@ -39,7 +39,7 @@ def load_tree(path: Path, kind: type[T], at: str = "") -> T:
 
     Args:
         path: The file.
-        kind: Type of the tree; the annotations of its fields say what is inside: ``dict[str, X]``, ``tuple[X, ...]``.
+        kind: Type of the tree; its fields have annotated types such as ``dict[str, X]``, ``tuple[X, ...]``.
         at: Where in the tree, e.g. ``"optimum/flights"``; all of it where empty.
 
     Raises:

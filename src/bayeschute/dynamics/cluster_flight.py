@@ -83,7 +83,7 @@ def _with_canopy(old: Component, canopy: int, value: Component, count: int) -> C
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class ClusterInputs:
-    """What the cluster meets at each sample; leaves (T, ...).
+    """Inputs of the cluster at each sample (wind, density); leaves (T, ...).
 
     Attributes:
         wind: Best-estimated wind (T, 3) [m/s].
@@ -114,7 +114,7 @@ class ClusterFlight:
             ``capsule_attitude`` (rotation vector from the recorded attitude, 3), ``riser_tension`` (n) [N],
             ``swing_angle`` (1) [rad] and ``descent_rate`` (1) [m/s] as of `quantity`.
         substeps: Runge-Kutta steps per sample.
-        wind_field: Wind by altitude that adds to the record's, for every body at its own; None: all meet the record's.
+        wind_field: Wind by altitude added to the record's, at every body's altitude; None: all have the record's.
     """
 
     base: Cluster

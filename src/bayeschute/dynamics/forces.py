@@ -16,7 +16,7 @@ from bayeschute.dynamics.parameters import Cluster
 
 
 def drag(flow: CanopyFlow, geo: RiserGeometry, model: Cluster, air: Air) -> Vec3:
-    """Force against the airflow, whatever its direction; ``axial = (C_D,)``."""
+    """Drag opposite to the airflow, in any direction; ``axial = (C_D,)``."""
     (C_D,) = model.axial
     return drag_coefficient(flow, C_D * air.axial_factor) * (flow.q * model.canopies.area)
 

@@ -40,7 +40,7 @@ class Thresholds:
 
 
 class WindowLabel(NamedTuple):
-    """A window and what happens in it.
+    """A window and its mode of motion.
 
     Attributes:
         start: [s].

@@ -142,7 +142,7 @@ def predict_swings(
 
     Args:
         flight: From `dumbbell_data`: its start and recorded wind are taken, its data are not.
-        hyper: Laws of the latent wind error, drawn anew for every draw; none where None.
+        hyper: Noise parameters of the latent wind error, drawn for every draw; none where None.
         theta: Draws (N, P).
         after: Time since the first sample from which the swing is measured [s].
         rng: Source of randomness.

@@ -28,7 +28,7 @@ class Collinearity(NamedTuple):
         max_vif: The largest; 1 if there is none.
         condition_index: Largest over smallest singular value of the columns scaled to length 1, means kept (Belsley).
         flags: Which of ``"correlation"``, ``"vif"``, ``"condition"`` are beyond 0.9, 10, 30.
-        sentences: What is flagged, in words; says so if nothing is.
+        sentences: Flagged collinearities in words, or a sentence that there are none.
     """
 
     names: tuple[str, ...]

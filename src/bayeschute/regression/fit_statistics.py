@@ -29,7 +29,7 @@ class Theil(NamedTuple):
 
 
 class NullModel(NamedTuple):
-    """A model that knows no aerodynamics, to stand beside a fit.
+    """Null model without aerodynamics, as a reference for a fit.
 
     Attributes:
         name: ``"constant"`` or ``"constant force"``.

@@ -18,7 +18,7 @@ from bayeschute.structure.cross_validation import PredictionTest, predict_record
 from bayeschute.structure.search import Identified
 
 Array = NDArray[np.float64]
-_GAIN = 0.97  # share of the prediction error from which leaving a term out is told
+_GAIN = 0.97  # decrease of the prediction error from which omitting a term is reported
 
 
 def check_entries(
@@ -30,10 +30,10 @@ def check_entries(
     """Predictions of canopies and flights that were not used.
 
     Args:
-        identified: What was found.
+        identified: The identified model.
         names: Candidates.
         checks: Regressions of the other canopies and flights, by label.
-        truth: True coefficients by term; None where nobody knows.
+        truth: True coefficients by term; None if unknown.
 
     Returns:
         By label: the numbers of `structure.cross_validation.PredictionTest`; ``without``, the term whose absence

@@ -24,7 +24,7 @@ COEFFICIENTS = ("C_A", "C_Y", "C_N")
 
 
 class PolarPool(NamedTuple):
-    """A pool of one coefficient as a study asks for it.
+    """The pool of candidates of one coefficient as given by a study.
 
     Attributes:
         variables: Explanatory variables, number 1 of the index first.
@@ -41,7 +41,7 @@ def polar_variables(made: xr.Dataset, canopy: int, length: float, speed: float) 
     """Explanatory variables of one canopy along a record.
 
     Args:
-        made: What `bayeschute.records.reconstruct` made of the record.
+        made: Motion by `bayeschute.records.reconstruct`.
         canopy: From 0.
         length: Reference length l [m].
         speed: Reference speed V_o [m/s].

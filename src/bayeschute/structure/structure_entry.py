@@ -23,10 +23,10 @@ from bayeschute.structure.search import CEILINGS, Identified, Search
 
 Array = NDArray[np.float64]
 _FOLDS = 10  # of PRESS: each series is cut into so many blocks, left out in turn
-_LAGS = 200  # autocorrelations told at most
+_LAGS = 200  # autocorrelations stored at most
 _MOST_TERMS = 12  # of the structures told by ceiling
 _WHOLE = 30  # candidates at most that are fitted all together
-_OFTEN = 0.05  # share of the replicates from which a term's frequency is told
+_OFTEN = 0.05  # share of the replicates from which a term's frequency is reported
 
 
 def entry(
@@ -44,7 +44,7 @@ def entry(
     """The entry of one coefficient.
 
     Args:
-        identified: What was found.
+        identified: The identified model.
         names: Candidates.
         how: How it was searched for.
         dt: Sample interval [s].
@@ -132,7 +132,7 @@ def ranking(selection: Selection, most: int = 60) -> list[dict[str, Any]]:
 
 
 def plain(value: Any) -> Any:
-    """A value as JSON can hold it: arrays as lists, NaN and infinities as None."""
+    """A value for JSON: arrays as lists, NaN and infinities as None."""
     if isinstance(value, Mapping):
         return {str(k): plain(v) for k, v in value.items()}
     if isinstance(value, (list, tuple, np.ndarray)):
@@ -233,7 +233,7 @@ def _residual(identified: Identified, dt: float) -> dict[str, Any]:
 
 
 def _press(stack: Stack, columns: list[int]) -> dict[str, Any]:
-    """Prediction of tenths of the record from the rest; why not, where it can't be."""
+    """Prediction of tenths of the record from the rest (PRESS); the reason if it is not possible."""
     folds = np.empty(stack.z.size, dtype=np.intp)
     for block in np.unique(stack.blocks):
         rows = np.flatnonzero(stack.blocks == block)

@@ -33,7 +33,7 @@ class FrequencyFit:
         noise: Covariance of the residuals at a frequency, by output (n, n), complex.
         residual: Measured minus modelled transforms (M, n).
         frequency: (M,) [Hz].
-        repeats: How often the frequencies say the same thing, 1 for harmonics.
+        repeats: Redundancy of the frequencies, 1 for harmonics.
         iterations: Of Gauss-Newton; 1 where the problem is linear.
         converged: Whether the last step was small.
     """

@@ -1,4 +1,4 @@
-"""Swing of a hanging body from its own gyro and accelerometer, spin taken out.
+"""Swing of a hanging body from its gyro and accelerometer, with the spin removed.
 
 The gyro is integrated to an attitude from an arbitrary start. In those axes, which do not turn, the mean specific force
 points up (drag and weight balance), and so does, in the body, the axis that the body hangs by. The swing is the motion
@@ -19,7 +19,7 @@ from bayeschute.core.errors import Fault, InputError
 Array = NDArray[np.float64]
 
 LONGEST_GAP = 0.1  # of the gyro that is bridged [s]
-_LEAST_FORCE = 0.3  # length of the mean specific force over its mean length below which nothing hangs
+_LEAST_FORCE = 0.3  # length of the mean specific force over its mean length below which the body does not hang
 
 
 class HangingMotion(NamedTuple):

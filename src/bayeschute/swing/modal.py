@@ -57,7 +57,7 @@ def interval(draws: Float[np.ndarray, " n"], level: float = LEVEL) -> Interval:
 
 @dataclass(frozen=True)
 class SwingFit:
-    """A swing as its record tells it.
+    """Modal parameters of a swing from its record.
 
     Attributes:
         frequency: Damped frequency omega_d/(2 pi) [Hz].
@@ -75,7 +75,7 @@ class SwingFit:
         time: Times of the samples fitted, from the record's first [s] (N,).
         innovations: Standardised one-step errors at the optimum (N, C), NaN where missing.
         cycles: Periods in the fit.
-        problem: What was fitted.
+        problem: The data that were fitted.
     """
 
     frequency: Interval
@@ -183,7 +183,7 @@ def _natural(psi: np.ndarray) -> np.ndarray:
 def _report(
     problem: SwingProblem, at: Optimum, innovations: np.ndarray, start: float, offset: float, every: int, seed: int
 ) -> SwingFit:
-    """Draws and what they say."""
+    """Draws and their statistics."""
     rng = stream(seed, "posterior of a swing")
     posterior = importance(problem, at, rng)
     place = np.minimum(

@@ -22,7 +22,7 @@ _PASSES = 5  # of the weights of noise="output"
 
 
 class Motion(NamedTuple):
-    """What is seen of the motion.
+    """Measured quantities of the motion.
 
     Attributes:
         angle: x (N,).

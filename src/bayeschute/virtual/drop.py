@@ -55,7 +55,7 @@ class Breathing:
 
 @dataclass(frozen=True)
 class VirtualDrop:
-    """What a virtual drop consists of; SI.
+    """Specification of a virtual drop; SI.
 
     Attributes:
         duration: [s].
@@ -69,8 +69,9 @@ class VirtualDrop:
         wind: By altitude.
         history: Wind by time that adds to it; None: none.
         gusts: Unknown to an identification.
-        every_body: Whether capsule and canopies meet the wind of their own altitudes; otherwise all meet the capsule's.
-        shape: eta of the canopies at the first sample, where the structure breathes; empty: at rest.
+        every_body: Whether the wind at capsule and canopies is that at their altitudes; otherwise all have the
+        capsule's.
+        shape: eta of the canopies at the first sample, where the structure breathes; empty: zero.
         turbulence: Unknown to an identification.
         breathing: Likewise.
         sensors: Noise by record variable. ``riser_tension``, ``swing_angle`` and ``descent_rate`` are recorded only
