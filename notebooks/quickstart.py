@@ -126,8 +126,8 @@ print(f"numpyro: {theirs.mean():.4f} +- {theirs.std():.4f} m^2/kg, ours: {held.m
 
 # %%
 contraction = 1.0 - (np.log(drag).std() / prior.scale) ** 2
-told = posterior.identifiability().loc["cds_over_mass"]
-share, partner = told["noise_share"], told["noise_partner"]
+facts = posterior.identifiability().loc["cds_over_mass"]
+share, partner = facts["noise_share"], facts["noise_partner"]
 print(f"taken away from the prior's variance: {contraction:.1%}")
 print(f"due to unknown noise parameters: {share:.1%} of the variance; foremost {partner}")
 

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 import typer
 
-from bayeschute.console import Bars, place_for_json, say, told, write_json
+from bayeschute.console import Bars, place_for_json, reporting_faults, say, write_json
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.core.version import __version__
 
@@ -89,7 +89,7 @@ def run(
     """Run a study: posterior, predictive bands, risk and report; --workers and --dask share out the predictions."""
     folder = out or Path("runs") / study.stem
     again = f"`bayeschute run {study} --out {folder} --resume` continues from the last finished stage."
-    with told(again):
+    with reporting_faults(again):
         _free_folder(folder)
         _sound(study, data)  # before anything slow is imported, and before anything is written
         from bayeschute.study.run.stages import run_study
@@ -102,13 +102,13 @@ def run(
             )  # fmt: skip
         summary = _summary_of(folder)
         if last not in ("ingest", "structure", "priors"):
-            _tell_of_no_fit(folder, summary)
+            _exit_if_fit_failed(folder, summary)
         if last == "structure" and (folder / "structure.txt").is_file():
             say((folder / "structure.txt").read_text(encoding="utf-8"))
         say(f"Results are in {folder}")
         if (folder / "report.html").is_file() and last in (None, "report"):
             say(f"Report: {folder / 'report.html'}")
-        label, failed = ("", []) if last not in (None, "report") else _told_by(summary)
+        label, failed = ("", []) if last not in (None, "report") else _label_and_failures(summary)
         for name in _without_bands(summary) if last in (None, "predict", "risk", "report") else ():
             say(f"Bands of {name}: none, because every simulation of its prediction failed.", error=True)
         if label:
@@ -136,7 +136,7 @@ def fit(
 ) -> None:
     """Fit the records of a study and sample the posterior, into one file from which other flights can be predicted."""
     path = out or Path(f"{study.stem}.posterior.nc")
-    with told():
+    with reporting_faults():
         if path.exists() and not force:
             do = "Give another --out, or --force to overwrite it."
             raise InputError(Fault(f"--out {path}", "a file that is there already", "a new file", do))
@@ -184,7 +184,7 @@ def predict(
 ) -> None:
     """Predict other flights from a stored posterior: bands, and probabilities of meeting requirements."""
     folder = out or Path("runs") / flights.stem
-    with told():
+    with reporting_faults():
         _free_folder(folder)
         from bayeschute.api.forecasting import predict_file
 
@@ -203,7 +203,7 @@ def _summary_of(folder: Path) -> dict[str, Any]:
     return dict(json.loads(path.read_text(encoding="utf-8"))) if path.is_file() else {}
 
 
-def _tell_of_no_fit(folder: Path, summary: dict[str, Any]) -> None:
+def _exit_if_fit_failed(folder: Path, summary: dict[str, Any]) -> None:
     """Print why a fit failed and what was tried, and exit with code 1; return if the fit did not fail."""
     fit: dict[str, Any] = summary.get("fit", {})
     if not fit.get("reason"):
@@ -222,7 +222,7 @@ def _without_bands(summary: dict[str, Any]) -> list[str]:
     return [name for name, table in coverage.items() if any(entry.get("draws") == 0 for entry in table.values())]
 
 
-def _told_by(summary: dict[str, Any]) -> tuple[str, list[str]]:
+def _label_and_failures(summary: dict[str, Any]) -> tuple[str, list[str]]:
     """The calibration label in a summary, and names of the checks that failed.
 
     Coverage over replicates is part of the label; it does not make this run fail.
@@ -235,7 +235,7 @@ def _told_by(summary: dict[str, Any]) -> tuple[str, list[str]]:
 @app.command()
 def check(study: StudyPath, data: DataDir = None) -> None:
     """Check a study and its files, and list all faults at once."""
-    with told():
+    with reporting_faults():
         _sound(study, data)
         say(f"{study}: no fault found")
 
@@ -252,7 +252,7 @@ def simulate(
     dask: DaskAddress = None,
 ) -> None:
     """Simulate virtual drops: records with sensor errors, and the true motion."""
-    with told("Finished drops are kept; the same command continues."):
+    with reporting_faults("Finished drops are kept; the same command continues."):
         _free_folder(out)
         from bayeschute.study.load import load_study_or_vehicle
 
@@ -290,7 +290,7 @@ def verify(
     ] = None,
 ) -> None:
     """Verify the simulator: simulate the check cases and compare them with closed-form solutions."""
-    with told():
+    with reporting_faults():
         from bayeschute.verification.catalogue import choose
 
         choose(case or ())  # raises on unknown names before anything slow is imported
@@ -340,7 +340,7 @@ def calibrate(
             say(f"{name:14} {kind.says}")
         return
     folder = out or Path("runs") / "calibration" / study.stem
-    with told("Finished replicates are kept; the same command continues."):
+    with reporting_faults("Finished replicates are kept; the same command continues."):
         _free_folder(folder)
         _sound(study, None)
         from bayeschute.calibration.coverage_tables import lines
@@ -386,7 +386,7 @@ def modes(
     ] = None,
 ) -> None:
     """Estimate frequency and damping of the swing under a parachute from raw gyro and accelerometer data."""
-    with told():
+    with reporting_faults():
         place_for_json(json)
         from bayeschute.study.swing_modes import document, find_modes, lines
 
@@ -402,7 +402,7 @@ def modes(
 @app.command()
 def report(folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a run.", show_default=False)]) -> None:
     """Rebuild report.html from the results of a run."""
-    with told():
+    with reporting_faults():
         if not folder.is_dir():
             raise InputError(Fault(str(folder), "no such folder", "the folder of a run"))
         from bayeschute.report.page import build_report
@@ -415,7 +415,7 @@ def init(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder for the files.", show_default=False)],
 ) -> None:
     """Copy a vehicle and example studies into DIR as a starting point."""
-    with told():
+    with reporting_faults():
         from bayeschute.study.templates import copy_templates
 
         for path in copy_templates(folder):

@@ -22,7 +22,7 @@ def say(text: str = "", error: bool = False) -> None:
 
 
 @contextmanager
-def told(when_stopped: str = "") -> Iterator[None]:
+def reporting_faults(when_stopped: str = "") -> Iterator[None]:
     """Turn invalid input into one line per fault and exit code 2, and Ctrl-C into exit code 130."""
     try:
         yield

@@ -67,7 +67,9 @@ def _angle_faults(angle: Array, where: str) -> list[Fault]:
 
 
 def _roll_faults(roll: Array, where: str) -> list[Fault]:
-    wanted = "a whole turn in even steps from 0 deg without its end (0, 45, ..., 315 deg), or 0 alone: all rolls alike"
+    wanted = (
+        "a whole turn in even steps from 0 deg without its end (0, 45, ..., 315 deg), or 0 alone: all roll angles equal"
+    )
     if roll.ndim != 1 or roll.size not in (1, *range(3, MOST_ROLLS + 1)) or not np.isfinite(roll).all():
         return [Fault(where, f"{roll.size} rolls", f"{wanted}; up to {MOST_ROLLS}")]
     if np.abs(roll - 2.0 * np.pi * np.arange(roll.size) / roll.size).max() > _ROUNDING:

@@ -107,7 +107,7 @@ def along_path(
         Outputs (T, C), states reached and derivatives, or None where there is an `why_not_compiled`.
 
     Raises:
-        ValueError: If the path is not one of so many samples and states.
+        ValueError: If the shape of the path does not fit the samples and states.
     """
     programs = _served(model, theta, start, error)
     if isinstance(programs, str) or np.ndim(theta) != 1:
@@ -155,7 +155,7 @@ def _padded(a: Any, length: int) -> Array:
 
 
 def _handed_over(part: Array) -> Array:
-    """A part of an array in memory of its own, aligned, which JAX takes as it is."""
+    """A copy of a part of an array in aligned memory, which JAX takes without copying."""
     made = aligned(*part.shape)
     made[...] = part
     return made

@@ -36,7 +36,7 @@ class Memory:
         self.lanes, self.size = lanes, 0
 
     def take(self, count: int = 1) -> int:
-        """Offset of so many vectors [doubles]."""
+        """Offset of this number of vectors [doubles]."""
         offset = self.size
         self.size += count * self.lanes
         return offset

@@ -1,7 +1,7 @@
 """Named random streams: each use of a seed is named for its purpose, and the streams are independent.
 
 Numbers of different names or keys are independent, whatever the seed. Name and keys are written as a JSON list, which
-tells every list of texts and integers from every other, and 128 bits of its hash are the spawn key of NumPy's
+is unique for every list of texts and integers, and 128 bits of its hash are the spawn key of NumPy's
 `SeedSequence`, whose pool holds no more.
 """
 

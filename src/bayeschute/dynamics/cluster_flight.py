@@ -294,7 +294,7 @@ def swing_angle(state: ClusterState, attach_b: Vec3) -> Component:
 
     The angle is the distance from a point, the vertical, so it has a cone's tip there: no derivative exists. Here it is
     zero, the mean of those in all directions; everywhere else it is exact, of size 1 over the mean riser's length. A
-    linearised fit follows the angle where the swing is large beside what is uncertain of it.
+    linearised fit follows the angle where the swing is large compared with its uncertainty.
     """
     mean = _risers(state, attach_b).map(lambda c: c.sum(axis=0))
     leans = mean.x**2 + mean.y**2 > 0.0

@@ -48,7 +48,8 @@ class Simulation(NamedTuple):
     Attributes:
         states: (T, X, ...).
         step_error: Largest error of each state that is due to the steps (X, ...), by a flight in halved steps; not
-            finite where that failed. Where risers come taut it tells the size only: the order of the method drops.
+            finite where that failed. Where risers become taut it is an order of magnitude only: the order of the
+            method drops.
         outcome: An `Outcome` (...).
         failed_at: Sample at which it began (...); -1 where the outcome is ok.
     """
@@ -78,7 +79,7 @@ def examine(model: FlightModel, theta: Component, start: Component, error: Compo
     """Outcome and error of simulated states: the part of `simulate` after the first simulation.
 
     Steps too long for a riser don't make a flight diverge: its tension can't push, so they shake it between slack and
-    taut. The flight in halved steps tells.
+    taut. The simulation in halved steps shows it.
 
     Args:
         model: The flight.
@@ -134,12 +135,12 @@ def attributes(simulation: Simulation, dt: float, n: int) -> dict[str, str | flo
         ``step_error_position_m`` and ``step_error_velocity_m_per_s``, over all bodies.
     """
     off, failed_at = np.asarray(simulation.step_error), int(simulation.failed_at)
-    told: dict[str, str | float] = {"outcome": Outcome(int(simulation.outcome)).words}
+    values: dict[str, str | float] = {"outcome": Outcome(int(simulation.outcome)).words}
     if failed_at >= 0:
-        told["failed_at_s"] = failed_at * dt
-    told["step_error_position_m"] = float(off[places(n)].max())
-    told["step_error_velocity_m_per_s"] = float(off[speeds(n)].max())
-    return told
+        values["failed_at_s"] = failed_at * dt
+    values["step_error_position_m"] = float(off[places(n)].max())
+    values["step_error_velocity_m_per_s"] = float(off[speeds(n)].max())
+    return values
 
 
 def judge(model: FlightModel, theta: jax.Array, states: jax.Array) -> tuple[jax.Array, jax.Array]:

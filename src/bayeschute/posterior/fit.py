@@ -51,9 +51,9 @@ _SAME_SLOPE = 0.5  # standard deviations within which the slope of what linear m
 _MODE_TURN = 2  # most steps of the mode in each of them
 _BESIDE = (1.0, 0.3)  # steps [standard deviations] at which Laplace's approximation is taken
 _DETERMINANT = 0.2  # error of the polynomials beyond which the log determinant's gets all products
-_LOST_BEND = "how the flights' derivatives change with the parameters: along some axis it outweighs the density"
+_LOST_BEND = "the curvature correction of the conditional mode, which along some axis outweighs the density"
 _BREAKS = "no flight of the model follows the record: steps along the best path break the equations of motion"
-_LOST_MEAN = "that the mean of the noise parameters lies beside their most probable values: no mode was found there"
+_LOST_MEAN = "the shift of the noise parameters from their mode to their mean, where no mode was found"
 _AT_MODE, _BESIDE_MODE = 0.2, 0.5  # root mean square distance from there, along all axes, that ends it, or will do
 _MOVES = 3  # most steps to the mode of the posterior with all its corrections
 _FAR = 1.0  # standard deviations by which noise parameters at their mean may move a parameter
@@ -512,8 +512,7 @@ def _last(
             f"after {len(found)} steps towards it the mode is still off by {away:.2g} standard deviations, root mean "
             f"square of all axes, and less than {_BESIDE_MODE:g} is wanted"
             if seen.is_mode
-            else f"one standard deviation beside it the log density falls by {seen.worst:.3g} at least, about 0.5 is "
-            "wanted"
+            else f"one standard deviation away from it the log density falls by {seen.worst:.3g}, about 0.5 is expected"
         )
         failed = FitError(f"the search for the mode of the marginal posterior did not end at one: {why}")
     raise failed

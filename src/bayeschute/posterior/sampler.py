@@ -90,7 +90,7 @@ def sample(
     lost = sum(int(along.lost) for along in marginal.along)
     notes = [f"{failed} simulations failed while the surrogate was built"] if failed else []
     if lost:
-        notes.append(f"{lost} pairs of simulations under drawn disturbances failed and are not in the mean flight")
+        notes.append(f"{lost} pairs of simulations under drawn disturbances failed and are not in the mean correction")
     reason = why_not_trusted(made)
     if not reason:
         return replace(made, notes=(*made.notes, *notes))

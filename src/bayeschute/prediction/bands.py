@@ -153,7 +153,7 @@ def predict(
     laws: Sequence[NoiseParameters],
     seed: int,
     whole: FlightData | None = None,
-    told: float = np.inf,
+    data_end: float = np.inf,
     progress: Callable[[float], None] | None = None,
     disturbance_log_sd: float = 0.0,
     groups: range | None = None,
@@ -167,7 +167,7 @@ def predict(
         laws: Noise parameters, from `noise_parameter_draws`; groups of draws take them in turn.
         seed: Seed of unknowns.
         whole: The whole flight, where the marginal is of its initialisation window only.
-        told: End of the data that are used [s from the first sample]; disturbances after it follow their process.
+        data_end: End of the data that are used [s from the first sample]; disturbances after it follow their process.
         progress: Called with a share done.
         disturbance_log_sd: Standard deviation of the logarithm of a factor on disturbances beyond the data, one a draw.
         groups: Only these groups of `GROUP` draws each, drawn as if all were; all where None. Shares of variance are
@@ -179,7 +179,9 @@ def predict(
     stronger = stream(seed, "strength of disturbances beyond the data", index)
     part, rng = marginal.flights[index], stream(seed, "unknowns of a flight", index)
     flight, draws = whole or part, theta.shape[0]
-    kept = min(int(np.floor(told / float(flight.dt) + 1e-9)) + 1 if np.isfinite(told) else part.samples, part.samples)
+    kept = min(
+        int(np.floor(data_end / float(flight.dt) + 1e-9)) + 1 if np.isfinite(data_end) else part.samples, part.samples
+    )
     xi = np.linalg.solve(np.asarray(marginal.scale), (theta - np.asarray(marginal.centre)).T)
 
     def driven(xi: Array, numbers: tuple[Normals, ...], later: Array, law: NoiseParameters) -> Course:
@@ -293,7 +295,7 @@ def dataset(
 ) -> xr.Dataset:
     """The entry of ``predictions.nc`` for a flight.
 
-    A quantity has its quantiles (quantile, time), from all draws, and beside them as ``<quantity>_draws`` (draw, time)
+    A quantity has its quantiles (quantile, time), from all draws, and as ``<quantity>_draws`` (draw, time)
     every k-th draw, `MOST_DRAWS` at most; k is the attribute ``thin``. A draw is the same flight in all quantities; NaN
     where its simulation failed.
 

@@ -68,7 +68,7 @@ def requirement_check(
     Returns:
         Plain numbers for summary.json: probability_met; simulation_low, simulation_high (Clopper-Pearson) and
         credible_low, credible_high (Jeffreys), which shrink with more simulations; posterior_sd, posterior_q05,
-        posterior_q95 of P(met | parameters), which don't (None for (draw,) samples, where the two can't be told
+        posterior_q95 of P(met | parameters), which don't (None for (draw,) samples, where the two can't be separated
         apart); draws, simulations, met, failed; median, q05, q95 of the quantity; margin, the distance of the median
         from the limit [unit], positive when met (None where every solve failed); widened_by.
 

@@ -120,7 +120,7 @@ def maypole_balance(
 
 
 class Breathing(NamedTuple):
-    """A cluster that descends at its terminal speed and breathes; all canopies alike.
+    """A cluster that descends at its terminal speed and breathes; all canopies equal.
 
     Attributes:
         mass: M, of everything with the enclosed air [kg].

@@ -122,7 +122,7 @@ def _judged(
         flags.append("correlation")
         sentences.append(
             f"{pair[0]} and {pair[1]} move together (correlation {largest:.3f}, limit {HIGH_CORRELATION:g}): "
-            "the record can't tell their effects apart."
+            "the record can't separate their effects."
         )
     if worst > HIGH_VIF:
         flags.append("vif")
@@ -138,7 +138,7 @@ def _judged(
         )
     if not flags:
         sentences.append(
-            f"The terms can be told apart: largest correlation {largest:.2f}, variance inflation {worst:.2g}, "
+            f"The terms are separable: largest correlation {largest:.2f}, variance inflation {worst:.2g}, "
             f"condition index {condition:.2g}."
         )
     return tuple(flags), tuple(sentences)

@@ -56,7 +56,7 @@ def select(
         sigma_max2: sigma_max^2 of rule "fixed" [unit of z, squared].
         noise_variance: sigma^2 from smoothing [unit of z, squared].
         penalty_factor: f. The report's equation has 1, its printed table fits 2 only.
-        max_terms: Longest path; `Selection.certain` tells whether it was long enough.
+        max_terms: Longest path; `Selection.certain` is whether it was long enough.
         drop_tolerance: A candidate is dropped when its remainder is below this share of its own norm. 1e-6 also
             removes copies that went through single precision.
         forced: Columns chosen first and always kept, in this order.

@@ -81,7 +81,7 @@ def propagate(
         The effect, by coefficient.
 
     Raises:
-        InputError: If fewer than 2 replicates are asked for.
+        InputError: If fewer than 2 replicates are requested.
     """
     if replicates < 2:
         raise InputError(Fault("noise propagation", f"{replicates} replicates", "at least 2"))

@@ -22,9 +22,9 @@ from bayeschute.structure.confusable_terms import rivals
 from bayeschute.structure.search import CEILINGS, Identified, Search
 
 Array = NDArray[np.float64]
-_FOLDS = 10  # of PRESS: each series is cut into so many blocks, left out in turn
+_FOLDS = 10  # of PRESS: number of blocks of each series, left out in turn
 _LAGS = 200  # autocorrelations stored at most
-_MOST_TERMS = 12  # of the structures told by ceiling
+_MOST_TERMS = 12  # of the structures stored by ceiling
 _WHOLE = 30  # candidates at most that are fitted all together
 _OFTEN = 0.05  # share of the replicates from which a term's frequency is reported
 
@@ -49,7 +49,7 @@ def entry(
         how: How it was searched for.
         dt: Sample interval [s].
         checks: Regressions of canopies and flights that were not used, by label.
-        truth: Coefficients that the flights of `checks` were flown with, by term; None where nobody knows.
+        truth: Coefficients that the flights of `checks` were flown with, by term; None if unknown.
         pressure: Dynamic pressure of the rows [Pa], for the constant-force null model of C_A.
         units: Unit of each candidate's coefficient; None: all 1.
         propagated: Effect of the positions' noise.
@@ -95,7 +95,7 @@ def entry(
 def _whole(stack: Stack, names: Sequence[str]) -> EquationErrorFit | None:
     """All candidates fitted together that are ever other than zero.
 
-    None for a large pool, or where the record can't tell some of them apart.
+    None for a large pool, or where the record can't separate some of them.
     """
     known = np.nanmax(np.abs(np.where(np.isfinite(stack.X), stack.X, np.nan)), axis=0) > 0.0
     kept = [name for name, there in zip(names, known, strict=True) if there]

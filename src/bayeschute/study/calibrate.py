@@ -87,7 +87,7 @@ def calibrate(
     name, folder = f"{study.noise.model}.{disturbance}", Path(out)
     with Log(folder / LOG) as log, warnings_to(log):
         log.line(f"bayeschute {version('bayeschute')}, {replicates} replicates of {study.path.name}, {name}")
-        told = log.beside(None if progress is None else lambda _, share, words: progress(share, words))
+        progress_log = log.beside(None if progress is None else lambda _, share, words: progress(share, words))
         rows = run(
             partial(replicate, study=study, disturbance=disturbance, quick=quick),
             range(first_seed, first_seed + replicates),
@@ -95,7 +95,7 @@ def calibrate(
             identity(study, disturbance, quick),
             workers,
             address,
-            partial(told, "calibrate"),
+            partial(progress_log, "calibrate"),
         )
     result = {
         "study": Path(path).stem,

@@ -23,7 +23,7 @@ _LABELS = {
 def noise_medians(channels: Sequence[ChannelNoise[float]], model: str) -> Noise:
     """Medians of the residual noise per channel.
 
-    Where a model knows one part of the noise only, that part has the variance of both.
+    Where a noise model has one part only, that part has the variance of both.
 
     Args:
         channels: Tables of the channels.

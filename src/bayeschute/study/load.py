@@ -149,8 +149,8 @@ def load_flights(path: Path | str, study: Study, data_dir: Path | str | None = N
     if raw is None:
         raise InputError(faults)
     listed = raw.get("flight")
-    told = [{"roles": ["predict"], **one} if isinstance(one, dict) else one for one in listed or ()]
-    said = {**raw, "flight": told} if isinstance(listed, list) else raw
+    with_roles = [{"roles": ["predict"], **one} if isinstance(one, dict) else one for one in listed or ()]
+    said = {**raw, "flight": with_roles} if isinstance(listed, list) else raw
     try:
         found = FlightsFile.model_validate(said, context=here)
     except ValidationError as error:

@@ -62,7 +62,7 @@ def _scored(study: Study, disturbance: str, quick: bool) -> Row:
         for stage in (stage_list.structure, stage_list.priors):
             stage(job)
         stage_list.fit(job, predictions=False)
-        stage_list.check(job, tell=False)
+        stage_list.check(job, identify=False)
         draws, _ = summary_draws(job)
         truth = true_values(job) if kind.terms_known else {}
         parameters = {

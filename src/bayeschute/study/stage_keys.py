@@ -81,8 +81,8 @@ def stage_keys(study: Study, quick: bool, found: Mapping[str, Any]) -> dict[str,
     keys: dict[str, str] = {}
     for stage, values in reads(study).items():
         used = [keys[other] for other in USES[stage]]
-        told = [stage, values, found.get(stage), used, __version__, ARTEFACT_VERSION, quick]
-        keys[stage] = hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
+        inputs = [stage, values, found.get(stage), used, __version__, ARTEFACT_VERSION, quick]
+        keys[stage] = hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()
     return keys
 
 

@@ -134,7 +134,7 @@ def document(modes: Modes) -> dict[str, Any]:
         ``window`` and ``fitted`` [s], quantities with mean, sd and 90 % limits, the halves, and whether to trust it.
     """
     swing, fit = modes.swing, modes.swing.fit
-    told: dict[str, Any] = {
+    content: dict[str, Any] = {
         "record": str(modes.path),
         "window": [swing.window.start, swing.window.end],
         "fitted": [swing.window.start + fit.start, swing.window.end],
@@ -154,32 +154,36 @@ def document(modes: Modes) -> dict[str, Any]:
     }
     if modes.halves is not None:
         halves = modes.halves
-        told["halves"] |= {
+        content["halves"] |= {
             "frequency": [halves.first.frequency.mean, halves.second.frequency.mean],
             "frequency_change": halves.frequency_change._asdict(),
             "damping_change": halves.damping_change._asdict(),
         }
-    return told
+    return content
 
 
 def lines(modes: Modes) -> list[str]:
     """The table for the terminal."""
-    told = document(modes)
-    (start, end), fitted = told["window"], told["fitted"]
-    rate = "" if told["descent_rate"] is None else f" at {told['descent_rate']:.1f} m/s"
-    spin = f"spin {told['spin']:.2f} turns/s on average"
+    content = document(modes)
+    (start, end), fitted = content["window"], content["fitted"]
+    rate = "" if content["descent_rate"] is None else f" at {content['descent_rate']:.1f} m/s"
+    spin = f"spin {content['spin']:.2f} turns/s on average"
     out = [
         f"{modes.path.name}: descent{rate} from {start:.1f} to {end:.1f} s; {spin}",
-        f"fitted from {fitted[0]:.1f} s: {told['cycles']:.1f} cycles of a damped swing"
-        + (" excited by gusts" if told["forcing"] else ", without gust excitation: intervals too narrow in moving air"),
+        f"fitted from {fitted[0]:.1f} s: {content['cycles']:.1f} cycles of a damped swing"
+        + (
+            " excited by gusts"
+            if content["forcing"]
+            else ", without gust excitation: intervals too narrow in moving air"
+        ),
         f"{'':14} {'mean':>9} {'sd':>9} {'5 %':>9} {'95 %':>9}  unit",
     ]
-    for name, q in told["quantities"].items():
+    for name, q in content["quantities"].items():
         values = " ".join(f"{q[k]:>9.4f}" for k in ("mean", "sd", "low", "high"))
         out.append(f"{name.replace('_', ' '):14} {values}  {'' if q['unit'] == '1' else q['unit']}".rstrip())
-    effect = -100.0 * told["amplitude_effect"]
+    effect = -100.0 * content["amplitude_effect"]
     out.append(f"The finite initial amplitude lowers the frequency of a pendulum by {effect:.2f} %.")
-    halves = told["halves"]
+    halves = content["halves"]
     if halves["compared"]:
         change, damping = halves["frequency_change"], halves["damping_change"]
         out.append(
@@ -189,8 +193,8 @@ def lines(modes: Modes) -> list[str]:
         )
     else:
         out.append(f"The halves of the record are not compared: {halves['reason']}")
-    if not told["trusted"]:
-        out.append(f"Not reliable: the effective sample size is only {told['effective_draws']:.0f}.")
+    if not content["trusted"]:
+        out.append(f"Not reliable: the effective sample size is only {content['effective_draws']:.0f}.")
     return out
 
 

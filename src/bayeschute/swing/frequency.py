@@ -212,7 +212,7 @@ def _sensitivity(outputs: Callable[[np.ndarray], np.ndarray | None], theta: np.n
         step[j] = _DIFFERENCE * size[j]
         ahead, behind = outputs(theta + step), outputs(theta - step)
         if ahead is None or behind is None:
-            got = f"a simulation that fails beside parameter {j}"
+            got = f"a simulation that fails near the value of parameter {j}"
             raise InputError(Fault("frequency domain", got, "a model that is smooth there", "Start elsewhere."))
         columns.append((ahead - behind) / (2.0 * step[j]))
     return np.stack(columns, axis=-1)

@@ -89,7 +89,7 @@ def whiten(
 ) -> Innovations:
     """Innovations of columns under the noise of every parameter set.
 
-    The oscillator starts at rest: its free motion belongs into the columns (`free_response`).
+    The oscillator starts from zero: its free motion belongs to the columns (`free_response`).
 
     Args:
         columns: Data and regressors along time; a first axis of 1 serves all parameter sets. A sample is missing where

@@ -19,7 +19,7 @@ AWAY = 4.0 * DEGREE  # the flight begins this far from equilibrium
 
 
 class Flyout(NamedTuple):
-    """Two canopies that lean alike to opposite sides, on rigid risers.
+    """Two canopies that lean symmetrically to opposite sides, on rigid risers.
 
     Attributes:
         set: The parameter set.

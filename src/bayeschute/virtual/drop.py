@@ -201,8 +201,8 @@ def fly(
             break
     else:
         raise FloatingPointError(f"the altitude of the virtual drop did not settle: it still changed by {change:.2f} m")
-    told = attributes(examine(flight, *still, jnp.asarray(states)), dt, n)
-    truth = _truth(time, states, flight, steady).assign_attrs(told)
+    verdict = attributes(examine(flight, *still, jnp.asarray(states)), dt, n)
+    truth = _truth(time, states, flight, steady).assign_attrs(verdict)
     if "riser_tension" in drop.sensors:
         truth["riser_tension"] = (("time", "canopy"), np.asarray(_tensions(flight, states)), {"units": "N"})
     recorded = [*_RECORDED, *(name for name in _ON_REQUEST if name in drop.sensors)]

@@ -19,7 +19,7 @@ from bayeschute.prediction.bands import Prediction
 from bayeschute.study.calibrate import calibrate
 from bayeschute.study.evidence.calibration_status import calibration_check
 from bayeschute.study.evidence.identity import configuration
-from bayeschute.study.evidence.recalibrate import NAME, Widening, plain, told, widening
+from bayeschute.study.evidence.recalibrate import NAME, Widening, applied_recalibration, plain, widening
 from bayeschute.study.job import Job
 from bayeschute.study.load import load_study
 from bayeschute.study.run import stage_list
@@ -96,7 +96,7 @@ def test_draws_move_away_from_their_median_in_flights_unseen():
 def test_a_run_says_so_and_is_not_called_verified(job, tmp_path):
     made = job()
     (tmp_path / NAME).write_text(json.dumps(BY._asdict()))
-    assert told(made) == BY
+    assert applied_recalibration(made) == BY
     check = calibration_check(made)
     assert check["passed"] is False and "swing angle widened by 1.50" in check["detail"] and "120" in check["detail"]
 

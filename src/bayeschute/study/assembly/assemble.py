@@ -186,7 +186,7 @@ def latent(study: Study, canopies: int) -> Latent:
         places = {"vertical": (0,)}
     found = _groups(study)
     processes = [(row, group) for group, (_, place, _, _) in enumerate(found) for row in places[place]]
-    none = 0 if found else 1 if study.model == "descent" else 3  # wind rows, at rest
+    none = 0 if found else 1 if study.model == "descent" else 3  # wind rows, zero
     return Latent(tuple(kind for _, _, kind, _ in found), tuple(processes), none)
 
 

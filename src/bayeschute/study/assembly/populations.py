@@ -45,8 +45,8 @@ def _bodies(job: Job, todo: Sequence[Group], trees: Sequence[xr.DataTree]) -> xr
     """Several bodies' posteriors, with their population."""
     table, prior = job.study.sampler, load_priors(job)[0]
     own = [load_fit(job, group).theta for group in todo]
-    told = [random_effects.likelihood_of(float(x.mean()), float(x.std()), prior.centre, prior.scale) for x in own]
-    mean, sd = np.array(told).T
+    combined = [random_effects.likelihood_of(float(x.mean()), float(x.std()), prior.centre, prior.scale) for x in own]
+    mean, sd = np.array(combined).T
     sizes = (table.chains, table.warmup, table.draws, job.study.seed)
     made = random_effects.fit(mean, sd, (prior.centre, prior.scale), *sizes)
     rng = stream(job.study.seed, "prior of bodies")
@@ -141,9 +141,9 @@ def _joined_groups(job: Job, todo: Sequence[Group], trees: Sequence[xr.DataTree]
         flat = load_fit(job, group).theta.reshape(-1, len(group.priors))
         alone = (flat.mean(axis=0), np.cov(flat, rowvar=False).reshape(flat.shape[1], -1))
         likelihoods.append(hierarchy.likelihood_of(*alone, *before))
-    told = hierarchy.joint(likelihoods, places.fits, len(places.shared) + len(places.members))
+    combined = hierarchy.joint(likelihoods, places.fits, len(places.shared) + len(places.members))
     sizes = [places.of.count(k) for k in range(len(places.populations))]
-    made = hierarchy.fit(told, sizes, centre, scale, spread, table.chains, table.warmup, table.draws, study.seed)
+    made = hierarchy.fit(combined, sizes, centre, scale, spread, table.chains, table.warmup, table.draws, study.seed)
     save_tree(job.out / FILE, made)
     plain = _together(trees, ("sample_stats",) if len(todo) == 1 else ())
     plain["posterior"] = _named(places, priors, made)
@@ -218,7 +218,7 @@ def by_members(job: Job, group: Group, alone: Stored, flown: bool, draws: int) -
 def _of_members(job: Job, alone: Stored, flown: bool, todo: Sequence[Group], fit: int) -> Stored:
     """A fit with the parameters that the joined posterior gives it, or gives further members of the populations.
 
-    Noise stays that of the fit alone. The draws are in an order of their own, so that fits which predict one flight
+    Noise stays that of the fit alone. The draws are permuted, so that fits which predict one flight
     together don't all give the same ones.
     """
     made = load_tree(job.out / FILE, Hierarchy)

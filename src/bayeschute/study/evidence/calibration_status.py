@@ -8,7 +8,7 @@ from typing import Any
 from bayeschute.calibration.coverage_tables import ENOUGH, WANTED, promised, verdict
 from bayeschute.calibration.label import label_of
 from bayeschute.study.evidence.identity import places, stored
-from bayeschute.study.evidence.recalibrate import told as told_widening
+from bayeschute.study.evidence.recalibrate import applied_recalibration
 from bayeschute.study.job import Job
 from bayeschute.study.study import Study
 
@@ -22,7 +22,7 @@ def calibration_check(job: Job) -> dict[str, Any]:
         ``passed`` (None where nothing is stored), ``value`` the share at 90 % farthest from it, ``bound``, ``detail``
         in words, and ``held``: share, standard error and verdict by name.
     """
-    by = told_widening(job)
+    by = applied_recalibration(job)
     if by is not None:
         says = f"{by.words}; the coverage of the widened bands was not tested on other replicates"
         return {"passed": False, "value": None, "bound": None, "detail": says, "held": {}}

@@ -64,7 +64,7 @@ def widening(job: Job) -> Widening | None:
     return Widening({name: f for name in asked if (f := factors[name]) is not None}, found["replicates"])
 
 
-def told(job: Job) -> Widening | None:
+def applied_recalibration(job: Job) -> Widening | None:
     """The recalibration that a run applied, as stored; None if it applied none."""
     if not (job.out / NAME).exists():
         return None

@@ -32,9 +32,9 @@ def keep(job: Job, error: FitError | FloatingPointError) -> str:
         error = FitError(str(error), (str(error),))
     paths: tuple[BestPath, ...] = error.paths
     save_tree(job.out / "fit" / "failed.npz", paths)
-    told = {"reason": error.reason, "tried": error.tried, "residuals": {p.flight: _residuals(p) for p in paths}}
-    job.save("fit/failed.json", assemble.as_plain(told | {"parameters": _parameters(job, error)}))
-    fit = {"fit": {"converged": False, **told}}
+    facts = {"reason": error.reason, "tried": error.tried, "residuals": {p.flight: _residuals(p) for p in paths}}
+    job.save("fit/failed.json", assemble.as_plain(facts | {"parameters": _parameters(job, error)}))
+    fit = {"fit": {"converged": False, **facts}}
     job.save("summary.json", assemble.as_plain(heading(job, LABEL) | fit | origin(job)))
     build_report(job.out)
     return f"failed: {error.reason}"

@@ -80,7 +80,7 @@ class _Order:
         theta: Draws of the parameters, those of every group for its noise parameters.
         laws: Draws of the noise parameters, used in turn.
         seed: Seed.
-        told: End of the data that are used [s from the first sample].
+        data_end: End of the data that are used [s from the first sample].
         spread: Of the strength of disturbances beyond the data.
     """
 
@@ -90,7 +90,7 @@ class _Order:
     theta: Array
     laws: list[NoiseParameters]
     seed: int
-    told: float
+    data_end: float
     spread: float
 
     def parts(self) -> list[range]:
@@ -107,7 +107,7 @@ class _Order:
             assert self.whole is not None
             marginal = bands.opened(bands.opening(self.whole, OPENING), *self.known)
         return bands.predict(
-            marginal, self.index, self.theta, self.laws, self.seed, self.whole, self.told, share, self.spread,
+            marginal, self.index, self.theta, self.laws, self.seed, self.whole, self.data_end, share, self.spread,
             groups,
         )  # fmt: skip
 
@@ -160,11 +160,11 @@ def _orders(job: Job, flight: Flight) -> tuple[list[_Order], Tell]:
     stored, flown = load_fit(job, group), flight in group.flights
     draws = min(job.study.predict.draws, stored.held[..., 0].size)
     if job.study.priors.hierarchical:
-        told = by_members(job, group, stored, flown, draws)
+        by_fit = by_members(job, group, stored, flown, draws)
     else:
         members = structures.members(job, group, draws)
-        told = [(one, stored if one is group else load_fit(job, one), n) for one, n in members]
-    made = [_order(job, flight, one, of_it, draws) for one, of_it, draws in told]
+        by_fit = [(one, stored if one is group else load_fit(job, one), n) for one, n in members]
+    made = [_order(job, flight, one, of_it, draws) for one, of_it, draws in by_fit]
     orders, time = [order for order, _ in made], made[0][1]
     record, truth = load_flight(job, flight.name), load_truth(job, flight.name)
     held_out = time > _until(flight, flown, time)

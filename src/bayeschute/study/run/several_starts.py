@@ -28,7 +28,7 @@ def settled(
         say: Progress callback: share done and words.
 
     Returns:
-        The optimum. The comparison with the others is stored for `told`.
+        The optimum. The comparison with the others is stored for `comparisons`.
 
     Raises:
         FloatingPointError: If every start failed.
@@ -65,14 +65,14 @@ def settled(
     return best.settled
 
 
-def told(job: Job, names: Sequence[str]) -> dict[str, Any]:
+def comparisons(job: Job, names: Sequence[str]) -> dict[str, Any]:
     """Comparison of the starts of every group, by its name; empty for fits from one start."""
     found = {name: checkpoint.get_said(job, f"starts/{name}") for name in names}
     return {name: said for name, said in found.items() if said is not None}
 
 
 def note(said: dict[str, Any]) -> list[str]:
-    """A line per group for the report, from `told`."""
+    """A line per group for the report, from `comparisons`."""
     return [
         f"Multistart check of the fit{f' of {name}' if len(said) > 1 else ''}: {one['verdict']['words']}."
         for name, one in said.items()
@@ -80,7 +80,7 @@ def note(said: dict[str, Any]) -> list[str]:
 
 
 def check(said: dict[str, Any]) -> dict[str, Any]:
-    """The check ``optima``, from `told`."""
+    """The check ``optima``, from `comparisons`."""
     verdicts = [one["verdict"] for one in said.values()]
     known = [v["away"] for v in verdicts if v["away"] is not None]
     words = " | ".join(f"{name}: {one['verdict']['words']}" for name, one in said.items())

@@ -66,7 +66,7 @@ class Wanted(NamedTuple):
 class Flown(NamedTuple):
     """A simulated drop: attributes with its outcome; bytes of its files, none if it failed; faults."""
 
-    told: Mapping[str, Any]
+    facts: Mapping[str, Any]
     record: bytes = b""
     truth: bytes = b""
     faults: tuple[Fault, ...] = ()
@@ -108,7 +108,7 @@ def simulate_study(
         )
     folder, wanted = Path(out), wanted_drops(study, flights, draws, seed)
     folder.mkdir(parents=True, exist_ok=True)
-    known = {one.stem: Flown(told) for one in wanted if (told := _kept(folder, one)) is not None}
+    known = {one.stem: Flown(facts) for one in wanted if (facts := _kept(folder, one)) is not None}
     todo, kept, began = [one for one in wanted if one.stem not in known], len(known), time.perf_counter()
     say = progress or (lambda name, share, words: None)
     if kept:
@@ -125,7 +125,7 @@ def simulate_study(
             say("simulate", (kept + done) / len(wanted), f"{kept + done} of {len(wanted)}, {lost} failed{left}")
     drops = Drops([], {}, {}, (0.0, 0.0), kept)
     for one in wanted:
-        drops = _with_drop(drops, folder, one.stem, known[one.stem].told)
+        drops = _with_drop(drops, folder, one.stem, known[one.stem].facts)
     if not drops.files:
         raise InputError([fault for one in wanted for fault in known[one.stem].faults])
     return drops
@@ -195,20 +195,20 @@ def _paths(folder: Path, stem: str) -> tuple[Path, Path]:
 
 def _kept(folder: Path, one: Wanted) -> dict[str, Any] | None:
     """Attributes of a drop's files, if both exist and belong to this drop."""
-    told: dict[str, Any] = {}
+    facts: dict[str, Any] = {}
     for path in _paths(folder, one.stem):
         try:
             with h5py.File(path) as file:
                 if file.attrs.get(HASH) != one.hash:
                     return None
-                told = {key: v if isinstance(v, str) else np.ravel(v)[0].item() for key, v in file.attrs.items()}
+                facts = {key: v if isinstance(v, str) else np.ravel(v)[0].item() for key, v in file.attrs.items()}
         except OSError:
             return None  # none, or damaged: it is flown again
-    return told
+    return facts
 
 
 def _ok(drop: Flown) -> bool:
-    return bool(drop.told["outcome"] == Outcome.OK.words)
+    return bool(drop.facts["outcome"] == Outcome.OK.words)
 
 
 def _spell(seconds: float) -> str:
@@ -218,16 +218,16 @@ def _spell(seconds: float) -> str:
     return f", about {seconds / 60.0:.0f} min left" if seconds > 90.0 else f", about {seconds:.0f} s left"
 
 
-def _with_drop(drops: Drops, folder: Path, stem: str, told: Mapping[str, Any]) -> Drops:
+def _with_drop(drops: Drops, folder: Path, stem: str, facts: Mapping[str, Any]) -> Drops:
     """Counts with one more drop, described by its attributes."""
-    words = told["outcome"]
+    words = facts["outcome"]
     drops = drops._replace(outcomes={**drops.outcomes, words: drops.outcomes.get(words, 0) + 1})
-    if "why" not in told:
+    if "why" not in facts:
         drops.files.extend(_paths(folder, stem))
     if words != Outcome.OK.words:
-        why = told.get("why") or f"{words} at {told['failed_at_s']:.1f} s"
+        why = facts.get("why") or f"{words} at {facts['failed_at_s']:.1f} s"
         return drops._replace(failed={**drops.failed, stem: why})
-    place, speed = (float(told[f"step_error_{name}"]) for name in ("position_m", "velocity_m_per_s"))
+    place, speed = (float(facts[f"step_error_{name}"]) for name in ("position_m", "velocity_m_per_s"))
     return drops._replace(step_error=(max(drops.step_error[0], place), max(drops.step_error[1], speed)))
 
 

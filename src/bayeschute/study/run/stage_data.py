@@ -46,8 +46,8 @@ def flown(study: Study, flight: Flight, seed: int, quick: bool = False) -> tuple
         time = record["time"].values
         since = float(record.attrs["failed_at_s"])
         detail = f"{record.attrs['outcome']}: not to be relied on from here"
-        told = Repair("simulation", "", since, float(time[-1]), int((time >= since).sum()), detail)
-        record = with_repairs(record, [told])
+        note = Repair("simulation", "", since, float(time[-1]), int((time >= since).sum()), detail)
+        record = with_repairs(record, [note])
     return record, truth
 
 

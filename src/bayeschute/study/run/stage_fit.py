@@ -124,7 +124,7 @@ def store(
     said = [note for fitted, one in zip(made, drawn, strict=True) for note in [*_lost(fitted), *one.draws.notes]]
     scored = {name: z for one in made for name, z in one.scores.items()}
     facts = {"wall": dict(wall or {}), "notes": said, "failed": failed, "scores": assemble.as_plain(scored)}
-    if starts := several_starts.told(job, [group.name for group in chosen] + list(structures_fitted)):
+    if starts := several_starts.comparisons(job, [group.name for group in chosen] + list(structures_fitted)):
         facts |= {"starts": starts, "notes": [*said, *several_starts.note(starts)]}
     job.save("fit/facts.json", facts)
     return failed
@@ -158,7 +158,7 @@ def fit_group(job: Job, group: Group, say: Say) -> Fitted:
 
 def _lost(one: Fitted) -> list[str]:
     """Notes on corrections of the posterior that could not be computed."""
-    return [f"Left out of the posterior of {one.group.name}: {lost}." for lost in one.found.lost]
+    return [f"Omitted from the posterior of {one.group.name}: {lost}." for lost in one.found.lost]
 
 
 def draw_group(job: Job, fitted: Fitted, say: Say, predictions: bool = True) -> Drawn:
@@ -171,7 +171,7 @@ def draw_group(job: Job, fitted: Fitted, say: Say, predictions: bool = True) -> 
         predictions: Whether the DataTree has predictions.
 
     Returns:
-        Its draws; those of the first sampler where the study asks for both.
+        Its draws; those of the first sampler where the study wants both.
     """
     study, (group, found, _) = job.study, fitted
     kinds = ["nuts", "emcee"] if study.sampler.kind == "both" else [study.sampler.kind]
@@ -290,7 +290,7 @@ def _settled(
 ) -> tuple[Group, JointFit, dict[str, float]]:
     """Joint optimum of a group; left-out terms that pass the score test on the simulated flight are added.
 
-    A fit without a term that is needed settles in a place of its own. So the next one begins at the prior means and,
+    A fit without a necessary term converges to a different optimum. So the next one starts at the prior means and,
     for comparison, there; the greater evidence is kept.
 
     Returns:

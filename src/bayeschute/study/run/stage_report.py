@@ -17,7 +17,7 @@ from bayeschute.study.assembly import assemble, canopies
 from bayeschute.study.assembly.fits import groups, load_noise_parameters, summary_draws
 from bayeschute.study.assembly.fitted_terms import ADDED
 from bayeschute.study.evidence.calibration_status import calibration_check, verification
-from bayeschute.study.evidence.recalibrate import told as told_widening
+from bayeschute.study.evidence.recalibrate import applied_recalibration
 from bayeschute.study.job import Job, load_flight, load_priors
 from bayeschute.study.load import study_hash
 from bayeschute.study.run import structures
@@ -59,7 +59,7 @@ def _summary(job: Job) -> dict[str, Any]:
             "wall": facts["wall"], "min_ess_per_s": min(checked["ess_bulk"].values()) / seconds,
         },
         **_disturbances(job), **_output_error(job), **_identifiability(job), **_recalibration(job),
-        **({"structures": stacked} if (stacked := structures.told(job)) else {}),
+        **({"structures": stacked} if (stacked := structures.summary_rows(job)) else {}),
         "coverage": coverage,
         "checks": checks | {"calibration": calibration},
         "requirements": job.load("risk/requirements.json"),
@@ -153,7 +153,7 @@ def _identifiability(job: Job) -> dict[str, Any]:
 
 def _recalibration(job: Job) -> dict[str, Any]:
     """Factors by which bands were widened, if they were."""
-    by = told_widening(job)
+    by = applied_recalibration(job)
     return {} if by is None else {"recalibration": by._asdict()}
 
 
@@ -212,7 +212,7 @@ def _notes(job: Job) -> list[str]:
         "Initial states and latent disturbances are integrated out by Laplace's approximation given the parameters; "
         "its log determinant is interpolated by a polynomial in the parameters (the error is among the checks).",
     ]
-    study, by = job.study, told_widening(job)
+    study, by = job.study, applied_recalibration(job)
     notes += formulation.notes(study.noise)
     if by is not None:
         notes.append(

@@ -23,7 +23,6 @@ from bayeschute.records.reconstruct import reconstruct
 from bayeschute.study.assembly import assemble
 from bayeschute.study.assembly.fits import Stored, groups, load_fit, summary_draws
 from bayeschute.study.evidence.recalibrate import NAME as RECALIBRATION
-from bayeschute.study.evidence.recalibrate import told as told_widening
 from bayeschute.study.evidence.recalibrate import widening
 from bayeschute.study.job import Job
 from bayeschute.study.run import several_starts, structures
@@ -52,7 +51,7 @@ class _Fits(NamedTuple):
         modes: Whether it falls to both sides along every axis, by fit.
         away: Distance of the draws' mean from the mode [Laplace's standard deviations], by fit.
         tails: Pareto k, by fit that has one.
-        told: Identifiability by fit; empty if not requested.
+        identifiability: Identifiability by fit; empty if not requested.
     """
 
     converged: bool
@@ -65,19 +64,19 @@ class _Fits(NamedTuple):
     modes: list[bool]
     away: list[float]
     tails: list[float]
-    told: dict[str, Any]
+    identifiability: dict[str, Any]
 
 
-def _of_fits(job: Job, tell: bool) -> _Fits:
+def _of_fits(job: Job, identify: bool) -> _Fits:
     todo = groups(job)
-    stored, steps, shares, told = [], [], [], {}
+    stored, steps, shares, identifiability = [], [], [], {}
     for i, group in enumerate(todo):
         one = load_fit(job, group)
         for flight, along in zip(one.marginal.flights, one.marginal.along, strict=True):
             steps.append(_step_error(flight, one.optimum.theta, along))
             shares.append(_innovation_share(flight, along))
-        if tell:
-            told[group.name] = of_fit(job, group, one)
+        if identify:
+            identifiability[group.name] = of_fit(job, group, one)
         stored.append(one)
         job.say("check")((i + 1) / len(todo), group.name)
     return _Fits(
@@ -91,7 +90,7 @@ def _of_fits(job: Job, tell: bool) -> _Fits:
         [one.is_mode for one in stored],
         [_away(one) for one in stored],
         [one.pareto_k for one in stored if one.pareto_k is not None],
-        told,
+        identifiability,
     )
 
 
@@ -101,12 +100,12 @@ def _away(stored: Stored) -> float:
     return float(np.max(np.abs(np.linalg.solve(np.asarray(stored.marginal.scale), flat))))
 
 
-def check(job: Job, tell: bool = True) -> str:
+def check(job: Job, identify: bool = True) -> str:
     """Convergence diagnostics and checks of the fit, and the identifiability analysis.
 
     Args:
         job: The run.
-        tell: Whether to run the identifiability analysis; replicates don't need it.
+        identify: Whether to run the identifiability analysis; replicates don't need it.
     """
     checks: dict[str, dict[str, Any]] = {}
 
@@ -134,11 +133,11 @@ def check(job: Job, tell: bool = True) -> str:
         min(tail.values()) > 400.0,
         "smallest tail effective sample size of any parameter",
     )
-    fits = _of_fits(job, tell)
+    fits = _of_fits(job, identify)
     add("optimum", float(not fits.converged), 0.0, fits.converged, "number of fits whose optimisation did not converge")
     if starts := job.load("fit/facts.json").get("starts"):
         checks["optima"] = several_starts.check(starts)
-    if stacked := structures.told(job):
+    if stacked := structures.summary_rows(job):
         checks["structures"] = structures.check(stacked)
     add(
         "failed_solves",
@@ -193,8 +192,8 @@ def check(job: Job, tell: bool = True) -> str:
             "proposals cover the exact posterior and the correction is reliable"
         )
         add("pareto_k", max(fits.tails), MOST_K, max(fits.tails) < MOST_K, detail)
-    if tell:
-        job.save("identifiability.json", fits.told)
+    if identify:
+        job.save("identifiability.json", fits.identifiability)
     job.save("checks.json", {"checks": checks, "rhat": rhat, "ess_bulk": bulk, "ess_tail": tail})
     missed = [name for name, c in checks.items() if not c["passed"]]
     return "all passed" if not missed else "missed: " + ", ".join(missed)
@@ -271,8 +270,8 @@ def predict(job: Job) -> str:
 def _record_coverage(job: Job, one: FlightForecast, quantity: str, recorded: dict[str, Array]) -> float | None:
     """Share of recorded samples inside the band, the channel's noise added where the quantity has a channel.
 
-    A quantity derived from several channels has no noise of its own here: beside the wide band of an unseen flight
-    that does no harm, beside the narrow one of a fitted flight it would mislead, so there it is left out.
+    A quantity derived from several channels has no noise model here: compared with the wide band of an unseen flight
+    that is negligible; for the narrow one of a fitted flight it would mislead, so there it is omitted.
     """
     noise = _channel_noise(job, one.stored, quantity)
     if quantity not in recorded or (noise is None and not one.held_out.any()):

@@ -74,7 +74,7 @@ def run_study(
     Raises:
         InputError: If the study, its files or `until` are not sound; if `out` holds something else, or an earlier run
             and neither `resume` nor `force` is given, or both are; if Dask is wanted and not there; if bands are to be
-            recalibrated and no calibration tells how.
+            recalibrated and no stored calibration gives the factors.
     """
     from bayeschute.study.assembly import assemble
     from bayeschute.study.evidence.recalibrate import widening
@@ -109,7 +109,7 @@ def _check_folder(folder: Path, resume: bool, force: bool) -> None:
         wanted = "a new folder or one of an earlier run"
         raise InputError(Fault(str(folder), "a folder with other files", wanted, "Choose another --out."))
     if resume and force:
-        raise InputError(Fault("--force", "--resume beside it", "one of the two"))
+        raise InputError(Fault("--force", "--resume together with it", "one of the two"))
     if earlier and not resume and not force:
         do = "Add --resume to go on and reuse what is unchanged, or --force to remove its results and begin anew."
         raise InputError(Fault(str(folder), "an earlier run", "a new folder, --resume or --force", do))

@@ -189,7 +189,7 @@ def fit_all(job: Job, group: Group, say: Say) -> list[str]:
     return names
 
 
-def told(job: Job) -> list[dict[str, Any]]:
+def summary_rows(job: Job) -> list[dict[str, Any]]:
     """Structures and weights without priors, heaviest first; none where one structure is fitted."""
     rows = job.load(FILE) if (job.out / FILE).exists() else []
     return sorted(({k: v for k, v in r.items() if k != "priors"} for r in rows), key=lambda r: -r["weight"])
@@ -206,7 +206,7 @@ def members(job: Job, group: Group, draws: int) -> list[tuple[Group, int]]:
 
 
 def note(rows: Sequence[dict[str, Any]]) -> list[str]:
-    """A line for the report, from `told`."""
+    """A line for the report, from `summary_rows`."""
     if not rows:
         return []
     words = []
@@ -224,7 +224,7 @@ def note(rows: Sequence[dict[str, Any]]) -> list[str]:
 
 
 def check(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """The check ``structures``, from `told`."""
+    """The check ``structures``, from `summary_rows`."""
     lost = [r for r in rows if r["failed"] or (r["weight"] > COUNTS and not r["converged"])]
     return {
         "passed": not lost,

@@ -56,7 +56,7 @@ def _map_faults(draft: Draft, columns: Mapping[str, Column], loc: tuple[int | st
     for name, spec in columns.items():
         if spec.column in by_place:
             got = f"{show(spec.column)}, which {by_place[spec.column]} takes already"
-            yield Fault(draft.at(*loc, name, "column"), got, "a column of its own")
+            yield Fault(draft.at(*loc, name, "column"), got, "a separate column")
         by_place[spec.column] = name
     if "time" not in columns:
         yield Fault(draft.at(*loc, ""), "no time", "a column for time", "Add time = { column = ..., unit = 's' }.")

@@ -108,9 +108,9 @@ def _check_mass(draft: Draft) -> Iterator[Fault]:
     if priors is not None and priors.given.capsule_mass is not None:
         for index, flight in draft.flights.items():
             if flight.capsule_mass is not None and "identify" in flight.roles:
-                where, got = draft.at("flight", index, "capsule_mass"), "a mass of its own, of a flight that is fitted"
+                where, got = draft.at("flight", index, "capsule_mass"), "a flight-specific mass of a fitted flight"
                 yield Fault(
-                    where, got, "none beside [priors.given] capsule_mass, which is fitted", "Remove one of them."
+                    where, got, "none together with [priors.given] capsule_mass, which is fitted", "Remove one of them."
                 )
 
 
@@ -140,7 +140,9 @@ def _check_vary(draft: Draft) -> Iterator[Fault]:
     for key in ("vary", "vary_canopies"):
         if getattr(priors, key) is not None and structure is not None and structure.stack is not None:
             wanted = "one of the two: populations are of one structure"
-            yield Fault(draft.at("priors", key), f"{key} beside [structure] stack", wanted, "Remove one of them.")
+            yield Fault(
+                draft.at("priors", key), f"{key} together with [structure] stack", wanted, "Remove one of them."
+            )
 
 
 def _no_use(draft: Draft, *loc: int | str, got: str = "") -> Fault:

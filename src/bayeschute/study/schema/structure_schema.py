@@ -169,9 +169,9 @@ class StructureTable(Strict):
     def _can_stack(self) -> StructureTable:
         if self.stack is not None and self.fit != "selected":
             do = 'Say fit = "selected", or remove stack.'
-            refuse("a stack of selected structures", f'stack beside fit = "{self.fit}", one structure', do)
+            refuse("a stack of selected structures", f'stack together with fit = "{self.fit}", one structure', do)
         if self.stack is not None and self.replicates == 0:
-            refuse("replicates, which tell the structures of the stack", "stack beside replicates = 0")
+            refuse("replicates, which select the structures of the stack", "stack together with replicates = 0")
         return self
 
 

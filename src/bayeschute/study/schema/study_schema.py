@@ -66,8 +66,8 @@ class FlightTable(Strict):
         skip_first: Left out at the start of the window [s] (descent).
         identify_until: End of the fitted part; the rest is held out and predicted (descent).
         remove_velocity_bias: Whether constant biases of the recorded velocity, found against positions, are removed.
-        wind_profile: Wind by altitude about which the recorded wind, the capsule's, tells that of the canopies
-            (cluster); where no wind is recorded it stands for it. None: canopies meet the capsule's wind.
+        wind_profile: Wind by altitude, which gives the wind at the canopies relative to the recorded one at the capsule
+            (cluster); where no wind is recorded it replaces it. None: canopies meet the capsule's wind.
     """
 
     name: Name
@@ -92,7 +92,7 @@ class FlightTable(Strict):
         if self.virtual is not None:
             for key in ("columns", "rate"):
                 if getattr(self, key) is not None:
-                    refuse(f"no {key} beside [flight.virtual]", f"{key} of a virtual flight")
+                    refuse(f"no {key} together with [flight.virtual]", f"{key} of a virtual flight")
         if self.window is not None and not self.window[0] < self.window[1]:
             refuse("a window whose start is before its end", "window of {:g} s to {:g} s".format(*self.window))
         return self
@@ -121,7 +121,7 @@ class PredictTable(Strict):
 
     Attributes:
         draws: How many.
-        quantities: Which; None: all that the model knows.
+        quantities: Quantities to predict; None: all of the model.
         disturbance_log_sd: Standard deviation of the logarithm by which disturbances beyond the data (other air, nearer
             to the ground) may be stronger or weaker than those that were fitted; 0: they are the same.
         recalibrate: ``replicates``: bands of unseen flights are widened by what stored replicates of the configuration

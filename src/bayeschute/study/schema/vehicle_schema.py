@@ -106,13 +106,15 @@ class CapsuleTable(Strict):
 
     @model_validator(mode="after")
     def _has_coefficients(self) -> CapsuleTable:
-        told = [name for name in _COEFFICIENTS if getattr(self, name) is not None]
-        if self.table is None and len(told) < len(_COEFFICIENTS):
-            missing = ", ".join(name for name in _COEFFICIENTS if name not in told)
+        present = [name for name in _COEFFICIENTS if getattr(self, name) is not None]
+        if self.table is None and len(present) < len(_COEFFICIENTS):
+            missing = ", ".join(name for name in _COEFFICIENTS if name not in present)
             refuse(f"{', '.join(_COEFFICIENTS)}, or a table [capsule.table]", f"no {missing}", "Add it.")
-        if self.table is not None and told:
+        if self.table is not None and present:
             refuse(
-                "coefficients or a table [capsule.table]", f"both a table and {', '.join(told)}", "Remove one of them."
+                "coefficients or a table [capsule.table]",
+                f"both a table and {', '.join(present)}",
+                "Remove one of them.",
             )
         return self
 

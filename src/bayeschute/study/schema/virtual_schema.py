@@ -68,7 +68,7 @@ class Sensor(Strict, Generic[Q]):
     @model_validator(mode="after")
     def _has_time_constant(self) -> Sensor[Q]:
         if self.correlated and self.time_constant is None:
-            refuse("a time_constant beside a correlated error", "no time_constant")
+            refuse("a time_constant together with a correlated error", "no time_constant")
         return self
 
 

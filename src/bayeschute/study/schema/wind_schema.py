@@ -66,8 +66,8 @@ class HistoryTable(Strict):
     @model_validator(mode="after")
     def _is_read(self, info: ValidationInfo) -> HistoryTable:
         given = {axis: getattr(self, axis) for axis in AXES}
-        told = "samples" in self.model_fields_set
-        return self.model_copy(update={"samples": _rows(self.file, "time", "s", self.time, given, told, info)})
+        stored = "samples" in self.model_fields_set
+        return self.model_copy(update={"samples": _rows(self.file, "time", "s", self.time, given, stored, info)})
 
 
 class ProfileFile(Strict):
@@ -92,8 +92,10 @@ class ProfileFile(Strict):
     @model_validator(mode="after")
     def _is_read(self, info: ValidationInfo) -> ProfileFile:
         given = {axis: getattr(self, axis) for axis in AXES}
-        told = "samples" in self.model_fields_set
-        return self.model_copy(update={"samples": _rows(self.file, "altitude", "m", self.altitude, given, told, info)})
+        stored = "samples" in self.model_fields_set
+        return self.model_copy(
+            update={"samples": _rows(self.file, "altitude", "m", self.altitude, given, stored, info)}
+        )
 
 
 def _rows(
@@ -102,11 +104,11 @@ def _rows(
     si: str,
     place: SeriesColumn,
     winds: Mapping[str, SeriesColumn | None],
-    told: bool,
+    stored: bool,
     info: ValidationInfo,
 ) -> tuple[tuple[float, ...], ...]:
     """Rows of a file of winds along time or altitude, upwards: time [s] or altitude [m], north, east, down [m/s]."""
-    if told:
+    if stored:
         refuse(f"file, {along} and columns of the wind", "samples, which come from the file")
     given = {axis: column for axis, column in winds.items() if column is not None}
     if not given:
