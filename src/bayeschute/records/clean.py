@@ -1,4 +1,4 @@
-"""Cleaning of a record: outliers are dropped (`bayeschute.records.outliers`), the rest is put on a uniform clock.
+"""Cleaning of a record: outliers are dropped (`bayeschute.records.outliers`), the rest is resampled uniformly.
 
 No data are invented, and every change is listed in the attribute ``repairs``.
 """

@@ -1,4 +1,4 @@
-"""Resampling of one channel to a uniform clock, without inventing what a gap hides."""
+"""Resampling of one channel to a uniform sampling rate, without filling gaps."""
 
 from __future__ import annotations
 

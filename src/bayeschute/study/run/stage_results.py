@@ -302,7 +302,7 @@ def recorded_quantities(job: Job, flight: Flight, record: xr.Dataset) -> dict[st
 def risk(job: Job) -> str:
     """Files for risk assessment, and the requirements, from the draws of the bands (recalibrated where these are)."""
     study, tables = job.study, load_tree(job.out / STATISTICS, dict[str, dict[str, dict[str, Array]]])
-    by = told_widening(job)
+    by = applied_recalibration(job)
     widened = {} if by is None else dict.fromkeys(by.flights, by.factors)
     draws, units = summary_draws(job)
     ess = job.load("checks.json")["ess_bulk"]
