@@ -23,7 +23,7 @@ from bayeschute.records.reconstruct import reconstruct
 from bayeschute.study.assembly import assemble
 from bayeschute.study.assembly.fits import Stored, groups, load_fit, summary_draws
 from bayeschute.study.evidence.recalibrate import NAME as RECALIBRATION
-from bayeschute.study.evidence.recalibrate import widening
+from bayeschute.study.evidence.recalibrate import applied_recalibration, widening
 from bayeschute.study.job import Job
 from bayeschute.study.run import several_starts, structures
 from bayeschute.study.run.forecasts import FlightForecast, forecast_flights, widened
