@@ -40,7 +40,7 @@ def stability_table(facts: Mapping[str, Any]) -> Table | None:
         )
     heads = "".join(f"|{c:g} ×:num" for c in ceilings)
     columns = columns_of(
-        f"Term:code|Selected:num{heads}|Colored:num|Bootstrap:num|Differentiation:num|Most confusable (chance):code"
+        f"Term:code|Selected:num{heads}|Colored:num|Bootstrap:num|Differentiation:num|Most confusable (probability):code"
     )
     groups = (("", 1), ("Share of bootstrap replicates, by ceiling", 1 + len(ceilings)), ("Standard error", 3), ("", 1))
     caption = (
@@ -128,7 +128,7 @@ def known_table(facts: Mapping[str, Any]) -> Table | None:
         )
     columns = columns_of(
         "Term:code|True:num|Mean:num|Sample sd:num|Colored:num|White:num|Colored:num|White:num|Final:num"
-        "|Before exchange:num|Most confusable: correlation, chance:code"
+        "|Before exchange:num|Most confusable: correlation, probability:code"
     )
     groups = (("", 3), ("Standard error", 3), ("90 % interval coverage", 2), ("Selected in replicates", 2), ("", 1))
     return Table(columns, tuple(rows), groups=groups) if rows else None
