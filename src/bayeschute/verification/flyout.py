@@ -1,4 +1,4 @@
-"""Check case 10: two canopies swing apart and together while they may orbit (report 6.3.2-1, with its sign corrected)."""
+"""Check case 10: two canopies swing apart and together while they may orbit (report 6.3.2-1, sign corrected)."""
 
 from __future__ import annotations
 

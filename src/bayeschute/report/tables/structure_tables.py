@@ -40,13 +40,13 @@ def stability_table(facts: Mapping[str, Any]) -> Table | None:
         )
     heads = "".join(f"|{c:g} ×:num" for c in ceilings)
     columns = columns_of(
-        f"Term:code|Selected:num{heads}|Colored:num|Bootstrap:num|Differentiation:num|Most confusable (probability):code"
+        f"Term:code|Selected:num{heads}|Colored:num|Bootstrap:num|Differentiation:num|Confusable (probability):code"
     )
     groups = (("", 1), ("Share of bootstrap replicates, by ceiling", 1 + len(ceilings)), ("Standard error", 3), ("", 1))
     caption = (
         "Selected terms are highlighted. Colored: standard error corrected for colored residuals. Bootstrap: by "
         "moving-block bootstrap, for comparison. Differentiation: the part due to noise of the recorded positions, "
-        "through numerical differentiation. Most confusable: the candidate that noise is most likely to put in the "
+        "through numerical differentiation. Confusable: the candidate that noise is most likely to put in the "
         "term's place, and the probability."
     )
     return Table(columns, tuple(rows), caption, groups=groups, marked=frozenset(marked)) if rows else None
