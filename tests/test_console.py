@@ -22,10 +22,10 @@ def test_every_fault_is_one_line_on_stderr(capsys):
 
 
 def test_a_stop_says_how_to_go_on(capsys):
-    with pytest.raises(typer.Exit) as stopped, reporting_faults("The same command goes on."):
+    with pytest.raises(typer.Exit) as stopped, reporting_faults("The same command continues."):
         raise KeyboardInterrupt
     assert stopped.value.exit_code == 130
-    assert "Stopped. The same command goes on." in capsys.readouterr().err
+    assert "Stopped. The same command continues." in capsys.readouterr().err
 
 
 def test_what_is_no_fault_of_the_input_is_not_hidden():

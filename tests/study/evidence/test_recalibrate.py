@@ -153,7 +153,7 @@ def test_bands_of_a_run_are_widened_and_its_summary_says_so(finished, descents, 
     assert summary["recalibration"] == {"factors": factors, "replicates": 100, "flights": ["low", "high"]}
     _statistics_are_of_the_widened_draws(finished.folder, folder, summary, factors)
     assert "descent rate widened by 1.20" in summary["label"] and summary["label"].startswith("not verified")
-    assert any("Bands of unseen flights are widened" in note for note in summary["notes"])
+    assert any("Bands of predicted flights are recalibrated" in note for note in summary["notes"])
     assert "descent rate widened by 1.20" in (folder / "report.html").read_text(encoding="utf-8")
     stage_list.predict(replace(job, study=plain_study))
     assert not (folder / NAME).exists()
