@@ -1,8 +1,8 @@
-"""bayeschute: probabilistic identification of parachute clusters from flight records.
+"""bayeschute: Bayesian system identification of capsules under parachutes from flight records.
 
-``import bayeschute as bc`` is the door: nouns (`Study`, `Flight`, `Structure`, `Priors`, `Fit`, `Posterior`,
-`Forecast`, `Run`, `Coverage`) and verbs (`read_record`, `reconstruct`, `select_structure`, `fit`, `sample`, `run`,
-`calibrate`, ...). Names are imported when they are first used, so that the import itself is quick.
+``import bayeschute as bc`` gives the classes `Study`, `Flight`, `Structure`, `Priors`, `Fit`, `Posterior`, `Forecast`,
+`Run` and `Coverage`, and the functions `read_record`, `reconstruct`, `select_structure`, `fit`, `sample`, `run`,
+`calibrate` and others. Names are imported when they are first used, so that the import itself is quick.
 """
 
 from __future__ import annotations

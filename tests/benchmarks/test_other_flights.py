@@ -258,7 +258,7 @@ class TestScores:
 
 
 class TestVerdicts:
-    RAN = {"exit": 1, "traceback": False, "last": "Checks that failed: rhat."}
+    RAN = {"exit": 1, "traceback": False, "last": "Failed checks: rhat."}
 
     def test_a_converged_fit_may_fail_other_checks(self, other, tmp_path):
         checks = {"optimum": {"passed": True}, "rhat": {"passed": False}, "calibration": {"passed": None}}

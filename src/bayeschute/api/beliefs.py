@@ -1,4 +1,4 @@
-"""What is believed before a fit: the structure that equation error supports, and priors."""
+"""`Structure` and `Priors`: the selected model structure and the prior distributions of a fit."""
 
 from __future__ import annotations
 
@@ -81,8 +81,8 @@ class Priors:
     Attributes:
         parameters: One entry per parameter.
         table: Inflation, floor, and which parameters differ from drop to drop or canopy to canopy.
-        candidates: How a fit goes on with the structure: searched, kept as it is.
-        found: What structure selection found, where priors come from it.
+        candidates: Whether the fit searches over the terms of the structure or keeps them.
+        found: Result of the structure selection that the priors were derived from, if any.
 
     Example:
         >>> import bayeschute as bc

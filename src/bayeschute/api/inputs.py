@@ -1,4 +1,4 @@
-"""What goes in: studies, flights with their records, and motion along them."""
+"""`Study`, `Flight` and `Motion`: studies, flights with their records, and reconstructed motion."""
 
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ class Flights(Sequence["Flight"]):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Study:
-    """A study file whose every fault was told: flights, priors, noise, sizes.
+    """A validated study: flights, priors, noise model, sizes.
 
     Attributes:
         spec: Its tables, all numbers in SI.
@@ -144,7 +144,7 @@ class Study:
 
         Args:
             path: The file (TOML).
-            data: What ``${DATA}`` stands for in it.
+            data: Folder that replaces ``${DATA}`` in it.
 
         Raises:
             InputError: With every fault of the study, its vehicle and its records' paths.
@@ -213,8 +213,8 @@ class Flight:
     """A flight: its record, the vehicle that flew it, the wind it met.
 
     Attributes:
-        spec: What a study file says of a flight.
-        study: The study it belongs to; of a flight on its own, one with the package's usual tables.
+        spec: The flight's table of the study file.
+        study: The study it belongs to; for a single flight, one with the default tables.
         raw: The record as read, where it does not come from a file.
 
     Example:
@@ -249,9 +249,9 @@ class Flight:
             name: Its name.
             wind: From `wind_profile`: how the wind changes with altitude, and the wind itself where none is recorded.
             window: First and last time used, such as ``("5 s", "95 s")``; bare numbers are seconds.
-            rate: The record is resampled to this rate [Hz]; None: its own.
+            rate: Sampling rate to which the record is resampled [Hz]; None: that of the record.
             capsule_mass: Replaces the vehicle's [kg].
-            identify_until: Where the part begins that is held out and predicted, such as ``"75 s"`` or ``"65 %"``.
+            identify_until: End of the fitted part, such as ``"75 s"`` or ``"65 %"``; the rest is held out.
             roles: Of ``structure``, ``identify``, ``predict``.
         """
         usual = usual_study("cluster" if vehicle is not None else "descent")
@@ -292,7 +292,7 @@ class Flight:
 
     @property
     def roles(self) -> tuple[str, ...]:
-        """What it is used for: structure, identify, predict."""
+        """Roles of the flight: structure, identify, predict."""
         return self.spec.roles
 
     @property
@@ -317,7 +317,7 @@ class Flight:
 
     @property
     def record(self) -> xr.Dataset:
-        """Its record: cleaned, on a uniform clock, in SI; `repairs` lists what was done to it."""
+        """Its record: cleaned, uniformly sampled, in SI; `repairs` lists all changes."""
         return self._prepared[0]
 
     @property
@@ -327,7 +327,7 @@ class Flight:
 
     @property
     def repairs(self) -> tuple[Repair, ...]:
-        """What cleaning dropped, filled, derived or assumed."""
+        """Samples and variables that were dropped, interpolated, derived or assumed."""
         return repairs(self.record)
 
     def plot(self) -> Figure:
@@ -393,7 +393,7 @@ class Motion:
         return self.data[name]
 
     def modes(self, length: float = 15.0, seed: int = 0) -> ClusterModes:
-        """What the cluster does, window by window (pendulum, glide, flyout, maypole), and what each stretch tells.
+        """Modes of motion by window (pendulum, glide, flyout, maypole), and the coefficients from each stretch.
 
         Args:
             length: Of the windows [s].

@@ -1,4 +1,4 @@
-"""What comes out: fits, posteriors, forecasts, and finished runs."""
+"""`Fit`, `Posterior`, `Forecast` and `Run`: results of fits, sampling, prediction and whole runs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The verbs: from a record to motion, structure, fit, posterior, and whole runs."""
+"""Functions of the public interface: reconstruct, select_structure, fit, sample, run, calibrate and others."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Columns = Mapping[str, tuple[str, str]]
 
 @contextmanager
 def _shown(progress: Progress | bool | None) -> Iterator[Progress | None]:
-    """What progress is told to: a function, or bars in the terminal where it is true."""
+    """Progress callback: a function, or progress bars in the terminal if True."""
     if progress is True:
         from bayeschute.console import Bars
 
@@ -48,7 +48,7 @@ def read_record(path: Path | str, columns: Columns | None = None) -> xr.Dataset:
             ``capsule_attitude.w``, ...) the column's name and its unit there.
 
     Returns:
-        The record in SI at its own times.
+        The record in SI at its recorded times.
 
     Raises:
         InputError: With every fault of map and file.
@@ -134,7 +134,7 @@ def fit(
         progress: Called with stage, share done and words; True: shown in the terminal.
 
     Raises:
-        FitError: If no flight of the model follows the records; it says what was tried.
+        FitError: If no trajectory of the model follows the records; it lists what was tried.
 
     Example:
         >>> bc.fit(study.flights[0]).converged
@@ -221,15 +221,15 @@ def run(
     Args:
         study: From `Study.load`.
         folder: Of the run; made where missing.
-        resume: Go on in the folder of an earlier run; stages that finished with what they read now are kept.
+        resume: Continue in the folder of an earlier run; stages whose inputs are unchanged are reused.
         quick: Small sizes, not for use.
         until: Last stage to run.
         workers: Local processes that predictions are spread over.
         progress: Called with stage, share done and words; True: shown in the terminal.
-        force: Begin anew in the folder of an earlier run: what that run wrote is removed first.
+        force: Start again in the folder of an earlier run; its results are removed first.
 
     Raises:
-        InputError: If `folder` holds something else, or an earlier run and neither `resume` nor `force` is given.
+        InputError: If `folder` contains something else, or an earlier run and neither `resume` nor `force` is given.
 
     Example:
         >>> run = bc.run(study, folder / "until-priors", until="priors")
@@ -246,7 +246,7 @@ def run(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Coverage:
-    """What intervals and bands held over replicates of a study.
+    """Coverage of intervals and bands over replicates of a study.
 
     Attributes:
         found: As `bayeschute calibrate` stores it.
@@ -261,7 +261,7 @@ class Coverage:
 
     @property
     def table(self) -> pd.DataFrame:
-        """Share of the replicates whose nominal 90 % interval held the truth, with its standard error."""
+        """Coverage of nominal 90 % intervals over the replicates, with its standard error."""
         share, error = self.found["coverage"], self.found["standard_error"]
         return pd.DataFrame({"share": share, "standard_error": error})
 
@@ -291,13 +291,13 @@ def calibrate(
     quick: bool = False,
     progress: Callable[[float, str], None] | None = None,
 ) -> Coverage:
-    """Fly a study's virtual flights anew many times, fit each, and count what intervals and bands hold.
+    """Measure the coverage of intervals and bands over replicates of a study's virtual flights.
 
     Args:
         study: All flights virtual.
-        folder: Keeps finished replicates; the same call goes on.
-        replicates: How many.
-        scenario: What is flown that the identification is not told; ``none`` or a name of `scenarios`.
+        folder: Stores finished replicates; the same call continues a stopped one.
+        replicates: Number of replicates to simulate, identify and predict.
+        scenario: Misspecification of the simulated flights; ``none`` or a name of `scenarios`.
         noise: Replaces the noise model.
         workers: Local processes.
         quick: Small sizes, not for use.
@@ -314,7 +314,7 @@ def calibrate(
 
 
 def scenarios() -> dict[str, str]:
-    """Named misspecifications that `calibrate` can fly, and what each is.
+    """Misspecification scenarios of `calibrate`, by name, with a description.
 
     Example:
         >>> "strong-gusts" in bc.scenarios()

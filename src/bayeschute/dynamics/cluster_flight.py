@@ -1,4 +1,4 @@
-"""The three-body cluster along one record: the model of the main job."""
+"""The cluster model along one record: the capsule under n canopies as a discrete-time state-space model."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def _with_canopy(old: Component, canopy: int, value: Component, count: int) -> C
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class ClusterInputs:
-    """What the cluster meets at each sample; leaves (T, ...).
+    """Inputs of the cluster at each sample (wind, density); leaves (T, ...).
 
     Attributes:
         wind: Best-estimated wind (T, 3) [m/s].
@@ -114,7 +114,7 @@ class ClusterFlight:
             ``capsule_attitude`` (rotation vector from the recorded attitude, 3), ``riser_tension`` (n) [N],
             ``swing_angle`` (1) [rad] and ``descent_rate`` (1) [m/s] as of `quantity`.
         substeps: Runge-Kutta steps per sample.
-        wind_field: Wind by altitude that adds to the record's, for every body at its own; None: all meet the record's.
+        wind_field: Wind by altitude added to the record's, at every body's altitude; None: all have the record's.
     """
 
     base: Cluster
@@ -294,7 +294,7 @@ def swing_angle(state: ClusterState, attach_b: Vec3) -> Component:
 
     The angle is the distance from a point, the vertical, so it has a cone's tip there: no derivative exists. Here it is
     zero, the mean of those in all directions; everywhere else it is exact, of size 1 over the mean riser's length. A
-    linearised fit follows the angle where the swing is large beside what is uncertain of it.
+    linearised fit follows the angle where the swing is large compared with its uncertainty.
     """
     mean = _risers(state, attach_b).map(lambda c: c.sum(axis=0))
     leans = mean.x**2 + mean.y**2 > 0.0

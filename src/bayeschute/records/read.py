@@ -1,4 +1,4 @@
-"""The door for measured flights: CSV, Parquet or NetCDF in, a valid record in SI out, every fault at once."""
+"""Reading of measured flights: CSV, Parquet or NetCDF in, a valid record in SI out, every fault at once."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Everything that a run left in its folder, read once; what is missing or unreadable is told, not hidden."""
+"""Reads the results of a run folder; files that are missing or unreadable are listed in the report."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class Results:
 
 
 def _summary(path: Path) -> dict[str, Any]:
-    """The one file a report can't do without."""
+    """summary.json, the one file that a report needs."""
     try:
         loaded = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
@@ -67,7 +67,7 @@ def _summary(path: Path) -> dict[str, Any]:
 
 
 def try_read(path: Path, read: Callable[[Path], T], absent: list[str], loss: str) -> T | None:
-    """Read a file, or note what the report loses without it."""
+    """Read a file, or note what the report lacks without it."""
     if not path.exists():
         absent.append(f"{path.name} is not in the run folder: {loss}.")
         return None
@@ -136,7 +136,7 @@ def read_results(run_dir: Path) -> Results:
         if record is not None:
             flights[path.stem] = record
     if not flights:
-        absent.append("flights/ holds no records: they are not drawn.")
+        absent.append("flights/ contains no records: they are not drawn.")
     risk = {}
     for name in RISK_FILES:
         read: Callable[[Path], pd.DataFrame] = pd.read_parquet if name.endswith("parquet") else pd.read_csv

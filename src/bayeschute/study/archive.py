@@ -1,7 +1,7 @@
-"""A study as plain JSON and back, all numbers in SI: what a stored posterior keeps to be asked again.
+"""A study as plain JSON and back, all numbers in SI: stored with a posterior for later predictions.
 
-Reading back follows the declared types of the tables, field by field, and runs none of the validators, which expect
-quantities with their units; whatever does not fit a type is refused.
+Reading follows the declared types of the tables, field by field, and runs none of the validators, which expect
+quantities with their units; a value that does not fit its type is refused.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _ATOMS = (bool, int, float, str)
 
 
 def to_plain(value: Any) -> Any:
-    """A study, or a part of one, as what JSON holds: mappings, lists, numbers, strings and None."""
+    """A study, or a part of one, as plain values for JSON: mappings, lists, numbers, strings and None."""
     if isinstance(value, BaseModel):
         return {name: to_plain(getattr(value, name)) for name in type(value).model_fields}
     if is_dataclass(value):
@@ -37,12 +37,12 @@ def to_plain(value: Any) -> Any:
 
 
 def from_plain(kind: type[T], value: Any, where: str = "study") -> T:
-    """What `to_plain` took apart.
+    """The inverse of `to_plain`.
 
     Args:
         kind: Its type: a pydantic model or a dataclass.
         value: From `to_plain`.
-        where: Where it stands, for faults.
+        where: Location of the value, for faults.
 
     Raises:
         InputError: If a value does not fit its type.

@@ -1,4 +1,4 @@
-"""The door for files: TOML to a `Study`, with every fault of every file at once. Nothing here imports JAX."""
+"""Loading of studies: TOML to a `Study`, with every fault of every file at once; free of JAX."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ __all__ = [
 
 
 class _Reading(NamedTuple):
-    """What came of reading a study: the study if its tables are sound, every fault, the parts that are sound."""
+    """Result of reading a study: the study if it is valid, every fault, and the valid parts."""
 
     study: Study | None
     faults: list[Fault]
@@ -51,7 +51,7 @@ def load_study(path: Path | str, data_dir: Path | str | None = None) -> Study:
 
     Args:
         path: The study file.
-        data_dir: What ``${DATA}`` stands for; default: the environment variable BAYESCHUTE_DATA.
+        data_dir: Folder that replaces ``${DATA}``; default: the environment variable BAYESCHUTE_DATA.
 
     Returns:
         The study.
@@ -70,7 +70,7 @@ def check_study(path: Path | str, data_dir: Path | str | None = None) -> list[Fa
 
     Args:
         path: The study file.
-        data_dir: What ``${DATA}`` stands for; default: the environment variable BAYESCHUTE_DATA.
+        data_dir: Folder that replaces ``${DATA}``; default: the environment variable BAYESCHUTE_DATA.
     """
     _, faults, draft, paths = _read_study(Path(path), data_dir)
     if draft is not None:
@@ -80,7 +80,7 @@ def check_study(path: Path | str, data_dir: Path | str | None = None) -> list[Fa
 
 
 def _record_faults(draft: Draft, index: int, path: Path) -> list[Fault]:
-    """Faults of a record, read in full; places in the column map are told as places in the study file."""
+    """Faults of a record, read in full; those of the column map refer to the study file."""
     from bayeschute.records.read import ColumnSpec, read_record
 
     flight = draft.flights[index]
@@ -135,10 +135,10 @@ def load_flights(path: Path | str, study: Study, data_dir: Path | str | None = N
         path: TOML with ``[[flight]]`` tables as in a study; ``vehicle``, ``[columns]``, ``[predict]`` and
             ``[[requirement]]`` where they are not those of the study.
         study: That the posterior is of.
-        data_dir: What ``${DATA}`` stands for.
+        data_dir: Folder that replaces ``${DATA}``.
 
     Returns:
-        The study with these flights, all to be predicted, in the place of its own.
+        The study with these flights, all to be predicted, instead of its own.
 
     Raises:
         InputError: With every fault of the file, and of records that aren't there.
@@ -149,8 +149,8 @@ def load_flights(path: Path | str, study: Study, data_dir: Path | str | None = N
     if raw is None:
         raise InputError(faults)
     listed = raw.get("flight")
-    told = [{"roles": ["predict"], **one} if isinstance(one, dict) else one for one in listed or ()]
-    said = {**raw, "flight": told} if isinstance(listed, list) else raw
+    with_roles = [{"roles": ["predict"], **one} if isinstance(one, dict) else one for one in listed or ()]
+    said = {**raw, "flight": with_roles} if isinstance(listed, list) else raw
     try:
         found = FlightsFile.model_validate(said, context=here)
     except ValidationError as error:
@@ -239,7 +239,7 @@ def _read_study(path: Path, data_dir: Path | str | None) -> _Reading:
 
 
 def _sound_tables(raw: Mapping[str, Any], here: Mapping[str, str]) -> tuple[dict[str, Any], dict[int, FlightTable]]:
-    """The tables of a faulty study that are sound by themselves, so that checks across tables still run on them."""
+    """The valid tables of a study with faults, so that checks across tables still run on them."""
     tables: dict[str, Any] = {}
     for key, info in StudyFile.model_fields.items():
         if key in raw and key != "flight":
@@ -254,7 +254,7 @@ def _sound_tables(raw: Mapping[str, Any], here: Mapping[str, str]) -> tuple[dict
 
 
 def _sound(annotation: Any, value: Any, here: Mapping[str, str]) -> Any:
-    """A value read as a type, or None where that fails; the failure was told when the whole was read."""
+    """A value read as a type, or None where that fails; the failure was reported when the whole was read."""
     try:
         return TypeAdapter(annotation).validate_python(value, context=dict(here))
     except ValidationError:

@@ -1,4 +1,4 @@
-"""A study whose files are sound, and its identity: what results depend on, whatever the layout of its files."""
+"""A valid study, and its identity: a hash of everything that results depend on, whatever the layout of its files."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ class Flight:
         virtual: The drop to fly; None for a record.
         columns: Column and unit by variable; empty for a virtual drop or a record in the schema's own names.
         window: First and last time used [s]; None: all.
-        rate: The record is resampled to this rate [Hz]; None: its own.
+        rate: Sampling rate to which the record is resampled [Hz]; None: that of the record.
         capsule_mass: Replaces the vehicle's [kg]; None: the vehicle's.
         skip_first: Left out at the start of the window [s].
-        identify_until: Where the held-out part begins; None: all is fitted.
+        identify_until: Begin of the held-out part; None: all is fitted.
         remove_velocity_bias: Whether constant biases of the recorded velocity are removed.
         wind_profile: Wind by altitude; None: canopies meet the capsule's wind.
         vehicle: Its vehicle, where that is not the study's.
@@ -55,7 +55,7 @@ class Flight:
 
 @dataclass(frozen=True)
 class Study:
-    """A study whose files are sound; all numbers in SI.
+    """A study whose files are valid; all numbers in SI.
 
     Attributes:
         path: The study file.
@@ -105,10 +105,10 @@ class Study:
 
 
 def canonical(study: Study) -> dict[str, Any]:
-    """What a study says, in SI, whatever its files' layout, comments and units: plain values for JSON."""
+    """Content of a study in SI, independent of layout, comments and units of its files: plain values for JSON."""
 
     def plain(value: Any) -> Any:
-        # What is not said is left out: options that are added later leave the hashes of today's studies as they are.
+        # Unset options are omitted, so that options added later do not change the hashes of present studies.
         return value.model_dump(exclude_none=True) if isinstance(value, Strict) else vars(value)
 
     layout, usual = ("path", "vehicle_path", "text", "vehicle_text"), ("vehicle",)

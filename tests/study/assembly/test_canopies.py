@@ -128,7 +128,7 @@ def test_one_drop_of_two_canopies_will_do(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "told"),
     [
-        ((ASKED, ('fit = "search"', 'fit = "selected"\nstack = 3')), "vary_canopies beside [structure] stack"),
+        ((ASKED, ('fit = "search"', 'fit = "selected"\nstack = 3')), "vary_canopies together with [structure] stack"),
         ((ASKED, ("floor = 0.05", 'vary = ["axial[1]"]\nfloor = 0.05')), "axial[1], which vary names too"),
         ((ASKED, ("floor = 0.05", 'spread = { "axial[q]" = 0.1 }\nfloor = 0.05')), "that vary or vary_canopies names"),
         ((ASKED, ("floor = 0.05", 'spread = { "axial[1]" = 0.0 }\nfloor = 0.05')), "spread"),

@@ -1,4 +1,4 @@
-"""What the stage `check` says of what the records tell: a file of its own, the same in the summary, and in the report."""
+"""Identifiability in the stage `check`: its file, the summary and the report agree."""
 
 from __future__ import annotations
 
@@ -101,13 +101,13 @@ def test_a_folder_of_an_older_program_still_gets_its_report(finished, descents, 
     (folder / "identifiability.json").unlink()
     stage_list.report(Job(load_study(descents.study), folder, False, "", lambda *_: None))
     assert "identifiability" not in json.loads((folder / "summary.json").read_text(encoding="utf-8"))
-    assert "does not say what the record tells" in (folder / "report.html").read_text(encoding="utf-8")
+    assert "contains no identifiability analysis" in (folder / "report.html").read_text(encoding="utf-8")
 
 
 def test_the_report_says_it_in_words(finished):
     page = (finished.folder / "report.html").read_text(encoding="utf-8")
-    section = re.sub(r"<[^>]+>", " ", page.split('id="told"')[1].split("</section>")[0])
-    assert "Of 2 parameters the record tells 2" in section
+    section = re.sub(r"<[^>]+>", " ", page.split('id="identifiability"')[1].split("</section>")[0])
+    assert "The data determine 2 of 2 parameters" in section
     assert "nan" not in section and "None" not in section
 
 

@@ -1,4 +1,4 @@
-"""What a record tells and what it does not: sloppy directions, confounding with noise and wind, power scaling."""
+"""Practical identifiability: sloppy directions, confounding with noise parameters, power-scaling sensitivity."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from bayeschute.likelihood.priors import Prior, factor, standard, values, workin
 from bayeschute.posterior.noise_uncertainty import NoiseEffect, joint_covariance
 
 Array = NDArray[np.float64]
-FELT = 0.05  # power-scaling sensitivity from which on a component is felt (Kallioinen et al. 2024)
+FELT = 0.05  # power-scaling sensitivity from which a component matters (Kallioinen et al. 2024)
 _LAWS = {"drift": ("sd", "time constant"), "oscillator": ("sd", "frequency", "damping ratio")}
 
 
@@ -25,7 +25,7 @@ class Direction(NamedTuple):
 
     Attributes:
         weights: Of every parameter; their squares sum to one.
-        information: What the record tells of it, in units of what the prior does (an eigenvalue).
+        information: Information of the data along it relative to that of the prior (an eigenvalue).
         contraction: Share of the prior's variance along it that the record takes away.
     """
 
@@ -35,7 +35,7 @@ class Direction(NamedTuple):
 
 
 def directions(covariance: Array, priors: Sequence[Prior]) -> list[Direction]:
-    """Combinations of the parameters from the least to the best told: eigenvectors of the record's Fisher matrix.
+    """Combinations of the parameters from the least to the best determined: eigenvectors of the Fisher information.
 
     In coordinates in which the prior is standard normal, the Laplace precision is one plus the record's information.
     Weights are those of the parameters in their own prior standard deviations.
@@ -67,13 +67,13 @@ def in_words(direction: Direction, least: float = 0.3) -> str:
 
 
 class Confounding(NamedTuple):
-    """How far noise colour and wind stand in for the parameters.
+    """Confounding of the parameters with the noise parameters.
 
     Attributes:
         parameters: Names (P).
         laws: Names of the noise parameters (V).
         correlation: Between parameters and logarithms of noise parameters in their joint posterior (P, V).
-        share: By how much every parameter's variance would be less, were the noise parameters known to be what they
+        share: Reduction of every parameter's variance if the noise parameters were known to be what they
             are at the mode, as a share (P,).
     """
 
@@ -94,10 +94,10 @@ class Confounding(NamedTuple):
 def confounding(
     scale: Array, effect: NoiseEffect, noise_parameter_covariance: Array, priors: Sequence[Prior], laws: Sequence[str]
 ) -> Confounding:
-    """Correlations of parameters with noise parameters in their joint posterior, and what these add to the variance.
+    """Correlations of parameters with noise parameters in the joint posterior, and their contribution to the variance.
 
     Args:
-        scale: Factor of the parameters' covariance for held noise parameters, as in `Marginal` (P, P).
+        scale: Factor of the parameters' covariance for fixed noise parameters, as in `Marginal` (P, P).
         effect: Of the noise parameters.
         noise_parameter_covariance: Of their logarithms (V, V).
         priors: Priors of the parameters.

@@ -1,4 +1,4 @@
-"""Figures of records, bands and exceedance; statistical ones: `bayeschute.report.figures.inference_figures`."""
+"""Figures of records, predicted bands, variance decomposition and exceedance probabilities."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def _curve(bands: xr.Dataset, name: str, quantile: float) -> np.ndarray:
 
 
 def coverage(bands: xr.Dataset, name: str, low: float, high: float) -> float | None:
-    """Share of the truth (or else of the record) between two quantiles; of the held-out part, if there is one.
+    """Coverage: share of the truth (or else of the record) between two quantiles; of the held-out part, if any.
 
     Args:
         bands: Bands of one flight.
@@ -101,11 +101,11 @@ def coverage(bands: xr.Dataset, name: str, low: float, high: float) -> float | N
 
 @styled
 def band_figure(bands: xr.Dataset, limits: Mapping[str, float] | None = None) -> Figure:
-    """Predicted bands of one flight with its truth and record.
+    """Predicted bands of one flight, with its true motion and record.
 
     Args:
         bands: Dataset with dims (quantile, time) per quantity, see the run folder.
-        limits: Quantity to the limit that it must keep at every time (SI), drawn as a line.
+        limits: Quantity to the limit that it must not exceed at any time (SI), drawn as a line.
 
     Returns:
         One panel per quantity over time.
@@ -147,13 +147,13 @@ def band_figure(bands: xr.Dataset, limits: Mapping[str, float] | None = None) ->
 
 
 def _focus(axes: Axes, values: np.ndarray) -> None:
-    """Show the band and what lies near it; far outliers of a record must not flatten the picture."""
+    """Limit the axis to the band and its surroundings, so that outliers of a record don't flatten the curves."""
     finite = values[np.isfinite(values)]
     if finite.size:
         low, high = float(finite.min()), float(finite.max())
-        room = 0.35 * max(high - low, 1e-9)
+        margin = 0.35 * max(high - low, 1e-9)
         current = axes.get_ylim()
-        axes.set_ylim(max(current[0], low - room), min(current[1], high + room))
+        axes.set_ylim(max(current[0], low - margin), min(current[1], high + margin))
 
 
 def _series(record: xr.Dataset) -> list[tuple[str, str, list[tuple[str, np.ndarray]]]]:
@@ -224,7 +224,7 @@ def record_figure(record: xr.Dataset, repairs: Sequence[Mapping[str, Any]] = ())
 
 @styled
 def variance_figure(shares: Mapping[str, xr.DataArray]) -> Figure:
-    """Where the width of the bands comes from.
+    """Variance decomposition of the predictions by source.
 
     Args:
         shares: Flight name to shares of variance with dims (source, quantity) [1].

@@ -1,6 +1,6 @@
-"""Coefficients that differ from canopy to canopy: a parameter for each canopy of each drop, ``axial[1]@drop.canopy2``.
+"""Coefficients that vary between canopies: a parameter for each canopy of each drop, ``axial[1]@drop.canopy2``.
 
-A canopy flies once: those of another drop are other members of the same population, even if the riggers know better.
+Canopies of different drops are treated as different members of the same population, even if they are the same article.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _MEMBER = re.compile(r"(?P<of>.*\])@(?P<flight>.*)(?P<canopy>\.canopy\d+)")
 
 
 def coefficient(name: str) -> str:
-    """The coefficient of which a parameter is that of one canopy; of another parameter its own name."""
+    """Name of the coefficient without the canopy's suffix; other names are returned unchanged."""
     found = _MEMBER.fullmatch(name)
     return found["of"] if found else name
 

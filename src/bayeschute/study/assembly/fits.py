@@ -1,4 +1,4 @@
-"""Fits of a study: which flights share parameters, their data, and finished fits as they are kept."""
+"""Fits of a study: groups of flights that share parameters, their data, and stored fits."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def data_of(job: Job, flight: Flight, priors: Sequence[Prior], like: Flight | No
         job: The run.
         flight: The flight.
         priors: Of all parameters.
-        like: The flight whose canopies' parameters this one has; None: its own.
+        like: The flight whose canopy parameters are used; None: this flight's.
     """
     study, record = job.study, load_flight(job, flight.name)
     time = record["time"].values
@@ -95,7 +95,7 @@ def data_of(job: Job, flight: Flight, priors: Sequence[Prior], like: Flight | No
 
 
 class _Kept(NamedTuple):
-    """What is stored of a fit: as in `LaplaceFit` and `Draws`; of the marginal posterior what flights don't tell."""
+    """Stored results of a fit, as in `LaplaceFit` and `Draws`, without what can be recomputed from the flights."""
 
     optimum: Optimum
     asides: tuple[Lifted, ...]
@@ -119,7 +119,7 @@ def _file(job: Job, group: Group) -> Path:
 
 
 def save_fit(job: Job, group: Group, found: LaplaceFit, draws: Draws, wide: Array) -> None:
-    """Keep a finished fit: what `load_fit` needs to set it up again."""
+    """Store a finished fit, for `load_fit`."""
     made, ratio = found.marginal, draws.stats.get("log_ratio")
     best = replace(found.optimum, flights=tuple(along.at for along in made.along), trace=())
     kept = _Kept(
@@ -139,7 +139,7 @@ class Stored:
         optimum: The optimum.
         hyper: Noise parameters.
         theta: Draws in working coordinates (chain, draw, P).
-        held: The same with the noise parameters held at their optimum, as the sampler made them.
+        held: Conditional draws, with the noise parameters fixed at their estimate, as the sampler returned them.
         failed: Simulations that failed while sampling.
         evaluations: Evaluations of the exact density.
         noise_parameter_covariance: Of the logarithms of the noise parameters.
@@ -185,7 +185,7 @@ def load_fit(job: Job, group: Group) -> Stored:
 
 
 def summary_draws(job: Job) -> tuple[dict[str, Array], dict[str, str]]:
-    """Draws of every parameter in its own unit (chain, draw), and the units."""
+    """Draws of every parameter in its unit (chain, draw), and the units."""
     tree = xr.open_datatree(job.out / "posterior.nc", engine="h5netcdf")
     posterior = tree["posterior"].ds.load()
     tree.close()
@@ -194,7 +194,7 @@ def summary_draws(job: Job) -> tuple[dict[str, Array], dict[str, str]]:
 
 
 def gaussian_summary(priors: Sequence[Prior], theta: Array) -> list[Prior]:
-    """Posterior draws (chain, draw, P) as Gaussian priors, for the opening of another flight."""
+    """Posterior draws (chain, draw, P) as Gaussian priors, for the initialisation window of another flight."""
     flat = theta.reshape(-1, theta.shape[-1])
     named = [replace(p, source="posterior") for p in priors]
     return correlated(named, flat.mean(axis=0), np.cov(flat, rowvar=False).reshape(len(priors), -1))

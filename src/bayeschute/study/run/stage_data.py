@@ -1,4 +1,4 @@
-"""Stages before the fit: records in, priors out (between them: `bayeschute.study.run.stage_structure`)."""
+"""Stages `ingest` and `priors`: records in, priors out (between them: `bayeschute.study.run.stage_structure`)."""
 
 from __future__ import annotations
 
@@ -46,20 +46,20 @@ def flown(study: Study, flight: Flight, seed: int, quick: bool = False) -> tuple
         time = record["time"].values
         since = float(record.attrs["failed_at_s"])
         detail = f"{record.attrs['outcome']}: not to be relied on from here"
-        told = Repair("simulation", "", since, float(time[-1]), int((time >= since).sum()), detail)
-        record = with_repairs(record, [told])
+        note = Repair("simulation", "", since, float(time[-1]), int((time >= since).sum()), detail)
+        record = with_repairs(record, [note])
     return record, truth
 
 
 def write_truth(truth: xr.Dataset, path: Path) -> Path:
-    """Write the truth beside a record."""
+    """Write the true motion next to a record."""
     kept = {name: value for name, value in truth.attrs.items() if name != "repairs"}
     truth.drop_attrs(deep=False).assign_attrs(kept).to_netcdf(path, engine="h5netcdf")
     return path
 
 
 def ingest(job: Job) -> str:
-    """Read or fly every record, clean it, derive what it implies, store it."""
+    """Read or simulate every record, clean it, derive further quantities, store it."""
     listed, flights = 0, job.study.flights
     for i, flight in enumerate(flights):
         record = ingest_flight(job, flight)
@@ -69,7 +69,7 @@ def ingest(job: Job) -> str:
 
 
 def ingest_flight(job: Job, flight: Flight, raw: xr.Dataset | None = None) -> xr.Dataset:
-    """Read or fly a flight's record, clean it, derive what it implies, store it with the truth where that is known.
+    """Read or simulate a flight's record, clean it, derive further quantities, store it with the truth if known.
 
     Args:
         job: The run.
@@ -97,7 +97,7 @@ def ingest_flight(job: Job, flight: Flight, raw: xr.Dataset | None = None) -> xr
 
 
 def prepared(study: Study, flight: Flight, raw: xr.Dataset) -> xr.Dataset:
-    """A record as read, ready to be used: cleaned, on a uniform clock, with what it implies."""
+    """A record prepared for use: cleaned, uniformly sampled, with derived quantities."""
     rate = flight.rate or 1.0 / float(np.median(np.diff(raw["time"].values)))
     record = clean(raw, rate, flight.window, flight.skip_first)
     if flight.remove_velocity_bias:
@@ -111,12 +111,12 @@ def prepared(study: Study, flight: Flight, raw: xr.Dataset) -> xr.Dataset:
 
 
 def _not_fitted(record: xr.Dataset, channels: tuple[str, ...]) -> list[Repair]:
-    """What is to be told of channels that have noise in the study but can't be fitted to this record."""
+    """Notes on channels that have noise in the study but can't be fitted to this record."""
     used, time = fitted_channels(record, channels), record["time"].values
-    told = {name: "not recorded" for name in channels if name not in record}
-    told |= {name: "without a value" for name in channels if name in record and not record[name].notnull().any()}
+    reasons = {name: "not recorded" for name in channels if name not in record}
+    reasons |= {name: "without a value" for name in channels if name in record and not record[name].notnull().any()}
     return [
-        Repair("assumed", name, float(time[0]), float(time[-1]), 0, f"{told.get(name, 'derived')}: it is not fitted")
+        Repair("assumed", name, float(time[0]), float(time[-1]), 0, f"{reasons.get(name, 'derived')}: it is not fitted")
         for name in channels
         if name not in used
     ]
@@ -147,7 +147,7 @@ def given_priors(study: Study) -> list[Prior]:
 
 
 def _check_varying(study: Study, names: Sequence[str]) -> None:
-    """What differs from drop to drop is a parameter of the fit, what differs from canopy to canopy a coefficient."""
+    """Check that what varies between drops is a parameter of the fit, and between canopies a coefficient."""
     table, faults = study.priors, []
     wanted = {"vary": list(names), "vary_canopies": [name for name in names if "[" in name]}
     for key, known in wanted.items():

@@ -1,7 +1,7 @@
-"""What each fit's record tells and what it does not, in numbers: a part of the stage `check`.
+"""Identifiability analysis of each fit, in numbers: a part of the stage `check`.
 
-Least-told directions and confounding cost nothing beside a fit. Profiles cost simulations, so they are made only of the
-parameters in whose posterior the prior is felt: of the others the posterior says the same.
+Directions of least information and confounding cost little compared with a fit. Profiles cost simulations, so they are
+computed only of parameters that are sensitive to the prior: for the others the posterior gives the same interval.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _PARTS = {"white": "white noise", "correlated": "correlated noise", "time_consta
 
 
 def of_fit(job: Job, group: Group, stored: Stored) -> dict[str, Any]:
-    """What the flights of one fit tell of its parameters.
+    """Identifiability of the parameters of one fit.
 
     Args:
         job: The run.
@@ -41,24 +41,24 @@ def of_fit(job: Job, group: Group, stored: Stored) -> dict[str, Any]:
         ``parameters``: by name ``shift`` (of the posterior's mean from the prior's, in standard deviations of the
         prior) and, where they are known, ``noise_share``, ``noise_partner``, ``noise_correlation``,
         ``prior_sensitivity``, ``likelihood_sensitivity``, ``diagnosis`` and ``likelihood_interval``; ``directions``,
-        the least told first; ``confounding``: all correlations of parameters with noise parameters;
+        the least determined first; ``confounding``: all correlations of parameters with noise parameters;
         ``noise``: contraction of every noise parameter's logarithm. Draws of the sandwich come from no prior, no
-        likelihood and no noise parameters: of those, only shifts and directions are told.
+        likelihood and no noise parameters: of those, only shifts and directions are given.
     """
     sandwich = job.study.noise.model == "sandwich"
     centre, scale = working(group.priors)
     flat = stored.held.reshape(-1, centre.size)
     shift = (flat.mean(axis=0) - centre) / scale
-    told: dict[str, dict[str, Any]] = {
+    by_parameter: dict[str, dict[str, Any]] = {
         p.name: {"shift": float(s)} for p, s in zip(group.priors, shift, strict=True)
     }  # fmt: skip
-    made: dict[str, Any] = {"parameters": told, "noise": {}}
+    made: dict[str, Any] = {"parameters": by_parameter, "noise": {}}
     covariance = np.cov(flat, rowvar=False).reshape(scale.size, -1) if sandwich else stored.optimum.covariance
     found = identifiability.directions(covariance, group.priors)
     made["directions"] = [d._asdict() | {"words": identifiability.in_words(d)} for d in found]
     if not sandwich:
         _with_noise(job, group, stored, made)
-        _with_prior(job, group, stored, told)
+        _with_prior(job, group, stored, by_parameter)
     return dict(assemble.as_plain(made))
 
 
@@ -74,7 +74,7 @@ def noise_labels(job: Job) -> tuple[list[str], NDArray[np.bool_]]:
 
 
 def _with_noise(job: Job, group: Group, stored: Stored, made: dict[str, Any]) -> None:
-    """Confounding with the noise parameters, and how well these are told themselves."""
+    """Confounding with the noise parameters, and the contraction of these."""
     labels, used = noise_labels(job)
     names = [label for label, u in zip(labels, used, strict=True) if u]
     spread = stored.noise_parameter_covariance[np.ix_(used, used)]
@@ -93,16 +93,21 @@ def _with_noise(job: Job, group: Group, stored: Stored, made: dict[str, Any]) ->
     made["confounding"] = {"noise": names, "correlation": dict(zip(mixed.parameters, mixed.correlation, strict=True))}
 
 
-def _with_prior(job: Job, group: Group, stored: Stored, told: dict[str, dict[str, Any]]) -> None:
-    """Power scaling of every parameter; a likelihood interval where the prior is felt."""
+def _with_prior(job: Job, group: Group, stored: Stored, by_parameter: dict[str, dict[str, Any]]) -> None:
+    """Power-scaling sensitivity of every parameter; a profile-likelihood interval where the prior matters."""
     scaled = identifiability.power_scaling(group.priors, stored.held, log_likelihood(job, group))
     for i, p in enumerate(group.priors):
         felt: Sensitivity = scaled[p.name]
         facts = {"prior_sensitivity": felt.prior, "likelihood_sensitivity": felt.likelihood}
-        told[p.name] |= facts | {"diagnosis": felt.diagnosis() if np.isfinite(felt).all() else None}
+        by_parameter[p.name] |= facts | {"diagnosis": felt.diagnosis() if np.isfinite(felt).all() else None}
         if felt.prior >= FELT:
             ends = likelihood_interval(profile(stored.marginal, group.priors, i, rounds=ROUNDS), LEVEL)
-            told[p.name]["likelihood_interval"] = {"level": LEVEL, "low": ends.low, "high": ends.high, "unit": p.unit}
+            by_parameter[p.name]["likelihood_interval"] = {
+                "level": LEVEL,
+                "low": ends.low,
+                "high": ends.high,
+                "unit": p.unit,
+            }
 
 
 def log_likelihood(job: Job, group: Group) -> Array:

@@ -11,7 +11,7 @@ from bayeschute.study.schema.draft import Draft
 from bayeschute.study.schema.schema_faults import show
 from bayeschute.study.schema.study_schema import Column
 
-_WITH_NAMES = (".nc", ".nc4", ".netcdf", ".h5")  # files that may hold the schema's own names and units
+_WITH_NAMES = (".nc", ".nc4", ".netcdf", ".h5")  # files that may contain the names and units of the schema
 
 
 def _components(name: str) -> list[str]:
@@ -41,7 +41,7 @@ def _unit_of(name: str) -> str | None:
 
 
 def _map_faults(draft: Draft, columns: Mapping[str, Column], loc: tuple[int | str, ...]) -> Iterator[Fault]:
-    """Faults of one column map, which stands at `loc`."""
+    """Faults of one column map, located at `loc`."""
     for name, spec in columns.items():
         unit = _unit_of(name)
         if unit is None:
@@ -56,7 +56,7 @@ def _map_faults(draft: Draft, columns: Mapping[str, Column], loc: tuple[int | st
     for name, spec in columns.items():
         if spec.column in by_place:
             got = f"{show(spec.column)}, which {by_place[spec.column]} takes already"
-            yield Fault(draft.at(*loc, name, "column"), got, "a column of its own")
+            yield Fault(draft.at(*loc, name, "column"), got, "a separate column")
         by_place[spec.column] = name
     if "time" not in columns:
         yield Fault(draft.at(*loc, ""), "no time", "a column for time", "Add time = { column = ..., unit = 's' }.")

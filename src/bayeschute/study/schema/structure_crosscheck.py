@@ -33,8 +33,8 @@ def check_stack(draft: Draft) -> Iterator[Fault]:
     structure: StructureTable | None = draft.tables.get("structure")
     noise: NoiseTable | None = draft.tables.get("noise")
     if structure is not None and structure.stack is not None and noise is not None and noise.model == "sandwich":
-        wanted = "another noise model: the sandwich doesn't say how well a structure foretells a record"
-        yield Fault(draft.at("structure", "stack"), "stack beside [noise] model = 'sandwich'", wanted)
+        wanted = "another noise model: the sandwich has no predictive density to weight structures by"
+        yield Fault(draft.at("structure", "stack"), "stack together with [noise] model = 'sandwich'", wanted)
 
 
 def check_core(draft: Draft) -> Iterator[Fault]:

@@ -45,7 +45,7 @@ Statistic = Annotated[Literal["final", "maximum", "mean"], one_of("final", "maxi
 
 
 class Column(Strict):
-    """Where a variable stands in a record: name of its column, and its unit there."""
+    """Column of a variable in a record: its name, and its unit there."""
 
     column: Text
     unit: Annotated[str, BeforeValidator(lambda value: value if isinstance(value, str) else refuse("a unit"))]
@@ -56,18 +56,18 @@ class FlightTable(Strict):
 
     Attributes:
         name: Unique within the study.
-        roles: What it is used for.
-        file: Path of the record, relative to the study; ``${DATA}`` stands for the data folder.
+        roles: Uses of the flight.
+        file: Path of the record, relative to the study; ``${DATA}`` is replaced by the data folder.
         virtual: The drop to fly.
         columns: Columns of the record; None: those of the study.
         window: First and last time used [s].
-        rate: The record is resampled to this rate [Hz]; None: its own.
+        rate: Sampling rate to which the record is resampled [Hz]; None: that of the record.
         capsule_mass: Replaces the vehicle's [kg].
         skip_first: Left out at the start of the window [s] (descent).
-        identify_until: What comes later is held out and predicted (descent).
+        identify_until: End of the fitted part; the rest is held out and predicted (descent).
         remove_velocity_bias: Whether constant biases of the recorded velocity, found against positions, are removed.
-        wind_profile: Wind by altitude about which the recorded wind, the capsule's, tells that of the canopies
-            (cluster); where no wind is recorded it stands for it. None: canopies meet the capsule's wind.
+        wind_profile: Wind by altitude, which gives the wind at the canopies relative to the recorded one at the capsule
+            (cluster); where no wind is recorded it replaces it. None: canopies meet the capsule's wind.
     """
 
     name: Name
@@ -92,7 +92,7 @@ class FlightTable(Strict):
         if self.virtual is not None:
             for key in ("columns", "rate"):
                 if getattr(self, key) is not None:
-                    refuse(f"no {key} beside [flight.virtual]", f"{key} of a virtual flight")
+                    refuse(f"no {key} together with [flight.virtual]", f"{key} of a virtual flight")
         if self.window is not None and not self.window[0] < self.window[1]:
             refuse("a window whose start is before its end", "window of {:g} s to {:g} s".format(*self.window))
         return self
@@ -121,7 +121,7 @@ class PredictTable(Strict):
 
     Attributes:
         draws: How many.
-        quantities: Which; None: all that the model knows.
+        quantities: Quantities to predict; None: all of the model.
         disturbance_log_sd: Standard deviation of the logarithm by which disturbances beyond the data (other air, nearer
             to the ground) may be stronger or weaker than those that were fitted; 0: they are the same.
         recalibrate: ``replicates``: bands of unseen flights are widened by what stored replicates of the configuration
@@ -154,7 +154,7 @@ class RequirementTable(Strict):
     @field_validator("at_most", "at_least", mode="before")
     @classmethod
     def _is_of_the_quantity(cls, value: object, info: ValidationInfo) -> object:
-        """Read the limit in the unit of the quantity; a wrong quantity has its own fault."""
+        """Read the limit in the unit of the quantity; an unknown quantity is reported elsewhere."""
         known = info.data.get("quantity")
         return read_quantity(value, *UNITS[known]) if known else None
 
@@ -174,13 +174,13 @@ class StudyFile(Strict):
 
     Attributes:
         title: For the report.
-        model: What is identified.
+        model: The flight model.
         vehicle: Path of the vehicle file, relative to the study.
         seed: Of every random number.
         columns: Columns of all records that don't name their own.
         flight: The flights.
         structure: Selection of the structure (cluster).
-        synthetic: Data made from published terms, to see whether a flight tells them (cluster).
+        synthetic: Simulation study with published terms, to test whether a flight identifies them (cluster).
         priors: Priors.
         noise: Noise.
         sampler: Sampler.
