@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bayeschute.aero.curves import CURVES, Setting, regressors
+from bayeschute.aero.curve_names import CURVES
+from bayeschute.aero.curves import Setting, regressors
 
 ALPHA = np.array([0.0, 0.1, 0.3, 0.7])
 DISTANCE = np.array([0.3, 0.6, 0.8, 1.2])

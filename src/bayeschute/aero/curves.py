@@ -4,47 +4,22 @@ Coefficients enter a curve linearly, so a curve is a matrix of regressors (point
 matrix comes from the very terms that regression and simulator use (`bayeschute.aero.terms`), evaluated where a curve is
 usually measured: in steady planar airflow. The canopy is alone, at the reference speed in sea-level air and without any
 rate, unless `Setting` says otherwise. A neighbour stands beside the pitch plane, so that its push has no part in C_N.
-
-| curve | over | is |
-|---|---|---|
-| ``C_A`` | alpha [rad] | axial force coefficient, drag positive |
-| ``C_N`` | alpha [rad] | normal force coefficient, restoring positive (6.3.3-5) |
-| ``C_N_rate`` | alpha [rad] | its derivative by r l/(2 abs(V)), r = cos(alpha) alpha_dot: positive damps (6.3.1-12) |
-| ``proximity`` | D_prox [1] | force coefficient away from one other canopy, at zero angle of attack (6.1-11) |
+What each curve is: `bayeschute.aero.curve_names`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from bayeschute.aero.airflow import CanopyFlow, Neighbour
+from bayeschute.aero.curve_names import CURVES
 from bayeschute.aero.terms import axial_term, transverse_term
 from bayeschute.core.vectors import Component, Vec3, dot
-
-ANGLE, DISTANCE = "alpha", "D_prox"
-
-
-class Along(NamedTuple):
-    """What a curve is over and what it is of: symbol, SI unit, and the curve in words."""
-
-    symbol: str
-    unit: str
-    words: str
-
-
-CURVES = {
-    "C_A": Along(ANGLE, "rad", "axial force coefficient"),
-    "C_N": Along(ANGLE, "rad", "normal force coefficient, restoring positive"),
-    "C_N_rate": Along(ANGLE, "rad", "derivative of the normal force by its rate, damping positive"),
-    "proximity": Along(DISTANCE, "1", "force coefficient away from the other canopy"),
-}
-
 
 @dataclass(frozen=True)
 class Setting:

@@ -98,17 +98,18 @@ class Priors:
 
     @classmethod
     def from_structure(cls, structure: Structure, inflation: float | None = None) -> Priors:
-        """Priors of aerodynamic coefficients by equation error.
+        """Priors of aerodynamic coefficients by equation error, and by what the study says that others know.
 
         Args:
             structure: From `select_structure`.
             inflation: Times the standard errors of equation error; None: the study's.
         """
+        from bayeschute.study.aerodynamics.known import informed
         from bayeschute.study.run.stage_data import of_structure
 
         table = structure.spec.priors
         table = table if inflation is None else table.model_copy(update={"inflation": float(inflation)})
-        made = of_structure(replace(structure.spec, priors=table), structure.found["coefficients"])
+        made = informed(structure.spec, of_structure(replace(structure.spec, priors=table), structure.found["coefficients"]))
         return cls(tuple(made), table, structure.spec.structure, structure.found)
 
     @classmethod
