@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bayeschute.posterior.assess.latent_terms import autocovariance, proposals
+from bayeschute.posterior.assess.latent_terms import proposals, variance_of_product
 
 
 def slow(rng, shape, memory=20.0):
@@ -17,10 +17,15 @@ def slow(rng, shape, memory=20.0):
     return x
 
 
-def test_the_autocovariance_of_a_slow_process_is_its_own():
-    lags = autocovariance(slow(np.random.default_rng(1), (40, 4000)))
-    np.testing.assert_allclose(lags[:40] / (1.0 - np.arange(40) / 401), np.exp(-np.arange(40) / 20.0), atol=0.05)
-    assert np.fft.rfft(np.concatenate([lags, lags[:0:-1]])).real.min() > -1e-9 and lags[500] == 0.0
+@pytest.mark.parametrize("together", [0.0, 0.8])
+def test_the_variance_of_a_product_is_that_of_many(together):
+    """Components that share their gusts, and a regressor in which two canopies do the same."""
+    rng, root = np.random.default_rng(1), np.linalg.cholesky([[1.0, together], [together, 1.0]])
+    x = np.repeat(slow(rng, (1, 900), 60.0), 2, axis=0)
+    many = [root @ slow(rng, (2, 900)) for _ in range(300)]
+    wanted = np.var([float(np.sum(x * y)) for y in many])
+    found = np.mean([variance_of_product(y, x) for y in many])
+    assert found == pytest.approx(wanted, rel=0.25)
 
 
 def test_a_term_that_is_missing_comes_first_with_its_coefficient():
@@ -32,13 +37,16 @@ def test_a_term_that_is_missing_comes_first_with_its_coefficient():
     assert found[1].term == "other" and found[1].p_any > 0.01
 
 
-def test_chance_reaches_a_level_as_often_as_it_says():
+@pytest.mark.parametrize(("length", "memory"), [(900, 20.0), (250, 30.0)])
+def test_chance_reaches_a_level_as_often_as_it_says(length, memory):
+    """A record of 90 s, and one of 25 s whose latent force remembers 3 s."""
     rng, p = np.random.default_rng(3), []
-    for _ in range(400):
-        (one,) = proposals([slow(rng, (2, 900))], {"base": [slow(rng, (2, 900))]}, {"x": [slow(rng, (2, 900))]})
+    for _ in range(300):
+        y, x, base = slow(rng, (3, 2, length), memory)
+        (one,) = proposals([y], {"base": [base]}, {"x": [x]})
         p.append(one.p_value)
-    share = np.mean(np.array(p)[:, None] < np.array([0.05, 0.5]), axis=0)
-    assert share[0] == pytest.approx(0.05, abs=0.035) and share[1] == pytest.approx(0.5, abs=0.09)
+    assert np.mean(np.array(p) < 0.05) < 0.1 and np.mean(np.array(p) < 0.01) < 0.04
+    assert np.mean(np.array(p) < 0.5) == pytest.approx(0.5, abs=0.15)
 
 
 def test_white_noise_standard_errors_would_cry_wolf():

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 Array = NDArray[np.float64]
+_TAPER = 0.25  # of a series' length: greatest lag of a covariance that counts
 _LEAST = 1e-6  # of a regressor's mean square, below which the terms of the model make all of it
 
 
@@ -41,18 +42,33 @@ class Proposal(NamedTuple):
     p_any: float
 
 
-def autocovariance(series: Array) -> Array:
-    """Autocovariance (T,) of series (C, T) together, biased, tapered to zero at a tenth of their length.
+def _spectra(series: Array) -> Array:
+    """Fourier transforms (C, F) of series (C, T), padded so that products are not circular."""
+    return np.asarray(np.fft.rfft(series, 1 << int(2 * series.shape[1] - 1).bit_length(), axis=1))
 
-    The taper is a triangle, which keeps the spectrum positive (METHODS of the report's section 7.3; Bartlett 1950).
+
+def variance_of_product(latent: Array, regressor: Array) -> float:
+    """Variance of ``sum(latent * regressor)`` if the latent series are stationary and have nothing to do with it.
+
+    Every pair of components counts with its cross-covariance, since canopies share their gusts. Covariances are biased
+    estimates, tapered to zero by a triangle at a quarter of the series (Bartlett 1950): shorter ones call too much
+    significant where the latent force is slow, as trials with known processes show.
+
+    Args:
+        latent: Components (C, T).
+        regressor: Likewise.
     """
-    length = series.shape[1]
-    most = max(length // 10, 1)
-    size = 1 << int(2 * length - 1).bit_length()
-    spectrum = np.abs(np.fft.rfft(series, size, axis=1)) ** 2
-    lags: Array = np.fft.irfft(spectrum, size, axis=1)[:, :length].sum(axis=0) / series.size
-    lags *= np.maximum(1.0 - np.arange(length) / (most + 1), 0.0)
-    return lags
+    components, length = latent.shape
+    lag = np.arange(length)
+    taper = np.maximum(1.0 - lag / (_TAPER * length + 1.0), 0.0) / length
+    own, other = _spectra(latent), _spectra(regressor)
+    size = 2 * (own.shape[1] - 1)
+    total = 0.0
+    for i in range(components):
+        for j in range(components):
+            both = np.fft.irfft(own[i] * own[j].conj(), size) * np.fft.irfft(other[i] * other[j].conj(), size)
+            total += float(taper @ both[:length] + taper[1:] @ both[-1:-length:-1])
+    return total
 
 
 def proposals(
@@ -72,7 +88,6 @@ def proposals(
     power = float(y @ y)
     if not power > 0.0:
         return []
-    shape = [autocovariance(one) for one in latent]
     basis = np.zeros((y.size, 0))
     if model:
         columns = np.stack([np.concatenate([np.ravel(x) for x in one]) for one in model.values()], axis=1)
@@ -88,12 +103,8 @@ def proposals(
         if not square > _LEAST * float(x @ x):
             continue
         coefficient = float(own @ y) / square
-        variance = 0.0
-        for lags, part in zip(shape, _split(own, sizes), strict=True):
-            size = 1 << int(2 * part.shape[1] - 1).bit_length()
-            products = np.fft.irfft(np.abs(np.fft.rfft(part, size, axis=1)) ** 2, size, axis=1)[:, : part.shape[1]]
-            together = products.sum(axis=0)
-            variance += float(lags[0] * together[0] + 2.0 * lags[1:] @ together[1:])
+        parts_of = zip(latent, _split(own, sizes), strict=True)
+        variance = sum(variance_of_product(one, part) for one, part in parts_of)
         z = coefficient * square / np.sqrt(variance)
         p = float(2.0 * stats.norm.sf(abs(z)))
         found.append(Proposal(name, coefficient**2 * square / power, coefficient, float(z), p, 1.0))
