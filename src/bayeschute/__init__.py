@@ -14,6 +14,7 @@ from bayeschute.core.version import __version__
 
 if TYPE_CHECKING:
     from bayeschute.api.beliefs import Priors, Structure
+    from bayeschute.api.curves import Curve
     from bayeschute.api.inputs import Flight, Flights, Motion, Study, load_vehicle, noise, wind_profile
     from bayeschute.api.results import Fit, Forecast, Posterior, Probability, Run
     from bayeschute.api.verbs import (
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
 
 _PLACES = {
     "api.beliefs": ("Priors", "Structure"),
+    "api.curves": ("Curve",),
     "api.inputs": ("Flight", "Flights", "Motion", "Study", "load_vehicle", "noise", "wind_profile"),
     "api.results": ("Fit", "Forecast", "Posterior", "Probability", "Run"),
     "api.verbs": (

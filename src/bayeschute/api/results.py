@@ -15,6 +15,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from bayeschute.api import html
+from bayeschute.api.curves import Curve, curve
 from bayeschute.api.inputs import Flight, Study
 from bayeschute.api.workspace import KEPT, Files, collected, workspace
 from bayeschute.core.errors import Fault, InputError
@@ -25,6 +26,9 @@ from bayeschute.posterior.assess.flight_groups import for_loo_pit
 from bayeschute.prediction import bands
 from bayeschute.prediction.flight_statistics import REDUCTIONS
 from bayeschute.prediction.requirement import requirement_check
+from bayeschute.study.aerodynamics.agreement import agreement
+from bayeschute.study.aerodynamics.flown import flown, ranges
+from bayeschute.study.aerodynamics.term_proposals import as_rows, proposed_terms
 from bayeschute.study.archive import study_from_plain, study_to_plain
 from bayeschute.study.assembly.fits import groups, load_fit
 from bayeschute.study.evidence.recalibrate import widening
@@ -168,6 +172,57 @@ class Posterior:
     def passed(self) -> bool:
         """Whether all checks passed."""
         return bool(self.checks()["passed"].all())
+
+    @cached_property
+    def _flown(self) -> list[Any]:
+        with workspace(self.spec, self.files) as job:
+            return flown(job)
+
+    @property
+    def ranges(self) -> dict[str, tuple[float, float]]:
+        """Central 99 % of what the fitted flights flew: alpha [rad]; D_prox, reduced rate and V/V_o [1]."""
+        return ranges(self._flown) if self._flown else {}
+
+    def _draws(self, group: str) -> dict[str, Array]:
+        held = self.data[group].to_dataset() if group in self.data.children else xr.Dataset()
+        return {str(name): held[name].values for name in held.data_vars}
+
+    def curve(
+        self,
+        name: str,
+        level: float = 0.9,
+        points: int = 61,
+        *,
+        over: tuple[float, float] | None = None,
+        distance: float | None = None,
+        speed: float = 1.0,
+    ) -> Curve:
+        """A force coefficient as a curve with its band, over the range that the fitted flights flew.
+
+        Args:
+            name: ``C_A``, ``C_N`` or ``C_N_rate`` of the angle of attack, or ``proximity`` of D_prox.
+            level: Probability in the band at every point.
+            points: Of the grid.
+            over: Range of the grid, SI; None: what was flown. Beyond that, the curve is extrapolated.
+            distance: D_prox of another canopy, beside the pitch plane; None: the canopy is alone.
+            speed: Airspeed over the reference speed, in sea-level air.
+
+        Raises:
+            InputError: If the posterior has no term of it.
+        """
+        told = self._draws("posterior")
+        return curve(
+            name, told, self._draws("prior") or None, self.ranges, self.knowledge, level, points, over, distance, speed
+        )
+
+    @cached_property
+    def knowledge(self) -> list[dict[str, Any]]:
+        """What the study says that others know, beside the posterior: z-scores, p-value and verdict of each."""
+        return agreement(self.spec, self._draws("posterior"))
+
+    def proposals(self) -> pd.DataFrame:
+        """Terms that the fit's latent forces follow: share of their variance, and how likely that is by chance."""
+        return pd.DataFrame(as_rows(proposed_terms(self._flown)))
 
     def save(self, path: Path | str) -> Path:
         """Write one NetCDF file: the DataTree's groups, and one more with study, records and fits.
