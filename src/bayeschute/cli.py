@@ -126,6 +126,10 @@ def fit(
     quick: Annotated[bool, typer.Option("--quick", help="Small sizes, to see that all works; not for use.")] = False,
     data: DataDir = None,
     seed: Seed = None,
+    prior: Annotated[
+        Path | None,
+        typer.Option(metavar="POSTERIOR", help="Posterior of earlier drops, from `fit`: the prior of this study's."),
+    ] = None,
 ) -> None:
     """Fit a study's records and draw from the posterior: one file, which can be asked about other flights."""
     path = out or Path(f"{study.stem}.posterior.nc")
@@ -135,15 +139,20 @@ def fit(
             raise InputError(Fault(f"--out {path}", "a file that is there already", "a new file", do))
         _sound(study, data)
         from bayeschute.api.inputs import Study
+        from bayeschute.api.results import Posterior
         from bayeschute.api.verbs import fit as fit_flights
         from bayeschute.api.verbs import sample
         from bayeschute.core.errors import FitError
 
         wanted = Study.load(study, data)
+        wanted = wanted.quick() if quick else wanted
+        before = None if prior is None else Posterior.load(prior)
         try:
             with Bars() as bars:
-                fitted = fit_flights(wanted.quick() if quick else wanted, seed=seed, progress=bars)
-                posterior = sample(fitted, progress=bars)
+                if before is None:
+                    posterior = sample(fit_flights(wanted, seed=seed, progress=bars), progress=bars)
+                else:
+                    posterior = before.update(wanted, seed=seed, progress=bars)
         except FitError as error:
             say(f"No fit: {error.reason}", error=True)
             for line in error.tried:
@@ -151,6 +160,11 @@ def fit(
             raise typer.Exit(1) from None
         posterior.save(path)
         say(str(posterior.summary()))
+        if before is not None:
+            lessons = posterior.taught()
+            say(lessons[["prior_sd", "sd", "shift", "gain"]].to_string(float_format=lambda x: f"{x:.4g}"))
+            for drop, gain in lessons.attrs["joint"].items():
+                say(f"{drop} taught {gain:.4g} nats about all parameters together")
         say(f"Posterior: {path}")
         checks = posterior.checks()
         missed = list(checks.index[~checks["passed"].astype(bool)])

@@ -51,7 +51,7 @@ def test_axial_terms(term, want):
     ],
 )
 def test_transverse_terms(term, static, damping):
-    for name, want in (("C_N", static), ("C_N_rate", damping)):
+    for name, want in (("C_N", static), ("C_N_rate", np.cos(ALPHA) * damping)):  # by alpha_dot, not by r
         made = regressors(name, ["1"], [term], ALPHA, Setting(distance=0.6))
         np.testing.assert_allclose(made, np.stack([np.zeros(4), want], axis=1), atol=1e-12)
 

@@ -57,9 +57,11 @@ def test_examples_of_the_docstrings_run(sondes, fitted, posterior, forecast, tmp
         "fitted": fitted,
         "posterior": posterior,
         "forecast": forecast,
+        "next_flight": sondes.flights["high"],
+        "np": np,
     }
     count = 0
-    for name in ("inputs", "beliefs", "results", "verbs"):
+    for name in ("inputs", "beliefs", "curve", "results", "verbs"):
         result = doctest.testmod(import_module(f"bayeschute.api.{name}"), extraglobs=told, optionflags=doctest.ELLIPSIS)
         assert result.failed == 0
         count += result.attempted

@@ -4,7 +4,7 @@
 |---|---|---|
 | ``C_A`` | alpha [rad] | axial force coefficient, drag positive |
 | ``C_N`` | alpha [rad] | normal force coefficient, restoring positive (6.3.3-5) |
-| ``C_N_rate`` | alpha [rad] | its derivative by r l/(2 abs(V)), r = cos(alpha) alpha_dot: positive damps (6.3.1-12) |
+| ``C_N_rate`` | alpha [rad] | its derivative by alpha_dot l/(2 abs(V)): positive damps (6.3.1-12) |
 | ``proximity`` | D_prox [1] | force coefficient away from one other canopy, at zero angle of attack (6.1-11) |
 """
 
@@ -26,6 +26,6 @@ class Along(NamedTuple):
 CURVES = {
     "C_A": Along(ANGLE, "rad", "axial force coefficient"),
     "C_N": Along(ANGLE, "rad", "normal force coefficient, restoring positive"),
-    "C_N_rate": Along(ANGLE, "rad", "derivative of the normal force coefficient by its rate, damping positive"),
+    "C_N_rate": Along(ANGLE, "rad", "dC_N / d(alpha_dot l/2V), damping positive"),
     "proximity": Along(DISTANCE, "1", "force coefficient away from the other canopy"),
 }

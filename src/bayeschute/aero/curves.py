@@ -21,6 +21,7 @@ from bayeschute.aero.curve_names import CURVES
 from bayeschute.aero.terms import axial_term, transverse_term
 from bayeschute.core.vectors import Component, Vec3, dot
 
+
 @dataclass(frozen=True)
 class Setting:
     """Where a curve is evaluated, beside what it is over.
@@ -69,7 +70,8 @@ def regressors(
         away = flow.neighbours[0].away
         columns = [dot(transverse_term(term, flow), away) for term in transverse]
         return np.hstack([zero, _columns(columns, over.size)])
-    still, moving = _planar(over, 0.0, setting), _planar(over, 1.0, setting)
+    # A term's rate is that across the axis, r = cos(alpha) alpha_dot; the curve is by alpha_dot.
+    still, moving = _planar(over, 0.0, setting), _planar(over, jnp.cos(over), setting)
     columns = []
     for term in transverse:
         here = -transverse_term(term, still).z  # restoring: against the airflow across the axis
@@ -85,7 +87,7 @@ def _constant(value: float, like: Component) -> Component:
     return jnp.zeros_like(like) + value
 
 
-def _planar(alpha: Component, rate: float, setting: Setting) -> CanopyFlow:
+def _planar(alpha: Component, rate: Component, setting: Setting) -> CanopyFlow:
     """One canopy, axis along x, airflow turned by alpha towards z; a neighbour, if any, along y."""
     a = jnp.asarray(alpha)[None]
     zero = jnp.zeros_like(a)

@@ -1,6 +1,8 @@
 """Curves of a published planar set (6.3.1-10..12) with the uncertainty that its standard errors say.
 
-The set prints no correlations, so its parameters count as independent; their errors reach a curve to first order.
+The set prints no correlations, so its parameters count as independent; their errors reach a curve to first order. Its
+form has few parameters, whose errors a curve's points share; nothing says that the truth has that form. So a share of
+every point's standard deviation is the point's own.
 """
 
 from __future__ import annotations
@@ -13,7 +15,7 @@ from bayeschute.aero.published import PublishedSet
 CURVES = ("C_A", "C_N", "C_N_rate")
 POINTS = 5
 _STEP = 1e-4  # of a parameter, in standard errors
-_ROUNDING = 0.01  # of a point's standard deviation, its own beside what the parameters' errors make: as printed
+_FORM = 1.0 / 3.0  # of a point's standard deviation, what the form of the set may be off by, at each point its own
 
 
 def planar_curve(
@@ -39,7 +41,7 @@ def planar_curve(
             return parameters["C_A0"] + 0.5 * parameters["C_Aalpha"] * trim * (alpha**2 / trim**2 - 1.0)
         if name == "C_N":
             return parameters["C_Nalpha"] / (2.0 * trim**2) * (alpha**3 - trim**2 * alpha)
-        return parameters["C_Nalphadot"] * 2.0 * speed / length / np.cos(alpha)
+        return np.full_like(alpha, parameters["C_Nalphadot"] * 2.0 * speed / length)
 
     slopes = []
     for p in found.parameters:
@@ -48,7 +50,7 @@ def planar_curve(
         slopes.append((high - low) / (2.0 * _STEP))  # times the standard error
     root = np.array(slopes)
     law = root.T @ root
-    return at(centre), law + np.diag(_ROUNDING**2 * np.diag(law))
+    return at(centre), law + np.diag(_FORM**2 * np.diag(law))
 
 
 def usual_angles(found: PublishedSet) -> Float[np.ndarray, " K"]:

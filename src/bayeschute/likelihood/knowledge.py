@@ -1,7 +1,7 @@
 """What others know about parameters, as Gaussian observations of linear combinations of them.
 
-Coefficients enter the forces linearly: an estimate of a coefficient, or a measured curve, says ``values = design theta +
-error`` with a Gaussian error. A Gaussian prior given that is Gaussian again, exactly (Gelman et al., Bayesian Data
+Coefficients enter the forces linearly: an estimate of a coefficient, or a measured curve, says ``values = design theta
++ error`` with a Gaussian error. A Gaussian prior given that is Gaussian again, exactly (Gelman et al., Bayesian Data
 Analysis, 3rd ed., 14.7). Whether it agrees with what flights say is a chi-square test of their difference, whose
 covariance is the sum of both where both are independent (prior-data conflict: Evans and Moshonov 2006).
 """
@@ -84,7 +84,7 @@ def without(mean: Array, law: Array, known: Observed) -> tuple[Array, Array] | N
     values = np.linalg.eigvalsh(left / np.outer(scale, scale))
     if values[0] <= _LEAST:
         return None
-    covariance_ = np.linalg.inv(left)
+    covariance_: Array = np.asarray(np.linalg.inv(left), np.float64)
     return covariance_ @ (precision @ mean - known.design.T @ inverse @ known.values), covariance_
 
 

@@ -175,8 +175,12 @@ def _curve_picture(results: Results, folder: Path) -> Picture | None:
     known = summary_tables.mappings(results.summary.get("knowledge"))
     names = list(dict.fromkeys(table["curve"]))
     words = {str(k): str(v) for k, v in (told.get("words") or {}).items()}
-    caption = "Force coefficients of a canopy alone, at its reference speed: medians and 90 % bands before and after the "
-    caption += "records were used, over the range that was flown (central 99 %); dotted beyond it, where the form of the "
+    caption = (
+        "Force coefficients of a canopy alone, at its reference speed: medians and 90 % bands before and after the "
+    )
+    caption += (
+        "records were used, over the range that was flown (central 99 %); dotted beyond it, where the form of the "
+    )
     caption += "terms speaks and no data do. In curves.csv."
     alt = f"Curves of {listed(names)} with prior and posterior bands."
     return _picture(curve_figures.curve_figure(table, known, words, names), folder, "curves", alt, caption)

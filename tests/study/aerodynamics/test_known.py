@@ -55,7 +55,7 @@ def test_a_curve_of_the_truth_is_met_exactly_by_the_truth(study):
     for target, values in (
         ("C_A", 0.85 - 0.5 * np.square(alpha)),
         ("C_N", 0.2 * np.sin(alpha)),
-        ("C_N_rate", np.full(3, -0.4)),
+        ("C_N_rate", -0.4 * np.cos(alpha)),
     ):
         known = observed(study, curve(target, [(a, float(v), 0.01) for a, v in zip(alpha, values, strict=True)]), NAMES)
         np.testing.assert_allclose(known.design @ TRUTH, known.values, atol=1e-12)
@@ -84,7 +84,9 @@ def test_what_is_only_compared_leaves_priors_as_they_are(study, priors):
 def test_a_term_that_the_model_lacks_is_left_out_and_said(study, priors):
     known = told(study, table(kind="coefficient", target="axial[alpha^4]", mean=1.0, sd=0.1, use="prior"))
     assert informed(known, priors) == priors
-    (entry,) = agreement(known, {n: np.full((2, 50), t) + _jitter(i) for i, (n, t) in enumerate(zip(NAMES, TRUTH, strict=True))})
+    (entry,) = agreement(
+        known, {n: np.full((2, 50), t) + _jitter(i) for i, (n, t) in enumerate(zip(NAMES, TRUTH, strict=True))}
+    )
     assert not entry["in_model"] and entry["z"][0] == pytest.approx(10.0)
 
 

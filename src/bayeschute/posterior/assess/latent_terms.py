@@ -1,6 +1,6 @@
 """What the latent forces of a fit follow: proposals for terms that its structure lacks.
 
-A fit puts what no term explains into latent disturbances of the canopies' forces. Where a disturbance follows a candidate
+A fit puts what no term explains into latent disturbances of the canopies' forces. Where one follows a candidate
 regressor along the record, a term is likely to be missing. The regressor counts with what the terms of the model can't
 make of it, by projection. The share of the disturbance's variance that it explains is the squared correlation about
 zero; how likely so large a one is by chance is judged with the disturbance's own autocorrelation: samples of a slow
@@ -82,7 +82,7 @@ def proposals(
         candidates: Regressors of terms that the model lacks: likewise.
 
     Returns:
-        One proposal a candidate; those that the model's terms make, and all where there is no disturbance, are left out.
+        One proposal a candidate. Those that the model's terms make are left out, and all where nothing is disturbed.
     """
     y = np.concatenate([np.ravel(one) for one in latent])
     power = float(y @ y)

@@ -1,8 +1,8 @@
 """Drop by drop: a posterior as the prior of the next drop, and what each drop taught.
 
-Given the parameters, drops are independent: the posterior of the first is the prior of the second. As a Gaussian with the
-draws' mean and whole covariance in working coordinates it is that exactly where posteriors are Gaussian, and the fit of
-both drops together comes out; elsewhere it keeps the first two moments. Noise parameters, initial states and
+Given the parameters, drops are independent: the posterior of the first is the prior of the second. As a Gaussian with
+the draws' mean and whole covariance in working coordinates it is that exactly where posteriors are Gaussian, and the
+fit of both drops together comes out; elsewhere it keeps the first two moments. Noise parameters, initial states and
 disturbances are a drop's own and begin anew.
 
 What a drop taught is the Kullback-Leibler divergence of the posterior from the prior, in nats (Lindley 1956): of each

@@ -24,7 +24,7 @@ _LABEL = {"alpha": "total angle of attack", "D_prox": "distance of the canopies 
 def shown_axis(symbol: str, unit: str) -> tuple[float, str]:
     """Factor from SI to what an axis shows, and its label."""
     scale, shown = shown_unit(unit)
-    return scale, f"{_LABEL.get(symbol, symbol)} [{shown}]"
+    return scale, f"{_LABEL.get(symbol, symbol)} [{shown or 1}]"
 
 
 def draw_curve(
@@ -68,7 +68,13 @@ def draw_curve(
         axes.plot(x, truth, color=VERMILION, lw=1.1, label="truth")
     for i, one in enumerate(known):
         place, value, sd = (np.asarray(one[key], float) for key in ("at", "values", "sd"))
-        style = {"color": INK if i % 2 else ORANGE, "fmt": _MARKS[i % len(_MARKS)], "ms": 4, "lw": 0, "elinewidth": 1.1}
+        style: dict[str, Any] = {
+            "color": INK if i % 2 else ORANGE,
+            "fmt": _MARKS[i % len(_MARKS)],
+            "ms": 4,
+            "lw": 0,
+            "elinewidth": 1.1,
+        }
         axes.errorbar(scale * place, value, 1.645 * sd, capsize=2, label=f"{one['name']}, 90 %", **style)
     axes.axhline(0.0, color=SOFT, lw=0.6)
     _bound(axes, [low, high, *([] if truth is None else [truth])], known)
@@ -117,7 +123,11 @@ def curve_figure(
         one = table[table["curve"] == name]
         at, inside = one["at"].to_numpy(float), one["flown"].astype(bool).to_numpy()
         bands = {
-            kind: (one[f"{kind}_q05"].to_numpy(float), one[f"{kind}_q50"].to_numpy(float), one[f"{kind}_q95"].to_numpy(float))
+            kind: (
+                one[f"{kind}_q05"].to_numpy(float),
+                one[f"{kind}_q50"].to_numpy(float),
+                one[f"{kind}_q95"].to_numpy(float),
+            )
             for kind in ("posterior", "prior")
             if f"{kind}_q05" in one and one[f"{kind}_q05"].notna().all()
         }

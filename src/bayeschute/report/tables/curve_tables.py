@@ -38,6 +38,10 @@ def knowledge_sentences(results: Results) -> list[str]:
     return found
 
 
+def _plus_minus(value: Any, sd: Any) -> str:
+    return f"{number(value, 3)} ± {number(sd, 2)}"
+
+
 def knowledge_table(results: Results) -> Table | None:
     """Every coefficient and curve that others know, with the largest difference and the p-value of all together."""
     rows = []
@@ -48,7 +52,9 @@ def knowledge_table(results: Results) -> Table | None:
         pair = (MISSING, MISSING)
         if worst is not None and worst < min(len(values), len(found)):
             sds = one["sd"][worst], one["found_sd"][worst]
-            pair = tuple(f"{number(v, 3)} ± {number(s, 2)}" for v, s in zip((values[worst], found[worst]), sds, strict=True))  # type: ignore[assignment]
+            pair = tuple(
+                f"{number(v, 3)} ± {number(s, 2)}" for v, s in zip((values[worst], found[worst]), sds, strict=True)
+            )  # type: ignore[assignment]
         verdict = str(one.get("verdict"))
         rows.append(
             cells(
@@ -77,14 +83,16 @@ def proposal_sentence(results: Results) -> str:
     asked = [one for one in found if is_number(one.get("p_any")) and one["p_any"] < ASKED]
     if not asked:
         return (
-            "The latent forces of the fit, which hold what no term explains, follow none of the terms that the model lacks "
-            "more than chance would."
+            "The latent forces of the fit, which hold what no term explains, follow none of the terms that the model "
+            "lacks more than chance would."
         )
     words = [
-        f"{one.get('kind')}[{one.get('term')}] explains {percent(one.get('share'))} of the latent {one.get('kind')} force"
+        f"{kind}[{one.get('term')}] explains {percent(one.get('share'))} of the latent {kind} force"
         for one in asked
+        for kind in [one.get("kind")]
     ]
-    return f"What no term of the model explains follows terms that it lacks: {listed(words)}. Try them among the candidates."
+    text = "What no term of the model explains follows terms that it lacks: "
+    return f"{text}{listed(words)}. Try them among the candidates."
 
 
 def proposal_table(results: Results) -> Table | None:
@@ -99,9 +107,9 @@ def proposal_table(results: Results) -> Table | None:
     if not rows:
         return None
     caption = (
-        "Share of the latent force's variance that a term the model lacks explains, beyond what its own terms could; its "
-        "coefficient (of the relative change, for the axial force) over its standard error, which allows for "
-        "autocorrelation; p: of this term by itself; p of any: that the best of all candidates tried reaches this by chance."
+        "Share of the latent force's variance that a term the model lacks explains, beyond what its own terms could; "
+        "z: its coefficient (of the relative change, for the axial force) over its standard error, which allows for "
+        "autocorrelation; p: of this term by itself; p of any: that the best of all candidates reaches this by chance."
     )
     return Table(columns_of("term:code|share:num|coefficient:num|z:num|p:num|p of any:num"), tuple(rows), caption)
 
@@ -119,9 +127,12 @@ def taught_table(results: Results) -> Table | None:
     ]  # fmt: skip
     if not rows:
         return None
+    flights = listed([str(f) for f in told.get("flights") or ()])
     caption = (
-        f"What {listed([str(f) for f in told.get('flights') or ()])} taught: standard deviations before and after, shift of "
-        "the mean in standard deviations of the prior, and information gained about each parameter by itself; about all "
-        f"of them together {number(told.get('joint'), 3)} nats."
+        f"What {flights} taught: standard deviations before and after, shift of the mean in standard deviations of the "
+        "prior, and information gained about each parameter by itself; about all of them together "
+        f"{number(told.get('joint'), 3)} nats."
     )
-    return Table(columns_of("parameter:code|prior sd:num|posterior sd:num|shift:num|gain [nats]:num"), tuple(rows), caption)
+    return Table(
+        columns_of("parameter:code|prior sd:num|posterior sd:num|shift:num|gain [nats]:num"), tuple(rows), caption
+    )

@@ -1,4 +1,4 @@
-"""Aerodynamic curves of a posterior: draws on a grid, prior beside, and the table that a run leaves (``curves.csv``)."""
+"""Aerodynamic curves of a posterior: draws on a grid, prior beside, and the table ``curves.csv`` of a run."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def curve_draws(
     posterior: Mapping[str, Array],
     prior: Mapping[str, Array] | None,
     grid: Array,
-    setting: Setting = Setting(),
+    setting: Setting | None = None,
 ) -> CurveDraws:
     """A curve of every draw of posterior and prior.
 
@@ -53,11 +53,11 @@ def curve_draws(
         posterior: Draws by parameter (chain, draw).
         prior: Likewise; None: not known.
         grid: Where (K,).
-        setting: The rest of the airflow.
+        setting: The rest of the airflow; None: a canopy alone at its reference speed.
     """
     names = list(posterior)
     axial, transverse, places = terms_of(names)
-    design = regressors(name, axial, transverse, grid, setting)
+    design = regressors(name, axial, transverse, grid, setting or Setting())
     part = np.any(design != 0.0, axis=0)
     chosen = [names[i] for i, here in zip(places, part, strict=True) if here]
 
@@ -76,7 +76,7 @@ def table(
     reach: Mapping[str, float],
     truth: Mapping[str, float] | None = None,
 ) -> pd.DataFrame:
-    """Bands of all curves that the posterior has, over the range flown and as far beyond as something is to be compared.
+    """Bands of all curves of a posterior, over the range flown and as far beyond as there is something to compare.
 
     Args:
         posterior: Draws by parameter (chain, draw).
@@ -86,7 +86,7 @@ def table(
         truth: Coefficients that a virtual drop was flown with; None: not known.
 
     Returns:
-        A row a point: curve, symbol, unit, at, flown, quantiles of posterior and prior, and the truth where it is known.
+        A row a point: curve, symbol, unit, at, flown, quantiles of posterior and prior, the truth where it is known.
     """
     frames = []
     for name in known_curves(list(posterior)):

@@ -61,9 +61,7 @@ def points(study: Study, table: KnowledgeTable) -> Points:
         assert study.vehicle is not None
         canopies, found = study.vehicle.canopies, load_published(table.published)
         at = usual_angles(found)
-        return Points(
-            at, *planar_curve(found, table.target, at, canopies.reference_length, canopies.reference_speed)
-        )
+        return Points(at, *planar_curve(found, table.target, at, canopies.reference_length, canopies.reference_speed))
     at, values, sd = np.array(table.samples).T
     return Points(at, values, np.diag(sd**2) + table.common_sd**2)
 

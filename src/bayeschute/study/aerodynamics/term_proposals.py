@@ -1,4 +1,4 @@
-"""Terms that the latent forces of a fit ask for: candidates that its structure lacks, beside what it could not explain."""
+"""Terms that the latent forces of a fit ask for: candidates that its structure lacks."""
 
 from __future__ import annotations
 
@@ -14,14 +14,28 @@ from bayeschute.posterior.assess.latent_terms import Proposal, proposals
 from bayeschute.study.aerodynamics.flown import FlownFlight
 
 Array = NDArray[np.float64]
-AXIAL = ("alpha", "alpha^2", "alpha^4", "q", "speed", "proximity(0.8)", "proximity(1.0)", "closing", "(e.rate)", "(e.c)")
+AXIAL = (
+    "alpha",
+    "alpha^2",
+    "alpha^4",
+    "restoring(10)",
+    "restoring(20)",
+    "q",
+    "speed",
+    "proximity(0.8)",
+    "proximity(1.0)",
+    "closing",
+    "(e.rate)",
+    "(e.c)",
+)
 TRANSVERSE = (
-    "e", "e*alpha", "e*alpha^2", "e*alpha^4", "e*q", "e*speed",
+    "e", "e*alpha", "e*alpha^2", "e*alpha^4", "e*restoring(10)", "e*restoring(20)", "e*q", "e*speed",
     "rate", "rate*alpha", "rate*alpha^2", "e*(e.rate)", "e*alpha^2*(e.rate)", "c*(c.rate)",
     "c", "repulsion(0.8)", "repulsion(1.0)", "c*closing", "c*(e.c)", "e*proximity(0.8)", "rate*proximity(0.8)",
     "side*e", "side*rate", "side*c",
 )  # fmt: skip
-"""Candidates, broader than a study's pool; which of them a structure has already is found along the record."""
+"""Candidates, splines in the angle (`restoring`) among them: broader than a study's pool. Which of them the terms of a
+structure make already is found along the record."""
 _SHOWN = 5
 
 

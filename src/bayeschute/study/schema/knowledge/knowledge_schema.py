@@ -166,13 +166,17 @@ def _of_file(table: KnowledgeTable, info: ValidationInfo) -> list[tuple[float, f
     if outside.any():
         first = float(found["at"][outside][0])
         refuse(f"{CURVES[table.target].symbol} {_WHERE[_unit(table)].words(_unit(table))}", f"{first:g} in the file")
-    return [tuple(map(float, row)) for row in np.stack([found["at"], found["value"], sd], axis=1)]
+    return list(zip(*(map(float, part) for part in (found["at"], found["value"], sd)), strict=True))
 
 
 def _sound(rows: list[tuple[float, float, float]]) -> tuple[tuple[float, ...], ...]:
     """Rows in order of the angle, each place once, with standard deviations above zero."""
     if not 1 <= len(rows) <= MOST_POINTS:
-        refuse(f"1 to {MOST_POINTS} points", f"{len(rows)} of them", "Thin the curve out; errors of neighbours hang together.")
+        refuse(
+            f"1 to {MOST_POINTS} points",
+            f"{len(rows)} of them",
+            "Thin the curve out; errors of neighbours hang together.",
+        )
     rows = sorted(rows)
     for (x, _, sd), (after, *_) in zip(rows, [*rows[1:], (np.inf,)], strict=True):
         if not sd > 0.0:

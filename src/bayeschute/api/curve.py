@@ -24,8 +24,8 @@ Array = NDArray[np.float64]
 class Curve:
     """A force coefficient as a curve: C_A(alpha), C_N(alpha), damping by rate, or the force between canopies.
 
-    Of a canopy alone, in steady planar airflow at its reference speed in sea-level air, unless asked otherwise; what each
-    curve is: `bayeschute.aero.curve_names`.
+    Of a canopy alone, in steady planar airflow at its reference speed in sea-level air, unless asked otherwise; what
+    each curve is: `bayeschute.aero.curve_names`.
 
     Attributes:
         name: ``C_A``, ``C_N``, ``C_N_rate`` or ``proximity``.
