@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from bayeschute.api import html
 from bayeschute.api.beliefs import Priors
 from bayeschute.api.curve import Curve, curve
+from bayeschute.api.drop_by_drop import HISTORY, next_priors, priors_of, taught_table
 from bayeschute.api.fitting import chosen, drawn, fitted_flights, sampling
 from bayeschute.api.inputs import Flight, Study
-from bayeschute.api.drop_by_drop import HISTORY, next_priors, priors_of, taught_table
 from bayeschute.api.workspace import KEPT, Files, collected, workspace
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.core.files import write_whole
