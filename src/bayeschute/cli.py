@@ -6,6 +6,7 @@ Whatever is slow to import is imported inside the commands, so that `--help` and
 
 from __future__ import annotations
 
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
@@ -145,14 +146,16 @@ def fit(
         from bayeschute.core.errors import FitError
 
         wanted = Study.load(study, data)
+        if seed is not None:
+            wanted = Study(replace(wanted.spec, seed=seed))
         wanted = wanted.quick() if quick else wanted
         before = None if prior is None else Posterior.load(prior)
         try:
             with Bars() as bars:
                 if before is None:
-                    posterior = sample(fit_flights(wanted, seed=seed, progress=bars), progress=bars)
+                    posterior = sample(fit_flights(wanted, progress=bars), progress=bars)
                 else:
-                    posterior = before.update(wanted, seed=seed, progress=bars)
+                    posterior = before.update(wanted, progress=bars)
         except FitError as error:
             say(f"No fit: {error.reason}", error=True)
             for line in error.tried:

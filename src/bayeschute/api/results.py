@@ -293,7 +293,7 @@ class Posterior:
             draws: In all; the flights' study's number where None.
             chains: Chains.
             warmup: Warm-up steps of each.
-            seed: Seed; the flights' study's where None.
+            seed: Of the draws; the flights' study's where None.
             progress: Called with stage, share done and words; True: shown in the terminal.
 
         Raises:
@@ -307,9 +307,9 @@ class Posterior:
         """
         several = chosen(flights)
         priors = next_priors(self.as_priors(), self.spec, self._taught_by, several)
-        spec, made, files = fitted_flights(several, priors, noise, seed, progress)
+        spec, made, files = fitted_flights(several, priors, noise, None, progress)
         files = {**files, HISTORY: json.dumps(self._history).encode()}
-        spec = sampling(spec, draws, chains, warmup, None, None)
+        spec = sampling(spec, draws, chains, warmup, seed, None)
         return drawn(spec, made, files, progress, Posterior.of_run)
 
     def proposals(self) -> pd.DataFrame:
