@@ -128,3 +128,19 @@ def test_several_bodies_have_nothing_to_hand_on(sondes):
     posterior = bc.sample(bc.fit(sondes), draws=100, chains=2, warmup=50, seed=4)
     with pytest.raises(bc.InputError, match="one whose parameters all drops share"):
         replace(posterior).as_priors()
+
+
+@pytest.mark.slow
+def test_drops_of_a_cluster_one_by_one_are_nearly_the_fit_of_both():
+    """Noise parameters are a drop's own in the one and shared in the other: means within a standard deviation."""
+    study = bc.Study.example()
+    first, second = (study.flights[n].changed(window=(0.0, end)) for n, end in (("cdt-3-11", 25.0), ("cdt-3-12", 20.0)))
+    pool = {"axial": ("1", "alpha^2"), "transverse": ("e", "e*alpha^2", "rate", "repulsion(0.8)"), "fit": "pool"}
+    few = study.candidates.model_copy(update=pool)
+    priors = bc.Priors.from_structure(bc.select_structure(first, few), inflation=10.0) | study.priors
+    one_by_one = bc.sample(bc.fit([first], priors), draws=2000).update([second], draws=2000)
+    both = bc.sample(bc.fit([first, second], priors), draws=2000)
+    for name in both.names:
+        a, b = one_by_one[name].values, both[name].values
+        assert abs(a.mean() - b.mean()) < b.std() and 0.75 < a.std() / b.std() < 1.33, name
+    assert one_by_one.taught().loc["cdt-3-12", "gain"].max() < one_by_one.taught().loc["cdt-3-11", "gain"].max()

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from bayeschute.study.load import canonical, check_study, load_study
+from bayeschute.study.archive import study_from_plain, study_to_plain
+from bayeschute.study.load import canonical, check_study, load_study, study_hash
 from bayeschute.study.stage_keys import stage_keys
 
 COEFFICIENT = """
@@ -66,6 +68,14 @@ def test_what_is_not_said_changes_no_hash_and_what_is_only_compared_no_fit(clust
     told = stage_keys(load_study(_with(cluster, COEFFICIENT)), False, {})
     assert compared["fit"] == plain["fit"] and compared["report"] != plain["report"]
     assert told["priors"] != plain["priors"] and told["fit"] != plain["fit"] and told["structure"] == plain["structure"]
+
+
+def test_a_stored_study_comes_back_with_what_others_know(cluster: Path):
+    study = load_study(_with(cluster, COEFFICIENT + CURVE))
+    plain = json.loads(json.dumps(study_to_plain(study)))
+    assert study_hash(study_from_plain(plain)) == study_hash(study)
+    del plain["knowledge"]  # as a program stored it that knew of none
+    assert study_from_plain(plain).knowledge == ()
 
 
 FAULTS = [
