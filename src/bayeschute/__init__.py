@@ -14,6 +14,7 @@ from bayeschute.core.version import __version__
 
 if TYPE_CHECKING:
     from bayeschute.api.beliefs import Priors, Structure
+    from bayeschute.api.curve import Curve
     from bayeschute.api.inputs import Flight, Flights, Motion, Study, load_vehicle, noise, wind_profile
     from bayeschute.api.results import Fit, Forecast, Posterior, Probability, Run
     from bayeschute.api.verbs import (
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
 
 _PLACES = {
     "api.beliefs": ("Priors", "Structure"),
+    "api.curve": ("Curve",),
     "api.inputs": ("Flight", "Flights", "Motion", "Study", "load_vehicle", "noise", "wind_profile"),
     "api.results": ("Fit", "Forecast", "Posterior", "Probability", "Run"),
     "api.verbs": (
@@ -57,6 +59,7 @@ _PLACE = {name: module for module, names in _PLACES.items() for name in names}
 __all__ = [
     "__version__",
     "Coverage",
+    "Curve",
     "Fault",
     "Fit",
     "FitError",

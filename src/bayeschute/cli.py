@@ -6,6 +6,7 @@ that are slow to import are imported inside the commands, so that `--help` and `
 
 from __future__ import annotations
 
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
@@ -133,6 +134,10 @@ def fit(
     ] = False,
     data: DataDir = None,
     seed: Seed = None,
+    prior: Annotated[
+        Path | None,
+        typer.Option(metavar="POSTERIOR", help="Posterior of earlier drops, from `fit`: the prior of this study's."),
+    ] = None,
 ) -> None:
     """Fit the records of a study and sample the posterior, into one file from which other flights can be predicted."""
     path = out or Path(f"{study.stem}.posterior.nc")
@@ -142,15 +147,22 @@ def fit(
             raise InputError(Fault(f"--out {path}", "a file that is there already", "a new file", do))
         _sound(study, data)
         from bayeschute.api.inputs import Study
+        from bayeschute.api.results import Posterior
         from bayeschute.api.verbs import fit as fit_flights
         from bayeschute.api.verbs import sample
         from bayeschute.core.errors import FitError
 
         wanted = Study.load(study, data)
+        if seed is not None:
+            wanted = Study(replace(wanted.spec, seed=seed))
+        wanted = wanted.quick() if quick else wanted
+        before = None if prior is None else Posterior.load(prior)
         try:
             with Bars() as bars:
-                fitted = fit_flights(wanted.quick() if quick else wanted, seed=seed, progress=bars)
-                posterior = sample(fitted, progress=bars)
+                if before is None:
+                    posterior = sample(fit_flights(wanted, progress=bars), progress=bars)
+                else:
+                    posterior = before.update(wanted, progress=bars)
         except FitError as error:
             say(f"No fit: {error.reason}", error=True)
             for line in error.tried:
@@ -158,6 +170,11 @@ def fit(
             raise typer.Exit(1) from None
         posterior.save(path)
         say(str(posterior.summary()))
+        if before is not None:
+            lessons = posterior.taught()
+            say(lessons[["prior_sd", "sd", "shift", "gain"]].to_string(float_format=lambda x: f"{x:.4g}"))
+            for drop, gain in lessons.attrs["joint"].items():
+                say(f"{drop} taught {gain:.4g} nats about all parameters together")
         say(f"Posterior: {path}")
         checks = posterior.checks()
         missed = list(checks.index[~checks["passed"].astype(bool)])

@@ -15,23 +15,34 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from bayeschute.api import html
+from bayeschute.api.beliefs import Priors
+from bayeschute.api.curve import Curve, curve
+from bayeschute.api.drop_by_drop import HISTORY, next_priors, priors_of, taught_table
+from bayeschute.api.fitting import chosen, drawn, fitted_flights, sampling
 from bayeschute.api.inputs import Flight, Study
 from bayeschute.api.workspace import KEPT, Files, collected, workspace
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.core.files import write_whole
 from bayeschute.core.units import to_si
 from bayeschute.core.version import __version__
+from bayeschute.likelihood.priors import Prior
 from bayeschute.posterior.assess.flight_groups import for_loo_pit
 from bayeschute.prediction import bands
 from bayeschute.prediction.flight_statistics import REDUCTIONS
 from bayeschute.prediction.requirement import requirement_check
+from bayeschute.study.aerodynamics.agreement import agreement
+from bayeschute.study.aerodynamics.flown import flown, ranges
+from bayeschute.study.aerodynamics.term_proposals import as_rows, proposed_terms
 from bayeschute.study.archive import study_from_plain, study_to_plain
 from bayeschute.study.assembly.fits import groups, load_fit
+from bayeschute.study.assembly.lessons import lessons
 from bayeschute.study.evidence.recalibrate import widening
+from bayeschute.study.job import Progress
 from bayeschute.study.run.forecasts import forecast_flight, widened
 from bayeschute.study.run.stage_data import ingest_flight
 from bayeschute.study.run.stage_fit import Fitted
 from bayeschute.study.run.stage_results import recorded_quantities
+from bayeschute.study.schema.belief_schema import NoiseTable
 from bayeschute.study.stage_keys import ARTEFACT_VERSION
 from bayeschute.study.study import Study as StudySpec
 
@@ -168,6 +179,142 @@ class Posterior:
     def passed(self) -> bool:
         """Whether all checks passed."""
         return bool(self.checks()["passed"].all())
+
+    @cached_property
+    def _flown(self) -> list[Any]:
+        with workspace(self.spec, self.files) as job:
+            return flown(job)
+
+    @property
+    def ranges(self) -> dict[str, tuple[float, float]]:
+        """Central 99 % of what the fitted flights flew: alpha [rad]; D_prox, reduced rate and V/V_o [1]."""
+        return ranges(self._flown) if self._flown else {}
+
+    def _draws(self, group: str) -> dict[str, Array]:
+        held = self.data[group].to_dataset() if group in self.data.children else xr.Dataset()
+        return {str(name): held[name].values for name in held.data_vars}
+
+    def curve(
+        self,
+        name: str,
+        level: float = 0.9,
+        points: int = 61,
+        *,
+        over: tuple[float, float] | None = None,
+        distance: float | None = None,
+        speed: float = 1.0,
+    ) -> Curve:
+        """A force coefficient as a curve with its band, over the range that the fitted flights flew.
+
+        Args:
+            name: ``C_A``, ``C_N`` or ``C_N_rate`` of the angle of attack, or ``proximity`` of D_prox.
+            level: Probability in the band at every point.
+            points: Of the grid.
+            over: Range of the grid, SI; None: what was flown. Beyond that, the curve is extrapolated.
+            distance: D_prox of another canopy, beside the pitch plane; None: the canopy is alone.
+            speed: Airspeed over the reference speed, in sea-level air.
+
+        Raises:
+            InputError: If the posterior has no term of it.
+        """
+        told = self._draws("posterior")
+        return curve(
+            name, told, self._draws("prior") or None, self.ranges, self.knowledge, level, points, over, distance, speed
+        )
+
+    @cached_property
+    def knowledge(self) -> list[dict[str, Any]]:
+        """What the study says that others know, beside the posterior: z-scores, p-value and verdict of each."""
+        return agreement(self.spec, self._draws("posterior"))
+
+    @property
+    def _priors(self) -> list[Prior]:
+        """Priors of the parameters, those of terms that the fit added or left out put right."""
+        told = self._json("fit/priors.json") or self._json("priors.json") or []
+        return [Prior(**entry) for entry in told]
+
+    @cached_property
+    def _history(self) -> list[dict[str, Any]]:
+        flights = [f.name for f in self.spec.with_role("identify")]
+        own = lessons(self._priors, self._draws("posterior"), flights)
+        return [*(self._json(HISTORY) or []), *([own] if own else [])]
+
+    def as_priors(self) -> Priors:
+        """This posterior as priors for other flights: a Gaussian with the draws' mean and whole covariance.
+
+        Noise parameters, initial states and disturbances are a flight's own and begin anew.
+
+        Raises:
+            InputError: If its parameters are those of populations or of several bodies.
+
+        Example:
+            >>> posterior.as_priors().names == posterior.names
+            True
+        """
+        return priors_of(self.spec, self._priors, self._draws("posterior"), self._taught_by)
+
+    @property
+    def _taught_by(self) -> list[str]:
+        earlier = [name for one in self._json(HISTORY) or [] for name in one["flights"]]
+        return [*earlier, *(f.name for f in self.spec.with_role("identify"))]
+
+    def taught(self) -> pd.DataFrame:
+        """What each drop taught: standard deviation before and after, shift, information gained [nats].
+
+        Returns:
+            A row a drop and parameter; ``attrs["joint"]`` has the gain about all parameters together by drop.
+
+        Example:
+            >>> bool((posterior.taught()["gain"] > 0.0).all())
+            True
+        """
+        return taught_table(self._history)
+
+    def update(
+        self,
+        flights: Study | Flight | Sequence[Flight],
+        *,
+        noise: NoiseTable | None = None,
+        draws: int | None = None,
+        chains: int | None = None,
+        warmup: int | None = None,
+        seed: int | None = None,
+        progress: Progress | bool | None = None,
+    ) -> Posterior:
+        """The posterior after further flights: this one is their prior, as of `as_priors`.
+
+        Its terms stay as they are. Where flights have another vehicle, masses and risers begin anew by the priors of
+        their study.
+
+        Args:
+            flights: A study, whose flights with the role ``identify`` are fitted; or flights, none of which taught this
+                posterior before.
+            noise: Noise of channels and latent disturbances; None: that of the flights' study.
+            draws: In all; the flights' study's number where None.
+            chains: Chains.
+            warmup: Warm-up steps of each.
+            seed: Of the draws; the flights' study's where None.
+            progress: Called with stage, share done and words; True: shown in the terminal.
+
+        Raises:
+            InputError: If a flight taught it already, or parameters are not shared by all drops.
+            FitError: If no flight of the model follows the records.
+
+        Example:
+            >>> tomorrow = posterior.update([next_flight], draws=100, chains=2, warmup=50)
+            >>> tomorrow.taught().index.get_level_values("drop").unique().tolist()
+            ['low', 'high']
+        """
+        several = chosen(flights)
+        priors = next_priors(self.as_priors(), self.spec, self._taught_by, several)
+        spec, made, files = fitted_flights(several, priors, noise, None, progress)
+        files = {**files, HISTORY: json.dumps(self._history).encode()}
+        spec = sampling(spec, draws, chains, warmup, seed, None)
+        return drawn(spec, made, files, progress, Posterior.of_run)
+
+    def proposals(self) -> pd.DataFrame:
+        """Terms that the fit's latent forces follow: share of their variance, and how likely that is by chance."""
+        return pd.DataFrame(as_rows(proposed_terms(self._flown)))
 
     def save(self, path: Path | str) -> Path:
         """Write one NetCDF file: the DataTree's groups, and one more with study, records and fits.

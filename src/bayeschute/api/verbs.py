@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -13,30 +12,18 @@ import xarray as xr
 
 from bayeschute.api import html
 from bayeschute.api.beliefs import Priors, Structure
+from bayeschute.api.fitting import chosen, drawn, fitted_flights, ingest, sampling, shown, spec_of
 from bayeschute.api.inputs import Flight, Flights, Motion, Study
 from bayeschute.api.results import Fit, Posterior, Run
-from bayeschute.api.workspace import collected, workspace
+from bayeschute.api.workspace import workspace
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.records.read import ColumnSpec
 from bayeschute.records.read import read_record as read_columns
-from bayeschute.study.job import Job, Progress
+from bayeschute.study.job import Progress
 from bayeschute.study.schema.belief_schema import NoiseTable
 from bayeschute.study.schema.structure_schema import StructureTable
-from bayeschute.study.study import Study as StudySpec
 
 Columns = Mapping[str, tuple[str, str]]
-
-
-@contextmanager
-def _shown(progress: Progress | bool | None) -> Iterator[Progress | None]:
-    """Progress callback: a function, or progress bars in the terminal if True."""
-    if progress is True:
-        from bayeschute.console import Bars
-
-        with Bars() as bars:
-            yield bars
-    else:
-        yield progress or None
 
 
 def read_record(path: Path | str, columns: Columns | None = None) -> xr.Dataset:
@@ -106,10 +93,10 @@ def select_structure(
 
     several = [motion] if isinstance(motion, Motion | Flight) else list(motion)
     flights = [one.flight if isinstance(one, Motion) else one for one in several]
-    spec = _spec(flights, ("structure", "identify"))
+    spec = spec_of(flights, ("structure", "identify"))
     spec = spec if candidates is None else replace(spec, structure=candidates)
-    with _shown(progress) as tell, workspace(spec, progress=tell) as job:
-        _ingest(job, flights)
+    with shown(progress) as tell, workspace(spec, progress=tell) as job:
+        ingest(job, flights)
         structure(job)
         text = job.out / "structure.txt"
         said = text.read_text(encoding="utf-8") if text.is_file() else ""
@@ -140,25 +127,7 @@ def fit(
         >>> bc.fit(study.flights[0]).converged
         True
     """
-    from bayeschute.study.assembly.fits import groups
-    from bayeschute.study.run import stage_data, stage_fit, stage_structure
-
-    chosen = _chosen(flights)
-    spec = _spec(chosen, ("structure", "identify"))
-    if priors is not None:
-        spec = replace(spec, priors=priors.table, structure=priors.candidates or spec.structure)
-    spec = replace(spec, noise=noise or spec.noise, seed=spec.seed if seed is None else seed)
-    with _shown(progress) as tell, workspace(spec, progress=tell) as job:
-        _ingest(job, chosen)
-        if priors is None:
-            stage_structure.structure(job)
-            stage_data.priors(job)
-        else:
-            job.save("structure.json", priors.found or {"coefficients": {}})
-            job.save("priors.json", [p.__dict__ for p in stage_data.in_order(spec, priors.parameters)])
-        stage_fit.fit_structures(job)
-        made = tuple(stage_fit.fit_group(job, group, job.say("fit")) for group in groups(job))
-        return Fit(spec, made, collected(job.out))
+    return Fit(*fitted_flights(chosen(flights), priors, noise, seed, progress))
 
 
 def sample(
@@ -186,23 +155,8 @@ def sample(
         >>> bc.sample(fitted, draws=200, chains=2, warmup=50)[fitted.parameters.index[0]].size
         200
     """
-    from bayeschute.study.run import stage_fit, stage_results
-
-    table = fitted.spec.sampler
-    count = chains or table.chains
-    asked = {
-        "chains": chains,
-        "warmup": warmup,
-        "kind": sampler,
-        "draws": None if draws is None else -(-draws // count),
-    }
-    table = type(table).model_validate(table.model_dump() | {k: v for k, v in asked.items() if v is not None})
-    spec = replace(fitted.spec, sampler=table, seed=fitted.spec.seed if seed is None else seed)
-    with _shown(progress) as tell, workspace(spec, fitted.files, tell) as job:
-        drawn = [stage_fit.draw_group(job, one, job.say("fit")) for one in fitted.groups]
-        stage_fit.store(job, fitted.groups, drawn)
-        stage_results.check(job)
-        return Posterior.of_run(job.out, spec)
+    spec = sampling(fitted.spec, draws, chains, warmup, seed, sampler)
+    return drawn(spec, fitted.groups, fitted.files, progress, Posterior.of_run)
 
 
 def run(
@@ -239,7 +193,7 @@ def run(
     from bayeschute.study.assembly.assemble import smaller
     from bayeschute.study.run.stages import run_study
 
-    with _shown(progress) as tell:
+    with shown(progress) as tell:
         run_study(study.spec, folder, until, resume, quick, progress=tell, workers=workers, force=force)
     return Run(Path(folder), Study(smaller(study.spec)) if quick else study)
 
@@ -348,39 +302,6 @@ def numpyro_model(source: Fit | Posterior) -> Callable[[], None]:
     if len(pairs) != 1:
         raise InputError(Fault("numpyro_model", f"{len(pairs)} fits", "one set of flights that share their parameters"))
     return model(*pairs[0])
-
-
-def _chosen(flights: Study | Flight | Sequence[Flight]) -> list[Flight]:
-    if isinstance(flights, Study):
-        return [f for f in flights.flights if {"identify", "structure"} & set(f.roles)]
-    return [flights] if isinstance(flights, Flight) else list(flights)
-
-
-def _spec(flights: Sequence[Flight], roles: tuple[str, ...]) -> StudySpec:
-    """The study of some flights: tables of the first's, each flight with the vehicle that flew it."""
-    if not flights:
-        raise InputError(Fault("flights", "none", "at least one flight"))
-    study = flights[0].study
-    names = [flight.name for flight in flights]
-    if len(set(names)) < len(names):
-        raise InputError(Fault("flights", ", ".join(names), "flights of different names", "Use `Flight.changed`."))
-    vehicle = flights[0].vehicle
-    specs = tuple(
-        replace(
-            flight.spec,
-            roles=tuple(role for role in flight.roles if role in roles) or roles,
-            vehicle=None if flight.vehicle == vehicle else flight.vehicle,
-        )
-        for flight in flights
-    )
-    return replace(study, flights=specs, vehicle=vehicle, requirements=())
-
-
-def _ingest(job: Job, flights: Sequence[Flight]) -> None:
-    from bayeschute.study.run.stage_data import ingest_flight
-
-    for spec, flight in zip(job.study.flights, flights, strict=True):
-        ingest_flight(job, spec, flight.raw)
 
 
 __all__ = [

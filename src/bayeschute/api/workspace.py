@@ -11,7 +11,7 @@ from bayeschute.study.job import Job, Progress
 from bayeschute.study.study import Study
 
 Files = Mapping[str, bytes]
-KEPT = ("flights/*.nc", "structure.*", "priors.json", "fit/**/*", "checks.json", "identifiability.json")
+KEPT = ("flights/*.nc", "structure.*", "priors.json", "fit/**/*", "checks.json", "identifiability.json", "history.json")
 """Files that a stored posterior needs for later predictions."""
 
 

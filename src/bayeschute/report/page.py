@@ -17,11 +17,11 @@ from matplotlib.figure import Figure
 
 from bayeschute.core.files import write_whole
 from bayeschute.report import failed_fit, sentences
-from bayeschute.report.figures import inference_figures, record_figures
+from bayeschute.report.figures import curve_figures, inference_figures, record_figures
 from bayeschute.report.figures.canvas import save
 from bayeschute.report.run_results import Results, read_results
 from bayeschute.report.structure_view import Draw, structure_view
-from bayeschute.report.tables import identifiability_tables, record_tables, summary_tables, trust_tables
+from bayeschute.report.tables import curve_tables, identifiability_tables, record_tables, summary_tables, trust_tables
 from bayeschute.report.wording import counted, is_number, listed, number, percent, quantity_name, statistic_name
 
 
@@ -168,6 +168,37 @@ def _posterior_pictures(results: Results, folder: Path) -> tuple[list[Picture], 
     return found, chains
 
 
+def _curve_picture(results: Results, folder: Path) -> Picture | None:
+    """The aerodynamic curves, with what others know of them."""
+    table, told = results.curves, results.part("curves")
+    needed = {"curve", "symbol", "unit", "at", "flown", "posterior_q05", "posterior_q50", "posterior_q95"}
+    if table is None or not needed <= set(table.columns):
+        return None
+    known = summary_tables.mappings(results.summary.get("knowledge"))
+    names = list(dict.fromkeys(table["curve"]))
+    words = {str(k): str(v) for k, v in (told.get("words") or {}).items()}
+    caption = (
+        "Force coefficients of a canopy alone, at its reference speed: medians and 90 % bands before and after the "
+    )
+    caption += (
+        "records were used, over the range that was flown (central 99 %); dotted beyond it, where the form of the "
+    )
+    caption += "terms speaks and no data do. In curves.csv."
+    alt = f"Curves of {listed(names)} with prior and posterior bands."
+    return _picture(curve_figures.curve_figure(table, known, words, names), folder, "curves", alt, caption)
+
+
+def _aerodynamics(results: Results, folder: Path) -> dict[str, Any]:
+    """Curves, what others know of them, and terms that are proposed."""
+    return {
+        "picture": _curve_picture(results, folder),
+        "sentences": curve_tables.knowledge_sentences(results),
+        "known": curve_tables.knowledge_table(results),
+        "proposal": curve_tables.proposal_sentence(results),
+        "proposals": curve_tables.proposal_table(results),
+    }
+
+
 def _exceedance_picture(results: Results, folder: Path) -> Picture | None:
     """Exceedance probabilities of the statistics that requirements refer to, and of at least two common ones."""
     table = results.risk.get("exceedance")
@@ -265,10 +296,12 @@ def _context(results: Results) -> dict[str, Any]:
         "posterior": summary_tables.posterior_table(results),
         "uninformed": sentences.uninformed(results),
         "posterior_pictures": posterior,
+        "aerodynamics": _aerodynamics(results, folder),
         "identifiability": {
             "sentences": identifiability_tables.identifiability_sentences(results),
             "parameters": identifiability_tables.identifiability_table(results),
             "directions": identifiability_tables.direction_table(results),
+            "taught": curve_tables.taught_table(results),
         },
         "bands": _band_pictures(results, folder),
         "coverage": trust_tables.coverage_table(results, half),

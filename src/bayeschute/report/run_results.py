@@ -33,6 +33,7 @@ class Results:
         flights: Flight name to its record.
         risk: File stem to table.
         absent: Sentences on what is missing.
+        curves: curves.csv; None where the run has none, as that of a point mass.
     """
 
     folder: Path
@@ -45,6 +46,7 @@ class Results:
     flights: Mapping[str, xr.Dataset]
     risk: Mapping[str, pd.DataFrame]
     absent: tuple[str, ...]
+    curves: pd.DataFrame | None = None
 
     def part(self, name: str) -> Mapping[str, Any]:
         """A mapping of the summary, empty where it is missing or something else."""
@@ -143,6 +145,9 @@ def read_results(run_dir: Path) -> Results:
         table = try_read(run_dir / "risk" / name, read, absent, "this risk table is not shown")
         if table is not None:
             risk[Path(name).stem] = table
+    curves = None
+    if (run_dir / "curves.csv").exists():
+        curves = try_read(run_dir / "curves.csv", pd.read_csv, absent, "no aerodynamic curves are shown")
     divergent = groups["sample_stats"]["diverging"].values if "diverging" in groups.get("sample_stats", {}) else None
     return Results(
         folder=run_dir,
@@ -155,4 +160,5 @@ def read_results(run_dir: Path) -> Results:
         flights=flights,
         risk=risk,
         absent=tuple(absent),
+        curves=curves,
     )

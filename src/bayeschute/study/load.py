@@ -230,6 +230,7 @@ def _read_study(path: Path, data_dir: Path | str | None) -> _Reading:
         requirements=whole.requirement,
         structure=whole.structure,
         synthetic=whole.synthetic,
+        knowledge=whole.knowledge,
         vehicle=vehicle,
         vehicle_path=vehicle_path,
         text=text,

@@ -57,11 +57,13 @@ def reads(study: Study) -> dict[str, dict[str, Any]]:
     if study.structure is not None:  # else nothing is selected
         selection = drop | part("structure") | {"flights": flights("structure", without=record)}
     tested = {"flights": flights(without=record), "selected on": names("structure")} | part("synthetic")
+    known = [table for table in said.get("knowledge", ()) if table["use"] == "prior"]
+    knowledge = {"knowledge": known} if known else {}
     channels = list(study.noise.channels())  # those that can't be fitted are listed in the record
     return {
         "ingest": drop | {"flights": flights(without=record), "fitted": names("identify"), "channels": channels},
         "structure": selection | tested if selection else {},
-        "priors": selection | part("model", "priors"),
+        "priors": selection | part("model", "priors") | knowledge,
         "fit": drop | part("structure", "noise", "sampler") | {"flights": flights("identify")},
         "check": {},
         "predict": part("predict") | {"flights": flights("identify", "predict")},

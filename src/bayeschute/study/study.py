@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from bayeschute.study.schema.belief_schema import NoiseTable, PriorsTable
+from bayeschute.study.schema.knowledge.knowledge_schema import KnowledgeTable
 from bayeschute.study.schema.quantities import Cut, Strict
 from bayeschute.study.schema.structure_schema import StructureTable, SyntheticTable
 from bayeschute.study.schema.study_schema import Column, PredictTable, RequirementTable, SamplerTable
@@ -74,6 +75,7 @@ class Study:
         vehicle_path: The vehicle file.
         text: The study file as read.
         vehicle_text: The vehicle file as read.
+        knowledge: What others know about coefficients and curves.
     """
 
     path: Path
@@ -92,6 +94,7 @@ class Study:
     vehicle_path: Path | None = None
     text: str = ""
     vehicle_text: str = ""
+    knowledge: tuple[KnowledgeTable, ...] = ()
 
     def with_role(self, role: str) -> tuple[Flight, ...]:
         """Flights that have a role."""
@@ -113,6 +116,11 @@ def canonical(study: Study) -> dict[str, Any]:
 
     layout, usual = ("path", "vehicle_path", "text", "vehicle_text"), ("vehicle",)
     said = {key: value for key, value in vars(study).items() if key not in layout}
+    if not study.knowledge:
+        del said["knowledge"]
+    else:  # a file's path and layout are no part of what it says
+        named = {"file", "columns", "points"}
+        said["knowledge"] = [k.model_dump(exclude_none=True, exclude=named) for k in study.knowledge]
     said["flights"] = [
         {k: v for k, v in vars(flight).items() if k != "path" and not (k in usual and v is None)}
         | {"record": file_hash(flight.path) if flight.path else None}

@@ -170,6 +170,11 @@ def load_noise_parameters(job: Job, group: Group) -> NoiseParameters:
     return load_tree(_file(job, group), NoiseParameters, "hyper")
 
 
+def load_optimum(job: Job, group: Group) -> Optimum:
+    """Parameters, paths and disturbances of a finished fit at its mode."""
+    return load_tree(_file(job, group), Optimum, "optimum")
+
+
 def load_fit(job: Job, group: Group) -> Stored:
     """Read a fit back and set its marginal posterior up again."""
     kept = load_tree(_file(job, group), _Kept)

@@ -22,6 +22,8 @@ def configuration(study: Study, quick: bool = False) -> str:
     """Hash of how a study identifies: model, vehicle, structure, priors, noise, sampler, program; not its flights."""
     said = canonical(study)
     told = {key: said[key] for key in ("model", "vehicle", "structure", "priors", "noise", "sampler", "predict")}
+    known = [table for table in said.get("knowledge", ()) if table["use"] == "prior"]
+    told |= {"knowledge": known} if known else {}
     text = json.dumps([told, __version__, quick], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
 

@@ -19,6 +19,7 @@ from bayeschute.records.clean import clean
 from bayeschute.records.derive import derive
 from bayeschute.records.read import ColumnSpec, read_record
 from bayeschute.records.record import Repair, repairs, with_repairs, write_record
+from bayeschute.study.aerodynamics.known import informed
 from bayeschute.study.assembly import assemble, canopies
 from bayeschute.study.assembly.canopy_wind import with_wind
 from bayeschute.study.assembly.fitted_terms import in_order, of_library, of_selected
@@ -125,7 +126,7 @@ def _not_fitted(record: xr.Dataset, channels: tuple[str, ...]) -> list[Repair]:
 def priors(job: Job) -> str:
     """Priors of every parameter: from equation error, or given from outside."""
     study, found = job.study, job.load("structure.json")["coefficients"]
-    made = in_order(study, [*of_structure(study, found), *given_priors(study)])
+    made = in_order(study, informed(study, [*of_structure(study, found), *given_priors(study)]))
     _check_varying(study, [p.name for p in made])
     job.save("priors.json", [p.__dict__ for p in made])
     return f"{len(made)} parameters"

@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 from bayeschute.posterior.term_search import PENALTY
 from bayeschute.records.record import repairs
 from bayeschute.study import formulation
+from bayeschute.study.aerodynamics.run_curves import told_curves
 from bayeschute.study.assembly import assemble, canopies
 from bayeschute.study.assembly.fits import groups, load_noise_parameters, summary_draws
 from bayeschute.study.assembly.fitted_terms import ADDED
+from bayeschute.study.assembly.lessons import lessons
 from bayeschute.study.evidence.calibration_status import calibration_check, verification
 from bayeschute.study.evidence.recalibrate import applied_recalibration
 from bayeschute.study.job import Job, load_flight, load_priors
@@ -58,6 +60,7 @@ def _summary(job: Job) -> dict[str, Any]:
             "divergences": _divergences(job), "failed_solves": facts["failed"], "wall_s": seconds,
             "wall": facts["wall"], "min_ess_per_s": min(checked["ess_bulk"].values()) / seconds,
         },
+        **told_curves(job, draws, _prior_draws(job)), **_taught(job, draws),
         **_disturbances(job), **_output_error(job), **_identifiability(job), **_recalibration(job),
         **({"structures": stacked} if (stacked := structures.summary_rows(job)) else {}),
         "coverage": coverage,
@@ -110,6 +113,19 @@ def _parameters(
         }  # fmt: skip
         parameters[name] = entry | ({"truth": truth[name]} if name in truth else {})
     return parameters
+
+
+def _prior_draws(job: Job) -> dict[str, Array]:
+    """Draws of the prior by parameter."""
+    with xr.open_datatree(job.out / "posterior.nc", engine="h5netcdf") as tree:
+        prior = tree["prior"].ds.load()
+    return {str(name): prior[name].values for name in prior.data_vars}
+
+
+def _taught(job: Job, draws: dict[str, Array]) -> dict[str, Any]:
+    """What the fitted flights taught; nothing of populations, whose members are no parameters of one fit."""
+    told = lessons(load_priors(job), draws, [f.name for f in job.study.with_role("identify")])
+    return {"taught": told} if told else {}
 
 
 def _divergences(job: Job) -> int:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from bayeschute.core.errors import Fault
 from bayeschute.study.schema.belief_schema import FORCES, NoiseTable, PriorsTable
 from bayeschute.study.schema.draft import Draft
+from bayeschute.study.schema.knowledge.knowledge_crosscheck import check_knowledge
 from bayeschute.study.schema.schema_faults import show
 from bayeschute.study.schema.structure_crosscheck import check_core, check_polar, check_stack, check_synthetic
 from bayeschute.study.schema.study_schema import QUANTITIES, PredictTable, RequirementTable
@@ -258,5 +259,5 @@ def crosscheck(draft: Draft) -> list[Fault]:
     if draft.model is not None:
         checks.append(by_model[draft.model])
     checks += [check_canopies, check_shape, check_canopy_sd, check_polar, check_core, check_stack, check_synthetic]
-    checks += [check_times, check_predictions]
+    checks += [check_times, check_predictions, check_knowledge]
     return [fault for check in checks for fault in check(draft)]

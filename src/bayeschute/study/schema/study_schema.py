@@ -10,6 +10,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, BeforeValidator, ValidationInfo, field_validator, model_validator
 
 from bayeschute.study.schema.belief_schema import NoiseTable, PriorsTable
+from bayeschute.study.schema.knowledge.knowledge_schema import KnowledgeTable
 from bayeschute.study.schema.quantities import (
     Bounds,
     Mass,
@@ -186,6 +187,7 @@ class StudyFile(Strict):
         sampler: Sampler.
         predict: Predictions.
         requirement: Requirements.
+        knowledge: What others know about coefficients and curves (cluster).
     """
 
     title: Text
@@ -201,6 +203,7 @@ class StudyFile(Strict):
     sampler: SamplerTable = SamplerTable()
     predict: PredictTable = PredictTable()
     requirement: tuple[RequirementTable, ...] = ()
+    knowledge: tuple[KnowledgeTable, ...] = ()
 
 
 class FlightsFile(Strict):
