@@ -15,6 +15,7 @@ from bayeschute.core.version import __version__
 if TYPE_CHECKING:
     from bayeschute.api.beliefs import Priors, Structure
     from bayeschute.api.inputs import Flight, Flights, Motion, Study, load_vehicle, noise, wind_profile
+    from bayeschute.api.plausibility import Plausibility
     from bayeschute.api.results import Fit, Forecast, Posterior, Probability, Run
     from bayeschute.api.verbs import (
         Coverage,
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
 _PLACES = {
     "api.beliefs": ("Priors", "Structure"),
     "api.inputs": ("Flight", "Flights", "Motion", "Study", "load_vehicle", "noise", "wind_profile"),
+    "api.plausibility": ("Plausibility",),
     "api.results": ("Fit", "Forecast", "Posterior", "Probability", "Run"),
     "api.verbs": (
         "Coverage", "calibrate", "fit", "numpyro_model", "read_record", "reconstruct", "run", "sample", "scenarios",
@@ -65,6 +67,7 @@ __all__ = [
     "Forecast",
     "InputError",
     "Motion",
+    "Plausibility",
     "Posterior",
     "Prior",
     "Priors",

@@ -225,10 +225,32 @@ def _told_by(summary: dict[str, Any]) -> tuple[str, list[str]]:
 
 
 @app.command()
-def check(study: StudyPath, data: DataDir = None) -> None:
-    """Name every fault of a study and its files at once."""
+def check(
+    study: StudyPath,
+    report: Annotated[
+        Path | None, typer.Option("--report", metavar="FILE", help="Draw the records, before any fit (one HTML file).")
+    ] = None,
+    data: DataDir = None,
+) -> None:
+    """Name every fault of a study and its files at once, and whatever in its records can't be true."""
     with told():
-        _sound(study, data)
+        from bayeschute.study.load import examine_study
+
+        found = examine_study(study, data)
+        if report is not None:
+            from bayeschute.report.record_page import write_record_page
+
+            title = found.study.title if found.study is not None else study.stem
+            write_record_page(
+                report, title, found.verdicts, [str(one) for one in found.faults], found.windows, found.said
+            )
+            say(f"Report: {report}")
+        for line in found.warnings:
+            say(f"warning: {line}", error=True)
+        if found.faults:
+            raise InputError(found.faults)
+        for line in found.said.values():
+            say(line)
         say(f"{study}: no fault found")
 
 

@@ -377,10 +377,10 @@ def _spec(flights: Sequence[Flight], roles: tuple[str, ...]) -> StudySpec:
 
 
 def _ingest(job: Job, flights: Sequence[Flight]) -> None:
-    from bayeschute.study.run.stage_data import ingest_flight
+    from bayeschute.study.run.stage_data import ingest_flight, read_and_judge
 
     for spec, flight in zip(job.study.flights, flights, strict=True):
-        ingest_flight(job, spec, flight.raw)
+        ingest_flight(job, spec, read_and_judge(job, spec, flight.raw))
 
 
 __all__ = [

@@ -11,6 +11,8 @@ from typing import Annotated, Any, NamedTuple
 from pydantic import TypeAdapter, ValidationError
 
 from bayeschute.core.errors import Fault, InputError
+from bayeschute.records.plausibility.verdict import Verdict
+from bayeschute.study.plausible import judge, told, warned
 from bayeschute.study.schema.columns import check_columns
 from bayeschute.study.schema.crosscheck import check_span, crosscheck
 from bayeschute.study.schema.draft import Draft
@@ -27,6 +29,7 @@ __all__ = [
     "Study",
     "canonical",
     "check_study",
+    "examine_study",
     "load_flights",
     "file_hash",
     "load_study",
@@ -65,22 +68,56 @@ def load_study(path: Path | str, data_dir: Path | str | None = None) -> Study:
     return reading.study
 
 
+class Examined(NamedTuple):
+    """What an examination of a study with its records found.
+
+    Attributes:
+        faults: Every fault.
+        warnings: What is to be looked at.
+        records: Records as read, by flight.
+        verdicts: What the laws of plausibility say of them, by flight.
+        study: The study, where its tables are sound.
+        windows: First and last time used [s], by flight, given or found.
+        said: How the window was found, by flight.
+    """
+
+    faults: list[Fault]
+    warnings: list[str]
+    records: dict[str, Any]
+    verdicts: dict[str, Verdict]
+    study: Study | None
+    windows: dict[str, tuple[float, float]]
+    said: dict[str, str]
+
+
 def check_study(path: Path | str, data_dir: Path | str | None = None) -> list[Fault]:
-    """Every fault of a study, its vehicle and its records, which are read in full.
+    """Every fault of a study, its vehicle and its records, which are read in full and tried for their physics.
 
     Args:
         path: The study file.
         data_dir: What ``${DATA}`` stands for; default: the environment variable BAYESCHUTE_DATA.
     """
-    _, faults, draft, paths = _read_study(Path(path), data_dir)
+    return examine_study(path, data_dir).faults
+
+
+def examine_study(path: Path | str, data_dir: Path | str | None = None) -> Examined:
+    """Read a study, its vehicle and its records in full, and try the laws of plausibility on every record.
+
+    Args:
+        path: The study file.
+        data_dir: What ``${DATA}`` stands for; default: the environment variable BAYESCHUTE_DATA.
+    """
+    study, faults, draft, paths = _read_study(Path(path), data_dir)
+    found = Examined(faults, [], {}, {}, study, {}, {})
     if draft is not None:
         for index, record in paths.items():
-            faults += _record_faults(draft, index, record)
-    return list({(fault.where, fault.got): fault for fault in reversed(faults)}.values())[::-1]
+            _examine_record(draft, index, record, found)
+    faults = list({(fault.where, fault.got): fault for fault in reversed(found.faults)}.values())[::-1]
+    return found._replace(faults=faults)
 
 
-def _record_faults(draft: Draft, index: int, path: Path) -> list[Fault]:
-    """Faults of a record, read in full; places in the column map are told as places in the study file."""
+def _examine_record(draft: Draft, index: int, path: Path, found: Examined) -> None:
+    """Read a record in full and try the laws on it; places in the column map are told as places in the study file."""
     from bayeschute.records.read import ColumnSpec, read_record
 
     flight = draft.flights[index]
@@ -91,15 +128,25 @@ def _record_faults(draft: Draft, index: int, path: Path) -> list[Fault]:
         record = read_record(path, specs, window=flight.window)
     except InputError as error:
         heading, of = ("[flight.columns", f" (flight {flight.name!r})") if own else ("[columns", "")
-        return [
+        found.faults.extend(
             replace(fault, where=f"{draft.file} {fault.where.replace('[columns', heading, 1)}{of}")
             if fault.where.startswith("[columns")
             else fault
             for fault in error.faults
             if specs or not fault.where.startswith("[columns")
-        ]
+        )
+        return
     time = record["time"].values
-    return list(check_span(draft, index, float(time[0]), float(time[-1]))) if flight.window is None else []
+    if flight.window is None:
+        found.faults.extend(check_span(draft, index, float(time[0]), float(time[-1])))
+    found.records[flight.name] = record
+    if draft.vehicle is None and draft.model != "descent":
+        return  # its faults are told already
+    verdict = judge(record, draft.vehicle, flight.capsule_mass, flight.window, flight.wind_profile)
+    where, accepted = f"{draft.file} flight {flight.name!r}", flight.accept_implausible
+    found.verdicts[flight.name] = verdict
+    found.faults.extend(told(verdict, where, accepted))
+    found.warnings.extend(warned(verdict, where, accepted))
 
 
 def load_vehicle(path: Path | str) -> Vehicle:
@@ -149,8 +196,8 @@ def load_flights(path: Path | str, study: Study, data_dir: Path | str | None = N
     if raw is None:
         raise InputError(faults)
     listed = raw.get("flight")
-    told = [{"roles": ["predict"], **one} if isinstance(one, dict) else one for one in listed or ()]
-    said = {**raw, "flight": told} if isinstance(listed, list) else raw
+    asked = [{"roles": ["predict"], **one} if isinstance(one, dict) else one for one in listed or ()]
+    said = {**raw, "flight": asked} if isinstance(listed, list) else raw
     try:
         found = FlightsFile.model_validate(said, context=here)
     except ValidationError as error:
@@ -276,4 +323,5 @@ def _flight(table: FlightTable, path: Path | None, columns: Mapping[str, Column]
         identify_until=table.identify_until,
         remove_velocity_bias=table.remove_velocity_bias,
         wind_profile=table.wind_profile,
+        accept_implausible=table.accept_implausible,
     )

@@ -36,6 +36,7 @@ class Flight:
         remove_velocity_bias: Whether constant biases of the recorded velocity are removed.
         wind_profile: Wind by altitude; None: canopies meet the capsule's wind.
         vehicle: Its vehicle, where that is not the study's.
+        accept_implausible: Laws of plausibility, or groups of them, that its record may break.
     """
 
     name: str
@@ -51,6 +52,7 @@ class Flight:
     remove_velocity_bias: bool = False
     wind_profile: ProfileTable | None = None
     vehicle: Vehicle | None = None
+    accept_implausible: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -112,9 +114,10 @@ def canonical(study: Study) -> dict[str, Any]:
         return value.model_dump(exclude_none=True) if isinstance(value, Strict) else vars(value)
 
     layout, usual = ("path", "vehicle_path", "text", "vehicle_text"), ("vehicle",)
+    of_no_result = ("path", "accept_implausible")
     said = {key: value for key, value in vars(study).items() if key not in layout}
     said["flights"] = [
-        {k: v for k, v in vars(flight).items() if k != "path" and not (k in usual and v is None)}
+        {k: v for k, v in vars(flight).items() if k not in of_no_result and not (k in usual and v is None)}
         | {"record": file_hash(flight.path) if flight.path else None}
         for flight in study.flights
     ]

@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BeforeValidator, ValidationInfo, field_validator, model_validator
 
+from bayeschute.records.plausibility.reading import NAMES
 from bayeschute.study.schema.belief_schema import NoiseTable, PriorsTable
 from bayeschute.study.schema.quantities import (
     Bounds,
@@ -51,6 +52,14 @@ class Column(Strict):
     unit: Annotated[str, BeforeValidator(lambda value: value if isinstance(value, str) else refuse("a unit"))]
 
 
+def _laws(names: tuple[str, ...]) -> tuple[str, ...]:
+    known = {part for law in NAMES for part in (law, law.split(".")[0], law.rpartition(".")[0]) if part}
+    for name in distinct(names):
+        if name not in known:
+            refuse(f"names of laws or of their groups: {', '.join(sorted(known))}", repr(name))
+    return names
+
+
 class FlightTable(Strict):
     """A flight: a record in a file, or a virtual drop.
 
@@ -68,6 +77,7 @@ class FlightTable(Strict):
         remove_velocity_bias: Whether constant biases of the recorded velocity, found against positions, are removed.
         wind_profile: Wind by altitude about which the recorded wind, the capsule's, tells that of the canopies
             (cluster); where no wind is recorded it stands for it. None: canopies meet the capsule's wind.
+        accept_implausible: Laws of plausibility, or groups of them, that the record may break.
     """
 
     name: Name
@@ -82,6 +92,7 @@ class FlightTable(Strict):
     identify_until: Until | None = None
     remove_velocity_bias: bool = False
     wind_profile: ProfileTable | None = None
+    accept_implausible: Annotated[tuple[Text, ...], AfterValidator(_laws)] = ()
 
     @model_validator(mode="after")
     def _comes_from_somewhere(self) -> FlightTable:
