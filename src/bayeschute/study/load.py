@@ -11,6 +11,7 @@ from typing import Annotated, Any, NamedTuple
 from pydantic import TypeAdapter, ValidationError
 
 from bayeschute.core.errors import Fault, InputError
+from bayeschute.records.foreign.conventions import Conventions
 from bayeschute.records.plausibility.verdict import Verdict
 from bayeschute.study.plausible import judge, told, warned
 from bayeschute.study.schema.columns import check_columns
@@ -19,7 +20,14 @@ from bayeschute.study.schema.draft import Draft
 from bayeschute.study.schema.schema_faults import faults_of
 from bayeschute.study.schema.sidecar import context
 from bayeschute.study.schema.study_files import DATA_VARIABLE, read_toml, record_paths
-from bayeschute.study.schema.study_schema import QUANTITIES, Column, FlightsFile, FlightTable, StudyFile
+from bayeschute.study.schema.study_schema import (
+    QUANTITIES,
+    Column,
+    ConventionsTable,
+    FlightsFile,
+    FlightTable,
+    StudyFile,
+)
 from bayeschute.study.schema.vehicle_schema import Vehicle
 from bayeschute.study.study import Flight, Study, canonical, file_hash, study_hash
 from bayeschute.study.templates import template
@@ -118,19 +126,20 @@ def examine_study(path: Path | str, data_dir: Path | str | None = None) -> Exami
 
 def _examine_record(draft: Draft, index: int, path: Path, found: Examined) -> None:
     """Read a record in full and try the laws on it; places in the column map are told as places in the study file."""
-    from bayeschute.records.read import ColumnSpec, read_record
+    from bayeschute.records.read import read_record
 
     flight = draft.flights[index]
     own = flight.columns is not None
     columns = (flight.columns if own else draft.tables.get("columns")) or {}
-    specs = {name: ColumnSpec(spec.column, spec.unit) for name, spec in columns.items()}
+    specs = {name: column.spec() for name, column in columns.items()}
+    said = flight.conventions or draft.tables.get("conventions")
     try:
-        record = read_record(path, specs, window=flight.window)
+        record = read_record(path, specs, flight.window, conventions=said.spec() if said else Conventions())
     except InputError as error:
         heading, of = ("[flight.columns", f" (flight {flight.name!r})") if own else ("[columns", "")
         found.faults.extend(
             replace(fault, where=f"{draft.file} {fault.where.replace('[columns', heading, 1)}{of}")
-            if fault.where.startswith("[columns")
+            if fault.where.startswith(("[columns", "[conventions"))
             else fault
             for fault in error.faults
             if specs or not fault.where.startswith("[columns")
@@ -215,7 +224,9 @@ def load_flights(path: Path | str, study: Study, data_dir: Path | str | None = N
     faults += [*check_columns(draft), *path_faults]
     if faults:
         raise InputError(faults)
-    flights = tuple(_flight(table, paths.get(i), found.columns) for i, table in enumerate(found.flight))
+    flights = tuple(
+        _flight(table, paths.get(i), found.columns, found.conventions) for i, table in enumerate(found.flight)
+    )
     flights = tuple(replace(flight, roles=("predict",)) for flight in flights)
     return replace(study, flights=flights, vehicle=vehicle, predict=predict, requirements=found.requirement)
 
@@ -269,7 +280,9 @@ def _read_study(path: Path, data_dir: Path | str | None) -> _Reading:
         title=whole.title,
         model=whole.model,
         seed=whole.seed,
-        flights=tuple(_flight(table, paths.get(index), whole.columns) for index, table in flights.items()),
+        flights=tuple(
+            _flight(table, paths.get(index), whole.columns, whole.conventions) for index, table in flights.items()
+        ),
         priors=whole.priors,
         noise=whole.noise,
         sampler=whole.sampler,
@@ -308,7 +321,12 @@ def _sound(annotation: Any, value: Any, here: Mapping[str, str]) -> Any:
         return None
 
 
-def _flight(table: FlightTable, path: Path | None, columns: Mapping[str, Column] | None) -> Flight:
+def _flight(
+    table: FlightTable,
+    path: Path | None,
+    columns: Mapping[str, Column] | None,
+    conventions: ConventionsTable | None,
+) -> Flight:
     own = table.columns if table.columns is not None else columns
     return Flight(
         name=table.name,
@@ -316,6 +334,7 @@ def _flight(table: FlightTable, path: Path | None, columns: Mapping[str, Column]
         path=path,
         virtual=table.virtual,
         columns=dict(own or {}) if table.file is not None else {},
+        conventions=(table.conventions or conventions) if table.file is not None else None,
         window=table.window,
         rate=table.rate,
         capsule_mass=table.capsule_mass,

@@ -12,7 +12,7 @@ from typing import Any
 from bayeschute.study.schema.belief_schema import NoiseTable, PriorsTable
 from bayeschute.study.schema.quantities import Cut, Strict
 from bayeschute.study.schema.structure_schema import StructureTable, SyntheticTable
-from bayeschute.study.schema.study_schema import Column, PredictTable, RequirementTable, SamplerTable
+from bayeschute.study.schema.study_schema import Column, ConventionsTable, PredictTable, RequirementTable, SamplerTable
 from bayeschute.study.schema.vehicle_schema import Vehicle
 from bayeschute.study.schema.virtual_schema import VirtualFlight
 from bayeschute.study.schema.wind_schema import ProfileTable
@@ -28,6 +28,7 @@ class Flight:
         path: The record; None for a virtual drop.
         virtual: The drop to fly; None for a record.
         columns: Column and unit by variable; empty for a virtual drop or a record in the schema's own names.
+        conventions: Axes, senses and clock of the record; None: those of the schema.
         window: First and last time used [s]; None: all.
         rate: The record is resampled to this rate [Hz]; None: its own.
         capsule_mass: Replaces the vehicle's [kg]; None: the vehicle's.
@@ -44,6 +45,7 @@ class Flight:
     path: Path | None = None
     virtual: VirtualFlight | None = None
     columns: Mapping[str, Column] = field(default_factory=dict)
+    conventions: ConventionsTable | None = None
     window: tuple[float, float] | None = None
     rate: float | None = None
     capsule_mass: float | None = None
@@ -113,7 +115,7 @@ def canonical(study: Study) -> dict[str, Any]:
         # What is not said is left out: options that are added later leave the hashes of today's studies as they are.
         return value.model_dump(exclude_none=True) if isinstance(value, Strict) else vars(value)
 
-    layout, usual = ("path", "vehicle_path", "text", "vehicle_text"), ("vehicle",)
+    layout, usual = ("path", "vehicle_path", "text", "vehicle_text"), ("vehicle", "conventions")
     of_no_result = ("path", "accept_implausible")
     said = {key: value for key, value in vars(study).items() if key not in layout}
     said["flights"] = [

@@ -145,12 +145,12 @@ def evidence_of(
         profile: Wind by altitude [m], NED [m/s]; None: none.
     """
     time: Array = np.asarray(record["time"].values, np.float64)
-    start, end = window or (time[0], time[-1])
+    start, end = window or (float(time[0]), float(time[-1]))
     found: dict[str, Array] = {}
     arrays = {key: np.asarray(record[name].values, np.float64) for key, name in CHANNELS.items() if name in record}
     own = [_interval(time, a) for key, a in arrays.items() if key in ("position", "velocity", "altitude")]
     step = max([float(np.median(np.diff(time))), *own, (end - start) / _MOST])
-    grid: Array = start + step * np.arange(max(int((end - start) / step + 1e-6) + 1, 2))
+    grid = np.asarray(start + step * np.arange(max(int((end - start) / step + 1e-6) + 1, 2)), np.float64)
     for key, values in arrays.items():
         laid = on_clock(time, values, grid)
         if np.isfinite(laid).any():

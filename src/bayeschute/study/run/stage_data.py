@@ -17,7 +17,8 @@ from bayeschute.likelihood.priors import Prior
 from bayeschute.records.back_driving import remove_velocity_bias
 from bayeschute.records.clean import clean
 from bayeschute.records.derive import derive
-from bayeschute.records.read import ColumnSpec, read_record
+from bayeschute.records.foreign.conventions import Conventions
+from bayeschute.records.read import read_record
 from bayeschute.records.record import Repair, repairs, with_repairs, write_record
 from bayeschute.study.assembly import assemble, canopies
 from bayeschute.study.assembly.canopy_wind import with_wind
@@ -92,8 +93,9 @@ def read_and_judge(job: Job, flight: Flight, raw: xr.Dataset | None = None) -> x
 def as_read(flight: Flight) -> xr.Dataset:
     """The record of a flight's file, at its own times."""
     assert flight.path is not None
-    columns = {k: ColumnSpec(c.column, c.unit) for k, c in flight.columns.items()}
-    return read_record(flight.path, columns or None, flight.window)
+    columns = {name: column.spec() for name, column in flight.columns.items()}
+    said = Conventions() if flight.conventions is None else flight.conventions.spec()
+    return read_record(flight.path, columns or None, flight.window, conventions=said)
 
 
 def ingest_flight(job: Job, flight: Flight, raw: xr.Dataset | None = None) -> xr.Dataset:

@@ -9,7 +9,9 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BeforeValidator, ValidationInfo, field_validator, model_validator
 
+from bayeschute.records.foreign.conventions import Conventions
 from bayeschute.records.plausibility.reading import NAMES
+from bayeschute.records.read import ColumnSpec
 from bayeschute.study.schema.belief_schema import NoiseTable, PriorsTable
 from bayeschute.study.schema.quantities import (
     Bounds,
@@ -50,6 +52,43 @@ class Column(Strict):
 
     column: Text
     unit: Annotated[str, BeforeValidator(lambda value: value if isinstance(value, str) else refuse("a unit"))]
+    scale: Annotated[float, number()] | None = None
+    offset: Annotated[float, number()] | None = None
+
+    def spec(self) -> ColumnSpec:
+        """As the reader of records takes it."""
+        scale, offset = (usual if x is None else x for x, usual in ((self.scale, 1.0), (self.offset, 0.0)))
+        return ColumnSpec(self.column, self.unit, scale, offset)
+
+
+class ConventionsTable(Strict):
+    """What columns of a record don't tell by name and unit, see `bayeschute.records.foreign.conventions`.
+
+    Attributes:
+        axes: Earth axes of the attitude and of columns named x, y, z, such as ``ENU``.
+        body_axes: The vehicle's x, y, z in terms of the record's body axes, such as ``-z y x``.
+        attitude: ``body to earth`` or ``earth to body``.
+        euler: Order of yaw, pitch and roll, such as ``zyx``.
+        wind_is: ``towards`` or ``from``.
+        repeated_times: Which row of several of one time is kept: ``first``, ``last``, ``mean``; None: refused.
+        sort_times: Whether rows are sorted by time.
+        clock_wraps: After how long the clock begins anew [s].
+        lacks: Components without a column, such as ``capsule_rate.y``.
+    """
+
+    axes: Text = "NED"
+    body_axes: Text = "x y z"
+    attitude: Text = "body to earth"
+    euler: Text = "zyx"
+    wind_is: Text | None = None
+    repeated_times: Text | None = None
+    sort_times: bool = False
+    clock_wraps: Time | None = None
+    lacks: tuple[Text, ...] = ()
+
+    def spec(self) -> Conventions:
+        """As the reader of records takes it."""
+        return Conventions(**self.model_dump())
 
 
 def _laws(names: tuple[str, ...]) -> tuple[str, ...]:
@@ -69,6 +108,7 @@ class FlightTable(Strict):
         file: Path of the record, relative to the study; ``${DATA}`` stands for the data folder.
         virtual: The drop to fly.
         columns: Columns of the record; None: those of the study.
+        conventions: Axes, senses and clock of the record; None: those of the study.
         window: First and last time used [s].
         rate: The record is resampled to this rate [Hz]; None: its own.
         capsule_mass: Replaces the vehicle's [kg].
@@ -85,6 +125,7 @@ class FlightTable(Strict):
     file: Text | None = None
     virtual: VirtualFlight | None = None
     columns: dict[str, Column] | None = None
+    conventions: ConventionsTable | None = None
     window: tuple[Time, Time] | None = None
     rate: Rate | None = None
     capsule_mass: Mass | None = None
@@ -101,7 +142,7 @@ class FlightTable(Strict):
         if self.file is not None and self.virtual is not None:
             refuse("either a file or a [flight.virtual] table", "both")
         if self.virtual is not None:
-            for key in ("columns", "rate"):
+            for key in ("columns", "conventions", "rate"):
                 if getattr(self, key) is not None:
                     refuse(f"no {key} beside [flight.virtual]", f"{key} of a virtual flight")
         if self.window is not None and not self.window[0] < self.window[1]:
@@ -189,6 +230,7 @@ class StudyFile(Strict):
         vehicle: Path of the vehicle file, relative to the study.
         seed: Of every random number.
         columns: Columns of all records that don't name their own.
+        conventions: Axes, senses and clocks of all records that don't tell their own.
         flight: The flights.
         structure: Selection of the structure (cluster).
         synthetic: Data made from published terms, to see whether a flight tells them (cluster).
@@ -204,6 +246,7 @@ class StudyFile(Strict):
     vehicle: Text | None = None
     seed: Annotated[int, whole(0, 2**32 - 1)]
     columns: dict[str, Column] | None = None
+    conventions: ConventionsTable | None = None
     flight: tuple[FlightTable, ...]
     structure: StructureTable | None = None
     synthetic: SyntheticTable | None = None
@@ -220,6 +263,7 @@ class FlightsFile(Strict):
     Attributes:
         vehicle: Path of the vehicle file, relative to this one; None: the posterior's vehicle.
         columns: Columns of all records that don't name their own.
+        conventions: Axes, senses and clocks of all records that don't tell their own.
         flight: The flights.
         predict: Predictions; None: as the posterior's study has them.
         requirement: Requirements.
@@ -227,6 +271,7 @@ class FlightsFile(Strict):
 
     vehicle: Text | None = None
     columns: dict[str, Column] | None = None
+    conventions: ConventionsTable | None = None
     flight: Annotated[tuple[FlightTable, ...], AfterValidator(_some)]
     predict: PredictTable | None = None
     requirement: tuple[RequirementTable, ...] = ()
