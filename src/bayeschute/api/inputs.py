@@ -350,14 +350,15 @@ class Flight:
             True
         """
         from bayeschute.api.plausibility import Plausibility
-        from bayeschute.study.plausible import judge
+        from bayeschute.study.plausible import judge, window_used
         from bayeschute.study.run.stage_data import as_read
 
         spec = self.spec
         virtual = spec.virtual is not None
         record = self.record if virtual else (as_read(spec) if self.raw is None else self.raw)
         vehicle = self.vehicle if self.study.model == "cluster" else None
-        window = None if virtual else spec.window
+        used = window_used(record, spec.window, spec.skip_first, () if virtual else spec.roles)
+        window = None if virtual else (used.start, used.end)
         found = judge(record, vehicle, spec.capsule_mass, window, spec.wind_profile)
         return Plausibility(self.name, found, record, spec.accept_implausible)
 

@@ -292,7 +292,8 @@ def _schema(targets: Mapping[str, _Target], said: Conventions) -> tuple[dict[str
     keys, faults = schema_keys([*(key for key in targets if key != "time"), *said.lacks], said)
     schema = {key: target for key in keys if isinstance(target := _target(key), _Target)}
     schema |= {"time": targets["time"]} if "time" in targets else {}
-    return schema, [*faults, *_map_faults(schema), *_count_of_canopies(schema)]
+    faults += [*_map_faults(schema), *_count_of_canopies(schema)]
+    return ({} if faults else schema), faults
 
 
 class _Maps(NamedTuple):
@@ -337,7 +338,7 @@ def _read(
         found, rows, merged = in_order(found, rows, said)
         wrong = time_faults(found["time"], place, rows)
         faults += wrong or _span_faults(found["time"], window, min_rows, where)
-    if faults or "time" not in found or len(found) < 2:
+    if faults or "time" not in found or len(found) < 2 or not maps.schema:
         return None, faults
     found |= {key: np.full(found["time"].size, np.nan) for key in said.lacks}
     made = in_schema_keys(found, said)

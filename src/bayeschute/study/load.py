@@ -13,7 +13,7 @@ from pydantic import TypeAdapter, ValidationError
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.records.foreign.conventions import Conventions
 from bayeschute.records.plausibility.verdict import Verdict
-from bayeschute.study.plausible import judge, told, warned
+from bayeschute.study.plausible import judge, told, warned, window_used
 from bayeschute.study.schema.columns import check_columns
 from bayeschute.study.schema.crosscheck import check_span, crosscheck
 from bayeschute.study.schema.draft import Draft
@@ -145,13 +145,16 @@ def _examine_record(draft: Draft, index: int, path: Path, found: Examined) -> No
             if specs or not fault.where.startswith("[columns")
         )
         return
-    time = record["time"].values
+    used = window_used(record, flight.window, flight.skip_first, flight.roles)
     if flight.window is None:
-        found.faults.extend(check_span(draft, index, float(time[0]), float(time[-1])))
+        found.faults.extend(check_span(draft, index, used.start, used.end))
+    found.windows[flight.name] = (used.start, used.end)
+    if used.words:
+        found.said[flight.name] = f"flight {flight.name!r}: {used.words}"
     found.records[flight.name] = record
     if draft.vehicle is None and draft.model != "descent":
         return  # its faults are told already
-    verdict = judge(record, draft.vehicle, flight.capsule_mass, flight.window, flight.wind_profile)
+    verdict = judge(record, draft.vehicle, flight.capsule_mass, (used.start, used.end), flight.wind_profile)
     where, accepted = f"{draft.file} flight {flight.name!r}", flight.accept_implausible
     found.verdicts[flight.name] = verdict
     found.faults.extend(told(verdict, where, accepted))

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayeschute.core.errors import Fault, InputError
+from bayeschute.records.descent_window import DescentWindow, descent_window
 from bayeschute.records.plausibility.evidence import Nominal, evidence_of
 from bayeschute.records.plausibility.reading import accepts
 from bayeschute.records.plausibility.verdict import Finding, Verdict, verdict
@@ -87,6 +88,27 @@ def judge(
     return verdict(evidence_of(record, known, window, None if profile is None else wind_by_altitude(profile)))
 
 
+def window_used(
+    record: xr.Dataset, window: tuple[float, float] | None, skip_first: float, roles: tuple[str, ...]
+) -> DescentWindow:
+    """First and last time of a record that are used: as the study says, or as found in the record.
+
+    A flight that is only predicted is used as long as it is, since little of its record need be known.
+
+    Args:
+        record: In SI, at its own times.
+        window: As the study says; None: it doesn't.
+        skip_first: What the study leaves out at the start [s]; where it does, the start is not sought.
+        roles: Of the flight.
+    """
+    time = record["time"].values
+    if window is not None:
+        return DescentWindow(*window, "")
+    if not {"structure", "identify"} & set(roles):
+        return DescentWindow(float(time[0]), float(time[-1]), "")
+    return descent_window(record, begins=skip_first <= 0.0)
+
+
 def told(found: Verdict, where: str, accepted: tuple[str, ...] = ()) -> list[Fault]:
     """Faults of a record that can't be true, one for each cause.
 
@@ -146,7 +168,8 @@ def refuse_implausible(study: Study, flight: Flight, raw: xr.Dataset) -> list[st
         InputError: With the likely causes.
     """
     vehicle = study.vehicle_of(flight) if study.model == "cluster" else None
-    found = judge(raw, vehicle, flight.capsule_mass, flight.window, flight.wind_profile)
+    used = window_used(raw, flight.window, flight.skip_first, flight.roles)
+    found = judge(raw, vehicle, flight.capsule_mass, (used.start, used.end), flight.wind_profile)
     where = f"flight {flight.name!r}"
     faults = told(found, where, flight.accept_implausible)
     if faults:

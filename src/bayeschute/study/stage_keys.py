@@ -18,7 +18,7 @@ from bayeschute.core.version import __version__
 from bayeschute.study.study import Study, canonical
 
 STAGES = ("ingest", "structure", "priors", "fit", "check", "predict", "risk", "report")
-ARTEFACT_VERSION = 4
+ARTEFACT_VERSION = 5
 """What stages leave for each other: one more where a program can't, or mustn't, go on from what an earlier one left."""
 USES: dict[str, tuple[str, ...]] = {
     "ingest": (),

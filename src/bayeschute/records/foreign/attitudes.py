@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from bayeschute.records.differentiate import savitzky_golay
 from bayeschute.records.foreign.conventions import Conventions
 
 Array = NDArray[np.float64]
@@ -68,6 +67,8 @@ def rate_of_attitude(time: Array, q: Array) -> Array:
         time: (T,) [s].
         q: Attitude without jumps (T, 4).
     """
+    from bayeschute.records.differentiate import savitzky_golay  # imports SciPy
+
     seen = np.asarray(np.isfinite(q).all(axis=1))
     if seen.sum() < 10:
         return np.full((len(q), 3), np.nan)

@@ -25,7 +25,7 @@ from bayeschute.study.assembly.canopy_wind import with_wind
 from bayeschute.study.assembly.fitted_terms import in_order, of_library, of_selected
 from bayeschute.study.job import Job
 from bayeschute.study.load import Study
-from bayeschute.study.plausible import refuse_implausible
+from bayeschute.study.plausible import refuse_implausible, window_used
 from bayeschute.study.study import Flight
 from bayeschute.virtual.drop import fly
 
@@ -127,7 +127,13 @@ def ingest_flight(job: Job, flight: Flight, raw: xr.Dataset | None = None) -> xr
 def prepared(study: Study, flight: Flight, raw: xr.Dataset) -> xr.Dataset:
     """A record as read, ready to be used: cleaned, on a uniform clock, with what it implies."""
     rate = flight.rate or 1.0 / float(np.median(np.diff(raw["time"].values)))
-    record = clean(raw, rate, flight.window, flight.skip_first)
+    window = flight.window
+    if flight.virtual is None:
+        used = window_used(raw, flight.window, flight.skip_first, flight.roles)
+        window = (used.start, used.end)
+        if used.words:
+            raw = with_repairs(raw, [Repair("skipped", "", used.start, used.end, 0, used.words)])
+    record = clean(raw, rate, window, flight.skip_first)
     if flight.remove_velocity_bias:
         record, _ = remove_velocity_bias(record)
     record = record if study.model == "cluster" and flight.virtual is not None else derive(record)
