@@ -242,8 +242,8 @@ def check(
 
             title = found.study.title if found.study is not None else study.stem
             write_record_page(
-                report, title, found.verdicts, [str(one) for one in found.faults], found.windows, found.said
-            )
+                report, title, found.verdicts, [str(one) for one in found.faults], found.windows, found.said, found.records
+            )  # fmt: skip
             say(f"Report: {report}")
         for line in found.warnings:
             say(f"warning: {line}", error=True)

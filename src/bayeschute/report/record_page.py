@@ -10,6 +10,7 @@ from html import escape
 from pathlib import Path
 
 import matplotlib as mpl
+import xarray as xr
 
 from bayeschute.core.files import write_whole
 from bayeschute.records.plausibility.verdict import Finding, Verdict
@@ -33,8 +34,8 @@ def _row(one: Finding) -> str:
     return f"<tr>{marked}</tr>"
 
 
-def _picture(verdict: Verdict, window: tuple[float, float] | None) -> str:
-    figure, file = plausibility_figure(verdict, window), io.BytesIO()
+def _picture(verdict: Verdict, window: tuple[float, float] | None, record: xr.Dataset | None) -> str:
+    figure, file = plausibility_figure(verdict, window, record), io.BytesIO()
     with mpl.rc_context(STYLE):
         figure.savefig(file, format="svg", metadata={"Date": None})
     data = base64.b64encode(file.getvalue()).decode("ascii")
@@ -42,7 +43,9 @@ def _picture(verdict: Verdict, window: tuple[float, float] | None) -> str:
     return f'<img alt="{alt}" src="data:image/svg+xml;base64,{data}">'
 
 
-def _flight(name: str, verdict: Verdict, window: tuple[float, float] | None, said: str) -> str:
+def _flight(
+    name: str, verdict: Verdict, window: tuple[float, float] | None, said: str, record: xr.Dataset | None
+) -> str:
     out = [f"<h2>{escape(name)}</h2>", f"<p>{escape(said)}</p>" if said else ""]
     out += [f'<p class="cause">Likely cause: {escape(cause)}</p>' for cause in verdict.causes]
     if verdict.findings:
@@ -50,7 +53,7 @@ def _flight(name: str, verdict: Verdict, window: tuple[float, float] | None, sai
         out.append(f"<table><tr>{head}</tr>{''.join(map(_row, verdict.findings))}</table>")
     else:
         out.append(f"<p>All {len(verdict.readings)} laws that could be tried are kept.</p>")
-    return "".join([*out, _picture(verdict, window)])
+    return "".join([*out, _picture(verdict, window, record)])
 
 
 def write_record_page(
@@ -60,6 +63,7 @@ def write_record_page(
     faults: Sequence[str] = (),
     windows: Mapping[str, tuple[float, float]] = {},
     said: Mapping[str, str] = {},
+    records: Mapping[str, xr.Dataset] = {},
 ) -> Path:
     """Write the page.
 
@@ -70,9 +74,12 @@ def write_record_page(
         faults: Every fault of the study, as text.
         windows: First and last time used, by flight [s].
         said: A sentence on the window, by flight.
+        records: As read, by flight; of one that is missing, the times used are drawn.
     """
     listed = "".join(f'<li class="fault">{escape(one)}</li>' for one in faults)
-    body = "".join(_flight(name, one, windows.get(name), said.get(name, "")) for name, one in verdicts.items())
+    body = "".join(
+        _flight(name, one, windows.get(name), said.get(name, ""), records.get(name)) for name, one in verdicts.items()
+    )
     text = (
         f'<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>'
         f"<style>{_STYLE}</style></head><body><h1>Records of {escape(title)}</h1>"

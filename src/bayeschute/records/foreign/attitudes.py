@@ -60,12 +60,13 @@ def in_schema(q: Array, said: Conventions) -> Array:
     return made
 
 
-def rate_of_attitude(time: Array, q: Array) -> Array:
+def rate_of_attitude(time: Array, q: Array, length: float = _SMOOTHING) -> Array:
     """Angular rate about the body axes (T, 3) [rad/s], by local quadratics; NaN where the attitude is missing.
 
     Args:
         time: (T,) [s].
         q: Attitude without jumps (T, 4).
+        length: Of the local quadratics [s].
     """
     from bayeschute.records.differentiate import savitzky_golay  # imports SciPy
 
@@ -75,7 +76,7 @@ def rate_of_attitude(time: Array, q: Array) -> Array:
     step = float(np.median(np.diff(time[seen])))
     even = np.arange(time[seen][0], time[seen][-1] + 0.5 * step, step)
     filled = np.stack([np.interp(even, time[seen], x[seen]) for x in q.T], axis=1)
-    window = max(5, 2 * round(0.5 * _SMOOTHING / step) + 1)
+    window = max(5, 2 * round(0.5 * length / step) + 1)
     window = min(window, 2 * ((len(even) - 1) // 2) + 1)
     change = np.stack([savitzky_golay(x, step, window) for x in filled.T], axis=1)
     turning = 2.0 * product(filled * np.array([1.0, -1.0, -1.0, -1.0]), change)[:, 1:]

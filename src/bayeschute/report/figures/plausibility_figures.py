@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
+import xarray as xr
 from matplotlib.figure import Figure
 
 from bayeschute.atmosphere.standard import HIGHEST, LOWEST, STANDARD_GRAVITY, standard_density
-from bayeschute.records.plausibility.evidence import Evidence, slope, turned
+from bayeschute.records.plausibility.evidence import Evidence, evidence_of, slope, turned
 from bayeschute.records.plausibility.reading import FAULT, WARNING
 from bayeschute.records.plausibility.verdict import Verdict
 from bayeschute.report.figures.canvas import BLUE, GREEN, INK, ORANGE, PURPLE, SHADE, SKY, VERMILION, sheet, styled
@@ -35,7 +37,7 @@ class Panel(NamedTuple):
     curves: list[Curve]
 
 
-def _velocities(e: Evidence) -> list[Panel]:
+def _velocities(e: Evidence, used: Evidence) -> list[Panel]:
     if e.velocity is None:
         return []
     k, found = e.samples(_LAG), []
@@ -46,8 +48,8 @@ def _velocities(e: Evidence) -> list[Panel]:
             curves.append(Curve("d(position)/dt", middle, slope(e.position[:, j], k, e.step), ORANGE, True))
         if e.wind is not None and j < 2:
             curves.append(Curve("wind", e.time, e.wind[:, j], GREEN))
-        elif e.profile is not None and j < 2:
-            curves.append(Curve("wind by altitude", e.time, e.profile[:, j], GREEN))
+        elif used.profile is not None and j < 2:
+            curves.append(Curve("wind by altitude", used.time, used.profile[:, j], GREEN))
         found.append(Panel(f"Velocity {axis}", "m/s", curves))
     return found
 
@@ -141,25 +143,29 @@ def _cells(e: Evidence) -> list[Panel]:
     return [Panel("Load cells", "N", curves)]
 
 
-def panels(e: Evidence) -> list[Panel]:
-    """What a record allows to be drawn."""
+def panels(e: Evidence, used: Evidence) -> list[Panel]:
+    """What a record allows to be drawn: all of it, and the wind by altitude over the times used."""
     with np.errstate(invalid="ignore"):
-        kinds = (_heights, _velocities, _forces, _rates, _distances, _cells, _densities)
+        kinds = (_heights, partial(_velocities, used=used), _forces, _rates, _distances, _cells, _densities)
         return [panel for kind in kinds for panel in kind(e)]
 
 
 @styled
-def plausibility_figure(verdict: Verdict, window: tuple[float, float] | None = None) -> Figure:
+def plausibility_figure(
+    verdict: Verdict, window: tuple[float, float] | None = None, record: xr.Dataset | None = None
+) -> Figure:
     """The record with what its laws compare, and how far each law is from its limit.
 
     Args:
         verdict: What the laws say.
-        window: Times used [s], drawn light; None: all.
+        window: Times used [s]; what lies outside is shaded. None: all.
+        record: The whole record; None: only the times used are drawn.
 
     Returns:
         One panel a channel, two beside each other, and below a bar for every law.
     """
-    shown = panels(verdict.evidence)
+    used = verdict.evidence
+    shown = panels(used if record is None else evidence_of(record, used.vehicle), used)
     laws = sorted(verdict.readings, key=lambda r: r.excess)
     rows = (len(shown) + 1) // 2
     tall = 0.17 * len(laws) + 0.7
