@@ -57,12 +57,14 @@ def _free_folder(out: Path) -> None:
 
 
 def _sound(study: Path, data: Path | None) -> None:
-    """Refuse a study that has any fault, its records read in full."""
-    from bayeschute.study.load import check_study
+    """Refuse a study that has any fault, its records read in full and tried for their physics; say warnings."""
+    from bayeschute.study.load import examine_study
 
-    faults = check_study(study, data)
-    if faults:
-        raise InputError(faults)
+    found = examine_study(study, data)
+    for line in found.warnings:
+        say(f"warning: {line}", error=True)
+    if found.faults:
+        raise InputError(found.faults)
 
 
 @app.command()
@@ -241,9 +243,8 @@ def check(
             from bayeschute.report.record_page import write_record_page
 
             title = found.study.title if found.study is not None else study.stem
-            write_record_page(
-                report, title, found.verdicts, [str(one) for one in found.faults], found.windows, found.said, found.records
-            )  # fmt: skip
+            faults = [str(one) for one in found.faults]
+            write_record_page(report, title, found.verdicts, faults, found.windows, found.said, found.records)
             say(f"Report: {report}")
         for line in found.warnings:
             say(f"warning: {line}", error=True)
