@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from bayeschute.api.beliefs import Priors, Structure
     from bayeschute.api.curve import Curve
     from bayeschute.api.inputs import Flight, Flights, Motion, Study, load_vehicle, noise, wind_profile
+    from bayeschute.api.plausibility import Plausibility
     from bayeschute.api.results import Fit, Forecast, Posterior, Probability, Run
     from bayeschute.api.verbs import (
         Coverage,
@@ -41,6 +42,7 @@ _PLACES = {
     "api.beliefs": ("Priors", "Structure"),
     "api.curve": ("Curve",),
     "api.inputs": ("Flight", "Flights", "Motion", "Study", "load_vehicle", "noise", "wind_profile"),
+    "api.plausibility": ("Plausibility",),
     "api.results": ("Fit", "Forecast", "Posterior", "Probability", "Run"),
     "api.verbs": (
         "Coverage", "calibrate", "fit", "numpyro_model", "read_record", "reconstruct", "run", "sample", "scenarios",
@@ -68,6 +70,7 @@ __all__ = [
     "Forecast",
     "InputError",
     "Motion",
+    "Plausibility",
     "Posterior",
     "Prior",
     "Priors",

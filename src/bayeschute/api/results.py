@@ -39,7 +39,7 @@ from bayeschute.study.assembly.lessons import lessons
 from bayeschute.study.evidence.recalibrate import widening
 from bayeschute.study.job import Progress
 from bayeschute.study.run.forecasts import forecast_flight, widened
-from bayeschute.study.run.stage_data import ingest_flight
+from bayeschute.study.run.stage_data import ingest_flight, read_and_judge
 from bayeschute.study.run.stage_fit import Fitted
 from bayeschute.study.run.stage_results import recorded_quantities
 from bayeschute.study.schema.belief_schema import NoiseTable
@@ -421,7 +421,7 @@ class Posterior:
             spec = replace(spec, flights=(*spec.flights, asked))
         with workspace(spec, self.files) as job:
             if own is None:
-                ingest_flight(job, asked, flight.raw)
+                ingest_flight(job, asked, read_and_judge(job, asked, flight.raw))
             foreseen = widened(forecast_flight(job, own or asked), widening(job))
             recorded = recorded_quantities(job, foreseen.flight, foreseen.record)
         return Forecast.of(foreseen, recorded, self._json("checks.json"))
