@@ -15,8 +15,11 @@ from bayeschute.core.version import __version__
 if TYPE_CHECKING:
     from bayeschute.api.beliefs import Priors, Structure
     from bayeschute.api.curve import Curve
+    from bayeschute.api.fitted import Fit
+    from bayeschute.api.forecast import Forecast, Probability
     from bayeschute.api.inputs import Flight, Flights, Motion, Study, load_vehicle, noise, wind_profile
-    from bayeschute.api.results import Fit, Forecast, Posterior, Probability, Run
+    from bayeschute.api.posterior import Posterior
+    from bayeschute.api.run_folder import Run
     from bayeschute.api.verbs import (
         Coverage,
         calibrate,
@@ -41,7 +44,10 @@ _PLACES = {
     "api.beliefs": ("Priors", "Structure"),
     "api.curve": ("Curve",),
     "api.inputs": ("Flight", "Flights", "Motion", "Study", "load_vehicle", "noise", "wind_profile"),
-    "api.results": ("Fit", "Forecast", "Posterior", "Probability", "Run"),
+    "api.fitted": ("Fit",),
+    "api.forecast": ("Forecast", "Probability"),
+    "api.posterior": ("Posterior",),
+    "api.run_folder": ("Run",),
     "api.verbs": (
         "Coverage", "calibrate", "fit", "numpyro_model", "read_record", "reconstruct", "run", "sample", "scenarios",
         "select_structure",
