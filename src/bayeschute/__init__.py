@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from bayeschute.api.fitted import Fit
     from bayeschute.api.forecast import Forecast, Probability
     from bayeschute.api.inputs import Flight, Flights, Motion, Study, load_vehicle, noise, wind_profile
+    from bayeschute.api.plausibility import Plausibility
     from bayeschute.api.posterior import Posterior
     from bayeschute.api.run_folder import Run
     from bayeschute.api.verbs import (
@@ -48,6 +49,7 @@ _PLACES = {
     "api.forecast": ("Forecast", "Probability"),
     "api.posterior": ("Posterior",),
     "api.run_folder": ("Run",),
+    "api.plausibility": ("Plausibility",),
     "api.verbs": (
         "Coverage", "calibrate", "fit", "numpyro_model", "read_record", "reconstruct", "run", "sample", "scenarios",
         "select_structure",
@@ -74,6 +76,7 @@ __all__ = [
     "Forecast",
     "InputError",
     "Motion",
+    "Plausibility",
     "Posterior",
     "Prior",
     "Priors",

@@ -58,12 +58,14 @@ def _free_folder(out: Path) -> None:
 
 
 def _sound(study: Path, data: Path | None) -> None:
-    """Refuse a study that has any fault, its records read in full."""
-    from bayeschute.study.load import check_study
+    """Refuse a study that has any fault, its records read in full and tried for their physics; say warnings."""
+    from bayeschute.study.load import examine_study
 
-    faults = check_study(study, data)
-    if faults:
-        raise InputError(faults)
+    found = examine_study(study, data)
+    for line in found.warnings:
+        say(f"warning: {line}", error=True)
+    if found.faults:
+        raise InputError(found.faults)
 
 
 @app.command()
@@ -250,10 +252,31 @@ def _label_and_failures(summary: dict[str, Any]) -> tuple[str, list[str]]:
 
 
 @app.command()
-def check(study: StudyPath, data: DataDir = None) -> None:
-    """Check a study and its files, and list all faults at once."""
+def check(
+    study: StudyPath,
+    report: Annotated[
+        Path | None, typer.Option("--report", metavar="FILE", help="Draw the records, before any fit (one HTML file).")
+    ] = None,
+    data: DataDir = None,
+) -> None:
+    """Check a study and its files, list all faults at once, and test the records against physical laws."""
     with reporting_faults():
-        _sound(study, data)
+        from bayeschute.study.load import examine_study
+
+        found = examine_study(study, data)
+        if report is not None:
+            from bayeschute.report.record_page import write_record_page
+
+            title = found.study.title if found.study is not None else study.stem
+            faults = [str(one) for one in found.faults]
+            write_record_page(report, title, found.verdicts, faults, found.windows, found.said, found.records)
+            say(f"Report: {report}")
+        for line in found.warnings:
+            say(f"warning: {line}", error=True)
+        if found.faults:
+            raise InputError(found.faults)
+        for line in found.said.values():
+            say(line)
         say(f"{study}: no fault found")
 
 

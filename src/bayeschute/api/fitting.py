@@ -24,7 +24,7 @@ T = TypeVar("T")
 
 @contextmanager
 def shown(progress: Progress | bool | None) -> Iterator[Progress | None]:
-    """What progress is told to: a function, or bars in the terminal where it is true."""
+    """Progress callback: a function, or progress bars in the terminal if True."""
     if progress is True:
         from bayeschute.console import Bars
 
@@ -63,10 +63,10 @@ def spec_of(flights: Sequence[Flight], roles: tuple[str, ...]) -> StudySpec:
 
 def ingest(job: Job, flights: Sequence[Flight]) -> None:
     """Records of flights, ready to be used."""
-    from bayeschute.study.run.stage_data import ingest_flight
+    from bayeschute.study.run.stage_data import ingest_flight, read_and_judge
 
     for spec, flight in zip(job.study.flights, flights, strict=True):
-        ingest_flight(job, spec, flight.raw)
+        ingest_flight(job, spec, read_and_judge(job, spec, flight.raw))
 
 
 def fitted_flights(

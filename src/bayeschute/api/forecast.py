@@ -22,7 +22,7 @@ from bayeschute.prediction.requirement import requirement_check
 from bayeschute.study.evidence.recalibrate import widening
 from bayeschute.study.job import Job
 from bayeschute.study.run.forecasts import forecast_flight, widened
-from bayeschute.study.run.stage_data import ingest_flight
+from bayeschute.study.run.stage_data import ingest_flight, read_and_judge
 from bayeschute.study.run.stage_results import recorded_quantities
 from bayeschute.study.study import Flight as FlightSpec
 from bayeschute.study.study import Study
@@ -256,5 +256,5 @@ def forecast(spec: Study, files: Files, flight: Flight, draws: int | None, seed:
         spec = replace(spec, flights=(*spec.flights, asked))
     with workspace(spec, files) as job:
         if fitted is None:
-            ingest_flight(job, asked, flight.raw)
+            ingest_flight(job, asked, read_and_judge(job, asked, flight.raw))
         return forecast_of(job, fitted or asked)

@@ -34,6 +34,7 @@ from bayeschute.study.templates import template
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from bayeschute.api.plausibility import Plausibility
     from bayeschute.reduced.cluster_modes import ClusterModes
 
 
@@ -240,6 +241,7 @@ class Flight:
         capsule_mass: str | float | None = None,
         identify_until: str | None = None,
         roles: Sequence[str] = ("structure", "identify"),
+        accept_implausible: Sequence[str] = (),
     ) -> None:
         """A flight from a record in memory.
 
@@ -253,6 +255,7 @@ class Flight:
             capsule_mass: Replaces the vehicle's [kg].
             identify_until: End of the fitted part, such as ``"75 s"`` or ``"65 %"``; the rest is held out.
             roles: Of ``structure``, ``identify``, ``predict``.
+            accept_implausible: Laws of plausibility, or groups of them, that the record may break.
         """
         usual = usual_study("cluster" if vehicle is not None else "descent")
         spec = FlightSpec(
@@ -263,6 +266,7 @@ class Flight:
             capsule_mass=None if capsule_mass is None else _si(capsule_mass, "kg"),
             wind_profile=wind,
             identify_until=None if identify_until is None else _cut(identify_until),
+            accept_implausible=tuple(accept_implausible),
         )
         self._set(spec, replace(usual, flights=(spec,), vehicle=vehicle, title=name), record)
 
@@ -279,7 +283,15 @@ class Flight:
 
     def changed(self, *, vehicle: Vehicle | None = None, **values: Any) -> Flight:
         """The flight with another vehicle, name, payload (`capsule_mass` [kg]), window [s], wind profile or roles."""
-        unknown = set(values) - {"name", "capsule_mass", "window", "wind_profile", "roles", "skip_first"}
+        unknown = set(values) - {
+            "name",
+            "capsule_mass",
+            "window",
+            "wind_profile",
+            "roles",
+            "skip_first",
+            "accept_implausible",
+        }
         if unknown:
             raise InputError(Fault("Flight.changed", ", ".join(sorted(unknown)), "a field of a flight"))
         spec = replace(self.spec, **values) if vehicle is None else replace(self.spec, vehicle=vehicle, **values)
@@ -329,6 +341,26 @@ class Flight:
     def repairs(self) -> tuple[Repair, ...]:
         """Samples and variables that were dropped, interpolated, derived or assumed."""
         return repairs(self.record)
+
+    def plausibility(self) -> Plausibility:
+        """What looks wrong about the record's axes, units, signs, clocks and sizes, before anything is fitted.
+
+        Example:
+            >>> bc.Study.example().flights[0].plausibility().ok
+            True
+        """
+        from bayeschute.api.plausibility import Plausibility
+        from bayeschute.study.plausible import judge, window_used
+        from bayeschute.study.run.stage_data import as_read
+
+        spec = self.spec
+        virtual = spec.virtual is not None
+        record = self.record if virtual else (as_read(spec) if self.raw is None else self.raw)
+        vehicle = self.vehicle if self.study.model == "cluster" else None
+        used = window_used(record, spec.window, spec.skip_first, () if virtual else spec.roles)
+        window = None if virtual else (used.start, used.end)
+        found = judge(record, vehicle, spec.capsule_mass, window, spec.wind_profile)
+        return Plausibility(self.name, found, record, spec.accept_implausible)
 
     def plot(self) -> Figure:
         """The record over time, one panel a channel."""

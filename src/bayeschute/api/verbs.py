@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,22 +19,28 @@ from bayeschute.api.posterior import Posterior
 from bayeschute.api.run_folder import Run
 from bayeschute.api.workspace import workspace
 from bayeschute.core.errors import Fault, InputError
+from bayeschute.records.foreign.conventions import Conventions
 from bayeschute.records.read import ColumnSpec
 from bayeschute.records.read import read_record as read_columns
 from bayeschute.study.job import Progress
 from bayeschute.study.schema.belief_schema import NoiseTable
 from bayeschute.study.schema.structure_schema import StructureTable
 
-Columns = Mapping[str, tuple[str, str]]
+Columns = Mapping[str, tuple[str, str] | tuple[str, str, float] | tuple[str, str, float, float]]
 
 
-def read_record(path: Path | str, columns: Columns | None = None) -> xr.Dataset:
+def read_record(path: Path | str, columns: Columns | None = None, **conventions: Any) -> xr.Dataset:
     """Read a flight record: CSV, CSV.gz or Parquet with a column map, or NetCDF in the package's own schema.
 
     Args:
         path: The file.
         columns: By quantity (``time``, ``altitude``, ``capsule_position.north``, ``canopy_position.1.down``,
-            ``capsule_attitude.w``, ...) the column's name and its unit there.
+            ``capsule_attitude.w``, ...) the column's name and its unit there; where needed, gain and offset after it.
+            Also ``capsule_position.up``, ``.west``, ...; ``capsule_attitude.yaw``, ``.pitch``, ``.roll``;
+            ``wind.speed`` and ``wind.direction``; ``time.week``; time in ``"iso"``.
+        conventions: What names and units don't tell, as `bayeschute.records.foreign.conventions.Conventions` has it:
+            ``axes="ENU"``, ``body_axes="-z y x"``, ``attitude="earth to body"``, ``euler="zyx"``, ``wind_is="from"``,
+            ``repeated_times="mean"``, ``sort_times=True``, ``clock_wraps=604800.0``, ``lacks=("capsule_rate.y",)``.
 
     Returns:
         The record in SI at its recorded times.
@@ -46,7 +52,12 @@ def read_record(path: Path | str, columns: Columns | None = None) -> xr.Dataset:
         >>> import bayeschute as bc
         >>> record = bc.read_record("drop.csv", {"time": ("t", "s"), "altitude": ("h", "ft")})  # doctest: +SKIP
     """
-    return read_columns(path, {k: ColumnSpec(*c) for k, c in columns.items()} if columns else None)
+    unknown = sorted(set(conventions) - {field.name for field in fields(Conventions)})
+    if unknown:
+        known = ", ".join(field.name for field in fields(Conventions))
+        raise InputError([Fault("read_record", f"{name!r}", f"one of {known}") for name in unknown])
+    specs = {k: ColumnSpec(*c) for k, c in columns.items()} if columns else None
+    return read_columns(path, specs, conventions=Conventions(**conventions))
 
 
 def reconstruct(flight: Flight) -> Motion:

@@ -13,7 +13,7 @@ from bayeschute.study.schema.belief_schema import NoiseTable, PriorsTable
 from bayeschute.study.schema.knowledge.knowledge_schema import KnowledgeTable
 from bayeschute.study.schema.quantities import Cut, Strict
 from bayeschute.study.schema.structure_schema import StructureTable, SyntheticTable
-from bayeschute.study.schema.study_schema import Column, PredictTable, RequirementTable, SamplerTable
+from bayeschute.study.schema.study_schema import Column, ConventionsTable, PredictTable, RequirementTable, SamplerTable
 from bayeschute.study.schema.vehicle_schema import Vehicle
 from bayeschute.study.schema.virtual_schema import VirtualFlight
 from bayeschute.study.schema.wind_schema import ProfileTable
@@ -29,6 +29,7 @@ class Flight:
         path: The record; None for a virtual drop.
         virtual: The drop to fly; None for a record.
         columns: Column and unit by variable; empty for a virtual drop or a record in the schema's own names.
+        conventions: Axes, senses and clock of the record; None: those of the schema.
         window: First and last time used [s]; None: all.
         rate: Sampling rate to which the record is resampled [Hz]; None: that of the record.
         capsule_mass: Replaces the vehicle's [kg]; None: the vehicle's.
@@ -37,6 +38,7 @@ class Flight:
         remove_velocity_bias: Whether constant biases of the recorded velocity are removed.
         wind_profile: Wind by altitude; None: canopies meet the capsule's wind.
         vehicle: Its vehicle, where that is not the study's.
+        accept_implausible: Laws of plausibility, or groups of them, that its record may break.
     """
 
     name: str
@@ -44,6 +46,7 @@ class Flight:
     path: Path | None = None
     virtual: VirtualFlight | None = None
     columns: Mapping[str, Column] = field(default_factory=dict)
+    conventions: ConventionsTable | None = None
     window: tuple[float, float] | None = None
     rate: float | None = None
     capsule_mass: float | None = None
@@ -52,6 +55,7 @@ class Flight:
     remove_velocity_bias: bool = False
     wind_profile: ProfileTable | None = None
     vehicle: Vehicle | None = None
+    accept_implausible: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -114,7 +118,8 @@ def canonical(study: Study) -> dict[str, Any]:
         # Unset options are omitted, so that options added later do not change the hashes of present studies.
         return value.model_dump(exclude_none=True) if isinstance(value, Strict) else vars(value)
 
-    layout, usual = ("path", "vehicle_path", "text", "vehicle_text"), ("vehicle",)
+    layout, usual = ("path", "vehicle_path", "text", "vehicle_text"), ("vehicle", "conventions")
+    of_no_result = ("path", "accept_implausible")
     said = {key: value for key, value in vars(study).items() if key not in layout}
     if not study.knowledge:
         del said["knowledge"]
@@ -122,7 +127,7 @@ def canonical(study: Study) -> dict[str, Any]:
         named = {"file", "columns", "points"}
         said["knowledge"] = [k.model_dump(exclude_none=True, exclude=named) for k in study.knowledge]
     said["flights"] = [
-        {k: v for k, v in vars(flight).items() if k != "path" and not (k in usual and v is None)}
+        {k: v for k, v in vars(flight).items() if k not in of_no_result and not (k in usual and v is None)}
         | {"record": file_hash(flight.path) if flight.path else None}
         for flight in study.flights
     ]

@@ -18,7 +18,8 @@ from bayeschute.likelihood.priors import Prior
 from bayeschute.records.back_driving import remove_velocity_bias
 from bayeschute.records.clean import clean
 from bayeschute.records.derive import derive
-from bayeschute.records.read import ColumnSpec, read_record
+from bayeschute.records.foreign.conventions import Conventions
+from bayeschute.records.read import read_record
 from bayeschute.records.record import Repair, repairs, with_repairs, write_record
 from bayeschute.study.aerodynamics.known import informed
 from bayeschute.study.assembly import assemble, canopies
@@ -26,6 +27,7 @@ from bayeschute.study.assembly.canopy_wind import with_wind
 from bayeschute.study.assembly.fitted_terms import in_order, of_library, of_selected
 from bayeschute.study.job import Job
 from bayeschute.study.load import Study
+from bayeschute.study.plausible import refuse_implausible, window_used
 from bayeschute.study.study import Flight
 from bayeschute.virtual.drop import fly
 
@@ -64,10 +66,38 @@ def ingest(job: Job) -> str:
     """Read or simulate every record, clean it, derive further quantities, store it."""
     listed, flights = 0, job.study.flights
     for i, flight in enumerate(flights):
-        record = ingest_flight(job, flight)
+        raw = read_and_judge(job, flight)
+        record = ingest_flight(job, flight, raw)
         listed += sum(r.kind not in ("resampled", "derived", "assumed") for r in repairs(record))
         job.say("ingest")((i + 1) / len(flights), flight.name)
     return f"{len(flights)} flights, {listed} repairs listed"
+
+
+def read_and_judge(job: Job, flight: Flight, raw: xr.Dataset | None = None) -> xr.Dataset | None:
+    """A flight's record as read, refused where it can't be true; warnings go to the log. None of a virtual flight.
+
+    Args:
+        job: The run.
+        flight: The flight.
+        raw: Its record as read; None: it is read from its file.
+
+    Raises:
+        InputError: Where the record breaks physical laws that its flight does not accept, with the likely causes.
+    """
+    if flight.virtual is not None:
+        return None
+    record = as_read(flight) if raw is None else raw
+    for line in refuse_implausible(job.study, flight, record):
+        job.say("ingest")(0.0, f"warning: {line}")
+    return record
+
+
+def as_read(flight: Flight) -> xr.Dataset:
+    """The record of a flight's file, at its own times."""
+    assert flight.path is not None
+    columns = {name: column.spec() for name, column in flight.columns.items()}
+    said = Conventions() if flight.conventions is None else flight.conventions.spec()
+    return read_record(flight.path, columns or None, flight.window, conventions=said)
 
 
 def ingest_flight(job: Job, flight: Flight, raw: xr.Dataset | None = None) -> xr.Dataset:
@@ -85,9 +115,7 @@ def ingest_flight(job: Job, flight: Flight, raw: xr.Dataset | None = None) -> xr
     if flight.virtual is not None:
         raw, truth = flown(study, flight, assemble.flight_seed(study, flight), job.quick)
     elif raw is None:
-        assert flight.path is not None
-        columns = {k: ColumnSpec(c.column, c.unit) for k, c in flight.columns.items()}
-        raw = read_record(flight.path, columns or None, flight.window)
+        raw = as_read(flight)
     record = prepared(study, flight, raw)
     if truth is not None:
         last = truth["time"].values[[0, -1]]  # rounding may put a record's last time beyond the truth's
@@ -101,7 +129,13 @@ def ingest_flight(job: Job, flight: Flight, raw: xr.Dataset | None = None) -> xr
 def prepared(study: Study, flight: Flight, raw: xr.Dataset) -> xr.Dataset:
     """A record prepared for use: cleaned, uniformly sampled, with derived quantities."""
     rate = flight.rate or 1.0 / float(np.median(np.diff(raw["time"].values)))
-    record = clean(raw, rate, flight.window, flight.skip_first)
+    window = flight.window
+    if flight.virtual is None:
+        used = window_used(raw, flight.window, flight.skip_first, flight.roles)
+        window = (used.start, used.end)
+        if used.words:
+            raw = with_repairs(raw, [Repair("skipped", "", used.start, used.end, 0, used.words)])
+    record = clean(raw, rate, window, flight.skip_first)
     if flight.remove_velocity_bias:
         record, _ = remove_velocity_bias(record)
     record = record if study.model == "cluster" and flight.virtual is not None else derive(record)
