@@ -15,9 +15,12 @@ from bayeschute.core.version import __version__
 if TYPE_CHECKING:
     from bayeschute.api.beliefs import Priors, Structure
     from bayeschute.api.curve import Curve
+    from bayeschute.api.fitted import Fit
+    from bayeschute.api.forecast import Forecast, Probability
     from bayeschute.api.inputs import Flight, Flights, Motion, Study, load_vehicle, noise, wind_profile
     from bayeschute.api.plausibility import Plausibility
-    from bayeschute.api.results import Fit, Forecast, Posterior, Probability, Run
+    from bayeschute.api.posterior import Posterior
+    from bayeschute.api.run_folder import Run
     from bayeschute.api.verbs import (
         Coverage,
         calibrate,
@@ -42,8 +45,11 @@ _PLACES = {
     "api.beliefs": ("Priors", "Structure"),
     "api.curve": ("Curve",),
     "api.inputs": ("Flight", "Flights", "Motion", "Study", "load_vehicle", "noise", "wind_profile"),
+    "api.fitted": ("Fit",),
+    "api.forecast": ("Forecast", "Probability"),
+    "api.posterior": ("Posterior",),
+    "api.run_folder": ("Run",),
     "api.plausibility": ("Plausibility",),
-    "api.results": ("Fit", "Forecast", "Posterior", "Probability", "Run"),
     "api.verbs": (
         "Coverage", "calibrate", "fit", "numpyro_model", "read_record", "reconstruct", "run", "sample", "scenarios",
         "select_structure",

@@ -149,7 +149,7 @@ def fit(
             raise InputError(Fault(f"--out {path}", "a file that is there already", "a new file", do))
         _sound(study, data)
         from bayeschute.api.inputs import Study
-        from bayeschute.api.results import Posterior
+        from bayeschute.api.posterior import Posterior
         from bayeschute.api.verbs import fit as fit_flights
         from bayeschute.api.verbs import sample
         from bayeschute.core.errors import FitError

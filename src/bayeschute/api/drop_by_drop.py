@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from bayeschute.aero.coefficient import is_coefficient
 from bayeschute.api.beliefs import Priors
 from bayeschute.api.inputs import Flight
 from bayeschute.core.errors import Fault, InputError
@@ -78,7 +79,7 @@ def next_priors(made: Priors, spec: StudySpec, taught: Sequence[str], flights: S
         return made
     from bayeschute.study.run.stage_data import given_priors
 
-    aerodynamic = tuple(p for p in made.parameters if "[" in p.name)
+    aerodynamic = tuple(p for p in made.parameters if is_coefficient(p.name))
     fresh = tuple(p for p in given_priors(flights[0].study) if p.name not in [q.name for q in aerodynamic])
     return replace(made, parameters=(*aerodynamic, *fresh))
 

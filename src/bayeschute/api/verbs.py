@@ -12,9 +12,11 @@ import xarray as xr
 
 from bayeschute.api import html
 from bayeschute.api.beliefs import Priors, Structure
+from bayeschute.api.fitted import Fit
 from bayeschute.api.fitting import chosen, drawn, fitted_flights, ingest, sampling, shown, spec_of
 from bayeschute.api.inputs import Flight, Flights, Motion, Study
-from bayeschute.api.results import Fit, Posterior, Run
+from bayeschute.api.posterior import Posterior
+from bayeschute.api.run_folder import Run
 from bayeschute.api.workspace import workspace
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.records.foreign.conventions import Conventions

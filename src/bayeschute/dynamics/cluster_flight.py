@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -11,6 +10,7 @@ import jax
 import jax.numpy as jnp
 
 from bayeschute.aero.airflow import SEA_LEVEL_DENSITY
+from bayeschute.aero.coefficient import Coefficient
 from bayeschute.atmosphere.wind_field import WindField
 from bayeschute.compiler.integrate import rk4
 from bayeschute.core.vectors import Component, Quaternion, Vec3, dot, norm, quaternion, vec3
@@ -19,7 +19,6 @@ from bayeschute.dynamics.initial_state import Start, initial_state
 from bayeschute.dynamics.parameters import Cluster, Structure
 from bayeschute.dynamics.state import ClusterState, pack, unpack
 
-_COEFFICIENT = re.compile(r"(axial|transverse)\[(.*)\](?:\.canopy(\d+))?")
 LOGARITHMIC = ("riser_stiffness", "riser_damping", "enclosed_air_factor")
 CHANNELS = (
     "canopy_position",
@@ -51,11 +50,12 @@ def with_parameters(base: Cluster, structure: Structure, names: Sequence[str], t
     risers, capsule, canopies = base.risers, base.capsule, base.canopies
     for i, name in enumerate(names):
         value = jnp.exp(theta[i]) if name in LOGARITHMIC else theta[i]
-        if found := _COEFFICIENT.fullmatch(name):
-            kind, term, canopy = found.groups()
-            place = getattr(structure, kind).index(term)
-            old = aero[kind][place]
-            aero[kind][place] = value if canopy is None else _with_canopy(old, int(canopy), value, structure.canopies)
+        found = Coefficient.parse(name)
+        if found is not None and found.flight is None:
+            place, canopy = getattr(structure, found.kind).index(found.term), found.canopy
+            old = aero[found.kind][place]
+            new = value if canopy is None else _with_canopy(old, canopy, value, structure.canopies)
+            aero[found.kind][place] = new
         elif name.startswith("riser_"):
             risers = replace(risers, **{name[6:]: value})
         elif name == "capsule_mass":

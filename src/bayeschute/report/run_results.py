@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -13,6 +13,8 @@ import pandas as pd
 import xarray as xr
 
 from bayeschute.core.errors import Fault, InputError
+from bayeschute.core.plain import from_plain
+from bayeschute.posterior.assess.identifiability_result import FitIdentifiability
 
 T = TypeVar("T")
 RISK_FILES = ("marginals.csv", "correlation.csv", "end_of_record.parquet", "exceedance.csv", "tolerance.csv")
@@ -34,6 +36,7 @@ class Results:
         risk: File stem to table.
         absent: Sentences on what is missing.
         curves: curves.csv; None where the run has none, as that of a point mass.
+        identifiability: Of every fit, by its name; of the summary.
     """
 
     folder: Path
@@ -47,6 +50,7 @@ class Results:
     risk: Mapping[str, pd.DataFrame]
     absent: tuple[str, ...]
     curves: pd.DataFrame | None = None
+    identifiability: Mapping[str, FitIdentifiability] = field(default_factory=dict)
 
     def part(self, name: str) -> Mapping[str, Any]:
         """A mapping of the summary, empty where it is missing or something else."""
@@ -112,6 +116,16 @@ def _scalars(group: xr.Dataset | None) -> dict[str, np.ndarray]:
     }
 
 
+def identifiability_of(summary: Mapping[str, Any], absent: list[str]) -> dict[str, FitIdentifiability]:
+    """Identifiability by fit of a summary, or a note of what the report lacks without it."""
+    try:
+        return from_plain(dict[str, FitIdentifiability], summary.get("identifiability", {}), "identifiability")
+    except InputError as error:
+        told = "; ".join(map(str, error.faults))
+        absent.append(f"summary.json has identifiability results of another form ({told}): they are not shown.")
+        return {}
+
+
 def read_results(run_dir: Path) -> Results:
     """Read a run folder.
 
@@ -148,6 +162,7 @@ def read_results(run_dir: Path) -> Results:
     curves = None
     if (run_dir / "curves.csv").exists():
         curves = try_read(run_dir / "curves.csv", pd.read_csv, absent, "no aerodynamic curves are shown")
+    identifiability = identifiability_of(summary, absent)
     divergent = groups["sample_stats"]["diverging"].values if "diverging" in groups.get("sample_stats", {}) else None
     return Results(
         folder=run_dir,
@@ -161,4 +176,5 @@ def read_results(run_dir: Path) -> Results:
         risk=risk,
         absent=tuple(absent),
         curves=curves,
+        identifiability=identifiability,
     )

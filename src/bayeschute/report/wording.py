@@ -7,6 +7,7 @@ import re
 from functools import cache
 from typing import Any, TypeGuard
 
+from bayeschute.aero.coefficient import Coefficient
 from bayeschute.core.units import factor_to_si
 
 MISSING = "–"
@@ -181,10 +182,11 @@ def _factor(factor: str) -> str:
 
 def parameter_meaning(name: str) -> str:
     """A parameter in words; empty for an unknown name."""
-    stem, _, inner = name.partition("[")
+    if one := Coefficient.parse(name):
+        factors = [_factor(factor.strip()) for factor in one.term.split("*")]
+        whose = "" if one.canopy is None or one.flight is None else f", canopy {one.canopy} of {one.flight}"
+        return f"{one.kind} force: " + " × ".join(factors) + whose
+    stem, _, inner = name.partition("[")  # of a descent among several: the flight
     inner = inner.removesuffix("]")
-    if stem in ("axial", "transverse"):
-        factors = [_factor(factor.strip()) for factor in inner.split("*")]
-        return f"{stem} force: " + " × ".join(factors)
     words = _PARAMETERS.get(stem, "")
     return f"{words}, {inner}" if words and inner else words

@@ -8,6 +8,7 @@ from dataclasses import replace
 import pytest
 
 from bayeschute.posterior.assess import identifiability
+from bayeschute.report.run_results import identifiability_of
 from bayeschute.report.tables import identifiability_tables as page
 from bayeschute.report.wording import MISSING
 
@@ -20,7 +21,12 @@ def _changed(results, **parameters):
         summary["identifiability"]["all"]["parameters"].setdefault(name, {}).update(facts)
         if contraction is not None:
             summary["parameters"].setdefault(name, {})["contraction"] = contraction
-    return replace(results, summary=summary)
+    return _with(results, summary)
+
+
+def _with(results, summary):
+    """The run with another summary, and what is read of it."""
+    return replace(results, summary=summary, identifiability=identifiability_of(summary, []))
 
 
 def _fit(parameters, **rest):
@@ -69,14 +75,14 @@ def test_a_mean_that_moved_far_is_a_conflict(results):
     ],
 )
 def test_an_interval_open_to_one_side(results, ends, words):
-    facts = {"length": {"prior_sensitivity": 0.2, "likelihood_interval": ends}}
-    made = replace(results, summary={"identifiability": {"all": _fit(facts)}})
+    facts = {"length": {"prior_sensitivity": 0.2, "likelihood_interval": {"level": 0.9, **ends}}}
+    made = _with(results, {"identifiability": {"all": _fit(facts)}})
     assert words in " ".join(page.identifiability_sentences(made))
 
 
 def test_nothing_is_confounded_and_no_posterior_is_sensitive(results):
     facts = {"a": {"noise_share": 0.01, "prior_sensitivity": 0.0}, "b": {"noise_share": 0.03, "prior_sensitivity": 0.0}}
-    made = replace(results, summary={"identifiability": {"all": _fit(facts)}})
+    made = _with(results, {"identifiability": {"all": _fit(facts)}})
     text = " ".join(page.identifiability_sentences(made))
     assert "at most 3.0 % of a posterior variance (b)" in text
     assert "No posterior is sensitive to the priors" in text
@@ -88,11 +94,11 @@ def test_many_fits_are_counted_not_listed(results):
         for i in range(9)
     }
     summary = {"identifiability": fits, "parameters": {f"drag[s{i}]": {"contraction": 0.01} for i in range(9)}}
-    text = " ".join(page.identifiability_sentences(replace(results, summary=summary)))
+    text = " ".join(page.identifiability_sentences(_with(results, summary)))
     assert text.count("drag[") == 2 * page.MOST and "5 others (see the table)" in text
     assert "“wind, sd” (in 9 of 9 fits)" in text
-    assert len(page.identifiability_table(replace(results, summary=summary)).rows) == 9
-    assert page.direction_table(replace(results, summary=summary)) is None
+    assert len(page.identifiability_table(_with(results, summary)).rows) == 9
+    assert page.direction_table(_with(results, summary)) is None
 
 
 def test_a_sandwich_fit_has_contractions_only(results):
@@ -101,7 +107,7 @@ def test_a_sandwich_fit_has_contractions_only(results):
         "identifiability": {"all": _fit({"a": {"shift": 0.4}}, directions=directions, noise={})},
         "parameters": {"a": {"contraction": 0.75}},
     }
-    made = replace(results, summary=summary)
+    made = _with(results, summary)
     assert page.identifiability_sentences(made) == [
         "The data determine 1 of 1 parameter: they remove more than half of the prior variance."
     ]
@@ -116,15 +122,21 @@ def test_shares_are_never_rounded_up_to_all(results):
 
 
 def test_only_the_least_determined_directions_are_shown(results):
-    many = [{"contraction": 0.1 * i, "information": 1.0, "words": f"1.00 p{i}"} for i in range(8)]
+    many = [{"weights": {}, "contraction": 0.1 * i, "information": 1.0, "words": f"1.00 p{i}"} for i in range(8)]
     summary = {"identifiability": {"all": _fit({}, directions=many)}}
-    table = page.direction_table(replace(results, summary=summary))
+    table = page.direction_table(_with(results, summary))
     assert [row[0].text for row in table.rows] == [f"1.00 p{i}" for i in range(page.LEAST)]
     assert [row[2].text for row in table.rows[:2]] == ["1.0", "0.95"]
 
 
 def test_without_facts_nothing_is_said(results):
     for part in ({}, {"identifiability": 3}, {"identifiability": {"all": 3}}):
-        empty = replace(results, summary=part)
+        empty = _with(results, part)
         assert page.identifiability_sentences(empty) == []
         assert page.identifiability_table(empty) is None and page.direction_table(empty) is None
+
+
+def test_results_of_another_form_are_named():
+    absent = []
+    assert identifiability_of({"identifiability": {"all": {"parameters": {"a": {"shift": "far"}}}}}, absent) == {}
+    assert len(absent) == 1 and "identifiability.all.parameters.a.shift" in absent[0] and "not shown" in absent[0]

@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bayeschute.aero.coefficient import terms_of
 from bayeschute.likelihood.priors import Prior, correlated, covariance, working
 from bayeschute.study.aerodynamics.agreement import agreement, verdict
-from bayeschute.study.aerodynamics.known import informed, observed, points, terms_of
+from bayeschute.study.aerodynamics.known import informed, observed, points
 from bayeschute.study.load import load_study
 from bayeschute.study.schema.knowledge.knowledge_schema import KnowledgeTable
 from bayeschute.study.templates import template

@@ -13,25 +13,12 @@ from numpy.typing import NDArray
 
 from bayeschute.likelihood.disturbances import KINDS
 from bayeschute.likelihood.priors import Prior, factor, standard, values, working
+from bayeschute.posterior.assess.identifiability_result import Direction
 from bayeschute.posterior.noise_uncertainty import NoiseEffect, joint_covariance
 
 Array = NDArray[np.float64]
 FELT = 0.05  # power-scaling sensitivity from which a component matters (Kallioinen et al. 2024)
 _LAWS = {"drift": ("sd", "time constant"), "oscillator": ("sd", "frequency", "damping ratio")}
-
-
-class Direction(NamedTuple):
-    """A combination of the parameters, each measured in standard deviations of its prior.
-
-    Attributes:
-        weights: Of every parameter; their squares sum to one.
-        information: Information of the data along it relative to that of the prior (an eigenvalue).
-        contraction: Share of the prior's variance along it that the record takes away.
-    """
-
-    weights: dict[str, float]
-    information: float
-    contraction: float
 
 
 def directions(covariance: Array, priors: Sequence[Prior]) -> list[Direction]:
@@ -54,13 +41,13 @@ def directions(covariance: Array, priors: Sequence[Prior]) -> list[Direction]:
     for value, vector in zip(np.maximum(found, 0.0), vectors.T, strict=True):
         turned = vector * np.sign(vector[np.argmax(np.abs(vector))])
         weights = {p.name: float(w) for p, w in zip(priors, turned, strict=True)}
-        made.append(Direction(weights, float(value), float(value / (1.0 + value))))
+        made.append(Direction(weights, float(value), float(value / (1.0 + value)), in_words(weights)))
     return made
 
 
-def in_words(direction: Direction, least: float = 0.3) -> str:
+def in_words(weights: Mapping[str, float], least: float = 0.3) -> str:
     """A direction as a sum, parameters of small weight left out: ``0.81 C_Aalpha - 0.59 alpha_0``."""
-    parts = sorted(direction.weights.items(), key=lambda item: -abs(item[1]))
+    parts = sorted(weights.items(), key=lambda item: -abs(item[1]))
     kept = [(name, w) for i, (name, w) in enumerate(parts) if i == 0 or abs(w) >= least]
     text = " ".join(f"{'-' if w < 0.0 else '+'} {abs(w):.2f} {name}" for name, w in kept)
     return text.removeprefix("+ ")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from bayeschute.aero.coefficient import Coefficient
 from bayeschute.report.run_results import Results
 from bayeschute.report.tables.summary_tables import Cell, Table, cells, columns_of, mappings
 from bayeschute.report.wording import MISSING, is_number, listed, number, percent
@@ -87,19 +88,21 @@ def proposal_sentence(results: Results) -> str:
             "lacks more than chance would."
         )
     words = [
-        f"{kind}[{one.get('term')}] explains {percent(one.get('share'))} of the latent {kind} force"
-        for one in asked
-        for kind in [one.get("kind")]
+        f"{_proposed(one)} explains {percent(one.get('share'))} of the latent {one.get('kind')} force" for one in asked
     ]
     text = "What no term of the model explains follows terms that it lacks: "
     return f"{text}{listed(words)}. Try them among the candidates."
+
+
+def _proposed(one: Mapping[str, Any]) -> str:
+    return str(Coefficient(str(one.get("kind")), str(one.get("term"))))
 
 
 def proposal_table(results: Results) -> Table | None:
     """Terms that the latent forces follow, the strongest of each kind."""
     rows = [
         cells(
-            f"{one.get('kind')}[{one.get('term')}]", percent(one.get("share"), 1), number(one.get("coefficient"), 2),
+            _proposed(one), percent(one.get("share"), 1), number(one.get("coefficient"), 2),
             number(one.get("z"), 2), number(one.get("p_value"), 2), number(one.get("p_any"), 2),
         )
         for one in mappings(results.summary.get("proposals"))

@@ -9,9 +9,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from bayeschute.posterior.assess.identifiability_result import (
+    Direction,
+    FitIdentifiability,
+    ParameterIdentifiability,
+)
 from bayeschute.report.run_results import Results
 from bayeschute.report.sentences import plain
-from bayeschute.report.tables.summary_tables import Cell, Table, cells, columns_of, mappings
+from bayeschute.report.tables.summary_tables import Cell, Table, cells, columns_of
 from bayeschute.report.wording import MISSING, counted, is_number, listed, number, percent, shown_unit
 
 INFORMED = 0.5  # contraction from which a parameter counts as determined by the data
@@ -25,21 +30,14 @@ AGREE, MAY_CONFLICT = "prior and data both matter, and agree", "possible conflic
 MOST = 4  # names in a sentence
 
 
-def fits(results: Results) -> dict[str, Mapping[str, Any]]:
-    """Identifiability results by fit."""
-    return {str(k): v for k, v in results.part("identifiability").items() if isinstance(v, Mapping)}
-
-
-def _parameters(results: Results) -> dict[str, Mapping[str, Any]]:
+def _parameters(results: Results) -> dict[str, ParameterIdentifiability]:
     """Results by parameter, over all fits."""
-    found = (fit.get("parameters") for fit in fits(results).values())
-    return {
-        str(name): facts
-        for part in found
-        if isinstance(part, Mapping)
-        for name, facts in part.items()
-        if isinstance(facts, Mapping)
-    }
+    return {name: facts for fit in results.identifiability.values() for name, facts in fit.parameters.items()}
+
+
+def _known_directions(fit: FitIdentifiability) -> list[tuple[Direction, float]]:
+    """Directions with their contraction, where it is known."""
+    return [(d, d.contraction) for d in fit.directions if d.contraction is not None and d.words]
 
 
 def _contractions(results: Results) -> dict[str, float]:
@@ -81,22 +79,22 @@ def _informed(results: Results) -> list[str]:
 def _directions(results: Results) -> list[str]:
     """The least and the best determined combination of parameters, per fit."""
     found = []
-    for name, fit in fits(results).items():
-        every = [d for d in mappings(fit.get("directions")) if is_number(d.get("contraction")) and d.get("words")]
-        mixed = [d for d in every if " + " in str(d["words"]) or " - " in str(d["words"])]
+    for name, fit in results.identifiability.items():
+        every = _known_directions(fit)
+        mixed = [one for one in every if " + " in one[0].words or " - " in one[0].words]
         if len(every) < 2:
             continue
-        least, best = every[0], every[-1]
-        where = f" ({name})" if len(fits(results)) > 1 else ""
+        (least, removed), (best, _) = every[0], every[-1]
+        where = f" ({name})" if len(results.identifiability) > 1 else ""
         text = (
             f"The least determined direction{where} is {_in_sentence(least)}: the data remove "
-            f"{_share(least['contraction'])} of the prior variance along it."
+            f"{_share(removed)} of the prior variance along it."
         )
-        if mixed and mixed[0] is not least:
+        if mixed and mixed[0][0] is not least:
             text += " Among combinations of several parameters the least determined is "
-            text += f"{_shown(mixed[0])} ({_share(mixed[0]['contraction'])})."
-        if is_number(best.get("information")):
-            left = 1.0 / (1.0 + float(best["information"])) ** 0.5
+            text += f"{_shown(mixed[0][0])} ({_share(mixed[0][1])})."
+        if best.information is not None:
+            left = 1.0 / (1.0 + best.information) ** 0.5
             text += f" The best determined direction is {_in_sentence(best)}: {_share(left)} of the prior standard "
             text += "deviation remains."
         found.append(text)
@@ -105,11 +103,11 @@ def _directions(results: Results) -> list[str]:
     return found
 
 
-def _shown(direction: Mapping[str, Any]) -> str:
-    return str(direction["words"]).replace(" - ", " − ").replace("- ", "−", 1)
+def _shown(direction: Direction) -> str:
+    return direction.words.replace(" - ", " − ").replace("- ", "−", 1)
 
 
-def _in_sentence(direction: Mapping[str, Any]) -> str:
+def _in_sentence(direction: Direction) -> str:
     """A direction as a sum; one that is nearly a parameter by its name."""
     words = _shown(direction)
     alone = " + " not in words and " − " not in words
@@ -118,37 +116,34 @@ def _in_sentence(direction: Mapping[str, Any]) -> str:
 
 def _noise(results: Results) -> list[str]:
     """Share of the variances that is due to uncertain noise parameters, and which of these the data don't determine."""
-    shares = {n: f for n, f in _parameters(results).items() if is_number(f.get("noise_share"))}
+    parameters = _parameters(results)
+    shares = {n: facts.noise_share for n, facts in parameters.items() if facts.noise_share is not None}
     if not shares:
         return []
-    widened = (n for n in shares if shares[n]["noise_share"] >= NOISE_MATTERS)
-    widened_most_first = sorted(widened, key=lambda n: -shares[n]["noise_share"])
-    if widened_most_first:
-        each = [
-            f"{n} ({_share(shares[n]['noise_share'], 0)} of its variance; {_partner(shares[n])})"
-            for n in widened_most_first
-        ]
+    widened = sorted((n for n in shares if shares[n] >= NOISE_MATTERS), key=lambda n: -shares[n])
+    if widened:
+        each = [f"{n} ({_share(shares[n], 0)} of its variance; {_partner(parameters[n])})" for n in widened]
         found = [f"Uncertainty of the noise and wind parameters widens the posterior of {_some(each)}."]
     else:
-        worst = max(shares, key=lambda n: float(shares[n]["noise_share"]))
+        worst = max(shares, key=lambda n: shares[n])
         text = "Uncertainty of the noise and wind parameters hardly matters: it contributes at most "
-        found = [text + f"{_share(shares[worst]['noise_share'])} of a posterior variance ({worst})."]
+        found = [text + f"{_share(shares[worst])} of a posterior variance ({worst})."]
     return [*found, *_undetermined_noise(results)]
 
 
-def _partner(facts: Mapping[str, Any]) -> str:
-    label, correlation = plain(str(facts.get("noise_partner"))), number(facts.get("noise_correlation"), 2)
+def _partner(facts: ParameterIdentifiability) -> str:
+    label, correlation = plain(str(facts.noise_partner)), number(facts.noise_correlation, 2)
     return f"mostly “{label}”, correlation {correlation}"
 
 
 def _undetermined_noise(results: Results) -> list[str]:
     """Noise parameters whose posterior is mostly their prior."""
-    every = [part for fit in fits(results).values() if isinstance(part := fit.get("noise"), Mapping)]
+    every = [fit.noise for fit in results.identifiability.values()]
     hardly: dict[str, int] = {}
     for part in every:
         for label, share in part.items():
-            if is_number(share) and share < UNINFORMED:
-                hardly[plain(str(label))] = hardly.get(plain(str(label)), 0) + 1
+            if share is not None and share < UNINFORMED:
+                hardly[plain(label)] = hardly.get(plain(label), 0) + 1
     if not hardly:
         return []
     names = [f"“{k}”" if len(every) == 1 else f"“{k}” (in {n} of {len(every)} fits)" for k, n in hardly.items()]
@@ -156,29 +151,28 @@ def _undetermined_noise(results: Results) -> list[str]:
     return [f"{text}{'; '.join(names)}: the posterior of these is the prior of the study."]
 
 
-def _diagnosis(facts: Mapping[str, Any]) -> str:
+def _diagnosis(facts: ParameterIdentifiability) -> str:
     """Diagnosis from both sensitivities and the shift of the mean from the prior."""
-    prior, record, shift = (facts.get(key) for key in ("prior_sensitivity", "likelihood_sensitivity", "shift"))
-    if not is_number(prior):
+    if facts.prior_sensitivity is None:
         return MISSING
-    if prior < SENSITIVE:
+    if facts.prior_sensitivity < SENSITIVE:
         return INSENSITIVE
-    if not is_number(record) or record < SENSITIVE:
+    if facts.likelihood_sensitivity is None or facts.likelihood_sensitivity < SENSITIVE:
         return PRIOR_ONLY
-    return MAY_CONFLICT if is_number(shift) and abs(shift) >= CONFLICT else AGREE
+    return MAY_CONFLICT if facts.shift is not None and abs(facts.shift) >= CONFLICT else AGREE
 
 
 def _prior(results: Results) -> list[str]:
     """Which posteriors are sensitive to the prior, and whether prior and data may conflict."""
-    known = {n: f for n, f in _parameters(results).items() if is_number(f.get("prior_sensitivity"))}
-    if not known:
-        return []
-    sensitive = {n: f for n, f in known.items() if f["prior_sensitivity"] >= SENSITIVE}
-    if not sensitive:
-        return ["No posterior is sensitive to the priors: a slightly stronger or weaker prior would hardly change it."]
     by_diagnosis: dict[str, list[str]] = {}
-    for name, facts in sensitive.items():
+    parameters = _parameters(results)
+    for name, facts in parameters.items():
         by_diagnosis.setdefault(_diagnosis(facts), []).append(name)
+    by_diagnosis.pop(MISSING, None)
+    if not by_diagnosis:
+        return []
+    if set(by_diagnosis) == {INSENSITIVE}:
+        return ["No posterior is sensitive to the priors: a slightly stronger or weaker prior would hardly change it."]
     alone, agree, conflict = (by_diagnosis.get(kind, []) for kind in (PRIOR_ONLY, AGREE, MAY_CONFLICT))
     found = []
     if alone:
@@ -186,9 +180,9 @@ def _prior(results: Results) -> list[str]:
     if agree:
         found.append(f"Prior and data both determine {_some(agree)}, and they agree.")
     if conflict:
-        moved = [f"{n} (shifted by {number(sensitive[n].get('shift'), 2)} prior standard deviations)" for n in conflict]
+        moved = [f"{n} (shifted by {number(parameters[n].shift, 2)} prior standard deviations)" for n in conflict]
         found.append(f"Prior and data may be in conflict for {_some(moved)}: check the source of that prior.")
-    rest = len(known) - len(sensitive)
+    rest = len(by_diagnosis.get(INSENSITIVE, []))
     return [*found, f"The posterior of the other {rest} is insensitive to the prior."] if rest else found
 
 
@@ -196,16 +190,17 @@ def _intervals(results: Results) -> list[str]:
     """Profile-likelihood intervals, which do not depend on the prior, of parameters that are sensitive to it."""
     unbound, bound = [], []
     for name, facts in _parameters(results).items():
-        ends = facts.get("likelihood_interval")
-        if not isinstance(ends, Mapping):
+        ends = facts.likelihood_interval
+        if ends is None:
             continue
-        low, high = ends.get("low"), ends.get("high")
-        scale, unit = shown_unit(str(ends.get("unit") or "1"))
-        if is_number(low) and is_number(high):
+        low, high = ends.low, ends.high
+        scale, unit = shown_unit(ends.unit)
+        if low is not None and high is not None:
             bound.append(f"{name} between {number(scale * low, 4)} and {number(scale * high, 4)} {unit}".rstrip())
-        elif is_number(low) or is_number(high):
-            word, end = ("above", low) if is_number(low) else ("below", high)
-            bound.append(f"{name} only {word} {number(scale * (end or 0.0), 4)} {unit}".rstrip())
+        elif low is not None:
+            bound.append(f"{name} only above {number(scale * low, 4)} {unit}".rstrip())
+        elif high is not None:
+            bound.append(f"{name} only below {number(scale * high, 4)} {unit}".rstrip())
         else:
             unbound.append(name)
     found = []
@@ -221,7 +216,7 @@ def _intervals(results: Results) -> list[str]:
 
 def identifiability_sentences(results: Results) -> list[str]:
     """What the data determine and what they do not, in words; nothing where the run didn't analyse it."""
-    if not fits(results):
+    if not results.identifiability:
         return []
     return [s for part in (_informed, _directions, _noise, _prior, _intervals) for s in part(results)]
 
@@ -230,16 +225,16 @@ def identifiability_table(results: Results) -> Table | None:
     """Every parameter: contraction, share of variance from noise parameters, sensitivity to prior and likelihood."""
     contractions, rows = _contractions(results), []
     for name, facts in _parameters(results).items():
-        partner = facts.get("noise_partner")
-        by = Cell(_share(facts.get("noise_share")), "", plain(str(partner)) if partner else "")
+        by = Cell(_share(facts.noise_share), "", plain(facts.noise_partner) if facts.noise_partner else "")
         rows.append(
             cells(
                 Cell(name, "code"),
                 _share(contractions.get(name)),
-                number(facts.get("shift"), 2) if is_number(facts.get("shift")) else MISSING,
+                _two_digits(facts.shift),
                 by,
-                number(facts.get("noise_correlation"), 2) if is_number(facts.get("noise_correlation")) else MISSING,
-                *(_sensitivity(facts.get(key)) for key in ("prior_sensitivity", "likelihood_sensitivity")),
+                _two_digits(facts.noise_correlation),
+                _sensitivity(facts.prior_sensitivity),
+                _sensitivity(facts.likelihood_sensitivity),
                 Cell(_diagnosis(facts), "wrap"),
             )
         )
@@ -256,24 +251,22 @@ def identifiability_table(results: Results) -> Table | None:
     return Table(columns, tuple(rows), caption, groups, style="dense") if rows else None
 
 
-def _sensitivity(value: Any) -> str:
-    return f"{value:.3f}" if is_number(value) else MISSING
+def _two_digits(value: float | None) -> str:
+    return MISSING if value is None else number(value, 2)
+
+
+def _sensitivity(value: float | None) -> str:
+    return MISSING if value is None else f"{value:.3f}"
 
 
 def direction_table(results: Results) -> Table | None:
     """The combinations of parameters that the data determine least."""
-    several, rows = len(fits(results)) > 1, []
-    for name, fit in fits(results).items():
-        every = [d for d in mappings(fit.get("directions")) if is_number(d.get("contraction")) and d.get("words")]
-        for d in every[:LEAST] if len(every) > 1 else ():
-            left = (1.0 - float(d["contraction"])) ** 0.5 if d["contraction"] <= 1.0 else None
-            rows.append(
-                cells(
-                    Cell(_shown(d), "code wrap", name if several else ""),
-                    _share(d["contraction"]),
-                    number(left, 2),
-                )
-            )
+    several, rows = len(results.identifiability) > 1, []
+    for name, fit in results.identifiability.items():
+        every = _known_directions(fit)
+        for d, removed in every[:LEAST] if len(every) > 1 else ():
+            left = (1.0 - removed) ** 0.5 if removed <= 1.0 else None
+            rows.append(cells(Cell(_shown(d), "code wrap", name if several else ""), _share(removed), number(left, 2)))
     columns = columns_of("Combination:code|Contraction:num|Posterior / prior sd:num")
     caption = "Combinations of parameters scaled by their prior standard deviations, the least determined first; small "
     return Table(columns, tuple(rows), caption + "weights are omitted.", style="narrow") if rows else None

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bayeschute.aero.coefficient import Coefficient
 from bayeschute.likelihood.knowledge import conflict, without
 from bayeschute.posterior.combine.sequential import moments
-from bayeschute.study.aerodynamics.known import COEFFICIENT, axis_of, observed, points
+from bayeschute.study.aerodynamics.known import axis_of, observed, points
 from bayeschute.study.schema.knowledge.knowledge_schema import KnowledgeTable
 from bayeschute.study.study import Study
 
@@ -35,7 +36,7 @@ def agreement(study: Study, draws: Mapping[str, Array]) -> list[dict[str, Any]]:
         ``values``, ``sd``, ``found`` and ``found_sd`` (what it is compared with), ``z``, ``chi_square``, ``freedom``,
         ``p_value``, ``verdict`` and ``in_model``, ``counted`` (whether the posterior still holds it).
     """
-    names = [name for name in draws if COEFFICIENT.fullmatch(name)]
+    names = [name for name in draws if (one := Coefficient.parse(name)) is not None and one.is_shared]
     if not names or not study.knowledge:
         return []
     mean, law = moments(np.stack([np.ravel(draws[name]) for name in names], axis=-1))

@@ -9,9 +9,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from bayeschute.aero.coefficient import terms_of
 from bayeschute.aero.curve_names import CURVES
 from bayeschute.aero.curves import Setting, regressors
-from bayeschute.study.aerodynamics.known import terms_of
 
 Array = NDArray[np.float64]
 POINTS = 61

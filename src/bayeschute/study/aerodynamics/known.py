@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -10,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from bayeschute.aero.coefficient import terms_of
 from bayeschute.aero.curve_names import CURVES
 from bayeschute.aero.curves import regressors
 from bayeschute.aero.published import load_published
@@ -20,7 +20,6 @@ from bayeschute.study.schema.knowledge.knowledge_schema import KnowledgeTable
 from bayeschute.study.study import Study
 
 Array = NDArray[np.float64]
-COEFFICIENT = re.compile(r"(axial|transverse)\[(.*)\]")
 
 
 class Points(NamedTuple):
@@ -35,17 +34,6 @@ class Points(NamedTuple):
     at: Array
     values: Array
     covariance: Array
-
-
-def terms_of(names: Sequence[str]) -> tuple[list[str], list[str], list[int]]:
-    """Axial and transverse terms among parameters, and where their coefficients stand among these, in that order."""
-    found: dict[str, list[tuple[str, int]]] = {"axial": [], "transverse": []}
-    for i, name in enumerate(names):
-        match = COEFFICIENT.fullmatch(name)
-        if match:
-            found[match[1]].append((match[2], i))
-    places = [i for kind in found.values() for _, i in kind]
-    return [term for term, _ in found["axial"]], [term for term, _ in found["transverse"]], places
 
 
 def points(study: Study, table: KnowledgeTable) -> Points:

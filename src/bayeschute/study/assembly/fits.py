@@ -11,6 +11,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from bayeschute.aero.coefficient import terms_of
 from bayeschute.core.trees import load_tree, save_tree
 from bayeschute.dynamics.parameters import Structure
 from bayeschute.likelihood.channels import cluster_data, descent_data
@@ -59,12 +60,8 @@ def groups(job: Job) -> list[Group]:
 
 def structure_of(priors: Sequence[Prior], n: int) -> Structure:
     """The structure of `n` canopies whose coefficients are among the parameters."""
-    names = [p.name for p in canopies.together(priors)]
-    terms = {
-        kind: tuple(name[len(kind) + 1 : -1] for name in names if name.startswith(f"{kind}["))
-        for kind in ("axial", "transverse")
-    }
-    return Structure(terms["axial"], terms["transverse"], n)
+    axial, transverse, _ = terms_of([p.name for p in canopies.together(priors)])
+    return Structure(tuple(axial), tuple(transverse), n)
 
 
 def data_of(job: Job, flight: Flight, priors: Sequence[Prior], like: Flight | None = None) -> FlightData:

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bayeschute.aero.coefficient import Coefficient, coefficient_names, shared_name
 from bayeschute.likelihood.priors import Prior, correlated, from_equation_error
-from bayeschute.study.assembly import canopies
 from bayeschute.study.job import Job
 from bayeschute.study.study import Study
 
@@ -38,7 +38,9 @@ def of_selected(study: Study, kind: str, entry: Mapping[str, Any], flight: str) 
     """
     rows, table = entry["selected"], study.priors
     made = [
-        from_equation_error(f"{kind}[{r['term']}]", r["estimate"], r["se"], table.inflation, table.floor, flight=flight)
+        from_equation_error(
+            str(Coefficient(kind, r["term"])), r["estimate"], r["se"], table.inflation, table.floor, flight=flight
+        )
         for r in rows
     ]
     if entry.get("covariance") is None or not rows:
@@ -78,7 +80,7 @@ def of_library(study: Study, kind: str, entry: Mapping[str, Any], flight: str) -
         source += "; it can't separate all of them"
     plausible = np.where(np.array(names) == "1", 0.0, (np.maximum(size, _UNSEEN) / _LARGEST) ** 2)
     both = np.linalg.inv(known + np.diag(np.maximum(plausible, 1e-12)))
-    blank = [Prior(f"{kind}[{name}]", 0.0, 1.0, False, "1", source) for name in names]
+    blank = [Prior(str(Coefficient(kind, name)), 0.0, 1.0, False, "1", source) for name in names]
     return correlated(blank, both @ known @ centre, 0.5 * (both + both.T))
 
 
@@ -96,7 +98,7 @@ def terms_left_out(job: Job) -> list[Prior]:
     made = []
     for kind, entry in found.items():
         for term in entry.get("left_out", ()):
-            name, table = f"{kind}[{term['term']}]", study.priors
+            name, table = str(Coefficient(kind, term["term"])), study.priors
             one = from_equation_error(name, term["estimate"], term["se"], table.inflation, table.floor, flight=flight)
             made.append(replace(one, source=f"{one.source}; {ADDED}"))
     return made
@@ -109,9 +111,9 @@ def in_order(study: Study, priors: Sequence[Prior]) -> list[Prior]:
     those of replicates are, would compile a function for every one of these orders.
     """
     table = study.structure
-    pools = [] if table is None else [f"{k}[{term}]" for k in ("axial", "transverse") for term in getattr(table, k)]
+    pools = [] if table is None else coefficient_names(table)
     place = {name: i for i, name in enumerate(pools)}
-    return sorted(priors, key=lambda p: place.get(canopies.coefficient(p.name), len(place)))
+    return sorted(priors, key=lambda p: place.get(shared_name(p.name), len(place)))
 
 
 def with_terms(study: Study, priors: Sequence[Prior], more: Sequence[Prior]) -> tuple[list[Prior], NDArray[np.bool_]]:

@@ -18,6 +18,7 @@ import xarray as xr
 from arviz_base import from_dict
 from numpy.typing import NDArray
 
+from bayeschute.aero.coefficient import shared_name
 from bayeschute.core.random import stream
 from bayeschute.core.trees import load_tree, save_tree
 from bayeschute.likelihood.priors import Prior, working
@@ -116,7 +117,7 @@ def _places(vary: Sequence[str], todo: Sequence[Group]) -> _Places:
     for group in todo:
         for p in group.priors:
             if own := member(p.name, group):
-                of.setdefault(canopies.coefficient(p.name), {})[own] = None
+                of.setdefault(shared_name(p.name), {})[own] = None
     shared = tuple(p.name for p in todo[0].priors if not member(p.name, todo[0]))
     members = tuple(name for some in of.values() for name in some)
     place = {name: i for i, name in enumerate((*shared, *members))}

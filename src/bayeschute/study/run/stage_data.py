@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from bayeschute.aero.coefficient import is_coefficient
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.core.files import write_whole
 from bayeschute.likelihood.channels import fitted_channels
@@ -184,7 +185,7 @@ def given_priors(study: Study) -> list[Prior]:
 def _check_varying(study: Study, names: Sequence[str]) -> None:
     """Check that what varies between drops is a parameter of the fit, and between canopies a coefficient."""
     table, faults = study.priors, []
-    wanted = {"vary": list(names), "vary_canopies": [name for name in names if "[" in name]}
+    wanted = {"vary": list(names), "vary_canopies": [name for name in names if is_coefficient(name)]}
     for key, known in wanted.items():
         if unknown := sorted(set(getattr(table, key) or ()) - set(known)):
             of_the_fit = f"{'parameters' if key == 'vary' else 'coefficients'} of the fit: {', '.join(known)}"

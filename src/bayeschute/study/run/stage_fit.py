@@ -13,6 +13,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from bayeschute.aero.coefficient import is_coefficient, shared_name
 from bayeschute.core.errors import FitError
 from bayeschute.core.files import write_whole
 from bayeschute.core.random import seed_of, stream
@@ -365,7 +366,7 @@ def _searched(
     assert job.study.structure is not None
     flights = [data_of(job, f, group.priors) for f in group.flights]
     core = set(job.study.structure.core)
-    may_go = [p.name for p in group.priors if "[" in p.name and canopies.coefficient(p.name) not in core]
+    may_go = [p.name for p in group.priors if is_coefficient(p.name) and shared_name(p.name) not in core]
     library = _joint(job, group, prior, lambda s, w: say(0.5 * s, f"full library of terms: {w}"))
 
     def tell(share: float, words: str) -> None:

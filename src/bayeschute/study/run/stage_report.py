@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from bayeschute.aero.coefficient import Coefficient, is_coefficient
 from bayeschute.posterior.term_search import PENALTY
 from bayeschute.records.record import repairs
 from bayeschute.study import formulation
@@ -215,7 +216,9 @@ def _of_members(study: Study, flown: dict[str, float]) -> dict[str, float]:
             drawn = canopies.flown(study, flight, assemble.flight_seed(study, flight)).get(name)
             assert study.vehicle is not None
             every = np.full(study.vehicle.canopies.number, flown.get(name, 0.0)) if drawn is None else drawn
-            made |= {canopies.of_canopy(name, flight.name, i + 1): float(v) for i, v in enumerate(every)}
+            common = Coefficient.parse(name)
+            assert common is not None
+            made |= {str(common.of(flight.name, i + 1)): float(v) for i, v in enumerate(every)}
     return made
 
 
@@ -264,7 +267,7 @@ def _notes(job: Job) -> list[str]:
         )
     if study.structure is not None and study.structure.fit == "search" and job.load("fit/facts.json")["scores"]:
         notes.append(_search_note(job))
-    missed = set(flown_terms(study)) - {p.name for p in load_priors(job) if "[" in p.name}
+    missed = set(flown_terms(study)) - {p.name for p in load_priors(job) if is_coefficient(p.name)}
     if missed and study.flights[0].virtual is not None:
         notes.append("True terms of the virtual flight that were not selected: " + ", ".join(sorted(missed)) + ".")
     return notes

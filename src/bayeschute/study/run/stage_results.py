@@ -12,9 +12,11 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from bayeschute.core.files import write_whole
+from bayeschute.core.plain import to_plain
 from bayeschute.core.trees import load_tree, save_tree
 from bayeschute.likelihood.joint import FlightData, as_seen, stepped
 from bayeschute.likelihood.kalman import Seen, innovations
+from bayeschute.posterior.assess.identifiability_result import FitIdentifiability
 from bayeschute.posterior.marginal import Linearisation
 from bayeschute.posterior.sampling.sampler_checks import MOST_K, judge_rhat
 from bayeschute.prediction import bands, risk_files
@@ -64,12 +66,13 @@ class _Fits(NamedTuple):
     modes: list[bool]
     away: list[float]
     tails: list[float]
-    identifiability: dict[str, Any]
+    identifiability: dict[str, FitIdentifiability]
 
 
 def _of_fits(job: Job, identify: bool) -> _Fits:
     todo = groups(job)
-    stored, steps, shares, identifiability = [], [], [], {}
+    stored, steps, shares = [], [], []
+    identifiability: dict[str, FitIdentifiability] = {}
     for i, group in enumerate(todo):
         one = load_fit(job, group)
         for flight, along in zip(one.marginal.flights, one.marginal.along, strict=True):
@@ -193,7 +196,7 @@ def check(job: Job, identify: bool = True) -> str:
         )
         add("pareto_k", max(fits.tails), MOST_K, max(fits.tails) < MOST_K, detail)
     if identify:
-        job.save("identifiability.json", fits.identifiability)
+        job.save("identifiability.json", assemble.as_plain(to_plain(fits.identifiability, without_none=True)))
     job.save("checks.json", {"checks": checks, "rhat": rhat, "ess_bulk": bulk, "ess_tail": tail})
     missed = [name for name, c in checks.items() if not c["passed"]]
     return "all passed" if not missed else "missed: " + ", ".join(missed)

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from bayeschute.aero.coefficient import Coefficient, is_coefficient
 from bayeschute.core.errors import FitError
 from bayeschute.core.random import seed_of, stream
 from bayeschute.likelihood.priors import Prior, from_equation_error
@@ -55,14 +56,14 @@ def _options(job: Job, kind: str, entry: dict[str, Any], base: Sequence[Prior]) 
     table, flights = job.study.priors, ", ".join(f.name for f in job.study.with_role("structure"))
     selected = tuple(row["term"] for row in entry["selected"])
     shares = {frozenset(s["terms"]): float(s["share"]) for s in entry["structures"]}
-    own = tuple(p for p in base if p.name.startswith(f"{kind}["))
+    own = tuple(p for p in base if (one := Coefficient.parse(p.name)) and one.kind == kind)
     found = [_Option(selected, shares.get(frozenset(selected), 0.0), own)]
     for one in sorted(entry["structures"], key=lambda s: -s["share"]):
         if frozenset(one["terms"]) in {frozenset(o.terms) for o in found}:
             continue
         rows = zip(one["terms"], one["estimate"], one["se"], strict=True)
         made = tuple(
-            from_equation_error(f"{kind}[{term}]", value, se, table.inflation, table.floor, flight=flights)
+            from_equation_error(str(Coefficient(kind, term)), value, se, table.inflation, table.floor, flight=flights)
             for term, value, se in rows
         )
         found.append(_Option(tuple(one["terms"]), float(one["share"]), made))
@@ -78,7 +79,7 @@ def candidates(job: Job) -> list[Candidate]:
     table = job.study.structure
     assert table is not None and table.stack is not None
     found, base = job.load("structure.json")["coefficients"], load_priors(job)
-    rest = tuple(p for p in base if "[" not in p.name)
+    rest = tuple(p for p in base if not is_coefficient(p.name))
     made = [Candidate({}, 1.0, ())]
     for kind, entry in found.items():
         made = [

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import AfterValidator, model_validator
 
+from bayeschute.aero.coefficient import coefficient_names
 from bayeschute.aero.term_names import check_axial, check_transverse, rate_factors
 from bayeschute.study.schema.capsule_schema import CapsuleAeroTable
 from bayeschute.study.schema.quantities import (
@@ -189,8 +190,7 @@ class AeroTable(Strict):
 
     def coefficients(self) -> dict[str, float]:
         """All coefficients by the name of their parameter, axial ones first."""
-        both = (("axial", self.axial), ("transverse", self.transverse))
-        return {f"{kind}[{term}]": value for kind, terms in both for term, value in terms.items()}
+        return dict(zip(coefficient_names(self), (*self.axial.values(), *self.transverse.values()), strict=True))
 
     @model_validator(mode="after")
     def _is_linear_in_the_rate(self) -> AeroTable:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from bayeschute.aero.coefficient import coefficient_names
 from bayeschute.aero.published import load_published
 from bayeschute.aero.published_curve import CURVES
 from bayeschute.core.errors import Fault, InputError
@@ -37,7 +38,7 @@ def _check_target(draft: Draft, i: int, table: KnowledgeTable) -> Iterator[Fault
     structure: StructureTable | None = draft.tables.get("structure")
     where = draft.at("knowledge", i, "target")
     if table.kind == "coefficient" and structure is not None:
-        known = [f"{kind}[{term}]" for kind in ("axial", "transverse") for term in getattr(structure, kind)]
+        known = coefficient_names(structure)
         if table.target not in known:
             do = nearest(table.target, known) or "Masses and risers have their priors in [priors.given]."
             yield Fault(where, show(table.target), "a coefficient of a candidate, such as 'axial[1]'", do)
