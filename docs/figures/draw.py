@@ -1,7 +1,7 @@
 """Draw the figures of README and gallery: ``python docs/figures/draw.py [NAME ...]``, all where none is named.
 
-Each figure is made by a block of ``docs/gallery.md`` that leaves it in ``figure``; the comment at its head names it. Run
-it from the project's folder, where ``make demo`` has left its run.
+Each figure is made by a block of ``docs/gallery.md`` that leaves it in ``figure``; the comment at its head names it.
+Run it from the project's folder, where ``make demo`` has left its run.
 """
 
 from __future__ import annotations
