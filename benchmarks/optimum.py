@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from parameter_coverage import STUDY, flown
 
+from bayeschute.aero.coefficient import is_coefficient
 from bayeschute.likelihood.priors import working
 from bayeschute.posterior import joint_mode as optimum
 from bayeschute.posterior.fit import lengthened
@@ -32,7 +33,7 @@ WANTED = 0.95  # share of starts
 def one(data: Any, hyper: Any, priors: Any, seed: int) -> dict[str, Any]:
     """Fit from a start of this seed."""
     rng, (centre, _) = np.random.default_rng([seed, 12]), working(priors)
-    aero = np.array(["[" in p.name for p in priors])
+    aero = np.array([is_coefficient(p.name) for p in priors])
     off = rng.uniform(0.1, 0.5, centre.size) * rng.choice([-1.0, 1.0], centre.size)
     still = data.still()
     begin = still._replace(start=rng.standard_normal(np.shape(still.start)))

@@ -8,8 +8,8 @@ since true histories are told on it. What the sets are is told by ``README.md`` 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
 from math import comb
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -17,32 +17,29 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.signal import savgol_filter
+
+from bayeschute.records.foreign.conventions import Conventions
+from bayeschute.records.record import VARIABLES
 
 if TYPE_CHECKING:
     import xarray as xr
 
 Array = NDArray[np.float64]
 
-FOOT, POUND_FORCE, SLUG, KNOT = 0.3048, 4.4482216152605, 14.593902937206364, 1852.0 / 3600.0
 G0, DEGREE = 9.80665, np.pi / 180.0
-GAS_CONSTANT, SEA_LEVEL_DENSITY, FREEZING = 287.05, 1.225, 273.15  # [J/(kg K)], [kg/m^3], [K]
-_HALF = float(np.sqrt(0.5))
-_NED_OF_ENU = np.array([0.0, _HALF, _HALF, 0.0])  # half a turn about north-east
-_DOWN_OF_UP = np.array([_HALF, 0.0, _HALF, 0.0])  # a vector along our (x, y, z) is along (z, y, -x) of a body z down
-_SMOOTHING = 1.0  # length of the local quadratics that tell a rate from the attitude [s]
+SEA_LEVEL_DENSITY = 1.225  # [kg/m^3]
 _ORDER = 4  # of the differences that tell a channel's scatter
+_NED, _BODY, _QUATERNION = "north east down", "x y z", "w x y z"
 
 
-class Columns(NamedTuple):
-    """Columns of a file, and what their numbers are multiplied with for SI; None for one that isn't there."""
+class Group(NamedTuple):
+    """Columns of a quantity: its name in the schema, the columns' pattern, what stands in it, unit, components."""
 
-    names: tuple[str | None, ...]
-    factor: float = 1.0
-
-
-def _all(pattern: str, labels: str, factor: float = 1.0) -> Columns:
-    return Columns(tuple(pattern.format(label) for label in labels.split()), factor)
+    quantity: str
+    pattern: str
+    labels: str
+    unit: str
+    components: str
 
 
 @dataclass(frozen=True)
@@ -50,129 +47,135 @@ class Layout:
     """How the files of a set are written.
 
     Attributes:
-        time: On the record's clock.
-        position: Along the set's earth axes.
-        velocity: Likewise.
-        attitude: Quaternion, scalar first whatever the order in the file; or yaw, pitch and roll.
-        rate: About the body's axes.
-        force: Specific force along them.
-        canopy: Position of a canopy, ``#`` for its name.
+        time: Column and unit of the clock.
+        groups: Columns; ``#`` in a pattern stands for the name of a canopy.
+        single: Columns of quantities without components: name, unit.
+        profile: Columns of altitude and of the winds to north and east, with their units.
         canopies: Names of the canopies.
-        wind: Wind along the first two earth axes; None: the profile tells it.
-        density: None: from pressure [hPa] and temperature [deg C], in the columns `air`.
-        air: These two.
-        tension: Of a canopy's load cell, ``#`` for its name; None: none.
-        profile: Altitude, in metres by its factor, and the winds along the first two earth axes.
-        profile_wind: Factor of these.
-        enu: Whether the earth axes are east, north, up, not north, east, down.
-        body_down: Whether the body's axes are forward, right, down, not up, across, across.
+        conventions: Of `bayeschute.read_record`.
     """
 
-    time: Columns
-    position: Columns
-    velocity: Columns
-    attitude: Columns
-    rate: Columns
-    force: Columns
-    canopy: Columns
-    canopies: tuple[str, ...]
-    profile: Columns
-    profile_wind: float = 1.0
-    wind: Columns | None = None
-    density: Columns | None = None
-    air: tuple[str, str] = ("", "")
-    tension: Columns | None = None
-    enu: bool = False
-    body_down: bool = False
+    time: tuple[str, str]
+    groups: tuple[Group, ...]
+    single: Mapping[str, tuple[str, str]]
+    profile: tuple[tuple[str, str], ...]
+    canopies: tuple[str, ...] = ("1", "2")
+    conventions: Mapping[str, Any] = field(default_factory=dict)
+
+    def columns(self, header: Collection[str]) -> dict[str, tuple[str, str]]:
+        """Column map of a file with that header."""
+        made = {"time": self.time} | {name: column for name, column in self.single.items()}
+        names = [k for k in self.canopies if self._canopy().replace("#", k) in header]
+        for group in self.groups:
+            labels = group.labels.split() or [""]
+            several = list(enumerate(names, 1)) if "canopy" in VARIABLES[group.quantity].dims else [("", "")]
+            for number, name in several:
+                for label, component in zip(labels, group.components.split() or [""], strict=True):
+                    key = ".".join(str(part) for part in (group.quantity, number, component) if part != "")
+                    made[key] = (group.pattern.replace("#", name).format(label), group.unit)
+        return made
+
+    def _canopy(self) -> str:
+        group = next(g for g in self.groups if g.quantity == "canopy_position")
+        return group.pattern.format(group.labels.split()[0])
 
 
+_DOWN = {"body_axes": "-z y x"}  # of a body whose axes are forward, right, down
 LAYOUTS: Mapping[str, Layout] = {
     "P": Layout(
-        time=Columns(("time_s",)),
-        position=_all("capsule_{}_m", "x y z"),
-        velocity=_all("capsule_v{}_mps", "x y z"),
-        attitude=_all("quat_{}", "w x y z"),
-        rate=_all("omega_{}_radps", "x y z"),
-        force=_all("accel_{}_mps2", "x y z"),
-        canopy=_all("main#_{}_m", "x y z"),
-        canopies=("1", "2"),
-        profile=Columns(("altitude_msl_m", "wind_x_mps", "wind_y_mps")),
-        wind=_all("wind_{}_mps", "x y"),
-        density=Columns(("density_kgpm3",)),
-        tension=Columns(("load#_kN",), 1e3),
+        time=("time_s", "s"),
+        groups=(
+            Group("capsule_position", "capsule_{}_m", "x y z", "m", _NED),
+            Group("capsule_velocity", "capsule_v{}_mps", "x y z", "m/s", _NED),
+            Group("capsule_attitude", "quat_{}", "w x y z", "1", _QUATERNION),
+            Group("capsule_rate", "omega_{}_radps", "x y z", "rad/s", _BODY),
+            Group("capsule_specific_force", "accel_{}_mps2", "x y z", "m/s^2", _BODY),
+            Group("canopy_position", "main#_{}_m", "x y z", "m", _NED),
+            Group("wind", "wind_{}_mps", "x y", "m/s", "north east"),
+            Group("riser_tension", "load#_kN", "", "kN", ""),
+        ),
+        single={"density": ("density_kgpm3", "kg/m^3")},
+        profile=(("altitude_msl_m", "m"), ("wind_x_mps", "m/s"), ("wind_y_mps", "m/s")),
     ),
     "Q": Layout(
-        time=Columns(("TIME_S",)),
-        position=_all("CAP_P{}_FT", "N E D", FOOT),
-        velocity=_all("CAP_V{}_FPS", "N E D", FOOT),
-        attitude=_all("Q_{}", "S X Y Z"),
-        rate=_all("{}_DPS", "P Q R", DEGREE),
-        force=_all("A{}_G", "X Y Z", G0),
-        canopy=_all("MAIN#_P{}_FT", "N E D", FOOT),
-        canopies=("1", "2"),
-        profile=Columns(("ALT_FT", "WIND_N_FPS", "WIND_E_FPS"), FOOT),
-        profile_wind=FOOT,
-        wind=_all("WIND_{}_FPS", "N E", FOOT),
-        density=Columns(("RHO_SLUGPFT3",), SLUG / FOOT**3),
-        tension=Columns(("LOAD#_LBF",), POUND_FORCE),
+        time=("TIME_S", "s"),
+        groups=(
+            Group("capsule_position", "CAP_P{}_FT", "N E D", "ft", _NED),
+            Group("capsule_velocity", "CAP_V{}_FPS", "N E D", "ft/s", _NED),
+            Group("capsule_attitude", "Q_{}", "S X Y Z", "1", _QUATERNION),
+            Group("capsule_rate", "{}_DPS", "P Q R", "deg/s", _BODY),
+            Group("capsule_specific_force", "A{}_G", "X Y Z", "g_0", _BODY),
+            Group("canopy_position", "MAIN#_P{}_FT", "N E D", "ft", _NED),
+            Group("wind", "WIND_{}_FPS", "N E", "ft/s", "north east"),
+            Group("riser_tension", "LOAD#_LBF", "", "lbf", ""),
+        ),
+        single={"density": ("RHO_SLUGPFT3", "slug/ft^3")},
+        profile=(("ALT_FT", "ft"), ("WIND_N_FPS", "ft/s"), ("WIND_E_FPS", "ft/s")),
     ),
     "R": Layout(
-        time=Columns(("t",)),
-        position=_all("cg_{}_m", "east north up"),
-        velocity=_all("cg_v{}_mps", "e n u"),
-        attitude=_all("att_q{}", "w x y z"),
-        rate=_all("gyro_{}_degps", "x y z", DEGREE),
-        force=_all("sf_{}_mps2", "x y z"),
-        canopy=_all("main_#_{}_m", "east north up"),
+        time=("t", "s"),
+        groups=(
+            Group("capsule_position", "cg_{}_m", "east north up", "m", "east north up"),
+            Group("capsule_velocity", "cg_v{}_mps", "e n u", "m/s", "east north up"),
+            Group("capsule_attitude", "att_q{}", "w x y z", "1", _QUATERNION),
+            Group("capsule_rate", "gyro_{}_degps", "x y z", "deg/s", _BODY),
+            Group("capsule_specific_force", "sf_{}_mps2", "x y z", "m/s^2", _BODY),
+            Group("canopy_position", "main_#_{}_m", "east north up", "m", "east north up"),
+            Group("wind", "air_v{}_mps", "e n", "m/s", "east north"),
+            Group("riser_tension", "riser_#_N", "", "N", ""),
+        ),
+        single={"pressure": ("static_pressure_hPa", "hPa"), "temperature": ("air_temperature_degC", "degC")},
+        profile=(("alt_up_m", "m"), ("air_vn_mps", "m/s"), ("air_ve_mps", "m/s")),
         canopies=("a", "b", "c"),
-        profile=Columns(("alt_up_m", "air_ve_mps", "air_vn_mps")),
-        wind=_all("air_v{}_mps", "e n"),
-        air=("static_pressure_hPa", "air_temperature_degC"),
-        tension=Columns(("riser_#_N",)),
-        enu=True,
+        conventions={"axes": "ENU"},
     ),
     "S": Layout(
-        time=Columns(("gps_s",)),
-        position=_all("{}_m", "north east down"),
-        velocity=_all("vel_{}_kmph", "north east down", 1.0 / 3.6),
-        attitude=_all("{}_deg", "yaw pitch roll", DEGREE),
-        rate=_all("rate_{}_degps", "x y z", DEGREE),
-        force=_all("acc_{}_mps2", "x y z"),
-        canopy=_all("canopy_{}_m", "north east down"),
+        time=("gps_s", "s"),
+        groups=(
+            Group("capsule_position", "{}_m", "north east down", "m", _NED),
+            Group("capsule_velocity", "vel_{}_kmph", "north east down", "km/h", _NED),
+            Group("capsule_attitude", "{}_deg", "yaw pitch roll", "deg", "yaw pitch roll"),
+            Group("capsule_rate", "rate_{}_degps", "x y z", "deg/s", _BODY),
+            Group("capsule_specific_force", "acc_{}_mps2", "x y z", "m/s^2", _BODY),
+            Group("canopy_position", "canopy_{}_m", "north east down", "m", _NED),
+            Group("wind", "wind_{}_kt", "north east", "knot", "north east"),
+            Group("riser_tension", "riser_load_kgf", "", "kgf", ""),
+        ),
+        single={"density": ("density_gpm3", "g/m^3")},
+        profile=(("altitude_ft", "ft"), ("wind_north_kt", "knot"), ("wind_east_kt", "knot")),
         canopies=("",),
-        profile=Columns(("altitude_ft", "wind_north_kt", "wind_east_kt"), FOOT),
-        profile_wind=KNOT,
-        wind=_all("wind_{}_kt", "north east", KNOT),
-        density=Columns(("density_gpm3",), 1e-3),
-        tension=Columns(("riser_load_kgf",), G0),
-        body_down=True,
+        conventions=_DOWN,
     ),
     "T": Layout(
-        time=Columns(("t_ms",), 1e-3),
-        position=_all("pos_{}_m", "n e d"),
-        velocity=_all("vel_{}_mps", "n e d"),
-        attitude=_all("q_{}", "w x y z"),
-        rate=_all("gyr_{}_degps", "x y z", DEGREE),
-        force=_all("acc_{}_g", "x y z", G0),
-        canopy=_all("canopy_{}_m", "n e d"),
+        time=("t_ms", "ms"),
+        groups=(
+            Group("capsule_position", "pos_{}_m", "n e d", "m", _NED),
+            Group("capsule_velocity", "vel_{}_mps", "n e d", "m/s", _NED),
+            Group("capsule_attitude", "q_{}", "w x y z", "1", _QUATERNION),
+            Group("capsule_rate", "gyr_{}_degps", "x y z", "deg/s", _BODY),
+            Group("capsule_specific_force", "acc_{}_g", "x y z", "g_0", _BODY),
+            Group("canopy_position", "canopy_{}_m", "n e d", "m", _NED),
+        ),
+        single={"pressure": ("baro_hPa", "hPa"), "temperature": ("temp_degC", "degC")},
+        profile=(("alt_m", "m"), ("wind_n_mps", "m/s"), ("wind_e_mps", "m/s")),
         canopies=("",),
-        profile=Columns(("alt_m", "wind_n_mps", "wind_e_mps")),
-        air=("baro_hPa", "temp_degC"),
-        body_down=True,
+        conventions=_DOWN,
     ),
     "U": Layout(
-        time=Columns(("time",)),
-        position=_all("p{}", "n e d"),
-        velocity=_all("v{}", "n e d"),
-        attitude=_all("e{}", "0 1 2 3"),
-        rate=Columns(("roll_rate", None, "yaw_rate"), DEGREE),
-        force=_all("f{}", "x y z"),
-        canopy=_all("can#_{}", "n e d"),
-        canopies=("1", "2"),
-        profile=Columns(("alt", "wn", "we")),
-        wind=_all("w{}", "n e"),
-        density=Columns(("rho",)),
-        tension=Columns(("cell#",)),
+        time=("time", "s"),
+        groups=(
+            Group("capsule_position", "p{}", "n e d", "m", _NED),
+            Group("capsule_velocity", "v{}", "n e d", "m/s", _NED),
+            Group("capsule_attitude", "e{}", "0 1 2 3", "1", _QUATERNION),
+            Group("capsule_rate", "{}_rate", "roll yaw", "deg/s", "x z"),
+            Group("capsule_specific_force", "f{}", "x y z", "m/s^2", _BODY),
+            Group("canopy_position", "can#_{}", "n e d", "m", _NED),
+            Group("wind", "w{}", "n e", "m/s", "north east"),
+            Group("riser_tension", "cell#", "", "N", ""),
+        ),
+        single={"density": ("rho", "kg/m^3")},
+        profile=(("alt", "m"), ("wn", "m/s"), ("we", "m/s")),
+        conventions={"lacks": ("capsule_rate.y",)},
     ),
 }
 
@@ -238,13 +241,6 @@ class OtherFlight:
         return found | {"capsule_attitude": float(turn)}
 
 
-def product(a: Array, b: Array) -> Array:
-    """Product of quaternions, scalar first (..., 4): first turn by `b`, then by `a`, as matrices do."""
-    w, v = a[..., :1], a[..., 1:]
-    u, q = b[..., :1], b[..., 1:]
-    return np.concatenate([w * u - np.sum(v * q, axis=-1, keepdims=True), w * q + u * v + np.cross(v, q)], axis=-1)
-
-
 def turned(attitude: Array, v_b: Array) -> Array:
     """Earth components of vectors given in body axes.
 
@@ -260,15 +256,6 @@ def turned(attitude: Array, v_b: Array) -> Array:
     return np.asarray(v_b + w * twice + np.cross(q, twice))
 
 
-def of_euler(yaw: Array, pitch: Array, roll: Array) -> Array:
-    """Quaternion of the turns about z, then y, then x (T, 4); angles in rad."""
-    none = np.zeros_like(yaw)
-    about_z = np.stack([np.cos(yaw / 2.0), none, none, np.sin(yaw / 2.0)], axis=-1)
-    about_y = np.stack([np.cos(pitch / 2.0), none, np.sin(pitch / 2.0), none], axis=-1)
-    about_x = np.stack([np.cos(roll / 2.0), np.sin(roll / 2.0), none, none], axis=-1)
-    return product(product(about_z, about_y), about_x)
-
-
 def without_jumps(q: Array) -> Array:
     """Unit quaternions (T, 4) whose signs go on from sample to sample; gaps stay gaps."""
     made, known = np.array(q), np.isfinite(q).all(axis=1)
@@ -278,69 +265,29 @@ def without_jumps(q: Array) -> Array:
     return made
 
 
-def rate_of_attitude(q: Array, dt: float, window: float = _SMOOTHING) -> Array:
-    """Angular rate, body axes (T, 3) [rad/s], by local quadratics; NaN where the attitude is missing.
-
-    Args:
-        q: Attitude without jumps (T, 4).
-        dt: Sample interval [s].
-        window: Their length [s].
-    """
-    known, index = np.asarray(np.isfinite(q).all(axis=1)), np.arange(len(q))
-    filled = np.stack([np.interp(index, index[known], x[known]) for x in q.T], axis=1)
-    change = savgol_filter(filled, 2 * round(0.5 * window / dt) + 1, 2, deriv=1, delta=dt, axis=0)
-    turning = 2.0 * product(filled * np.array([1.0, -1.0, -1.0, -1.0]), change)[:, 1:]
-    return np.where(known[:, None], turning, np.nan)
-
-
 def scatter(x: Array) -> float:
     """Standard deviation of the white part of a series, from the median of its fourth differences."""
     difference = np.diff(x[np.isfinite(x)], _ORDER)
     return float(np.median(np.abs(difference)) / 0.6745 / np.sqrt(comb(2 * _ORDER, _ORDER)))
 
 
-def _values(table: pd.DataFrame, columns: Columns, canopy: str = "") -> Array:
-    """Columns in SI (T, C); NaN for those that aren't there."""
-    none = np.full(len(table), np.nan)
-    found = [none if name is None else table[name.replace("#", canopy)].to_numpy(float) for name in columns.names]
-    return columns.factor * np.stack(found, axis=1)
-
-
-def _earth(values: Array, enu: bool) -> Array:
-    """Components along NED of those along a set's earth axes (..., 3)."""
-    return np.stack([values[..., 1], values[..., 0], -values[..., 2]], axis=-1) if enu else values
-
-
-def _body(values: Array, down: bool) -> Array:
-    """Components along our body axes of those along a set's (..., 3)."""
-    return np.stack([-values[..., 2], values[..., 1], values[..., 0]], axis=-1) if down else values
-
-
-def _attitude(table: pd.DataFrame, layout: Layout) -> Array:
-    raw = _values(table, layout.attitude)
-    q = of_euler(*raw.T) if raw.shape[1] == 3 else raw
-    q = product(np.broadcast_to(_NED_OF_ENU, q.shape), q) if layout.enu else q
-    q = product(q, np.broadcast_to(_DOWN_OF_UP, q.shape)) if layout.body_down else q
-    return without_jumps(q)
-
-
 def _profile(path: Path, layout: Layout) -> Array:
     """Rows of altitude [m], winds to north and east [m/s], upwards."""
+    from bayeschute.core.units import factor_to_si
+
     table = pd.read_csv(path)
-    altitude, first, second = (table[str(name)].to_numpy(float) for name in layout.profile.names)
-    north, east = (second, first) if layout.enu else (first, second)
-    rows = np.stack([layout.profile.factor * altitude, layout.profile_wind * north, layout.profile_wind * east], 1)
+    factors = [factor_to_si(unit, si)[0] for (_, unit), si in zip(layout.profile, ("m", "m/s", "m/s"), strict=True)]
+    rows = np.stack([f * table[name].to_numpy(float) for f, (name, _) in zip(factors, layout.profile, strict=True)], 1)
     return rows[np.argsort(rows[:, 0])]
 
 
-def _wind(table: pd.DataFrame, layout: Layout, profile: Array, position: Array) -> Array:
+def _wind(found: xr.Dataset, profile: Array, position: Array) -> Array:
     """Wind at the capsule (T, 3), NED [m/s]."""
-    if layout.wind is None:
-        north, east = (np.interp(-position[:, 2], profile[:, 0], profile[:, k]) for k in (1, 2))
-        gone = np.isfinite(position[:, 2])
-        return np.where(gone[:, None], np.stack([north, east, np.zeros_like(north)], axis=1), np.nan)
-    two = _values(table, layout.wind)
-    return _earth(np.concatenate([two, np.zeros((len(two), 1))], axis=1), layout.enu)
+    if "wind" in found:
+        return found["wind"].values
+    north, east = (np.interp(-position[:, 2], profile[:, 0], profile[:, k]) for k in (1, 2))
+    gone = np.isfinite(position[:, 2])
+    return np.where(gone[:, None], np.stack([north, east, np.zeros_like(north)], axis=1), np.nan)
 
 
 def read_flight(data: Path, name: str) -> OtherFlight:
@@ -350,41 +297,34 @@ def read_flight(data: Path, name: str) -> OtherFlight:
         data: Folder of the sets.
         name: Such as ``P_1``.
     """
-    layout = LAYOUTS[name[0]]
-    table = pd.read_csv(data / f"{name}.csv.gz")
+    import bayeschute as bc
+    from bayeschute.records.derive import ideal_gas_density
+
+    layout, path = LAYOUTS[name[0]], data / f"{name}.csv.gz"
+    found = bc.read_record(path, layout.columns(pd.read_csv(path, nrows=0).columns), **layout.conventions)
     meta = json.loads((data / f"{name}_meta.json").read_text(encoding="utf-8"))
-    names = [k for k in layout.canopies if str(layout.canopy.names[0]).replace("#", k) in table]
-    time = _values(table, layout.time)[:, 0]
-    position = _earth(_values(table, layout.position), layout.enu)
-    attitude = _attitude(table, layout)
-    rate = _body(_values(table, layout.rate), layout.body_down)
-    dead = np.array([not np.isfinite(x).any() for x in rate.T])
-    if dead.any():  # a gyro that is dead: the attitude tells that rate
-        rate[:, dead] = rate_of_attitude(attitude, float(np.median(np.diff(time))))[:, dead]
-    profile = _profile(data / f"{name}_wind_profile.csv", layout)
-    if layout.density is not None:
-        density = _values(table, layout.density)[:, 0]
+    position, profile = found["capsule_position"].values, _profile(data / f"{name}_wind_profile.csv", layout)
+    if "density" in found:
+        density = found["density"].values
     else:
-        pressure, temperature = (table[column].to_numpy(float) for column in layout.air)
-        density = 100.0 * pressure / (GAS_CONSTANT * (temperature + FREEZING))
-    tension = layout.tension
-    inertia = np.array(meta["capsule_inertia_kgm2_body_about_cm"], float)
+        density = ideal_gas_density(found["pressure"].values, found["temperature"].values)
+    body = Conventions(**layout.conventions).body()
     return OtherFlight(
         name=name,
-        time=time,
+        time=found["time"].values,
         position=position,
-        velocity=_earth(_values(table, layout.velocity), layout.enu),
-        attitude=attitude,
-        rate=rate,
-        force=_body(_values(table, layout.force), layout.body_down),
-        canopies=np.stack([_earth(_values(table, layout.canopy, k), layout.enu) for k in names], axis=1),
-        wind=_wind(table, layout, profile, position),
+        velocity=found["capsule_velocity"].values,
+        attitude=without_jumps(found["capsule_attitude"].values),
+        rate=found["capsule_rate"].values,
+        force=found["capsule_specific_force"].values,
+        canopies=found["canopy_position"].values,
+        wind=_wind(found, profile, position),
         density=density,
-        tension=None if tension is None else np.concatenate([_values(table, tension, k) for k in names], axis=1),
+        tension=found["riser_tension"].values if "riser_tension" in found else None,
         profile=profile,
         meta=meta,
-        attach_b=_body(np.array(meta["attach_point_body_m_from_cm"], float), layout.body_down),
-        inertia=_body(_body(inertia, layout.body_down).T, layout.body_down),
+        attach_b=body @ np.array(meta["attach_point_body_m_from_cm"], float),
+        inertia=body @ np.array(meta["capsule_inertia_kgm2_body_about_cm"], float) @ body.T,
     )
 
 

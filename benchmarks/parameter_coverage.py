@@ -27,6 +27,7 @@ OTHERS = 0.5  # prior standard deviation of the other coefficients
 
 def priors_about(study: Any, structure: Any, model: Any) -> list[Any]:
     """Priors centred on the flown values: wide for coefficients, the study's for the risers."""
+    from bayeschute.aero.coefficient import Coefficient
     from bayeschute.likelihood.priors import Prior
 
     made = []
@@ -35,7 +36,7 @@ def priors_about(study: Any, structure: Any, model: Any) -> list[Any]:
         ("transverse", structure.transverse, model.transverse),
     ):
         for term, value in zip(terms, values, strict=True):
-            name = f"{kind}[{term}]"
+            name = str(Coefficient(kind, term))
             made.append(Prior(name, float(value), WIDE.get(name, OTHERS), False, "1", "flown"))
     risers = model.risers
     made.append(Prior("riser_stiffness", float(np.log(risers.stiffness)), 0.2, True, "N/m", "flown"))

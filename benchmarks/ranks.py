@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 
 import bayeschute
+from bayeschute.aero.coefficient import is_coefficient
 from bayeschute.calibration import simulation_based as sbc
 from bayeschute.calibration.campaign import run
 from bayeschute.likelihood.priors import Prior
@@ -69,7 +70,7 @@ def cluster() -> sbc.Template:
 
     def narrower(*given: Any) -> list[Any]:
         wide = study_of.priors_about(*given)
-        return [replace(p, scale=CLUSTER_SPREAD.get(p.name, 0.05 if "[" in p.name else p.scale)) for p in wide]
+        return [replace(p, scale=CLUSTER_SPREAD.get(p.name, 0.05 if is_coefficient(p.name) else p.scale)) for p in wide]
 
     study = load_study(study_of.STUDY)
     flight, priors = study_of.flown(study, 1, priors=narrower)

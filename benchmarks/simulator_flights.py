@@ -10,6 +10,7 @@ import jax
 import numpy as np
 from numpy.typing import NDArray
 
+from bayeschute.aero.coefficient import Coefficient
 from bayeschute.atmosphere.standard import standard_density
 from bayeschute.dynamics.cluster_flight import LOGARITHMIC, ClusterFlight, ClusterInputs, quantity
 from bayeschute.dynamics.initial_state import tangent_basis
@@ -82,7 +83,9 @@ def flights(structure: Structure, samples: int, batch: int, axes: int = 5) -> Fl
         np.tile(start.attitude, (samples, 1)),
     )
     numbers = {
-        f"{kind}[{t}]": v for kind, terms in kinds.items() for t, v in zip(terms, getattr(base, kind), strict=True)
+        str(Coefficient(kind, t)): v
+        for kind, terms in kinds.items()
+        for t, v in zip(terms, getattr(base, kind), strict=True)
     }
     risers = {f"riser_{name}": getattr(base.risers, name) for name in ("length", "stiffness", "damping")}
     names = (*numbers, *BODY[structure])

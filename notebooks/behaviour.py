@@ -14,9 +14,10 @@
 # %% [markdown]
 # # Why a capsule swings under its parachutes
 #
-# Two canopies that stay together and the capsule below them make a dumbbell: two particles on a rigid line, falling in
-# a plane. This is the model of sections 6.3.1 and 7.1 of NASA/TM-2019-220410. With the five coefficients that the
-# report found in drop test CDT 3-11 it swings as the drop did. Here we look at when it does, and what could be done.
+# Two coincident canopies and the capsule below them form a dumbbell: two particles on a rigid line, falling in a plane.
+# This is the model of sections 6.3.1 and 7.1 of NASA/TM-2019-220410. With the five coefficients that the report
+# identified from drop test CDT 3-11 it reproduces the pendulum motion of that drop. This notebook studies when the
+# pendulum motion occurs, and which design changes reduce it.
 
 # %%
 # %matplotlib inline
@@ -40,11 +41,11 @@ for parameter in table.parameters:
     print(f"{parameter.name:12} {parameter.estimate:8.4f} +- {parameter.standard_error:.4f} {parameter.unit}")
 
 # %% [markdown]
-# ## Static stability: the curves
+# ## Static stability: the normal force curves
 #
-# A canopy of little porosity pushes itself away from zero angle of attack and is at rest at $\pm\alpha_0$: it glides.
-# The report draws a porous canopy, too, but prints no formula for it; ours is the same curve read from the trim angle
-# outward, with less drag, which is what porosity costs.
+# A canopy of low porosity is statically unstable at zero angle of attack and trims at $\pm\alpha_0$: it glides. The
+# report also shows a porous canopy, but gives no formula for it; here the same curve is used from the trim angle
+# outward, with the lower drag of a porous canopy.
 
 # %%
 porous = replace(aero, statically_stable=True)
@@ -53,8 +54,8 @@ draw.curves_figure(aero, porous)
 # %% [markdown]
 # ## Dynamic stability: the limit cycle
 #
-# At $C_{N\dot\alpha}$ = -0.988 s the air feeds the swing. A small disturbance of the descent sends the canopies to one
-# trim angle, they can't stay, cross over to the other one, and end up going back and forth for good.
+# At $C_{N\dot\alpha}$ = -0.988 s the damping is negative: the airflow feeds energy into the swing. After a small
+# disturbance of the descent the canopies move to one trim angle, cross over to the other one, and end in a limit cycle.
 
 # %%
 motion = behaviour.disturbed_descent(model, aero, density)
@@ -64,7 +65,7 @@ print(f"mean descent {cycle.descent_rate:.2f} m/s ({cycle.descent_rate * FEET:.1
 draw.motion_figure(motion, float(aero.trim()))
 
 # %% [markdown]
-# Turn the sign of the damping after 50 s, and the swing dies away; the canopies are left in a glide.
+# If the sign of the damping is changed after 50 s, the swing decays and the canopies glide.
 
 # %%
 flipped = behaviour.damping_flip(model, aero, density, at=50.0)
@@ -73,7 +74,7 @@ draw.motion_figure(flipped, float(aero.trim()), flipped_at=50.0)
 # %% [markdown]
 # ## Four designs
 #
-# Static and dynamic stability are different things. All four designs start from the same swing.
+# Static and dynamic stability are independent properties. All four designs start from the same swing.
 
 # %%
 configurations = behaviour.four_configurations(model, aero, density)
@@ -83,10 +84,11 @@ for one in configurations:
 draw.configuration_figure(configurations)
 
 # %% [markdown]
-# ## Between the two: it depends on how it began
+# ## Bistability: the outcome depends on the disturbance
 #
-# Close to zero damping both ends are possible: a glide that is disturbed a little returns to the glide, one that is
-# disturbed much locks on the limit cycle. The linear threshold $-C_{N\alpha} L_C/V$ tells only where no glide survives.
+# Close to zero damping there are two attractors: after a small disturbance the motion returns to the glide, after a
+# large one it ends in the limit cycle. The linear threshold $-C_{N\alpha} L_C/V$ gives only the limit below which no
+# glide is stable.
 
 # %%
 grid = np.array([-0.3, -0.26, -0.22, -0.19, -0.17, -0.15, -0.12, -0.09, -0.06, -0.04, -0.02, -0.01, 0.0, 0.02, 0.05])
@@ -96,11 +98,11 @@ print(f"both ends possible from {both.min():.2f} to {both.max():.2f} s; linear t
 draw.bistability_figure(ends)
 
 # %% [markdown]
-# ## How a pendulum begins
+# ## Onset of the pendulum motion by wind shear
 #
-# With the damping of the table any disturbance will do, and a wind shear only decides when. In the bistable range it
-# decides whether. A steady glide falls through a layer in which the wind changes; thin layers and large changes start
-# the pendulum, and against the glide it takes a different change than along with it.
+# With the damping of the table any disturbance starts the pendulum, and a wind shear only determines when. In the
+# bistable range it determines whether. A steady glide descends through a layer in which the wind changes; thin layers
+# and large changes start the pendulum, and the change needed depends on its direction relative to the glide.
 
 # %%
 change, thickness = np.arange(-20.0, 20.1, 2.5), np.array([10.0, 30.0, 100.0, 300.0])
@@ -110,10 +112,10 @@ draw.onset_figure(onset, shown=[(5, 1), (4, 1)])
 # %% [markdown]
 # ## The pivot point
 #
-# There is a point of the line that hardly moves aside. The closer to the capsule it is, the less the capsule swings. A
-# heavier payload, thinner air and less drag bring it closer (F-1, F-3, F-4 of the report), at the price of a faster
-# descent. They also make the *linear* pendulum grow faster, since the same damping coefficient acts with more force;
-# the limit cycle that it grows to is smaller nevertheless.
+# One point of the line hardly moves laterally. The closer it is to the capsule, the less the capsule swings. A heavier
+# payload, lower air density and less drag bring it closer (F-1, F-3, F-4 of the report), but increase the rate of
+# descent. They also increase the growth rate of the *linear* pendulum, since the same damping coefficient acts with
+# more force; the amplitude of the limit cycle is smaller nevertheless.
 
 # %%
 linear = pendulum.pendulum(model, density, aero.C_A0)
@@ -126,10 +128,10 @@ for name, elasticity in zip(behaviour.QUANTITIES, sensitivity.elasticity, strict
 draw.pivot_figure(sensitivity)
 
 # %% [markdown]
-# ## Other modes, read backwards
+# ## Coefficients from other modes (inverse formulas)
 #
-# What is seen in a drop turns into coefficients: a flyout of 15 s, a maypole of 35 s with a radius of 50 ft, a
-# breathing of 0.23 Hz that moves the descent rate between 32 and 35.2 ft/s.
+# Observed modes of a drop give coefficients: flyout with a period of 15 s, maypole with a period of 35 s and a radius
+# of 50 ft, breathing at 0.23 Hz with a descent rate between 32 and 35.2 ft/s.
 
 # %%
 canopy = cluster_mode_laws.Canopy(T71.canopy_mass, T71.dry_weight, T71.length)

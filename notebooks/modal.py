@@ -12,17 +12,17 @@
 # ---
 
 # %% [markdown]
-# # How fast does it swing, and how well is that known?
+# # Modal identification: frequency and damping of a swing, with uncertainty
 #
-# A rocket comes down under its parachute, and a logger inside records angular rates and accelerations some ninety times
-# a second. From that alone: where in the log does the rocket hang under the open canopy, how often does it swing, how
-# quickly does the swing die out, and within which limits may that be believed?
+# A rocket descends under its parachute, and a logger on board records angular rates and accelerations at about 90 Hz.
+# From these data alone we determine the part of the log in which the rocket hangs under the open canopy, and frequency
+# and damping of its swing, with intervals.
 #
 # Run it on your own logs, as a script or with the environment variable `BAYESCHUTE_DATA`:
 #
 #     python notebooks/modal.py --data DIR        (DIR/ncsu_firm/*.csv.gz, or DIR/*.csv.gz)
 #
-# Without any, it makes a log of its own, whose frequency and damping are known.
+# Without logs, it simulates one with known frequency and damping.
 
 # %%
 import argparse
@@ -52,8 +52,9 @@ if given is not None and not logs:
 # %% [markdown]
 # ## A log
 #
-# Columns have units. A made-up rocket tumbles for 15 s under a drogue, hangs for 22 s under its main canopy, spinning
-# one way and then the other while gusts drive its swing, and lies on the ground. Its logger is mounted askew.
+# Columns have units. The simulated rocket tumbles for 15 s under a drogue, hangs for 22 s under its main canopy,
+# spinning in one direction and then the other while gusts excite its swing, and then lies on the ground. Its logger is
+# misaligned.
 
 # %%
 COLUMNS = {
@@ -98,11 +99,11 @@ records = {path.name: read_record(path, COLUMNS) for path in logs} or {"made up"
 # %% [markdown]
 # ## Frequency and damping
 #
-# `hanging_swing` does three things. It finds the descent: back from touchdown as long as the descent rate stays what it
-# was at the end, between the opening shock and the impact. It takes the spin out: gyro rates are integrated to an
-# attitude in axes that don't turn, in which the mean acceleration shows the vertical, and the swing is the motion of
-# the hanging axis across it. And it fits a damped oscillation that unknown gusts keep kicking, in colored noise, both
-# directions at once. A beginning that is still disturbed by the opening is left out.
+# `hanging_swing` does three things. It detects the descent: back from touchdown as long as the descent rate equals that
+# at the end, between the opening shock and the impact. It removes the spin: gyro rates are integrated to an attitude in
+# non-rotating axes, in which the mean acceleration gives the vertical, and the swing is the motion of the hanging axis
+# relative to it. And it fits a damped oscillator with random forcing by gusts, in colored noise, in both directions at
+# once. A beginning that is still disturbed by the opening is excluded.
 
 # %%
 found = {}
@@ -138,10 +139,10 @@ for (name, swing), (left, right) in zip(found.items(), axes, strict=True):
 plt.show()
 
 # %% [markdown]
-# ## What if the gusts are forgotten?
+# ## Without the random forcing
 #
-# A damped sinusoid in colored noise, without forcing, fits the same records with far narrower limits. Over replicates
-# of gusty swings those limits hold the truth only a quarter of the time (`benchmarks/modal_coverage.py`).
+# A damped sinusoid in colored noise, without forcing, fits the same records with far narrower intervals. Over
+# replicates with gusts these intervals contain the truth only a quarter of the time (`benchmarks/modal_coverage.py`).
 
 # %%
 free = {}
@@ -153,11 +154,11 @@ for name, swing in found.items():
         print(f"{name}, {label}: {f.mean:.4f} +- {f.sd:.4f} Hz, damping ratio {z.mean:.4f} +- {z.sd:.4f}")
 
 # %% [markdown]
-# ## Does it change on the way?
+# ## Change during the descent
 #
-# A gravity pendulum swings more slowly by 1/16 of the square of its amplitude. Beyond that, the two halves of a record
-# should agree. Where they don't, something else changed: spin that comes into step with the swing, lines that untwist,
-# more or less wind.
+# The frequency of a gravity pendulum is lower by 1/16 of the square of its amplitude. Apart from that, the two halves
+# of a record should agree. Where they don't, something else changed: spin in resonance with the swing, lines that
+# untwist, or the wind.
 
 # %%
 for name, swing in found.items():
@@ -174,8 +175,8 @@ for name, swing in found.items():
 # ## The same in the frequency domain
 #
 # The report recommends frequency-domain methods (its R-8). Transforms of a band about the swing, end effects included,
-# give by output error the same frequency without a word about the rest of the spectrum. Its errors take the noise in
-# the band as even and the swing as free, so they are of the optimistic kind.
+# give by output error the same frequency without a model of the rest of the spectrum. Its standard errors assume a flat
+# noise spectrum in the band and a free swing, so they are too small.
 
 # %%
 domain = {}
@@ -194,4 +195,4 @@ for name, swing in found.items():
 
 # %% [markdown]
 # Clusters have more modes. `bayeschute.reduced.cluster_modes` labels the windows of a cluster's record (pendulum,
-# glide, flyout, maypole) and gives the coefficients that each mode tells, with intervals.
+# glide, flyout, maypole) and estimates the coefficients that each mode identifies, with intervals.

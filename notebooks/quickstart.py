@@ -14,11 +14,11 @@
 # %% [markdown]
 # # From a record to bands and a risk number
 #
-# A sonde falls under a small parachute. All that is known of the fall is its altitude, once a second, and not without
-# error. How fast will it be going at the end of the part that we have not looked at yet, and how sure may we be?
+# A sonde descends under a small parachute. The data are its altitude, once a second, with measurement error. What is
+# its rate of descent at the end of the part that is not fitted, and how uncertain is it?
 #
-# `bayeschute run` does what follows in one command. Here every step is a call of its own, so that each can be looked
-# at.
+# `bayeschute run` does what follows in one command. Here every step is a separate call, so that its result can be
+# inspected.
 
 # %%
 # %matplotlib inline
@@ -37,9 +37,9 @@ SEED = 1
 # %% [markdown]
 # ## A record
 #
-# So that the answer can be compared with the truth, we make the record ourselves: a body with a known $C_D S/m$ at the
-# speed where drag and weight balance, in air that rises and sinks by some 0.4 m/s for half a minute at a time. The
-# altimeter errs by 0.3 m, and once by 40 m.
+# So that the result can be compared with the truth, we simulate the record: a body with a known $C_D S/m$ at its
+# terminal velocity, in air with vertical gusts of some 0.4 m/s over half a minute. The altimeter has a noise of 0.3 m,
+# and one outlier of 40 m.
 
 # %%
 TRUE_DRAG = 0.16  # C_D S/m [m^2/kg]
@@ -60,9 +60,9 @@ np.savetxt(file, table, fmt="%.2f", delimiter=",", header="time_s,altitude_m", c
 # %% [markdown]
 # ## Reading and cleaning
 #
-# Columns have units; whatever is dropped or derived is listed. The outlier goes, the descent rate is the slope of the
-# altitude, and since the record knows nothing of the air, its density is that of a standard day. Only the first 75 s
-# are fitted; the rest is held out.
+# Columns have units; everything that is dropped or derived is listed. The outlier is removed, the descent rate is the
+# derivative of the altitude, and since the record has no air data, the density is that of the standard atmosphere. Only
+# the first 75 s are fitted; the rest is held out.
 
 # %%
 raw = bc.read_record(file, {"time": ("time_s", "s"), "altitude": ("altitude_m", "m")})
@@ -71,12 +71,12 @@ for repair in flight.repairs:
     print(f"{repair.kind:10} {repair.variable:14} {repair.start:5.0f} to {repair.end:3.0f} s  {repair.detail}")
 
 # %% [markdown]
-# ## What is believed beforehand
+# ## Priors and noise model
 #
-# The maker's drag area and mass say 0.13 m²/kg, give or take a factor of 1.5. The residual of the descent rate is white
-# noise plus noise that is correlated over some seconds. And the air moves: its vertical speed is an unknown function
-# of time, an Ornstein-Uhlenbeck process. Without it the interval would be far too narrow, since samples that share a
-# gust would count as independent. What is given of the noise are medians; how strong it is, the record says.
+# The maker's drag area and mass give 0.13 m²/kg, within a factor of about 1.5. The measurement noise of the descent
+# rate is white noise plus noise that is correlated over some seconds. The vertical velocity of the air is a latent
+# Ornstein-Uhlenbeck process. Without it the interval would be far too narrow, since samples within one gust would be
+# treated as independent. The values of the noise model are prior medians; they are estimated from the record.
 
 # %%
 prior = bc.Prior("cds_over_mass", np.log(0.13), 0.4, logarithmic=True, unit="m^2/kg", source="the maker's data sheet")
@@ -90,9 +90,9 @@ noise = bc.noise(
 # %% [markdown]
 # ## Fit, and draw
 #
-# `fit` looks for the mode of the marginal posterior (the motion of the air and the first speed integrated out) and for
-# the noise parameters. `sample` draws from that posterior, gives every draw noise parameters of its own, and checks fit
-# and draws. What it returns is an ArviZ tree and more: it can be saved, and asked about other flights.
+# `fit` finds the mode of the marginal posterior (with the motion of the air and the initial speed integrated out) and
+# the noise parameters. `sample` draws from that posterior, each draw with its own draw of the noise parameters, and
+# checks fit and draws. The result contains an ArviZ tree; it can be saved, and used to predict other flights.
 
 # %%
 fit = bc.fit(flight, bc.Priors.of(prior), noise=noise, seed=SEED)
@@ -105,9 +105,8 @@ posterior.checks()[["passed", "value", "bound"]]
 # %% [markdown]
 # ## The same density in numpyro
 #
-# `numpyro_model` is the density for held noise parameters as a numpyro model: one site per parameter, in its own unit.
-# So whatever numpyro offers can be tried on it, here its plain NUTS sampler, beside the sampler's own draws in the
-# group `conditional`.
+# `numpyro_model` is the density for fixed noise parameters as a numpyro model: one site per parameter, in its unit. All
+# methods of numpyro can be applied to it; here its NUTS sampler is compared with the draws in the group `conditional`.
 
 # %%
 held = posterior.data["conditional"]["cds_over_mass"].values.ravel()
@@ -119,26 +118,25 @@ theirs = np.asarray(plain.get_samples()["cds_over_mass"])
 print(f"numpyro: {theirs.mean():.4f} +- {theirs.std():.4f} m^2/kg, ours: {held.mean():.4f} +- {held.std():.4f}")
 
 # %% [markdown]
-# ## What the record tells, and what stands in for the drag
+# ## Identifiability, and confounding of drag and gusts
 #
-# The record takes nearly all of the prior's variance away. But a slow gust looks like another drag. Had we known the
-# gusts' size and pace exactly, would the answer be much narrower? A short record hardly tells how strong and how slow
-# the gusts are, so it is about a third.
+# The data remove nearly all of the prior variance. But a slow gust has the same effect as another drag. How much of the
+# posterior variance is due to the uncertain strength and time constant of the gusts? A short record hardly identifies
+# them, so it is about a third.
 
 # %%
 contraction = 1.0 - (np.log(drag).std() / prior.scale) ** 2
-told = posterior.identifiability().loc["cds_over_mass"]
-share, partner = told["noise_share"], told["noise_partner"]
+facts = posterior.identifiability().loc["cds_over_mass"]
+share, partner = facts["noise_share"], facts["noise_partner"]
 print(f"taken away from the prior's variance: {contraction:.1%}")
 print(f"due to unknown noise parameters: {share:.1%} of the variance; foremost {partner}")
 
 # %% [markdown]
-# ## Bands on what was not looked at
+# ## Predictive bands of the held-out part
 #
-# Every draw of the drag goes with noise parameters of its own and a draw of the air's motion: as the data have it for
-# as long as there are data, and free after that. So the band widens where the data end. The held-out part holds one or
-# two independent gusts, so the share that a single flight has inside its band scatters widely about 90 %; only many
-# flights can tell whether the bands are honest.
+# Every draw of the drag has its own noise parameters and its own motion of the air: conditional on the data as far as
+# there are data, and free after that. So the band widens where the data end. The held-out part contains one or two
+# independent gusts, so the coverage of a single flight scatters widely about 90 %; calibration needs many flights.
 
 # %%
 forecast = posterior.predict(flight)
@@ -154,13 +152,13 @@ forecast.plot({"descent_rate": LIMIT})
 # %% [markdown]
 # ## A risk number
 #
-# The requirement: no more than 11 m/s at the end. The draws that meet it are counted; the interval says how much of the
-# answer is due to the number of draws.
+# The requirement: no more than 11 m/s at the end. The probability is the share of draws that meet it; the interval is
+# the Monte Carlo error of the number of draws.
 
 # %%
 risk = forecast.probability("descent_rate", statistic="final", at_most=LIMIT)
 print(f"P(met) = {risk.met:.3f}, with {risk.confidence:.0%} confidence between {risk.low:.3f} and {risk.high:.3f}")
 
 # %% [markdown]
-# One flight says nothing about the next one's air or canopy. `models/studies/dropsondes.toml` fits several drops and
-# their population; `bc.Study.example()` does all of this for a capsule under two canopies.
+# One flight carries no information on the air or the canopy of the next one. `models/studies/dropsondes.toml` fits
+# several drops in a hierarchical model; `bc.Study.example()` does all of this for a capsule under two canopies.

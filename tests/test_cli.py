@@ -107,7 +107,7 @@ def test_run_hands_everything_on(stages: types.ModuleType, tmp_path: Path):
         "workers": 3, "address": None, "force": False,
     }  # fmt: skip
     assert str(out / "report.html") in result.stdout
-    assert "too small for use" in result.stdout
+    assert "the results are not for use" in result.stdout
 
 
 def test_replicates_that_missed_their_promise_are_told_and_no_failure_of_the_run(
@@ -126,7 +126,7 @@ def test_a_failed_check_of_the_result_is_exit_code_1(stages: types.ModuleType, t
     stages.run_study = lambda *_, **__: None  # type: ignore[attr-defined]
     result = CliRunner().invoke(app, ["run", str(STUDY), "--out", str(tmp_path)])
     assert result.exit_code == 1
-    assert "Checks that failed: r_hat." in result.stderr
+    assert "Failed checks: r_hat." in result.stderr
     until = CliRunner().invoke(app, ["run", str(STUDY), "--out", str(tmp_path), "--until", "fit"])
     assert until.exit_code == 0
 
@@ -151,7 +151,7 @@ def test_flights_without_bands_are_told(stages: types.ModuleType, tmp_path: Path
     stages.run_study = lambda *_, **__: None  # type: ignore[attr-defined]
     result = CliRunner().invoke(app, ["run", str(STUDY), "--out", str(tmp_path)])
     assert [line for line in result.stderr.splitlines() if "Bands" in line] == [
-        "Bands of a: none, every simulation of its forecast failed."
+        "Bands of a: none, because every simulation of its prediction failed."
     ]
 
 
@@ -194,7 +194,7 @@ def test_simulate_takes_a_study(tmp_path: Path):
     lines = result.stdout.splitlines()
     assert [Path(line).name for line in lines[:2]] == ["cdt-3-11.00000.nc", "cdt-3-11.00000.truth.nc"]
     assert lines[-3:-1] == [f"and 2 more in {tmp_path / 'f'}", "Outcome: ok 6"]
-    assert lines[-1].startswith("Errors due to steps, where ok: positions up to ")
+    assert lines[-1].startswith("Integration error of drops that are ok: up to ")
 
 
 def test_simulate_takes_a_vehicle_and_tells_of_drops_that_failed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):

@@ -8,13 +8,13 @@ from pathlib import Path
 import pytest
 import typer
 
-from bayeschute.console import Bars, place_for_json, told, write_json
+from bayeschute.console import Bars, place_for_json, reporting_faults, write_json
 from bayeschute.core.errors import Fault, InputError
 
 
 def test_every_fault_is_one_line_on_stderr(capsys):
     faults = [Fault("a.toml:\n3", "x", "y"), Fault("b.toml", "u", "v", "Do w.")]
-    with pytest.raises(typer.Exit) as stopped, told():
+    with pytest.raises(typer.Exit) as stopped, reporting_faults():
         raise InputError(faults)
     assert stopped.value.exit_code == 2
     lines = capsys.readouterr().err.splitlines()
@@ -22,14 +22,14 @@ def test_every_fault_is_one_line_on_stderr(capsys):
 
 
 def test_a_stop_says_how_to_go_on(capsys):
-    with pytest.raises(typer.Exit) as stopped, told("The same command goes on."):
+    with pytest.raises(typer.Exit) as stopped, reporting_faults("The same command continues."):
         raise KeyboardInterrupt
     assert stopped.value.exit_code == 130
-    assert "Stopped. The same command goes on." in capsys.readouterr().err
+    assert "Stopped. The same command continues." in capsys.readouterr().err
 
 
 def test_what_is_no_fault_of_the_input_is_not_hidden():
-    with pytest.raises(ZeroDivisionError), told():
+    with pytest.raises(ZeroDivisionError), reporting_faults():
         raise ZeroDivisionError
 
 
@@ -61,7 +61,7 @@ def test_places_for_no_file_are_refused_beforehand(tmp_path: Path):
     place_for_json("-")
     place_for_json(str(tmp_path / "a.json"))
     for where in (tmp_path, tmp_path / "none" / "a.json"):
-        with pytest.raises(InputError, match="no place for a file"):
+        with pytest.raises(InputError, match="no file can be written"):
             place_for_json(str(where))
     with pytest.raises(InputError, match="a file that can be written"):
         write_json({}, str(tmp_path))

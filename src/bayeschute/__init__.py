@@ -1,8 +1,8 @@
-"""bayeschute: probabilistic identification of parachute clusters from flight records.
+"""bayeschute: Bayesian system identification of capsules under parachutes from flight records.
 
-``import bayeschute as bc`` is the door: nouns (`Study`, `Flight`, `Structure`, `Priors`, `Fit`, `Posterior`,
-`Forecast`, `Landings`, `Run`, `Coverage`) and verbs (`read_record`, `reconstruct`, `select_structure`, `fit`,
-`sample`, `run`, `calibrate`, ...). Names are imported when they are first used, so that the import itself is quick.
+``import bayeschute as bc`` gives the classes `Study`, `Flight`, `Structure`, `Priors`, `Fit`, `Posterior`, `Forecast`,
+`Landings`, `Run` and `Coverage`, and the functions `read_record`, `reconstruct`, `select_structure`, `fit`, `sample`,
+`run`, `calibrate` and others. Names are imported when they are first used, so that the import itself is quick.
 """
 
 from __future__ import annotations
@@ -14,9 +14,14 @@ from bayeschute.core.version import __version__
 
 if TYPE_CHECKING:
     from bayeschute.api.beliefs import Priors, Structure
+    from bayeschute.api.curve import Curve
+    from bayeschute.api.fitted import Fit
+    from bayeschute.api.forecast import Forecast, Probability
     from bayeschute.api.inputs import Flight, Flights, Motion, Study, load_vehicle, noise, wind_profile
-    from bayeschute.api.landings import Landings
-    from bayeschute.api.results import Fit, Forecast, Posterior, Probability, Run
+    from bayeschute.api.landing.landings import Landings
+    from bayeschute.api.plausibility import Plausibility
+    from bayeschute.api.posterior import Posterior
+    from bayeschute.api.run_folder import Run
     from bayeschute.api.verbs import (
         Coverage,
         calibrate,
@@ -39,9 +44,14 @@ if TYPE_CHECKING:
 
 _PLACES = {
     "api.beliefs": ("Priors", "Structure"),
+    "api.curve": ("Curve",),
     "api.inputs": ("Flight", "Flights", "Motion", "Study", "load_vehicle", "noise", "wind_profile"),
-    "api.landings": ("Landings",),
-    "api.results": ("Fit", "Forecast", "Posterior", "Probability", "Run"),
+    "api.fitted": ("Fit",),
+    "api.landing.landings": ("Landings",),
+    "api.forecast": ("Forecast", "Probability"),
+    "api.posterior": ("Posterior",),
+    "api.run_folder": ("Run",),
+    "api.plausibility": ("Plausibility",),
     "api.verbs": (
         "Coverage", "calibrate", "fit", "numpyro_model", "read_record", "reconstruct", "run", "sample", "scenarios",
         "select_structure",
@@ -59,6 +69,7 @@ _PLACE = {name: module for module, names in _PLACES.items() for name in names}
 __all__ = [
     "__version__",
     "Coverage",
+    "Curve",
     "Fault",
     "Fit",
     "FitError",
@@ -68,6 +79,7 @@ __all__ = [
     "InputError",
     "Landings",
     "Motion",
+    "Plausibility",
     "Posterior",
     "Prior",
     "Priors",

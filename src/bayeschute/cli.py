@@ -1,24 +1,25 @@
-"""The door for the shell: thin commands on public functions.
+"""Command line: thin commands on public functions.
 
-Exit codes: 0 all well, 1 a check of the result failed or the fit did, 2 the input is bad, 130 stopped by the user.
-Whatever is slow to import is imported inside the commands, so that `--help` and `check` stay quick.
+Exit codes: 0 success, 1 a check of the result or the fit failed, 2 invalid input, 130 stopped by the user. Packages
+that are slow to import are imported inside the commands, so that `--help` and `check` are quick.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from bayeschute.console import Bars, place_for_json, say, told, write_json
+from bayeschute.console import Bars, place_for_json, reporting_faults, say, write_json
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.core.version import __version__
 
 app = typer.Typer(
     name="bayeschute",
-    help="Parachute cluster dynamics from flight records: posterior, honest bands, risk numbers.",
+    help="Bayesian system identification of capsules under parachutes: posterior, predictive bands, risk.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     add_completion=False,
@@ -50,12 +51,12 @@ class Question(StrEnum):
 
 StudyPath = Annotated[Path, typer.Argument(metavar="STUDY", help="Study file (TOML).", show_default=False)]
 DataDir = Annotated[
-    Path | None, typer.Option("--data", metavar="DIR", help="Folder that ${DATA} stands for in the study.")
+    Path | None, typer.Option("--data", metavar="DIR", help="Folder that replaces ${DATA} in the study.")
 ]
-Seed = Annotated[int | None, typer.Option(min=0, max=2**32 - 1, help="Replaces the study's seed.")]
-Workers = Annotated[int, typer.Option(min=1, max=1024, help="Local processes.")]
+Seed = Annotated[int | None, typer.Option(min=0, max=2**32 - 1, help="Random seed, in place of the study's.")]
+Workers = Annotated[int, typer.Option(min=1, max=1024, help="Number of local processes.")]
 DaskAddress = Annotated[
-    str | None, typer.Option("--dask", metavar="ADDRESS", help="Dask scheduler, in place of --workers.")
+    str | None, typer.Option("--dask", metavar="ADDRESS", help="Dask scheduler to use instead of --workers.")
 ]
 
 
@@ -66,35 +67,41 @@ def _free_folder(out: Path) -> None:
 
 
 def _sound(study: Path, data: Path | None) -> None:
-    """Refuse a study that has any fault, its records read in full."""
-    from bayeschute.study.load import check_study
+    """Refuse a study that has any fault, its records read in full and tried for their physics; say warnings."""
+    from bayeschute.study.load import examine_study
 
-    faults = check_study(study, data)
-    if faults:
-        raise InputError(faults)
+    found = examine_study(study, data)
+    for line in found.warnings:
+        say(f"warning: {line}", error=True)
+    if found.faults:
+        raise InputError(found.faults)
 
 
 @app.command()
 def run(
     study: StudyPath,
-    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Results.  [default: runs/NAME of the study]")] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Folder for the results.  [default: runs/NAME of the study]")
+    ] = None,
     until: Annotated[Stage | None, typer.Option(help="Last stage to run.")] = None,
     resume: Annotated[
-        bool, typer.Option("--resume", help="Go on in the folder of an earlier run, reuse stages that read the same.")
+        bool, typer.Option("--resume", help="Continue an earlier run; stages whose inputs are unchanged are reused.")
     ] = False,
     force: Annotated[
-        bool, typer.Option("--force", help="Begin anew in the folder of an earlier run, its results removed first.")
+        bool, typer.Option("--force", help="Remove the results of an earlier run in the folder and start again.")
     ] = False,
-    quick: Annotated[bool, typer.Option("--quick", help="Small sizes, to see that all works; not for use.")] = False,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Few draws, to test the set-up; results are not for use.")
+    ] = False,
     data: DataDir = None,
     seed: Seed = None,
     workers: Workers = 1,
     dask: DaskAddress = None,
 ) -> None:
-    """Records and a study to posterior, bands and report; --workers and --dask share out the predictions."""
+    """Run a study: posterior, predictive bands, risk and report; --workers and --dask share out the predictions."""
     folder = out or Path("runs") / study.stem
-    again = f"`bayeschute run {study} --out {folder} --resume` goes on from the last finished stage."
-    with told(again):
+    again = f"`bayeschute run {study} --out {folder} --resume` continues from the last finished stage."
+    with reporting_faults(again):
         _free_folder(folder)
         _sound(study, data)  # before anything slow is imported, and before anything is written
         from bayeschute.study.run.stages import run_study
@@ -107,21 +114,21 @@ def run(
             )  # fmt: skip
         summary = _summary_of(folder)
         if last not in ("ingest", "structure", "priors"):
-            _tell_of_no_fit(folder, summary)
+            _exit_if_fit_failed(folder, summary)
         if last == "structure" and (folder / "structure.txt").is_file():
             say((folder / "structure.txt").read_text(encoding="utf-8"))
         say(f"Results are in {folder}")
         if (folder / "report.html").is_file() and last in (None, "report"):
             say(f"Report: {folder / 'report.html'}")
-        label, failed = ("", []) if last not in (None, "report") else _told_by(summary)
+        label, failed = ("", []) if last not in (None, "report") else _label_and_failures(summary)
         for name in _without_bands(summary) if last in (None, "predict", "risk", "report") else ():
-            say(f"Bands of {name}: none, every simulation of its forecast failed.", error=True)
+            say(f"Bands of {name}: none, because every simulation of its prediction failed.", error=True)
         if label:
             say(f"Intervals: {label}")
         if quick:
-            say("Quick run: sizes too small for use.")
+            say("Quick run with few draws: the results are not for use.")
         elif failed:
-            say(f"Checks that failed: {', '.join(failed)}. The report says what they mean.", error=True)
+            say(f"Failed checks: {', '.join(failed)}. The report explains them.", error=True)
             raise typer.Exit(1)
 
 
@@ -129,30 +136,44 @@ def run(
 def fit(
     study: StudyPath,
     out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Where to.  [default: NAME.posterior.nc beside you]")
+        Path | None,
+        typer.Option(metavar="FILE", help="Output file.  [default: NAME.posterior.nc in the current folder]"),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite the file.")] = False,
-    quick: Annotated[bool, typer.Option("--quick", help="Small sizes, to see that all works; not for use.")] = False,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Few draws, to test the set-up; results are not for use.")
+    ] = False,
     data: DataDir = None,
     seed: Seed = None,
+    prior: Annotated[
+        Path | None,
+        typer.Option(metavar="POSTERIOR", help="Posterior of earlier drops, from `fit`: the prior of this study's."),
+    ] = None,
 ) -> None:
-    """Fit a study's records and draw from the posterior: one file, which can be asked about other flights."""
+    """Fit the records of a study and sample the posterior, into one file from which other flights can be predicted."""
     path = out or Path(f"{study.stem}.posterior.nc")
-    with told():
+    with reporting_faults():
         if path.exists() and not force:
             do = "Give another --out, or --force to overwrite it."
             raise InputError(Fault(f"--out {path}", "a file that is there already", "a new file", do))
         _sound(study, data)
         from bayeschute.api.inputs import Study
+        from bayeschute.api.posterior import Posterior
         from bayeschute.api.verbs import fit as fit_flights
         from bayeschute.api.verbs import sample
         from bayeschute.core.errors import FitError
 
         wanted = Study.load(study, data)
+        if seed is not None:
+            wanted = Study(replace(wanted.spec, seed=seed))
+        wanted = wanted.quick() if quick else wanted
+        before = None if prior is None else Posterior.load(prior)
         try:
             with Bars() as bars:
-                fitted = fit_flights(wanted.quick() if quick else wanted, seed=seed, progress=bars)
-                posterior = sample(fitted, progress=bars)
+                if before is None:
+                    posterior = sample(fit_flights(wanted, progress=bars), progress=bars)
+                else:
+                    posterior = before.update(wanted, progress=bars)
         except FitError as error:
             say(f"No fit: {error.reason}", error=True)
             for line in error.tried:
@@ -160,13 +181,18 @@ def fit(
             raise typer.Exit(1) from None
         posterior.save(path)
         say(str(posterior.summary()))
+        if before is not None:
+            lessons = posterior.taught()
+            say(lessons[["prior_sd", "sd", "shift", "gain"]].to_string(float_format=lambda x: f"{x:.4g}"))
+            for drop, gain in lessons.attrs["joint"].items():
+                say(f"{drop} taught {gain:.4g} nats about all parameters together")
         say(f"Posterior: {path}")
         checks = posterior.checks()
         missed = list(checks.index[~checks["passed"].astype(bool)])
         if quick:
-            say("Quick run: sizes too small for use.")
+            say("Quick run with few draws: the results are not for use.")
         elif missed:
-            say(f"Checks that failed: {', '.join(missed)}", error=True)
+            say(f"Failed checks: {', '.join(missed)}", error=True)
             raise typer.Exit(1)
 
 
@@ -177,15 +203,16 @@ def predict(
         Path, typer.Argument(metavar="FLIGHT", help="TOML with [[flight]] tables, as in a study.", show_default=False)
     ],
     out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Results.  [default: runs/NAME of the flight file]")
+        Path | None,
+        typer.Option(metavar="DIR", help="Folder for the results.  [default: runs/NAME of the flight file]"),
     ] = None,
-    draws: Annotated[int | None, typer.Option(min=16, max=1_000_000, help="Draws of each flight.")] = None,
+    draws: Annotated[int | None, typer.Option(min=16, max=1_000_000, help="Posterior draws per flight.")] = None,
     data: DataDir = None,
     seed: Seed = None,
 ) -> None:
-    """Bands of other flights by a stored posterior, and the requirements that they are to meet."""
+    """Predict other flights from a stored posterior: bands, and probabilities of meeting requirements."""
     folder = out or Path("runs") / flights.stem
-    with told():
+    with reporting_faults():
         _free_folder(folder)
         from bayeschute.api.forecasting import predict_file
 
@@ -219,12 +246,12 @@ def land_command(
 ) -> None:
     """Landings to the ground by a stored posterior: how likely they meet their limits, and how sure that is."""
     folder = out or Path("runs") / campaign.stem
-    with told("Finished batches are kept; the same command goes on."):
+    with reporting_faults("Finished batches are kept; the same command continues."):
         _free_folder(folder)
         from bayeschute.study.landing_campaign.campaign_file import load_campaign
 
         load_campaign(campaign, data)  # before anything slow is imported
-        from bayeschute.api.landing_command import Asked, land_file
+        from bayeschute.api.landing.landing_command import Asked, land_file
 
         wanted = Asked(landings, workers, dask, tuple(dict.fromkeys(one.value for one in also or ())))
         with Bars() as bars:
@@ -242,29 +269,29 @@ def _summary_of(folder: Path) -> dict[str, Any]:
     return dict(json.loads(path.read_text(encoding="utf-8"))) if path.is_file() else {}
 
 
-def _tell_of_no_fit(folder: Path, summary: dict[str, Any]) -> None:
-    """Say why a fit failed and what was tried, and end with exit code 1; nothing where the fit didn't fail."""
+def _exit_if_fit_failed(folder: Path, summary: dict[str, Any]) -> None:
+    """Print why a fit failed and what was tried, and exit with code 1; return if the fit did not fail."""
     fit: dict[str, Any] = summary.get("fit", {})
     if not fit.get("reason"):
         return
     say(f"No fit: {' '.join(str(fit['reason']).split())}", error=True)
     for line in fit.get("tried", ()):
         say(f"Tried: {' '.join(str(line).split())}", error=True)
-    say(f"What is known all the same is in {folder}")
+    say(f"Results that need no fit are in {folder}")
     say(f"Report: {folder / 'report.html'}")
     raise typer.Exit(1)
 
 
 def _without_bands(summary: dict[str, Any]) -> list[str]:
-    """Flights of whose forecast every simulation failed."""
+    """Flights without bands because every simulation of their prediction failed."""
     coverage: dict[str, dict[str, Any]] = summary.get("coverage", {})
     return [name for name, table in coverage.items() if any(entry.get("draws") == 0 for entry in table.values())]
 
 
-def _told_by(summary: dict[str, Any]) -> tuple[str, list[str]]:
-    """The label of the intervals in a summary, and names of the run's own checks that failed.
+def _label_and_failures(summary: dict[str, Any]) -> tuple[str, list[str]]:
+    """The calibration label in a summary, and names of the checks that failed.
 
-    What replicates of the configuration held is in the label; it is no failure of this run.
+    Coverage over replicates is part of the label; it does not make this run fail.
     """
     checks: dict[str, Any] = summary.get("checks", {})
     failed = [name for name, check in checks.items() if check.get("passed") is False and name != "calibration"]
@@ -272,10 +299,31 @@ def _told_by(summary: dict[str, Any]) -> tuple[str, list[str]]:
 
 
 @app.command()
-def check(study: StudyPath, data: DataDir = None) -> None:
-    """Name every fault of a study and its files at once."""
-    with told():
-        _sound(study, data)
+def check(
+    study: StudyPath,
+    report: Annotated[
+        Path | None, typer.Option("--report", metavar="FILE", help="Draw the records, before any fit (one HTML file).")
+    ] = None,
+    data: DataDir = None,
+) -> None:
+    """Check a study and its files, list all faults at once, and test the records against physical laws."""
+    with reporting_faults():
+        from bayeschute.study.load import examine_study
+
+        found = examine_study(study, data)
+        if report is not None:
+            from bayeschute.report.record_page import write_record_page
+
+            title = found.study.title if found.study is not None else study.stem
+            faults = [str(one) for one in found.faults]
+            write_record_page(report, title, found.verdicts, faults, found.windows, found.said, found.records)
+            say(f"Report: {report}")
+        for line in found.warnings:
+            say(f"warning: {line}", error=True)
+        if found.faults:
+            raise InputError(found.faults)
+        for line in found.said.values():
+            say(line)
         say(f"{study}: no fault found")
 
 
@@ -283,13 +331,15 @@ def check(study: StudyPath, data: DataDir = None) -> None:
 def simulate(
     source: Annotated[Path, typer.Argument(metavar="STUDY_OR_VEHICLE", help="Study or vehicle file (TOML).")],
     out: Annotated[Path, typer.Option(metavar="FLIGHT", help="Folder for records and truth.", show_default=False)],
-    draws: Annotated[int, typer.Option(min=1, max=100_000, help="Drops, each with winds and noise of its own.")] = 1,
+    draws: Annotated[
+        int, typer.Option(min=1, max=100_000, help="Number of drops, each with its own wind and noise.")
+    ] = 1,
     seed: Seed = None,
     workers: Workers = 1,
     dask: DaskAddress = None,
 ) -> None:
-    """Fly virtual drops: records, and the truth beside."""
-    with told("Finished drops are kept; the same command goes on."):
+    """Simulate virtual drops: records with sensor errors, and the true motion."""
+    with reporting_faults("Finished drops are kept; the same command continues."):
         _free_folder(out)
         from bayeschute.study.load import load_study_or_vehicle
 
@@ -306,11 +356,11 @@ def simulate(
         if len(drops.files) > 10:
             say(f"and {len(drops.files) - 10} more in {out}")
         if drops.kept:
-            say(f"{drops.kept} were there already")
+            say(f"{drops.kept} existed already")
         say("Outcome: " + ", ".join(f"{words} {count}" for words, count in drops.outcomes.items()))
         if any(drops.step_error):
             place, speed = drops.step_error
-            say(f"Errors due to steps, where ok: positions up to {place:.1g} m, velocities up to {speed:.1g} m/s")
+            say(f"Integration error of drops that are ok: up to {place:.1g} m in position, {speed:.1g} m/s in velocity")
         for name, what in list(drops.failed.items())[:10]:
             say(f"{name}: {what}", error=True)
         if drops.failed:
@@ -320,17 +370,17 @@ def simulate(
 @app.command()
 def verify(
     case: Annotated[
-        list[str] | None, typer.Option(metavar="NAME", help="Only this case, such as 6a; may be given again.")
+        list[str] | None, typer.Option(metavar="NAME", help="Only this case, such as 6a; may be repeated.")
     ] = None,
     json: Annotated[
-        str | None, typer.Option(metavar="FILE", help="Results for machines; - prints them in place of the table.")
+        str | None, typer.Option(metavar="FILE", help="Write results as JSON; - prints them instead of the table.")
     ] = None,
 ) -> None:
-    """Fly the check cases and compare them with closed forms."""
-    with told():
+    """Verify the simulator: simulate the check cases and compare them with closed-form solutions."""
+    with reporting_faults():
         from bayeschute.verification.catalogue import choose
 
-        choose(case or ())  # what is wrong is told before anything slow is imported
+        choose(case or ())  # raises on unknown names before anything slow is imported
         place_for_json(json)
         from bayeschute.verification.all_cases import document, verdict, verify
         from bayeschute.verification.case_results import table
@@ -350,21 +400,26 @@ def verify(
 def calibrate(
     study: StudyPath,
     out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Rows and results.  [default: runs/calibration/NAME]")
+        Path | None, typer.Option(metavar="DIR", help="Folder for the results.  [default: runs/calibration/NAME]")
     ] = None,
-    replicates: Annotated[int, typer.Option(min=2, help="Flights to fly, identify and predict.")] = 100,
+    replicates: Annotated[int, typer.Option(min=2, help="Replicates to simulate, identify and predict.")] = 100,
     disturbance: Annotated[
-        str, typer.Option(metavar="NAME", help="What is flown that the identification is not told; `list` names them.")
+        str,
+        typer.Option(metavar="NAME", help="Misspecification scenario of the simulated flights; `list` prints them."),
     ] = "none",
     noise: Annotated[
         str | None,
-        typer.Option(metavar="MODEL", help="Replaces [noise] model: latent, ar1, ar1+white, sandwich, white."),
+        typer.Option(
+            metavar="MODEL", help="Noise model, in place of the study's: latent, ar1, ar1+white, sandwich, white."
+        ),
     ] = None,
     workers: Workers = 1,
     dask: DaskAddress = None,
-    quick: Annotated[bool, typer.Option("--quick", help="Small sizes, to see that all works; not for use.")] = False,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Few draws, to test the set-up; results are not for use.")
+    ] = False,
 ) -> None:
-    """Fly replicates of a study and count what its intervals and bands hold."""
+    """Measure the coverage of intervals and bands over replicates of a virtual study."""
     from bayeschute.study.evidence.scenarios import SCENARIOS
 
     if disturbance == "list":
@@ -372,7 +427,7 @@ def calibrate(
             say(f"{name:14} {kind.says}")
         return
     folder = out or Path("runs") / "calibration" / study.stem
-    with told("Finished replicates are kept; the same command goes on."):
+    with reporting_faults("Finished replicates are kept; the same command continues."):
         _free_folder(folder)
         _sound(study, None)
         from bayeschute.calibration.coverage_tables import lines
@@ -400,25 +455,25 @@ def modes(
         list[str] | None,
         typer.Option(
             metavar="QUANTITY=COLUMN:UNIT",
-            help="Column of the log: time, capsule_rate, capsule_specific_force, pressure or altitude; "
-            "* in its name stands for x, y and z. Again for each; none for nc.",
+            help="Column of the log for time, capsule_rate, capsule_specific_force, pressure or altitude; "
+            "* in the name stands for x, y and z. Repeat for each quantity; not needed for nc.",
         ),
     ] = None,
     window: Annotated[
         tuple[float, float] | None,
-        typer.Option(metavar="START END", help="Times of the descent [s].  [default: found in the log]"),
+        typer.Option(metavar="START END", help="Start and end of the descent [s].  [default: detected in the log]"),
     ] = None,
     band: Annotated[
-        tuple[float, float] | None, typer.Option(metavar="LOW HIGH", help="Where to look for the swing [Hz].")
+        tuple[float, float] | None, typer.Option(metavar="LOW HIGH", help="Frequency band of the swing [Hz].")
     ] = None,
-    free: Annotated[bool, typer.Option("--free", help="Swing that no gusts drive, for comparison.")] = False,
-    seed: Annotated[int, typer.Option(min=0, max=2**32 - 1, help="Of the draws.")] = 0,
+    free: Annotated[bool, typer.Option("--free", help="Model without gust excitation, for comparison.")] = False,
+    seed: Annotated[int, typer.Option(min=0, max=2**32 - 1, help="Random seed of the draws.")] = 0,
     json: Annotated[
-        str | None, typer.Option(metavar="FILE", help="Results for machines; - prints them in place of the table.")
+        str | None, typer.Option(metavar="FILE", help="Write results as JSON; - prints them instead of the table.")
     ] = None,
 ) -> None:
-    """Frequency and damping of a body's swing under its parachute, from raw gyro and accelerometer."""
-    with told():
+    """Estimate frequency and damping of the swing under a parachute from raw gyro and accelerometer data."""
+    with reporting_faults():
         place_for_json(json)
         from bayeschute.study.swing_modes import document, find_modes, lines
 
@@ -433,8 +488,8 @@ def modes(
 
 @app.command()
 def report(folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a run.", show_default=False)]) -> None:
-    """Build report.html again from results."""
-    with told():
+    """Rebuild report.html from the results of a run."""
+    with reporting_faults():
         if not folder.is_dir():
             raise InputError(Fault(str(folder), "no such folder", "the folder of a run"))
         from bayeschute.report.page import build_report
@@ -444,15 +499,15 @@ def report(folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of
 
 @app.command()
 def init(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Where to put the files.", show_default=False)],
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder for the files.", show_default=False)],
 ) -> None:
-    """Copy files to begin one's own study with into DIR."""
-    with told():
+    """Copy a vehicle and example studies into DIR as a starting point."""
+    with reporting_faults():
         from bayeschute.study.templates import copy_templates
 
         for path in copy_templates(folder):
             say(str(path))
-        say(f"Try `bayeschute run {folder / 'virtual.toml'} --quick`; then read the top of the other studies.")
+        say(f"Try `bayeschute run {folder / 'virtual.toml'} --quick`; then read the comments in the other studies.")
 
 
 def _version(wanted: bool) -> None:
@@ -467,7 +522,7 @@ def _top(
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
     ] = False,
 ) -> None:
-    """Parachute cluster dynamics from flight records: posterior, honest bands, risk numbers."""
+    """Bayesian system identification of capsules under parachutes: posterior, predictive bands, risk."""
 
 
 def main() -> None:

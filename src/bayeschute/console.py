@@ -1,4 +1,4 @@
-"""What commands put before their user: lines, faults, progress, results as JSON."""
+"""Console output of the commands: lines, input faults, progress bars, results as JSON."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ if TYPE_CHECKING:
 
 
 def say(text: str = "", error: bool = False) -> None:
-    """Print a line, to stderr if it tells a fault."""
+    """Print a line, to stderr if it reports an error."""
     typer.echo(text, err=error)
 
 
 @contextmanager
-def told(when_stopped: str = "") -> Iterator[None]:
-    """Bad input becomes one line per fault and exit code 2; Ctrl-C becomes exit code 130."""
+def reporting_faults(when_stopped: str = "") -> Iterator[None]:
+    """Turn invalid input into one line per fault and exit code 2, and Ctrl-C into exit code 130."""
     try:
         yield
     except InputError as error:
@@ -36,10 +36,10 @@ def told(when_stopped: str = "") -> Iterator[None]:
 
 
 class Bars:
-    """Progress bars, one a stage; an instance is the callback that long work is given.
+    """Progress bars, one per stage; an instance is the progress callback of long computations.
 
-    Call it with the stage's name, the share that is done (0 to 1), and a few words; the words given with 1 stay on the
-    screen as the stage's summary.
+    Call it with the stage's name, the share that is done (0 to 1), and a few words; the words given with 1 remain on
+    the terminal as the summary of the stage.
     """
 
     def __init__(self) -> None:
@@ -72,13 +72,15 @@ class Bars:
 
 
 def place_for_json(where: str | None) -> None:
-    """Refuse a place for results where no file can be."""
+    """Refuse a path for results where no file can be written."""
     if where not in (None, "-") and (Path(where).is_dir() or not Path(where).absolute().parent.is_dir()):
-        raise InputError(Fault(f"--json {where}", "no place for a file", "a file in a folder that exists"))
+        raise InputError(
+            Fault(f"--json {where}", "a path where no file can be written", "a file in a folder that exists")
+        )
 
 
 def write_json(content: dict[str, Any], where: str) -> None:
-    """Write JSON to a file, or to the screen where the file is ``-``."""
+    """Write JSON to a file, or to standard output where the file is ``-``."""
     import json
 
     text = json.dumps(content, indent=2, allow_nan=False)

@@ -143,7 +143,7 @@ def test_the_default_study_runs_quickly_from_end_to_end(tmp_path: Path):
     study = ROOT / "models/studies/cdt-3-11.toml"
     result = CliRunner().invoke(app, ["run", str(study), "--out", str(tmp_path / "run"), "--quick"])
     assert result.exit_code == 0, result.output
-    assert "too small for use" in result.stdout
+    assert "the results are not for use" in result.stdout
     summary = json.loads((tmp_path / "run/summary.json").read_text(encoding="utf-8"))
     assert summary["quick"] is True
     assert {"riser_length", "riser_stiffness", "riser_damping", "axial[1]"} <= set(summary["parameters"])
@@ -187,7 +187,7 @@ def test_drops_that_vary_are_joined_and_foretell_another_one(tmp_path: Path):
     assert summary["checks"]["optimum"]["passed"]
     assert set(summary["coverage"]) == {"cdt-3-11", "second", "cdt-3-12"}
     assert set(summary["identifiability"]) == {"cdt-3-11", "second"}
-    assert "fitted one by one and joined" in " ".join(summary["notes"])
+    assert "fitted separately and joined" in " ".join(summary["notes"])
     with xr.open_datatree(tmp_path / "run/predictions.nc", engine="h5netcdf") as tree:
         assert np.isfinite(tree["cdt-3-12"]["swing_angle"]).all()
 
@@ -213,6 +213,6 @@ def test_canopies_that_vary_have_coefficients_of_their_own(tmp_path: Path):
         assert abs(one["mean"] - one["truth"]) < 4.0 * one["sd"] and one["sd"] < found["axial[1]"]["sd"]
     assert found["sd(axial[1])"]["truth"] == 0.3 and found["sd(axial[1])"]["q05"] > 0.01
     assert summary["checks"]["optimum"]["passed"] and set(summary["coverage"]) == {"cdt-3-11", "cdt-3-12"}
-    assert "From canopy to canopy differ axial[1]" in " ".join(summary["notes"])
+    assert "Hierarchical model over canopies for axial[1]" in " ".join(summary["notes"])
     with xr.open_datatree(tmp_path / "run/predictions.nc", engine="h5netcdf") as tree:
         assert np.isfinite(tree["cdt-3-12"]["swing_angle"]).all()

@@ -57,9 +57,11 @@ def test_examples_of_the_docstrings_run(sondes, fitted, posterior, forecast, tmp
         "fitted": fitted,
         "posterior": posterior,
         "forecast": forecast,
+        "next_flight": sondes.flights["high"],
+        "np": np,
     }
     count = 0
-    for name in ("inputs", "beliefs", "results", "verbs"):
+    for name in ("inputs", "beliefs", "curve", "fitted", "forecast", "posterior", "run_folder", "verbs"):
         result = doctest.testmod(import_module(f"bayeschute.api.{name}"), extraglobs=told, optionflags=doctest.ELLIPSIS)
         assert result.failed == 0
         count += result.attempted
@@ -192,6 +194,14 @@ def test_the_whole_way_on_a_cluster(tmp_path):
     assert posterior["axial[1]"].sizes == {"chain": 4, "draw": 100}
     assert set(posterior.identifiability().index) == set(priors.names)
     back = bc.Posterior.load(posterior.save(tmp_path / "cdt-3-11.posterior.nc"))
+    low, high = back.ranges["alpha"]
+    assert 0.0 < low < high < 0.6 and 0.4 < back.ranges["D_prox"][0] < back.ranges["D_prox"][1] < 1.0
+    curve = back.curve("C_N_rate")
+    np.testing.assert_allclose(
+        curve.draws, np.multiply.outer(back["transverse[rate]"].values.ravel(), np.cos(curve.grid))
+    )
+    assert curve.flown == (low, high) and curve.prior_band is not None and curve.plot().lines
+    assert set(back.proposals()["kind"]) == {"axial", "transverse"}
     another = study.flights["cdt-3-12"].changed(window=(0.0, 20.0))
     forecast = back.predict(another, draws=64)
     lighter = back.predict(another.changed(name="lighter", capsule_mass=7000.0), draws=64)

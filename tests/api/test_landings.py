@@ -12,9 +12,9 @@ import xarray as xr
 from tests.landing.plans import ROOT, small_plan
 
 import bayeschute as bc
-from bayeschute.api.landing_files import dictionary, write_landings
-from bayeschute.api.landing_questions import Asking, check_questions, day, drivers, rare
-from bayeschute.api.landing_verb import campaign_of, drawn_from, drawn_values, land
+from bayeschute.api.landing.landing_files import dictionary, write_landings
+from bayeschute.api.landing.landing_questions import Asking, check_questions, day, drivers, rare
+from bayeschute.api.landing.landing_verb import campaign_of, drawn_from, drawn_values, land
 from bayeschute.landing.aero_table import aero_table
 from bayeschute.landing.decisions.onset import placard_table
 from bayeschute.report.figures.landing_figures import design_figure, drivers_figure, placard_figure
@@ -138,7 +138,7 @@ def test_tables_from_python_have_their_faults_told():
 
 def test_examples_of_the_docstrings_run(landings, tmp_path):
     told = {"bc": bc, "folder": tmp_path, "landings": landings}
-    result = doctest.testmod(import_module("bayeschute.api.landings"), extraglobs=told)
+    result = doctest.testmod(import_module("bayeschute.api.landing.landings"), extraglobs=told)
     assert result.failed == 0 and result.attempted >= 4
 
 

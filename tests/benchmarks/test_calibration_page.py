@@ -45,7 +45,7 @@ def test_the_overview_has_a_row_a_result_and_marks_what_is_surely_off():
     assert "**70 ± 2**" in made[3]
 
 
-def test_diagnosis_names_quantity_configuration_and_how_sure():
+def test_diagnosis_names_quantity_configuration_and_significance():
     assert diagnosis([result()]) == ["Nothing that is promised lies outside 85 to 95 %."]
     made = diagnosis([result(share=0.83, disturbance="mass"), result(band=0.99)])
     assert made == [

@@ -183,7 +183,7 @@ def test_gusts_beyond_the_data_may_be_stronger_or_weaker(flight, begun):
 
 def test_held_out_data_are_not_followed(flight, fitted, smoothed):
     """Told for twenty seconds only, a fitted flight is smoothed until then and drifts apart after."""
-    made = bands.predict(fitted, 0, _theta(fitted), _laws(), 5, told=20.0).draws["descent_rate"]
+    made = bands.predict(fitted, 0, _theta(fitted), _laws(), 5, data_end=20.0).draws["descent_rate"]
     before = smoothed.draws["descent_rate"]
     np.testing.assert_array_equal(made[: bands.GROUP, :41], before[: bands.GROUP, :41])  # numbers of the first group
     assert made[:, 60:].std(axis=0).mean() > 2.0 * before[:, 60:].std(axis=0).mean()

@@ -201,7 +201,7 @@ def test_missing_columns_are_named_with_the_nearest(tmp_path):
         ({"altitud": ColumnSpec("alt", "m")}, "Did you mean 'altitude'"),
         ({"altitude.up": ColumnSpec("alt", "m")}, "a key like altitude."),
         ({"capsule_position": ColumnSpec("alt", "m")}, "capsule_position.<north|east|down>"),
-        ({"capsule_position.up": ColumnSpec("alt", "m")}, "one of north, east, down"),
+        ({"capsule_position.sideways": ColumnSpec("alt", "m")}, "one of north, east, down"),
         ({"canopy_position.0.down": ColumnSpec("alt", "m")}, "a number from 1"),
         ({"canopy_position.x.down": ColumnSpec("alt", "m")}, "a number from 1"),
         ({"canopy_position.99999999999999999999.down": ColumnSpec("alt", "m")}, "a number from 1"),

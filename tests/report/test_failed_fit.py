@@ -54,9 +54,9 @@ def test_it_says_why_what_was_tried_and_what_is_known(failed: Path):
     for phrase in (
         "It is lost &lt;here&gt;.",
         "no fit",
-        "the residuals of capsule_attitude.x on cdt-3-11, the largest, are 20 times the noise of its sensor",
-        "What the fit tried",
-        "2 terms kept out of 6 candidates",
+        "The largest residuals of the best trajectory found are those of capsule_attitude.x on cdt-3-11: 20 times",
+        "The failed fit: what was tried",
+        "2 terms selected out of 6 candidates",
         "-141 m in one sample",
         "riser_stiffness stiffness of a riser 220 10 200 60 kN/m",
         "Seed 1.",
@@ -64,7 +64,7 @@ def test_it_says_why_what_was_tried_and_what_is_known(failed: Path):
         assert phrase in words, phrase
     assert not re.search(r"\b(nan|None|inf|Undefined|True|False)\b", words)
     ids = re.findall(r'<section id="([\w-]+)"', text)
-    assert ids == ["fed-in", "fit", "structure", "provenance"]
+    assert ids == ["input", "fit", "structure", "provenance"]
     assert re.findall(r'<a href="#([\w-]+)"', text) == ids
     assert {path.name for path in (failed / "figures").glob("*.svg")} == {
         "failed-1.svg", "record-cdt-3-11.svg", "record-cdt-3-12.svg", "structure-pse.svg"
@@ -85,7 +85,8 @@ def test_one_panel_a_channel_and_one_for_defects(failed: Path):
     loose = BestPath("a", time, OUTPUTS, np.full((10, 4), np.nan), np.array(NOISE), np.ones(9))
     figure = failed_fit.residual_figure(loose)
     titles = [axes.get_title(loc="left") for axes in figure.axes]
-    assert titles[0] == "Canopy position: data less flight" and titles[-1].startswith("Largest defect")
+    assert titles[0] == "Canopy position: measured minus simulated"
+    assert titles[-1].startswith("Largest continuity defect")
 
 
 def test_without_its_files_it_says_what_is_missing(failed: Path):
@@ -96,9 +97,9 @@ def test_without_its_files_it_says_what_is_missing(failed: Path):
     (failed / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
     words = _visible(build_report(failed).read_text(encoding="utf-8"))
     for phrase in (
-        "Nothing is known of what was tried.",
+        "The run did not record what was tried.",
         "there are no residuals to show",
-        "No parameters are known",
+        "The search stopped before it had parameter values",
         "failed.json is not in the run folder: no parameters of the best point are shown.",
         "failed.npz is not in the run folder: no residuals are drawn.",
         "structure.json is not in the run folder",

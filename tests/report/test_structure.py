@@ -29,7 +29,7 @@ def test_the_print_out_has_the_columns_of_the_report(found):
     first = lines[1].split()
     assert first[0] == "1" and first[1] == "0" and first[3].startswith("-") and first[-1] == "1"
     assert len(lines) == 1 + len(entry["ranking"]) == 7
-    marked = [i for i, line in enumerate(lines) if "least predicted error" in line]
+    marked = [i for i, line in enumerate(lines) if "minimum PSE" in line]
     assert marked == [entry["pse_minimum_at"]]
     start = lines[0].index("  term")
     assert [line[start:].split()[0] for line in lines[1:]] == [row["term"] for row in entry["ranking"]]
@@ -39,50 +39,51 @@ def test_a_row_that_required_terms_keep_from_the_least_is_not_called_the_least(f
     entry = found["coefficients"]["axial"]
     rows = entry["ranking"]
     (marked,) = [line for line in print_out(rows, entry["pse_minimum_at"]) if "<-" in line]
-    assert marked.endswith("<- least predicted error")
+    assert marked.endswith("<- minimum PSE")
     (marked,) = [line for line in print_out(rows, len(rows)) if "<-" in line]
-    assert marked.endswith("<- least predicted error with the terms required")
+    assert marked.endswith("<- minimum PSE with the required terms")
 
 
-def test_the_text_tells_every_part(found):
+def test_the_text_has_every_part(found):
     text = structure_text(found)
     for words in (
-        "What the records can tell", "So far.", "axial: 2 of 6 candidates kept", "C_A: 2 of 6 candidates kept",
-        "on other: residual 1.00 times that of the fit; 1.00 at the least", "as good as these terms can be there", "Data of known terms (a table; signs conventional)",
-        "C_A: 6 candidates, 600 samples, signal over noise 10", "then exchange of terms", "true terms selected",
+        "Data adequacy", "So far.", "axial: 2 of 6 candidates selected", "C_A: 2 of 6 candidates selected",
+        "prediction of other: residual 1.00 times that of the fit; 1.00 with these terms refitted",
+        "as good as these terms allow", "Simulation study with known terms (a table; signs conventional)",
+        "C_A: 6 candidates, 600 samples, signal-to-noise ratio 10", "then exchange of terms", "true terms selected",
     ):  # fmt: skip
         assert words in text
     assert max(map(len, text.splitlines())) < 400
-    assert structure_text({"coefficients": {}, "sufficiency": ["Nothing."]}) == "What the records can tell\nNothing.\n"
+    assert structure_text({"coefficients": {}, "sufficiency": ["Nothing."]}) == "Data adequacy\nNothing.\n"
 
 
-def test_a_missed_target_is_shouted(found):
+def test_a_failed_criterion_is_marked(found):
     missed = json.loads(json.dumps(found))
     missed["synthetic"]["checks"]["true terms selected"]["passed"] = False
-    assert "bound 0.8: MISSED" in structure_text(missed)
+    assert "bound 0.8: FAILED" in structure_text(missed)
     table = structure_tables.target_table(missed["synthetic"])
-    assert column(table, "Result")[0] == "missed" and table.rows[0][-1].kind == "bad"
+    assert column(table, "Result")[0] == "failed" and table.rows[0][-1].kind == "bad"
 
 
 def test_grid():
     assert grid(["a", "bb"], [["xyz", "1"]]) == ["a    bb", "xyz   1"]
 
 
-def test_how_sure_the_terms_are(found):
+def test_stability_of_the_terms_are(found):
     facts = found["coefficients"]["axial"]
-    table = structure_tables.sureness_table(facts)
+    table = structure_tables.stability_table(facts)
     assert column(table, "Term")[:2] == ["1", "alpha^2"] and table.marked >= {0, 1}
-    assert column(table, "Kept")[0] == "100 %" and {"0.25 ×", "4 ×"} <= {c.label for c in table.columns}
+    assert column(table, "Selected")[0] == "100 %" and {"0.25 ×", "4 ×"} <= {c.label for c in table.columns}
     assert sum(span for _, span in table.groups) == len(table.columns) == len(table.rows[0])
-    assert structure_tables.sureness_table({}) is None and structure_tables.sureness_table({"frequency": None}) is None
+    assert all(structure_tables.stability_table(nothing) is None for nothing in ({}, {"frequency": None}))
     structures = structure_tables.structures_table(facts)
     assert "alpha^2" in structures.rows[0][1].text and structure_tables.structures_table({}) is None
 
 
 def test_predictions_and_known_terms(found):
     table = structure_tables.prediction_table(found["coefficients"]["axial"])
-    assert column(table, "Not used") == ["other"] and column(table, "Residual / fit's") == ["1.00"]
-    assert float(column(table, "at the least")[0]) == 1.0 and column(table, "true") == [MISSING]
+    assert column(table, "Data not fitted") == ["other"] and column(table, "Predicted") == ["1.00"]
+    assert float(column(table, "Refitted")[0]) == 1.0 and column(table, "True") == [MISSING]
     assert sum(span for _, span in table.groups) == len(table.columns) == len(table.rows[0])
     spoilt = {"rms": 0.1, "rms_ratio": 1.3, "least_ratio": 1.0, "without": {"term": "alpha^2", "rms_ratio": 1.1}}
     facts = found["coefficients"]["axial"] | {"check": {"other": spoilt}}
@@ -107,12 +108,12 @@ def test_the_page_shows_all_of_it(found, tmp_path):
     (tmp_path / "structure.json").write_text(json.dumps(found), encoding="utf-8")
     page = build_report(tmp_path).read_text(encoding="utf-8")
     for words in (
-        "What the records can tell, before any fit", "How the axial fit predicts what it has not seen",
-        "How sure the axial terms are", "in the polar form of the NASA report", "Would this motion tell known terms?",
-        "C_A made of known terms", "Ranking of the C_A candidates", "it has not seen",
+        "Data adequacy: which terms", "Prediction of data that were not fitted: axial coefficient",
+        "Stability of the axial selection", "in the polar form of the NASA report",
+        "are known terms selected on this motion?", "C_A with known terms", "Ranking of the C_A candidates",
     ):  # fmt: skip
         assert words in page
     del found["polar"], found["synthetic"]
     (tmp_path / "structure.json").write_text(json.dumps(found), encoding="utf-8")
     page = build_report(tmp_path).read_text(encoding="utf-8")
-    assert "polar form" not in page and "known terms?" not in page
+    assert "polar form" not in page and "are known terms" not in page

@@ -62,7 +62,7 @@ def test_options_reach_the_search():
     assert changed.exchanged is not None and set(changed.columns) == {0, 1}
     with pytest.raises(InputError, match="fast"):
         search(stack, NAMES, DT, Search(first=("fast",)))
-    with pytest.raises(InputError, match="no term that pays"):
+    with pytest.raises(InputError, match="no term that lowers"):
         identify(stack, NAMES, DT, Search(sigma_max=1e9), np.random.default_rng(0))
 
 

@@ -105,7 +105,7 @@ def test_white_noise_draws_from_the_raw_bound(descents, tmp_path: Path, sandwich
     with xr.open_datatree(tmp_path / "run" / "posterior.nc", engine="h5netcdf") as tree:
         assert float(tree["posterior"]["cds_over_mass"].std()) == pytest.approx(row["raw_sd"], rel=0.25)
         assert "acceptance_rate" in tree["sample_stats"]
-    assert label("white").startswith("teaching only, not for use")
+    assert label("white").startswith("for teaching only")
 
 
 def test_ar1_fits_without_latent_disturbances_and_leaves_no_table_of_output_error(descents, tmp_path: Path, sandwich):

@@ -69,7 +69,7 @@ def test_a_log_in_its_own_units(log, tmp_path):
     assert told["quantities"]["amplitude"]["unit"] == "deg" and 2.0 < told["quantities"]["amplitude"]["mean"] < 14.0
     assert told["trusted"] and told["forcing"] and told["halves"]["compared"]
     assert 14.5 < told["window"][0] < 17.5 and 37.0 < told["window"][1] < 40.5
-    assert f"{frequency['mean']:.4f}" in result.stdout and "that gusts drive" in result.stdout
+    assert f"{frequency['mean']:.4f}" in result.stdout and "excited by gusts" in result.stdout
 
 
 def test_window_and_freedom_are_handed_on(log):
@@ -87,7 +87,7 @@ def test_short_halves_are_said(log):
     path, _ = log
     found = door.find_modes(path, COLUMNS, (20.0, 25.0), (0.5, 1.5))
     assert found.halves is None and "longer record" in found.reason
-    assert any(line.startswith("Halves are not compared: swing") for line in door.lines(found))
+    assert any(line.startswith("The halves of the record are not compared: swing") for line in door.lines(found))
     assert door.document(found)["halves"] == {"compared": False, "reason": found.reason}
 
 
@@ -102,7 +102,7 @@ def test_a_fit_that_is_not_trusted_is_exit_code_1(log, monkeypatch):
 
     monkeypatch.setattr(door, "find_modes", doubtful)
     result = modes(path, *options(COLUMNS), "--window", 20, 38)
-    assert result.exit_code == 1 and "Not to be trusted" in result.stdout
+    assert result.exit_code == 1 and "Not reliable" in result.stdout
 
 
 def test_columns():

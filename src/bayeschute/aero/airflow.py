@@ -1,4 +1,4 @@
-"""The airflow that a canopy sees, without a singular axis (report 6.1-1..13 and 6.3.3-8, rewritten as vectors)."""
+"""Airflow of a canopy as vectors, without the singular axis of the report's angles (6.1-1..13, 6.3.3-8)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SEA_LEVEL_DENSITY = 1.225  # [kg/m^3], US Standard Atmosphere 1976
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class CanopyFlow:
-    """What the aerodynamic terms of canopies may depend on; arrays (canopy, ...).
+    """Explanatory variables of the aerodynamic terms of canopies; arrays (canopy, ...).
 
     Attributes:
         axis: Canopy axis x, from the canopy to its attach point (6.3.3-8a), NED components.

@@ -1,4 +1,4 @@
-"""What a table of a capsule's aerodynamics must be like to be interpolated; no JAX is needed to know."""
+"""Validation of a capsule's aerodynamic table for interpolation; free of JAX."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 COEFFICIENTS = ("C_A", "C_Y", "C_N", "C_l", "C_m", "C_n")  # forces -C_A x + C_Y y - C_N z, then moments (6.3.3-11, -12)
 MOST_ANGLES, MOST_ROLLS = 721, 72
 _ACROSS = COEFFICIENTS[1:3] + COEFFICIENTS[4:]
-_ROUNDING = 1e-6  # [rad] of angles, share of coefficients: what writing a table in decimals may cost
+_ROUNDING = 1e-6  # [rad] of angles, share of coefficients: rounding of a table written in decimals
 
 
 def is_pole(angle: Array) -> NDArray[np.bool_]:
@@ -67,7 +67,9 @@ def _angle_faults(angle: Array, where: str) -> list[Fault]:
 
 
 def _roll_faults(roll: Array, where: str) -> list[Fault]:
-    wanted = "a whole turn in even steps from 0 deg without its end (0, 45, ..., 315 deg), or 0 alone: all rolls alike"
+    wanted = (
+        "a whole turn in even steps from 0 deg without its end (0, 45, ..., 315 deg), or 0 alone: all roll angles equal"
+    )
     if roll.ndim != 1 or roll.size not in (1, *range(3, MOST_ROLLS + 1)) or not np.isfinite(roll).all():
         return [Fault(where, f"{roll.size} rolls", f"{wanted}; up to {MOST_ROLLS}")]
     if np.abs(roll - 2.0 * np.pi * np.arange(roll.size) / roll.size).max() > _ROUNDING:

@@ -2,9 +2,9 @@
 
 A coefficient of a smooth body is a Fourier series in the roll whose m-th amplitude begins at the axis with a power of
 the sine: C(alpha, phi) = sum over m of sin(alpha)^p [a_m(alpha) cos(m phi) + b_m(alpha) sin(m phi)], p = 0 for m = 0,
-1 for odd m, 2 for even m. The series meets every roll of the table; a_m and b_m are cubic splines through the table's
-angles, with zero slope on the axis. Written with the direction of the airflow in the body, nothing depends on the roll
-itself, which is undefined on the axis.
+1 for odd m, 2 for even m. The series interpolates every roll angle of the table; a_m and b_m are cubic splines through
+the table's angles of attack, with zero slope on the axis. Written with the direction of the airflow in body axes,
+nothing depends on the roll angle itself, which is undefined on the axis.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ class CapsuleTable:
     """Splines of the amplitudes of H harmonics over K angles.
 
     Attributes:
-        angle: Total angles of attack (K,) [rad]; beyond the ends the coefficients of the ends hold.
+        angle: Total angles of attack (K,) [rad]; constant extrapolation.
         value: Amplitudes at the first angle (H,).
         slope: Their slopes there (H,) [1/rad].
         curvature: Half their second derivatives there (H,) [1/rad^2].
         jump: Sixth parts of the third derivatives' jumps at all angles but the last (K - 1, H) [1/rad^3].
-        harmonics: What each amplitude belongs to.
+        harmonics: Harmonic of each amplitude.
     """
 
     angle: Component
@@ -77,7 +77,7 @@ def capsule_table(angle: Array, roll: Array, coefficients: Mapping[str, Array]) 
 
 
 def _of_revolution(full: Mapping[str, Array]) -> dict[Harmonic, Array]:
-    """Amplitudes of a body of revolution from its coefficients at roll 0: what is across turns with the roll."""
+    """Amplitudes of a body of revolution from its coefficients at roll 0; lateral ones rotate with the roll angle."""
     c = {name: values[:, 0] for name, values in full.items()}
     at = {name: i for i, name in enumerate(COEFFICIENTS)}
     return {
@@ -95,7 +95,7 @@ def _of_revolution(full: Mapping[str, Array]) -> dict[Harmonic, Array]:
 
 
 def _fourier(full: Mapping[str, Array], rolls: int) -> dict[Harmonic, Array]:
-    """Amplitudes of the trigonometric interpolation through even rolls; what is only rounding is left out."""
+    """Amplitudes of the trigonometric interpolation through equidistant roll angles, without rounding errors."""
     series: dict[Harmonic, Array] = {}
     for place, values in enumerate(full.values()):
         transform = np.fft.rfft(values, axis=1) / rolls

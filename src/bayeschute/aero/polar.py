@@ -1,8 +1,8 @@
 """Canopy forces in the report's polar form: coefficients along the axes of each canopy's own wind frame.
 
-The frame (6.3.3-8) has x towards the attach point, z along the part of the airflow across x, y = z cross x. It flips
-where that part vanishes, which is why `bayeschute.aero.terms` does without it; here the axes are regularised, so that
-the force is zero across the axis there and no gradient is infinite.
+The frame (6.3.3-8) has x towards the attach point, z along the component of the airflow perpendicular to x, y = z cross
+x. It is singular where that component vanishes, which is why `bayeschute.aero.terms` does not use it; here the axes are
+regularised, so that the transverse force is zero there and gradients are finite.
 """
 
 from __future__ import annotations

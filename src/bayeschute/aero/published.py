@@ -1,4 +1,4 @@
-"""Published sets of coefficients: TOML files with source, units and readings of their signs, checked as they load."""
+"""Published sets of aerodynamic coefficients: TOML files with source, units and sign conventions, validated on load."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class PublishedSet:
     """A published set under one reading of its signs.
 
     Attributes:
-        title: What it is.
+        title: Description of the set.
         source: Where it is printed.
         form: ``"planar"`` (6.3.1-10..12) or ``"polar"`` (coefficients along the wind axes, 6.3.3-5).
         reading: Name of the reading.

@@ -1,4 +1,4 @@
-"""Names of aerodynamic terms: what may be written, told without importing JAX (meanings: `bayeschute.aero.terms`)."""
+"""Syntax of the names of aerodynamic terms, free of JAX (meanings: `bayeschute.aero.terms`)."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def rate_factors(name: str) -> int:
 
 
 def check_axial(name: str) -> str | None:
-    """What is wrong with an axial term, in words; None if nothing."""
+    """Error in the name of an axial term, in words; None if it is valid."""
     try:
         factors = parse_term(name)
     except ValueError as error:
@@ -56,7 +56,7 @@ def check_axial(name: str) -> str | None:
 
 
 def check_transverse(name: str) -> str | None:
-    """What is wrong with a transverse term, in words; None if nothing."""
+    """Error in the name of a transverse term, in words; None if it is valid."""
     try:
         factors = parse_term(name)
     except ValueError as error:

@@ -1,1 +1,1 @@
-"""What `import bayeschute` offers: flights, priors, fits, posteriors, forecasts, and the verbs between them."""
+"""Public Python interface behind `import bayeschute`: flights, priors, fits, posteriors, forecasts and functions."""

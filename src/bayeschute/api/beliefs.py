@@ -1,4 +1,4 @@
-"""What is believed before a fit: the structure that equation error supports, and priors."""
+"""`Structure` and `Priors`: the selected model structure and the prior distributions of a fit."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import pandas as pd
 from bayeschute.api import html
 from bayeschute.likelihood.priors import Prior
 from bayeschute.study.schema.belief_schema import PriorsTable
+from bayeschute.study.schema.knowledge.knowledge_schema import KnowledgeTable
 from bayeschute.study.schema.structure_schema import StructureTable
 from bayeschute.study.study import Study as StudySpec
 
@@ -81,8 +82,9 @@ class Priors:
     Attributes:
         parameters: One entry per parameter.
         table: Inflation, floor, and which parameters differ from drop to drop or canopy to canopy.
-        candidates: How a fit goes on with the structure: searched, kept as it is.
-        found: What structure selection found, where priors come from it.
+        candidates: Whether the fit searches over the terms of the structure or keeps them.
+        found: Result of the structure selection that the priors were derived from, if any.
+        known: External knowledge that these priors include (``[[knowledge]]`` with ``use = "prior"``).
 
     Example:
         >>> import bayeschute as bc
@@ -95,21 +97,26 @@ class Priors:
     table: PriorsTable
     candidates: StructureTable | None = None
     found: Mapping[str, Any] | None = None
+    known: tuple[KnowledgeTable, ...] = ()
 
     @classmethod
     def from_structure(cls, structure: Structure, inflation: float | None = None) -> Priors:
-        """Priors of aerodynamic coefficients by equation error.
+        """Priors of aerodynamic coefficients by equation error, and by what the study says that others know.
 
         Args:
             structure: From `select_structure`.
             inflation: Times the standard errors of equation error; None: the study's.
         """
+        from bayeschute.study.aerodynamics.known import informed
         from bayeschute.study.run.stage_data import of_structure
 
         table = structure.spec.priors
         table = table if inflation is None else table.model_copy(update={"inflation": float(inflation)})
-        made = of_structure(replace(structure.spec, priors=table), structure.found["coefficients"])
-        return cls(tuple(made), table, structure.spec.structure, structure.found)
+        made = informed(
+            structure.spec, of_structure(replace(structure.spec, priors=table), structure.found["coefficients"])
+        )
+        known = tuple(k for k in structure.spec.knowledge if k.use == "prior")
+        return cls(tuple(made), table, structure.spec.structure, structure.found, known)
 
     @classmethod
     def of(cls, *parameters: Prior) -> Priors:
@@ -132,7 +139,8 @@ class Priors:
         kept = [p for p in self.parameters if p.name not in other.names]
         table = other.table.model_copy(update={"inflation": self.table.inflation, "floor": self.table.floor})
         candidates = self.candidates if self.candidates is not None else other.candidates
-        return Priors((*kept, *other.parameters), table, candidates, self.found or other.found)
+        known = (*self.known, *(k for k in other.known if k not in self.known))
+        return Priors((*kept, *other.parameters), table, candidates, self.found or other.found, known)
 
     def __len__(self) -> int:
         """How many parameters."""

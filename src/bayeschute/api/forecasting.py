@@ -1,4 +1,4 @@
-"""Forecasts of the flights of a file by a stored posterior: what `bayeschute predict` does."""
+"""Predictions of the flights of a file from a stored posterior: the command `bayeschute predict`."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 import xarray as xr
 
 from bayeschute.api.inputs import Flight
-from bayeschute.api.results import Posterior
+from bayeschute.api.posterior import Posterior
 from bayeschute.core.files import write_whole
 from bayeschute.report.figures.canvas import save
 from bayeschute.study.job import Progress
@@ -32,11 +32,11 @@ def predict_file(
         folder: Where to.
         draws: Draws of each flight; the study's number where None.
         seed: Seed; the study's where None.
-        data: What ``${DATA}`` stands for.
+        data: Folder that replaces ``${DATA}``.
         progress: Called with stage, share done and words.
 
     Returns:
-        What was found, line by line.
+        Lines of the summary that the command prints.
 
     Raises:
         InputError: With every fault of the file, before anything is drawn.

@@ -1,4 +1,4 @@
-"""Small tables that notebooks show: escaped text, no style of their own."""
+"""HTML tables for notebooks: escaped text, without styles."""
 
 from __future__ import annotations
 

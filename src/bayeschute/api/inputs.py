@@ -1,4 +1,4 @@
-"""What goes in: studies, flights with their records, and motion along them."""
+"""`Study`, `Flight` and `Motion`: studies, flights with their records, and reconstructed motion."""
 
 from __future__ import annotations
 
@@ -34,6 +34,7 @@ from bayeschute.study.templates import template
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from bayeschute.api.plausibility import Plausibility
     from bayeschute.reduced.cluster_modes import ClusterModes
 
 
@@ -124,7 +125,7 @@ class Flights(Sequence["Flight"]):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Study:
-    """A study file whose every fault was told: flights, priors, noise, sizes.
+    """A validated study: flights, priors, noise model, sizes.
 
     Attributes:
         spec: Its tables, all numbers in SI.
@@ -144,7 +145,7 @@ class Study:
 
         Args:
             path: The file (TOML).
-            data: What ``${DATA}`` stands for in it.
+            data: Folder that replaces ``${DATA}`` in it.
 
         Raises:
             InputError: With every fault of the study, its vehicle and its records' paths.
@@ -213,8 +214,8 @@ class Flight:
     """A flight: its record, the vehicle that flew it, the wind it met.
 
     Attributes:
-        spec: What a study file says of a flight.
-        study: The study it belongs to; of a flight on its own, one with the package's usual tables.
+        spec: The flight's table of the study file.
+        study: The study it belongs to; for a single flight, one with the default tables.
         raw: The record as read, where it does not come from a file.
 
     Example:
@@ -240,6 +241,7 @@ class Flight:
         capsule_mass: str | float | None = None,
         identify_until: str | None = None,
         roles: Sequence[str] = ("structure", "identify"),
+        accept_implausible: Sequence[str] = (),
     ) -> None:
         """A flight from a record in memory.
 
@@ -249,10 +251,11 @@ class Flight:
             name: Its name.
             wind: From `wind_profile`: how the wind changes with altitude, and the wind itself where none is recorded.
             window: First and last time used, such as ``("5 s", "95 s")``; bare numbers are seconds.
-            rate: The record is resampled to this rate [Hz]; None: its own.
+            rate: Sampling rate to which the record is resampled [Hz]; None: that of the record.
             capsule_mass: Replaces the vehicle's [kg].
-            identify_until: Where the part begins that is held out and predicted, such as ``"75 s"`` or ``"65 %"``.
+            identify_until: End of the fitted part, such as ``"75 s"`` or ``"65 %"``; the rest is held out.
             roles: Of ``structure``, ``identify``, ``predict``.
+            accept_implausible: Laws of plausibility, or groups of them, that the record may break.
         """
         usual = usual_study("cluster" if vehicle is not None else "descent")
         spec = FlightSpec(
@@ -263,6 +266,7 @@ class Flight:
             capsule_mass=None if capsule_mass is None else _si(capsule_mass, "kg"),
             wind_profile=wind,
             identify_until=None if identify_until is None else _cut(identify_until),
+            accept_implausible=tuple(accept_implausible),
         )
         self._set(spec, replace(usual, flights=(spec,), vehicle=vehicle, title=name), record)
 
@@ -279,7 +283,15 @@ class Flight:
 
     def changed(self, *, vehicle: Vehicle | None = None, **values: Any) -> Flight:
         """The flight with another vehicle, name, payload (`capsule_mass` [kg]), window [s], wind profile or roles."""
-        unknown = set(values) - {"name", "capsule_mass", "window", "wind_profile", "roles", "skip_first"}
+        unknown = set(values) - {
+            "name",
+            "capsule_mass",
+            "window",
+            "wind_profile",
+            "roles",
+            "skip_first",
+            "accept_implausible",
+        }
         if unknown:
             raise InputError(Fault("Flight.changed", ", ".join(sorted(unknown)), "a field of a flight"))
         spec = replace(self.spec, **values) if vehicle is None else replace(self.spec, vehicle=vehicle, **values)
@@ -292,7 +304,7 @@ class Flight:
 
     @property
     def roles(self) -> tuple[str, ...]:
-        """What it is used for: structure, identify, predict."""
+        """Roles of the flight: structure, identify, predict."""
         return self.spec.roles
 
     @property
@@ -317,7 +329,7 @@ class Flight:
 
     @property
     def record(self) -> xr.Dataset:
-        """Its record: cleaned, on a uniform clock, in SI; `repairs` lists what was done to it."""
+        """Its record: cleaned, uniformly sampled, in SI; `repairs` lists all changes."""
         return self._prepared[0]
 
     @property
@@ -327,8 +339,28 @@ class Flight:
 
     @property
     def repairs(self) -> tuple[Repair, ...]:
-        """What cleaning dropped, filled, derived or assumed."""
+        """Samples and variables that were dropped, interpolated, derived or assumed."""
         return repairs(self.record)
+
+    def plausibility(self) -> Plausibility:
+        """What looks wrong about the record's axes, units, signs, clocks and sizes, before anything is fitted.
+
+        Example:
+            >>> bc.Study.example().flights[0].plausibility().ok
+            True
+        """
+        from bayeschute.api.plausibility import Plausibility
+        from bayeschute.study.plausible import judge, window_used
+        from bayeschute.study.run.stage_data import as_read
+
+        spec = self.spec
+        virtual = spec.virtual is not None
+        record = self.record if virtual else (as_read(spec) if self.raw is None else self.raw)
+        vehicle = self.vehicle if self.study.model == "cluster" else None
+        used = window_used(record, spec.window, spec.skip_first, () if virtual else spec.roles)
+        window = None if virtual else (used.start, used.end)
+        found = judge(record, vehicle, spec.capsule_mass, window, spec.wind_profile)
+        return Plausibility(self.name, found, record, spec.accept_implausible)
 
     def plot(self) -> Figure:
         """The record over time, one panel a channel."""
@@ -393,7 +425,7 @@ class Motion:
         return self.data[name]
 
     def modes(self, length: float = 15.0, seed: int = 0) -> ClusterModes:
-        """What the cluster does, window by window (pendulum, glide, flyout, maypole), and what each stretch tells.
+        """Modes of motion by window (pendulum, glide, flyout, maypole), and the coefficients from each stretch.
 
         Args:
             length: Of the windows [s].

@@ -1,10 +1,9 @@
-"""The verbs: from a record to motion, structure, fit, posterior, and whole runs."""
+"""Functions of the public interface: reconstruct, select_structure, fit, sample, run, calibrate and others."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,42 +12,38 @@ import xarray as xr
 
 from bayeschute.api import html
 from bayeschute.api.beliefs import Priors, Structure
+from bayeschute.api.fitted import Fit
+from bayeschute.api.fitting import chosen, drawn, fitted_flights, ingest, sampling, shown, spec_of
 from bayeschute.api.inputs import Flight, Flights, Motion, Study
-from bayeschute.api.results import Fit, Posterior, Run
-from bayeschute.api.workspace import collected, workspace
+from bayeschute.api.posterior import Posterior
+from bayeschute.api.run_folder import Run
+from bayeschute.api.workspace import workspace
 from bayeschute.core.errors import Fault, InputError
+from bayeschute.records.foreign.conventions import Conventions
 from bayeschute.records.read import ColumnSpec
 from bayeschute.records.read import read_record as read_columns
-from bayeschute.study.job import Job, Progress
+from bayeschute.study.job import Progress
 from bayeschute.study.schema.belief_schema import NoiseTable
 from bayeschute.study.schema.structure_schema import StructureTable
-from bayeschute.study.study import Study as StudySpec
 
-Columns = Mapping[str, tuple[str, str]]
-
-
-@contextmanager
-def _shown(progress: Progress | bool | None) -> Iterator[Progress | None]:
-    """What progress is told to: a function, or bars in the terminal where it is true."""
-    if progress is True:
-        from bayeschute.console import Bars
-
-        with Bars() as bars:
-            yield bars
-    else:
-        yield progress or None
+Columns = Mapping[str, tuple[str, str] | tuple[str, str, float] | tuple[str, str, float, float]]
 
 
-def read_record(path: Path | str, columns: Columns | None = None) -> xr.Dataset:
+def read_record(path: Path | str, columns: Columns | None = None, **conventions: Any) -> xr.Dataset:
     """Read a flight record: CSV, CSV.gz or Parquet with a column map, or NetCDF in the package's own schema.
 
     Args:
         path: The file.
         columns: By quantity (``time``, ``altitude``, ``capsule_position.north``, ``canopy_position.1.down``,
-            ``capsule_attitude.w``, ...) the column's name and its unit there.
+            ``capsule_attitude.w``, ...) the column's name and its unit there; where needed, gain and offset after it.
+            Also ``capsule_position.up``, ``.west``, ...; ``capsule_attitude.yaw``, ``.pitch``, ``.roll``;
+            ``wind.speed`` and ``wind.direction``; ``time.week``; time in ``"iso"``.
+        conventions: What names and units don't tell, as `bayeschute.records.foreign.conventions.Conventions` has it:
+            ``axes="ENU"``, ``body_axes="-z y x"``, ``attitude="earth to body"``, ``euler="zyx"``, ``wind_is="from"``,
+            ``repeated_times="mean"``, ``sort_times=True``, ``clock_wraps=604800.0``, ``lacks=("capsule_rate.y",)``.
 
     Returns:
-        The record in SI at its own times.
+        The record in SI at its recorded times.
 
     Raises:
         InputError: With every fault of map and file.
@@ -57,7 +52,12 @@ def read_record(path: Path | str, columns: Columns | None = None) -> xr.Dataset:
         >>> import bayeschute as bc
         >>> record = bc.read_record("drop.csv", {"time": ("t", "s"), "altitude": ("h", "ft")})  # doctest: +SKIP
     """
-    return read_columns(path, {k: ColumnSpec(*c) for k, c in columns.items()} if columns else None)
+    unknown = sorted(set(conventions) - {field.name for field in fields(Conventions)})
+    if unknown:
+        known = ", ".join(field.name for field in fields(Conventions))
+        raise InputError([Fault("read_record", f"{name!r}", f"one of {known}") for name in unknown])
+    specs = {k: ColumnSpec(*c) for k, c in columns.items()} if columns else None
+    return read_columns(path, specs, conventions=Conventions(**conventions))
 
 
 def reconstruct(flight: Flight) -> Motion:
@@ -106,10 +106,10 @@ def select_structure(
 
     several = [motion] if isinstance(motion, Motion | Flight) else list(motion)
     flights = [one.flight if isinstance(one, Motion) else one for one in several]
-    spec = _spec(flights, ("structure", "identify"))
+    spec = spec_of(flights, ("structure", "identify"))
     spec = spec if candidates is None else replace(spec, structure=candidates)
-    with _shown(progress) as tell, workspace(spec, progress=tell) as job:
-        _ingest(job, flights)
+    with shown(progress) as tell, workspace(spec, progress=tell) as job:
+        ingest(job, flights)
         structure(job)
         text = job.out / "structure.txt"
         said = text.read_text(encoding="utf-8") if text.is_file() else ""
@@ -134,31 +134,13 @@ def fit(
         progress: Called with stage, share done and words; True: shown in the terminal.
 
     Raises:
-        FitError: If no flight of the model follows the records; it says what was tried.
+        FitError: If no trajectory of the model follows the records; it lists what was tried.
 
     Example:
         >>> bc.fit(study.flights[0]).converged
         True
     """
-    from bayeschute.study.assembly.fits import groups
-    from bayeschute.study.run import stage_data, stage_fit, stage_structure
-
-    chosen = _chosen(flights)
-    spec = _spec(chosen, ("structure", "identify"))
-    if priors is not None:
-        spec = replace(spec, priors=priors.table, structure=priors.candidates or spec.structure)
-    spec = replace(spec, noise=noise or spec.noise, seed=spec.seed if seed is None else seed)
-    with _shown(progress) as tell, workspace(spec, progress=tell) as job:
-        _ingest(job, chosen)
-        if priors is None:
-            stage_structure.structure(job)
-            stage_data.priors(job)
-        else:
-            job.save("structure.json", priors.found or {"coefficients": {}})
-            job.save("priors.json", [p.__dict__ for p in stage_data.in_order(spec, priors.parameters)])
-        stage_fit.fit_structures(job)
-        made = tuple(stage_fit.fit_group(job, group, job.say("fit")) for group in groups(job))
-        return Fit(spec, made, collected(job.out))
+    return Fit(*fitted_flights(chosen(flights), priors, noise, seed, progress))
 
 
 def sample(
@@ -186,23 +168,8 @@ def sample(
         >>> bc.sample(fitted, draws=200, chains=2, warmup=50)[fitted.parameters.index[0]].size
         200
     """
-    from bayeschute.study.run import stage_fit, stage_results
-
-    table = fitted.spec.sampler
-    count = chains or table.chains
-    asked = {
-        "chains": chains,
-        "warmup": warmup,
-        "kind": sampler,
-        "draws": None if draws is None else -(-draws // count),
-    }
-    table = type(table).model_validate(table.model_dump() | {k: v for k, v in asked.items() if v is not None})
-    spec = replace(fitted.spec, sampler=table, seed=fitted.spec.seed if seed is None else seed)
-    with _shown(progress) as tell, workspace(spec, fitted.files, tell) as job:
-        drawn = [stage_fit.draw_group(job, one, job.say("fit")) for one in fitted.groups]
-        stage_fit.store(job, fitted.groups, drawn)
-        stage_results.check(job)
-        return Posterior.of_run(job.out, spec)
+    spec = sampling(fitted.spec, draws, chains, warmup, seed, sampler)
+    return drawn(spec, fitted.groups, fitted.files, progress, Posterior.of_run)
 
 
 def run(
@@ -221,15 +188,15 @@ def run(
     Args:
         study: From `Study.load`.
         folder: Of the run; made where missing.
-        resume: Go on in the folder of an earlier run; stages that finished with what they read now are kept.
+        resume: Continue in the folder of an earlier run; stages whose inputs are unchanged are reused.
         quick: Small sizes, not for use.
         until: Last stage to run.
         workers: Local processes that predictions are spread over.
         progress: Called with stage, share done and words; True: shown in the terminal.
-        force: Begin anew in the folder of an earlier run: what that run wrote is removed first.
+        force: Start again in the folder of an earlier run; its results are removed first.
 
     Raises:
-        InputError: If `folder` holds something else, or an earlier run and neither `resume` nor `force` is given.
+        InputError: If `folder` contains something else, or an earlier run and neither `resume` nor `force` is given.
 
     Example:
         >>> run = bc.run(study, folder / "until-priors", until="priors")
@@ -239,14 +206,14 @@ def run(
     from bayeschute.study.assembly.assemble import smaller
     from bayeschute.study.run.stages import run_study
 
-    with _shown(progress) as tell:
+    with shown(progress) as tell:
         run_study(study.spec, folder, until, resume, quick, progress=tell, workers=workers, force=force)
     return Run(Path(folder), Study(smaller(study.spec)) if quick else study)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Coverage:
-    """What intervals and bands held over replicates of a study.
+    """Coverage of intervals and bands over replicates of a study.
 
     Attributes:
         found: As `bayeschute calibrate` stores it.
@@ -261,7 +228,7 @@ class Coverage:
 
     @property
     def table(self) -> pd.DataFrame:
-        """Share of the replicates whose nominal 90 % interval held the truth, with its standard error."""
+        """Coverage of nominal 90 % intervals over the replicates, with its standard error."""
         share, error = self.found["coverage"], self.found["standard_error"]
         return pd.DataFrame({"share": share, "standard_error": error})
 
@@ -291,13 +258,13 @@ def calibrate(
     quick: bool = False,
     progress: Callable[[float, str], None] | None = None,
 ) -> Coverage:
-    """Fly a study's virtual flights anew many times, fit each, and count what intervals and bands hold.
+    """Measure the coverage of intervals and bands over replicates of a study's virtual flights.
 
     Args:
         study: All flights virtual.
-        folder: Keeps finished replicates; the same call goes on.
-        replicates: How many.
-        scenario: What is flown that the identification is not told; ``none`` or a name of `scenarios`.
+        folder: Stores finished replicates; the same call continues a stopped one.
+        replicates: Number of replicates to simulate, identify and predict.
+        scenario: Misspecification of the simulated flights; ``none`` or a name of `scenarios`.
         noise: Replaces the noise model.
         workers: Local processes.
         quick: Small sizes, not for use.
@@ -314,7 +281,7 @@ def calibrate(
 
 
 def scenarios() -> dict[str, str]:
-    """Named misspecifications that `calibrate` can fly, and what each is.
+    """Misspecification scenarios of `calibrate`, by name, with a description.
 
     Example:
         >>> "strong-gusts" in bc.scenarios()
@@ -348,39 +315,6 @@ def numpyro_model(source: Fit | Posterior) -> Callable[[], None]:
     if len(pairs) != 1:
         raise InputError(Fault("numpyro_model", f"{len(pairs)} fits", "one set of flights that share their parameters"))
     return model(*pairs[0])
-
-
-def _chosen(flights: Study | Flight | Sequence[Flight]) -> list[Flight]:
-    if isinstance(flights, Study):
-        return [f for f in flights.flights if {"identify", "structure"} & set(f.roles)]
-    return [flights] if isinstance(flights, Flight) else list(flights)
-
-
-def _spec(flights: Sequence[Flight], roles: tuple[str, ...]) -> StudySpec:
-    """The study of some flights: tables of the first's, each flight with the vehicle that flew it."""
-    if not flights:
-        raise InputError(Fault("flights", "none", "at least one flight"))
-    study = flights[0].study
-    names = [flight.name for flight in flights]
-    if len(set(names)) < len(names):
-        raise InputError(Fault("flights", ", ".join(names), "flights of different names", "Use `Flight.changed`."))
-    vehicle = flights[0].vehicle
-    specs = tuple(
-        replace(
-            flight.spec,
-            roles=tuple(role for role in flight.roles if role in roles) or roles,
-            vehicle=None if flight.vehicle == vehicle else flight.vehicle,
-        )
-        for flight in flights
-    )
-    return replace(study, flights=specs, vehicle=vehicle, requirements=())
-
-
-def _ingest(job: Job, flights: Sequence[Flight]) -> None:
-    from bayeschute.study.run.stage_data import ingest_flight
-
-    for spec, flight in zip(job.study.flights, flights, strict=True):
-        ingest_flight(job, spec, flight.raw)
 
 
 __all__ = [

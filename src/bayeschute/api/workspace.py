@@ -1,4 +1,4 @@
-"""A run's folder for as long as a verb works: its files are in memory before and after."""
+"""Temporary run folder of a function of the public interface; its files are kept in memory."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from bayeschute.study.job import Job, Progress
 from bayeschute.study.study import Study
 
 Files = Mapping[str, bytes]
-KEPT = ("flights/*.nc", "structure.*", "priors.json", "fit/**/*", "checks.json", "identifiability.json")
-"""Files that a posterior is asked by, later or elsewhere."""
+KEPT = ("flights/*.nc", "structure.*", "priors.json", "fit/**/*", "checks.json", "identifiability.json", "history.json")
+"""Files that a stored posterior needs for later predictions."""
 
 
 @contextmanager
 def workspace(study: Study, files: Files | None = None, progress: Progress | None = None) -> Iterator[Job]:
-    """A run in a folder of its own, which is gone afterwards.
+    """A run in a temporary folder, which is deleted afterwards.
 
     Args:
         study: The study.
-        files: What the folder holds at first, by name.
+        files: Initial content of the folder, by name.
         progress: Called with stage, share done and words.
     """
     with tempfile.TemporaryDirectory(prefix="bayeschute-") as name:

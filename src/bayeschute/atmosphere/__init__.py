@@ -1,1 +1,1 @@
-"""The air that a flight meets: the standard atmosphere, and wind by altitude."""
+"""Atmosphere: the standard atmosphere, and wind by altitude."""

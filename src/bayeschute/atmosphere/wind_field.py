@@ -1,4 +1,4 @@
-"""Wind that changes with altitude, met by every body at its own."""
+"""Wind profile by altitude, evaluated at the altitude of every body."""
 
 from __future__ import annotations
 

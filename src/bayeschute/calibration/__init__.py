@@ -1,1 +1,1 @@
-"""What intervals and bands hold over many replicates."""
+"""Calibration: coverage of intervals and bands over replicates, and simulation-based calibration."""

@@ -1,8 +1,8 @@
-"""A campaign: one row of results per replicate, made anywhere, kept as it comes, the same whoever made it.
+"""Simulation campaign: one row of results per replicate, stored as it is computed, resumable and reproducible.
 
-Rows are stored one by one (`bayeschute.calibration.rows`). A campaign that was stopped goes on where it was; rows of
-another campaign are refused. Replicates run in this process, in local processes, or on a Dask cluster; a worker that
-dies costs its replicate, which Dask gives to another.
+Rows are stored one by one (`bayeschute.calibration.rows`). A campaign that was stopped continues where it was; rows of
+another campaign are refused. Replicates run in this process, in local processes, or on a Dask cluster; the replicate of
+a worker that dies is lost, or run again by Dask on another worker.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ def run(
     address: str | None = None,
     progress: Progress | None = None,
 ) -> list[Row]:
-    """Make the rows of all seeds that the folder does not hold yet.
+    """Compute the rows of all seeds that the folder does not contain yet.
 
     Args:
         task: Makes the row of a seed; it counts its own failures as rows with ``ok`` false. Sent to workers, so it must
             be a function of a module or a partial of one.
         seeds: Seeds wanted.
         folder: Of the rows.
-        identity: Hash of all that rows depend on beside the seed.
+        identity: Hash of all that rows depend on except the seed.
         workers: Local processes; 1: this one.
         address: Of a Dask scheduler, in place of local processes.
         progress: Called with the share done and words.

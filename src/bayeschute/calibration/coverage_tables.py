@@ -1,4 +1,4 @@
-"""What replicates say of a configuration's intervals and bands: shares, standard errors, and a verdict."""
+"""Coverage of intervals and bands over replicates: shares, standard errors, and a verdict."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def _share(values: Sequence[Any], of_shares: bool) -> dict[str, float]:
 
 
 def coverage_of_parameters(rows: Sequence[Row]) -> dict[str, dict[str, Any]]:
-    """Share of replicates whose intervals hold the truth, by parameter; a flown term left out counts as outside.
+    """Coverage of intervals over replicates, by parameter; a true term that was not selected counts as outside.
 
     Args:
         rows: Rows of a campaign that are ok.
@@ -56,7 +56,7 @@ def coverage_of_parameters(rows: Sequence[Row]) -> dict[str, dict[str, Any]]:
 
 
 def coverage_of_bands(rows: Sequence[Row]) -> dict[str, dict[str, Any]]:
-    """Share of samples whose truth lies in the bands, per ``flight/quantity``; replicates are the independent units.
+    """Coverage of bands: share of samples inside, per ``flight/quantity``; replicates are the independent units.
 
     Args:
         rows: Rows of a campaign that are ok.
@@ -91,7 +91,7 @@ def coverage_of_bands(rows: Sequence[Row]) -> dict[str, dict[str, Any]]:
 
 
 def coverage_of_modes(rows: Sequence[Row]) -> dict[str, dict[str, Any]]:
-    """Share of replicates whose intervals hold what a mode does in a flight, per ``flight/what``.
+    """Coverage of intervals of amplitude and frequency of the modes over replicates, per ``flight/mode``.
 
     Args:
         rows: Rows of a campaign that are ok; those made before modes were scored are left out.
@@ -126,7 +126,7 @@ def summarise(rows: Sequence[Row]) -> dict[str, Any]:
         ``replicates`` that are ok, ``failed`` with the reasons, ``nominal``, ``coverage`` and ``standard_error`` by
         name, the full tables of ``parameters`` and ``bands``, that of ``modes`` (no promise
         rests on it), how often each of a run's own checks was missed, in how many replicates Pareto k of the sampler's
-        correction was ``below`` 0.7 of those that told it, and the mean ``wall_s``.
+        correction was ``below`` 0.7 of those that reported it, and the mean ``wall_s``.
     """
     good = [row for row in rows if row["ok"]]
     parameters, bands = coverage_of_parameters(good), coverage_of_bands(good)
@@ -149,13 +149,13 @@ def summarise(rows: Sequence[Row]) -> dict[str, Any]:
 
 
 def promised(summary: dict[str, Any]) -> list[str]:
-    """Names whose coverage a claim rests on: aerodynamic parameters flown, bands of flights the fit did not see."""
+    """Names whose coverage decides the label: true aerodynamic parameters, bands of flights that were not fitted."""
     aero = [name for name in summary["parameters"] if "[" in name]
     return aero + [name for name, entry in summary["bands"].items() if entry["role"] == "predict"]
 
 
 def verdict(summary: dict[str, Any], name: str) -> str:
-    """Whether a share keeps the promise, in words: ``kept``, ``too narrow``, ``too wide``, or why none is said."""
+    """Verdict on a coverage: ``kept`` (nominal), ``too narrow``, ``too wide``, or why there is none."""
     share, low, high = summary["coverage"][name], *WANTED
     made, failed = summary["replicates"], len(summary["failed"])
     if made < ENOUGH:
@@ -166,7 +166,7 @@ def verdict(summary: dict[str, Any], name: str) -> str:
 
 
 def lines(summary: dict[str, Any]) -> list[str]:
-    """The table for a screen: name, share at 90 %, its standard error, shares at all levels, verdict."""
+    """The table for the terminal: name, coverage at all levels, standard error at 90 %, verdict."""
     entries = summary["parameters"] | summary["bands"] | summary.get("modes", {})
     wide = max((len(name) for name in entries), default=0)
     head = "  ".join(f"{100 * level:>3.0f} %" for level in LEVELS)

@@ -1,4 +1,4 @@
-"""The label of a run's intervals: written by the run, read by its report. Its first word is the verdict."""
+"""Calibration label of a run's intervals: "verified: ..." or "not verified: ..."."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ def label_of(lacking: Sequence[str], kept: str) -> str:
     """The label of intervals.
 
     Args:
-        lacking: What is missing before they may be called verified, in words.
-        kept: What replicates held, in words.
+        lacking: What is missing for the label "verified", in words.
+        kept: Coverage over replicates, in words.
 
     Returns:
         ``verified: ...`` where nothing is missing, else ``not verified: ...``.

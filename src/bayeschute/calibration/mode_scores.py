@@ -1,7 +1,8 @@
-"""What the modes of a cluster do in a flight, one truth each against draws: amplitude and frequency of every mode.
+"""Calibration of predicted amplitude and frequency of the modes of a cluster (pendulum, scissors), flight by flight.
 
-The pendulum shows in the swing angle, the scissors (canopies moving apart and together) in the flyout angle. A share of
-samples counts a band; this counts flights: does the interval of a mode's amplitude hold the flight's own?
+The pendulum mode is measured by the swing angle, the scissors mode (canopies moving apart and together) by the flyout
+angle. The coverage of a band is a share of samples; here it is a share of flights: those whose true amplitude (or
+frequency) of a mode lies inside its predicted interval.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ MODES = {"pendulum": "swing_angle", "scissors": "flyout_angle"}
 
 
 def content(values: Mapping[str, Array], dt: float) -> dict[str, Array]:
-    """What the modes do in a stretch of a flight.
+    """Amplitude and frequency of the modes in a stretch of a flight.
 
     Args:
         values: Quantities by name, (..., T) each: angles [rad], ``descent_rate`` [m/s]; those that are missing are left
@@ -40,7 +41,7 @@ def content(values: Mapping[str, Array], dt: float) -> dict[str, Array]:
         size = np.sqrt(np.mean(moved**2, axis=-1))
         rate = np.sqrt(np.mean(np.gradient(moved, dt, axis=-1) ** 2, axis=-1))
         made[f"{mode} amplitude"] = np.sqrt(2.0) * size
-        with np.errstate(invalid="ignore", divide="ignore"):  # what does not move has no frequency
+        with np.errstate(invalid="ignore", divide="ignore"):  # a constant series has no frequency
             made[f"{mode} frequency"] = rate / size / (2.0 * np.pi)
     if "descent_rate" in values:
         made["mean descent rate"] = values["descent_rate"].mean(axis=-1)
@@ -48,7 +49,7 @@ def content(values: Mapping[str, Array], dt: float) -> dict[str, Array]:
 
 
 def score_modes(draws: Mapping[str, Array], truth: Mapping[str, Array], dt: float) -> dict[str, dict[str, Any]]:
-    """Score what the modes do in a flight.
+    """Score amplitude and frequency of the modes in a flight.
 
     Args:
         draws: Quantities by name, (S, T) each; draws that failed are not finite and left out.

@@ -1,9 +1,9 @@
-"""Rank statistics of simulation-based calibration, and bands that their distribution must keep to.
+"""Rank statistics of simulation-based calibration, with simultaneous confidence bands of their distribution.
 
 If truths are drawn from the prior and posteriors are right, the rank of a truth among L independent draws is uniform on
 0..L (Cook, Gelman and Rubin 2006; Talts et al. 2018). The empirical distribution of N ranks is compared with the
-uniform one everywhere at once: bands are as wide pointwise as keeps the whole curve inside with the given probability
-(Saeilynoja, Buerkner and Vehtari 2022).
+uniform one by simultaneous bands, whose pointwise width is chosen so that the whole curve stays inside with the given
+probability (Saeilynoja, Buerkner and Vehtari 2022).
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ def uniform(ranks: NDArray[np.int64], levels: int, probability: float = 0.95, te
         ranks: 0..L each (N,).
         levels: L.
         probability: With which a uniform sample lies inside the band as a whole.
-        tests: How many quantities are looked at together; the band of each is widened by Sidak's rule so that all of
+        tests: Number of quantities tested together; the band of each is widened by Sidak's rule so that all of
             them are inside with that probability.
 
     Returns:

@@ -1,9 +1,9 @@
-"""How much wider bands of unseen flights must be to hold what they say, learned on replicates.
+"""Recalibration of predicted bands: the widening factor that gives nominal coverage, by conformal risk control.
 
-Bands about the median, all widened by one factor, are nested. The factor is the least by which a further replicate's
-share of missed samples is expected to be at most 10 %: with n replicates and their mean miss R, ``(n R + 1)/(n + 1)``
-is at most 10 % (conformal risk control, Angelopoulos et al. 2024). That is true of flights like the replicates,
-whatever the model gets wrong of them, and says nothing of others.
+Bands about the median, all widened by one factor, are nested. The factor is the smallest for which the expected share
+of samples outside the band of a new replicate is at most 10 %: with n replicates and their mean share outside R,
+``(n R + 1)/(n + 1)`` is at most 10 % (conformal risk control, Angelopoulos et al. 2024). The guarantee holds for
+flights exchangeable with the replicates, whatever the errors of the model, and for no others.
 """
 
 from __future__ import annotations

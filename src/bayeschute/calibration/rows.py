@@ -1,6 +1,6 @@
 """Rows of a campaign as Parquet: a folder with a file per replicate, written as they come, read as one table.
 
-A row is what a replicate leaves: names, numbers and texts, nested. Its file is a table with one line per entry:
+A row contains the results of a replicate: names, numbers and texts, nested. Its file is a table, one line per entry:
 
     seed   entry                                   value   text
     40000  /parameters/axial[alpha^2]/mean         0.231   0.231
@@ -32,9 +32,9 @@ _CAMPAIGN = b"campaign"
 
 
 def entries(row: Row) -> Iterator[tuple[str, Any]]:
-    """JSON pointers of a row with what is there, in its order.
+    """JSON pointers of a row with their values, in its order.
 
-    A list is an entry too, before those of what it holds; so is a dict that is empty or in a list.
+    A list is an entry too, before those of its items; so is a dict that is empty or in a list.
     """
     yield from _below("", row)
 
@@ -95,7 +95,7 @@ def read_rows(folder: Path, identity: str | None = None) -> dict[int, Row]:
         identity: Hash of the campaign; that of the first row where None.
 
     Raises:
-        InputError: If files belong to another campaign or hold something else; all of them at once.
+        InputError: If files belong to another campaign or are no rows; all of them at once.
     """
     rows: dict[int, Row] = {}
     others, faults = Counter[str](), []

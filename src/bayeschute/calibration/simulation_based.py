@@ -1,13 +1,13 @@
 """Simulation-based calibration: truths from the prior, data from the model itself, and the rank of every truth.
 
-Parameters, noise parameters, initial state, latent disturbances and residual noise of a replicate are all drawn as the
-identification believes; then it is identified, and truths are ranked among draws (Talts et al. 2018). Whatever the
-approximations of the inference do to its intervals shows in the ranks.
+Parameters, noise parameters, initial state, latent disturbances and residual noise of a replicate are drawn from the
+priors and models that the identification assumes; then the replicate is identified, and the true values are ranked
+among its draws (Talts et al. 2018). Errors of the intervals that approximate inference causes show in the ranks.
 
-The prior is often far wider than where a study's records lie. Truths may be drawn from the posterior of a fit to the
-template's own record instead. Record and replicate are then fitted together with the original priors: what was drawn
-from p(theta | y), with data y' of its own, is ranked among draws of p(theta | y, y'), and ranks are uniform again if
-the inference is right (Saeilynoja et al. 2025, posterior simulation-based calibration).
+The prior is often far wider than the region of a study's records. The true values may be drawn from the posterior of a
+fit to the template's own record instead. Record and replicate are then fitted together with the original priors: a draw
+from p(theta | y), with its own data y', is ranked among draws of p(theta | y, y'), and ranks are uniform again if the
+inference is correct (Saeilynoja et al. 2025, posterior simulation-based calibration).
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ _GROUP = 16
 
 @dataclass(frozen=True)
 class Template:
-    """What replicates have in common.
+    """Settings that all replicates share.
 
     Attributes:
         flight: Inputs, sample times and gaps; its data are replaced.
@@ -65,7 +65,7 @@ class Believed:
 
     Attributes:
         found: The fit.
-        xi: Draws of the parameters for held noise parameters, standard coordinates (S, P).
+        xi: Draws of the parameters given fixed noise parameters, standard coordinates (S, P).
     """
 
     found: LaplaceFit
@@ -130,14 +130,14 @@ def draw(template: Template, seed: int, believed: Believed | None = None) -> Dra
         believed: Where truths come from; the priors where None.
 
     Raises:
-        FloatingPointError: If what is drawn hardly ever flies.
+        FloatingPointError: If simulations of nearly all draws fail.
     """
     rng, flight = stream(seed, "truth and data of a replicate"), template.flight
     blank = replace(
         flight, observed=np.zeros(np.shape(flight.observed)), present=np.ones(np.shape(flight.present), bool)
     )
     largest = template.most_swing * np.nanmax(np.abs(np.where(flight.present, flight.observed, np.nan)), axis=0)
-    largest[largest == 0.0] = np.inf  # attitude is told against the recorded one: its record is zero
+    largest[largest == 0.0] = np.inf  # attitude is relative to the recorded one: its record is zero
     redrawn = 0
     while redrawn < _TRIES:
         theta, hyper = _truth(template, believed, rng)
@@ -158,12 +158,12 @@ def draw(template: Template, seed: int, believed: Believed | None = None) -> Dra
 def derived(template: Template, found: LaplaceFit, xi: Array, seed: int) -> dict[str, Array]:
     """Draws of the derived quantities of the last flight (B,).
 
-    Every group of draws has noise parameters of its own, and theta with them.
+    Every group of draws has its own noise parameters, and parameters conditional on them.
 
     Args:
         template: The template.
         found: The fit.
-        xi: Draws of the parameters for held noise parameters, standard coordinates (B, P).
+        xi: Draws of the parameters given fixed noise parameters, standard coordinates (B, P).
         seed: Seed.
     """
     marginal, rng = found.marginal, stream(seed, "derived quantities")

@@ -1,4 +1,4 @@
-"""Tasks among processes: in this one, in local ones, or on a Dask cluster; each is finished or its loss is told."""
+"""Parallel execution of tasks: in this process, in local processes, or on a Dask cluster; losses are reported."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def client_of(workers: int, address: str | None) -> Iterator[Any]:
 
 
 def _for_numbers() -> Any:
-    """Dask's settings for processes that compute and hold little: a context.
+    """Context manager: Dask's settings for processes that compute much and store little.
 
     Dask has them give back every 64 KiB that are freed, for the sake of large data that stays, and looks at what they
     do a hundred times a second. The first costs a fit a quarter of its time.
@@ -81,7 +81,7 @@ def _own_cores(workers: int) -> Any:
 
 
 def _heard() -> Any:
-    """A plugin by which warnings of local workers are given in this process, and not on the screen from theirs."""
+    """A plugin that raises warnings of local workers in this process instead of printing them in theirs."""
     from distributed import Worker, WorkerPlugin
 
     class Heard(WorkerPlugin):
@@ -107,7 +107,7 @@ def _heard() -> Any:
 
 @contextmanager
 def kept_open(workers: int, address: str | None = None) -> Iterator[str | None]:
-    """The address of workers that serve several campaigns, so that they keep what they compiled for the first.
+    """The address of workers that serve several campaigns, so that compiled functions are reused.
 
     Args:
         workers: Local processes; with 1 the address is None: this process is the worker.
@@ -138,10 +138,10 @@ def finished(
     kills its workers then is the task itself.
 
     Args:
-        task: A function of a module or a partial of one; it tells its own failures in its result.
+        task: A function of a module or a partial of one; it returns its failures in its result.
         todo: Its inputs.
         client: From `client_of`.
-        ahead: Tasks per core under way at once, where results are large; all where None.
+        ahead: Tasks per core submitted at once, where results are large; all where None.
 
     Raises:
         InputError: If the connection to the scheduler breaks off.
@@ -165,7 +165,7 @@ def finished(
 def _spread(
     task: Callable[[T], R], todo: Sequence[T], client: Any, room: Callable[[], int]
 ) -> Iterator[tuple[T, R | Lost]]:
-    """Inputs with results or losses as they come, no more under way than there is room for."""
+    """Inputs with results or losses as they come, with a bounded number submitted at once."""
     from distributed import as_completed
 
     waiting, under_way, done = iter(todo), dict[Any, T](), as_completed()

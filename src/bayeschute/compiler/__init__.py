@@ -1,1 +1,1 @@
-"""From a JAX function of small arrays to sparse derivatives and machine code; knows nothing of parachutes."""
+"""From a JAX function of small arrays to sparse derivatives and machine code; independent of parachutes."""

@@ -1,9 +1,9 @@
-"""Simulations and derivatives of a flight by machine code made from its model; the numbers are those of `integrate`.
+"""Simulation of a flight and its derivatives by compiled machine code; same numbers as `integrate`.
 
-The code is made of the operations that JAX records of a model's `rate` and `observe`, each done once, several flights
-or samples side by side. It serves concrete arrays on a processor, for models whose `advance` is `rk4` of their `rate`,
-where llvmlite is installed (``pip install bayeschute[fast]``). Elsewhere the functions here return None and
-`integrate` does the same more slowly; `why_not_compiled` tells why.
+The code is generated from the operations that JAX traces in a model's `rate` and `observe`, each evaluated once, for
+several flights or samples side by side (SIMD). It takes concrete arrays on a CPU, for models whose `advance` is `rk4`
+of their `rate`, where llvmlite is installed (``pip install bayeschute[fast]``). Otherwise the functions here return
+None and `integrate` does the same more slowly; `why_not_compiled` gives the reason.
 """
 
 from __future__ import annotations
@@ -107,7 +107,7 @@ def along_path(
         Outputs (T, C), states reached and derivatives, or None where there is an `why_not_compiled`.
 
     Raises:
-        ValueError: If the path is not one of so many samples and states.
+        ValueError: If the shape of the path does not fit the samples and states.
     """
     programs = _served(model, theta, start, error)
     if isinstance(programs, str) or np.ndim(theta) != 1:
@@ -155,7 +155,7 @@ def _padded(a: Any, length: int) -> Array:
 
 
 def _handed_over(part: Array) -> Array:
-    """A part of an array in memory of its own, aligned, which JAX takes as it is."""
+    """A copy of a part of an array in aligned memory, which JAX takes without copying."""
     made = aligned(*part.shape)
     made[...] = part
     return made

@@ -1,4 +1,4 @@
-"""The program that carries tangents along a known flight through all Runge-Kutta steps.
+"""Forward sensitivities along a known trajectory: the program that propagates tangents through all Runge-Kutta steps.
 
 For a block of samples, side by side, the sparse Jacobian of the rate is computed at every stage of every step and kept
 in a table. Then, sample by sample, blocks of tangents go through the stages, side by side too: a straight run of
@@ -77,7 +77,7 @@ def differentiation(
 ) -> tuple[Program, int]:
     """Carry tangents along blocks of samples of one flight.
 
-    The first columns of the tangents are derivatives by the inputs of `groups`; those after have no input of their own.
+    The first columns of the tangents are derivatives by the inputs of `groups`; those after have no input.
     At each sample they start from ``source`` (block of columns, X, lanes) and end in ``out`` (T, X, blocks of columns
     times lanes). Where the state itself gets to from each sample is left in ``reached`` (X, stride).
 
@@ -89,7 +89,7 @@ def differentiation(
         graph: Expressions; grows.
         rates: Nodes of the rate of the state.
         rows: Rows of the groups of inputs.
-        groups: Groups of inputs to differentiate by, beside the state.
+        groups: Groups of inputs to differentiate by, besides the state.
         lanes: Samples per block, and columns per block.
 
     Returns:
@@ -160,7 +160,7 @@ def _tabulate(
 def _carry(
     code: Code, slopes: Slopes, sample: str, column: str, driven: bool, held: Arrays, out: tuple[str, str]
 ) -> None:
-    """Carry a block of tangents through one sample; `driven` ones have inputs of their own."""
+    """Carry a block of tangents through one sample; `driven` ones have inputs."""
     size, lanes = len(slopes.rates), code.lanes
     place = code.integer("mul", column, size * lanes)
     source = code.address("%source", place)

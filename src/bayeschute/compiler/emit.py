@@ -141,7 +141,7 @@ class Code:
         return Program(text, name, tuple(pointers), tuple(sizes), scratch)
 
     def gather(self, base: str, index: str) -> str:
-        """Doubles at an index of its own for each lane."""
+        """Doubles at a separate index for each lane."""
         if self.lanes == 1:
             return self.load(base, index)
         made = "poison"
@@ -152,7 +152,7 @@ class Code:
         return made
 
     def scatter(self, value: str, addresses: Iterable[str]) -> None:
-        """Write every lane to an address of its own."""
+        """Write every lane to a separate address."""
         for lane, address in enumerate(addresses):
             one = value if self.lanes == 1 else self.new(f"extractelement {self.type()} {value}, i64 {lane}")
             self.line(f"store double {one}, ptr {address}, align 8")

@@ -1,4 +1,4 @@
-"""The programs of a flight model, made when first asked for and shared by all flights of that kind."""
+"""Cache of the compiled programs of flight models, shared by all flights of the same kind."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Operations of a graph sorted by how often they must be done, and their results kept where others read them."""
+"""Operations of a graph sorted by how often they must be evaluated (loop-invariant code motion)."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Memory:
         self.lanes, self.size = lanes, 0
 
     def take(self, count: int = 1) -> int:
-        """Offset of so many vectors [doubles]."""
+        """Offset of this number of vectors [doubles]."""
         offset = self.size
         self.size += count * self.lanes
         return offset

@@ -39,7 +39,7 @@ class Arrays(NamedTuple):
 
 
 def arrays(memory: Memory, size: int) -> Arrays:
-    """Room for a quantity of so many rows."""
+    """Memory for a quantity with this number of rows."""
     return Arrays(memory.take(size), memory.take(size), memory.take(size))
 
 

@@ -1,1 +1,1 @@
-"""What every room may use: errors, units, vectors, processors."""
+"""Shared basics: errors, units, vectors, files, random streams, numerical settings."""

@@ -1,4 +1,4 @@
-"""What bad input looks like, every fault with where, got, wanted, do; and a fit of sound input that failed."""
+"""Errors: invalid input (every fault with where, got, wanted, do), and a fit that failed on valid input."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ class Fault:
 
     Attributes:
         where: File and place, e.g. ``models/studies/x.toml [prior.C_A0] sd``.
-        got: What stands there.
-        wanted: What would be accepted.
-        do: What the reader can do about it; may be empty.
+        got: The value or state that was found.
+        wanted: Values that are accepted.
+        do: Advice for the reader; may be empty.
     """
 
     where: str
@@ -43,11 +43,11 @@ class InputError(ValueError):
 
 
 class FitError(RuntimeError):
-    """A fit of sound input that did not come to rest.
+    """A fit of valid input that did not converge.
 
     Attributes:
-        reason: What happened and what may help, one sentence.
-        tried: What was tried, one line an attempt.
+        reason: Cause and advice, one sentence.
+        tried: Attempts, one line each.
         paths: The best flights found (`bayeschute.posterior.best_path.BestPath`), one a record; may be empty.
         parameters: Name, value, standard error and unit at the best point; may be empty.
     """
@@ -59,7 +59,7 @@ class FitError(RuntimeError):
         paths: Iterable[Any] = (),
         parameters: Iterable[tuple[str, float, float, str]] = (),
     ) -> None:
-        """Collect what is known all the same."""
+        """Collect the results that are known despite the failure."""
         self.reason = reason
         self.tried: tuple[str, ...] = tuple(tried)
         self.paths: tuple[Any, ...] = tuple(paths)

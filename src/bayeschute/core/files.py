@@ -1,4 +1,4 @@
-"""Files are written whole or not at all: a run killed at any moment leaves no halves."""
+"""Atomic file writing: a file is written whole or not at all."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ def write_whole(path: Path, write: Callable[[Path], Any], shared: bool = False) 
     Args:
         path: The file; its folder is made if missing.
         write: Writes the file at the path it is given, which has the same suffix. Where it fails, nothing is left.
-        shared: Whether several processes or threads may write this file at once. Each has a file of its own aside then,
+        shared: Whether several processes or threads may write this file at once. Each has a separate temporary file
+        then,
             and a process that is killed leaves it; else the next one that writes the file takes its place.
     """
     path.parent.mkdir(parents=True, exist_ok=True)

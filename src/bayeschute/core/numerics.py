@@ -1,4 +1,4 @@
-"""The one place that sets JAX's precision (64 bits) and threads, and keeps and forgets its compiled functions."""
+"""Numerical settings of JAX: 64-bit precision, threads, and the cache of compiled functions."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ def processors() -> int:
 def clear_compiled(most: int = MOST_MAPS) -> bool:
     """Forget JAX's compiled functions before their memory maps fill a long-lived process, and give back their memory.
 
-    Every structure and record length brings functions of its own, and each keeps dozens of maps. What is needed again
-    is compiled anew. Memory that is only freed stays with the process: glibc has to be told.
+    Every structure and record length needs its own functions, and each keeps dozens of maps. What is needed again
+    is compiled again. Freed memory stays with the process unless glibc is asked to trim it.
 
     Args:
         most: Maps up to which nothing is done.

@@ -1,7 +1,7 @@
-"""Named streams of random numbers: each use of a seed says in words what its numbers are for.
+"""Named random streams: each use of a seed is named for its purpose, and the streams are independent.
 
 Numbers of different names or keys are independent, whatever the seed. Name and keys are written as a JSON list, which
-tells every list of texts and integers from every other, and 128 bits of its hash are the spawn key of NumPy's
+is unique for every list of texts and integers, and 128 bits of its hash are the spawn key of NumPy's
 `SeedSequence`, whose pool holds no more.
 """
 
@@ -15,11 +15,11 @@ import numpy as np
 
 
 def stream(seed: int, name: str, *keys: int | str) -> np.random.Generator:
-    """The generator of a named stream; every call starts it anew.
+    """The generator of a named stream; every call restarts it.
 
     Args:
         seed: Seed, not negative.
-        name: What the numbers are for; a name is used in one place only.
+        name: Purpose of the numbers; a name is used in one place only.
         *keys: Which of several streams of that name, e.g. a flight's name or a chain's number.
 
     Raises:
@@ -30,11 +30,11 @@ def stream(seed: int, name: str, *keys: int | str) -> np.random.Generator:
 
 
 def seed_of(seed: int, name: str, *keys: int | str) -> int:
-    """An integer in place of a named stream, of 63 bits: for what takes a seed, as JAX does.
+    """An integer seed of 63 bits instead of a named stream, for libraries such as JAX.
 
     Args:
         seed: Seed, not negative.
-        name: What it is for, as for `stream`.
+        name: Purpose, as for `stream`.
         *keys: Which of several of that name.
 
     Raises:

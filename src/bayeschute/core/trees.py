@@ -1,4 +1,4 @@
-"""Nested values in one ``.npz`` file, which plain NumPy reads without pickle: ``optimum/flights/0/path`` and the like.
+"""Nested values in one ``.npz`` file that plain NumPy reads without pickle: ``optimum/flights/0/path``.
 
 A tree is made of dataclasses, named tuples, tuples, lists and mappings with texts as keys; its leaves are arrays,
 numbers, truth values and texts, or None, which leaves no entry.
@@ -39,7 +39,7 @@ def load_tree(path: Path, kind: type[T], at: str = "") -> T:
 
     Args:
         path: The file.
-        kind: Type of the tree; the annotations of its fields say what is inside: ``dict[str, X]``, ``tuple[X, ...]``.
+        kind: Type of the tree; its fields have annotated types such as ``dict[str, X]``, ``tuple[X, ...]``.
         at: Where in the tree, e.g. ``"optimum/flights"``; all of it where empty.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Quantities with units enter here and leave in SI; no factor is typed by hand."""
+"""Quantities with units, converted to SI where they enter."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def _unit(text: str) -> Unit:
 
 @cache
 def _not_a_unit() -> tuple[type[Exception], ...]:
-    """What pint's parser raises on text that names no unit."""
+    """Exceptions of pint's parser on text that is no unit."""
     from tokenize import TokenError
 
     from pint import PintError
@@ -66,14 +66,14 @@ def _turns(unit: Unit) -> float:
 
 
 def _is_counted_in(unit: Unit, wanted: Unit) -> bool:
-    """Whether a quantity in `unit` can be told in `wanted` without guessing what was meant."""
+    """Whether a quantity in `unit` can be converted to `wanted` without ambiguity."""
     return unit.is_compatible_with(wanted) and _turns(unit) == _turns(wanted)
 
 
 def to_si(text: str, unit: str) -> float:
     """Read a quantity and convert it to an SI unit.
 
-    Angles are told from pure numbers: ``"0.3"`` is no angle, and ``"0.2 Hz"`` no rate of turn.
+    Angles are distinguished from pure numbers: ``"0.3"`` is no angle, and ``"0.2 Hz"`` no rate of turn.
 
     Args:
         text: Number and unit, e.g. ``"116 ft"``; ``"0.7"`` or ``"70 %"`` where `unit` is ``""``.

@@ -24,7 +24,7 @@ from bayeschute.dynamics.parameters import Capsule, Cluster, Risers, Structure
 from bayeschute.dynamics.riser import riser_tension
 from bayeschute.dynamics.state import ClusterState, pack, unpack
 
-_LEAST_SPEED = 1e-6  # [m/s]; keeps 1/|V| finite at rest and changes nothing that flies
+_LEAST_SPEED = 1e-6  # [m/s]; keeps 1/|V| finite at zero speed, negligible in flight
 
 
 @jax.tree_util.register_dataclass
@@ -39,9 +39,10 @@ class Air:
         axial_factor: Factor on every canopy's axial coefficient, (canopy, ...) or 1: breathing (6.3.2-28).
         shear: Derivative of the wind with altitude [1/s].
         aloft: The air where the canopies are, components (canopy, ...); None: the same.
-        push: What no term explains of every canopy's transverse coefficient, towards north and east, components
-            (canopy, ...); what of it lies along the riser has no effect. None: nothing.
-        roll: What no equation explains of the capsule's angular acceleration about its long axis, such as risers that
+        push: Latent transverse force: residual of every canopy's transverse coefficient, towards north and east,
+        components
+            (canopy, ...); its component along the riser has no effect. None: zero.
+        roll: Latent angular acceleration of the capsule about its long axis, such as by risers that
             twist, over gravity over the risers' length (...). None: nothing.
     """
 
@@ -57,7 +58,7 @@ class Air:
 
 @dataclass(frozen=True)
 class RiserGeometry:
-    """Where the risers run: unit vectors capsule -> canopy, lengths, and what moves their ends."""
+    """Geometry of the risers: unit vectors capsule -> canopy, lengths, and velocities of their ends."""
 
     attach_n: Vec3
     direction: Vec3
@@ -109,7 +110,7 @@ def canopy_flow(state: ClusterState, geo: RiserGeometry, model: Cluster, structu
 
 
 def canopy_force(flow: CanopyFlow, geo: RiserGeometry, model: Cluster, structure: Structure, air: Air) -> Vec3:
-    """Aerodynamic force on every canopy, q S (-C_A x + transverse) [N], NED (6.3.3-5), or what another law says."""
+    """Aerodynamic force on every canopy, q S (-C_A x + transverse) [N], NED (6.3.3-5), or a user-defined law."""
     if structure.force is not None:
         return structure.force(flow, geo, model, air)
     axial = axial_coefficient(structure.axial, model.axial, flow) * air.axial_factor
@@ -175,7 +176,7 @@ def _affine_force(
 
 
 def least_inertia(x: jax.Array, model: Cluster, structure: Structure, air: Air) -> jax.Array:
-    """Least eigenvalue of every canopy's inertia with what the airflow rate adds, over its own mass (canopy, ...).
+    """Least eigenvalue of every canopy's inertia including the airflow-rate terms, over its mass (canopy, ...).
 
     At zero or below the acceleration is not defined by the equations: the model is ill-posed (PHYSICS 3). It is 1 where
     the rate is the riser's.

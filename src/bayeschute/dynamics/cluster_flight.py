@@ -1,8 +1,7 @@
-"""The three-body cluster along one record: the model of the main job."""
+"""The cluster model along one record: the capsule under n canopies as a discrete-time state-space model."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -11,6 +10,7 @@ import jax
 import jax.numpy as jnp
 
 from bayeschute.aero.airflow import SEA_LEVEL_DENSITY
+from bayeschute.aero.coefficient import Coefficient
 from bayeschute.atmosphere.wind_field import WindField
 from bayeschute.compiler.integrate import rk4
 from bayeschute.core.vectors import Component, Quaternion, Vec3, dot, norm, quaternion, vec3
@@ -19,7 +19,6 @@ from bayeschute.dynamics.initial_state import Start, initial_state
 from bayeschute.dynamics.parameters import Cluster, Structure
 from bayeschute.dynamics.state import ClusterState, pack, unpack
 
-_COEFFICIENT = re.compile(r"(axial|transverse)\[(.*)\](?:\.canopy(\d+))?")
 LOGARITHMIC = ("riser_stiffness", "riser_damping", "enclosed_air_factor")
 CHANNELS = (
     "canopy_position",
@@ -51,11 +50,12 @@ def with_parameters(base: Cluster, structure: Structure, names: Sequence[str], t
     risers, capsule, canopies = base.risers, base.capsule, base.canopies
     for i, name in enumerate(names):
         value = jnp.exp(theta[i]) if name in LOGARITHMIC else theta[i]
-        if found := _COEFFICIENT.fullmatch(name):
-            kind, term, canopy = found.groups()
-            place = getattr(structure, kind).index(term)
-            old = aero[kind][place]
-            aero[kind][place] = value if canopy is None else _with_canopy(old, int(canopy), value, structure.canopies)
+        found = Coefficient.parse(name)
+        if found is not None and found.flight is None:
+            place, canopy = getattr(structure, found.kind).index(found.term), found.canopy
+            old = aero[found.kind][place]
+            new = value if canopy is None else _with_canopy(old, canopy, value, structure.canopies)
+            aero[found.kind][place] = new
         elif name.startswith("riser_"):
             risers = replace(risers, **{name[6:]: value})
         elif name == "capsule_mass":
@@ -83,7 +83,7 @@ def _with_canopy(old: Component, canopy: int, value: Component, count: int) -> C
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class ClusterInputs:
-    """What the cluster meets at each sample; leaves (T, ...).
+    """Inputs of the cluster at each sample (wind, density); leaves (T, ...).
 
     Attributes:
         wind: Best-estimated wind (T, 3) [m/s].
@@ -114,7 +114,7 @@ class ClusterFlight:
             ``capsule_attitude`` (rotation vector from the recorded attitude, 3), ``riser_tension`` (n) [N],
             ``swing_angle`` (1) [rad] and ``descent_rate`` (1) [m/s] as of `quantity`.
         substeps: Runge-Kutta steps per sample.
-        wind_field: Wind by altitude that adds to the record's, for every body at its own; None: all meet the record's.
+        wind_field: Wind by altitude added to the record's, at every body's altitude; None: all have the record's.
     """
 
     base: Cluster
@@ -294,7 +294,7 @@ def swing_angle(state: ClusterState, attach_b: Vec3) -> Component:
 
     The angle is the distance from a point, the vertical, so it has a cone's tip there: no derivative exists. Here it is
     zero, the mean of those in all directions; everywhere else it is exact, of size 1 over the mean riser's length. A
-    linearised fit follows the angle where the swing is large beside what is uncertain of it.
+    linearised fit follows the angle where the swing is large compared with its uncertainty.
     """
     mean = _risers(state, attach_b).map(lambda c: c.sum(axis=0))
     leans = mean.x**2 + mean.y**2 > 0.0

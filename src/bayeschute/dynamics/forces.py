@@ -1,8 +1,9 @@
-"""Laws of the canopies' force that may take the place of the equivariant terms: `Structure(..., force=law)`.
+"""User-defined laws of the canopy force in place of the equivariant terms: `Structure(..., force=law)`.
 
-A law is a function of the airflow, the risers, the cluster and the air that returns the force on every canopy [N], NED
-components (canopy, ...). It finds its coefficients in `Cluster.axial` and `Cluster.transverse`, so that they may be
-batched, differentiated and identified by name like those of the terms. The equations of motion stay the same.
+A force law is a function of the airflow, the risers, the cluster and the air that returns the force on every canopy
+[N], NED components (canopy, ...). It takes its coefficients from `Cluster.axial` and `Cluster.transverse`, so that
+they can be batched, differentiated and identified by name like those of the terms. The equations of motion are the
+same.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from bayeschute.dynamics.parameters import Cluster
 
 
 def drag(flow: CanopyFlow, geo: RiserGeometry, model: Cluster, air: Air) -> Vec3:
-    """Force against the airflow, whatever its direction; ``axial = (C_D,)``."""
+    """Drag opposite to the airflow, in any direction; ``axial = (C_D,)``."""
     (C_D,) = model.axial
     return drag_coefficient(flow, C_D * air.axial_factor) * (flow.q * model.canopies.area)
 

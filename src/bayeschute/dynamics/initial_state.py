@@ -1,4 +1,4 @@
-"""Initial states of a cluster with taut risers: a few free numbers, and stretch that starts no line transient."""
+"""Initial states of a cluster: a few free parameters, with riser stretch in equilibrium (no line transient)."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Start:
         rate: Body rate (3,) [rad/s].
         direction: Unit vectors attach point -> canopy (3, n).
         turning: Their rates (3, n) [1/s].
-        shape: eta of canopies that breathe, and its rate [1/s] (2, n); None: at rest.
+        shape: eta of canopies that breathe, and its rate [1/s] (2, n); None: zero.
     """
 
     position: Component
@@ -57,7 +57,7 @@ def _basis(direction: Component) -> tuple[Vec3, Vec3]:
 
 
 def tangent_basis(direction: Component) -> Component:
-    """The across-riser directions of a start as one array (2, 3, n), to be kept beside it."""
+    """The across-riser directions of a start as one array (2, 3, n), stored with it."""
     first, second = _basis(direction)
     return np.stack([np.stack([first.x, first.y, first.z]), np.stack([second.x, second.y, second.z])])
 
@@ -140,7 +140,7 @@ def static_tension(state: ClusterState, model: Cluster, structure: Structure, ai
 
 
 def _solved(matrix: list[list[Component]], right: list[Component]) -> list[Component]:
-    """Gauss elimination without a change of rows: pulls on bodies with mass make a definite matrix."""
+    """Gauss elimination without pivoting: riser tensions on bodies with mass give a definite matrix."""
     n = len(right)
     for k in range(n):
         for i in range(k + 1, n):

@@ -1,4 +1,4 @@
-"""How a simulation ended, and how far its steps can be trusted: values, so that batches of flights carry them."""
+"""Outcome and integration error of a simulation, as values that batches of flights carry."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from bayeschute.dynamics.cluster import geometry, least_inertia
 from bayeschute.dynamics.cluster_flight import ClusterFlight
 from bayeschute.dynamics.state import CAPSULE_SIZE, unpack
 
-LONGEST_SLACK = 1.0  # [s] that a riser of a descent may be slack; longer, the model of lines and canopies says little
-FASTEST = 340.0  # [m/s]; nothing of this model holds beyond
+LONGEST_SLACK = 1.0  # [s] that a riser of a descent may be slack; beyond, the model of lines and canopies is not valid
+FASTEST = 340.0  # [m/s]; the model is not valid beyond
 LONGEST = 1.5  # of a riser, over its unstretched length
 _LARGEST = 1e7  # of a state of any other model, SI
 LARGEST_STEP_ERROR = 0.01  # [m] of a place in the cluster
@@ -28,7 +28,7 @@ _HALVED = 16.0 / 15.0  # Richardson: error of a fourth-order method from its cha
 
 
 class Outcome(IntEnum):
-    """What became of a simulation; the largest that applies counts."""
+    """Outcome of a simulation; the largest that applies counts."""
 
     OK = 0
     UNRESOLVED = 1
@@ -43,12 +43,13 @@ class Outcome(IntEnum):
 
 
 class Simulation(NamedTuple):
-    """States of a flight with what they are worth; batch axes last.
+    """States of a flight with outcome and error estimate; batch axes last.
 
     Attributes:
         states: (T, X, ...).
         step_error: Largest error of each state that is due to the steps (X, ...), by a flight in halved steps; not
-            finite where that failed. Where risers come taut it tells the size only: the order of the method drops.
+            finite where that failed. Where risers become taut it is an order of magnitude only: the order of the
+            method drops.
         outcome: An `Outcome` (...).
         failed_at: Sample at which it began (...); -1 where the outcome is ok.
     """
@@ -60,7 +61,7 @@ class Simulation(NamedTuple):
 
 
 def simulate(model: FlightModel, theta: Component, start: Component, error: Component) -> Simulation:
-    """Fly, fly again in halved steps, and judge.
+    """Simulate, simulate again with halved steps, and estimate outcome and error.
 
     The states are those of `bayeschute.compiler.integrate.trajectory`, by machine code where `kernel.flight` has it;
     the rest costs twice their time.
@@ -75,19 +76,19 @@ def simulate(model: FlightModel, theta: Component, start: Component, error: Comp
 
 
 def examine(model: FlightModel, theta: Component, start: Component, error: Component, states: jax.Array) -> Simulation:
-    """What states that were simulated are worth: the part of `simulate` after the first flight.
+    """Outcome and error of simulated states: the part of `simulate` after the first simulation.
 
     Steps too long for a riser don't make a flight diverge: its tension can't push, so they shake it between slack and
-    taut. The flight in halved steps tells.
+    taut. The simulation in halved steps shows it.
 
     Args:
         model: The flight.
         theta: Parameters (P, ...).
         start: Initial deviations (D, ...).
         error: Latent disturbances at every sample (T, A, ...).
-        states: What `bayeschute.compiler.integrate.trajectory` gives for all that (T, X, ...).
+        states: From `bayeschute.compiler.integrate.trajectory` (T, X, ...).
     """
-    coarse: Any = model  # every flight model is a dataclass with substeps; its protocol says only what flying needs
+    coarse: Any = model  # every flight model is a dataclass with substeps, which its protocol does not contain
     finer = replace(coarse, substeps=2 * coarse.substeps)
     return _examined(model, jnp.asarray(theta), jnp.asarray(states), _flown(finer, theta, start, error))
 
@@ -127,19 +128,19 @@ def speeds(n: int) -> NDArray[np.int64]:
 
 
 def attributes(simulation: Simulation, dt: float, n: int) -> dict[str, str | float]:
-    """What one flight of a cluster of `n` canopies is worth, for the attributes of a dataset.
+    """Outcome and error of one flight of a cluster of `n` canopies, for the attributes of a dataset.
 
     Returns:
         ``outcome`` in words, ``failed_at_s`` where it isn't ok [s], and the largest errors due to the steps,
         ``step_error_position_m`` and ``step_error_velocity_m_per_s``, over all bodies.
     """
     off, failed_at = np.asarray(simulation.step_error), int(simulation.failed_at)
-    told: dict[str, str | float] = {"outcome": Outcome(int(simulation.outcome)).words}
+    values: dict[str, str | float] = {"outcome": Outcome(int(simulation.outcome)).words}
     if failed_at >= 0:
-        told["failed_at_s"] = failed_at * dt
-    told["step_error_position_m"] = float(off[places(n)].max())
-    told["step_error_velocity_m_per_s"] = float(off[speeds(n)].max())
-    return told
+        values["failed_at_s"] = failed_at * dt
+    values["step_error_position_m"] = float(off[places(n)].max())
+    values["step_error_velocity_m_per_s"] = float(off[speeds(n)].max())
+    return values
 
 
 def judge(model: FlightModel, theta: jax.Array, states: jax.Array) -> tuple[jax.Array, jax.Array]:

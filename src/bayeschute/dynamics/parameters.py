@@ -1,4 +1,4 @@
-"""Numbers of the three-body cluster (report 6.3.3), as pytrees that may carry trailing batch axes."""
+"""Parameters of the cluster model (report 6.3.3), as pytrees that may carry trailing batch axes."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class Capsule:
         return own + Vec3(xy * rate.y + xz * rate.z, xy * rate.x + yz * rate.z, xz * rate.x + yz * rate.y)
 
     def turned_by(self, moment: Vec3) -> Vec3:
-        """Angular acceleration by a moment on the capsule at rest, body axes [rad/s^2]: the inverse of the tensor."""
+        """Angular acceleration by a moment without rotation, body axes [rad/s^2]: the inverse of the tensor."""
         a, b, c = self.inertia.x, self.inertia.y, self.inertia.z
         if self.products is None:
             return Vec3(moment.x / a, moment.y / b, moment.z / c)
@@ -107,7 +107,8 @@ class Risers:
         length: Unstretched [m].
         stiffness: k [N/m].
         damping: c [N s/m].
-        engagement: Stretch over which the lines of a riser come taut one after another [m]. Beyond it the law is that
+        engagement: Stretch over which the lines of a riser become taut one after another [m]. Beyond it the tension is
+        that
             of the report, to the last bit; it must lie well below the stretch that a descent has (`engagement_length`).
     """
 
@@ -118,10 +119,10 @@ class Risers:
 
 
 def engagement_length(load: float, stiffness: float, count: int) -> float:
-    """Engagement of risers for a load at rest: a quarter of the stretch that it gives them [m].
+    """Engagement of risers for a static load: a quarter of the stretch that it causes [m].
 
     Args:
-        load: Weight that hangs from all risers [N].
+        load: Weight carried by all risers [N].
         stiffness: Of one riser [N/m].
         count: Number of risers.
     """
@@ -164,14 +165,14 @@ class Cluster:
 
 @dataclass(frozen=True)
 class Structure:
-    """What stays fixed while parameters vary: terms, number of canopies, definition of the transverse rate.
+    """Fixed structure of the model: terms, number of canopies, definition of the transverse rate.
 
     Attributes:
         axial: Terms of the axial coefficient (`bayeschute.aero.terms`).
         transverse: Terms of the transverse coefficient.
         canopies: Number of canopies.
         rate: ``"riser"`` (rate of the riser alone) or ``"airflow"`` (of the wind direction relative to the riser).
-        force: A law of the canopies' force that takes the place of the terms (`bayeschute.dynamics.forces`), or None.
+        force: A user-defined force law that replaces the terms (`bayeschute.dynamics.forces`), or None.
             `axial` and `transverse` then only name the law's coefficients.
         breathing: Whether the canopies breathe: the state grows by eta and its rate for each.
     """

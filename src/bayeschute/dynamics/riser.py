@@ -1,4 +1,4 @@
-"""The tension of an elastic riser that can't push and takes hold as its lines come taut (report 6.3.3-1..3)."""
+"""Tension of an elastic, damped riser that carries no compression (report 6.3.3-1..3)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from bayeschute.core.vectors import Component
 
 
 def _engaged(x: Component) -> Component:
-    """Share of the lines that have taken hold at a share x of the engagement: from 0 to exactly 1."""
+    """Share of the lines that are taut at a share x of the engagement: from 0 to exactly 1."""
     return jnp.where(x < 1.0, x * x * (3.0 - 2.0 * x), 1.0)
 
 
@@ -32,7 +32,7 @@ def riser_tension(
         stretch_rate: s' [m/s].
         stiffness: k [N/m].
         damping: c [N s/m].
-        engagement: Stretch at which all lines have taken hold [m].
+        engagement: Stretch at which all lines are taut [m].
     """
     force = stiffness * stretch + damping * stretch_rate
     return jnp.where((stretch > 0.0) & (force > 0.0), _engaged(stretch / engagement) * force, 0.0)

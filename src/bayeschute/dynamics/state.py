@@ -1,4 +1,4 @@
-"""The state of the cluster as one array: capsule position, velocity, quaternion, body rate, then the canopies."""
+"""State vector of the cluster: capsule position, velocity, quaternion, body rate, then the canopies."""
 
 from __future__ import annotations
 

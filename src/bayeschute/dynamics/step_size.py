@@ -1,4 +1,4 @@
-"""How many Runge-Kutta steps a sample needs: stiff risers set the limit, not accuracy (PHYSICS 2)."""
+"""Number of Runge-Kutta steps per sample, from the stability limit that stiff risers set."""
 
 from __future__ import annotations
 

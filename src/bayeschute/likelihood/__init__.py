@@ -1,1 +1,1 @@
-"""Priors, noise, disturbances and the linear-Gaussian algebra along a flight."""
+"""Likelihood: priors, noise models, latent disturbances, and Kalman filters along a flight."""

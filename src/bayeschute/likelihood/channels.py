@@ -1,4 +1,4 @@
-"""From a cleaned record to data that can be fitted: channels, reference start, what is fitted, what held out."""
+"""From a cleaned record to fitted data: channels, reference initial state, fitted and held-out samples."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ from bayeschute.records.derive import measured
 from bayeschute.records.record import VARIABLES, nearest, repairs
 
 Array = NDArray[np.float64]
-_OPENING = 1.5  # [s] of record from which the reference start is read
-_WIDE = 3.0  # times the scatter of the opening about the start: noise that is slow hardly scatters there
-_SETTLED = 3.0  # times c/k, after which riser tensions have forgotten how the flight began
+_OPENING = 1.5  # [s] of record from which the reference initial state is read
+_WIDE = 3.0  # times the scatter of the first samples, which slow noise hardly shows
+_SETTLED = 3.0  # times c/k, after which riser tensions do not depend on the initial state
 _ALTITUDE_STEP = 100.0  # [m] between nodes of a density profile
 
 
 def filled(values: Array, where: str) -> Array:
-    """A series (T, ...) with gaps interpolated linearly and ends held: for inputs of a simulation, never for data.
+    """A series (T, ...) with gaps interpolated linearly, ends constant: for inputs of a simulation, never for data.
 
     Raises:
         InputError: If a component has no value at all.
@@ -51,12 +51,12 @@ def filled(values: Array, where: str) -> Array:
 
 
 class Opening(NamedTuple):
-    """A quadratic through the opening of a record, per column.
+    """A quadratic through the first samples of a record, per column.
 
     Attributes:
         value: At the first sample.
         slope: Likewise [1/s].
-        scatter: Root mean square of what the samples are off.
+        scatter: Root mean square of the residuals.
     """
 
     value: Array
@@ -65,7 +65,7 @@ class Opening(NamedTuple):
 
 
 def opening_of(time: Array, values: Array) -> Opening:
-    """A quadratic through the opening of a record (T, ...), its mean where too few samples are seen."""
+    """A quadratic through the first samples of a record (T, ...), or their mean where there are too few."""
     near = time <= time[0] + _OPENING
     ends = []
     for column in values[near].reshape(int(near.sum()), -1).T:
@@ -87,7 +87,7 @@ def opening_of(time: Array, values: Array) -> Opening:
 def fitted_channels(record: xr.Dataset, channels: Sequence[str]) -> tuple[str, ...]:
     """Those of some channels that a record of a cluster has, in order.
 
-    A descent rate that was derived from the recorded velocity is no measurement beside it: it counts only where the
+    A descent rate that was derived from the recorded velocity is no independent measurement: it is used only where the
     velocity isn't fitted.
 
     Args:
@@ -124,27 +124,27 @@ def cluster_data(
 ) -> FlightData:
     """Data of a cluster flight.
 
-    Samples that were interpolated don't count (`measured`). Riser tensions count after three times the risers' time
-    c/k: a simulated flight begins with risers stretched as at rest in the recorded wind, a real one in its gusts, and
-    only that much later do the two agree.
+    Interpolated samples are not used (`measured`). Riser tensions are used after three times the risers' time constant
+    c/k: a simulated flight begins with risers stretched as in equilibrium in the recorded wind, a real one in gusts,
+    and the two agree only after that time.
 
     Args:
         record: Uniform record with ``capsule_position``, ``capsule_velocity``, ``canopy_position`` and ``density``:
-            they say where the flight begins, whatever is fitted.
+            they give the initial state, whatever is fitted.
         base: Numbers that are not parameters.
         structure: Terms and options.
         priors: Priors of the parameters, in order.
         channels: Channels to fit; those the record lacks are left out.
         latent: Processes of the latent disturbances.
         until: Data after this time are held out [s].
-        names: What the parameters are in this flight, as of `with_parameters`: empty for one that doesn't hold for it;
-            None: what their priors are called.
+        names: Names of the parameters in this flight, as in `with_parameters`: empty for one that is not used here;
+            None: the names of the priors.
 
     Returns:
         The data.
 
     Raises:
-        InputError: If a variable is missing, a channel is unknown or the canopies aren't seen in the record's opening.
+        InputError: If a variable is missing, a channel is unknown or the canopies are missing in the first samples.
     """
     needed = ("capsule_position", "capsule_velocity", "canopy_position", "density")
     missing = [name for name in needed if name not in record]
@@ -209,7 +209,7 @@ def flight_data(
     until: float | None,
     path: RecordPath | None = None,
 ) -> FlightData:
-    """What is fitted: gaps, and all after `until` [s], are absent."""
+    """Mask of the fitted data, without gaps and everything after `until` [s]."""
     present = np.isfinite(observed)
     if until is not None:
         present &= (time <= until)[:, None]
@@ -226,7 +226,7 @@ def flight_data(
 
 
 class _Scatter(NamedTuple):
-    """What the opening of a record scatters about the reference start; the rate's is None where none was recorded."""
+    """Scatter of the first samples about the reference initial state; the rate's is None where none was recorded."""
 
     velocity: float
     rate: float | None
@@ -234,10 +234,10 @@ class _Scatter(NamedTuple):
 
 
 def _start_scale(n: int, attitude: bool, scatter: _Scatter) -> Array:
-    """Prior standard deviations of the initial deviations, wide beside what the opening of a record tells.
+    """Prior standard deviations of the initial deviations, wide compared with the scatter of the first samples.
 
-    What serves a capsule under long risers is too little for a small one that rocks within the opening, or whose
-    canopies are seen less sharply for the length of its risers.
+    Values for a capsule under long risers are too small for a small one that rocks within the first samples, or whose
+    canopy positions are less accurate relative to the length of its risers.
     """
     direction = max(0.01, _WIDE * scatter.direction)
     by_kind = {"velocity": max(0.5, _WIDE * scatter.velocity), "attitude": 0.02 if attitude else 0.1}
@@ -261,7 +261,7 @@ def _attitude(record: xr.Dataset, apart: Array, recorded: bool) -> Array:
 
 
 def _start(record: xr.Dataset, base: Cluster, time: Array, apart: Array, attitude: Array) -> tuple[Start, _Scatter]:
-    """Reference start of a record, values and slopes of its opening, and what that scatters."""
+    """Reference initial state of a record from the values and slopes of its first samples, and their scatter."""
     b = base.capsule.attach_b
     q = quaternion(attitude.T)
     attach = np.stack([np.asarray(c) for c in _ned(q, Vec3(b.x, b.y, b.z))], axis=1)

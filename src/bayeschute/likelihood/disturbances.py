@@ -1,9 +1,9 @@
-"""Latent disturbances: what a model doesn't know, as stationary Gauss-Markov processes put where the error arises.
+"""Latent disturbances (process noise): stationary Gauss-Markov processes for wind error, force and breathing.
 
 Errors of the wind are Ornstein-Uhlenbeck ("drift"); the axial force of each canopy fluctuates by a drift and by
-breathing, a randomly driven oscillator (6.3.2-27). Every process is a small linear state-space model, exact at the
-samples of a record, driven by standard normal shocks: these shocks are the unknowns of a fit. Several processes may add
-up in one disturbance.
+breathing, a randomly excited oscillator (6.3.2-27). Every process is a small linear state-space model, discretised
+exactly at the samples of a record, driven by standard normal white noise (`shocks` in the code), which is the unknown
+of a fit. A disturbance may be the sum of several processes.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ STATES = {"drift": 1, "oscillator": 2}
 
 
 class Latent(NamedTuple):
-    """Which processes there are.
+    """The latent processes of a flight.
 
     Attributes:
         kinds: Kind of every group of processes that share their parameters (G entries).
         processes: Disturbance (its row) and group of every process.
-        least: Least number of disturbances, that without a process being zero: what a flight model asks for where
+        least: Least number of disturbances; those without a process are zero. A flight model needs as many even where
             there are no processes.
     """
 
@@ -48,7 +48,7 @@ class Latent(NamedTuple):
 
 
 class Dynamics(NamedTuple):
-    """``l' = transition l + shock z``, ``l_0 = first z_0``, disturbances ``output l``; z standard normal.
+    """State-space model ``l' = transition l + shock z``, ``l_0 = first z_0``, disturbances ``output l``; z ~ N(0, 1).
 
     Attributes:
         transition: (L, L).
@@ -102,7 +102,7 @@ def dynamics(latent: Latent, laws: Sequence[Component], dt: Component) -> Dynami
 
 
 def path(made: Dynamics, shocks: jax.Array) -> jax.Array:
-    """Latent states (T, L, ...) driven by standard normal shocks (T, L, ...); the first shock is the first state's."""
+    """Latent states (T, L, ...) from standard normal process noise (T, L, ...), the first for the initial state."""
 
     def step(state: jax.Array, z: jax.Array) -> tuple[jax.Array, jax.Array]:
         state = jnp.tensordot(made.transition, state, axes=1) + jnp.tensordot(made.shock, z, axes=1)
@@ -114,5 +114,5 @@ def path(made: Dynamics, shocks: jax.Array) -> jax.Array:
 
 
 def disturbances(made: Dynamics, shocks: jax.Array) -> jax.Array:
-    """Disturbances (T, A, ...) of standard normal shocks (T, L, ...)."""
+    """Disturbances (T, A, ...) from standard normal process noise (T, L, ...)."""
     return jnp.moveaxis(jnp.tensordot(made.output, path(made, shocks), axes=(1, 1)), 0, 1)

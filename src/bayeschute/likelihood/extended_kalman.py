@@ -1,8 +1,9 @@
-"""Filter error: the likelihood of an extended Kalman filter's innovations (Jategaonkar 2015, chapter 5).
+"""Filter error method: likelihood of the innovations of an extended Kalman filter (Jategaonkar 2015, chapter 5).
 
-The default fit linearises a flight along its most probable course and filters about that. Here the flight is linearised
-anew at every filtered state, with latent disturbances and correlated residual noise in the filter's state: nothing is
-smoothed, so an unstable flight can't run away from its record. For a linear flight both are the same.
+The default fit linearises a flight about its most probable trajectory (iterated smoother). Here the flight is
+linearised again at every filtered state, with latent disturbances and correlated measurement noise in the state of the
+filter: there is no smoothing, so the simulation of an unstable flight can't diverge from its record. For a linear
+flight both are the same.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ Array = NDArray[np.float64]
 
 
 class Filtered(NamedTuple):
-    """What the filter leaves.
+    """Result of the filter.
 
     Attributes:
         terms: Log density of every sample given all earlier ones (T,).
@@ -152,7 +153,7 @@ def minimise(cost: Callable[[Array], tuple[float, Array]], theta: Array, scale: 
         rows.append((scaled(found.x + move)[1] - scaled(found.x - move)[1]) / (2.0 * step * s))
     curvature: Array = np.array(rows)
     covariance = scipy.linalg.inv(0.5 * (curvature + curvature.T)) * np.outer(scale, scale)
-    # the gradient's length in standard deviations: what is left to gain
+    # the gradient's length in standard deviations: expected decrease
     left = float(np.abs(found.jac @ (covariance / np.outer(scale, scale)) @ found.jac))
     return Estimate(theta + scale * found.x, covariance, float(found.fun), left < 1e-4)
 

@@ -1,8 +1,9 @@
-"""The joint density of parameters, initial state and latent disturbances of one flight.
+"""Joint density of the parameters, initial state and latent disturbances of one flight.
 
-Unknowns beside the parameters theta (P,) are, per flight, a standard normal start (D,) and standard normal shocks
-(T, L) of the latent processes. ``-log density = 1/2 |innovations|^2 + 1/2 |start|^2 + 1/2 |shocks|^2 + const``; the
-prior of theta is added where flights are put together.
+Besides the parameters theta (P,), the unknowns of a flight are its standardised initial deviations (`start`, (D,)) and
+the standard normal white noise that drives the latent processes (`shocks`, (T, L)):
+``-log density = 1/2 |innovations|^2 + 1/2 |start|^2 + 1/2 |shocks|^2 + const``. The prior of theta is added where
+flights are combined.
 """
 
 from __future__ import annotations
@@ -65,7 +66,7 @@ class FlightData:
 
 
 class Unknowns(NamedTuple):
-    """Standard normal unknowns of a flight: start (D, ...) and shocks of the latent processes (T, L, ...)."""
+    """Standard normal unknowns of a flight: initial deviations (D, ...) and process noise `shocks` (T, L, ...)."""
 
     start: Component
     shocks: Component
@@ -74,18 +75,18 @@ class Unknowns(NamedTuple):
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class NoiseParameters:
-    """Noise parameters, all positive.
+    """Noise hyperparameters, all positive.
 
     Attributes:
-        noise: Residual noise per channel.
-        laws: Parameters of every group of latent processes, in the order of `latent.KINDS`.
+        noise: Measurement noise per channel.
+        laws: Hyperparameters of every group of latent processes, in the order of `latent.KINDS`.
     """
 
     noise: Noise
     laws: tuple[Component, ...]
 
     def outputs(self, data: FlightData) -> Noise:
-        """Residual noise per output."""
+        """Measurement noise per output."""
         return jax.tree.map(lambda a: jnp.asarray(a)[jnp.array(data.channel)], self.noise)
 
     def dynamics(self, data: FlightData) -> processes.Dynamics:
@@ -94,10 +95,10 @@ class NoiseParameters:
 
 
 class Course(NamedTuple):
-    """What drives a flight beside its parameters, and the path that it is looked at along.
+    """Latent path: initial deviations and disturbances of a flight, and the trajectory about which it is linearised.
 
-    Where a flight is unstable, its simulation leaves every path that is not exact to the last digit. What is said of a
-    flight that has a record is therefore said along a path, step by step.
+    The simulation of an unstable flight diverges from every trajectory that is not exact to the last digit. A flight
+    with a record is therefore evaluated along a trajectory, step by step, as in multiple shooting.
 
     Attributes:
         start: Initial deviations (D, ...).
@@ -111,12 +112,12 @@ class Course(NamedTuple):
 
 
 class Lifted(NamedTuple):
-    """A flight's unknowns and its path.
+    """Unknowns of a flight together with its trajectory ("lifted" by the states as in multiple shooting).
 
     Attributes:
-        unknowns: Standard start and shocks.
-        error: Disturbances of these shocks (T, A); before the first step under other noise parameters, those that the
-            shocks had under the ones before.
+        unknowns: Standardised initial deviations and process noise.
+        error: Disturbances from this process noise (T, A); before the first step under other noise parameters, those
+            under the previous ones.
         path: States (T, X).
     """
 
@@ -125,7 +126,7 @@ class Lifted(NamedTuple):
     path: Component
 
     def course(self, data: FlightData, trailing: int = 0) -> Course:
-        """What drives the flight, along its path; arrays may have trailing axes."""
+        """The latent path, in physical units; arrays may have trailing axes."""
         scale = jnp.reshape(jnp.asarray(data.start_scale), (-1, *(1,) * trailing))
         return Course(scale * jnp.asarray(self.unknowns.start), self.error, self.path)
 
@@ -150,8 +151,8 @@ def states(data: FlightData, theta: Component, driven: Course, known: Component 
     Args:
         data: The flight.
         theta: Parameters (P, ...).
-        driven: What drives it; a path is not asked for.
-        known: States at the first samples (K, X, ...), which the simulation goes on from.
+        driven: Initial deviations and disturbances; its path is not used.
+        known: States at the first samples (K, X, ...), from which the simulation continues.
     """
     made = kernel.states(data.model, theta, driven.start, driven.error, known)
     return jax_states(data, theta, driven, known) if made is None else made
@@ -159,7 +160,7 @@ def states(data: FlightData, theta: Component, driven: Course, known: Component 
 
 @jax.jit
 def moved(data: FlightData, path: jax.Array, by: jax.Array) -> jax.Array:
-    """A path (T, X, ...) moved by a change of its states; a model that can `retract` keeps what is stiff in it."""
+    """A trajectory (T, X, ...) moved by a change of its states; a model with `retract` keeps stiff modes in balance."""
     model: Any = data.model
     return model.retract(path, by) if hasattr(model, "retract") else path + by
 
@@ -177,12 +178,12 @@ def _stepped(data: FlightData, theta: jax.Array, path: jax.Array, made: Reached)
 
 
 def stepped(data: FlightData, theta: Component, driven: Course) -> tuple[jax.Array, jax.Array]:
-    """Data minus outputs (T, C, ...) on a path, and by how much the first state and all steps lead beside it.
+    """Residuals (T, C, ...) along a trajectory, and the continuity defects of its first state and all steps.
 
     Args:
         data: The flight.
         theta: Parameters (P, ...).
-        driven: What drives it, and its path.
+        driven: Initial deviations, disturbances, and the trajectory.
 
     Returns:
         The residuals, zero where no datum exists, and the defects (T, X, ...).
@@ -218,12 +219,12 @@ def cost(data: FlightData, hyper: NoiseParameters, theta: Component, unknowns: U
 
 
 class Linear(NamedTuple):
-    """A flight linearised at (theta, course), along the course's path.
+    """A flight linearised at (theta, latent path), along the trajectory.
 
     Attributes:
         residual: Data minus outputs, zero where no datum exists (T, C).
-        defects: By how much the first state and every step lead beside the path (T, X).
-        driven: The course.
+        defects: Continuity defects of the first state and every step: end of the step minus the next state (T, X).
+        driven: The latent path.
         steps: Derivatives of all steps and outputs.
     """
 
@@ -233,7 +234,7 @@ class Linear(NamedTuple):
     steps: Steps
 
     def without_theta(self) -> Linear:
-        """The same without derivatives by theta, P = 0: what holds for parameters held costs less."""
+        """The same without derivatives by theta, P = 0: cheaper for fixed parameters."""
         none = {name: getattr(self.steps, name)[..., :0] for name in ("first_theta", "by_theta", "out_theta")}
         return self._replace(steps=self.steps._replace(**none))
 
@@ -264,8 +265,8 @@ def filter_gains(data: FlightData, hyper: NoiseParameters, linear: Linear) -> Ga
 def as_seen(linear: Linear) -> Seen:
     """The linear model's data and their derivatives, 1 + P columns.
 
-    The first: what the data would be about the undisturbed, linearised flight at theta (residual, and what start and
-    disturbances have in the path); then the derivatives of the outputs by theta.
+    The first: the data relative to the undisturbed, linearised flight at theta (residuals plus the contribution of
+    start and disturbances to the trajectory); then the derivatives of the outputs by theta.
     """
     steps = linear.steps
     known = linear.defects - disturbed(steps, linear.driven)
@@ -277,7 +278,7 @@ def as_seen(linear: Linear) -> Seen:
 
 
 def disturbed(steps: Steps, driven: Course) -> jax.Array:
-    """What start and disturbances add to the first state and by every step, linearly (T, X, ...)."""
+    """Linear contribution of start and disturbances to the first state and to every step (T, X, ...)."""
     start, error = jnp.asarray(driven.start), jnp.asarray(driven.error)
     wide = error.reshape(*error.shape[:2], -1)
     first = steps.first_start @ start.reshape(len(start), -1)

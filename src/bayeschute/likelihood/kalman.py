@@ -1,4 +1,4 @@
-"""Exact linear-Gaussian algebra along a linearised flight: filter, smoother, and what it takes to integrate a path out.
+"""Kalman filter and smoother along a linearised flight, integrating initial state and disturbances out exactly.
 
 Around a trajectory the flight is linear: states ``x' = A x + B0 e + B1 e'``, outputs ``y = H x``, disturbances e from
 their Markov processes, residual noise AR(1) + white. Together that is one linear state-space model with state
@@ -21,7 +21,7 @@ from bayeschute.likelihood.noise import Noise
 
 
 class Gains(NamedTuple):
-    """What a filter needs of the covariances; S states, C outputs.
+    """Covariance pass of the Kalman filter: gains and innovation covariances; S states, C outputs.
 
     Attributes:
         transition: (T, S, S); the last one is not used.
@@ -30,9 +30,9 @@ class Gains(NamedTuple):
         root: Lower Cholesky factors of the innovations' covariances (T, C, C); one where data are missing.
         inverse: Inverses of the roots. Batched triangular solves, in jaxlib 0.10 on CPUs, never return when two run at
             once.
-        shock: Effect of the next sample's shocks on the next state (T, S, L).
-        start: Effect of the start's standard deviations on the first state (S, D).
-        first: Effect of the first shocks on it (S, L).
+        shock: Effect of the next sample's process noise on the next state (T, S, L).
+        start: Effect of the standardised initial deviations on the first state (S, D).
+        first: Effect of the first process noise on it (S, L).
         spread: Predicted covariances, rows of the flight's own states (T, X, S).
     """
 
@@ -48,7 +48,7 @@ class Gains(NamedTuple):
 
     @property
     def log_determinant(self) -> jax.Array:
-        """Half the log determinant of the data's covariance, constant aside."""
+        """Half the log determinant of the data's covariance, up to a constant."""
         return jnp.sum(jnp.log(jnp.diagonal(self.root, axis1=1, axis2=2)))
 
 
@@ -70,8 +70,8 @@ def gains(
         noise: Residual noise per output.
         dt: Sample interval [s].
         here: Which data exist (T, C).
-        slack: Standard deviations of white noise of the states themselves (X,), a shock for each of them behind those
-            of the latent processes; None: the states obey the equations of motion.
+        slack: Standard deviations of additional white process noise of the states (X,), appended to that
+            of the latent processes (weak constraint); None: the states obey the equations of motion.
     """
     return covariances(steps, start_scale, latent, noise, dt, here, slack)[0]
 
@@ -85,7 +85,7 @@ def covariances(
     here: Component,
     slack: Component | None = None,
 ) -> tuple[Gains, jax.Array, jax.Array]:
-    """`gains`, and what of the filtered covariances the gradient by the noise parameters needs.
+    """`gains`, and the filtered covariances that the gradient by the noise parameters needs.
 
     Args:
         steps: The linearised flight.
@@ -151,14 +151,14 @@ def covariances(
 
 
 class Seen(NamedTuple):
-    """Data, or columns of derivatives by parameters, and what moves the states beside their transitions.
+    """Data, or columns of derivatives by parameters, with known inputs to the states.
 
-    What drives the states enters at every step, so that the data correct at once what it adds. Where a flight is
-    unstable that stays as small as it is known, while its response over the whole record grows beyond all bounds.
+    The inputs enter at every step, so that the data correct their effect at once. For an unstable flight the filtered
+    response stays bounded, while the open-loop response over the whole record grows without bound.
 
     Attributes:
         series: (T, C, M).
-        driven: The first state, then what every step adds (T, X, M).
+        driven: Input to the first state, then to every step (T, X, M).
     """
 
     series: jax.Array
@@ -169,13 +169,13 @@ class Seen(NamedTuple):
         return Seen(self.series[..., which, None], self.driven[..., which, None])
 
     def less(self, gap: MeanCorrection) -> Seen:
-        """The first column less a gap: data less its outputs, states driven by it too."""
+        """The first column with the mean correction: subtracted from the data, added to the inputs of the states."""
         outputs, driven = (jnp.asarray(a) for a in gap)
         return Seen(self.series.at[..., 0].add(-outputs), self.driven.at[..., 0].add(driven))
 
 
 class MeanCorrection(NamedTuple):
-    """How far the mean of flights lies from the flight of the mean: outputs (T, C), and the ends of all steps (T, X).
+    """Second-order correction of the predicted mean: outputs (T, C), and the ends of all steps (T, X).
 
     As in `Seen` the first of the latter is the first state.
     """
@@ -195,8 +195,8 @@ def forward(made: Gains, series: jax.Array, driven: jax.Array | None = None) -> 
     Args:
         made: The filter.
         series: Data, or columns of derivatives.
-        driven: What moves the flight's own states beside their transitions (T, X, M): the first state, then what every
-            step adds. None: nothing does.
+        driven: Known inputs to the flight's states (T, X, M): to the first state, then to every
+            step. None: no inputs.
 
     Returns:
         Standardised innovations (T, C, ...), ``S^-1`` times the innovations (T, C, M), filtered means (T, S, M).
@@ -220,7 +220,7 @@ def forward(made: Gains, series: jax.Array, driven: jax.Array | None = None) -> 
 
 
 def backward(made: Gains, weighted: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Expected standard start (D, M), shocks (T, L, M), and the smoother's vectors (T, S, M)."""
+    """Smoothed initial deviations (D, M), process noise (T, L, M), and the smoother's adjoint vectors (T, S, M)."""
 
     def step(r: jax.Array, row: tuple) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
         f, h, gain, g, v = row
@@ -235,12 +235,12 @@ def backward(made: Gains, weighted: jax.Array) -> tuple[jax.Array, jax.Array, ja
 
 
 class Smoothed(NamedTuple):
-    """What data tell of a flight.
+    """Smoothed unknowns of a flight given its data.
 
     Attributes:
         innovations: Standardised (T, C, M).
-        start: Expected standard start (D, M).
-        shocks: Likewise of the shocks (T, L, M).
+        start: Expected standardised initial deviations (D, M).
+        shocks: Likewise of the process noise (T, L, M).
         states: Likewise of the flight's own states (T, X, M).
     """
 
@@ -251,7 +251,7 @@ class Smoothed(NamedTuple):
 
 
 def smooth_driven(made: Gains, seen: Seen) -> Smoothed:
-    """Filter and smoother of a flight whose states are driven by more than their disturbances."""
+    """Filter and smoother of a flight with known inputs to its states."""
     unit, weighted, filtered = forward(made, *seen)
     start, shocks, vectors = backward(made, weighted)
     predicted = filtered - made.gain @ (made.root @ unit)

@@ -1,12 +1,12 @@
-"""Exact gradients of a linearised flight's deviance by its noise parameters, by a smoother.
+"""Gradient of the Kalman-filter deviance with respect to the noise parameters, by a smoother (adjoint recursion).
 
 The deviance is ``1/2 sum_c |innovations of series c|^2 + log det``. Backwards in the filter run the adjoints of its
 predicted means, -r, and of its predicted covariances, ``1/2 (N - sum_c r_c r_c')``, with the r and N of Durbin and
 Koopman (2012, section 4.4); from them follow the derivatives by transition, shocks and noise (Koopman and Shephard
 1992, for the shocks). That is one pass over the record, whatever the number of noise parameters.
 
-The noise parameters enter by a handful of small matrices only (`Parts`): the derivatives by those are summed along the
-flight, and a vector-Jacobian product of the map from the parameters to them does the rest.
+The noise parameters enter through a few small matrices only (`Parts`): the derivatives with respect to those are summed
+along the flight, and multiplied by the Jacobian of the map from the parameters to them (vector-Jacobian product).
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ Array = NDArray[np.float64]
 
 
 class Parts(NamedTuple):
-    """What a flight's state-space model takes from the noise parameters; L latent states, C outputs.
+    """Matrices of a flight's state-space model that depend on the noise parameters; L latent states, C outputs.
 
     Attributes:
         transition: Of the latent processes (L, L).
-        shock: Their shocks (L, L).
+        shock: Factor of their process noise (L, L).
         first: The first ones (L, L).
         kept: AR(1) coefficients of the residual noise (C,).
         stationary: Its stationary variances (C,).
@@ -78,7 +78,7 @@ def from_vector(vector: Component, like: NoiseParameters) -> NoiseParameters:
 
 
 def parts(flight: FlightData, hyper: NoiseParameters) -> Parts:
-    """What the noise parameters make of a flight's state-space model."""
+    """Matrices of a flight's state-space model for given noise parameters."""
     made, noise = hyper.dynamics(flight), hyper.outputs(flight)
     kept = jnp.exp(-flight.dt / noise.time_constant)
     return Parts(made.transition, made.shock, made.first, kept, noise.correlated**2, noise.white**2)
@@ -99,7 +99,7 @@ def slope(flight: FlightData, hyper: NoiseParameters, linear: Linear, done: Pass
         hyper: Noise parameters.
         linear: The flight linearised.
         done: From `run`.
-        mix: Which combinations of its series count (M, K), held fixed.
+        mix: Combinations of its series (M, K), held fixed.
 
     Returns:
         The derivatives, in the form of the parts.
@@ -108,7 +108,7 @@ def slope(flight: FlightData, hyper: NoiseParameters, linear: Linear, done: Pass
     size, c = dynamics.transition.shape[0], given.kept.shape[0]
     split = made.transition.shape[1] - c
     x, phi, seen = split - size, given.kept, jnp.asarray(flight.present) * 1.0
-    # Processes enter the simulation's states by `way`: there the transition has ``.. + way @ transition``, the shocks
+    # Processes enter the simulation's states by `way`: there the transition has ``.. + way @ transition``, the noise
     # ``way @ shock``.
     way = jnp.swapaxes(linear.steps.by_then @ dynamics.output, 1, 2)
     way = jnp.concatenate([way, 0.0 * way[-1:]])
@@ -170,7 +170,7 @@ def conditional_score(
         like: Noise parameters of the same form.
         flight: The record.
         linear: It, linearised.
-        seen: What the linear model sees there, one column.
+        seen: Data of the linear model there, one column.
     """
     hyper = from_vector(vector, like)
     done = run(flight, hyper, linear, seen)

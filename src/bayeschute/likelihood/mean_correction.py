@@ -1,9 +1,9 @@
-"""The gap: how far the mean of flights lies from the flight of the mean.
+"""Second-order (curvature) correction of the predicted mean of a linearised flight (second-order filter).
 
-Given the parameters, start and disturbances are known within a width over which the flight is not quite linear. The
-ends of its steps and its outputs, averaged over that width, differ from those on the most probable path; a marginal
-density that leaves this out leans parameters by up to half a standard deviation. (What a second-order filter adds to an
-extended one; Jazwinski 1970, section 9.3.)
+Given the parameters, initial state and disturbances are uncertain over a range in which the flight is not quite linear.
+The expected states and outputs over that range differ from those on the most probable trajectory by half the curvature
+times the covariance; a marginal density without this correction biases parameters by up to half a standard deviation.
+It is the term by which a second-order filter differs from an extended Kalman filter (Jazwinski 1970, section 9.3).
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ from bayeschute.likelihood.joint import Course, FlightData, Linear, NoiseParamet
 from bayeschute.likelihood.kalman import Gains, MeanCorrection, Seen, innovations
 from bayeschute.likelihood.simulation_smoother import drawn, normals
 
-_PAIRS, _FEW = 32, 8  # of paths: for the gap itself, and for its change from place to place
-_SHARES = (1.0, 0.5, 0.25, 0.125)  # of the conditional law's width at which pairs are tried
+_PAIRS, _FEW = 32, 8  # pairs of trajectories: for the correction itself, and for its derivative
+_SHARES = (1.0, 0.5, 0.25, 0.125)  # of the conditional distribution's width at which pairs are tried
 
 
 def mean(
     flight: FlightData, hyper: NoiseParameters, made: Gains, theta: Component, driven: Course, rough: bool = False
 ) -> tuple[MeanCorrection, int]:
-    """Mean displacement of steps and outputs over the conditional law of path, start and disturbances.
+    """Mean deviation of steps and outputs over the conditional distribution of trajectory, start and disturbances.
 
-    Draws come in pairs about the optimum, so that all that is linear cancels exactly. A pair is left out, and counted,
-    where a step fails, or leads farther off than any state of the draws lies, as beyond an edge of what the model can
-    fly. Where fewer than half of them are left, pairs are drawn together; what is left of them is of second order, so
-    it is divided by the square of how much they were.
+    Draws are antithetic pairs about the optimum, so that linear terms cancel exactly. A pair is dropped, and counted,
+    where a step fails, or deviates more than any state of the draws, as beyond an edge of the range that the model can
+    simulate. Where fewer than half of them remain, pairs are drawn closer together; the result is of second order, so
+    it is divided by the square of that factor.
 
     Args:
         flight: The record.
@@ -38,13 +38,13 @@ def mean(
         made: The filter of the flight linearised along the path.
         theta: Parameters (P,).
         driven: The conditional optimum, with its path.
-        rough: Few pairs, close together: for the change from place to place, which these tell as well.
+        rough: Few pairs, close together: sufficient for derivatives of the correction.
 
     Returns:
-        The gap, and how many pairs were left out at their full width.
+        The correction, and how many pairs were dropped at full width.
 
     Raises:
-        FloatingPointError: If fewer than half are left at every width.
+        FloatingPointError: If fewer than half remain at every width.
     """
     pairs, shares = (_FEW, _SHARES[2:]) if rough else (_PAIRS, _SHARES)
     (samples, states), outputs = np.shape(driven.path), np.shape(flight.observed)[1]
@@ -75,7 +75,7 @@ def mean(
 
 @jax.jit
 def slope(linear: Linear, made: Gains, gap: MeanCorrection) -> jax.Array:
-    """What a gap adds to the slope of minus the log density by theta (P,), where the flight was linearised."""
+    """Contribution of the correction to the gradient of minus the log density by theta (P,), at the linearisation."""
     seen = as_seen(linear)
     alone = Seen(*(part.at[..., 0].set(0.0) for part in seen)).less(gap)
     unit = innovations(made, *alone)

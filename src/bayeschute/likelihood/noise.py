@@ -1,4 +1,4 @@
-"""Residual noise AR(1) + white: exact, O(n), with gaps (METHODS 5).
+"""Measurement noise AR(1) + white: exact whitening by a Kalman filter, O(n), with missing samples.
 
 A channel's residual is ``a_t + w_t``: a stationary first-order process plus white noise. A Kalman filter turns a series
 into innovations; its gains depend on the pattern of gaps alone, so it is a linear map that whitens residuals and their
@@ -84,7 +84,7 @@ def whiten(noise: Noise, dt: Component, present: jax.Array, series: jax.Array) -
 
 @jax.jit
 def colour(noise: Noise, dt: Component, drift: jax.Array, white: jax.Array) -> jax.Array:
-    """AR(1) plus white noise (T, C, ...) made of two arrays of standard normal numbers of that shape."""
+    """AR(1) plus white noise (T, C, ...) from two arrays of standard normal numbers of that shape."""
     extra = (1,) * (drift.ndim - 2)
     phi, sd, small = (
         jnp.reshape(a, (-1, *extra)) for a in (jnp.exp(-dt / noise.time_constant), noise.correlated, noise.white)

@@ -1,8 +1,8 @@
-"""Priors of named parameters, together Gaussian in their working coordinates (the value, or its logarithm).
+"""Priors of named parameters: jointly Gaussian in working coordinates (the value, or its logarithm).
 
-What equation error knows best are sums: the mean force is known to a few per cent where none of its terms is. So priors
-carry the correlations of their estimates, by name; those with names that are not there don't count, which leaves the
-marginal law of the others.
+Equation error determines sums of terms best: the mean force is known to a few per cent where none of its terms is. So
+priors include the correlations of their estimates, by name; correlations with absent parameters are ignored, which
+gives the marginal distribution of those present.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The states of a cluster as its record shows them, to begin a fit along the record with."""
+"""Initial guess of the trajectory: the states of a cluster as its record shows them."""
 
 from __future__ import annotations
 

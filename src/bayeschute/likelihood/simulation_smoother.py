@@ -1,8 +1,8 @@
-"""Draws of the start and disturbances of a linearised flight given its data, by simulation smoothing.
+"""Simulation smoother: draws of initial state and disturbances of a linearised flight given its data.
 
-A draw of the linear model is moved onto the data by the smoother (Durbin and Koopman 2002). The smoother knows a draw
-by its innovations alone, and these come from how far the draw runs from its own prediction, which stays small where the
-draw itself grows without bound, as that of an unstable flight does.
+A draw of the linear model is conditioned on the data by the smoother (Durbin and Koopman 2002). The smoother needs only
+the innovations of the draw, and these are computed from the deviation of the draw from its own prediction, which stays
+small where the draw itself grows without bound, as for an unstable flight.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from bayeschute.likelihood.kalman import Gains, Seen, backward, forward
 
 
 class Normals(NamedTuple):
-    """Standard normal numbers behind one draw of a flight: start (D, B), shocks (T, L, B), residual noise (T, C, B)."""
+    """Standard normal numbers behind one draw of a flight: start (D, B), process noise (T, L, B), noise (T, C, B)."""
 
     start: Component
     shocks: Component
@@ -28,7 +28,7 @@ class Normals(NamedTuple):
 
 
 class Drawn(NamedTuple):
-    """A draw: standard start and shocks, and how far its states lie from those of the path (T, X, B)."""
+    """A draw: standard start and process noise, and the deviation of its states from the trajectory (T, X, B)."""
 
     unknowns: Unknowns
     states: jax.Array
@@ -43,13 +43,13 @@ def normals(flight: FlightData, draws: int, rng: np.random.Generator) -> Normals
 
 @jax.jit
 def drawn(flight: FlightData, hyper: NoiseParameters, made: Gains, seen: Seen, z: Normals) -> Drawn:
-    """Draw of the unknowns of the linear model given what it sees.
+    """Draw of the unknowns of the linear model given its data.
 
     Args:
         flight: The record.
         hyper: Noise parameters.
         made: The filter.
-        seen: Data about a path, one column a draw.
+        seen: Data relative to a trajectory, one column per draw.
         z: From `normals`; zeros give the smoothed unknowns.
     """
     unit, weighted, filtered = forward(made, *seen)

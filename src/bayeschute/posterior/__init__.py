@@ -1,1 +1,1 @@
-"""From the fit along the record to the marginal posterior and draws of it."""
+"""Posterior: joint mode, noise parameters, marginal Laplace approximation, and sampling."""

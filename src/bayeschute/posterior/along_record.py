@@ -1,12 +1,12 @@
-"""A fit along the record: parameters and path found together, held to the data before they are held to the model.
+"""Joint estimation of parameters and trajectory by lifted Newton with weak constraints (multiple shooting).
 
-A simulation from prior means leaves the record within a pendulum period, and what is linearised about it says nothing
-of the optimum. So the states of the flights are unknowns too, beside parameters, start and shocks ("lifted" Newton,
-Albersmeyer & Diehl 2010; weak constraint, Bell 1994; multiple shooting with an interval per sample, Bock 1983). They
-begin at what the record shows and may break the equations of motion by defects whose standard deviations are lowered
-level by level, to none in the end. Along such a path all steps are linearised at once; one filter and smoother solves
-for path, start and shocks as linear functions of the parameters, and what is left is a damped least-squares problem in
-these.
+A simulation from prior means diverges from the record within a pendulum period, and a linearisation about it is useless
+for finding the optimum. So the states of the flights are unknowns too, besides parameters, initial state and process
+noise ("lifted" Newton, Albersmeyer & Diehl 2010; weak constraint, Bell 1994; multiple shooting with an interval per
+sample, Bock 1983). They are initialised from the record and may violate the equations of motion by continuity defects,
+whose allowed standard deviation (`slack`) is lowered level by level to zero. Along such a trajectory all steps are
+linearised at once; one filter and smoother solves for trajectory, start and process noise as linear functions of the
+parameters, and what remains is a damped least-squares problem in these.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ _FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-3, 1e-9, 1e8
 
 
 class Near(NamedTuple):
-    """When a fit is done with: largest gain of the last step in log density, its length, and what defects are left.
+    """Stopping criteria of a fit: gain of the last step in log density, its length, and the remaining defects.
 
     Attributes:
         gain: In log density.
@@ -60,10 +60,10 @@ _NEAR_LEVEL = Near(2.0, np.inf)  # end of a level with slack: what its optimum i
 
 
 class Terms(NamedTuple):
-    """What a flight adds to the merit of a fit, and how large its defects are.
+    """Contribution of a flight to the merit function of a fit, and the size of its defects.
 
     Attributes:
-        data: Half the squares of innovations, start and shocks.
+        data: Half the sum of squares of innovations, start and process noise.
         squares: Half the squares of the defects over the slack.
         sizes: Sum of their sizes.
         largest: The largest of them.
@@ -126,7 +126,7 @@ class LiftedFit:
 
     Attributes:
         theta: Parameters (P,).
-        flights: Start, shocks and path of every flight.
+        flights: Start, process noise and trajectory of every flight.
         covariance: Of the parameters by the last linear problem (P, P).
         rows: The steps.
         converged: Whether the last level was done with, defects as good as none.
@@ -140,7 +140,7 @@ class LiftedFit:
 
     @property
     def unknowns(self) -> tuple[Unknowns, ...]:
-        """Start and shocks of every flight."""
+        """Start and process noise of every flight."""
         return tuple(one.unknowns for one in self.flights)
 
 
@@ -158,7 +158,7 @@ def begin(flight: FlightData) -> Lifted:
 
 @jax.jit
 def terms(flight: FlightData, hyper: NoiseParameters, slack: Component, at: Lifted, made: Linear) -> Terms:
-    """What a flight adds to the merit."""
+    """Contribution of a flight to the merit function."""
     unit = whiten(hyper.outputs(flight), flight.dt, jnp.asarray(flight.present), made.residual)
     defect = made.defects / slack
     data = 0.5 * (jnp.sum(unit**2) + jnp.sum(at.unknowns.start**2) + jnp.sum(at.unknowns.shocks**2))
@@ -168,7 +168,7 @@ def terms(flight: FlightData, hyper: NoiseParameters, slack: Component, at: Lift
 
 @jax.jit
 def solve(flight: FlightData, hyper: NoiseParameters, slack: Component, made: Linear) -> Solved:
-    """Solve the linear problem of a flight for path, start and shocks.
+    """Solve the linear problem of a flight for trajectory, start and process noise.
 
     Args:
         flight: The record.
@@ -186,16 +186,16 @@ def solve(flight: FlightData, hyper: NoiseParameters, slack: Component, made: Li
 
 @jax.jit
 def led(flight: FlightData, hyper: NoiseParameters, at: Lifted, solved: Solved, step: jax.Array) -> Lifted:
-    """Where a step of the parameters (P,) takes start, shocks and path in the linear problem."""
+    """Start, process noise and trajectory after a step of the parameters (P,) in the linear problem."""
     start, shocks, away = (a[..., 0] - a[..., 1:] @ step for a in (solved.start, solved.shocks, solved.states))
     return Lifted(Unknowns(start, shocks), disturbances(hyper.dynamics(flight), shocks), at.path + away)
 
 
 @jax.jit
 def closed(flight: FlightData, hyper: NoiseParameters, at: Lifted, made: Linear) -> Lifted:
-    """A path whose defects are closed in the linear problem, by the likeliest change of start, shocks and path.
+    """A trajectory whose defects are closed in the linear problem, by the most probable change of the unknowns.
 
-    What the data pull at has no part in it: repeated, it gets rid of defects as Newton's method does.
+    The data are not used: repeated, it removes the defects as Newton's method does.
 
     Args:
         flight: The record.
@@ -212,13 +212,13 @@ def closed(flight: FlightData, hyper: NoiseParameters, at: Lifted, made: Linear)
 
 @jax.jit
 def shortened(flight: FlightData, at: Lifted, there: Lifted, share: float) -> Lifted:
-    """A share of the way to where a linear step leads."""
+    """A fraction of a linear step."""
     there = jax.tree.map(lambda a, b: a + share * (b - a), at, there)
     return there._replace(path=moved(flight, at.path, there.path - at.path))
 
 
 class _Point(NamedTuple):
-    """A point of the fit: its flights linearised, and what it costs."""
+    """An iterate of the fit: its linearised flights, and its cost."""
 
     theta: Array
     flights: tuple[Lifted, ...]
@@ -230,7 +230,7 @@ class _Point(NamedTuple):
 
 @dataclass(frozen=True)
 class _Level:
-    """What is minimised at a level of slack; 0: the path is to obey, and its defects have a price."""
+    """Objective at a level of slack; 0: the equations of motion hold, and defects are penalised."""
 
     records: Sequence[FlightData]
     hyper: NoiseParameters
@@ -268,7 +268,7 @@ class _Level:
         return found, matrix, gradient
 
     def relaxed(self, here: _Point) -> list[Lifted]:
-        """Where path, start and shocks are best in the linear problem, parameters held."""
+        """Trajectory, start and process noise that minimise the linear problem for fixed parameters."""
         trio, ends = zip(self.records, here.flights, here.along, strict=True), list[Lifted]()
         for flight, at, made in trio:
             alone = made.without_theta()
@@ -276,7 +276,7 @@ class _Level:
         return ends
 
     def closed(self, here: _Point) -> _Point:
-        """The point without the defects that the linear problem knows of, parameters held."""
+        """The iterate without the defects of the linear problem, for fixed parameters."""
         trio = zip(self.records, here.flights, here.along, strict=True)
         ends = [closed(flight, self.hyper, at, made) for flight, at, made in trio]
         return _tried(self, here, ends, np.zeros_like(here.theta), 1.0)
@@ -288,7 +288,7 @@ class _Level:
 
 
 class Rest(NamedTuple):
-    """Path, start and shocks at their best for given parameters, and the cost about there with these following.
+    """Conditional mode of trajectory, start and process noise for given parameters, and the cost about it.
 
     Attributes:
         flights: Of every flight.
@@ -315,7 +315,7 @@ class Rest(NamedTuple):
 def rest(
     flights: Sequence[FlightData], hyper: NoiseParameters, priors: Sequence[Prior], theta: Array, at: Sequence[Lifted]
 ) -> Rest | None:
-    """Bring paths, start and shocks to their conditional optimum, parameters held; None where nothing is finite.
+    """Bring trajectories, start and process noise to their conditional mode for fixed parameters; None if not finite.
 
     Args:
         flights: Records.
@@ -335,14 +335,14 @@ def rest(
 def brought(
     flights: Sequence[FlightData], hyper: NoiseParameters, theta: Array, at: Sequence[Lifted]
 ) -> list[tuple[Lifted, Linear]]:
-    """Flights at their conditional optima for held parameters, and linearised there; arguments as of `rest`."""
+    """Flights at their conditional modes for fixed parameters, linearised there; arguments as for `rest`."""
     level = _Level(flights, hyper, (), 0.0)
     here = _resting(level, level.point(theta, at))
     return list(zip(here.flights, here.along, strict=True))
 
 
 def _resting(level: _Level, here: _Point) -> _Point:
-    """Steps of paths, start and shocks, parameters held, until their gain is small."""
+    """Newton steps of trajectories, start and process noise for fixed parameters, until their gain is small."""
     held = np.zeros_like(here.theta)
     if not all(_consistent(f, level.hyper, at) for f, at in zip(level.records, here.flights, strict=True)):
         here = _tried(level, here, level.relaxed(here), held, 1.0)  # what it cost before says nothing
@@ -362,12 +362,12 @@ def _apart(flight: FlightData, hyper: NoiseParameters, at: Lifted) -> jax.Array:
 
 
 def _consistent(flight: FlightData, hyper: NoiseParameters, at: Lifted) -> bool:
-    """Whether the disturbances are those of the shocks, not of the noise parameters of a turn before."""
+    """Whether the disturbances belong to the process noise under these noise parameters, not to earlier ones."""
     return bool(_apart(flight, hyper, at) <= 1e-9 * (1.0 + np.max(np.abs(at.error), initial=0.0)))
 
 
 def onward(flights: Sequence[FlightData], hyper: NoiseParameters, here: Rest, step: Array) -> tuple[Lifted, ...]:
-    """Flights where a step of the parameters (P,) from a place at rest leads them."""
+    """Flights after a step of the parameters (P,) from a conditional mode."""
     ends = []
     for flight, at, solved in zip(flights, here.flights, here.onward, strict=True):
         ends.append(shortened(flight, at, led(flight, hyper, at, solved, jnp.asarray(step)), 1.0))
@@ -387,7 +387,7 @@ def _tried(level: _Level, here: _Point, ends: Sequence[Lifted], step: Array, sha
 
 
 def _closed(level: _Level, here: _Point, bound: float) -> _Point:
-    """A point whose defects are closed, parameters held, until its merit is below a bound and falls no more.
+    """An iterate whose defects are closed for fixed parameters, until its merit is below a bound and decreases no more.
 
     Given up where it won't come below at the pace of the last step.
     """
@@ -479,7 +479,7 @@ def descend(
 
     Args:
         flights: Records, with their paths.
-        hyper: Noise parameters, held.
+        hyper: Noise parameters, fixed.
         priors: Priors of the parameters.
         theta: Where to begin (P,).
         at: Likewise, per flight; the record's path where None.

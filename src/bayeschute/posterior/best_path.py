@@ -1,4 +1,4 @@
-"""The best flight that a fit found of a record, and what it leaves of the data, whether or not the fit came to rest."""
+"""The best trajectory that a fit found for a record, and its residuals, whether or not the fit converged."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class BestPath:
-    """A flight beside its record.
+    """A trajectory, its record and the residuals.
 
     Attributes:
         flight: Name of the record.

@@ -1,4 +1,4 @@
-"""Differences about a point beside which a flight may fail."""
+"""Finite differences about a point in whose neighbourhood a flight may fail."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def beside(values: Callable[[Array], Array], count: int, step: float, of_what: s
     Args:
         values: From points (N, P) to (N, V); not finite where a flight fails.
         count: Number of axes P.
-        step: How far to go; a half, a quarter or an eighth of it where need be.
+        step: Length of the step; a half, a quarter or an eighth of it where flights fail.
         of_what: For the error.
 
     Returns:

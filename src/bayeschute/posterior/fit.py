@@ -51,9 +51,9 @@ _SAME_SLOPE = 0.5  # standard deviations within which the slope of what linear m
 _MODE_TURN = 2  # most steps of the mode in each of them
 _BESIDE = (1.0, 0.3)  # steps [standard deviations] at which Laplace's approximation is taken
 _DETERMINANT = 0.2  # error of the polynomials beyond which the log determinant's gets all products
-_LOST_BEND = "how the flights' derivatives change with the parameters: along some axis it outweighs the density"
+_LOST_BEND = "the curvature correction of the conditional mode, which along some axis outweighs the density"
 _BREAKS = "no flight of the model follows the record: steps along the best path break the equations of motion"
-_LOST_MEAN = "that the mean of the noise parameters lies beside their most probable values: no mode was found there"
+_LOST_MEAN = "the shift of the noise parameters from their mode to their mean, where no mode was found"
 _AT_MODE, _BESIDE_MODE = 0.2, 0.5  # root mean square distance from there, along all axes, that ends it, or will do
 _MOVES = 3  # most steps to the mode of the posterior with all its corrections
 _FAR = 1.0  # standard deviations by which noise parameters at their mean may move a parameter
@@ -66,7 +66,7 @@ class LaplaceFit:
     """The optimum, its noise parameters, the marginal posterior there, and how well the noise parameters are known.
 
     Attributes:
-        optimum: Mode of the marginal posterior, with start and shocks there.
+        optimum: Mode of the marginal posterior, with start and process noise there.
         hyper: Noise parameters: the means of their logarithms, or the most probable ones (see `marginal_fit`).
         marginal: The marginal posterior about the optimum.
         evidence: Minus the log evidence of the most probable noise parameters, up to a constant.
@@ -109,7 +109,7 @@ class NoJointFitError(FitError):
     """
 
     def __init__(self, tried: Iterable[str], best: LiftedFit, priors: Sequence[Prior], hyper: NoiseParameters) -> None:
-        """Keep the best fit beside what a `FitError` tells."""
+        """A `FitError` with the best fit found."""
         self.best, self.priors, self.hyper = best, tuple(priors), hyper
         super().__init__(_BREAKS, tried)
 
@@ -130,18 +130,18 @@ def lengthened(
     say: Progress,
     unknowns: Sequence[Unknowns] | None = None,
 ) -> tuple[Array, Sequence[Unknowns]]:
-    """Parameters and unknowns that follow the whole record, found on longer and longer openings of it.
+    """Starting values for the whole record by continuation: fits to longer and longer first parts of it.
 
-    Where what one opening told is lost before the end of the next, the next is shortened; so is the first where the
-    flight that begins there fails within it. Where that doesn't help, an opening has led astray, and all begins anew in
-    small steps, each fitted to its end.
+    Where the trajectory of one part diverges before the end of the next, the next is shortened; so is the first where
+    its simulation fails. Where that doesn't help, a fit went to a wrong optimum, and the continuation starts again with
+    small steps, each converged.
 
     Args:
         flights: Records.
         priors: Priors of the parameters.
-        hyper: Noise parameters, held.
+        hyper: Noise parameters, fixed.
         theta: Where to begin, working coordinates (P,).
-        say: Called with a share done and words.
+        say: Progress callback: share done and words.
         unknowns: Where to begin, per flight; prior means where None.
 
     Returns:
@@ -185,7 +185,7 @@ def joint_fit(
         priors: Priors of the parameters.
         prior: Priors of the noise parameters.
         rounds: Turns of optimum and evidence before the last optimum.
-        progress: Called with a share done and words.
+        progress: Progress callback: share done and words.
         begin: Where to begin; at the prior means, on the path of the record, where None. Models without such a path
             begin with openings of the record.
 
@@ -278,7 +278,7 @@ def _settle_along(
     say: Progress,
     begin: Begin | None,
 ) -> JointFit:
-    """`joint_fit` along the record: the path is kept from turn to turn, whatever the noise parameters become."""
+    """`joint_fit` along the record: the trajectory is kept between updates of the noise parameters."""
     theta, hyper = working(priors)[0], prior.median
     at: Sequence[Lifted] | None = None
     if begin is not None:
@@ -341,7 +341,7 @@ def joint(
     theta: Array,
     at: Sequence[Lifted] | None = None,
 ) -> Optimum:
-    """The joint optimum over parameters and disturbances for held noise parameters.
+    """The joint mode of parameters and disturbances for fixed noise parameters.
 
     Args:
         flights: Records.
@@ -412,19 +412,19 @@ def marginal_mode(
     most: int = _MODE_STEPS,
     near: float = _NEAR,
 ) -> Optimum:
-    """From the joint optimum to where cost, log determinant and what the gap adds are least together.
+    """Mode of the marginal posterior, from the joint mode: minimises cost, log determinant and mean correction.
 
-    The mode is often five and more standard errors away. Between, the marginal density may be nearly flat, which the
-    cost's Gauss-Newton matrix doesn't see: it knows nothing of the determinant's curvature or of how the cost bends,
-    and its steps grow short long before the mode. So steps are corrected by how the slope has changed over earlier
-    ones (`quasi_newton`), and the slope is taken with start and shocks at rest. A rest of less than 0.2 standard
-    deviations is left to the sampler, which is exact.
+    The mode is often five and more standard errors away. In between, the marginal density may be nearly flat, which the
+    Gauss-Newton matrix of the cost doesn't show: it contains neither the curvature of the determinant nor that of the
+    residuals, and its steps become short long before the mode. So steps are corrected by the change of the gradient
+    over earlier ones (`quasi_newton`), and the gradient is taken at the conditional mode of start and disturbances. A
+    remaining distance below 0.2 standard deviations is left to the sampler, which is exact.
 
     Args:
         flights: Records.
         priors: Priors of the parameters.
         settled: Where to begin, and the noise parameters.
-        progress: Called with a share done and words.
+        progress: Progress callback: share done and words.
         most: Most steps.
         near: Length of the last step, in standard deviations.
 
@@ -441,20 +441,25 @@ def marginal_mode(
     turn = halvings = 0
     while turn < most:
         rest = along_record.rest(flights, hyper, priors, theta, places)
-        if before is not None and halvings < _HALVINGS and (rest is None or before.rise(theta, rest) > _RISE):
-            halvings, before = halvings + 1, before._replace(step=0.5 * before.step)  # a step that lost the record
+        try:
+            if rest is None:
+                raise FloatingPointError(
+                    "a step of the flights at the conditional optimum, or its derivative, is not finite"
+                )
+            if before is not None and halvings < _HALVINGS and before.rise(theta, rest) > _RISE:
+                raise FloatingPointError("a step towards the marginal mode lost the record")
+            covariance = scipy.linalg.inv(rest.matrix)
+            best = replace(begun, theta=theta, flights=rest.flights, covariance=covariance)
+            made = marginalise(flights, hyper, priors, best)
+            if lacking is None or length(theta - lacking.theta, covariance) > _SAME_SLOPE:
+                lacking = _Lacking.at(made)
+        except FloatingPointError:
+            if before is None or halvings == _HALVINGS:
+                raise
+            halvings, before = halvings + 1, before._replace(step=0.5 * before.step)
             theta, places = before.onward(flights, hyper)
             continue
-        if rest is None:
-            raise FloatingPointError(
-                "a step of the flights at the conditional optimum, or its derivative, is not finite"
-            )
         turn, halvings = turn + 1, 0
-        covariance = scipy.linalg.inv(rest.matrix)
-        best = replace(begun, theta=theta, flights=rest.flights, covariance=covariance)
-        made = marginalise(flights, hyper, priors, best)
-        if lacking is None or length(theta - lacking.theta, covariance) > _SAME_SLOPE:
-            lacking = _Lacking.at(made)
         covariance = scipy.linalg.inv(rest.matrix + lacking.information)
         correction = mean_correction_slope(made)
         slope = rest.gradient + lacking.slope + correction
@@ -480,20 +485,20 @@ def marginal_fit(
     settled: JointFit,
     progress: Progress | None = None,
 ) -> LaplaceFit:
-    """Go from the joint optimum to the mode of the marginal posterior, and set that up.
+    """Find the mode of the marginal posterior from the joint mode, and set the marginal posterior up there.
 
-    The joint optimum over parameters and disturbances is not where the marginal posterior of the parameters is
-    greatest: see `marginal_mode`. Nor are the noise parameters of greatest evidence the same at both places: they are
-    sought again at the mode, and the mode with them, until the mode rests. Then they are put at the mean of their
-    posterior (`evidence.mean_less_mode`), and the mode follows; not so where that would move a parameter by more than
-    its standard deviation, farther than an expansion about the mode is good for.
+    The joint mode of parameters and disturbances is not the mode of the marginal posterior of the parameters: see
+    `marginal_mode`. Nor are the noise parameters of maximum evidence the same at both points: they are estimated again
+    at the mode, and the mode with them, until it converges. Then they are set to their posterior mean
+    (`evidence.mean_less_mode`) and the mode is found again, unless that would move a parameter by more than its
+    standard deviation, which is beyond the validity of an expansion about the mode.
 
     Args:
         flights: Records.
         priors: Priors of the parameters.
         prior: Priors of the noise parameters.
         settled: From `joint_fit`.
-        progress: Called with a share done and words.
+        progress: Progress callback: share done and words.
     """
     say = progress or (lambda share, words: None)
     best = marginal_mode(flights, priors, settled, lambda share, words: say(0.3 * share, words))
@@ -517,9 +522,10 @@ def marginal_fit(
             jax.tree.map(np.asarray, noise_evidence.from_vector(noise_evidence.to_vector(hyper) + moved, hyper)),
             hyper,
         ]
-    say(0.8, "log determinant at the mode")
     began = JointFit(replace(best, converged=settled.optimum.converged), hyper, value)
-    best, hyper, made, lost, seen = _last(flights, priors, began, laws)
+    best, hyper, made, lost, seen = _last(
+        flights, priors, began, laws, lambda share, words: say(0.8 + 0.2 * share, words)
+    )
     wrong = _determinant_error(made)
     slope = scipy.linalg.solve_triangular(np.asarray(made.scale), scale @ slope, lower=True)
     effect = NoiseEffect(slope, *noise_parameter_spread(made, known))
@@ -527,12 +533,16 @@ def marginal_fit(
 
 
 def _determinant_error(made: Marginal) -> float:
-    """Error of Laplace's approximation, always at the same points: what follows from it doesn't depend on a seed."""
+    """Error of Laplace's approximation, always at the same points, so that decisions do not depend on a seed."""
     return laplace.error(made, 4, stream(0, "points of the log determinant"))
 
 
 def _last(
-    flights: Sequence[FlightData], priors: Sequence[Prior], began: JointFit, laws: Sequence[NoiseParameters]
+    flights: Sequence[FlightData],
+    priors: Sequence[Prior],
+    began: JointFit,
+    laws: Sequence[NoiseParameters],
+    progress: Progress | None = None,
 ) -> tuple[Optimum, NoiseParameters, Marginal, tuple[str, ...], Profile]:
     """The mode under the first noise parameters that lead to one, the posterior, corrections left out, the density.
 
@@ -542,13 +552,16 @@ def _last(
         FitError: If none does.
         FloatingPointError: If flights fail on the way under the last of them.
     """
+    say = progress or (lambda share, words: None)
     failed: Exception = ValueError("no noise parameters")
     for hyper in laws:
         try:
-            here = marginal_mode(flights, priors, JointFit(began.optimum, hyper, began.evidence))
+            start = JointFit(began.optimum, hyper, began.evidence)
+            here = marginal_mode(flights, priors, start, lambda share, words: say(0.3 * share, words))
             found = []
-            for _ in range(1 + _MOVES):
+            for move in range(1 + _MOVES):
                 near = marginalise(flights, hyper, priors, here)
+                say(0.3 + 0.5 * move / (1 + _MOVES), f"log determinant along the axes, place {move + 1}")
                 found.append((here, *_corrected(near)))
                 if _away(found[-1][3]) < _AT_MODE:
                     break
@@ -558,6 +571,7 @@ def _last(
             continue
         best, made, lost, ahead, step = min(found, key=lambda one: _away(one[3]))
         if step and _determinant_error(made) > _DETERMINANT:
+            say(0.8, "log determinant between all axes")
             made, there = laplace.corrected(made, step, crossed=len(priors))
             ahead = ahead if there is None else there
         away = _away(ahead)
@@ -569,8 +583,7 @@ def _last(
             f"after {len(found)} steps towards it the mode is still off by {away:.2g} standard deviations, root mean "
             f"square of all axes, and less than {_BESIDE_MODE:g} is wanted"
             if seen.is_mode
-            else f"one standard deviation beside it the log density falls by {seen.worst:.3g} at least, about 0.5 is "
-            "wanted"
+            else f"one standard deviation away from it the log density falls by {seen.worst:.3g}, about 0.5 is expected"
         )
         failed = FitError(f"the search for the mode of the marginal posterior did not end at one: {why}")
     raise failed

@@ -1,7 +1,7 @@
-"""The most probable parameters, start and latent disturbances: Gauss-Newton with exact Jacobians, smoothed by a filter.
+"""Joint posterior mode of parameters, initial state and disturbances: Gauss-Newton with a Kalman smoother.
 
-A flight linearised along its course is a linear state-space model, so one pass of a Kalman filter and smoother gives
-the conditional optimum of start and disturbances as a linear function of the parameters; what is left is a
+A flight linearised along its trajectory is a linear state-space model, so one pass of a Kalman filter and smoother
+gives the conditional mode of start and disturbances as a linear function of the parameters; what remains is a
 least-squares problem in the parameters, damped after Levenberg and Marquardt. Stops on the step measured in posterior
 standard errors, never on the cost alone: tens of standard errors can cost a few units of log density (METHODS 5).
 """
@@ -47,8 +47,8 @@ class Optimum:
 
     Attributes:
         theta: Parameters in working coordinates (P,).
-        flights: Start, shocks and path of every flight.
-        covariance: Laplace covariance of theta, start and shocks integrated out (P, P).
+        flights: Start, process noise and trajectory of every flight.
+        covariance: Laplace covariance of theta, start and process noise integrated out (P, P).
         cost: Minus the joint log density up to constants.
         converged: Whether the last step was below tolerance.
         iterations: Linearisations spent.
@@ -67,7 +67,7 @@ class Optimum:
 
     @property
     def unknowns(self) -> tuple[Unknowns, ...]:
-        """Start and shocks of every flight."""
+        """Start and process noise of every flight."""
         return tuple(one.unknowns for one in self.flights)
 
     def linear(self, flights: Sequence[FlightData]) -> list[Linear]:
@@ -97,7 +97,7 @@ class Conditional(NamedTuple):
 
 @jax.jit
 def conditional(data: FlightData, hyper: NoiseParameters, linear: Linear) -> Conditional:
-    """Eliminate start and shocks of a linearised flight."""
+    """Eliminate start and process noise of a linearised flight."""
     made = filter_gains(data, hyper, linear)
     got = smooth_driven(made, as_seen(linear))
     unit = got.innovations.reshape(-1, got.start.shape[1])

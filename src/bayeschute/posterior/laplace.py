@@ -1,12 +1,12 @@
-"""The marginal log density by Laplace at a point of its own, and what the linear models about the mode lack of it.
+"""Laplace's approximation of the marginal density at any point, and corrections of the linearised marginal with it.
 
-`posterior.marginal` integrates start and disturbances out with derivatives taken at theta_0, at the price of one look
-at every step. Here a flight is brought to its conditional optimum at another theta and linearised there, which costs
-hundreds of times as much: half the squares of innovations and the log determinant are those of theta itself. As r, what
-is left of the data, is noise and not small, the optimum bends where the derivatives change with theta; a marginal
-density without that is too narrow, by a fifth and more in parameters that tell how strongly a gust is felt. So both are
-found on either side along every axis, and two quadratic polynomials stand for what the linear models lack: the log
-determinant, and the difference between the exact curvature and theirs.
+`posterior.marginal` integrates start and disturbances out with derivatives taken at theta_0, at the cost of one
+evaluation of every step. Here a flight is brought to its conditional mode at another theta and linearised there, which
+costs hundreds of times as much: the sum of squared innovations and the log determinant are those at theta itself.
+Because the residuals are noise and not small, the conditional mode is a curved function of theta where the derivatives
+change with theta (residual-curvature term); without it the marginal density is too narrow, by a fifth and more for
+parameters that determine the response to gusts. Both are evaluated on either side along every axis, and two quadratic
+polynomials correct the linearised marginal: one for the log determinant, one for the curvature.
 """
 
 from __future__ import annotations
@@ -102,7 +102,7 @@ def _brought(marginal: Marginal, theta: jax.Array, shift: jax.Array) -> list[Lin
 def _gap(
     flight: FlightData, hyper: NoiseParameters, along: Linearisation, theta: jax.Array, made: Gains, driven: Course
 ) -> MeanCorrection:
-    """The gap at another theta; its change is that of few paths. Not finite where these fail."""
+    """The mean correction at another theta; its change is estimated from few pairs. Not finite where these fail."""
     try:
         few, _ = mean_correction.mean(flight, hyper, made, theta, driven, rough=True)
     except FloatingPointError:
@@ -194,9 +194,9 @@ class Lack(NamedTuple):
 
 
 def lack(marginal: Marginal, step: float = 0.2) -> Lack:
-    """Slope of what the linear models lack, and the information in covariances, by one-sided differences.
+    """Gradient of the correction to the linear models, and the information in covariances, by one-sided differences.
 
-    Where a flight beside the optimum fails, the difference is taken to the other side.
+    Where a flight near the optimum fails, the difference is taken to the other side.
 
     Raises:
         FloatingPointError: If flights fail to both sides.
@@ -217,7 +217,7 @@ def lack(marginal: Marginal, step: float = 0.2) -> Lack:
 
 
 def corrected(marginal: Marginal, step: float = 1.0, crossed: int = _CROSSED) -> tuple[Marginal, Array | None]:
-    """The posterior with what its linear models lack, from Laplace's approximation to both sides along every axis.
+    """The posterior with corrections of its linear models, from Laplace's approximation to both sides along every axis.
 
     Along an axis on which a flight fails there, a half, a quarter or an eighth as far. Starts, shocks and paths then
     follow theta as the exact optima do. The `crossed` axes of greatest curvature of the log determinant get their

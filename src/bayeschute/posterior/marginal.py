@@ -1,12 +1,12 @@
-"""The posterior of the parameters alone, start and latent disturbances integrated out as Gaussian given them.
+"""Marginal posterior of the parameters: initial state and latent disturbances integrated out by Laplace's method.
 
-At a point theta_0 the flight is linearised along its conditional optimum, a path with its start and disturbances. For
-another theta follow that path linearly, take every step and output there once with the full equations, and integrate
-what is left as a Gaussian: the linear model's filter turns residuals and the steps' defects into innovations,
-``log density = -1/2 |innovations|^2 - rest`` (METHODS 6). Steps are corrected by the data one by one, so that a flight
-may be unstable without its likelihood being so. What the linear model lacks, as its derivatives are those at theta_0,
-is a polynomial: the log determinant, which moves parameters by several standard errors, and how much the exact
-conditional optimum is curved (`posterior.laplace`).
+At a point theta_0 the flight is linearised along its conditional mode, a trajectory with its start and disturbances.
+For another theta that trajectory is followed linearly, every step and output is evaluated there once with the full
+equations of motion, and the remainder is integrated as a Gaussian: the filter of the linear model turns residuals and
+continuity defects into innovations, ``log density = -1/2 |innovations|^2 - rest`` (METHODS 6). Steps are corrected by
+the data one by one, so that the likelihood of an unstable flight is well-behaved. The errors of the linear model, whose
+derivatives are those at theta_0, are corrected by polynomials: the log determinant, which moves parameters by several
+standard errors, and the curvature of the exact conditional mode (`posterior.laplace`).
 """
 
 from __future__ import annotations
@@ -53,12 +53,13 @@ class Linearisation(NamedTuple):
     Attributes:
         at: The optimum at theta_0.
         slope: Its derivatives by theta in the linear model, last axis.
-        aside: What these lack of the derivatives of the exact optimum.
-        known: What start and disturbances add to every step at theta_0, linearly (T, X).
+        aside: Difference of these from the derivatives of the exact conditional mode.
+        known: Linear contribution of start and disturbances to every step at theta_0 (T, X).
         known_slope: Its derivatives by theta (T, X, P).
-        gap: Mean of steps and outputs over start and disturbances given theta_0, less those at their optimum.
+        gap: Mean correction: mean of steps and outputs over start and disturbances given theta_0, minus those at the
+        mode.
         rough: The same of few paths, for its change with theta.
-        lost: How many pairs of paths behind the gap failed.
+        lost: Number of pairs of the mean correction that failed.
         linear: The flight linearised there.
         gains: The filter.
         unit: Innovations at theta_0, and minus their derivatives by theta (T, C, 1 + P).
@@ -108,7 +109,8 @@ class Marginal:
         prior_centre: Prior means of theta (P,).
         prior_factor: Lower Cholesky factor of its prior covariance (P, P).
         determinant: Log determinant of all flights together, less its value at theta_0.
-        bend: What the linear models lack of the curvature of minus the log density at the exact conditional optima.
+        bend: Difference of the curvature of minus the log density at the exact conditional modes from the linear
+            models'.
     """
 
     flights: tuple[FlightData, ...]
@@ -156,7 +158,7 @@ def _along(flight: FlightData, hyper: NoiseParameters, theta: Array, at: Lifted,
 def marginalise(
     flights: Sequence[FlightData], hyper: NoiseParameters, priors: Sequence[Prior], optimum: Optimum
 ) -> Marginal:
-    """Set the marginal posterior up at an optimum, its determinant still held constant."""
+    """Set the marginal posterior up at an optimum, with a constant determinant."""
     places = brought(flights, hyper, optimum.theta, optimum.flights)
     along = tuple(_along(flight, hyper, optimum.theta, *place) for flight, place in zip(flights, places, strict=True))
     flat, root = Quadratic.none(len(priors)), np.linalg.cholesky(optimum.covariance)
@@ -164,7 +166,7 @@ def marginalise(
 
 
 def mean_correction_slope(marginal: Marginal) -> Array:
-    """What the gap adds to the slope of minus the log density at theta_0, by theta (P,)."""
+    """Contribution of the mean correction to the gradient of minus the log density at theta_0, by theta (P,)."""
     total: Array = np.zeros(np.size(marginal.centre))
     for along in marginal.along:
         total = total + np.asarray(mean_correction.slope(along.linear, along.gains, along.gap))
@@ -181,24 +183,24 @@ def _place(flight: FlightData, at: Lifted, slope: Lifted, shift: jax.Array) -> L
 
 
 def place_at(flight: FlightData, along: Linearisation, shift: jax.Array) -> Lifted:
-    """Start, shocks and path at ``theta_0 + shift`` (P, ...), followed linearly."""
+    """Start, process noise and trajectory at ``theta_0 + shift`` (P, ...), followed linearly."""
     return _place(flight, along.at, along.slope, shift)
 
 
 def course_at(flight: FlightData, along: Linearisation, shift: jax.Array) -> Course:
-    """Likewise, as what drives the flight."""
+    """Likewise, as a latent path."""
     return place_at(flight, along, shift).course(flight, jnp.ndim(shift) - 1)
 
 
 def shifted(marginal: Marginal, xi: Component) -> tuple[jax.Array, jax.Array]:
-    """Parameters at standard coordinates (P, ...), and how far they lie from the centre."""
+    """Parameters at standard coordinates (P, ...), and their difference from the centre."""
     theta = marginal.theta(jnp.asarray(xi))
     return theta, theta - jnp.reshape(marginal.centre, (-1, *(1,) * (theta.ndim - 1)))
 
 
 @jax.jit
 def seen_along(along: Linearisation, residual: jax.Array, defects: jax.Array, shift: jax.Array) -> Seen:
-    """What the linear model sees of residuals (T, C, B) and defects (T, X, B) on the paths of `course_at`."""
+    """Data of the linear model from residuals (T, C, B) and defects (T, X, B) on the trajectories of `course_at`."""
     driven = defects - along.known[..., None] - along.known_slope @ shift
     return Seen(residual - along.gap.outputs[..., None], driven + along.gap.driven[..., None])
 
@@ -228,7 +230,7 @@ _gains = jax.jit(filter_gains)
 
 
 def linear_residuals(marginal: Marginal, xi: Component) -> tuple[jax.Array, jax.Array]:
-    """Residuals of the linear models at standard coordinates (P, B), and the price of places out of their range.
+    """Residuals of the linear models at standard coordinates (P, B), and the penalty outside their range of validity.
 
     Returns:
         (N, B): innovations of every flight, then theta under its prior; (F, B): what is `out_of_range` per flight.
@@ -301,7 +303,7 @@ def _log_likelihoods(
 def draw_flights(
     marginal: Marginal, xi: Component, numbers: tuple[Normals, ...], hyper: NoiseParameters | None = None
 ) -> tuple[Lifted, ...]:
-    """Draws of every flight's start, shocks and path given theta, by simulation smoothing (Durbin and Koopman 2002).
+    """Draws of every flight's unknowns and trajectory given theta, by simulation smoothing (Durbin and Koopman 2002).
 
     A draw of the linear model is moved onto the data by the smoother. The full equations then depart from the linear
     model by more than the posterior's width, so the move is repeated along the draw's own path (randomised
@@ -327,7 +329,7 @@ def draw_flights(
         for _ in range(_CORRECTIONS):
             driven = course(flight, law, jax.tree.map(jnp.add, free, aside))._replace(path=path)
             residual, defects = stepped(flight, theta, driven)
-            seen = Seen(  # the linear model does without what it lacks
+            seen = Seen(  # the linear model has no correction here
                 residual + jnp.asarray(along.linear.steps.out_state) @ aside_path,
                 defects - _disturbed(along.linear, course(flight, law, free)),
             )

@@ -1,10 +1,10 @@
-"""Is the point that a fit ended at a mode, and are its corrections smaller than what they correct?
+"""Checks of the mode: profile of the marginal density along its axes, and size of the corrections.
 
-The marginal density is a sum of squares, which one simulation gives, and of corrections that are expanded about the
-mode: what draws start and disturbances aside (`inference.following`), and the log determinant. About a mode, in
-coordinates in which the covariance is one, the log density falls by about a half one standard deviation out along every
-axis, and by two at two. Where a correction makes it rise there, or fall off a cliff, the expansion does not hold,
-however well a sampler does on it.
+The marginal density is the sum of squares that one simulation gives, plus corrections that are expanded about the mode:
+the curvature of the conditional mode, and the log determinant (`posterior.laplace`). About a mode, in coordinates with
+unit covariance, the log density of a Gaussian falls by 1/2 at one standard deviation along every axis, and by 2 at two.
+Where a correction makes it rise there, or fall much more steeply, the expansion is not valid, however well a sampler
+converges on it.
 """
 
 from __future__ import annotations

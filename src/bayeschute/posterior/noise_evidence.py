@@ -1,8 +1,8 @@
-"""Noise parameters by their evidence: the Laplace approximation of the marginal likelihood, maximised.
+"""Empirical Bayes for the noise parameters: maximisation of the Laplace approximation of the evidence.
 
-Along its course a flight is linear, so the filter's likelihood integrates start and disturbances out exactly; theta is
-integrated out by Laplace's method at the point of linearisation. The sum is maximised over the logarithms of the noise
-parameters under log-normal priors.
+A flight linearised along its trajectory has an exact filter likelihood, with start and disturbances integrated out;
+theta is integrated out by Laplace's method at the point of linearisation. The sum is maximised over the logarithms of
+the noise parameters under log-normal priors.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from bayeschute.likelihood.priors import Prior, precision
 
 Array = NDArray[np.float64]
 _seen = jax.jit(as_seen)
-_TOLD = 0.1  # axes along which noise parameters are known better than this have no skewness to speak of
+_TOLD = 0.1  # along axes with a smaller standard deviation the skewness is negligible
 
 
 @dataclass(frozen=True)
@@ -156,11 +156,11 @@ def mean_less_mode(
     covariance: Array,
     gaps: Sequence[MeanCorrection] | None = None,
 ) -> Array:
-    """How far the mean of the logarithms of the noise parameters lies from their mode, by their skewness.
+    """Mean minus mode of the logarithms of the noise parameters, from the skewness of their posterior.
 
-    A record of some correlation times says better how small a variance or a time constant is not than how large it is
-    not, so their posterior leans, and parameters that follow them lean with it if they are held at their mode. With
-    third derivatives T and covariance S, the mean is off by ``-1/2 S (T : S)`` (Lindley 1980); ``T : S`` is the sum of
+    A record of a few correlation times bounds a variance or a time constant better from below than from above, so their
+    posterior is skewed, and parameters that depend on them are biased if they are fixed at their mode. With
+    third derivatives T and covariance S, the difference is ``-1/2 S (T : S)`` (Lindley 1980); ``T : S`` is the sum of
     second differences of the gradient, one standard deviation to either side along the axes of S. An axis at whose ends
     the evidence is not finite is left out.
 

@@ -1,12 +1,12 @@
-"""What the uncertainty of the noise parameters adds to that of the parameters.
+"""Contribution of uncertain noise hyperparameters to the posterior of the parameters.
 
-Parameters are drawn with the noise parameters held. With ``xi`` the parameters' standard coordinates and ``eta`` the
-logarithms of the noise parameters, minus the log of their joint density is about
+Parameters are drawn conditionally on fixed noise parameters. With ``xi`` the parameters' standard coordinates and
+``eta`` the logarithms of the noise parameters, minus the log of their joint density is about
 ``1/2 |xi|^2 + xi' C (eta - eta_0) + ..``: given eta, xi is normal about ``-C (eta - eta_0)``. Its covariance there is
 not that for eta_0 either: stronger gusts make parameters less certain. Its logarithm (a symmetric matrix, zero at
-eta_0) is taken as linear in eta, plus what its curvature gives in the mean. So a draw for held noise parameters,
-stretched and moved with a draw of eta, is one of the joint posterior (the mean of the conditional covariances and the
-covariance of the conditional means of Kass and Steffey 1989, section 2).
+eta_0) is taken as linear in eta, plus the mean of its second-order term. So a conditional draw, scaled and shifted with
+a draw of eta, is a draw of the joint posterior (the mean of the conditional covariances and the covariance of the
+conditional means of Kass and Steffey 1989, section 2).
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class NoiseEffect(NamedTuple):
         return cls(np.zeros((parameters, laws)), np.zeros((laws, *size)), np.zeros(size))
 
     def carried(self, xi: Array, moved: Array) -> Array:
-        """Draws for held noise parameters as they are for others.
+        """Conditional draws for fixed noise parameters, moved to others.
 
         Args:
             xi: Standard coordinates (..., P).
@@ -79,7 +79,7 @@ def noise_parameter_slope(marginal: Marginal, step: float = 0.5) -> Array:
     anew along the conditional courses there: so the change of the log determinant is in it.
 
     Args:
-        marginal: The posterior for held noise parameters.
+        marginal: The posterior for fixed noise parameters.
         step: How far to either side to go along every axis; less far where a flight fails there.
 
     Returns:
@@ -113,7 +113,7 @@ def noise_parameter_spread(marginal: Marginal, covariance: Array) -> tuple[Array
     either side along every column of the factor of the noise parameters' own covariance.
 
     Args:
-        marginal: The posterior for held noise parameters.
+        marginal: The posterior for fixed noise parameters.
         covariance: Of their logarithms (V, V).
 
     Returns:
@@ -137,7 +137,7 @@ def noise_parameter_spread(marginal: Marginal, covariance: Array) -> tuple[Array
 
 
 def widened(xi: Array, effect: NoiseEffect, covariance: Array, seed: int) -> Array:
-    """Draws for held noise parameters made draws of the joint posterior, each with noise parameters of its own.
+    """Unconditional draws from conditional ones, each with its own draw of the noise parameters.
 
     Args:
         xi: Standard coordinates (..., P).
@@ -155,7 +155,7 @@ def joint_covariance(scale: Array, effect: NoiseEffect, covariance: Array) -> Ar
     The mean of their covariances is exact for one noise parameter without excess, and to second order beyond that.
 
     Args:
-        scale: Their covariance's factor for held noise parameters, as in `Marginal` (P, P).
+        scale: Their covariance's factor for fixed noise parameters, as in `Marginal` (P, P).
         effect: Of the noise parameters.
         covariance: Of the logarithms of the noise parameters (V, V).
     """

@@ -1,7 +1,7 @@
-"""Gauss-Newton steps, corrected by how the slope has changed over earlier ones.
+"""Structured quasi-Newton: Gauss-Newton steps corrected by secants of the gradient.
 
-Gauss-Newton's matrix knows nothing of how the model bends, nor of terms of the density that are no squares. Where these
-are large its steps converge slowly, to one side or from side to side, and a few secants mend that: the structured
+The Gauss-Newton matrix contains neither the curvature of the model nor terms of the density that are no squares. Where
+these are large its steps converge slowly, monotonically or oscillating, and a few secants correct that: the structured
 quasi-Newton idea of Dennis, Gay & Welsch (1981), with the recursion of L-BFGS (Nocedal 1980).
 """
 
@@ -14,7 +14,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-_FLATTEST, _REACH = 0.2, 2.0  # least share of Gauss-Newton's curvature that is believed; longest step of that kind
+_FLATTEST, _REACH = 0.2, 2.0  # least share of Gauss-Newton's curvature that is accepted; longest step of that kind
 
 
 def length(step: Array, covariance: Array) -> float:
@@ -23,13 +23,13 @@ def length(step: Array, covariance: Array) -> float:
 
 
 def secant_step(slope: Array, covariance: Array, bends: Sequence[tuple[Array, Array]]) -> Array:
-    """A Gauss-Newton step, corrected by what earlier steps told of how the slope changes (L-BFGS; Nocedal 1980).
+    """A Gauss-Newton step, corrected by the gradient changes of earlier steps (L-BFGS; Nocedal 1980).
 
     Where it changed by less than `_FLATTEST` of what Gauss-Newton expects, that share is taken (Powell 1978), and a
     step made longer so is no longer than `_REACH` standard deviations.
 
     Args:
-        slope: Of what is minimised (P,).
+        slope: Gradient of the objective (P,).
         covariance: Inverse of the Gauss-Newton matrix (P, P).
         bends: Steps made, and changes of the slope over them.
     """

@@ -1,4 +1,4 @@
-"""Draws of the marginal posterior, and everything about them in one ArviZ DataTree."""
+"""Sampling of the marginal posterior into one ArviZ DataTree."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def sample(
         return np.asarray(in_batches(lambda part: log_density(marginal, part), xi))
 
     def in_range(xi: Array) -> jax.Array:
-        """Residuals for the surrogate; NaN where the price of a place out of range would put a kink into them."""
+        """Residuals for the surrogate; NaN outside the range of validity, where the penalty would add a kink."""
         rows, prices = linear_residuals(marginal, xi)
         return jnp.where(jnp.any(prices > 0.0, axis=0), jnp.nan, rows)
 
@@ -74,7 +74,7 @@ def sample(
         return ensemble.sample(exact, parameters, chains, draws, seed, BATCH, most, tell("emcee"))
 
     def by_population() -> tuple[Draws | None, str]:
-        """Draws, and why they can't be believed."""
+        """Draws, and the reason if they are not reliable."""
         try:
             made = independence.sample(exact, parameters, chains, draws, seed, progress=tell("independence sampler"))
         except FloatingPointError as error:
@@ -95,7 +95,7 @@ def sample(
         else []
     )
     if lost:
-        notes.append(f"{lost} pairs of simulations under drawn disturbances failed and are not in the mean flight")
+        notes.append(f"{lost} pairs of simulations under drawn disturbances failed and are not in the mean correction")
 
     def with_all(made: Draws, *words: str) -> Draws:
         """The draws with what all samplers together have spent, and notes."""

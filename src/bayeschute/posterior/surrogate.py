@@ -1,4 +1,4 @@
-"""A quadratic surrogate of projected residuals: the marginal posterior as a quartic polynomial of its parameters.
+"""Polynomial surrogate of the marginal posterior: quadratic response surfaces of the projected residuals.
 
 The marginal log density is ``-1/2 |r(xi)|^2 - rest`` with r nearly linear in xi and the rest a polynomial.
 Fit ``r(xi) ~ C m(xi)``, m all monomials up to degree two, to simulations around the optimum, and compress: with

@@ -1,10 +1,10 @@
-"""Which terms a fitted flight asks for: evidence of models that go without some of a library's terms.
+"""Term selection within the fit: Bayes factors by Savage-Dickey density ratios.
 
-The whole library is fitted to the flight once, under priors that keep it from nonsense, start and disturbances
-integrated out. There its posterior is nearly Gaussian, and the evidence of a model without some terms, over that of the
-whole, is the posterior density of their being zero over the prior one (Dickey 1971). Terms leave one by one, or come
-back, as long as the evidence grows, a stated penalty on each term counted. Equation error does the same on forces; here
-the wind's error is part of the model, which it can't be there.
+The whole library is fitted to the flight once, under weakly informative priors, with start and disturbances integrated
+out. Its posterior is nearly Gaussian, and the Bayes factor of a model without some terms against the whole is the
+posterior density of these coefficients at zero divided by their prior density there (Dickey 1971). Terms are removed,
+or added again, one by one as long as the evidence, less a penalty for each term, grows. Equation error does the same
+with forces; here the error of the wind is part of the model.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Chosen(NamedTuple):
         priors: Of its parameters, the other terms known to be zero.
         theta: Its most probable parameters in the Gaussian of the library (P,).
         kept: Which of the library's parameters it has.
-        evidence: By parameter that may be left out, logarithm of the evidence for it: what the chosen model gains by
+        evidence: By optional parameter, the logarithm of its Bayes factor: gain in evidence of the chosen model by
             it, or would.
     """
 

@@ -1,8 +1,8 @@
-"""Bands of quantities of interest: parameters, initial state and latent disturbances drawn together.
+"""Posterior predictive bands: parameters, initial state and latent disturbances are drawn jointly and simulated.
 
-A flight to be predicted is known by the opening of its record only: those samples fix the initial state (and what they
-say of the disturbances); beyond them the disturbances follow their process. The same code serves a part of a record
-held out in time, and the smoothing of a fitted flight.
+Of a flight to be predicted only the initialisation window of its record is used: those samples determine the initial
+state (and the disturbances, as far as they do); after them the disturbances follow their stochastic process. The same
+code serves a part of a record held out in time, and the smoothing of a fitted flight.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class Prediction:
         draws: Quantity by name, (draw, T); NaN where a simulation failed.
         last: Capsule velocity at the last sample of the record, (draw, 3) NED [m/s]; descents hold (0, 0, rate).
         failed: Simulations that were not finite.
-        shares: Share of variance by quantity and source; NaN where no simulation tells.
+        shares: Share of variance by quantity and source; NaN without successful simulations.
     """
 
     time: Array
@@ -56,7 +56,7 @@ class Prediction:
 
 
 def _simulate(flight: FlightData, theta: jax.Array, driven: Course) -> tuple[jax.Array, jax.Array]:
-    """Quantities (Q, T, B) and the last velocity (3, B); simulated from where the course's path ends, if it has one."""
+    """Quantities (Q, T, B) and the last velocity (3, B); simulated from the end of the trajectory, if there is one."""
     return _quantities(flight, states(flight, theta, driven, driven.path))
 
 
@@ -88,7 +88,7 @@ def quantities_of_states(flight: FlightData, x: Array) -> dict[str, Array]:
 
 
 def opening(flight: FlightData, seconds: float) -> FlightData:
-    """The first seconds of a flight as a flight of its own."""
+    """The initialisation window: the first seconds of a flight as a separate flight."""
     samples = int(round(seconds / float(flight.dt))) + 1
     model: Any = flight.model
     shorter = replace(model, record=jax.tree.map(lambda a: np.asarray(a)[:samples], model.record))
@@ -98,7 +98,7 @@ def opening(flight: FlightData, seconds: float) -> FlightData:
 
 
 def opened(flight: FlightData, hyper: NoiseParameters, posterior: Sequence[Prior]) -> Marginal:
-    """What an opening's data say of its own unknowns, the parameters as the posterior has them.
+    """Posterior of the unknowns of an initialisation window, with the parameters' posterior as prior.
 
     Args:
         flight: From `opening`.
@@ -129,7 +129,7 @@ def noise_parameter_draws(
 
 
 def carried(marginal: Marginal, theta: Array, laws: Sequence[NoiseParameters], effect: NoiseEffect) -> Array:
-    """Draws of the parameters for held noise parameters as they are for those that `predict` takes for each.
+    """Draws of the parameters, moved from the fixed noise parameters to those that `predict` takes for each draw.
 
     Args:
         marginal: Of the fit that the draws are from.
@@ -153,7 +153,7 @@ def predict(
     laws: Sequence[NoiseParameters],
     seed: int,
     whole: FlightData | None = None,
-    told: float = np.inf,
+    data_end: float = np.inf,
     progress: Callable[[float], None] | None = None,
     disturbance_log_sd: float = 0.0,
     groups: range | None = None,
@@ -166,8 +166,8 @@ def predict(
         theta: Draws of the parameters, working coordinates (B, P); see `carried`.
         laws: Noise parameters, from `noise_parameter_draws`; groups of draws take them in turn.
         seed: Seed of unknowns.
-        whole: The whole flight where the marginal holds its opening only.
-        told: Data end here [s from the first sample]; disturbances beyond are free.
+        whole: The whole flight, where the marginal is of its initialisation window only.
+        data_end: End of the data that are used [s from the first sample]; disturbances after it follow their process.
         progress: Called with a share done.
         disturbance_log_sd: Standard deviation of the logarithm of a factor on disturbances beyond the data, one a draw.
         groups: Only these groups of `GROUP` draws each, drawn as if all were; all where None. Shares of variance are
@@ -179,7 +179,9 @@ def predict(
     stronger = stream(seed, "strength of disturbances beyond the data", index)
     part, rng = marginal.flights[index], stream(seed, "unknowns of a flight", index)
     flight, draws = whole or part, theta.shape[0]
-    kept = min(int(np.floor(told / float(flight.dt) + 1e-9)) + 1 if np.isfinite(told) else part.samples, part.samples)
+    kept = min(
+        int(np.floor(data_end / float(flight.dt) + 1e-9)) + 1 if np.isfinite(data_end) else part.samples, part.samples
+    )
     xi = np.linalg.solve(np.asarray(marginal.scale), (theta - np.asarray(marginal.centre)).T)
 
     def driven(xi: Array, numbers: tuple[Normals, ...], later: Array, law: NoiseParameters) -> Course:
@@ -293,7 +295,7 @@ def dataset(
 ) -> xr.Dataset:
     """The entry of ``predictions.nc`` for a flight.
 
-    A quantity has its quantiles (quantile, time), from all draws, and beside them as ``<quantity>_draws`` (draw, time)
+    A quantity has its quantiles (quantile, time), from all draws, and as ``<quantity>_draws`` (draw, time)
     every k-th draw, `MOST_DRAWS` at most; k is the attribute ``thin``. A draw is the same flight in all quantities; NaN
     where its simulation failed.
 

@@ -1,4 +1,4 @@
-"""What a finite number of simulated flights can prove: limits of a share, and Wilks' order statistics.
+"""Monte Carlo limits: Clopper-Pearson and Jeffreys limits of a probability, and Wilks' tolerance limits.
 
 Clopper and Pearson, Biometrika 26 (1934) 404; Wilks, Ann. Math. Statist. 12 (1941) 91; Jeffreys' prior Beta(1/2, 1/2)
 as in Brown, Cai and DasGupta, Statist. Sci. 16 (2001) 101.

@@ -1,6 +1,6 @@
 """Draws of quantities as a table, P(quantity > threshold), and Wilks' tolerance limits.
 
-A draw whose simulation failed is never dropped: it counts as one beyond every limit.
+A draw whose simulation failed is never dropped: it counts as exceeding every limit.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ def samples_table(runs: Mapping[str, Mapping[str, ArrayLike]]) -> pd.DataFrame:
         runs: Run (flight) name to arrays (draw,) by quantity. NaN: the simulation failed.
 
     Returns:
-        Columns run, draw and the quantities; a quantity that a run lacks is missing there.
+        Columns run, draw and the quantities; NaN for quantities that a run does not have.
 
     Raises:
         InputError: If there is no run, or the arrays of a run differ in length.
@@ -46,7 +46,7 @@ def samples_table(runs: Mapping[str, Mapping[str, ArrayLike]]) -> pd.DataFrame:
 
 
 def _samples(samples: pd.DataFrame) -> Iterable[tuple[str, str, np.ndarray]]:
-    """Run, quantity and its values; failed solves are +inf, quantities that a run lacks are left out."""
+    """Run, quantity and its values; failed simulations are +inf, missing quantities are omitted."""
     for run, part in samples.groupby("run", sort=False):
         for name in part.select_dtypes("number").columns.drop("draw"):
             x = part[name].to_numpy(dtype=float)
@@ -67,7 +67,7 @@ def exceedance_table(
 
     Args:
         samples: Frame of `samples_table`.
-        statistic: What the draws are of their quantities, such as "final" or "mean"; goes into the table.
+        statistic: Statistic that the draws are of, such as "final" or "mean"; goes into the table.
         thresholds: Quantity to thresholds of special interest [unit]; 41 over the range of the draws are added.
         confidence: Two-sided confidence of the limits [1].
         independent: Number of independent draws per run, if fewer than the draws; the counts are scaled down to it.
@@ -121,7 +121,7 @@ def tolerance_table(
 
     Args:
         samples: Frame of `samples_table`.
-        statistic: What the draws are of their quantities, such as "final" or "mean"; goes into the table.
+        statistic: Statistic that the draws are of, such as "final" or "mean"; goes into the table.
         tolerances: Pairs of share and one-sided confidence [1].
         independent: Number of independent draws per run, if fewer than the draws; they are thinned down to it.
         units: Quantity to unit; "1" where not named.
@@ -130,7 +130,7 @@ def tolerance_table(
     Returns:
         Columns run, quantity, statistic, unit, share, confidence, failures, needed (draws), draws, independent_draws,
         enough, limit, widened_by. `limit` is the (failures+1)-th greatest draw; NaN where the draws are too few, inf
-        where a failed solve stands there. Failures are 0, 1, 2 and, where it is more, the most that the draws allow.
+        where a simulation failed there. Failures are 0, 1, 2 and, where it is more, the most that the draws allow.
     """
     rows = []
     for run, name, x in _samples(samples):

@@ -1,6 +1,6 @@
-"""Statistics of every simulated flight: its end of the record, greatest and mean values over the window.
+"""Statistics of every simulated flight: final value, maximum and mean over the window.
 
-The end of the record is wherever the record ends, which may be far above the ground: it is no landing.
+The end of the record may be far above the ground: it is no landing.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ Array = NDArray[np.float64]
 
 STATISTICS = {
     "final": "at the last sample of the record",
-    "maximum": "greatest value over the window that is scored: the part not used in the fit, or all of the record",
-    "mean": "mean over the window that is scored: the part not used in the fit, or all of the record",
+    "maximum": "maximum over the scored window: the part of the record that was not fitted, or all of it",
+    "mean": "mean over the scored window: the part of the record that was not fitted, or all of it",
 }
-"""Statistics that a requirement may be set on, and what each is."""
+"""Statistics that a requirement may refer to, and their meaning."""
 
 REDUCTIONS: dict[str, Callable[[Array], Array]] = {
     "final": lambda values: values[:, -1],

@@ -1,10 +1,10 @@
-"""One line per parameter for a model memo: a standard family, its constants, and how well it fits the draws.
+"""Parametric fits of the marginal posteriors: distribution family, constants and goodness of fit, by parameter.
 
 The family is the first of ``FAMILIES`` whose Akaike criterion per independent draw lies within 2 of the least,
 ``AIC = 2 k - 2 n_e mean(log p)`` with k constants and n_e independent draws (Akaike, IEEE TAC 19 (1974) 716). Draws of
 a Markov chain repeat themselves, so n_e is the effective number and not the number stored. A difference below 2 is no
-evidence: the family kept need not have the least criterion. Beside it stands the Kolmogorov distance, the
-greatest difference between the distribution of the draws and the fitted one.
+evidence, so the chosen family need not have the smallest criterion. The Kolmogorov-Smirnov distance, the largest
+difference between the distribution functions of the draws and of the family, is given as well.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Predictions of one flight by several structures, mixed in proportion to their weights."""
+"""Predictions of one flight averaged over model structures in proportion to their weights."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def mix(parts: Sequence[Prediction]) -> Prediction:
     """One prediction from those of several structures, each with as many draws as its weight gives it.
 
     The variance of the mixture is that within structures, on average over draws, plus that of the structures' means;
-    the latter is a source of its own among the shares.
+    the latter is a separate source among the shares.
 
     Args:
         parts: Predictions of the same flight, draws in proportion to the weights.

@@ -1,6 +1,6 @@
-"""P(requirement met) over the posterior, apart from what the number of simulated flights leaves open.
+"""Posterior predictive probability of meeting a requirement, with Monte Carlo limits given separately.
 
-A flight whose solve failed is never dropped: it counts as not met, and is reported in a number of its own.
+A flight whose simulation failed is never dropped: it counts as not meeting the requirement, and failures are counted.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def requirement_check(
     independent: float | None = None,
     widened_by: float = 1.0,
 ) -> dict[str, Any]:
-    """P(requirement met) over the posterior, and apart from it what the number of simulated flights leaves open.
+    """P(requirement met) over the posterior, with Monte Carlo limits for the number of simulated flights.
 
     Args:
         samples: The quantity by posterior draw, (draw,), or by draw and simulation, (draw, simulation), where each
@@ -60,15 +60,15 @@ def requirement_check(
         at_most: Upper limit [unit]; this or `at_least`.
         at_least: Lower limit [unit].
         run: Flight it was predicted on.
-        statistic: What was taken over the window: final, maximum, mean.
+        statistic: Statistic over the window: final, maximum, mean.
         confidence: Two-sided confidence of the simulation limits [1].
         independent: Number of independent draws among (draw,) samples, if fewer.
-        widened_by: Factor by which the samples were widened before [1]; told in the result.
+        widened_by: Factor by which the samples were widened before [1]; part of the result.
 
     Returns:
         Plain numbers for summary.json: probability_met; simulation_low, simulation_high (Clopper-Pearson) and
         credible_low, credible_high (Jeffreys), which shrink with more simulations; posterior_sd, posterior_q05,
-        posterior_q95 of P(met | parameters), which don't (None for (draw,) samples, where the two can't be told
+        posterior_q95 of P(met | parameters), which don't (None for (draw,) samples, where the two can't be separated
         apart); draws, simulations, met, failed; median, q05, q95 of the quantity; margin, the distance of the median
         from the limit [unit], positive when met (None where every solve failed); widened_by.
 

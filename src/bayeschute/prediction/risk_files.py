@@ -1,9 +1,9 @@
-"""The files a risk assessor takes away: draws, marginals, correlations, end of record, exceedance, tolerance.
+"""Files of the risk assessment: draws, marginals, correlations, end of record, exceedance, tolerance limits.
 
-Two kinds of doubt are kept apart throughout: what the posterior leaves open (P of meeting a requirement) and what the
-finite number of simulated flights leaves open (Clopper-Pearson and Jeffreys limits, Wilks' order statistics). A
-flight whose simulation failed is never dropped: it counts as one beyond every limit, and stands in a column of its own.
-``data_dictionary.csv`` says what every column is.
+Two kinds of uncertainty are kept separate throughout: posterior uncertainty (in the probability of meeting a
+requirement) and Monte Carlo error of the finite number of simulated flights (Clopper-Pearson and Jeffreys limits,
+Wilks' order statistics). A flight whose simulation failed is never dropped: it counts as exceeding every limit, and a
+column gives the number of failures. ``data_dictionary.csv`` describes every column.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ def _parameters(table: pd.DataFrame) -> list[str]:
 
 
 def write_draws(draws: Mapping[str, ArrayLike], folder: Path, units: Mapping[str, str] | None = None) -> pd.DataFrame:
-    """Write draws.parquet (units in the metadata), draws.csv and, beside it, draws_units.csv.
+    """Write draws.parquet (units in the metadata), draws.csv and draws_units.csv.
 
     The CSV has one header line and nothing else, so ``pandas.read_csv(path)`` reads it without options.
 
@@ -124,8 +124,8 @@ def marginal_table(
 
     Returns:
         Columns parameter, unit, family and its constants, mean, sd, quantiles of the draws, the outer quantiles of the
-        family (fit_q00135, fit_q99865: the draws alone say little out there), the statistic of the choice (aic, and
-        runner_up, the best of the others, with its own), ks_distance, draws, independent_draws.
+        family (fit_q00135, fit_q99865: the draws alone carry little information there), the criterion (aic, and
+        runner_up, the best of the others, with its aic), ks_distance, draws, independent_draws.
     """
     rows = []
     for name in _parameters(table):
@@ -219,7 +219,7 @@ def _flight_tables(
 def _dictionary(
     tables: Mapping[str, pd.DataFrame], requirements: Sequence[Mapping[str, Any]], units: Mapping[str, str]
 ) -> pd.DataFrame:
-    """What every column of the files of these tables is."""
+    """Description of every column of the files of these tables."""
     columns = {stem: [str(name) for name in table.columns] for stem, table in tables.items()}
     files = {f"{stem}.{'parquet' if stem == 'end_of_record' else 'csv'}": names for stem, names in columns.items()}
     files = {"draws.parquet": columns["draws"], "draws_units.csv": ["column", "unit"]} | files

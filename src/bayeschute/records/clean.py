@@ -1,6 +1,6 @@
-"""Cleaning of a record: outliers are dropped (`bayeschute.records.outliers`), the rest is put on a uniform clock.
+"""Cleaning of a record: outliers are dropped (`bayeschute.records.outliers`), the rest is resampled uniformly.
 
-Nothing is invented, and everything done is listed in the attribute ``repairs``.
+No data are invented, and every change is listed in the attribute ``repairs``.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Quantities that a simple log implies: density, place north and east, descent rate, altitude from pressure."""
+"""Derived quantities of a log: density, place north and east, descent rate, altitude from pressure."""
 
 from __future__ import annotations
 

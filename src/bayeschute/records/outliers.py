@@ -1,6 +1,6 @@
-"""What a sensor can't have meant: values out of range, repeats, spikes and shifts of level.
+"""Outlier detection: values out of range, stuck values, spikes and level shifts.
 
-Detection is robust (Hampel 1974) and works on steps between valid samples, not on levels: the step foretold is the
+Detection is robust (Hampel 1974) and works on steps between valid samples, not on levels: the predicted step is the
 median rate of the steps before or after; what exceeds it is an outlier if it is large both against the channel's own
 scatter and against what the vehicle can do. A level that shifts stays as it is, without the samples beside the shift.
 """

@@ -1,19 +1,23 @@
-"""The door for measured flights: CSV, Parquet or NetCDF in, a valid record in SI out, every fault at once."""
+"""Reading of measured flights: CSV, Parquet or NetCDF in, a valid record in SI out, every fault at once."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.core.units import factor_to_si
+from bayeschute.records.foreign.clocks import ISO, continued, in_order, of_stamps
+from bayeschute.records.foreign.conventions import USUAL, Conventions, convention_faults
+from bayeschute.records.foreign.translate import WEEK, fill_rates, foreign_unit, in_schema_keys, schema_keys
 from bayeschute.records.netcdf import open_netcdf
 from bayeschute.records.record import (
+    AXIS,
     LABELS,
     VARIABLES,
     Repair,
@@ -42,11 +46,15 @@ class ColumnSpec:
 
     Attributes:
         column: Name of the column.
-        unit: Its unit, e.g. ``"hPa"``; ``""`` for a pure number.
+        unit: Its unit, e.g. ``"hPa"``; ``""`` for a pure number; ``"iso"`` of times as stamps.
+        scale: What its numbers are multiplied with before they are in that unit: gain, or -1 for the opposite sense.
+        offset: What is added after that, in that unit.
     """
 
     column: str
     unit: str
+    scale: float = 1.0
+    offset: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -64,6 +72,10 @@ def _target(key: str) -> _Target | Fault:
     where = f"[columns.{key}]"
     if key == "time":
         return _Target("time", None, None, "s")
+    unit = foreign_unit(key)
+    if unit is not None and key.split(".")[-1] not in AXIS:
+        numbered = _target(".".join([*key.split(".")[:-1], "down"])) if key.count(".") == 2 else None
+        return numbered if isinstance(numbered, Fault) else _Target("", None, None, unit)
     name, *rest = key.split(".")
     if name not in VARIABLES:
         known = ["time", *VARIABLES]
@@ -137,8 +149,9 @@ def _columns_si(
     for key, target in targets.items():
         spec = columns[key]
         factors = None
+        stamps = key == "time" and spec.unit == ISO
         try:
-            factors = factor_to_si(spec.unit, target.unit)
+            factors = (1.0, 0.0) if stamps else factor_to_si(spec.unit, target.unit)
         except ValueError as error:
             wanted = f"a unit of {'pure numbers' if target.unit == '1' else target.unit}"
             faults.append(Fault(f"[columns.{key}] unit", repr(spec.unit)[:SHOWN], wanted, f"({error})"))
@@ -147,12 +160,13 @@ def _columns_si(
             got = f"column {spec.column!r}, which {where} lacks"
             faults.append(Fault(f"[columns.{key}]", got, "a column of the file", advice))
             continue
-        values, wrong = numbers(table.frame[spec.column], f"{where} column {spec.column!r}", table.first_row)
+        read = of_stamps if stamps else numbers
+        values, wrong = read(table.frame[spec.column], f"{where} column {spec.column!r}", table.first_row)
         faults += wrong
         if wrong or factors is None:
             continue
         with np.errstate(over="ignore"):
-            found[key] = factors[0] * values + factors[1]
+            found[key] = factors[0] * (spec.scale * values + spec.offset) + factors[1]
         if np.isinf(found[key]).any():
             got = f"a value too large to convert from {spec.unit} to {target.unit}"
             faults.append(
@@ -210,6 +224,7 @@ def read_record(
     columns: Mapping[str, ColumnSpec] | None = None,
     window: tuple[float, float] | None = None,
     min_rows: int = MIN_ROWS,
+    conventions: Conventions = USUAL,
 ) -> xr.Dataset:
     """Read a flight record.
 
@@ -221,6 +236,8 @@ def read_record(
             ``wind.down`` may be left out and is then zero.
         window: First and last time that will be wanted [s]; the record is not cut, only checked.
         min_rows: Least number of samples, in the window where one is given.
+        conventions: Axes, senses and clocks of the record, which names and units of columns don't tell. Not looked at
+            where the file is in the project's own schema.
 
     Returns:
         The record in SI, at the file's own times; see `bayeschute.records.clean.clean` for what comes next.
@@ -232,6 +249,7 @@ def read_record(
     suffix = _suffix(path)
     map_faults: list[Fault] = []
     targets: dict[str, _Target] = {}
+    schema: dict[str, _Target] = {}
     if suffix != ".nc":
         for key in columns or {}:
             target = _target(key)
@@ -239,7 +257,10 @@ def read_record(
                 map_faults.append(target)
             else:
                 targets[key] = target
-        map_faults += [] if map_faults else [*_map_faults(targets), *_count_of_canopies(targets)]
+        said = convention_faults(conventions, "[conventions]")
+        map_faults += said
+        if not map_faults:
+            schema, map_faults = _schema(targets, conventions)
     if not suffix:
         map_faults.append(Fault(str(path), f"a file named {path.name!r}"[:100], f"one of {', '.join(_SUFFIXES)}"))
     elif not path.is_file():
@@ -248,13 +269,40 @@ def read_record(
         map_faults.append(Fault(str(path), "an empty file", "a flight record"))
     else:
         try:
-            record, faults = _read(path, suffix, columns or {}, targets, window, min_rows)
+            maps = _Maps(columns or {}, targets, schema, conventions)
+            record, faults = _read(path, suffix, maps, window, min_rows)
         except InputError as error:
             raise InputError([*map_faults, *error.faults]) from error
         map_faults += faults
         if record is not None and not map_faults:
             return record
     raise InputError(map_faults)
+
+
+def _schema(targets: Mapping[str, _Target], said: Conventions) -> tuple[dict[str, _Target], list[Fault]]:
+    """Where the schema's components come from, and faults of the column map as a whole."""
+    faults = []
+    for key in said.lacks:
+        if key in targets:
+            faults.append(Fault("[conventions] lacks", key, "components without a column", "Remove one of the two."))
+        elif isinstance(fault := _target(key), Fault):
+            faults.append(replace(fault, where="[conventions] lacks"))
+    if faults:
+        return {}, faults
+    keys, faults = schema_keys([*(key for key in targets if key != "time"), *said.lacks], said)
+    schema = {key: target for key in keys if isinstance(target := _target(key), _Target)}
+    schema |= {"time": targets["time"]} if "time" in targets else {}
+    faults += [*_map_faults(schema), *_count_of_canopies(schema)]
+    return ({} if faults else schema), faults
+
+
+class _Maps(NamedTuple):
+    """A column map: as written, where its columns and the schema's components go, and conventions."""
+
+    columns: Mapping[str, ColumnSpec]
+    targets: Mapping[str, _Target]
+    schema: Mapping[str, _Target]
+    said: Conventions
 
 
 def _similar_files(path: Path) -> str:
@@ -266,13 +314,12 @@ def _similar_files(path: Path) -> str:
 def _read(
     path: Path,
     suffix: str,
-    columns: Mapping[str, ColumnSpec],
-    targets: Mapping[str, _Target],
+    maps: _Maps,
     window: tuple[float, float] | None,
     min_rows: int,
 ) -> tuple[xr.Dataset | None, list[Fault]]:
     """The record, or None with its faults."""
-    where = str(path)
+    where, columns, targets, said = str(path), maps.columns, maps.targets, maps.said
     if suffix == ".nc":
         ds = open_netcdf(path)
         faults = validate_record(ds, where)
@@ -283,11 +330,29 @@ def _read(
     if len(table.names) and table.frame.columns.size and len(table.frame) == 0:
         return None, [Fault(where, "no rows", "samples under the header")]
     found, faults = _columns_si(table, columns, targets, where)
+    merged = 0
     if "time" in found:
         place = f"{where} column {columns['time'].column!r}"
         rows = table.frame.index.to_numpy() + table.first_row
+        found["time"] = continued(found["time"], found.pop(WEEK, None), said)
+        found, rows, merged = in_order(found, rows, said)
         wrong = time_faults(found["time"], place, rows)
         faults += wrong or _span_faults(found["time"], window, min_rows, where)
-    if faults or "time" not in found or len(found) < 2:
+    if faults or "time" not in found or len(found) < 2 or not maps.schema:
         return None, faults
-    return _assembled(found, targets), []
+    found |= {key: np.full(found["time"].size, np.nan) for key in said.lacks}
+    made = in_schema_keys(found, said)
+    filled = fill_rates(made)
+    return with_repairs(_assembled(made, maps.schema), _notes(found["time"], filled, merged)), []
+
+
+def _notes(time: Array, filled: Sequence[str], merged: int) -> list[Repair]:
+    """What was done to a record while it was read."""
+    start, end = float(time[0]), float(time[-1])
+    notes = []
+    if filled:
+        detail = f"no value about {', '.join(filled)}: from the attitude"
+        notes.append(Repair("derived", "capsule_rate", start, end, time.size, detail))
+    if merged:
+        notes.append(Repair("assumed", "time", start, end, merged, "rows of repeated times were merged"))
+    return notes

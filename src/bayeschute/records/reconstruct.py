@@ -1,4 +1,4 @@
-"""Reconstruction of a cluster's motion and forces from its record (report 6.1 and 6.3.5, with the slips put right)."""
+"""Reconstruction of a cluster's motion and forces from its record (report 6.1 and 6.3.5, with its errors corrected)."""
 
 from __future__ import annotations
 

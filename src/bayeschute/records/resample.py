@@ -1,4 +1,4 @@
-"""Resampling of one channel to a uniform clock, without inventing what a gap hides."""
+"""Resampling of one channel to a uniform sampling rate, without filling gaps."""
 
 from __future__ import annotations
 
@@ -190,6 +190,6 @@ def _gaps(name: str, t: Array, joined: Mask, grid: Grid, native: float) -> list[
     step = np.diff(inside)
     for i in np.flatnonzero((step > 1.5 * native) | ~joined):
         missing = max(int(round(step[i] / native)) - 1, 1)
-        kind, detail = ("interpolated", "straight between its ends") if joined[i] else ("gap", "left open")
+        kind, detail = ("interpolated", "linear interpolation") if joined[i] else ("gap", "not filled")
         notes.append(Repair(kind, name, float(inside[i]), float(inside[i + 1]), missing, detail))
     return notes

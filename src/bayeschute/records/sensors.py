@@ -1,4 +1,4 @@
-"""What instruments make of a flight: correlated and white noise, dropouts, a wind that is known imperfectly."""
+"""Sensor models for virtual drops: correlated and white noise, dropouts, errors of the recorded wind."""
 
 from __future__ import annotations
 

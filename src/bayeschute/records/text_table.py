@@ -1,4 +1,4 @@
-"""Tables of numbers from text and Parquet files; whatever is wrong with a file comes out as faults."""
+"""Tables of numbers from text and Parquet files; errors of a file are raised as faults."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a pendulum under canopies does, and why: studies of the planar dumbbell (report 6.3.1.2, 7.1, F-1..F-4)."""
+"""Studies of the planar dumbbell: stability, limit cycle, bistability, pivot point (6.3.1.2, 7.1, F-1..F-4)."""
 
 from __future__ import annotations
 
@@ -138,7 +138,7 @@ class Bistability(NamedTuple):
         return (self.amplitude >= CYCLING) & (np.abs(self.amplitude - self.before) <= 0.01 * self.before)
 
     def bistable(self) -> NDArray[np.bool_]:
-        """Where the smallest disturbance settles and the largest locks on a limit cycle (D,)."""
+        """Where the smallest disturbance decays and the largest ends in the limit cycle (D,)."""
         return (self.amplitude[:, 0] < CYCLING) & self.cycles()[:, -1]
 
 
@@ -176,7 +176,7 @@ def _induced(model: Dumbbell, aero: PlanarAero, density: float) -> float:
 
 
 class Onset(NamedTuple):
-    """What shear layers do to a steady glide.
+    """Response of a steady glide to shear layers.
 
     Attributes:
         change: Change of the wind through the layer, along the plane (U,) [m/s]; positive blows against the glide.

@@ -1,7 +1,7 @@
 """Flyout, maypole and breathing of a cluster of equal canopies (report 6.3.2), forward and inverse.
 
-Closed forms for floats, NumPy or JAX arrays. Masses and weights are those of one canopy unless told: `mass` with its
-enclosed air, `weight` dry. `q_area` is q S of one canopy [N].
+Closed forms for floats, NumPy or JAX arrays. Masses and weights are those of one canopy unless stated otherwise: `mass`
+with its enclosed air, `weight` dry. `q_area` is q S of one canopy [N].
 """
 
 from __future__ import annotations
@@ -120,7 +120,7 @@ def maypole_balance(
 
 
 class Breathing(NamedTuple):
-    """A cluster that descends at its terminal speed and breathes; all canopies alike.
+    """A cluster that descends at its terminal speed and breathes; all canopies equal.
 
     Attributes:
         mass: M, of everything with the enclosed air [kg].

@@ -1,4 +1,4 @@
-"""Modes of a cluster along its record: a label per window, and the coefficients that each stretch of a mode tells."""
+"""Modes of a cluster along its record: a label per window, and aerodynamic coefficients from each stretch of a mode."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Stretch(NamedTuple):
         label: Of the windows.
         start: [s].
         end: [s].
-        coefficients: What it tells; None for a glide or a steady descent.
+        coefficients: Coefficients from it; None for a glide or a steady descent.
         reason: Why there are none where there should be, or why they are doubtful.
     """
 
@@ -89,7 +89,7 @@ def cluster_modes(
 
     Args:
         record: Uniform, with ``canopy_position``, ``capsule_position`` and ``density``.
-        made: What `bayeschute.records.reconstruct.reconstruct` made of it.
+        made: Motion by `bayeschute.records.reconstruct.reconstruct`.
         geometry: The vehicle.
         length: Of the windows [s].
         thresholds: See `label_windows`.

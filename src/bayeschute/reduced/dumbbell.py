@@ -140,7 +140,7 @@ def steady_descent(model: Dumbbell, aero: PlanarAero, density: Component, side: 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class DumbbellInputs:
-    """What the dumbbell meets at each sample: wind (T, 2), along and down [m/s]; density (T,) [kg/m^3]."""
+    """Inputs of the dumbbell at each sample: wind (T, 2), along and down [m/s]; density (T,) [kg/m^3]."""
 
     wind: Component
     density: Component

@@ -17,7 +17,7 @@ from bayeschute.reduced.planar import PlanarAero
 
 PLANE = ("along", "down")
 START_SCALE = np.array([0.02, 0.03, 0.5, 0.5])
-"""Prior standard deviations of the start's deviations from the opening of the record, as `dumbbell.DEVIATIONS`; SI."""
+"""Prior standard deviations of the initial deviations, as `dumbbell.DEVIATIONS`; SI."""
 STILL = Latent((), (), 2)
 """No latent disturbances: classical output error."""
 GUSTS = Latent(("drift", "drift"), ((0, 0), (1, 1)))
@@ -27,7 +27,7 @@ WIND = Latent(("drift",) * 4, ((0, 0), (1, 1), (0, 2), (1, 3)))
 
 
 def planar_record(record: xr.Dataset, azimuth: float) -> xr.Dataset:
-    """What a three-dimensional record shows in one vertical plane.
+    """A three-dimensional record projected on a vertical plane.
 
     Args:
         record: With ``capsule_position``, ``canopy_position``, ``capsule_velocity`` and ``density``; ``wind`` where

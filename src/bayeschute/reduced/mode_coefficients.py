@@ -1,8 +1,8 @@
-"""Aerodynamic coefficients that modes of motion tell, with uncertainty (report 6.3.1-24, -23, 6.3.2-9, -22).
+"""Aerodynamic coefficients from modes of motion, with uncertainty (report 6.3.1-24, -23, 6.3.2-9, -22).
 
-The closed forms are those of `bayeschute.reduced.cluster_mode_laws` and `bayeschute.reduced.pendulum`; what a record
-gives (period, rate of turn, load) enters as draws, and coefficients come out as draws. Masses, lengths and weights are
-taken as known.
+The closed forms are those of `bayeschute.reduced.cluster_mode_laws` and `bayeschute.reduced.pendulum`; the quantities
+measured in a record (period, rate of rotation, load) enter as draws, and coefficients are returned as draws. Masses,
+lengths and weights are assumed to be known.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _DRAWS = 2000
 
 
 class ModeCoefficients(NamedTuple):
-    """What a mode tells.
+    """Coefficients from a mode.
 
     Attributes:
         intervals: By quantity; coefficients without unit or per rad, times [s], lengths [m], rates [rad/s].
@@ -155,7 +155,7 @@ def breathing_peak(
     nuisance: Float[np.ndarray, "N k"] | None = None,
     seed: int = 0,
 ) -> tuple[ModeCoefficients, Peak]:
-    """Frequency and damping of the breathing (6.3.2-27) from what it moves, and its peak in the spectrum.
+    """Frequency and damping of the breathing (6.3.2-27) from a signal that it excites, and its spectral peak.
 
     Riser tensions show breathing more clearly than the descent rate, which follows it late [measured on virtual drops].
 
@@ -163,7 +163,7 @@ def breathing_peak(
         signal: Tension or descent rate along the window, NaN where missing; its trend is fitted along.
         dt: Sample interval [s].
         band: Where to look [Hz].
-        nuisance: What else moves the signal, e.g. squares of the swing.
+        nuisance: Other causes of the signal's motion, e.g. squares of the swing.
         seed: Of the draws.
 
     Returns:

@@ -1,10 +1,10 @@
-"""What a cluster does in a window of its record: pendulum, glide, flyout or maypole (report 6.3.1, 6.3.2).
+"""Classification of a cluster's motion in a window: pendulum, glide, flyout or maypole (report 6.3.1, 6.3.2).
 
-Directions of the risers are split into their mean (the cluster as a whole) and the deviations from it. The mean's
-motion across the vertical is the pendulum's; the deviations' change of length is flyout, their turn about the mean is
-maypole. Each is measured twice: as an angle or turn, which tells whether it is there at all, and as a share of the
-canopies' kinetic energy across the vertical, which tells what leads. A cluster that does nothing of the kind glides, or
-sinks steadily.
+Directions of the risers are split into their mean (the cluster as a whole) and the deviations from it. The horizontal
+motion of the mean is the pendulum mode; the change in length of the deviations is flyout, their rotation about the mean
+is maypole. Each is measured twice: as an angle or rotation, which shows whether the mode is present at all, and as a
+share of the horizontal kinetic energy of the canopies, which shows the dominant mode. A cluster without any of these
+glides, or descends steadily.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Thresholds:
 
 
 class WindowLabel(NamedTuple):
-    """A window and what happens in it.
+    """A window and its mode of motion.
 
     Attributes:
         start: [s].

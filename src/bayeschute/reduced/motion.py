@@ -1,4 +1,4 @@
-"""Motions of the planar dumbbell, many at once, and what is read off them."""
+"""Simulated motions of the planar dumbbell, in batches, and their features."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from bayeschute.verification.sets import ParameterSet
 Array = NDArray[np.float64]
 
 STEP = 0.1  # [s]; the fastest pole of the dumbbell is near 1 1/s
-CYCLING = 0.05  # [rad]; below it a swing counts as settled
+CYCLING = 0.05  # [rad]; below it a swing counts as decayed
 
 
 class Motion(NamedTuple):
@@ -39,7 +39,7 @@ class Motion(NamedTuple):
         swing: Theta [rad].
         swing_rate: [rad/s].
         alpha: Angle of attack of the canopies [rad].
-        alpha_rate: [rad/s]; what a changing wind adds is left out.
+        alpha_rate: [rad/s]; without the contribution of a changing wind.
         descent_rate: Of the centre of mass [m/s].
         drift: Its horizontal velocity, along the plane [m/s].
     """
@@ -110,7 +110,7 @@ def fly(
         start: State at time zero, (6,) or (6, B).
         duration: [s].
         varied: Parameters by name that differ over the batch (B,), SI (`DumbbellFlight.names`).
-        wind: Wind along the plane at the samples, (T,) or (T, B) [m/s]; still air if not told.
+        wind: Wind along the plane at the samples, (T,) or (T, B) [m/s]; still air if not given.
 
     Returns:
         The motions, and the states (T, 6, ...).
@@ -145,7 +145,7 @@ def amplitude(motion: Motion) -> Array:
 
 
 def cycle(motion: Motion) -> Cycle | None:
-    """The oscillation of one motion, over the whole cycles that it holds; None if the swing has settled.
+    """The oscillation of one motion, over its whole cycles; None if the swing has decayed.
 
     Args:
         motion: One motion, without batch axes, after its transient.

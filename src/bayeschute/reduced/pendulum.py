@@ -12,7 +12,7 @@ from bayeschute.reduced.dumbbell import Dumbbell
 
 
 class Pendulum(NamedTuple):
-    """What the linear pendulum needs of a dumbbell.
+    """Parameters of the linear pendulum from a dumbbell.
 
     Attributes:
         weight: W_tot, of capsule and dry canopies [N].
@@ -37,7 +37,7 @@ class Pendulum(NamedTuple):
 
     @property
     def air_weight(self) -> Component:
-        """m_C g - W_C, what the enclosed air would weigh [N]."""
+        """m_C g - W_C, weight of the enclosed air [N]."""
         return self.canopy_mass * self.gravity - self.canopy_weight
 
     @property

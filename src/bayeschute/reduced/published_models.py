@@ -1,4 +1,4 @@
-"""Published sets as what the simulator flies: coefficients of the planar dumbbell."""
+"""Published coefficient sets converted to the planar dumbbell."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Virtual drops of the planar dumbbell, and what a swing amounts to: its frequency and its amplitude."""
+"""Virtual drops of the planar dumbbell, and frequency and amplitude of a swing."""
 
 from __future__ import annotations
 
@@ -142,7 +142,7 @@ def predict_swings(
 
     Args:
         flight: From `dumbbell_data`: its start and recorded wind are taken, its data are not.
-        hyper: Laws of the latent wind error, drawn anew for every draw; none where None.
+        hyper: Noise parameters of the latent wind error, drawn for every draw; none where None.
         theta: Draws (N, P).
         after: Time since the first sample from which the swing is measured [s].
         rng: Source of randomness.

@@ -1,6 +1,6 @@
-"""Moving-block bootstrap of least squares: the check of the covariance that `regression.colored_errors` computes.
+"""Moving-block bootstrap of least squares, for comparison with `regression.colored_errors`.
 
-Circular blocks within each series (Politis & Romano 1992), so that rows which remember each other move together.
+Circular blocks within each series (Politis & Romano 1992), so that correlated rows are resampled together.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""How much regressors resemble each other: correlation, variance inflation, condition index."""
+"""Collinearity of regressors: correlation, variance inflation factor, condition index."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Collinearity(NamedTuple):
         max_vif: The largest; 1 if there is none.
         condition_index: Largest over smallest singular value of the columns scaled to length 1, means kept (Belsley).
         flags: Which of ``"correlation"``, ``"vif"``, ``"condition"`` are beyond 0.9, 10, 30.
-        sentences: What is flagged, in words; says so if nothing is.
+        sentences: Flagged collinearities in words, or a sentence that there are none.
     """
 
     names: tuple[str, ...]
@@ -122,7 +122,7 @@ def _judged(
         flags.append("correlation")
         sentences.append(
             f"{pair[0]} and {pair[1]} move together (correlation {largest:.3f}, limit {HIGH_CORRELATION:g}): "
-            "the record can't tell their effects apart."
+            "the record can't separate their effects."
         )
     if worst > HIGH_VIF:
         flags.append("vif")
@@ -138,7 +138,7 @@ def _judged(
         )
     if not flags:
         sentences.append(
-            f"The terms can be told apart: largest correlation {largest:.2f}, variance inflation {worst:.2g}, "
+            f"The terms are separable: largest correlation {largest:.2f}, variance inflation {worst:.2g}, "
             f"condition index {condition:.2g}."
         )
     return tuple(flags), tuple(sentences)

@@ -1,12 +1,12 @@
-"""Residuals that remember: covariance of least squares under colored residuals.
+"""Covariance of least-squares estimates under colored (autocorrelated) residuals.
 
 ``Cov = (X'X)^-1 [X' R X] (X'X)^-1`` (report, 6.3.5 and its reference 16), R Toeplitz in each time series, from the
 biased autocorrelation of the residuals, cut at a tenth of the series and tapered by Parzen's window: both are positive
 sequences, so R is positive. It is applied by FFT. Fitting removes part of the slow noise from the residuals; that part
-is computed from R itself and put back (a few fixed-point passes).
+is computed from R itself and restored (a few fixed-point iterations).
 
 Rows are grouped into time series by `blocks` (a record, a canopy, a vector component); rows with a NaN are gaps and
-keep their place in time. Series of one group happen at the same times, and their cross-correlation counts too.
+keep their place in time. Series of one group are simultaneous, and their cross-correlation is included.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from bayeschute.regression.series import Labels, Series, time_series
 
 @dataclass(frozen=True)
 class ColoredNoise:
-    """What the residuals say about the noise.
+    """Noise statistics estimated from the residuals.
 
     Attributes:
         series: The time series.
@@ -72,7 +72,7 @@ def residual_noise(
         max_lag_fraction: Lags are cut at this share of each series.
         taper: ``"parzen"`` or ``"bartlett"``.
         pool: One autocovariance for all series instead of one each; for short series with like noise.
-        bias_passes: Passes that put back what fitting removed; 0 scales by N/(N - p) only.
+        bias_passes: Iterations that restore the noise removed by fitting; 0 scales by N/(N - p) only.
 
     Returns:
         The noise model.
@@ -128,7 +128,7 @@ class _Transform:
         return np.concatenate([lags[:, :, self.n - self.K :], lags[:, :, : self.K + 1]], axis=2)
 
     def spectrum(self, covariance: np.ndarray) -> np.ndarray:
-        """Spectral matrix over frequencies, (f, m, m), what rounding or gaps made negative set to zero."""
+        """Spectral matrix over frequencies, (f, m, m), with negative eigenvalues (rounding, gaps) set to zero."""
         m = covariance.shape[0]
         wrapped = np.zeros((m, m, self.n))
         wrapped[:, :, : self.K + 1] = covariance[:, :, self.K :]
@@ -192,7 +192,7 @@ def _normalised(
 def _removed_by_fit(
     transforms: list[_Transform], grids: list[np.ndarray], covariance: list[np.ndarray]
 ) -> list[np.ndarray]:
-    """Sums over time of R - (I - QQ')R(I - QQ') at each lag: what fitting took out of the residual's products."""
+    """Sums over time of R - (I - QQ')R(I - QQ') at each lag: covariance removed from the residuals by fitting."""
     applied = [t.applied(q, c) for t, q, c in zip(transforms, grids, covariance, strict=True)]
     M = np.asarray(sum(np.einsum("ilp,ilq->pq", q, y) for q, y in zip(grids, applied, strict=True)))
     return [

@@ -1,4 +1,4 @@
-"""A fit beside what it must beat: Theil's inequality, and models that know no aerodynamics."""
+"""Goodness of fit against references: Theil's inequality coefficient, and null models without aerodynamics."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Theil(NamedTuple):
 
 
 class NullModel(NamedTuple):
-    """A model that knows no aerodynamics, to stand beside a fit.
+    """Null model without aerodynamics, as a reference for a fit.
 
     Attributes:
         name: ``"constant"`` or ``"constant force"``.

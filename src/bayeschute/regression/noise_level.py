@@ -1,8 +1,9 @@
-"""The sigma^2 that a noise ceiling multiplies, and signal over noise, from the data of a regression.
+"""Noise variance for the noise ceiling, and signal-to-noise ratio, from the data of a regression.
 
-A useless regressor gains sigma^2/N of mean squared error from white noise, but that times the number of samples over
-which noise stays correlated from colored noise. The floor that global Fourier smoothing finds knows only the white
-part; with it, any pool is kept whole. So the default level is the variance of residuals times their memory.
+An irrelevant regressor lowers the mean squared error by sigma^2/N with white noise, and by that times the number of
+correlated samples with colored noise. The noise floor by global Fourier smoothing contains only the white part; with
+it, every candidate of a pool is selected. So the default level is the variance of the residuals times their integrated
+autocorrelation time (`memory` in the code).
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""Which terms a record can carry: multivariate orthogonal functions (report, 6.3.6; table and print-out of 7.3).
+"""Structure selection by multivariate orthogonal functions (report, 6.3.6; table and print-out of 7.3).
 
-Each candidate column is stripped of what the chosen ones already explain; the remainder psi that lowers the mean
-squared error most is chosen next. With h orthonormal to all chosen before, nothing of the matrix is overwritten: the
-squared norms of the remainders are updated by ``|psi_j|^2 -= (x_j . h)^2`` and recomputed from the column where
-cancellation has eaten half the digits (the safeguard of LAPACK's pivoted QR). One pass over the matrix per row.
+Each candidate column is orthogonalised against the selected ones; the remainder psi that lowers the mean squared error
+most is selected next. With h orthonormal to all selected before, the matrix is not overwritten: the squared norms of
+the remainders are updated by ``|psi_j|^2 -= (x_j . h)^2`` and recomputed from the column where cancellation has lost
+half the digits (the safeguard of LAPACK's pivoted QR). One pass over the matrix per selected term.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def select(
         sigma_max2: sigma_max^2 of rule "fixed" [unit of z, squared].
         noise_variance: sigma^2 from smoothing [unit of z, squared].
         penalty_factor: f. The report's equation has 1, its printed table fits 2 only.
-        max_terms: Longest path; `Selection.certain` tells whether it was long enough.
+        max_terms: Longest path; `Selection.certain` is whether it was long enough.
         drop_tolerance: A candidate is dropped when its remainder is below this share of its own norm. 1e-6 also
             removes copies that went through single precision.
         forced: Columns chosen first and always kept, in this order.

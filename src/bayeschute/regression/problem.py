@@ -1,4 +1,4 @@
-"""A regression as given: checked, rows with a missing value left out, labels of rows numbered."""
+"""A regression problem as given: validated, rows with missing values dropped, labels of rows numbered."""
 
 from __future__ import annotations
 

@@ -1,10 +1,10 @@
-"""What noise of the recorded positions does to the coefficients, through differentiation and everything after it.
+"""Propagation of position noise through differentiation to the coefficients, by simulation (SIMEX).
 
 Forces need second derivatives of the canopies' positions, regressors first ones. White noise of the size that global
 Fourier smoothing finds in the positions is added once more, everything is computed again, and the estimates change:
-their spread is the part of the standard error that comes from the positions (to first order, noise twice as large adds
-as much again as it added first), and their mean shift tells the bias that noisy regressors already caused (simulation
-and extrapolation; Cook & Stefanski 1994).
+their spread is the part of the standard error that is due to the positions (to first order, the added noise contributes
+as much as the noise that was there), and their mean shift estimates the bias that noisy regressors caused
+(simulation-extrapolation, SIMEX; Cook & Stefanski 1994).
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ def propagate(
         The effect, by coefficient.
 
     Raises:
-        InputError: If fewer than 2 replicates are asked for.
+        InputError: If fewer than 2 replicates are requested.
     """
     if replicates < 2:
         raise InputError(Fault("noise propagation", f"{replicates} replicates", "at least 2"))

@@ -1,4 +1,4 @@
-"""What a fit left over: autocorrelation and spectrum of residuals, and predictions of rows that were left out."""
+"""Residual analysis: autocorrelation and spectrum of residuals, and predictions of rows that were left out."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def autocorrelation(noise: ColoredNoise, dt: float, *, frequencies: int = 257) -
         Lags, correlation, frequencies, spectrum and integrated time.
 
     Raises:
-        InputError: If dt isn't above 0 or fewer than 2 frequencies are asked for.
+        InputError: If dt isn't above 0 or fewer than 2 frequencies are requested.
     """
     if not (np.isfinite(dt) and dt > 0.0) or frequencies < 2:
         raise InputError(Fault("autocorrelation", f"dt {dt!r}, {frequencies} frequencies", "dt > 0 and 2 or more"))

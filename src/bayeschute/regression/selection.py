@@ -1,4 +1,4 @@
-"""What orthogonal functions say about a pool: ranking, predicted squared error, the structure under each ceiling."""
+"""Structure selection over a pool: ranking, predicted squared error, the structure for each noise ceiling."""
 
 from __future__ import annotations
 

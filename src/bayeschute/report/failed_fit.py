@@ -1,4 +1,4 @@
-"""What the report says of a fit that failed: what was tried, what the best flight leaves of the data, the end."""
+"""Report of a failed fit: the reason, what was tried, and the residuals of the best trajectory found."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from bayeschute.report.wording import (
 )
 
 _UNITS = {name: variable.unit for name, variable in VARIABLES.items()} | {"capsule_attitude": "rad"}
-_WIDE = 2.0  # residuals this many times the sensor's noise stand out
+_WIDE = 2.0  # residuals this many times the sensor noise are marked
 _INSIDE = 1.6449  # standard deviations that hold 90 %
 _MOST_LINES = 6
 
@@ -70,18 +70,18 @@ def key_sentences(results: Results) -> list[str]:
     if rows:
         ratio, flight, output = max(rows)
         found.append(
-            f"Along the best flight found the residuals of {output} on {flight}, the largest, are {number(ratio, 2)} "
-            "times the noise of its sensor."
+            f"The largest residuals of the best trajectory found are those of {output} on {flight}: "
+            f"{number(ratio, 2)} times the sensor noise."
         )
     found.append(
-        "Nothing is claimed of parameters, bands or risk. What is known without a fit stands below: records, repairs, "
-        "and the structure by equation error."
+        "There are no estimates, bands or risk numbers. The results that need no fit are given below: records, "
+        "repairs, and the structure found by equation error."
     )
     return found
 
 
 def residual_table(results: Results) -> Table | None:
-    """Residuals of every output beside the noise of its sensor."""
+    """Residuals of every output, compared with the sensor noise."""
     rows = []
     for flight, output, facts in _residuals(results):
         scale, unit = shown_unit(_UNITS.get(_channel(output), "1"))
@@ -93,13 +93,13 @@ def residual_table(results: Results) -> Table | None:
         name, samples = Cell(output, "code"), whole(facts.get("samples"))
         rows.append(cells(flight, name, samples, rms, noise, Cell(number(ratio, 2), wide), Cell(unit, "muted")))
     columns = columns_of(
-        "Flight:text|Output:code|Samples:num|Residual, rms:num|Noise of the sensor, sd:num|Ratio:num|Unit:text"
+        "Flight:text|Output:code|Samples:num|Residual, rms:num|Sensor noise, sd:num|Ratio:num|Unit:text"
     )
     return Table(columns, tuple(rows)) if rows else None
 
 
 def parameter_table(facts: Mapping[str, Any]) -> Table | None:
-    """Parameters where the search stopped, beside their priors."""
+    """Parameters at the point where the search stopped, and their priors."""
     rows = []
     for row in mappings(facts.get("parameters")):
         scale, unit = shown_unit(str(row.get("unit") or "1"))
@@ -124,10 +124,10 @@ def parameter_table(facts: Mapping[str, Any]) -> Table | None:
 
 @styled
 def residual_figure(path: BestPath) -> Figure:
-    """Residuals over time, one panel a channel, over the noise of its sensor; then the defects, where there are any.
+    """Residuals over time, one panel per channel, with the sensor noise; then the multiple-shooting defects, if any.
 
     Args:
-        path: The best flight of a record.
+        path: The best trajectory found for a record.
     """
     groups: dict[str, list[int]] = {}
     for i, name in enumerate(path.outputs):
@@ -142,7 +142,7 @@ def residual_figure(path: BestPath) -> Figure:
         for place, i in enumerate(columns):
             label = path.outputs[i][len(channel) :].strip(".[] ")
             axes.plot(path.time, scale * path.residual[:, i], color=SERIES[place % len(SERIES)], lw=0.9, label=label)
-        axes.set_title(f"{channel.replace('_', ' ').capitalize()}: data less flight")
+        axes.set_title(f"{channel.replace('_', ' ').capitalize()}: measured minus simulated")
         axes.set_ylabel(f"[{unit or 1}]")
         if 1 < len(columns) <= _MOST_LINES:
             axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(columns), borderaxespad=0.1)
@@ -150,13 +150,13 @@ def residual_figure(path: BestPath) -> Figure:
         axes = all_axes[-1]
         axes.plot(path.time[1:], path.defect, color=VERMILION, lw=0.9)
         axes.axhline(1.0, color=INK, lw=0.8, ls=(0, (5, 3)))
-        axes.set_title("Largest defect of each step, over what is allowed")
+        axes.set_title("Largest continuity defect of each step, relative to its tolerance")
         axes.set_ylabel("[1]")
         axes.set_ylim(bottom=0.0)
     for axes in all_axes:
         axes.margins(x=0)
     all_axes[-1].set_xlabel("time [s]")
-    figure.legend(handles=[Patch(color=SHADE, label="90 % of the sensor's noise")], loc="outside upper right")
+    figure.legend(handles=[Patch(color=SHADE, label="90 % range of the sensor noise")], loc="outside upper right")
     return figure
 
 
@@ -165,11 +165,11 @@ def _read_paths(file: Path) -> tuple[BestPath, ...]:
 
 
 def view(results: Results, draw: Draw) -> dict[str, Any]:
-    """What the section on the fit shows.
+    """Content of the section on the failed fit.
 
     Args:
         results: The run.
-        draw: Keeps a figure and gives what the template sets.
+        draw: Saves a figure and returns what the template shows.
     """
     folder, absent = results.folder / "fit", [line for line in results.absent if line.startswith("structure.json")]
     facts = try_read(folder / "failed.json", json_object, absent, "no parameters of the best point are shown") or {}
@@ -177,8 +177,8 @@ def view(results: Results, draw: Draw) -> dict[str, Any]:
     pictures = []
     for i, path in enumerate(paths):
         channels = listed([name.replace("_", " ") for name in dict.fromkeys(map(_channel, path.outputs))])
-        caption = f"{path.flight}: what the best flight found leaves of the data. Shaded: where nine tenths of the "
-        caption += "residuals would lie if they were the noise of the sensor alone."
+        caption = f"{path.flight}: residuals of the best trajectory found. Shaded: the range that would contain 90 % "
+        caption += "of the residuals if they were sensor noise alone."
         alt = f"Residuals of {channels} over time on {path.flight}; {counted(len(path.outputs), 'output')}."
         pictures.append(draw(residual_figure(path), f"failed-{i + 1}", alt, caption))
     tried = results.part("fit").get("tried")

@@ -1,14 +1,14 @@
-"""One self-contained report from a run folder: tables, figures and the sentences between them."""
+"""HTML report of a run: one self-contained file with tables, figures and text."""
 
 from __future__ import annotations
 
-import base64
 import re
 from collections.abc import Mapping
 from functools import partial
 from importlib import resources
 from pathlib import Path
 from typing import Any, NamedTuple
+from urllib.parse import quote
 
 import numpy as np
 import xarray as xr
@@ -16,12 +16,12 @@ from jinja2 import Environment, StrictUndefined
 from matplotlib.figure import Figure
 
 from bayeschute.core.files import write_whole
-from bayeschute.report import failed_fit, sentences
-from bayeschute.report.figures import inference_figures, record_figures
+from bayeschute.report import failed_fit, first_screen, sentences
+from bayeschute.report.figures import curve_figures, inference_figures, record_figures
 from bayeschute.report.figures.canvas import save
 from bayeschute.report.run_results import Results, read_results
 from bayeschute.report.structure_view import Draw, structure_view
-from bayeschute.report.tables import identifiability_tables, record_tables, summary_tables, trust_tables
+from bayeschute.report.tables import curve_tables, identifiability_tables, record_tables, summary_tables, trust_tables
 from bayeschute.report.wording import counted, is_number, listed, number, percent, quantity_name, statistic_name
 
 
@@ -36,8 +36,12 @@ class Picture(NamedTuple):
 def _picture(figure: Figure, folder: Path, name: str, alt: str, caption: str) -> Picture:
     """Save a figure and inline it."""
     svg = save(figure, folder, name)
-    uri = "data:image/svg+xml;base64," + base64.b64encode(svg.read_bytes()).decode("ascii")
-    return Picture(uri, alt, caption)
+    return Picture(_data_uri(svg.read_text(encoding="utf-8")), alt, caption)
+
+
+def _data_uri(svg: str) -> str:
+    """An SVG as a data URI; percent-encoded, which is a fifth shorter than base64."""
+    return "data:image/svg+xml," + quote(svg.replace("\n", " "), safe=" /=,;()-+.?@!$*[]{}")
 
 
 def _slug(name: str) -> str:
@@ -75,7 +79,7 @@ def _record_pictures(results: Results, folder: Path) -> list[Picture]:
         figure = record_figures.record_figure(record, repairs)
         if figure.axes:
             alt = f"Altitude, descent rate and wind of {name} over time; {counted(len(repairs), 'fault')} marked."
-            caption = f"{name}: the record as it was used. Purple marks what was missing, faulty or left out."
+            caption = f"{name}: the record as it was used. Purple: samples that were missing, faulty or excluded."
             found.append(_picture(figure, folder, f"record-{_slug(name)}", alt, caption))
     return found
 
@@ -90,11 +94,11 @@ def _band_pictures(results: Results, folder: Path) -> list[Picture]:
         shares = [(q, record_figures.coverage(bands, q, 0.05, 0.95)) for q in quantities]
         scored = [f"{percent(s)} of the {quantity_name(q)}" for q, s in shares if s is not None]
         alt = f"Predicted bands of {listed([quantity_name(q) for q in quantities])} on {name} over time."
-        alt += f" Inside the 90 % band: {listed(scored)}." if scored else ""
+        alt += f" The 90 % band contains {listed(scored)}." if scored else ""
         role = bands.attrs.get("role")
         seen = {"predict": "not used in the fit", "identify": "used in the fit"}.get(str(role), "")
-        caption = f"{name}{', ' + seen if seen else ''}: median, 50 % and 90 % bands from the draws of parameters, "
-        caption += "wind and initial state."
+        caption = f"{name}{', ' + seen if seen else ''}: median, 50 % and 90 % bands of the posterior predictive "
+        caption += "distribution (parameters, disturbances and initial state)."
         figure = record_figures.band_figure(bands, _limits_at_every_time(results))
         found.append(_picture(figure, folder, f"bands-{_slug(name)}", alt, caption))
     return found
@@ -109,7 +113,9 @@ def _variance_picture(results: Results, folder: Path) -> Picture | None:
     }
     if not shares:
         return None
-    caption = "Where the width of the bands comes from: what better knowledge of each source could take away."
+    caption = (
+        "Variance decomposition of the predictions: the share of the variance that would vanish if a source were known."
+    )
     return _picture(
         record_figures.variance_figure(shares),
         folder,
@@ -147,7 +153,7 @@ def _posterior_pictures(results: Results, folder: Path) -> tuple[list[Picture], 
     truth = {n: float(facts[n]["truth"]) for n in draws if n in facts and is_number(facts[n].get("truth"))}
     most = inference_figures.MOST_PANELS
     more = f" The first {most} of {len(draws)} parameters." if len(draws) > most else ""
-    caption = "What was known before (grey, dashed) and after (blue) the record was used; the true value where known."
+    caption = "Marginal prior (grey, dashed) and posterior (blue) densities; the true value where it is known."
     figure = inference_figures.marginal_figure(draws, results.prior, truth, units)
     alt = f"Prior and posterior densities of {counted(len(draws), 'parameter')}."
     found = [_picture(figure, folder, "marginals", alt, caption + more)]
@@ -157,17 +163,48 @@ def _posterior_pictures(results: Results, folder: Path) -> tuple[list[Picture], 
         i, j = np.unravel_index(np.argmax(np.abs(np.tril(matrix, -1))), matrix.shape)
         strongest = f"The strongest is {number(float(matrix[i, j]), 2)}, between {varied[i]} and {varied[j]}."
         figure = inference_figures.correlation_figure(varied, matrix)
-        caption = "Pair correlations of the posterior. Use joint draws where they are strong. " + strongest
+        caption = f"Pairwise posterior correlations. Where they are strong, use joint draws. {strongest}"
         found.append(_picture(figure, folder, "correlation", f"Heat map of correlations. {strongest}", caption))
-    caption = "Traces of the chains, and how the ranks of each chain's draws spread, relative to an even spread (grey: "
-    caption += "99 % of what chance alone does to independent draws). Chains that agree look alike."
+    caption = "Trace plots, and rank histograms of each chain relative to the uniform distribution (grey: 99 % range "
+    caption += "for independent draws). Chains that have converged look alike."
     alt = f"Traces and rank histograms of {counted(len(draws), 'parameter')}."
     chains = [_picture(inference_figures.chain_figure(draws, units), folder, "chains", alt, caption + more)]
     return found, chains
 
 
+def _curve_picture(results: Results, folder: Path) -> Picture | None:
+    """The aerodynamic curves, with what others know of them."""
+    table, told = results.curves, results.part("curves")
+    needed = {"curve", "symbol", "unit", "at", "flown", "posterior_q05", "posterior_q50", "posterior_q95"}
+    if table is None or not needed <= set(table.columns):
+        return None
+    known = summary_tables.mappings(results.summary.get("knowledge"))
+    names = list(dict.fromkeys(table["curve"]))
+    words = {str(k): str(v) for k, v in (told.get("words") or {}).items()}
+    caption = (
+        "Force coefficients of a canopy alone, at its reference speed: medians and 90 % bands before and after the "
+    )
+    caption += (
+        "records were used, over the range that was flown (central 99 %); dotted beyond it, where the form of the "
+    )
+    caption += "terms speaks and no data do. In curves.csv."
+    alt = f"Curves of {listed(names)} with prior and posterior bands."
+    return _picture(curve_figures.curve_figure(table, known, words, names), folder, "curves", alt, caption)
+
+
+def _aerodynamics(results: Results, folder: Path) -> dict[str, Any]:
+    """Curves, what others know of them, and terms that are proposed."""
+    return {
+        "picture": _curve_picture(results, folder),
+        "sentences": curve_tables.knowledge_sentences(results),
+        "known": curve_tables.knowledge_table(results),
+        "proposal": curve_tables.proposal_sentence(results),
+        "proposals": curve_tables.proposal_table(results),
+    }
+
+
 def _exceedance_picture(results: Results, folder: Path) -> Picture | None:
-    """Exceedance of the statistics that requirements are set on, of two usual ones at the least."""
+    """Exceedance probabilities of the statistics that requirements refer to, and of at least two common ones."""
     table = results.risk.get("exceedance")
     needed = {"run", "quantity", "statistic", "unit", "threshold", "probability", "draws", "clopper_pearson_low"}
     if table is None or table.empty or not needed <= set(table.columns):
@@ -184,22 +221,25 @@ def _exceedance_picture(results: Results, folder: Path) -> Picture | None:
         folder,
         "exceedance",
         f"Probability of exceeding a threshold, for {names}.",
-        "Probability that a flight exceeds a threshold; shaded: 90 % Clopper-Pearson limits (number of simulations). A "
-        "required limit stands only where it is set on that very statistic.",
+        "Probability that a flight exceeds a threshold; shaded: 90 % Clopper-Pearson limits (Monte Carlo error). A "
+        "required limit is drawn only where the requirement refers to that statistic.",
     )
 
 
 def _widened(results: Results) -> str:
-    """Whether what stands under risk is of widened draws, in a sentence; empty where it is not."""
+    """Whether the risk numbers are of recalibrated (widened) draws, in a sentence; empty where they are not."""
     table = results.risk.get("exceedance")
     if table is None or "widened_by" not in table or not (table["widened_by"] != 1.0).any():
         return ""
     flights = [str(name) for name in dict.fromkeys(table["run"][table["widened_by"] != 1.0])]
-    return f"Draws of {listed(flights)} are widened as their bands are, by the factors that risk/exceedance.csv names."
+    return (
+        f"Draws of {listed(flights)} are recalibrated as their bands are: widened about their median by the factors in "
+        "risk/exceedance.csv (widened_by)."
+    )
 
 
 def _of_every_run(results: Results, draw: Draw) -> dict[str, Any]:
-    """What the template sets of any run: what was fed in, the structure, where it came from."""
+    """What the template shows of any run: input data, structure, provenance."""
     summary = results.summary
     vehicle, notes = summary.get("vehicle"), summary.get("notes")
     return {
@@ -227,7 +267,7 @@ def _of_every_run(results: Results, draw: Draw) -> dict[str, Any]:
 
 
 def _context(results: Results) -> dict[str, Any]:
-    """Everything the template sets."""
+    """Everything that the template shows."""
     folder = results.folder / "figures"
 
     def draw(figure: Figure, *words: str) -> Picture:
@@ -236,7 +276,7 @@ def _context(results: Results) -> dict[str, Any]:
     every = _of_every_run(results, draw)
     if failed_fit.is_failed(results):
         failed = failed_fit.view(results, draw)
-        return every | {"failed": failed, "key": failed_fit.key_sentences(results), "warnings": []}
+        return every | {"failed": failed, "answers": [], "key": failed_fit.key_sentences(results), "warnings": []}
     half = {
         (flight, name): share
         for flight, bands in results.predictions.items()
@@ -247,22 +287,26 @@ def _context(results: Results) -> dict[str, Any]:
     curves = _autocorrelations(results)
     if curves:
         caption = (
-            "Autocorrelation of what the model left over. Where it stays high, white-noise errors would be too small."
+            "Autocorrelation of the residuals. Where it decays slowly, standard errors for white residuals are too "
+            "small."
         )
         alt = f"Residual autocorrelation of {listed(list(curves))}."
         chains.append(_picture(inference_figures.autocorrelation_figure(curves), folder, "residuals", alt, caption))
     return every | {
         "failed": None,
+        "answers": first_screen.answers(results),
         "key": sentences.key_sentences(results),
         "warnings": trust_tables.warnings_of(results),
         "output_error": summary_tables.output_error_table(results),
         "posterior": summary_tables.posterior_table(results),
         "uninformed": sentences.uninformed(results),
         "posterior_pictures": posterior,
-        "told": {
-            "sentences": identifiability_tables.told_sentences(results),
-            "parameters": identifiability_tables.told_table(results),
+        "aerodynamics": _aerodynamics(results, folder),
+        "identifiability": {
+            "sentences": identifiability_tables.identifiability_sentences(results),
+            "parameters": identifiability_tables.identifiability_table(results),
             "directions": identifiability_tables.direction_table(results),
+            "taught": curve_tables.taught_table(results),
         },
         "bands": _band_pictures(results, folder),
         "coverage": trust_tables.coverage_table(results, half),
@@ -279,7 +323,7 @@ def _context(results: Results) -> dict[str, Any]:
 
 
 def build_report(run_dir: str | Path) -> Path:
-    """Write figures and ``report.html`` from the results of a run, or from what it kept of a fit that failed.
+    """Write figures and ``report.html`` from the results of a run, or of a run whose fit failed.
 
     Args:
         run_dir: Folder that `bayeschute run` wrote; only summary.json must be there.

@@ -1,10 +1,10 @@
-"""Everything that a run left in its folder, read once; what is missing or unreadable is told, not hidden."""
+"""Reads the results of a run folder; files that are missing or unreadable are listed in the report."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -13,6 +13,8 @@ import pandas as pd
 import xarray as xr
 
 from bayeschute.core.errors import Fault, InputError
+from bayeschute.core.plain import from_plain
+from bayeschute.posterior.assess.identifiability_result import FitIdentifiability
 
 T = TypeVar("T")
 RISK_FILES = ("marginals.csv", "correlation.csv", "end_of_record.parquet", "exceedance.csv", "tolerance.csv")
@@ -33,6 +35,8 @@ class Results:
         flights: Flight name to its record.
         risk: File stem to table.
         absent: Sentences on what is missing.
+        curves: curves.csv; None where the run has none, as that of a point mass.
+        identifiability: Of every fit, by its name; of the summary.
     """
 
     folder: Path
@@ -45,6 +49,8 @@ class Results:
     flights: Mapping[str, xr.Dataset]
     risk: Mapping[str, pd.DataFrame]
     absent: tuple[str, ...]
+    curves: pd.DataFrame | None = None
+    identifiability: Mapping[str, FitIdentifiability] = field(default_factory=dict)
 
     def part(self, name: str) -> Mapping[str, Any]:
         """A mapping of the summary, empty where it is missing or something else."""
@@ -53,7 +59,7 @@ class Results:
 
 
 def _summary(path: Path) -> dict[str, Any]:
-    """The one file a report can't do without."""
+    """summary.json, the one file that a report needs."""
     try:
         loaded = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
@@ -67,7 +73,7 @@ def _summary(path: Path) -> dict[str, Any]:
 
 
 def try_read(path: Path, read: Callable[[Path], T], absent: list[str], loss: str) -> T | None:
-    """Read a file, or note what the report loses without it."""
+    """Read a file, or note what the report lacks without it."""
     if not path.exists():
         absent.append(f"{path.name} is not in the run folder: {loss}.")
         return None
@@ -110,6 +116,16 @@ def _scalars(group: xr.Dataset | None) -> dict[str, np.ndarray]:
     }
 
 
+def identifiability_of(summary: Mapping[str, Any], absent: list[str]) -> dict[str, FitIdentifiability]:
+    """Identifiability by fit of a summary, or a note of what the report lacks without it."""
+    try:
+        return from_plain(dict[str, FitIdentifiability], summary.get("identifiability", {}), "identifiability")
+    except InputError as error:
+        told = "; ".join(map(str, error.faults))
+        absent.append(f"summary.json has identifiability results of another form ({told}): they are not shown.")
+        return {}
+
+
 def read_results(run_dir: Path) -> Results:
     """Read a run folder.
 
@@ -136,13 +152,17 @@ def read_results(run_dir: Path) -> Results:
         if record is not None:
             flights[path.stem] = record
     if not flights:
-        absent.append("flights/ holds no records: they are not drawn.")
+        absent.append("flights/ contains no records: they are not drawn.")
     risk = {}
     for name in RISK_FILES:
         read: Callable[[Path], pd.DataFrame] = pd.read_parquet if name.endswith("parquet") else pd.read_csv
         table = try_read(run_dir / "risk" / name, read, absent, "this risk table is not shown")
         if table is not None:
             risk[Path(name).stem] = table
+    curves = None
+    if (run_dir / "curves.csv").exists():
+        curves = try_read(run_dir / "curves.csv", pd.read_csv, absent, "no aerodynamic curves are shown")
+    identifiability = identifiability_of(summary, absent)
     divergent = groups["sample_stats"]["diverging"].values if "diverging" in groups.get("sample_stats", {}) else None
     return Results(
         folder=run_dir,
@@ -155,4 +175,6 @@ def read_results(run_dir: Path) -> Results:
         flights=flights,
         risk=risk,
         absent=tuple(absent),
+        curves=curves,
+        identifiability=identifiability,
     )

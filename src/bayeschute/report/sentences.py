@@ -1,4 +1,4 @@
-"""The sentences of the report that are made from numbers."""
+"""Sentences of the report that are composed from results: requirement, prediction, checks, structure."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ def is_verified(results: Results) -> bool:
 
 
 def label(results: Results) -> str:
-    """The label of the run; without one, it is not verified."""
-    return str(results.summary.get("label") or "not verified: the summary carries no label")
+    """The calibration label of the run; a run without one is not verified."""
+    return str(results.summary.get("label") or "not verified: the summary contains no calibration label")
 
 
 def _unseen(results: Results, flight: str) -> bool:
@@ -43,26 +43,26 @@ def _scored(results: Results) -> dict[str, dict[str, tuple[str, float]]]:
 
 
 def prediction_sentence(results: Results) -> str:
-    """How the 90 % bands did, preferably on flights that the fit never saw."""
+    """Coverage of the 90 % bands, preferably on flights that were not fitted."""
     scored = _scored(results)
     words = {"truth": "true", "record": "recorded"}
     flights = [f for f in scored if _unseen(results, f)] or list(scored)
     if not flights:
-        return "No flight has a truth or a record against which its bands could be scored."
+        return "No flight has a true motion or a record against which its bands could be scored."
     if len(flights) == 1:
         flight = flights[0]
         names = [n for n in ("swing_angle", "descent_rate") if n in scored[flight]] or list(scored[flight])[:2]
         parts = [
             f"{percent(scored[flight][n][1])} of the {words[scored[flight][n][0]]} {quantity_name(n)}" for n in names
         ]
-        where = "which the fit never saw," if _unseen(results, flight) else "in the part scored,"
-        return f"On {flight}, {where} the 90 % band holds {listed(parts)}."
+        where = "which was not fitted," if _unseen(results, flight) else "in the part that is scored,"
+        return f"On {flight}, {where} the 90 % band contains {listed(parts)}."
     name = "descent_rate" if any("descent_rate" in scored[f] for f in flights) else next(iter(scored[flights[0]]))
     pairs = [scored[f][name] for f in flights if name in scored[f]]
     shares = sorted(share for _, share in pairs)
     kind = words[pairs[0][0]]
     return (
-        f"Over {counted(len(shares), 'flight')} the 90 % bands hold {percent(shares[0])} to {percent(shares[-1])} "
+        f"Over {counted(len(shares), 'flight')} the 90 % bands contain {percent(shares[0])} to {percent(shares[-1])} "
         f"of the {kind} {quantity_name(name)} (median {percent(float(np.median(shares)))})."
     )
 
@@ -82,7 +82,7 @@ def requirements(results: Results) -> list[Mapping[str, Any]]:
 
 
 def risk_sentence(results: Results) -> str:
-    """The requirement that is least likely met; without any, the predicted descent rate."""
+    """The requirement that is least likely to be met; without any, the predicted descent rate."""
     known = [r for r in requirements(results) if is_number(r.get("probability_met"))]
     if known:
         worst = min(known, key=lambda r: float(r["probability_met"]))
@@ -94,8 +94,8 @@ def risk_sentence(results: Results) -> str:
         simulations = worst.get("simulations") or worst.get("draws")
         if is_number(worst.get("simulation_low")) and is_number(simulations):
             text += (
-                f"; {simulations:,.0f} simulated flights pin that number down to "
-                f"{probability(worst['simulation_low'])}–{probability(worst.get('simulation_high'))} (90 %)"
+                f" (Monte Carlo limits from {simulations:,.0f} simulated flights, 90 %: "
+                f"{probability(worst['simulation_low'])} to {probability(worst.get('simulation_high'))})"
             )
         return text + "."
     for flight, bands in results.predictions.items():
@@ -120,7 +120,7 @@ def truth_inside(facts: Mapping[str, Any]) -> bool | None:
 
 
 def trust_sentence(results: Results) -> str:
-    """What the checks and the known truths say."""
+    """Results of the checks, and coverage of known true parameter values."""
     checks = {name: c for name, c in results.part("checks").items() if isinstance(c, Mapping)}
     failed = [name for name, check in checks.items() if check.get("passed") is False]
     not_run = [name for name, check in checks.items() if check.get("passed") is None]
@@ -135,9 +135,9 @@ def trust_sentence(results: Results) -> str:
     inside = [truth_inside(p) for p in results.part("parameters").values() if isinstance(p, Mapping)]
     known = [i for i in inside if i is not None]
     if known:
-        text += f"; {sum(known)} of {counted(len(known), 'parameter')} with a known true value "
-        text += f"{'has' if len(known) == 1 else 'have'} it inside the 90 % interval"
-    tail = "the intervals carry the label “verified”" if is_verified(results) else "the intervals are " + label(results)
+        text += f"; the 90 % intervals of {sum(known)} of {counted(len(known), 'parameter')} with a known true value "
+        text += "contain it"
+    tail = "the intervals are labelled “verified”" if is_verified(results) else "the intervals are " + label(results)
     return f"{text}; {tail}."
 
 
@@ -152,10 +152,10 @@ def key_sentences(results: Results) -> list[str]:
 
 
 def structure_sentences(facts: Mapping[str, Any]) -> list[str]:
-    """What the search for the structure of one coefficient found."""
+    """Result of the structure selection for one coefficient."""
     selected = facts.get("selected") or []
     candidates = facts.get("candidates") or []
-    text = f"{counted(len(selected), 'term')} kept" + (
+    text = f"{counted(len(selected), 'term')} selected" + (
         f" out of {counted(len(candidates), 'candidate')}" if candidates else ""
     )
     ranking = [r for r in facts.get("ranking") or [] if isinstance(r, Mapping)]
@@ -167,7 +167,7 @@ def structure_sentences(facts: Mapping[str, Any]) -> list[str]:
         verb = "it explains" if len(selected) == 1 else "they explain"
         text += f"; {verb} {number(100.0 * explained)} % of the variation"
     if is_number(facts.get("snr")):
-        text += f" of a signal that stands {number(facts['snr'], 2)} times above its noise"
+        text += f" (signal-to-noise ratio {number(facts['snr'], 2)})"
     found = [text + "."]
     null = facts.get("null_model")
     if isinstance(null, Mapping) and is_number(null.get("r2")):
@@ -178,21 +178,22 @@ def structure_sentences(facts: Mapping[str, Any]) -> list[str]:
     pair = collinearity.get("pair") if isinstance(collinearity, Mapping) else None
     if isinstance(collinearity, Mapping) and isinstance(pair, list | tuple) and any(pair):  # else the constant, and one
         between = f" ({' and '.join(map(str, pair))})"
-        flagged = "they are hard to tell apart" if collinearity.get("flagged") else "they can be told apart"
+        flagged = "they are nearly collinear" if collinearity.get("flagged") else "collinearity is no concern"
         found.append(
-            f"Greatest correlation between two kept terms: {number(collinearity['max_correlation'], 2)}{between}, "
-            f"greatest variance inflation {number(collinearity.get('max_vif'), 2)}: {flagged}."
+            f"Largest correlation between two selected terms: {number(collinearity['max_correlation'], 2)}{between}; "
+            f"largest variance inflation factor: {number(collinearity.get('max_vif'), 2)}; {flagged}."
         )
     for name, check in (facts.get("check") or {}).items():
         if isinstance(check, Mapping) and is_number(check.get("rms_ratio")) and "rms" not in check:
             found.append(
-                f"On {name}, which was not used, the residual is {number(check['rms_ratio'], 2)} times that of the fit."
+                f"On {name}, which was not fitted, the residual is {number(check['rms_ratio'], 2)} times that of the "
+                "fit."
             )
     return found
 
 
 def uninformed(results: Results, least: float = 0.1) -> list[str]:
-    """Parameters that the record hardly moved from their prior."""
+    """Parameters whose posterior variance is hardly smaller than their prior variance."""
     found = []
     for name, facts in results.part("parameters").items():
         contraction = facts.get("contraction") if isinstance(facts, Mapping) else None

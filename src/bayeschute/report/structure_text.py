@@ -1,4 +1,4 @@
-"""What the search for a structure found, as plain text: print-outs in the form of the NASA report's section 7.3."""
+"""Result of the structure selection as plain text, like the print-outs of NASA/TM-2019-220410, section 7.3."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 Entry = Mapping[str, Any]
-AS_GOOD = 1.05  # times the least that its terms can leave: a prediction is as good as they can be
+AS_GOOD = 1.05  # times the residual of a refit: a prediction up to this is as good as its terms allow
 
 
 def structure_text(structure: Entry) -> str:
@@ -16,11 +16,11 @@ def structure_text(structure: Entry) -> str:
         structure: Its content.
 
     Returns:
-        Lines to be printed or kept beside it.
+        Text to be printed or stored as ``structure.txt``.
     """
     blocks = []
     if structure.get("sufficiency"):
-        blocks.append("\n".join(["What the records can tell", *map(str, structure["sufficiency"])]))
+        blocks.append("\n".join(["Data adequacy", *map(str, structure["sufficiency"])]))
     for part in ("coefficients", "polar"):
         for name, entry in (structure.get(part) or {}).items():
             blocks.append(_coefficient(name, entry))
@@ -31,7 +31,7 @@ def structure_text(structure: Entry) -> str:
 
 
 def print_out(rows: Sequence[Entry], minimum: int, most: int = 20) -> list[str]:
-    """A ranking in the columns of the report's print-out, the term beside its index.
+    """A ranking in the columns of the print-out of the NASA report, with the term next to its index.
 
     Args:
         rows: Rows of the ranking.
@@ -46,7 +46,7 @@ def print_out(rows: Sequence[Entry], minimum: int, most: int = 20) -> list[str]:
         f"{'F':>9}  term"
     ]
     lower = any(row["pe"] < kept["pe"] for row in rows for kept in rows if kept["n"] == minimum)
-    least = "least predicted error" + (" with the terms required" if lower else "")
+    least = "minimum PSE" + (" with the required terms" if lower else "")
     for row in shown:
         mark = f"  <- {least}" if row["n"] == minimum else ""
         lines.append(
@@ -81,7 +81,7 @@ def _percent(value: Any) -> str:
 
 
 def _coefficient(name: str, entry: Entry) -> str:
-    """Terms, rivals and ranking of one coefficient."""
+    """Terms, prediction errors and ranking of one coefficient."""
     rows = [
         [
             term["term"],
@@ -97,58 +97,58 @@ def _coefficient(name: str, entry: Entry) -> str:
     ]
     noise = entry["noise"]
     lines = [
-        f"{name}: {len(rows)} of {len(entry['candidates'])} candidates kept, R2 {_percent(entry['r2'])}, "
-        f"signal over noise {_number(entry['snr'], '.2g')}",
-        *grid(["term", "estimate", "s.e.", "white s.e.", "by blocks", "positions", "kept", "unit"], rows),
-        f"ceiling {noise['factor']:g} x sigma^2 ({noise['source']}), sigma {_number(noise['sd'], '.3g')}, memory "
-        f"{_number(noise['memory'], '.3g')} samples; null model {entry['null_model']['name']}: R2 "
+        f"{name}: {len(rows)} of {len(entry['candidates'])} candidates selected, R2 {_percent(entry['r2'])}, "
+        f"signal-to-noise ratio {_number(entry['snr'], '.2g')}",
+        *grid(["term", "estimate", "s.e.", "white s.e.", "bootstrap", "differentiation", "selected", "unit"], rows),
+        f"noise ceiling {noise['factor']:g} x sigma^2 ({noise['source']}), sigma {_number(noise['sd'], '.3g')}, "
+        f"autocorrelation time {_number(noise['memory'], '.3g')} samples; null model {entry['null_model']['name']}: R2 "
         f"{_percent(entry['null_model']['r2'])}",
     ]
     for label, check in entry["check"].items():
-        lines.append(f"on {label}: {_predicted(check)}")
+        lines.append(f"prediction of {label}: {_predicted(check)}")
     return "\n".join([*lines, *print_out(entry["ranking"], entry["pse_minimum_at"])])
 
 
 def _predicted(check: Entry) -> str:
-    """How a fit predicts what it was not found on, and why not better."""
+    """Error of the prediction of data that were not fitted, with reference values."""
     ratio, least = check["rms_ratio"], check.get("least_ratio")
     words = [f"residual {_number(ratio, '.2f')} times that of the fit"]
     if least is not None:
-        words.append(f"{least:.2f} at the least with these terms")
-        words.append(f"{_number(check.get('expected_ratio'), '.2f')} expected from their errors")
+        words.append(f"{least:.2f} with these terms refitted")
+        words.append(f"{_number(check.get('expected_ratio'), '.2f')} expected from their standard errors")
     if check.get("true_ratio") is not None:
         words.append(f"{check['true_ratio']:.2f} with the true coefficients")
     words.append(f"mean error {_number(check.get('bias'), '+.2g')}")
     if check.get("without"):
         words.append(f"{check['without']['rms_ratio']:.2f} without {check['without']['term']}")
     if least is not None and ratio is not None and ratio <= AS_GOOD * least:
-        words.append("as good as these terms can be there")
+        words.append("as good as these terms allow")
     return "; ".join(words)
 
 
 def _synthetic(synthetic: Entry) -> str:
-    """Data of known terms: what was selected, how intervals cover, and why terms were missed."""
+    """Simulation study with known terms: selection frequency, coverage, and why terms were missed."""
     way = "orthogonal functions" + (", then exchange of terms" if synthetic["exchange"] else "")
     lines = [
-        f"Data of known terms ({synthetic['source']}; signs {synthetic['reading']})",
+        f"Simulation study with known terms ({synthetic['source']}; signs {synthetic['reading']})",
         f"on the variables of {synthetic['flight']}, canopy {synthetic['canopy']}; noise with a time constant of "
         f"{synthetic['time_constant']:g} s; {synthetic['replicates']} replicates; ceiling {synthetic['sigma_max']:g} "
         f"sigma^2; {way}",
     ]
     for name, entry in synthetic["coefficients"].items():
         lines += ["", *_known(name, entry)]
-    lines += ["", "What the data were made to show"]
+    lines += ["", "Acceptance criteria"]
     for name, check in synthetic["checks"].items():
-        verdict = "reached" if check["passed"] else "MISSED"
+        verdict = "passed" if check["passed"] else "FAILED"
         bound = check["bound"]
         text = f"{bound[0]:g} to {bound[1]:g}" if isinstance(bound, list) else f"{bound:g}"
-        beside = f" (as if white: {_number(check['white'], '.3g')})" if "white" in check else ""
-        lines.append(f"{name}: {_number(check['value'], '.3g')}{beside}, bound {text}: {verdict}")
+        if_white = f" (as if white: {_number(check['white'], '.3g')})" if "white" in check else ""
+        lines.append(f"{name}: {_number(check['value'], '.3g')}{if_white}, bound {text}: {verdict}")
     return "\n".join(lines)
 
 
 def _known(name: str, entry: Entry) -> list[str]:
-    """One coefficient made of known terms."""
+    """Results for one coefficient with known terms."""
     rows = [
         [
             t["term"], _number(t["value"]), _number(t["mean"]), _number(t["sd"], ".2g"), _number(t["se"], ".2g"),
@@ -157,29 +157,30 @@ def _known(name: str, entry: Entry) -> list[str]:
         ]
         for t in entry["true"]
     ]  # fmt: skip
-    head = ["true term", "value", "mean", "sd", "s.e.", "white s.e.", "covers", "white", "selected", "unexchanged"]
+    head = ["true term", "value", "mean", "sd", "s.e.", "white s.e.", "coverage", "white"]
+    head += ["selected", "before exchange"]
     false = [[f["term"], _percent(f["share"]), _percent(f["ranked"])] for f in entry["false"]]
     low, high = entry["penalty_per_term"]
     lines = [
-        f"{name}: {entry['candidates']} candidates, {entry['samples']} samples, signal over noise {entry['snr']:g} "
-        f"(smoothing takes it for {_number(entry['seen_snr'], '.3g')}); exactly the true terms in "
-        f"{_percent(entry['exact'])}",
+        f"{name}: {entry['candidates']} candidates, {entry['samples']} samples, signal-to-noise ratio {entry['snr']:g} "
+        f"(Fourier smoothing estimates {_number(entry['seen_snr'], '.3g')}); exactly the true terms in "
+        f"{_percent(entry['exact'])} of the replicates",
         *grid([*head, "unit"], rows),
-        *(grid(["false term", "selected", "unexchanged"], false) if false else ["no false term above 2 %"]),
+        *(grid(["false term", "selected", "before exchange"], false) if false else ["no false term above 2 %"]),
         *_reasons(entry),
         f"Ranking in the first replicate, (pe^2 - mse)/n from {low:.6e} to {high:.6e}; "
-        f"25 sigma^2 by smoothing would keep {entry['report_rule']['terms']} terms:",
+        f"a ceiling of 25 sigma^2 by Fourier smoothing would select {entry['report_rule']['terms']} terms:",
         *print_out(entry["ranking"], entry["pse_minimum_at"]),
     ]
     return lines
 
 
 def _reasons(entry: Entry) -> list[str]:
-    """Which neighbour stands in for a term that is missed now and then."""
+    """The candidate that is selected in place of a term that is sometimes missed."""
     return [
-        f"{t['term']}, selected in {_percent(t['share'])}: given the other terms it correlates "
-        f"{t['rival_correlation']:.3f} with {t['rival']} (selected in {_percent(t['rival_share'])}); "
-        f"noise confuses the two with a chance of {_percent(t['rival_chance'])}"
+        f"{t['term']}, selected in {_percent(t['share'])}: its partial correlation with {t['rival']} (selected in "
+        f"{_percent(t['rival_share'])}) given the other terms is {t['rival_correlation']:.3f}; "
+        f"noise makes the wrong one fit better with probability {_percent(t['rival_chance'])}"
         for t in entry["true"]
         if t["share"] < 1.0 and t["rival"]
     ]

@@ -1,4 +1,4 @@
-"""What the structure section of the report shows: coefficients of records, polar ones, and data of known terms."""
+"""Content of the structure section of the report: vector form, polar form, and simulation study with known terms."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def _part(name: str, facts: Mapping[str, Any]) -> dict[str, Any]:
         "name": name,
         "sentences": sentences.structure_sentences(facts),
         "selected": summary_tables.selected_table(facts),
-        "sureness": structure_tables.sureness_table(facts),
+        "stability": structure_tables.stability_table(facts),
         "structures": structure_tables.structures_table(facts),
         "prediction": structure_tables.prediction_table(facts),
         "ceiling": summary_tables.ceiling_table(facts),
@@ -63,20 +63,20 @@ def _synthetic(results: Results) -> dict[str, Any] | None:
 
 
 def structure_view(results: Results, draw: Draw) -> dict[str, Any]:
-    """What the structure section shows.
+    """Content of the structure section.
 
     Args:
         results: The run.
-        draw: Keeps a figure and gives what the template sets.
+        draw: Saves a figure and returns what the template shows.
     """
     coefficients = _entries(results, "coefficients")
     pictures = []
     ranked = {n: f for n, f in coefficients.items() if f.get("ranking")}
     if ranked:
-        kept = [f"{n}: {len(f.get('selected') or [])} terms kept" for n, f in ranked.items()]
+        kept = [f"{n}: {len(f.get('selected') or [])} terms selected" for n, f in ranked.items()]
         caption = (
-            "Terms are added in order of merit. The fit error always falls; the predicted squared error (PSE) also "
-            "charges for every term, and its least value says where to stop."
+            "Terms are added in the order of their contribution. The fit error always decreases; the predicted squared "
+            "error (PSE) adds a penalty for every term, and its minimum selects the number of terms."
         )
         alt = f"Fit error and predicted error against the number of terms. {listed(kept)}."
         pictures.append(draw(inference_figures.pse_figure(ranked), "structure-pse", alt, caption))

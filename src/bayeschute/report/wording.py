@@ -1,4 +1,4 @@
-"""Numbers, units and names as a reader wants them."""
+"""Formatting of numbers, units and names for the report."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import re
 from functools import cache
 from typing import Any, TypeGuard
 
+from bayeschute.aero.coefficient import Coefficient
 from bayeschute.core.units import factor_to_si
 
 MISSING = "–"
@@ -27,10 +28,10 @@ QUANTITIES = {
 }
 STATISTICS = {
     "final": "at the end of the record",
-    "maximum": "greatest over the window",
+    "maximum": "maximum over the window",
     "mean": "mean over the window",
 }
-ROLES = {"structure": "finding the structure", "identify": "fitting", "predict": "predicting"}
+ROLES = {"structure": "structure selection", "identify": "identification", "predict": "prediction"}
 _PARAMETERS = {
     "riser_stiffness": "stiffness of a riser",
     "riser_damping": "damping of a riser",
@@ -46,21 +47,21 @@ _FACTORS = {
     "alpha": "angle of attack",
     "q": "dynamic pressure",
     "speed": "airspeed",
-    "proximity": "closeness of the canopies",
+    "proximity": "proximity of the canopies",
     "closing": "closing speed of the canopies",
     "restoring": "restoring force at high angle",
-    "e": "static force (restores if positive)",
-    "angle": "static force by angle (restores if positive)",
-    "rate": "rate force (damps if positive)",
+    "e": "static force (restoring if positive)",
+    "angle": "static force by angle (restoring if positive)",
+    "rate": "rate force (damping if positive)",
     "repulsion": "repulsion of the canopies",
     "c": "force along the cluster axis",
     "(e.rate)": "angle times rate",
-    "side": "turned to the side",
+    "side": "perpendicular component",
 }
 
 
 def is_number(value: Any) -> TypeGuard[float]:
-    """Whether a value is a finite number (not a truth value)."""
+    """Whether a value is a finite number (not a boolean)."""
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
@@ -94,7 +95,7 @@ def whole(value: Any) -> str:
 
 
 def at_precision(value: Any, sd: Any, digits: int = 2) -> str:
-    """A number rounded to the decimals that its standard deviation carries."""
+    """A number rounded to the decimals that its standard deviation justifies."""
     if not is_number(value):
         return MISSING
     if not is_number(sd) or sd <= 0:
@@ -180,11 +181,12 @@ def _factor(factor: str) -> str:
 
 
 def parameter_meaning(name: str) -> str:
-    """A parameter in words; empty if nothing is known of it."""
-    stem, _, inner = name.partition("[")
+    """A parameter in words; empty for an unknown name."""
+    if one := Coefficient.parse(name):
+        factors = [_factor(factor.strip()) for factor in one.term.split("*")]
+        whose = "" if one.canopy is None or one.flight is None else f", canopy {one.canopy} of {one.flight}"
+        return f"{one.kind} force: " + " × ".join(factors) + whose
+    stem, _, inner = name.partition("[")  # of a descent among several: the flight
     inner = inner.removesuffix("]")
-    if stem in ("axial", "transverse"):
-        factors = [_factor(factor.strip()) for factor in inner.split("*")]
-        return f"{stem} force: " + " × ".join(factors)
     words = _PARAMETERS.get(stem, "")
     return f"{words}, {inner}" if words and inner else words

@@ -1,1 +1,1 @@
-"""Structure selection: candidate terms, the search over them, and how sure its result is."""
+"""Structure selection: candidate terms, search, stability of the selection, and simulation studies."""

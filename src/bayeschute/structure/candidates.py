@@ -1,7 +1,7 @@
 """Pools of candidate terms: all products of explanatory variables up to a total order (report, 6.3.6 and 7.3-1).
 
-Splines enter as variables of their own. Columns are made one at a time, so that a large pool costs the memory of the
-columns asked for.
+Splines enter as additional variables. Columns are computed one at a time, so that a large pool needs memory only for
+the columns requested.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class Pool:
         variables: Names of the explanatory variables; number 1 is the last digit of an index.
         values: Their values, (N, n).
         exponents: Power of each variable in each product, (p, n).
-        extra_names: Names of the terms given as they are.
+        extra_names: Names of further terms.
         extra_values: Their values, (N, m).
     """
 
@@ -47,7 +47,7 @@ class Pool:
 
     @property
     def indices(self) -> tuple[str, ...]:
-        """The report's decimal index of each candidate; ``u1, u2, ...`` for terms given as they are."""
+        """The report's decimal index of each candidate; ``u1, u2, ...`` for further terms."""
         products = tuple(decimal_index(row) for row in self.exponents)
         return products + tuple(f"u{k + 1}" for k in range(len(self.extra_names)))
 
@@ -70,7 +70,7 @@ class Pool:
             yield name, self.column(j)
 
     def matrix(self, columns: Sequence[int] | None = None) -> Float[np.ndarray, "N k"]:
-        """Values of all candidates, or of those asked for, side by side (column-major)."""
+        """Values of all candidates, or of those requested, as columns (column-major)."""
         chosen = range(len(self)) if columns is None else columns
         out = np.empty((self.values.shape[0], len(chosen)), order="F")
         for k, j in enumerate(chosen):
@@ -86,7 +86,7 @@ def product_pool(
     constant: bool = True,
     limit: int = _MOST,
 ) -> Pool:
-    """All products of the variables up to a total order, and further terms as they are.
+    """All products of the variables up to a total order, and further terms.
 
     Fourteen variables to order 2 give the report's 120 candidates. Order 0 holds the constant only.
 

@@ -1,8 +1,8 @@
-"""How a structure predicts what it was not found on, as plain values, and which term is to blame where it does not.
+"""Prediction test of a structure on data that were not fitted, as plain values, and the term that causes an error.
 
-A prediction error has three parts: what no coefficients of the same terms could avoid on that record, what the errors
-of the coefficients explain, and the rest. A term that the record of the fit seemed to ask for and the other does not is
-found by leaving it out and fitting the others anew.
+A prediction error has three parts: the residual of the same terms refitted to that record, the part explained by the
+standard errors of the coefficients, and the rest. A term that only the fitted record supports is found by omitting each
+term in turn and refitting the others.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from bayeschute.structure.cross_validation import PredictionTest, predict_record
 from bayeschute.structure.search import Identified
 
 Array = NDArray[np.float64]
-_GAIN = 0.97  # share of the prediction error from which leaving a term out is told
+_GAIN = 0.97  # decrease of the prediction error from which omitting a term is reported
 
 
 def check_entries(
@@ -30,10 +30,10 @@ def check_entries(
     """Predictions of canopies and flights that were not used.
 
     Args:
-        identified: What was found.
+        identified: The identified model.
         names: Candidates.
         checks: Regressions of the other canopies and flights, by label.
-        truth: True coefficients by term; None where nobody knows.
+        truth: True coefficients by term; None if unknown.
 
     Returns:
         By label: the numbers of `structure.cross_validation.PredictionTest`; ``without``, the term whose absence

@@ -1,9 +1,10 @@
-"""Rivals of a kept term: which other candidate could stand in its place, and how easily noise confuses the two.
+"""Confusable terms: the candidate most easily selected in place of a true term, and the probability of that.
 
-Given the other kept terms, let u be the unit vector of what is left of a term, v that of a candidate, r = u.v >= 0, and
-a the size of the term's part of the signal along u. The term explains (a + e_u)^2, the candidate (a r + e_v)^2, and the
-candidate wins where a (1 - r) < e_v - e_u, whose variance is 2 (1 - r) sigma^2 for noise of (long-run) variance
-sigma^2: with the probability ``Phi(-a sqrt((1 - r)/2)/sigma)``. Collinearity is thus weighed against signal and noise.
+Let u be the unit vector of a selected term orthogonalised against the other selected terms, v that of a candidate,
+r = u.v >= 0 their partial correlation, and a the size of the term's part of the signal along u. The term explains
+(a + e_u)^2, the candidate (a r + e_v)^2, and the candidate explains more where a (1 - r) < e_v - e_u, whose variance is
+2 (1 - r) sigma^2 for noise of (long-run) variance sigma^2. Its probability is ``Phi(-a sqrt((1 - r)/2)/sigma)``, which
+weighs collinearity against signal and noise.
 """
 
 from __future__ import annotations
@@ -23,14 +24,14 @@ _NOTHING_LEFT = 1e-6
 
 
 class Rival(NamedTuple):
-    """The candidate that is most easily taken for a kept term.
+    """The candidate that is most easily confused with a selected term.
 
     Attributes:
-        term: The kept term.
+        term: The selected term.
         rival: The candidate; empty if there is no other.
-        correlation: Of what is left of both, given the other kept terms; 1: no record of this motion tells them apart.
+        correlation: Partial correlation given the other selected terms; 1: not separable by any record of this motion.
         strength: Size of the term's own part of the signal, in standard deviations of the noise along it.
-        chance: Probability that noise makes the rival explain more.
+        chance: Probability that noise makes the candidate explain more.
     """
 
     term: str
@@ -47,17 +48,17 @@ def rivals(
     estimate: Float[np.ndarray, " n"],
     noise_variance: float,
 ) -> tuple[Rival, ...]:
-    """For each kept term the candidate that could most easily stand in its place.
+    """For each selected term the candidate that is most easily confused with it.
 
     Args:
         X: All candidates; rows with a NaN are left out, (N, p).
         names: Their names.
         kept: Columns of the model.
         estimate: Their coefficients.
-        noise_variance: Variance of the noise times its memory [unit of z, squared].
+        noise_variance: Variance of the noise times its integrated autocorrelation time [unit of z, squared].
 
     Returns:
-        One rival per kept term.
+        One candidate per selected term.
 
     Raises:
         InputError: For bad X, coefficients that don't fit, or a noise variance not above 0.

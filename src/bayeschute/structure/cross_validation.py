@@ -1,4 +1,4 @@
-"""Prediction tests: a model identified on one canopy or flight, tried on the others (report, figures 7.3-2 to -4)."""
+"""Prediction tests: a model identified on one canopy or flight, applied to the others (report, figures 7.3-2 to -4)."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ class PredictionTest(NamedTuple):
             least squares): a record with more noise than that of the fit has more than 1 here, whatever the model.
         expected_ratio: What the fit's residuals and the errors of its coefficients lead one to expect,
             ``sqrt(rms^2 + mean x'Cov x)/rms``. Beyond it: chance, or errors that are the same all along a record (the
-            mean of the wind's) and that no record tells of itself.
+            mean of the wind's) and that no record can show by itself.
         theil: Theil's inequality.
         r2: 1 - mean squared error/variance of the data about their mean; NaN if they are constant.
         bias: Mean prediction error [unit of z].
-        extrapolated: Share of rows whose leverage is beyond any in the fit: the model is asked what it never saw.
+        extrapolated: Share of rows whose leverage is larger than any in the fit: extrapolation of the model.
         samples: Rows used.
         residual: Data minus prediction, NaN in gaps, (N,).
     """

@@ -1,4 +1,7 @@
-"""What a record can tell before anything is fitted, and what it can't, in words (report, 6.3.5 and 7.3)."""
+"""Data adequacy before any fit: range and correlation of the explanatory variables, signal-to-noise ratio, in words.
+
+After sections 6.3.5 and 7.3 of NASA/TM-2019-220410.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,7 @@ from bayeschute.regression.collinearity import HIGH_CORRELATION
 Array = NDArray[np.float64]
 LOW_SNR = 3.0  # signal over noise (report, 6.3.5)
 PENDULUM_PERIOD = 14.5  # [s], 0.069 Hz (report, 7.1)
-_LEVELS = (0.02, 0.98)  # quantiles that are told as a range
+_LEVELS = (0.02, 0.98)  # quantiles that are given as a range
 _WORDS = {
     "speed": "airspeed",
     "alpha": "angle of attack",
@@ -26,46 +29,46 @@ _WORDS = {
 }
 
 
-def record_sentences(name: str, made: xr.Dataset) -> list[str]:
-    """What the motion along a record covers.
+def record_sentences(name: str, motion: xr.Dataset) -> list[str]:
+    """Range of the motion along a record.
 
     Args:
         name: Of the flight.
-        made: What `bayeschute.records.reconstruct` made of it.
+        motion: Motion by `bayeschute.records.reconstruct`.
 
     Returns:
         Sentences: range of the angle of attack, length, airspeed, distance of the canopies.
     """
-    low, high = np.rad2deg(np.nanquantile(made["alpha_T"].values, _LEVELS))
-    duration = float(made["time"][-1] - made["time"][0])
-    spread = float(np.nanstd(made["airspeed"].values) / np.nanmean(made["airspeed"].values))
+    low, high = np.rad2deg(np.nanquantile(motion["alpha_T"].values, _LEVELS))
+    duration = float(motion["time"][-1] - motion["time"][0])
+    spread = float(np.nanstd(motion["airspeed"].values) / np.nanmean(motion["airspeed"].values))
     said = [
         f"{name}: total angle of attack between {low:.0f} and {high:.0f} deg; "
-        "nothing is known of the aerodynamics beyond.",
+        "there is no information on the aerodynamics outside this range.",
         f"{name}: {duration:.0f} s, about {duration / PENDULUM_PERIOD:.0f} pendulum periods of {PENDULUM_PERIOD:g} s.",
     ]
     if low > 5.0:
         said.append(
-            f"{name}: the angle of attack is rarely below {low:.0f} deg: "
-            "slopes at zero are told by the assumed form only."
+            f"{name}: the angle of attack is rarely below {low:.0f} deg; "
+            "slopes at zero angle of attack are extrapolated by the assumed form of the terms."
         )
     if spread < 0.1:
         said.append(
             f"{name}: airspeed varies by {100 * spread:.0f} % only, "
-            "so terms in airspeed or dynamic pressure are weakly told."
+            "so terms in airspeed or dynamic pressure are weakly identifiable."
         )
-    distance = made["D_prox"].values
+    distance = motion["D_prox"].values
     if np.isfinite(distance).any():
         near, far = np.nanquantile(distance, _LEVELS)
         said.append(
             f"{name}: canopies between {near:.2f} and {far:.2f} reference lengths apart; "
-            "a spline whose knot lies outside is a straight line here."
+            "a spline term with its knot outside this range is linear here."
         )
     return said
 
 
 def variable_sentences(name: str, values: Mapping[str, Array]) -> list[str]:
-    """Which explanatory variables move together along a record.
+    """Which explanatory variables are highly correlated along a record.
 
     Args:
         name: Of the flight and canopy.
@@ -85,14 +88,14 @@ def variable_sentences(name: str, values: Mapping[str, Array]) -> list[str]:
             r = float(np.corrcoef(x, y)[0, 1])
             if abs(r) > HIGH_CORRELATION:
                 said.append(
-                    f"{name}: {_WORDS[a]} and {_WORDS[b]} move together (correlation {r:.2f}); "
-                    "the record can hardly tell their effects apart."
+                    f"{name}: {_WORDS[a]} and {_WORDS[b]} are highly correlated ({r:.2f}); "
+                    "the record can hardly separate their effects."
                 )
     return said or [f"{name}: no two explanatory variables are correlated beyond {HIGH_CORRELATION:g}."]
 
 
 def noise_sentences(snr: Mapping[str, float]) -> list[str]:
-    """What the noise allows.
+    """Whether the signal-to-noise ratio is enough for structure selection.
 
     Args:
         snr: Signal-to-noise ratio by coefficient: standard deviation of the data over that of their noise.
@@ -102,20 +105,19 @@ def noise_sentences(snr: Mapping[str, float]) -> list[str]:
     """
     said = []
     for name, ratio in snr.items():
-        judged = (
-            "enough for a structure" if ratio > LOW_SNR else f"below {LOW_SNR:g}: a structure can't be told reliably"
-        )
-        said.append(f"{name}: signal-to-noise ratio {ratio:.2g}, {judged}.")
+        enough = "enough for structure selection"
+        low = f"below {LOW_SNR:g}, so structure selection is not reliable"
+        said.append(f"{name}: signal-to-noise ratio {ratio:.2g}, {enough if ratio > LOW_SNR else low}.")
     return said
 
 
 def rival_sentences(name: str, found: Sequence[Mapping[str, object]], least: float = 0.05) -> list[str]:
-    """Which kept terms might as well be others.
+    """Selected terms that may be confused with other candidates.
 
     Args:
         name: Of the coefficient.
-        found: Rivals as plain values, see `bayeschute.structure.confusable_terms.Rival`.
-        least: Chance from which a rival is told.
+        found: Confusable terms as plain values, see `bayeschute.structure.confusable_terms.Rival`.
+        least: Probability of confusion from which there is a sentence.
 
     Returns:
         One sentence per such term.
@@ -125,7 +127,8 @@ def rival_sentences(name: str, found: Sequence[Mapping[str, object]], least: flo
         chance = rival.get("chance")
         if isinstance(chance, float) and chance >= least:
             said.append(
-                f"{name}: in place of {rival['term']} noise could have chosen {rival['rival']} "
-                f"(correlation {rival['correlation']:.3f} given the other terms, chance {100 * chance:.0f} %)."
+                f"{name}: {rival['term']} may be confused with {rival['rival']} (partial correlation "
+                f"{rival['correlation']:.3f} given the other terms, probability of confusion by noise "
+                f"{100 * chance:.0f} %)."
             )
     return said

@@ -1,9 +1,10 @@
-"""Exchange of terms after the selection: the nearest minimum of the predicted squared error over sets of terms.
+"""Sequential replacement of terms: a local minimum of the predicted squared error over sets of terms.
 
-Orthogonal functions are chosen one at a time (report, 6.3.6). Where candidates resemble each other, the first choice
-may be a compromise that later terms make superfluous, and it stays. So single terms are taken out, put in or exchanged,
-best move first, as long as the predicted squared error falls (sequential replacement; Miller, Subset Selection in
-Regression, 2002). The result is no worse than the selection's, and no single change of a term improves it.
+Orthogonal functions are selected one at a time (report, 6.3.6). Where candidates are collinear, the first selection may
+be a compromise that later terms make superfluous, but it is never removed. So single terms are removed, added or
+exchanged, best move first, as long as the predicted squared error falls (sequential replacement; Miller, Subset
+Selection in Regression, 2002). The result is no worse than the forward selection, and no single change of a term
+improves it.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ _LEAST_GAIN = 1e-9
 
 
 class Move(NamedTuple):
-    """One change of the set: the term taken out and the term put in (one may be empty), and the PSE after it."""
+    """One change of the set: the term removed and the term added (one may be empty), and the PSE after it."""
 
     removed: str
     added: str
@@ -38,7 +39,7 @@ class Exchanged(NamedTuple):
         terms: Their names.
         pse: Predicted squared error of the set [unit of z, squared].
         start: Predicted squared error of the selection that it began with [unit of z, squared].
-        moves: What was changed, in order.
+        moves: The changes, in order.
     """
 
     columns: tuple[int, ...]
@@ -67,7 +68,7 @@ def compress(X: Float[np.ndarray, "N p"], z: Float[np.ndarray, " N"]) -> Compres
 
     Args:
         X: All candidates, (N, p).
-        z: A response; its missing values tell which rows are in use, (N,).
+        z: A response; rows with missing values are not used, (N,).
 
     Returns:
         The candidates.
@@ -96,12 +97,12 @@ def exchange(
     """Improve a selection by single changes until none lowers the predicted squared error.
 
     Args:
-        selection: Where to begin; its penalty, ceiling and forced terms hold.
+        selection: Starting point; its penalty, ceiling and forced terms are used.
         X: All candidates, as given to `select`, (N, p).
         z: Response, (N,).
         compressed: The candidates compressed beforehand, for many responses on the same rows; None: done here.
         most_moves: Most changes made.
-        tolerance: A candidate whose remainder is below this share of its own norm isn't put in.
+        tolerance: A candidate whose remainder is below this share of its norm isn't added.
 
     Returns:
         The set.
@@ -143,7 +144,7 @@ def exchange(
 
 
 class _Set(NamedTuple):
-    """Chosen columns, all columns and the response, and what every change of the set needs."""
+    """Selected columns, all columns and the response, with the quantities that every change of the set needs."""
 
     chosen: list[int]
     columns: np.ndarray
@@ -157,7 +158,7 @@ def _set(chosen: list[int], columns: np.ndarray, y: np.ndarray, squares: np.ndar
 
 
 def _without(removed: int | None, now: _Set, tolerance: float) -> tuple[float, np.ndarray]:
-    """Sum of squares of the set without one column, and for each candidate by how much it falls if that is put in."""
+    """Sum of squares of the set without one column, and for each candidate its decrease if that is added."""
     places = [k for k, j in enumerate(now.chosen) if j != removed]
     left = [now.chosen[k] for k in places]
     basis = orthonormal(now.columns[:, left])
@@ -175,7 +176,7 @@ def _without(removed: int | None, now: _Set, tolerance: float) -> tuple[float, n
 def _best_move(
     now: _Set, forced: tuple[int, ...], per_term: float, tolerance: float
 ) -> tuple[float, int | None, int | None]:
-    """N times the PSE after the best single change, the column taken out and the column put in."""
+    """N times the PSE after the best single change, the column removed and the column added."""
     best: tuple[float, int | None, int | None] = (np.inf, None, None)
     for removed in [None, *(j for j in now.chosen if j not in forced)]:
         squares, gain = _without(removed, now, tolerance)

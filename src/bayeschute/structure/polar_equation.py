@@ -1,8 +1,8 @@
 """Polar equation error: the report's C_A, C_Y and C_N on products of its explanatory variables (7.3-1 to -5).
 
 The variables are evaluated along a reconstructed record (`bayeschute.records.reconstruct`); rates are those of the
-airflow (6.1-8, -9). Where alpha_T vanishes its azimuth has no meaning and rows are missing; the vector regression
-(`bayeschute.regression.vector_equation`) has no such place.
+airflow (6.1-8, -9). Where alpha_T vanishes its azimuth is undefined and rows are missing; the vector regression
+(`bayeschute.regression.vector_equation`) has no such singularity.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ COEFFICIENTS = ("C_A", "C_Y", "C_N")
 
 
 class PolarPool(NamedTuple):
-    """A pool of one coefficient as a study asks for it.
+    """The pool of candidates of one coefficient as given by a study.
 
     Attributes:
         variables: Explanatory variables, number 1 of the index first.
@@ -41,7 +41,7 @@ def polar_variables(made: xr.Dataset, canopy: int, length: float, speed: float) 
     """Explanatory variables of one canopy along a record.
 
     Args:
-        made: What `bayeschute.records.reconstruct` made of the record.
+        made: Motion by `bayeschute.records.reconstruct`.
         canopy: From 0.
         length: Reference length l [m].
         speed: Reference speed V_o [m/s].

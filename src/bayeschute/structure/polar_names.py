@@ -1,4 +1,4 @@
-"""Names of polar explanatory variables and their products: what may be written, told without importing JAX.
+"""Syntax of the names of polar explanatory variables and their products, free of JAX.
 
 The variables are those of the report's polar form (7.3-2..5) and two more (`closing`, splines). The angle of proximity
 runs from the airflow across the axis to the direction away from the other canopy (6.1-13).
@@ -48,7 +48,7 @@ class Spline(NamedTuple):
     """A one-sided spline.
 
     Attributes:
-        variable: What it is a spline of.
+        variable: The variable of the spline.
         knot: Where it begins, as written.
         degrees: Whether the knot is in degrees.
         side: ``"above"`` or ``"below"``: where it isn't zero.
@@ -75,7 +75,7 @@ def parse_spline(name: str) -> Spline | None:
 
 
 def check_variable(name: str) -> str | None:
-    """What is wrong with the name of a variable, in words; None if nothing."""
+    """Error in the name of a variable, in words; None if it is valid."""
     if name in UNITS:
         return None
     made = parse_spline(name)
@@ -106,7 +106,7 @@ def factors(term: str) -> tuple[tuple[str, int], ...]:
 
 
 def check_term(term: str) -> str | None:
-    """What is wrong with a product, in words; None if nothing."""
+    """Error in the name of a product, in words; None if it is valid."""
     try:
         factors(term)
     except ValueError as error:

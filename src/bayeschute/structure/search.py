@@ -1,4 +1,4 @@
-"""Structure of an aerodynamic coefficient from records: which terms the data support, how surely, and their estimates.
+"""Structure selection for an aerodynamic coefficient: the terms that the data support, their stability and estimates.
 
 The regressions come from `bayeschute.regression.vector_equation` (equivariant terms, what the simulator flies with) or
 from `bayeschute.structure.polar_equation` (the report's C_A, C_Y, C_N).
@@ -28,7 +28,7 @@ from bayeschute.structure.selection_stability import (
 )
 
 _PATHS = (40, 300)  # terms of a path at most
-CEILINGS = (0.25, 0.5, 2.0, 4.0)  # multiples of sigma_max^2 at which the selection frequency is told too
+CEILINGS = (0.25, 0.5, 2.0, 4.0)  # multiples of sigma_max^2 at which the selection frequency is reported too
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Search:
         sigma: For noise ``"given"`` [unit of the coefficient].
         penalty_factor: f of the predicted squared error.
         exchange: Whether the selection is followed by an exchange of terms.
-        first: Terms that are chosen first and kept whatever they pay.
+        first: Terms that are selected first and always kept.
         replicates: Moving-block replicates of the record; 0 for none.
     """
 
@@ -55,11 +55,11 @@ class Search:
 
 
 class SearchResult(NamedTuple):
-    """What a search kept.
+    """Selected terms of a search.
 
     Attributes:
         selection: The path of the orthogonal functions.
-        exchanged: The set after the exchange of terms; None if not asked for.
+        exchanged: The set after the exchange of terms; None if not requested.
         level: The noise level.
         columns: Columns kept.
     """
@@ -72,10 +72,10 @@ class SearchResult(NamedTuple):
 
 @dataclass(frozen=True)
 class Identified:
-    """What equation error found for one coefficient.
+    """Result of equation error for one coefficient.
 
     Attributes:
-        found: What was kept.
+        found: The selected terms.
         fit: Least squares of the kept terms.
         stack: The regression, all candidates.
         noise: Signal and white noise of the response.
@@ -101,7 +101,7 @@ def search(
     indices: Sequence[str] | None = None,
     compressed: Compressed | None = None,
 ) -> SearchResult:
-    """Rank the candidates and keep what pays.
+    """Rank the candidates and select those that lower the predicted squared error.
 
     Args:
         stack: The regression.
@@ -161,7 +161,7 @@ def identify(
     rng: np.random.Generator,
     indices: Sequence[str] | None = None,
 ) -> Identified:
-    """Select the structure of one coefficient, fit it, and ask how sure the choice is.
+    """Select the structure of one coefficient, fit it, and assess the stability of the selection.
 
     Args:
         stack: The regression, all candidates.
@@ -181,7 +181,9 @@ def identify(
     found = search(stack, names, dt, how, indices)
     if not found.columns:
         do = "Lower sigma_max, or use a record with more motion."
-        raise InputError(Fault("equation error", "no term that pays for itself", "at least one term", do))
+        raise InputError(
+            Fault("equation error", "no term that lowers the predicted squared error", "at least one term", do)
+        )
     kept = list(found.columns)
     layout: dict[str, Any] = {"blocks": stack.blocks, "groups": stack.groups}
     terms = [names[j] for j in kept]

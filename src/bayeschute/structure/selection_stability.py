@@ -1,4 +1,4 @@
-"""Structure as uncertain: how often terms and whole structures are selected when the record is redrawn in blocks."""
+"""Selection stability: how often terms and structures are selected over moving-block bootstrap replicates."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def selection_frequency(
         replicates: Number of replicates.
         block_length: As in `bayeschute.regression.bootstrap.block_bootstrap` [samples].
         kind: ``"pairs"`` or ``"residual"``.
-        sigma_max2: Further values to judge each replicate's path by [unit of z, squared].
+        sigma_max2: Further noise ceilings at which each replicate is evaluated [unit of z, squared].
         max_terms: Longest path in a replicate.
         exchanged: Whether each selection is followed by `bayeschute.structure.exchange.exchange`.
 

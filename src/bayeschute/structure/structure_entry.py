@@ -1,4 +1,4 @@
-"""What was found for one coefficient as plain values: the entry of ``structure.json``."""
+"""Result of the structure selection for one coefficient as plain values: the entry of ``structure.json``."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from bayeschute.structure.confusable_terms import rivals
 from bayeschute.structure.search import CEILINGS, Identified, Search
 
 Array = NDArray[np.float64]
-_FOLDS = 10  # of PRESS: each series is cut into so many blocks, left out in turn
-_LAGS = 200  # autocorrelations told at most
-_MOST_TERMS = 12  # of the structures told by ceiling
+_FOLDS = 10  # of PRESS: number of blocks of each series, left out in turn
+_LAGS = 200  # autocorrelations stored at most
+_MOST_TERMS = 12  # of the structures stored by ceiling
 _WHOLE = 30  # candidates at most that are fitted all together
-_OFTEN = 0.05  # share of the replicates from which a term's frequency is told
+_OFTEN = 0.05  # share of the replicates from which a term's frequency is reported
 
 
 def entry(
@@ -44,12 +44,12 @@ def entry(
     """The entry of one coefficient.
 
     Args:
-        identified: What was found.
+        identified: The identified model.
         names: Candidates.
         how: How it was searched for.
         dt: Sample interval [s].
         checks: Regressions of canopies and flights that were not used, by label.
-        truth: Coefficients that the flights of `checks` were flown with, by term; None where nobody knows.
+        truth: Coefficients that the flights of `checks` were flown with, by term; None if unknown.
         pressure: Dynamic pressure of the rows [Pa], for the constant-force null model of C_A.
         units: Unit of each candidate's coefficient; None: all 1.
         propagated: Effect of the positions' noise.
@@ -95,7 +95,7 @@ def entry(
 def _whole(stack: Stack, names: Sequence[str]) -> EquationErrorFit | None:
     """All candidates fitted together that are ever other than zero.
 
-    None for a large pool, or where the record can't tell some of them apart.
+    None for a large pool, or where the record can't separate some of them.
     """
     known = np.nanmax(np.abs(np.where(np.isfinite(stack.X), stack.X, np.nan)), axis=0) > 0.0
     kept = [name for name, there in zip(names, known, strict=True) if there]
@@ -132,7 +132,7 @@ def ranking(selection: Selection, most: int = 60) -> list[dict[str, Any]]:
 
 
 def plain(value: Any) -> Any:
-    """A value as JSON can hold it: arrays as lists, NaN and infinities as None."""
+    """A value for JSON: arrays as lists, NaN and infinities as None."""
     if isinstance(value, Mapping):
         return {str(k): plain(v) for k, v in value.items()}
     if isinstance(value, (list, tuple, np.ndarray)):
@@ -233,7 +233,7 @@ def _residual(identified: Identified, dt: float) -> dict[str, Any]:
 
 
 def _press(stack: Stack, columns: list[int]) -> dict[str, Any]:
-    """Prediction of tenths of the record from the rest; why not, where it can't be."""
+    """Prediction of tenths of the record from the rest (PRESS); the reason if it is not possible."""
     folds = np.empty(stack.z.size, dtype=np.intp)
     for block in np.unique(stack.blocks):
         rows = np.flatnonzero(stack.blocks == block)

@@ -1,8 +1,8 @@
-"""Would this record's motion tell a given structure? Data made from known terms, and the search for them, many times.
+"""Simulation study of structure selection: known terms on the motion of a record, selected over many replicates.
 
-The explanatory variables are those of a record, the coefficient is a sum of known terms of them plus noise that
-remembers (Ornstein-Uhlenbeck), and every replicate has noise of its own. Counted are how often terms are selected,
-whether intervals cover, and which collinear candidate stands in the place of a term that is missed.
+The explanatory variables are those of a record, the coefficient is a sum of known terms of them plus autocorrelated
+noise (Ornstein-Uhlenbeck), independent in every replicate. Results are the selection frequency of every term, the
+coverage of intervals, and the collinear candidate that is selected in place of a term that is missed.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Making:
     Attributes:
         snr: Root mean square of the sum of terms over the standard deviation of the noise.
         time_constant: Of the noise [s]; 0 for white noise.
-        replicates: How many, each with noise of its own.
+        replicates: Number of replicates, each with independent noise.
     """
 
     snr: float
@@ -49,7 +49,7 @@ class Making:
 
 
 class Replicates(NamedTuple):
-    """What was found over the replicates; B replicates, p candidates, k true terms.
+    """Results over the replicates; B replicates, p candidates, k true terms.
 
     Attributes:
         names: Candidates.
@@ -58,7 +58,7 @@ class Replicates(NamedTuple):
         sigma: Standard deviation of the noise [unit of z].
         memory: Its integrated autocorrelation time [samples].
         ranked: Whether the orthogonal functions alone kept a candidate, (B, p).
-        kept: Whether the search kept it, exchange of terms included where asked for, (B, p).
+        kept: Whether the search selected it, including the exchange of terms if requested, (B, p).
         estimate: Estimates of the true terms when the structure is known, (B, k).
         se: Their standard errors under colored residuals, (B, k).
         white_se: The same as if residuals were white, (B, k).
@@ -66,7 +66,7 @@ class Replicates(NamedTuple):
         white_inside: Whether the white-noise ones do, (B, k).
         kept_inside: Whether the intervals of the model that was selected cover; False where a term was missed, (B, k).
         ceiling: sigma_max^2 of each replicate, (B,) [unit of z, squared].
-        rivals: For each true term the candidate that is most easily taken for it.
+        rivals: For each true term the candidate that is most easily confused with it.
         first: The search in the first replicate.
         first_fit: The true structure fitted to the first replicate.
         bootstrap_se: Standard errors of that fit by moving blocks, (k,).
@@ -162,13 +162,13 @@ def replicate(
         truth: Coefficients by term [SI].
         making: How data are made.
         dt: Sample interval [s].
-        how: How the structure is searched for, as with real data: the noise level is found anew in every replicate.
+        how: Settings of the search, as for real data: the noise level is estimated in every replicate.
         rng: Of the noise.
         where: Name of the data, for faults.
         progress: Called with the share done.
 
     Returns:
-        What was found.
+        The results.
 
     Raises:
         InputError: For true terms that are no candidates, fewer than 2 replicates, or a signal that is zero.

@@ -1,4 +1,4 @@
-"""What synthetic data of known terms showed, as plain values: the entry ``synthetic`` of ``structure.json``."""
+"""Result of the simulation study with known terms, as plain values: the entry ``synthetic`` of ``structure.json``."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ LEAST_TRUE, MOST_FALSE = 0.8, 0.2  # shares of the replicates that select a true
 FAR = 2.5  # colored standard errors
 COVERED = (0.85, 0.95)  # of nominal 90 % intervals
 _ROWS = 20  # of the print-out
-_TOLD = 0.02  # share from which a false term is listed
+_LISTED = 0.02  # share from which a false term is listed
 
 
 def synthetic_entry(found: Replicates, making: Making, X: Array) -> dict[str, Any]:
     """The entry of one coefficient.
 
     Args:
-        found: What was found over the replicates.
+        found: Results over the replicates.
         making: How the data were made.
         X: All candidates along the record, (T, p).
 
@@ -35,7 +35,7 @@ def synthetic_entry(found: Replicates, making: Making, X: Array) -> dict[str, An
     """
     shares, ranked = found.kept.mean(axis=0), found.ranked.mean(axis=0)
     true = list(found.true)
-    false = [j for j in np.argsort(-shares, kind="stable") if j not in true and shares[j] >= _TOLD]
+    false = [j for j in np.argsort(-shares, kind="stable") if j not in true and shares[j] >= _LISTED]
     others = np.delete(np.arange(len(found.names)), true)
     near = collinearity(X[:, true], [found.names[j] for j in true])
     first = found.first.selection
@@ -112,7 +112,7 @@ def penalty_per_term(rows: Sequence[Mapping[str, Any]]) -> list[float]:
 
 
 def checks(entries: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
-    """What the data were made to show, each with value, bound and verdict.
+    """Acceptance criteria of the simulation study, each with value, bound and verdict.
 
     Args:
         entries: Entries by coefficient.

@@ -1,1 +1,1 @@
-"""A study file, and everything that is made of it."""
+"""Studies: the files that describe one, and everything that is computed from them."""

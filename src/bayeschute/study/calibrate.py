@@ -1,4 +1,4 @@
-"""Calibration of a study: replicate flights, coverage, and the record that a claim of 90 % rests on."""
+"""Calibration of a study: coverage over replicate flights, stored as evidence for the calibration label."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def calibrate(
     first_seed: int = FIRST_SEED,
     progress: Callable[[float, str], None] | None = None,
 ) -> dict[str, Any]:
-    """Fly replicates of a study, identify and predict each as a run would, and count what intervals and bands hold.
+    """Simulate replicates of a study, identify and predict each as in a run, and measure the coverage.
 
     Finished replicates are kept; called again with the same arguments, only those that are missing are made.
 
@@ -66,7 +66,7 @@ def calibrate(
         path: A study whose flights are virtual.
         out: Folder for rows and the result.
         replicates: How many.
-        disturbance: What is flown that the identification doesn't know, by its name in `SCENARIOS`.
+        disturbance: Misspecification of the simulated flights, by its name in `SCENARIOS`.
         noise: Replaces ``[noise] model``; the study's where None.
         workers: Local processes.
         address: Of a Dask scheduler, in place of local processes.
@@ -79,7 +79,7 @@ def calibrate(
         study, noise, disturbance, the configuration's hash and the programs' versions.
 
     Raises:
-        InputError: If study or arguments are not sound, or `out` holds rows of another campaign.
+        InputError: If study or arguments are invalid, or `out` contains rows of another campaign.
     """
     study = load_study(path)
     _sound(study, disturbance, noise, replicates)
@@ -87,7 +87,7 @@ def calibrate(
     name, folder = f"{study.noise.model}.{disturbance}", Path(out)
     with Log(folder / LOG) as log, warnings_to(log):
         log.line(f"bayeschute {version('bayeschute')}, {replicates} replicates of {study.path.name}, {name}")
-        told = log.beside(None if progress is None else lambda _, share, words: progress(share, words))
+        progress_log = log.beside(None if progress is None else lambda _, share, words: progress(share, words))
         rows = run(
             partial(replicate, study=study, disturbance=disturbance, quick=quick),
             range(first_seed, first_seed + replicates),
@@ -95,7 +95,7 @@ def calibrate(
             identity(study, disturbance, quick),
             workers,
             address,
-            partial(told, "calibrate"),
+            partial(progress_log, "calibrate"),
         )
     result = {
         "study": Path(path).stem,

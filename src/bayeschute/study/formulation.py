@@ -1,4 +1,4 @@
-"""What a study makes of errors the flight model doesn't know: ``[noise] model`` and what must be said of it."""
+"""Noise models of a study (``[noise] model``): latent disturbances, AR(1) residuals, white noise, sandwich."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from bayeschute.study.study import Study
 _TINY = 1e-6  # stands for no noise of a kind: a logarithm is needed
 _UNUSED = {"ar1": ("white",), "white": ("correlated", "time_constant"), "sandwich": ("correlated", "time_constant")}
 _LABELS = {
-    "white": "teaching only, not for use: white noise, whose intervals are several times too narrow",
-    "sandwich": "for comparison: classical output error with colored standard errors, whose intervals are too narrow",
-    "ar1": "for comparison: no latent disturbances, residual noise AR(1), whose intervals are too narrow",
-    "ar1+white": "for comparison: no latent disturbances, residual noise AR(1) + white, whose intervals are too narrow",
+    "white": "for teaching only, not for use: white measurement noise; intervals are several times too narrow",
+    "sandwich": "for comparison: classical output error with colored standard errors; intervals are too narrow",
+    "ar1": "for comparison: no latent disturbances, AR(1) residuals; intervals are too narrow",
+    "ar1+white": "for comparison: no latent disturbances, AR(1) + white residuals; intervals are too narrow",
 }
 
 
 def noise_medians(channels: Sequence[ChannelNoise[float]], model: str) -> Noise:
     """Medians of the residual noise per channel.
 
-    Where a model knows one part of the noise only, that part has the variance of both.
+    Where a noise model has one part only, that part has the variance of both.
 
     Args:
         channels: Tables of the channels.
@@ -40,31 +40,31 @@ def noise_medians(channels: Sequence[ChannelNoise[float]], model: str) -> Noise:
 
 
 def unused(model: str) -> tuple[str, ...]:
-    """Numbers of a channel's noise that mean nothing under a model."""
+    """Noise parameters of a channel that a noise model does not have."""
     return _UNUSED.get(model, ())
 
 
 def label(model: str) -> str:
-    """What a result's label begins with; empty for the default."""
+    """Beginning of the label of a result; empty for the default."""
     return _LABELS.get(model, "")
 
 
 def sampler(study: Study) -> str:
-    """What draws: the sampler, or ``sandwich`` for normal draws about the estimates of output error."""
+    """The sampler, or ``sandwich`` for normal draws about the estimates of output error."""
     return "sandwich" if study.noise.model == "sandwich" else str(study.sampler.kind)
 
 
 def notes(table: NoiseTable) -> list[str]:
-    """What a reader must know of a formulation that is not the default."""
+    """Notes on a noise model that is not the default."""
     if table.model == "latent":
         return []
-    said = [f"Noise model {table.model!r}: latent disturbances are left out, so predictions hold no unknown wind."]
+    said = [f"Noise model {table.model!r}: there are no latent disturbances, so predictions contain no wind error."]
     if table.has_latent():
         said.append("Tables of latent disturbances in the study's [noise] are not used by this noise model.")
-    said.append("Terms that equation error left out are not tried: their test relies on latent disturbances.")
+    said.append("Terms that equation error did not select are not tested: the test needs latent disturbances.")
     if table.model == "sandwich":
         said.append(
-            "Draws are normal about the optimum of white residual noise, with the covariance that colored residuals "
-            "give the estimates (autocovariance cut at a tenth of the record, Parzen taper); no sampler has run."
+            "Draws are normal about the optimum for white residuals, with the sandwich covariance for colored "
+            "residuals (autocovariance up to a tenth of the record, Parzen window); no sampler was run."
         )
     return said

@@ -1,4 +1,4 @@
-"""A run under way: its study, its folder, and what its stages have left there for each other."""
+"""A run in progress: its study, its folder, and the results that its stages exchange."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ Progress = Callable[[str, float, str], None]
 
 @dataclass(frozen=True)
 class Job:
-    """A run under way.
+    """A run in progress.
 
     Attributes:
-        study: The study, at ``--quick`` sizes where asked.
+        study: The study, with ``--quick`` sizes if requested.
         out: The run's folder.
         quick: Whether sizes are cut; results are then not for use.
         hash: Key of the stage that is done: of everything its results depend on.
         progress: Called with stage, share done and words.
-        resume: Whether what an earlier run kept of an unfinished stage may be used.
+        resume: Whether checkpoints of an unfinished stage of an earlier run may be used.
         workers: Local processes that predictions are spread over; 1: this one.
         address: Of a Dask scheduler, in place of local processes.
     """
@@ -67,6 +67,6 @@ def load_truth(job: Job, name: str) -> xr.Dataset | None:
 
 
 def load_priors(job: Job) -> list[Prior]:
-    """The priors of all parameters: those that the stage left, or with the terms that the fit asked for in addition."""
+    """The priors of all parameters: those of the stage `priors`, or with the terms that the fit added."""
     revised = "fit/priors.json" if (job.out / "fit" / "priors.json").exists() else "priors.json"
     return [Prior(**entry) for entry in job.load(revised)]

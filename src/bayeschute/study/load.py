@@ -1,4 +1,4 @@
-"""The door for files: TOML to a `Study`, with every fault of every file at once. Nothing here imports JAX."""
+"""Loading of studies: TOML to a `Study`, with every fault of every file at once; free of JAX."""
 
 from __future__ import annotations
 
@@ -11,13 +11,23 @@ from typing import Annotated, Any, NamedTuple
 from pydantic import TypeAdapter, ValidationError
 
 from bayeschute.core.errors import Fault, InputError
+from bayeschute.records.foreign.conventions import Conventions
+from bayeschute.records.plausibility.verdict import Verdict
+from bayeschute.study.plausible import judge, told, warned, window_used
 from bayeschute.study.schema.columns import check_columns
 from bayeschute.study.schema.crosscheck import check_span, crosscheck
 from bayeschute.study.schema.draft import Draft
 from bayeschute.study.schema.schema_faults import faults_of
 from bayeschute.study.schema.sidecar import context
 from bayeschute.study.schema.study_files import DATA_VARIABLE, read_toml, record_paths
-from bayeschute.study.schema.study_schema import QUANTITIES, Column, FlightsFile, FlightTable, StudyFile
+from bayeschute.study.schema.study_schema import (
+    QUANTITIES,
+    Column,
+    ConventionsTable,
+    FlightsFile,
+    FlightTable,
+    StudyFile,
+)
 from bayeschute.study.schema.vehicle_schema import Vehicle
 from bayeschute.study.study import Flight, Study, canonical, file_hash, study_hash
 from bayeschute.study.templates import template
@@ -27,6 +37,7 @@ __all__ = [
     "Study",
     "canonical",
     "check_study",
+    "examine_study",
     "load_flights",
     "file_hash",
     "load_study",
@@ -38,7 +49,7 @@ __all__ = [
 
 
 class _Reading(NamedTuple):
-    """What came of reading a study: the study if its tables are sound, every fault, the parts that are sound."""
+    """Result of reading a study: the study if it is valid, every fault, and the valid parts."""
 
     study: Study | None
     faults: list[Fault]
@@ -51,7 +62,7 @@ def load_study(path: Path | str, data_dir: Path | str | None = None) -> Study:
 
     Args:
         path: The study file.
-        data_dir: What ``${DATA}`` stands for; default: the environment variable BAYESCHUTE_DATA.
+        data_dir: Folder that replaces ``${DATA}``; default: the environment variable BAYESCHUTE_DATA.
 
     Returns:
         The study.
@@ -65,41 +76,89 @@ def load_study(path: Path | str, data_dir: Path | str | None = None) -> Study:
     return reading.study
 
 
+class Examined(NamedTuple):
+    """What an examination of a study with its records found.
+
+    Attributes:
+        faults: Every fault.
+        warnings: What is to be looked at.
+        records: Records as read, by flight.
+        verdicts: What the laws of plausibility say of them, by flight.
+        study: The study, where its tables are sound.
+        windows: First and last time used [s], by flight, given or found.
+        said: How the window was found, by flight.
+    """
+
+    faults: list[Fault]
+    warnings: list[str]
+    records: dict[str, Any]
+    verdicts: dict[str, Verdict]
+    study: Study | None
+    windows: dict[str, tuple[float, float]]
+    said: dict[str, str]
+
+
 def check_study(path: Path | str, data_dir: Path | str | None = None) -> list[Fault]:
-    """Every fault of a study, its vehicle and its records, which are read in full.
+    """Every fault of a study, its vehicle and its records, which are read in full and tried for their physics.
+
+    Args:
+        path: The study file.
+        data_dir: Folder that replaces ``${DATA}``; default: the environment variable BAYESCHUTE_DATA.
+    """
+    return examine_study(path, data_dir).faults
+
+
+def examine_study(path: Path | str, data_dir: Path | str | None = None) -> Examined:
+    """Read a study, its vehicle and its records in full, and try the laws of plausibility on every record.
 
     Args:
         path: The study file.
         data_dir: What ``${DATA}`` stands for; default: the environment variable BAYESCHUTE_DATA.
     """
-    _, faults, draft, paths = _read_study(Path(path), data_dir)
+    study, faults, draft, paths = _read_study(Path(path), data_dir)
+    found = Examined(faults, [], {}, {}, study, {}, {})
     if draft is not None:
         for index, record in paths.items():
-            faults += _record_faults(draft, index, record)
-    return list({(fault.where, fault.got): fault for fault in reversed(faults)}.values())[::-1]
+            _examine_record(draft, index, record, found)
+    faults = list({(fault.where, fault.got): fault for fault in reversed(found.faults)}.values())[::-1]
+    return found._replace(faults=faults)
 
 
-def _record_faults(draft: Draft, index: int, path: Path) -> list[Fault]:
-    """Faults of a record, read in full; places in the column map are told as places in the study file."""
-    from bayeschute.records.read import ColumnSpec, read_record
+def _examine_record(draft: Draft, index: int, path: Path, found: Examined) -> None:
+    """Read a record in full and test it against the laws; faults of the column map refer to the study file."""
+    from bayeschute.records.read import read_record
 
     flight = draft.flights[index]
     own = flight.columns is not None
     columns = (flight.columns if own else draft.tables.get("columns")) or {}
-    specs = {name: ColumnSpec(spec.column, spec.unit) for name, spec in columns.items()}
+    specs = {name: column.spec() for name, column in columns.items()}
+    said = flight.conventions or draft.tables.get("conventions")
     try:
-        record = read_record(path, specs, window=flight.window)
+        record = read_record(path, specs, flight.window, conventions=said.spec() if said else Conventions())
     except InputError as error:
         heading, of = ("[flight.columns", f" (flight {flight.name!r})") if own else ("[columns", "")
-        return [
+        found.faults.extend(
             replace(fault, where=f"{draft.file} {fault.where.replace('[columns', heading, 1)}{of}")
-            if fault.where.startswith("[columns")
+            if fault.where.startswith(("[columns", "[conventions"))
             else fault
             for fault in error.faults
             if specs or not fault.where.startswith("[columns")
-        ]
-    time = record["time"].values
-    return list(check_span(draft, index, float(time[0]), float(time[-1]))) if flight.window is None else []
+        )
+        return
+    used = window_used(record, flight.window, flight.skip_first, flight.roles)
+    if flight.window is None:
+        found.faults.extend(check_span(draft, index, used.start, used.end))
+    found.windows[flight.name] = (used.start, used.end)
+    if used.words:
+        found.said[flight.name] = f"flight {flight.name!r}: {used.words}"
+    found.records[flight.name] = record
+    if draft.vehicle is None and draft.model != "descent":
+        return  # its faults are told already
+    verdict = judge(record, draft.vehicle, flight.capsule_mass, (used.start, used.end), flight.wind_profile)
+    where, accepted = f"{draft.file} flight {flight.name!r}", flight.accept_implausible
+    found.verdicts[flight.name] = verdict
+    found.faults.extend(told(verdict, where, accepted))
+    found.warnings.extend(warned(verdict, where, accepted))
 
 
 def load_vehicle(path: Path | str) -> Vehicle:
@@ -135,10 +194,10 @@ def load_flights(path: Path | str, study: Study, data_dir: Path | str | None = N
         path: TOML with ``[[flight]]`` tables as in a study; ``vehicle``, ``[columns]``, ``[predict]`` and
             ``[[requirement]]`` where they are not those of the study.
         study: That the posterior is of.
-        data_dir: What ``${DATA}`` stands for.
+        data_dir: Folder that replaces ``${DATA}``.
 
     Returns:
-        The study with these flights, all to be predicted, in the place of its own.
+        The study with these flights, all to be predicted, instead of its own.
 
     Raises:
         InputError: With every fault of the file, and of records that aren't there.
@@ -149,8 +208,8 @@ def load_flights(path: Path | str, study: Study, data_dir: Path | str | None = N
     if raw is None:
         raise InputError(faults)
     listed = raw.get("flight")
-    told = [{"roles": ["predict"], **one} if isinstance(one, dict) else one for one in listed or ()]
-    said = {**raw, "flight": told} if isinstance(listed, list) else raw
+    with_roles = [{"roles": ["predict"], **one} if isinstance(one, dict) else one for one in listed or ()]
+    said = {**raw, "flight": with_roles} if isinstance(listed, list) else raw
     try:
         found = FlightsFile.model_validate(said, context=here)
     except ValidationError as error:
@@ -168,7 +227,9 @@ def load_flights(path: Path | str, study: Study, data_dir: Path | str | None = N
     faults += [*check_columns(draft), *path_faults]
     if faults:
         raise InputError(faults)
-    flights = tuple(_flight(table, paths.get(i), found.columns) for i, table in enumerate(found.flight))
+    flights = tuple(
+        _flight(table, paths.get(i), found.columns, found.conventions) for i, table in enumerate(found.flight)
+    )
     flights = tuple(replace(flight, roles=("predict",)) for flight in flights)
     return replace(study, flights=flights, vehicle=vehicle, predict=predict, requirements=found.requirement)
 
@@ -222,7 +283,9 @@ def _read_study(path: Path, data_dir: Path | str | None) -> _Reading:
         title=whole.title,
         model=whole.model,
         seed=whole.seed,
-        flights=tuple(_flight(table, paths.get(index), whole.columns) for index, table in flights.items()),
+        flights=tuple(
+            _flight(table, paths.get(index), whole.columns, whole.conventions) for index, table in flights.items()
+        ),
         priors=whole.priors,
         noise=whole.noise,
         sampler=whole.sampler,
@@ -230,6 +293,7 @@ def _read_study(path: Path, data_dir: Path | str | None) -> _Reading:
         requirements=whole.requirement,
         structure=whole.structure,
         synthetic=whole.synthetic,
+        knowledge=whole.knowledge,
         vehicle=vehicle,
         vehicle_path=vehicle_path,
         text=text,
@@ -239,7 +303,7 @@ def _read_study(path: Path, data_dir: Path | str | None) -> _Reading:
 
 
 def _sound_tables(raw: Mapping[str, Any], here: Mapping[str, str]) -> tuple[dict[str, Any], dict[int, FlightTable]]:
-    """The tables of a faulty study that are sound by themselves, so that checks across tables still run on them."""
+    """The valid tables of a study with faults, so that checks across tables still run on them."""
     tables: dict[str, Any] = {}
     for key, info in StudyFile.model_fields.items():
         if key in raw and key != "flight":
@@ -254,14 +318,19 @@ def _sound_tables(raw: Mapping[str, Any], here: Mapping[str, str]) -> tuple[dict
 
 
 def _sound(annotation: Any, value: Any, here: Mapping[str, str]) -> Any:
-    """A value read as a type, or None where that fails; the failure was told when the whole was read."""
+    """A value read as a type, or None where that fails; the failure was reported when the whole was read."""
     try:
         return TypeAdapter(annotation).validate_python(value, context=dict(here))
     except ValidationError:
         return None
 
 
-def _flight(table: FlightTable, path: Path | None, columns: Mapping[str, Column] | None) -> Flight:
+def _flight(
+    table: FlightTable,
+    path: Path | None,
+    columns: Mapping[str, Column] | None,
+    conventions: ConventionsTable | None,
+) -> Flight:
     own = table.columns if table.columns is not None else columns
     return Flight(
         name=table.name,
@@ -269,6 +338,7 @@ def _flight(table: FlightTable, path: Path | None, columns: Mapping[str, Column]
         path=path,
         virtual=table.virtual,
         columns=dict(own or {}) if table.file is not None else {},
+        conventions=(table.conventions or conventions) if table.file is not None else None,
         window=table.window,
         rate=table.rate,
         capsule_mass=table.capsule_mass,
@@ -276,4 +346,5 @@ def _flight(table: FlightTable, path: Path | None, columns: Mapping[str, Column]
         identify_until=table.identify_until,
         remove_velocity_bias=table.remove_velocity_bias,
         wind_profile=table.wind_profile,
+        accept_implausible=table.accept_implausible,
     )

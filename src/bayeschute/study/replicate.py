@@ -1,4 +1,4 @@
-"""A replicate: a study's virtual flights flown anew, fitted and predicted as a run would, scored against the truth."""
+"""A replicate: the virtual flights of a study simulated again, fitted and predicted as in a run, and scored."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def replicate(seed: int, study: Study, disturbance: str = "none", quick: bool = 
     Args:
         seed: Of its winds, noise and draws.
         study: The study, its noise model as wanted.
-        disturbance: What is flown otherwise, by its name in `SCENARIOS`.
+        disturbance: Misspecification of the simulated flights, by its name in `SCENARIOS`.
         quick: Small sizes; the result is not for use.
 
     Returns:
@@ -43,7 +43,7 @@ def replicate(seed: int, study: Study, disturbance: str = "none", quick: bool = 
     began = time.perf_counter()
     try:
         row = _scored(replace(study, seed=seed), disturbance, quick)
-    except Exception as error:  # whatever it is, it is one failed replicate: counted and told, the campaign goes on
+    except Exception as error:  # any error fails this replicate only: it is counted and reported
         frames = [f for f in traceback.extract_tb(error.__traceback__) if "bayeschute" in f.filename]
         row = {
             "ok": False,
@@ -62,7 +62,7 @@ def _scored(study: Study, disturbance: str, quick: bool) -> Row:
         for stage in (stage_list.structure, stage_list.priors):
             stage(job)
         stage_list.fit(job, predictions=False)
-        stage_list.check(job, tell=False)
+        stage_list.check(job, identify=False)
         draws, _ = summary_draws(job)
         truth = true_values(job) if kind.terms_known else {}
         parameters = {
@@ -117,7 +117,7 @@ def _bands(one: FlightForecast, job: Job) -> dict[str, Any]:
 
 
 def _modes(one: FlightForecast) -> dict[str, Any]:
-    """Scores of what the modes of a flight do over its counted samples."""
+    """Scores of amplitude and frequency of the modes of a flight over its scored samples."""
     assert one.truth is not None
     drawn = {name: values[:, one.counted] for name, values in one.prediction.draws.items()}
     true = {name: one.truth[name].values[one.counted] for name in drawn if name in one.truth}

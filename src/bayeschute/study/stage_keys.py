@@ -1,10 +1,10 @@
-"""What each stage of a run reads, and the key under which its results are kept.
+"""Cache keys of the stages of a run: a hash of everything that a stage reads.
 
-A stage is done again when its key changes, and only then. The key is a hash of what the stage reads of the study, the
-keys of the stages whose whole results it reads, the program's version, `ARTEFACT_VERSION` and whether sizes are cut.
-Some stages read parts of what others leave: the fit takes the records of its own flights from `ingest`, and the priors
-take from `structure` what the flights of that role say, not its tests on other flights. Such a stage names the fields
-of the study from which its part follows.
+A stage is run again when its key changes, and only then. The key is a hash of the fields of the study that the stage
+reads, the keys of the stages whose whole results it reads, the program's version, `ARTEFACT_VERSION` and whether the
+run is quick. Some stages read parts of the results of others: the fit takes the records of its own flights from
+`ingest`, and the priors take from `structure` the estimates of the flights with that role, not its tests on other
+flights. Such a stage names the fields of the study from which that part follows.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from bayeschute.core.version import __version__
 from bayeschute.study.study import Study, canonical
 
 STAGES = ("ingest", "structure", "priors", "fit", "check", "predict", "risk", "report")
-ARTEFACT_VERSION = 4
-"""What stages leave for each other: one more where a program can't, or mustn't, go on from what an earlier one left."""
+ARTEFACT_VERSION = 5
+"""Version of the files that stages exchange; raised where files of an earlier version can't or mustn't be used."""
 USES: dict[str, tuple[str, ...]] = {
     "ingest": (),
     "structure": (),
@@ -34,7 +34,7 @@ USES: dict[str, tuple[str, ...]] = {
 
 
 def reads(study: Study) -> dict[str, dict[str, Any]]:
-    """What each stage reads of a study: plain values in SI, by stage.
+    """Fields of a study that each stage reads: plain values in SI, by stage.
 
     Args:
         study: The study, at the sizes it is run with.
@@ -57,11 +57,13 @@ def reads(study: Study) -> dict[str, dict[str, Any]]:
     if study.structure is not None:  # else nothing is selected
         selection = drop | part("structure") | {"flights": flights("structure", without=record)}
     tested = {"flights": flights(without=record), "selected on": names("structure")} | part("synthetic")
+    known = [table for table in said.get("knowledge", ()) if table["use"] == "prior"]
+    knowledge = {"knowledge": known} if known else {}
     channels = list(study.noise.channels())  # those that can't be fitted are listed in the record
     return {
         "ingest": drop | {"flights": flights(without=record), "fitted": names("identify"), "channels": channels},
         "structure": selection | tested if selection else {},
-        "priors": selection | part("model", "priors"),
+        "priors": selection | part("model", "priors") | knowledge,
         "fit": drop | part("structure", "noise", "sampler") | {"flights": flights("identify")},
         "check": {},
         "predict": part("predict") | {"flights": flights("identify", "predict")},
@@ -76,13 +78,13 @@ def stage_keys(study: Study, quick: bool, found: Mapping[str, Any]) -> dict[str,
     Args:
         study: The study, at the sizes it is run with.
         quick: Whether sizes are cut.
-        found: What a stage reads from outside of study and run, plain values by stage.
+        found: Inputs of a stage from outside the study and the run, plain values by stage.
     """
     keys: dict[str, str] = {}
     for stage, values in reads(study).items():
         used = [keys[other] for other in USES[stage]]
-        told = [stage, values, found.get(stage), used, __version__, ARTEFACT_VERSION, quick]
-        keys[stage] = hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
+        inputs = [stage, values, found.get(stage), used, __version__, ARTEFACT_VERSION, quick]
+        keys[stage] = hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()
     return keys
 
 

@@ -1,4 +1,4 @@
-"""A study whose files are sound, and its identity: what results depend on, whatever the layout of its files."""
+"""A valid study, and its identity: a hash of everything that results depend on, whatever the layout of its files."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from bayeschute.study.schema.belief_schema import NoiseTable, PriorsTable
+from bayeschute.study.schema.knowledge.knowledge_schema import KnowledgeTable
 from bayeschute.study.schema.quantities import Cut, Strict
 from bayeschute.study.schema.structure_schema import StructureTable, SyntheticTable
-from bayeschute.study.schema.study_schema import Column, PredictTable, RequirementTable, SamplerTable
+from bayeschute.study.schema.study_schema import Column, ConventionsTable, PredictTable, RequirementTable, SamplerTable
 from bayeschute.study.schema.vehicle_schema import Vehicle
 from bayeschute.study.schema.virtual_schema import VirtualFlight
 from bayeschute.study.schema.wind_schema import ProfileTable
@@ -28,14 +29,16 @@ class Flight:
         path: The record; None for a virtual drop.
         virtual: The drop to fly; None for a record.
         columns: Column and unit by variable; empty for a virtual drop or a record in the schema's own names.
+        conventions: Axes, senses and clock of the record; None: those of the schema.
         window: First and last time used [s]; None: all.
-        rate: The record is resampled to this rate [Hz]; None: its own.
+        rate: Sampling rate to which the record is resampled [Hz]; None: that of the record.
         capsule_mass: Replaces the vehicle's [kg]; None: the vehicle's.
         skip_first: Left out at the start of the window [s].
-        identify_until: Where the held-out part begins; None: all is fitted.
+        identify_until: Begin of the held-out part; None: all is fitted.
         remove_velocity_bias: Whether constant biases of the recorded velocity are removed.
         wind_profile: Wind by altitude; None: canopies meet the capsule's wind.
         vehicle: Its vehicle, where that is not the study's.
+        accept_implausible: Laws of plausibility, or groups of them, that its record may break.
     """
 
     name: str
@@ -43,6 +46,7 @@ class Flight:
     path: Path | None = None
     virtual: VirtualFlight | None = None
     columns: Mapping[str, Column] = field(default_factory=dict)
+    conventions: ConventionsTable | None = None
     window: tuple[float, float] | None = None
     rate: float | None = None
     capsule_mass: float | None = None
@@ -51,11 +55,12 @@ class Flight:
     remove_velocity_bias: bool = False
     wind_profile: ProfileTable | None = None
     vehicle: Vehicle | None = None
+    accept_implausible: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class Study:
-    """A study whose files are sound; all numbers in SI.
+    """A study whose files are valid; all numbers in SI.
 
     Attributes:
         path: The study file.
@@ -74,6 +79,7 @@ class Study:
         vehicle_path: The vehicle file.
         text: The study file as read.
         vehicle_text: The vehicle file as read.
+        knowledge: What others know about coefficients and curves.
     """
 
     path: Path
@@ -92,6 +98,7 @@ class Study:
     vehicle_path: Path | None = None
     text: str = ""
     vehicle_text: str = ""
+    knowledge: tuple[KnowledgeTable, ...] = ()
 
     def with_role(self, role: str) -> tuple[Flight, ...]:
         """Flights that have a role."""
@@ -105,16 +112,22 @@ class Study:
 
 
 def canonical(study: Study) -> dict[str, Any]:
-    """What a study says, in SI, whatever its files' layout, comments and units: plain values for JSON."""
+    """Content of a study in SI, independent of layout, comments and units of its files: plain values for JSON."""
 
     def plain(value: Any) -> Any:
-        # What is not said is left out: options that are added later leave the hashes of today's studies as they are.
+        # Unset options are omitted, so that options added later do not change the hashes of present studies.
         return value.model_dump(exclude_none=True) if isinstance(value, Strict) else vars(value)
 
-    layout, usual = ("path", "vehicle_path", "text", "vehicle_text"), ("vehicle",)
+    layout, usual = ("path", "vehicle_path", "text", "vehicle_text"), ("vehicle", "conventions")
+    of_no_result = ("path", "accept_implausible")
     said = {key: value for key, value in vars(study).items() if key not in layout}
+    if not study.knowledge:
+        del said["knowledge"]
+    else:  # a file's path and layout are no part of what it says
+        named = {"file", "columns", "points"}
+        said["knowledge"] = [k.model_dump(exclude_none=True, exclude=named) for k in study.knowledge]
     said["flights"] = [
-        {k: v for k, v in vars(flight).items() if k != "path" and not (k in usual and v is None)}
+        {k: v for k, v in vars(flight).items() if k not in of_no_result and not (k in usual and v is None)}
         | {"record": file_hash(flight.path) if flight.path else None}
         for flight in study.flights
     ]

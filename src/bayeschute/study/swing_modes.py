@@ -1,4 +1,4 @@
-"""A body's swing from its own log: columns named on the command line in, a table or plain values out."""
+"""Swing modes from a log (`bayeschute modes`): columns named on the command line in, a table or JSON out."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _QUANTITIES = (  # of the fit, unit, factor to it
 
 
 class Modes(NamedTuple):
-    """What a log tells of its swing.
+    """Swing modes found in a log.
 
     Attributes:
         path: The log.
@@ -125,7 +125,7 @@ def _as_option(where: str) -> str:
 
 
 def document(modes: Modes) -> dict[str, Any]:
-    """What was found as plain values.
+    """The result as plain values.
 
     Args:
         modes: As found.
@@ -134,7 +134,7 @@ def document(modes: Modes) -> dict[str, Any]:
         ``window`` and ``fitted`` [s], quantities with mean, sd and 90 % limits, the halves, and whether to trust it.
     """
     swing, fit = modes.swing, modes.swing.fit
-    told: dict[str, Any] = {
+    content: dict[str, Any] = {
         "record": str(modes.path),
         "window": [swing.window.start, swing.window.end],
         "fitted": [swing.window.start + fit.start, swing.window.end],
@@ -154,46 +154,51 @@ def document(modes: Modes) -> dict[str, Any]:
     }
     if modes.halves is not None:
         halves = modes.halves
-        told["halves"] |= {
+        content["halves"] |= {
             "frequency": [halves.first.frequency.mean, halves.second.frequency.mean],
             "frequency_change": halves.frequency_change._asdict(),
             "damping_change": halves.damping_change._asdict(),
         }
-    return told
+    return content
 
 
 def lines(modes: Modes) -> list[str]:
-    """The table for the screen."""
-    told = document(modes)
-    (start, end), fitted = told["window"], told["fitted"]
-    rate = "" if told["descent_rate"] is None else f" at {told['descent_rate']:.1f} m/s"
-    spin = f"spin {told['spin']:.2f} turns/s on average"
+    """The table for the terminal."""
+    content = document(modes)
+    (start, end), fitted = content["window"], content["fitted"]
+    rate = "" if content["descent_rate"] is None else f" at {content['descent_rate']:.1f} m/s"
+    spin = f"spin {content['spin']:.2f} turns/s on average"
     out = [
         f"{modes.path.name}: descent{rate} from {start:.1f} to {end:.1f} s; {spin}",
-        f"fitted from {fitted[0]:.1f} s: {told['cycles']:.1f} cycles of a damped swing"
-        + (" that gusts drive" if told["forcing"] else ", free of gusts: intervals too narrow in air that moves"),
+        f"fitted from {fitted[0]:.1f} s: {content['cycles']:.1f} cycles of a damped swing"
+        + (
+            " excited by gusts"
+            if content["forcing"]
+            else ", without gust excitation: intervals too narrow in moving air"
+        ),
         f"{'':14} {'mean':>9} {'sd':>9} {'5 %':>9} {'95 %':>9}  unit",
     ]
-    for name, q in told["quantities"].items():
+    for name, q in content["quantities"].items():
         values = " ".join(f"{q[k]:>9.4f}" for k in ("mean", "sd", "low", "high"))
         out.append(f"{name.replace('_', ' '):14} {values}  {'' if q['unit'] == '1' else q['unit']}".rstrip())
-    out.append(f"Amplitude lowers a pendulum's frequency by {-100.0 * told['amplitude_effect']:.2f} % at the start.")
-    halves = told["halves"]
+    effect = -100.0 * content["amplitude_effect"]
+    out.append(f"The finite initial amplitude lowers the frequency of a pendulum by {effect:.2f} %.")
+    halves = content["halves"]
     if halves["compared"]:
         change, damping = halves["frequency_change"], halves["damping_change"]
         out.append(
-            f"Second half less first: {change['mean']:+.4f} Hz ({change['low']:+.4f} to {change['high']:+.4f}), "
+            f"Second half minus first half: {change['mean']:+.4f} Hz ({change['low']:+.4f} to {change['high']:+.4f}), "
             f"damping ratio {damping['mean']:+.4f} ({damping['low']:+.4f} to {damping['high']:+.4f}); "
             f"{_verdict(change)}"
         )
     else:
-        out.append(f"Halves are not compared: {halves['reason']}")
-    if not told["trusted"]:
-        out.append(f"Not to be trusted: {told['effective_draws']:.0f} effective draws stand behind these numbers.")
+        out.append(f"The halves of the record are not compared: {halves['reason']}")
+    if not content["trusted"]:
+        out.append(f"Not reliable: the effective sample size is only {content['effective_draws']:.0f}.")
     return out
 
 
 def _verdict(change: dict[str, float]) -> str:
     if change["low"] <= 0.0 <= change["high"]:
-        return "no change of frequency is seen."
-    return "the frequency changed on the way, and one number for both halves hides that."
+        return "no significant change of frequency."
+    return "the frequency changed significantly, so one value for the whole record is misleading."

@@ -1,4 +1,4 @@
-"""Files to begin with: a vehicle and commented studies, shipped with the package."""
+"""Template files for a first study: a vehicle and commented studies, shipped with the package."""
 
 from __future__ import annotations
 

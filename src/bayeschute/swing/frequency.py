@@ -1,8 +1,8 @@
 """Equation error and output error in the frequency domain (Klein and Morelli 2006, chapter 7; report, R-8).
 
-Data are finite Fourier transforms at M frequencies. The covariance follows from counting real numbers: M complex
-residuals are 2 M real ones where the frequencies are harmonics of the record; frequencies closer than 1/T repeat what
-their neighbours say, and the covariance is scaled up by as much.
+Data are finite Fourier transforms at M frequencies. The covariance counts real degrees of freedom: M complex residuals
+are 2 M real ones where the frequencies are harmonics of the record; frequencies closer than 1/T are redundant, and the
+covariance is scaled up accordingly.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class FrequencyFit:
         noise: Covariance of the residuals at a frequency, by output (n, n), complex.
         residual: Measured minus modelled transforms (M, n).
         frequency: (M,) [Hz].
-        repeats: How often the frequencies say the same thing, 1 for harmonics.
+        repeats: Redundancy of the frequencies, 1 for harmonics.
         iterations: Of Gauss-Newton; 1 where the problem is linear.
         converged: Whether the last step was small.
     """
@@ -212,7 +212,7 @@ def _sensitivity(outputs: Callable[[np.ndarray], np.ndarray | None], theta: np.n
         step[j] = _DIFFERENCE * size[j]
         ahead, behind = outputs(theta + step), outputs(theta - step)
         if ahead is None or behind is None:
-            got = f"a simulation that fails beside parameter {j}"
+            got = f"a simulation that fails near the value of parameter {j}"
             raise InputError(Fault("frequency domain", got, "a model that is smooth there", "Start elsewhere."))
         columns.append((ahead - behind) / (2.0 * step[j]))
     return np.stack(columns, axis=-1)

@@ -1,10 +1,10 @@
-"""Swing of a hanging body from its own gyro and accelerometer, spin taken out.
+"""Swing of a hanging body from its gyro and accelerometer, with the spin removed.
 
 The gyro is integrated to an attitude from an arbitrary start. In those axes, which do not turn, the mean specific force
 points up (drag and weight balance), and so does, in the body, the axis that the body hangs by. The swing is the motion
 of that axis across the vertical. Spin about the axis does not matter, except that the axis is known imperfectly: a
 misalignment traces a circle with the spin's phase. Its two directions are returned as regressors, so that what is
-fitted to the swing can tell it apart.
+fitted to the swing can separate it.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from bayeschute.core.errors import Fault, InputError
 Array = NDArray[np.float64]
 
 LONGEST_GAP = 0.1  # of the gyro that is bridged [s]
-_LEAST_FORCE = 0.3  # length of the mean specific force over its mean length below which nothing hangs
+_LEAST_FORCE = 0.3  # length of the mean specific force over its mean length below which the body does not hang
 
 
 class HangingMotion(NamedTuple):
@@ -100,7 +100,7 @@ def hanging_motion(rate_b: Array, specific_force_b: Array, dt: float) -> Hanging
     rate, force = np.asarray(rate_b, dtype=float), np.asarray(specific_force_b, dtype=float)
     if rate.ndim != 2 or rate.shape != force.shape or rate.shape[1] != 3 or len(rate) < 10:
         got = f"shapes {rate.shape} and {force.shape}"
-        raise InputError(Fault("hanging body", got, "rates and specific forces (T, 3) alike, T >= 10"))
+        raise InputError(Fault("hanging body", got, "rates and specific forces of equal shape (T, 3), T >= 10"))
     rate, seen = _bridged(rate, dt, "hanging body, angular rate")
     force, _ = _bridged(force, dt, "hanging body, specific force")
     R = attitudes(rate, dt)

@@ -1,4 +1,4 @@
-"""From the log of a body under its parachute to frequency and damping of its swing: window, spin, fit in one call."""
+"""Frequency and damping of the swing of a body under its parachute, from its log: window, spin, fit."""
 
 from __future__ import annotations
 

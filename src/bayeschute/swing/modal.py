@@ -1,9 +1,9 @@
-"""Period, amplitude and damping of a swing from its record, with intervals that know of colored noise and of forcing.
+"""Period, amplitude and damping of a swing from its record, with intervals for colored noise and random forcing.
 
 The swing is a damped oscillation (report, 6.3.1-22..28) in any number of channels that share frequency and damping (the
-two directions of a pendulum), kicked on by unknown forcing and seen in colored noise. Forcing is what real intervals
-are made of: gusts keep a swing alive and disturb its phase, so that a damped sinusoid fitted to a record as if free
-tells frequency and damping several times too sharply.
+two directions of a pendulum), excited by unknown random forcing and measured in colored noise. The forcing dominates
+the uncertainty: gusts sustain a swing and disturb its phase, so that intervals of frequency and damping from a free
+damped sinusoid are several times too narrow.
 
 Amplitude: a gravity pendulum's frequency falls by 1/16 of the square of its amplitude; `amplitude_effect` says how much
 that is, `compare_halves` whether the record shows such a change or any other.
@@ -57,7 +57,7 @@ def interval(draws: Float[np.ndarray, " n"], level: float = LEVEL) -> Interval:
 
 @dataclass(frozen=True)
 class SwingFit:
-    """A swing as its record tells it.
+    """Modal parameters of a swing from its record.
 
     Attributes:
         frequency: Damped frequency omega_d/(2 pi) [Hz].
@@ -75,7 +75,7 @@ class SwingFit:
         time: Times of the samples fitted, from the record's first [s] (N,).
         innovations: Standardised one-step errors at the optimum (N, C), NaN where missing.
         cycles: Periods in the fit.
-        problem: What was fitted.
+        problem: The data that were fitted.
     """
 
     frequency: Interval
@@ -183,7 +183,7 @@ def _natural(psi: np.ndarray) -> np.ndarray:
 def _report(
     problem: SwingProblem, at: Optimum, innovations: np.ndarray, start: float, offset: float, every: int, seed: int
 ) -> SwingFit:
-    """Draws and what they say."""
+    """Draws and their statistics."""
     rng = stream(seed, "posterior of a swing")
     posterior = importance(problem, at, rng)
     place = np.minimum(

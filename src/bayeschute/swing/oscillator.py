@@ -1,10 +1,10 @@
 """Likelihood of a lightly damped oscillation in colored noise, in one pass of a Kalman filter.
 
 A swing obeys ``x'' + 2 b x' + omega_n^2 x = c xi(t)`` (report, 6.3.1-22, with white forcing xi of intensity c), so
-``x = exp(-b t) [C_1 sin(omega_d t) + C_2 cos(omega_d t)]`` (6.3.1-25) plus what the forcing added since the start. It
-is seen as an angle (x) or a rate (x'), in noise that is white plus an Ornstein-Uhlenbeck process. What is linear
-(amplitudes, offsets, nuisances) enters as columns: the filter makes innovations of data and columns alike, and least
-squares of the one on the others gives the rest. Samples that are missing are steps without an update.
+``x = exp(-b t) [C_1 sin(omega_d t) + C_2 cos(omega_d t)]`` (6.3.1-25) plus the response to the forcing since the
+start. It is measured as an angle (x) or a rate (x'), in noise that is white plus an Ornstein-Uhlenbeck process. What
+is linear (amplitudes, offsets, nuisances) enters as columns: the filter makes innovations of data and columns alike,
+and least squares of the one on the others gives the rest. Samples that are missing are steps without an update.
 
 Many sets of parameters go through at once (axis B); one set is a row ``PARAMETERS`` of numbers.
 """
@@ -89,7 +89,7 @@ def whiten(
 ) -> Innovations:
     """Innovations of columns under the noise of every parameter set.
 
-    The oscillator starts at rest: its free motion belongs into the columns (`free_response`).
+    The oscillator starts from zero: its free motion belongs to the columns (`free_response`).
 
     Args:
         columns: Data and regressors along time; a first axis of 1 serves all parameter sets. A sample is missing where

@@ -22,7 +22,7 @@ _PASSES = 5  # of the weights of noise="output"
 
 
 class Motion(NamedTuple):
-    """What is seen of the motion.
+    """Measured quantities of the motion.
 
     Attributes:
         angle: x (N,).
@@ -107,7 +107,8 @@ def second_order_equation_error(
 
     Returns:
         Parameters ``two_b`` [1/s], ``stiffness`` [1/s^2], ``gain`` (or ``gain_1`` ...), and the end terms `ENDS`:
-        x'(T) + 2b x(T), x(T), x'(0) + 2b x(0), x(0). Harmonics only tell their differences over the record, `JUMPS`.
+        x'(T) + 2b x(T), x(T), x'(0) + 2b x(0), x(0). Harmonics determine their differences over the record only,
+        `JUMPS`.
 
     Raises:
         InputError: As `finite_transform` and `frequency_least_squares`.

@@ -1,4 +1,4 @@
-"""Where in a log a body hangs under its open parachute: from the altitude, and the accelerometer where there is one.
+"""Detection of the steady descent under the open parachute in a log, from altitude and accelerometer.
 
 No number of a vehicle is needed. Touchdown is where the altitude stops changing; before it, as far back as the
 equivalent airspeed of the descent stays near that of the seconds after, lies the descent under the last parachute to
@@ -22,12 +22,12 @@ _GRID = 0.1  # interval at which the descent rate is judged [s]
 _MEDIAN = 0.5  # window that takes spikes out of the altitude [s]
 _SMOOTHING = 2.0  # window that differentiates it [s]
 _GROUND = 3.0  # the body has landed where altitude stays this close to its last [m]
-_REACH = (1.0, 6.0)  # seconds before touchdown that tell the final rate [s]
+_REACH = (1.0, 6.0)  # seconds before touchdown that give the final rate [s]
 _SLOWER, _FASTER = 0.4, 1.7  # bounds of the rate over the median of what comes after
 _AFTER = 20.0  # so long after [s]
 _EXCURSION = 1.0  # time out of bounds that ends the search [s]
 _SHOCK = 3.0  # specific force of an opening or an impact [g]
-_PAUSE = 0.5  # left out beside shocks and touchdown [s]
+_PAUSE = 0.5  # left out around shocks and touchdown [s]
 
 
 class ParachuteWindow(NamedTuple):

@@ -90,7 +90,7 @@ def importance(
     """Weighted draws of the posterior, in three to eight rounds until there are enough effective ones.
 
     Args:
-        problem: What it is of.
+        problem: The data.
         at: Its optimum.
         rng: Source of randomness.
         draws: Per round.

@@ -33,7 +33,7 @@ _MOST_DAMPED = 1.0  # b/omega_d beyond which a motion is no swing
 
 @dataclass(frozen=True)
 class SwingProblem:
-    """What the posterior is of.
+    """Data and settings of the posterior.
 
     Attributes:
         data: Channels along time (N, C); a sample is missing in all of them or in none.
@@ -127,7 +127,7 @@ def solve(problem: SwingProblem, psi: Float[np.ndarray, "B 6"]) -> Solved:
     """Log density of parameter sets, linear parameters integrated out.
 
     Args:
-        problem: What it is of.
+        problem: The data.
         psi: Rows of `PARAMETERS`.
 
     Returns:
@@ -177,7 +177,7 @@ def whitened(
     """Per channel the regressors and data after the filter, and the coefficients of the one on the other.
 
     Args:
-        problem: What it is of.
+        problem: The data.
         psi: Rows of `PARAMETERS`.
 
     Returns:

@@ -1,4 +1,4 @@
-"""A swing's record made ready for its fit: checked, averaged, its strongest frequency, how long it took to settle."""
+"""Preparation of a swing's record for its fit: validation, averaging, dominant frequency, settling time."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Check cases: simulated flights against closed forms."""
+"""Verification: check cases, simulated flights against closed-form solutions."""

@@ -54,7 +54,7 @@ def verify(
 
     Args:
         names: Cases (`bayeschute.verification.catalogue`); all where none is given.
-        progress: Is told the stage, the share that is done and a few words.
+        progress: Progress callback: stage, share done, a few words.
 
     Returns:
         Results in the order of the catalogue, and the time it took [s].

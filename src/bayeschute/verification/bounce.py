@@ -1,4 +1,4 @@
-"""Check case 13: an undamped riser goes slack and taut again; nothing takes energy."""
+"""Check case 13: an undamped riser goes slack and taut again; energy is conserved."""
 
 from __future__ import annotations
 

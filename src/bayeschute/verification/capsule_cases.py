@@ -45,7 +45,7 @@ def _attitude(flown: Flown, b: int) -> Rotation:
 
 
 def torque_free() -> list[Result]:
-    """Case 11: a symmetric top in free fall beside its slack risers, whose attach point is off its centre of mass."""
+    """Case 11: a symmetric top in free fall with slack risers, whose attach point is off its centre of mass."""
     starts, models = [], []
     for s, stiffer in MEMBERS:
         x = begin(s, leaning(0.0), np.zeros((3, 2)), (0.0, 0.0, 0.0))
@@ -68,12 +68,12 @@ def torque_free() -> list[Result]:
 
 
 def hang_angle() -> float:
-    """Angle of the capsule's axis off the vertical at rest [rad]: the attach point is above the centre of mass."""
+    """Equilibrium angle of the capsule's axis off the vertical [rad]: the attach point is above the centre of mass."""
     return float(np.arctan2(np.hypot(ATTACH_B[1], ATTACH_B[2]), ATTACH_B[0]))
 
 
 def _hanging(s: ParameterSet, stiffer: float, attitude: Rotation) -> tuple[Array, Cluster]:
-    """A capsule at rest at an attitude under vertical risers, at the terminal speed of the whole."""
+    """A non-rotating capsule at an attitude under vertical risers, at the terminal speed of the system."""
     x = begin(s, leaning(0.0), np.zeros((3, 2)), (0.0, 0.0, s.terminal_speed))
     x[6:10] = attitude.as_quat(scalar_first=True)
     x[13:19] = (x[13:19].reshape(3, 2) + attitude.apply(ATTACH_B)[:, None]).ravel()

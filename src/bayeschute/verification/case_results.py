@@ -1,4 +1,4 @@
-"""What a check case says: an error against its reference, the bound, and whether it passed."""
+"""Result of a check case: an error against its reference, the bound, and whether it passed."""
 
 from __future__ import annotations
 

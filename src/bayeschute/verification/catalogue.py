@@ -1,4 +1,4 @@
-"""The check cases by name (report, Table 6.3.4-1, and four more); no JAX is needed to know them."""
+"""The check cases by name (report, Table 6.3.4-1, and four more); free of JAX."""
 
 from __future__ import annotations
 

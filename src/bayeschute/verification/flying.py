@@ -1,4 +1,4 @@
-"""Check cases are flown by the product's own equations of motion and Runge-Kutta steps, several in one batch."""
+"""Simulation of the check cases with the product's own equations of motion and Runge-Kutta steps, in batches."""
 
 from __future__ import annotations
 

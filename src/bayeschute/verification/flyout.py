@@ -1,4 +1,4 @@
-"""Check case 10: two canopies swing apart and together while they may orbit (report 6.3.2-1, its sign put right)."""
+"""Check case 10: two canopies swing apart and together while they may orbit (report 6.3.2-1, sign corrected)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ AWAY = 4.0 * DEGREE  # the flight begins this far from equilibrium
 
 
 class Flyout(NamedTuple):
-    """Two canopies that lean alike to opposite sides, on rigid risers.
+    """Two canopies that lean symmetrically to opposite sides, on rigid risers.
 
     Attributes:
         set: The parameter set.

@@ -72,7 +72,7 @@ def shear_flight(s: ParameterSet) -> tuple[float, float, float]:
 
 
 def horizontal_shear() -> list[Result]:
-    """Case 5: through a horizontal wind that grows with depth, all bodies accelerate alike.
+    """Case 5: through a horizontal wind that grows with depth, all bodies have the same acceleration.
 
     It is seen from a frame that sinks along and moves north at the mean speed, so that coordinates stay small. Rounding
     adds up by the step, and risers ten times as stiff want steps a tenth as long: their bound is ten times as wide.

@@ -1,4 +1,4 @@
-"""Canopy forces that follow from geometry alone, as cases 6, 7, 9 and 10 want them."""
+"""Prescribed canopy forces that follow from geometry alone, for cases 6, 7, 9 and 10."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Virtual drops: the simulator flown with disturbances that an identification is not told."""
+"""Virtual drops: simulated flights with disturbances that the identification does not know."""

@@ -1,4 +1,4 @@
-"""Virtual drops: flights of the simulator with disturbances unknown to an identification, seen by instruments."""
+"""Virtual drops: simulated flights with disturbances unknown to the identification, measured by simulated sensors."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class Breathing:
 
 @dataclass(frozen=True)
 class VirtualDrop:
-    """What a virtual drop consists of; SI.
+    """Specification of a virtual drop; SI.
 
     Attributes:
         duration: [s].
@@ -69,8 +69,9 @@ class VirtualDrop:
         wind: By altitude.
         history: Wind by time that adds to it; None: none.
         gusts: Unknown to an identification.
-        every_body: Whether capsule and canopies meet the wind of their own altitudes; otherwise all meet the capsule's.
-        shape: eta of the canopies at the first sample, where the structure breathes; empty: at rest.
+        every_body: Whether the wind at capsule and canopies is that at their altitudes; otherwise all have the
+        capsule's.
+        shape: eta of the canopies at the first sample, where the structure breathes; empty: zero.
         turbulence: Unknown to an identification.
         breathing: Likewise.
         sensors: Noise by record variable. ``riser_tension``, ``swing_angle`` and ``descent_rate`` are recorded only
@@ -200,8 +201,8 @@ def fly(
             break
     else:
         raise FloatingPointError(f"the altitude of the virtual drop did not settle: it still changed by {change:.2f} m")
-    told = attributes(examine(flight, *still, jnp.asarray(states)), dt, n)
-    truth = _truth(time, states, flight, steady).assign_attrs(told)
+    verdict = attributes(examine(flight, *still, jnp.asarray(states)), dt, n)
+    truth = _truth(time, states, flight, steady).assign_attrs(verdict)
     if "riser_tension" in drop.sensors:
         truth["riser_tension"] = (("time", "canopy"), np.asarray(_tensions(flight, states)), {"units": "N"})
     recorded = [*_RECORDED, *(name for name in _ON_REQUEST if name in drop.sensors)]

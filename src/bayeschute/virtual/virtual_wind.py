@@ -70,7 +70,7 @@ class WindProfile:
         return nodes if nodes.size > 1 else nodes + np.array([0.0, 1.0])
 
     def field(self, origin: float = 0.0) -> WindField:
-        """The same wind for bodies that each meet the wind of their own altitude.
+        """The same wind, evaluated at the altitude of each body.
 
         Args:
             origin: Altitude of the origin of the bodies' positions [m].
@@ -87,7 +87,7 @@ class WindHistory:
     wind: tuple[Velocity, ...]
 
     def at(self, time: Array) -> Array:
-        """Wind (S, 3) at times (S,) [s], linear between, held beyond the ends."""
+        """Wind (S, 3) at times (S,) [s], linear between, constant beyond the ends."""
         return np.stack([np.interp(time, self.time, v) for v in np.array(self.wind).T], axis=-1)
 
 

@@ -61,7 +61,7 @@ def test_bistability():
     (axes,) = figure.axes
     np.testing.assert_allclose(curve(axes, 1), [[-0.3, -0.1, 0.1], np.rad2deg([0.3, 0.28, 0.002])])
     labels = [text.get_text() for text in figure.legends[0].texts]
-    assert labels == ["both ends possible", "3 deg", "26 deg", "linear threshold"]
+    assert labels == ["bistable", "3 deg", "26 deg", "linear threshold"]
 
 
 @pytest.mark.parametrize("shown", [(), [(0, 1), (1, 1)]])

@@ -1,4 +1,4 @@
-"""What the report says of what the record tells."""
+"""Identifiability in the report: sentences and tables."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import replace
 import pytest
 
 from bayeschute.posterior.assess import identifiability
+from bayeschute.report.run_results import identifiability_of
 from bayeschute.report.tables import identifiability_tables as page
 from bayeschute.report.wording import MISSING
 
@@ -20,7 +21,12 @@ def _changed(results, **parameters):
         summary["identifiability"]["all"]["parameters"].setdefault(name, {}).update(facts)
         if contraction is not None:
             summary["parameters"].setdefault(name, {})["contraction"] = contraction
-    return replace(results, summary=summary)
+    return _with(results, summary)
+
+
+def _with(results, summary):
+    """The run with another summary, and what is read of it."""
+    return replace(results, summary=summary, identifiability=identifiability_of(summary, []))
 
 
 def _fit(parameters, **rest):
@@ -28,58 +34,58 @@ def _fit(parameters, **rest):
 
 
 def test_the_bound_is_that_of_the_inference():
-    assert page.FELT == identifiability.FELT
+    assert page.SENSITIVE == identifiability.FELT
 
 
-def test_sentences_name_what_is_told_and_what_is_not(results):
+def test_sentences_name_what_the_data_determine_and_what_not(results):
     riser = dict.fromkeys(("riser_stiffness", "riser_damping"), 0.02)
     made = _changed(results, **{n: {"contraction": c} for n, c in riser.items()}, riser_length={"contraction": 0.3})
-    text = " ".join(page.told_sentences(made))
-    assert "Of 9 parameters the record tells 6" in text
-    assert "It tells riser_length in part." in text
-    assert "hardly anything about riser_stiffness and riser_damping: what stands there is the prior" in text
-    assert "Least told is riser_damping, nearly alone: the record takes away 1.0 % of the prior's variance" in text
-    assert "Of mixtures the least told is 0.81 axial[1] − 0.59 axial[alpha^2] (96.8 %)" in text
-    assert "Best told is transverse[rate], nearly alone: 1.0 % of the prior's standard deviation is left" in text
-    assert "widens transverse[rate] (21 % of its variance; foremost “wind, horizontal, sd”, correlation 0.40)" in text
-    assert "Of 2 noise parameters the record hardly tells “slow wind, vertical, time constant”" in text
-    assert "riser_stiffness and riser_damping hang mostly on the prior." in text
-    assert "Prior and record both shape riser_length, and they agree." in text
-    assert "For the other 6 the prior hardly matters." in text
-    assert "the record would set no bounds to riser_stiffness and riser_damping" in text
+    text = " ".join(page.identifiability_sentences(made))
+    assert "The data determine 6 of 9 parameters" in text
+    assert "They determine riser_length in part." in text
+    assert "hardly any information about riser_stiffness and riser_damping: the posterior is the prior" in text
+    assert "The least determined direction is riser_damping, nearly alone: the data remove 1.0 % of the prior v" in text
+    assert "several parameters the least determined is 0.81 axial[1] − 0.59 axial[alpha^2] (96.8 %)" in text
+    assert "best determined direction is transverse[rate], nearly alone: 1.0 % of the prior standard deviation" in text
+    assert "transverse[rate] (21 % of its variance; mostly “wind, horizontal, sd”, correlation 0.40)" in text
+    assert "Of 2 noise parameters the data hardly determine “slow wind, vertical, time constant”" in text
+    assert "riser_stiffness and riser_damping are determined mostly by the prior." in text
+    assert "Prior and data both determine riser_length, and they agree." in text
+    assert "The posterior of the other 6 is insensitive to the prior." in text
+    assert "the profile likelihood does not bound riser_stiffness and riser_damping" in text
     assert "riser_length between 71.12 and 71.48 m" in text
 
 
-def test_a_mean_that_moved_far_is_a_disagreement(results):
+def test_a_mean_that_moved_far_is_a_conflict(results):
     made = _changed(results, riser_length={"shift": -1.4})
-    text = " ".join(page.told_sentences(made))
-    assert "may pull apart for riser_length (moved by −1.4 standard deviations of its prior)" in text
+    text = " ".join(page.identifiability_sentences(made))
+    assert "may be in conflict for riser_length (shifted by −1.4 prior standard deviations)" in text
     assert "agree" not in text
-    readings = {row[0].text: row[-1].text for row in page.told_table(made).rows}
-    assert readings["riser_length"] == "prior and record may disagree"
-    assert readings["riser_damping"] == "mostly the prior"
-    assert readings["axial[1]"] == "the prior hardly matters"
+    diagnoses = {row[0].text: row[-1].text for row in page.identifiability_table(made).rows}
+    assert diagnoses["riser_length"] == "possible conflict of prior and data"
+    assert diagnoses["riser_damping"] == "determined by the prior"
+    assert diagnoses["axial[1]"] == "insensitive to the prior"
 
 
 @pytest.mark.parametrize(
     ("ends", "words"),
     [
         ({"low": 0.07, "high": None, "unit": "rad"}, "length only above 4.011 deg"),
-        ({"low": None, "high": 2.0, "unit": "1"}, "length only below 2.000 ("),
+        ({"low": None, "high": 2.0, "unit": "1"}, "puts length only below 2.000."),
     ],
 )
 def test_an_interval_open_to_one_side(results, ends, words):
-    facts = {"length": {"prior_sensitivity": 0.2, "likelihood_interval": ends}}
-    made = replace(results, summary={"identifiability": {"all": _fit(facts)}})
-    assert words in " ".join(page.told_sentences(made))
+    facts = {"length": {"prior_sensitivity": 0.2, "likelihood_interval": {"level": 0.9, **ends}}}
+    made = _with(results, {"identifiability": {"all": _fit(facts)}})
+    assert words in " ".join(page.identifiability_sentences(made))
 
 
-def test_nothing_is_confounded_and_no_prior_is_felt(results):
+def test_nothing_is_confounded_and_no_posterior_is_sensitive(results):
     facts = {"a": {"noise_share": 0.01, "prior_sensitivity": 0.0}, "b": {"noise_share": 0.03, "prior_sensitivity": 0.0}}
-    made = replace(results, summary={"identifiability": {"all": _fit(facts)}})
-    text = " ".join(page.told_sentences(made))
-    assert "at most 3.0 % of a variance (b)" in text
-    assert "No parameter feels its prior" in text
+    made = _with(results, {"identifiability": {"all": _fit(facts)}})
+    text = " ".join(page.identifiability_sentences(made))
+    assert "at most 3.0 % of a posterior variance (b)" in text
+    assert "No posterior is sensitive to the priors" in text
 
 
 def test_many_fits_are_counted_not_listed(results):
@@ -88,43 +94,49 @@ def test_many_fits_are_counted_not_listed(results):
         for i in range(9)
     }
     summary = {"identifiability": fits, "parameters": {f"drag[s{i}]": {"contraction": 0.01} for i in range(9)}}
-    text = " ".join(page.told_sentences(replace(results, summary=summary)))
+    text = " ".join(page.identifiability_sentences(_with(results, summary)))
     assert text.count("drag[") == 2 * page.MOST and "5 others (see the table)" in text
     assert "“wind, sd” (in 9 of 9 fits)" in text
-    assert len(page.told_table(replace(results, summary=summary)).rows) == 9
-    assert page.direction_table(replace(results, summary=summary)) is None
+    assert len(page.identifiability_table(_with(results, summary)).rows) == 9
+    assert page.direction_table(_with(results, summary)) is None
 
 
-def test_a_sandwich_tells_what_it_can(results):
+def test_a_sandwich_fit_has_contractions_only(results):
     directions = [{"weights": {"a": 1.0}, "information": 3.0, "contraction": 0.75, "words": "1.00 a"}]
     summary = {
         "identifiability": {"all": _fit({"a": {"shift": 0.4}}, directions=directions, noise={})},
         "parameters": {"a": {"contraction": 0.75}},
     }
-    made = replace(results, summary=summary)
-    assert page.told_sentences(made) == [
-        "Of 1 parameter the record tells 1: it takes away more than half of the variance that the prior left."
+    made = _with(results, summary)
+    assert page.identifiability_sentences(made) == [
+        "The data determine 1 of 1 parameter: they remove more than half of the prior variance."
     ]
-    (row,) = page.told_table(made).rows
+    (row,) = page.identifiability_table(made).rows
     assert [cell.text for cell in row] == ["a", "75.0 %", "0.40", *[MISSING] * 5]
 
 
 def test_shares_are_never_rounded_up_to_all(results):
     made = _changed(results, **{"axial[1]": {"contraction": 0.99996}})
-    told = {row[0].text: row[1].text for row in page.told_table(made).rows}
-    assert told["axial[1]"] == "> 99.9 %"
+    shares = {row[0].text: row[1].text for row in page.identifiability_table(made).rows}
+    assert shares["axial[1]"] == "> 99.9 %"
 
 
-def test_directions_are_cut_at_the_least_told(results):
-    many = [{"contraction": 0.1 * i, "information": 1.0, "words": f"1.00 p{i}"} for i in range(8)]
+def test_only_the_least_determined_directions_are_shown(results):
+    many = [{"weights": {}, "contraction": 0.1 * i, "information": 1.0, "words": f"1.00 p{i}"} for i in range(8)]
     summary = {"identifiability": {"all": _fit({}, directions=many)}}
-    table = page.direction_table(replace(results, summary=summary))
+    table = page.direction_table(_with(results, summary))
     assert [row[0].text for row in table.rows] == [f"1.00 p{i}" for i in range(page.LEAST)]
     assert [row[2].text for row in table.rows[:2]] == ["1.0", "0.95"]
 
 
 def test_without_facts_nothing_is_said(results):
     for part in ({}, {"identifiability": 3}, {"identifiability": {"all": 3}}):
-        empty = replace(results, summary=part)
-        assert page.told_sentences(empty) == []
-        assert page.told_table(empty) is None and page.direction_table(empty) is None
+        empty = _with(results, part)
+        assert page.identifiability_sentences(empty) == []
+        assert page.identifiability_table(empty) is None and page.direction_table(empty) is None
+
+
+def test_results_of_another_form_are_named():
+    absent = []
+    assert identifiability_of({"identifiability": {"all": {"parameters": {"a": {"shift": "far"}}}}}, absent) == {}
+    assert len(absent) == 1 and "identifiability.all.parameters.a.shift" in absent[0] and "not shown" in absent[0]

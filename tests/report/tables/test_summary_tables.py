@@ -29,7 +29,7 @@ def shape_is_right(table):
         summary_tables.noise_table,
         summary_tables.posterior_table,
         trust_tables.check_table,
-        identifiability_tables.told_table,
+        identifiability_tables.identifiability_table,
         identifiability_tables.direction_table,
         trust_tables.requirement_table,
         trust_tables.tolerance_report,
@@ -144,10 +144,10 @@ def test_key_sentences_are_made_of_the_numbers(results):
     risk, prediction, trust = sentences.key_sentences(results)
     assert "at most 10.1 m/s (33.0 ft/s)" in risk and "400 simulated flights" in risk
     assert prediction == (
-        "On cdt-3-12, which the fit never saw, the 90 % band holds 91 % of the true swing angle and 87 % of the true "
+        "On cdt-3-12, which was not fitted, the 90 % band contains 91 % of the true swing angle and 87 % of the true "
         "descent rate."
     )
-    assert trust.startswith("6 of 7 checks passed, the others were not run; 8 of 9 parameters")
+    assert trust.startswith("6 of 7 checks passed, the others were not run; the 90 % intervals of 8 of 9 parameters")
 
 
 def test_key_sentences_of_many_flights_and_no_requirement(results):
@@ -156,9 +156,11 @@ def test_key_sentences_of_many_flights_and_no_requirement(results):
     summary = {"flights": flights, "coverage": coverage, "checks": {"a": {"passed": True}}, "label": "verified"}
     many = replace(results, summary=summary)
     risk, prediction, trust = sentences.key_sentences(many)
-    assert prediction == "Over 3 flights the 90 % bands hold 80 % to 90 % of the recorded descent rate (median 85 %)."
+    assert (
+        prediction == "Over 3 flights the 90 % bands contain 80 % to 90 % of the recorded descent rate (median 85 %)."
+    )
     assert risk.startswith("At the end of cdt-3-11 the descent rate lies between")
-    assert trust == "The one check passed; the intervals carry the label “verified”."
+    assert trust == "The one check passed; the intervals are labelled “verified”."
     assert "No requirement" in sentences.risk_sentence(replace(many, predictions={}))
 
 
@@ -178,4 +180,4 @@ def test_r_hat_is_marked_by_the_bound_of_the_run_s_check(results):
 
 def test_no_family_is_said_to_have_the_least_criterion_that_need_not_have_it(results):
     table = trust_tables.marginal_report(results)
-    assert "within 2 of the least" in table.caption and "with the least" not in table.caption
+    assert "within 2 of the smallest" in table.caption and "with the smallest" not in table.caption

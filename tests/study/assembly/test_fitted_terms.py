@@ -141,7 +141,7 @@ def test_where_all_together_can_not_be_told_apart_the_selected_ones_are():
     np.testing.assert_allclose(working(made)[0], mean, rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(covariance(made), law, rtol=1e-9, atol=1e-12)
     assert made[2].centre == 0.0 and made[2].scale == pytest.approx(0.2 / 0.3)
-    assert all("can't tell all of them apart" in p.source for p in made)
+    assert all("can't separate all of them" in p.source for p in made)
 
 
 def test_a_regressor_that_is_zero_all_along_costs_the_others_nothing():

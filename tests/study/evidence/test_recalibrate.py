@@ -19,7 +19,7 @@ from bayeschute.prediction.bands import Prediction
 from bayeschute.study.calibrate import calibrate
 from bayeschute.study.evidence.calibration_status import calibration_check
 from bayeschute.study.evidence.identity import configuration
-from bayeschute.study.evidence.recalibrate import NAME, Widening, plain, told, widening
+from bayeschute.study.evidence.recalibrate import NAME, Widening, applied_recalibration, plain, widening
 from bayeschute.study.job import Job
 from bayeschute.study.load import load_study
 from bayeschute.study.run import stage_list
@@ -58,13 +58,13 @@ def test_factors_come_from_replicates_of_the_same_configuration(job):
     by = widening(job())
     assert by is not None and by.replicates == 100
     assert by.factors == dict.fromkeys(STUDY.predict.quantities, 1.1)
-    assert "swing angle by 1.10" in by.words and by.words.endswith("learned on 100 replicates")
+    assert "swing angle widened by 1.10" in by.words and by.words.endswith("learned on 100 replicates")
 
 
 @pytest.mark.parametrize(
     ("given", "says"),
     [({"replicates": 99}, "99 replicates are stored"), ({"share": 0.8}, "no factor up to 2"),
-     ({"keeps": False}, "rows of an older version")],
+     ({"keeps": False}, "rows are of an older version")],
 )  # fmt: skip
 def test_what_is_not_known_is_refused(job, given, says):
     with pytest.raises(InputError, match=says):
@@ -96,9 +96,9 @@ def test_draws_move_away_from_their_median_in_flights_unseen():
 def test_a_run_says_so_and_is_not_called_verified(job, tmp_path):
     made = job()
     (tmp_path / NAME).write_text(json.dumps(BY._asdict()))
-    assert told(made) == BY
+    assert applied_recalibration(made) == BY
     check = calibration_check(made)
-    assert check["passed"] is False and "swing angle by 1.50" in check["detail"] and "120" in check["detail"]
+    assert check["passed"] is False and "swing angle widened by 1.50" in check["detail"] and "120" in check["detail"]
 
 
 def test_replicates_of_a_recalibrated_study_are_refused(tmp_path):
@@ -125,7 +125,7 @@ def _statistics_are_of_the_widened_draws(plain_folder, folder, summary, factors)
         assert row["statistic"] == "final" and row["widened_by"] == factors[row["quantity"]]
         assert row["probability_met"] == pytest.approx(float((final <= row["at_most"]).mean()))
     text = (folder / "report.html").read_text(encoding="utf-8")
-    assert "Draws of low and high are widened as their bands are" in text
+    assert "Draws of low and high are recalibrated as their bands are" in text
 
 
 def test_bands_of_a_run_are_widened_and_its_summary_says_so(finished, descents, tmp_path):
@@ -152,8 +152,8 @@ def test_bands_of_a_run_are_widened_and_its_summary_says_so(finished, descents, 
     summary = json.loads((folder / "summary.json").read_text())
     assert summary["recalibration"] == {"factors": factors, "replicates": 100, "flights": ["low", "high"]}
     _statistics_are_of_the_widened_draws(finished.folder, folder, summary, factors)
-    assert "descent rate by 1.20" in summary["label"] and summary["label"].startswith("not verified")
-    assert any("Bands of unseen flights are widened" in note for note in summary["notes"])
-    assert "descent rate by 1.20" in (folder / "report.html").read_text(encoding="utf-8")
+    assert "descent rate widened by 1.20" in summary["label"] and summary["label"].startswith("not verified")
+    assert any("Bands of predicted flights are recalibrated" in note for note in summary["notes"])
+    assert "descent rate widened by 1.20" in (folder / "report.html").read_text(encoding="utf-8")
     stage_list.predict(replace(job, study=plain_study))
     assert not (folder / NAME).exists()

@@ -101,7 +101,7 @@ def test_a_fit_that_fails_takes_away_what_an_earlier_one_left(finished, descents
     monkeypatch.setattr(stage_list, "fit", _raise(FitError("no")))
     summary = run_study(descents.study, folder, resume=True)
     assert summary["label"] == "no fit" and summary["fit"]["residuals"] == {} and "checks" not in summary
-    assert "No flight came near the data" in (folder / "report.html").read_text(encoding="utf-8")
+    assert "No trajectory came close to the data" in (folder / "report.html").read_text(encoding="utf-8")
     assert not (folder / ".stages/report").exists()
 
 
@@ -174,11 +174,11 @@ def test_a_flight_whose_simulations_all_fail_has_no_bands(finished, descents, tm
     assert "bands" in summary["label"]
     assert all(row["probability_met"] == 0.0 and row["failed"] == 100 for row in summary["requirements"])
     text = (folder / "report.html").read_text(encoding="utf-8")
-    assert "low has no bands: every simulation of its forecast failed." in text and ">none</td>" in text
-    assert "0 %</td>" not in text[text.index('id="predictions"') : text.index('id="trust"')]
+    assert "low has no bands: every simulation of its prediction failed." in text and ">none</td>" in text
+    assert "0 %</td>" not in text[text.index('id="predictions"') : text.index('id="checks"')]
     result = CliRunner().invoke(app, ["run", str(descents.study), "--out", str(folder), "--resume"])
     assert result.exit_code == 1
-    assert "Bands of low: none, every simulation of its forecast failed." in result.stderr
+    assert "Bands of low: none, because every simulation of its prediction failed." in result.stderr
 
 
 def test_simulations_that_fail_in_part_are_counted(finished):

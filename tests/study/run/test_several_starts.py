@@ -50,7 +50,7 @@ def test_starts_are_kept_compared_and_told(finished, sondes: Path, tmp_path: Pat
     assert check["passed"] and check["value"] < check["bound"] == 0.1
     assert "2 of 3 starts led to the same optimum" in check["detail"]
     assert "1 failed (start 2: lost on purpose)" in check["detail"]
-    (line,) = [n for n in summary["notes"] if n.startswith("Starts of the fit of high: 3 of 3")]
+    (line,) = [n for n in summary["notes"] if n.startswith("Multistart check of the fit of high: 3 of 3")]
     assert line in (tmp_path / "run/report.html").read_text(encoding="utf-8")
     for name in ("low", "high"):  # the best of several starts in one place is where one start leads
         with np.load(tmp_path / f"run/fit/{name}.npz") as a, np.load(finished.folder / f"fit/{name}.npz") as b:

@@ -1,10 +1,11 @@
-"""What the stage `check` says of what the records tell: a file of its own, the same in the summary, and in the report."""
+"""Identifiability in the stage `check`: its file, the summary and the report agree."""
 
 from __future__ import annotations
 
 import json
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import arviz_stats
@@ -77,14 +78,12 @@ def test_a_prior_that_is_felt_gets_a_likelihood_interval(finished, descents, tmp
     stored = load_fit(job, group)
     for bound in (0.0, np.inf):
         monkeypatch.setattr(stage_identifiability, "FELT", bound)
-        made[bound] = of_fit(job, group, stored)["parameters"]["cds_over_mass[low]"]
-    assert "likelihood_interval" not in made[np.inf]
-    ends = made[0.0]["likelihood_interval"]
-    assert ends["level"] == 0.9 and ends["unit"] == "m^2/kg"
+        made[bound] = of_fit(job, group, stored).parameters["cds_over_mass[low]"]
+    ends = made[0.0].likelihood_interval
+    assert ends.level == 0.9 and ends.unit == "m^2/kg"
     low, high = np.quantile(np.exp(stored.held), [0.05, 0.95])
-    assert ends["low"] == pytest.approx(low, rel=0.03) and ends["high"] == pytest.approx(high, rel=0.03)
-    rest = {k: v for k, v in made[0.0].items() if k != "likelihood_interval"}
-    assert rest == made[np.inf] and identifiability.FELT == 0.05
+    assert ends.low == pytest.approx(low, rel=0.03) and ends.high == pytest.approx(high, rel=0.03)
+    assert replace(made[0.0], likelihood_interval=None) == made[np.inf] and identifiability.FELT == 0.05
 
 
 def test_checks_stay_what_they_were(told, finished):
@@ -101,13 +100,13 @@ def test_a_folder_of_an_older_program_still_gets_its_report(finished, descents, 
     (folder / "identifiability.json").unlink()
     stage_list.report(Job(load_study(descents.study), folder, False, "", lambda *_: None))
     assert "identifiability" not in json.loads((folder / "summary.json").read_text(encoding="utf-8"))
-    assert "does not say what the record tells" in (folder / "report.html").read_text(encoding="utf-8")
+    assert "contains no identifiability analysis" in (folder / "report.html").read_text(encoding="utf-8")
 
 
 def test_the_report_says_it_in_words(finished):
     page = (finished.folder / "report.html").read_text(encoding="utf-8")
-    section = re.sub(r"<[^>]+>", " ", page.split('id="told"')[1].split("</section>")[0])
-    assert "Of 2 parameters the record tells 2" in section
+    section = re.sub(r"<[^>]+>", " ", page.split('id="identifiability"')[1].split("</section>")[0])
+    assert "The data determine 2 of 2 parameters" in section
     assert "nan" not in section and "None" not in section
 
 

@@ -173,9 +173,9 @@ def test_polar_and_vector_regressions_stand_side_by_side(known):
 
 def test_tables_are_printed(known):
     _, printed = known
-    assert "C_A: 120 candidates, 1508 samples, signal over noise 51" in printed
+    assert "C_A: 120 candidates, 1508 samples, signal-to-noise ratio 51" in printed
     assert printed.count("o.f.") == 8  # two vector, three polar and three synthetic rankings
-    assert "What the data were made to show" in printed
+    assert "Acceptance criteria" in printed
 
 
 @pytest.mark.slow

@@ -113,7 +113,7 @@ def test_an_earlier_run_is_not_overwritten_unless_asked(begun: Path, sondes: Pat
     before = _markers(begun)
     with pytest.raises(InputError, match="an earlier run; wanted a new folder, --resume or --force"):
         run_study(sondes, begun, until="priors")
-    with pytest.raises(InputError, match="--force: got --resume beside it"):
+    with pytest.raises(InputError, match="--force: got --resume together with it"):
         run_study(sondes, begun, until="priors", resume=True, force=True)
     assert _markers(begun) == before
 

@@ -99,7 +99,7 @@ def test_structures_are_weighed_the_best_is_kept_and_what_failed_is_told(job, mo
     monkeypatch.setattr(structures, "_fitted", _fitted)
     group = Group("all", (SimpleNamespace(name="drop"),), tuple(PRIORS))
     assert structures.fit_all(job, group, lambda share, words: None) == ["structure-1", "structure-2", "structure-3"]
-    rows = structures.told(job)
+    rows = structures.summary_rows(job)
     assert [r["name"] for r in rows] == ["structure-1", "structure-3", "structure-2"]
     assert rows[0]["weight"] + rows[1]["weight"] == pytest.approx(1.0) and rows[2]["weight"] == 0.0
     assert rows[0]["weight"] == pytest.approx(1.0 / (1.0 + np.exp(-5.0)), abs=1e-9)  # the same in every replicate
@@ -158,15 +158,15 @@ def test_a_structure_that_has_settled_is_not_fitted_again(job, monkeypatch):
 
 def test_one_structure_alone_predicts_as_before(job):
     group = Group("all", (), tuple(PRIORS))
-    assert structures.members(job, group, 64) == [(group, 64)] and structures.told(job) == []
+    assert structures.members(job, group, 64) == [(group, 64)] and structures.summary_rows(job) == []
     assert structures.note([]) == []
 
 
 FAULTS = [
     ("stack = 1", "[structure] stack", "1", "from 2"),
-    ("stack = 2", "structure", 'stack beside fit = "search"', "a stack of selected structures"),
-    ('fit = "pool"\nstack = 2', "structure", 'stack beside fit = "pool"', "a stack of selected structures"),
-    ('fit = "selected"\nstack = 2\nreplicates = 0', "structure", "stack beside replicates = 0", "replicates, which"),
+    ("stack = 2", "structure", 'stack together with fit = "search"', "a stack of selected structures"),
+    ('fit = "pool"\nstack = 2', "structure", 'stack together with fit = "pool"', "a stack of selected structures"),
+    ('fit = "selected"\nstack = 2\nreplicates = 0', "structure", "stack together with replicates = 0", "replicates, w"),
 ]
 
 

@@ -1,1 +1,1 @@
-"""What the data tell and what they do not: profiles, score tests, several starts, exact weights."""
+"""Assessment of a posterior: profile likelihood, score tests, multistart, identifiability, exact importance weights."""

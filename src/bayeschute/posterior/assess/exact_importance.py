@@ -1,4 +1,4 @@
-"""The exact joint posterior by weights: a judge of all that the default inference approximates.
+"""Exact joint posterior by importance sampling: the reference for all approximations of the default inference.
 
 Parameters and noise parameters are drawn together from a wide t distribution about the posterior that was found. For
 every draw the flight is linearised anew at its conditional optimum, and a few starts and shocks u are drawn by
@@ -9,8 +9,9 @@ simulation fits them along the range of the linear model A_0. The density of suc
 
 with F the whitened residuals of data and prior at u, and A their derivatives there. So p(y, u | theta, eta) / q(u) is
 an unbiased estimate of the likelihood, and draws of (theta, eta) weighed by it are those of the exact posterior (Tran
-et al. 2013, "importance sampling squared"). No marginal mode, log determinant's parabola, gap, surrogate or held noise
-parameter is in it: they only say where to look. The spread of the weights tells how well that went.
+et al. 2013, "importance sampling squared"). The approximations of the default inference (marginal mode, polynomial log
+determinant, mean correction, surrogate, fixed noise parameters) enter the proposal only. The variance of the weights
+shows how efficient it is.
 
 Of the ratio are left, by Sylvester's identity, ``-1/2 |innovations of F|^2 - log|det M| + 1/2 log det S``: S is the
 covariance of the data by the linear model, and ``M = R + J(u) J_0'`` that of one linear model's data with the other's,

@@ -48,7 +48,7 @@ _OBSERVED = {"entry": "the records; NaN where nothing was recorded"}
 _EACH = _LONG | {
     "entry": "log density of a sample, its outputs together, given all earlier samples and the parameters; initial "
     "state and disturbances integrated out",
-    "shared": "what belongs to whole flights (log determinant, curvature, prices) is spread evenly over recorded data",
+    "shared": "terms of whole flights (log determinant, curvature, penalties) are spread evenly over recorded data",
 }
 _SMOOTHED = {"entry": "records read by other instruments on the same flight: path drawn given the record, new noise"}
 _ONE_STEP = {"entry": "every sample drawn given all earlier ones, as in log_likelihood"}

@@ -1,4 +1,4 @@
-"""What a record tells and what it does not: sloppy directions, confounding with noise and wind, power scaling."""
+"""Practical identifiability: sloppy directions, confounding with noise parameters, power-scaling sensitivity."""
 
 from __future__ import annotations
 
@@ -13,29 +13,16 @@ from numpy.typing import NDArray
 
 from bayeschute.likelihood.disturbances import KINDS
 from bayeschute.likelihood.priors import Prior, factor, standard, values, working
+from bayeschute.posterior.assess.identifiability_result import Direction
 from bayeschute.posterior.noise_uncertainty import NoiseEffect, joint_covariance
 
 Array = NDArray[np.float64]
-FELT = 0.05  # power-scaling sensitivity from which on a component is felt (Kallioinen et al. 2024)
+FELT = 0.05  # power-scaling sensitivity from which a component matters (Kallioinen et al. 2024)
 _LAWS = {"drift": ("sd", "time constant"), "oscillator": ("sd", "frequency", "damping ratio")}
 
 
-class Direction(NamedTuple):
-    """A combination of the parameters, each measured in standard deviations of its prior.
-
-    Attributes:
-        weights: Of every parameter; their squares sum to one.
-        information: What the record tells of it, in units of what the prior does (an eigenvalue).
-        contraction: Share of the prior's variance along it that the record takes away.
-    """
-
-    weights: dict[str, float]
-    information: float
-    contraction: float
-
-
 def directions(covariance: Array, priors: Sequence[Prior]) -> list[Direction]:
-    """Combinations of the parameters from the least to the best told: eigenvectors of the record's Fisher matrix.
+    """Combinations of the parameters from the least to the best determined: eigenvectors of the Fisher information.
 
     In coordinates in which the prior is standard normal, the Laplace precision is one plus the record's information.
     Weights are those of the parameters in their own prior standard deviations.
@@ -54,26 +41,26 @@ def directions(covariance: Array, priors: Sequence[Prior]) -> list[Direction]:
     for value, vector in zip(np.maximum(found, 0.0), vectors.T, strict=True):
         turned = vector * np.sign(vector[np.argmax(np.abs(vector))])
         weights = {p.name: float(w) for p, w in zip(priors, turned, strict=True)}
-        made.append(Direction(weights, float(value), float(value / (1.0 + value))))
+        made.append(Direction(weights, float(value), float(value / (1.0 + value)), in_words(weights)))
     return made
 
 
-def in_words(direction: Direction, least: float = 0.3) -> str:
+def in_words(weights: Mapping[str, float], least: float = 0.3) -> str:
     """A direction as a sum, parameters of small weight left out: ``0.81 C_Aalpha - 0.59 alpha_0``."""
-    parts = sorted(direction.weights.items(), key=lambda item: -abs(item[1]))
+    parts = sorted(weights.items(), key=lambda item: -abs(item[1]))
     kept = [(name, w) for i, (name, w) in enumerate(parts) if i == 0 or abs(w) >= least]
     text = " ".join(f"{'-' if w < 0.0 else '+'} {abs(w):.2f} {name}" for name, w in kept)
     return text.removeprefix("+ ")
 
 
 class Confounding(NamedTuple):
-    """How far noise colour and wind stand in for the parameters.
+    """Confounding of the parameters with the noise parameters.
 
     Attributes:
         parameters: Names (P).
         laws: Names of the noise parameters (V).
         correlation: Between parameters and logarithms of noise parameters in their joint posterior (P, V).
-        share: By how much every parameter's variance would be less, were the noise parameters known to be what they
+        share: Reduction of every parameter's variance if the noise parameters were known to be what they
             are at the mode, as a share (P,).
     """
 
@@ -94,10 +81,10 @@ class Confounding(NamedTuple):
 def confounding(
     scale: Array, effect: NoiseEffect, noise_parameter_covariance: Array, priors: Sequence[Prior], laws: Sequence[str]
 ) -> Confounding:
-    """Correlations of parameters with noise parameters in their joint posterior, and what these add to the variance.
+    """Correlations of parameters with noise parameters in the joint posterior, and their contribution to the variance.
 
     Args:
-        scale: Factor of the parameters' covariance for held noise parameters, as in `Marginal` (P, P).
+        scale: Factor of the parameters' covariance for fixed noise parameters, as in `Marginal` (P, P).
         effect: Of the noise parameters.
         noise_parameter_covariance: Of their logarithms (V, V).
         priors: Priors of the parameters.

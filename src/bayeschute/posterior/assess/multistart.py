@@ -1,7 +1,7 @@
-"""Is the joint optimum the only one? It is sought from several starts, the best is kept, and how others differ is told.
+"""Multistart check of the joint optimum: several starts, the best is kept, differences are reported.
 
-Starts have noise parameters of their own at the end. So every other optimum is first moved to where it lies under the
-noise parameters of the best one: only then are their places and densities those of one function.
+Every start ends with different noise parameters. So every other optimum is first re-optimised under the noise
+parameters of the best one: only then are the optima and their densities those of one function.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class Start(NamedTuple):
     Attributes:
         number: 0 is the prior means; negative numbers are begins of another kind.
         settled: The joint optimum; None where a simulation was not finite.
-        why: What failed; empty where nothing did.
+        why: Reason of a failure; empty if there was none.
     """
 
     number: int
@@ -40,15 +40,15 @@ class Start(NamedTuple):
 
 
 class Told(NamedTuple):
-    """An optimum beside the one that is kept.
+    """Another optimum, compared with the one that is kept.
 
     Attributes:
         number: Of its start.
-        why: What failed; empty where nothing did. The numbers below are then NaN.
+        why: Reason of a failure; empty if there was none. The numbers below are then NaN.
         converged: Whether its optimum converged, with its own noise parameters.
         evidence: Minus its log evidence up to a constant, less that of the one kept.
         away: Its largest distance from the one kept, in that one's standard errors.
-        parameter: Which parameter lies farthest off.
+        parameter: The parameter that differs most.
         worse: By how much its log density is less, noise parameters those of the one kept.
     """
 
@@ -79,7 +79,7 @@ def settle_from(
     rounds: int = 1,
     progress: Progress | None = None,
 ) -> Start:
-    """Settle from one start, as `finding.joint_fit`.
+    """Joint fit from one start, as `finding.joint_fit`.
 
     Args:
         flights: Records.
@@ -91,7 +91,7 @@ def settle_from(
         progress: Called with a share done and words.
 
     Returns:
-        The start; a simulation that is not finite is told in it, not raised.
+        The start; a simulation that is not finite is recorded in it, not raised.
     """
     say = progress or (lambda share, words: None)
     try:
@@ -154,7 +154,7 @@ def compare(
 
 
 class Verdict(NamedTuple):
-    """What several starts say of the optimum.
+    """Verdict of the multistart check.
 
     Attributes:
         passed: Whether at least one other start converged, and every one that did led to the same place or to one that
@@ -169,7 +169,7 @@ class Verdict(NamedTuple):
 
 
 def judge(told: Sequence[Told], converged: bool) -> Verdict:
-    """Count agreement, and tell every optimum that differs.
+    """Count the starts that agree, and describe every optimum that differs.
 
     Args:
         told: From `compare`.

@@ -1,8 +1,8 @@
-"""Profiles of the marginal posterior: one parameter held at value after value, all others at their best for it.
+"""Profile posterior and profile likelihood: one parameter fixed at value after value, the others optimised.
 
-At each value the rest is a least-squares problem with a small polynomial beside it: Gauss-Newton with Jacobians by
-differences, all values and all columns in batches of simulations. The prior of the parameter itself is constant along
-the search, so one profile serves the posterior and, without it, the likelihood.
+At each value the other parameters solve a least-squares problem with a small polynomial added: Gauss-Newton with
+Jacobians by differences, all values and all columns in batches of simulations. The prior of the parameter itself is
+constant along the search, so one profile gives both the posterior and, without that prior, the likelihood.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Profile(NamedTuple):
 
     Attributes:
         parameter: Its name.
-        value: Values at which it was held (K,), in its unit.
+        value: Values at which it was fixed (K,), in its unit.
         working: The same in the working coordinate (K,).
         log_density: Greatest marginal log density there (K,), less the greatest of the profile; NaN where the
             simulation fails.
@@ -57,7 +57,7 @@ def profile(
         marginal: The posterior.
         priors: Priors of the parameters.
         parameter: Its number.
-        offsets: Where to hold it, from the centre of the posterior, in standard deviations; increasing.
+        offsets: Values at which to fix it, from the centre of the posterior in standard deviations; increasing.
         rounds: Gauss-Newton steps of the other parameters.
 
     Returns:

@@ -1,9 +1,9 @@
-"""Terms that the structure left out: does the simulated flight ask for them?
+"""Score test (Lagrange multiplier test) of aerodynamic terms that the structure left out, on the simulated flight.
 
-Equation error sees a term through airflow that is wrong by the wind's error, which can hide it altogether. At the
-fitted optimum the flight itself can be asked: with the coefficients of all left-out terms at zero, one Gauss-Newton
-step over all coefficients tells where each would go and with which standard error (a score test, Rao 1948), start and
-disturbances eliminated.
+Equation error evaluates a term on an airflow that contains the error of the wind, which can hide the term altogether.
+The test is therefore made at the optimum of the simulated flight: with the coefficients of all left-out terms at zero,
+one Gauss-Newton step over all coefficients gives their estimates and standard errors (score test, Rao 1948), with start
+and disturbances eliminated.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ def scores(
     """Step and standard error of every parameter, starting from zero for those left out.
 
     Args:
-        flights: The flights with a structure that holds all terms.
+        flights: The flights with a structure that contains all terms.
         hyper: Noise parameters.
         priors: Priors of all parameters; those of left-out terms don't count.
         theta: The optimum, zero for left-out terms (P,).
-        at: Start, shocks and path at the optimum, per flight.
+        at: Start, process noise and trajectory at the optimum, per flight.
         kept: Which parameters were fitted (P,).
 
     Returns:

@@ -1,11 +1,11 @@
-"""Bodies that share most parameters and differ in a few about populations: drops, canopies, or both.
+"""Hierarchical model of drops and canopies that share most parameters and differ in some.
 
-Fits were made under independent priors of all parameters. A posterior with its prior taken out again is a Gaussian
-likelihood, correlations included; those of fits made one by one add up (`joint`). The shared parameters phi have the
-priors of the fits. What differs are members of populations, ``theta_m ~ N(mu_k, tau_k^2)``; mu has the priors of the
-fits, tau is half-normal. Given tau all of it is one Gaussian law, from which phi, mu and theta are integrated out in
-closed form; tau is drawn with numpyro's NUTS, and the rest from its law given tau. For Gaussian likelihoods that is the
-joint hierarchical posterior, not an approximation of it.
+Fits were made under independent priors of all parameters. A posterior divided by its prior is a Gaussian likelihood,
+correlations included; those of separate fits are multiplied (`joint`). The shared parameters phi have the priors of the
+fits. The others are members of populations, ``theta_m ~ N(mu_k, tau_k^2)``; mu has the priors of the fits, tau is
+half-normal. Given tau the joint distribution is Gaussian, from which phi, mu and theta are integrated out in closed
+form; tau is drawn with numpyro's NUTS, and the others from their distribution given tau. For Gaussian likelihoods this
+is the exact hierarchical posterior.
 
 `bayeschute.posterior.combine.random_effects` is the case without shared parameters. It must not be used where there are
 some: every member then informs the shared ones, and through their correlations the population (tests show by how much).
@@ -54,10 +54,10 @@ class Hierarchy(NamedTuple):
 
 
 class _Law(NamedTuple):
-    """What a posterior is made of but for the populations' standard deviations.
+    """Gaussian parts of the posterior, given the populations' standard deviations.
 
     Attributes:
-        told: Likelihood of (shared, members).
+        told: Gaussian likelihood of (shared, members).
         centre: Prior means of shared parameters and population means (S + K,).
         scale: Their prior standard deviations (S + K,).
         spread: Scales of the half-normal priors of the populations' standard deviations (K,).
@@ -95,11 +95,11 @@ def likelihood_of(mean: Array, covariance: Array, prior_centre: Array, prior_sca
 
 
 def joint(likelihoods: Sequence[Likelihood], places: Sequence[Sequence[int]], size: int) -> Likelihood:
-    """One likelihood of several, made of data that are independent given the parameters.
+    """Product of several likelihoods of data that are independent given the parameters.
 
     Args:
         likelihoods: Of some parameters each.
-        places: Where these stand among all, per likelihood.
+        places: Indices of these among all parameters, per likelihood.
         size: Number of all parameters.
     """
     whole = Likelihood(np.zeros((size, size)), np.zeros(size))
@@ -119,7 +119,7 @@ def _lift(law: _Law, sd: Component) -> jax.Array:
 
 
 def _given(law: _Law, sd: Component) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Law of (shared, means, members' standard scores) given the populations' standard deviations.
+    """Distribution of (shared, means, members' standard scores) given the populations' standard deviations.
 
     Returns:
         Cholesky factor of its precision; the mean in the coordinates of that factor; the log density of the data given
@@ -141,7 +141,7 @@ def _log_density(law: _Law, x: jax.Array) -> jax.Array:
 
 @jax.jit
 def _draw(law: _Law, sd: jax.Array, z: jax.Array) -> jax.Array:
-    """Shared parameters, means and members (S + K + M,) from their law given sd and standard normals."""
+    """Shared parameters, means and members (S + K + M,) drawn given sd, from standard normal numbers."""
     root, off, _ = _given(law, sd)
     drawn = jax.scipy.linalg.solve_triangular(root.T, off + z, lower=False)
     own = (_lift(law, sd) @ drawn)[-law.of.shape[0] :]

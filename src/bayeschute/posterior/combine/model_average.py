@@ -1,14 +1,15 @@
-"""Weights of rival structures from how well each foretells a record: leave-future-out scores and pseudo-BMA+.
+"""Model averaging of structures: leave-future-out log scores and pseudo-BMA+ weights.
 
 A structure is scored by the log density of every sample given all earlier ones, parameters, start and disturbances
-integrated out. The sum over the whole record is the log evidence, which hangs on the priors of the terms that rivals
-don't share: widen them, and it falls without end. So samples of the opening only teach, and those after it are scored
-(leave-future-out, one step ahead: Buerkner, Gabry & Vehtari 2020). The weights average over Bayesian bootstraps
-of the scores, so that rivals whose difference a record can't tell share the weight (pseudo-BMA+: Yao, Vehtari, Simpson
-& Gelman 2018). Residual differences last for seconds, so whole blocks of time are redrawn.
+integrated out. The sum over the whole record is the log evidence, which depends on the priors of the terms that
+structures don't share: with wider priors it decreases without bound. So the first part of a record is used for training
+only, and the samples after it are scored (leave-future-out, one step ahead: Buerkner, Gabry & Vehtari 2020). The
+weights are averages over Bayesian bootstraps of the scores, so that structures whose difference is not significant
+share the weight (pseudo-BMA+: Yao, Vehtari, Simpson & Gelman 2018). Scores are correlated over seconds, so whole blocks
+of time are resampled.
 
-The parameters are integrated out as the marginal posterior has them about its mode, to second order: innovations linear
-in the parameters, log determinants likewise, each kept by sample.
+The parameters are integrated out with the marginal posterior's expansion about its mode, to second order: innovations
+and log determinants are linear in the parameters, sample by sample.
 """
 
 from __future__ import annotations
@@ -29,13 +30,13 @@ from bayeschute.posterior.differences import beside
 from bayeschute.posterior.marginal import Linearisation, Marginal, course_at, shifted
 
 Array = NDArray[np.float64]
-OPENING = 0.25  # share of every record that teaches and is not scored
+OPENING = 0.25  # share of every record that is used for training and not scored
 BLOCKS = 40  # of the Bayesian bootstrap
 _BOOTSTRAPS = 4000
 
 
 class Terms(NamedTuple):
-    """What every sample of a flight says of the parameters, standard coordinates xi about the mode.
+    """Contribution of every sample of a flight to the log density, in standard coordinates xi about the mode.
 
     The log density of a sample given earlier ones and xi is ``-1/2 |unit - by xi|^2 - constant - tilt xi``.
 
@@ -68,7 +69,7 @@ _gains = jax.jit(filter_gains)
 
 
 def terms(marginal: Marginal, step: float = 1.0) -> list[Terms]:
-    """What the samples of every flight say of the parameters.
+    """Contributions of the samples of every flight to the log density.
 
     Args:
         marginal: The marginal posterior about its mode.
@@ -108,7 +109,7 @@ def sequential_scores(marginal: Marginal, opening: float = OPENING) -> tuple[Arr
 
     Args:
         marginal: The marginal posterior about its mode.
-        opening: Share of the samples of every flight in its opening.
+        opening: Share of every flight that is used for training only.
 
     Returns:
         Scores of the openings and of the rests, flight after flight. The sum of both is the log evidence of the record
@@ -126,7 +127,7 @@ def sequential_scores(marginal: Marginal, opening: float = OPENING) -> tuple[Arr
 
 
 def _scored(flights: Sequence[Terms], state: tuple[Array, Array]) -> tuple[Array, tuple[Array, Array]]:
-    """Scores of samples in turn from a Gaussian law (mean, covariance) of xi, and the law after them."""
+    """Scores of samples in turn, from a Gaussian (mean, covariance) of xi, and the updated Gaussian."""
     mean, covariance = state
     scores = []
     for flight in flights:

@@ -1,4 +1,4 @@
-"""A population of like bodies from the posteriors of each: a normal law of their logarithms (random effects).
+"""Random-effects model: a log-normal population of similar bodies from the posterior of each.
 
 Every body's own posterior, divided by its prior, is a Gaussian likelihood of its logarithm; the population's mean and
 standard deviation get weak priors and are drawn with numpyro's NUTS, the bodies' values integrated out exactly.

@@ -2,7 +2,7 @@
 
 Delayed acceptance (Christen & Fox 2005): NUTS transitions on the surrogate, which leave it invariant and are
 reversible, propose; the exact density accepts with probability ``min(1, [pi(y)/s(y)] / [pi(x)/s(x)])``. The chain's
-stationary law is the exact posterior whatever the surrogate; a poor one shows as a low acceptance rate.
+stationary distribution is the exact posterior whatever the surrogate; a poor one shows as a low acceptance rate.
 """
 
 from __future__ import annotations

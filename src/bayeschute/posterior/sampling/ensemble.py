@@ -1,7 +1,7 @@
 """emcee's affine-invariant ensemble (Foreman-Mackey et al. 2013) in standard coordinates, batched.
 
-Several independent ensembles stand for chains: walkers of one ensemble are not independent, so R-hat over them says
-nothing. Each ensemble is thinned by its own autocorrelation time before its walkers are laid end to end.
+Several independent ensembles serve as chains: walkers of one ensemble are not independent, so R-hat over them is
+meaningless. Each ensemble is thinned by its own autocorrelation time before its walkers are concatenated.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def sample(
         draws: Nearly independent draws wanted per ensemble.
         seed: Seed.
         walkers: Walkers per ensemble; 4 P, an even number, where 0.
-        most_steps: Steps after which an ensemble ends whatever it has.
+        most_steps: Maximum number of steps of an ensemble.
         progress: Called with draws done and wanted.
 
     Returns:

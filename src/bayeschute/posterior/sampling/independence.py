@@ -1,11 +1,11 @@
-"""An independence sampler whose proposal learns: t distributions fitted to weighed draws, then Metropolis and Hastings.
+"""Adaptive independence sampler: population Monte Carlo proposals of t mixtures, then Metropolis-Hastings.
 
 Adaptive importance sampling (Cappé, Guillin, Marin and Robert 2004): a population is drawn from a t distribution and
 weighed by the exact density over that of the mixture of the last ones (Veach and Guibas' balance heuristic); its
 weighed mean and covariance make the next. Where few draws have all the weight, weights are flattened by a power until
-enough have some. From the best of these proposals independent draws are taken or left by the exact ratio, so the draws
-are those of the exact density however good the proposal is. It needs no gradient, no surrogate and no more than some
-thousand evaluations, in large batches, where a posterior has one mode.
+enough have some. Independent draws from the best of these proposals are accepted or rejected by the exact ratio, so the
+draws have the exact density however good the proposal is. For a posterior with one mode it needs no gradient, no
+surrogate and no more than some thousand evaluations, in large batches.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What every sampler takes and returns; samplers know nothing of parachutes."""
+"""Interface of the samplers, which are independent of parachutes."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Draws:
         stats: Further per-draw numbers (chain, draw), e.g. ``diverging``, ``acceptance_rate``.
         failed: Evaluations whose simulation was not finite; they were rejected and counted.
         evaluations: Evaluations of the exact density.
-        notes: What a reader should know, in sentences.
+        notes: Remarks for the reader, in sentences.
     """
 
     xi: Array

@@ -1,9 +1,9 @@
-"""Whether corrected draws may be believed: the tail of their importance ratios, and R-hat.
+"""Diagnostics of corrected draws: Pareto k of their importance ratios, and R-hat.
 
-Delayed acceptance is exact in the limit whatever its surrogate, but where the surrogate's tails are too thin the walk
-sticks, and finite draws don't show what they miss. The ratios exact/surrogate at the surrogate's proposals tell: the
-shape k of their upper tail (Vehtari, Simpson, Gelman, Yao and Gabry 2024) is 0.7 or more where their mean, and with it
-the correction, can't be trusted.
+Delayed acceptance is asymptotically exact whatever its surrogate, but where the surrogate's tails are too thin the
+chain sticks, and finite draws don't show what they miss. The diagnostic is the importance ratios exact/surrogate at the
+surrogate's proposals: the shape k of their upper tail (Vehtari, Simpson, Gelman, Yao and Gabry 2024) is 0.7 or more
+where their mean, and with it the correction, can't be trusted.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def pareto_k(log_ratio: Array) -> float:
 
 
 class Rhat(NamedTuple):
-    """The largest R-hat of draws, and what it has to stay below.
+    """The largest R-hat of draws, and its bound.
 
     Attributes:
         largest: Largest R-hat of any parameter [1]; not a number where one never moved.
@@ -67,7 +67,7 @@ class Rhat(NamedTuple):
 
 
 def judge_rhat(each: ArrayLike, chains: int, draws: int) -> Rhat:
-    """The one rule by which chains are said to agree, of a sampler's draws and of a run's posterior.
+    """The convergence criterion by R-hat, for draws of a sampler and for the posterior of a run.
 
     Args:
         each: R-hat of each parameter (P,) [1], rank-normalised and split.
@@ -85,7 +85,7 @@ def rhat_of(xi: Array) -> Array:
 
 
 def rhat_bound(chains: int, draws: int, parameters: int) -> float:
-    """1.01, or what independent draws exceed once in a thousand times where they are few.
+    """1.01, or for few draws the value that independent draws exceed with probability 0.001.
 
     The squared split R-hat of independent draws is about ``1 + (c / (2 chains - 1) - 1) / (draws / 2)``, c chi-squared
     with ``2 chains - 1`` degrees of freedom; the largest over ranks and folded ranks of all parameters counts.
@@ -96,7 +96,7 @@ def rhat_bound(chains: int, draws: int, parameters: int) -> float:
 
 
 def why_not_trusted(draws: Draws) -> str:
-    """Why draws by delayed acceptance can't be believed, in words; empty where they can.
+    """Why draws by delayed acceptance are not reliable, in words; empty if they are.
 
     Args:
         draws: Of `nuts.corrected`, with ``log_ratio`` among their numbers.

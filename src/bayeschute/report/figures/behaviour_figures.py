@@ -1,4 +1,4 @@
-"""Figures of the behaviour studies: phase portraits, bistability, onset by shear, the pivot point."""
+"""Figures of the pendulum studies: phase portraits, bistability, onset by wind shear, pivot point."""
 
 from __future__ import annotations
 
@@ -130,14 +130,14 @@ def bistability_figure(found: Bistability) -> Figure:
     order = np.argsort(found.damping)
     damping, both = found.damping[order], found.bistable()[order]
     if both.any():
-        axes.axvspan(damping[both].min(), damping[both].max(), color=SHADE, lw=0, zorder=0, label="both ends possible")
+        axes.axvspan(damping[both].min(), damping[both].max(), color=SHADE, lw=0, zorder=0, label="bistable")
     for j, (angle, color) in enumerate(zip(found.disturbance, SERIES * 9, strict=False)):
         axes.plot(
             damping, _DEG * found.amplitude[order, j], "o-", color=color, ms=3.5, lw=1.1,
             label=f"{_DEG * angle:.0f} deg",
         )  # fmt: skip
     axes.axvline(found.threshold, color=INK, lw=1.0, ls=(0, (5, 3)), label="linear threshold")
-    axes.set_title("Amplitude that a disturbed glide ends with")
+    axes.set_title("Final amplitude of a disturbed glide")
     axes.set_xlabel(r"$C_{N\dot\alpha}$ [s/rad]")
     axes.set_ylabel("swing angle [deg]")
     handles, labels = axes.get_legend_handles_labels()
@@ -147,7 +147,7 @@ def bistability_figure(found: Bistability) -> Figure:
 
 @styled
 def onset_figure(found: Onset, shown: Sequence[tuple[int, int]] = ()) -> Figure:
-    """What shear layers leave behind: final amplitude and time of onset, and some of the motions.
+    """Response to shear layers: final amplitude, time of onset, and some of the motions.
 
     Args:
         found: The study.
@@ -160,7 +160,7 @@ def onset_figure(found: Onset, shown: Sequence[tuple[int, int]] = ()) -> Figure:
         label = f"{thickness:.0f} m thick"
         left.plot(found.change, _DEG * found.amplitude[:, j], "o-", color=color, ms=3.5, lw=1.1, label=label)
         right.plot(found.change, found.onset[:, j], "o", color=color, ms=4.0)
-    left.set_title("Amplitude in the end")
+    left.set_title("Final amplitude")
     left.set_ylabel("swing angle [deg]")
     right.set_title(f"Time until the swing passes {_DEG * found.angle:.0f} deg")
     right.set_ylabel("time [s]")

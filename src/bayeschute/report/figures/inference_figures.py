@@ -1,4 +1,4 @@
-"""Figures of the structure search, of prior and posterior, and of the chains."""
+"""Figures of structure selection, prior and posterior densities, and Markov chain diagnostics."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def pse_figure(structure: Mapping[str, Mapping[str, Any]]) -> Figure:
         kept = facts.get("pse_minimum_at")
         kept = int(kept) if is_number(kept) else len(facts.get("selected") or [])
         if 0 < kept <= len(pse):
-            axes.plot(kept, math.sqrt(pse[kept - 1]), "o", ms=11, mfc="none", mec=VERMILION, mew=1.6, label="kept")
+            axes.plot(kept, math.sqrt(pse[kept - 1]), "o", ms=11, mfc="none", mec=VERMILION, mew=1.6, label="selected")
         axes.set_yscale("log")
         axes.set_title(f"{name.capitalize()} coefficient")
         axes.set_xlabel("number of terms")
@@ -80,7 +80,7 @@ def marginal_figure(
     truth: Mapping[str, float],
     units: Mapping[str, str],
 ) -> Figure:
-    """Prior against posterior, with the truth where it is known.
+    """Marginal prior and posterior densities, with the true value where it is known.
 
     Args:
         posterior: Parameter name to draws of any shape.
@@ -102,12 +102,12 @@ def marginal_figure(
         before = scale * np.ravel(prior[name]) if name in prior else np.empty(0)
         centre, sd = float(after.mean()), float(after.std()) or abs(float(after.mean())) or 1.0
         low, high = centre - 3.6 * sd, centre + 3.6 * sd
-        if before.size:  # wide enough to see the prior, not so wide that the posterior is a needle
+        if before.size:  # wide enough to see the prior, narrow enough to resolve the posterior
             edges = np.quantile(before, [0.01, 0.99])
             low, high = max(min(low, edges[0]), centre - 10 * sd), min(max(high, edges[1]), centre + 10 * sd)
         if is_number(truth.get(name)):
             low, high = min(low, scale * truth[name] - sd), max(high, scale * truth[name] + sd)
-        grid = np.linspace(low, high, 241)
+        grid = np.linspace(low, high, 151)
         if before.size:
             curve = _density(before, grid)
             axes.fill_between(grid, curve, color=SOFT, alpha=0.16, lw=0)
@@ -158,7 +158,7 @@ def correlation_figure(names: list[str], matrix: np.ndarray) -> Figure:
 
 
 def rank_counts(draws: np.ndarray, bins: int = RANK_BINS) -> np.ndarray:
-    """How the ranks of each chain among all draws spread over equal bins.
+    """Rank histogram of each chain: ranks among all draws, in equal bins (Vehtari et al. 2021).
 
     Args:
         draws: Draws (chain, draw).
@@ -174,7 +174,7 @@ def rank_counts(draws: np.ndarray, bins: int = RANK_BINS) -> np.ndarray:
 
 @styled
 def chain_figure(posterior: Mapping[str, np.ndarray], units: Mapping[str, str]) -> Figure:
-    """Traces of the chains and, beside them, the spread of their ranks.
+    """Trace plot and rank histogram of the chains.
 
     Args:
         posterior: Parameter name to draws (chain, draw).
@@ -190,15 +190,14 @@ def chain_figure(posterior: Mapping[str, np.ndarray], units: Mapping[str, str]) 
         trace, rank = all_axes[2 * place], all_axes[2 * place + 1]
         scale, unit = shown_unit(units.get(name, "1"))
         draws = scale * posterior[name]
-        step = max(1, draws.shape[1] // 500)
+        step = max(1, draws.shape[1] // 250)  # panels are some 250 pixels wide
         counts = rank_counts(draws)
         expected = draws.shape[1] / RANK_BINS
         low, high = stats.binom(draws.shape[1], 1 / RANK_BINS).ppf([0.005, 0.995]) / expected
         rank.axhspan(low, high, color="#e9edf1", lw=0)
         for chain, (values, count) in enumerate(zip(draws, counts, strict=True)):
             color = SERIES[chain % len(SERIES)]
-            line = trace.plot(np.arange(0, draws.shape[1], step), values[::step], color=color, lw=0.5, alpha=0.85)[0]
-            line.set_rasterized(True)
+            trace.plot(np.arange(0, draws.shape[1], step), values[::step], color=color, lw=0.5, alpha=0.85)
             rank.stairs(count / expected, np.linspace(0, 1, RANK_BINS + 1), color=color, lw=1.0)
         trace.set_title(name if not unit else f"{name} [{unit}]", fontsize=8.2)
         trace.margins(x=0)

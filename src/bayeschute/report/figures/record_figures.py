@@ -1,4 +1,4 @@
-"""Figures of records, bands and exceedance; statistical ones: `bayeschute.report.figures.inference_figures`."""
+"""Figures of records, predicted bands, variance decomposition and exceedance probabilities."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ BAND_UNITS = {
     "sea_level_descent_rate": "m/s",
     "flyout_angle": "rad",
 }
-MOST_POINTS = 2000
+MOST_POINTS = 450  # of a band: one for every other pixel of the page
 SOURCES = {"parameter": BLUE, "wind": SKY, "initial state": ORANGE, "canopy force": "#a7b0b8"}
 
 
@@ -77,7 +77,7 @@ def _curve(bands: xr.Dataset, name: str, quantile: float) -> np.ndarray:
 
 
 def coverage(bands: xr.Dataset, name: str, low: float, high: float) -> float | None:
-    """Share of the truth (or else of the record) between two quantiles; of the held-out part, if there is one.
+    """Coverage: share of the truth (or else of the record) between two quantiles; of the held-out part, if any.
 
     Args:
         bands: Bands of one flight.
@@ -101,17 +101,17 @@ def coverage(bands: xr.Dataset, name: str, low: float, high: float) -> float | N
 
 @styled
 def band_figure(bands: xr.Dataset, limits: Mapping[str, float] | None = None) -> Figure:
-    """Predicted bands of one flight with its truth and record.
+    """Predicted bands of one flight, with its true motion and record.
 
     Args:
         bands: Dataset with dims (quantile, time) per quantity, see the run folder.
-        limits: Quantity to the limit that it must keep at every time (SI), drawn as a line.
+        limits: Quantity to the limit that it must not exceed at any time (SI), drawn as a line.
 
     Returns:
         One panel per quantity over time.
     """
     names = band_quantities(bands)
-    bands = bands.isel(time=slice(None, None, max(1, bands.sizes["time"] // MOST_POINTS)))
+    bands = bands.isel(time=slice(None, None, max(1, math.ceil(bands.sizes["time"] / MOST_POINTS))))
     figure, all_axes = sheet(0.7 + 2.15 * len(names), len(names), 1, sharex=True)
     time = np.asarray(bands["time"].values, dtype=float)
     shaded = False
@@ -126,7 +126,9 @@ def band_figure(bands: xr.Dataset, limits: Mapping[str, float] | None = None) ->
         if f"{name}_record" in bands:
             record = scale * np.asarray(bands[f"{name}_record"].values, dtype=float)
             if np.isfinite(record).any():
-                handles["record"] = axes.plot(time, record, ".", color=INK, ms=3.2, alpha=0.6, mew=0, zorder=2.5)[0]
+                dots = axes.plot(time, record, ".", color=INK, ms=3.2, alpha=0.6, mew=0, zorder=2.5)[0]
+                dots.set_rasterized(True)
+                handles["record"] = dots
         if f"{name}_truth" in bands:
             truth = scale * np.asarray(bands[f"{name}_truth"].values, dtype=float)
             handles["truth"] = axes.plot(time, truth, color=VERMILION, lw=1.3, zorder=3)[0]
@@ -147,13 +149,13 @@ def band_figure(bands: xr.Dataset, limits: Mapping[str, float] | None = None) ->
 
 
 def _focus(axes: Axes, values: np.ndarray) -> None:
-    """Show the band and what lies near it; far outliers of a record must not flatten the picture."""
+    """Limit the axis to the band and its surroundings, so that outliers of a record don't flatten the curves."""
     finite = values[np.isfinite(values)]
     if finite.size:
         low, high = float(finite.min()), float(finite.max())
-        room = 0.35 * max(high - low, 1e-9)
+        margin = 0.35 * max(high - low, 1e-9)
         current = axes.get_ylim()
-        axes.set_ylim(max(current[0], low - room), min(current[1], high + room))
+        axes.set_ylim(max(current[0], low - margin), min(current[1], high + margin))
 
 
 def _series(record: xr.Dataset) -> list[tuple[str, str, list[tuple[str, np.ndarray]]]]:
@@ -224,7 +226,7 @@ def record_figure(record: xr.Dataset, repairs: Sequence[Mapping[str, Any]] = ())
 
 @styled
 def variance_figure(shares: Mapping[str, xr.DataArray]) -> Figure:
-    """Where the width of the bands comes from.
+    """Variance decomposition of the predictions by source.
 
     Args:
         shares: Flight name to shares of variance with dims (source, quantity) [1].

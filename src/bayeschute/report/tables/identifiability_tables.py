@@ -1,53 +1,55 @@
-"""What the record tells and what it does not: sentences first, then the tables they come from."""
+"""Practical identifiability: contraction, noise uncertainty, prior sensitivity and profile likelihood in words.
+
+Sentences first, then the tables they come from. Contraction: 1 - posterior variance / prior variance. Sensitivity:
+power scaling of prior and likelihood (Kallioinen et al. 2023). Profile likelihood: Raue et al. (2009).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
 
+from bayeschute.posterior.assess.identifiability_result import (
+    Direction,
+    FitIdentifiability,
+    ParameterIdentifiability,
+)
 from bayeschute.report.run_results import Results
 from bayeschute.report.sentences import plain
-from bayeschute.report.tables.summary_tables import Cell, Table, cells, columns_of, mappings
+from bayeschute.report.tables.summary_tables import Cell, Table, cells, columns_of
 from bayeschute.report.wording import MISSING, counted, is_number, listed, number, percent, shown_unit
 
-TOLD = 0.5  # share of the prior's variance taken away from which a parameter is told
-HARDLY = 0.1  # and below which it hardly is
-LEANS = 0.05  # share of a parameter's variance that noise parameters make, from which it is said
-FELT = 0.05  # power-scaling sensitivity that is felt, as in `posterior.assess.identifiability`
-APART = 1.0  # prior standard deviations by which the record moved a mean, from which prior and record pull apart
+INFORMED = 0.5  # contraction from which a parameter counts as determined by the data
+UNINFORMED = 0.1  # contraction below which the posterior counts as the prior
+NOISE_MATTERS = 0.05  # share of a parameter's variance due to uncertain noise parameters, from which it is named
+SENSITIVE = 0.05  # power-scaling sensitivity that matters, as in `posterior.assess.identifiability`
+CONFLICT = 1.0  # shift of the mean in prior standard deviations that, with both sensitivities, may be a conflict
 LEAST = 5  # combinations shown
-HARDLY_MATTERS, ALONE = "the prior hardly matters", "mostly the prior"
-TOGETHER, APART_WORDS = "both are felt, and agree", "prior and record may disagree"
+INSENSITIVE, PRIOR_ONLY = "insensitive to the prior", "determined by the prior"
+AGREE, MAY_CONFLICT = "prior and data both matter, and agree", "possible conflict of prior and data"
 MOST = 4  # names in a sentence
 
 
-def fits(results: Results) -> dict[str, Mapping[str, Any]]:
-    """What was found, by fit."""
-    return {str(k): v for k, v in results.part("identifiability").items() if isinstance(v, Mapping)}
+def _parameters(results: Results) -> dict[str, ParameterIdentifiability]:
+    """Results by parameter, over all fits."""
+    return {name: facts for fit in results.identifiability.values() for name, facts in fit.parameters.items()}
 
 
-def _parameters(results: Results) -> dict[str, Mapping[str, Any]]:
-    """Facts by parameter, over all fits."""
-    found = (fit.get("parameters") for fit in fits(results).values())
-    return {
-        str(name): facts
-        for part in found
-        if isinstance(part, Mapping)
-        for name, facts in part.items()
-        if isinstance(facts, Mapping)
-    }
+def _known_directions(fit: FitIdentifiability) -> list[tuple[Direction, float]]:
+    """Directions with their contraction, where it is known."""
+    return [(d, d.contraction) for d in fit.directions if d.contraction is not None and d.words]
 
 
 def _contractions(results: Results) -> dict[str, float]:
-    """Share of the prior's variance taken away, of the parameters of the fits."""
+    """Contraction of every parameter of the fits [1]."""
     summary = results.part("parameters")
     entries = {name: summary.get(name) for name in _parameters(results)}
-    told = {name: facts.get("contraction") for name, facts in entries.items() if isinstance(facts, Mapping)}
-    return {name: float(share) for name, share in told.items() if is_number(share)}
+    shares = {name: facts.get("contraction") for name, facts in entries.items() if isinstance(facts, Mapping)}
+    return {name: float(share) for name, share in shares.items() if is_number(share)}
 
 
 def _some(items: list[str]) -> str:
-    """Items as in a sentence; what is too many for it is in the table."""
+    """Items as in a sentence; only the first are named where they are many."""
     rest = len(items) - MOST
     return listed(items if rest <= 1 else [*items[:MOST], f"{rest} others (see the table)"])
 
@@ -57,53 +59,55 @@ def _share(value: Any, digits: int = 1) -> str:
     return "> 99.9 %" if is_number(value) and 0.9995 <= value < 1.0 else percent(value, digits)
 
 
-def _told(results: Results) -> list[str]:
-    """How many parameters the record tells, and which it doesn't."""
+def _informed(results: Results) -> list[str]:
+    """How many parameters the data determine, and which they don't."""
     shares = _contractions(results)
     if not shares:
         return []
-    well = [name for name, share in shares.items() if share >= TOLD]
-    none = [name for name, share in shares.items() if share < HARDLY]
+    well = [name for name, share in shares.items() if share >= INFORMED]
+    none = [name for name, share in shares.items() if share < UNINFORMED]
     part = [name for name in shares if name not in well and name not in none]
-    text = f"Of {counted(len(shares), 'parameter')} the record tells {len(well)}: it takes away more than half of "
-    text += "the variance that the prior left."
+    text = f"The data determine {len(well)} of {counted(len(shares), 'parameter')}: they remove more than half of the "
+    text += "prior variance."
     if part:
-        text += f" It tells {_some(part)} in part."
+        text += f" They determine {_some(part)} in part."
     if none:
-        text += f" It says hardly anything about {_some(none)}: what stands there is the prior."
+        text += f" They carry hardly any information about {_some(none)}: the posterior is the prior."
     return [text]
 
 
 def _directions(results: Results) -> list[str]:
-    """The least and the best told combination of several parameters, per fit."""
+    """The least and the best determined combination of parameters, per fit."""
     found = []
-    for name, fit in fits(results).items():
-        every = [d for d in mappings(fit.get("directions")) if is_number(d.get("contraction")) and d.get("words")]
-        mixed = [d for d in every if " + " in str(d["words"]) or " - " in str(d["words"])]
+    for name, fit in results.identifiability.items():
+        every = _known_directions(fit)
+        mixed = [one for one in every if " + " in one[0].words or " - " in one[0].words]
         if len(every) < 2:
             continue
-        least, best = every[0], every[-1]
-        where = f" ({name})" if len(fits(results)) > 1 else ""
+        (least, removed), (best, _) = every[0], every[-1]
+        where = f" ({name})" if len(results.identifiability) > 1 else ""
         text = (
-            f"Least told{where} is {_in_sentence(least)}: the record takes away {_share(least['contraction'])} of the "
+            f"The least determined direction{where} is {_in_sentence(least)}: the data remove "
+            f"{_share(removed)} of the prior variance along it."
         )
-        text += "prior's variance along it."
-        if mixed and mixed[0] is not least:
-            text += f" Of mixtures the least told is {_shown(mixed[0])} ({_share(mixed[0]['contraction'])})."
-        if is_number(best.get("information")):
-            left = 1.0 / (1.0 + float(best["information"])) ** 0.5
-            text += f" Best told is {_in_sentence(best)}: {_share(left)} of the prior's standard deviation is left."
+        if mixed and mixed[0][0] is not least:
+            text += " Among combinations of several parameters the least determined is "
+            text += f"{_shown(mixed[0][0])} ({_share(mixed[0][1])})."
+        if best.information is not None:
+            left = 1.0 / (1.0 + best.information) ** 0.5
+            text += f" The best determined direction is {_in_sentence(best)}: {_share(left)} of the prior standard "
+            text += "deviation remains."
         found.append(text)
     if found:
-        found[-1] += " Each parameter counts in standard deviations of its prior."
+        found[-1] += " Parameters are scaled by their prior standard deviations."
     return found
 
 
-def _shown(direction: Mapping[str, Any]) -> str:
-    return str(direction["words"]).replace(" - ", " − ").replace("- ", "−", 1)
+def _shown(direction: Direction) -> str:
+    return direction.words.replace(" - ", " − ").replace("- ", "−", 1)
 
 
-def _in_sentence(direction: Mapping[str, Any]) -> str:
+def _in_sentence(direction: Direction) -> str:
     """A direction as a sum; one that is nearly a parameter by its name."""
     words = _shown(direction)
     alone = " + " not in words and " − " not in words
@@ -111,158 +115,158 @@ def _in_sentence(direction: Mapping[str, Any]) -> str:
 
 
 def _noise(results: Results) -> list[str]:
-    """Which parameters noise and wind stand in for, and what is not known of these."""
-    shares = {n: f for n, f in _parameters(results).items() if is_number(f.get("noise_share"))}
+    """Share of the variances that is due to uncertain noise parameters, and which of these the data don't determine."""
+    parameters = _parameters(results)
+    shares = {n: facts.noise_share for n, facts in parameters.items() if facts.noise_share is not None}
     if not shares:
         return []
-    leaning = sorted((n for n in shares if shares[n]["noise_share"] >= LEANS), key=lambda n: -shares[n]["noise_share"])
-    if leaning:
-        each = [f"{n} ({_share(shares[n]['noise_share'], 0)} of its variance; {_partner(shares[n])})" for n in leaning]
-        found = [f"Not knowing exactly how strong and lasting noise and wind are widens {_some(each)}."]
+    widened = sorted((n for n in shares if shares[n] >= NOISE_MATTERS), key=lambda n: -shares[n])
+    if widened:
+        each = [f"{n} ({_share(shares[n], 0)} of its variance; {_partner(parameters[n])})" for n in widened]
+        found = [f"Uncertainty of the noise and wind parameters widens the posterior of {_some(each)}."]
     else:
-        worst = max(shares, key=lambda n: float(shares[n]["noise_share"]))
-        text = "Not knowing exactly how strong and lasting noise and wind are hardly matters: it makes at most "
-        found = [text + f"{_share(shares[worst]['noise_share'])} of a variance ({worst})."]
-    return [*found, *_hardly_known(results)]
+        worst = max(shares, key=lambda n: shares[n])
+        text = "Uncertainty of the noise and wind parameters hardly matters: it contributes at most "
+        found = [text + f"{_share(shares[worst])} of a posterior variance ({worst})."]
+    return [*found, *_undetermined_noise(results)]
 
 
-def _partner(facts: Mapping[str, Any]) -> str:
-    label, correlation = plain(str(facts.get("noise_partner"))), number(facts.get("noise_correlation"), 2)
-    return f"foremost “{label}”, correlation {correlation}"
+def _partner(facts: ParameterIdentifiability) -> str:
+    label, correlation = plain(str(facts.noise_partner)), number(facts.noise_correlation, 2)
+    return f"mostly “{label}”, correlation {correlation}"
 
 
-def _hardly_known(results: Results) -> list[str]:
-    """Noise parameters that the records hardly tell."""
-    every = [part for fit in fits(results).values() if isinstance(part := fit.get("noise"), Mapping)]
+def _undetermined_noise(results: Results) -> list[str]:
+    """Noise parameters whose posterior is mostly their prior."""
+    every = [fit.noise for fit in results.identifiability.values()]
     hardly: dict[str, int] = {}
     for part in every:
         for label, share in part.items():
-            if is_number(share) and share < HARDLY:
-                hardly[plain(str(label))] = hardly.get(plain(str(label)), 0) + 1
+            if share is not None and share < UNINFORMED:
+                hardly[plain(label)] = hardly.get(plain(label), 0) + 1
     if not hardly:
         return []
     names = [f"“{k}”" if len(every) == 1 else f"“{k}” (in {n} of {len(every)} fits)" for k, n in hardly.items()]
-    text = f"Of {counted(max(len(part) for part in every), 'noise parameter')} the record hardly tells "
-    return [f"{text}{'; '.join(names)}: there the study's own values stand."]
+    text = f"Of {counted(max(len(part) for part in every), 'noise parameter')} the data hardly determine "
+    return [f"{text}{'; '.join(names)}: the posterior of these is the prior of the study."]
 
 
-def _reading(facts: Mapping[str, Any]) -> str:
-    """What the sensitivities and the move from the prior mean together."""
-    prior, record, shift = (facts.get(key) for key in ("prior_sensitivity", "likelihood_sensitivity", "shift"))
-    if not is_number(prior):
+def _diagnosis(facts: ParameterIdentifiability) -> str:
+    """Diagnosis from both sensitivities and the shift of the mean from the prior."""
+    if facts.prior_sensitivity is None:
         return MISSING
-    if prior < FELT:
-        return HARDLY_MATTERS
-    if not is_number(record) or record < FELT:
-        return ALONE
-    return APART_WORDS if is_number(shift) and abs(shift) >= APART else TOGETHER
+    if facts.prior_sensitivity < SENSITIVE:
+        return INSENSITIVE
+    if facts.likelihood_sensitivity is None or facts.likelihood_sensitivity < SENSITIVE:
+        return PRIOR_ONLY
+    return MAY_CONFLICT if facts.shift is not None and abs(facts.shift) >= CONFLICT else AGREE
 
 
 def _prior(results: Results) -> list[str]:
-    """Where the prior is felt, and whether it pulls against the record."""
-    known = {n: f for n, f in _parameters(results).items() if is_number(f.get("prior_sensitivity"))}
-    if not known:
+    """Which posteriors are sensitive to the prior, and whether prior and data may conflict."""
+    by_diagnosis: dict[str, list[str]] = {}
+    parameters = _parameters(results)
+    for name, facts in parameters.items():
+        by_diagnosis.setdefault(_diagnosis(facts), []).append(name)
+    by_diagnosis.pop(MISSING, None)
+    if not by_diagnosis:
         return []
-    felt = {n: f for n, f in known.items() if f["prior_sensitivity"] >= FELT}
-    if not felt:
-        return ["No parameter feels its prior: made a little stronger or weaker, it would change hardly anything."]
-    by_reading: dict[str, list[str]] = {}
-    for name, facts in felt.items():
-        by_reading.setdefault(_reading(facts), []).append(name)
-    alone, together, apart = (by_reading.get(reading, []) for reading in (ALONE, TOGETHER, APART_WORDS))
+    if set(by_diagnosis) == {INSENSITIVE}:
+        return ["No posterior is sensitive to the priors: a slightly stronger or weaker prior would hardly change it."]
+    alone, agree, conflict = (by_diagnosis.get(kind, []) for kind in (PRIOR_ONLY, AGREE, MAY_CONFLICT))
     found = []
     if alone:
-        found.append(f"{_some(alone)} {'hangs' if len(alone) == 1 else 'hang'} mostly on the prior.")
-    if together:
-        found.append(f"Prior and record both shape {_some(together)}, and they agree.")
-    if apart:
-        moved = [f"{n} (moved by {number(felt[n].get('shift'), 2)} standard deviations of its prior)" for n in apart]
-        found.append(f"Prior and record may pull apart for {_some(moved)}: look at where that prior comes from.")
-    rest = len(known) - len(felt)
-    return [*found, f"For the other {rest} the prior hardly matters."] if rest else found
+        found.append(f"{_some(alone)} {'is' if len(alone) == 1 else 'are'} determined mostly by the prior.")
+    if agree:
+        found.append(f"Prior and data both determine {_some(agree)}, and they agree.")
+    if conflict:
+        moved = [f"{n} (shifted by {number(parameters[n].shift, 2)} prior standard deviations)" for n in conflict]
+        found.append(f"Prior and data may be in conflict for {_some(moved)}: check the source of that prior.")
+    rest = len(by_diagnosis.get(INSENSITIVE, []))
+    return [*found, f"The posterior of the other {rest} is insensitive to the prior."] if rest else found
 
 
 def _intervals(results: Results) -> list[str]:
-    """What the record alone would say of parameters that feel their prior."""
+    """Profile-likelihood intervals, which do not depend on the prior, of parameters that are sensitive to it."""
     unbound, bound = [], []
     for name, facts in _parameters(results).items():
-        ends = facts.get("likelihood_interval")
-        if not isinstance(ends, Mapping):
+        ends = facts.likelihood_interval
+        if ends is None:
             continue
-        low, high = ends.get("low"), ends.get("high")
-        scale, unit = shown_unit(str(ends.get("unit") or "1"))
-        if is_number(low) and is_number(high):
+        low, high = ends.low, ends.high
+        scale, unit = shown_unit(ends.unit)
+        if low is not None and high is not None:
             bound.append(f"{name} between {number(scale * low, 4)} and {number(scale * high, 4)} {unit}".rstrip())
-        elif is_number(low) or is_number(high):
-            word, end = ("above", low) if is_number(low) else ("below", high)
-            bound.append(f"{name} only {word} {number(scale * (end or 0.0), 4)} {unit}".rstrip())
+        elif low is not None:
+            bound.append(f"{name} only above {number(scale * low, 4)} {unit}".rstrip())
+        elif high is not None:
+            bound.append(f"{name} only below {number(scale * high, 4)} {unit}".rstrip())
         else:
             unbound.append(name)
     found = []
     if unbound:
-        text = "Were its own prior taken away" if len(unbound) == 1 else "Were their own priors taken away"
-        where = "within three standard deviations of the posterior"
-        found.append(f"{text}, the record would set no bounds to {_some(unbound)} {where}.")
+        own = "its own prior" if len(unbound) == 1 else "their own priors"
+        where = "within three posterior standard deviations"
+        found.append(f"Without {own} the profile likelihood does not bound {_some(unbound)} {where}.")
     if bound:
         own = "its own prior" if len(bound) == 1 else "their own priors"
-        found.append(f"Without {own} the record puts {_some(bound)} (90 % of profile likelihood).")
+        found.append(f"Without {own} the 90 % profile-likelihood interval puts {_some(bound)}.")
     return found
 
 
-def told_sentences(results: Results) -> list[str]:
-    """What the record tells and what it does not, in words; nothing where the run didn't ask."""
-    if not fits(results):
+def identifiability_sentences(results: Results) -> list[str]:
+    """What the data determine and what they do not, in words; nothing where the run didn't analyse it."""
+    if not results.identifiability:
         return []
-    return [s for part in (_told, _directions, _noise, _prior, _intervals) for s in part(results)]
+    return [s for part in (_informed, _directions, _noise, _prior, _intervals) for s in part(results)]
 
 
-def told_table(results: Results) -> Table | None:
-    """Every parameter: what the record took away, what noise and prior add."""
+def identifiability_table(results: Results) -> Table | None:
+    """Every parameter: contraction, share of variance from noise parameters, sensitivity to prior and likelihood."""
     contractions, rows = _contractions(results), []
     for name, facts in _parameters(results).items():
-        partner = facts.get("noise_partner")
-        by = Cell(_share(facts.get("noise_share")), "", plain(str(partner)) if partner else "")
+        by = Cell(_share(facts.noise_share), "", plain(facts.noise_partner) if facts.noise_partner else "")
         rows.append(
             cells(
                 Cell(name, "code"),
                 _share(contractions.get(name)),
-                number(facts.get("shift"), 2) if is_number(facts.get("shift")) else MISSING,
+                _two_digits(facts.shift),
                 by,
-                number(facts.get("noise_correlation"), 2) if is_number(facts.get("noise_correlation")) else MISSING,
-                *(_sensitivity(facts.get(key)) for key in ("prior_sensitivity", "likelihood_sensitivity")),
-                Cell(_reading(facts), "wrap"),
+                _two_digits(facts.noise_correlation),
+                _sensitivity(facts.prior_sensitivity),
+                _sensitivity(facts.likelihood_sensitivity),
+                Cell(_diagnosis(facts), "wrap"),
             )
         )
     columns = columns_of(
-        "Parameter:code|Told:num|Moved:num|Share:num|Correlation:num|Prior:num|Record:num|Reading:text"
+        "Parameter:code|Contraction:num|Shift:num|Share:num|Correlation:num|Prior:num|Likelihood:num|Diagnosis:text"
     )
-    groups = (("", 3), ("From noise", 2), ("Sensitivity", 3))
+    groups = (("", 3), ("Noise parameters", 2), ("Power-scaling sensitivity", 3))
     caption = (
-        "Told: share of the prior's variance that the record takes away. Moved: mean, in standard deviations of the "
-        "prior. From noise: share of the variance that unknown noise parameters make, and the one most correlated. "
-        "Sensitivity: change of the posterior when prior or likelihood is made a little stronger; felt from 0.05."
+        "Contraction: share of the prior variance that the data remove. Shift: posterior mean minus prior mean, in "
+        "prior standard deviations. Noise parameters: share of the posterior variance that is due to their "
+        "uncertainty, and the one most correlated with the parameter. Sensitivity: change of the posterior when prior "
+        "or likelihood is raised to a power near 1; values from 0.05 matter."
     )
     return Table(columns, tuple(rows), caption, groups, style="dense") if rows else None
 
 
-def _sensitivity(value: Any) -> str:
-    return f"{value:.3f}" if is_number(value) else MISSING
+def _two_digits(value: float | None) -> str:
+    return MISSING if value is None else number(value, 2)
+
+
+def _sensitivity(value: float | None) -> str:
+    return MISSING if value is None else f"{value:.3f}"
 
 
 def direction_table(results: Results) -> Table | None:
-    """The least told combinations of the parameters."""
-    several, rows = len(fits(results)) > 1, []
-    for name, fit in fits(results).items():
-        every = [d for d in mappings(fit.get("directions")) if is_number(d.get("contraction")) and d.get("words")]
-        for d in every[:LEAST] if len(every) > 1 else ():
-            left = (1.0 - float(d["contraction"])) ** 0.5 if d["contraction"] <= 1.0 else None
-            rows.append(
-                cells(
-                    Cell(_shown(d), "code wrap", name if several else ""),
-                    _share(d["contraction"]),
-                    number(left, 2),
-                )
-            )
-    columns = columns_of("Combination:code|Told:num|Standard deviation left:num")
-    caption = "Combinations of parameters, in standard deviations of their priors, from the least told; small weights "
-    return Table(columns, tuple(rows), caption + "left out.", style="narrow") if rows else None
+    """The combinations of parameters that the data determine least."""
+    several, rows = len(results.identifiability) > 1, []
+    for name, fit in results.identifiability.items():
+        every = _known_directions(fit)
+        for d, removed in every[:LEAST] if len(every) > 1 else ():
+            left = (1.0 - removed) ** 0.5 if removed <= 1.0 else None
+            rows.append(cells(Cell(_shown(d), "code wrap", name if several else ""), _share(removed), number(left, 2)))
+    columns = columns_of("Combination:code|Contraction:num|Posterior / prior sd:num")
+    caption = "Combinations of parameters scaled by their prior standard deviations, the least determined first; small "
+    return Table(columns, tuple(rows), caption + "weights are omitted.", style="narrow") if rows else None

@@ -1,4 +1,4 @@
-"""The tables of what was fed in: flights, what was wrong with their records, and how they were prepared."""
+"""Tables of the input data: flights, faults of their records, and preparation of the records."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def repairs_of(facts: Mapping[str, Any], record: xr.Dataset | None) -> list[Mapp
 
 
 def faults_of(repairs: Repairs) -> list[Mapping[str, Any]]:
-    """Repairs that tell of something missing or wrong."""
+    """Repairs that concern missing or faulty data."""
     return [r for r in repairs if r.get("kind") not in PREPARATION]
 
 
@@ -47,7 +47,7 @@ def _flights(results: Results) -> dict[str, tuple[Mapping[str, Any], list[Mappin
 
 
 def flight_table(results: Results) -> Table | None:
-    """What was fed in: flights, their use, length and number of faults found."""
+    """Input data: flights, their use, length and number of faults found."""
     rows = []
     for name, (facts, repairs) in _flights(results).items():
         roles = facts.get("roles") or []
@@ -122,18 +122,18 @@ def _rows(results: Results, preparation: bool) -> list[tuple[Cell, ...]]:
 
 
 def _table(rows: list[tuple[Cell, ...]], label: str) -> Table | None:
-    """A table of repairs; what does not fit is counted."""
+    """A table of repairs; the number of rows that were omitted is in the caption."""
     columns = columns_of(f"Flight:text|{label}:text|Variable:code|From [s]:num|To [s]:num|Samples:num|Detail:text")
     more = len(rows) - MOST_ROWS
-    caption = f"The first {MOST_ROWS}; {more} more stand in the records under flights/." if more > 0 else ""
+    caption = f"The first {MOST_ROWS}; {more} more are listed in the records under flights/." if more > 0 else ""
     return Table(columns, tuple(rows[:MOST_ROWS]), caption) if rows else None
 
 
 def repair_table(results: Results) -> Table | None:
     """Gaps, outliers and jumps that were found in the records."""
-    return _table(_rows(results, preparation=False), "Found")
+    return _table(_rows(results, preparation=False), "Fault")
 
 
 def preparation_table(results: Results) -> Table | None:
     """What was resampled, derived or assumed."""
-    return _table(_rows(results, preparation=True), "Done")
+    return _table(_rows(results, preparation=True), "Step")

@@ -1,4 +1,4 @@
-"""The tables of how sure a structure is, how it predicts, and what data of known terms showed."""
+"""Tables of selection stability, prediction of data that were not fitted, and the simulation study with known terms."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from bayeschute.report.wording import MISSING, at_precision, is_number, number, 
 _MOST_ROWS = 14
 
 
-def sureness_table(facts: Mapping[str, Any]) -> Table | None:
-    """How often each term is kept over block replicates, under several ceilings, and what its error is made of."""
+def stability_table(facts: Mapping[str, Any]) -> Table | None:
+    """Selection frequency of each term over bootstrap replicates and ceilings, and the parts of its standard error."""
     frequency = facts.get("frequency")
     if not isinstance(frequency, Mapping) or not isinstance(frequency.get("terms"), Mapping):
         return None
@@ -40,19 +40,20 @@ def sureness_table(facts: Mapping[str, Any]) -> Table | None:
         )
     heads = "".join(f"|{c:g} ×:num" for c in ceilings)
     columns = columns_of(
-        f"Term:code|Kept:num{heads}|Standard error:num|by blocks:num|from positions:num|Taken for it (chance):code"
+        f"Term:code|Selected:num{heads}|Colored:num|Bootstrap:num|Differentiation:num|Confusable (probability):code"
     )
-    groups = (("", 1), ("share of block replicates, by ceiling", 1 + len(ceilings)), ("error", 3), ("", 1))
+    groups = (("", 1), ("Share of bootstrap replicates, by ceiling", 1 + len(ceilings)), ("Standard error", 3), ("", 1))
     caption = (
-        "Selected terms stand out. By blocks: moving-block bootstrap, the check of the standard error. From positions: "
-        "the part that noise of the recorded positions makes through differentiation. Taken for it: the candidate that "
-        "noise most easily puts in the term's place."
+        "Selected terms are highlighted. Colored: standard error corrected for colored residuals. Bootstrap: by "
+        "moving-block bootstrap, for comparison. Differentiation: the part due to noise of the recorded positions, "
+        "through numerical differentiation. Confusable: the candidate that noise is most likely to put in the "
+        "term's place, and the probability."
     )
     return Table(columns, tuple(rows), caption, groups=groups, marked=frozenset(marked)) if rows else None
 
 
 def structures_table(facts: Mapping[str, Any]) -> Table | None:
-    """The few structures that the record supports, each with its own estimates."""
+    """The model structures that were selected most often, each with its own estimates."""
     rows = []
     for found in mappings(facts.get("structures")):
         terms, estimates, errors = (list(found.get(k) or []) for k in ("terms", "estimate", "se"))
@@ -61,12 +62,12 @@ def structures_table(facts: Mapping[str, Any]) -> Table | None:
         )
         rows.append(cells(percent(found.get("share")), Cell(words, "code wrap"), number(found.get("rms"), 3)))
     columns = columns_of("Share:num|Terms, each with its estimate:code|Residual:num")
-    caption = "Sets of terms selected most often over block replicates of the record, fitted to the record itself."
+    caption = "Sets of terms selected most often over moving-block bootstrap replicates, each fitted to the record."
     return Table(columns, tuple(rows), caption, style="narrow") if rows else None
 
 
 def prediction_table(facts: Mapping[str, Any]) -> Table | None:
-    """How the fit predicts canopies and flights that were not used."""
+    """Prediction of canopies and flights that were not fitted."""
     rows = []
     for label, check in (facts.get("check") or {}).items():
         if isinstance(check, Mapping) and is_number(check.get("rms")):
@@ -85,15 +86,16 @@ def prediction_table(facts: Mapping[str, Any]) -> Table | None:
                 )
             )
     columns = columns_of(
-        "Not used:text|Residual / fit's:num|at the least:num|expected:num|true:num|Explained:num|Theil:num|Bias:num"
+        "Data not fitted:text|Predicted:num|Refitted:num|Expected:num|True:num|R2:num|Theil:num|Bias:num"
         "|Extrapolated:num|Better without:code"
     )
-    groups = (("", 1), ("over the fit's", 4), ("", 5))
+    groups = (("", 1), ("Residual, relative to that of the fit", 4), ("", 5))
     caption = (
-        "At the least: the same terms fitted to that record itself; a noisier record has more than 1 here, whatever "
-        "the model. Expected: from the fit's residual and the errors of its coefficients. True: what the coefficients "
-        "leave that the flight was flown with. Better without: the term whose absence lowers the error most, and the "
-        "ratio then."
+        "Predicted: residual of the prediction. Refitted: the same terms fitted to that record itself; a noisier "
+        "record has more than 1 here, whatever the model. Expected: from the residual of the fit and the standard "
+        "errors of its coefficients. True: residual with the true coefficients of a virtual flight. Theil: inequality "
+        "coefficient. Extrapolated: share of samples outside the range of the fitted data. Better without: the term "
+        "whose omission lowers the error most, and the ratio then."
     )
     return Table(columns, tuple(rows), caption, style="narrow", groups=groups) if rows else None
 
@@ -104,7 +106,7 @@ def _spared(without: Any) -> str:
 
 
 def known_table(facts: Mapping[str, Any]) -> Table | None:
-    """True terms of synthetic data: how often selected, how intervals cover, and their nearest neighbours."""
+    """True terms of synthetic data: selection frequency, coverage of intervals, and most confusable candidates."""
     rows = []
     for term in mappings(facts.get("true")):
         se, unit = term.get("se"), str(term.get("unit") or "1")
@@ -125,10 +127,10 @@ def known_table(facts: Mapping[str, Any]) -> Table | None:
             )
         )
     columns = columns_of(
-        "Term:code|True:num|Mean:num|Spread:num|Standard error:num|white:num|Colored:num|white:num|Selected:num"
-        "|unexchanged:num|Neighbour: correlation, chance:code"
+        "Term:code|True:num|Mean:num|Sample sd:num|Colored:num|White:num|Colored:num|White:num|Final:num"
+        "|Before exchange:num|Most confusable: correlation, probability:code"
     )
-    groups = (("", 3), ("error", 3), ("90 % intervals cover", 2), ("in replicates", 2), ("", 1))
+    groups = (("", 3), ("Standard error", 3), ("90 % interval coverage", 2), ("Selected in replicates", 2), ("", 1))
     return Table(columns, tuple(rows), groups=groups) if rows else None
 
 
@@ -138,13 +140,12 @@ def false_table(facts: Mapping[str, Any]) -> Table | None:
         cells(Cell(str(term.get("term")), "code"), percent(term.get("share")), percent(term.get("ranked")))
         for term in mappings(facts.get("false"))
     ]
-    return (
-        Table(columns_of("False term:code|Selected:num|unexchanged:num"), tuple(rows), style="narrow") if rows else None
-    )
+    columns = columns_of("False term:code|Selected:num|Before exchange:num")
+    return Table(columns, tuple(rows), style="narrow") if rows else None
 
 
 def target_table(synthetic: Mapping[str, Any]) -> Table | None:
-    """What synthetic data were made to show."""
+    """Acceptance criteria of the simulation study, and whether they were met."""
     rows = []
     for name, check in (synthetic.get("checks") or {}).items():
         if not isinstance(check, Mapping):
@@ -152,24 +153,24 @@ def target_table(synthetic: Mapping[str, Any]) -> Table | None:
         bound = check.get("bound")
         limits = [number(b, 2) for b in bound] if isinstance(bound, list) else [number(bound, 2)]
         white = f" (as if white: {number(check.get('white'), 3)})" if is_number(check.get("white")) else ""
-        verdict = Cell("reached", "good") if check.get("passed") is True else Cell("missed", "bad")
+        verdict = Cell("passed", "good") if check.get("passed") is True else Cell("failed", "bad")
         rows.append(cells(str(name), f"{number(check.get('value'), 3)}{white}", " to ".join(limits), verdict))
-    columns = columns_of("What:text|Value:num|Bound:num|Result:text")
+    columns = columns_of("Criterion:text|Value:num|Bound:num|Result:text")
     return Table(columns, tuple(rows), style="narrow") if rows else None
 
 
 def synthetic_sentences(name: str, facts: Mapping[str, Any]) -> list[str]:
-    """What the data of one coefficient were like."""
+    """Properties of the synthetic data of one coefficient."""
     low, high = (facts.get("penalty_per_term") or [None, None])[:2]
     rule = facts.get("report_rule")
     kept = rule.get("terms") if isinstance(rule, Mapping) else MISSING
     return [
         f"{name}: {facts.get('candidates')} candidates, {facts.get('samples')} samples, signal-to-noise ratio "
-        f"{number(facts.get('snr'))} as made; Fourier smoothing, which knows white noise only, takes it for "
-        f"{number(facts.get('seen_snr'), 3)}. Exactly the true terms in {percent(facts.get('exact'))} of "
-        f"{facts.get('replicates')} replicates; intervals of the selected models cover "
-        f"{percent(facts.get('selected_coverage'))}; greatest error {number(facts.get('largest_z'), 2)} "
+        f"{number(facts.get('snr'))} by construction; Fourier smoothing, which assumes white noise, estimates it as "
+        f"{number(facts.get('seen_snr'), 3)}. Exactly the true terms are selected in {percent(facts.get('exact'))} of "
+        f"{facts.get('replicates')} replicates; 90 % intervals of the selected models cover "
+        f"{percent(facts.get('selected_coverage'))}; the largest error is {number(facts.get('largest_z'), 2)} "
         "standard errors.",
         f"First replicate: (pe² − mse)/n is {number(low, 7)} to {number(high, 7)} in every row; "
-        f"the ceiling of 25 sigma^2 by smoothing would keep {kept} terms.",
+        f"a ceiling of 25 sigma^2 with sigma by Fourier smoothing would select {kept} terms.",
     ]

@@ -1,4 +1,4 @@
-"""The tables of what was fed in and what was found, as plain values that the template sets."""
+"""Tables of noise, structure and parameter estimates, as plain values that the template shows."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def plain_table(mapping: Mapping[str, Any], left: str, right: str) -> Table | No
 
 
 def noise_table(results: Results) -> Table | None:
-    """Residual noise of the channels and laws of the latent disturbances, as they were found."""
+    """Measurement noise of the channels and hyperparameters of the latent disturbances, as estimated."""
     known = {name: facts for name, facts in results.part("noise").items() if isinstance(facts, Mapping) and facts}
     labels = {"time_constant": "Time constant [s]", "frequency": "Frequency [Hz]", "damping_ratio": "Damping ratio"}
     keys = [key for key in labels if any(is_number(facts.get(key)) for facts in known.values())]
@@ -97,8 +97,9 @@ def noise_table(results: Results) -> Table | None:
         "|".join(["Channel:text", "White:num", "Correlated:num", *(f"{labels[k]}:num" for k in keys), "Unit:text"])
     )
     caption = (
-        "Standard deviations and time constants, frequency and damping of what oscillates, as found. "
-        "Wind, canopy force and breathing: latent disturbances that the fit infers."
+        "Estimated standard deviations (white and autocorrelated part) and time constants; frequency and damping ratio "
+        "of oscillators. Wind, forces, roll and breathing are latent disturbances that the fit infers; the others are "
+        "channels."
     )
     return Table(columns, tuple(rows), caption, style="narrow") if rows else None
 
@@ -154,7 +155,7 @@ def ranking_table(facts: Mapping[str, Any], most: int = 20) -> Table | None:
 
 
 def ceiling_table(facts: Mapping[str, Any]) -> Table | None:
-    """How the structure changes with the noise ceiling."""
+    """Sensitivity of the structure to the noise ceiling."""
     used = facts.get("sigma_max2")
     rows, marked = [], set()
     for i, step in enumerate(mappings(facts.get("sensitivity"))):
@@ -167,7 +168,7 @@ def ceiling_table(facts: Mapping[str, Any]) -> Table | None:
         elif is_number(used) and low is None and is_number(ceiling) and abs(ceiling - used) <= 1e-9 * abs(used):
             marked.add(i)
         rows.append(cells(root, str(len(terms)), Cell(", ".join(terms) or MISSING, "code wrap")))
-    columns = columns_of("Noise ceiling σ_max:num|Terms:num|Kept:code")
+    columns = columns_of("Noise ceiling σ_max:num|Terms:num|Selected:code")
     return Table(columns, tuple(rows), marked=frozenset(marked), style="narrow") if rows else None
 
 
@@ -210,7 +211,7 @@ def _rhat_bound(results: Results) -> float:
 
 
 def posterior_table(results: Results) -> Table | None:
-    """Prior against posterior, convergence, and the truth where it is known."""
+    """Prior and posterior of every parameter, convergence diagnostics, and the true value where it is known."""
     parameters = {str(n): p for n, p in results.part("parameters").items() if isinstance(p, Mapping)}
     if not parameters:
         return None
@@ -247,7 +248,7 @@ def output_error_table(results: Results) -> Table | None:
         )
     columns = columns_of("Parameter:text|Estimate:num|Raw s.e.:num|Corrected s.e.:num|Unit:text")
     caption = (
-        "Classical output error. Raw: Cramer-Rao bound as if residuals were white. Corrected: for residuals that stay "
-        "alike from sample to sample. In the form of table 7.1-2 of NASA/TM-2019-220410; priors included."
+        "Classical output error. Raw: Cramer-Rao bound for white residuals. Corrected: for colored (autocorrelated) "
+        "residuals. In the form of table 7.1-2 of NASA/TM-2019-220410; priors included."
     )
     return Table(columns, tuple(rows), caption, style="narrow") if rows else None

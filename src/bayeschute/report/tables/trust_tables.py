@@ -1,4 +1,4 @@
-"""The tables of how far to trust a run, of risk, and of where it came from."""
+"""Tables of checks, coverage, requirements, tolerance limits and provenance."""
 
 from __future__ import annotations
 
@@ -25,34 +25,34 @@ from bayeschute.report.wording import (
     whole,
 )
 
-USUAL = (  # quantity, statistic: what a reader asks for where no requirement is set on it
+USUAL = (  # quantity, statistic: commonly needed, shown also where no requirement refers to it
     ("swing_angle", "maximum"),
     ("sea_level_descent_rate", "final"),
     ("descent_rate", "final"),
     ("horizontal_speed", "final"),
 )
-CHECKS = (  # part of a check's name, what it asks
-    ("rhat", "Do the chains agree? (R-hat, greatest)"),
-    ("r_hat", "Do the chains agree? (R-hat, greatest)"),
-    ("ess", "Are there enough independent draws? (least effective number)"),
-    ("diverg", "Did the sampler follow the posterior everywhere? (divergent steps)"),
-    ("bfmi", "Did the sampler move between energy levels? (E-BFMI, least)"),
+CHECKS = (  # part of a check's name, its question
+    ("rhat", "Have the chains converged? (largest R-hat)"),
+    ("r_hat", "Have the chains converged? (largest R-hat)"),
+    ("ess", "Are there enough independent draws? (smallest effective sample size)"),
+    ("diverg", "Did the sampler explore the posterior without divergent transitions? (their number)"),
+    ("bfmi", "Did the sampler explore the energy distribution? (smallest E-BFMI)"),
     ("solver", "Is the integrator's error below the noise?"),
     ("step", "Is the integrator's error below the noise?"),
-    ("loo_pit", "Do left-out samples fall where predicted? (LOO-PIT)"),
+    ("loo_pit", "Are leave-one-out predictions calibrated? (LOO-PIT)"),
     ("posterior_predictive", "Do simulated records look like the measured one?"),
     ("ppc", "Do simulated records look like the measured one?"),
-    ("calibration", "Do intervals of this configuration cover over replicate flights?"),
-    ("sbc", "Do intervals of this configuration cover over replicate flights?"),
-    ("coverage", "Do the bands hold what was flown?"),
-    ("failed", "Did the simulations of the forecast run to their end?"),
-    ("bands", "Has every flight its bands?"),
-    ("residual", "Do the residuals look like the noise model?"),
+    ("calibration", "Do intervals of this configuration have their nominal coverage over replicate flights?"),
+    ("sbc", "Do intervals of this configuration have their nominal coverage over replicate flights?"),
+    ("coverage", "Do the bands contain the flown motion?"),
+    ("failed", "Did the simulations of the prediction finish?"),
+    ("bands", "Does every predicted flight have bands?"),
+    ("residual", "Do the residuals agree with the noise model?"),
 )
 
 
 def coverage_table(results: Results, half: Mapping[tuple[str, str], float]) -> Table | None:
-    """Share of truth and record inside the bands.
+    """Coverage: share of truth and record inside the bands.
 
     Args:
         results: The run.
@@ -69,13 +69,14 @@ def coverage_table(results: Results, half: Mapping[tuple[str, str], float]) -> T
                 rows.append(cells(flight, Cell(quantity_name(str(name)), "", words), *none))
     columns = columns_of("Flight:text|Quantity:text|Truth in 90 % band:num|Record in 90 % band:num|In 50 % band:num")
     caption = (
-        "A record carries sensor noise that a band of the true motion need not hold. 50 % band: truth where known."
+        "The bands are of the true motion; a record also contains sensor noise, so a smaller share of it may lie "
+        "inside. 50 % band: share of the truth where it is known, else of the record."
     )
     return Table(columns, tuple(rows), caption) if rows else None
 
 
 def check_table(results: Results) -> Table | None:
-    """Every check with its value and bound."""
+    """Every check with its question, value and bound."""
     rows = []
     for name, check in results.part("checks").items():
         if not isinstance(check, Mapping):
@@ -87,12 +88,12 @@ def check_table(results: Results) -> Table | None:
         asks = str(check.get("detail") or check.get("what") or asks)
         value, bound = (short(v) for v in (check.get("value"), check.get("bound")))
         rows.append(cells(Cell(plain(str(name)), "strong"), Cell(asks, "wrap"), value, bound, Cell(*verdict)))
-    columns = columns_of("Check:text|What it asks:text|Value:num|Bound:num|Result:text")
+    columns = columns_of("Check:text|Question:text|Value:num|Bound:num|Result:text")
     return Table(columns, tuple(rows)) if rows else None
 
 
 def requirement_table(results: Results) -> Table | None:
-    """P(met) over the posterior, apart from what the number of simulations leaves open."""
+    """Probability of meeting each requirement, with Monte Carlo limits and with the spread over the posterior."""
     rows = []
     for r in requirements(results):
         unit = str(r.get("unit") or "1")
@@ -116,7 +117,7 @@ def requirement_table(results: Results) -> Table | None:
             )
         )
     columns = columns_of(
-        "Requirement:text|Limit:text|Predicted:num|P(met):num|by number of simulations:num"
+        "Requirement:text|Limit:text|Predicted:num|P(met):num|Monte Carlo (Clopper-Pearson):num"
         "|over the posterior:num|Simulations:num"
     )
     groups = (("", 4), ("90 % limits of P(met)", 2), ("", 1))
@@ -140,7 +141,7 @@ def shown_statistics(results: Results, table: pd.DataFrame) -> pd.DataFrame:
 
 
 def tolerance_report(results: Results) -> Table | None:
-    """Wilks' limits of the statistics that matter most, the best that the draws allow."""
+    """Wilks' tolerance limits of the statistics that requirements refer to, the tightest that the draws allow."""
     table = results.risk.get("tolerance")
     needed = {"run", "quantity", "statistic", "unit", "share", "confidence", "failures", "needed", "enough", "limit"}
     if table is None or not needed <= set(table.columns) or table.empty:
@@ -158,21 +159,22 @@ def tolerance_report(results: Results) -> Table | None:
                 f"{100 * share:g} / {100 * confidence:g}",
                 f"{best['needed']:,.0f}",
                 f"{best['failures']:,.0f}",
-                Cell(limit if limit != MISSING else "none: failed solves", "" if len(enough) else "weak"),
+                Cell(limit if limit != MISSING else "none: failed simulations", "" if len(enough) else "weak"),
             )
         )
     columns = columns_of(
-        "Flight:text|Quantity:text|Share / confidence [%]:num|Draws needed:num|Allowed beyond:num|Upper limit:num"
+        "Flight:text|Quantity:text|Share / confidence [%]:num|Draws needed:num|Failures allowed:num|Upper limit:num"
     )
     caption = (
-        "Order statistics after Wilks: with the stated confidence, the share of flights lies below the limit. Every "
-        "statistic of every quantity is in risk/tolerance.csv."
+        "Distribution-free tolerance limits by order statistics (Wilks): with the stated confidence, at least the "
+        "stated share of flights lies below the limit. Failures allowed: draws that may lie above it. All quantities "
+        "and statistics are in risk/tolerance.csv."
     )
     return Table(columns, tuple(rows), caption)
 
 
 def marginal_report(results: Results) -> Table | None:
-    """The model-memo rows: family and constants by parameter."""
+    """Marginal fits: distribution family and its constants, by parameter."""
     table = results.risk.get("marginals")
     needed = {"parameter", "unit", "family", "location", "scale", "mean", "sd", "q00135", "q99865", "ks_distance"}
     if table is None or not needed <= set(table.columns) or table.empty:
@@ -196,20 +198,20 @@ def marginal_report(results: Results) -> Table | None:
     columns = columns_of(f"Parameter:code|Unit:text|Family:text|location:num|scale:num{heads}|K-S:num")
     caption = (
         "The first of normal, lognormal, truncated normal and Student-t whose Akaike criterion per independent draw "
-        f"lies within {NO_EVIDENCE:g} of the least; K-S: its greatest distance from the draws. SI."
+        f"lies within {NO_EVIDENCE:g} of the smallest; K-S: Kolmogorov-Smirnov distance from the draws. SI units."
     )
     return Table(columns, tuple(rows), caption, style="dense")
 
 
 def sampling_table(results: Results) -> Table | None:
-    """Facts on the sampling."""
+    """Settings and cost of the sampling."""
     words = {
         "wall_s": "wall time [s]",
-        "min_ess_per_s": "least effective draws per second",
+        "min_ess_per_s": "smallest effective sample size per second",
         "failed_solves": "failed simulations",
-        "divergences": "divergent steps",
+        "divergences": "divergent transitions",
     }
-    return plain_table({words.get(k, k): v for k, v in results.part("sampling").items()}, "What", "Value")
+    return plain_table({words.get(k, k): v for k, v in results.part("sampling").items()}, "Item", "Value")
 
 
 def provenance_tables(results: Results) -> Sequence[Table]:
@@ -225,7 +227,7 @@ def provenance_tables(results: Results) -> Sequence[Table]:
 
 
 def without_bands(results: Results) -> list[str]:
-    """Flights of whose forecast every simulation failed."""
+    """Flights without bands because every simulation of their prediction failed."""
     return [
         str(flight)
         for flight, quantities in results.part("coverage").items()
@@ -237,9 +239,9 @@ def without_bands(results: Results) -> list[str]:
 def warnings_of(results: Results) -> list[str]:
     """Counts that a reader must not miss."""
     sampling = results.part("sampling")
-    found = [f"{flight} has no bands: every simulation of its forecast failed." for flight in without_bands(results)]
-    for key, noun, verb in (("divergences", "step", "diverged"), ("failed_solves", "simulation", "failed")):
+    found = [f"{flight} has no bands: every simulation of its prediction failed." for flight in without_bands(results)]
+    for key, noun, verb in (("divergences", "transition", "diverged"), ("failed_solves", "simulation", "failed")):
         count = sampling.get(key)
         if is_number(count) and count > 0:
-            found.append(f"{counted(int(count), noun)} of the sampling {verb}; see “How far to trust it”.")
+            found.append(f"{counted(int(count), noun)} of the sampling {verb}; see “Checks and diagnostics”.")
     return found

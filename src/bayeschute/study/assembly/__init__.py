@@ -1,1 +1,1 @@
-"""From the words of a study to models, data and priors."""
+"""From the tables of a study to models, data and priors."""

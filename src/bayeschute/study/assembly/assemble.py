@@ -1,4 +1,4 @@
-"""From the words of a study to the objects of the rooms below: vehicle, virtual drops, flight data, noise."""
+"""From the tables of a study to vehicle, virtual drops, flight data and noise models."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def _drag_coefficient(c: CapsuleTable) -> float:
 
 
 def geometry(vehicle: Vehicle, capsule_mass: float | None = None) -> ClusterGeometry:
-    """What the reconstruction of a record needs of a vehicle."""
+    """Data of a vehicle that the reconstruction of a record needs."""
     c, k = vehicle.capsule, vehicle.canopies
     attach = _offset_b(c.attach_point, c.centre_of_mass)
     return ClusterGeometry(
@@ -167,7 +167,7 @@ def drop(virtual: VirtualFlight, quick: bool = False) -> VirtualDrop:
 
 
 def flight_seed(study: Study, flight: Flight) -> int:
-    """The seed of one flight's random numbers, its own whatever the other flights are."""
+    """The seed of one flight's random numbers, independent of the other flights."""
     return seed_of(study.seed, "virtual flight", flight.name)
 
 
@@ -186,7 +186,7 @@ def latent(study: Study, canopies: int) -> Latent:
         places = {"vertical": (0,)}
     found = _groups(study)
     processes = [(row, group) for group, (_, place, _, _) in enumerate(found) for row in places[place]]
-    none = 0 if found else 1 if study.model == "descent" else 3  # wind rows, at rest
+    none = 0 if found else 1 if study.model == "descent" else 3  # wind rows, zero
     return Latent(tuple(kind for _, _, kind, _ in found), tuple(processes), none)
 
 
@@ -196,7 +196,7 @@ def noise_parameter_names(study: Study) -> tuple[str, ...]:
 
 
 def _groups(study: Study) -> list[tuple[str, str, str, tuple[float, ...]]]:
-    """Name, place, kind and law of every group of latent processes."""
+    """Name, channel, kind and hyperparameters of every group of latent processes."""
     table = study.noise
     found: list[tuple[str, str, str, tuple[float, ...]]] = []
     if table.model != "latent":
@@ -228,7 +228,7 @@ def smaller(study: Study) -> Study:
 
 
 def as_plain(value: Any) -> Any:
-    """A value as JSON holds it: arrays as lists, NaN as None."""
+    """A value for JSON: arrays as lists, NaN as None."""
     if isinstance(value, dict):
         return {str(k): as_plain(v) for k, v in value.items()}
     if isinstance(value, (list, tuple)):

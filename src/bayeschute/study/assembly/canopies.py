@@ -1,39 +1,28 @@
-"""Coefficients that differ from canopy to canopy: a parameter for each canopy of each drop, ``axial[1]@drop.canopy2``.
+"""Coefficients that vary between canopies: a parameter for each canopy of each drop, ``axial[1]@drop.canopy2``.
 
-A canopy flies once: those of another drop are other members of the same population, even if the riggers know better.
+Canopies of different drops are treated as different members of the same population, even if they are the same article.
 """
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bayeschute.aero.coefficient import Coefficient, shared_name
 from bayeschute.core.random import stream
 from bayeschute.likelihood.priors import Prior
 from bayeschute.study.study import Flight, Study
 
 Array = NDArray[np.float64]
-_MEMBER = re.compile(r"(?P<of>.*\])@(?P<flight>.*)(?P<canopy>\.canopy\d+)")
-
-
-def coefficient(name: str) -> str:
-    """The coefficient of which a parameter is that of one canopy; of another parameter its own name."""
-    found = _MEMBER.fullmatch(name)
-    return found["of"] if found else name
 
 
 def is_of_canopy(name: str) -> bool:
-    """Whether a parameter is that of one canopy."""
-    return _MEMBER.fullmatch(name) is not None
-
-
-def of_canopy(name: str, flight: str, canopy: int) -> str:
-    """Name of a coefficient's parameter for one canopy, counted from 1, of one flight."""
-    return f"{name}@{flight}.canopy{canopy}"
+    """Whether a parameter is that of one canopy of one flight."""
+    one = Coefficient.parse(name)
+    return one is not None and one.flight is not None and one.canopy is not None
 
 
 def each(priors: Sequence[Prior], vary: Sequence[str], flights: Sequence[str], canopies: int) -> tuple[Prior, ...]:
@@ -46,13 +35,16 @@ def each(priors: Sequence[Prior], vary: Sequence[str], flights: Sequence[str], c
         canopies: Number of canopies.
     """
     members = [(flight, i + 1) for flight in flights for i in range(canopies)]
-    made = [[replace(p, name=of_canopy(p.name, *m)) for m in members] if p.name in vary else [p] for p in priors]
-    return tuple(p for some in made for p in some)
+    made: list[Prior] = []
+    for p in priors:
+        one = Coefficient.parse(p.name) if p.name in vary else None
+        made += [p] if one is None else [replace(p, name=str(one.of(*member))) for member in members]
+    return tuple(made)
 
 
 def together(priors: Sequence[Prior]) -> list[Prior]:
     """The priors of which `each` made these."""
-    made = {coefficient(p.name): replace(p, name=coefficient(p.name)) for p in reversed(priors)}
+    made = {(name := shared_name(p.name)): replace(p, name=name) for p in reversed(priors)}
     return list(reversed(made.values()))
 
 
@@ -65,8 +57,11 @@ def in_flight(names: Sequence[str], flight: str) -> tuple[str, ...]:
     """
     made = []
     for name in names:
-        found = _MEMBER.fullmatch(name)
-        made.append(name if found is None else found["of"] + found["canopy"] if found["flight"] == flight else "")
+        one = Coefficient.parse(name)
+        if one is None or one.canopy is None or one.flight is None:
+            made.append(name)
+        else:
+            made.append(str(replace(one, flight=None)) if one.flight == flight else "")
     return tuple(made)
 
 

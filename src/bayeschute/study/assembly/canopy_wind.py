@@ -1,7 +1,7 @@
-"""Wind by altitude in a fit: canopies some 70 m above a capsule meet another wind than it does.
+"""Wind difference between capsule and canopies in a fit, from a wind profile by altitude.
 
-The recorded wind is the capsule's. A profile tells how the wind changes from there to the canopies: a body at altitude
-h meets the recorded wind and ``profile(h) - profile(altitude of the capsule)``.
+The recorded wind is that at the capsule, and canopies fly some 70 m above it. A profile gives the change of the wind up
+to the canopies: the wind at altitude h is the recorded wind plus ``profile(h) - profile(altitude of the capsule)``.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 
 def with_wind(record: xr.Dataset, table: ProfileTable) -> xr.Dataset:
-    """A record with the profile's wind at the capsule, where it has no wind of its own.
+    """A record with the profile's wind at the capsule, where no wind is recorded.
 
     Args:
         record: With ``capsule_position``.
@@ -51,7 +51,7 @@ def canopy_wind(record: xr.Dataset, table: ProfileTable) -> Array:
 
 
 def by_altitude(data: FlightData, record: xr.Dataset, table: ProfileTable) -> FlightData:
-    """A cluster's data whose bodies each meet the wind of their own altitude.
+    """A cluster's data in which the wind at every body is that at its altitude.
 
     Args:
         data: From `bayeschute.likelihood.channels.cluster_data`.

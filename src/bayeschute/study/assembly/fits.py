@@ -1,4 +1,4 @@
-"""Fits of a study: which flights share parameters, their data, and finished fits as they are kept."""
+"""Fits of a study: groups of flights that share parameters, their data, and stored fits."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from bayeschute.aero.coefficient import terms_of
 from bayeschute.core.trees import load_tree, save_tree
 from bayeschute.dynamics.parameters import Structure
 from bayeschute.likelihood.channels import cluster_data, descent_data
@@ -59,12 +60,8 @@ def groups(job: Job) -> list[Group]:
 
 def structure_of(priors: Sequence[Prior], n: int) -> Structure:
     """The structure of `n` canopies whose coefficients are among the parameters."""
-    names = [p.name for p in canopies.together(priors)]
-    terms = {
-        kind: tuple(name[len(kind) + 1 : -1] for name in names if name.startswith(f"{kind}["))
-        for kind in ("axial", "transverse")
-    }
-    return Structure(terms["axial"], terms["transverse"], n)
+    axial, transverse, _ = terms_of([p.name for p in canopies.together(priors)])
+    return Structure(tuple(axial), tuple(transverse), n)
 
 
 def data_of(job: Job, flight: Flight, priors: Sequence[Prior], like: Flight | None = None) -> FlightData:
@@ -74,7 +71,7 @@ def data_of(job: Job, flight: Flight, priors: Sequence[Prior], like: Flight | No
         job: The run.
         flight: The flight.
         priors: Of all parameters.
-        like: The flight whose canopies' parameters this one has; None: its own.
+        like: The flight whose canopy parameters are used; None: this flight's.
     """
     study, record = job.study, load_flight(job, flight.name)
     time = record["time"].values
@@ -95,7 +92,7 @@ def data_of(job: Job, flight: Flight, priors: Sequence[Prior], like: Flight | No
 
 
 class _Kept(NamedTuple):
-    """What is stored of a fit: as in `LaplaceFit` and `Draws`; of the marginal posterior what flights don't tell."""
+    """Stored results of a fit, as in `LaplaceFit` and `Draws`, without what can be recomputed from the flights."""
 
     optimum: Optimum
     asides: tuple[Lifted, ...]
@@ -119,7 +116,7 @@ def _file(job: Job, group: Group) -> Path:
 
 
 def save_fit(job: Job, group: Group, found: LaplaceFit, draws: Draws, wide: Array) -> None:
-    """Keep a finished fit: what `load_fit` needs to set it up again."""
+    """Store a finished fit, for `load_fit`."""
     made, ratio = found.marginal, draws.stats.get("log_ratio")
     best = replace(found.optimum, flights=tuple(along.at for along in made.along), trace=())
     kept = _Kept(
@@ -139,7 +136,7 @@ class Stored:
         optimum: The optimum.
         hyper: Noise parameters.
         theta: Draws in working coordinates (chain, draw, P).
-        held: The same with the noise parameters held at their optimum, as the sampler made them.
+        held: Conditional draws, with the noise parameters fixed at their estimate, as the sampler returned them.
         failed: Simulations that failed while sampling.
         evaluations: Evaluations of the exact density.
         noise_parameter_covariance: Of the logarithms of the noise parameters.
@@ -170,6 +167,11 @@ def load_noise_parameters(job: Job, group: Group) -> NoiseParameters:
     return load_tree(_file(job, group), NoiseParameters, "hyper")
 
 
+def load_optimum(job: Job, group: Group) -> Optimum:
+    """Parameters, paths and disturbances of a finished fit at its mode."""
+    return load_tree(_file(job, group), Optimum, "optimum")
+
+
 def load_fit(job: Job, group: Group) -> Stored:
     """Read a fit back and set its marginal posterior up again."""
     kept = load_tree(_file(job, group), _Kept)
@@ -185,7 +187,7 @@ def load_fit(job: Job, group: Group) -> Stored:
 
 
 def summary_draws(job: Job) -> tuple[dict[str, Array], dict[str, str]]:
-    """Draws of every parameter in its own unit (chain, draw), and the units."""
+    """Draws of every parameter in its unit (chain, draw), and the units."""
     tree = xr.open_datatree(job.out / "posterior.nc", engine="h5netcdf")
     posterior = tree["posterior"].ds.load()
     tree.close()
@@ -194,7 +196,7 @@ def summary_draws(job: Job) -> tuple[dict[str, Array], dict[str, str]]:
 
 
 def gaussian_summary(priors: Sequence[Prior], theta: Array) -> list[Prior]:
-    """Posterior draws (chain, draw, P) as Gaussian priors, for the opening of another flight."""
+    """Posterior draws (chain, draw, P) as Gaussian priors, for the initialisation window of another flight."""
     flat = theta.reshape(-1, theta.shape[-1])
     named = [replace(p, source="posterior") for p in priors]
     return correlated(named, flat.mean(axis=0), np.cov(flat, rowvar=False).reshape(len(priors), -1))

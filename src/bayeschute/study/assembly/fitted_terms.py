@@ -1,4 +1,4 @@
-"""Terms that equation error did not select, kept at hand for a fit that asks for them."""
+"""Priors of aerodynamic terms that equation error did not select, for the search within the fit."""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bayeschute.aero.coefficient import Coefficient, coefficient_names, shared_name
 from bayeschute.likelihood.priors import Prior, correlated, from_equation_error
-from bayeschute.study.assembly import canopies
 from bayeschute.study.job import Job
 from bayeschute.study.study import Study
 
-ADDED = "added since the fitted flight asked for it"
+ADDED = "added by the score test of the fitted flight"
 _LARGEST = 0.2
-"""Root mean square, over the record, of what a term is expected to add to a force coefficient at most [1].
+"""Prior standard deviation of a term's contribution to a force coefficient, root mean square over the record [1].
 
-Coefficients of axial force are near 0.9, of transverse force below 0.2 where canopies fly. A record that moves too
-little to tell terms apart leaves them near zero by this, and their sum where equation error puts it.
+Coefficients of axial force are near 0.9, of transverse force below 0.2 where canopies fly. Where the motion is too
+small to separate collinear terms, this prior keeps each of them near zero, and their sum where equation error puts it.
 """
 
 
 _UNSEEN = 1e-4
-"""Least root mean square of a regressor that counts: one that is zero all along tells nothing of its coefficient."""
+"""Least root mean square of a regressor: one that is zero all along carries no information on its coefficient."""
 
 
 def of_selected(study: Study, kind: str, entry: Mapping[str, Any], flight: str) -> list[Prior]:
@@ -38,7 +38,9 @@ def of_selected(study: Study, kind: str, entry: Mapping[str, Any], flight: str) 
     """
     rows, table = entry["selected"], study.priors
     made = [
-        from_equation_error(f"{kind}[{r['term']}]", r["estimate"], r["se"], table.inflation, table.floor, flight=flight)
+        from_equation_error(
+            str(Coefficient(kind, r["term"])), r["estimate"], r["se"], table.inflation, table.floor, flight=flight
+        )
         for r in rows
     ]
     if entry.get("covariance") is None or not rows:
@@ -51,8 +53,8 @@ def of_library(study: Study, kind: str, entry: Mapping[str, Any], flight: str) -
     """Priors of all candidates: the covariance of their joint fit, inflated, and none larger than is plausible.
 
     Equation error's Gaussian, widened, is multiplied by one about zero for every term but the constant, under which the
-    term adds no more than `_LARGEST` to the coefficient. Where a record can't tell the candidates apart, equation error
-    says the selected ones only.
+    term adds no more than `_LARGEST` to the coefficient. Where a record can't separate the candidates, equation error
+    gives the selected ones only.
 
     Args:
         study: For inflation and floor.
@@ -60,25 +62,25 @@ def of_library(study: Study, kind: str, entry: Mapping[str, Any], flight: str) -
         entry: Of structure.json.
         flight: Where estimates come from, for the report.
     """
-    told, table = entry["together"], study.priors
-    names, size = list(told["terms"]), np.array(told["rms"], float)
+    together, table = entry["together"], study.priors
+    names, size = list(together["terms"]), np.array(together["rms"], float)
     centre: NDArray[np.float64] = np.zeros(len(names))
     known: NDArray[np.float64] = np.zeros((len(names), len(names)))
     source = f"equation error on {flight}, all candidates together, {table.inflation:g} x colored standard error"
-    if told["estimate"] is not None:
-        here = [names.index(name) for name in told["fitted"]]
-        centre[here] = told["estimate"]
-        law = table.inflation**2 * np.array(told["covariance"], float) + table.floor**2 * np.eye(len(here))
+    if together["estimate"] is not None:
+        here = [names.index(name) for name in together["fitted"]]
+        centre[here] = together["estimate"]
+        law = table.inflation**2 * np.array(together["covariance"], float) + table.floor**2 * np.eye(len(here))
         known[np.ix_(here, here)] = np.linalg.inv(law)
     else:
         here = [names.index(row["term"]) for row in entry["selected"]]
         law = table.inflation**2 * np.array(entry["covariance"], float) + table.floor**2 * np.eye(len(here))
         known[np.ix_(here, here)] = np.linalg.inv(law)
         centre[here] = [row["estimate"] for row in entry["selected"]]
-        source += "; it can't tell all of them apart"
+        source += "; it can't separate all of them"
     plausible = np.where(np.array(names) == "1", 0.0, (np.maximum(size, _UNSEEN) / _LARGEST) ** 2)
     both = np.linalg.inv(known + np.diag(np.maximum(plausible, 1e-12)))
-    blank = [Prior(f"{kind}[{name}]", 0.0, 1.0, False, "1", source) for name in names]
+    blank = [Prior(str(Coefficient(kind, name)), 0.0, 1.0, False, "1", source) for name in names]
     return correlated(blank, both @ known @ centre, 0.5 * (both + both.T))
 
 
@@ -96,22 +98,22 @@ def terms_left_out(job: Job) -> list[Prior]:
     made = []
     for kind, entry in found.items():
         for term in entry.get("left_out", ()):
-            name, table = f"{kind}[{term['term']}]", study.priors
+            name, table = str(Coefficient(kind, term["term"])), study.priors
             one = from_equation_error(name, term["estimate"], term["se"], table.inflation, table.floor, flight=flight)
             made.append(replace(one, source=f"{one.source}; {ADDED}"))
     return made
 
 
 def in_order(study: Study, priors: Sequence[Prior]) -> list[Prior]:
-    """Priors in the order of the study: coefficients as its pools name their terms, then all others as they are.
+    """Priors in the order of the study: coefficients as its pools name their terms, then all others in their order.
 
-    Which order equation error ranks terms in is chance where they tell as much. Fits of the same terms, as those of
-    replicates are, would compile a function for every one of these orders.
+    The order in which equation error ranks terms is random where they explain as much. Fits of the same terms, as
+    those of replicates are, would compile a function for every one of these orders.
     """
     table = study.structure
-    pools = [] if table is None else [f"{k}[{term}]" for k in ("axial", "transverse") for term in getattr(table, k)]
+    pools = [] if table is None else coefficient_names(table)
     place = {name: i for i, name in enumerate(pools)}
-    return sorted(priors, key=lambda p: place.get(canopies.coefficient(p.name), len(place)))
+    return sorted(priors, key=lambda p: place.get(shared_name(p.name), len(place)))
 
 
 def with_terms(study: Study, priors: Sequence[Prior], more: Sequence[Prior]) -> tuple[list[Prior], NDArray[np.bool_]]:

@@ -1,10 +1,10 @@
-"""Bodies of a kind with their population, and drops and canopies that differ about one.
+"""Hierarchical models of a study: populations of bodies, drops and canopies.
 
-Descents are fits of a parameter each, with a population of their logarithms. Drops of a cluster share most parameters;
-those that ``vary`` in ``[priors]`` names are each drop's own, those of ``vary_canopies`` each canopy's. Drops are
-fitted one by one if some parameter is their own; then all fits are joined (`posterior.combine.hierarchy`). Flights
-that were fitted are predicted with the parameters that the joined posterior gives their drop and canopies, one that was
-not with those of further members of the populations.
+Descents are fits of one parameter each, with a population of their logarithms. Drops of a cluster share most
+parameters; those that ``vary`` in ``[priors]`` names have a value per drop, those of ``vary_canopies`` one per canopy.
+Drops are fitted separately if some parameter varies; then all fits are joined (`posterior.combine.hierarchy`). Flights
+that were fitted are predicted with the parameters of their drop and canopies in the joined posterior, others with those
+of new members of the populations.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import xarray as xr
 from arviz_base import from_dict
 from numpy.typing import NDArray
 
+from bayeschute.aero.coefficient import shared_name
 from bayeschute.core.random import stream
 from bayeschute.core.trees import load_tree, save_tree
 from bayeschute.likelihood.priors import Prior, working
@@ -45,8 +46,8 @@ def _bodies(job: Job, todo: Sequence[Group], trees: Sequence[xr.DataTree]) -> xr
     """Several bodies' posteriors, with their population."""
     table, prior = job.study.sampler, load_priors(job)[0]
     own = [load_fit(job, group).theta for group in todo]
-    told = [random_effects.likelihood_of(float(x.mean()), float(x.std()), prior.centre, prior.scale) for x in own]
-    mean, sd = np.array(told).T
+    combined = [random_effects.likelihood_of(float(x.mean()), float(x.std()), prior.centre, prior.scale) for x in own]
+    mean, sd = np.array(combined).T
     sizes = (table.chains, table.warmup, table.draws, job.study.seed)
     made = random_effects.fit(mean, sd, (prior.centre, prior.scale), *sizes)
     rng = stream(job.study.seed, "prior of bodies")
@@ -72,7 +73,7 @@ def _together(trees: Sequence[xr.DataTree], wanted: Sequence[str]) -> dict[str, 
 
 
 def _tree(plain: dict[str, dict[str, Array]], units: dict[str, str], trees: Sequence[xr.DataTree]) -> xr.DataTree:
-    """Groups of parameters, then those of the flights of several fits; each says which draws it is about."""
+    """Groups of parameters, then those of the flights of several fits, each with a note on its draws."""
     known = {name: {"draws": _ALONE} for name in plain if name not in ("posterior", "prior")}
     tree = from_dict(plain, attrs=known | {"posterior": {"draws": _JOINED}})
     for name in flight_groups.GROUPS:
@@ -84,7 +85,7 @@ def _tree(plain: dict[str, dict[str, Array]], units: dict[str, str], trees: Sequ
 
 
 class _Places(NamedTuple):
-    """Where the parameters of all fits stand: shared ones first, then the members of every population.
+    """Indices of the parameters of all fits: shared ones first, then the members of every population.
 
     Attributes:
         shared: Names of the shared parameters.
@@ -102,7 +103,7 @@ class _Places(NamedTuple):
 
     @property
     def known(self) -> tuple[str, ...]:
-        """Names of what has a prior: shared parameters, then means of the populations."""
+        """Names with a prior: shared parameters, then means of the populations."""
         return self.shared + self.populations
 
 
@@ -116,7 +117,7 @@ def _places(vary: Sequence[str], todo: Sequence[Group]) -> _Places:
     for group in todo:
         for p in group.priors:
             if own := member(p.name, group):
-                of.setdefault(canopies.coefficient(p.name), {})[own] = None
+                of.setdefault(shared_name(p.name), {})[own] = None
     shared = tuple(p.name for p in todo[0].priors if not member(p.name, todo[0]))
     members = tuple(name for some in of.values() for name in some)
     place = {name: i for i, name in enumerate((*shared, *members))}
@@ -141,9 +142,9 @@ def _joined_groups(job: Job, todo: Sequence[Group], trees: Sequence[xr.DataTree]
         flat = load_fit(job, group).theta.reshape(-1, len(group.priors))
         alone = (flat.mean(axis=0), np.cov(flat, rowvar=False).reshape(flat.shape[1], -1))
         likelihoods.append(hierarchy.likelihood_of(*alone, *before))
-    told = hierarchy.joint(likelihoods, places.fits, len(places.shared) + len(places.members))
+    combined = hierarchy.joint(likelihoods, places.fits, len(places.shared) + len(places.members))
     sizes = [places.of.count(k) for k in range(len(places.populations))]
-    made = hierarchy.fit(told, sizes, centre, scale, spread, table.chains, table.warmup, table.draws, study.seed)
+    made = hierarchy.fit(combined, sizes, centre, scale, spread, table.chains, table.warmup, table.draws, study.seed)
     save_tree(job.out / FILE, made)
     plain = _together(trees, ("sample_stats",) if len(todo) == 1 else ())
     plain["posterior"] = _named(places, priors, made)
@@ -196,7 +197,7 @@ def _named(places: _Places, priors: Mapping[str, Prior], made: Hierarchy) -> dic
 
 
 def by_members(job: Job, group: Group, alone: Stored, flown: bool, draws: int) -> list[tuple[Group, Stored, int]]:
-    """Fits that predict a flight, what the joined posterior says of its parameters, and how many draws each gives.
+    """Fits that predict a flight, with draws of its parameters from the joined posterior, and the number of each.
 
     Args:
         job: The run.
@@ -218,7 +219,7 @@ def by_members(job: Job, group: Group, alone: Stored, flown: bool, draws: int) -
 def _of_members(job: Job, alone: Stored, flown: bool, todo: Sequence[Group], fit: int) -> Stored:
     """A fit with the parameters that the joined posterior gives it, or gives further members of the populations.
 
-    Noise stays that of the fit alone. The draws are in an order of their own, so that fits which predict one flight
+    Noise stays that of the fit alone. The draws are permuted, so that fits which predict one flight
     together don't all give the same ones.
     """
     made = load_tree(job.out / FILE, Hierarchy)

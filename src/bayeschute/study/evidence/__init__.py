@@ -1,1 +1,1 @@
-"""Calibration of a study, and what a run may claim by it."""
+"""Calibration evidence of a study: stored coverage, misspecification scenarios, recalibration and label."""

@@ -1,4 +1,4 @@
-"""What a run may claim of its 90 %: verified only where its own checks pass and replicates of its configuration did."""
+"""Calibration status of a run: "verified" only if its checks pass and stored replicates show nominal coverage."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 from bayeschute.calibration.coverage_tables import ENOUGH, WANTED, promised, verdict
 from bayeschute.calibration.label import label_of
 from bayeschute.study.evidence.identity import places, stored
-from bayeschute.study.evidence.recalibrate import told as told_widening
+from bayeschute.study.evidence.recalibrate import applied_recalibration
 from bayeschute.study.job import Job
 from bayeschute.study.study import Study
 
@@ -16,15 +16,15 @@ NONE_STORED = "no calibration of this configuration is stored"
 
 
 def calibration_check(job: Job) -> dict[str, Any]:
-    """The check `calibration`: what replicates of the run's configuration held.
+    """The check `calibration`: coverage of 90 % intervals over stored replicates of the run's configuration.
 
     Returns:
         ``passed`` (None where nothing is stored), ``value`` the share at 90 % farthest from it, ``bound``, ``detail``
         in words, and ``held``: share, standard error and verdict by name.
     """
-    by = told_widening(job)
+    by = applied_recalibration(job)
     if by is not None:
-        says = f"{by.words}; what they hold then was tried on no others"
+        says = f"{by.words}; the coverage of the widened bands was not tested on other replicates"
         return {"passed": False, "value": None, "bound": None, "detail": says, "held": {}}
     found = stored(job.study, job.quick, places(job))
     if found is None:
@@ -40,35 +40,36 @@ def calibration_check(job: Job) -> dict[str, Any]:
     }
     off = [name for name, entry in held.items() if entry["verdict"] != "kept"]
     worst = max(names, key=lambda name: abs(found["coverage"][name] - 0.9))
-    told = f"{found['replicates']} replicate flights, {len(found['failed'])} failed; nominal 90 % intervals of "
+    counts = f"{found['replicates']} replicate flights, {len(found['failed'])} failed; "
     if found["replicates"] < ENOUGH:
-        says = f"only {found['replicates']} replicates are stored, {ENOUGH} are wanted"
+        says = f"only {found['replicates']} replicates are stored, at least {ENOUGH} are needed"
     elif held[worst]["verdict"] == "too many failed":
-        says = f"{found['replicates']} replicate flights, {len(found['failed'])} failed: too many to speak for all"
+        says = counts + "with so many failures the others may not be representative"
     elif off:
-        says = told + ", ".join(f"{n} held {100 * held[n]['share']:.0f} % ({held[n]['verdict']})" for n in off)
+        each = (f"of {n} is {100 * held[n]['share']:.0f} % ({held[n]['verdict']})" for n in off)
+        says = counts + "coverage of nominal 90 % intervals " + ", ".join(each)
     else:
         low, high = min(h["share"] for h in held.values()), max(h["share"] for h in held.values())
-        says = told + f"all promised quantities held {100 * low:.0f} to {100 * high:.0f} %"
+        says = counts + f"coverage of nominal 90 % intervals is {100 * low:.0f} to {100 * high:.0f} %"
     return {"passed": not off, "value": held[worst]["share"], "bound": WANTED[0], "detail": says, "held": held}
 
 
 def hint(study: Study) -> str:
-    """How to make a study's calibration: truths are known of virtual flights of a cluster only."""
+    """How to calibrate a study; true values are known of virtual cluster flights only."""
     if study.model != "cluster":
-        return "none can be made yet of a descent"
+        return "calibration is not available for the descent model"
     if all(flight.virtual is not None for flight in study.flights):
-        return f"`bayeschute calibrate {study.path}` makes one"
-    return "`bayeschute calibrate` makes one, given the same tables with virtual flights like these"
+        return f"run `bayeschute calibrate {study.path}`"
+    return "run `bayeschute calibrate` on a study with the same tables and with virtual flights like these"
 
 
 def verification(checks: Mapping[str, Mapping[str, Any]], study: Study) -> str:
-    """The label of a run's intervals: ``verified``, or what is missing and the command that makes it."""
+    """The label of a run's intervals: ``verified``, or what is missing and the command that produces it."""
     missed = [name for name, entry in checks.items() if entry["passed"] is False and name != "calibration"]
     calibration = checks["calibration"]
     lacking = [] if calibration["passed"] else [calibration["detail"]]
     if calibration["passed"] is None:
         lacking[0] += f" ({hint(study)})"
     if missed:
-        lacking.append(f"missed {', '.join(missed)}")
+        lacking.append(f"failed checks: {', '.join(missed)}")
     return label_of(lacking, calibration["detail"])

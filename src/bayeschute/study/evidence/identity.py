@@ -1,4 +1,4 @@
-"""What identifies a configuration and a campaign, and the calibrations stored of it. Free of JAX."""
+"""Identity (hash) of a configuration and of a campaign, and the calibrations stored for it; free of JAX."""
 
 from __future__ import annotations
 
@@ -22,17 +22,19 @@ def configuration(study: Study, quick: bool = False) -> str:
     """Hash of how a study identifies: model, vehicle, structure, priors, noise, sampler, program; not its flights."""
     said = canonical(study)
     told = {key: said[key] for key in ("model", "vehicle", "structure", "priors", "noise", "sampler", "predict")}
+    known = [table for table in said.get("knowledge", ()) if table["use"] == "prior"]
+    told |= {"knowledge": known} if known else {}
     text = json.dumps([told, __version__, quick], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
 def with_noise(study: Study, model: str) -> Study:
-    """The study with another treatment of what its model doesn't know."""
+    """The study with another noise model."""
     return replace(study, noise=study.noise.model_copy(update={"model": model}))
 
 
 def identity(study: Study, disturbance: str, quick: bool) -> str:
-    """Hash of all that a row depends on beside its seed."""
+    """Hash of all that a row depends on except its seed."""
     text = f"{study_hash(replace(study, seed=0))}:{disturbance}:{quick}:{__version__}"
     return hashlib.sha256(text.encode()).hexdigest()
 
@@ -67,6 +69,6 @@ def shipped() -> Path:
 
 
 def places(job: Job) -> list[Path]:
-    """Folders where calibrations are looked for: the run's, that beside the study's folder, and the program's."""
+    """Folders that may contain calibrations: the run's, the one next to the study's folder, and the package's."""
     beside = job.study.path.resolve().parent.parent / STORED
     return list(dict.fromkeys([job.out / "calibration", beside, shipped()]))

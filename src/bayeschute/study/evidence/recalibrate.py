@@ -1,4 +1,4 @@
-"""Bands of unseen flights widened by what replicates of the configuration held (``[predict] recalibrate``)."""
+"""Recalibration of predicted bands by stored replicates of the configuration (``[predict] recalibrate``)."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from bayeschute.study.job import Job
 from bayeschute.study.study import Study
 
 NAME = "recalibration.json"
-"""File of a run that says by how much its bands were widened."""
+"""File of a run with the factors by which its bands were widened."""
 
 
 class Widening(NamedTuple):
-    """Factors on the width of bands by quantity, on how many replicates they were learned, and flights so widened."""
+    """Recalibration: factors on the width of bands by quantity, number of replicates used, and flights widened."""
 
     factors: Mapping[str, float]
     replicates: int
@@ -26,21 +26,21 @@ class Widening(NamedTuple):
 
     @property
     def words(self) -> str:
-        """What was done, for a label or a note."""
-        parts = ", ".join(f"{name.replace('_', ' ')} by {factor:.2f}" for name, factor in self.factors.items())
-        return f"bands of unseen flights are widened ({parts}), learned on {self.replicates} replicates"
+        """The recalibration in words, for a label or a note."""
+        parts = ", ".join(f"{name.replace('_', ' ')} widened by {factor:.2f}" for name, factor in self.factors.items())
+        return f"bands of predicted flights are recalibrated ({parts}), learned on {self.replicates} replicates"
 
 
 def plain(study: Study) -> Study:
-    """The study without recalibration: that of which replicates are flown."""
+    """The study without recalibration, as its replicates are flown."""
     return replace(study, predict=study.predict.model_copy(update={"recalibrate": None}))
 
 
 def widening(job: Job) -> Widening | None:
-    """By how much bands of a run are to be widened; None where the study doesn't ask for it, or the run is a quick one.
+    """Factors by which bands of a run are to be widened; None if the study doesn't ask for it or the run is quick.
 
     Raises:
-        InputError: If no calibration of the configuration is stored that tells it.
+        InputError: If no stored calibration of the configuration gives the factors.
     """
     if job.study.predict.recalibrate is None or job.quick:
         return None
@@ -53,9 +53,9 @@ def widening(job: Job) -> Widening | None:
     factors = learned(found)
     asked = job.study.predict.quantities or ()
     faults = [
-        Fault(where, f"its shares of widened bands of {name} are not kept: rows of an older version", wanted, do)
+        Fault(where, f"coverage of widened bands of {name} is not stored: the rows are of an older version", wanted, do)
         if name not in factors
-        else Fault(where, f"{name}: no factor up to {FACTORS[-1]:g} would hold 90 %", "bands that are nearly right")
+        else Fault(where, f"{name}: no factor up to {FACTORS[-1]:g} gives 90 % coverage", "a factor within that range")
         for name in asked
         if factors.get(name) is None
     ]
@@ -64,8 +64,8 @@ def widening(job: Job) -> Widening | None:
     return Widening({name: f for name in asked if (f := factors[name]) is not None}, found["replicates"])
 
 
-def told(job: Job) -> Widening | None:
-    """What a run did, as it was stored; None where it did nothing."""
+def applied_recalibration(job: Job) -> Widening | None:
+    """The recalibration that a run applied, as stored; None if it applied none."""
     if not (job.out / NAME).exists():
         return None
     said: dict[str, Any] = job.load(NAME)

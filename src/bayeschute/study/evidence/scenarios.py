@@ -1,4 +1,4 @@
-"""What replicate flights may hold that the identification doesn't know: named changes of a study. Free of JAX."""
+"""Misspecification scenarios: named changes of simulated flights unknown to the identification; free of JAX."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def _form(study: Study) -> Study:
 
 @dataclass(frozen=True)
 class Scenario:
-    """A change of what is flown; the identification goes on as the study says.
+    """A misspecification scenario: a change of the simulated flights that the identification doesn't know.
 
     Attributes:
         says: In words.
@@ -102,16 +102,18 @@ class Scenario:
 
 
 SCENARIOS = {
-    "none": Scenario("flights as the study has them: turbulence, breathing, sensor errors, dropouts"),
+    "none": Scenario("flights as in the study: turbulence, breathing, sensor errors, dropouts"),
     "strong-gusts": Scenario("turbulence twice as strong", _strong_gusts),
     "short-gusts": Scenario("turbulence with a time constant of 1.5 s", _short_gusts),
     "long-gusts": Scenario("turbulence with a time constant of 30 s", _long_gusts),
     "breathing": Scenario("breathing three times as strong", _breathing),
-    "wind-profile": Scenario("recorded wind wrong three times as much, with a time constant of 60 s", _wind_profile),
-    "mass": Scenario("a capsule 3 % heavier than the identification is told", _mass),
-    "form": Scenario(
-        "another aerodynamic form: alpha^3 and e*alpha beside the terms, and in no pool", _form, terms_known=False
+    "wind-profile": Scenario(
+        "error of the recorded wind three times as large, with a time constant of 60 s", _wind_profile
     ),
-    "dropouts": Scenario("a fifth of the canopies' positions missing, 2 s at a time", _dropouts),
+    "mass": Scenario("a capsule 3 % heavier than the identification assumes", _mass),
+    "form": Scenario(
+        "additional aerodynamic terms alpha^3 and e*alpha, which are no candidates", _form, terms_known=False
+    ),
+    "dropouts": Scenario("20 % of the canopy positions missing, in gaps of 2 s", _dropouts),
 }
 """By name."""

@@ -1,9 +1,8 @@
-"""What a fit keeps while it goes on: a run that was stopped goes on from there, to the same draws bit by bit.
+"""Checkpoints of a fit: a run that was stopped continues from there and gives the same draws bit by bit.
 
-Kept are the joint optimum of every group (and of every start, where there are several) and the draws of every sampler,
-in `fit/kept`, under the hash of all that the fit depends on: what was kept for another model, record, setting or
-version is not used. What lies between the two is made again, and is the same. A fit that has ended leaves nothing
-there.
+Stored are the joint optimum of every group (and of every start, where there are several) and the draws of every
+sampler, in `fit/kept`, under the hash of all that the fit depends on: a checkpoint of another model, record, setting or
+version is not used. Steps in between are computed again, with the same results. A finished fit deletes its checkpoints.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ class _Kept(NamedTuple):
 
 
 def clear(job: Job) -> None:
-    """Forget what was kept."""
+    """Delete the checkpoints."""
     shutil.rmtree(_folder(job), ignore_errors=True)
 
 

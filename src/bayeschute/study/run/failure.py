@@ -1,4 +1,4 @@
-"""What a run keeps of a fit that failed: why, what was tried, the best flights found; a summary and a report of it."""
+"""Results of a failed fit: the reason, what was tried, the best trajectories found; summary and report."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def keep(job: Job, error: FitError | FloatingPointError) -> str:
 
     Args:
         job: The run; its stages before the fit are done.
-        error: What the fit ended with.
+        error: The error that ended the fit.
 
     Returns:
         A line for the progress.
@@ -32,29 +32,29 @@ def keep(job: Job, error: FitError | FloatingPointError) -> str:
         error = FitError(str(error), (str(error),))
     paths: tuple[BestPath, ...] = error.paths
     save_tree(job.out / "fit" / "failed.npz", paths)
-    told = {"reason": error.reason, "tried": error.tried, "residuals": {p.flight: _residuals(p) for p in paths}}
-    job.save("fit/failed.json", assemble.as_plain(told | {"parameters": _parameters(job, error)}))
-    fit = {"fit": {"converged": False, **told}}
+    facts = {"reason": error.reason, "tried": error.tried, "residuals": {p.flight: _residuals(p) for p in paths}}
+    job.save("fit/failed.json", assemble.as_plain(facts | {"parameters": _parameters(job, error)}))
+    fit = {"fit": {"converged": False, **facts}}
     job.save("summary.json", assemble.as_plain(heading(job, LABEL) | fit | origin(job)))
     build_report(job.out)
     return f"failed: {error.reason}"
 
 
 def forget(job: Job) -> None:
-    """Take away what an earlier fit that failed has left."""
+    """Delete the results of an earlier failed fit."""
     for name in ("failed.json", "failed.npz"):
         (job.out / "fit" / name).unlink(missing_ok=True)
 
 
 def _residuals(path: BestPath) -> dict[str, dict[str, Any]]:
-    """Per output: root mean square of the residuals, what the sensor's noise would leave, and how many they are."""
+    """Per output: root mean square of the residuals, standard deviation of the sensor noise, number of samples."""
     counts = np.isfinite(path.residual).sum(axis=0)
     rows = zip(path.outputs, path.rms(), path.noise, counts, strict=True)
     return {name: {"rms": rms, "noise": noise, "samples": count} for name, rms, noise, count in rows}
 
 
 def _parameters(job: Job, error: FitError) -> list[dict[str, Any]]:
-    """Parameters at the best point beside their priors."""
+    """Parameters at the best point, and their priors."""
     before = {prior.name: prior.moments() for prior in load_priors(job)}
     rows = []
     for name, value, se, unit in error.parameters:

@@ -1,7 +1,8 @@
-"""Draws of every flight that is fitted or predicted; in this process or over Dask, the same bit for bit.
+"""Posterior predictive draws of every flight, in this process or over Dask, with identical numbers.
 
-What a flight needs is gathered here, its draws are made in parts anywhere. A part takes its random numbers from the
-place in the flight's one stream where a single process would, so it doesn't matter who draws it, nor when.
+The inputs of a flight are gathered here; its draws are computed in parts, by any worker. A part takes its random
+numbers from the position in the flight's stream where a single process would, so the numbers do not depend on the
+workers.
 """
 
 from __future__ import annotations
@@ -30,10 +31,10 @@ from bayeschute.study.run import structures
 from bayeschute.study.study import Flight
 
 Array = NDArray[np.float64]
-OPENING = 5.0  # [s] of its record by which a flight to be predicted is known
-PART = 512  # least draws that are worth a task of their own
+OPENING = 5.0  # [s] initialisation window: the part of its record that a prediction uses
+PART = 512  # least number of draws for a separate task
 _MOST_PARTS = 64  # of a flight: every part steps over the random numbers of those before it
-_AHEAD = 2  # parts per core under way at once
+_AHEAD = 2  # parts per core submitted at once
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,7 @@ class FlightForecast:
 
     Attributes:
         flight: The flight.
-        stored: The fit that tells its parameters.
+        stored: The fit that gives its parameters.
         prediction: Draws.
         time: Times of the record [s].
         held_out: Samples that the fit did not see.
@@ -64,22 +65,22 @@ class FlightForecast:
 
     @property
     def counted(self) -> NDArray[np.bool_]:
-        """Samples by which bands are scored: those held out, all where none is."""
+        """Samples on which bands are scored: those held out, or all if none is."""
         return self.held_out if self.held_out.any() else np.ones(self.time.size, bool)
 
 
 @dataclass(frozen=True)
 class _Order:
-    """What draws of a flight need, wherever they are made.
+    """Inputs for the draws of a flight, on any worker.
 
     Attributes:
-        known: The fit it was part of; or data, noise parameters and Gaussian summary by which its opening is fitted.
+        known: The fit it was part of; or data, noise parameters and Gaussian summary for its initialisation window.
         index: Its place in the fit.
         whole: The whole flight, where it was not fitted.
         theta: Draws of the parameters, those of every group for its noise parameters.
-        laws: Noise parameters, in turn.
+        laws: Draws of the noise parameters, used in turn.
         seed: Seed.
-        told: Its data are known up to here [s from the first sample].
+        data_end: End of the data that are used [s from the first sample].
         spread: Of the strength of disturbances beyond the data.
     """
 
@@ -89,7 +90,7 @@ class _Order:
     theta: Array
     laws: list[NoiseParameters]
     seed: int
-    told: float
+    data_end: float
     spread: float
 
     def parts(self) -> list[range]:
@@ -106,19 +107,19 @@ class _Order:
             assert self.whole is not None
             marginal = bands.opened(bands.opening(self.whole, OPENING), *self.known)
         return bands.predict(
-            marginal, self.index, self.theta, self.laws, self.seed, self.whole, self.told, share, self.spread,
+            marginal, self.index, self.theta, self.laws, self.seed, self.whole, self.data_end, share, self.spread,
             groups,
         )  # fmt: skip
 
 
 def _group_of(job: Job, flight: Flight) -> Group:
-    """The fit whose parameters predict a flight: its own where it was fitted, else the study's only one."""
+    """The fit whose parameters predict a flight: its own if it was fitted, else the only one of the study."""
     todo = groups(job)
     return next((g for g in todo if flight in g.flights), todo[0])
 
 
 def _order(job: Job, flight: Flight, group: Group, stored: Stored, draws: int) -> tuple[_Order, Array]:
-    """What draws of a flight by one fit need.
+    """Inputs for the draws of a flight by one fit.
 
     Returns:
         That, and the times of its record.
@@ -154,16 +155,16 @@ Tell = Callable[[Sequence[bands.Prediction]], FlightForecast]
 
 
 def _orders(job: Job, flight: Flight) -> tuple[list[_Order], Tell]:
-    """What a flight's draws need, by every structure that has a share in them, and what becomes of them."""
+    """Inputs for a flight's draws by every structure that contributes, and how the draws are combined."""
     group = _group_of(job, flight)
     stored, flown = load_fit(job, group), flight in group.flights
     draws = min(job.study.predict.draws, stored.held[..., 0].size)
     if job.study.priors.hierarchical:
-        told = by_members(job, group, stored, flown, draws)
+        by_fit = by_members(job, group, stored, flown, draws)
     else:
         members = structures.members(job, group, draws)
-        told = [(one, stored if one is group else load_fit(job, one), n) for one, n in members]
-    made = [_order(job, flight, one, of_it, draws) for one, of_it, draws in told]
+        by_fit = [(one, stored if one is group else load_fit(job, one), n) for one, n in members]
+    made = [_order(job, flight, one, of_it, draws) for one, of_it, draws in by_fit]
     orders, time = [order for order, _ in made], made[0][1]
     record, truth = load_flight(job, flight.name), load_truth(job, flight.name)
     held_out = time > _until(flight, flown, time)

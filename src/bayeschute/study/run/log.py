@@ -1,4 +1,4 @@
-"""What a run does, line by line in a file of its folder, warnings of libraries among it."""
+"""Log file of a run: progress of its stages and warnings of libraries, line by line."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from typing import TextIO
 NAME = "log.txt"
 """The file's name in a run's folder."""
 _APART = 1.0
-"""[s] that lie at least between lines of a stage that differ in their numbers only."""
+"""Least time between lines of a stage that differ in their numbers only [s]."""
 _NUMBERS = re.compile(r"-?\d+(\.\d+)?(e[+-]?\d+)?")
 
 Progress = Callable[[str, float, str], None]
 
 
 class Log:
-    """A file that is written a line at a time, each on disk as soon as it is said; a later run goes on beneath.
+    """A file that is written and flushed line by line; a later run appends to it.
 
-    A line holds date and time, seconds since the log was opened, and words.
+    A line contains date and time, seconds since the log was opened, and text.
     """
 
     def __init__(self, path: Path) -> None:
@@ -57,7 +57,7 @@ class Log:
                 self._file.flush()
 
     def progress(self, stage: str, share: float, words: str) -> None:
-        """Write what a stage says of itself, unless it has just said so.
+        """Write a progress message of a stage, unless it repeats the last one.
 
         Lines that differ in nothing but numbers are written once a second at most; the last line of a stage, at share
         1, always is.
@@ -85,7 +85,7 @@ class Log:
 
 
 class _Handler(logging.Handler):
-    """Hands what libraries log to a function."""
+    """Logging handler that passes the messages of libraries to a function."""
 
     def __init__(self, tell: Callable[[str], None]) -> None:
         super().__init__(logging.WARNING)
@@ -98,7 +98,7 @@ class _Handler(logging.Handler):
 
 @contextmanager
 def warnings_to(log: Log) -> Iterator[None]:
-    """Send warnings of libraries, and what they log as such, to a log and not to the screen; each is written once.
+    """Send warnings of libraries, raised or logged, to the log and not to the terminal; each is written once.
 
     Which warnings are shown at all stays as it was set: one that was made an error still is.
     """

@@ -1,4 +1,4 @@
-"""Several starts of a fit: each kept as soon as it has settled, and what they say together."""
+"""Multistart optimisation of a fit: each start is checkpointed, then the optima are compared."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ def settled(
 
     Args:
         job: The run.
-        group: What is fitted.
+        group: Flights to be fitted, with their priors.
         prior: Priors of the noise parameters.
-        begins: Where else to begin; None stands for the prior means, a start anyway.
-        say: Called with a share done and words.
+        begins: Further starting points; None stands for the prior means, which are always one.
+        say: Progress callback: share done and words.
 
     Returns:
-        The optimum. What the others say is kept for `told`.
+        The optimum. The comparison with the others is stored for `comparisons`.
 
     Raises:
         FloatingPointError: If every start failed.
@@ -65,22 +65,22 @@ def settled(
     return best.settled
 
 
-def told(job: Job, names: Sequence[str]) -> dict[str, Any]:
-    """What the starts of every group said, by its name; empty for fits from one start."""
+def comparisons(job: Job, names: Sequence[str]) -> dict[str, Any]:
+    """Comparison of the starts of every group, by its name; empty for fits from one start."""
     found = {name: checkpoint.get_said(job, f"starts/{name}") for name in names}
     return {name: said for name, said in found.items() if said is not None}
 
 
 def note(said: dict[str, Any]) -> list[str]:
-    """A line per group for the report, from `told`."""
+    """A line per group for the report, from `comparisons`."""
     return [
-        f"Starts of the fit{f' of {name}' if len(said) > 1 else ''}: {one['verdict']['words']}."
+        f"Multistart check of the fit{f' of {name}' if len(said) > 1 else ''}: {one['verdict']['words']}."
         for name, one in said.items()
     ]
 
 
 def check(said: dict[str, Any]) -> dict[str, Any]:
-    """The check ``optima``, from `told`."""
+    """The check ``optima``, from `comparisons`."""
     verdicts = [one["verdict"] for one in said.values()]
     known = [v["away"] for v in verdicts if v["away"] is not None]
     words = " | ".join(f"{name}: {one['verdict']['words']}" for name, one in said.items())

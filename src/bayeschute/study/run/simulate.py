@@ -1,7 +1,7 @@
-"""Virtual drops of a study, stored as records with the truth beside; in this process or over Dask, the same files.
+"""Virtual drops of a study, stored as records with the true motion; in this process or over Dask, the same files.
 
-A drop follows from its vehicle, its flight table and a seed of its own, so it doesn't matter who flies it, nor when.
-Its files carry a hash of these, and drops that are there already are kept.
+A drop is determined by its vehicle, its flight table and its seed, so its numbers do not depend on the worker. Its
+files contain a hash of these, and drops that exist already are kept.
 """
 
 from __future__ import annotations
@@ -32,17 +32,17 @@ from bayeschute.study.run.stage_data import flown, write_truth
 from bayeschute.study.study import Flight, Study, canonical
 
 HASH = "drop_hash"
-"""Attribute of records and truths: what they are drops of."""
-_AHEAD = 4  # drops per core under way at once: results wait in workers' memory
+"""Attribute of records and truths: the hash of the inputs of the drop."""
+_AHEAD = 4  # drops per core submitted at once: results wait in workers' memory
 
 
 class Drops(NamedTuple):
-    """What `simulate_study` flew.
+    """Result of `simulate_study`.
 
     Attributes:
         files: Records and truths, written now or kept.
         outcomes: Number of drops by outcome, in words.
-        failed: Drops that aren't ok, with what became of them.
+        failed: Drops that aren't ok, with their outcome.
         step_error: Largest error due to the steps over drops that are ok: positions [m], velocities [m/s].
         kept: How many were there already.
     """
@@ -64,9 +64,9 @@ class Wanted(NamedTuple):
 
 
 class Flown(NamedTuple):
-    """A drop that was flown: attributes that tell its outcome; its files' bytes, none where it failed; faults."""
+    """A simulated drop: attributes with its outcome; bytes of its files, none if it failed; faults."""
 
-    told: Mapping[str, Any]
+    facts: Mapping[str, Any]
     record: bytes = b""
     truth: bytes = b""
     faults: tuple[Fault, ...] = ()
@@ -89,14 +89,14 @@ def simulate_study(
     Args:
         study: The study.
         out: A folder; files are ``<flight>.nc`` and ``<flight>.truth.nc``, numbered where `draws` > 1.
-        draws: Virtual drops of each flight, with seeds of their own.
+        draws: Number of virtual drops of each flight, each with its own seed.
         seed: Replaces the study's.
         progress: Called with a name, the share done and words.
         workers: Local processes; 1: this one.
         address: Of a Dask scheduler, in place of local processes. Workers send files' bytes; they need not see `out`.
 
     Returns:
-        The files, and what became of every drop; the same, but for `kept`, whoever flew them.
+        The files, and the outcome of every drop; the same, except for `kept`, on any worker.
 
     Raises:
         InputError: If the study has no virtual flight, no drop stays finite, or Dask is not there or breaks off.
@@ -108,7 +108,7 @@ def simulate_study(
         )
     folder, wanted = Path(out), wanted_drops(study, flights, draws, seed)
     folder.mkdir(parents=True, exist_ok=True)
-    known = {one.stem: Flown(told) for one in wanted if (told := _kept(folder, one)) is not None}
+    known = {one.stem: Flown(facts) for one in wanted if (facts := _kept(folder, one)) is not None}
     todo, kept, began = [one for one in wanted if one.stem not in known], len(known), time.perf_counter()
     say = progress or (lambda name, share, words: None)
     if kept:
@@ -125,14 +125,14 @@ def simulate_study(
             say("simulate", (kept + done) / len(wanted), f"{kept + done} of {len(wanted)}, {lost} failed{left}")
     drops = Drops([], {}, {}, (0.0, 0.0), kept)
     for one in wanted:
-        drops = _with_drop(drops, folder, one.stem, known[one.stem].told)
+        drops = _with_drop(drops, folder, one.stem, known[one.stem].facts)
     if not drops.files:
         raise InputError([fault for one in wanted for fault in known[one.stem].faults])
     return drops
 
 
 def wanted_drops(study: Study, flights: Sequence[Flight], draws: int, seed: int | None = None) -> list[Wanted]:
-    """All drops in order: of each flight, so many.
+    """All drops in order, by flight.
 
     Args:
         study: The study.
@@ -153,7 +153,7 @@ def wanted_drops(study: Study, flights: Sequence[Flight], draws: int, seed: int 
 
 
 def fly_drop(wanted: Wanted, study: Study) -> Flown:
-    """Fly one drop; whatever stops it is told, not raised, so that the others are flown.
+    """Simulate one drop; errors are returned, not raised, so that the others continue.
 
     Args:
         wanted: The drop.
@@ -163,7 +163,7 @@ def fly_drop(wanted: Wanted, study: Study) -> Flown:
         record, truth = flown(study, wanted.flight, wanted.seed)
     except InputError as error:
         return Flown({"outcome": Outcome.DIVERGED.words, "why": error.faults[0].got}, faults=tuple(error.faults))
-    except Exception as error:  # whatever it is, it is one failed drop: counted and told
+    except Exception as error:  # any error fails this drop only: it is counted and reported
         return _broken(wanted.stem, f"{type(error).__name__}: {' '.join(str(error).split())}"[:500])
     with tempfile.TemporaryDirectory(prefix="bayeschute-") as folder:
         mark = {HASH: wanted.hash}
@@ -179,7 +179,7 @@ def _broken(stem: str, why: str) -> Flown:
 
 
 def _plain(truth: xr.Dataset) -> dict[str, Any]:
-    """Attributes without what is long."""
+    """Attributes without the long ones."""
     return {name: value for name, value in truth.attrs.items() if name != "repairs"}
 
 
@@ -194,21 +194,21 @@ def _paths(folder: Path, stem: str) -> tuple[Path, Path]:
 
 
 def _kept(folder: Path, one: Wanted) -> dict[str, Any] | None:
-    """What a drop's files tell of it, where both are there and of this very drop."""
-    told: dict[str, Any] = {}
+    """Attributes of a drop's files, if both exist and belong to this drop."""
+    facts: dict[str, Any] = {}
     for path in _paths(folder, one.stem):
         try:
             with h5py.File(path) as file:
                 if file.attrs.get(HASH) != one.hash:
                     return None
-                told = {key: v if isinstance(v, str) else np.ravel(v)[0].item() for key, v in file.attrs.items()}
+                facts = {key: v if isinstance(v, str) else np.ravel(v)[0].item() for key, v in file.attrs.items()}
         except OSError:
             return None  # none, or damaged: it is flown again
-    return told
+    return facts
 
 
 def _ok(drop: Flown) -> bool:
-    return bool(drop.told["outcome"] == Outcome.OK.words)
+    return bool(drop.facts["outcome"] == Outcome.OK.words)
 
 
 def _spell(seconds: float) -> str:
@@ -218,16 +218,16 @@ def _spell(seconds: float) -> str:
     return f", about {seconds / 60.0:.0f} min left" if seconds > 90.0 else f", about {seconds:.0f} s left"
 
 
-def _with_drop(drops: Drops, folder: Path, stem: str, told: Mapping[str, Any]) -> Drops:
-    """Counted: one drop more, of which the attributes tell."""
-    words = told["outcome"]
+def _with_drop(drops: Drops, folder: Path, stem: str, facts: Mapping[str, Any]) -> Drops:
+    """Counts with one more drop, described by its attributes."""
+    words = facts["outcome"]
     drops = drops._replace(outcomes={**drops.outcomes, words: drops.outcomes.get(words, 0) + 1})
-    if "why" not in told:
+    if "why" not in facts:
         drops.files.extend(_paths(folder, stem))
     if words != Outcome.OK.words:
-        why = told.get("why") or f"{words} at {told['failed_at_s']:.1f} s"
+        why = facts.get("why") or f"{words} at {facts['failed_at_s']:.1f} s"
         return drops._replace(failed={**drops.failed, stem: why})
-    place, speed = (float(told[f"step_error_{name}"]) for name in ("position_m", "velocity_m_per_s"))
+    place, speed = (float(facts[f"step_error_{name}"]) for name in ("position_m", "velocity_m_per_s"))
     return drops._replace(step_error=(max(drops.step_error[0], place), max(drops.step_error[1], speed)))
 
 

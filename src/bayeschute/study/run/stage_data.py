@@ -1,4 +1,4 @@
-"""Stages before the fit: records in, priors out (between them: `bayeschute.study.run.stage_structure`)."""
+"""Stages `ingest` and `priors`: records in, priors out (between them: `bayeschute.study.run.stage_structure`)."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from bayeschute.aero.coefficient import is_coefficient
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.core.files import write_whole
 from bayeschute.likelihood.channels import fitted_channels
@@ -17,13 +18,16 @@ from bayeschute.likelihood.priors import Prior
 from bayeschute.records.back_driving import remove_velocity_bias
 from bayeschute.records.clean import clean
 from bayeschute.records.derive import derive
-from bayeschute.records.read import ColumnSpec, read_record
+from bayeschute.records.foreign.conventions import Conventions
+from bayeschute.records.read import read_record
 from bayeschute.records.record import Repair, repairs, with_repairs, write_record
+from bayeschute.study.aerodynamics.known import informed
 from bayeschute.study.assembly import assemble, canopies
 from bayeschute.study.assembly.canopy_wind import with_wind
 from bayeschute.study.assembly.fitted_terms import in_order, of_library, of_selected
 from bayeschute.study.job import Job
 from bayeschute.study.load import Study
+from bayeschute.study.plausible import refuse_implausible, window_used
 from bayeschute.study.study import Flight
 from bayeschute.virtual.drop import fly
 
@@ -46,30 +50,58 @@ def flown(study: Study, flight: Flight, seed: int, quick: bool = False) -> tuple
         time = record["time"].values
         since = float(record.attrs["failed_at_s"])
         detail = f"{record.attrs['outcome']}: not to be relied on from here"
-        told = Repair("simulation", "", since, float(time[-1]), int((time >= since).sum()), detail)
-        record = with_repairs(record, [told])
+        note = Repair("simulation", "", since, float(time[-1]), int((time >= since).sum()), detail)
+        record = with_repairs(record, [note])
     return record, truth
 
 
 def write_truth(truth: xr.Dataset, path: Path) -> Path:
-    """Write the truth beside a record."""
+    """Write the true motion next to a record."""
     kept = {name: value for name, value in truth.attrs.items() if name != "repairs"}
     truth.drop_attrs(deep=False).assign_attrs(kept).to_netcdf(path, engine="h5netcdf")
     return path
 
 
 def ingest(job: Job) -> str:
-    """Read or fly every record, clean it, derive what it implies, store it."""
+    """Read or simulate every record, clean it, derive further quantities, store it."""
     listed, flights = 0, job.study.flights
     for i, flight in enumerate(flights):
-        record = ingest_flight(job, flight)
+        raw = read_and_judge(job, flight)
+        record = ingest_flight(job, flight, raw)
         listed += sum(r.kind not in ("resampled", "derived", "assumed") for r in repairs(record))
         job.say("ingest")((i + 1) / len(flights), flight.name)
     return f"{len(flights)} flights, {listed} repairs listed"
 
 
+def read_and_judge(job: Job, flight: Flight, raw: xr.Dataset | None = None) -> xr.Dataset | None:
+    """A flight's record as read, refused where it can't be true; warnings go to the log. None of a virtual flight.
+
+    Args:
+        job: The run.
+        flight: The flight.
+        raw: Its record as read; None: it is read from its file.
+
+    Raises:
+        InputError: Where the record breaks physical laws that its flight does not accept, with the likely causes.
+    """
+    if flight.virtual is not None:
+        return None
+    record = as_read(flight) if raw is None else raw
+    for line in refuse_implausible(job.study, flight, record):
+        job.say("ingest")(0.0, f"warning: {line}")
+    return record
+
+
+def as_read(flight: Flight) -> xr.Dataset:
+    """The record of a flight's file, at its own times."""
+    assert flight.path is not None
+    columns = {name: column.spec() for name, column in flight.columns.items()}
+    said = Conventions() if flight.conventions is None else flight.conventions.spec()
+    return read_record(flight.path, columns or None, flight.window, conventions=said)
+
+
 def ingest_flight(job: Job, flight: Flight, raw: xr.Dataset | None = None) -> xr.Dataset:
-    """Read or fly a flight's record, clean it, derive what it implies, store it with the truth where that is known.
+    """Read or simulate a flight's record, clean it, derive further quantities, store it with the truth if known.
 
     Args:
         job: The run.
@@ -83,9 +115,7 @@ def ingest_flight(job: Job, flight: Flight, raw: xr.Dataset | None = None) -> xr
     if flight.virtual is not None:
         raw, truth = flown(study, flight, assemble.flight_seed(study, flight), job.quick)
     elif raw is None:
-        assert flight.path is not None
-        columns = {k: ColumnSpec(c.column, c.unit) for k, c in flight.columns.items()}
-        raw = read_record(flight.path, columns or None, flight.window)
+        raw = as_read(flight)
     record = prepared(study, flight, raw)
     if truth is not None:
         last = truth["time"].values[[0, -1]]  # rounding may put a record's last time beyond the truth's
@@ -97,9 +127,15 @@ def ingest_flight(job: Job, flight: Flight, raw: xr.Dataset | None = None) -> xr
 
 
 def prepared(study: Study, flight: Flight, raw: xr.Dataset) -> xr.Dataset:
-    """A record as read, ready to be used: cleaned, on a uniform clock, with what it implies."""
+    """A record prepared for use: cleaned, uniformly sampled, with derived quantities."""
     rate = flight.rate or 1.0 / float(np.median(np.diff(raw["time"].values)))
-    record = clean(raw, rate, flight.window, flight.skip_first)
+    window = flight.window
+    if flight.virtual is None:
+        used = window_used(raw, flight.window, flight.skip_first, flight.roles)
+        window = (used.start, used.end)
+        if used.words:
+            raw = with_repairs(raw, [Repair("skipped", "", used.start, used.end, 0, used.words)])
+    record = clean(raw, rate, window, flight.skip_first)
     if flight.remove_velocity_bias:
         record, _ = remove_velocity_bias(record)
     record = record if study.model == "cluster" and flight.virtual is not None else derive(record)
@@ -111,12 +147,12 @@ def prepared(study: Study, flight: Flight, raw: xr.Dataset) -> xr.Dataset:
 
 
 def _not_fitted(record: xr.Dataset, channels: tuple[str, ...]) -> list[Repair]:
-    """What is to be told of channels that have noise in the study but can't be fitted to this record."""
+    """Notes on channels that have noise in the study but can't be fitted to this record."""
     used, time = fitted_channels(record, channels), record["time"].values
-    told = {name: "not recorded" for name in channels if name not in record}
-    told |= {name: "without a value" for name in channels if name in record and not record[name].notnull().any()}
+    reasons = {name: "not recorded" for name in channels if name not in record}
+    reasons |= {name: "without a value" for name in channels if name in record and not record[name].notnull().any()}
     return [
-        Repair("assumed", name, float(time[0]), float(time[-1]), 0, f"{told.get(name, 'derived')}: it is not fitted")
+        Repair("assumed", name, float(time[0]), float(time[-1]), 0, f"{reasons.get(name, 'derived')}: it is not fitted")
         for name in channels
         if name not in used
     ]
@@ -125,7 +161,7 @@ def _not_fitted(record: xr.Dataset, channels: tuple[str, ...]) -> list[Repair]:
 def priors(job: Job) -> str:
     """Priors of every parameter: from equation error, or given from outside."""
     study, found = job.study, job.load("structure.json")["coefficients"]
-    made = in_order(study, [*of_structure(study, found), *given_priors(study)])
+    made = in_order(study, informed(study, [*of_structure(study, found), *given_priors(study)]))
     _check_varying(study, [p.name for p in made])
     job.save("priors.json", [p.__dict__ for p in made])
     return f"{len(made)} parameters"
@@ -147,9 +183,9 @@ def given_priors(study: Study) -> list[Prior]:
 
 
 def _check_varying(study: Study, names: Sequence[str]) -> None:
-    """What differs from drop to drop is a parameter of the fit, what differs from canopy to canopy a coefficient."""
+    """Check that what varies between drops is a parameter of the fit, and between canopies a coefficient."""
     table, faults = study.priors, []
-    wanted = {"vary": list(names), "vary_canopies": [name for name in names if "[" in name]}
+    wanted = {"vary": list(names), "vary_canopies": [name for name in names if is_coefficient(name)]}
     for key, known in wanted.items():
         if unknown := sorted(set(getattr(table, key) or ()) - set(known)):
             of_the_fit = f"{'parameters' if key == 'vary' else 'coefficients'} of the fit: {', '.join(known)}"

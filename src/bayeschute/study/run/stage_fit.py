@@ -13,6 +13,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from bayeschute.aero.coefficient import is_coefficient, shared_name
 from bayeschute.core.errors import FitError
 from bayeschute.core.files import write_whole
 from bayeschute.core.random import seed_of, stream
@@ -106,7 +107,7 @@ def store(
     wall: Mapping[str, float] | None = None,
     structures_fitted: Sequence[str] = (),
 ) -> int:
-    """Write the posterior of all groups, and what is to be said of their fits.
+    """Write the posterior of all groups, and the facts on their fits.
 
     Args:
         job: The run.
@@ -126,19 +127,19 @@ def store(
     said = [note for fitted, one in zip(made, drawn, strict=True) for note in [*_lost(fitted), *one.draws.notes]]
     scored = {name: z for one in made for name, z in one.scores.items()}
     facts = {"wall": dict(wall or {}), "notes": said, "failed": failed, "scores": assemble.as_plain(scored)}
-    if starts := several_starts.told(job, [group.name for group in chosen] + list(structures_fitted)):
+    if starts := several_starts.comparisons(job, [group.name for group in chosen] + list(structures_fitted)):
         facts |= {"starts": starts, "notes": [*said, *several_starts.note(starts)]}
     job.save("fit/facts.json", facts)
     return failed
 
 
 def _part(say: Say, start: float, end: float) -> Say:
-    """A progress function of a part of what another reports."""
+    """Progress callback for a part of a longer task."""
     return lambda share, words: say(start + (end - start) * share, words)
 
 
 def fit_structures(job: Job) -> list[str]:
-    """Fit and weigh several structures where the study asks for it; returns the names of their fits."""
+    """Fit several structures and compute their weights if the study says so; returns the names of their fits."""
     table = job.study.structure
     return [] if table is None or table.stack is None else _structures(job, groups(job)[0])
 
@@ -159,8 +160,8 @@ def fit_group(job: Job, group: Group, say: Say) -> Fitted:
 
 
 def _lost(one: Fitted) -> list[str]:
-    """Corrections that a posterior had to do without, as notes."""
-    return [f"Left out of the posterior of {one.group.name}: {lost}." for lost in one.found.lost]
+    """Notes on corrections of the posterior that could not be computed."""
+    return [f"Omitted from the posterior of {one.group.name}: {lost}." for lost in one.found.lost]
 
 
 def draw_group(job: Job, fitted: Fitted, say: Say, predictions: bool = True) -> Drawn:
@@ -169,11 +170,11 @@ def draw_group(job: Job, fitted: Fitted, say: Say, predictions: bool = True) -> 
     Args:
         job: The run.
         fitted: It.
-        say: Called with a share done and words.
+        say: Progress callback: share done and words.
         predictions: Whether the DataTree has predictions.
 
     Returns:
-        Its draws; those of the first sampler where the study asks for both.
+        Its draws; those of the first sampler where the study wants both.
     """
     study, (group, found, _) = job.study, fitted
     kinds = ["nuts", "emcee"] if study.sampler.kind == "both" else [study.sampler.kind]
@@ -205,7 +206,7 @@ def draw_group(job: Job, fitted: Fitted, say: Say, predictions: bool = True) -> 
 
 
 def _with_paths(job: Job, group: Group, error: FitError) -> FitError:
-    """What failed, with the residuals along the best path, and parameters there."""
+    """The error with the residuals of the best trajectory found, and the parameters there."""
     if not isinstance(error, NoJointFitError):
         return error
     group = replace(group, priors=error.priors)
@@ -230,7 +231,7 @@ def _with_paths(job: Job, group: Group, error: FitError) -> FitError:
 
 
 def _structures(job: Job, group: Group) -> list[str]:
-    """Fit and weigh several structures; the best is then taken up like a fit that was stopped."""
+    """Fit several structures and compute their weights; the best is then continued like a resumed fit."""
     try:
         return structures.fit_all(job, group, lambda s, w: job.say("fit")(0.5 * s, w))
     except FloatingPointError as error:
@@ -269,10 +270,10 @@ def _draws(
 def _found(
     job: Job, group: Group, say: Callable[[float, str, float, float], None]
 ) -> tuple[Group, LaplaceFit, dict[str, float]]:
-    """Fit a group, or take up what an earlier run kept of it.
+    """Fit a group, or continue from the checkpoint of an earlier run.
 
     Returns:
-        The group with the priors that were used, what was found, and the last scores of left-out terms.
+        The group with the priors that were used, the fit, and the last score tests of left-out terms.
     """
     prior, kept = NoisePrior(assemble.hyper(job.study)), checkpoint.get_settled(job, group.name)
     if kept is None:
@@ -290,9 +291,9 @@ def _found(
 def _settled(
     job: Job, group: Group, prior: NoisePrior, say: Callable[[float, str], None]
 ) -> tuple[Group, JointFit, dict[str, float]]:
-    """Joint optimum of a group; terms that were left out and that the simulated flight asks for are added.
+    """Joint optimum of a group; left-out terms that pass the score test on the simulated flight are added.
 
-    A fit without a term that is needed settles in a place of its own. So the next one begins at the prior means and,
+    A fit without a necessary term converges to a different optimum. So the next one starts at the prior means and,
     for comparison, there; the greater evidence is kept.
 
     Returns:
@@ -357,7 +358,7 @@ def _best(
 def _searched(
     job: Job, group: Group, prior: NoisePrior, say: Callable[[float, str], None]
 ) -> tuple[Group, JointFit, dict[str, float]]:
-    """Joint optimum of a group with those terms of the library that its flights ask for.
+    """Joint optimum of a group with the terms of the library that its flights support (Bayes factors).
 
     Returns:
         The group with the priors that were used, its optimum, and the log evidence for every term that may be left out.
@@ -365,15 +366,15 @@ def _searched(
     assert job.study.structure is not None
     flights = [data_of(job, f, group.priors) for f in group.flights]
     core = set(job.study.structure.core)
-    may_go = [p.name for p in group.priors if "[" in p.name and canopies.coefficient(p.name) not in core]
-    library = _joint(job, group, prior, lambda s, w: say(0.5 * s, f"library of terms: {w}"))
+    may_go = [p.name for p in group.priors if is_coefficient(p.name) and shared_name(p.name) not in core]
+    library = _joint(job, group, prior, lambda s, w: say(0.5 * s, f"full library of terms: {w}"))
 
     def tell(share: float, words: str) -> None:
-        say(0.5 + 0.1 * share, f"library of terms: {words}")
+        say(0.5 + 0.1 * share, f"full library of terms: {words}")
 
     mode = marginal_mode(flights, group.priors, library, tell, near=_LIBRARY_NEAR)
     chosen = choose(group.priors, mode.theta, mode.covariance, may_go)
-    say(0.6, f"{int(chosen.kept.sum())} of {chosen.kept.size} parameters kept")
+    say(0.6, f"{int(chosen.kept.sum())} of {chosen.kept.size} parameters selected")
     smaller = replace(group, priors=chosen.priors)
     settled: JointFit | None = None
     if job.study.sampler.starts is None:

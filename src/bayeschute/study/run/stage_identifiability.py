@@ -1,12 +1,12 @@
-"""What each fit's record tells and what it does not, in numbers: a part of the stage `check`.
+"""Identifiability analysis of each fit, in numbers: a part of the stage `check`.
 
-Least-told directions and confounding cost nothing beside a fit. Profiles cost simulations, so they are made only of the
-parameters in whose posterior the prior is felt: of the others the posterior says the same.
+Directions of least information and confounding cost little compared with a fit. Profiles cost simulations, so they are
+computed only of parameters that are sensitive to the prior: for the others the posterior gives the same interval.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 import xarray as xr
@@ -15,6 +15,12 @@ from numpy.typing import NDArray
 from bayeschute.likelihood.priors import working
 from bayeschute.posterior.assess import identifiability
 from bayeschute.posterior.assess.identifiability import FELT, Confounding, Sensitivity
+from bayeschute.posterior.assess.identifiability_result import (
+    FitIdentifiability,
+    LikelihoodInterval,
+    NoiseCorrelations,
+    ParameterIdentifiability,
+)
 from bayeschute.posterior.assess.profile import likelihood_interval, profile
 from bayeschute.posterior.noise_evidence import NoisePrior
 from bayeschute.posterior.noise_uncertainty import NoiseEffect
@@ -29,37 +35,27 @@ ROUNDS = 2  # of a profile's optimisation: the third changes a log likelihood by
 _PARTS = {"white": "white noise", "correlated": "correlated noise", "time_constant": "time constant"}
 
 
-def of_fit(job: Job, group: Group, stored: Stored) -> dict[str, Any]:
-    """What the flights of one fit tell of its parameters.
+def of_fit(job: Job, group: Group, stored: Stored) -> FitIdentifiability:
+    """Identifiability of the parameters of one fit.
+
+    Draws of the sandwich come from no prior, no likelihood and no noise parameters: of those, only shifts and
+    directions are given.
 
     Args:
         job: The run.
         group: The fit.
         stored: It, as read back.
-
-    Returns:
-        ``parameters``: by name ``shift`` (of the posterior's mean from the prior's, in standard deviations of the
-        prior) and, where they are known, ``noise_share``, ``noise_partner``, ``noise_correlation``,
-        ``prior_sensitivity``, ``likelihood_sensitivity``, ``diagnosis`` and ``likelihood_interval``; ``directions``,
-        the least told first; ``confounding``: all correlations of parameters with noise parameters;
-        ``noise``: contraction of every noise parameter's logarithm. Draws of the sandwich come from no prior, no
-        likelihood and no noise parameters: of those, only shifts and directions are told.
     """
     sandwich = job.study.noise.model == "sandwich"
     centre, scale = working(group.priors)
     flat = stored.held.reshape(-1, centre.size)
     shift = (flat.mean(axis=0) - centre) / scale
-    told: dict[str, dict[str, Any]] = {
-        p.name: {"shift": float(s)} for p, s in zip(group.priors, shift, strict=True)
-    }  # fmt: skip
-    made: dict[str, Any] = {"parameters": told, "noise": {}}
     covariance = np.cov(flat, rowvar=False).reshape(scale.size, -1) if sandwich else stored.optimum.covariance
-    found = identifiability.directions(covariance, group.priors)
-    made["directions"] = [d._asdict() | {"words": identifiability.in_words(d)} for d in found]
-    if not sandwich:
-        _with_noise(job, group, stored, made)
-        _with_prior(job, group, stored, told)
-    return dict(assemble.as_plain(made))
+    found = FitIdentifiability(
+        {p.name: ParameterIdentifiability(float(s)) for p, s in zip(group.priors, shift, strict=True)},
+        tuple(identifiability.directions(covariance, group.priors)),
+    )
+    return found if sandwich else _with_prior(job, group, stored, _with_noise(job, group, stored, found))
 
 
 def noise_labels(job: Job) -> tuple[list[str], NDArray[np.bool_]]:
@@ -73,36 +69,48 @@ def noise_labels(job: Job) -> tuple[list[str], NDArray[np.bool_]]:
     return labels, np.array([not (idle and label.endswith(idle)) for label in labels])
 
 
-def _with_noise(job: Job, group: Group, stored: Stored, made: dict[str, Any]) -> None:
-    """Confounding with the noise parameters, and how well these are told themselves."""
+def _with_noise(job: Job, group: Group, stored: Stored, found: FitIdentifiability) -> FitIdentifiability:
+    """With the confounding with the noise parameters, and the contraction of these."""
     labels, used = noise_labels(job)
-    names = [label for label, u in zip(labels, used, strict=True) if u]
+    names = tuple(label for label, u in zip(labels, used, strict=True) if u)
     spread = stored.noise_parameter_covariance[np.ix_(used, used)]
     slope, by_law, excess = stored.noise_effect
     effect = NoiseEffect(slope[:, used], by_law[used], excess)
     mixed: Confounding = identifiability.confounding(
         np.asarray(stored.marginal.scale), effect, spread, group.priors, names
     )
-    partners = mixed.strongest()
+    partners, parameters = mixed.strongest(), dict(found.parameters)
     for name, share in zip(mixed.parameters, mixed.share, strict=True):
         partner, correlation = partners[name]
-        facts = {"noise_share": share, "noise_partner": partner, "noise_correlation": correlation}
-        made["parameters"][name] |= facts
+        parameters[name] = replace(
+            parameters[name], noise_share=float(share), noise_partner=partner, noise_correlation=correlation
+        )
     before = NoisePrior(assemble.hyper(job.study)).log_sd
-    made["noise"] = dict(zip(names, 1.0 - np.diag(spread) / before**2, strict=True))
-    made["confounding"] = {"noise": names, "correlation": dict(zip(mixed.parameters, mixed.correlation, strict=True))}
+    contraction = (1.0 - np.diag(spread) / before**2).tolist()
+    rows = map(tuple, mixed.correlation.tolist())
+    correlations = NoiseCorrelations(names, dict(zip(mixed.parameters, rows, strict=True)))
+    noise = dict(zip(names, contraction, strict=True))
+    return replace(found, parameters=parameters, noise=noise, confounding=correlations)
 
 
-def _with_prior(job: Job, group: Group, stored: Stored, told: dict[str, dict[str, Any]]) -> None:
-    """Power scaling of every parameter; a likelihood interval where the prior is felt."""
+def _with_prior(job: Job, group: Group, stored: Stored, found: FitIdentifiability) -> FitIdentifiability:
+    """With the power-scaling sensitivity of every parameter; a profile-likelihood interval where the prior matters."""
     scaled = identifiability.power_scaling(group.priors, stored.held, log_likelihood(job, group))
+    parameters = dict(found.parameters)
     for i, p in enumerate(group.priors):
         felt: Sensitivity = scaled[p.name]
-        facts = {"prior_sensitivity": felt.prior, "likelihood_sensitivity": felt.likelihood}
-        told[p.name] |= facts | {"diagnosis": felt.diagnosis() if np.isfinite(felt).all() else None}
+        interval = None
         if felt.prior >= FELT:
             ends = likelihood_interval(profile(stored.marginal, group.priors, i, rounds=ROUNDS), LEVEL)
-            told[p.name]["likelihood_interval"] = {"level": LEVEL, "low": ends.low, "high": ends.high, "unit": p.unit}
+            interval = LikelihoodInterval(LEVEL, p.unit, ends.low, ends.high)
+        parameters[p.name] = replace(
+            parameters[p.name],
+            prior_sensitivity=felt.prior,
+            likelihood_sensitivity=felt.likelihood,
+            diagnosis=felt.diagnosis() if np.isfinite(felt).all() else None,
+            likelihood_interval=interval,
+        )
+    return replace(found, parameters=parameters)
 
 
 def log_likelihood(job: Job, group: Group) -> Array:

@@ -1,4 +1,4 @@
-"""The stages by name: what each reads, calls and leaves."""
+"""The stages by name: inputs, function and outputs of each."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The last stage: summary and report."""
+"""Stage `report`: summary and report."""
 
 from __future__ import annotations
 
@@ -10,14 +10,17 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from bayeschute.aero.coefficient import Coefficient, is_coefficient
 from bayeschute.posterior.term_search import PENALTY
 from bayeschute.records.record import repairs
 from bayeschute.study import formulation
+from bayeschute.study.aerodynamics.run_curves import told_curves
 from bayeschute.study.assembly import assemble, canopies
 from bayeschute.study.assembly.fits import groups, load_noise_parameters, summary_draws
 from bayeschute.study.assembly.fitted_terms import ADDED
+from bayeschute.study.assembly.lessons import lessons
 from bayeschute.study.evidence.calibration_status import calibration_check, verification
-from bayeschute.study.evidence.recalibrate import told as told_widening
+from bayeschute.study.evidence.recalibrate import applied_recalibration
 from bayeschute.study.job import Job, load_flight, load_priors
 from bayeschute.study.load import study_hash
 from bayeschute.study.run import structures
@@ -58,8 +61,9 @@ def _summary(job: Job) -> dict[str, Any]:
             "divergences": _divergences(job), "failed_solves": facts["failed"], "wall_s": seconds,
             "wall": facts["wall"], "min_ess_per_s": min(checked["ess_bulk"].values()) / seconds,
         },
+        **told_curves(job, draws, _prior_draws(job)), **_taught(job, draws),
         **_disturbances(job), **_output_error(job), **_identifiability(job), **_recalibration(job),
-        **({"structures": stacked} if (stacked := structures.told(job)) else {}),
+        **({"structures": stacked} if (stacked := structures.summary_rows(job)) else {}),
         "coverage": coverage,
         "checks": checks | {"calibration": calibration},
         "requirements": job.load("risk/requirements.json"),
@@ -69,7 +73,7 @@ def _summary(job: Job) -> dict[str, Any]:
 
 
 def heading(job: Job, label: str) -> dict[str, Any]:
-    """What every summary begins with: what was run on which flights, and the label of its intervals."""
+    """First part of the summary: the study, its flights, and the calibration label of its intervals."""
     study = job.study
     return {
         "title": study.title, "model": study.model, "quick": job.quick, "label": label, "seed": study.seed,
@@ -79,7 +83,7 @@ def heading(job: Job, label: str) -> dict[str, Any]:
 
 
 def origin(job: Job) -> dict[str, Any]:
-    """What every summary ends with: versions of the programs, and hashes."""
+    """Provenance of the summary: versions of the packages, and hashes."""
     return {
         "versions": {name: version(name) for name in _PROGRAMS} | {"python": platform.python_version()},
         "hashes": {"study": study_hash(job.study), "run": job.hash},
@@ -89,14 +93,14 @@ def origin(job: Job) -> dict[str, Any]:
 def bands_check(coverage: dict[str, Any]) -> dict[str, dict[str, Any]]:
     """The check `bands`, of a run that has flights without bands; a run whose flights have all of theirs has none."""
     none = [name for name, table in coverage.items() if any(entry.get("draws") == 0 for entry in table.values())]
-    detail = f"flights without bands, since every simulation of the forecast failed: {', '.join(none)}"
+    detail = f"flights without bands because every simulation of the prediction failed: {', '.join(none)}"
     return {"bands": {"passed": False, "value": len(none), "bound": 0, "detail": detail}} if none else {}
 
 
 def _parameters(
     job: Job, draws: dict[str, Array], units: dict[str, str], checked: dict[str, Any]
 ) -> dict[str, dict[str, Any]]:
-    """Posterior and prior of every parameter in numbers, beside the truth where it is known."""
+    """Posterior and prior of every parameter in numbers, with the true value where it is known."""
     with xr.open_datatree(job.out / "posterior.nc", engine="h5netcdf") as tree:
         prior = tree["prior"].ds.load()
     truth, parameters = true_values(job), {}
@@ -112,8 +116,21 @@ def _parameters(
     return parameters
 
 
+def _prior_draws(job: Job) -> dict[str, Array]:
+    """Draws of the prior by parameter."""
+    with xr.open_datatree(job.out / "posterior.nc", engine="h5netcdf") as tree:
+        prior = tree["prior"].ds.load()
+    return {str(name): prior[name].values for name in prior.data_vars}
+
+
+def _taught(job: Job, draws: dict[str, Array]) -> dict[str, Any]:
+    """What the fitted flights taught; nothing of populations, whose members are no parameters of one fit."""
+    told = lessons(load_priors(job), draws, [f.name for f in job.study.with_role("identify")])
+    return {"taught": told} if told else {}
+
+
 def _divergences(job: Job) -> int:
-    """Divergent transitions; a sampler that knows none has none."""
+    """Number of divergent transitions; 0 for samplers without them."""
     with xr.open_datatree(job.out / "posterior.nc", engine="h5netcdf") as tree:
         known = "sample_stats" in tree.children and "diverging" in tree["sample_stats"]
         return int(tree["sample_stats"]["diverging"].sum()) if known else 0
@@ -146,14 +163,14 @@ def _output_error(job: Job) -> dict[str, Any]:
 
 
 def _identifiability(job: Job) -> dict[str, Any]:
-    """What the record tells, by fit; a folder whose checks are of an older program has none."""
+    """Identifiability by fit; empty for checks of an older version."""
     there = (job.out / "identifiability.json").exists()
     return {"identifiability": job.load("identifiability.json")} if there else {}
 
 
 def _recalibration(job: Job) -> dict[str, Any]:
-    """By how much bands were widened, where they were."""
-    by = told_widening(job)
+    """Factors by which bands were widened, if they were."""
+    by = applied_recalibration(job)
     return {} if by is None else {"recalibration": by._asdict()}
 
 
@@ -199,67 +216,72 @@ def _of_members(study: Study, flown: dict[str, float]) -> dict[str, float]:
             drawn = canopies.flown(study, flight, assemble.flight_seed(study, flight)).get(name)
             assert study.vehicle is not None
             every = np.full(study.vehicle.canopies.number, flown.get(name, 0.0)) if drawn is None else drawn
-            made |= {canopies.of_canopy(name, flight.name, i + 1): float(v) for i, v in enumerate(every)}
+            common = Coefficient.parse(name)
+            assert common is not None
+            made |= {str(common.of(flight.name, i + 1)): float(v) for i, v in enumerate(every)}
     return made
 
 
 def _notes(job: Job) -> list[str]:
-    """What a reader of the numbers must know."""
+    """Approximations and assumptions that a reader of the numbers must know."""
     notes = [
-        "Parameters are drawn with noise parameters held at the mean of theirs, or at the most probable ones where the "
-        "mean is too far from these; what they leave uncertain then widens the draws, to first order.",
-        "Initial states and latent disturbances are integrated out as Gaussian given the parameters; the log "
-        "determinant of that step is a polynomial of the parameters (its error is among the checks).",
+        "Parameters are drawn conditionally on the noise parameters, which are fixed at their posterior mean, or at "
+        "their mode where the mean is too far from it. The draws are then widened by the uncertainty of the noise "
+        "parameters, to first order.",
+        "Initial states and latent disturbances are integrated out by Laplace's approximation given the parameters; "
+        "its log determinant is interpolated by a polynomial in the parameters (the error is among the checks).",
     ]
-    study, by = job.study, told_widening(job)
+    study, by = job.study, applied_recalibration(job)
     notes += formulation.notes(study.noise)
     if by is not None:
         notes.append(
-            by.words[0].upper() + by.words[1:] + "; requirements and risk files are of the widened draws, which their "
-            "column widened_by tells."
+            by.words[0].upper() + by.words[1:] + "; requirements and risk files are computed from the widened draws, "
+            "and their column widened_by gives the factor."
         )
     if study.model != "cluster":
-        air = "Air density is taken by altitude from the record or the standard atmosphere, and counted as known."
+        air = "Air density is taken from the record, or from the standard atmosphere by altitude, and treated as known."
         return [*notes, air]
     notes.append(
-        f"A flight to be predicted is known by the first {OPENING:g} s of its record and its recorded wind; "
-        "bands are scored after that."
+        f"Predictions of a flight use the first {OPENING:g} s of its record (for the initial state) and its recorded "
+        "wind; bands are scored after that."
     )
     if study.priors.vary_canopies:
         notes.append(
-            f"From canopy to canopy differ {', '.join(study.priors.vary_canopies)}: by its own name such a coefficient "
-            "is the population's mean, sd(..) is the population's standard deviation, ..@drop.canopy1 is a canopy's "
-            "own; the likelihood is joined with the population as Gaussian. The canopies of a flight to be predicted "
-            "are further ones of that population; few canopies leave its standard deviation much as the prior has it."
+            f"Hierarchical model over canopies for {', '.join(study.priors.vary_canopies)}: the name alone is the "
+            "population mean, sd(..) the population standard deviation, ..@drop.canopy1 the value of one canopy. The "
+            "likelihood enters the hierarchy as a Gaussian. Canopies of a predicted flight are new members of the "
+            "population. With few canopies the population standard deviation is determined mostly by its prior."
         )
     if study.priors.vary:
         fitted = ", ".join(f.name for f in study.with_role("identify"))
         notes.append(
-            f"{fitted} were fitted one by one and joined, their likelihoods as Gaussian. From drop to drop differ "
-            f"{', '.join(study.priors.vary)}: by its own name such a parameter is the population's mean, sd(..) is the "
-            "population's standard deviation, ..@drop is a drop's own. A drop to be predicted is another one of that "
-            "population; few drops leave its standard deviation much as the prior has it."
+            f"{fitted} were fitted separately and joined in a hierarchical model, each likelihood as a Gaussian. It "
+            f"holds for {', '.join(study.priors.vary)}: the name alone is the population mean, sd(..) the population "
+            "standard deviation, ..@drop the value of one drop. A predicted drop is a new member of the population. "
+            "With few drops the population standard deviation is determined mostly by its prior."
         )
     added = [p.name for p in load_priors(job) if ADDED in p.source]
     if added:
-        notes.append(f"Left out by equation error, added since the fitted flight asked for it: {', '.join(added)}.")
+        notes.append(
+            f"Not selected by equation error, added by the score test of the fitted flight: {', '.join(added)}."
+        )
     if study.structure is not None and study.structure.fit == "search" and job.load("fit/facts.json")["scores"]:
         notes.append(_search_note(job))
-    missed = set(flown_terms(study)) - {p.name for p in load_priors(job) if "[" in p.name}
+    missed = set(flown_terms(study)) - {p.name for p in load_priors(job) if is_coefficient(p.name)}
     if missed and study.flights[0].virtual is not None:
-        notes.append("Flown but not selected: " + ", ".join(sorted(missed)) + ".")
+        notes.append("True terms of the virtual flight that were not selected: " + ", ".join(sorted(missed)) + ".")
     return notes
 
 
 def _search_note(job: Job) -> str:
-    """Which terms of the library the fitted flight asked for, and how strongly."""
-    told = {name: value for name, value in job.load("fit/facts.json")["scores"].items() if value is not None}
+    """Terms that the search within the fit selected or rejected, with their log Bayes factors."""
+    evidence = {name: value for name, value in job.load("fit/facts.json")["scores"].items() if value is not None}
     here = {p.name for p in load_priors(job)}
-    by_strength = sorted(told, key=lambda name: -told[name])
-    kept = [f"{name} ({told[name]:+.1f})" for name in by_strength if name in here]
-    left = [f"{name} ({told[name]:+.1f})" for name in by_strength if name not in here]
+    by_strength = sorted(evidence, key=lambda name: -evidence[name])
+    kept = [f"{name} ({evidence[name]:+.1f})" for name in by_strength if name in here]
+    left = [f"{name} ({evidence[name]:+.1f})" for name in by_strength if name not in here]
     return (
-        "Terms beyond the core that the fitted flight asked for, with the natural logarithm of the evidence for each: "
-        f"{', '.join(kept) or 'none'}. Left out, since they would have gained less than {PENALTY:g}: "
+        "Terms beyond the core that the search within the fit selected, each with the natural logarithm of its Bayes "
+        f"factor: {', '.join(kept) or 'none'}. Rejected, because the logarithm is below {PENALTY:g}: "
         f"{', '.join(left) or 'none'}."
     )

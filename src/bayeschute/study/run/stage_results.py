@@ -1,4 +1,4 @@
-"""Stages after the fit: checks, predictions, risk files."""
+"""Stages `check`, `predict` and `risk`: checks of the fit, predictions, risk files."""
 
 from __future__ import annotations
 
@@ -12,9 +12,11 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from bayeschute.core.files import write_whole
+from bayeschute.core.plain import to_plain
 from bayeschute.core.trees import load_tree, save_tree
 from bayeschute.likelihood.joint import FlightData, as_seen, stepped
 from bayeschute.likelihood.kalman import Seen, innovations
+from bayeschute.posterior.assess.identifiability_result import FitIdentifiability
 from bayeschute.posterior.marginal import Linearisation
 from bayeschute.posterior.sampling.sampler_checks import MOST_K, judge_rhat
 from bayeschute.prediction import bands, risk_files
@@ -23,8 +25,7 @@ from bayeschute.records.reconstruct import reconstruct
 from bayeschute.study.assembly import assemble
 from bayeschute.study.assembly.fits import Stored, groups, load_fit, summary_draws
 from bayeschute.study.evidence.recalibrate import NAME as RECALIBRATION
-from bayeschute.study.evidence.recalibrate import told as told_widening
-from bayeschute.study.evidence.recalibrate import widening
+from bayeschute.study.evidence.recalibrate import applied_recalibration, widening
 from bayeschute.study.job import Job
 from bayeschute.study.run import several_starts, structures
 from bayeschute.study.run.forecasts import FlightForecast, forecast_flights, widened
@@ -39,7 +40,7 @@ _FAR_DRAWS = 2.0  # standard deviations: farther off, draws are not about the mo
 
 
 class _Fits(NamedTuple):
-    """What the fits of a run say of themselves.
+    """Diagnostics of the fits of a run.
 
     Attributes:
         converged: Whether every optimum did.
@@ -52,7 +53,7 @@ class _Fits(NamedTuple):
         modes: Whether it falls to both sides along every axis, by fit.
         away: Distance of the draws' mean from the mode [Laplace's standard deviations], by fit.
         tails: Pareto k, by fit that has one.
-        told: What the records tell, by fit; empty where not asked for.
+        identifiability: Identifiability by fit; empty if not requested.
     """
 
     converged: bool
@@ -65,19 +66,20 @@ class _Fits(NamedTuple):
     modes: list[bool]
     away: list[float]
     tails: list[float]
-    told: dict[str, Any]
+    identifiability: dict[str, FitIdentifiability]
 
 
-def _of_fits(job: Job, tell: bool) -> _Fits:
+def _of_fits(job: Job, identify: bool) -> _Fits:
     todo = groups(job)
-    stored, steps, shares, told = [], [], [], {}
+    stored, steps, shares = [], [], []
+    identifiability: dict[str, FitIdentifiability] = {}
     for i, group in enumerate(todo):
         one = load_fit(job, group)
         for flight, along in zip(one.marginal.flights, one.marginal.along, strict=True):
             steps.append(_step_error(flight, one.optimum.theta, along))
             shares.append(_innovation_share(flight, along))
-        if tell:
-            told[group.name] = of_fit(job, group, one)
+        if identify:
+            identifiability[group.name] = of_fit(job, group, one)
         stored.append(one)
         job.say("check")((i + 1) / len(todo), group.name)
     return _Fits(
@@ -91,7 +93,7 @@ def _of_fits(job: Job, tell: bool) -> _Fits:
         [one.is_mode for one in stored],
         [_away(one) for one in stored],
         [one.pareto_k for one in stored if one.pareto_k is not None],
-        told,
+        identifiability,
     )
 
 
@@ -101,12 +103,12 @@ def _away(stored: Stored) -> float:
     return float(np.max(np.abs(np.linalg.solve(np.asarray(stored.marginal.scale), flat))))
 
 
-def check(job: Job, tell: bool = True) -> str:
-    """Numbers that say whether the fit may be believed, and what its records tell.
+def check(job: Job, identify: bool = True) -> str:
+    """Convergence diagnostics and checks of the fit, and the identifiability analysis.
 
     Args:
         job: The run.
-        tell: Whether to work out what the records tell; replicates have no reader.
+        identify: Whether to run the identifiability analysis; replicates don't need it.
     """
     checks: dict[str, dict[str, Any]] = {}
 
@@ -120,13 +122,25 @@ def check(job: Job, tell: bool = True) -> str:
     rhat, bulk, tail = (_over(posterior, f) for f in (arviz_stats.rhat, _ess_bulk, _ess_tail))
     chains = judge_rhat(list(rhat.values()), posterior.sizes["chain"], posterior.sizes["draw"])
     add("rhat", chains.largest, chains.bound, chains.passed, "largest R-hat of any parameter")
-    add("ess_bulk", min(bulk.values()), 400.0, min(bulk.values()) > 400.0, "least bulk effective sample size")
-    add("ess_tail", min(tail.values()), 400.0, min(tail.values()) > 400.0, "least tail effective sample size")
-    fits = _of_fits(job, tell)
-    add("optimum", float(not fits.converged), 0.0, fits.converged, "fits whose optimum did not converge")
+    add(
+        "ess_bulk",
+        min(bulk.values()),
+        400.0,
+        min(bulk.values()) > 400.0,
+        "smallest bulk effective sample size of any parameter",
+    )
+    add(
+        "ess_tail",
+        min(tail.values()),
+        400.0,
+        min(tail.values()) > 400.0,
+        "smallest tail effective sample size of any parameter",
+    )
+    fits = _of_fits(job, identify)
+    add("optimum", float(not fits.converged), 0.0, fits.converged, "number of fits whose optimisation did not converge")
     if starts := job.load("fit/facts.json").get("starts"):
         checks["optima"] = several_starts.check(starts)
-    if stacked := structures.told(job):
+    if stacked := structures.summary_rows(job):
         checks["structures"] = structures.check(stacked)
     add(
         "failed_solves",
@@ -140,23 +154,23 @@ def check(job: Job, tell: bool = True) -> str:
         max(fits.step_errors),
         0.2,
         max(fits.step_errors) < 0.2,
-        "integration error over the white noise of the channel, largest",
+        "largest integration error relative to the white measurement noise of the channel",
     )
     add(
         "mode",
         min(fits.least_falls),
         0.0,
         all(fits.modes),
-        "least fall of the log density one standard deviation beside the mode, along any axis: about 0.5 where it is "
-        "one",
+        "smallest decrease of the log density one standard deviation away from the mode, along any axis; 0.5 for a "
+        "Gaussian, and positive at a maximum",
     )
     add(
         "draws_distance",
         max(fits.away),
         _FAR_DRAWS,
         max(fits.away) < _FAR_DRAWS,
-        "distance of the draws' mean from the mode along any axis, in standard deviations of its Gaussian "
-        "approximation",
+        "largest distance of the mean of the draws from the mode along any axis, in standard deviations of the "
+        "Gaussian approximation",
     )
     worst = max(fits.shares, key=lambda s: abs(s - 0.9))
     add(
@@ -164,23 +178,25 @@ def check(job: Job, tell: bool = True) -> str:
         worst,
         0.9,
         abs(worst - 0.9) < 0.04,
-        "share of standardised one-step prediction errors within the central 90 %; bound: the target, 0.04 either way",
+        "share of standardised innovations (one-step prediction errors) inside their central 90 % interval; the bound "
+        "is the target, with a tolerance of 0.04",
     )
     add(
         "log_determinant",
         max(fits.determinant_errors),
         0.2,
         max(fits.determinant_errors) < 0.2,
-        "root mean square error of the log density over the posterior, against Laplace's at the same points",
+        "root mean square error of the interpolated log determinant over the posterior, against Laplace's "
+        "approximation at the same points",
     )
     if fits.tails:
         detail = (
-            "Pareto k of the importance ratios exact/surrogate at the surrogate's proposals: below 0.7 the surrogate "
-            "reaches all that the exact posterior holds, and its correction can be trusted"
+            "Pareto k of the importance ratios exact/surrogate density at the surrogate's proposals; below 0.7 the "
+            "proposals cover the exact posterior and the correction is reliable"
         )
         add("pareto_k", max(fits.tails), MOST_K, max(fits.tails) < MOST_K, detail)
-    if tell:
-        job.save("identifiability.json", fits.told)
+    if identify:
+        job.save("identifiability.json", assemble.as_plain(to_plain(fits.identifiability, without_none=True)))
     job.save("checks.json", {"checks": checks, "rhat": rhat, "ess_bulk": bulk, "ess_tail": tail})
     missed = [name for name, c in checks.items() if not c["passed"]]
     return "all passed" if not missed else "missed: " + ", ".join(missed)
@@ -257,8 +273,8 @@ def predict(job: Job) -> str:
 def _record_coverage(job: Job, one: FlightForecast, quantity: str, recorded: dict[str, Array]) -> float | None:
     """Share of recorded samples inside the band, the channel's noise added where the quantity has a channel.
 
-    A quantity derived from several channels has no noise of its own here: beside the wide band of an unseen flight
-    that does no harm, beside the narrow one of a fitted flight it would mislead, so there it is left out.
+    A quantity derived from several channels has no noise model here: compared with the wide band of an unseen flight
+    that is negligible; for the narrow one of a fitted flight it would mislead, so there it is omitted.
     """
     noise = _channel_noise(job, one.stored, quantity)
     if quantity not in recorded or (noise is None and not one.held_out.any()):
@@ -287,9 +303,9 @@ def recorded_quantities(job: Job, flight: Flight, record: xr.Dataset) -> dict[st
 
 
 def risk(job: Job) -> str:
-    """Files for risk assessors, and the requirements; of the draws as in the bands, widened where these are."""
+    """Files for risk assessment, and the requirements, from the draws of the bands (recalibrated where these are)."""
     study, tables = job.study, load_tree(job.out / STATISTICS, dict[str, dict[str, dict[str, Array]]])
-    by = told_widening(job)
+    by = applied_recalibration(job)
     widened = {} if by is None else dict.fromkeys(by.flights, by.factors)
     draws, units = summary_draws(job)
     ess = job.load("checks.json")["ess_bulk"]

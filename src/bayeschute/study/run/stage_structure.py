@@ -1,4 +1,4 @@
-"""The stage that finds the structure of the forces: vector and polar equation error, and data of known terms."""
+"""Stage `structure`: vector and polar equation error, and the simulation study with known terms."""
 
 from __future__ import annotations
 
@@ -155,7 +155,7 @@ def _how(job: Job, name: str) -> Search:
 
 
 def _before(study: Study, flights: Sequence[Flight], records: Sequence[xr.Dataset]) -> list[str]:
-    """What the records can tell, in words, before any fit."""
+    """Data adequacy in words, before any fit."""
     assert study.vehicle is not None
     scale, said = study.vehicle.canopies, list[str]()
     for flight, record in zip(flights, records, strict=True):
@@ -170,7 +170,7 @@ def _before(study: Study, flights: Sequence[Flight], records: Sequence[xr.Datase
 def _checks(
     job: Job, flights: Sequence[Flight], records: Sequence[xr.Dataset]
 ) -> tuple[dict[str, dict[str, Stack]], list[str]]:
-    """Regressions of canopies and flights that were not used, by coefficient and label; and what can't be tried."""
+    """Regressions of canopies and flights that were not fitted, by coefficient and label; notes on those that fail."""
     study, said = job.study, list[str]()
     assert study.vehicle is not None
     every = range(study.vehicle.canopies.number)
@@ -185,7 +185,7 @@ def _checks(
         except InputError as error:
             if flight in flights:
                 raise
-            said.append(f"{flight.name} can't test the structure: {error}")
+            said.append(f"{flight.name} can't be used to test the structure: {error}")
             continue
         for name, stacks in problems.items():
             labels = [f"{flight.name}, canopy {canopy + 1}" for canopy in canopies]

@@ -1,10 +1,10 @@
-"""The job: stages in order, each cached by the hash of what it reads, resumable, and leaving files and nothing else.
+"""The run: stages in order, each cached by the hash of its inputs and resumable.
 
 ``ingest -> structure -> priors -> fit -> check -> predict -> risk -> report``. A stage reads what earlier ones wrote;
-it counts as finished while its marker holds its key (`bayeschute.study.stage_keys`), whether or not a stage before
-it was done again for reasons that it does not read.
-Files are written aside and moved into place, so a run killed at any moment leaves whole files only. A fit that fails
-ends the run with a summary and a report of what is known all the same; ``log.txt`` tells line by line what was done.
+it counts as finished while its marker contains its key (`bayeschute.study.stage_keys`), whether or not a stage before
+it was run again because of inputs that it does not read.
+Files are written to a temporary name and moved into place, so a run killed at any moment leaves whole files only. A fit
+that fails ends the run with a summary and a report of the results that need no fit; ``log.txt`` is the log.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from bayeschute.study.stage_keys import STAGES, readers, stage_keys
 RESULTS = (
     "flights", "fit", "risk", "figures", "structure.json", "structure.txt", "priors.json", "posterior.nc",
     "posterior.emcee.nc", "checks.json", "identifiability.json", "predictions.nc", "coverage.json", RECALIBRATION,
-    "summary.json", "report.html", "study.toml", LOG,
+    "curves.csv", "summary.json", "report.html", "study.toml", LOG,
 )  # fmt: skip
 """All that a run writes into its folder, but for the markers of finished stages."""
 
@@ -58,23 +58,23 @@ def run_study(
         path: Study file, or a study that was read.
         out: Folder of the run; made where missing.
         until: Last stage to run; all where None.
-        resume: Go on in the folder of an earlier run; stages that finished with what they read now are kept.
-        quick: Small sizes, same code; the result says that it is not for use.
+        resume: Continue in the folder of an earlier run; stages whose inputs are unchanged are reused.
+        quick: Few draws, same code; the result is marked as not for use.
         data_dir: Replaces ``${DATA}`` in the study's files.
         seed: Replaces the study's seed.
         progress: Called with stage, share done and words.
         workers: Local processes that predictions are spread over; 1: this one. Results are the same.
         address: Of a Dask scheduler, in place of local processes.
-        force: Begin anew in the folder of an earlier run: what that run wrote is removed first.
+        force: Start again in the folder of an earlier run; its results are removed first.
 
     Returns:
         ``summary.json``; empty if the last stage has not run. After a fit that failed, which ends the run: ``label``
-        is "no fit", and ``fit`` says why, what was tried and what the best flights leave of the data.
+        is "no fit", and ``fit`` contains the reason, what was tried and the residuals of the best trajectories.
 
     Raises:
         InputError: If the study, its files or `until` are not sound; if `out` holds something else, or an earlier run
             and neither `resume` nor `force` is given, or both are; if Dask is wanted and not there; if bands are to be
-            recalibrated and no calibration tells how.
+            recalibrated and no stored calibration gives the factors.
     """
     from bayeschute.study.assembly import assemble
     from bayeschute.study.evidence.recalibrate import widening
@@ -89,7 +89,7 @@ def run_study(
     folder = Path(out)
     _check_folder(folder, resume, force)
     job = Job(study, folder, quick, "", progress or (lambda *_: None), resume, workers, address)
-    learned = widening(job)  # told before anything slow where it is not there
+    learned = widening(job)  # fails before anything slow if it is missing
     if force:
         _remove(folder)
     (folder / ".stages").mkdir(parents=True, exist_ok=True)
@@ -103,20 +103,20 @@ def run_study(
 
 
 def _check_folder(folder: Path, resume: bool, force: bool) -> None:
-    """Refuse a folder with other files, and an earlier run of which nobody said what is to become of it."""
+    """Refuse a folder with other files, and an earlier run without `resume` or `force`."""
     earlier = (folder / ".stages").is_dir()
     if folder.exists() and any(folder.iterdir()) and not earlier:
         wanted = "a new folder or one of an earlier run"
         raise InputError(Fault(str(folder), "a folder with other files", wanted, "Choose another --out."))
     if resume and force:
-        raise InputError(Fault("--force", "--resume beside it", "one of the two"))
+        raise InputError(Fault("--force", "--resume together with it", "one of the two"))
     if earlier and not resume and not force:
         do = "Add --resume to go on and reuse what is unchanged, or --force to remove its results and begin anew."
         raise InputError(Fault(str(folder), "an earlier run", "a new folder, --resume or --force", do))
 
 
 def _remove(folder: Path) -> None:
-    """Remove what runs write into their folder, and nothing else."""
+    """Remove the files that runs write into their folder, and nothing else."""
     for marker in (folder / ".stages").glob("*"):  # first, so that what is left, if this is stopped, counts as not done
         marker.unlink()
     for path in (folder / name for name in RESULTS):
@@ -130,10 +130,10 @@ def _run_stages(job: Job, until: str | None, learned: Any) -> None:
     """Do every stage that isn't done, up to the last one wanted or to a fit that fails."""
     from bayeschute.study.run import failure, stage_list
 
-    # The report's label is of what replicates held: it is written anew where others were stored since.
+    # The label depends on stored replicates: the report is written again where others were stored since.
     held = stored(job.study, job.quick, places(job))
     keys = stage_keys(job.study, job.quick, {"predict": learned, "report": held})
-    for stage in STAGES:  # what was made of other inputs is not left beside new results
+    for stage in STAGES:  # results of other inputs must not remain next to new ones
         if _marker(job, stage).exists() and not _is_done(job, stage, keys[stage]):
             _forget(job, stage)
     for stage in STAGES:
@@ -157,13 +157,13 @@ def _run_stages(job: Job, until: str | None, learned: Any) -> None:
 
 
 def _is_done(job: Job, stage: str, key: str) -> bool:
-    """Whether a stage has finished with what it reads now."""
+    """Whether a stage has finished with its present inputs."""
     marker = _marker(job, stage)
     return marker.exists() and marker.read_text() == key
 
 
 def _forget(job: Job, stage: str) -> None:
-    """Count a stage and those that read its results as not done, and take away what tells of their results."""
+    """Mark a stage and those that read its results as not done, and remove the summary of their results."""
     from bayeschute.study.run import failure
 
     failure.forget(job)
@@ -174,7 +174,7 @@ def _forget(job: Job, stage: str) -> None:
 
 
 def _as_run(job: Job) -> str:
-    """The study file as it ran, with what identifies the run in front."""
+    """The study file as it was run, with the identity of the run at its head."""
     study = job.study
     sizes = "quick, not for use" if job.quick else "full sizes"
     head = [

@@ -1,4 +1,4 @@
-"""Several structures that equation error finds, each fitted to the flight and weighted by how well it foretells it."""
+"""Stacking of model structures: several structures, each fitted, weighted by leave-future-out predictive density."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from bayeschute.aero.coefficient import Coefficient, is_coefficient
 from bayeschute.core.errors import FitError
 from bayeschute.core.random import seed_of, stream
 from bayeschute.likelihood.priors import Prior, from_equation_error
@@ -55,14 +56,14 @@ def _options(job: Job, kind: str, entry: dict[str, Any], base: Sequence[Prior]) 
     table, flights = job.study.priors, ", ".join(f.name for f in job.study.with_role("structure"))
     selected = tuple(row["term"] for row in entry["selected"])
     shares = {frozenset(s["terms"]): float(s["share"]) for s in entry["structures"]}
-    own = tuple(p for p in base if p.name.startswith(f"{kind}["))
+    own = tuple(p for p in base if (one := Coefficient.parse(p.name)) and one.kind == kind)
     found = [_Option(selected, shares.get(frozenset(selected), 0.0), own)]
     for one in sorted(entry["structures"], key=lambda s: -s["share"]):
         if frozenset(one["terms"]) in {frozenset(o.terms) for o in found}:
             continue
         rows = zip(one["terms"], one["estimate"], one["se"], strict=True)
         made = tuple(
-            from_equation_error(f"{kind}[{term}]", value, se, table.inflation, table.floor, flight=flights)
+            from_equation_error(str(Coefficient(kind, term)), value, se, table.inflation, table.floor, flight=flights)
             for term, value, se in rows
         )
         found.append(_Option(tuple(one["terms"]), float(one["share"]), made))
@@ -73,12 +74,12 @@ def candidates(job: Job) -> list[Candidate]:
     """The structure that equation error selected, then the others that its replicates select most often.
 
     Returns:
-        As many as the study asks for, fewer if replicates know no more.
+        As many as the study wants, fewer if the replicates contain fewer.
     """
     table = job.study.structure
     assert table is not None and table.stack is not None
     found, base = job.load("structure.json")["coefficients"], load_priors(job)
-    rest = tuple(p for p in base if "[" not in p.name)
+    rest = tuple(p for p in base if not is_coefficient(p.name))
     made = [Candidate({}, 1.0, ())]
     for kind, entry in found.items():
         made = [
@@ -104,7 +105,7 @@ def _settled(job: Job, group: Group, prior: NoisePrior, say: Say) -> JointFit:
 
 
 class _Fitted(NamedTuple):
-    """A structure that was fitted: optimum, draws, scores of the opening and the rest of the flights."""
+    """A fitted structure: optimum, draws, log scores of the first part and the rest of the flights."""
 
     settled: JointFit
     draws: Draws
@@ -140,14 +141,14 @@ def fit_all(job: Job, group: Group, say: Say) -> list[str]:
     Args:
         job: The run.
         group: The flights, with the priors of the selected structure.
-        say: Called with a share done and words.
+        say: Progress callback: share done and words.
 
     Returns:
         Names of the fits.
 
     Raises:
-        FitError: If no structure can be fitted; it holds the best flights of the first that has any.
-        FloatingPointError: If none can be fitted, and none said so.
+        FitError: If no structure can be fitted; it contains the best trajectories of the first that has any.
+        FloatingPointError: If none can be fitted, for another reason.
     """
     listed, fitted, why = candidates(job), dict[int, _Fitted](), dict[int, str]()
     names = [f"structure-{i + 1}" for i in range(len(listed))]
@@ -189,7 +190,7 @@ def fit_all(job: Job, group: Group, say: Say) -> list[str]:
     return names
 
 
-def told(job: Job) -> list[dict[str, Any]]:
+def summary_rows(job: Job) -> list[dict[str, Any]]:
     """Structures and weights without priors, heaviest first; none where one structure is fitted."""
     rows = job.load(FILE) if (job.out / FILE).exists() else []
     return sorted(({k: v for k, v in r.items() if k != "priors"} for r in rows), key=lambda r: -r["weight"])
@@ -206,7 +207,7 @@ def members(job: Job, group: Group, draws: int) -> list[tuple[Group, int]]:
 
 
 def note(rows: Sequence[dict[str, Any]]) -> list[str]:
-    """A line for the report, from `told`."""
+    """A line for the report, from `summary_rows`."""
     if not rows:
         return []
     words = []
@@ -217,18 +218,19 @@ def note(rows: Sequence[dict[str, Any]]) -> list[str]:
         else:
             words.append(f"{r['weight']:.2f} ({r['behind']:+.1f} +- {r['behind_se']:.1f}): {terms}")
     return [
-        f"Predictions mix {len(rows)} structures by weight (in brackets the log score after the first "
-        f"{100 * OPENING:g} % of the record, less that of the best, and its standard error): {' | '.join(words)}. "
-        "The posterior is that of the heaviest."
+        f"Predictions are a stacked average of {len(rows)} model structures, with weights (in brackets: log score "
+        f"after the first {100 * OPENING:g} % of the record minus that of the best, and its standard error): "
+        f"{' | '.join(words)}. The posterior is that of the structure with the largest weight."
     ]
 
 
 def check(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """The check ``structures``, from `told`."""
+    """The check ``structures``, from `summary_rows`."""
     lost = [r for r in rows if r["failed"] or (r["weight"] > COUNTS and not r["converged"])]
     return {
         "passed": not lost,
         "value": float(len(lost)),
         "bound": 0.0,
-        "detail": f"of {len(rows)} structures, those that failed or, above a weight of {COUNTS:g}, did not converge",
+        "detail": f"number of the {len(rows)} structures that failed or, with a weight above {COUNTS:g}, did not "
+        "converge",
     }

@@ -1,1 +1,1 @@
-"""Tables of study and vehicle files, their units and their faults."""
+"""Tables of study and vehicle files, their units and the faults they may have."""

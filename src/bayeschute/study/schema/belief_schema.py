@@ -1,4 +1,4 @@
-"""Tables of a study on what is believed before the data: priors, noise of the channels, error of the wind."""
+"""Tables of a study for the priors: parameters, noise of the channels, error of the wind."""
 
 from __future__ import annotations
 
@@ -56,12 +56,12 @@ class Prior(Strict, Generic[Q]):
 
     @property
     def log_normal(self) -> bool:
-        """Whether the law is log-normal."""
+        """Whether the distribution is log-normal."""
         return self.median is not None
 
 
 class GivenTable(Strict):
-    """Priors from outside, of what a record can't inform alone; a number without a prior is that of the vehicle.
+    """Priors from other sources, of parameters that a record alone can't determine; others are fixed at the vehicle's.
 
     Attributes:
         riser_stiffness: [N/m].
@@ -69,7 +69,7 @@ class GivenTable(Strict):
         riser_length: [m].
         capsule_axial_force: C_A of the capsule [1].
         enclosed_air_factor: Times the enclosed air of the vehicle's canopies [1].
-        capsule_mass: Of the vehicle's capsule [kg]; a flight with a mass of its own keeps that.
+        capsule_mass: Of the vehicle's capsule [kg]; not used for a flight with its own mass.
         canopy_mass: Dry mass of one canopy, the same for all [kg].
         cds_over_mass: C_D S/m of a descent [m^2/kg].
     """
@@ -202,10 +202,10 @@ class NoiseTable(Strict):
     The air moves on more than one scale: gusts last seconds, thermals and errors of a wind profile minutes. `slow_wind`
     adds a second process to `wind`.
 
-    Every channel counts as a measurement of its own: one that was computed from another is not to be fitted beside it.
+    Channels are treated as independent measurements: one that was computed from another must not be fitted with it.
 
     Attributes:
-        model: ``latent`` (the default) puts what the flight model doesn't know where it arises, in wind and canopies.
+        model: ``latent`` (the default) models unknown disturbances where they arise, in wind and canopies.
             The others leave all of it to the residuals, for comparison, and have no use for the latent tables:
             ``ar1``, ``ar1+white``, ``white`` (teaching only, not for use) and ``sandwich``, white noise whose standard
             errors are corrected for colored residuals (classical output error).

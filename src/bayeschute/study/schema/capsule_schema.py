@@ -67,7 +67,7 @@ class CapsuleAeroTable(Strict):
                 refuse(wanted, ", ".join(sorted(own)) or "file without angle_unit")
             read = self.model_copy(update=_from_file(self.file, self.angle_unit, info))
         elif self.angle_unit is not None:
-            refuse("angle_unit only beside file: other angles carry their unit", "angle_unit without file")
+            refuse("angle_unit only together with file: other angles carry their unit", "angle_unit without file")
         ragged = [name for name, rows in read.given().items() if len({len(row) for row in rows}) > 1]
         if ragged:
             refuse("rows of equal length", f"rows of different lengths in {', '.join(ragged)}")
@@ -77,7 +77,7 @@ class CapsuleAeroTable(Strict):
         return read
 
     def given(self) -> dict[str, Rows]:
-        """Rows of the coefficients that are told."""
+        """Rows of the coefficients that are given."""
         return {name: rows for name in COEFFICIENTS if (rows := getattr(self, name)) is not None}
 
     def arrays(self) -> dict[str, np.ndarray]:

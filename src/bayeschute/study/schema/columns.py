@@ -6,12 +6,14 @@ from collections.abc import Iterator, Mapping
 
 from bayeschute.core.errors import Fault
 from bayeschute.core.units import factor_to_si
+from bayeschute.records.foreign.clocks import ISO
+from bayeschute.records.foreign.translate import foreign_unit
 from bayeschute.records.record import LABELS, VARIABLES, nearest
 from bayeschute.study.schema.draft import Draft
 from bayeschute.study.schema.schema_faults import show
 from bayeschute.study.schema.study_schema import Column
 
-_WITH_NAMES = (".nc", ".nc4", ".netcdf", ".h5")  # files that may hold the schema's own names and units
+_WITH_NAMES = (".nc", ".nc4", ".netcdf", ".h5")  # files that may contain the names and units of the schema
 
 
 def _components(name: str) -> list[str]:
@@ -33,6 +35,9 @@ def _unit_of(name: str) -> str | None:
     """SI unit of a column; None where its name is unknown."""
     if name == "time":
         return "s"
+    foreign = foreign_unit(name)
+    if foreign is not None:
+        return foreign
     parts = name.split(".")
     generic = ".".join("N" if part.isdecimal() and int(part) > 0 else part for part in parts)
     if parts[0] not in VARIABLES or generic not in _components(parts[0]):
@@ -41,12 +46,14 @@ def _unit_of(name: str) -> str | None:
 
 
 def _map_faults(draft: Draft, columns: Mapping[str, Column], loc: tuple[int | str, ...]) -> Iterator[Fault]:
-    """Faults of one column map, which stands at `loc`."""
+    """Faults of one column map, located at `loc`."""
     for name, spec in columns.items():
         unit = _unit_of(name)
         if unit is None:
             do = nearest(name, known_columns()) or f"Known are {', '.join(known_columns())}."
             yield Fault(draft.at(*loc, name, ""), f"the unknown variable {show(name)}", "a variable of a record", do)
+            continue
+        if name == "time" and spec.unit == ISO:
             continue
         try:
             factor_to_si(spec.unit, unit)
@@ -56,7 +63,7 @@ def _map_faults(draft: Draft, columns: Mapping[str, Column], loc: tuple[int | st
     for name, spec in columns.items():
         if spec.column in by_place:
             got = f"{show(spec.column)}, which {by_place[spec.column]} takes already"
-            yield Fault(draft.at(*loc, name, "column"), got, "a column of its own")
+            yield Fault(draft.at(*loc, name, "column"), got, "a separate column")
         by_place[spec.column] = name
     if "time" not in columns:
         yield Fault(draft.at(*loc, ""), "no time", "a column for time", "Add time = { column = ..., unit = 's' }.")
@@ -88,6 +95,6 @@ def check_columns(draft: Draft) -> list[Fault]:
 
 def _lacks_altitude(draft: Draft, columns: Mapping[str, Column], loc: tuple[int | str, ...]) -> list[Fault]:
     """The descent model is fitted to altitudes."""
-    if "altitude" in columns:
+    if "altitude" in columns or "pressure" in columns:
         return []
-    return [Fault(draft.at(*loc, ""), "no altitude", "a column for altitude (model 'descent')")]
+    return [Fault(draft.at(*loc, ""), "no altitude", "a column for altitude or pressure (model 'descent')")]

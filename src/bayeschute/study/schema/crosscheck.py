@@ -1,4 +1,4 @@
-"""Checks across the tables of a study and its vehicle; each works with whatever tables are sound."""
+"""Checks across the tables of a study and its vehicle; each uses the tables that are valid."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from bayeschute.core.errors import Fault
 from bayeschute.study.schema.belief_schema import FORCES, NoiseTable, PriorsTable
 from bayeschute.study.schema.draft import Draft
+from bayeschute.study.schema.knowledge.knowledge_crosscheck import check_knowledge
 from bayeschute.study.schema.schema_faults import show
 from bayeschute.study.schema.structure_crosscheck import check_core, check_polar, check_stack, check_synthetic
 from bayeschute.study.schema.study_schema import QUANTITIES, PredictTable, RequirementTable
@@ -18,7 +19,7 @@ _CLUSTER_CHANNELS = (*_CLUSTER_ONLY, "descent_rate")
 
 
 def check_names(draft: Draft) -> Iterator[Fault]:
-    """Flights and requirements have names of their own; letters' case doesn't tell them apart (they name files)."""
+    """Names of flights and of requirements are unique, ignoring case (they become file names)."""
     taken: set[str] = set()
     for index, flight in draft.flights.items():
         if flight.name.casefold() in taken:
@@ -41,7 +42,7 @@ def check_roles(draft: Draft) -> Iterator[Fault]:
 
 
 def check_model_cluster(draft: Draft) -> Iterator[Fault]:
-    """What the cluster model needs, and what it has no use for."""
+    """Tables that the cluster model needs, and those that it does not use."""
     if "vehicle" not in draft.raw:
         yield Fault(draft.at("vehicle"), "nothing", "the path of a vehicle file (model 'cluster')")
     if "structure" not in draft.raw:
@@ -64,7 +65,7 @@ def check_model_cluster(draft: Draft) -> Iterator[Fault]:
 
 
 def check_model_descent(draft: Draft) -> Iterator[Fault]:
-    """What the descent model needs, and what it has no use for."""
+    """Tables that the descent model needs, and those that it does not use."""
     for key in ("vehicle", "structure"):
         if key in draft.raw:
             yield _no_use(draft, key)
@@ -103,14 +104,14 @@ def _check_wind(draft: Draft, noise: NoiseTable | None) -> Iterator[Fault]:
 
 
 def _check_mass(draft: Draft) -> Iterator[Fault]:
-    """A fitted flight has one mass: that of the vehicle, which the prior is of, or its own."""
+    """A fitted flight has one mass: the vehicle's, to which the prior belongs, or its own."""
     priors: PriorsTable | None = draft.tables.get("priors")
     if priors is not None and priors.given.capsule_mass is not None:
         for index, flight in draft.flights.items():
             if flight.capsule_mass is not None and "identify" in flight.roles:
-                where, got = draft.at("flight", index, "capsule_mass"), "a mass of its own, of a flight that is fitted"
+                where, got = draft.at("flight", index, "capsule_mass"), "a flight-specific mass of a fitted flight"
                 yield Fault(
-                    where, got, "none beside [priors.given] capsule_mass, which is fitted", "Remove one of them."
+                    where, got, "none together with [priors.given] capsule_mass, which is fitted", "Remove one of them."
                 )
 
 
@@ -140,7 +141,9 @@ def _check_vary(draft: Draft) -> Iterator[Fault]:
     for key in ("vary", "vary_canopies"):
         if getattr(priors, key) is not None and structure is not None and structure.stack is not None:
             wanted = "one of the two: populations are of one structure"
-            yield Fault(draft.at("priors", key), f"{key} beside [structure] stack", wanted, "Remove one of them.")
+            yield Fault(
+                draft.at("priors", key), f"{key} together with [structure] stack", wanted, "Remove one of them."
+            )
 
 
 def _no_use(draft: Draft, *loc: int | str, got: str = "") -> Fault:
@@ -175,7 +178,7 @@ def check_canopies(draft: Draft) -> Iterator[Fault]:
 
 
 def check_shape(draft: Draft) -> Iterator[Fault]:
-    """A virtual drop tells the canopies' shape where the vehicle's canopies breathe, of each of them."""
+    """A virtual drop gives the shape of each canopy where the vehicle's canopies breathe."""
     if draft.vehicle is None:
         return
     number, breathes = draft.vehicle.canopies.number, draft.vehicle.canopies.breathing is not None
@@ -233,7 +236,7 @@ def check_span(draft: Draft, index: int, start: float, end: float) -> Iterator[F
 
 
 def check_predictions(draft: Draft) -> Iterator[Fault]:
-    """The model knows the quantities to predict, and the requirements are on predicted ones."""
+    """The model has the quantities to predict, and requirements refer to predicted ones."""
     if draft.model is None:
         return
     known = QUANTITIES[draft.model]
@@ -256,5 +259,5 @@ def crosscheck(draft: Draft) -> list[Fault]:
     if draft.model is not None:
         checks.append(by_model[draft.model])
     checks += [check_canopies, check_shape, check_canopy_sd, check_polar, check_core, check_stack, check_synthetic]
-    checks += [check_times, check_predictions]
+    checks += [check_times, check_predictions, check_knowledge]
     return [fault for check in checks for fault in check(draft)]

@@ -1,4 +1,4 @@
-"""A study file as far as its tables could be read, for the checks across them."""
+"""A study file as far as its tables are valid, for the checks across them."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ class Draft:
     """A study as far as its tables could be read.
 
     Attributes:
-        file: Path of the study file, as the reader knows it.
+        file: Path of the study file, as given by the user.
         raw: Its content.
-        tables: Its sound tables by key, except flights.
-        flights: Its sound flights by their place in the file.
+        tables: Its valid tables by key, except flights.
+        flights: Its valid flights by their position in the file.
         vehicle: The vehicle, if it could be read.
     """
 
@@ -30,7 +30,7 @@ class Draft:
     vehicle: Vehicle | None = None
 
     def at(self, *loc: int | str) -> str:
-        """Where a value stands."""
+        """Location of a value."""
         return place(self.file, loc, self.raw)
 
     @property
@@ -40,6 +40,6 @@ class Draft:
 
     @property
     def flights_complete(self) -> bool:
-        """Whether every flight of the file is sound."""
+        """Whether every flight of the file is valid."""
         listed = self.raw.get("flight")
         return isinstance(listed, list) and len(listed) == len(self.flights)

@@ -23,11 +23,11 @@ class Strict(BaseModel):
 
 
 def refuse(wanted: str, got: Any = None, do: str = "") -> NoReturn:
-    """Raise what the reader of the file gets told.
+    """Raise a fault for the reader of the file.
 
     Args:
         wanted: What would be accepted.
-        got: What stands there, where that is not the value itself.
+        got: Description of the value, if not the value itself.
         do: What to do about it.
     """
     raise PydanticCustomError("fault", "wanted {wanted}", {"wanted": wanted, "got": got, "do": do})
@@ -35,7 +35,7 @@ def refuse(wanted: str, got: Any = None, do: str = "") -> NoReturn:
 
 @dataclass(frozen=True)
 class Bounds:
-    """Range of an SI number, each end told apart from the open range.
+    """Range of an SI number, with open or closed ends.
 
     Attributes:
         above: The number must be greater than this.
@@ -65,9 +65,9 @@ def read_quantity(value: Any, unit: str, example: str, bounds: Bounds = Bounds()
     """A quantity of a file in SI.
 
     Args:
-        value: What stands in the file; a string with a unit is wanted.
+        value: The value in the file, which should be a string with a unit.
         unit: SI unit, e.g. ``"m"``.
-        example: What it may look like, e.g. ``"116 ft"``.
+        example: An example, e.g. ``"116 ft"``.
         bounds: Range in SI.
 
     Returns:
@@ -150,7 +150,7 @@ def _name(value: Any) -> str:
 
 @dataclass(frozen=True)
 class Cut:
-    """Where a record is cut in two: a share of its window or a time on its own clock.
+    """Time that splits a record in two: a share of its window or a time of the record.
 
     Attributes:
         share: Share of the window [1]; None where a time is given.

@@ -1,4 +1,4 @@
-"""From what pydantic and the TOML parser say to faults a reader can act on: where, got, wanted, do."""
+"""From errors of pydantic and the TOML parser to faults with where, got, wanted, do."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _WORST = 200
 
 
 def show(value: object) -> str:
-    """A value as it is told to the reader: quoted if text, short."""
+    """A value as shown to the reader: quoted if text, shortened."""
     try:
         text = repr(value)
     except ValueError:  # Python refuses to write whole numbers of thousands of digits
@@ -34,16 +34,16 @@ def show(value: object) -> str:
 
 
 def _key(key: str) -> str:
-    """A key as the reader wrote it; odd ones are quoted, long ones cut."""
+    """A key as the reader wrote it; unusual ones are quoted, long ones cut."""
     bare = re.fullmatch(r"[A-Za-z0-9_.-]+", key)
     return key if bare and len(key) <= 60 else show(key)
 
 
 def place(file: str, loc: Loc, raw: object = None) -> str:
-    """Where in a file a value stands.
+    """Location of a value in a file.
 
     Args:
-        file: Path of the file, as the reader knows it.
+        file: Path of the file, as given by the user.
         loc: Keys and list positions from the top of the file; an empty last key means the table itself.
         raw: The whole content, from which flights and requirements get their names.
 
@@ -84,7 +84,7 @@ def _models_in(annotation: Any) -> list[type[BaseModel]]:
 
 
 def known_keys(model: type[BaseModel], loc: Loc) -> list[str]:
-    """Keys that the table at `loc` may have; empty where any key may stand."""
+    """Keys that the table at `loc` may have; empty where any key is allowed."""
     models = [model]
     for step in loc:
         if isinstance(step, str):
@@ -123,9 +123,9 @@ def faults_of(file: str, model: type[BaseModel], error: ValidationError, raw: ob
     """Every fault that pydantic found in a file.
 
     Args:
-        file: Path of the file, as the reader knows it.
-        model: What the file was read as.
-        error: What pydantic raised.
+        file: Path of the file, as given by the user.
+        model: The pydantic model of the file.
+        error: The error of pydantic.
         raw: The content of the file.
 
     Returns:

@@ -1,4 +1,4 @@
-"""Tables of numbers that lie in a file beside a study or a vehicle: found, read, and refused in words."""
+"""Sidecar files: tables of numbers next to a study or a vehicle, read and validated."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ DATA = "${DATA}"
 
 
 def context(folder: Path, data: str = "") -> dict[str, str]:
-    """What a file's tables must know to find others: the folder of the file and what ``${DATA}`` stands for."""
+    """Context for finding sidecar files: the folder of the file, and the folder that replaces ``${DATA}``."""
     return {"folder": str(folder), "data": data}
 
 
@@ -101,6 +101,6 @@ def _complete(table: Table, column: str, where: str) -> tuple[Array, list[Fault]
 
 
 def refuse_all(faults: Sequence[Fault]) -> NoReturn:
-    """Refuse a value with all faults of what it stands for in one; their places are told in what was got."""
+    """Refuse a value with all faults of its file in one message, which gives their locations."""
     got = "; ".join(f"{fault.where}: {fault.got}" for fault in faults[:5])
     refuse("; ".join(dict.fromkeys(fault.wanted for fault in faults[:5])), got[:600], faults[0].do)

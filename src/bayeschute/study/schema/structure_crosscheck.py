@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from bayeschute.aero.coefficient import coefficient_names
 from bayeschute.aero.published import load_published
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.records.record import nearest
@@ -33,8 +34,8 @@ def check_stack(draft: Draft) -> Iterator[Fault]:
     structure: StructureTable | None = draft.tables.get("structure")
     noise: NoiseTable | None = draft.tables.get("noise")
     if structure is not None and structure.stack is not None and noise is not None and noise.model == "sandwich":
-        wanted = "another noise model: the sandwich doesn't say how well a structure foretells a record"
-        yield Fault(draft.at("structure", "stack"), "stack beside [noise] model = 'sandwich'", wanted)
+        wanted = "another noise model: the sandwich has no predictive density to weight structures by"
+        yield Fault(draft.at("structure", "stack"), "stack together with [noise] model = 'sandwich'", wanted)
 
 
 def check_core(draft: Draft) -> Iterator[Fault]:
@@ -42,7 +43,7 @@ def check_core(draft: Draft) -> Iterator[Fault]:
     structure: StructureTable | None = draft.tables.get("structure")
     if structure is None or structure.fit != "search" or "core" not in structure.model_fields_set:
         return
-    known = [f"{kind}[{term}]" for kind in ("axial", "transverse") for term in getattr(structure, kind)]
+    known = coefficient_names(structure)
     for i, name in enumerate(structure.core):
         if name not in known:
             yield Fault(

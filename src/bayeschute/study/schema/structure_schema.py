@@ -73,7 +73,7 @@ class PolarPoolTable(Strict):
         variables: Explanatory variables, splines among them; number 1 of the index first.
         order: Highest total order of their products.
         extra: Further products.
-        first: Candidates that are chosen first and kept whatever they pay, such as the constant.
+        first: Candidates that are selected first and always kept, such as the constant.
     """
 
     variables: Annotated[tuple[str, ...], AfterValidator(_variables)]
@@ -145,7 +145,7 @@ class StructureTable(Strict):
             equation error took; or ``search``: all candidates are fitted to the flight once, and those are kept that
             its evidence asks for, whatever equation error selected.
         core: Terms that ``search`` always keeps, ``axial[...]`` and ``transverse[...]``.
-        replicates: Block replicates of the record that tell how sure the structure is; 0 for none.
+        replicates: Moving-block bootstrap replicates for the selection stability; 0 for none.
         stack: How many structures are fitted to the flight, the selected one and those that replicates select most
             often; predictions mix them by weight. None: the selected one alone.
         polar: Pools of the report's polar coefficients, searched besides.
@@ -169,9 +169,9 @@ class StructureTable(Strict):
     def _can_stack(self) -> StructureTable:
         if self.stack is not None and self.fit != "selected":
             do = 'Say fit = "selected", or remove stack.'
-            refuse("a stack of selected structures", f'stack beside fit = "{self.fit}", one structure', do)
+            refuse("a stack of selected structures", f'stack together with fit = "{self.fit}", one structure', do)
         if self.stack is not None and self.replicates == 0:
-            refuse("replicates, which tell the structures of the stack", "stack beside replicates = 0")
+            refuse("replicates, which select the structures of the stack", "stack together with replicates = 0")
         return self
 
 
@@ -194,7 +194,7 @@ class SnrTable(Strict):
 
 
 class SyntheticTable(Strict):
-    """Data made from published terms on a flight's own explanatory variables: would its motion tell the structure?
+    """Simulation study: synthetic data with published terms on a flight's motion, to test the structure selection.
 
     Attributes:
         published: Name of a published polar set, see `bayeschute.aero.published`.
@@ -203,7 +203,7 @@ class SyntheticTable(Strict):
         canopy: Canopy whose variables are used, from 1.
         snr: Signal-to-noise ratios.
         time_constant: Of the noise [s]; 0 for white noise.
-        replicates: How many, each with noise of its own.
+        replicates: Number of replicates, each with independent noise.
     """
 
     published: Annotated[str, one_of(*published_names())]

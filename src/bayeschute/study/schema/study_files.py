@@ -1,4 +1,4 @@
-"""Files of a study on the disk: TOML that is read, records that must be there."""
+"""Files of a study on disk: TOML files and records that must exist."""
 
 from __future__ import annotations
 
@@ -44,8 +44,8 @@ def record_paths(draft: Draft, folder: Path, data_dir: Path | str | None) -> tup
 
     Args:
         draft: The study as far as its tables could be read.
-        folder: Where the study file lies; records' paths are relative to it.
-        data_dir: What ``${DATA}`` stands for; default: the environment variable BAYESCHUTE_DATA.
+        folder: Folder of the study file; paths of records are relative to it.
+        data_dir: Folder that replaces ``${DATA}``; default: the environment variable BAYESCHUTE_DATA.
     """
     data = str(data_dir) if data_dir is not None else os.environ.get(DATA_VARIABLE, "")
     paths: dict[int, Path] = {}

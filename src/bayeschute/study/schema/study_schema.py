@@ -9,7 +9,11 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BeforeValidator, ValidationInfo, field_validator, model_validator
 
+from bayeschute.records.foreign.conventions import Conventions
+from bayeschute.records.plausibility.reading import NAMES
+from bayeschute.records.read import ColumnSpec
 from bayeschute.study.schema.belief_schema import NoiseTable, PriorsTable
+from bayeschute.study.schema.knowledge.knowledge_schema import KnowledgeTable
 from bayeschute.study.schema.quantities import (
     Bounds,
     Mass,
@@ -45,10 +49,55 @@ Statistic = Annotated[Literal["final", "maximum", "mean"], one_of("final", "maxi
 
 
 class Column(Strict):
-    """Where a variable stands in a record: name of its column, and its unit there."""
+    """Column of a variable in a record: its name, and its unit there."""
 
     column: Text
     unit: Annotated[str, BeforeValidator(lambda value: value if isinstance(value, str) else refuse("a unit"))]
+    scale: Annotated[float, number()] | None = None
+    offset: Annotated[float, number()] | None = None
+
+    def spec(self) -> ColumnSpec:
+        """As the reader of records takes it."""
+        scale, offset = (usual if x is None else x for x, usual in ((self.scale, 1.0), (self.offset, 0.0)))
+        return ColumnSpec(self.column, self.unit, scale, offset)
+
+
+class ConventionsTable(Strict):
+    """What columns of a record don't tell by name and unit, see `bayeschute.records.foreign.conventions`.
+
+    Attributes:
+        axes: Earth axes of the attitude and of columns named x, y, z, such as ``ENU``.
+        body_axes: The vehicle's x, y, z in terms of the record's body axes, such as ``-z y x``.
+        attitude: ``body to earth`` or ``earth to body``.
+        euler: Order of yaw, pitch and roll, such as ``zyx``.
+        wind_is: ``towards`` or ``from``.
+        repeated_times: Which row of several of one time is kept: ``first``, ``last``, ``mean``; None: refused.
+        sort_times: Whether rows are sorted by time.
+        clock_wraps: After how long the clock begins anew [s].
+        lacks: Components without a column, such as ``capsule_rate.y``.
+    """
+
+    axes: Text = "NED"
+    body_axes: Text = "x y z"
+    attitude: Text = "body to earth"
+    euler: Text = "zyx"
+    wind_is: Text | None = None
+    repeated_times: Text | None = None
+    sort_times: bool = False
+    clock_wraps: Time | None = None
+    lacks: tuple[Text, ...] = ()
+
+    def spec(self) -> Conventions:
+        """As the reader of records takes it."""
+        return Conventions(**self.model_dump())
+
+
+def _laws(names: tuple[str, ...]) -> tuple[str, ...]:
+    known = {part for law in NAMES for part in (law, law.split(".")[0], law.rpartition(".")[0]) if part}
+    for name in distinct(names):
+        if name not in known:
+            refuse(f"names of laws or of their groups: {', '.join(sorted(known))}", repr(name))
+    return names
 
 
 class FlightTable(Strict):
@@ -56,18 +105,20 @@ class FlightTable(Strict):
 
     Attributes:
         name: Unique within the study.
-        roles: What it is used for.
-        file: Path of the record, relative to the study; ``${DATA}`` stands for the data folder.
+        roles: Uses of the flight.
+        file: Path of the record, relative to the study; ``${DATA}`` is replaced by the data folder.
         virtual: The drop to fly.
         columns: Columns of the record; None: those of the study.
+        conventions: Axes, senses and clock of the record; None: those of the study.
         window: First and last time used [s].
-        rate: The record is resampled to this rate [Hz]; None: its own.
+        rate: Sampling rate to which the record is resampled [Hz]; None: that of the record.
         capsule_mass: Replaces the vehicle's [kg].
         skip_first: Left out at the start of the window [s] (descent).
-        identify_until: What comes later is held out and predicted (descent).
+        identify_until: End of the fitted part; the rest is held out and predicted (descent).
         remove_velocity_bias: Whether constant biases of the recorded velocity, found against positions, are removed.
-        wind_profile: Wind by altitude about which the recorded wind, the capsule's, tells that of the canopies
-            (cluster); where no wind is recorded it stands for it. None: canopies meet the capsule's wind.
+        wind_profile: Wind by altitude, which gives the wind at the canopies relative to the recorded one at the capsule
+            (cluster); where no wind is recorded it replaces it. None: canopies meet the capsule's wind.
+        accept_implausible: Laws of plausibility, or groups of them, that the record may break.
     """
 
     name: Name
@@ -75,6 +126,7 @@ class FlightTable(Strict):
     file: Text | None = None
     virtual: VirtualFlight | None = None
     columns: dict[str, Column] | None = None
+    conventions: ConventionsTable | None = None
     window: tuple[Time, Time] | None = None
     rate: Rate | None = None
     capsule_mass: Mass | None = None
@@ -82,6 +134,7 @@ class FlightTable(Strict):
     identify_until: Until | None = None
     remove_velocity_bias: bool = False
     wind_profile: ProfileTable | None = None
+    accept_implausible: Annotated[tuple[Text, ...], AfterValidator(_laws)] = ()
 
     @model_validator(mode="after")
     def _comes_from_somewhere(self) -> FlightTable:
@@ -90,9 +143,9 @@ class FlightTable(Strict):
         if self.file is not None and self.virtual is not None:
             refuse("either a file or a [flight.virtual] table", "both")
         if self.virtual is not None:
-            for key in ("columns", "rate"):
+            for key in ("columns", "conventions", "rate"):
                 if getattr(self, key) is not None:
-                    refuse(f"no {key} beside [flight.virtual]", f"{key} of a virtual flight")
+                    refuse(f"no {key} together with [flight.virtual]", f"{key} of a virtual flight")
         if self.window is not None and not self.window[0] < self.window[1]:
             refuse("a window whose start is before its end", "window of {:g} s to {:g} s".format(*self.window))
         return self
@@ -121,7 +174,7 @@ class PredictTable(Strict):
 
     Attributes:
         draws: How many.
-        quantities: Which; None: all that the model knows.
+        quantities: Quantities to predict; None: all of the model.
         disturbance_log_sd: Standard deviation of the logarithm by which disturbances beyond the data (other air, nearer
             to the ground) may be stronger or weaker than those that were fitted; 0: they are the same.
         recalibrate: ``replicates``: bands of unseen flights are widened by what stored replicates of the configuration
@@ -154,7 +207,7 @@ class RequirementTable(Strict):
     @field_validator("at_most", "at_least", mode="before")
     @classmethod
     def _is_of_the_quantity(cls, value: object, info: ValidationInfo) -> object:
-        """Read the limit in the unit of the quantity; a wrong quantity has its own fault."""
+        """Read the limit in the unit of the quantity; an unknown quantity is reported elsewhere."""
         known = info.data.get("quantity")
         return read_quantity(value, *UNITS[known]) if known else None
 
@@ -174,18 +227,20 @@ class StudyFile(Strict):
 
     Attributes:
         title: For the report.
-        model: What is identified.
+        model: The flight model.
         vehicle: Path of the vehicle file, relative to the study.
         seed: Of every random number.
         columns: Columns of all records that don't name their own.
+        conventions: Axes, senses and clocks of all records that don't tell their own.
         flight: The flights.
         structure: Selection of the structure (cluster).
-        synthetic: Data made from published terms, to see whether a flight tells them (cluster).
+        synthetic: Simulation study with published terms, to test whether a flight identifies them (cluster).
         priors: Priors.
         noise: Noise.
         sampler: Sampler.
         predict: Predictions.
         requirement: Requirements.
+        knowledge: What others know about coefficients and curves (cluster).
     """
 
     title: Text
@@ -193,6 +248,7 @@ class StudyFile(Strict):
     vehicle: Text | None = None
     seed: Annotated[int, whole(0, 2**32 - 1)]
     columns: dict[str, Column] | None = None
+    conventions: ConventionsTable | None = None
     flight: tuple[FlightTable, ...]
     structure: StructureTable | None = None
     synthetic: SyntheticTable | None = None
@@ -201,6 +257,7 @@ class StudyFile(Strict):
     sampler: SamplerTable = SamplerTable()
     predict: PredictTable = PredictTable()
     requirement: tuple[RequirementTable, ...] = ()
+    knowledge: tuple[KnowledgeTable, ...] = ()
 
 
 class FlightsFile(Strict):
@@ -209,6 +266,7 @@ class FlightsFile(Strict):
     Attributes:
         vehicle: Path of the vehicle file, relative to this one; None: the posterior's vehicle.
         columns: Columns of all records that don't name their own.
+        conventions: Axes, senses and clocks of all records that don't tell their own.
         flight: The flights.
         predict: Predictions; None: as the posterior's study has them.
         requirement: Requirements.
@@ -216,6 +274,7 @@ class FlightsFile(Strict):
 
     vehicle: Text | None = None
     columns: dict[str, Column] | None = None
+    conventions: ConventionsTable | None = None
     flight: Annotated[tuple[FlightTable, ...], AfterValidator(_some)]
     predict: PredictTable | None = None
     requirement: tuple[RequirementTable, ...] = ()

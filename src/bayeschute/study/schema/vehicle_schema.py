@@ -1,4 +1,4 @@
-"""Tables of a vehicle file (`models/vehicles/*.toml`): bodies, canopies, risers and the aerodynamics flown."""
+"""Tables of a vehicle file (`models/vehicles/*.toml`): bodies, canopies, risers and aerodynamics."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import AfterValidator, model_validator
 
+from bayeschute.aero.coefficient import coefficient_names
 from bayeschute.aero.term_names import check_axial, check_transverse, rate_factors
 from bayeschute.study.schema.capsule_schema import CapsuleAeroTable
 from bayeschute.study.schema.quantities import (
@@ -64,13 +65,13 @@ class CapsuleTable(Strict):
         reference_length: [m].
         centre_of_mass: Structural frame [m].
         attach_point: Where the risers end; structural frame [m].
-        reference_centre: Where force and moment coefficients are told; structural frame [m].
+        reference_centre: Moment reference point of the coefficients; structural frame [m].
         axial_force: C_A in the body frame (6.3.3-11).
         normal_force_slope: [1/rad].
         pitch_moment_slope: [1/rad].
         table: Takes the place of these three: coefficients by total angle of attack and roll.
         roll_damping: C_lp (6.3.3-13).
-        pitch_damping: C_mq, and C_nr where no yaw_damping is told (6.3.3-13).
+        pitch_damping: C_mq, and C_nr where no yaw_damping is given (6.3.3-13).
         yaw_damping: C_nr.
         pitch_rate_damping: C_m_alphadot (6.3.3-13); None: none.
         yaw_rate_damping: C_n_betadot (6.3.3-13); None: none.
@@ -106,13 +107,15 @@ class CapsuleTable(Strict):
 
     @model_validator(mode="after")
     def _has_coefficients(self) -> CapsuleTable:
-        told = [name for name in _COEFFICIENTS if getattr(self, name) is not None]
-        if self.table is None and len(told) < len(_COEFFICIENTS):
-            missing = ", ".join(name for name in _COEFFICIENTS if name not in told)
+        present = [name for name in _COEFFICIENTS if getattr(self, name) is not None]
+        if self.table is None and len(present) < len(_COEFFICIENTS):
+            missing = ", ".join(name for name in _COEFFICIENTS if name not in present)
             refuse(f"{', '.join(_COEFFICIENTS)}, or a table [capsule.table]", f"no {missing}", "Add it.")
-        if self.table is not None and told:
+        if self.table is not None and present:
             refuse(
-                "coefficients or a table [capsule.table]", f"both a table and {', '.join(told)}", "Remove one of them."
+                "coefficients or a table [capsule.table]",
+                f"both a table and {', '.join(present)}",
+                "Remove one of them.",
             )
         return self
 
@@ -171,7 +174,7 @@ class RisersTable(Strict):
 
 
 class AeroTable(Strict):
-    """Aerodynamics of a canopy, used to fly virtual drops and never told to an identification.
+    """Aerodynamics of a canopy, used to simulate virtual drops and never by an identification.
 
     Attributes:
         source: Where the numbers come from.
@@ -187,8 +190,7 @@ class AeroTable(Strict):
 
     def coefficients(self) -> dict[str, float]:
         """All coefficients by the name of their parameter, axial ones first."""
-        both = (("axial", self.axial), ("transverse", self.transverse))
-        return {f"{kind}[{term}]": value for kind, terms in both for term, value in terms.items()}
+        return dict(zip(coefficient_names(self), (*self.axial.values(), *self.transverse.values()), strict=True))
 
     @model_validator(mode="after")
     def _is_linear_in_the_rate(self) -> AeroTable:
@@ -231,7 +233,7 @@ class Vehicle(Strict):
 
     @model_validator(mode="after")
     def _hangs_taut(self) -> Vehicle:
-        """Risers have taken hold where the capsule hangs at rest."""
+        """Risers are fully engaged in the static equilibrium of the hanging capsule."""
         stretch = self.capsule.mass * _GRAVITY / (self.canopies.number * self.risers.stiffness)
         engagement = self.risers.engagement
         if engagement is not None and engagement > stretch:

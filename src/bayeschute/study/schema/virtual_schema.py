@@ -1,4 +1,4 @@
-"""Table of a virtual drop, `[flight.virtual]`: start, wind, what the identification doesn't know, and sensors."""
+"""Table of a virtual drop, `[flight.virtual]`: start, wind, disturbances unknown to the identification, sensors."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class Sensor(Strict, Generic[Q]):
     @model_validator(mode="after")
     def _has_time_constant(self) -> Sensor[Q]:
         if self.correlated and self.time_constant is None:
-            refuse("a time_constant beside a correlated error", "no time_constant")
+            refuse("a time_constant together with a correlated error", "no time_constant")
         return self
 
 
@@ -110,7 +110,7 @@ class VirtualFlight(Strict):
         swing_rate: [rad/s].
         flyout: Half the angle between the risers [rad].
         flyout_azimuth: [rad].
-        shape: eta of each canopy at the first sample, for canopies that breathe as the vehicle says; empty: all 0.
+        shape: eta of each canopy at the first sample, for canopies that breathe in the vehicle file; empty: all 0.
         wind: By altitude, by time, shears and gusts.
         turbulence: Unknown to the identification; None: still air around the steady wind.
         breathing: Unknown to the identification; None: none.

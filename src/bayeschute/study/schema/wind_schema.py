@@ -38,7 +38,7 @@ def _yes_or_no(value: Any) -> bool:
 
 
 class SeriesColumn(Strict):
-    """Where a series stands in a file: name of its column, and its unit there."""
+    """Column of a series in a file: its name, and its unit there."""
 
     column: Text
     unit: Annotated[str, BeforeValidator(_unit)]
@@ -49,11 +49,11 @@ class HistoryTable(Strict):
 
     Attributes:
         file: Path of the file, from the study.
-        time: Column of the time since the first sample; the ends hold beyond.
+        time: Column of the time since the first sample; constant extrapolation.
         north: Column of the velocity to the north; None: none.
         east: To the east.
         down: Downwards.
-        samples: What the file says: rows of time [s], north, east, down [m/s]; not to be given.
+        samples: Content of the file: rows of time [s], north, east, down [m/s]; not to be given.
     """
 
     file: Text
@@ -66,8 +66,8 @@ class HistoryTable(Strict):
     @model_validator(mode="after")
     def _is_read(self, info: ValidationInfo) -> HistoryTable:
         given = {axis: getattr(self, axis) for axis in AXES}
-        told = "samples" in self.model_fields_set
-        return self.model_copy(update={"samples": _rows(self.file, "time", "s", self.time, given, told, info)})
+        stored = "samples" in self.model_fields_set
+        return self.model_copy(update={"samples": _rows(self.file, "time", "s", self.time, given, stored, info)})
 
 
 class ProfileFile(Strict):
@@ -75,11 +75,11 @@ class ProfileFile(Strict):
 
     Attributes:
         file: Path of the file, from the study.
-        altitude: Column of the altitude; the ends hold beyond.
+        altitude: Column of the altitude; constant extrapolation.
         north: Column of the velocity to the north; None: none.
         east: To the east.
         down: Downwards.
-        samples: What the file says: rows of altitude, north, east, down [m, m/s]; not to be given.
+        samples: Content of the file: rows of altitude, north, east, down [m, m/s]; not to be given.
     """
 
     file: Text
@@ -92,8 +92,10 @@ class ProfileFile(Strict):
     @model_validator(mode="after")
     def _is_read(self, info: ValidationInfo) -> ProfileFile:
         given = {axis: getattr(self, axis) for axis in AXES}
-        told = "samples" in self.model_fields_set
-        return self.model_copy(update={"samples": _rows(self.file, "altitude", "m", self.altitude, given, told, info)})
+        stored = "samples" in self.model_fields_set
+        return self.model_copy(
+            update={"samples": _rows(self.file, "altitude", "m", self.altitude, given, stored, info)}
+        )
 
 
 def _rows(
@@ -102,11 +104,11 @@ def _rows(
     si: str,
     place: SeriesColumn,
     winds: Mapping[str, SeriesColumn | None],
-    told: bool,
+    stored: bool,
     info: ValidationInfo,
 ) -> tuple[tuple[float, ...], ...]:
     """Rows of a file of winds along time or altitude, upwards: time [s] or altitude [m], north, east, down [m/s]."""
-    if told:
+    if stored:
         refuse(f"file, {along} and columns of the wind", "samples, which come from the file")
     given = {axis: column for axis, column in winds.items() if column is not None}
     if not given:
@@ -175,7 +177,7 @@ class ProfileTable(Strict):
     """Wind by altitude, in the table itself or in a file; the air moves towards north, east and down.
 
     Attributes:
-        altitude: Increasing; the ends hold beyond [m].
+        altitude: Increasing; constant extrapolation [m].
         north: [m/s].
         east: [m/s].
         down: [m/s]; None: none.
@@ -200,7 +202,7 @@ class WindTable(Strict):
     """Wind of a virtual drop; the air moves towards north, east and down, and all parts add up.
 
     Attributes:
-        altitude: Of the wind by altitude, increasing; the ends hold beyond [m].
+        altitude: Of the wind by altitude, increasing; constant extrapolation [m].
         north: [m/s].
         east: [m/s].
         down: [m/s]; None: none.
@@ -208,7 +210,8 @@ class WindTable(Strict):
         history: Wind by time; None: none.
         layer: Layers of shear.
         gust: Gusts.
-        every_body: Whether capsule and canopies meet the wind of their own altitudes; otherwise all meet the capsule's.
+        every_body: Whether the wind at capsule and canopies is that at their altitudes; otherwise all have the
+            capsule's.
     """
 
     altitude: tuple[Altitude, ...] = ()
@@ -232,7 +235,7 @@ class WindTable(Strict):
 
 
 def check_profile(table: ProfileTable | WindTable) -> None:
-    """Refuse a wind by altitude whose lists don't fit each other or that is told twice."""
+    """Refuse a wind by altitude whose lists differ in length, or that is given twice."""
     sizes = [len(table.altitude), len(table.north), len(table.east)]
     if len(set(sizes)) > 1:
         got = "altitude, north and east of {}, {} and {} values".format(*sizes)

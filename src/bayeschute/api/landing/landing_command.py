@@ -8,10 +8,10 @@ from typing import NamedTuple
 
 import pandas as pd
 
-from bayeschute.api.landing_files import write_csv, write_for_others, write_landings
-from bayeschute.api.landing_questions import Asking, check_questions, day, drivers, next_drop, rare
-from bayeschute.api.landing_verb import drawn_from, land
-from bayeschute.api.results import Posterior
+from bayeschute.api.landing.landing_files import write_csv, write_for_others, write_landings
+from bayeschute.api.landing.landing_questions import Asking, check_questions, day, drivers, next_drop, rare
+from bayeschute.api.landing.landing_verb import drawn_from, land
+from bayeschute.api.posterior import Posterior
 from bayeschute.landing.decisions.onset import placard_table
 from bayeschute.report.figures.canvas import save
 from bayeschute.report.figures.landing_figures import design_figure, drivers_figure, placard_figure

@@ -1,4 +1,4 @@
-"""What else may be asked of a campaign: what drives it, rare failures, a placard for the day, the next drop."""
+"""Further analyses of a campaign: sensitivity, rare failures, a wind placard, ranking of candidate drops."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from bayeschute.api.landings import Landings
+from bayeschute.api.landing.landings import Landings
 from bayeschute.api.workspace import Files, workspace
 from bayeschute.calibration.workers import client_of, finished
 from bayeschute.core.errors import Fault, InputError

@@ -1,4 +1,4 @@
-"""From a posterior to landings: the verb behind `Posterior.land` and `bayeschute land`."""
+"""From a posterior to landings: what `Posterior.land` and `bayeschute land` share."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from bayeschute.api.landings import Landings, stopping
+from bayeschute.api.landing.landings import Landings, stopping
 from bayeschute.api.workspace import Files, workspace
 from bayeschute.core.errors import InputError
 from bayeschute.dynamics.cluster_flight import LOGARITHMIC

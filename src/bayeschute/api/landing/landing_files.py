@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from bayeschute.api.landings import Landings, in_words, requirement_table
-from bayeschute.api.results import Posterior
+from bayeschute.api.landing.landings import Landings, in_words, requirement_table
+from bayeschute.api.posterior import Posterior
 from bayeschute.core.files import write_whole
 from bayeschute.landing import aero_table
 from bayeschute.landing.campaign_plan import CampaignPlan

@@ -1,4 +1,4 @@
-"""Landings and what may be decided by them: the noun, and what `bayeschute land` does."""
+"""Simulated landings and the decisions that follow from them."""
 
 from __future__ import annotations
 

@@ -1,0 +1,260 @@
+"""`Forecast`: draws of a flight's quantities over time, and probabilities of limits."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from numpy.typing import NDArray
+
+from bayeschute.api import html
+from bayeschute.api.inputs import Flight
+from bayeschute.api.workspace import Files, workspace
+from bayeschute.core.errors import Fault, InputError
+from bayeschute.core.units import to_si
+from bayeschute.prediction import bands
+from bayeschute.prediction.flight_statistics import REDUCTIONS
+from bayeschute.prediction.requirement import requirement_check
+from bayeschute.study.evidence.recalibrate import widening
+from bayeschute.study.job import Job
+from bayeschute.study.run.forecasts import forecast_flight, widened
+from bayeschute.study.run.stage_data import ingest_flight, read_and_judge
+from bayeschute.study.run.stage_results import recorded_quantities
+from bayeschute.study.study import Flight as FlightSpec
+from bayeschute.study.study import Study
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Probability:
+    """P(a requirement is met), and how far the number of draws leaves it open.
+
+    Attributes:
+        met: Share of the draws that meet it; failed simulations count as not met.
+        low: Lower end of the Clopper-Pearson interval.
+        high: Upper end.
+        confidence: Of that interval, two-sided.
+        draws: How many draws.
+        failed: Simulations that failed.
+
+    Example:
+        >>> found = forecast.probability("descent_rate", at_most="100 m/s")
+        >>> found.met
+        1.0
+    """
+
+    met: float
+    low: float
+    high: float
+    confidence: float
+    draws: int
+    failed: int
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Forecast:
+    """Draws of a flight's quantities over time.
+
+    Attributes:
+        name: The flight.
+        draws: Quantities with dims (draw, time), units in the attributes; NaN where a simulation failed.
+        held_out: Samples that the fit did not see (time,).
+        record: Quantities as the record has them, (time,) each; empty without a record.
+        truth: Truth of a virtual drop; None of a measured flight.
+        shares: Share of variance by quantity and source.
+        independent: How many independent draws these are worth.
+
+    Example:
+        >>> band = forecast.band("descent_rate", 0.9)
+        >>> bool((band["low"] < band["high"]).all())
+        True
+    """
+
+    name: str
+    draws: xr.Dataset
+    held_out: NDArray[np.bool_]
+    record: Mapping[str, Array]
+    truth: xr.Dataset | None
+    shares: Mapping[str, Mapping[str, float]]
+    independent: int
+
+    @classmethod
+    def of(cls, foreseen: Any, recorded: Mapping[str, Array], checks: Mapping[str, Any]) -> Forecast:
+        """From what the stages `predict` and `check` of a run make."""
+        one = foreseen.prediction
+        values = {name: (("draw", "time"), x, {"units": bands.UNITS[name]}) for name, x in one.draws.items()}
+        made = xr.Dataset(values, coords={"time": ("time", foreseen.time, {"units": "s"})})
+        made.attrs = {"failed": one.failed, "flight": foreseen.flight.name}
+        independent = int(min(*checks["ess_bulk"].values(), made.sizes["draw"]))  # as the stage `risk` counts
+        return cls(foreseen.flight.name, made, foreseen.held_out, recorded, foreseen.truth, one.shares, independent)
+
+    @property
+    def quantities(self) -> tuple[str, ...]:
+        """Names of the quantities."""
+        return tuple(map(str, self.draws.data_vars))
+
+    @property
+    def counted(self) -> NDArray[np.bool_]:
+        """Samples that are judged: those held out, all where none is."""
+        return self.held_out if self.held_out.any() else np.ones(self.held_out.size, bool)
+
+    def _values(self, quantity: str) -> Array:
+        if quantity not in self.draws:
+            raise InputError(Fault("quantity", repr(quantity), f"one of {', '.join(self.quantities)}"))
+        values: Array = self.draws[quantity].values
+        return values
+
+    def statistic(self, quantity: str, statistic: str = "mean") -> xr.DataArray:
+        """A statistic of a quantity over the samples that were not seen, one value a draw.
+
+        Args:
+            quantity: Its name.
+            statistic: ``mean``, ``maximum`` or ``final``.
+        """
+        if statistic not in REDUCTIONS:
+            raise InputError(Fault("statistic", repr(statistic), f"one of {', '.join(REDUCTIONS)}"))
+        values = REDUCTIONS[statistic](self._values(quantity)[:, self.counted])
+        return xr.DataArray(values, dims="draw", attrs=self.draws[quantity].attrs, name=f"{statistic} {quantity}")
+
+    def band(self, quantity: str, level: float = 0.9) -> xr.Dataset:
+        """Central band of a quantity.
+
+        Args:
+            quantity: Its name.
+            level: Probability in the band [1].
+
+        Returns:
+            ``low``, ``median`` and ``high`` over time.
+        """
+        if not 0.0 < level < 1.0:
+            raise InputError(Fault("level", repr(level), "a probability between 0 and 1"))
+        shares = (0.5 - 0.5 * level, 0.5, 0.5 + 0.5 * level)
+        unit = self.draws[quantity].attrs if quantity in self.draws else {}
+        rows = zip(("low", "median", "high"), bands.quantiles(self._values(quantity), shares), strict=True)
+        return xr.Dataset({name: ("time", row, unit) for name, row in rows}, coords={"time": self.draws["time"]})
+
+    def probability(
+        self,
+        quantity: str,
+        *,
+        statistic: str = "mean",
+        at_most: str | float | None = None,
+        at_least: str | float | None = None,
+        confidence: float = 0.9,
+    ) -> Probability:
+        """P(a statistic of a quantity over the flight keeps to a limit).
+
+        Args:
+            quantity: Its name.
+            statistic: ``mean``, ``maximum`` or ``final`` over the samples that were not seen.
+            at_most: Upper limit, such as ``"33 ft/s"`` or a number in SI; this or `at_least`.
+            at_least: Lower limit.
+            confidence: Of the interval that the number of draws leaves.
+        """
+        samples, unit = self.statistic(quantity, statistic).values, self.draws[quantity].attrs["units"]
+        most, least = (to_si(limit, unit) if isinstance(limit, str) else limit for limit in (at_most, at_least))
+        made = requirement_check(
+            samples, name=f"{statistic} {quantity}", quantity=quantity, unit=unit,
+            at_most=most, at_least=least, confidence=confidence, independent=self.independent,
+        )  # fmt: skip
+        low, high = made["simulation_low"], made["simulation_high"]
+        return Probability(made["probability_met"], low, high, confidence, made["draws"], made["failed"])
+
+    def check(self, levels: Sequence[float] = (0.5, 0.9)) -> pd.DataFrame:
+        """How the bands hold what was recorded, and the truth where that is known, over the samples not seen.
+
+        Recorded values hold the sensors' noise, the bands do not.
+
+        Returns:
+            A row per quantity and reference: share of samples inside each band.
+
+        Raises:
+            InputError: If there is neither record nor truth.
+        """
+        truth = {} if self.truth is None else {q: self.truth[q].values for q in self.quantities if q in self.truth}
+        rows = []
+        for kind, reference in (("record", self.record), ("truth", truth)):
+            for name in self.quantities:
+                if name not in reference:
+                    continue
+                row: dict[str, Any] = {"quantity": name, "reference": kind}
+                for level in levels:
+                    one = self.band(name, level)
+                    known = np.isfinite(reference[name]) & np.isfinite(one["low"].values) & self.counted
+                    inside = (reference[name] >= one["low"].values) & (reference[name] <= one["high"].values)
+                    row[f"inside {100 * level:g} %"] = float(inside[known].mean()) if known.any() else np.nan
+                rows.append(row)
+        if not rows:
+            raise InputError(Fault(f"forecast of {self.name}", "no record", "a flight with a record to check by"))
+        return pd.DataFrame(rows)
+
+    def to_dataset(self) -> xr.Dataset:
+        """Quantiles with record and truth, as ``predictions.nc`` of a run has them."""
+        draws = {name: self.draws[name].values for name in self.quantities}
+        last = np.full((self.draws.sizes["draw"], 3), np.nan)
+        one = bands.Prediction(self.draws["time"].values, draws, last, int(self.draws.attrs["failed"]), self.shares)
+        role = "predict" if self.held_out.any() else "identify"
+        return bands.dataset(one, one.time, self.quantities, self.truth, self.record, self.held_out, role)
+
+    def plot(self, limits: Mapping[str, float] | None = None) -> Figure:
+        """Bands over time with record and truth, a panel per quantity.
+
+        Args:
+            limits: Limits by quantity (SI), drawn as lines.
+        """
+        from bayeschute.report.figures.record_figures import band_figure
+
+        return band_figure(self.to_dataset(), limits)
+
+    def __repr__(self) -> str:
+        """Flight, quantities and draws."""
+        sizes = self.draws.sizes
+        told = f"{sizes['draw']} draws of {', '.join(self.quantities)} at {sizes['time']} times"
+        return f"Forecast of {self.name}: {told}, {self.draws.attrs['failed']} failed"
+
+    def _repr_html_(self) -> str:
+        """Medians and 90 % bands of the mean over the flight, as a table."""
+        rows = []
+        for name in self.quantities:
+            low, middle, high = (html.number(float(q)) for q in self.statistic(name).quantile((0.05, 0.5, 0.95)))
+            rows.append((name, middle, f"{low} to {high}", self.draws[name].attrs["units"]))
+        return html.table(repr(self), ("mean over the flight", "median", "central 90 %", "unit"), rows)
+
+
+def forecast_of(job: Job, flight: FlightSpec) -> Forecast:
+    """Forecast of a flight whose record, fit and checks a job has."""
+    foreseen = widened(forecast_flight(job, flight), widening(job))
+    recorded = recorded_quantities(job, foreseen.flight, foreseen.record)
+    return Forecast.of(foreseen, recorded, job.load("checks.json"))
+
+
+def forecast(spec: Study, files: Files, flight: Flight, draws: int | None, seed: int | None) -> Forecast:
+    """Forecast of a flight by a posterior's study and files; see `Posterior.predict`.
+
+    Raises:
+        InputError: If another flight has the name of one that was fitted.
+    """
+    spec = spec if seed is None else replace(spec, seed=seed)
+    if draws is not None:
+        spec = replace(spec, predict=spec.predict.model_copy(update={"draws": int(draws)}))
+    asked = flight.spec
+    fitted = next((f for f in spec.flights if f.name == asked.name), None)
+    if fitted is not None and replace(asked, roles=fitted.roles, vehicle=fitted.vehicle) != fitted:
+        do = "Give it another name: `flight.changed(name=...)`."
+        raise InputError(Fault(f"flight {asked.name}", "the name of a fitted flight", "a name of its own", do))
+    if fitted is None:
+        vehicle = flight.vehicle if flight.vehicle != spec.vehicle else None
+        asked = replace(asked, roles=("predict",), vehicle=vehicle)
+        spec = replace(spec, flights=(*spec.flights, asked))
+    with workspace(spec, files) as job:
+        if fitted is None:
+            ingest_flight(job, asked, read_and_judge(job, asked, flight.raw))
+        return forecast_of(job, fitted or asked)

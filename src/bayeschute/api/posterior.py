@@ -1,0 +1,357 @@
+"""`Posterior`: draws of the parameters given the flights, and questions about them and about other flights."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from numpy.typing import NDArray
+
+from bayeschute.api import html
+from bayeschute.api.beliefs import Priors
+from bayeschute.api.curve import Curve, curve
+from bayeschute.api.drop_by_drop import HISTORY, next_priors, priors_of, taught_table
+from bayeschute.api.fitting import chosen, drawn, fitted_flights, sampling
+from bayeschute.api.forecast import Forecast, forecast
+from bayeschute.api.inputs import Flight, Study
+from bayeschute.api.landing.landing_verb import Winds, campaign_of, drawn_from, land
+from bayeschute.api.landing.landings import Landings
+from bayeschute.api.posterior_file import posterior_of_run, read_posterior, write_posterior
+from bayeschute.api.workspace import Files, workspace
+from bayeschute.likelihood.priors import Prior
+from bayeschute.posterior.assess.flight_groups import for_loo_pit
+from bayeschute.study.aerodynamics.agreement import agreement
+from bayeschute.study.aerodynamics.flown import flown, ranges
+from bayeschute.study.aerodynamics.term_proposals import as_rows, proposed_terms
+from bayeschute.study.assembly.fits import groups, load_fit
+from bayeschute.study.assembly.lessons import lessons
+from bayeschute.study.job import Progress
+from bayeschute.study.schema.belief_schema import NoiseTable
+from bayeschute.study.schema.vehicle_schema import Vehicle
+from bayeschute.study.study import Study as StudySpec
+
+if TYPE_CHECKING:
+    pass
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Posterior:
+    """Draws of the parameters given the flights, with what it takes to ask them about another flight.
+
+    A posterior needs no folder: `save` writes one NetCDF file that ArviZ reads, and `load` reads it anywhere.
+
+    Attributes:
+        spec: The study that was fitted, with the fitted flights.
+        data: ArviZ DataTree; its groups are those of `posterior.sampler.data_tree`.
+        files: Records and fits.
+
+    Example:
+        >>> draws = posterior[posterior.names[0]]
+        >>> draws.dims
+        ('chain', 'draw')
+        >>> len(posterior.summary()) == len(posterior.names)
+        True
+    """
+
+    spec: StudySpec
+    data: xr.DataTree
+    files: Files
+
+    def __getitem__(self, name: str) -> xr.DataArray:
+        """Draws of a parameter (chain, draw) in its unit."""
+        return self.data["posterior"].to_dataset()[name]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters."""
+        return tuple(map(str, self.data["posterior"].data_vars))
+
+    def summary(self, **options: Any) -> pd.DataFrame:
+        """Mean, standard deviation, intervals and diagnostics of every parameter: `arviz_stats.summary`."""
+        import arviz_stats
+
+        return arviz_stats.summary(self.data, **options)
+
+    def for_loo_pit(self, flight: str, channel: str | None = None) -> xr.DataTree:
+        """What `arviz_stats.loo_pit` and `arviz_plots.plot_loo_pit` need; see `assess.flight_groups.for_loo_pit`.
+
+        Args:
+            flight: Name of a fitted flight.
+            channel: One of its outputs; all together where None.
+
+        Raises:
+            InputError: If there is no such flight or output.
+        """
+        return for_loo_pit(self.data, flight, channel)
+
+    def _json(self, name: str) -> Any:
+        return json.loads(self.files[name]) if name in self.files else {}
+
+    def checks(self) -> pd.DataFrame:
+        """Checks of fit and draws: whether each passed, its value and bound, and what it means."""
+        return pd.DataFrame(self._json("checks.json").get("checks", {})).T
+
+    def identifiability(self) -> pd.DataFrame:
+        """What the records tell of every parameter beyond its prior."""
+        told = self._json("identifiability.json")
+        rows = {name: entry for group in told.values() for name, entry in group["parameters"].items()}
+        return pd.DataFrame(rows).T
+
+    @property
+    def passed(self) -> bool:
+        """Whether all checks passed."""
+        return bool(self.checks()["passed"].all())
+
+    @cached_property
+    def _flown(self) -> list[Any]:
+        with workspace(self.spec, self.files) as job:
+            return flown(job)
+
+    @property
+    def ranges(self) -> dict[str, tuple[float, float]]:
+        """Central 99 % of what the fitted flights flew: alpha [rad]; D_prox, reduced rate and V/V_o [1]."""
+        return ranges(self._flown) if self._flown else {}
+
+    def _draws(self, group: str) -> dict[str, Array]:
+        held = self.data[group].to_dataset() if group in self.data.children else xr.Dataset()
+        return {str(name): held[name].values for name in held.data_vars}
+
+    def curve(
+        self,
+        name: str,
+        level: float = 0.9,
+        points: int = 61,
+        *,
+        over: tuple[float, float] | None = None,
+        distance: float | None = None,
+        speed: float = 1.0,
+    ) -> Curve:
+        """A force coefficient as a curve with its band, over the range that the fitted flights flew.
+
+        Args:
+            name: ``C_A``, ``C_N`` or ``C_N_rate`` of the angle of attack, or ``proximity`` of D_prox.
+            level: Probability in the band at every point.
+            points: Of the grid.
+            over: Range of the grid, SI; None: what was flown. Beyond that, the curve is extrapolated.
+            distance: D_prox of another canopy, beside the pitch plane; None: the canopy is alone.
+            speed: Airspeed over the reference speed, in sea-level air.
+
+        Raises:
+            InputError: If the posterior has no term of it.
+        """
+        told = self._draws("posterior")
+        return curve(
+            name, told, self._draws("prior") or None, self.ranges, self.knowledge, level, points, over, distance, speed
+        )
+
+    @cached_property
+    def knowledge(self) -> list[dict[str, Any]]:
+        """What the study says that others know, beside the posterior: z-scores, p-value and verdict of each."""
+        return agreement(self.spec, self._draws("posterior"))
+
+    @property
+    def _priors(self) -> list[Prior]:
+        """Priors of the parameters, those of terms that the fit added or left out put right."""
+        told = self._json("fit/priors.json") or self._json("priors.json") or []
+        return [Prior(**entry) for entry in told]
+
+    @cached_property
+    def _history(self) -> list[dict[str, Any]]:
+        flights = [f.name for f in self.spec.with_role("identify")]
+        own = lessons(self._priors, self._draws("posterior"), flights)
+        return [*(self._json(HISTORY) or []), *([own] if own else [])]
+
+    def as_priors(self) -> Priors:
+        """This posterior as priors for other flights: a Gaussian with the draws' mean and whole covariance.
+
+        Noise parameters, initial states and disturbances are a flight's own and begin anew.
+
+        Raises:
+            InputError: If its parameters are those of populations or of several bodies.
+
+        Example:
+            >>> posterior.as_priors().names == posterior.names
+            True
+        """
+        return priors_of(self.spec, self._priors, self._draws("posterior"), self._taught_by)
+
+    @property
+    def _taught_by(self) -> list[str]:
+        earlier = [name for one in self._json(HISTORY) or [] for name in one["flights"]]
+        return [*earlier, *(f.name for f in self.spec.with_role("identify"))]
+
+    def taught(self) -> pd.DataFrame:
+        """What each drop taught: standard deviation before and after, shift, information gained [nats].
+
+        Returns:
+            A row a drop and parameter; ``attrs["joint"]`` has the gain about all parameters together by drop.
+
+        Example:
+            >>> bool((posterior.taught()["gain"] > 0.0).all())
+            True
+        """
+        return taught_table(self._history)
+
+    def update(
+        self,
+        flights: Study | Flight | Sequence[Flight],
+        *,
+        noise: NoiseTable | None = None,
+        draws: int | None = None,
+        chains: int | None = None,
+        warmup: int | None = None,
+        seed: int | None = None,
+        progress: Progress | bool | None = None,
+    ) -> Posterior:
+        """The posterior after further flights: this one is their prior, as of `as_priors`.
+
+        Its terms stay as they are. Where flights have another vehicle, masses and risers begin anew by the priors of
+        their study.
+
+        Args:
+            flights: A study, whose flights with the role ``identify`` are fitted; or flights, none of which taught this
+                posterior before.
+            noise: Noise of channels and latent disturbances; None: that of the flights' study.
+            draws: In all; the flights' study's number where None.
+            chains: Chains.
+            warmup: Warm-up steps of each.
+            seed: Of the draws; the flights' study's where None.
+            progress: Called with stage, share done and words; True: shown in the terminal.
+
+        Raises:
+            InputError: If a flight taught it already, or parameters are not shared by all drops.
+            FitError: If no flight of the model follows the records.
+
+        Example:
+            >>> tomorrow = posterior.update([next_flight], draws=100, chains=2, warmup=50)
+            >>> tomorrow.taught().index.get_level_values("drop").unique().tolist()
+            ['low', 'high']
+        """
+        several = chosen(flights)
+        priors = next_priors(self.as_priors(), self.spec, self._taught_by, several)
+        spec, made, files = fitted_flights(several, priors, noise, None, progress)
+        files = {**files, HISTORY: json.dumps(self._history).encode()}
+        spec = sampling(spec, draws, chains, warmup, seed, None)
+        return drawn(spec, made, files, progress, Posterior.of_run)
+
+    def proposals(self) -> pd.DataFrame:
+        """Terms that the fit's latent forces follow: share of their variance, and how likely that is by chance."""
+        return pd.DataFrame(as_rows(proposed_terms(self._flown)))
+
+    def save(self, path: Path | str) -> Path:
+        """Write one NetCDF file: the DataTree's groups, and one more with study, records and fits.
+
+        Args:
+            path: Such as ``cdt-3-11.posterior.nc``.
+
+        Example:
+            >>> path = posterior.save(folder / "drop.posterior.nc")
+            >>> bc.Posterior.load(path).names == posterior.names
+            True
+        """
+        return write_posterior(Path(path), self.spec, self.data, self.files)
+
+    @classmethod
+    def load(cls, path: Path | str) -> Posterior:
+        """Read a posterior that `save` wrote.
+
+        Raises:
+            InputError: If the file is not one, or a later version wrote it.
+        """
+        return cls(*read_posterior(Path(path)))
+
+    @classmethod
+    def of_run(cls, folder: Path | str, study: StudySpec) -> Posterior:
+        """The posterior of a finished run.
+
+        Raises:
+            InputError: If the run has none.
+        """
+        return cls(*posterior_of_run(Path(folder), study))
+
+    def predict(self, flight: Flight, draws: int | None = None, seed: int | None = None) -> Forecast:
+        """Draws of a flight's quantities: of another one, or of one that was fitted.
+
+        Another flight is known by the opening of its record (its first 5 s) and by its wind; beyond that, disturbances
+        follow their process. It may have a vehicle, a payload and a number of canopies of its own.
+
+        Args:
+            flight: From a study, or made of a record or of a virtual drop.
+            draws: How many; the study's number where None.
+            seed: Seed; the study's where None.
+
+        Raises:
+            InputError: If another flight has the name of one that was fitted.
+
+        Example:
+            >>> forecast = posterior.predict(study.flights[0], draws=64)
+            >>> forecast.draws.sizes["draw"]
+            64
+        """
+        return forecast(self.spec, self.files, flight, draws, seed)
+
+    def land(
+        self,
+        vehicle: Vehicle | None = None,
+        winds: Winds = None,
+        draws: int = 100_000,
+        *,
+        start: Mapping[str, Any] | None = None,
+        seed: int | None = None,
+        workers: int = 1,
+        folder: Path | str | None = None,
+        progress: Progress | None = None,
+        **tables: Any,
+    ) -> Landings:
+        """Landings to the ground: joint draws of parameters, winds, gusts, starts and canopies.
+
+        Args:
+            vehicle: That lands; None: that of the posterior.
+            winds: Winds by altitude from `wind_profile`, one or many, each as likely as any other; or the entries of
+                ``[wind]`` of a campaign file. None: calm, with gusts as the posterior knows them.
+            draws: Landings; they take 200 draws of the parameters in turn, unless `tables` says ``draws``.
+            start: Entries of ``[start]`` of a campaign file that differ from a steady descent from 1200 m.
+            seed: Of all random numbers; the study's where None.
+            workers: Local processes; 1: this one.
+            folder: Where batches are kept as they come, so that the same call goes on after it was stopped.
+            progress: Called with a name, the share done and words.
+            **tables: Other entries of a campaign file, such as ``ground={"altitude": "1200 m"}``; with a
+                ``requirement``, landings end as soon as it is decided.
+
+        Raises:
+            InputError: With every fault, or if the posterior is of a point mass.
+        """
+        campaign = campaign_of(vehicle, winds, draws, start, self.spec.seed if seed is None else seed, **tables)
+        plan = drawn_from(campaign, self.spec, self.files)
+        return land(campaign, plan, None if folder is None else Path(folder), workers, progress=progress)
+
+    def __repr__(self) -> str:
+        """Flights, parameters and draws."""
+        sizes = self.data["posterior"].sizes
+        names = ", ".join(f.name for f in self.spec.with_role("identify"))
+        return f"Posterior of {names}: {len(self.names)} parameters, {sizes['chain']} chains of {sizes['draw']} draws"
+
+    def _repr_html_(self) -> str:
+        """Means and intervals as a table."""
+        rows = []
+        for name in self.names:
+            low, middle, high = (html.number(float(q)) for q in np.quantile(self[name].values, (0.05, 0.5, 0.95)))
+            rows.append((name, middle, f"{low} to {high}", self[name].attrs.get("units", "1")))
+        missed = ", ".join(self.checks().query("passed == False").index) if "checks.json" in self.files else ""
+        note = f"checks missed: {missed}" if missed else "all checks passed"
+        return html.table(repr(self), ("parameter", "median", "central 90 %", "unit"), rows, note)
+
+    @cached_property
+    def marginals(self) -> tuple[Any, ...]:
+        """The marginal posteriors that were sampled, one per set of flights; see `numpyro_model`."""
+        with workspace(self.spec, self.files) as job:
+            return tuple((load_fit(job, group).marginal, group.priors) for group in groups(job))

@@ -1,0 +1,85 @@
+"""A posterior in one NetCDF file: the DataTree's groups, and one more with study, records and fits."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from bayeschute.api.workspace import KEPT, Files, collected
+from bayeschute.core.errors import Fault, InputError
+from bayeschute.core.files import write_whole
+from bayeschute.core.version import __version__
+from bayeschute.study.archive import study_from_plain, study_to_plain
+from bayeschute.study.stage_keys import ARTEFACT_VERSION
+from bayeschute.study.study import Study
+
+_GROUP, _STUDY = "bayeschute", "study"
+Content = tuple[Study, xr.DataTree, Files]
+"""The study that was fitted, the draws, and files of records and fits."""
+
+
+def write_posterior(path: Path, study: Study, data: xr.DataTree, files: Files) -> Path:
+    """Write a posterior; returns the path."""
+    header = {"format": ARTEFACT_VERSION, "version": __version__, _STUDY: study_to_plain(study)}
+    content = {_STUDY: json.dumps(header).encode(), **{f"file {name}": held for name, held in files.items()}}
+    stored = xr.Dataset(
+        {
+            f"content_{i}": (f"byte_{i}", np.frombuffer(held, np.uint8), {"name": name})
+            for i, (name, held) in enumerate(content.items())
+        }
+    )
+    tree = data.copy()
+    tree[_GROUP] = xr.DataTree(stored)
+    write_whole(path, lambda aside: tree.to_netcdf(aside, engine="h5netcdf"))
+    return path
+
+
+def read_posterior(path: Path) -> Content:
+    """Read what `write_posterior` wrote.
+
+    Raises:
+        InputError: If the file is not one, or another version's.
+    """
+    wanted = "a posterior written by `Posterior.save` or `bayeschute fit`"
+    if not path.is_file():
+        raise InputError(Fault(str(path), "no such file", wanted))
+    try:
+        tree = _loaded(path)
+        stored = tree[_GROUP].to_dataset()
+        content = {one.attrs["name"]: one.values.astype(np.uint8).tobytes() for one in stored.data_vars.values()}
+        header = json.loads(content[_STUDY])
+    except (OSError, KeyError, ValueError) as error:
+        raise InputError(Fault(str(path), f"a file that can't be read ({error})"[:200], wanted)) from None
+    if header.get("format") != ARTEFACT_VERSION:
+        got = f"format {header.get('format')} of version {header.get('version')}"
+        raise InputError(Fault(str(path), got, f"format {ARTEFACT_VERSION}", "Use the version that wrote it."))
+    files = {name.removeprefix("file "): held for name, held in content.items() if name.startswith("file ")}
+    groups = {name: node.to_dataset() for name, node in tree.children.items() if name != _GROUP}
+    return study_from_plain(header[_STUDY]), xr.DataTree.from_dict(groups), files
+
+
+def posterior_of_run(folder: Path, study: Study) -> Content:
+    """The posterior of a finished run, without what was only predicted, and without requirements.
+
+    Raises:
+        InputError: If the run has none.
+    """
+    if not (folder / "posterior.nc").is_file():
+        raise InputError(Fault(str(folder), "no posterior.nc", "the folder of a run that was fitted"))
+    fitted = tuple(f for f in study.flights if {"identify", "structure"} & set(f.roles))
+    names = {f.name for f in fitted}
+    files = {
+        name: held
+        for name, held in collected(folder, KEPT).items()
+        if not name.startswith("flights/") or name.split("/")[1].split(".")[0] in names
+    }
+    return replace(study, flights=fitted, requirements=()), _loaded(folder / "posterior.nc"), files
+
+
+def _loaded(path: Path) -> xr.DataTree:
+    with xr.open_datatree(path, engine="h5netcdf") as opened:
+        return opened.load()

@@ -1,0 +1,84 @@
+"""`Run`: a run in a folder, with its posterior, forecasts and report."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from bayeschute.api.forecast import Forecast, forecast_of
+from bayeschute.api.inputs import Study
+from bayeschute.api.posterior import Posterior
+from bayeschute.api.workspace import collected, workspace
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Run:
+    """A run in a folder, finished or as far as it went.
+
+    Attributes:
+        folder: The folder.
+        study: The study as it ran.
+
+    Example:
+        >>> run = bc.Run(folder / "run", study)
+        >>> run
+        Run('...run': not finished)
+    """
+
+    folder: Path
+    study: Study
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        """summary.json; empty where the last stage has not run."""
+        path = self.folder / "summary.json"
+        return dict(json.loads(path.read_text(encoding="utf-8"))) if path.is_file() else {}
+
+    @cached_property
+    def posterior(self) -> Posterior:
+        """The posterior."""
+        return Posterior.of_run(self.folder, self.study.spec)
+
+    @cached_property
+    def forecasts(self) -> Mapping[str, Forecast]:
+        """Forecasts of the flights that were fitted or predicted, drawn anew by name."""
+        return _Forecasts(self)
+
+    def report(self) -> Path:
+        """Build report.html from the results; returns its path."""
+        from bayeschute.report.page import build_report
+
+        return build_report(self.folder)
+
+    def __repr__(self) -> str:
+        """Folder and label."""
+        return f"Run({str(self.folder)!r}: {self.summary.get('label', 'not finished')})"
+
+
+class _Forecasts(Mapping[str, Forecast]):
+    """Forecasts of a run, made when asked for."""
+
+    def __init__(self, run: Run) -> None:
+        self._run = run
+        self._made: dict[str, Forecast] = {}
+
+    def __getitem__(self, name: str) -> Forecast:
+        if name not in self._made:
+            study = self._run.study.spec
+            flight = next((f for f in study.flights if f.name == name and f.name in set(self)), None)
+            if flight is None:
+                raise KeyError(name)
+            by_name = {f"flights/{path.name}": path.read_bytes() for path in (self._run.folder / "flights").iterdir()}
+            with workspace(study, {**collected(self._run.folder), **by_name}) as job:
+                self._made[name] = forecast_of(job, flight)
+        return self._made[name]
+
+    def __iter__(self) -> Any:
+        return iter([f.name for f in self._run.study.spec.flights if {"identify", "predict"} & set(f.roles)])
+
+    def __len__(self) -> int:
+        return len(list(iter(self)))

@@ -1,0 +1,109 @@
+"""Signs, order and meaning of what instruments write: gyros, accelerometers, canopies, load cells."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from bayeschute.atmosphere.standard import STANDARD_GRAVITY
+from bayeschute.records.plausibility.evidence import Evidence, conjugate, turned
+from bayeschute.records.plausibility.mistake import Mistake, changed
+
+
+def instrument_mistakes() -> Iterator[Mistake]:
+    """Signs and axes of gyros and accelerometers, and gravity in the specific force."""
+    for name, words in (("rate", "angular rate"), ("force", "specific force")):
+        for j, axis in enumerate("xyz"):
+            sign = np.ones(3)
+            sign[j] = -1.0
+            yield Mistake(
+                f"body axis {axis} of the {words} is inverted",
+                f"Give the column of {name} {axis} scale = -1.",
+                changed((name,), partial(np.multiply, sign)),
+            )
+        for a, b in ((0, 1), (0, 2), (1, 2)):
+            order = [0, 1, 2]
+            order[a], order[b] = b, a
+            pair = "xyz"[a] + " and " + "xyz"[b]
+            yield Mistake(
+                f"body axes {pair} of the {words} are swapped",
+                "Swap their columns.",
+                changed((name,), partial(np.take, indices=order, axis=1)),
+                0.2,
+            )
+    for j, axis in enumerate("xyz"):
+        sign = np.ones(3)
+        sign[j] = -1.0
+        yield Mistake(
+            f"body axis {axis} is inverted in angular rate and specific force",
+            f"Give the columns of {axis} scale = -1.",
+            changed(("rate", "force"), partial(np.multiply, sign)),
+            0.2,
+        )
+    yield Mistake(
+        "angular rates have the opposite sign",
+        "Give their columns scale = -1.",
+        changed(("rate",), np.negative),
+    )
+    yield Mistake(
+        "specific force has the opposite sign: it is gravity less acceleration",
+        "Give its columns scale = -1.",
+        changed(("force",), np.negative),
+    )
+
+    def gravity(e: Evidence, share: float) -> Evidence | None:
+        if e.force is None or e.attitude is None:
+            return None
+        weight = turned(conjugate(e.attitude), np.array([0.0, 0.0, STANDARD_GRAVITY]))
+        return replace(e, force=e.force + share * weight)
+
+    yield Mistake(
+        "specific force is without gravity: it is the acceleration of the capsule",
+        "Subtract gravity in body axes, or leave the channel out.",
+        lambda e: gravity(e, -1.0),
+    )
+    yield Mistake(
+        "specific force has gravity subtracted twice", "Add gravity in body axes once.", lambda e: gravity(e, 1.0), 0.2
+    )
+    for name, words in (("rate", "angular rates"), ("force", "specific forces")):
+        yield Mistake(
+            f"{words} are along earth axes, not body axes",
+            "Turn them by the attitude, or leave the channel out.",
+            partial(_from_earth, name=name),
+            0.2,
+        )
+
+
+def _from_earth(e: Evidence, name: str) -> Evidence | None:
+    if e.attitude is None or getattr(e, name) is None:
+        return None
+    return changed((name,), partial(turned, conjugate(e.attitude)))(e)
+
+
+def canopy_mistakes() -> Iterator[Mistake]:
+    """Origin and order of the canopies."""
+    yield Mistake(
+        "canopy positions are relative to the capsule",
+        "Add the position of the capsule to them.",
+        lambda e: (
+            None if e.canopies is None or e.position is None else replace(e, canopies=e.canopies + e.position[:, None])
+        ),
+    )
+    yield Mistake(
+        "canopy positions are relative to the capsule, z up",
+        "Turn their z, and add the position of the capsule.",
+        lambda e: (
+            None
+            if e.canopies is None or e.position is None
+            else replace(e, canopies=e.canopies * [1.0, 1.0, -1.0] + e.position[:, None])
+        ),
+        0.2,
+    )
+    yield Mistake(
+        "order of the canopies and of the load cells differs (1 and 2 are swapped)",
+        "Swap the load cells, or the canopies.",
+        lambda e: None if e.tension is None or e.tension.shape[1] != 2 else replace(e, tension=e.tension[:, ::-1]),
+    )

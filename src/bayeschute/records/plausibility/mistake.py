@@ -1,0 +1,62 @@
+"""A mistake that records are made with, its inverse, and the small changes that inverses are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+from bayeschute.records.plausibility.evidence import Array, Evidence
+
+Undo = Callable[[Evidence], Evidence | None]
+
+
+@dataclass(frozen=True)
+class Mistake:
+    """A mistake and its inverse.
+
+    Attributes:
+        cause: In words, as a message tells it.
+        do: What to do about it.
+        undo: The evidence without it; None where there is no such channel or the mistake would change nothing.
+        doubt: What it costs against others that explain as much: rare or far-fetched mistakes cost more.
+    """
+
+    cause: str
+    do: str
+    undo: Undo
+    doubt: float = 0.1
+
+
+def scaled(e: Evidence, names: tuple[str, ...], factor: float) -> Evidence | None:
+    """Channels times a factor; the wind takes its profile along."""
+    found = {name: factor * getattr(e, name) for name in names if getattr(e, name) is not None}
+    if len(found) < len(names):
+        return None
+    return replace(e, **found)
+
+
+def with_profile(names: tuple[str, ...], e: Evidence) -> tuple[str, ...]:
+    """Recorded wind, and the wind by altitude where that says the same."""
+    if "wind" not in names:
+        return names
+    rest = tuple(name for name in names if name != "wind")
+    winds = tuple(name for name in ("wind", "profile", "shear") if getattr(e, name) is not None)
+    return rest + winds
+
+
+def turned_axes(e: Evidence, names: tuple[str, ...], matrix: Array) -> Evidence | None:
+    """Vectors along other earth axes; None where one isn't there."""
+    names = with_profile(names, e)
+    found = {n: getattr(e, n) @ matrix.T for n in names if getattr(e, n) is not None}
+    return replace(e, **found) if found and len(found) == len(names) else None
+
+
+def changed(names: tuple[str, ...], change: Callable[[Array], Array]) -> Undo:
+    """An inverse that changes the values of channels; None where one isn't there."""
+
+    def undo(e: Evidence) -> Evidence | None:
+        found: dict[str, Any] = {n: change(getattr(e, n)) for n in names if getattr(e, n) is not None}
+        return replace(e, **found) if len(found) == len(names) else None
+
+    return undo

@@ -1,0 +1,163 @@
+"""Which laws a record breaks, and the mistakes that explain it, the likeliest first.
+
+Every mistake is undone in turn, and all laws are tried again: what is left of the breaches is its score. So a mistake
+comes first where undoing it makes most laws hold, whatever the symptom was. Where one is not enough, the next is sought
+with the first undone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayeschute.records.plausibility import motion_laws, vehicle_laws
+from bayeschute.records.plausibility.estimated_mistakes import estimated_mistakes
+from bayeschute.records.plausibility.evidence import Evidence
+from bayeschute.records.plausibility.mistake import Mistake
+from bayeschute.records.plausibility.mistakes import known_mistakes
+from bayeschute.records.plausibility.reading import FAULT, WARNING, Reading
+
+LAWS = (*motion_laws.LAWS, *vehicle_laws.LAWS)
+_MOST_MISTAKES = 3  # made in one record
+_OTHERS = 3  # further causes that are told
+_NEAR = 1.0  # scores that lie this close to the best are told as other causes
+_LOST = 2.0  # score of a law that can't be tried any more
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A law that a record breaks, or nearly.
+
+    Attributes:
+        law: Its name; a study may accept its breach by it.
+        tests: What was compared.
+        got: The statistic.
+        wanted: Its limit.
+        excess: Statistic over limit.
+        severity: ``fault`` or ``warning``.
+        causes: Mistakes that explain it, the likeliest first; empty where none does.
+        do: What to do about the likeliest.
+    """
+
+    law: str
+    tests: str
+    got: str
+    wanted: str
+    excess: float
+    severity: str
+    causes: tuple[str, ...] = ()
+    do: str = ""
+
+    @property
+    def likely(self) -> str:
+        """The likeliest cause; empty where none is known."""
+        return self.causes[0] if self.causes else ""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the laws say of a record.
+
+    Attributes:
+        readings: Every law that could be tried.
+        findings: Those that are broken, faults first.
+        causes: Mistakes that together explain the faults, the one that explains most first.
+        evidence: The record as the laws saw it.
+    """
+
+    evidence: Evidence
+    readings: tuple[Reading, ...]
+    findings: tuple[Finding, ...]
+    causes: tuple[str, ...] = ()
+
+    @property
+    def faults(self) -> tuple[Finding, ...]:
+        """Findings that no record can have."""
+        return tuple(one for one in self.findings if one.severity == "fault")
+
+    @property
+    def warnings(self) -> tuple[Finding, ...]:
+        """Findings to look at."""
+        return tuple(one for one in self.findings if one.severity == "warning")
+
+
+def readings(e: Evidence) -> dict[str, Reading]:
+    """Every law that the channels allow, by name."""
+    with np.errstate(all="ignore"):
+        return {found.law: found for law in LAWS for found in law(e)}
+
+
+def misfit(found: dict[str, Reading], of: Sequence[str]) -> float:
+    """Sum of the logarithms by which laws are off: one that is broken a thousandfold does not outweigh all others."""
+    excess = np.array([found[law].excess if law in found else np.expm1(_LOST) ** 0.5 for law in of])
+    return float(np.sum(np.log1p(np.minimum(excess, 1e3) ** 2)))
+
+
+@dataclass(frozen=True)
+class _Tried:
+    mistake: Mistake
+    score: float
+    after: dict[str, Reading]
+    evidence: Evidence
+
+
+def _tried(e: Evidence, laws: Sequence[str]) -> list[_Tried]:
+    """Every mistake, undone; the best first."""
+    import warnings
+
+    def score(x: Evidence) -> float:
+        return misfit(readings(x), laws)
+
+    out = []
+    with warnings.catch_warnings(), np.errstate(all="ignore"):
+        warnings.simplefilter("ignore", RuntimeWarning)  # means of nothing: a law that can't be tried is none
+        for mistake in (*known_mistakes(), *estimated_mistakes(e, score)):
+            made = mistake.undo(e)
+            if made is not None:
+                after = readings(made)
+                out.append(_Tried(mistake, misfit(after, laws) + mistake.doubt, after, made))
+    return sorted(out, key=lambda one: one.score)
+
+
+def verdict(e: Evidence) -> Verdict:
+    """Try every law on a record, and explain those that it breaks.
+
+    Args:
+        e: The evidence.
+    """
+    import warnings
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        first = readings(e)
+    broken = [law for law, found in first.items() if found.excess >= FAULT]
+    near = [law for law, found in first.items() if WARNING <= found.excess < FAULT]
+    told: dict[str, tuple[tuple[str, ...], str]] = {}
+    causes: list[str] = []
+    now, left = e, list(broken or near)
+    for _ in range(_MOST_MISTAKES if left else 0):
+        before = misfit(readings(now), list(first))
+        tried = _tried(now, list(first))
+        if not tried or tried[0].score > before - 0.3:
+            break
+        best = tried[0]
+        solved = [law for law in left if law not in best.after or best.after[law].excess < FAULT]
+        solved = solved if broken else left
+        if not solved:
+            break
+        others = [one.mistake.cause for one in tried[1:] if one.score < best.score + _NEAR][:_OTHERS]
+        causes.append(best.mistake.cause)
+        for law in solved:
+            told.setdefault(law, ((best.mistake.cause, *others), best.mistake.do))
+        now, left = best.evidence, [law for law in left if law not in solved]
+        if not left:
+            break
+    found = [_finding(first[law], *told.get(law, ((), ""))) for law in (*broken, *near)]
+    return Verdict(e, tuple(first.values()), tuple(found), tuple(causes))
+
+
+def _finding(r: Reading, causes: tuple[str, ...], do: str) -> Finding:
+    severity = "fault" if r.excess >= FAULT else "warning"
+    return Finding(r.law, r.tests, r.got, r.wanted, r.excess, severity, causes, do)

@@ -1,0 +1,177 @@
+"""A study's flights and their vehicle as the laws of plausibility see them. Nothing here imports JAX."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayeschute.core.errors import Fault, InputError
+from bayeschute.records.descent_window import DescentWindow, descent_window
+from bayeschute.records.plausibility.evidence import Nominal, evidence_of
+from bayeschute.records.plausibility.reading import accepts
+from bayeschute.records.plausibility.verdict import Finding, Verdict, verdict
+from bayeschute.study.schema.vehicle_schema import Vehicle
+from bayeschute.study.schema.wind_schema import ProfileTable
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from bayeschute.study.study import Flight, Study
+
+Array = NDArray[np.float64]
+
+
+def nominal(vehicle: Vehicle, capsule_mass: float | None = None) -> Nominal:
+    """What laws need of a vehicle.
+
+    Args:
+        vehicle: The vehicle.
+        capsule_mass: Replaces the vehicle's [kg].
+    """
+    c, k = vehicle.capsule, vehicle.canopies
+    x, y, z = (float(a - b) for a, b in zip(c.attach_point, c.centre_of_mass, strict=True))
+    drag = abs(c.axial_force or 0.0)
+    if c.table is not None:
+        drag = float(abs(np.mean(c.table.arrays().get("C_A", np.zeros((1, 1)))[-1])))
+    return Nominal(
+        mass=c.mass if capsule_mass is None else capsule_mass,
+        attach_b=np.array([-x, y, -z]),  # x and z of the structural frame reverse
+        inertia=np.array(c.inertia),
+        capsule_length=c.reference_length,
+        capsule_area=c.reference_area,
+        capsule_drag=drag,
+        canopies=k.number,
+        area=k.reference_area,
+        diameter=k.reference_length,
+        dry_mass=k.dry_mass,
+        volume=k.enclosed_volume,
+        riser_length=vehicle.risers.length,
+        stiffness=vehicle.risers.stiffness,
+    )
+
+
+def wind_by_altitude(table: ProfileTable) -> Callable[[Array], Array]:
+    """Wind of a profile at altitudes (T,) [m], NED (T, 3) [m/s]; its ends hold beyond."""
+    if table.profile is not None:
+        rows = np.array(table.profile.samples)
+    else:
+        down = table.down or (0.0,) * len(table.altitude)
+        rows = np.stack([table.altitude, table.north, table.east, down], axis=1)
+
+    def at(altitude: Array) -> Array:
+        return np.stack([np.interp(altitude, rows[:, 0], rows[:, j]) for j in (1, 2, 3)], axis=1)
+
+    return at
+
+
+def judge(
+    record: xr.Dataset,
+    vehicle: Vehicle | None,
+    capsule_mass: float | None = None,
+    window: tuple[float, float] | None = None,
+    profile: ProfileTable | None = None,
+) -> Verdict:
+    """What the laws say of a record as read, and the mistakes that explain it.
+
+    Args:
+        record: In SI, at its own times.
+        vehicle: That flew it; None: a point mass.
+        capsule_mass: Replaces the vehicle's [kg].
+        window: First and last time used [s]; None: all.
+        profile: Wind by altitude; None: none.
+    """
+    known = None if vehicle is None else nominal(vehicle, capsule_mass)
+    return verdict(evidence_of(record, known, window, None if profile is None else wind_by_altitude(profile)))
+
+
+def window_used(
+    record: xr.Dataset, window: tuple[float, float] | None, skip_first: float, roles: tuple[str, ...]
+) -> DescentWindow:
+    """First and last time of a record that are used: as the study says, or as found in the record.
+
+    A flight that is only predicted is used as long as it is, since little of its record need be known.
+
+    Args:
+        record: In SI, at its own times.
+        window: As the study says; None: it doesn't.
+        skip_first: What the study leaves out at the start [s]; where it does, the start is not sought.
+        roles: Of the flight.
+    """
+    time = record["time"].values
+    if window is not None:
+        return DescentWindow(*window, "")
+    if not {"structure", "identify"} & set(roles):
+        return DescentWindow(float(time[0]), float(time[-1]), "")
+    return descent_window(record, begins=skip_first <= 0.0)
+
+
+def told(found: Verdict, where: str, accepted: tuple[str, ...] = ()) -> list[Fault]:
+    """Faults of a record that can't be true, one for each cause.
+
+    Args:
+        found: What the laws say.
+        where: The flight, as messages name it.
+        accepted: Laws, or groups of them, whose breach the study accepts.
+    """
+    return [_fault(group, where) for group in _by_cause(found.faults, accepted)]
+
+
+def warned(found: Verdict, where: str, accepted: tuple[str, ...] = ()) -> list[str]:
+    """Warnings of a record: what is nearly out of bounds, and faults that the study accepts."""
+    lines = [
+        str(_fault(group, where)).replace("; wanted", "; usual is", 1) for group in _by_cause(found.warnings, accepted)
+    ]
+    kept = [one for one in found.faults if accepts(accepted, one.law)]
+    return [*lines, *(f"{where}: accepted as the study says ({one.law}): {one.tests}, {one.got}" for one in kept)]
+
+
+def _by_cause(findings: tuple[Finding, ...], accepted: tuple[str, ...]) -> list[list[Finding]]:
+    """Findings that are not accepted, by their likeliest cause, the worst of each first."""
+    groups: dict[str, list[Finding]] = {}
+    for one in findings:
+        if not accepts(accepted, one.law):
+            groups.setdefault(one.likely, []).append(one)
+    return [sorted(group, key=lambda one: -one.excess) for group in groups.values()]
+
+
+def _fault(group: list[Finding], where: str) -> Fault:
+    worst = group[0]
+    laws = ", ".join(one.law for one in group)
+    more = f" ({laws})"
+    if not worst.causes:
+        do = "No single known mistake explains it."
+    else:
+        do = f"Likely cause: {worst.likely}. {worst.do}"
+        others = worst.causes[1:]
+        do += f" Or: {'; '.join(others)}." if others else ""
+    if worst.severity == "fault":
+        do += f" If it is true all the same: accept_implausible = {json.dumps([one.law for one in group])}."
+    return Fault(f"{where}, {worst.tests}", f"{worst.got}{more}", worst.wanted, do)
+
+
+def refuse_implausible(study: Study, flight: Flight, raw: xr.Dataset) -> list[str]:
+    """Refuse a flight whose record can't be true.
+
+    Args:
+        study: Its study.
+        flight: A flight with a record.
+        raw: The record as read.
+
+    Returns:
+        Warnings.
+
+    Raises:
+        InputError: With the likely causes.
+    """
+    vehicle = study.vehicle_of(flight) if study.model == "cluster" else None
+    used = window_used(raw, flight.window, flight.skip_first, flight.roles)
+    found = judge(raw, vehicle, flight.capsule_mass, (used.start, used.end), flight.wind_profile)
+    where = f"flight {flight.name!r}"
+    faults = told(found, where, flight.accept_implausible)
+    if faults:
+        raise InputError(faults)
+    return warned(found, where, flight.accept_implausible)

@@ -1,0 +1,1 @@
+"""Tables of a study on what others know about its coefficients and curves."""

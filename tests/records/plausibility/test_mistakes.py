@@ -1,0 +1,116 @@
+"""Mistakes made on purpose are named, with the right cause first: on a virtual flight, and on one of another program."""
+
+from __future__ import annotations
+
+import os
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import bayeschute as bc
+from bayeschute.records.plausibility.evidence import Nominal
+from bayeschute.records.plausibility.reading import NAMES
+from bayeschute.study.load import load_vehicle
+from bayeschute.study.plausible import nominal
+
+ROOT = Path(__file__).parents[3]
+sys.path.insert(0, str(ROOT / "benchmarks"))
+from other_records import flights_of, read_flight, record  # noqa: E402
+from other_studies import toml, vehicle  # noqa: E402
+from physical_mistakes import MADE, Case, judge  # noqa: E402
+
+OTHERS = Path(os.environ.get("BAYESCHUTE_SHARED", ROOT.parent / "shared")) / "otherflights"
+needs_others = pytest.mark.skipif(not OTHERS.is_dir(), reason="no flights of another program in ../shared")
+
+
+@pytest.fixture(scope="module")
+def virtual() -> Case:
+    """The default study's drop, with what instruments make of it."""
+    study = bc.Study.example()
+    flown = study.flights[0]
+    assert study.vehicle is not None
+    return Case(flown.record, nominal(study.vehicle, flown.spec.capsule_mass))
+
+
+@pytest.fixture(scope="module")
+def other(tmp_path_factory) -> Case:
+    return _case("P_1", tmp_path_factory.mktemp("P"))
+
+
+def _case(name: str, folder: Path) -> Case:
+    flight = read_flight(OTHERS, name)
+    path = folder / f"{name}.toml"
+    path.write_text(toml(vehicle(flight)), encoding="utf-8")
+
+    def profile(height):
+        columns = (flight.profile[:, 1], flight.profile[:, 2], 0.0 * flight.profile[:, 0])
+        return np.stack([np.interp(height, flight.profile[:, 0], x) for x in columns], axis=1)
+
+    return Case(record(flight), nominal(load_vehicle(path)), None, profile)
+
+
+UNSEEN = {  # on the virtual flight
+    "canopies 1 and 2 swapped against load cells": "it has no load cells",
+    "a third of the payload omitted": "it has no load cells",
+    "load cells in pound-force": "it has no load cells",
+    "load cells in kilonewtons": "it has no load cells",
+    "a body axis of the accelerometers inverted": "its payload hangs along x: across it, specific force is next to zero",
+}
+QUICK = MADE[::5]
+
+
+def test_a_virtual_flight_keeps_all_laws(virtual):
+    found = virtual.verdict()
+    assert found.findings == () and found.causes == ()
+    assert {r.law for r in found.readings} <= set(NAMES) and len(found.readings) > 25
+
+
+@pytest.mark.parametrize(
+    "made",
+    [pytest.param(m, marks=[] if m in QUICK else [pytest.mark.slow]) for m in MADE if m.name not in UNSEEN],
+    ids=lambda made: made.name,
+)
+def test_mistakes_on_a_virtual_flight(virtual, made):
+    outcome = judge(virtual, made)
+    assert outcome.named and outcome.right, outcome
+
+
+@pytest.mark.slow
+@needs_others
+def test_mistakes_on_a_flight_of_another_program(other):
+    outcomes = [judge(other, made) for made in MADE]
+    assert [o.made.name for o in outcomes if not o.named] == []
+    assert sum(o.right for o in outcomes) >= 0.9 * len(MADE), [o for o in outcomes if not o.right]
+
+
+@needs_others
+@pytest.mark.parametrize("letter", list("PQRSTU"))
+def test_flights_of_another_program_keep_all_laws(letter, tmp_path):
+    for name in flights_of(OTHERS, letter)[:2]:
+        assert _case(name, tmp_path).verdict().findings == (), name
+
+
+def test_two_mistakes_are_both_named(virtual):
+    spoilt = Case(
+        virtual.record.copy(deep=True), replace(virtual.vehicle, riser_length=2.0 * virtual.vehicle.riser_length)
+    )
+    spoilt.record["capsule_attitude"].values = spoilt.record["capsule_attitude"].values[:, [1, 2, 3, 0]]
+    causes = spoilt.verdict().causes
+    assert len(causes) == 2 and any("scalar-last" in c for c in causes) and any("risers' length" in c for c in causes)
+
+
+def test_a_point_mass_needs_no_vehicle():
+    time = np.arange(0.0, 200.0, 0.5)
+    from bayeschute.records.record import make_record
+
+    down = Case(make_record(time=time, altitude=2000.0 - 6.0 * time), vehicle=_none())
+    assert down.verdict().findings == ()
+    up = Case(make_record(time=time, altitude=6.0 * time), vehicle=_none())
+    assert [one.law for one in up.verdict().faults] == ["falling.altitude"]
+
+
+def _none() -> Nominal:
+    return None  # type: ignore[return-value]

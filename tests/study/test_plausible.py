@@ -1,0 +1,115 @@
+"""`check`, `run` and `fit` refuse a record that can't be true, name the cause, and let a study accept it."""
+
+from __future__ import annotations
+
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+import bayeschute as bc
+from bayeschute.cli import app
+from bayeschute.records.record import write_record
+from bayeschute.study.load import examine_study
+from bayeschute.study.templates import template
+
+ROOT = Path(__file__).parents[2]
+sys.path.insert(0, str(ROOT / "benchmarks"))
+from other_studies import toml  # noqa: E402
+
+
+@pytest.fixture(scope="module")
+def flown():
+    return bc.Study.example().flights[0].record
+
+
+@pytest.fixture
+def study(flown, tmp_path):
+    """A study of a record in a file, with a change made on the record and lines added to its flight."""
+
+    def make(spoil=None, **more) -> Path:
+        record = flown.copy(deep=True)
+        if spoil is not None:
+            spoil(record)
+        write_record(record, tmp_path / "drop.nc")
+        (tmp_path / "vehicle.toml").write_text(template("vehicle.toml").read_text(encoding="utf-8"), encoding="utf-8")
+        tables = tomllib.loads(template("virtual.toml").read_text(encoding="utf-8"))
+        flight = {"name": "drop", "roles": ["structure", "identify"], "file": "drop.nc", **more}
+        path = tmp_path / "study.toml"
+        path.write_text(toml({**tables, "flight": [flight], "vehicle": "vehicle.toml"}), encoding="utf-8")
+        return path
+
+    return make
+
+
+def _scalar_last(record) -> None:
+    record["capsule_attitude"].values = record["capsule_attitude"].values[:, [1, 2, 3, 0]]
+
+
+def test_a_sound_record_passes(study):
+    found = examine_study(study())
+    assert found.faults == [] and found.warnings == [] and len(found.verdicts["drop"].readings) > 25
+
+
+def test_check_run_and_fit_refuse_and_name_the_cause(study, tmp_path):
+    path = study(_scalar_last)
+    for command in (["check"], ["run", "--out", str(tmp_path / "run")], ["fit", "--out", str(tmp_path / "p.nc")]):
+        done = CliRunner().invoke(app, [command[0], str(path), *command[1:]])
+        assert done.exit_code == 2 and "scalar-last" in done.output, done.output
+        assert not (tmp_path / "run").exists() and not (tmp_path / "p.nc").exists()
+    flight = bc.Study.load(path).flights[0]
+    with pytest.raises(bc.InputError, match="scalar-last"):
+        bc.fit(flight)
+    looked = flight.plausibility()
+    assert not looked.ok and "scalar-last" in looked.causes[0] and "scalar-last" in repr(looked)
+    assert "scalar-last" in looked._repr_html_() and (looked.table["severity"] == "fault").sum() == len(
+        looked.verdict.faults
+    )
+    assert len(looked.plot().axes) > 5
+
+
+def test_a_study_may_accept_it(study):
+    broken = sorted({one.law.split(".")[0] for one in examine_study(study(_scalar_last)).verdicts["drop"].faults})
+    path = study(_scalar_last, accept_implausible=broken)
+    found = examine_study(path)
+    assert found.faults == [] and any("accepted" in line for line in found.warnings)
+    assert bc.Study.load(path).flights[0].plausibility().ok
+    faults = examine_study(study(accept_implausible=["winds"])).faults
+    assert len(faults) == 1 and "'winds'" in str(faults[0])
+
+
+def test_the_report_draws_the_record(study, tmp_path):
+    page = tmp_path / "records.html"
+    done = CliRunner().invoke(app, ["check", str(study(_scalar_last)), "--report", str(page)])
+    text = page.read_text(encoding="utf-8")
+    assert done.exit_code == 2 and "scalar-last" in text and "data:image/svg+xml;base64," in text
+    assert "http://" not in text.split("<img")[0]
+
+
+def test_columns_and_conventions_of_a_study(flown, tmp_path, study):
+    import pandas as pd
+
+    p, v, c = (flown[f"{name}"].values for name in ("capsule_position", "capsule_velocity", "canopy_position"))
+    w = flown["wind"].values
+    q = flown["capsule_attitude"].values
+    table = {"t": flown["time"].values, "rho": flown["density"].values}
+    columns = {"time": ("t", "s"), "density": ("rho", "kg/m^3")}
+    for name, values in (("capsule_position", p), ("capsule_velocity", v), ("canopy_position.1", c[:, 0]),
+                         ("canopy_position.2", c[:, 1]), ("wind", -w)):  # fmt: skip
+        for axis, column in (("east", values[:, 1]), ("north", values[:, 0]), ("up", -values[:, 2])):
+            if (name, axis) != ("wind", "up"):
+                table[f"{name}_{axis}"] = column
+                columns[f"{name}.{axis}"] = (f"{name}_{axis}", "m/s" if name in ("capsule_velocity", "wind") else "m")
+    table |= {f"q{i}": x for i, x in enumerate(q.T)}
+    columns |= {f"capsule_attitude.{part}": (f"q{i}", "1") for i, part in enumerate("wxyz")}
+    pd.DataFrame(table).to_csv(tmp_path / "drop.csv", index=False)
+    written = {name: {"column": column, "unit": unit} for name, (column, unit) in columns.items()}
+    said = {"wind_is": "from"}
+    path = study(file="drop.csv", columns=written, conventions=said)
+    assert examine_study(path).faults == []
+    faults = examine_study(study(file="drop.csv", columns=written)).faults
+    assert any('wind is "from"' in str(fault) for fault in faults)
+    faults = examine_study(study(file="drop.csv", columns=written, conventions={"axes": "NEE"})).faults
+    assert len(faults) == 1 and "conventions] axes" in faults[0].where
