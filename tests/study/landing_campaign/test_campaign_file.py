@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.landing.plans import small_plan
 
 from bayeschute.core.errors import InputError
 from bayeschute.study.landing_campaign.campaign_file import load_campaign, wind_plan
-from bayeschute.study.landing_campaign.landing_plan import asked, start_plan
+from bayeschute.study.landing_campaign.landing_plan import asked, identity_of, start_plan
 
 ROOT = Path(__file__).parents[3]
 EXAMPLE = ROOT / "models/campaigns/cdt-3-11-landing.toml"
@@ -89,3 +91,12 @@ def test_reading_a_campaign_needs_no_jax():
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"
+
+
+def test_identity_is_of_all_that_landings_depend_on():
+    campaign, models = load_campaign(EXAMPLE), small_plan().models
+    base = models[0].base
+    heavier = replace(models[0], base=replace(base, capsule=replace(base.capsule, mass=9000.0)))
+    other = replace(models[0], theta=models[0].theta + 1e-9)
+    found = {identity_of(campaign, some) for some in (models, (heavier,), (other,))}
+    assert len(found) == 3 and identity_of(campaign.with_landings(9), models) in found

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 
+import jax
 import numpy as np
 
 from bayeschute.core.version import __version__
@@ -46,7 +47,7 @@ def identity_of(campaign: Campaign, models: tuple[Parameters, ...]) -> str:
     """Hash of all that landings depend on: the campaign, the draws of the posterior, the program."""
     made = hashlib.sha256(f"{campaign.identity} {__version__}".encode())
     for one in models:
-        for part in (one.theta, *one.laws):
-            made.update(np.ascontiguousarray(part).tobytes())
+        for part in (one.theta, *one.laws, *jax.tree.leaves(one.base)):
+            made.update(np.ascontiguousarray(part, float).tobytes())
         made.update(repr((one.names, one.structure.axial, one.structure.transverse)).encode())
     return made.hexdigest()
