@@ -10,8 +10,9 @@ BIN := $(VENV)/bin
 DEMO := runs/demo
 RUNTIME := $(VENV)/.runtime
 DEV := $(VENV)/.dev
+DOCS := $(VENV)/.docs
 
-.PHONY: help demo test test-slow check lint format clean
+.PHONY: help demo test test-slow check lint format docs notebooks clean
 
 help: ## say what there is
 	@grep -E '^[a-z-]+:.*## ' $(firstword $(MAKEFILE_LIST)) | sed -E 's/^([a-z-]+):.*## /\1|/' | awk -F'|' '{printf "make %-10s %s\n", $$1, $$2}'
@@ -42,6 +43,15 @@ format: $(DEV) ## put the code into its format
 	$(BIN)/ruff format
 	$(BIN)/ruff check --fix
 
+docs: $(DOCS) ## build the documentation site into build/site
+	@echo "== Documentation"
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
+	@echo "== Open build/site/index.html in a browser"
+
+notebooks: $(DEV) ## run the notebooks and write .ipynb files beside them
+	@echo "== Notebooks"
+	cd notebooks && for one in *.py; do ../$(BIN)/python -m jupytext --quiet --to ipynb --execute --set-kernel python3 "$$one"; done
+
 clean: ## remove the environment and what tools left (not runs/)
 	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .import_linter_cache
 
@@ -59,3 +69,8 @@ $(DEV): pyproject.toml constraints.txt | $(VENV)/pyvenv.cfg
 	@echo "== Installing bayeschute and its development tools, versions from constraints.txt"
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
 	@touch $(RUNTIME) $@
+
+$(DOCS): pyproject.toml constraints.txt | $(VENV)/pyvenv.cfg
+	@echo "== Installing the tools of the documentation, versions from constraints.txt"
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
+	@touch $@

@@ -31,7 +31,6 @@ RATE = 10.0  # [Hz]
 BEGIN, END = 5.0, 2.0  # left out at the ends of the flight that is identified [s]
 NOMINAL_DRAG = 0.85  # of a canopy
 LENGTH_SHARE, LENGTH_LEAST = 0.006, 0.2  # sd of a riser's length: share of it, and [m]
-AIR_LOG_SD = 0.3  # of the air that moves with a canopy, over what it encloses: no meta file gives it
 NEIGHBOUR = ("c", "closing", "proximity(", "repulsion(", "(e.c)", "(c.rate)")  # factors of terms that need one
 _KINDS = ("axial", "transverse")
 _UNITS = {"canopy_position": "m", "capsule_velocity": "m/s", "capsule_attitude": "rad"}
@@ -155,8 +154,7 @@ def _given(default: Mapping[str, Any], meta: Mapping[str, Any]) -> dict[str, Any
             made[name] = {"mean": _si(meta[key], unit), "sd": _si(share * meta[key], unit)}
     length = meta["line_length_unstretched_m"]
     sd = max(LENGTH_SHARE * length, LENGTH_LEAST)
-    air = {"median": 1.0, "log_sd": AIR_LOG_SD}
-    return made | {"riser_length": {"mean": _si(length, "m"), "sd": _si(sd, "m")}, "enclosed_air_factor": air}
+    return made | {"riser_length": {"mean": _si(length, "m"), "sd": _si(sd, "m")}}
 
 
 def _noise(default: Mapping[str, Any], flight: OtherFlight) -> dict[str, Any]:

@@ -1,73 +1,56 @@
-"""Numbers of the README that come from stored results, against these results."""
+"""README: its picture and links are there, its commands exist, its Python runs."""
 
 from __future__ import annotations
 
-import json
+import re
 from pathlib import Path
-from typing import Any
 
+import numpy as np
 import pytest
 
+import bayeschute as bc
+from tests.conftest import descent_altitude
+from tests.pages import blocks, faults_of_commands
+
 ROOT = Path(__file__).parents[1]
-STORED = ROOT / "models/reference/calibration"
-TEXT = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
+README = ROOT / "README.md"
 
 
-def _held(name: str) -> dict[str, Any]:
-    return json.loads((STORED / f"{name}.json").read_text(encoding="utf-8"))
+def test_it_is_a_page_with_a_picture_and_few_numbers():
+    text = README.read_text(encoding="utf-8")
+    assert len(text.splitlines()) < 110
+    assert (ROOT / "docs/figures/bands.svg").stat().st_size < 200_000
+    prose = re.sub(r"(?s)```.*?```", "", text)
+    assert len(re.findall(r"\d+(?:\.\d+)? %", prose)) == 0
 
 
-def _percent(share: float) -> str:
-    return f"{100 * share:.0f}"
+def test_commands_of_continuous_integration_stand_in_it():
+    assert {"make demo", "make test"} <= {
+        line.split("  ")[0] for line in blocks(README, "sh") for line in line.splitlines()
+    }
 
 
-def _range(shares: list[float]) -> str:
-    return f"{_percent(min(shares))} to {_percent(max(shares))} %"
+def test_every_command_and_option_in_it_exists():
+    assert faults_of_commands(blocks(README, "sh")) == []
 
 
-def _unseen(held: dict[str, Any]) -> dict[str, float]:
-    """Shares of the truth in the bands of flights that were not fitted, by quantity."""
-    return {k.split("/")[1]: v for k, v in held["coverage"].items() if k.startswith("cdt-3-12/")}
+def test_own_record_runs(tmp_path, monkeypatch):
+    altitude = descent_altitude(0.155, 3000.0, 110, np.random.default_rng(3)) / 0.3048
+    rows = "".join(f"{i},{h:.3f}\n" for i, h in enumerate(altitude))
+    (tmp_path / "sonde.csv").write_text("time_s,altitude_ft\n" + rows, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    _, own = blocks(README, "python")
+    space = {"bc": bc}
+    exec(own.replace("noise=noise))", "noise=noise), draws=200, chains=2, warmup=50)"), space)
+    assert abs(space["posterior"]["cds_over_mass"].values.mean() - 0.155) < 0.02
 
 
-def test_bands_and_intervals_of_the_default_study():
-    held = _held("latent.none")
-    bands, aerodynamic = _unseen(held), [n for n in held["coverage"] if n.startswith(("axial", "transverse"))]
-    names = {"swing_angle": "swing angle", "descent_rate": "descent rate", "flyout_angle": "flyout angle"}
-    by_quantity = ", ".join(f"{_percent(bands[k])} % ({words})" for k, words in names.items())
-    assert f"In {held['replicates']} replicates of the default study" in TEXT
-    assert f"nominal 90 % bands of the unseen flight held {by_quantity} of the truth" in TEXT
-    errors = [100 * held["standard_error"][n] for n in aerodynamic]
-    spread = f"{min(errors):.0f} to {max(errors):.0f} %"
-    shares = _range([held["coverage"][n] for n in aerodynamic])
-    assert len(aerodynamic) == 11 and not held["failed"]
-    assert f"intervals of its eleven aerodynamic parameters {shares} (standard error {spread}); none failed" in TEXT
-
-
-def test_bands_under_disturbances():
-    found = {path.stem: _held(path.stem) for path in STORED.glob("latent.*.json") if path.stem != "latent.none"}
-    wind = found["latent.wind-profile"]
-    others = [
-        share
-        for name, held in found.items()
-        for quantity, share in _unseen(held).items()
-        if not (held is wind and "descent_rate" in quantity)
-    ]
-    rate = "cdt-3-12/descent_rate"
-    exception = f"{_percent(wind['coverage'][rate])} ± {_percent(wind['standard_error'][rate])} %"
-    assert f"held {_range(others)} of the truth, but descent rates under a wrong wind profile {exception}" in TEXT
-    flown = sum(held["replicates"] + len(held["failed"]) for held in found.values())
-    assert sum(len(held["failed"]) for held in found.values()) == 1 and f"One of these {flown} flights" in TEXT
-
-
-@pytest.mark.parametrize(
-    ("noise", "words"),
-    [("sandwich", "classical output error with the sandwich correction"), ("ar1", "AR(1)"), ("white", "white noise")],
-)
-def test_bands_of_other_treatments_of_noise(noise, words):
-    assert f"{_range(list(_unseen(_held(f'{noise}.none')).values()))} ({words})" in TEXT
-
-
-def test_ranks():
-    count = {kind: _held(f"ranks.{kind}")["replicates"] for kind in ("dumbbell", "cluster")}
-    assert f"Ranks of {count['dumbbell']} dumbbells and of {count['cluster']} clusters with latent wind" in TEXT
+@pytest.mark.slow
+def test_the_study_that_comes_with_the_package_runs(monkeypatch, capsys):
+    whole, _ = blocks(README, "python")
+    quick = bc.Study.example().quick()
+    monkeypatch.setattr(bc.Study, "example", lambda: quick)
+    space = {}
+    exec(whole, space)
+    assert "Probability(met=" in capsys.readouterr().out
+    assert {"swing_angle", "descent_rate"} <= set(space["forecast"].quantities)

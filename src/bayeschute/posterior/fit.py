@@ -441,20 +441,25 @@ def marginal_mode(
     turn = halvings = 0
     while turn < most:
         rest = along_record.rest(flights, hyper, priors, theta, places)
-        if before is not None and halvings < _HALVINGS and (rest is None or before.rise(theta, rest) > _RISE):
-            halvings, before = halvings + 1, before._replace(step=0.5 * before.step)  # a step that lost the record
+        try:
+            if rest is None:
+                raise FloatingPointError(
+                    "a step of the flights at the conditional optimum, or its derivative, is not finite"
+                )
+            if before is not None and halvings < _HALVINGS and before.rise(theta, rest) > _RISE:
+                raise FloatingPointError("a step towards the marginal mode lost the record")
+            covariance = scipy.linalg.inv(rest.matrix)
+            best = replace(begun, theta=theta, flights=rest.flights, covariance=covariance)
+            made = marginalise(flights, hyper, priors, best)
+            if lacking is None or length(theta - lacking.theta, covariance) > _SAME_SLOPE:
+                lacking = _Lacking.at(made)
+        except FloatingPointError:
+            if before is None or halvings == _HALVINGS:
+                raise
+            halvings, before = halvings + 1, before._replace(step=0.5 * before.step)
             theta, places = before.onward(flights, hyper)
             continue
-        if rest is None:
-            raise FloatingPointError(
-                "a step of the flights at the conditional optimum, or its derivative, is not finite"
-            )
         turn, halvings = turn + 1, 0
-        covariance = scipy.linalg.inv(rest.matrix)
-        best = replace(begun, theta=theta, flights=rest.flights, covariance=covariance)
-        made = marginalise(flights, hyper, priors, best)
-        if lacking is None or length(theta - lacking.theta, covariance) > _SAME_SLOPE:
-            lacking = _Lacking.at(made)
         covariance = scipy.linalg.inv(rest.matrix + lacking.information)
         correction = mean_correction_slope(made)
         slope = rest.gradient + lacking.slope + correction
@@ -517,9 +522,10 @@ def marginal_fit(
             jax.tree.map(np.asarray, noise_evidence.from_vector(noise_evidence.to_vector(hyper) + moved, hyper)),
             hyper,
         ]
-    say(0.8, "log determinant at the mode")
     began = JointFit(replace(best, converged=settled.optimum.converged), hyper, value)
-    best, hyper, made, lost, seen = _last(flights, priors, began, laws)
+    best, hyper, made, lost, seen = _last(
+        flights, priors, began, laws, lambda share, words: say(0.8 + 0.2 * share, words)
+    )
     wrong = _determinant_error(made)
     slope = scipy.linalg.solve_triangular(np.asarray(made.scale), scale @ slope, lower=True)
     effect = NoiseEffect(slope, *noise_parameter_spread(made, known))
@@ -532,7 +538,11 @@ def _determinant_error(made: Marginal) -> float:
 
 
 def _last(
-    flights: Sequence[FlightData], priors: Sequence[Prior], began: JointFit, laws: Sequence[NoiseParameters]
+    flights: Sequence[FlightData],
+    priors: Sequence[Prior],
+    began: JointFit,
+    laws: Sequence[NoiseParameters],
+    progress: Progress | None = None,
 ) -> tuple[Optimum, NoiseParameters, Marginal, tuple[str, ...], Profile]:
     """The mode under the first noise parameters that lead to one, the posterior, corrections left out, the density.
 
@@ -542,13 +552,16 @@ def _last(
         FitError: If none does.
         FloatingPointError: If flights fail on the way under the last of them.
     """
+    say = progress or (lambda share, words: None)
     failed: Exception = ValueError("no noise parameters")
     for hyper in laws:
         try:
-            here = marginal_mode(flights, priors, JointFit(began.optimum, hyper, began.evidence))
+            start = JointFit(began.optimum, hyper, began.evidence)
+            here = marginal_mode(flights, priors, start, lambda share, words: say(0.3 * share, words))
             found = []
-            for _ in range(1 + _MOVES):
+            for move in range(1 + _MOVES):
                 near = marginalise(flights, hyper, priors, here)
+                say(0.3 + 0.5 * move / (1 + _MOVES), f"log determinant along the axes, place {move + 1}")
                 found.append((here, *_corrected(near)))
                 if _away(found[-1][3]) < _AT_MODE:
                     break
@@ -558,6 +571,7 @@ def _last(
             continue
         best, made, lost, ahead, step = min(found, key=lambda one: _away(one[3]))
         if step and _determinant_error(made) > _DETERMINANT:
+            say(0.8, "log determinant between all axes")
             made, there = laplace.corrected(made, step, crossed=len(priors))
             ahead = ahead if there is None else there
         away = _away(ahead)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import re
 from collections.abc import Callable
 from functools import partial, wraps
 from pathlib import Path
@@ -81,11 +83,30 @@ def sheet(height: float, rows: int = 1, columns: int = 1, **kwargs: Any) -> tupl
     return figure, list(axes.ravel())
 
 
+_GEOMETRY = re.compile(r'(?<= )(?:d|x|y)="[^"]*"')
+_DECIMALS = re.compile(r"\d+\.\d{3,}")
+
+
+def lighter(svg: str) -> str:
+    """The same SVG with coordinates to a hundredth of a point, which is less than is seen in print.
+
+    Matplotlib writes six decimals. Scale factors of glyphs (``transform``) are left as they are.
+    """
+
+    def rounded(found: re.Match[str]) -> str:
+        return _DECIMALS.sub(lambda number: f"{float(number[0]):.2f}", found[0]).replace(" \n", "\n")
+
+    return _GEOMETRY.sub(rounded, svg)
+
+
 def save(figure: Figure, folder: Path, name: str) -> Path:
     """Write ``name.png`` (at about twice the screen's resolution) and ``name.svg``; returns the path of the SVG."""
     with mpl.rc_context(STYLE):
         figure.draw_without_rendering()
         figure.set_layout_engine("none")  # the layout is computed once and reused for each format
-        for kind, options in (("png", {"dpi": 180}), ("svg", {"metadata": {"Date": None}})):
-            write_whole(folder / f"{name}.{kind}", partial(figure.savefig, **options))
+        write_whole(folder / f"{name}.png", partial(figure.savefig, format="png", dpi=180))
+        drawn = io.StringIO()
+        figure.savefig(drawn, format="svg", dpi=150, metadata={"Date": None})
+    text = lighter(drawn.getvalue())
+    write_whole(folder / f"{name}.svg", partial(Path.write_text, data=text, encoding="utf-8"))
     return folder / f"{name}.svg"

@@ -107,7 +107,7 @@ def marginal_figure(
             low, high = max(min(low, edges[0]), centre - 10 * sd), min(max(high, edges[1]), centre + 10 * sd)
         if is_number(truth.get(name)):
             low, high = min(low, scale * truth[name] - sd), max(high, scale * truth[name] + sd)
-        grid = np.linspace(low, high, 241)
+        grid = np.linspace(low, high, 151)
         if before.size:
             curve = _density(before, grid)
             axes.fill_between(grid, curve, color=SOFT, alpha=0.16, lw=0)
@@ -190,15 +190,14 @@ def chain_figure(posterior: Mapping[str, np.ndarray], units: Mapping[str, str]) 
         trace, rank = all_axes[2 * place], all_axes[2 * place + 1]
         scale, unit = shown_unit(units.get(name, "1"))
         draws = scale * posterior[name]
-        step = max(1, draws.shape[1] // 500)
+        step = max(1, draws.shape[1] // 250)  # panels are some 250 pixels wide
         counts = rank_counts(draws)
         expected = draws.shape[1] / RANK_BINS
         low, high = stats.binom(draws.shape[1], 1 / RANK_BINS).ppf([0.005, 0.995]) / expected
         rank.axhspan(low, high, color="#e9edf1", lw=0)
         for chain, (values, count) in enumerate(zip(draws, counts, strict=True)):
             color = SERIES[chain % len(SERIES)]
-            line = trace.plot(np.arange(0, draws.shape[1], step), values[::step], color=color, lw=0.5, alpha=0.85)[0]
-            line.set_rasterized(True)
+            trace.plot(np.arange(0, draws.shape[1], step), values[::step], color=color, lw=0.5, alpha=0.85)
             rank.stairs(count / expected, np.linspace(0, 1, RANK_BINS + 1), color=color, lw=1.0)
         trace.set_title(name if not unit else f"{name} [{unit}]", fontsize=8.2)
         trace.margins(x=0)

@@ -34,7 +34,7 @@ BAND_UNITS = {
     "sea_level_descent_rate": "m/s",
     "flyout_angle": "rad",
 }
-MOST_POINTS = 2000
+MOST_POINTS = 450  # of a band: one for every other pixel of the page
 SOURCES = {"parameter": BLUE, "wind": SKY, "initial state": ORANGE, "canopy force": "#a7b0b8"}
 
 
@@ -111,7 +111,7 @@ def band_figure(bands: xr.Dataset, limits: Mapping[str, float] | None = None) ->
         One panel per quantity over time.
     """
     names = band_quantities(bands)
-    bands = bands.isel(time=slice(None, None, max(1, bands.sizes["time"] // MOST_POINTS)))
+    bands = bands.isel(time=slice(None, None, max(1, math.ceil(bands.sizes["time"] / MOST_POINTS))))
     figure, all_axes = sheet(0.7 + 2.15 * len(names), len(names), 1, sharex=True)
     time = np.asarray(bands["time"].values, dtype=float)
     shaded = False
@@ -126,7 +126,9 @@ def band_figure(bands: xr.Dataset, limits: Mapping[str, float] | None = None) ->
         if f"{name}_record" in bands:
             record = scale * np.asarray(bands[f"{name}_record"].values, dtype=float)
             if np.isfinite(record).any():
-                handles["record"] = axes.plot(time, record, ".", color=INK, ms=3.2, alpha=0.6, mew=0, zorder=2.5)[0]
+                dots = axes.plot(time, record, ".", color=INK, ms=3.2, alpha=0.6, mew=0, zorder=2.5)[0]
+                dots.set_rasterized(True)
+                handles["record"] = dots
         if f"{name}_truth" in bands:
             truth = scale * np.asarray(bands[f"{name}_truth"].values, dtype=float)
             handles["truth"] = axes.plot(time, truth, color=VERMILION, lw=1.3, zorder=3)[0]

@@ -1,0 +1,84 @@
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bayeschute.report import first_screen
+from bayeschute.report.figures.canvas import lighter
+from bayeschute.report.page import build_report
+from bayeschute.report.run_results import read_results
+
+
+@pytest.fixture
+def results(make_run, tmp_path):
+    return read_results(make_run(tmp_path))
+
+
+def _with(results, **changes):
+    requirement = results.summary["requirements"][0] | changes
+    return replace(results, summary={**results.summary, "requirements": [requirement]})
+
+
+def test_four_questions_are_answered_from_the_results(results):
+    asked = {question: (answer, about) for question, answer, about in first_screen.answers(results)}
+    assert list(asked) == ["Is the limit met?", "How sure?", "On what evidence?", "What would change it?"]
+    requirement = results.summary["requirements"][0]
+    assert requirement["name"] in asked["Is the limit met?"][1] and "10.1 m/s" in asked["Is the limit met?"][1]
+    assert asked["How sure?"][0].startswith("P = 0.9")
+    assert asked["On what evidence?"][0] == "Not verified"
+
+
+@pytest.mark.parametrize(
+    ("share", "said"), [(0.99, "Very likely"), (0.9, "Likely"), (0.5, "Open"), (0.1, "Not likely")]
+)
+def test_words_follow_the_probability(results, share, said):
+    (first, *_) = first_screen.answers(_with(results, probability_met=share))
+    assert first[1] == said
+
+
+def test_without_a_probability_nothing_is_answered(results):
+    assert first_screen.answers(_with(results, probability_met=None)) == []
+
+
+def test_the_largest_share_of_variance_is_what_would_change_it(results):
+    requirement = results.summary["requirements"][0]
+    bands = results.predictions[requirement["run"]]
+    name = str(bands["variance_share"]["quantity"].values[0])
+    shares = bands["variance_share"].sel(quantity=name)
+    (*_, last) = first_screen.answers(_with(results, quantity=name))
+    assert str(shares["source"].values[int(np.argmax(shares.values))]) in last[2]
+    (*_, last) = first_screen.answers(_with(results, quantity="horizontal_speed"))
+    assert last[1] == "Not known"
+
+
+def test_every_table_that_scrolls_is_reached_by_the_keyboard_and_named(run_dir):
+    text = (run_dir / "report.html").read_text(encoding="utf-8")
+    tables = re.findall(r'<div class="scroll"([^>]*)>', text)
+    assert len(tables) > 8 and text.count("<table") == len(tables)
+    for attributes in tables:
+        assert 'tabindex="0"' in attributes and 'role="region"' in attributes
+        assert re.search(r'aria-label="[^"]{5,}"', attributes)
+
+
+def test_contents_are_shown_in_print_and_on_narrow_screens_and_the_dark_has_colours(bare_text):
+    assert "nav { display: none" not in bare_text
+    assert "prefers-color-scheme: dark" in bare_text
+    light, dark = (set(re.findall(r"(--[a-z-]+):", one)) for one in re.findall(r":root \{([^}]*)\}", bare_text))
+    assert light == dark
+    assert set(re.findall(r"var\((--[a-z-]+)\)", bare_text)) <= light
+
+
+@pytest.fixture
+def bare_text(tmp_path):
+    (tmp_path / "summary.json").write_text(json.dumps({}))
+    return build_report(tmp_path).read_text(encoding="utf-8")
+
+
+def test_coordinates_are_rounded_and_scales_are_not():
+    svg = '<g transform="scale(0.015625)"><path id="a" d="M 1.234567 2.5 \nL -0.004321 10" style="stroke-width: 0.123456"/>'
+    kept = '<g transform="scale(0.015625)"><path id="a" d="M 1.23 2.5\nL -0.00 10" style="stroke-width: 0.123456"/>'
+    assert lighter(svg) == kept
