@@ -69,7 +69,7 @@ def test_openings_are_shortened_where_the_first_flight_fails(descent, monkeypatc
         seen = np.asarray(flights[0].present).any(axis=1)
         share = (np.flatnonzero(seen)[-1] + 1) / seen.size
         tried.append(share)
-        assert options["opening"] == (share < 1.0)
+        assert options["first_part"] == (share < 1.0)
         if share > reach[0]:
             raise FloatingPointError("lost")
         reach[0] = 2.5 * share if share < 0.15 else 1.0
@@ -177,7 +177,9 @@ def test_a_smaller_model_goes_on_where_a_larger_one_led(descent):
     there = settled.optimum.theta + np.sqrt(np.diag(settled.optimum.covariance))
     prior = NoisePrior(descent.hyper)
     made = finding.carried_over(descent.flights, descent.priors, prior, settled, there, settled.optimum.flights)
-    rest = finding.along_record.rest(descent.flights, settled.hyper, descent.priors, there, settled.optimum.flights)
+    rest = finding.along_record.conditional_optimum(
+        descent.flights, settled.hyper, descent.priors, there, settled.optimum.flights
+    )
     np.testing.assert_array_equal(made.optimum.theta, there)
     assert made.hyper is settled.hyper and made.optimum.cost == pytest.approx(rest.cost)
     assert made.optimum.cost > settled.optimum.cost and np.isfinite(made.evidence)
@@ -240,7 +242,7 @@ def test_looser_noise_has_larger_standard_deviations_and_the_same_times(descent)
     np.testing.assert_allclose(made.noise.white, 3.0 * hyper.noise.white)
     np.testing.assert_allclose(made.noise.correlated, 3.0 * hyper.noise.correlated)
     np.testing.assert_array_equal(made.noise.time_constant, hyper.noise.time_constant)
-    np.testing.assert_allclose(made.laws[0], hyper.laws[0] * [3.0, 1.0])
+    np.testing.assert_allclose(made.disturbance_parameters[0], hyper.disturbance_parameters[0] * [3.0, 1.0])
 
 
 def test_a_record_that_no_flight_follows_is_told(monkeypatch, descent):

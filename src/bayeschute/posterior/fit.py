@@ -35,7 +35,7 @@ HORIZONS = (
     1.0,
 )  # shares fitted in turn: an unstable pendulum far from its optimum is lost late in the record
 _SMALL_STEPS = tuple(0.1 * i for i in range(1, 11))  # where those lead astray
-_MOST, _MOST_SMALL = 12, 40  # most iterations of a fit to an opening, and to one of the small steps
+_MOST, _MOST_SMALL = 12, 40  # most iterations of a fit to a first part, and to one of the small steps
 _MODE_STEPS, _NEAR = 16, 0.2  # most steps to the marginal mode; length of the last, in standard deviations
 _SMALL_LEVELS = (5.0, 3.0, 1.7, 1.0, 0.6, 0.3, 0.17, 0.1, 0.05, 0.02, 0.0)  # where the usual ones don't do
 _FEW_DEFECTS = 0.02  # of the last level's slack, at which single shooting can go on
@@ -43,7 +43,7 @@ _TURN_NEAR = along_record.Near(20.0, np.inf, 0.05)  # end of a turn
 _LAST_NEAR = along_record.Near(1.0, 0.5, _FEW_DEFECTS)  # and of the last: the marginal mode is sought from there
 _JOINT_NEAR = along_record.Near(0.1, 0.1, _FEW_DEFECTS)  # where joint optima are compared
 _LOOSE = 3.0  # times the prior medians of all standard deviations, until noise parameters are found
-_TURNS, _REST = 3, 0.4  # most turns of noise parameters and mode; a step of the mode after which there is no other
+_TURNS, _SETTLED = 3, 0.4  # most turns of noise parameters and mode; a step of the mode after which there is no other
 _HALVINGS = 10  # of a step to the mode at most
 _TRUSTED = 3.0  # standard deviations up to which the last step of a search that did not end is gone all the same
 _RISE = 20.0  # of minus the marginal log density over a step, beyond which half of it is tried
@@ -57,7 +57,7 @@ _LOST_MEAN = "the shift of the noise parameters from their mode to their mean, w
 _AT_MODE, _BESIDE_MODE = 0.2, 0.5  # root mean square distance from there, along all axes, that ends it, or will do
 _MOVES = 3  # most steps to the mode of the posterior with all its corrections
 _FAR = 1.0  # standard deviations by which noise parameters at their mean may move a parameter
-_LEAST_OPENING = 0.05  # share of the record at which the first part is shortened no more
+_LEAST_FIRST_PART = 0.05  # share of the record at which the first part is shortened no more
 _LEAST_GAIN = 0.05  # share of the record by which the fitted part must at least be lengthened
 
 
@@ -153,12 +153,12 @@ def lengthened(
     todo, most, done, begin = list(HORIZONS), _MOST, 0.0, (theta, unknowns)
     while todo:
         share = todo[0]
-        say(0.0, f"opening {100 * share:.0f} % of the record")
+        say(0.0, f"first {100 * share:.0f} % of the record")
         seen = [_until(f, share) for f in flights]
         try:
-            best = optimum.fit(seen, hyper, priors, theta, unknowns, tolerance=0.5, most=most, opening=share < 1.0)
+            best = optimum.fit(seen, hyper, priors, theta, unknowns, tolerance=0.5, most=most, first_part=share < 1.0)
         except FloatingPointError:
-            if share - done >= (_LEAST_OPENING if done == 0.0 else 2.0 * _LEAST_GAIN):
+            if share - done >= (_LEAST_FIRST_PART if done == 0.0 else 2.0 * _LEAST_GAIN):
                 todo.insert(0, 0.5 * (done + share))
                 continue
             if done == 0.0 or most == _MOST_SMALL:
@@ -187,7 +187,7 @@ def joint_fit(
         rounds: Turns of optimum and evidence before the last optimum.
         progress: Progress callback: share done and words.
         begin: Where to begin; at the prior means, on the path of the record, where None. Models without such a path
-            begin with openings of the record.
+            begin with first parts of the record.
 
     Raises:
         FloatingPointError: If the simulation at the prior means is not finite.
@@ -223,9 +223,10 @@ def _looser(hyper: NoiseParameters) -> NoiseParameters:
 
     As a likelihood to a small power does, they leave more of the say to the priors and make a wrong path cheaper.
     """
-    noise, laws = hyper.noise, (np.asarray(law, float) for law in hyper.laws)
+    noise, processes = hyper.noise, (np.asarray(one, float) for one in hyper.disturbance_parameters)
     noise = replace(noise, white=_LOOSE * np.asarray(noise.white), correlated=_LOOSE * np.asarray(noise.correlated))
-    return replace(hyper, noise=noise, laws=tuple(np.concatenate([_LOOSE * law[:1], law[1:]]) for law in laws))
+    stronger = tuple(np.concatenate([_LOOSE * one[:1], one[1:]]) for one in processes)
+    return replace(hyper, noise=noise, disturbance_parameters=stronger)
 
 
 def _along_record(
@@ -319,16 +320,20 @@ def carried_over(
         prior: Priors of the noise parameters.
         larger: The fit of the larger model.
         theta: Parameters of the smaller one there, working coordinates (P,).
-        at: Start, shocks and path of every flight there.
+        at: Start, process noise and path of every flight there.
 
     Returns:
         A place to seek the marginal mode from, no joint optimum; None where flights don't follow the record.
     """
-    rest = along_record.rest(flights, larger.hyper, priors, theta, at)
-    if rest is None or not rest.defect < _FEW_DEFECTS:
+    conditional = along_record.conditional_optimum(flights, larger.hyper, priors, theta, at)
+    if conditional is None or not conditional.defect < _FEW_DEFECTS:
         return None
     found = replace(
-        larger.optimum, theta=theta, flights=rest.flights, covariance=scipy.linalg.inv(rest.matrix), cost=rest.cost
+        larger.optimum,
+        theta=theta,
+        flights=conditional.flights,
+        covariance=scipy.linalg.inv(conditional.matrix),
+        cost=conditional.cost,
     )
     evidence = noise_evidence.function_of(flights, found.linear(flights), priors, prior)
     return JointFit(found, larger.hyper, evidence(noise_evidence.to_vector(larger.hyper))[0])
@@ -391,17 +396,17 @@ class _Placed(NamedTuple):
     """A point at rest on the way to the marginal mode, what the mean correction adds to the slope, and the step on."""
 
     theta: Array
-    rest: along_record.Rest
+    conditional: along_record.ConditionalOptimum
     correction: Array
     step: Array
 
     def onward(self, flights: Sequence[FlightData], hyper: NoiseParameters) -> tuple[Array, tuple[Lifted, ...]]:
         """Parameters and flights at the end of the step."""
-        return self.theta + self.step, along_record.onward(flights, hyper, self.rest, self.step)
+        return self.theta + self.step, along_record.onward(flights, hyper, self.conditional, self.step)
 
-    def rise(self, theta: Array, rest: along_record.Rest) -> float:
+    def rise(self, theta: Array, conditional: along_record.ConditionalOptimum) -> float:
         """By how much minus the marginal log density is greater at another point, the mean correction linear."""
-        return rest.marginal - self.rest.marginal + float(self.correction @ (theta - self.theta))
+        return conditional.marginal - self.conditional.marginal + float(self.correction @ (theta - self.theta))
 
 
 def marginal_mode(
@@ -429,7 +434,7 @@ def marginal_mode(
         near: Length of the last step, in standard deviations.
 
     Returns:
-        The mode, start and shocks at their best for it; `converged` is false where steps did not become short.
+        The mode, start and process noise at their best for it; `converged` is false where steps did not become short.
     """
     say = progress or (lambda share, words: None)
     begun, hyper, distance = settled.optimum, settled.hyper, np.inf
@@ -440,16 +445,16 @@ def marginal_mode(
     before: _Placed | None = None
     turn = halvings = 0
     while turn < most:
-        rest = along_record.rest(flights, hyper, priors, theta, places)
+        conditional = along_record.conditional_optimum(flights, hyper, priors, theta, places)
         try:
-            if rest is None:
+            if conditional is None:
                 raise FloatingPointError(
                     "a step of the flights at the conditional optimum, or its derivative, is not finite"
                 )
-            if before is not None and halvings < _HALVINGS and before.rise(theta, rest) > _RISE:
+            if before is not None and halvings < _HALVINGS and before.rise(theta, conditional) > _RISE:
                 raise FloatingPointError("a step towards the marginal mode lost the record")
-            covariance = scipy.linalg.inv(rest.matrix)
-            best = replace(begun, theta=theta, flights=rest.flights, covariance=covariance)
+            covariance = scipy.linalg.inv(conditional.matrix)
+            best = replace(begun, theta=theta, flights=conditional.flights, covariance=covariance)
             made = marginalise(flights, hyper, priors, best)
             if lacking is None or length(theta - lacking.theta, covariance) > _SAME_SLOPE:
                 lacking = _Lacking.at(made)
@@ -460,20 +465,20 @@ def marginal_mode(
             theta, places = before.onward(flights, hyper)
             continue
         turn, halvings = turn + 1, 0
-        covariance = scipy.linalg.inv(rest.matrix + lacking.information)
+        covariance = scipy.linalg.inv(conditional.matrix + lacking.information)
         correction = mean_correction_slope(made)
-        slope = rest.gradient + lacking.slope + correction
+        slope = conditional.gradient + lacking.slope + correction
         if last is not None:
             bends.append((theta - last[0], slope - last[1]))
         step, last = secant_step(slope, covariance, bends), (theta, slope)
         distance = length(step, covariance)
-        say((turn - 1) / most, f"marginal mode: cost {rest.cost:.2f}, step {distance:.3f} standard deviations")
-        before = _Placed(theta, rest, correction, step)
+        say((turn - 1) / most, f"marginal mode: cost {conditional.cost:.2f}, step {distance:.3f} standard deviations")
+        before = _Placed(theta, conditional, correction, step)
         theta, places = before.onward(flights, hyper)
         if distance < near:
             break
     if before is not None and distance > _TRUSTED:  # where that step leads nobody has looked
-        theta, places = before.theta, before.rest.flights
+        theta, places = before.theta, before.conditional.flights
     converged = begun.converged and distance < near
     return replace(begun, theta=theta, flights=places, covariance=covariance, converged=converged)
 
@@ -506,25 +511,29 @@ def marginal_fit(
     for turn in range(_TURNS):
         say(0.3 + 0.2 * turn / _TURNS, f"noise parameters at the mode {turn + 1}")
         made = marginalise(flights, hyper, priors, best)
-        hyper, value = noise_evidence.maximise(flights, _linear(made), priors, hyper, prior, 12, _gaps(made))
+        hyper, value = noise_evidence.maximise(
+            flights, _linear(made), priors, hyper, prior, 12, _mean_corrections(made)
+        )
         before, best = best, marginal_mode(flights, priors, JointFit(best, hyper, value), most=_MODE_TURN)
-        if length(best.theta - before.theta, before.covariance) < _REST:
+        if length(best.theta - before.theta, before.covariance) < _SETTLED:
             break
     made = marginalise(flights, hyper, priors, best)
     say(0.5, "uncertainty of the noise parameters")
     slope = noise_parameter_slope(made)
-    known = noise_evidence.noise_parameter_covariance(flights, _linear(made), priors, hyper, prior, slope, _gaps(made))
-    moved = noise_evidence.mean_less_mode(flights, _linear(made), priors, hyper, prior, known, _gaps(made))
+    known = noise_evidence.noise_parameter_covariance(
+        flights, _linear(made), priors, hyper, prior, slope, _mean_corrections(made)
+    )
+    moved = noise_evidence.mean_less_mode(flights, _linear(made), priors, hyper, prior, known, _mean_corrections(made))
     scale = np.asarray(made.scale)
-    laws = [hyper]
+    candidates = [hyper]
     if np.max(np.abs(scale @ slope @ moved) / np.linalg.norm(scale, axis=1)) <= _FAR:
-        laws = [
+        candidates = [
             jax.tree.map(np.asarray, noise_evidence.from_vector(noise_evidence.to_vector(hyper) + moved, hyper)),
             hyper,
         ]
     began = JointFit(replace(best, converged=settled.optimum.converged), hyper, value)
     best, hyper, made, lost, seen = _last(
-        flights, priors, began, laws, lambda share, words: say(0.8 + 0.2 * share, words)
+        flights, priors, began, candidates, lambda share, words: say(0.8 + 0.2 * share, words)
     )
     wrong = _determinant_error(made)
     slope = scipy.linalg.solve_triangular(np.asarray(made.scale), scale @ slope, lower=True)
@@ -541,7 +550,7 @@ def _last(
     flights: Sequence[FlightData],
     priors: Sequence[Prior],
     began: JointFit,
-    laws: Sequence[NoiseParameters],
+    candidates: Sequence[NoiseParameters],
     progress: Progress | None = None,
 ) -> tuple[Optimum, NoiseParameters, Marginal, tuple[str, ...], Profile]:
     """The mode under the first noise parameters that lead to one, the posterior, corrections left out, the density.
@@ -554,7 +563,7 @@ def _last(
     """
     say = progress or (lambda share, words: None)
     failed: Exception = ValueError("no noise parameters")
-    for hyper in laws:
+    for hyper in candidates:
         try:
             start = JointFit(began.optimum, hyper, began.evidence)
             here = marginal_mode(flights, priors, start, lambda share, words: say(0.3 * share, words))
@@ -577,7 +586,7 @@ def _last(
         away = _away(ahead)
         seen = max((profile(made), profile(made, ahead)), key=lambda one: (one.is_mode, one.worst))
         if seen.is_mode and away < _BESIDE_MODE:
-            lost = lost if hyper is laws[0] else (*lost, _LOST_MEAN)
+            lost = lost if hyper is candidates[0] else (*lost, _LOST_MEAN)
             return replace(best, converged=began.optimum.converged), hyper, made, lost, seen
         why = (
             f"after {len(found)} steps towards it the mode is still off by {away:.2g} standard deviations, root mean "
@@ -638,8 +647,8 @@ def _linear(made: Marginal) -> list[Linear]:
     return [along.linear for along in made.along]
 
 
-def _gaps(made: Marginal) -> list[MeanCorrection]:
-    return [along.gap for along in made.along]
+def _mean_corrections(made: Marginal) -> list[MeanCorrection]:
+    return [along.mean_correction for along in made.along]
 
 
 def find(

@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from bayeschute.core.errors import Fault, InputError
-from bayeschute.likelihood.channels import filled, flight_data, opening_of
+from bayeschute.likelihood.channels import filled, flight_data, initial_motion
 from bayeschute.likelihood.disturbances import Latent
 from bayeschute.likelihood.joint import FlightData
 from bayeschute.likelihood.priors import Prior
@@ -64,8 +64,8 @@ def dumbbell_data(
     swing, velocity = record["swing_angle"].values, record["capsule_velocity"].values
     wind = filled(record["wind"].values, "wind") if "wind" in record else np.zeros((time.size, 2))
     inputs = DumbbellInputs(wind, filled(record["density"].values, "density"))
-    opening = filled(np.column_stack([swing, velocity]), "swing_angle and capsule_velocity")
-    value, slope, _ = opening_of(time, opening)
+    measured = filled(np.column_stack([swing, velocity]), "swing_angle and capsule_velocity")
+    value, slope, _ = initial_motion(time, measured)
     start = np.array([0.0, 0.0, value[1], value[2], value[0], slope[0]])
     names = tuple(p.name for p in priors)
     model = DumbbellFlight(base, aero, start, inputs, float(time[1] - time[0]), names, tuple(channels), substeps)

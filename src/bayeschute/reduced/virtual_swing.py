@@ -152,8 +152,8 @@ def predict_swings(
     count, samples = len(theta), flight.samples
     error = np.zeros((samples, flight.latent.rows, count))
     if hyper is not None and flight.latent.size:
-        shocks = jnp.asarray(rng.standard_normal((samples, flight.latent.size, count)))
-        error = np.asarray(processes.disturbances(hyper.dynamics(flight), shocks))
+        process_noise = jnp.asarray(rng.standard_normal((samples, flight.latent.size, count)))
+        error = np.asarray(processes.disturbances(hyper.dynamics(flight), process_noise))
     states = np.asarray(trajectory_compiled(flight.model, theta.T, np.zeros((flight.starts, count)), error))
     time = float(np.asarray(flight.dt)) * np.arange(samples, dtype=np.float64)
     seen = time >= after

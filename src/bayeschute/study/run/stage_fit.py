@@ -215,7 +215,7 @@ def _with_paths(job: Job, group: Group, error: FitError) -> FitError:
         data, time = data_of(job, flight, group.priors), load_flight(job, flight.name)["time"].values
         model: Any = data.model
         assert data.path is not None
-        made = linearise(data, best.theta, place.course(data))
+        made = linearise(data, best.theta, place.latent_path(data))
         defect = np.max(np.abs(np.asarray(made.defects)[1:] / data.path.slack), axis=1)
         noise = assemble.hyper(job.study).outputs(data)
         names = output_names(model.channels, model.structure.canopies)
