@@ -28,7 +28,7 @@ from bayeschute.likelihood.joint import FlightData
 from bayeschute.likelihood.priors import Prior
 from bayeschute.posterior.assess import exact_importance
 from bayeschute.posterior.assess.exact_importance import Following, Weighed
-from bayeschute.posterior.fit import LaplaceFit, find
+from bayeschute.posterior.fit.laplace_fit import LaplaceFit, find
 from bayeschute.posterior.noise_evidence import NoisePrior
 from bayeschute.posterior.noise_uncertainty import widened
 from bayeschute.posterior.sampler import sample

@@ -175,7 +175,7 @@ def ours(given: argparse.Namespace, now: Callable[[], float], folder: Path) -> t
         The posterior; draws for the budget; rows for the budget and for the study's number of draws; times of finding
         with and without compilation.
     """
-    from bayeschute.posterior.fit import find
+    from bayeschute.posterior.fit.laplace_fit import find
     from bayeschute.posterior.sampler import sample
 
     priors, flights, prior, table = begin(folder, given.quick, given.seed)

@@ -18,7 +18,7 @@ from bayeschute.likelihood.noise import Noise
 from bayeschute.likelihood.priors import Prior
 from bayeschute.likelihood.simulation_smoother import Normals
 from bayeschute.posterior import laplace
-from bayeschute.posterior.fit import find
+from bayeschute.posterior.fit.laplace_fit import find
 from bayeschute.posterior.joint_mode import fit
 from bayeschute.posterior.marginal import marginalise, shifted
 from bayeschute.posterior.noise_evidence import NoisePrior

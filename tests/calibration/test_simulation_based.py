@@ -15,7 +15,7 @@ from bayeschute.dynamics.parameters import Canopies
 from bayeschute.likelihood.joint import NoiseParameters, residuals
 from bayeschute.likelihood.noise import Noise
 from bayeschute.likelihood.priors import Prior
-from bayeschute.posterior.fit import find
+from bayeschute.posterior.fit.laplace_fit import find
 from bayeschute.posterior.noise_evidence import NoisePrior, to_vector
 from bayeschute.posterior.noise_uncertainty import joint_covariance
 from bayeschute.reduced.dumbbell import Dumbbell

@@ -30,7 +30,7 @@ def test_a_linear_flight_has_none(linear, along):
     lin, made = along
     found, lost = mean_correction.mean(linear.flight, linear.hyper, made, linear.theta, lin.latent_path)
     assert lost == 0
-    assert found.outputs.shape == np.shape(linear.flight.observed) and found.latent_path.shape == np.shape(
+    assert found.outputs.shape == np.shape(linear.flight.observed) and found.inputs.shape == np.shape(
         lin.latent_path.path
     )
     for part in found:
@@ -58,7 +58,7 @@ def test_the_slope_is_that_of_half_the_squared_innovations(linear, along):
 
     def cost(theta, by):
         series, driven = (part[..., 0] - part[..., 1:] @ theta for part in seen)
-        unit = innovations(made, (series - by.outputs)[..., None], (driven + by.latent_path)[..., None])
+        unit = innovations(made, (series - by.outputs)[..., None], (driven + by.inputs)[..., None])
         return 0.5 * float(np.sum(np.square(unit)))
 
     told = mean_correction.slope(lin, made, shift)
@@ -106,8 +106,8 @@ def test_the_gap_of_a_square_is_that_of_its_dense_conditional_law(square, dense,
     many, lost = mean_correction.mean(flight, hyper, made, theta, at.latent_path(flight))
     assert lost == 0
     for found, close in ((few, 5.0 * np.sqrt(2.0 / 32)), (many, 5.0 * np.sqrt(2.0 / 20_000))):
-        np.testing.assert_allclose(found.latent_path[1:, 0], wanted, rtol=close)
-        np.testing.assert_allclose(found.latent_path[0], 0.0, atol=1e-12)
+        np.testing.assert_allclose(found.inputs[1:, 0], wanted, rtol=close)
+        np.testing.assert_allclose(found.inputs[0], 0.0, atol=1e-12)
         np.testing.assert_allclose(found.outputs, 0.0, atol=1e-12)
 
 
@@ -132,7 +132,7 @@ def test_the_gap_is_the_mean_of_steps_over_many_draws(descent, dense, monkeypatc
     error = np.asarray(at.error)[..., None] + _errors(flight, hyper, z[1:])
     ends = np.array(_stepped(flight, np.repeat(theta[:, None], z.shape[1], axis=1), path, error))
     wanted = ends[..., :-1].mean(axis=-1) - ends[..., -1]
-    told, size = np.asarray(found.latent_path)[1:], np.abs(wanted).max(axis=0)
+    told, size = np.asarray(found.inputs)[1:], np.abs(wanted).max(axis=0)
     assert size[1] > 1e-3  # of the descent rate [m/s]
     np.testing.assert_allclose(told / size, wanted / size, atol=0.2)
     np.testing.assert_allclose(told.sum(axis=0), wanted.sum(axis=0), rtol=0.05)
@@ -167,7 +167,7 @@ def test_where_no_pair_flies_narrower_ones_tell_the_same(square, monkeypatch):
     """Of a flight bent by a square the second order is all there is, so a quarter of the width tells it exactly."""
     flight, hyper, theta, at, made = square
     wanted, lost = mean_correction.mean(flight, hyper, made, theta, at.latent_path(flight))
-    assert lost == 0 and np.abs(wanted.latent_path).max() > 0.01
+    assert lost == 0 and np.abs(wanted.inputs).max() > 0.01
     widths, real = [], mean_correction.stepped
 
     def narrow(flight, theta, driven):
@@ -192,8 +192,8 @@ def test_few_pairs_close_together_tell_the_same_as_wide_ones_of_them(square, mon
     monkeypatch.setattr(mean_correction, "_FEW", mean_correction._PAIRS)
     many, _ = mean_correction.mean(flight, hyper, made, theta, at.latent_path(flight), rough=True)
     wanted, _ = mean_correction.mean(flight, hyper, made, theta, at.latent_path(flight))
-    np.testing.assert_allclose(many.latent_path, wanted.latent_path, rtol=1e-6, atol=1e-12)
-    assert np.abs(few.latent_path - wanted.latent_path).max() > 1e-3
+    np.testing.assert_allclose(many.inputs, wanted.inputs, rtol=1e-6, atol=1e-12)
+    assert np.abs(few.inputs - wanted.inputs).max() > 1e-3
 
 
 def test_a_pair_that_leads_beyond_all_states_of_the_draws_is_left_out(square, monkeypatch):
@@ -209,7 +209,7 @@ def test_a_pair_that_leads_beyond_all_states_of_the_draws_is_left_out(square, mo
 
     monkeypatch.setattr(mean_correction, "stepped", far)
     found, lost = mean_correction.mean(flight, hyper, made, theta, at.latent_path(flight))
-    assert lost == 1 and np.abs(found.latent_path).max() < 0.1
+    assert lost == 1 and np.abs(found.inputs).max() < 0.1
 
 
 def test_a_pair_that_fails_is_left_out_and_counted(square, monkeypatch):
@@ -225,6 +225,6 @@ def test_a_pair_that_fails_is_left_out_and_counted(square, monkeypatch):
     whole, _ = mean_correction.mean(flight, hyper, made, theta, at.latent_path(flight))
     monkeypatch.setattr(mean_correction, "stepped", lost_one)
     found, lost = mean_correction.mean(flight, hyper, made, theta, at.latent_path(flight))
-    assert lost == 1 and np.isfinite(found.latent_path).all()
-    off = np.abs(np.asarray(found.latent_path) - np.asarray(whole.latent_path))
-    assert 0.0 < off.max() < 0.3 * np.abs(whole.latent_path).max()
+    assert lost == 1 and np.isfinite(found.inputs).all()
+    off = np.abs(np.asarray(found.inputs) - np.asarray(whole.inputs))
+    assert 0.0 < off.max() < 0.3 * np.abs(whole.inputs).max()

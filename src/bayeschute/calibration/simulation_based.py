@@ -34,7 +34,7 @@ from bayeschute.likelihood.joint import (
 from bayeschute.likelihood.noise import colour
 from bayeschute.likelihood.priors import Prior, factor, working
 from bayeschute.likelihood.simulation_smoother import normals
-from bayeschute.posterior.fit import LaplaceFit, find
+from bayeschute.posterior.fit.laplace_fit import LaplaceFit, find
 from bayeschute.posterior.marginal import draw_flights
 from bayeschute.posterior.noise_evidence import NoisePrior, from_vector, to_vector
 from bayeschute.posterior.noise_uncertainty import widened

@@ -271,8 +271,8 @@ def sample_log_likelihoods(marginal: Marginal, xi: Component) -> tuple[jax.Array
     Its sum over the samples of all flights is `log_density` without the prior, up to a constant. The squared prediction
     errors are each sample's own. What is known of whole flights only is spread evenly over recorded data, so that a
     sample with n recorded outputs gets n shares: `Marginal.correction` over the data of all flights, the price of a
-    place out of the linear model's range over those of the flight. (The log determinant's own terms would be no fair shares:
-    they depend on the units of the outputs.)
+    place out of the linear model's range over those of the flight. (The log determinant's own terms would be no fair
+    shares: they depend on the units of the outputs.)
 
     Args:
         marginal: The posterior.

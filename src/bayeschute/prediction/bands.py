@@ -23,7 +23,7 @@ from bayeschute.dynamics.cluster_flight import ClusterFlight
 from bayeschute.likelihood.joint import FlightData, LatentPath, NoiseParameters, Unknowns, latent_path_of, states
 from bayeschute.likelihood.priors import Prior
 from bayeschute.likelihood.simulation_smoother import Normals, normals
-from bayeschute.posterior.fit import joint
+from bayeschute.posterior.fit.joint_fit import joint
 from bayeschute.posterior.marginal import Marginal, draw_flights, marginalise
 from bayeschute.posterior.noise_evidence import from_vector, to_vector
 from bayeschute.posterior.noise_uncertainty import NoiseEffect

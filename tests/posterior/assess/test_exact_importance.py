@@ -21,7 +21,7 @@ from bayeschute.posterior.assess.exact_importance import (
     laplace,
     weigh,
 )
-from bayeschute.posterior.fit import find
+from bayeschute.posterior.fit.laplace_fit import find
 from bayeschute.posterior.noise_evidence import NoisePrior
 from bayeschute.posterior.noise_uncertainty import NoiseEffect
 from bayeschute.posterior.sampling.independence import Proposal

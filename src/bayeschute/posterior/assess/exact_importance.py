@@ -50,7 +50,7 @@ from bayeschute.likelihood.joint import (
 from bayeschute.likelihood.kalman import Seen, innovations
 from bayeschute.likelihood.priors import Prior, standard
 from bayeschute.likelihood.simulation_smoother import Normals, drawn, normals
-from bayeschute.posterior.fit import LaplaceFit
+from bayeschute.posterior.fit.laplace_fit import LaplaceFit
 from bayeschute.posterior.joint_mode import conditional
 from bayeschute.posterior.marginal import latent_path_at
 from bayeschute.posterior.noise_evidence import NoisePrior, from_vector, to_vector

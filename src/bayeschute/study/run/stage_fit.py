@@ -23,16 +23,9 @@ from bayeschute.likelihood.priors import Prior
 from bayeschute.posterior.assess import output_error
 from bayeschute.posterior.assess.score_test import scores
 from bayeschute.posterior.best_path import BestPath
-from bayeschute.posterior.fit import (
-    Begin,
-    JointFit,
-    LaplaceFit,
-    NoJointFitError,
-    carried_over,
-    joint_fit,
-    marginal_fit,
-    marginal_mode,
-)
+from bayeschute.posterior.fit.joint_fit import Begin, JointFit, NoJointFitError, carried_over, joint_fit
+from bayeschute.posterior.fit.laplace_fit import LaplaceFit, marginal_fit
+from bayeschute.posterior.fit.marginal_mode import marginal_mode
 from bayeschute.posterior.noise_evidence import NoisePrior
 from bayeschute.posterior.noise_uncertainty import NoiseEffect, widened
 from bayeschute.posterior.sampler import data_tree, sample

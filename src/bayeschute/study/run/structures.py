@@ -13,7 +13,8 @@ from bayeschute.core.errors import FitError
 from bayeschute.core.random import seed_of, stream
 from bayeschute.likelihood.priors import Prior, from_equation_error
 from bayeschute.posterior.combine.model_average import TRAINING, counts, sequential_scores, weights
-from bayeschute.posterior.fit import JointFit, joint_fit, marginal_fit
+from bayeschute.posterior.fit.joint_fit import JointFit, joint_fit
+from bayeschute.posterior.fit.laplace_fit import marginal_fit
 from bayeschute.posterior.noise_evidence import NoisePrior
 from bayeschute.posterior.noise_uncertainty import widened
 from bayeschute.posterior.sampler import sample
