@@ -1,8 +1,8 @@
 """bayeschute: Bayesian system identification of capsules under parachutes from flight records.
 
 ``import bayeschute as bc`` gives the classes `Study`, `Flight`, `Structure`, `Priors`, `Fit`, `Posterior`, `Forecast`,
-`Run` and `Coverage`, and the functions `read_record`, `reconstruct`, `select_structure`, `fit`, `sample`, `run`,
-`calibrate` and others. Names are imported when they are first used, so that the import itself is quick.
+`Landings`, `Run` and `Coverage`, and the functions `read_record`, `reconstruct`, `select_structure`, `fit`, `sample`,
+`run`, `calibrate` and others. Names are imported when they are first used, so that the import itself is quick.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from bayeschute.api.fitted import Fit
     from bayeschute.api.forecast import Forecast, Probability
     from bayeschute.api.inputs import Flight, Flights, Motion, Study, load_vehicle, noise, wind_profile
+    from bayeschute.api.landing.landings import Landings
     from bayeschute.api.plausibility import Plausibility
     from bayeschute.api.posterior import Posterior
     from bayeschute.api.run_folder import Run
@@ -46,6 +47,7 @@ _PLACES = {
     "api.curve": ("Curve",),
     "api.inputs": ("Flight", "Flights", "Motion", "Study", "load_vehicle", "noise", "wind_profile"),
     "api.fitted": ("Fit",),
+    "api.landing.landings": ("Landings",),
     "api.forecast": ("Forecast", "Probability"),
     "api.posterior": ("Posterior",),
     "api.run_folder": ("Run",),
@@ -75,6 +77,7 @@ __all__ = [
     "Flights",
     "Forecast",
     "InputError",
+    "Landings",
     "Motion",
     "Plausibility",
     "Posterior",

@@ -40,6 +40,15 @@ class Stage(StrEnum):
     REPORT = "report"
 
 
+class Question(StrEnum):
+    """What may be asked of landings beside their requirements."""
+
+    SHARES = "shares"
+    RARE = "rare"
+    PLACARD = "placard"
+    DESIGN = "design"
+
+
 StudyPath = Annotated[Path, typer.Argument(metavar="STUDY", help="Study file (TOML).", show_default=False)]
 DataDir = Annotated[
     Path | None, typer.Option("--data", metavar="DIR", help="Folder that replaces ${DATA} in the study.")
@@ -209,6 +218,44 @@ def predict(
 
         with Bars() as bars:
             made = predict_file(posterior, flights, folder, draws, seed, data, bars)
+        for line in made:
+            say(line)
+        say(f"Results are in {folder}")
+
+
+@app.command(name="land")
+def land_command(
+    posterior: Annotated[Path, typer.Argument(metavar="POSTERIOR", help="From `bayeschute fit`.", show_default=False)],
+    campaign: Annotated[Path, typer.Argument(metavar="CAMPAIGN", help="Campaign file (TOML).", show_default=False)],
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Results.  [default: runs/NAME of the campaign file]")
+    ] = None,
+    landings: Annotated[
+        int | None, typer.Option(min=64, max=10_000_000, help="At most so many, in place of the campaign's number.")
+    ] = None,
+    also: Annotated[
+        list[Question] | None,
+        typer.Option(
+            help="What drives it (shares), failures too rare to count (rare), go or no-go by shear and payload "
+            "(placard), which drop next (design); may be given again."
+        ),
+    ] = None,
+    data: DataDir = None,
+    workers: Workers = 1,
+    dask: DaskAddress = None,
+) -> None:
+    """Landings to the ground by a stored posterior: how likely they meet their limits, and how sure that is."""
+    folder = out or Path("runs") / campaign.stem
+    with reporting_faults("Finished batches are kept; the same command continues."):
+        _free_folder(folder)
+        from bayeschute.study.landing_campaign.campaign_file import load_campaign
+
+        load_campaign(campaign, data)  # before anything slow is imported
+        from bayeschute.api.landing.landing_command import Asked, land_file
+
+        wanted = Asked(landings, workers, dask, tuple(dict.fromkeys(one.value for one in also or ())))
+        with Bars() as bars:
+            made = land_file(posterior, campaign, folder, wanted, data, bars)
         for line in made:
             say(line)
         say(f"Results are in {folder}")

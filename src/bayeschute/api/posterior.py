@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -21,6 +21,8 @@ from bayeschute.api.drop_by_drop import HISTORY, next_priors, priors_of, taught_
 from bayeschute.api.fitting import chosen, drawn, fitted_flights, sampling
 from bayeschute.api.forecast import Forecast, forecast
 from bayeschute.api.inputs import Flight, Study
+from bayeschute.api.landing.landing_verb import Winds, campaign_of, drawn_from, land
+from bayeschute.api.landing.landings import Landings
 from bayeschute.api.posterior_file import posterior_of_run, read_posterior, write_posterior
 from bayeschute.api.workspace import Files, workspace
 from bayeschute.likelihood.priors import Prior
@@ -32,6 +34,7 @@ from bayeschute.study.assembly.fits import groups, load_fit
 from bayeschute.study.assembly.lessons import lessons
 from bayeschute.study.job import Progress
 from bayeschute.study.schema.belief_schema import NoiseTable
+from bayeschute.study.schema.vehicle_schema import Vehicle
 from bayeschute.study.study import Study as StudySpec
 
 if TYPE_CHECKING:
@@ -295,6 +298,41 @@ class Posterior:
             64
         """
         return forecast(self.spec, self.files, flight, draws, seed)
+
+    def land(
+        self,
+        vehicle: Vehicle | None = None,
+        winds: Winds = None,
+        draws: int = 100_000,
+        *,
+        start: Mapping[str, Any] | None = None,
+        seed: int | None = None,
+        workers: int = 1,
+        folder: Path | str | None = None,
+        progress: Progress | None = None,
+        **tables: Any,
+    ) -> Landings:
+        """Landings to the ground: joint draws of parameters, winds, gusts, starts and canopies.
+
+        Args:
+            vehicle: That lands; None: that of the posterior.
+            winds: Winds by altitude from `wind_profile`, one or many, each as likely as any other; or the entries of
+                ``[wind]`` of a campaign file. None: calm, with gusts as the posterior knows them.
+            draws: Landings; they take 200 draws of the parameters in turn, unless `tables` says ``draws``.
+            start: Entries of ``[start]`` of a campaign file that differ from a steady descent from 1200 m.
+            seed: Of all random numbers; the study's where None.
+            workers: Local processes; 1: this one.
+            folder: Where batches are kept as they come, so that the same call goes on after it was stopped.
+            progress: Called with a name, the share done and words.
+            **tables: Other entries of a campaign file, such as ``ground={"altitude": "1200 m"}``; with a
+                ``requirement``, landings end as soon as it is decided.
+
+        Raises:
+            InputError: With every fault, or if the posterior is of a point mass.
+        """
+        campaign = campaign_of(vehicle, winds, draws, start, self.spec.seed if seed is None else seed, **tables)
+        plan = drawn_from(campaign, self.spec, self.files)
+        return land(campaign, plan, None if folder is None else Path(folder), workers, progress=progress)
 
     def __repr__(self) -> str:
         """Flights, parameters and draws."""

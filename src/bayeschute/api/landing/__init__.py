@@ -1,0 +1,1 @@
+"""Landings from Python and from the shell: results, simulation, further analyses, files."""

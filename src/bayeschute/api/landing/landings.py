@@ -1,0 +1,250 @@
+"""Simulated landings and the decisions that follow from them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from numpy.typing import ArrayLike, NDArray
+
+from bayeschute.api import html
+from bayeschute.core.errors import Fault, InputError
+from bayeschute.core.files import write_whole
+from bayeschute.core.units import to_si
+from bayeschute.core.version import __version__
+from bayeschute.landing.decisions import requirements
+from bayeschute.landing.decisions.requirements import Judgement, Limit, Requirement, judge
+from bayeschute.landing.measures import IDS, LABELS, MEASURES, OUTCOMES, ROW
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Rows = NDArray[np.void]
+_FORMAT = 1
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Landings:
+    """Landings: a row each, of a draw of the parameters in a wind, with a start, gusts and canopies of its own.
+
+    Attributes:
+        name: Of the campaign.
+        rows: Structured array of `landing.measures.ROW`, SI.
+        requirements: What the campaign asks of them.
+        parameters: Draws of the parameters (draw,) by name, in their own units.
+
+    Example:
+        >>> found = landings.requirement(vertical_speed="40 ft/s", probability=0.5)
+        >>> found.verdict.verdict
+        'met'
+        >>> landings.exceedance("vertical_speed", [0.0])["probability"].tolist()
+        [1.0]
+    """
+
+    name: str
+    rows: Rows
+    requirements: tuple[Requirement, ...]
+    parameters: Mapping[str, NDArray[np.float64]]
+
+    @cached_property
+    def table(self) -> xr.Dataset:
+        """All rows, dimension ``landing``, with units and meanings; labels and outcomes in words."""
+        made = xr.Dataset({name: ("landing", self.rows[name]) for name in (*IDS, "profile")})
+        words = np.array(["failed", *LABELS])
+        made["outcome"] = ("landing", np.array(OUTCOMES)[self.rows["outcome"]])
+        made["label"] = ("landing", words[self.rows["label"] + 1])
+        for name, (unit, meaning) in MEASURES.items():
+            made[name] = ("landing", self.rows[name], {"units": unit, "long_name": meaning})
+        made.attrs = {"campaign": self.name, "version": __version__}
+        return made
+
+    @property
+    def failed(self) -> int:
+        """Landings whose simulation failed; they meet no requirement and exceed every threshold."""
+        return int((self.rows["outcome"] != 0).sum())
+
+    def _known(self, quantity: str) -> str:
+        if quantity not in MEASURES:
+            raise InputError(Fault("quantity", repr(quantity), f"one of {', '.join(MEASURES)}"))
+        return MEASURES[quantity][0]
+
+    def requirement(
+        self, *, probability: float = 0.95, confidence: float = 0.9, name: str = "", **at_most: str | float
+    ) -> Judgement:
+        """P(all limits are kept by a landing), its spreads, and a verdict.
+
+        Args:
+            probability: Least probability [1].
+            confidence: Posterior probability with which it must be reached [1].
+            name: For tables; the limits' own words where empty.
+            **at_most: Upper limits by quantity, such as ``vertical_speed="36 ft/s"``, or numbers in SI.
+
+        Raises:
+            InputError: If no limit is given, or a quantity is not known.
+        """
+        if not at_most:
+            raise InputError(Fault("requirement", "no limit", "one or more, such as vertical_speed='36 ft/s'"))
+        limits = []
+        for quantity, limit in at_most.items():
+            unit = self._known(quantity)
+            try:
+                limits.append(Limit(quantity, to_si(limit, unit) if isinstance(limit, str) else float(limit)))
+            except ValueError as error:
+                raise InputError(Fault(f"requirement {quantity}", str(error), f"a quantity in {unit}")) from None
+        said = name or " and ".join(f"{q} <= {limit}" for q, limit in at_most.items())
+        return judge(Requirement(said, tuple(limits), probability, confidence), self.rows)
+
+    def judgements(self) -> list[Judgement]:
+        """The campaign's own requirements, judged."""
+        return [judge(one, self.rows) for one in self.requirements]
+
+    def exceedance(self, quantity: str, thresholds: ArrayLike | None = None, confidence: float = 0.9) -> pd.DataFrame:
+        """P(quantity > threshold) with limits over the posterior and for the number of landings; see `landing`.
+
+        Args:
+            quantity: One of the table's.
+            thresholds: In SI; None: twenty-one over what was seen.
+            confidence: Of the limits, two-sided [1].
+        """
+        self._known(quantity)
+        return requirements.exceedance(self.rows, quantity, thresholds, confidence)
+
+    def modes(self) -> pd.Series:
+        """Share of the landings by what the cluster did before touchdown."""
+        fine = self.rows["label"][self.rows["outcome"] == 0]
+        return pd.Series({word: float((fine == i).mean()) if fine.size else np.nan for i, word in enumerate(LABELS)})
+
+    def plot(self, quantity: str = "vertical_speed") -> Figure:
+        """Where landings lie, with ellipses, and how likely a quantity exceeds a threshold."""
+        from bayeschute.report.figures.landing_figures import landing_figure
+
+        self._known(quantity)
+        return landing_figure(self.rows, quantity, [limit for one in self.requirements for limit in one.limits])
+
+    def save(self, path: Path | str) -> Path:
+        """Write one NetCDF file.
+
+        Example:
+            >>> path = landings.save(folder / "landings.nc")
+            >>> len(bc.Landings.load(path).rows) == len(landings.rows)
+            True
+        """
+        path = Path(path)
+        made = xr.Dataset({name: ("landing", self.rows[name]) for name in ROW.names or ()})
+        for name, (unit, meaning) in MEASURES.items():
+            made[name].attrs = {"units": unit, "long_name": meaning}
+        for i, values in enumerate(self.parameters.values()):
+            made[f"parameter_{i}"] = ("posterior_draw", values)
+        asked = [{**one._asdict(), "limits": [tuple(limit) for limit in one.limits]} for one in self.requirements]
+        said = {"format": _FORMAT, "name": self.name, "requirements": asked, "parameters": list(self.parameters)}
+        made.attrs = {"bayeschute_landings": json.dumps(said), "version": __version__}
+        write_whole(path, lambda aside: made.to_netcdf(aside, engine="h5netcdf"))
+        return path
+
+    @classmethod
+    def load(cls, path: Path | str) -> Landings:
+        """Read landings that `save` wrote.
+
+        Raises:
+            InputError: If the file is not one.
+        """
+        path = Path(path)
+        wanted = "landings written by `Landings.save` or `bayeschute land`"
+        if not path.is_file():
+            raise InputError(Fault(str(path), "no such file", wanted))
+        try:
+            held = xr.load_dataset(path, engine="h5netcdf")
+            said = json.loads(held.attrs["bayeschute_landings"])
+            if said["format"] != _FORMAT:
+                raise ValueError(f"format {said['format']}")
+            rows = np.zeros(held.sizes["landing"], ROW)
+            for name in ROW.names or ():
+                rows[name] = held[name].values
+        except (OSError, KeyError, ValueError) as error:
+            raise InputError(Fault(str(path), f"a file that can't be read ({error})"[:200], wanted)) from None
+        asked = tuple(
+            Requirement(r["name"], tuple(Limit(*limit) for limit in r["limits"]), r["probability"], r["confidence"])
+            for r in said["requirements"]
+        )
+        drawn = {name: held[f"parameter_{i}"].values for i, name in enumerate(said["parameters"])}
+        return cls(said["name"], rows, asked, drawn)
+
+    def __repr__(self) -> str:
+        """Campaign, landings and draws."""
+        draws = len(np.unique(self.rows["draw"]))
+        return f"Landings of {self.name}: {len(self.rows)} with {draws} draws of the parameters, {self.failed} failed"
+
+    def _repr_html_(self) -> str:
+        """Medians and 90 % bands as a table."""
+        rows = []
+        for name in ("vertical_speed", "sea_level_vertical_speed", "horizontal_speed", "swing_amplitude", "hang_angle"):
+            low, middle, high = (html.number(float(q)) for q in np.nanquantile(self.rows[name], (0.05, 0.5, 0.95)))
+            rows.append((name, middle, f"{low} to {high}", MEASURES[name][0]))
+        return html.table(repr(self), ("at touchdown", "median", "central 90 %", "unit"), rows)
+
+
+def requirement_table(judged: Sequence[Judgement]) -> pd.DataFrame:
+    """Judgements as a table, a row each."""
+    rows = []
+    for one in judged:
+        c, v = one.chance, one.verdict
+        rows.append(
+            {
+                "requirement": one.requirement.name,
+                "wanted_probability": one.requirement.probability,
+                "wanted_confidence": one.requirement.confidence,
+                "probability_met": c.met,
+                "posterior_low": c.low,
+                "posterior_high": c.high,
+                "epistemic_sd": c.epistemic_sd,
+                "aleatory_sd": c.aleatory_sd,
+                "monte_carlo_sd": c.monte_carlo_sd,
+                "posterior_probability_reached": v.reached,
+                "verdict": v.verdict,
+                "more_draws_factor": v.more_draws,
+                "more_drops": v.more_drops,
+                "landings": c.landings,
+                "draws": c.draws,
+                "failed": c.failed,
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def stopping(asked: Sequence[Requirement]) -> Callable[[Rows], tuple[bool, str]]:
+    """Whether landings so far decide all requirements, as far as more of them could, and what to say meanwhile."""
+
+    def enough(rows: Rows) -> tuple[bool, str]:
+        judged = [judge(one, rows) for one in asked]
+        told = "; ".join(
+            f"{one.requirement.name}: {one.verdict.verdict}, P {one.chance.met:.3f} +- {one.chance.monte_carlo_sd:.3f}"
+            for one in judged
+        )
+        return bool(judged) and all(one.verdict.more_draws == 1.0 for one in judged), told
+
+    return enough
+
+
+def in_words(landings: Landings, judged: Sequence[Judgement]) -> list[str]:
+    """What was found, line by line."""
+    lines = [repr(landings)]
+    for name in ("vertical_speed", "sea_level_vertical_speed", "horizontal_speed", "swing_amplitude", "hang_angle"):
+        low, middle, high = (float(q) for q in np.nanquantile(landings.rows[name], (0.05, 0.5, 0.95)))
+        lines.append(f"{name}: {middle:.4g} {MEASURES[name][0]}, central 90 % {low:.4g} to {high:.4g}")
+    shares: Mapping[Any, float] = landings.modes().to_dict()
+    lines.append("before touchdown: " + ", ".join(f"{k} {100 * v:.1f} %" for k, v in shares.items() if v > 0.0))
+    for one in judged:
+        c = one.chance
+        lines.append(
+            f"{one.requirement.name}: {one.verdict.verdict}. P(met) {c.met:.4f}; {100 * c.confidence:g} % over the "
+            f"posterior {c.low:.3f} to {c.high:.3f}; landing to landing sd {c.aleatory_sd:.3f}; "
+            f"Monte Carlo error {c.monte_carlo_sd:.4f}. {one.verdict.why}"
+        )
+    return lines

@@ -1,0 +1,159 @@
+"""What drives a quantity: shares of its variance by groups of inputs (Sobol), and by correlated parameters (Shapley).
+
+Groups of inputs are independent of each other, so their shares are Sobol's: Saltelli's design (Comput. Phys. Commun.
+181, 2010, 259) of two base samples and mixtures of them, with Jansen's estimators (1999). Parameters of a posterior
+are correlated, and Sobol's shares don't hold for them; theirs are Shapley values of the variance that a linear model
+explains (Lindeman, Merenda and Gold 1980; Owen and Prieur 2017).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import combinations
+from math import comb
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bayeschute.landing.measures import IDS
+
+Array = NDArray[np.float64]
+_MOST_EXACT = 12  # parameters up to which all subsets are looked at
+_ORDERS = 400  # random orders beyond
+
+
+class Shares(NamedTuple):
+    """Shares of a variance.
+
+    Attributes:
+        names: Sources.
+        first: Share of each source alone.
+        first_error: Its standard error, by bootstrap over the design's rows.
+        total: Share that would be left if all others were known: interactions counted with each of their sources.
+        total_error: Its standard error.
+    """
+
+    names: tuple[str, ...]
+    first: Array
+    first_error: Array
+    total: Array
+    total_error: Array
+
+
+def jansen(a: Array, b: Array, mixed: Array, seed: int = 0, resamples: int = 200) -> tuple[Array, Array, Array, Array]:
+    """First and total shares with their standard errors.
+
+    Args:
+        a: Values of the first base sample (N,).
+        b: Of the second (N,).
+        mixed: Of samples as the first but for one source, which is the second's (sources, N).
+        seed: Of the bootstrap.
+        resamples: Of the bootstrap.
+    """
+    rng = np.random.default_rng(seed)
+
+    def both(pick: NDArray[np.int64] | slice) -> tuple[Array, Array]:
+        variance = max(float(np.var(np.concatenate([a[pick], b[pick]]))), 1e-300)
+        first = 1.0 - 0.5 * ((b[pick] - mixed[:, pick]) ** 2).mean(axis=1) / variance
+        return first, 0.5 * ((a[pick] - mixed[:, pick]) ** 2).mean(axis=1) / variance
+
+    first, total = both(slice(None))
+    again = [both(rng.integers(0, a.size, a.size)) for _ in range(resamples)]
+    errors = [np.std([one[i] for one in again], axis=0) for i in (0, 1)]
+    return first, errors[0], total, errors[1]
+
+
+def sobol(function: Callable[[Array], Array], names: Sequence[str], samples: int, seed: int = 0) -> Shares:
+    """Shares of a function of independent uniform inputs.
+
+    Args:
+        function: Takes (N, inputs) in [0, 1), gives (N,).
+        names: Inputs.
+        samples: N of each base sample; the function is asked for (inputs + 2) N points.
+        seed: Of the samples.
+    """
+    rng = np.random.default_rng(seed)
+    a, b = rng.random((2, samples, len(names)))
+    mixed = []
+    for i in range(len(names)):
+        point = a.copy()
+        point[:, i] = b[:, i]
+        mixed.append(function(point))
+    first, e1, total, e2 = jansen(function(a), function(b), np.array(mixed), seed)
+    return Shares(tuple(names), first, e1, total, e2)
+
+
+def design(draws: int, samples: int) -> NDArray[np.int64]:
+    """Landings of Saltelli's design, groups being what landings are made of: ids ((groups + 2) N, 5).
+
+    Base samples are landings of their own in all five numbers; draws are taken in turn, the second sample's begin where
+    no landing meets its own draw again.
+    """
+    each = np.arange(samples)
+    a = np.stack([each % draws, each, each, each, each], axis=1)
+    b = np.stack([(each * 7 + draws // 2 + 1) % draws, *(each + samples,) * 4], axis=1)
+    blocks = [a, b]
+    for i in range(len(IDS)):
+        point = a.copy()
+        point[:, i] = b[:, i]
+        blocks.append(point)
+    return np.concatenate(blocks)
+
+
+def by_groups(values: ArrayLike, seed: int = 0) -> Shares:
+    """Shares by what landings are made of, from values of the landings of `design`.
+
+    Rows of the design in which a landing failed are left out.
+    """
+    blocks = np.asarray(values, float).reshape(len(IDS) + 2, -1)
+    blocks = blocks[:, np.isfinite(blocks).all(axis=0)]
+    first, e1, total, e2 = jansen(blocks[0], blocks[1], blocks[2:], seed)
+    return Shares(("parameters", "winds", "start", "gusts", "canopies"), first, e1, total, e2)
+
+
+def shapley(inputs: Array, values: ArrayLike, names: Sequence[str], seed: int = 0) -> dict[str, float]:
+    """Shares of the variance of values that correlated inputs explain linearly, in Shapley's sense.
+
+    Args:
+        inputs: (N, P).
+        values: (N,).
+        names: Of the inputs.
+        seed: Of the orders, where inputs are too many for all subsets.
+
+    Returns:
+        Share by name; they sum to the squared multiple correlation, corrected for the number of inputs.
+    """
+    x = (inputs - inputs.mean(axis=0)) / np.maximum(inputs.std(axis=0), 1e-300)
+    y = np.asarray(values, float)
+    y = y - y.mean()
+    gram, cross, power = x.T @ x / y.size, x.T @ y / y.size, max(float(y @ y) / y.size, 1e-300)
+    gram += 1e-10 * np.eye(len(gram))
+    known: dict[tuple[int, ...], float] = {(): 0.0}
+
+    def explained(some: tuple[int, ...]) -> float:
+        if some not in known:
+            pick = list(some)
+            known[some] = float(cross[pick] @ np.linalg.solve(gram[np.ix_(pick, pick)], cross[pick])) / power
+        return known[some]
+
+    count = len(names)
+    share = np.zeros(count)
+    if count <= _MOST_EXACT:
+        for i in range(count):
+            others = [j for j in range(count) if j != i]
+            for size in range(count):
+                weight = 1.0 / (count * comb(count - 1, size))
+                for some in combinations(others, size):
+                    share[i] += weight * (explained(tuple(sorted((*some, i)))) - explained(some))
+    else:
+        rng = np.random.default_rng(seed)
+        for _ in range(_ORDERS):
+            order = rng.permutation(count)
+            for k, i in enumerate(order):
+                before = tuple(sorted(order[:k].tolist()))
+                share[i] += (explained(tuple(sorted((*before, int(i))))) - explained(before)) / _ORDERS
+    whole = explained(tuple(range(count)))
+    fair = 1.0 - (1.0 - whole) * (y.size - 1.0) / max(y.size - count - 1.0, 1.0)
+    scale = max(fair, 0.0) / whole if whole > 0.0 else 0.0
+    return dict(zip(names, (share * scale).tolist(), strict=True))

@@ -1,0 +1,51 @@
+"""What a landing is: speeds, angles, velocity in the capsule's axes, tensions and drift, one row each."""
+
+from __future__ import annotations
+
+import numpy as np
+
+LABELS = ("steady", "glide", "pendulum", "cone", "flyout", "maypole")
+"""What a cluster does in the last seconds before touchdown."""
+
+IDS = ("draw", "wind", "start", "gust", "canopies")
+"""What a landing is made of: numbers by which its parameters, its wind and so on are drawn again."""
+
+MEASURES = {
+    "time": ("s", "from the start to touchdown"),
+    "vertical_speed": ("m/s", "of the capsule, downwards"),
+    "horizontal_speed": ("m/s", "of the capsule over the ground"),
+    "sea_level_vertical_speed": ("m/s", "vertical speed times the root of the density over that at sea level"),
+    "swing_angle": ("rad", "of the risers' mean direction off the vertical"),
+    "swing_amplitude": ("rad", "of the swing in the last seconds: root two times its rms"),
+    "swing_phase": (
+        "rad",
+        "of the swing: 0 at its side, pi/2 on the way back through the middle, -pi/2 on the way out",
+    ),
+    "flyout_angle": ("rad", "half of the angle between two risers, mean over pairs"),
+    "hang_angle": ("rad", "of the capsule's axis off the vertical"),
+    "incidence": ("rad", "between the capsule's velocity over the ground and its axis, 0: heat shield first"),
+    "incidence_direction": ("rad", "about the axis, from body z towards body y: where that velocity comes to"),
+    "velocity_x": ("m/s", "over the ground along body x, towards the risers"),
+    "velocity_y": ("m/s", "over the ground along body y"),
+    "velocity_z": ("m/s", "over the ground along body z"),
+    "riser_tension": ("N", "greatest of the risers' tensions"),
+    "riser_tension_sum": ("N", "of all risers"),
+    "drift_north": ("m", "from the start to touchdown"),
+    "drift_east": ("m", "from the start to touchdown"),
+    "surface_wind_north": ("m/s", "at touchdown, gusts included"),
+    "surface_wind_east": ("m/s", "at touchdown, gusts included"),
+    "wind_shear": ("m/s", "greatest change of the horizontal wind over 100 m of altitude on the way down, gusts aside"),
+    "start_altitude": ("m", "of the capsule above the sea"),
+    "start_swing": ("rad", "swing angle at the start"),
+    "turning": ("rad/s", "mean rate of turn of the canopies about each other in the last seconds"),
+    "glide_angle": ("rad", "of the mean path of the canopies through the air off the vertical in the last seconds"),
+}
+"""Unit and meaning of every number of a landing."""
+
+ROW = np.dtype(
+    [(name, np.int64) for name in IDS]
+    + [("outcome", np.int8), ("label", np.int8), ("profile", np.int16)]
+    + [(name, np.float64) for name in MEASURES]
+)
+"""A row of landings; numbers of a landing that failed are NaN, its label is -1."""
+OUTCOMES = ("ok", "diverged", "not down in time")

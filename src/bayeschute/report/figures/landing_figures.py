@@ -1,0 +1,168 @@
+"""Landings in pictures; every function that takes axes draws on them and gives them back."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Ellipse, Rectangle
+from numpy.typing import NDArray
+
+from bayeschute.landing.decisions.onset import Cell
+from bayeschute.landing.decisions.requirements import Limit, exceedance
+from bayeschute.landing.measures import LABELS, MEASURES
+from bayeschute.report.figures.canvas import BLUE, INK, SERIES, SKY, SOFT, VERMILION, sheet, styled
+
+Rows = NDArray[np.void]
+_SHOWN = 4000  # landings that are drawn as points
+_APART = 6  # wind profiles that have ellipses of their own
+
+
+def scatter(ax: Axes, rows: Rows, shares: Sequence[float] = (0.5, 0.9, 0.99)) -> Axes:
+    """Where landings lie from the start, with ellipses that hold shares of a normal distribution of their moments.
+
+    Where the landings are of a few wind profiles, each has ellipses of its own.
+
+    Args:
+        ax: Where to draw.
+        rows: Landings.
+        shares: Of each ellipse [1].
+    """
+    fine = rows[rows["outcome"] == 0]
+    some = fine[:: max(1, len(fine) // _SHOWN)]
+    for i, word in enumerate(LABELS):
+        here = some[some["label"] == i]
+        if len(here):
+            ax.plot(here["drift_east"], here["drift_north"], ".", ms=2.5, color=SERIES[i], label=word, alpha=0.6)
+    profiles = np.unique(fine["profile"])
+    for part in [fine[fine["profile"] == i] for i in profiles] if profiles.size <= _APART else [fine]:
+        if len(part) > 2:
+            _ellipses(ax, part, shares)
+    ax.plot(0.0, 0.0, "+", color=VERMILION, ms=8)
+    ax.set(xlabel="east of the start [m]", ylabel="north of the start [m]", aspect="equal", title="Landings")
+    ax.legend(loc="best", markerscale=3)
+    return ax
+
+
+def _ellipses(ax: Axes, part: Rows, shares: Sequence[float]) -> None:
+    place = np.stack([part["drift_east"], part["drift_north"]])
+    values, vectors = np.linalg.eigh(np.cov(place))
+    angle = np.degrees(np.arctan2(vectors[1, 1], vectors[0, 1]))
+    for share in shares:
+        # The squared distance of a plane's normal is exponential.
+        size = 2.0 * np.sqrt(-2.0 * np.log1p(-share) * np.maximum(values, 0.0))
+        middle = tuple(place.mean(axis=1))
+        ax.add_patch(Ellipse(middle, size[1], size[0], angle=angle, fill=False, color=INK, lw=0.8))
+
+
+def exceedance_curve(ax: Axes, table: pd.DataFrame, quantity: str, limits: Sequence[Limit] = ()) -> Axes:
+    """P(quantity > threshold) with both limits: over the posterior, and for the number of landings.
+
+    Args:
+        ax: Where to draw.
+        table: From `landing.requirements.exceedance`.
+        quantity: Of the table.
+        limits: Drawn where they are on this quantity.
+    """
+    least = 0.3 / max(1e3, 1.0 / max(float(table["clopper_pearson_high"].min()), 1e-9))
+    x = table["threshold"]
+    ax.fill_between(
+        x, table["posterior_low"].clip(lower=least), table["posterior_high"].clip(lower=least), color=SKY, alpha=0.35,
+        lw=0.0, label="90 % over the posterior",
+    )  # fmt: skip
+    for end in ("clopper_pearson_low", "clopper_pearson_high"):
+        label = "90 % for the number of landings" if end.endswith("low") else None
+        ax.plot(x, table[end].clip(lower=least), ":", color=SOFT, lw=1.0, label=label)
+    ax.plot(x, table["probability"].clip(lower=least), color=BLUE, lw=1.6, label="mean")
+    for limit in limits:
+        value = limit.at_most if limit.at_most is not None else limit.at_least
+        if limit.quantity == quantity and value is not None:
+            ax.axvline(value, color=VERMILION, lw=1.0)
+    ax.set(yscale="log", ylim=(least, 1.1), xlabel=f"{quantity.replace('_', ' ')} [{MEASURES[quantity][0]}]")
+    ax.set(ylabel="probability to exceed", title="Exceedance")
+    ax.legend(loc="best")
+    return ax
+
+
+def tornado(ax: Axes, shares: Mapping[str, float], errors: Mapping[str, float] | None = None) -> Axes:
+    """Shares of a variance, the greatest on top.
+
+    Args:
+        ax: Where to draw.
+        shares: Share by source [1].
+        errors: Standard error of each [1].
+    """
+    names = sorted(shares, key=lambda name: shares[name])
+    spread = [(errors or {}).get(name, 0.0) for name in names]
+    ax.barh(names, [shares[name] for name in names], xerr=spread, color=BLUE, height=0.6, ecolor=SOFT)
+    ax.set(xlabel="share of the variance [1]", title="What drives it")
+    return ax
+
+
+@styled
+def landing_figure(rows: Rows, quantity: str, limits: Sequence[Limit] = ()) -> Figure:
+    """Scatter and exceedance beside each other."""
+    figure, axes = sheet(4.2, 1, 2)
+    scatter(axes[0], rows)
+    exceedance_curve(axes[1], exceedance(rows, quantity), quantity, limits)
+    return figure
+
+
+_SHADES = {"go": "#bfe3d3", "can't tell": "#f3e2b3", "no-go": "#f2c0a8"}
+
+
+def onset_map(ax: Axes, cells: Sequence[Cell]) -> Axes:
+    """P(pendulum) against shear and payload, cells shaded by the day's verdict: a placard.
+
+    Args:
+        ax: Where to draw.
+        cells: From `landing.onset.placard`.
+    """
+    shears = sorted({one.shear for one in cells})
+    masses = sorted({one.capsule_mass for one in cells})
+    for one in cells:
+        i, j = masses.index(one.capsule_mass), shears.index(one.shear)
+        ax.add_patch(Rectangle((i - 0.5, j - 0.5), 1.0, 1.0, color=_SHADES[one.word], lw=0.0))
+        spread = f"{100 * one.pendulum.low:.0f} to {100 * one.pendulum.high:.0f} %"
+        words = f"{one.word}\npendulum {100 * one.pendulum.met:.0f} %\n({spread})"
+        ax.text(i, j, words, ha="center", va="center", fontsize=7.4)
+    ax.set_xticks(range(len(masses)), [f"{mass:.0f}" for mass in masses])
+    ax.set_yticks(range(len(shears)), [f"{shear:.1f}" for shear in shears])
+    ax.set(xlim=(-0.5, len(masses) - 0.5), ylim=(-0.5, len(shears) - 0.5), xlabel="payload [kg]")
+    ax.set(ylabel="change of the wind across the layer [m/s]", title="Placard")
+    ax.grid(visible=False)
+    return ax
+
+
+@styled
+def placard_figure(cells: Sequence[Cell]) -> Figure:
+    """The placard on a sheet of its own."""
+    rows = len({one.shear for one in cells})
+    figure, axes = sheet(1.4 + 0.7 * rows)
+    onset_map(axes[0], cells)
+    return figure
+
+
+@styled
+def drivers_figure(table: pd.DataFrame) -> Figure:
+    """Tornado of the total shares of groups beside Shapley shares of parameters, a row for each quantity."""
+    names = list(dict.fromkeys(table["quantity"]))
+    figure, axes = sheet(2.2 * len(names), len(names), 2)
+    for i, name in enumerate(names):
+        for ax, kind in zip(axes[2 * i : 2 * i + 2], ("total", "shapley"), strict=True):
+            part = table[(table["quantity"] == name) & (table["kind"] == kind)].set_index("source")
+            tornado(ax, part["share"].to_dict(), part["standard_error"].fillna(0.0).to_dict())
+            ax.set_title(f"{name.replace('_', ' ')}: " + ("groups, total" if kind == "total" else "parameters"))
+    return figure
+
+
+@styled
+def design_figure(table: pd.DataFrame) -> Figure:
+    """Candidate drops by the expected shrinking of P(met)'s spread."""
+    figure, axes = sheet(1.2 + 0.35 * len(table))
+    tornado(axes[0], dict(zip(table["candidate"], table["shrinking"], strict=True)))
+    axes[0].set(xlabel="expected shrinking of the spread of P(met) [1]", title="Next drop")
+    return figure

@@ -1,0 +1,318 @@
+"""Tables of a campaign file (`models/campaigns/*.toml`): starts and winds of landings, and what they must meet.
+
+Nothing here imports JAX.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import AfterValidator, BeforeValidator, ValidationInfo, field_validator, model_validator
+
+from bayeschute.landing.measures import MEASURES
+from bayeschute.study.schema.quantities import (
+    NOT_NEGATIVE,
+    Altitude,
+    Azimuth,
+    Bounds,
+    Mass,
+    Name,
+    NoiseAngle,
+    NoiseAngularRate,
+    NoiseLength,
+    NoiseSpeed,
+    PositiveLength,
+    Speed,
+    Strict,
+    Text,
+    number,
+    one_of,
+    read_quantity,
+    refuse,
+    whole,
+)
+from bayeschute.study.schema.sidecar import Wanted, read_beside
+from bayeschute.study.schema.wind_schema import ProfileTable, SeriesColumn
+
+MOST_MEMBERS = 1000
+_SHARE = Bounds(above=0.0, most=1.0)
+_INSIDE = Annotated[float, number(Bounds(above=0.0, most=0.999999), "a probability")]
+
+
+def _spread(unit: str, example: str) -> BeforeValidator:
+    """Validator of a quantity, or of ``{ mean = .., sd = .. }`` of one: mean and standard deviation in SI."""
+
+    def read(value: Any) -> tuple[float, float]:
+        if not isinstance(value, dict):
+            return read_quantity(value, unit, example), 0.0
+        if not {"mean", "sd"} >= set(value) or "mean" not in value:
+            refuse("a quantity, or a table of mean and sd", f"a table of {', '.join(map(str, value)) or 'nothing'}")
+        spread = read_quantity(value["sd"], unit, example, NOT_NEGATIVE) if "sd" in value else 0.0
+        return read_quantity(value["mean"], unit, example), spread
+
+    return BeforeValidator(read)
+
+
+def _pure(value: Any) -> tuple[float, float]:
+    wanted = "a number >= 0, or a table of mean and sd of one"
+    parts: tuple[Any, Any] = (value.get("mean"), value.get("sd", 0.0)) if isinstance(value, dict) else (value, 0.0)
+    if not all(isinstance(p, int | float) and not isinstance(p, bool) and 0.0 <= p <= 1e6 for p in parts):
+        refuse(wanted)
+    return float(parts[0]), float(parts[1])
+
+
+Pair = tuple[float, float]
+Altitudes = Annotated[Pair, _spread("m", "4000 ft")]
+Angles = Annotated[Pair, _spread("rad", "5 deg")]
+Rates = Annotated[Pair, _spread("rad/s", "1 deg/s")]
+Speeds = Annotated[Pair, _spread("m/s", "5 ft/s")]
+Shares = Annotated[Pair, BeforeValidator(_pure)]
+
+
+class StartTable(Strict):
+    """Where landings begin; quantities may be drawn: ``{ mean = .., sd = .. }``. See `landing.start_plan.StartPlan`."""
+
+    altitude: Altitudes
+    swing: Angles = (0.0, 0.0)
+    azimuth: Azimuth | None = None
+    swing_rate: Rates = (0.0, 0.0)
+    cone_rate: Rates = (0.0, 0.0)
+    flyout: Angles = (0.15, 0.0)
+    turn_rate: Rates = (0.0, 0.0)
+    tilt: NoiseAngle = 0.0
+    body_rate: NoiseAngularRate = 0.0
+    speed: Shares = (1.0, 0.0)
+    horizontal: Speeds = (0.0, 0.0)
+
+
+class GroundTable(Strict):
+    """The ground: its altitude, and the height of the capsule's centre of mass over it at touchdown [m]."""
+
+    altitude: Altitude = 0.0
+    contact_height: NoiseLength = 0.0
+
+
+class TurbulenceTable(Strict):
+    """Gusts along the way down, in place of those that the posterior knows.
+
+    Attributes:
+        kind: ou, dryden or von-karman.
+        horizontal: Standard deviation of each horizontal component [m/s].
+        vertical: Of the vertical one [m/s].
+        length: Scale of the horizontal components, and of the vertical one unless that is given [m].
+        vertical_length: Scale of the vertical component [m].
+    """
+
+    kind: Annotated[str, one_of("ou", "dryden", "von-karman")]
+    horizontal: NoiseSpeed
+    vertical: NoiseSpeed
+    length: PositiveLength
+    vertical_length: PositiveLength | None = None
+
+
+class EventTable(Strict):
+    """A layer of shear, or a gust, met at an altitude that is drawn.
+
+    Attributes:
+        middle: Mean altitude of its middle [m].
+        middle_sd: Standard deviation of that [m].
+        thickness: [m].
+        north: Change of the wind to the north [m/s].
+        east: To the east [m/s].
+        down: Downwards [m/s].
+        probability: That a landing meets it [1].
+    """
+
+    middle: Altitude
+    middle_sd: NoiseLength = 0.0
+    thickness: PositiveLength
+    north: Speed = 0.0
+    east: Speed = 0.0
+    down: Speed = 0.0
+    probability: Annotated[float, number(_SHARE, "a probability")] = 1.0
+
+
+class EnsembleTable(Strict):
+    """Many winds by altitude in one file of comma-separated values: a column tells which member a row is of.
+
+    Attributes:
+        file: Path of the file, from the campaign.
+        member: Name of the column with the members' numbers.
+        altitude: Column of the altitude.
+        north: Column of the velocity to the north.
+        east: To the east.
+        members: What the file says: a table of altitude, north, east [SI] for each; not to be given.
+    """
+
+    file: Text
+    member: Text
+    altitude: SeriesColumn
+    north: SeriesColumn
+    east: SeriesColumn
+    members: tuple[tuple[tuple[float, ...], ...], ...] = ()
+
+    @model_validator(mode="after")
+    def _is_read(self, info: ValidationInfo) -> EnsembleTable:
+        if "members" in self.model_fields_set:
+            refuse("file, member, altitude and columns of the wind", "members, which come from the file")
+        wanted = {"member": Wanted(self.member, "1", "")}
+        for name, si in (("altitude", "m"), ("north", "m/s"), ("east", "m/s")):
+            column = getattr(self, name)
+            wanted[name] = Wanted(column.column, column.unit, si)
+        found = read_beside(self.file, wanted, info)
+        made = []
+        for member in np.unique(found["member"]):
+            rows = np.stack([found[name][found["member"] == member] for name in ("altitude", "north", "east")], axis=1)
+            rows = rows[np.argsort(rows[:, 0], kind="stable")]
+            if (np.diff(rows[:, 0]) <= 0.0).any():
+                refuse("altitudes that differ within a member", f"one twice in member {member:g} of {self.file!r}")
+            made.append(tuple(map(tuple, rows.tolist())))
+        if len(made) > MOST_MEMBERS:
+            refuse(f"at most {MOST_MEMBERS} members", f"{len(made)} in {self.file!r}")
+        return self.model_copy(update={"members": tuple(made)})
+
+
+class WindTable(Strict):
+    """Winds of a campaign: a landing takes one profile or member, and what else is given adds up.
+
+    Attributes:
+        profile: Winds by altitude, each as likely as any other; none: calm.
+        ensemble: More of them from one file.
+        scale_sd: Standard deviation of the logarithm of a factor on a profile [1].
+        any_direction: Whether winds are turned to any azimuth.
+        error_sd: Of each horizontal component about the profile: how far a forecast may be off [m/s].
+        error_length: Length over which that error is correlated in altitude [m].
+        shear: Layers of shear.
+        gust: Gusts.
+        turbulence: None: gusts as the posterior knows them from the drops it is of.
+    """
+
+    profile: tuple[ProfileTable, ...] = ()
+    ensemble: EnsembleTable | None = None
+    scale_sd: Annotated[float, number(Bounds(least=0.0, most=2.0))] = 0.0
+    any_direction: bool = False
+    error_sd: NoiseSpeed = 0.0
+    error_length: PositiveLength = 500.0
+    shear: tuple[EventTable, ...] = ()
+    gust: tuple[EventTable, ...] = ()
+    turbulence: TurbulenceTable | None = None
+
+
+class LimitTable(Strict):
+    """A limit on one number of a landing.
+
+    Attributes:
+        quantity: One of `landing.measures.MEASURES`.
+        at_most: Upper limit [SI]; this or `at_least`.
+        at_least: Lower limit [SI].
+    """
+
+    quantity: Annotated[str, one_of(*MEASURES)]
+    at_most: float | None = None
+    at_least: float | None = None
+
+    @field_validator("at_most", "at_least", mode="before")
+    @classmethod
+    def _is_of_the_quantity(cls, value: object, info: ValidationInfo) -> object:
+        """Read the limit in the unit of the quantity; a wrong quantity has its own fault."""
+        known = info.data.get("quantity")
+        return read_quantity(value, MEASURES[known][0], f"10 {MEASURES[known][0]}") if known else None
+
+    @model_validator(mode="after")
+    def _has_one_limit(self) -> LimitTable:
+        if (self.at_most is None) == (self.at_least is None):
+            refuse("exactly one of at_most and at_least", "neither" if self.at_most is None else "both")
+        return self
+
+
+def _some(limits: tuple[LimitTable, ...]) -> tuple[LimitTable, ...]:
+    return limits or refuse("at least one limit", "none")
+
+
+class RequirementTable(Strict):
+    """What a landing must meet, all limits together, and how surely.
+
+    Attributes:
+        name: For tables and figures.
+        limits: All must be kept by the same landing.
+        probability: Least probability of that [1].
+        confidence: With which the posterior must say so [1].
+    """
+
+    name: Text
+    limits: Annotated[tuple[LimitTable, ...], AfterValidator(_some)]
+    probability: _INSIDE = 0.95
+    confidence: _INSIDE = 0.9
+
+
+class PlacardTable(Strict):
+    """A table of winds and payloads by which a day is judged.
+
+    Attributes:
+        shear: Changes of the wind across the layer [m/s].
+        capsule_mass: Payloads [kg]; none: the vehicle's.
+        middle: Altitude of the layer over the ground [m].
+        thickness: Of the layer [m].
+        landings: Of every cell.
+        amplitude: Of the swing at touchdown from which on it counts as a pendulum [rad].
+    """
+
+    shear: tuple[Speed, ...]
+    capsule_mass: tuple[Mass, ...] = ()
+    middle: PositiveLength = 300.0
+    thickness: PositiveLength = 100.0
+    landings: Annotated[int, whole(64, 1_000_000)] = 512
+    amplitude: Annotated[float, BeforeValidator(lambda v: read_quantity(v, "rad", "10 deg", NOT_NEGATIVE))] = 0.17
+
+
+class DesignTable(Strict):
+    """Drops that might be flown next.
+
+    Attributes:
+        candidates: Path of a file of ``[[flight]]`` tables with virtual drops, from the campaign.
+    """
+
+    candidates: Text
+
+
+class CampaignFile(Strict):
+    """A campaign file, table by table.
+
+    Attributes:
+        title: For tables and figures.
+        name: Good as a file name.
+        vehicle: Path of the vehicle file, from the campaign; None: the posterior's.
+        capsule_mass: Replaces the vehicle's [kg].
+        canopy_sd: Relative standard deviation of a canopy's axial coefficient about the draw's [1].
+        seed: Of every random number.
+        draws: Of the posterior.
+        landings: At most so many.
+        start: Where landings begin.
+        ground: Where they end.
+        wind: What they meet.
+        requirement: What they must meet.
+        placard: Winds and payloads by which a day is judged; None: no such table.
+        design: Drops that might be flown next; None: none.
+    """
+
+    title: Text
+    name: Name = "landings"
+    vehicle: Text | None = None
+    capsule_mass: Mass | None = None
+    canopy_sd: Annotated[float, number(Bounds(least=0.0, most=0.5))] = 0.0
+    seed: Annotated[int, whole(0, 2**32 - 1)]
+    draws: Annotated[int, whole(2, 100_000)] = 200
+    landings: Annotated[int, whole(64, 10_000_000)] = 20_000
+    start: StartTable
+    ground: GroundTable = GroundTable()
+    wind: WindTable = WindTable()
+    requirement: tuple[RequirementTable, ...] = ()
+    placard: PlacardTable | None = None
+    design: DesignTable | None = None
+
+    @model_validator(mode="after")
+    def _falls(self) -> CampaignFile:
+        if self.start.altitude[0] - 6.0 * self.start.altitude[1] <= self.ground.altitude + 50.0:
+            refuse("starts 50 m over the ground or higher, six standard deviations below their mean", "lower starts")
+        return self

@@ -1,0 +1,55 @@
+"""Shares of known functions, and of landings' parts."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bayeschute.landing.decisions.shares import by_groups, design, shapley, sobol
+
+
+def ishigami(u):
+    x = np.pi * (2.0 * u - 1.0)
+    return np.sin(x[:, 0]) + 7.0 * np.sin(x[:, 1]) ** 2 + 0.1 * x[:, 2] ** 4 * np.sin(x[:, 0])
+
+
+def test_ishigami():
+    a, b = 7.0, 0.1
+    v1, v2 = 0.5 * (1.0 + b * np.pi**4 / 5.0) ** 2, a**2 / 8.0
+    v13 = b**2 * np.pi**8 * (1.0 / 18.0 - 1.0 / 50.0)
+    whole = v1 + v2 + v13
+    found = sobol(ishigami, ("x1", "x2", "x3"), 20_000)
+    first, total = np.array([v1, v2, 0.0]) / whole, np.array([v1 + v13, v2, v13]) / whole
+    np.testing.assert_allclose(found.first, first, atol=0.03)
+    np.testing.assert_allclose(found.total, total, atol=0.02)
+    assert (np.abs(found.first - first) < 4.0 * found.first_error).all()
+    assert (np.abs(found.total - total) < 4.0 * found.total_error).all()
+
+
+def test_groups_of_landings_by_a_known_sum():
+    ids = design(50, 8000)
+    sd = np.array([1.0, 0.5, 0.7, 1.2, 0.0])
+    normal = np.random.default_rng(0).standard_normal((5, 16_000))
+    values = sum(sd[i] * normal[i, ids[:, i]] for i in range(5))
+    found = by_groups(values)
+    exact = np.array([(sd[0] * normal[0, :50]).var(), *sd[1:] ** 2])
+    np.testing.assert_allclose(found.first, exact / exact.sum(), atol=0.05)
+    np.testing.assert_allclose(found.total, exact / exact.sum(), atol=0.05)
+    assert found.names[0] == "parameters"
+    values[3] = np.nan  # a landing that failed takes its row along
+    assert np.isfinite(by_groups(values).total).all()
+
+
+@pytest.mark.parametrize("many", [2, 14])
+def test_shapley_shares_of_correlated_inputs(many):
+    """Two inputs of unit variance, y = x1 + x2: (1 + rho) of 2 (1 + rho) each; inputs without effect have none."""
+    rng, n = np.random.default_rng(2), 40_000
+    x = rng.standard_normal((n, many))
+    x[:, 1] = 0.6 * x[:, 0] + 0.8 * x[:, 1]
+    y = x[:, 0] + x[:, 1] + rng.standard_normal(n) * np.sqrt(3.2)
+    found = shapley(x, y, [f"x{i}" for i in range(many)])
+    assert found["x0"] == pytest.approx(0.25, abs=0.02) and found["x1"] == pytest.approx(0.25, abs=0.02)
+    assert sum(found.values()) == pytest.approx(0.5, abs=0.02)
+    alone = shapley(x, 3.0 * x[:, 0] + 0.0 * y, [f"x{i}" for i in range(many)])
+    # Owen and Prieur: x2 has a share by its correlation, rho^2 / 2.
+    assert alone["x1"] == pytest.approx(0.18, abs=0.02)
