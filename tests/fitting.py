@@ -124,7 +124,7 @@ def dense():
 
 @pytest.fixture(scope="session")
 def quadrature():
-    """Integrals over start and shocks by brute force."""
+    """Integrals over start and process noise by brute force."""
     return _quadrature
 
 

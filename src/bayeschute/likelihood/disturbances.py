@@ -64,7 +64,7 @@ class Dynamics(NamedTuple):
 
 
 def _block(kind: str, parameters: Component, dt: Component) -> tuple[Component, Component, Component]:
-    """Transition, and Cholesky factors of the shocks' and the stationary covariance, of one process."""
+    """Transition, and Cholesky factors of the process noise's and the stationary covariance, of one process."""
     if kind == "drift":
         sd, tau = parameters[0], parameters[1]
         return (
