@@ -42,7 +42,7 @@ def plan_of_default(draws: int = 200) -> CampaignPlan:
     centre = np.array([*known.values(), np.log(risers.stiffness), np.log(risers.damping), risers.length])
     sd = np.array([*(0.03 * abs(v) + 0.005 for v in known.values()), 0.1, 0.1, 0.1])
     theta = centre + sd * stream(1, "draws of a benchmark").standard_normal((draws, sd.size))
-    laws = tuple(np.tile(np.asarray(law, float), (draws, 1)) for law in assemble.hyper(study).laws)
+    laws = tuple(np.tile(np.asarray(law, float), (draws, 1)) for law in assemble.hyper(study).disturbance_parameters)
     blank = replace(base, axial=(0.0,) * len(structure.axial), transverse=(0.0,) * len(structure.transverse))
     latent = assemble.latent(study, structure.canopies)
     model = Parameters(blank, structure, names, theta, latent, laws)

@@ -47,7 +47,7 @@ def one(out: Path, seed: int, draws: int) -> tuple[dict[str, dict[str, float]], 
     job = Job(load_study(STUDY), out / f"seed{seed}", False, "", lambda *_: None)
     (group,) = groups(job)
     stored = load_fit(job, group)
-    linear, gaps = ([getattr(a, key) for a in stored.marginal.along] for key in ("linear", "gap"))
+    linear, gaps = ([getattr(a, key) for a in stored.marginal.along] for key in ("linear", "mean_correction"))
     flights = stored.marginal.flights
     evidence = function_of(flights, linear, group.priors, NoisePrior(assemble.hyper(job.study)), gaps)
     at, root = to_vector(stored.hyper), np.linalg.cholesky(stored.noise_parameter_covariance)

@@ -53,7 +53,7 @@ def main() -> None:
     begun = perf_counter()
     jax.block_until_ready(gradient(theta))
     compiled = perf_counter() - begun
-    flight, at = marginal.flights[0], marginal.along[0].at.course(marginal.flights[0])
+    flight, at = marginal.flights[0], marginal.along[0].at.latent_path(marginal.flights[0])
     found: dict[str, Any] = {"compiled_s": compiled, "gradient_s": seconds(lambda: gradient(theta))}
     found["simulation_s"] = seconds(lambda: states(flight, theta, at._replace(path=None)))
     found["gradient_over_simulation"] = found["gradient_s"] / found["simulation_s"]

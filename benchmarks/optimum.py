@@ -22,7 +22,7 @@ from parameter_coverage import STUDY, flown
 from bayeschute.aero.coefficient import is_coefficient
 from bayeschute.likelihood.priors import working
 from bayeschute.posterior import joint_mode as optimum
-from bayeschute.posterior.fit import lengthened
+from bayeschute.posterior.fit.continuation import lengthened
 from bayeschute.study.assembly import assemble
 from bayeschute.study.load import load_study
 

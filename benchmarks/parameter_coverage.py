@@ -90,7 +90,9 @@ def one(study: Any, seed: int, known: bool) -> dict[str, Any]:
     """Fly and fit one replicate."""
     from bayeschute.likelihood.priors import working
     from bayeschute.posterior import joint_mode as optimum
-    from bayeschute.posterior.fit import JointFit, find, marginal_mode
+    from bayeschute.posterior.fit.joint_fit import JointFit
+    from bayeschute.posterior.fit.laplace_fit import find
+    from bayeschute.posterior.fit.marginal_mode import marginal_mode
     from bayeschute.posterior.noise_evidence import NoisePrior
     from bayeschute.posterior.noise_uncertainty import joint_covariance
     from bayeschute.records.sensors import SensorNoise

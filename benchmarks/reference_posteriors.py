@@ -28,7 +28,7 @@ from bayeschute.likelihood.joint import FlightData
 from bayeschute.likelihood.priors import Prior
 from bayeschute.posterior.assess import exact_importance
 from bayeschute.posterior.assess.exact_importance import Following, Weighed
-from bayeschute.posterior.fit import LaplaceFit, find
+from bayeschute.posterior.fit.laplace_fit import LaplaceFit, find
 from bayeschute.posterior.noise_evidence import NoisePrior
 from bayeschute.posterior.noise_uncertainty import widened
 from bayeschute.posterior.sampler import sample
@@ -119,7 +119,7 @@ def make(name: str, case: Case, found: LaplaceFit, draws: int) -> dict[str, Any]
         "scatter": float(np.nanmedian(main.scatter)), "last_move": float(np.nanmax(main.moved)),
         "failed": main.failed, "folded": main.folded, "minutes": (perf_counter() - began) / 60.0,
         "parameters": {p.name: told(main.theta[:, i], main.weight) for i, p in enumerate(case.priors)},
-        "log_noise_parameters": [told(column, main.weight) for column in main.law.T],
+        "log_noise_parameters": [told(column, main.weight) for column in main.log_noise.T],
         "version": bayeschute.__version__,
     }  # fmt: skip
 

@@ -108,23 +108,23 @@ def target_of(marginal: Any) -> Any:
 
     from bayeschute.likelihood.joint import compared, jax_states
     from bayeschute.likelihood.kalman import innovations
-    from bayeschute.posterior.marginal import course_at, log_density, projected_residuals, shifted
+    from bayeschute.posterior.marginal import latent_path_at, log_density, projected_residuals, shifted
 
     def one(numbers: Any, xi: jax.Array) -> jax.Array:
         """The marginal log density by JAX alone: `marginal.log_density` goes through machine code."""
         column = xi[:, None]
         theta, shift = shifted(numbers, column)
-        total = -numbers.rest.at(column)[0]
+        total = -numbers.correction.at(column)[0]
         for flight, along in zip(numbers.flights, numbers.along, strict=True):
-            residual = compared(flight, theta, jax_states(flight, theta, course_at(along, shift)))
-            seen = residual + (along.offset - along.gap)[..., None] + along.offset_slope @ shift
+            residual = compared(flight, theta, jax_states(flight, theta, latent_path_at(along, shift)))
+            seen = residual + (along.offset - along.mean_correction)[..., None] + along.offset_slope @ shift
             total -= 0.5 * jnp.sum(innovations(along.gains, seen) ** 2)
         away = theta[:, 0] - numbers.prior_centre
         return total - 0.5 * jnp.sum(jax.scipy.linalg.solve_triangular(numbers.prior_factor, away, lower=True) ** 2)
 
     def residuals(xi: Array) -> Array:
-        rest = np.sqrt(2.0 * (FLOOR + np.asarray(marginal.rest.at(xi))))
-        return np.concatenate([np.asarray(projected_residuals(marginal, xi))[:, 0], rest])
+        correction = np.sqrt(2.0 * (FLOOR + np.asarray(marginal.correction.at(xi))))
+        return np.concatenate([np.asarray(projected_residuals(marginal, xi))[:, 0], correction])
 
     scale, centre = np.asarray(marginal.scale), np.asarray(marginal.centre)
     to_prior = np.linalg.solve(np.asarray(marginal.prior_factor), scale)
@@ -175,7 +175,7 @@ def ours(given: argparse.Namespace, now: Callable[[], float], folder: Path) -> t
         The posterior; draws for the budget; rows for the budget and for the study's number of draws; times of finding
         with and without compilation.
     """
-    from bayeschute.posterior.fit import find
+    from bayeschute.posterior.fit.laplace_fit import find
     from bayeschute.posterior.sampler import sample
 
     priors, flights, prior, table = begin(folder, given.quick, given.seed)

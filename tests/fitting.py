@@ -13,12 +13,12 @@ import pytest
 
 from bayeschute.dynamics.descent import DensityProfile, DescentFlight, DescentInputs
 from bayeschute.likelihood.disturbances import Latent
-from bayeschute.likelihood.joint import FlightData, Lifted, NoiseParameters, Unknowns, course, residuals, states
+from bayeschute.likelihood.joint import FlightData, Lifted, NoiseParameters, Unknowns, latent_path_of, residuals, states
 from bayeschute.likelihood.noise import Noise
 from bayeschute.likelihood.priors import Prior
 from bayeschute.likelihood.simulation_smoother import Normals
 from bayeschute.posterior import laplace
-from bayeschute.posterior.fit import find
+from bayeschute.posterior.fit.laplace_fit import find
 from bayeschute.posterior.joint_mode import fit
 from bayeschute.posterior.marginal import marginalise, shifted
 from bayeschute.posterior.noise_evidence import NoisePrior
@@ -94,7 +94,7 @@ def simulate(flight, hyper, theta, seed, gaps=0.1):
     nothing = np.zeros_like(flight.observed)
     flight = replace(flight, observed=nothing, present=nothing == 0.0)
     u = Unknowns(rng.standard_normal(flight.starts), rng.standard_normal((flight.samples, flight.latent.size)))
-    clean = -np.asarray(residuals(flight, jnp.asarray(theta), course(flight, hyper, u)))
+    clean = -np.asarray(residuals(flight, jnp.asarray(theta), latent_path_of(flight, hyper, u)))
     noise = jax.tree.map(np.asarray, hyper.outputs(flight))
     times = flight.dt * np.arange(flight.samples)
     covariance = _dense.noise_covariance(times, flight.present, noise.white, noise.correlated, noise.time_constant)
@@ -110,7 +110,7 @@ def flown():
     """A flight on the path of its own simulation, of a flight, its noise parameters, parameters and unknowns."""
 
     def made(data, hyper, theta, unknowns):
-        driven = course(data, hyper, unknowns)
+        driven = latent_path_of(data, hyper, unknowns)
         return Lifted(unknowns, driven.error, states(data, jnp.asarray(theta), driven))
 
     return made
@@ -124,7 +124,7 @@ def dense():
 
 @pytest.fixture(scope="session")
 def quadrature():
-    """Integrals over start and shocks by brute force."""
+    """Integrals over start and process noise by brute force."""
     return _quadrature
 
 
@@ -152,7 +152,7 @@ def short(descent):
     hyper = NoiseParameters(Noise(*(np.array([x]) for x in (0.05, 0.05, 2.0))), (np.array([1.0, 3.0]),))
     empty = replace(flight, model=model, observed=np.zeros((5, 1)), present=np.ones((5, 1), bool))
     u = Unknowns(rng.standard_normal(1), rng.standard_normal((5, 1)))
-    from_truth = -np.asarray(residuals(empty, descent.theta, course(empty, hyper, u)))
+    from_truth = -np.asarray(residuals(empty, descent.theta, latent_path_of(empty, hyper, u)))
     observed = from_truth + 0.05 * rng.standard_normal((5, 1))
     return replace(empty, observed=observed), hyper, [replace(descent.priors[0], centre=np.log(0.2))]
 
@@ -167,7 +167,7 @@ def bent(descent):
         descent.flights[0], model=model, observed=np.zeros((5, 1)), present=present, start_scale=np.array([0.2])
     )
     u = Unknowns(rng.standard_normal(1), rng.standard_normal((5, 1)))
-    seen = -np.asarray(residuals(flight, np.array([1.0]), course(flight, hyper, u)))
+    seen = -np.asarray(residuals(flight, np.array([1.0]), latent_path_of(flight, hyper, u)))
     flight = replace(flight, observed=seen + 0.3 * rng.standard_normal((5, 1)))
     return flight, hyper, priors
 
@@ -252,7 +252,7 @@ class _Matrices:
         times = flight.dt * np.arange(len(flight.observed))
         r = self.dense.noise_covariance(times, flight.present, *noise)
         u = np.eye(2 + 2 * times.size)
-        u[2:, 2:] = self.dense.disturbance_covariance(flight.latent, hyper.laws, times)
+        u[2:, 2:] = self.dense.disturbance_covariance(flight.latent, hyper.disturbance_parameters, times)
         return r, u, np.diag([p.scale**2 for p in priors])
 
     def posterior(self, flight, hyper, priors):

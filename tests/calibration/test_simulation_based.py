@@ -15,7 +15,7 @@ from bayeschute.dynamics.parameters import Canopies
 from bayeschute.likelihood.joint import NoiseParameters, residuals
 from bayeschute.likelihood.noise import Noise
 from bayeschute.likelihood.priors import Prior
-from bayeschute.posterior.fit import find
+from bayeschute.posterior.fit.laplace_fit import find
 from bayeschute.posterior.noise_evidence import NoisePrior, to_vector
 from bayeschute.posterior.noise_uncertainty import joint_covariance
 from bayeschute.reduced.dumbbell import Dumbbell
@@ -52,7 +52,7 @@ def test_a_draw_is_the_models_own_and_the_seeds_alone(template):
     one, again, other = (sbc.draw(template, seed) for seed in (1, 1, 2))
     np.testing.assert_array_equal(one.flight.observed, again.flight.observed)
     assert np.abs(one.theta - other.theta).max() > 0.0
-    left = np.asarray(residuals(one.flight, one.theta, one.driven))
+    left = np.asarray(residuals(one.flight, one.theta, one.latent_path))
     # What is left at the truth is the noise alone: of each channel, the drawn white and correlated part together.
     noise = jax.tree.map(np.asarray, one.hyper.noise)
     sd = np.hypot(noise.white, noise.correlated)[[0, 1, 1]]

@@ -23,7 +23,7 @@ def small_plan() -> CampaignPlan:
     known = study.vehicle.aero.coefficients()
     centre = np.array(list(known.values()))
     theta = centre * (1.0 + 0.03 * np.random.default_rng(0).standard_normal((12, centre.size)))
-    laws = tuple(np.tile(np.asarray(law, float), (12, 1)) for law in assemble.hyper(study).laws)
+    laws = tuple(np.tile(np.asarray(law, float), (12, 1)) for law in assemble.hyper(study).disturbance_parameters)
     blank = replace(base, axial=(0.0,) * len(structure.axial), transverse=(0.0,) * len(structure.transverse))
     model = Parameters(blank, structure, tuple(known), theta, assemble.latent(study, 2), laws)
     wind = Profile(np.array([0.0, 300.0, 900.0]), np.array([[2.0, 0.0, 0.0], [5.0, 1.0, 0.0], [6.0, -3.0, 0.0]]))

@@ -9,7 +9,7 @@ import xarray as xr
 from bayeschute.core.errors import InputError
 from bayeschute.dynamics.initial_state import deviation_names
 from bayeschute.likelihood import channels
-from bayeschute.likelihood.channels import density_profile, descent_data, filled, opening_of
+from bayeschute.likelihood.channels import density_profile, descent_data, filled, initial_motion
 from bayeschute.likelihood.disturbances import Latent
 from bayeschute.likelihood.joint import NoiseParameters
 from bayeschute.likelihood.noise import Noise
@@ -59,7 +59,7 @@ def test_descent_data():
     assert np.isfinite(made.observed).all()
     assert float(made.dt) == 0.5 and made.latent is GUSTS
     assert (made.starts, made.samples) == (1, 60)
-    assert made.still().start.shape == (1,) and made.still().shocks.shape == (60, 1)
+    assert made.still().start.shape == (1,) and made.still().process_noise.shape == (60, 1)
 
 
 def test_a_slow_series_on_a_fast_clock_tells_no_more_than_on_its_own():
@@ -95,17 +95,17 @@ def test_an_opening_is_a_quadratic_and_what_the_record_scatters_about_it():
     smooth = np.stack([2.0 - 0.5 * t + 0.3 * t**2, 1.0 + 4.0 * t], axis=1)
     smooth[t > 1.55] = 1e3
     smooth[4:7, 0] = np.nan
-    made = opening_of(time, smooth)
+    made = initial_motion(time, smooth)
     np.testing.assert_allclose(made.value, [2.0, 1.0])
     np.testing.assert_allclose(made.slope, [-0.5, 4.0])
     np.testing.assert_allclose(made.scatter, 0.0, atol=1e-12)
     fast = 3.0 + 1e-3 * np.arange(2000)
-    noisy = opening_of(fast, 1.0 + 0.2 * rng.standard_normal((2000, 3, 2)))
+    noisy = initial_motion(fast, 1.0 + 0.2 * rng.standard_normal((2000, 3, 2)))
     assert noisy.value.shape == noisy.slope.shape == noisy.scatter.shape == (3, 2)
     np.testing.assert_allclose(noisy.scatter, 0.2, rtol=0.06)
     few = np.full((60, 2), np.nan)
     few[[0, 5, 9], 0] = 1.0, 2.0, 6.0
-    seen = opening_of(time, few)
+    seen = initial_motion(time, few)
     np.testing.assert_allclose([seen.value[0], seen.slope[0], seen.scatter[0]], [3.0, 0.0, np.sqrt(14.0 / 3.0)])
     assert np.isnan([part[1] for part in seen]).all()
 

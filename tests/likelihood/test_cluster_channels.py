@@ -15,7 +15,7 @@ from bayeschute.dynamics.cluster_flight import CHANNELS, channel_sizes
 from bayeschute.dynamics.parameters import Structure
 from bayeschute.likelihood.channels import cluster_data, fitted_channels
 from bayeschute.likelihood.disturbances import Latent
-from bayeschute.likelihood.joint import Course, NoiseParameters, states
+from bayeschute.likelihood.joint import LatentPath, NoiseParameters, states
 from bayeschute.likelihood.noise import Noise
 from bayeschute.likelihood.priors import Prior
 from bayeschute.posterior import joint_mode as optimum
@@ -74,7 +74,7 @@ def test_tensions_count_when_the_start_is_forgotten(flown):
     )
     see = jax.jit(outputs)
     both = [
-        see(d.model, states(d, theta, Course(np.zeros(17), error)), theta) for d, error in ((rest, gusts), (gusty, 0.0 * gusts))
+        see(d.model, states(d, theta, LatentPath(np.zeros(17), error)), theta) for d, error in ((rest, gusts), (gusty, 0.0 * gusts))
     ]  # fmt: skip
     off = np.abs(np.asarray(both[0] - both[1]))[:, 9:].max(axis=1)
     assert off[0] > 100.0 and off[20:].max() < 5e-3 * off[0]

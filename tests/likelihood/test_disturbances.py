@@ -58,8 +58,8 @@ def test_shapes():
     which, laws = CASES["added up, shared, not in order"]
     made = disturbances.dynamics(which, laws, 0.1)
     assert (which.rows, which.size) == (3, 7)
-    assert made.transition.shape == made.shock.shape == made.first.shape == (7, 7) and made.output.shape == (3, 7)
-    for factor in (made.shock, made.first):
+    assert made.transition.shape == made.noise_gain.shape == made.first.shape == (7, 7) and made.output.shape == (3, 7)
+    for factor in (made.noise_gain, made.first):
         np.testing.assert_array_equal(factor, np.tril(factor))
         assert (np.diag(factor) > 0.0).all()
 
@@ -80,7 +80,7 @@ def test_a_process_once_stationary_stays_so_and_its_gradient_is_finite():
     middle, corners = np.log([1.0, 3.0, 0.02, 0.25, 0.1]), list(itertools.product((-3.5, 0.0, 3.5), repeat=2))
     for dt, (slow, damped) in itertools.product((0.02, 0.1, 1.0), corners):
         made, gradient = both(middle + np.array([0.0, slow, 0.0, slow, damped]), dt)
-        f, s, p = (np.asarray(a) for a in (made.transition, made.shock, made.first))
+        f, s, p = (np.asarray(a) for a in (made.transition, made.noise_gain, made.first))
         scale = np.outer(np.diag(p), np.diag(p))
         np.testing.assert_allclose((f @ p @ p.T @ f.T + s @ s.T) / scale, p @ p.T / scale, atol=1e-12)
         assert np.isfinite(gradient).all()
@@ -102,23 +102,25 @@ def test_gradients_of_drift_are_finite_at_any_time_constant():
 def test_path_and_disturbances_agree():
     which, laws = CASES["added up, shared, not in order"]
     made = disturbances.dynamics(which, laws, 0.3)
-    shocks = jnp.asarray(np.random.default_rng(0).standard_normal((SAMPLES, which.size)))
-    states, seen = disturbances.path(made, shocks), disturbances.disturbances(made, shocks)
+    process_noise = jnp.asarray(np.random.default_rng(0).standard_normal((SAMPLES, which.size)))
+    states, seen = disturbances.path(made, process_noise), disturbances.disturbances(made, process_noise)
     np.testing.assert_allclose(seen, states @ np.asarray(made.output).T, atol=1e-14)
     for t in (1, 10):  # one step at a time
-        step = np.asarray(made.transition) @ states[t - 1] + np.asarray(made.shock) @ shocks[t]
+        step = np.asarray(made.transition) @ states[t - 1] + np.asarray(made.noise_gain) @ process_noise[t]
         np.testing.assert_allclose(states[t], step, atol=1e-14)
-    np.testing.assert_allclose(states[0], np.asarray(made.first) @ shocks[0], atol=1e-14)
+    np.testing.assert_allclose(states[0], np.asarray(made.first) @ process_noise[0], atol=1e-14)
 
 
 def test_batches_are_singles_side_by_side():
     which, laws = CASES["added up, shared, not in order"]
     made = disturbances.dynamics(which, laws, 0.3)
-    shocks = jnp.asarray(np.random.default_rng(1).standard_normal((SAMPLES, which.size, 3, 2)))
-    whole, one = disturbances.disturbances(made, shocks), shocks[..., 1, 0]
+    process_noise = jnp.asarray(np.random.default_rng(1).standard_normal((SAMPLES, which.size, 3, 2)))
+    whole, one = disturbances.disturbances(made, process_noise), process_noise[..., 1, 0]
     assert whole.shape == (SAMPLES, 3, 3, 2)
     np.testing.assert_allclose(whole[..., 1, 0], disturbances.disturbances(made, one), atol=1e-14)
-    np.testing.assert_allclose(disturbances.path(made, shocks)[..., 1, 0], disturbances.path(made, one), atol=1e-14)
+    np.testing.assert_allclose(
+        disturbances.path(made, process_noise)[..., 1, 0], disturbances.path(made, one), atol=1e-14
+    )
 
 
 def test_a_law_short_of_a_group_is_refused():

@@ -13,7 +13,7 @@ from bayeschute.dynamics.state import unpack
 from bayeschute.likelihood.channels import cluster_data
 from bayeschute.likelihood.disturbances import Latent
 from bayeschute.likelihood.flow_along import flow_along
-from bayeschute.likelihood.joint import Course, states
+from bayeschute.likelihood.joint import LatentPath, states
 from bayeschute.likelihood.priors import Prior
 from bayeschute.records.angles import across, unit
 from bayeschute.records.sensors import SensorNoise
@@ -34,7 +34,7 @@ def flight():
     prior = Prior("axial[1]", 0.95, 0.1, False, "1", "")
     data = cluster_data(record, MODEL, FEW, [prior], ("canopy_position", "capsule_velocity"), LATENT)
     theta, error = np.array([0.95]), np.zeros((data.samples, 10))
-    path = np.asarray(states(data, theta, Course(np.zeros(data.starts), error)))
+    path = np.asarray(states(data, theta, LatentPath(np.zeros(data.starts), error)))
     return data, theta, path, error
 
 

@@ -24,10 +24,10 @@ SCALE = np.array([0.5, 1.4])
 
 @jax.jit
 def run(steps, laws, noise, here, series):
-    """Gains, innovations, expected start and shocks of flights that nothing drives."""
+    """Gains, innovations, expected start and process noise of flights that nothing drives."""
     made = gains(steps, SCALE, disturbances.dynamics(WHICH, laws, DT), noise, DT, here)
     got = smooth_driven(made, Seen(series, jnp.zeros((T, X, series.shape[2]))))
-    return made, innovations(made, series), got.start, got.shocks
+    return made, innovations(made, series), got.start, got.process_noise
 
 
 def _steps(rng):
@@ -138,14 +138,14 @@ def test_missing_data_are_ignored(case, value):
 
 def test_smoothed_start_and_shocks_are_the_dense_posterior_means(case):
     weighted = np.linalg.solve(case.total, case.seen)
-    start, shocks = (np.asarray(a) for a in case.expected)
-    assert start.shape == (D, 3) and shocks.shape == (T, WHICH.size, 3)
+    start, process_noise = (np.asarray(a) for a in case.expected)
+    assert start.shape == (D, 3) and process_noise.shape == (T, WHICH.size, 3)
     np.testing.assert_allclose(start, case.start.T @ weighted, atol=1e-10)
     wanted = case.by_shocks.T @ case.error.T @ weighted
-    np.testing.assert_allclose(shocks.reshape(-1, 3), wanted, atol=1e-10)
+    np.testing.assert_allclose(process_noise.reshape(-1, 3), wanted, atol=1e-10)
     # The disturbances that they make, by kernels alone.
     np.testing.assert_allclose(
-        case.by_shocks @ shocks.reshape(-1, 3), case.disturbed @ case.error.T @ weighted, atol=1e-10
+        case.by_shocks @ process_noise.reshape(-1, 3), case.disturbed @ case.error.T @ weighted, atol=1e-10
     )
 
 
@@ -161,8 +161,8 @@ def test_response_is_the_dense_one(case):
 
 
 def test_nothing_seen_says_nothing(case):
-    made, unit, start, shocks = run(case.steps, LAWS, NOISE, np.zeros((T, C), bool), case.series)
-    for a in (unit, start, shocks):
+    made, unit, start, process_noise = run(case.steps, LAWS, NOISE, np.zeros((T, C), bool), case.series)
+    for a in (unit, start, process_noise):
         np.testing.assert_array_equal(a, 0.0)
     assert float(made.log_determinant) == 0.0
 
@@ -181,9 +181,9 @@ def test_innovations_whiten(case, dense):
 
 def test_a_disturbance_that_drives_nothing_keeps_its_prior_mean(case):
     still = {name: np.where(np.arange(A) == 0, 0.0, getattr(case.steps, name)) for name in ("by_now", "by_then")}
-    shocks = np.asarray(run(case.steps._replace(**still), LAWS, NOISE, case.here, case.series)[3])
-    np.testing.assert_allclose(shocks[:, 0], 0.0, atol=1e-14)
-    assert np.abs(shocks[:, 1:]).max() > 0.1
+    process_noise = np.asarray(run(case.steps._replace(**still), LAWS, NOISE, case.here, case.series)[3])
+    np.testing.assert_allclose(process_noise[:, 0], 0.0, atol=1e-14)
+    assert np.abs(process_noise[:, 1:]).max() > 0.1
 
 
 def _along(steps, driven):
@@ -203,19 +203,19 @@ def driven(case):
 
 
 def test_what_drives_the_states_is_taken_from_the_data(case, driven):
-    """Innovations, start and shocks are those of the data less the response to it over the whole record."""
+    """Innovations, start and process noise are those of the data less the response to it over the whole record."""
     got = smooth_driven(case.made, driven.seen)
     np.testing.assert_allclose(got.innovations.reshape(T, C, 3), case.unit, atol=1e-10)
     np.testing.assert_allclose(innovations(case.made, *driven.seen), case.unit, atol=1e-10)
     np.testing.assert_allclose(got.start, case.expected[0], atol=1e-10)
-    np.testing.assert_allclose(got.shocks, case.expected[1], atol=1e-10)
+    np.testing.assert_allclose(got.process_noise, case.expected[1], atol=1e-10)
     assert np.abs(innovations(case.made, driven.seen.series) - case.unit).max() > 1.0
 
 
 def test_expected_states_are_those_of_expected_start_and_shocks(case, driven):
     got = smooth_driven(case.made, driven.seen)
     process = disturbances.dynamics(WHICH, LAWS, DT)
-    start, error = SCALE[:, None] * got.start, np.asarray(disturbances.disturbances(process, got.shocks))
+    start, error = SCALE[:, None] * got.start, np.asarray(disturbances.disturbances(process, got.process_noise))
     own = case.steps._replace(out_state=np.tile(np.eye(X), (T, 1, 1)), out_theta=np.zeros((T, X, P)))
     disturbed = response(own, start, error, np.zeros((P, 3)))
     np.testing.assert_allclose(got.states, driven.path + disturbed, atol=1e-9)
@@ -223,7 +223,7 @@ def test_expected_states_are_those_of_expected_start_and_shocks(case, driven):
 
 
 def test_expected_states_are_the_dense_posterior_means(case, driven, dense):
-    """With noise of the states themselves: no start and shocks tell those."""
+    """With noise of the states themselves: no start and process noise tell those."""
     slack, here = np.array([0.3, 0.1, 0.5]), case.here
     made = gains(case.steps, SCALE, disturbances.dynamics(WHICH, LAWS, DT), NOISE, DT, here, slack)
     got = smooth_driven(made, driven.seen)
@@ -244,10 +244,10 @@ def test_seen_has_columns_and_a_gap_is_of_the_data_alone(driven):
     seen, rng = driven.seen, np.random.default_rng(4)
     gap = MeanCorrection(rng.standard_normal((T, C)), rng.standard_normal((T, X)))
     np.testing.assert_array_equal(seen.column(1).series[..., 0], seen.series[..., 1])
-    np.testing.assert_array_equal(seen.column(1).driven, seen.driven[..., 1:2])
+    np.testing.assert_array_equal(seen.column(1).inputs, seen.inputs[..., 1:2])
     less = Seen(*map(jnp.asarray, seen)).less(gap)
     np.testing.assert_allclose(less.series[..., 0], seen.series[..., 0] - gap.outputs)
-    np.testing.assert_allclose(less.driven[..., 0], seen.driven[..., 0] + gap.driven)
+    np.testing.assert_allclose(less.inputs[..., 0], seen.inputs[..., 0] + gap.inputs)
     for ours, theirs in zip(less, seen, strict=True):
         np.testing.assert_array_equal(ours[..., 1:], theirs[..., 1:])
 
@@ -256,10 +256,10 @@ def test_data_of_flights_that_lie_off_by_a_gap_tell_what_they_would_without(case
     """Outputs and ends of steps that are displaced, and data with the response to both."""
     rng = np.random.default_rng(7)
     gap = MeanCorrection(rng.standard_normal((T, C)), rng.standard_normal((T, X)))
-    response_to_both = gap.outputs + _along(case.steps, gap.driven[..., None])[1][..., 0]
+    response_to_both = gap.outputs + _along(case.steps, gap.inputs[..., None])[1][..., 0]
     series = driven.seen.series.copy()
     series[..., 0] += response_to_both
-    seen = Seen(jnp.asarray(series), jnp.asarray(driven.seen.driven)).less(gap)
+    seen = Seen(jnp.asarray(series), jnp.asarray(driven.seen.inputs)).less(gap)
     np.testing.assert_allclose(innovations(case.made, *seen), case.unit, atol=1e-10)
 
 

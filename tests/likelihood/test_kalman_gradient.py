@@ -11,7 +11,7 @@ import pytest
 from jax.flatten_util import ravel_pytree
 
 from bayeschute.likelihood import kalman_gradient
-from bayeschute.likelihood.joint import NoiseParameters, as_seen, course, filter_gains, linearise
+from bayeschute.likelihood.joint import NoiseParameters, as_seen, filter_gains, latent_path_of, linearise
 from bayeschute.likelihood.kalman import innovations
 from bayeschute.likelihood.noise import Noise
 from bayeschute.likelihood.priors import precision
@@ -37,7 +37,7 @@ def _plain(vector, like, flights, linear, before, parameters=True):
 _by_ad = jax.jit(jax.value_and_grad(_plain), static_argnums=5)
 
 
-def _gaps(flight, seed):
+def _mean_corrections(flight, seed):
     """The flight with a tenth of its data gone, a long gap and both ends among them."""
     seen = np.array(flight.present) & (np.random.default_rng(seed).random(np.shape(flight.present)) > 0.1)
     seen[0, 0], seen[20:30], seen[-1, -1] = False, False, False
@@ -47,8 +47,10 @@ def _gaps(flight, seed):
 def _case(name, request):
     made = request.getfixturevalue(name)
     pairs = list(zip(made.flights, made.u, strict=True)) if name == "descent" else [(made.flight, made.u)] * 2
-    flights = tuple(_gaps(f, i) for i, (f, _) in enumerate(pairs))
-    linear = tuple(linearise(f, made.theta, course(f, made.hyper, u)) for f, (_, u) in zip(flights, pairs, strict=True))
+    flights = tuple(_mean_corrections(f, i) for i, (f, _) in enumerate(pairs))
+    linear = tuple(
+        linearise(f, made.theta, latent_path_of(f, made.hyper, u)) for f, (_, u) in zip(flights, pairs, strict=True)
+    )
     like = jax.tree.map(lambda a: jnp.asarray(a, float), made.hyper)
     return made, flights, linear, like
 
@@ -89,7 +91,7 @@ def test_noise_without_processes_of_its_own_has_a_gradient(descent):
     """Residual noise alone: no latent process is there to have a transition or a shock."""
     flight = replace(descent.flights[0], latent=descent.flights[0].latent._replace(kinds=(), processes=(), least=1))
     hyper = NoiseParameters(Noise(*(jnp.asarray(a) for a in descent.hyper.noise.__dict__.values())), ())
-    lin = linearise(flight, descent.theta, course(flight, hyper, flight.still()))
+    lin = linearise(flight, descent.theta, latent_path_of(flight, hyper, flight.still()))
     at, before = jnp.asarray(kalman_gradient.to_vector(hyper)) + 0.1, jnp.asarray(precision(descent.priors))
     ours = kalman_gradient.evidence_score(at, hyper, LOG_SD, (flight,), (lin,), (as_seen(lin),), before)
     value, gradient = _by_ad(at, hyper, (flight,), (lin,), before, True)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bayeschute.likelihood import disturbances, mean_correction
-from bayeschute.likelihood.joint import as_seen, course, filter_gains, linearise, states
+from bayeschute.likelihood.joint import as_seen, filter_gains, latent_path_of, linearise, states
 from bayeschute.likelihood.kalman import MeanCorrection, innovations
 from bayeschute.posterior.joint_mode import fit
 
@@ -18,7 +18,7 @@ from bayeschute.posterior.joint_mode import fit
 @pytest.fixture(scope="module")
 def along(linear):
     """A linear flight linearised on a path that is anything but a flight, and its filter."""
-    driven = course(linear.flight, linear.hyper, linear.u)
+    driven = latent_path_of(linear.flight, linear.hyper, linear.u)
     path = np.asarray(states(linear.flight, linear.theta, driven))
     path = path + 0.3 * np.random.default_rng(0).standard_normal(path.shape)
     made = linearise(linear.flight, linear.theta, driven._replace(path=path))
@@ -28,9 +28,11 @@ def along(linear):
 def test_a_linear_flight_has_none(linear, along):
     """So its innovations stay as they are."""
     lin, made = along
-    found, lost = mean_correction.mean(linear.flight, linear.hyper, made, linear.theta, lin.driven)
+    found, lost = mean_correction.mean(linear.flight, linear.hyper, made, linear.theta, lin.latent_path)
     assert lost == 0
-    assert found.outputs.shape == np.shape(linear.flight.observed) and found.driven.shape == np.shape(lin.driven.path)
+    assert found.outputs.shape == np.shape(linear.flight.observed) and found.inputs.shape == np.shape(
+        lin.latent_path.path
+    )
     for part in found:
         np.testing.assert_allclose(part, 0.0, atol=1e-9)
     seen = as_seen(lin)
@@ -41,19 +43,22 @@ def test_flights_that_all_fail_are_refused(linear, along):
     lin, made = along
     spoiled = replace(linear.flight, observed=np.full(np.shape(linear.flight.observed), np.nan))
     with pytest.raises(FloatingPointError, match="drawn disturbances"):
-        mean_correction.mean(spoiled, linear.hyper, made, linear.theta, lin.driven)
+        mean_correction.mean(spoiled, linear.hyper, made, linear.theta, lin.latent_path)
 
 
 def test_the_slope_is_that_of_half_the_squared_innovations(linear, along):
     lin, made = along
     rng = np.random.default_rng(3)
     outputs = np.where(linear.flight.present, rng.standard_normal(np.shape(linear.flight.observed)), 0.0)
-    shift, none = MeanCorrection(outputs, rng.standard_normal(np.shape(lin.driven.path))), MeanCorrection(*2 * [0.0])
+    shift, none = (
+        MeanCorrection(outputs, rng.standard_normal(np.shape(lin.latent_path.path))),
+        MeanCorrection(*2 * [0.0]),
+    )
     seen = as_seen(lin)
 
     def cost(theta, by):
         series, driven = (part[..., 0] - part[..., 1:] @ theta for part in seen)
-        unit = innovations(made, (series - by.outputs)[..., None], (driven + by.driven)[..., None])
+        unit = innovations(made, (series - by.outputs)[..., None], (driven + by.inputs)[..., None])
         return 0.5 * float(np.sum(np.square(unit)))
 
     told = mean_correction.slope(lin, made, shift)
@@ -69,14 +74,14 @@ def square(bent):
     held = [replace(priors[0], scale=1e-6)]
     theta = np.array([1.0])
     (at,) = fit([flight], hyper, held, theta, tolerance=1e-6).flights
-    return flight, hyper, theta, at, filter_gains(flight, hyper, linearise(flight, theta, at.course(flight)))
+    return flight, hyper, theta, at, filter_gains(flight, hyper, linearise(flight, theta, at.latent_path(flight)))
 
 
 def _law(flight, hyper, at, dense):
     """Covariance of start and disturbances given the data of the flight linearised at a point, by dense matrices."""
     middle = 0.5 * (np.asarray(at.error)[:-1, 0] + np.asarray(at.error)[1:, 0])
     prior = np.eye(6)
-    prior[1:, 1:] = dense.disturbance_covariance(flight.latent, hyper.laws, flight.dt * np.arange(5))
+    prior[1:, 1:] = dense.disturbance_covariance(flight.latent, hyper.disturbance_parameters, flight.dt * np.arange(5))
     x, rows = np.eye(6)[0] * flight.start_scale[0], []
     for t in range(5):
         if t:
@@ -96,25 +101,25 @@ def test_the_gap_of_a_square_is_that_of_its_dense_conditional_law(square, dense,
     pair = 0.5 * (np.eye(6)[1:5] + np.eye(6)[2:6])
     wanted = 0.2 * np.einsum("ti,ij,tj->t", pair, covariance, pair)
     assert wanted.min() > 0.01
-    few, _ = mean_correction.mean(flight, hyper, made, theta, at.course(flight))
+    few, _ = mean_correction.mean(flight, hyper, made, theta, at.latent_path(flight))
     monkeypatch.setattr(mean_correction, "_PAIRS", 20_000)
-    many, lost = mean_correction.mean(flight, hyper, made, theta, at.course(flight))
+    many, lost = mean_correction.mean(flight, hyper, made, theta, at.latent_path(flight))
     assert lost == 0
     for found, close in ((few, 5.0 * np.sqrt(2.0 / 32)), (many, 5.0 * np.sqrt(2.0 / 20_000))):
-        np.testing.assert_allclose(found.driven[1:, 0], wanted, rtol=close)
-        np.testing.assert_allclose(found.driven[0], 0.0, atol=1e-12)
+        np.testing.assert_allclose(found.inputs[1:, 0], wanted, rtol=close)
+        np.testing.assert_allclose(found.inputs[0], 0.0, atol=1e-12)
         np.testing.assert_allclose(found.outputs, 0.0, atol=1e-12)
 
 
 def test_the_gap_is_the_mean_of_steps_over_many_draws(descent, dense, monkeypatch):
     """Of a descent in strong gusts, whose drag goes with a square: against plain means over draws of dense matrices."""
     flight, theta = descent.flights[0], descent.theta
-    hyper = replace(descent.hyper, laws=(np.array([2.0, 3.0]),))
+    hyper = replace(descent.hyper, disturbance_parameters=(np.array([2.0, 3.0]),))
     held = [replace(descent.priors[0], centre=theta[0], scale=1e-6)]
     (at,) = fit([flight], hyper, held, theta, tolerance=1e-6).flights
-    lin = linearise(flight, theta, at.course(flight))
+    lin = linearise(flight, theta, at.latent_path(flight))
     monkeypatch.setattr(mean_correction, "_PAIRS", 2000)
-    found, _ = mean_correction.mean(flight, hyper, filter_gains(flight, hyper, lin), theta, lin.driven)
+    found, _ = mean_correction.mean(flight, hyper, filter_gains(flight, hyper, lin), theta, lin.latent_path)
     by = _responses(flight, hyper, lin)
     outputs = dense.stack(np.einsum("tcx,txk->tck", lin.steps.out_state, by), flight.present)
     noise = jax.tree.map(np.asarray, hyper.outputs(flight))
@@ -127,7 +132,7 @@ def test_the_gap_is_the_mean_of_steps_over_many_draws(descent, dense, monkeypatc
     error = np.asarray(at.error)[..., None] + _errors(flight, hyper, z[1:])
     ends = np.array(_stepped(flight, np.repeat(theta[:, None], z.shape[1], axis=1), path, error))
     wanted = ends[..., :-1].mean(axis=-1) - ends[..., -1]
-    told, size = np.asarray(found.driven)[1:], np.abs(wanted).max(axis=0)
+    told, size = np.asarray(found.inputs)[1:], np.abs(wanted).max(axis=0)
     assert size[1] > 1e-3  # of the descent rate [m/s]
     np.testing.assert_allclose(told / size, wanted / size, atol=0.2)
     np.testing.assert_allclose(told.sum(axis=0), wanted.sum(axis=0), rtol=0.05)
@@ -135,12 +140,12 @@ def test_the_gap_is_the_mean_of_steps_over_many_draws(descent, dense, monkeypatc
 
 
 def _errors(flight, hyper, z):
-    """Disturbances (T, 1, B) of shocks (T, B)."""
+    """Disturbances (T, 1, B) of process noise (T, B)."""
     return np.asarray(disturbances.disturbances(hyper.dynamics(flight), jnp.asarray(z)[:, None]))
 
 
 def _responses(flight, hyper, lin):
-    """States (T, X, 1 + T) by standard start and shocks, linearly, one sample after the other."""
+    """States (T, X, 1 + T) by standard start and process noise, linearly, one sample after the other."""
     steps, count = lin.steps, 1 + flight.samples
     error = np.concatenate([np.zeros((flight.samples, 1, 1)), _errors(flight, hyper, np.eye(flight.samples))], axis=2)
     rows = [np.asarray(steps.first_start) * flight.start_scale @ np.eye(count)[:1]]
@@ -161,8 +166,8 @@ def _stepped(flight, theta, path, error):
 def test_where_no_pair_flies_narrower_ones_tell_the_same(square, monkeypatch):
     """Of a flight bent by a square the second order is all there is, so a quarter of the width tells it exactly."""
     flight, hyper, theta, at, made = square
-    wanted, lost = mean_correction.mean(flight, hyper, made, theta, at.course(flight))
-    assert lost == 0 and np.abs(wanted.driven).max() > 0.01
+    wanted, lost = mean_correction.mean(flight, hyper, made, theta, at.latent_path(flight))
+    assert lost == 0 and np.abs(wanted.inputs).max() > 0.01
     widths, real = [], mean_correction.stepped
 
     def narrow(flight, theta, driven):
@@ -174,7 +179,7 @@ def test_where_no_pair_flies_narrower_ones_tell_the_same(square, monkeypatch):
         return residual, defects
 
     monkeypatch.setattr(mean_correction, "stepped", narrow)
-    found, lost = mean_correction.mean(flight, hyper, made, theta, at.course(flight))
+    found, lost = mean_correction.mean(flight, hyper, made, theta, at.latent_path(flight))
     assert len(widths) == 3 and widths[2] == pytest.approx(0.25 * widths[0]) and lost == 32
     for part, want in zip(found, wanted, strict=True):
         np.testing.assert_allclose(part, want, rtol=1e-9, atol=1e-12)
@@ -183,12 +188,12 @@ def test_where_no_pair_flies_narrower_ones_tell_the_same(square, monkeypatch):
 def test_few_pairs_close_together_tell_the_same_as_wide_ones_of_them(square, monkeypatch):
     """What they tell of a flight bent by a square is exact, so only their number matters."""
     flight, hyper, theta, at, made = square
-    few, _ = mean_correction.mean(flight, hyper, made, theta, at.course(flight), rough=True)
+    few, _ = mean_correction.mean(flight, hyper, made, theta, at.latent_path(flight), rough=True)
     monkeypatch.setattr(mean_correction, "_FEW", mean_correction._PAIRS)
-    many, _ = mean_correction.mean(flight, hyper, made, theta, at.course(flight), rough=True)
-    wanted, _ = mean_correction.mean(flight, hyper, made, theta, at.course(flight))
-    np.testing.assert_allclose(many.driven, wanted.driven, rtol=1e-6, atol=1e-12)
-    assert np.abs(few.driven - wanted.driven).max() > 1e-3
+    many, _ = mean_correction.mean(flight, hyper, made, theta, at.latent_path(flight), rough=True)
+    wanted, _ = mean_correction.mean(flight, hyper, made, theta, at.latent_path(flight))
+    np.testing.assert_allclose(many.inputs, wanted.inputs, rtol=1e-6, atol=1e-12)
+    assert np.abs(few.inputs - wanted.inputs).max() > 1e-3
 
 
 def test_a_pair_that_leads_beyond_all_states_of_the_draws_is_left_out(square, monkeypatch):
@@ -203,8 +208,8 @@ def test_a_pair_that_leads_beyond_all_states_of_the_draws_is_left_out(square, mo
         return residual, defects
 
     monkeypatch.setattr(mean_correction, "stepped", far)
-    found, lost = mean_correction.mean(flight, hyper, made, theta, at.course(flight))
-    assert lost == 1 and np.abs(found.driven).max() < 0.1
+    found, lost = mean_correction.mean(flight, hyper, made, theta, at.latent_path(flight))
+    assert lost == 1 and np.abs(found.inputs).max() < 0.1
 
 
 def test_a_pair_that_fails_is_left_out_and_counted(square, monkeypatch):
@@ -217,9 +222,9 @@ def test_a_pair_that_fails_is_left_out_and_counted(square, monkeypatch):
             defects[2, :, 5] = np.inf
         return residual, defects
 
-    whole, _ = mean_correction.mean(flight, hyper, made, theta, at.course(flight))
+    whole, _ = mean_correction.mean(flight, hyper, made, theta, at.latent_path(flight))
     monkeypatch.setattr(mean_correction, "stepped", lost_one)
-    found, lost = mean_correction.mean(flight, hyper, made, theta, at.course(flight))
-    assert lost == 1 and np.isfinite(found.driven).all()
-    off = np.abs(np.asarray(found.driven) - np.asarray(whole.driven))
-    assert 0.0 < off.max() < 0.3 * np.abs(whole.driven).max()
+    found, lost = mean_correction.mean(flight, hyper, made, theta, at.latent_path(flight))
+    assert lost == 1 and np.isfinite(found.inputs).all()
+    off = np.abs(np.asarray(found.inputs) - np.asarray(whole.inputs))
+    assert 0.0 < off.max() < 0.3 * np.abs(whole.inputs).max()

@@ -12,11 +12,11 @@ import pytest
 
 from bayeschute.likelihood import disturbances
 from bayeschute.likelihood.joint import (
-    Course,
+    LatentPath,
     NoiseParameters,
     as_seen,
-    course,
     filter_gains,
+    latent_path_of,
     linearise,
     states,
 )
@@ -45,9 +45,9 @@ def _law(columns):
 
 @pytest.mark.parametrize("broken", [False, True])
 def test_draws_have_the_dense_conditional_law_whatever_the_path(linear, each_number, broken):
-    """Of start and shocks given parameters and data; and the states are those of a flight under these."""
+    """Of start and process noise given parameters and data; and the states are those of a flight under these."""
     flight, hyper = linear.flight, linear.hyper
-    driven = course(flight, hyper, jax.tree.map(lambda a: 0.8 * a, linear.u))
+    driven = latent_path_of(flight, hyper, jax.tree.map(lambda a: 0.8 * a, linear.u))
     path = np.asarray(states(flight, linear.theta, driven))
     path = path + broken * np.random.default_rng(2).standard_normal(path.shape)
     _, made, seen = _made(flight, hyper, linear.theta, driven._replace(path=path))
@@ -57,23 +57,25 @@ def test_draws_have_the_dense_conditional_law_whatever_the_path(linear, each_num
     y, zero, by = linear.matrices.model(flight)
     r, _, _ = linear.matrices.covariances(flight, hyper, linear.priors)
     each = jnp.eye(60 * 4).reshape(60, 4, -1)
-    shocks = np.asarray(disturbances.disturbances(hyper.dynamics(flight), each)).reshape(120, -1)
-    by_z = np.concatenate([by[:, 2:4], by[:, 4:] @ shocks], axis=1)
+    process_noise = np.asarray(disturbances.disturbances(hyper.dynamics(flight), each)).reshape(120, -1)
+    by_z = np.concatenate([by[:, 2:4], by[:, 4:] @ process_noise], axis=1)
     gain = np.linalg.solve(r + by_z @ by_z.T, by_z).T
-    mean, spread = _law(np.concatenate([got.unknowns.start, np.asarray(got.unknowns.shocks).reshape(240, count)]))
+    mean, spread = _law(
+        np.concatenate([got.unknowns.start, np.asarray(got.unknowns.process_noise).reshape(240, count)])
+    )
     np.testing.assert_allclose(mean, gain @ (y - zero - by[:, :2] @ linear.theta), atol=1e-9)
     np.testing.assert_allclose(spread, np.eye(242) - gain @ by_z, atol=1e-9)
     theta = np.repeat(linear.theta[:, None], count, axis=1)
-    flown = states(flight, theta, course(flight, hyper, got.unknowns))
+    flown = states(flight, theta, latent_path_of(flight, hyper, got.unknowns))
     np.testing.assert_allclose(path[..., None] + got.states, flown, atol=1e-9)
 
 
 def test_draws_without_random_numbers_are_the_smoothed_flight(descent):
     flight, hyper = descent.flights[0], descent.hyper
-    _, made, seen = _made(flight, hyper, descent.theta, course(flight, hyper, descent.u[0]))
+    _, made, seen = _made(flight, hyper, descent.theta, latent_path_of(flight, hyper, descent.u[0]))
     still = jax.tree.map(np.zeros_like, normals(flight, 1, np.random.default_rng(0)))
     got, want = drawn(flight, hyper, made, seen, still), smooth_driven(made, seen)
-    for ours, theirs in ((got.unknowns.start, want.start), (got.unknowns.shocks, want.shocks), (got.states, want.states)):  # fmt: skip
+    for ours, theirs in ((got.unknowns.start, want.start), (got.unknowns.process_noise, want.process_noise), (got.states, want.states)):  # fmt: skip
         np.testing.assert_allclose(ours, theirs, atol=1e-12 * np.abs(theirs).max())
 
 
@@ -117,7 +119,7 @@ def growing(descent):
     flight = replace(
         descent.flights[0], model=GrowingFlight(nothing[:, 0]), observed=observed, present=present, start_scale=np.array([0.5])
     )  # fmt: skip
-    return flight, hyper, Course(np.zeros(1), nothing, path)
+    return flight, hyper, LatentPath(np.zeros(1), nothing, path)
 
 
 def _held(flight, hyper, dense):
@@ -131,7 +133,9 @@ def _held(flight, hyper, dense):
     weighted = seen.T @ np.linalg.inv(dense.noise_covariance(times, flight.present, *noise))
     precision = weighted @ seen
     precision[0, 0] += flight.start_scale[0] ** -2
-    precision[LONG:, LONG:] += np.linalg.inv(dense.disturbance_covariance(flight.latent, hyper.laws, times))
+    precision[LONG:, LONG:] += np.linalg.inv(
+        dense.disturbance_covariance(flight.latent, hyper.disturbance_parameters, times)
+    )
     one, after = np.eye(LONG)[:-1], np.eye(LONG)[1:]
     obeyed = np.concatenate([after - GROWTH * one, -PUSH * (one + after)], axis=1)
     whole = np.block([[precision, obeyed.T], [obeyed, np.zeros((LONG - 1, LONG - 1))]])
@@ -145,7 +149,7 @@ def test_draws_of_an_unstable_flight_have_the_dense_conditional_law(growing, eac
     numbers = each_number(flight)
     count = numbers.start.shape[-1]
     got = drawn(flight, hyper, made, _wide(seen, count), numbers)
-    error = np.asarray(disturbances.disturbances(hyper.dynamics(flight), got.unknowns.shocks))
+    error = np.asarray(disturbances.disturbances(hyper.dynamics(flight), got.unknowns.process_noise))
     both = np.concatenate([driven.path[:, 0, None] + got.states[:, 0], error[:, 0]])
     (mean, spread), (wanted, law) = _law(both), _held(flight, hyper, dense)
     se = np.sqrt(np.diag(law))
@@ -154,17 +158,17 @@ def test_draws_of_an_unstable_flight_have_the_dense_conditional_law(growing, eac
 
 
 def test_draws_of_an_unstable_flight_stay_near_its_path(growing):
-    """They are finite and centred on the smoother's means; the flight under their shocks, simulated, is not."""
+    """They are finite and centred on the smoother's means; the flight under their process noise, simulated, is not."""
     flight, hyper, driven = growing
     _, made, seen = _made(flight, hyper, np.zeros(1), driven)
     got, want = drawn(flight, hyper, made, _wide(seen, 500), normals(flight, 500, np.random.default_rng(1))), smooth_driven(made, seen)  # fmt: skip
     still = drawn(flight, hyper, made, seen, jax.tree.map(np.zeros_like, normals(flight, 1, np.random.default_rng(0))))
     np.testing.assert_allclose(still.states, want.states, atol=1e-9)
-    np.testing.assert_allclose(still.unknowns.shocks, want.shocks, atol=1e-9)
+    np.testing.assert_allclose(still.unknowns.process_noise, want.process_noise, atol=1e-9)
     off = np.asarray(got.states) - np.asarray(want.states)
     assert np.isfinite(off).all() and np.abs(off).max() < 2.0
     assert np.abs(off.mean(axis=-1) / off.std(axis=-1)).max() < 5.0 / np.sqrt(500)
-    simulated = states(flight, np.zeros((1, 500)), course(flight, hyper, got.unknowns))
+    simulated = states(flight, np.zeros((1, 500)), latent_path_of(flight, hyper, got.unknowns))
     assert np.abs(np.asarray(simulated)[-1]).max() > 1e3
-    near = states(flight, np.zeros((1, 500)), course(flight, hyper, got.unknowns))[:20]
+    near = states(flight, np.zeros((1, 500)), latent_path_of(flight, hyper, got.unknowns))[:20]
     np.testing.assert_allclose(driven.path[:20, :, None] + got.states[:20], near, atol=1e-9)

@@ -16,13 +16,13 @@ from bayeschute.dynamics.parameters import Structure
 from bayeschute.likelihood import joint
 from bayeschute.likelihood.channels import cluster_data
 from bayeschute.likelihood.disturbances import Latent
-from bayeschute.likelihood.joint import Lifted, NoiseParameters, Unknowns, course, linearise, states
+from bayeschute.likelihood.joint import Lifted, NoiseParameters, Unknowns, latent_path_of, linearise, states
 from bayeschute.likelihood.noise import Noise
 from bayeschute.likelihood.priors import Prior, standard
 from bayeschute.likelihood.record_path import RecordPath
 from bayeschute.posterior import along_record
 from bayeschute.posterior import joint_mode as optimum
-from bayeschute.posterior.along_record import begin, descend, led, onward, rest, solve, terms
+from bayeschute.posterior.along_record import begin, conditional_optimum, descend, led, onward, solve, terms
 from bayeschute.records.sensors import SensorNoise
 from bayeschute.virtual.drop import Turbulence, VirtualDrop, fly
 
@@ -31,7 +31,7 @@ TIGHT = along_record.Near(1e-4, 1e-3)  # gain and step at which a fit is compare
 
 def _broken(flight, hyper, theta, u, seed=0, size=0.3):
     """The flight with the path of a simulation, broken at every sample, as what its record shows."""
-    x = np.asarray(states(flight, jnp.asarray(theta), course(flight, hyper, u)))
+    x = np.asarray(states(flight, jnp.asarray(theta), latent_path_of(flight, hyper, u)))
     path = x + size * np.random.default_rng(seed).standard_normal(x.shape)
     return replace(flight, path=RecordPath(path, np.full(x.shape[1], 0.1)))
 
@@ -69,7 +69,7 @@ def shot(drop):
 
 
 def _solved(flight, hyper, theta, at, slack):
-    made = linearise(flight, theta, at.course(flight))
+    made = linearise(flight, theta, at.latent_path(flight))
     return made, solve(flight, hyper, np.asarray(slack), made)
 
 
@@ -78,20 +78,20 @@ def test_along_its_own_simulation_a_flight_is_linearised_as_by_shooting(which, r
     case = request.getfixturevalue(which)
     flight = case.flights[0] if which == "descent" else case.flight
     rng = np.random.default_rng(1)
-    shocks = 0.3 * rng.standard_normal((flight.samples, flight.latent.size))
-    u = Unknowns(0.5 * rng.standard_normal(flight.starts), shocks)
+    process_noise = 0.3 * rng.standard_normal((flight.samples, flight.latent.size))
+    u = Unknowns(0.5 * rng.standard_normal(flight.starts), process_noise)
     theta = np.asarray(case.theta)
     at = flown(flight, case.hyper, theta, u)
     made, got = _solved(flight, case.hyper, theta, at, np.zeros(at.path.shape[1]))
-    shooting = linearise(flight, theta, course(flight, case.hyper, u))
+    shooting = linearise(flight, theta, latent_path_of(flight, case.hyper, u))
     want = optimum.conditional(flight, case.hyper, shooting)
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, atol=1e-9), made, shooting)
     gram = np.asarray(got.gram)
     np.testing.assert_allclose(gram[1:, 1:], want.matrix, rtol=1e-6)
     np.testing.assert_allclose(-gram[1:, 0], want.gradient, rtol=1e-6, atol=1e-6 * np.abs(want.gradient).max())
-    for name in ("start", "shocks"):
+    for name in ("start", "process_noise"):
         whole = np.asarray(getattr(got, name))
-        whole = whole[:, : flight.latent.size] if name == "shocks" else whole
+        whole = whole[:, : flight.latent.size] if name == "process_noise" else whole
         np.testing.assert_allclose(whole[..., 0], getattr(want.optimum, name), atol=1e-6)
         np.testing.assert_allclose(whole[..., 1:], getattr(want.slope, name), rtol=1e-5, atol=1e-5)
     told = terms(flight, case.hyper, np.ones(at.path.shape[1]), at, made)
@@ -100,16 +100,16 @@ def test_along_its_own_simulation_a_flight_is_linearised_as_by_shooting(which, r
 
 
 def test_a_step_of_nothing_lands_on_the_smoothed_flight_whatever_the_path(broken, linear):
-    """Path, start and shocks given the parameters, from a path that is anything but a flight."""
+    """Path, start and process noise given the parameters, from a path that is anything but a flight."""
     at = begin(broken)
     made, got = _solved(broken, linear.hyper, linear.theta, at, np.zeros(2))
     assert float(terms(broken, linear.hyper, np.ones(2), at, made).largest) > 0.5
     there = led(broken, linear.hyper, at, got, np.zeros(2))
-    shooting = linearise(broken, linear.theta, course(broken, linear.hyper, broken.still()))
+    shooting = linearise(broken, linear.theta, latent_path_of(broken, linear.hyper, broken.still()))
     want = optimum.conditional(broken, linear.hyper, shooting).optimum
     np.testing.assert_allclose(there.unknowns.start, want.start, atol=1e-9)
-    np.testing.assert_allclose(there.unknowns.shocks, want.shocks, atol=1e-9)
-    driven = course(broken, linear.hyper, want)
+    np.testing.assert_allclose(there.unknowns.process_noise, want.process_noise, atol=1e-9)
+    driven = latent_path_of(broken, linear.hyper, want)
     np.testing.assert_allclose(there.error, driven.error, atol=1e-9)
     np.testing.assert_allclose(there.path, states(broken, jnp.asarray(linear.theta), driven), atol=1e-9)
 
@@ -125,7 +125,7 @@ def test_one_whole_step_solves_a_linear_problem(broken, linear):
     there = led(broken, linear.hyper, at, got, step)
     found = np.concatenate([there.unknowns.start, np.asarray(there.error).ravel()])
     np.testing.assert_allclose(found, mean[2:], atol=1e-8)
-    driven = course(broken, linear.hyper, there.unknowns)
+    driven = latent_path_of(broken, linear.hyper, there.unknowns)
     np.testing.assert_allclose(there.path, states(broken, jnp.asarray(theta + step), driven), atol=1e-8)
 
 
@@ -145,7 +145,7 @@ def _naive(flight, theta, start, error, pushes):
 
 
 def test_slack_is_white_noise_of_the_states(broken, linear, dense):
-    """Against dense matrices: start, shocks and pushes given the parameters, and what these are told."""
+    """Against dense matrices: start, process noise and pushes given the parameters, and what these are told."""
     theta, slack = np.array([0.2, 0.3]), np.array([0.07, 0.2])
     samples, law = broken.samples, linear.hyper.dynamics(broken)
     size = broken.latent.size
@@ -158,8 +158,8 @@ def test_slack_is_white_noise_of_the_states(broken, linear, dense):
     count = 2 + samples * size + 2 * samples
 
     def unstacked(z):
-        shocks = z[2 : 2 + samples * size]
-        return z[:2], disturbing @ shocks, slack * z[2 + samples * size :].reshape(samples, 2)
+        process_noise = z[2 : 2 + samples * size]
+        return z[:2], disturbing @ process_noise, slack * z[2 + samples * size :].reshape(samples, 2)
 
     def seen(z, theta):
         return dense.stack(_naive(broken, theta, *unstacked(z))[1], broken.present)
@@ -177,11 +177,11 @@ def test_slack_is_white_noise_of_the_states(broken, linear, dense):
     z = by.T @ np.linalg.solve(total, left)
     start, error, pushes = unstacked(z)
     np.testing.assert_allclose(there.unknowns.start, start, atol=1e-9)
-    np.testing.assert_allclose(np.ravel(there.unknowns.shocks), z[2 : 2 + samples * size], atol=1e-9)
+    np.testing.assert_allclose(np.ravel(there.unknowns.process_noise), z[2 : 2 + samples * size], atol=1e-9)
     np.testing.assert_allclose(there.error, error, atol=1e-9)
     np.testing.assert_allclose(there.path, _naive(broken, theta, start, error, pushes)[0], atol=1e-9)
     assert np.abs(pushes).max() > 0.5 * slack.min()  # the path needs them
-    defects = terms(broken, linear.hyper, slack, there, linearise(broken, theta, there.course(broken)))
+    defects = terms(broken, linear.hyper, slack, there, linearise(broken, theta, there.latent_path(broken)))
     np.testing.assert_allclose(float(defects.squares), 0.5 * np.sum(z[2 + samples * size :] ** 2), rtol=1e-7)
     assert float(defects.sizes) == pytest.approx(np.abs(z[2 + samples * size :]).sum(), rel=1e-7)
     assert float(defects.largest) == pytest.approx(np.abs(z[2 + samples * size :]).max(), rel=1e-7)
@@ -215,10 +215,14 @@ def _same_optimum(drop, shot, made):
     assert total == pytest.approx(shot.cost, abs=0.02)
     (at,) = made.flights
     told = terms(
-        drop.flight, drop.hyper, drop.flight.path.slack, at, linearise(drop.flight, made.theta, at.course(drop.flight))
+        drop.flight,
+        drop.hyper,
+        drop.flight.path.slack,
+        at,
+        linearise(drop.flight, made.theta, at.latent_path(drop.flight)),
     )
     assert float(told.largest) < 1e-2
-    driven = course(drop.flight, drop.hyper, at.unknowns)
+    driven = latent_path_of(drop.flight, drop.hyper, at.unknowns)
     np.testing.assert_allclose(at.error, driven.error, atol=1e-9)
     off = np.abs(np.asarray(states(drop.flight, jnp.asarray(made.theta), driven)) - at.path)
     assert off.max() < 0.02
@@ -258,7 +262,7 @@ def test_what_a_level_lowers_is_what_it_says(drop, level):
 
     def merit(theta, at):
         slack = (level or along_record.LEVELS[-1]) * drop.flight.path.slack
-        told = terms(drop.flight, drop.hyper, slack, at, linearise(drop.flight, theta, at.course(drop.flight)))
+        told = terms(drop.flight, drop.hyper, slack, at, linearise(drop.flight, theta, at.latent_path(drop.flight)))
         held = float(told.squares) if level else along_record._PRICE * float(told.sizes)
         return 0.5 * float(np.sum(standard(drop.priors, theta) ** 2)) + float(told.data) + held
 
@@ -267,14 +271,16 @@ def test_what_a_level_lowers_is_what_it_says(drop, level):
     fell = merit(start, begin(drop.flight)) - merit(made.theta, made.flights[0])
     assert min(gains) > 0.0 and sum(gains) == pytest.approx(fell, rel=1e-9)
     (at,) = made.flights
-    lin = linearise(drop.flight, made.theta, at.course(drop.flight))
+    lin = linearise(drop.flight, made.theta, at.latent_path(drop.flight))
     sizes = terms(drop.flight, drop.hyper, along_record.LEVELS[-1] * drop.flight.path.slack, at, lin)
     assert made.rows[-1].defect == pytest.approx(float(sizes.largest), rel=1e-9)
 
 
 def test_a_fit_under_other_noise_parameters_goes_on_from_its_path(drop, shot):
-    """Disturbances of the ones before are kept with the path; their shocks are found before parameters move."""
-    louder = NoiseParameters(drop.hyper.noise, tuple(np.asarray(law) * [1.5, 1.0] for law in drop.hyper.laws))
+    """Disturbances of the ones before are kept with the path; their process noise are found before parameters move."""
+    louder = NoiseParameters(
+        drop.hyper.noise, tuple(np.asarray(law) * [1.5, 1.0] for law in drop.hyper.disturbance_parameters)
+    )
     before = descend([drop.flight], louder, drop.priors, drop.theta)
     made = descend([drop.flight], drop.hyper, drop.priors, before.theta, before.flights, (0.0,), near=TIGHT)
     _same_optimum(drop, shot, made)
@@ -329,14 +335,14 @@ def test_jax_serves_where_there_is_no_machine_code(descent, monkeypatch):
 
 def _largest(flight, theta, at, hyper):
     slack = along_record.LEVELS[-1] * flight.path.slack
-    return float(terms(flight, hyper, slack, at, linearise(flight, theta, at.course(flight))).largest)
+    return float(terms(flight, hyper, slack, at, linearise(flight, theta, at.latent_path(flight))).largest)
 
 
 def test_at_rest_a_linear_flight_is_at_its_dense_conditional_mean(broken, linear, flown):
     """And the slope by the parameters is that with everything else following, from a path that is no flight at all."""
     mean, covariance = linear.matrices.posterior(broken, linear.hyper, linear.priors)
     theta = np.array([1.5, 0.4])
-    found = rest([broken], linear.hyper, linear.priors, theta, [begin(broken)])
+    found = conditional_optimum([broken], linear.hyper, linear.priors, theta, [begin(broken)])
     gain = np.linalg.solve(covariance[:2, :2], covariance[:2, 2:]).T
     (at,) = found.flights
     got = np.concatenate([at.unknowns.start, np.asarray(at.error).ravel()])
@@ -358,7 +364,7 @@ def test_at_rest_a_descent_s_slope_is_that_of_its_least_cost(descent, flown):
     """Against central differences; brought to rest again nothing moves, and a step onward stays near it."""
     theta, given = descent.theta + 0.3, (descent.flights, descent.hyper, descent.priors)
     off = [flown(f, descent.hyper, theta, f.still()) for f in descent.flights]
-    found = rest(*given, theta, off)
+    found = conditional_optimum(*given, theta, off)
     sd = 1.0 / np.sqrt(found.matrix[0, 0])
     h = 0.05 * sd
 
@@ -370,19 +376,19 @@ def test_at_rest_a_descent_s_slope_is_that_of_its_least_cost(descent, flown):
     slope = (least(theta + h) - least(theta - h)) / (2.0 * h)
     assert found.gradient[0] == pytest.approx(slope, rel=0.02)
     assert found.cost == pytest.approx(least(theta), abs=0.06)
-    again = rest(*given, theta, found.flights)
+    again = conditional_optimum(*given, theta, found.flights)
     assert abs(again.cost - found.cost) < 0.05 and abs(again.gradient - found.gradient)[0] < 0.05 / sd
     step = np.array([0.5 * sd])
-    ends, near = onward(*given[:2], again, step), rest(*given, theta + step, again.flights)
+    ends, near = onward(*given[:2], again, step), conditional_optimum(*given, theta + step, again.flights)
     for end, at in zip(ends, near.flights, strict=True):
         np.testing.assert_allclose(end.path, at.path, atol=0.05 * np.abs(at.path).max())
-        np.testing.assert_allclose(end.unknowns.shocks, at.unknowns.shocks, atol=0.1)
+        np.testing.assert_allclose(end.unknowns.process_noise, at.unknowns.process_noise, atol=0.1)
 
 
 def test_at_rest_a_drop_obeys(drop, shot):
-    """Start, shocks and path from the record's path, parameters held at the optimum of single shooting."""
+    """Start, process noise and path from the record's path, parameters held at the optimum of single shooting."""
     rough = descend([drop.flight], drop.hyper, drop.priors, shot.theta, near=along_record.Near(1e4, np.inf, 0.5))
-    found = rest([drop.flight], drop.hyper, drop.priors, shot.theta, rough.flights)
+    found = conditional_optimum([drop.flight], drop.hyper, drop.priors, shot.theta, rough.flights)
     assert found.cost == pytest.approx(shot.cost, abs=0.1)
     sd = np.sqrt(np.diag(shot.covariance))
     assert np.abs(found.gradient * sd).max() < 0.2 and found.defect < 0.02
@@ -393,7 +399,7 @@ def test_at_rest_a_drop_obeys(drop, shot):
 
 def test_where_nothing_is_finite_nothing_rests(descent, flown):
     at = [flown(f, descent.hyper, descent.theta, f.still()) for f in descent.flights]
-    assert rest(descent.flights, descent.hyper, descent.priors, np.array([np.nan]), at) is None
+    assert conditional_optimum(descent.flights, descent.hyper, descent.priors, np.array([np.nan]), at) is None
 
 
 def test_a_row_is_a_line_of_the_log():

@@ -12,8 +12,8 @@ from scipy.optimize import brentq
 from bayeschute.core.errors import FitError
 from bayeschute.likelihood.joint import Lifted
 from bayeschute.likelihood.kalman_gradient import to_vector
-from bayeschute.posterior import along_record, laplace
-from bayeschute.posterior import fit as finding
+from bayeschute.posterior import along_record, joint_mode, laplace, noise_evidence
+from bayeschute.posterior.fit import continuation, joint_fit, laplace_fit, marginal_mode
 from bayeschute.posterior.joint_mode import Optimum
 from bayeschute.posterior.marginal import Quadratic, log_density
 from bayeschute.posterior.noise_evidence import NoisePrior
@@ -49,7 +49,9 @@ def test_the_optimum_is_the_mode_of_the_marginal_posterior(found):
 def test_progress_grows(descent):
     heard = []
     prior = NoisePrior(descent.hyper, 0.4)
-    finding.find(descent.flights, descent.priors, prior, rounds=1, progress=lambda share, words: heard.append(share))
+    laplace_fit.find(
+        descent.flights, descent.priors, prior, rounds=1, progress=lambda share, words: heard.append(share)
+    )
     assert heard == sorted(heard) and 0.0 <= heard[0] and heard[-1] <= 1.0
 
 
@@ -69,14 +71,14 @@ def test_openings_are_shortened_where_the_first_flight_fails(descent, monkeypatc
         seen = np.asarray(flights[0].present).any(axis=1)
         share = (np.flatnonzero(seen)[-1] + 1) / seen.size
         tried.append(share)
-        assert options["opening"] == (share < 1.0)
+        assert options["first_part"] == (share < 1.0)
         if share > reach[0]:
             raise FloatingPointError("lost")
         reach[0] = 2.5 * share if share < 0.15 else 1.0
         return SimpleNamespace(theta=theta, unknowns=[f.still() for f in flights])
 
-    monkeypatch.setattr(finding.optimum, "fit", fit)
-    finding.lengthened(descent.flights, descent.priors, descent.hyper, descent.theta, lambda *_: None)
+    monkeypatch.setattr(joint_mode, "fit", fit)
+    continuation.lengthened(descent.flights, descent.priors, descent.hyper, descent.theta, lambda *_: None)
     assert tried == pytest.approx(shares, abs=0.03)
 
 
@@ -87,9 +89,9 @@ def test_an_opening_of_a_twentieth_that_fails_ends_the_search(descent, monkeypat
         tried.append(1)
         raise FloatingPointError("lost")
 
-    monkeypatch.setattr(finding.optimum, "fit", fit)
+    monkeypatch.setattr(joint_mode, "fit", fit)
     with pytest.raises(FloatingPointError, match="lost"):
-        finding.lengthened(descent.flights, descent.priors, descent.hyper, descent.theta, lambda *_: None)
+        continuation.lengthened(descent.flights, descent.priors, descent.hyper, descent.theta, lambda *_: None)
     assert len(tried) == 4
 
 
@@ -110,15 +112,15 @@ def test_an_opening_that_led_astray_is_begun_anew_in_small_steps(descent, monkey
         tried.append(share)
         return SimpleNamespace(theta=theta + 1.0, unknowns=[f.still() for f in flights])
 
-    monkeypatch.setattr(finding.optimum, "fit", fit)
-    found, _ = finding.lengthened(descent.flights, descent.priors, descent.hyper, descent.theta, lambda *_: None)
+    monkeypatch.setattr(joint_mode, "fit", fit)
+    found, _ = continuation.lengthened(descent.flights, descent.priors, descent.hyper, descent.theta, lambda *_: None)
     assert tried == pytest.approx([0.2, *np.linspace(0.1, 1.0, 10)], abs=0.03)
     np.testing.assert_allclose(found, descent.theta + 10.0)
 
 
 def test_the_mode_is_found_far_from_the_joint_optimum(descent, monkeypatch):
     """A log determinant whose slope dies away: one slope goes much too far, the mode is where slope and cost balance."""
-    settled = finding.joint_fit(descent.flights, descent.priors, NoisePrior(descent.hyper))
+    settled = joint_fit.joint_fit(descent.flights, descent.priors, NoisePrior(descent.hyper))
     factor = np.linalg.cholesky(settled.optimum.covariance)
     start = settled.optimum.theta
 
@@ -128,7 +130,7 @@ def test_the_mode_is_found_far_from_the_joint_optimum(descent, monkeypatch):
         return laplace.Lack(6.0 * np.exp(away * np.log(2.0) / 2.0), np.zeros((1, 1)))
 
     monkeypatch.setattr(laplace, "lack", bent)
-    best = finding.marginal_mode(descent.flights, descent.priors, settled)
+    best = marginal_mode.marginal_mode(descent.flights, descent.priors, settled)
     away = float(np.linalg.solve(factor, best.theta - start)[0])
     balance = brentq(lambda x: x + 6.0 * np.exp(x * np.log(2.0) / 2.0), -6.0, 0.0)
     assert best.converged and abs(away - balance) < 0.2 < abs(-6.0 - balance)
@@ -137,7 +139,7 @@ def test_the_mode_is_found_far_from_the_joint_optimum(descent, monkeypatch):
 @pytest.mark.parametrize(("share", "mode"), [(0.3, -2.5), (0.25, 2.5)])
 def test_the_mode_is_found_across_a_slope_much_flatter_than_gauss_newton_expects(descent, monkeypatch, share, mode):
     """Cost and log determinant together rise with a share of the cost's curvature: Gauss-Newton steps stop short."""
-    settled = finding.joint_fit(descent.flights, descent.priors, NoisePrior(descent.hyper))
+    settled = joint_fit.joint_fit(descent.flights, descent.priors, NoisePrior(descent.hyper))
     factor, start = np.linalg.cholesky(settled.optimum.covariance), settled.optimum.theta
 
     def flat(made):
@@ -145,14 +147,14 @@ def test_the_mode_is_found_across_a_slope_much_flatter_than_gauss_newton_expects
         return laplace.Lack(share * (away - mode) - away, np.zeros((1, 1)))
 
     monkeypatch.setattr(laplace, "lack", flat)
-    best = finding.marginal_mode(descent.flights, descent.priors, settled)
+    best = marginal_mode.marginal_mode(descent.flights, descent.priors, settled)
     away = float(np.linalg.solve(factor, best.theta - start)[0])
     assert best.converged and abs(away - mode) < 0.2
 
 
 def test_a_step_that_leads_to_where_flights_fail_is_halved(descent, monkeypatch):
     """Flights on both sides fail farther than two standard deviations from the joint optimum; the mode is within."""
-    settled = finding.joint_fit(descent.flights, descent.priors, NoisePrior(descent.hyper))
+    settled = joint_fit.joint_fit(descent.flights, descent.priors, NoisePrior(descent.hyper))
     factor, start = np.linalg.cholesky(settled.optimum.covariance), settled.optimum.theta
     failures = []
 
@@ -164,26 +166,29 @@ def test_a_step_that_leads_to_where_flights_fail_is_halved(descent, monkeypatch)
         return laplace.Lack(4.0 * np.exp(away), np.zeros((1, 1)))
 
     monkeypatch.setattr(laplace, "lack", steep)
-    best = finding.marginal_mode(descent.flights, descent.priors, settled)
+    best = marginal_mode.marginal_mode(descent.flights, descent.priors, settled)
     away = float(np.linalg.solve(factor, best.theta - start)[0])
     assert failures and best.converged and abs(away - brentq(lambda x: x + 4.0 * np.exp(x), -4.0, 0.0)) < 0.2
     monkeypatch.setattr(laplace, "lack", lambda made: steep(SimpleNamespace(centre=start + 3.0 * factor[0])))
     with pytest.raises(FloatingPointError, match="both sides"):
-        finding.marginal_mode(descent.flights, descent.priors, settled)
+        marginal_mode.marginal_mode(descent.flights, descent.priors, settled)
 
 
 def test_a_smaller_model_goes_on_where_a_larger_one_led(descent):
-    settled = finding.joint_fit(descent.flights, descent.priors, NoisePrior(descent.hyper))
+    settled = joint_fit.joint_fit(descent.flights, descent.priors, NoisePrior(descent.hyper))
     there = settled.optimum.theta + np.sqrt(np.diag(settled.optimum.covariance))
     prior = NoisePrior(descent.hyper)
-    made = finding.carried_over(descent.flights, descent.priors, prior, settled, there, settled.optimum.flights)
-    rest = finding.along_record.rest(descent.flights, settled.hyper, descent.priors, there, settled.optimum.flights)
+    made = joint_fit.carried_over(descent.flights, descent.priors, prior, settled, there, settled.optimum.flights)
+    rest = along_record.conditional_optimum(
+        descent.flights, settled.hyper, descent.priors, there, settled.optimum.flights
+    )
     np.testing.assert_array_equal(made.optimum.theta, there)
     assert made.hyper is settled.hyper and made.optimum.cost == pytest.approx(rest.cost)
     assert made.optimum.cost > settled.optimum.cost and np.isfinite(made.evidence)
     nowhere = there * np.nan
     assert (
-        finding.carried_over(descent.flights, descent.priors, prior, settled, nowhere, settled.optimum.flights) is None
+        joint_fit.carried_over(descent.flights, descent.priors, prior, settled, nowhere, settled.optimum.flights)
+        is None
     )
 
 
@@ -192,16 +197,16 @@ def test_noise_parameters_go_to_their_mean_unless_that_is_too_far(found, descent
     """A displacement by which the parameter would move `far` standard deviations."""
     (slope,) = found.noise_effect.slope
     moved = far * slope / float(slope @ slope)
-    told, mode = {}, finding.noise_evidence.maximise
+    told, mode = {}, noise_evidence.maximise
 
     def remembered(*given, **named):
         told["mode"] = mode(*given, **named)
         return told["mode"]
 
-    monkeypatch.setattr(finding.noise_evidence, "maximise", remembered)
-    monkeypatch.setattr(finding.noise_evidence, "mean_less_mode", lambda *_: moved)
-    settled = finding.joint_fit(descent.flights, descent.priors, NoisePrior(descent.hyper, 0.4))
-    made = finding.marginal_fit(descent.flights, descent.priors, NoisePrior(descent.hyper, 0.4), settled)
+    monkeypatch.setattr(noise_evidence, "maximise", remembered)
+    monkeypatch.setattr(noise_evidence, "mean_less_mode", lambda *_: moved)
+    settled = joint_fit.joint_fit(descent.flights, descent.priors, NoisePrior(descent.hyper, 0.4))
+    made = laplace_fit.marginal_fit(descent.flights, descent.priors, NoisePrior(descent.hyper, 0.4), settled)
     went = to_vector(made.hyper) - to_vector(told["mode"][0])
     np.testing.assert_allclose(went, 0.0 if held else moved, atol=1e-9)
 
@@ -228,7 +233,7 @@ def test_what_is_fast_is_tried_first_then_what_gets_further(monkeypatch, descent
 
     monkeypatch.setattr(along_record, "descend", late)
     given = descent.flights, descent.hyper, descent.priors, np.zeros(1), [at] if goes_on else None
-    assert finding._along_record(*given, along_record.NEAR, print, begins).rows[-1].defect == 1e-4
+    assert joint_fit._along_record(*given, along_record.NEAR, print, begins).rows[-1].defect == 1e-4
     levels = {"whole": (*along_record.LEVELS, 0.0), "held": (0.0,), "small": tried[-1][2]}
     assert tried == [(noise, placed, levels[name]) for noise, placed, name in wanted]
     small = levels["small"]
@@ -236,11 +241,11 @@ def test_what_is_fast_is_tried_first_then_what_gets_further(monkeypatch, descent
 
 
 def test_looser_noise_has_larger_standard_deviations_and_the_same_times(descent):
-    made, hyper = finding._looser(descent.hyper), descent.hyper
+    made, hyper = joint_fit._looser(descent.hyper), descent.hyper
     np.testing.assert_allclose(made.noise.white, 3.0 * hyper.noise.white)
     np.testing.assert_allclose(made.noise.correlated, 3.0 * hyper.noise.correlated)
     np.testing.assert_array_equal(made.noise.time_constant, hyper.noise.time_constant)
-    np.testing.assert_allclose(made.laws[0], hyper.laws[0] * [3.0, 1.0])
+    np.testing.assert_allclose(made.disturbance_parameters[0], hyper.disturbance_parameters[0] * [3.0, 1.0])
 
 
 def test_a_record_that_no_flight_follows_is_told(monkeypatch, descent):
@@ -254,8 +259,8 @@ def test_a_record_that_no_flight_follows_is_told(monkeypatch, descent):
 
     monkeypatch.setattr(along_record, "descend", stuck)
     theta = np.zeros(len(descent.priors))
-    with pytest.raises(finding.NoJointFitError, match="no flight of the model follows the record") as told:
-        finding._along_record(descent.flights, descent.hyper, descent.priors, theta, [at], along_record.NEAR, print)
+    with pytest.raises(joint_fit.NoJointFitError, match="no flight of the model follows the record") as told:
+        joint_fit._along_record(descent.flights, descent.hyper, descent.priors, theta, [at], along_record.NEAR, print)
     assert len(told.value.tried) == 3 and "defect 0.5" in told.value.tried[1]
     assert told.value.best.rows[-1].defect == 0.5 and told.value.priors == tuple(descent.priors)
 
@@ -270,8 +275,8 @@ def test_a_fit_that_took_no_step_is_not_the_best(monkeypatch, descent):
 
     monkeypatch.setattr(along_record, "descend", seldom)
     theta = np.zeros(len(descent.priors))
-    with pytest.raises(finding.NoJointFitError, match="break the equations of motion") as told:
-        finding._along_record(descent.flights, descent.hyper, descent.priors, theta, [at], along_record.NEAR, print)
+    with pytest.raises(joint_fit.NoJointFitError, match="break the equations of motion") as told:
+        joint_fit._along_record(descent.flights, descent.hyper, descent.priors, theta, [at], along_record.NEAR, print)
     assert told.value.best.rows[-1].defect == 0.9
 
 
@@ -290,10 +295,10 @@ def test_a_joint_optimum_goes_along_the_record_where_there_is_one(descent, monke
         told.append(("shot", unknowns))
         return Optimum(theta + 1.0, tuple(at), np.eye(1), 7.0, True, 2, 0.2, (7.0,))
 
-    monkeypatch.setattr(finding, "_along_record", along)
-    monkeypatch.setattr(finding.optimum, "fit", shot)
+    monkeypatch.setattr(joint_fit, "_along_record", along)
+    monkeypatch.setattr(joint_mode, "fit", shot)
     for begin in (None, at):
-        made = finding.joint(flights, descent.hyper, descent.priors, descent.theta, begin)
+        made = joint_fit.joint(flights, descent.hyper, descent.priors, descent.theta, begin)
         assert (made.cost, made.converged, made.iterations, made.last_step, made.trace) == (7.0, True, 2, 0.2, (7.0,))
         np.testing.assert_allclose(made.theta, descent.theta + 1.0)
     assert [name for name, _ in told] == 2 * ["along" if path else "shot"] and told[0][1] is None
@@ -301,9 +306,9 @@ def test_a_joint_optimum_goes_along_the_record_where_there_is_one(descent, monke
 
 
 def test_the_joint_optimum_is_where_single_shooting_ends(descent, flown):
-    want = finding.optimum.fit(descent.flights, descent.hyper, descent.priors, descent.theta, tolerance=1e-4)
+    want = joint_mode.fit(descent.flights, descent.hyper, descent.priors, descent.theta, tolerance=1e-4)
     at = [flown(f, descent.hyper, descent.theta, f.still()) for f in descent.flights]
-    made = finding.joint(descent.flights, descent.hyper, descent.priors, descent.theta + 0.3, at)
+    made = joint_fit.joint(descent.flights, descent.hyper, descent.priors, descent.theta + 0.3, at)
     assert abs(made.theta - want.theta)[0] < 0.02 * np.sqrt(want.covariance[0, 0]) and made.converged
 
 
@@ -342,9 +347,9 @@ def judged(monkeypatch):
 )
 def test_corrections_are_taken_nearer_then_left_out_where_they_outweigh_the_density(found, judged, told, step, tried):
     steps = judged(*told)
-    made, lost, ahead, taken = finding._corrected(found.marginal)
+    made, lost, ahead, taken = laplace_fit._corrected(found.marginal)
     assert float(made.bend.curvature[0, 0]) == pytest.approx(0.01 * step) and steps == tried
-    assert lost == (() if step else (finding._LOST_BEND,)) and taken == step
+    assert lost == (() if step else (laplace_fit._LOST_BEND,)) and taken == step
     np.testing.assert_array_equal(
         ahead, WAY if step else 0.0 * WAY
     )  # found is at its mode: nothing beside it is higher
@@ -353,7 +358,7 @@ def test_corrections_are_taken_nearer_then_left_out_where_they_outweigh_the_dens
 def test_where_no_flight_beside_a_point_flies_there_are_no_corrections(found, judged):
     judged(None, None)
     with pytest.raises(FloatingPointError, match="beside the optimum"):
-        finding._corrected(found.marginal)
+        laplace_fit._corrected(found.marginal)
 
 
 def test_without_a_bend_that_can_be_trusted_the_way_ahead_is_to_where_the_density_is_higher(found, judged, descent):
@@ -361,14 +366,14 @@ def test_without_a_bend_that_can_be_trusted_the_way_ahead_is_to_where_the_densit
     judged(NONE, NONE)
     sd = np.sqrt(found.optimum.covariance[0, 0])
     aside = replace(found.optimum, theta=found.optimum.theta + 2.0 * sd)
-    near = finding.marginalise(descent.flights, found.hyper, descent.priors, aside)
-    _, _, ahead, _ = finding._corrected(near)
-    higher = finding._ahead(near, aside, ahead)
+    near = laplace_fit.marginalise(descent.flights, found.hyper, descent.priors, aside)
+    _, _, ahead, _ = laplace_fit._corrected(near)
+    higher = laplace_fit._ahead(near, aside, ahead)
     assert abs(higher.theta - found.optimum.theta)[0] <= 1.1 * sd
 
 
 def test_a_point_ahead_is_on_the_path_that_follows_the_parameters(found, descent, flown):
-    made = finding._ahead(found.marginal, found.optimum, np.array([0.7]))
+    made = laplace_fit._ahead(found.marginal, found.optimum, np.array([0.7]))
     np.testing.assert_allclose(made.theta, np.asarray(found.marginal.theta(np.array([0.7]))))
     for flight, at in zip(descent.flights, made.flights, strict=True):
         own = flown(flight, found.hyper, made.theta, at.unknowns)
@@ -378,63 +383,63 @@ def test_a_point_ahead_is_on_the_path_that_follows_the_parameters(found, descent
 def test_the_search_goes_on_to_the_mode_that_the_corrections_tell_of(found, descent):
     """From beside it, where the search by slopes alone has ended."""
     sd = np.sqrt(found.optimum.covariance[0, 0])
-    begin = finding.JointFit(found.optimum, found.hyper, found.evidence)
-    usual, moved = finding.marginal_mode, []
+    begin = joint_fit.JointFit(found.optimum, found.hyper, found.evidence)
+    usual, moved = marginal_mode.marginal_mode, []
 
     def beside(flights, priors, settled, progress=None, most=0):
         best = usual(flights, priors, settled)
         moved.append(best.theta[0])
-        near = finding.marginalise(flights, found.hyper, priors, best)
-        return finding._ahead(near, best, np.array([0.8]))
+        near = laplace_fit.marginalise(flights, found.hyper, priors, best)
+        return laplace_fit._ahead(near, best, np.array([0.8]))
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(finding, "marginal_mode", beside)
-        best, hyper, made, lost, seen = finding._last(descent.flights, descent.priors, begin, [found.hyper])
+        patch.setattr(laplace_fit, "marginal_mode", beside)
+        best, hyper, made, lost, seen = laplace_fit._last(descent.flights, descent.priors, begin, [found.hyper])
     assert hyper is found.hyper and lost == () and len(moved) == 1
     assert abs(best.theta[0] - found.optimum.theta[0]) < 0.3 * sd
     assert seen.is_mode and seen.worst == pytest.approx(0.5, abs=0.05)
 
 
 def test_noise_parameters_without_a_mode_give_way_to_the_next(found, descent, monkeypatch):
-    settled = finding.joint_fit(descent.flights, descent.priors, NoisePrior(descent.hyper, 0.4))
-    right, usual, seen = settled.hyper, finding.profile, []
+    settled = joint_fit.joint_fit(descent.flights, descent.priors, NoisePrior(descent.hyper, 0.4))
+    right, usual, seen = settled.hyper, laplace_fit.profile, []
 
     def told(made, *middle):
         seen.extend([made.hyper] if made.hyper not in seen[-1:] else [])
         return usual(made, *middle) if made.hyper is right else SimpleNamespace(is_mode=False, worst=-0.3)
 
-    monkeypatch.setattr(finding, "profile", told)
-    other = finding._looser(right)
-    _, hyper, made, lost, _ = finding._last(descent.flights, descent.priors, settled, [other, right])
-    assert hyper is right and made.hyper is right and seen == [other, right] and finding._LOST_MEAN in lost
+    monkeypatch.setattr(laplace_fit, "profile", told)
+    other = joint_fit._looser(right)
+    _, hyper, made, lost, _ = laplace_fit._last(descent.flights, descent.priors, settled, [other, right])
+    assert hyper is right and made.hyper is right and seen == [other, right] and laplace_fit._LOST_MEAN in lost
     with pytest.raises(FitError, match=r"falls by -0\.3, about"):
-        finding._last(descent.flights, descent.priors, settled, [other])
+        laplace_fit._last(descent.flights, descent.priors, settled, [other])
 
 
 def test_noise_parameters_under_which_nothing_flies_give_way_to_the_next(found, descent, monkeypatch):
-    settled, usual = finding.JointFit(found.optimum, found.hyper, found.evidence), finding.marginal_mode
-    other = finding._looser(found.hyper)
+    settled, usual = joint_fit.JointFit(found.optimum, found.hyper, found.evidence), marginal_mode.marginal_mode
+    other = joint_fit._looser(found.hyper)
 
     def lost(flights, priors, settled, progress=None, most=0):
         if settled.hyper is other:
             raise FloatingPointError("a step fails")
         return usual(flights, priors, settled)
 
-    monkeypatch.setattr(finding, "marginal_mode", lost)
-    assert finding._last(descent.flights, descent.priors, settled, [other, found.hyper])[1] is found.hyper
+    monkeypatch.setattr(laplace_fit, "marginal_mode", lost)
+    assert laplace_fit._last(descent.flights, descent.priors, settled, [other, found.hyper])[1] is found.hyper
     with pytest.raises(FloatingPointError, match="a step fails"):
-        finding._last(descent.flights, descent.priors, settled, [other])
+        laplace_fit._last(descent.flights, descent.priors, settled, [other])
 
 
 def test_a_search_whose_steps_stay_long_ended_beside_the_mode(found, descent, monkeypatch):
     """Of the points that it went by that with the shortest way ahead is judged."""
-    ways, begin = iter((1.5, 1.2, 1.4, 1.3, 1.5, 0.4, 1.1, 0.9)), finding.JointFit(found.optimum, found.hyper, 0.0)
-    monkeypatch.setattr(finding, "marginal_mode", lambda *given: found.optimum)
-    monkeypatch.setattr(finding, "marginalise", lambda *given: found.marginal)
-    monkeypatch.setattr(finding, "_corrected", lambda made: (made, (), np.array([next(ways)]), 0.0))
-    monkeypatch.setattr(finding, "_ahead", lambda near, best, step: replace(best, cost=step[0]))
-    monkeypatch.setattr(finding, "profile", lambda made, *middle: SimpleNamespace(is_mode=True, worst=0.5))
+    ways, begin = iter((1.5, 1.2, 1.4, 1.3, 1.5, 0.4, 1.1, 0.9)), joint_fit.JointFit(found.optimum, found.hyper, 0.0)
+    monkeypatch.setattr(laplace_fit, "marginal_mode", lambda *given: found.optimum)
+    monkeypatch.setattr(laplace_fit, "marginalise", lambda *given: found.marginal)
+    monkeypatch.setattr(laplace_fit, "_corrected", lambda made: (made, (), np.array([next(ways)]), 0.0))
+    monkeypatch.setattr(laplace_fit, "_ahead", lambda near, best, step: replace(best, cost=step[0]))
+    monkeypatch.setattr(laplace_fit, "profile", lambda made, *middle: SimpleNamespace(is_mode=True, worst=0.5))
     with pytest.raises(FitError, match=r"after 4 steps towards it the mode is still off by 1\.2 standard deviations"):
-        finding._last(descent.flights, descent.priors, begin, [found.hyper])
-    best, *_ = finding._last(descent.flights, descent.priors, begin, [found.hyper])
+        laplace_fit._last(descent.flights, descent.priors, begin, [found.hyper])
+    best, *_ = laplace_fit._last(descent.flights, descent.priors, begin, [found.hyper])
     assert best.cost == 1.5  # the step that led to the point from which 0.4 are left

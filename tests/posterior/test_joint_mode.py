@@ -8,7 +8,7 @@ import jax
 import numpy as np
 import pytest
 
-from bayeschute.likelihood.joint import course, linearise, states
+from bayeschute.likelihood.joint import latent_path_of, linearise, states
 from bayeschute.posterior import joint_mode as module
 from bayeschute.posterior.joint_mode import conditional, fit, total_cost
 
@@ -29,7 +29,7 @@ def _straight(linear, **options):
 
 def _dense(linear, theta, u):
     """Theta, start and disturbances in one vector, as the matrices have them."""
-    return np.concatenate([theta, u.start, np.asarray(course(linear.flight, linear.hyper, u).error).ravel()])
+    return np.concatenate([theta, u.start, np.asarray(latent_path_of(linear.flight, linear.hyper, u).error).ravel()])
 
 
 def test_linear_gaussian_problem_has_the_closed_form(linear, exact):
@@ -63,16 +63,16 @@ def test_a_flight_may_fail_after_its_last_datum_where_only_its_opening_is_fitted
         return made._replace(steps=made.steps._replace(**by_step, **by_out))
 
     monkeypatch.setattr(module, "linearise", failing)
-    found = fitted(opening=True)
+    found = fitted(first_part=True)
     np.testing.assert_allclose(found.theta, whole.theta, rtol=1e-9)
     np.testing.assert_allclose(found.covariance, whole.covariance, rtol=1e-9)
     np.testing.assert_allclose(found.unknowns[0].start, whole.unknowns[0].start, atol=1e-9)
-    np.testing.assert_allclose(found.unknowns[0].shocks, whole.unknowns[0].shocks, atol=1e-9)
+    np.testing.assert_allclose(found.unknowns[0].process_noise, whole.unknowns[0].process_noise, atol=1e-9)
     with pytest.raises(FloatingPointError, match="starting point"):
         fitted()
     last -= 1
     with pytest.raises(FloatingPointError, match="starting point"):
-        fitted(opening=True)
+        fitted(first_part=True)
 
 
 def test_tilt_moves_the_optimum_by_the_covariance(linear, exact):
@@ -92,7 +92,7 @@ def test_tilt_moves_the_optimum_by_the_covariance(linear, exact):
 
 def test_unknowns_given_theta_are_the_conditional_mean(linear, exact):
     mean, covariance = exact
-    driven = course(linear.flight, linear.hyper, linear.u)
+    driven = latent_path_of(linear.flight, linear.hyper, linear.u)
     given = conditional(linear.flight, linear.hyper, linearise(linear.flight, linear.theta, driven))
     gain = np.linalg.solve(covariance[:2, :2], covariance[:2, 2:]).T
     wanted = mean[2:] + gain @ (linear.theta - mean[:2])
@@ -181,7 +181,7 @@ def test_a_step_into_failure_is_damped(descent):
     tilt = np.array([-3e4])
     best = fit(descent.flights, descent.hyper, descent.priors, descent.theta, tilt=tilt)
     given = [
-        conditional(f, descent.hyper, linearise(f, descent.theta, course(f, descent.hyper, f.still())))
+        conditional(f, descent.hyper, linearise(f, descent.theta, latent_path_of(f, descent.hyper, f.still())))
         for f in descent.flights
     ]
     full = -tilt / (sum(float(g.matrix[0, 0]) for g in given) + descent.priors[0].scale ** -2)
@@ -205,9 +205,9 @@ def test_a_cost_that_is_not_finite_is_infinite(descent, found):
 
 def test_flights_of_an_optimum_are_on_the_paths_of_their_simulations(descent, found):
     for flight, at, u in zip(descent.flights, found.flights, found.unknowns, strict=True):
-        driven = course(flight, descent.hyper, u)
+        driven = latent_path_of(flight, descent.hyper, u)
         np.testing.assert_array_equal(at.error, driven.error)
         np.testing.assert_array_equal(at.path, states(flight, found.theta, driven))
     for lin, flight, u in zip(found.linear(descent.flights), descent.flights, found.unknowns, strict=True):
-        wanted = linearise(flight, found.theta, course(flight, descent.hyper, u))
+        wanted = linearise(flight, found.theta, latent_path_of(flight, descent.hyper, u))
         jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, atol=1e-9), lin, wanted)

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from bayeschute.likelihood.joint import NoiseParameters, cost, course
+from bayeschute.likelihood.joint import NoiseParameters, cost, latent_path_of
 from bayeschute.likelihood.noise import Noise
 from bayeschute.likelihood.priors import Prior
 from bayeschute.likelihood.simulation_smoother import normals
@@ -112,8 +112,8 @@ def test_the_squares_are_those_of_the_exact_optimum(gusty, xi):
     ours = at(made, np.array([xi]))
     assert ours.square - at(made, np.zeros(1)).square == pytest.approx(cost[1] - cost[0], abs=2e-3)
     assert abs(cost[1] - cost[0]) > 0.2
-    np.testing.assert_allclose(ours.flights[0].unknowns.shocks, best.unknowns[0].shocks, atol=0.01)
-    np.testing.assert_allclose(ours.flights[0].error, course(flight, hyper, ours.flights[0].unknowns).error)
+    np.testing.assert_allclose(ours.flights[0].unknowns.process_noise, best.unknowns[0].process_noise, atol=0.01)
+    np.testing.assert_allclose(ours.flights[0].error, latent_path_of(flight, hyper, ours.flights[0].unknowns).error)
 
 
 @pytest.mark.parametrize("which", ["falling", "gusty"])
@@ -145,7 +145,7 @@ def test_what_lacks_slopes_as_the_polynomials_do(which, request):
     """Over a step to one side, whose end their curvature has a part in."""
     made, h = request.getfixturevalue(which), 0.2
     made = made[-1] if which == "gusty" else made
-    rest = corrected(made, h)[0].rest
+    rest = corrected(made, h)[0].correction
     assert lack(made, h).slope[0] == pytest.approx(rest.slope[0] + 0.5 * h * rest.curvature[0, 0], abs=0.01)
     assert lack(made, -h).slope[0] == pytest.approx(rest.slope[0] - 0.5 * h * rest.curvature[0, 0], abs=0.01)
 
@@ -254,7 +254,7 @@ def test_the_error_is_what_the_polynomials_leave(which, request):
 
 
 def _exact(gusty, xi):
-    """Least costs and shocks of fits with the parameter held at standard coordinates."""
+    """Least costs and process noise of fits with the parameter held at standard coordinates."""
     flight, hyper, _, made, _ = gusty
     found = []
     for theta in np.asarray(made.theta(np.asarray(xi)[None]))[0]:

@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 
 from bayeschute.likelihood import disturbances
-from bayeschute.likelihood.joint import NoiseParameters, cost, course, states, stepped
+from bayeschute.likelihood.joint import NoiseParameters, cost, latent_path_of, states, stepped
 from bayeschute.likelihood.kalman import innovations
 from bayeschute.likelihood.simulation_smoother import normals
 from bayeschute.posterior import marginal
 from bayeschute.posterior.joint_mode import fit
 from bayeschute.posterior.marginal import (
     Quadratic,
-    course_at,
     draw_flights,
     in_batches,
+    latent_path_at,
     linear_residuals,
     log_density,
     marginalise,
@@ -64,7 +64,7 @@ def test_projected_residuals_agree_with_the_log_density(falling, straight):
     bent = replace(straight, determinant=Quadratic(np.array([0.4, -0.3]), np.array([[0.1, -0.1], [-0.1, 0.2]])))
     for made, p in ((falling, 1), (bent, 2)):
         xi = np.random.default_rng(2).standard_normal((p, 6)) * 1.5
-        slope, curvature = (np.asarray(a) for a in made.rest)
+        slope, curvature = (np.asarray(a) for a in made.correction)
         from_residuals = -0.5 * np.sum(np.asarray(projected_residuals(made, xi)) ** 2, axis=0)
         from_residuals = from_residuals - slope @ xi - 0.5 * np.sum(xi * (curvature @ xi), axis=0)
         np.testing.assert_allclose(from_residuals, log_density(made, xi), rtol=1e-9)
@@ -98,21 +98,21 @@ def test_drawn_unknowns_have_the_conditional_law(linear, straight, each_number):
     numbers = each_number(linear.flight)
     count = numbers.start.shape[-1]
     drawn, found, _ = draw_flights(straight, np.repeat(POINT[:, None], count, axis=1), (numbers,))[0]
-    error = np.asarray(disturbances.disturbances(linear.hyper.dynamics(linear.flight), drawn.shocks))
+    error = np.asarray(disturbances.disturbances(linear.hyper.dynamics(linear.flight), drawn.process_noise))
     np.testing.assert_allclose(found, error, atol=1e-12)
     dense = np.concatenate([drawn.start, error.reshape(-1, count)])
     se = np.sqrt(np.diag(spread))
     np.testing.assert_allclose(dense[:, 0] / se, wanted / se, atol=1e-5)
     root = dense[:, 1:] - dense[:, :1]
     np.testing.assert_allclose(root @ root.T / np.outer(se, se), spread / np.outer(se, se), atol=1e-6)
-    # The shocks, of which two make one disturbance: the identity less what the data tell.
+    # The process noise, of which two make one disturbance: the identity less what the data tell.
     _, _, by = linear.matrices.model(linear.flight)
     each = jnp.eye(60 * 4).reshape(60, 4, -1)
-    shocks = np.asarray(disturbances.disturbances(linear.hyper.dynamics(linear.flight), each)).reshape(120, -1)
-    by_z = np.concatenate([by[:, 2:4], by[:, 4:] @ shocks], axis=1)
+    process_noise = np.asarray(disturbances.disturbances(linear.hyper.dynamics(linear.flight), each)).reshape(120, -1)
+    by_z = np.concatenate([by[:, 2:4], by[:, 4:] @ process_noise], axis=1)
     r, _, _ = linear.matrices.covariances(linear.flight, linear.hyper, linear.priors)
     left = np.eye(len(by_z.T)) - by_z.T @ np.linalg.solve(r + by_z @ by_z.T, by_z)
-    z = np.concatenate([drawn.start, np.asarray(drawn.shocks).reshape(240, count)])
+    z = np.concatenate([drawn.start, np.asarray(drawn.process_noise).reshape(240, count)])
     np.testing.assert_allclose((z[:, 1:] - z[:, :1]) @ (z[:, 1:] - z[:, :1]).T, left, atol=1e-8)
 
 
@@ -128,7 +128,7 @@ def test_drawn_unknowns_under_other_noise_have_its_conditional_law(linear, strai
     numbers = each_number(linear.flight)
     count = numbers.start.shape[-1]
     drawn, found, path = draw_flights(straight, np.repeat(POINT[:, None], count, axis=1), (numbers,), law)[0]
-    driven = course(linear.flight, law, drawn)
+    driven = latent_path_of(linear.flight, law, drawn)
     np.testing.assert_allclose(found, driven.error, atol=1e-12)
     np.testing.assert_allclose(path, states(linear.flight, np.repeat(theta[:, None], count, axis=1), driven), atol=1e-8)
     error = np.asarray(driven.error).reshape(-1, count)
@@ -149,9 +149,9 @@ def test_drawn_unknowns_of_a_descent_fit_their_data(descent, falling):
         u = x.unknowns
         twice = 2.0 * np.asarray(cost(flight, descent.hyper, theta, u))
         least = 2.0 * np.asarray(cost(flight, descent.hyper, theta, y.unknowns))
-        free = u.start.shape[0] + u.shocks[..., 0].size
+        free = u.start.shape[0] + u.process_noise[..., 0].size
         # The paths nearly obey: repeated moves leave what is of second order of second order.
-        _, defects = stepped(flight, theta, x.course(flight, 1))
+        _, defects = stepped(flight, theta, x.latent_path(flight, 1))
         assert np.abs(defects).max() < 0.02
         assert twice.mean() - least.mean() == pytest.approx(free, abs=4.0 * np.sqrt(2.0 * free / 64))
         assert np.ptp(least) < 1e-9 * least.mean()
@@ -181,7 +181,7 @@ def test_batches_are_joined_and_padding_dropped():
 
 
 def test_flights_follow_the_parameters_on_the_dense_conditional_means(linear, straight, flown):
-    """Where all is linear start, shocks, disturbances and path of every point are those of its own optimum."""
+    """Where all is linear start, process noise, disturbances and path of every point are those of its own optimum."""
     mean, covariance = linear.matrices.posterior(linear.flight, linear.hyper, linear.priors)
     gain = np.linalg.solve(covariance[:2, :2], covariance[:2, 2:]).T
     xi, (along,) = np.stack([POINT, -2.0 * POINT], axis=1), straight.along
@@ -196,7 +196,7 @@ def test_flights_follow_the_parameters_on_the_dense_conditional_means(linear, st
         own = flown(linear.flight, linear.hyper, theta[:, b], at.unknowns)
         np.testing.assert_allclose(at.path, own.path, atol=1e-9)
         np.testing.assert_allclose(at.error, own.error, atol=1e-12)
-    driven = course_at(linear.flight, along, shift)
+    driven = latent_path_at(linear.flight, along, shift)
     np.testing.assert_allclose(driven.start, linear.flight.start_scale[:, None] * many.unknowns.start)
     np.testing.assert_array_equal(driven.path, many.path)
 
@@ -206,7 +206,7 @@ def test_what_is_seen_does_not_hang_on_the_path_where_all_is_linear(linear, stra
     flight, (along,) = linear.flight, straight.along
     theta = jnp.asarray(straight.theta(POINT[:, None]))
     shift = theta - jnp.asarray(straight.centre)[:, None]
-    driven = course_at(flight, along, shift)
+    driven = latent_path_at(flight, along, shift)
     away = 0.3 * np.random.default_rng(6).standard_normal(driven.path.shape)
     unit = []
     for one in (driven, driven._replace(path=driven.path + away)):
@@ -222,10 +222,10 @@ def test_the_optimum_is_next_to_the_place_it_is_asked_for_at(linear):
     (at,) = best.flights
     rng = np.random.default_rng(8)
     path = at.path + 0.3 * rng.standard_normal(at.path.shape)
-    shocks = at.unknowns.shocks + rng.standard_normal(at.unknowns.shocks.shape)
-    lost = at._replace(path=path, unknowns=at.unknowns._replace(shocks=shocks))
+    process_noise = at.unknowns.process_noise + rng.standard_normal(at.unknowns.process_noise.shape)
+    lost = at._replace(path=path, unknowns=at.unknowns._replace(process_noise=process_noise))
     (found,) = marginalise([linear.flight], linear.hyper, linear.priors, replace(best, flights=(lost,))).along
-    np.testing.assert_allclose(found.at.unknowns.shocks, at.unknowns.shocks, atol=1e-5)
+    np.testing.assert_allclose(found.at.unknowns.process_noise, at.unknowns.process_noise, atol=1e-5)
     np.testing.assert_allclose(found.at.path, at.path, atol=1e-5)
     np.testing.assert_allclose(found.linear.defects, 0.0, atol=1e-9)
 

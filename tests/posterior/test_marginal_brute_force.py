@@ -72,8 +72,11 @@ def test_the_gap_is_what_the_exact_hessian_adds_to_that_of_a_linear_model(bent, 
         return np.array([0.5 * (left[2] - left[0]), left[2] + left[0]])
 
     with_gap = off(made)
-    flat = replace(made, along=tuple(a._replace(gap=jax.tree.map(np.zeros_like, a.gap)) for a in made.along))
-    monkeypatch.setattr(laplace, "_gap", lambda flight, hyper, along, *_: along.gap)
+    flat = replace(
+        made,
+        along=tuple(a._replace(mean_correction=jax.tree.map(np.zeros_like, a.mean_correction)) for a in made.along),
+    )
+    monkeypatch.setattr(laplace, "_mean_correction", lambda flight, hyper, along, *_: along.mean_correction)
     without = off(flat)
     assert abs(without[0]) > 0.02 and abs(with_gap[0]) < 0.5 * abs(without[0]), (with_gap, without)
     assert abs(with_gap[1]) < 0.05
@@ -82,7 +85,10 @@ def test_the_gap_is_what_the_exact_hessian_adds_to_that_of_a_linear_model(bent, 
 def test_the_slope_that_the_search_is_told_of_is_that_of_the_density(bent):
     flight, hyper, priors = bent
     made = marginalise([flight], hyper, priors, fit([flight], hyper, priors, np.array([1.0]), tolerance=1e-4))
-    flat = replace(made, along=tuple(a._replace(gap=jax.tree.map(np.zeros_like, a.gap)) for a in made.along))
+    flat = replace(
+        made,
+        along=tuple(a._replace(mean_correction=jax.tree.map(np.zeros_like, a.mean_correction)) for a in made.along),
+    )
     told = float(mean_correction_slope(made)[0] * np.asarray(made.scale)[0, 0])
     ends = [float(np.diff(np.asarray(log_density(m, np.array([[-0.01, 0.01]]))))[0]) / 0.02 for m in (made, flat)]
     assert told == pytest.approx(ends[1] - ends[0], rel=0.02) and abs(told) > 0.01
@@ -94,7 +100,7 @@ def test_draws_of_a_descent_have_the_moments_of_brute_force_integration(short, m
     _, mean, covariance = quadrature.integrated(flight, hyper, theta)
     numbers = (normals(flight, draws, np.random.default_rng(1)),)
     u = draw_flights(made, np.ones((1, draws)), numbers)[0].unknowns
-    drawn, sd = np.concatenate([u.start, np.asarray(u.shocks)[:, 0]]), np.sqrt(np.diag(covariance))
+    drawn, sd = np.concatenate([u.start, np.asarray(u.process_noise)[:, 0]]), np.sqrt(np.diag(covariance))
     np.testing.assert_allclose((drawn.mean(axis=1) - mean) / sd, 0.0, atol=4.0 / np.sqrt(draws))
     np.testing.assert_allclose((np.cov(drawn) - covariance) / np.outer(sd, sd), 0.0, atol=6.0 / np.sqrt(draws))
 

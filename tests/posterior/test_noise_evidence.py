@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.special import digamma
 
-from bayeschute.likelihood.joint import NoiseParameters, course, linearise
+from bayeschute.likelihood.joint import NoiseParameters, latent_path_of, linearise
 from bayeschute.likelihood.kalman import MeanCorrection
 from bayeschute.likelihood.noise import Noise
 from bayeschute.posterior import noise_evidence
@@ -19,7 +19,7 @@ LOG_SD = 0.7
 
 
 def _linearised(flight, hyper, theta, u):
-    return linearise(flight, theta, course(flight, hyper, u))
+    return linearise(flight, theta, latent_path_of(flight, hyper, u))
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +52,7 @@ def test_vectors_are_invertible(linear):
     there = noise_evidence.from_vector(vector, jax.tree.map(lambda a: 2.0 * a, linear.hyper))
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-12), there, linear.hyper)
     np.testing.assert_allclose(
-        np.exp(vector[-5:]), np.concatenate(linear.hyper.laws)
+        np.exp(vector[-5:]), np.concatenate(linear.hyper.disturbance_parameters)
     )  # `noise_parameter_draws` relies on it
     np.testing.assert_allclose(np.exp(vector[:2]), linear.hyper.noise.white)
 
@@ -133,7 +133,7 @@ def test_maximise_recovers_an_oscillator(linear):
     flights, lin = [f for f, _ in drawn], [_linearised(f, truth, linear.theta, u) for f, u in drawn]
     off = NoiseParameters(linear.hyper.noise, (np.array([0.4, 2.5]), np.array([0.5, 0.6, 0.3])))
     best, _ = noise_evidence.maximise(flights, lin, linear.priors, off, NoisePrior(off, 0.7))
-    sd, frequency, zeta = best.laws[1]
+    sd, frequency, zeta = best.disturbance_parameters[1]
     assert frequency == pytest.approx(0.35, rel=0.1)  # 36 s, a dozen periods
     assert sd == pytest.approx(0.9, rel=0.4) and 0.03 < zeta < 0.3
 

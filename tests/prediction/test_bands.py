@@ -14,7 +14,7 @@ from tests.twins import dense_noise as twin
 
 from bayeschute.dynamics.descent import DensityProfile, DescentFlight, DescentInputs
 from bayeschute.likelihood.disturbances import Latent
-from bayeschute.likelihood.joint import FlightData, NoiseParameters, Unknowns, course, residuals
+from bayeschute.likelihood.joint import FlightData, NoiseParameters, Unknowns, latent_path_of, residuals
 from bayeschute.likelihood.noise import Noise
 from bayeschute.likelihood.priors import Prior
 from bayeschute.posterior.joint_mode import fit
@@ -38,7 +38,7 @@ def flight():
     empty = FlightData(model, nothing, nothing == 0.0, DT, np.array([2.0]), (0,), GUSTS)
     rng = np.random.default_rng(4)
     u = Unknowns(np.array([0.35]), rng.standard_normal((SAMPLES, 1)))
-    clean = -np.asarray(residuals(empty, jnp.asarray(THETA), course(empty, HYPER, u)))
+    clean = -np.asarray(residuals(empty, jnp.asarray(THETA), latent_path_of(empty, HYPER, u)))
     covariance = twin.noise_covariance(times, nothing == 0.0, *HYPER.noise.__dict__.values())
     noise = np.linalg.cholesky(covariance) @ rng.standard_normal(SAMPLES)
     return SimpleNamespace(data=replace(empty, observed=clean + noise[:, None]), clean=clean[:, 0])
@@ -147,7 +147,7 @@ def test_opening_is_a_flight_of_its_own(flight, begun):
 
 def test_groups_of_draws_have_noise_parameters_of_their_own(flight, begun):
     """Beyond the data the wind of every second group is wild; a prediction takes the laws in turn."""
-    laws = [replace(HYPER, laws=(np.array([sd, 12.0]),)) for sd in (0.05, 1.2)]
+    laws = [replace(HYPER, disturbance_parameters=(np.array([sd, 12.0]),)) for sd in (0.05, 1.2)]
     made = bands.predict(begun, 0, np.tile(THETA, (DRAWS, 1)), laws, 6, flight.data, 10.0).draws["descent_rate"]
     wild = np.arange(DRAWS) // bands.GROUP % 2 == 1
     assert made[wild, 80:].std() > 6.0 * made[~wild, 80:].std()
@@ -156,7 +156,7 @@ def test_groups_of_draws_have_noise_parameters_of_their_own(flight, begun):
 
 def test_the_wind_beyond_the_data_has_the_conditional_law(flight, begun):
     """Mean and spread of the descent rate against the wind's kernel given what the opening leaves of it."""
-    draws, calm = 640, replace(HYPER, laws=(np.array([0.4, 4.0]),))
+    draws, calm = 640, replace(HYPER, disturbance_parameters=(np.array([0.4, 4.0]),))
     made = bands.predict(begun, 0, np.tile(THETA, (draws, 1)), [calm], 6, flight.data, 10.0).draws["descent_rate"]
     # Long after the opening the rate follows the stationary wind, slowed down by the body's own response.
     late, lag = made[:, -10:], 8
@@ -190,11 +190,16 @@ def test_held_out_data_are_not_followed(flight, fitted, smoothed):
 
 
 def test_law_draws_have_the_covariance_of_their_logarithms():
-    rng, hyper = np.random.default_rng(9), replace(HYPER, laws=(np.array([0.4, 12.0]), np.array([0.3, 0.2, 0.15])))
+    rng, hyper = (
+        np.random.default_rng(9),
+        replace(HYPER, disturbance_parameters=(np.array([0.4, 12.0]), np.array([0.3, 0.2, 0.15]))),
+    )
     root = 0.2 * rng.standard_normal((8, 8))
     covariance = root @ root.T + 0.01 * np.eye(8)
     made = bands.noise_parameter_draws(hyper, covariance, 800, rng)
-    assert jax.tree.structure(made[0]) == jax.tree.structure(hyper) and [law.size for law in made[0].laws] == [2, 3]
+    assert jax.tree.structure(made[0]) == jax.tree.structure(hyper) and [
+        law.size for law in made[0].disturbance_parameters
+    ] == [2, 3]
     logs = np.array([np.log(np.concatenate(jax.tree.leaves(law))) for law in made]).T
     centre = np.log(np.concatenate(jax.tree.leaves(hyper)))
     sd = np.sqrt(np.diag(covariance))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import xarray as xr
 
 from bayeschute.aero.published import load_published
 from bayeschute.core.errors import InputError
@@ -15,7 +14,7 @@ from bayeschute.likelihood.priors import Prior
 from bayeschute.posterior.assess import output_error
 from bayeschute.posterior.joint_mode import fit
 from bayeschute.reduced.dumbbell import Dumbbell
-from bayeschute.reduced.dumbbell_data import GUSTS, STILL, dumbbell_data, planar_record
+from bayeschute.reduced.dumbbell_data import GUSTS, STILL, dumbbell_data
 from bayeschute.reduced.published_models import planar_aero
 from bayeschute.reduced.virtual_swing import SwingDrop, fly_swing
 
@@ -34,35 +33,6 @@ def priors(off=0.0):
 @pytest.fixture(scope="module")
 def swing():
     return fly_swing(SwingDrop(40.0, 0.1, 1800.0, 0.3), BASE, AERO, 1, substeps=2)[0]
-
-
-def test_planar_record_is_what_a_plane_shows():
-    """A rigid line of 70 m at theta in the plane of azimuth 0.7, seen in that plane and across it."""
-    theta, azimuth = np.array([0.3, -0.2, 0.0]), 0.7
-    flat = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
-    line = 70.0 * (np.sin(theta)[:, None] * flat + np.cos(theta)[:, None] * np.array([0.0, 0.0, 1.0]))
-    capsule = np.array([[1.0, 2.0, -500.0]] * 3)
-    apart = 5.0 * np.cross(flat, [0.0, 0.0, 1.0])  # two canopies side by side, across the plane
-    canopies = (capsule - line)[:, None] + np.array([apart, -apart])
-    velocity = 3.0 * flat + np.array([0.0, 0.0, 10.0])
-    record = xr.Dataset(
-        {
-            "capsule_position": (("time", "axis"), capsule),
-            "canopy_position": (("time", "canopy", "axis"), canopies),
-            "capsule_velocity": (("time", "axis"), np.tile(velocity, (3, 1))),
-            "density": ("time", np.ones(3)),
-        },
-        coords={"time": np.arange(3.0)},
-    )
-    made = planar_record(record, azimuth)
-    np.testing.assert_allclose(made["swing_angle"], theta, atol=1e-12)
-    np.testing.assert_allclose(made["capsule_velocity"], [[3.0, 10.0]] * 3, atol=1e-12)
-    np.testing.assert_allclose(made["wind"], 0.0)
-    across = planar_record(record, azimuth + 0.5 * np.pi)
-    np.testing.assert_allclose(across["swing_angle"], 0.0, atol=1e-12)
-    np.testing.assert_allclose(across["capsule_velocity"][:, 0], 0.0, atol=1e-12)
-    record["canopy_position"][1, 0] = np.nan  # the mean of one canopy alone would be another angle
-    assert np.isnan(planar_record(record, azimuth)["swing_angle"].values).tolist() == [False, True, False]
 
 
 def test_data_are_the_record(swing):

@@ -44,7 +44,7 @@ def test_other_models_have_no_latent_disturbances(cluster: Path, spoil, model: s
     study = load_study(spoil(cluster, r"^\[noise\].*", f'[noise]\nmodel = "{model}"'))
     made = assemble.latent(study, 2)
     assert made == Latent((), (), 3) and made.rows == 3 and made.size == 0
-    assert assemble.hyper(study).laws == () and assemble.noise_parameter_names(study) == ()
+    assert assemble.hyper(study).disturbance_parameters == () and assemble.noise_parameter_names(study) == ()
     assert label(model) and any("not used" in line for line in notes(study.noise))
 
 

@@ -1,4 +1,4 @@
-"""Integrals over start and shocks of flights of few samples, by brute force."""
+"""Integrals over start and process noise of flights of few samples, by brute force."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from bayeschute.likelihood.joint import Unknowns, cost
 
 @jax.jit
 def _bent(x, flight, hyper, theta):
-    """Gradient and Hessian of the cost by start and shocks (6,)."""
+    """Gradient and Hessian of the cost by start and process noise (6,)."""
 
     def slope(x):
         return jax.grad(lambda x: cost(flight, hyper, theta, Unknowns(x[:1], x[1:, None])))(x)
@@ -29,9 +29,9 @@ def exact_optimum(flight, hyper, theta):
 
 
 def integrated(flight, hyper, theta, nodes=5):
-    """Integrals of exp(-cost) over start and shocks by Gauss-Hermite rules about the exact optimum.
+    """Integrals of exp(-cost) over start and process noise by Gauss-Hermite rules about the exact optimum.
 
-    Returns the logarithm of the integral, and mean and covariance of (start, shocks).
+    Returns the logarithm of the integral, and mean and covariance of (start, process noise).
     """
     at, hessian = exact_optimum(flight, hyper, theta)
     lower = np.linalg.cholesky(hessian)

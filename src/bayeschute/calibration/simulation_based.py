@@ -22,11 +22,19 @@ from numpy.typing import NDArray
 
 from bayeschute.calibration.ranks import EcdfTest, rank, uniform
 from bayeschute.core.random import stream
-from bayeschute.likelihood.joint import Course, FlightData, NoiseParameters, Unknowns, course, residuals, states
+from bayeschute.likelihood.joint import (
+    FlightData,
+    LatentPath,
+    NoiseParameters,
+    Unknowns,
+    latent_path_of,
+    residuals,
+    states,
+)
 from bayeschute.likelihood.noise import colour
 from bayeschute.likelihood.priors import Prior, factor, working
 from bayeschute.likelihood.simulation_smoother import normals
-from bayeschute.posterior.fit import LaplaceFit, find
+from bayeschute.posterior.fit.laplace_fit import LaplaceFit, find
 from bayeschute.posterior.marginal import draw_flights
 from bayeschute.posterior.noise_evidence import NoisePrior, from_vector, to_vector
 from bayeschute.posterior.noise_uncertainty import widened
@@ -94,14 +102,14 @@ class Drawn:
         flight: With its data.
         theta: Parameters, working coordinates (P,).
         hyper: Noise parameters.
-        driven: Start and disturbances.
+        latent_path: Start and disturbances.
         redrawn: How many draws were thrown away before.
     """
 
     flight: FlightData
     theta: Array
     hyper: NoiseParameters
-    driven: Course
+    latent_path: LatentPath
     redrawn: int
 
 
@@ -111,8 +119,8 @@ def _truth(template: Template, believed: Believed | None, rng: np.random.Generat
         centre = working(template.priors)[0]
         middle = to_vector(template.noise.median)
         theta = centre + factor(template.priors) @ rng.standard_normal(centre.size)
-        law = middle + template.noise.log_sd * rng.standard_normal(middle.size)
-        return theta, from_vector(law, template.noise.median)
+        log_noise = middle + template.noise.log_sd * rng.standard_normal(middle.size)
+        return theta, from_vector(log_noise, template.noise.median)
     found = believed.found
     root = np.linalg.cholesky(found.noise_parameter_covariance)
     moved = root @ rng.standard_normal(len(root))
@@ -143,8 +151,8 @@ def draw(template: Template, seed: int, believed: Believed | None = None) -> Dra
         theta, hyper = _truth(template, believed, rng)
         still = flight.still()
         unknowns = Unknowns(*(rng.standard_normal(np.shape(a)) for a in still))
-        driven = course(flight, hyper, unknowns)
-        y = -np.asarray(residuals(blank, theta, driven))
+        latent_path = latent_path_of(flight, hyper, unknowns)
+        y = -np.asarray(residuals(blank, theta, latent_path))
         if np.isfinite(y).all() and (np.abs(y).max(axis=0) <= largest).all():
             break
         redrawn += 1
@@ -152,7 +160,7 @@ def draw(template: Template, seed: int, believed: Believed | None = None) -> Dra
         of = "prior" if believed is None else "posterior"
         raise FloatingPointError(f"{_TRIES} draws of the {of} in a row did not fly")
     noise = colour(hyper.outputs(flight), flight.dt, *(jnp.asarray(rng.standard_normal(y.shape)) for _ in range(2)))
-    return Drawn(replace(flight, observed=y + np.asarray(noise)), theta, hyper, driven, redrawn)
+    return Drawn(replace(flight, observed=y + np.asarray(noise)), theta, hyper, latent_path, redrawn)
 
 
 def derived(template: Template, found: LaplaceFit, xi: Array, seed: int) -> dict[str, Array]:
@@ -172,10 +180,10 @@ def derived(template: Template, found: LaplaceFit, xi: Array, seed: int) -> dict
     for start in range(0, len(xi), _GROUP):
         pick = np.minimum(np.arange(start, start + _GROUP), len(xi) - 1)
         moved = root @ rng.standard_normal(at.size)
-        law = from_vector(at + moved, found.hyper)
+        noise_parameters = from_vector(at + moved, found.hyper)
         shifted = jnp.asarray(found.noise_effect.carried(xi[pick], moved).T)
         numbers = tuple(normals(f, _GROUP, rng) for f in marginal.flights)
-        x = np.asarray(draw_flights(marginal, shifted, numbers, law)[-1].path)
+        x = np.asarray(draw_flights(marginal, shifted, numbers, noise_parameters)[-1].path)
         parts.append({k: v[: len(xi) - start] for k, v in template.quantities(flight, x).items()})
     return {name: np.concatenate([p[name] for p in parts]) for name in parts[0]}
 
@@ -223,7 +231,7 @@ def ranked(
 
     ranks, spoiled = ranks_among(wide), ranks_among(wide + shift)
     few = held[np.linspace(0, len(held) - 1, levels).astype(int)]
-    truth = template.quantities(made.flight, np.asarray(states(made.flight, made.theta, made.driven))[..., None])
+    truth = template.quantities(made.flight, np.asarray(states(made.flight, made.theta, made.latent_path))[..., None])
     for name, values in derived(template, found, few, seed).items():
         ranks[name] = rank(np.where(np.isfinite(values), values, np.inf), float(truth[name][0]), levels)
     return {"ok": True, "ranks": ranks, "spoiled": spoiled, "redrawn": made.redrawn}

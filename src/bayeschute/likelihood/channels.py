@@ -26,7 +26,7 @@ from bayeschute.records.derive import measured
 from bayeschute.records.record import VARIABLES, nearest, repairs
 
 Array = NDArray[np.float64]
-_OPENING = 1.5  # [s] of record from which the reference initial state is read
+_FIRST = 1.5  # [s] of record from which the reference initial state is read
 _WIDE = 3.0  # times the scatter of the first samples, which slow noise hardly shows
 _SETTLED = 3.0  # times c/k, after which riser tensions do not depend on the initial state
 _ALTITUDE_STEP = 100.0  # [m] between nodes of a density profile
@@ -50,7 +50,7 @@ def filled(values: Array, where: str) -> Array:
     return flat.reshape(np.shape(values))
 
 
-class Opening(NamedTuple):
+class InitialMotion(NamedTuple):
     """A quadratic through the first samples of a record, per column.
 
     Attributes:
@@ -64,9 +64,9 @@ class Opening(NamedTuple):
     scatter: Array
 
 
-def opening_of(time: Array, values: Array) -> Opening:
+def initial_motion(time: Array, values: Array) -> InitialMotion:
     """A quadratic through the first samples of a record (T, ...), or their mean where there are too few."""
-    near = time <= time[0] + _OPENING
+    near = time <= time[0] + _FIRST
     ends = []
     for column in values[near].reshape(int(near.sum()), -1).T:
         present = np.isfinite(column)
@@ -81,7 +81,7 @@ def opening_of(time: Array, values: Array) -> Opening:
             continue
         off = column[present] - np.polynomial.polynomial.polyval(time[near][present] - time[0], fit)
         ends.append((fit[0], fit[1] if degree else 0.0, np.sqrt(np.mean(off**2))))
-    return Opening(*(part.reshape(values.shape[1:]) for part in np.array(ends).T))
+    return InitialMotion(*(part.reshape(values.shape[1:]) for part in np.array(ends).T))
 
 
 def fitted_channels(record: xr.Dataset, channels: Sequence[str]) -> tuple[str, ...]:
@@ -242,7 +242,7 @@ def _start_scale(n: int, attitude: bool, scatter: _Scatter) -> Array:
     direction = max(0.01, _WIDE * scatter.direction)
     by_kind = {"velocity": max(0.5, _WIDE * scatter.velocity), "attitude": 0.02 if attitude else 0.1}
     by_kind |= {"rate": 0.2 if scatter.rate is None else max(0.02, _WIDE * scatter.rate)}
-    by_kind |= {"direction": direction, "turning": max(0.02, direction / _OPENING)}
+    by_kind |= {"direction": direction, "turning": max(0.02, direction / _FIRST)}
     return np.array([by_kind[name.split(".")[0]] for name in deviation_names(n)])
 
 
@@ -267,16 +267,16 @@ def _start(record: xr.Dataset, base: Cluster, time: Array, apart: Array, attitud
     attach = np.stack([np.asarray(c) for c in _ned(q, Vec3(b.x, b.y, b.z))], axis=1)
     riser = apart - attach[:, None]
     direction = riser / np.linalg.norm(riser, axis=-1, keepdims=True)
-    n0, turning, aside = opening_of(time, direction)
+    n0, turning, aside = initial_motion(time, direction)
     if not np.isfinite(n0).all():
-        got = f"no canopy position in the first {_OPENING:g} s"
+        got = f"no canopy position in the first {_FIRST:g} s"
         raise InputError(Fault("record of a cluster", got, "every canopy seen there", "Move the start of the window."))
     n0 /= np.linalg.norm(n0, axis=-1, keepdims=True)
     turning = turning - n0 * np.sum(n0 * turning, axis=-1, keepdims=True)
-    velocity = opening_of(time, filled(record["capsule_velocity"].values, "capsule_velocity"))
+    velocity = initial_motion(time, filled(record["capsule_velocity"].values, "capsule_velocity"))
     rate, shaking = np.zeros(3), None
     if "capsule_rate" in record:
-        seen = opening_of(time, record["capsule_rate"].values)
+        seen = initial_motion(time, record["capsule_rate"].values)
         rate = np.where(np.isfinite(seen.value), seen.value, 0.0)
         shaking = _typical(seen.scatter)
     position = filled(record["capsule_position"].values, "capsule_position")[0]

@@ -2,8 +2,8 @@
 
 Errors of the wind are Ornstein-Uhlenbeck ("drift"); the axial force of each canopy fluctuates by a drift and by
 breathing, a randomly excited oscillator (6.3.2-27). Every process is a small linear state-space model, discretised
-exactly at the samples of a record, driven by standard normal white noise (`shocks` in the code), which is the unknown
-of a fit. A disturbance may be the sum of several processes.
+exactly at the samples of a record, driven by standard normal white noise (`process_noise` in the code), the unknown of
+a fit. A disturbance may be the sum of several processes.
 """
 
 from __future__ import annotations
@@ -52,27 +52,27 @@ class Dynamics(NamedTuple):
 
     Attributes:
         transition: (L, L).
-        shock: (L, L), lower.
+        noise_gain: (L, L), lower.
         first: (L, L), lower.
         output: (A, L).
     """
 
     transition: Component
-    shock: Component
+    noise_gain: Component
     first: Component
     output: Component
 
 
-def _block(kind: str, law: Component, dt: Component) -> tuple[Component, Component, Component]:
-    """Transition, and Cholesky factors of the shocks' and the stationary covariance, of one process."""
+def _block(kind: str, parameters: Component, dt: Component) -> tuple[Component, Component, Component]:
+    """Transition, and Cholesky factors of the process noise's and the stationary covariance, of one process."""
     if kind == "drift":
-        sd, tau = law[0], law[1]
+        sd, tau = parameters[0], parameters[1]
         return (
             jnp.exp(-dt / tau).reshape(1, 1),
             (sd * jnp.sqrt(-jnp.expm1(-2.0 * dt / tau))).reshape(1, 1),
             sd.reshape(1, 1),
         )
-    sd, omega, zeta = law[0], 2.0 * jnp.pi * law[1], law[2]
+    sd, omega, zeta = parameters[0], 2.0 * jnp.pi * parameters[1], parameters[2]
     # States (x, x'/omega) have the stationary covariance sd^2 I.
     generator = jnp.array([[0.0, 1.0], [-1.0, 0.0]]) * omega + jnp.array([[0.0, 0.0], [0.0, -2.0]]) * omega * zeta
     transition = jax.scipy.linalg.expm(generator * dt)
@@ -80,39 +80,42 @@ def _block(kind: str, law: Component, dt: Component) -> tuple[Component, Compone
     return transition, sd * driven, sd * jnp.eye(2)
 
 
-def dynamics(latent: Latent, laws: Sequence[Component], dt: Component) -> Dynamics:
+def dynamics(latent: Latent, disturbance_parameters: Sequence[Component], dt: Component) -> Dynamics:
     """State-space model of all processes.
 
     Args:
         latent: The processes.
-        laws: Parameters of every group, in the order of `KINDS`.
+        disturbance_parameters: Parameters of every group, in the order of `KINDS`.
         dt: Sample interval [s].
     """
     if not latent.processes:
         none = jnp.zeros((0, 0))
         return Dynamics(none, none, none, jnp.zeros((latent.rows, 0)))
-    blocks = [_block(kind, jnp.asarray(law), dt) for kind, law in zip(latent.kinds, laws, strict=True)]
+    blocks = [
+        _block(kind, jnp.asarray(parameters), dt)
+        for kind, parameters in zip(latent.kinds, disturbance_parameters, strict=True)
+    ]
     chosen = [blocks[group] for _, group in latent.processes]
-    transition, shock, first = (jax.scipy.linalg.block_diag(*(b[i] for b in chosen)) for i in range(3))
+    transition, noise_gain, first = (jax.scipy.linalg.block_diag(*(b[i] for b in chosen)) for i in range(3))
     columns = []
     for row, group in latent.processes:
         columns += [[1.0 if a == row else 0.0 for a in range(latent.rows)]]
         columns += [[0.0] * latent.rows] * (STATES[latent.kinds[group]] - 1)
-    return Dynamics(transition, shock, first, jnp.array(columns).T)
+    return Dynamics(transition, noise_gain, first, jnp.array(columns).T)
 
 
-def path(made: Dynamics, shocks: jax.Array) -> jax.Array:
+def path(made: Dynamics, process_noise: jax.Array) -> jax.Array:
     """Latent states (T, L, ...) from standard normal process noise (T, L, ...), the first for the initial state."""
 
     def step(state: jax.Array, z: jax.Array) -> tuple[jax.Array, jax.Array]:
-        state = jnp.tensordot(made.transition, state, axes=1) + jnp.tensordot(made.shock, z, axes=1)
+        state = jnp.tensordot(made.transition, state, axes=1) + jnp.tensordot(made.noise_gain, z, axes=1)
         return state, state
 
-    first = jnp.tensordot(made.first, shocks[0], axes=1)
-    _, rest = jax.lax.scan(step, first, shocks[1:])
+    first = jnp.tensordot(made.first, process_noise[0], axes=1)
+    _, rest = jax.lax.scan(step, first, process_noise[1:])
     return jnp.concatenate([first[None], rest])
 
 
-def disturbances(made: Dynamics, shocks: jax.Array) -> jax.Array:
+def disturbances(made: Dynamics, process_noise: jax.Array) -> jax.Array:
     """Disturbances (T, A, ...) from standard normal process noise (T, L, ...)."""
-    return jnp.moveaxis(jnp.tensordot(made.output, path(made, shocks), axes=(1, 1)), 0, 1)
+    return jnp.moveaxis(jnp.tensordot(made.output, path(made, process_noise), axes=(1, 1)), 0, 1)

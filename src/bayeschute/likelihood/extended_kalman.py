@@ -95,7 +95,7 @@ def extended_filter(data: FlightData, hyper: NoiseParameters, theta: Component) 
         top = jnp.concatenate([by_x, by_latent, jnp.zeros((x.shape[0], c))], axis=1)
         below = jax.scipy.linalg.block_diag(made.transition, jnp.diag(phi))
         f = jnp.concatenate([top, jnp.concatenate([jnp.zeros((size + c, x.shape[0])), below], axis=1)])
-        g = jnp.concatenate([by_then @ (made.output @ made.shock), made.shock, jnp.zeros((c, size))])
+        g = jnp.concatenate([by_then @ (made.output @ made.noise_gain), made.noise_gain, jnp.zeros((c, size))])
         drift = jnp.concatenate([jnp.zeros(x.shape[0] + size), (1.0 - phi**2) * stationary])
         p = f @ (0.5 * (p + p.T)) @ f.T + g @ g.T + jnp.diag(drift)
         return (advance(x, e0, e1), made.transition @ e, phi * a), p

@@ -1,9 +1,9 @@
 """Joint density of the parameters, initial state and latent disturbances of one flight.
 
 Besides the parameters theta (P,), the unknowns of a flight are its standardised initial deviations (`start`, (D,)) and
-the standard normal white noise that drives the latent processes (`shocks`, (T, L)):
-``-log density = 1/2 |innovations|^2 + 1/2 |start|^2 + 1/2 |shocks|^2 + const``. The prior of theta is added where
-flights are combined.
+the standard normal white noise that drives the latent processes (`process_noise`, (T, L)):
+``-log density = 1/2 |innovations|^2 + 1/2 |start|^2 + 1/2 |process noise|^2 + const``. The prior of theta is added
+where flights are combined.
 """
 
 from __future__ import annotations
@@ -66,10 +66,10 @@ class FlightData:
 
 
 class Unknowns(NamedTuple):
-    """Standard normal unknowns of a flight: initial deviations (D, ...) and process noise `shocks` (T, L, ...)."""
+    """Standard normal unknowns of a flight: initial deviations (D, ...) and process noise (T, L, ...)."""
 
     start: Component
-    shocks: Component
+    process_noise: Component
 
 
 @jax.tree_util.register_dataclass
@@ -79,11 +79,11 @@ class NoiseParameters:
 
     Attributes:
         noise: Measurement noise per channel.
-        laws: Hyperparameters of every group of latent processes, in the order of `latent.KINDS`.
+        disturbance_parameters: Hyperparameters of every group of latent processes, in the order of `latent.KINDS`.
     """
 
     noise: Noise
-    laws: tuple[Component, ...]
+    disturbance_parameters: tuple[Component, ...]
 
     def outputs(self, data: FlightData) -> Noise:
         """Measurement noise per output."""
@@ -91,10 +91,10 @@ class NoiseParameters:
 
     def dynamics(self, data: FlightData) -> processes.Dynamics:
         """State-space model of the flight's latent processes."""
-        return processes.dynamics(data.latent, self.laws, data.dt)
+        return processes.dynamics(data.latent, self.disturbance_parameters, data.dt)
 
 
-class Course(NamedTuple):
+class LatentPath(NamedTuple):
     """Latent path: initial deviations and disturbances of a flight, and the trajectory about which it is linearised.
 
     The simulation of an unstable flight diverges from every trajectory that is not exact to the last digit. A flight
@@ -125,37 +125,39 @@ class Lifted(NamedTuple):
     error: Component
     path: Component
 
-    def course(self, data: FlightData, trailing: int = 0) -> Course:
+    def latent_path(self, data: FlightData, trailing: int = 0) -> LatentPath:
         """The latent path, in physical units; arrays may have trailing axes."""
         scale = jnp.reshape(jnp.asarray(data.start_scale), (-1, *(1,) * trailing))
-        return Course(scale * jnp.asarray(self.unknowns.start), self.error, self.path)
+        return LatentPath(scale * jnp.asarray(self.unknowns.start), self.error, self.path)
 
 
 @jax.jit
-def course(data: FlightData, hyper: NoiseParameters, unknowns: Unknowns) -> Course:
+def latent_path_of(data: FlightData, hyper: NoiseParameters, unknowns: Unknowns) -> LatentPath:
     """Initial deviations and disturbances of standard unknowns."""
     scale = jnp.reshape(data.start_scale, (-1, *(1,) * (unknowns.start.ndim - 1)))
-    return Course(scale * unknowns.start, processes.disturbances(hyper.dynamics(data), unknowns.shocks))
+    return LatentPath(scale * unknowns.start, processes.disturbances(hyper.dynamics(data), unknowns.process_noise))
 
 
 # The simulation is compiled once per batch size: what is built on it is put together outside of compiled functions.
 @jax.jit
-def jax_states(data: FlightData, theta: jax.Array, driven: Course, known: jax.Array | None = None) -> jax.Array:
+def jax_states(
+    data: FlightData, theta: jax.Array, latent_path: LatentPath, known: jax.Array | None = None
+) -> jax.Array:
     """Simulated states (T, X, ...) by JAX alone, which can differentiate them."""
-    return trajectory(data.model, theta, driven.start, driven.error, known)
+    return trajectory(data.model, theta, latent_path.start, latent_path.error, known)
 
 
-def states(data: FlightData, theta: Component, driven: Course, known: Component | None = None) -> jax.Array:
+def states(data: FlightData, theta: Component, latent_path: LatentPath, known: Component | None = None) -> jax.Array:
     """Simulated states (T, X, ...), by machine code where `kernel.flight` has it, else by JAX.
 
     Args:
         data: The flight.
         theta: Parameters (P, ...).
-        driven: Initial deviations and disturbances; its path is not used.
+        latent_path: Initial deviations and disturbances; its path is not used.
         known: States at the first samples (K, X, ...), from which the simulation continues.
     """
-    made = kernel.states(data.model, theta, driven.start, driven.error, known)
-    return jax_states(data, theta, driven, known) if made is None else made
+    made = kernel.states(data.model, theta, latent_path.start, latent_path.error, known)
+    return jax_states(data, theta, latent_path, known) if made is None else made
 
 
 @jax.jit
@@ -166,10 +168,10 @@ def moved(data: FlightData, path: jax.Array, by: jax.Array) -> jax.Array:
 
 
 @jax.jit
-def jax_stepped(data: FlightData, theta: jax.Array, driven: Course) -> tuple[jax.Array, jax.Array]:
+def jax_stepped(data: FlightData, theta: jax.Array, latent_path: LatentPath) -> tuple[jax.Array, jax.Array]:
     """`stepped` by JAX alone, which can differentiate it."""
-    made = integrate.reached(data.model, theta, driven.start, driven.error, driven.path)
-    return _stepped(data, theta, driven.path, made)
+    made = integrate.reached(data.model, theta, latent_path.start, latent_path.error, latent_path.path)
+    return _stepped(data, theta, latent_path.path, made)
 
 
 @jax.jit
@@ -177,19 +179,19 @@ def _stepped(data: FlightData, theta: jax.Array, path: jax.Array, made: Reached)
     return compared(data, theta, path), jnp.concatenate([made.first[None], made.steps]) - path
 
 
-def stepped(data: FlightData, theta: Component, driven: Course) -> tuple[jax.Array, jax.Array]:
+def stepped(data: FlightData, theta: Component, latent_path: LatentPath) -> tuple[jax.Array, jax.Array]:
     """Residuals (T, C, ...) along a trajectory, and the continuity defects of its first state and all steps.
 
     Args:
         data: The flight.
         theta: Parameters (P, ...).
-        driven: Initial deviations, disturbances, and the trajectory.
+        latent_path: Initial deviations, disturbances, and the trajectory.
 
     Returns:
         The residuals, zero where no datum exists, and the defects (T, X, ...).
     """
-    made = kernel.reached(data.model, theta, driven.start, driven.error, driven.path)
-    return jax_stepped(data, theta, driven) if made is None else _stepped(data, theta, driven.path, made)
+    made = kernel.reached(data.model, theta, latent_path.start, latent_path.error, latent_path.path)
+    return jax_stepped(data, theta, latent_path) if made is None else _stepped(data, theta, latent_path.path, made)
 
 
 @jax.jit
@@ -201,21 +203,21 @@ def compared(data: FlightData, theta: jax.Array, x: jax.Array) -> jax.Array:
     return jnp.where(present, observed - y, 0.0)
 
 
-def residuals(data: FlightData, theta: Component, driven: Course) -> jax.Array:
+def residuals(data: FlightData, theta: Component, latent_path: LatentPath) -> jax.Array:
     """Data minus simulation (T, C, ...); zero where no datum exists."""
-    return compared(data, theta, states(data, theta, driven))
+    return compared(data, theta, states(data, theta, latent_path))
 
 
 @jax.jit
 def _joint(data: FlightData, hyper: NoiseParameters, residual: jax.Array, unknowns: Unknowns) -> jax.Array:
-    parts = (whiten(hyper.outputs(data), data.dt, data.present, residual), unknowns.start, unknowns.shocks)
+    parts = (whiten(hyper.outputs(data), data.dt, data.present, residual), unknowns.start, unknowns.process_noise)
     axes = ((0, 1), (0,), (0, 1))
     return 0.5 * sum((jnp.sum(a**2, axis=ax) for a, ax in zip(parts, axes, strict=True)), jnp.zeros(()))
 
 
 def cost(data: FlightData, hyper: NoiseParameters, theta: Component, unknowns: Unknowns) -> jax.Array:
     """Minus the joint log density of one flight up to terms in `hyper`, batch axes kept."""
-    return _joint(data, hyper, residuals(data, theta, course(data, hyper, unknowns)), unknowns)
+    return _joint(data, hyper, residuals(data, theta, latent_path_of(data, hyper, unknowns)), unknowns)
 
 
 class Linear(NamedTuple):
@@ -224,13 +226,13 @@ class Linear(NamedTuple):
     Attributes:
         residual: Data minus outputs, zero where no datum exists (T, C).
         defects: Continuity defects of the first state and every step: end of the step minus the next state (T, X).
-        driven: The latent path.
+        latent_path: The latent path.
         steps: Derivatives of all steps and outputs.
     """
 
     residual: Component
     defects: Component
-    driven: Course
+    latent_path: LatentPath
     steps: Steps
 
     def without_theta(self) -> Linear:
@@ -240,19 +242,19 @@ class Linear(NamedTuple):
 
 
 @jax.jit
-def _along_by_jax(data: FlightData, theta: jax.Array, driven: Course) -> tuple[jax.Array, Reached, Steps]:
-    return integrate.along_path(data.model, theta, driven.start, driven.error, driven.path)
+def _along_by_jax(data: FlightData, theta: jax.Array, latent_path: LatentPath) -> tuple[jax.Array, Reached, Steps]:
+    return integrate.along_path(data.model, theta, latent_path.start, latent_path.error, latent_path.path)
 
 
-def linearise(data: FlightData, theta: Component, driven: Course) -> Linear:
+def linearise(data: FlightData, theta: Component, latent_path: LatentPath) -> Linear:
     """Residuals, defects and exact derivatives of all steps, made like `states`."""
     theta = jnp.asarray(theta)
-    if driven.path is None:
-        driven = driven._replace(path=states(data, theta, driven))
-    made = kernel.along_path(data.model, theta, driven.start, driven.error, driven.path)
-    y, reached, steps = _along_by_jax(data, theta, driven) if made is None else made
-    defects = jnp.concatenate([reached.first[None], reached.steps]) - driven.path
-    return Linear(jnp.where(data.present, data.observed - y, 0.0), defects, driven, steps)
+    if latent_path.path is None:
+        latent_path = latent_path._replace(path=states(data, theta, latent_path))
+    made = kernel.along_path(data.model, theta, latent_path.start, latent_path.error, latent_path.path)
+    y, reached, steps = _along_by_jax(data, theta, latent_path) if made is None else made
+    defects = jnp.concatenate([reached.first[None], reached.steps]) - latent_path.path
+    return Linear(jnp.where(data.present, data.observed - y, 0.0), defects, latent_path, steps)
 
 
 def filter_gains(data: FlightData, hyper: NoiseParameters, linear: Linear) -> Gains:
@@ -269,7 +271,7 @@ def as_seen(linear: Linear) -> Seen:
     start and disturbances to the trajectory); then the derivatives of the outputs by theta.
     """
     steps = linear.steps
-    known = linear.defects - disturbed(steps, linear.driven)
+    known = linear.defects - disturbed(steps, linear.latent_path)
     by_theta = jnp.concatenate([steps.first_theta[None], steps.by_theta])
     return Seen(
         jnp.concatenate([linear.residual[..., None], steps.out_theta], axis=2),
@@ -277,9 +279,9 @@ def as_seen(linear: Linear) -> Seen:
     )
 
 
-def disturbed(steps: Steps, driven: Course) -> jax.Array:
+def disturbed(steps: Steps, latent_path: LatentPath) -> jax.Array:
     """Linear contribution of start and disturbances to the first state and to every step (T, X, ...)."""
-    start, error = jnp.asarray(driven.start), jnp.asarray(driven.error)
+    start, error = jnp.asarray(latent_path.start), jnp.asarray(latent_path.error)
     wide = error.reshape(*error.shape[:2], -1)
     first = steps.first_start @ start.reshape(len(start), -1)
     made = jnp.concatenate([first[None], steps.by_now @ wide[:-1] + steps.by_then @ wide[1:]])

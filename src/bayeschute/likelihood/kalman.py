@@ -4,7 +4,7 @@ Around a trajectory the flight is linear: states ``x' = A x + B0 e + B1 e'``, ou
 their Markov processes, residual noise AR(1) + white. Together that is one linear state-space model with state
 (x, l, a): simulation, latent processes, correlated noise. A Kalman filter gives innovations, whose squares and log
 determinant are the exact marginal likelihood of the linear model; the backward recursion of Durbin and Koopman (2012,
-section 4.5) gives the expected shocks. Cost grows linearly with the record.
+section 4.5) gives the expected process noise. Cost grows linearly with the record.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Gains(NamedTuple):
         root: Lower Cholesky factors of the innovations' covariances (T, C, C); one where data are missing.
         inverse: Inverses of the roots. Batched triangular solves, in jaxlib 0.10 on CPUs, never return when two run at
             once.
-        shock: Effect of the next sample's process noise on the next state (T, S, L).
+        noise_gain: Effect of the next sample's process noise on the next state (T, S, L).
         start: Effect of the standardised initial deviations on the first state (S, D).
         first: Effect of the first process noise on it (S, L).
         spread: Predicted covariances, rows of the flight's own states (T, X, S).
@@ -41,7 +41,7 @@ class Gains(NamedTuple):
     gain: Component
     root: Component
     inverse: Component
-    shock: Component
+    noise_gain: Component
     start: Component
     first: Component
     spread: Component
@@ -109,8 +109,8 @@ def covariances(
     f = jnp.zeros((count, total, total))
     f = f.at[:, :x, :x].set(steps.by_state).at[:, :x, x : x + size].set(from_latent)
     f = f.at[:, x : x + size, x : x + size].set(latent.transition).at[:, x + size :, x + size :].set(jnp.diag(phi))
-    g = jnp.zeros((count, total, size)).at[:, :x].set(steps.by_then @ (latent.output @ latent.shock))
-    g = g.at[:, x : x + size].set(latent.shock)
+    g = jnp.zeros((count, total, size)).at[:, :x].set(steps.by_then @ (latent.output @ latent.noise_gain))
+    g = g.at[:, x : x + size].set(latent.noise_gain)
     start = jnp.zeros((total, steps.first_start.shape[1])).at[:x].set(steps.first_start * start_scale)
     first = jnp.zeros((total, size)).at[x : x + size].set(latent.first)
     if slack is not None:
@@ -158,20 +158,20 @@ class Seen(NamedTuple):
 
     Attributes:
         series: (T, C, M).
-        driven: Input to the first state, then to every step (T, X, M).
+        inputs: Input to the first state, then to every step (T, X, M).
     """
 
     series: jax.Array
-    driven: jax.Array
+    inputs: jax.Array
 
     def column(self, which: int) -> Seen:
         """One of the columns, alone."""
-        return Seen(self.series[..., which, None], self.driven[..., which, None])
+        return Seen(self.series[..., which, None], self.inputs[..., which, None])
 
-    def less(self, gap: MeanCorrection) -> Seen:
+    def less(self, mean_correction: MeanCorrection) -> Seen:
         """The first column with the mean correction: subtracted from the data, added to the inputs of the states."""
-        outputs, driven = (jnp.asarray(a) for a in gap)
-        return Seen(self.series.at[..., 0].add(-outputs), self.driven.at[..., 0].add(driven))
+        outputs, inputs = (jnp.asarray(a) for a in mean_correction)
+        return Seen(self.series.at[..., 0].add(-outputs), self.inputs.at[..., 0].add(inputs))
 
 
 class MeanCorrection(NamedTuple):
@@ -181,21 +181,21 @@ class MeanCorrection(NamedTuple):
     """
 
     outputs: Component
-    driven: Component
+    inputs: Component
 
 
-def innovations(made: Gains, series: jax.Array, driven: jax.Array | None = None) -> jax.Array:
+def innovations(made: Gains, series: jax.Array, inputs: jax.Array | None = None) -> jax.Array:
     """Standardised innovations (T, C, ...) of series (T, C, ...): data, or columns of derivatives; see `Seen`."""
-    return forward(made, series, driven)[0]
+    return forward(made, series, inputs)[0]
 
 
-def forward(made: Gains, series: jax.Array, driven: jax.Array | None = None) -> tuple[jax.Array, jax.Array, jax.Array]:
+def forward(made: Gains, series: jax.Array, inputs: jax.Array | None = None) -> tuple[jax.Array, jax.Array, jax.Array]:
     """The filter's means along series (T, C, ...), whose trailing axes become one, M.
 
     Args:
         made: The filter.
         series: Data, or columns of derivatives.
-        driven: Known inputs to the flight's states (T, X, M): to the first state, then to every
+        inputs: Known inputs to the flight's states (T, X, M): to the first state, then to every
             step. None: no inputs.
 
     Returns:
@@ -212,7 +212,7 @@ def forward(made: Gains, series: jax.Array, driven: jax.Array | None = None) -> 
         return f @ filtered, (v, filtered)
 
     here = jnp.any(made.output != 0.0, axis=2)[:, :, None]
-    rows = (made.transition, made.output, made.gain, jnp.where(here, wide, 0.0), driven)
+    rows = (made.transition, made.output, made.gain, jnp.where(here, wide, 0.0), inputs)
     _, (v, filtered) = jax.lax.scan(step, jnp.zeros((made.first.shape[0], wide.shape[2])), rows)
     unit = made.inverse @ v
     weighted = jnp.swapaxes(made.inverse, 1, 2) @ unit
@@ -228,10 +228,10 @@ def backward(made: Gains, weighted: jax.Array) -> tuple[jax.Array, jax.Array, ja
         before = back + h.T @ (v - gain.T @ back)
         return before, (g.T @ r, before)
 
-    rows = (made.transition, made.output, made.gain, made.shock, weighted)
+    rows = (made.transition, made.output, made.gain, made.noise_gain, weighted)
     zero = jnp.zeros((made.first.shape[0], weighted.shape[2]))
-    r, (shocks, vectors) = jax.lax.scan(step, zero, rows, reverse=True)
-    return made.start.T @ r, jnp.concatenate([(made.first.T @ r)[None], shocks[:-1]]), vectors
+    r, (process_noise, vectors) = jax.lax.scan(step, zero, rows, reverse=True)
+    return made.start.T @ r, jnp.concatenate([(made.first.T @ r)[None], process_noise[:-1]]), vectors
 
 
 class Smoothed(NamedTuple):
@@ -240,22 +240,22 @@ class Smoothed(NamedTuple):
     Attributes:
         innovations: Standardised (T, C, M).
         start: Expected standardised initial deviations (D, M).
-        shocks: Likewise of the process noise (T, L, M).
+        process_noise: Likewise of the process noise (T, L, M).
         states: Likewise of the flight's own states (T, X, M).
     """
 
     innovations: jax.Array
     start: jax.Array
-    shocks: jax.Array
+    process_noise: jax.Array
     states: jax.Array
 
 
 def smooth_driven(made: Gains, seen: Seen) -> Smoothed:
     """Filter and smoother of a flight with known inputs to its states."""
     unit, weighted, filtered = forward(made, *seen)
-    start, shocks, vectors = backward(made, weighted)
+    start, process_noise, vectors = backward(made, weighted)
     predicted = filtered - made.gain @ (made.root @ unit)
-    return Smoothed(unit, start, shocks, predicted[:, : seen.driven.shape[1]] + made.spread @ vectors)
+    return Smoothed(unit, start, process_noise, predicted[:, : seen.inputs.shape[1]] + made.spread @ vectors)
 
 
 def response(steps: Steps, start: jax.Array, disturbance: jax.Array, theta: jax.Array) -> jax.Array:

@@ -2,8 +2,9 @@
 
 The deviance is ``1/2 sum_c |innovations of series c|^2 + log det``. Backwards in the filter run the adjoints of its
 predicted means, -r, and of its predicted covariances, ``1/2 (N - sum_c r_c r_c')``, with the r and N of Durbin and
-Koopman (2012, section 4.4); from them follow the derivatives by transition, shocks and noise (Koopman and Shephard
-1992, for the shocks). That is one pass over the record, whatever the number of noise parameters.
+Koopman (2012, section 4.4); from them follow the derivatives by transition, process noise and measurement noise
+(Koopman and Shephard 1992, for the process noise). That is one pass over the record, whatever the number of noise
+parameters.
 
 The noise parameters enter through a few small matrices only (`Parts`): the derivatives with respect to those are summed
 along the flight, and multiplied by the Jacobian of the map from the parameters to them (vector-Jacobian product).
@@ -31,7 +32,7 @@ class Parts(NamedTuple):
 
     Attributes:
         transition: Of the latent processes (L, L).
-        shock: Factor of their process noise (L, L).
+        noise_gain: Factor of their process noise (L, L).
         first: The first ones (L, L).
         kept: AR(1) coefficients of the residual noise (C,).
         stationary: Its stationary variances (C,).
@@ -39,7 +40,7 @@ class Parts(NamedTuple):
     """
 
     transition: Component
-    shock: Component
+    noise_gain: Component
     first: Component
     kept: Component
     stationary: Component
@@ -81,7 +82,7 @@ def parts(flight: FlightData, hyper: NoiseParameters) -> Parts:
     """Matrices of a flight's state-space model for given noise parameters."""
     made, noise = hyper.dynamics(flight), hyper.outputs(flight)
     kept = jnp.exp(-flight.dt / noise.time_constant)
-    return Parts(made.transition, made.shock, made.first, kept, noise.correlated**2, noise.white**2)
+    return Parts(made.transition, made.noise_gain, made.first, kept, noise.correlated**2, noise.white**2)
 
 
 def run(flight: FlightData, hyper: NoiseParameters, linear: Linear, seen: Seen) -> Pass:
@@ -122,7 +123,7 @@ def slope(flight: FlightData, hyper: NoiseParameters, linear: Linear, done: Pass
         by_way, way_r = way @ z[:x] + z[x:split], way @ r[:x] + r[x:split]
         kept = jnp.sum(z[split:] * noises.T, axis=1) - jnp.sum(r[split:] * mean[size:], axis=1)
         latent = by_way @ latents - way_r @ mean[:size].T
-        shock = by_way[:, :x] @ way.T + by_way[:, x:split]
+        noise_gain = by_way[:, :x] @ way.T + by_way[:, x:split]
         drift = jnp.diagonal(z)[split:]
         back = jnp.concatenate([f.T @ r[:split], phi[:, None] * r[split:]])
         body, cross = f.T @ z[:split, :split] @ f, (f.T @ z[:split, split:]) * phi
@@ -137,16 +138,16 @@ def slope(flight: FlightData, hyper: NoiseParameters, linear: Linear, done: Pass
         half = jnp.concatenate([h.T @ half, jnp.zeros((size, split + c)), here[:, None] * half])
         e = w - g
         r = back + jnp.concatenate([h.T @ e, jnp.zeros((size, e.shape[1])), here[:, None] * e])
-        return (r, z + half + half.T), (latent, shock, kept, drift, white)
+        return (r, z + half + half.T), (latent, noise_gain, kept, drift, white)
 
     filtered = (made.transition[:, :split, :split], made.output[:, :, :x], seen, made.gain, inverse)
     rows = (*filtered, weighted, done.latents, done.noises, means, way)
     zero = (jnp.zeros((split + c, mix.shape[1])), jnp.zeros((split + c, split + c)))
     (r, z), made_of = jax.lax.scan(step, zero, rows, reverse=True)
-    latent, shocks, kept, drift, white = (jnp.sum(a, axis=0) for a in made_of)
+    latent, process_noise, kept, drift, white = (jnp.sum(a, axis=0) for a in made_of)
     return Parts(
         latent,
-        shocks @ given.shock,
+        process_noise @ given.noise_gain,
         z[x:split, x:split] @ given.first,
         kept - phi * given.stationary * drift,
         0.5 * (1.0 - phi**2) * drift + 0.5 * jnp.diagonal(z)[split:],

@@ -59,26 +59,26 @@ def conditioned(priors: Sequence[Prior], known: Observed) -> list[Prior]:
         priors: Of all parameters.
         known: About them.
     """
-    centre, law = working(priors)[0], covariance(priors)
-    after = scipy.linalg.cho_factor(known.design @ law @ known.design.T + known.covariance, lower=True)
-    gain = scipy.linalg.cho_solve(after, known.design @ law).T
-    left = law - gain @ known.design @ law
+    centre, prior_covariance = working(priors)[0], covariance(priors)
+    after = scipy.linalg.cho_factor(known.design @ prior_covariance @ known.design.T + known.covariance, lower=True)
+    gain = scipy.linalg.cho_solve(after, known.design @ prior_covariance).T
+    left = prior_covariance - gain @ known.design @ prior_covariance
     return correlated(priors, centre + gain @ (known.values - known.design @ centre), 0.5 * (left + left.T))
 
 
-def without(mean: Array, law: Array, known: Observed) -> tuple[Array, Array] | None:
+def without(mean: Array, posterior_covariance: Array, known: Observed) -> tuple[Array, Array] | None:
     """A Gaussian posterior with knowledge that was in its prior taken out again.
 
     Args:
         mean: Posterior mean (P,), working coordinates.
-        law: Posterior covariance (P, P).
+        posterior_covariance: Posterior covariance (P, P).
         known: What the prior held.
 
     Returns:
         Mean and covariance; None where what is left is no Gaussian: without the knowledge, nothing is known there.
     """
     inverse = np.linalg.inv(known.covariance)
-    precision = np.linalg.inv(law)
+    precision = np.linalg.inv(posterior_covariance)
     left = precision - known.design.T @ inverse @ known.design
     scale = np.sqrt(np.diag(precision))
     values = np.linalg.eigvalsh(left / np.outer(scale, scale))
@@ -88,16 +88,16 @@ def without(mean: Array, law: Array, known: Observed) -> tuple[Array, Array] | N
     return covariance_ @ (precision @ mean - known.design.T @ inverse @ known.values), covariance_
 
 
-def conflict(mean: Array, law: Array, known: Observed) -> Conflict:
+def conflict(mean: Array, posterior_covariance: Array, known: Observed) -> Conflict:
     """Whether knowledge agrees with a Gaussian that is independent of it.
 
     Args:
         mean: Of the parameters (P,), working coordinates.
-        law: Their covariance (P, P).
+        posterior_covariance: Their covariance (P, P).
         known: About them.
     """
     apart = known.values - known.design @ mean
-    both = known.design @ law @ known.design.T + known.covariance
+    both = known.design @ posterior_covariance @ known.design.T + known.covariance
     scale = np.sqrt(np.diag(both))
     values, vectors = np.linalg.eigh(both / np.outer(scale, scale))
     told = values > _LEAST * values[-1]

@@ -14,7 +14,16 @@ import numpy as np
 
 from bayeschute.core.random import stream
 from bayeschute.core.vectors import Component
-from bayeschute.likelihood.joint import Course, FlightData, Linear, NoiseParameters, as_seen, course, moved, stepped
+from bayeschute.likelihood.joint import (
+    FlightData,
+    LatentPath,
+    Linear,
+    NoiseParameters,
+    as_seen,
+    latent_path_of,
+    moved,
+    stepped,
+)
 from bayeschute.likelihood.kalman import Gains, MeanCorrection, Seen, innovations
 from bayeschute.likelihood.simulation_smoother import drawn, normals
 
@@ -23,7 +32,12 @@ _SHARES = (1.0, 0.5, 0.25, 0.125)  # of the conditional distribution's width at 
 
 
 def mean(
-    flight: FlightData, hyper: NoiseParameters, made: Gains, theta: Component, driven: Course, rough: bool = False
+    flight: FlightData,
+    hyper: NoiseParameters,
+    made: Gains,
+    theta: Component,
+    latent_path: LatentPath,
+    rough: bool = False,
 ) -> tuple[MeanCorrection, int]:
     """Mean deviation of steps and outputs over the conditional distribution of trajectory, start and disturbances.
 
@@ -37,7 +51,7 @@ def mean(
         hyper: Noise parameters.
         made: The filter of the flight linearised along the path.
         theta: Parameters (P,).
-        driven: The conditional optimum, with its path.
+        latent_path: The conditional optimum, with its path.
         rough: Few pairs, close together: sufficient for derivatives of the correction.
 
     Returns:
@@ -47,21 +61,21 @@ def mean(
         FloatingPointError: If fewer than half remain at every width.
     """
     pairs, shares = (_FEW, _SHARES[2:]) if rough else (_PAIRS, _SHARES)
-    (samples, states), outputs = np.shape(driven.path), np.shape(flight.observed)[1]
+    (samples, states), outputs = np.shape(latent_path.path), np.shape(flight.observed)[1]
     blank = Seen(jnp.zeros((samples, outputs, pairs)), jnp.zeros((samples, states, pairs)))
     z = normals(flight, pairs, stream(0, "pairs of the mean flight"))
     off = drawn(flight, hyper, made, blank, z)
-    by = course(flight, hyper, off.unknowns)
+    by = latent_path_of(flight, hyper, off.unknowns)
     wide, lost = jnp.repeat(jnp.asarray(theta)[:, None], 2 * pairs, axis=1), 0
-    path = jnp.repeat(jnp.asarray(driven.path)[..., None], 2 * pairs, axis=2)
-    still = [np.asarray(a)[..., None] for a in stepped(flight, jnp.asarray(theta), driven)]
+    path = jnp.repeat(jnp.asarray(latent_path.path)[..., None], 2 * pairs, axis=2)
+    still = [np.asarray(a)[..., None] for a in stepped(flight, jnp.asarray(theta), latent_path)]
     for share in shares:
         start, error = (
             jnp.concatenate([m[..., None] + share * d, m[..., None] - share * d], axis=-1)
-            for m, d in zip(driven[:2], by[:2], strict=True)
+            for m, d in zip(latent_path[:2], by[:2], strict=True)
         )
         away = share * jnp.concatenate([off.states, -off.states], axis=-1)
-        residual, defects = stepped(flight, wide, Course(start, error, moved(flight, path, away)))
+        residual, defects = stepped(flight, wide, LatentPath(start, error, moved(flight, path, away)))
         both = [np.asarray(a) - b for a, b in zip((residual, defects), still, strict=True)]
         by_pair = [0.5 * (a[..., :pairs] + a[..., pairs:]) for a in both]
         farthest = np.max(np.abs(np.asarray(away)), axis=(0, 2))[:, None]
@@ -74,10 +88,10 @@ def mean(
 
 
 @jax.jit
-def slope(linear: Linear, made: Gains, gap: MeanCorrection) -> jax.Array:
+def slope(linear: Linear, made: Gains, mean_correction: MeanCorrection) -> jax.Array:
     """Contribution of the correction to the gradient of minus the log density by theta (P,), at the linearisation."""
     seen = as_seen(linear)
-    alone = Seen(*(part.at[..., 0].set(0.0) for part in seen)).less(gap)
+    alone = Seen(*(part.at[..., 0].set(0.0) for part in seen)).less(mean_correction)
     unit = innovations(made, *alone)
     unit = unit.reshape(-1, unit.shape[2])
     return -unit[:, 1:].T @ unit[:, 0]

@@ -114,12 +114,18 @@ def standard(priors: Sequence[Prior], theta: NDArray[np.float64]) -> NDArray[np.
     return np.asarray(flat.T.reshape(away.shape))
 
 
-def correlated(priors: Sequence[Prior], centre: NDArray[np.float64], law: NDArray[np.float64]) -> list[Prior]:
+def correlated(
+    priors: Sequence[Prior], centre: NDArray[np.float64], joint_covariance: NDArray[np.float64]
+) -> list[Prior]:
     """Priors with other centres (P,) and the covariance (P, P) that goes with them."""
-    scale = np.sqrt(np.diag(law))
+    scale = np.sqrt(np.diag(joint_covariance))
     made = []
     for i, p in enumerate(priors):
-        row = {q.name: float(law[i, j] / (scale[i] * scale[j])) for j, q in enumerate(priors) if j != i and law[i, j]}
+        row = {
+            q.name: float(joint_covariance[i, j] / (scale[i] * scale[j]))
+            for j, q in enumerate(priors)
+            if j != i and joint_covariance[i, j]
+        }
         made.append(replace(p, centre=float(centre[i]), scale=float(scale[i]), correlation=row))
     return made
 
@@ -132,12 +138,14 @@ def given_zero(priors: Sequence[Prior], zero: Sequence[str]) -> list[Prior]:
         zero: Names of those that are zero; their working coordinates are the values.
     """
     out = np.array([p.name in set(zero) for p in priors])
-    law, centre = covariance(priors), working(priors)[0]
+    joint_covariance, centre = covariance(priors), working(priors)[0]
     gain = (
-        law[np.ix_(~out, out)] @ np.linalg.inv(law[np.ix_(out, out)]) if out.any() else np.zeros((int(np.sum(~out)), 0))
+        joint_covariance[np.ix_(~out, out)] @ np.linalg.inv(joint_covariance[np.ix_(out, out)])
+        if out.any()
+        else np.zeros((int(np.sum(~out)), 0))
     )
     left = [p for p, gone in zip(priors, out, strict=True) if not gone]
-    after = law[np.ix_(~out, ~out)] - gain @ law[np.ix_(out, ~out)]
+    after = joint_covariance[np.ix_(~out, ~out)] - gain @ joint_covariance[np.ix_(out, ~out)]
     return correlated(left, centre[~out] - gain @ centre[out], 0.5 * (after + after.T))
 
 

@@ -22,7 +22,7 @@ class Normals(NamedTuple):
     """Standard normal numbers behind one draw of a flight: start (D, B), process noise (T, L, B), noise (T, C, B)."""
 
     start: Component
-    shocks: Component
+    process_noise: Component
     drift: Component
     white: Component
 
@@ -54,10 +54,10 @@ def drawn(flight: FlightData, hyper: NoiseParameters, made: Gains, seen: Seen, z
     """
     unit, weighted, filtered = forward(made, *seen)
     off, of_draw = _prediction_errors(flight, hyper, made, z)
-    start, shocks, vectors = backward(made, weighted - of_draw)
+    start, process_noise, vectors = backward(made, weighted - of_draw)
     predicted = filtered - made.gain @ (made.root @ unit) + off
-    states = predicted[:, : seen.driven.shape[1]] + made.spread @ vectors
-    return Drawn(Unknowns(start + z.start, shocks + z.shocks), states)
+    states = predicted[:, : seen.inputs.shape[1]] + made.spread @ vectors
+    return Drawn(Unknowns(start + z.start, process_noise + z.process_noise), states)
 
 
 def _prediction_errors(
@@ -78,11 +78,11 @@ def _prediction_errors(
     )
 
     def step(off: jax.Array, row: tuple) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
-        f, h, gain, inverse, g, e, here, shock, drift = row
+        f, h, gain, inverse, g, e, here, white_noise, drift = row
         v = jnp.where(here, h @ off + e, 0.0)
-        return f @ (off - gain @ v) + g @ shock + drift, (off, inverse.T @ (inverse @ v))
+        return f @ (off - gain @ v) + g @ white_noise + drift, (off, inverse.T @ (inverse @ v))
 
-    first = made.start @ z.start + made.first @ z.shocks[0] + noisy[0]
-    after = (jnp.concatenate([a[1:], a[:1]]) for a in (z.shocks, noisy))  # the last is not used
-    parts = (made.transition, made.output, made.gain, made.inverse, made.shock, white, rows, *after)
+    first = made.start @ z.start + made.first @ z.process_noise[0] + noisy[0]
+    after = (jnp.concatenate([a[1:], a[:1]]) for a in (z.process_noise, noisy))  # the last is not used
+    parts = (made.transition, made.output, made.gain, made.inverse, made.noise_gain, white, rows, *after)
     return jax.lax.scan(step, first, parts)[1]

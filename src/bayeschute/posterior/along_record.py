@@ -32,10 +32,10 @@ Array = NDArray[np.float64]
 LEVELS = (3.0, 1.0, 0.3)  # times a path's slack, one after the other
 _MOST, _MOST_HELD = 15, 40  # steps at a level, and where the path obeys the equations of motion
 _FEW_DEFECTS, _SECANTS = 0.2, 6  # of that slack, at which earlier slopes tell of the next step; how many do
-_PRICE = 3.0  # of a defect of the last level's slack, in log density; more than the shocks of the states ask for
+_PRICE = 3.0  # of a defect of the last level's slack, in log density; more than the process noise of the states ask for
 _SHARES, _CLOSING = (1.0, 0.5, 0.2, 0.05), 5  # of steps; most that close the defects of one
 _NONE = np.zeros(0)  # no step of parameters
-_RESTING, _MOST_RESTING = 0.02, 12  # gain in log density at which start and shocks are at rest; most steps to there
+_RESTING, _MOST_RESTING = 0.02, 12  # gain in log density at which a conditional optimum is reached; most steps to it
 _IDLE = 4  # steps that together gain next to nothing: however long the next would be, it leads nowhere
 _FREE = 1e-2  # damping below which a step is as good as free
 _FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-3, 1e-9, 1e8
@@ -81,14 +81,14 @@ class Solved(NamedTuple):
     Attributes:
         gram: Products of the innovations of data and of the derivatives by parameters (1 + P, 1 + P).
         start: Standard start, and its derivatives by the parameters, sign turned (D, 1 + P).
-        shocks: Likewise of the shocks of the latent processes (T, L, 1 + P).
+        process_noise: Likewise of the process noise of the latent processes (T, L, 1 + P).
         states: Likewise of how far the path moves (T, X, 1 + P).
         determinant: Log determinant of the innovations.
     """
 
     gram: jax.Array
     start: jax.Array
-    shocks: jax.Array
+    process_noise: jax.Array
     states: jax.Array
     determinant: jax.Array
 
@@ -161,7 +161,7 @@ def terms(flight: FlightData, hyper: NoiseParameters, slack: Component, at: Lift
     """Contribution of a flight to the merit function."""
     unit = whiten(hyper.outputs(flight), flight.dt, jnp.asarray(flight.present), made.residual)
     defect = made.defects / slack
-    data = 0.5 * (jnp.sum(unit**2) + jnp.sum(at.unknowns.start**2) + jnp.sum(at.unknowns.shocks**2))
+    data = 0.5 * (jnp.sum(unit**2) + jnp.sum(at.unknowns.start**2) + jnp.sum(at.unknowns.process_noise**2))
     sizes = jnp.abs(defect)
     return Terms(data, 0.5 * jnp.sum(defect**2), jnp.sum(sizes), jnp.max(sizes))
 
@@ -176,19 +176,21 @@ def solve(flight: FlightData, hyper: NoiseParameters, slack: Component, made: Li
         slack: Standard deviations of the states' defects (X,); zeros: none are left.
         made: The flight linearised along a path.
     """
-    law, noise = hyper.dynamics(flight), hyper.outputs(flight)
-    filtered = gains(made.steps, flight.start_scale, law, noise, flight.dt, jnp.asarray(flight.present), slack)
+    dynamics, noise = hyper.dynamics(flight), hyper.outputs(flight)
+    filtered = gains(made.steps, flight.start_scale, dynamics, noise, flight.dt, jnp.asarray(flight.present), slack)
     got = smooth_driven(filtered, as_seen(made))
     unit = got.innovations.reshape(-1, got.start.shape[1])
-    shocks = got.shocks[:, : flight.latent.size]
-    return Solved(unit.T @ unit, got.start, shocks, got.states, filtered.log_determinant)
+    process_noise = got.process_noise[:, : flight.latent.size]
+    return Solved(unit.T @ unit, got.start, process_noise, got.states, filtered.log_determinant)
 
 
 @jax.jit
 def led(flight: FlightData, hyper: NoiseParameters, at: Lifted, solved: Solved, step: jax.Array) -> Lifted:
     """Start, process noise and trajectory after a step of the parameters (P,) in the linear problem."""
-    start, shocks, away = (a[..., 0] - a[..., 1:] @ step for a in (solved.start, solved.shocks, solved.states))
-    return Lifted(Unknowns(start, shocks), disturbances(hyper.dynamics(flight), shocks), at.path + away)
+    start, process_noise, away = (
+        a[..., 0] - a[..., 1:] @ step for a in (solved.start, solved.process_noise, solved.states)
+    )
+    return Lifted(Unknowns(start, process_noise), disturbances(hyper.dynamics(flight), process_noise), at.path + away)
 
 
 @jax.jit
@@ -199,15 +201,15 @@ def closed(flight: FlightData, hyper: NoiseParameters, at: Lifted, made: Linear)
 
     Args:
         flight: The record.
-        hyper: Noise parameters; the disturbances must be those of the shocks under them.
+        hyper: Noise parameters; the disturbances must be those of the process noise under them.
         at: The path.
         made: The flight linearised along it.
     """
-    law, noise = hyper.dynamics(flight), hyper.outputs(flight)
-    filtered = gains(made.steps, flight.start_scale, law, noise, flight.dt, jnp.asarray(flight.present))
+    dynamics, noise = hyper.dynamics(flight), hyper.outputs(flight)
+    filtered = gains(made.steps, flight.start_scale, dynamics, noise, flight.dt, jnp.asarray(flight.present))
     got = smooth_driven(filtered, Seen(jnp.zeros_like(made.residual)[..., None], made.defects[..., None]))
-    unknowns = Unknowns(at.unknowns.start + got.start[:, 0], at.unknowns.shocks + got.shocks[..., 0])
-    return Lifted(unknowns, disturbances(law, unknowns.shocks), at.path + got.states[..., 0])
+    unknowns = Unknowns(at.unknowns.start + got.start[:, 0], at.unknowns.process_noise + got.process_noise[..., 0])
+    return Lifted(unknowns, disturbances(dynamics, unknowns.process_noise), at.path + got.states[..., 0])
 
 
 @jax.jit
@@ -249,7 +251,7 @@ class _Level:
         cost = merit = 0.5 * float(np.sum(standard(self.priors, theta) ** 2)) if self.priors else 0.0
         made, defect, unit = [], 0.0, self.level or LEVELS[-1]
         for flight, at in zip(self.records, flights, strict=True):
-            made.append(linearise(flight, theta, at.course(flight)))
+            made.append(linearise(flight, theta, at.latent_path(flight)))
             part = terms(flight, self.hyper, self.slack(flight, at, unit), at, made[-1])
             cost += float(part.data)
             merit += float(part.data) + (float(part.squares) if self.level else _PRICE * float(part.sizes))
@@ -287,7 +289,7 @@ class _Level:
         return [led(f, self.hyper, at, one, step) for f, at, one in trio]
 
 
-class Rest(NamedTuple):
+class ConditionalOptimum(NamedTuple):
     """Conditional mode of trajectory, start and process noise for given parameters, and the cost about it.
 
     Attributes:
@@ -312,9 +314,9 @@ class Rest(NamedTuple):
         return self.cost + sum(float(one.determinant) for one in self.onward)
 
 
-def rest(
+def conditional_optimum(
     flights: Sequence[FlightData], hyper: NoiseParameters, priors: Sequence[Prior], theta: Array, at: Sequence[Lifted]
-) -> Rest | None:
+) -> ConditionalOptimum | None:
     """Bring trajectories, start and process noise to their conditional mode for fixed parameters; None if not finite.
 
     Args:
@@ -329,13 +331,13 @@ def rest(
     solved, matrix, gradient = level.solved(here)
     if not (np.isfinite(here.merit) and np.isfinite(matrix).all() and np.isfinite(gradient).all()):
         return None
-    return Rest(here.flights, gradient, matrix, here.cost, here.defect, tuple(solved))
+    return ConditionalOptimum(here.flights, gradient, matrix, here.cost, here.defect, tuple(solved))
 
 
 def brought(
     flights: Sequence[FlightData], hyper: NoiseParameters, theta: Array, at: Sequence[Lifted]
 ) -> list[tuple[Lifted, Linear]]:
-    """Flights at their conditional modes for fixed parameters, linearised there; arguments as for `rest`."""
+    """Flights at their conditional modes for fixed parameters, linearised there; as `conditional_optimum`."""
     level = _Level(flights, hyper, (), 0.0)
     here = _resting(level, level.point(theta, at))
     return list(zip(here.flights, here.along, strict=True))
@@ -358,7 +360,7 @@ def _resting(level: _Level, here: _Point) -> _Point:
 
 @jax.jit
 def _apart(flight: FlightData, hyper: NoiseParameters, at: Lifted) -> jax.Array:
-    return jnp.max(jnp.abs(at.error - disturbances(hyper.dynamics(flight), at.unknowns.shocks)), initial=0.0)
+    return jnp.max(jnp.abs(at.error - disturbances(hyper.dynamics(flight), at.unknowns.process_noise)), initial=0.0)
 
 
 def _consistent(flight: FlightData, hyper: NoiseParameters, at: Lifted) -> bool:
@@ -366,7 +368,9 @@ def _consistent(flight: FlightData, hyper: NoiseParameters, at: Lifted) -> bool:
     return bool(_apart(flight, hyper, at) <= 1e-9 * (1.0 + np.max(np.abs(at.error), initial=0.0)))
 
 
-def onward(flights: Sequence[FlightData], hyper: NoiseParameters, here: Rest, step: Array) -> tuple[Lifted, ...]:
+def onward(
+    flights: Sequence[FlightData], hyper: NoiseParameters, here: ConditionalOptimum, step: Array
+) -> tuple[Lifted, ...]:
     """Flights after a step of the parameters (P,) from a conditional mode."""
     ends = []
     for flight, at, solved in zip(flights, here.flights, here.onward, strict=True):

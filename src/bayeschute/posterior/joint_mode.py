@@ -27,8 +27,8 @@ from bayeschute.likelihood.joint import (
     Unknowns,
     as_seen,
     cost,
-    course,
     filter_gains,
+    latent_path_of,
     linearise,
     states,
 )
@@ -72,17 +72,17 @@ class Optimum:
 
     def linear(self, flights: Sequence[FlightData]) -> list[Linear]:
         """The flights linearised along their paths."""
-        return [linearise(f, self.theta, at.course(f)) for f, at in zip(flights, self.flights, strict=True)]
+        return [linearise(f, self.theta, at.latent_path(f)) for f, at in zip(flights, self.flights, strict=True)]
 
 
 class Conditional(NamedTuple):
-    """Start and shocks given theta near a linearisation: ``optimum - slope (theta - theta_0)``, and what is left.
+    """Start and process noise given theta near a linearisation: ``optimum - slope (theta - theta_0)``, and the rest.
 
     Attributes:
         optimum: Conditional optimum at the linearisation.
         slope: Its derivatives by theta, last axis, sign turned.
         states: How far the path moves to that optimum, then its derivatives, sign turned (T, X, 1 + P).
-        matrix: Gauss-Newton matrix of theta, start and shocks eliminated (P, P).
+        matrix: Gauss-Newton matrix of theta, start and process noise eliminated (P, P).
         gradient: Gradient of minus the log density by theta, likewise (P,).
         gains: The filter.
     """
@@ -102,8 +102,8 @@ def conditional(data: FlightData, hyper: NoiseParameters, linear: Linear) -> Con
     got = smooth_driven(made, as_seen(linear))
     unit = got.innovations.reshape(-1, got.start.shape[1])
     return Conditional(
-        Unknowns(got.start[:, 0], got.shocks[..., 0]),
-        Unknowns(got.start[:, 1:], got.shocks[..., 1:]),
+        Unknowns(got.start[:, 0], got.process_noise[..., 0]),
+        Unknowns(got.start[:, 1:], got.process_noise[..., 1:]),
         got.states,
         unit[:, 1:].T @ unit[:, 1:],
         -unit[:, 1:].T @ unit[:, 0],
@@ -177,7 +177,7 @@ class _Problem:
     hyper: NoiseParameters
     priors: Sequence[Prior]
     tilt: Array
-    opening: bool
+    first_part: bool
 
     def point(self, theta: Array, unknowns: Sequence[Unknowns], below: float = np.inf) -> _Point | None:
         """A point of the fit; None where its cost or derivative is not finite, or the cost not below a bound.
@@ -188,8 +188,8 @@ class _Problem:
         if not np.isfinite(value) or value > below:
             return None
         pairs = zip(self.flights, unknowns, strict=True)
-        linear = [linearise(f, theta, course(f, self.hyper, x)) for f, x in pairs]
-        if self.opening:
+        linear = [linearise(f, theta, latent_path_of(f, self.hyper, x)) for f, x in pairs]
+        if self.first_part:
             linear = [_opening(f, one) for f, one in zip(self.flights, linear, strict=True)]
         given = [conditional(f, self.hyper, one) for f, one in zip(self.flights, linear, strict=True)]
         before = precision(self.priors)
@@ -233,7 +233,7 @@ def fit(
     most: int = 40,
     tilt: Array | None = None,
     progress: Callable[[int, float, float], None] | None = None,
-    opening: bool = False,
+    first_part: bool = False,
 ) -> Optimum:
     """Find the optimum by Levenberg-Marquardt with a line search.
 
@@ -247,7 +247,7 @@ def fit(
         most: Most iterations.
         tilt: Slope of a term added to the cost (P,).
         progress: Called with iteration, cost and step over standard error.
-        opening: Whether flights may fail after their last datum.
+        first_part: Whether flights may fail after their last datum.
 
     Returns:
         The optimum; `converged` tells whether the tolerance was met.
@@ -256,7 +256,7 @@ def fit(
         FloatingPointError: If the simulation at the start, or its derivative, is not finite.
     """
     tilt = np.zeros(len(priors)) if tilt is None else tilt
-    problem = _Problem(flights, hyper, priors, tilt, opening)
+    problem = _Problem(flights, hyper, priors, tilt, first_part)
     here = problem.point(np.asarray(theta, float), [f.still() for f in flights] if unknowns is None else list(unknowns))
     if here is None:
         raise FloatingPointError("the simulation at the starting point of the fit, or its derivative, is not finite")
@@ -284,6 +284,6 @@ def _flown(flights: Sequence[FlightData], hyper: NoiseParameters, here: _Point) 
     """The flights on the paths of their simulations, which are finite at every point of a fit until its last datum."""
     made = []
     for flight, unknowns in zip(flights, here.unknowns, strict=True):
-        driven = course(flight, hyper, unknowns)
-        made.append(Lifted(unknowns, driven.error, states(flight, jnp.asarray(here.theta), driven)))
+        latent_path = latent_path_of(flight, hyper, unknowns)
+        made.append(Lifted(unknowns, latent_path.error, states(flight, jnp.asarray(here.theta), latent_path)))
     return tuple(made)

@@ -24,14 +24,14 @@ from numpy.typing import NDArray
 from bayeschute.core.numerics import processors
 from bayeschute.likelihood import mean_correction
 from bayeschute.likelihood.joint import (
-    Course,
     FlightData,
+    LatentPath,
     Lifted,
     Linear,
     NoiseParameters,
     as_seen,
-    course,
     filter_gains,
+    latent_path_of,
     linearise,
     moved,
 )
@@ -42,8 +42,8 @@ from bayeschute.posterior.marginal import (
     Linearisation,
     Marginal,
     Quadratic,
-    course_at,
     in_batches,
+    latent_path_at,
     linear_residuals,
     shifted,
 )
@@ -71,9 +71,9 @@ class Laplace(NamedTuple):
 
 
 @jax.jit
-def _squares(made: Gains, linear: Linear, gap: MeanCorrection) -> tuple[jax.Array, jax.Array, jax.Array]:
+def _squares(made: Gains, linear: Linear, mean_correction: MeanCorrection) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Half the squares of innovations, their gradient, and the log determinant."""
-    seen = as_seen(linear).less(gap)
+    seen = as_seen(linear).less(mean_correction)
     unit = innovations(made, *seen).reshape(-1, seen.series.shape[2])
     return 0.5 * unit[:, 0] @ unit[:, 0], -unit[:, 1:].T @ unit[:, 0], made.log_determinant
 
@@ -82,8 +82,8 @@ def _squares(made: Gains, linear: Linear, gap: MeanCorrection) -> tuple[jax.Arra
 def _moved(flight: FlightData, hyper: NoiseParameters, linear: Linear) -> Lifted:
     """Where the linear problem of a flight has its optimum."""
     given = conditional(flight, hyper, linear)
-    path = moved(flight, jnp.asarray(linear.driven.path), given.states[..., 0])
-    return Lifted(given.optimum, course(flight, hyper, given.optimum).error, path)
+    path = moved(flight, jnp.asarray(linear.latent_path.path), given.states[..., 0])
+    return Lifted(given.optimum, latent_path_of(flight, hyper, given.optimum).error, path)
 
 
 def _brought(marginal: Marginal, theta: jax.Array, shift: jax.Array) -> list[Linear]:
@@ -94,20 +94,25 @@ def _brought(marginal: Marginal, theta: jax.Array, shift: jax.Array) -> list[Lin
     """
     made = []
     for flight, along in zip(marginal.flights, marginal.along, strict=True):
-        there = linearise(flight, theta, course_at(flight, along, shift)).without_theta()
-        made.append(linearise(flight, theta, _moved(flight, marginal.hyper, there).course(flight)))
+        there = linearise(flight, theta, latent_path_at(flight, along, shift)).without_theta()
+        made.append(linearise(flight, theta, _moved(flight, marginal.hyper, there).latent_path(flight)))
     return made
 
 
-def _gap(
-    flight: FlightData, hyper: NoiseParameters, along: Linearisation, theta: jax.Array, made: Gains, driven: Course
+def _mean_correction(
+    flight: FlightData,
+    hyper: NoiseParameters,
+    along: Linearisation,
+    theta: jax.Array,
+    made: Gains,
+    latent_path: LatentPath,
 ) -> MeanCorrection:
     """The mean correction at another theta; its change is estimated from few pairs. Not finite where these fail."""
     try:
-        few, _ = mean_correction.mean(flight, hyper, made, theta, driven, rough=True)
+        few, _ = mean_correction.mean(flight, hyper, made, theta, latent_path, rough=True)
     except FloatingPointError:
-        return jax.tree.map(lambda a: jnp.full(jnp.shape(a), jnp.nan), along.gap)
-    return MeanCorrection(*(a + b - c for a, b, c in zip(along.gap, few, along.rough, strict=True)))
+        return jax.tree.map(lambda a: jnp.full(jnp.shape(a), jnp.nan), along.mean_correction)
+    return MeanCorrection(*(a + b - c for a, b, c in zip(along.mean_correction, few, along.rough, strict=True)))
 
 
 def _under_prior(marginal: Marginal, theta: jax.Array) -> tuple[float, Array]:
@@ -125,7 +130,7 @@ def at(marginal: Marginal, xi: Array) -> Laplace:
     brought = _brought(marginal, theta, shift)
     for flight, along, linear in zip(marginal.flights, marginal.along, brought, strict=True):
         made = _gains(flight, marginal.hyper, linear)
-        there = _gap(flight, marginal.hyper, along, theta, made, linear.driven)
+        there = _mean_correction(flight, marginal.hyper, along, theta, made, linear.latent_path)
         value, slope, more = _squares(made, linear, there)
         square, gradient, determinant = square + float(value), gradient + np.asarray(slope), determinant + float(more)
         places.append(_moved(flight, marginal.hyper, linear.without_theta()))
@@ -155,7 +160,7 @@ def _values(marginal: Marginal, points: Array, changes: bool = False) -> _Values
         for flight, along, linear in zip(marginal.flights, marginal.along, brought, strict=True):
             linear = linear.without_theta()
             gains = _gains(flight, marginal.hyper, linear)
-            there = _gap(flight, marginal.hyper, along, theta, gains, linear.driven)
+            there = _mean_correction(flight, marginal.hyper, along, theta, gains, linear.latent_path)
             square, _, determinant = _squares(gains, linear, there)
             made = [made[0] + float(square), made[1] + float(determinant)]
             roots.append(np.asarray(gains.root) if changes else np.zeros((0, 1, 1)))
@@ -219,8 +224,8 @@ def lack(marginal: Marginal, step: float = 0.2) -> Lack:
 def corrected(marginal: Marginal, step: float = 1.0, crossed: int = _CROSSED) -> tuple[Marginal, Array | None]:
     """The posterior with corrections of its linear models, from Laplace's approximation to both sides along every axis.
 
-    Along an axis on which a flight fails there, a half, a quarter or an eighth as far. Starts, shocks and paths then
-    follow theta as the exact optima do. The `crossed` axes of greatest curvature of the log determinant get their
+    Along an axis on which a flight fails there, a half, a quarter or an eighth as far. Starts, process noise and paths
+    then follow theta as the exact optima do. The `crossed` axes of greatest curvature of the log determinant get their
     products with all others too; a product at both corners of which a flight fails is left out (`error` tells what is
     missing).
 
@@ -254,7 +259,7 @@ def corrected(marginal: Marginal, step: float = 1.0, crossed: int = _CROSSED) ->
     slope, own = _expansion(marginal, h)
     bend = Quadratic((up - down)[:, 0] / (2.0 * h) - slope, 0.5 * (exact + exact.T) - own)
     made = replace(_followed(marginal, sides[0], sides[1], h), determinant=determinant, bend=bend)
-    return made, _newton(slope + made.rest.slope, own + made.rest.curvature)
+    return made, _newton(slope + made.correction.slope, own + made.correction.curvature)
 
 
 def _newton(slope: Array, curvature: Array) -> Array | None:
@@ -316,5 +321,5 @@ def error(marginal: Marginal, points: int, rng: np.random.Generator) -> float:
         rng: Source of randomness.
     """
     xi = rng.standard_normal((points, np.size(marginal.centre)))
-    rest = np.asarray(marginal.rest.at(jnp.asarray(xi.T)))
-    return float(np.sqrt(np.mean((_values(marginal, xi).value.sum(axis=1) - _own(marginal, xi) - rest) ** 2)))
+    correction = np.asarray(marginal.correction.at(jnp.asarray(xi.T)))
+    return float(np.sqrt(np.mean((_values(marginal, xi).value.sum(axis=1) - _own(marginal, xi) - correction) ** 2)))

@@ -23,15 +23,15 @@ from numpy.typing import NDArray
 from bayeschute.core.vectors import Component
 from bayeschute.likelihood import mean_correction
 from bayeschute.likelihood.joint import (
-    Course,
     FlightData,
+    LatentPath,
     Lifted,
     Linear,
     NoiseParameters,
     as_seen,
-    course,
     disturbed,
     filter_gains,
+    latent_path_of,
     moved,
     stepped,
 )
@@ -56,8 +56,7 @@ class Linearisation(NamedTuple):
         aside: Difference of these from the derivatives of the exact conditional mode.
         known: Linear contribution of start and disturbances to every step at theta_0 (T, X).
         known_slope: Its derivatives by theta (T, X, P).
-        gap: Mean correction: mean of steps and outputs over start and disturbances given theta_0, minus those at the
-        mode.
+        mean_correction: Mean of steps and outputs over start and disturbances given theta_0, minus those at the mode.
         rough: The same of few paths, for its change with theta.
         lost: Number of pairs of the mean correction that failed.
         linear: The flight linearised there.
@@ -70,7 +69,7 @@ class Linearisation(NamedTuple):
     aside: Lifted
     known: Component
     known_slope: Component
-    gap: MeanCorrection
+    mean_correction: MeanCorrection
     rough: MeanCorrection
     lost: int
     linear: Linear
@@ -124,7 +123,7 @@ class Marginal:
     bend: Quadratic
 
     @property
-    def rest(self) -> Quadratic:
+    def correction(self) -> Quadratic:
         """Minus the log density less the squares of `projected_residuals`."""
         return Quadratic(*(a + b for a, b in zip(self.determinant, self.bend, strict=True)))
 
@@ -139,8 +138,8 @@ def _about(flight: FlightData, hyper: NoiseParameters, linear: Linear) -> tuple[
     """Derivatives of the conditional optimum, those of `Linearisation.known`, and the filter."""
     given = conditional(flight, hyper, linear)
     by_theta = jax.tree.map(jnp.negative, given.slope)
-    slope = Lifted(by_theta, course(flight, hyper, by_theta).error, -given.states[..., 1:])
-    known = disturbed(linear.steps, slope.course(flight, 1))
+    slope = Lifted(by_theta, latent_path_of(flight, hyper, by_theta).error, -given.states[..., 1:])
+    known = disturbed(linear.steps, slope.latent_path(flight, 1))
     return slope, known, given.gains
 
 
@@ -148,9 +147,9 @@ def _along(flight: FlightData, hyper: NoiseParameters, theta: Array, at: Lifted,
     """A flight about its conditional optimum."""
     slope, known_slope, made = _about(flight, hyper, linear)
     aside = jax.tree.map(jnp.zeros_like, slope)
-    mean, lost = mean_correction.mean(flight, hyper, made, theta, linear.driven)
-    rough, _ = mean_correction.mean(flight, hyper, made, theta, linear.driven, rough=True)
-    known = disturbed(linear.steps, linear.driven)
+    mean, lost = mean_correction.mean(flight, hyper, made, theta, linear.latent_path)
+    rough, _ = mean_correction.mean(flight, hyper, made, theta, linear.latent_path, rough=True)
+    known = disturbed(linear.steps, linear.latent_path)
     unit = _innovations(made, *as_seen(linear).less(mean))
     return Linearisation(at, slope, aside, known, known_slope, mean, rough, lost, linear, made, unit)
 
@@ -169,7 +168,7 @@ def mean_correction_slope(marginal: Marginal) -> Array:
     """Contribution of the mean correction to the gradient of minus the log density at theta_0, by theta (P,)."""
     total: Array = np.zeros(np.size(marginal.centre))
     for along in marginal.along:
-        total = total + np.asarray(mean_correction.slope(along.linear, along.gains, along.gap))
+        total = total + np.asarray(mean_correction.slope(along.linear, along.gains, along.mean_correction))
     return total
 
 
@@ -187,9 +186,9 @@ def place_at(flight: FlightData, along: Linearisation, shift: jax.Array) -> Lift
     return _place(flight, along.at, along.slope, shift)
 
 
-def course_at(flight: FlightData, along: Linearisation, shift: jax.Array) -> Course:
+def latent_path_at(flight: FlightData, along: Linearisation, shift: jax.Array) -> LatentPath:
     """Likewise, as a latent path."""
-    return place_at(flight, along, shift).course(flight, jnp.ndim(shift) - 1)
+    return place_at(flight, along, shift).latent_path(flight, jnp.ndim(shift) - 1)
 
 
 def shifted(marginal: Marginal, xi: Component) -> tuple[jax.Array, jax.Array]:
@@ -200,13 +199,13 @@ def shifted(marginal: Marginal, xi: Component) -> tuple[jax.Array, jax.Array]:
 
 @jax.jit
 def seen_along(along: Linearisation, residual: jax.Array, defects: jax.Array, shift: jax.Array) -> Seen:
-    """Data of the linear model from residuals (T, C, B) and defects (T, X, B) on the trajectories of `course_at`."""
-    driven = defects - along.known[..., None] - along.known_slope @ shift
-    return Seen(residual - along.gap.outputs[..., None], driven + along.gap.driven[..., None])
+    """Data of the linear model from residuals (T, C, B) and defects (T, X, B) along `latent_path_at`."""
+    inputs = defects - along.known[..., None] - along.known_slope @ shift
+    return Seen(residual - along.mean_correction.outputs[..., None], inputs + along.mean_correction.inputs[..., None])
 
 
 def _seen(flight: FlightData, along: Linearisation, theta: jax.Array, shift: jax.Array) -> Seen:
-    return seen_along(along, *stepped(flight, theta, course_at(flight, along, shift)), shift)
+    return seen_along(along, *stepped(flight, theta, latent_path_at(flight, along, shift)), shift)
 
 
 @jax.jit
@@ -247,13 +246,13 @@ def linear_residuals(marginal: Marginal, xi: Component) -> tuple[jax.Array, jax.
 
 
 def projected_residuals(marginal: Marginal, xi: Component) -> jax.Array:
-    """The vector (N, B) whose ``-1/2 |.|^2`` is the marginal log density at (P, B) without `rest`, up to a constant."""
+    """The vector (N, B) whose ``-1/2 |.|^2`` is the marginal log density at (P, B) but `correction` and a constant."""
     return jnp.concatenate(linear_residuals(marginal, xi))
 
 
 def log_density(marginal: Marginal, xi: Component) -> jax.Array:
     """Marginal log density (B,) up to a constant at standard coordinates (P, B); NaN where a step fails."""
-    return -0.5 * jnp.sum(projected_residuals(marginal, xi) ** 2, axis=0) - marginal.rest.at(jnp.asarray(xi))
+    return -0.5 * jnp.sum(projected_residuals(marginal, xi) ** 2, axis=0) - marginal.correction.at(jnp.asarray(xi))
 
 
 def one_step_errors(marginal: Marginal, xi: Component) -> tuple[jax.Array, ...]:
@@ -271,9 +270,9 @@ def sample_log_likelihoods(marginal: Marginal, xi: Component) -> tuple[jax.Array
 
     Its sum over the samples of all flights is `log_density` without the prior, up to a constant. The squared prediction
     errors are each sample's own. What is known of whole flights only is spread evenly over recorded data, so that a
-    sample with n recorded outputs gets n shares: `Marginal.rest` over the data of all flights, the price of a place out
-    of the linear model's range over those of the flight. (The log determinant's own terms would be no fair shares: they
-    depend on the units of the outputs.)
+    sample with n recorded outputs gets n shares: `Marginal.correction` over the data of all flights, the price of a
+    place out of the linear model's range over those of the flight. (The log determinant's own terms would be no fair
+    shares: they depend on the units of the outputs.)
 
     Args:
         marginal: The posterior.
@@ -284,7 +283,7 @@ def sample_log_likelihoods(marginal: Marginal, xi: Component) -> tuple[jax.Array
     """
     xi = jnp.asarray(xi)
     _, shift = shifted(marginal, xi)
-    each = marginal.rest.at(xi) / sum(np.sum(flight.present) for flight in marginal.flights)
+    each = marginal.correction.at(xi) / sum(np.sum(flight.present) for flight in marginal.flights)
     rows = zip(marginal.flights, marginal.along, one_step_errors(marginal, xi), strict=True)
     return tuple(_log_likelihoods(flight, along, unit, shift, xi, each) for flight, along, unit in rows)
 
@@ -316,31 +315,35 @@ def draw_flights(
         hyper: Noise parameters of this draw; the marginal's where None.
 
     Returns:
-        Start (D, B), shocks (T, L, B), disturbances (T, A, B) and path (T, X, B) per flight.
+        Start (D, B), process noise (T, L, B), disturbances (T, A, B) and path (T, X, B) per flight.
     """
     theta, shift = shifted(marginal, xi)
-    law, found = hyper or marginal.hyper, []
+    noise_parameters, found = hyper or marginal.hyper, []
     for flight, along, z in zip(marginal.flights, marginal.along, numbers, strict=True):
         made = along.gains if hyper is None else _gains(flight, hyper, along.linear)
         aside, _, aside_path = jax.tree.map(lambda a: jnp.tensordot(a, shift, axes=1), along.aside)
-        driven = course_at(flight, along, shift)
-        free, away = drawn(flight, law, made, seen_along(along, *stepped(flight, theta, driven), shift), z)
-        path = moved(flight, driven.path, away + aside_path)
+        latent_path = latent_path_at(flight, along, shift)
+        free, away = drawn(
+            flight, noise_parameters, made, seen_along(along, *stepped(flight, theta, latent_path), shift), z
+        )
+        path = moved(flight, latent_path.path, away + aside_path)
         for _ in range(_CORRECTIONS):
-            driven = course(flight, law, jax.tree.map(jnp.add, free, aside))._replace(path=path)
-            residual, defects = stepped(flight, theta, driven)
+            latent_path = latent_path_of(flight, noise_parameters, jax.tree.map(jnp.add, free, aside))._replace(
+                path=path
+            )
+            residual, defects = stepped(flight, theta, latent_path)
             seen = Seen(  # the linear model has no correction here
                 residual + jnp.asarray(along.linear.steps.out_state) @ aside_path,
-                defects - _disturbed(along.linear, course(flight, law, free)),
+                defects - _disturbed(along.linear, latent_path_of(flight, noise_parameters, free)),
             )
-            free, away = drawn(flight, law, made, seen, z)
+            free, away = drawn(flight, noise_parameters, made, seen, z)
             path = moved(flight, path, away)
         unknowns = jax.tree.map(jnp.add, free, aside)
-        found.append(Lifted(unknowns, course(flight, law, unknowns).error, path))
+        found.append(Lifted(unknowns, latent_path_of(flight, noise_parameters, unknowns).error, path))
     return tuple(found)
 
 
-_disturbed = jax.jit(lambda linear, driven: disturbed(linear.steps, driven))
+_disturbed = jax.jit(lambda linear, latent_path: disturbed(linear.steps, latent_path))
 
 
 def in_batches(function: Callable[[Array], Any], xi: Array, batch: int = BATCH) -> Any:

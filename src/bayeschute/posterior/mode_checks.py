@@ -67,7 +67,7 @@ def profile(marginal: Marginal, middle: Array | None = None, more: Sequence[Arra
     """
     size = np.size(marginal.centre)
     found = [*np.eye(size)]
-    curvature = np.asarray(marginal.rest.curvature)
+    curvature = np.asarray(marginal.correction.curvature)
     if curvature.any():
         found += [*np.linalg.eigh(curvature)[1][:, [0, -1]].T]
     found += [np.asarray(d) / np.linalg.norm(d) for d in more]

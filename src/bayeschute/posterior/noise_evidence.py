@@ -43,7 +43,7 @@ def function_of(
     linear: Sequence[Linear],
     priors: Sequence[Prior],
     prior: NoisePrior,
-    gaps: Sequence[MeanCorrection] | None = None,
+    mean_corrections: Sequence[MeanCorrection] | None = None,
 ) -> Callable[[Array], tuple[float, Array]]:
     """Minus the log evidence, up to a constant, and its gradient, as a function of the noise parameters' logarithms.
 
@@ -52,15 +52,15 @@ def function_of(
         linear: Their linearisations at an optimum.
         priors: Priors of theta.
         prior: Priors of the noise parameters.
-        gaps: As in `maximise`.
+        mean_corrections: As in `maximise`.
 
     Returns:
         From (V,), in the order of `to_vector`, to value and gradient (V,); 1e300 and zeros where it is not finite.
     """
     median = jax.tree.map(lambda a: jnp.asarray(a, float), prior.median)
     seen = tuple(_seen(lin) for lin in linear)
-    if gaps is not None:
-        seen = tuple(s.less(gap) for s, gap in zip(seen, gaps, strict=True))
+    if mean_corrections is not None:
+        seen = tuple(s.less(mean_correction) for s, mean_correction in zip(seen, mean_corrections, strict=True))
     fixed = (median, prior.log_sd, tuple(flights), tuple(linear), seen, precision(priors))
 
     def objective(vector: Array) -> tuple[float, Array]:
@@ -79,7 +79,7 @@ def maximise(
     hyper: NoiseParameters,
     prior: NoisePrior,
     most: int = 60,
-    gaps: Sequence[MeanCorrection] | None = None,
+    mean_corrections: Sequence[MeanCorrection] | None = None,
 ) -> tuple[NoiseParameters, float]:
     """Noise parameters of greatest evidence at a linearisation.
 
@@ -90,7 +90,7 @@ def maximise(
         hyper: Where to start.
         prior: Priors of the noise parameters.
         most: Most iterations of L-BFGS.
-        gaps: See `posterior.marginal`, per flight; none where None.
+        mean_corrections: See `posterior.marginal`, per flight; none where None.
 
     Returns:
         The noise parameters and minus the log evidence up to a constant.
@@ -101,7 +101,7 @@ def maximise(
     middle = to_vector(prior.median)
     bounds = [(m - 5.0 * prior.log_sd, m + 5.0 * prior.log_sd) for m in middle]
     found = scipy.optimize.minimize(
-        function_of(flights, linear, priors, prior, gaps),
+        function_of(flights, linear, priors, prior, mean_corrections),
         to_vector(hyper),
         jac=True,
         method="L-BFGS-B",
@@ -120,7 +120,7 @@ def noise_parameter_covariance(
     hyper: NoiseParameters,
     prior: NoisePrior,
     slope: Array,
-    gaps: Sequence[MeanCorrection] | None = None,
+    mean_corrections: Sequence[MeanCorrection] | None = None,
 ) -> Array:
     """Laplace covariance of the logarithms of all noise parameters, by differences of the gradient.
 
@@ -134,12 +134,12 @@ def noise_parameter_covariance(
         hyper: Noise parameters of greatest evidence.
         prior: Priors of the noise parameters.
         slope: From `noise_effect.noise_parameter_slope` (P, V).
-        gaps: As in `maximise`.
+        mean_corrections: As in `maximise`.
 
     Returns:
         (V, V), in the order of `to_vector`; never wider than the prior.
     """
-    objective, at, step = function_of(flights, linear, priors, prior, gaps), to_vector(hyper), 1e-3
+    objective, at, step = function_of(flights, linear, priors, prior, mean_corrections), to_vector(hyper), 1e-3
     with ThreadPoolExecutor(processors()) as pool:
         rows = list(pool.map(lambda x: objective(x)[1], [at, *(at + step * np.eye(at.size))]))
     curvature = (np.array(rows[1:]) - rows[0]) / step
@@ -154,7 +154,7 @@ def mean_less_mode(
     hyper: NoiseParameters,
     prior: NoisePrior,
     covariance: Array,
-    gaps: Sequence[MeanCorrection] | None = None,
+    mean_corrections: Sequence[MeanCorrection] | None = None,
 ) -> Array:
     """Mean minus mode of the logarithms of the noise parameters, from the skewness of their posterior.
 
@@ -171,12 +171,12 @@ def mean_less_mode(
         hyper: Noise parameters of greatest evidence.
         prior: Priors of the noise parameters.
         covariance: From `noise_parameter_covariance` (V, V).
-        gaps: As in `maximise`.
+        mean_corrections: As in `maximise`.
 
     Returns:
         (V,), along no axis more than a standard deviation.
     """
-    objective, at = function_of(flights, linear, priors, prior, gaps), to_vector(hyper)
+    objective, at = function_of(flights, linear, priors, prior, mean_corrections), to_vector(hyper)
     values, vectors = np.linalg.eigh(covariance)
     sd = np.sqrt(values)
     axes = (vectors * sd).T[sd > _TOLD]

@@ -26,10 +26,10 @@ from bayeschute.likelihood.joint import as_seen, linearise
 from bayeschute.likelihood.kalman_gradient import conditional_score, from_vector, to_vector
 from bayeschute.posterior.differences import beside
 from bayeschute.posterior.joint_mode import conditional
-from bayeschute.posterior.marginal import Marginal, course_at, shifted
+from bayeschute.posterior.marginal import Marginal, latent_path_at, shifted
 
 Array = NDArray[np.float64]
-_seen = jax.jit(lambda linear, gap: as_seen(linear).column(0).less(gap))
+_seen = jax.jit(lambda linear, mean_correction: as_seen(linear).column(0).less(mean_correction))
 
 
 class NoiseEffect(NamedTuple):
@@ -47,10 +47,10 @@ class NoiseEffect(NamedTuple):
     excess: Array
 
     @classmethod
-    def none(cls, parameters: int, laws: int) -> NoiseEffect:
+    def none(cls, parameters: int, noise_parameters: int) -> NoiseEffect:
         """Parameters that don't follow the noise parameters."""
         size = (parameters, parameters)
-        return cls(np.zeros((parameters, laws)), np.zeros((laws, *size)), np.zeros(size))
+        return cls(np.zeros((parameters, noise_parameters)), np.zeros((noise_parameters, *size)), np.zeros(size))
 
     def carried(self, xi: Array, moved: Array) -> Array:
         """Conditional draws for fixed noise parameters, moved to others.
@@ -76,7 +76,7 @@ def noise_parameter_slope(marginal: Marginal, step: float = 0.5) -> Array:
     """Derivatives ``-C`` of the parameters' conditional mode by the noise parameters, in standard coordinates.
 
     C is the change along every axis of the gradient by eta of ``1/2 |innovations|^2 + log det``, the flights linearised
-    anew along the conditional courses there: so the change of the log determinant is in it.
+    anew along the conditional paths there: so the change of the log determinant is in it.
 
     Args:
         marginal: The posterior for fixed noise parameters.
@@ -95,8 +95,10 @@ def noise_parameter_slope(marginal: Marginal, step: float = 0.5) -> Array:
         theta, shift = shifted(marginal, jnp.asarray(xi))
         total: Array = np.zeros(at.size)
         for flight, along in zip(marginal.flights, marginal.along, strict=True):
-            linear = linearise(flight, theta, course_at(flight, along, shift))
-            total = total + np.asarray(conditional_score(at, like, flight, linear, _seen(linear, along.gap)))
+            linear = linearise(flight, theta, latent_path_at(flight, along, shift))
+            total = total + np.asarray(
+                conditional_score(at, like, flight, linear, _seen(linear, along.mean_correction))
+            )
         return total
 
     with ThreadPoolExecutor(processors()) as pool:

@@ -19,16 +19,16 @@ from numpy.typing import NDArray
 
 from bayeschute.compiler.differentiable import differentiable_steps
 from bayeschute.core.errors import Fault, InputError
-from bayeschute.likelihood.joint import Course, FlightData, jax_stepped
+from bayeschute.likelihood.joint import FlightData, LatentPath, jax_stepped
 from bayeschute.likelihood.kalman import innovations
 from bayeschute.likelihood.priors import Prior, factor, working
-from bayeschute.posterior.marginal import Linearisation, Marginal, course_at, out_of_range, seen_along
+from bayeschute.posterior.marginal import Linearisation, Marginal, latent_path_at, out_of_range, seen_along
 
 Array = NDArray[np.float64]
 SITE = "log_likelihood"
 
 
-Look = Callable[[jax.Array, Course], tuple[jax.Array, jax.Array]]
+Look = Callable[[jax.Array, LatentPath], tuple[jax.Array, jax.Array]]
 
 
 def _look(flight: FlightData, along: Linearisation) -> Look:
@@ -37,11 +37,11 @@ def _look(flight: FlightData, along: Linearisation) -> Look:
     sizes = np.size(along.known_slope, 2), np.size(at.unknowns.start), np.shape(at.error)[1], np.shape(at.path)
     steps = differentiable_steps(model, *sizes, np.shape(flight.observed)[1])
     if steps is None:
-        return lambda theta, driven: jax_stepped(flight, theta, driven)
+        return lambda theta, latent_path: jax_stepped(flight, theta, latent_path)
 
-    def look(theta: jax.Array, driven: Course) -> tuple[jax.Array, jax.Array]:
-        y, reached = steps(theta, jnp.asarray(driven.start), jnp.asarray(driven.error), driven.path)
-        return jnp.where(flight.present, flight.observed - y, 0.0), reached - driven.path
+    def look(theta: jax.Array, latent_path: LatentPath) -> tuple[jax.Array, jax.Array]:
+        y, reached = steps(theta, jnp.asarray(latent_path.start), jnp.asarray(latent_path.error), latent_path.path)
+        return jnp.where(flight.present, flight.observed - y, 0.0), reached - latent_path.path
 
     return look
 
@@ -61,9 +61,9 @@ def log_likelihood(marginal: Marginal) -> Callable[[jax.Array], jax.Array]:
     def value(theta: jax.Array) -> jax.Array:
         shift = theta - jnp.asarray(marginal.centre)
         xi = inverse @ shift
-        total = -marginal.rest.at(xi)
+        total = -marginal.correction.at(xi)
         for flight, along, look in zip(marginal.flights, marginal.along, looks, strict=True):
-            residual, defects = look(theta, course_at(flight, along, shift))
+            residual, defects = look(theta, latent_path_at(flight, along, shift))
             seen = seen_along(along, residual[..., None], defects[..., None], shift[:, None])
             unit = innovations(along.gains, *seen)
             dear = out_of_range(along, unit, shift[:, None], xi[:, None])[0]
@@ -103,8 +103,8 @@ def model(marginal: Marginal, priors: Sequence[Prior]) -> Callable[[], None]:
         for p, row in zip(priors, root, strict=True):  # each given those before it
             k = len(theta)
             mean = p.centre + sum((row[j] * standard[j] for j in range(k) if row[j]), 0.0)
-            law = dist.LogNormal(mean, row[k]) if p.logarithmic else dist.Normal(mean, row[k])
-            value = numpyro.sample(p.name, law)
+            distribution = dist.LogNormal(mean, row[k]) if p.logarithmic else dist.Normal(mean, row[k])
+            value = numpyro.sample(p.name, distribution)
             theta.append(jnp.log(value) if p.logarithmic else value)
             standard.append((theta[-1] - mean) / row[k])
         told = likelihood(jnp.stack(theta))

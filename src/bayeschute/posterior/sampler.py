@@ -85,7 +85,7 @@ def sample(
     if kind == "emcee":
         return by_emcee()
     rng = stream(seed, "points of the surrogate")
-    surrogate, failed = build(lambda xi: in_batches(in_range, xi), marginal.rest, rng)
+    surrogate, failed = build(lambda xi: in_batches(in_range, xi), marginal.correction, rng)
     tried: list[Draws] = []
     reasons: list[str] = []
     lost = sum(int(along.lost) for along in marginal.along)
@@ -172,7 +172,10 @@ def data_tree(
         "log_prior": _named(priors, log_prior),
         "constant_data": {
             **{f"noise.{k}": np.asarray(v) for k, v in marginal.hyper.noise.__dict__.items()},
-            **{f"latent.{i + 1}": np.asarray(law) for i, law in enumerate(marginal.hyper.laws)},
+            **{
+                f"latent.{i + 1}": np.asarray(parameters)
+                for i, parameters in enumerate(marginal.hyper.disturbance_parameters)
+            },
         },
     }
     said = {name: {"draws": HELD} for name in ("posterior", "sample_stats", "log_prior")}

@@ -29,19 +29,19 @@ class Surrogate:
 
     Attributes:
         factor: (M, M), M = 1 + P + P (P + 1)/2.
-        rest: What the density is besides the squares.
+        correction: What the density is besides the squares.
         temperature: Above 1, the density is flatter than the fitted one: what proposes has to have the heavier tails,
             and a quartic polynomial falls faster than a density that flattens out, as along a stiff riser's stiffness.
     """
 
     factor: Component
-    rest: Quadratic
+    correction: Quadratic
     temperature: Component = 1.0
 
     def log_density(self, xi: jax.Array) -> jax.Array:
         """Surrogate log density at standard coordinates (P, ...), up to a constant."""
         squares = 0.5 * jnp.sum((self.factor @ monomials(xi)) ** 2, axis=0)
-        return -(squares + self.rest.at(xi)) / self.temperature
+        return -(squares + self.correction.at(xi)) / self.temperature
 
 
 def monomials(xi: jax.Array) -> jax.Array:
@@ -53,7 +53,7 @@ def monomials(xi: jax.Array) -> jax.Array:
 
 def build(
     residuals: Callable[[Array], Array],
-    rest: Quadratic,
+    correction: Quadratic,
     rng: np.random.Generator,
     spread: float = 1.3,
     factor: int = 3,
@@ -62,7 +62,7 @@ def build(
 
     Args:
         residuals: Projected residuals (N, B) at standard coordinates (P, B).
-        rest: What the density is besides them, a polynomial already (`Marginal.rest`).
+        correction: What the density is besides them, a polynomial already (`Marginal.correction`).
         rng: Source of the design points.
         spread: Standard deviation of the design points.
         factor: Design points per monomial.
@@ -73,7 +73,7 @@ def build(
     Raises:
         FloatingPointError: If fewer simulations succeed than there are monomials.
     """
-    parameters = int(np.size(rest.slope))
+    parameters = int(np.size(correction.slope))
     count = 1 + parameters + parameters * (parameters + 1) // 2
     points = spread * rng.standard_normal((parameters, factor * count))
     points[:, 0] = 0.0
@@ -86,4 +86,4 @@ def build(
     design = np.asarray(monomials(jnp.asarray(points[:, good])))
     weight = np.exp(-0.25 * np.sum(points[:, good] ** 2, axis=0) * (1.0 - 1.0 / spread**2))
     coefficients = np.linalg.lstsq((design * weight).T, (values[:, good] * weight).T, rcond=None)[0].T
-    return Surrogate(np.linalg.qr(coefficients, mode="r"), rest), int((~good).sum())
+    return Surrogate(np.linalg.qr(coefficients, mode="r"), correction), int((~good).sum())

@@ -39,13 +39,15 @@ class Chosen(NamedTuple):
     evidence: dict[str, float]
 
 
-def log_evidence_without(priors: Sequence[Prior], mean: Array, law: Array, out: NDArray[np.bool_]) -> float:
+def log_evidence_without(
+    priors: Sequence[Prior], mean: Array, posterior_covariance: Array, out: NDArray[np.bool_]
+) -> float:
     """Logarithm of the evidence of a model whose parameters `out` are zero, over that of the whole.
 
     Args:
         priors: Of all parameters.
         mean: Posterior mean (P,), working coordinates.
-        law: Posterior covariance (P, P).
+        posterior_covariance: Posterior covariance (P, P).
         out: Which parameters are zero (P,).
     """
     if not out.any():
@@ -55,18 +57,18 @@ def log_evidence_without(priors: Sequence[Prior], mean: Array, law: Array, out: 
         root = np.linalg.cholesky(spread[np.ix_(out, out)])
         return float(-0.5 * np.sum(np.linalg.solve(root, centre[out]) ** 2) - np.sum(np.log(np.diag(root))))
 
-    return density(mean, law) - density(working(priors)[0], covariance(priors))
+    return density(mean, posterior_covariance) - density(working(priors)[0], covariance(priors))
 
 
 def choose(
-    priors: Sequence[Prior], mean: Array, law: Array, may_go: Collection[str], penalty: float = PENALTY
+    priors: Sequence[Prior], mean: Array, posterior_covariance: Array, may_go: Collection[str], penalty: float = PENALTY
 ) -> Chosen:
     """Leave terms of a library out, and take back those that pay.
 
     Args:
         priors: Of all parameters.
         mean: Posterior mean of the library (P,), working coordinates.
-        law: Its covariance (P, P).
+        posterior_covariance: Its covariance (P, P).
         may_go: Names of the parameters that may be left out.
         penalty: Least logarithm of the evidence at which a term is kept.
 
@@ -77,7 +79,7 @@ def choose(
     out = np.zeros(len(priors), bool)
 
     def told(gone: NDArray[np.bool_]) -> float:
-        return log_evidence_without(priors, mean, law, gone) + penalty * int(gone.sum())
+        return log_evidence_without(priors, mean, posterior_covariance, gone) + penalty * int(gone.sum())
 
     def toggled(i: int) -> NDArray[np.bool_]:
         other = out.copy()
@@ -91,14 +93,16 @@ def choose(
         if found[best] <= now:
             break
         out, now = toggled(best), found[best]
-    here = log_evidence_without(priors, mean, law, out)
+    here = log_evidence_without(priors, mean, posterior_covariance, out)
     gains = {}
     for i in map(int, np.flatnonzero(free)):
-        change = log_evidence_without(priors, mean, law, toggled(i)) - here
+        change = log_evidence_without(priors, mean, posterior_covariance, toggled(i)) - here
         gains[priors[i].name] = change if out[i] else -change
     kept = ~out
     theta = mean[kept]
     if out.any():
-        theta = theta - law[np.ix_(kept, out)] @ np.linalg.solve(law[np.ix_(out, out)], mean[out])
+        theta = theta - posterior_covariance[np.ix_(kept, out)] @ np.linalg.solve(
+            posterior_covariance[np.ix_(out, out)], mean[out]
+        )
     names = [p.name for p, gone in zip(priors, out, strict=True) if gone]
     return Chosen(tuple(given_zero(priors, names)), theta, kept, gains)

@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 from bayeschute.core.random import stream
 from bayeschute.dynamics import cluster_flight, descent
 from bayeschute.dynamics.cluster_flight import ClusterFlight
-from bayeschute.likelihood.joint import Course, FlightData, NoiseParameters, Unknowns, course, states
+from bayeschute.likelihood.joint import FlightData, LatentPath, NoiseParameters, Unknowns, latent_path_of, states
 from bayeschute.likelihood.priors import Prior
 from bayeschute.likelihood.simulation_smoother import Normals, normals
-from bayeschute.posterior.fit import joint
+from bayeschute.posterior.fit.joint_fit import joint
 from bayeschute.posterior.marginal import Marginal, draw_flights, marginalise
 from bayeschute.posterior.noise_evidence import from_vector, to_vector
 from bayeschute.posterior.noise_uncertainty import NoiseEffect
@@ -55,9 +55,9 @@ class Prediction:
     shares: Mapping[str, Mapping[str, float]]
 
 
-def _simulate(flight: FlightData, theta: jax.Array, driven: Course) -> tuple[jax.Array, jax.Array]:
+def _simulate(flight: FlightData, theta: jax.Array, latent_path: LatentPath) -> tuple[jax.Array, jax.Array]:
     """Quantities (Q, T, B) and the last velocity (3, B); simulated from the end of the trajectory, if there is one."""
-    return _quantities(flight, states(flight, theta, driven, driven.path))
+    return _quantities(flight, states(flight, theta, latent_path, latent_path.path))
 
 
 @jax.jit
@@ -128,29 +128,31 @@ def noise_parameter_draws(
     return [from_vector(at + root @ rng.standard_normal(at.size), hyper) for _ in range(draws)]
 
 
-def carried(marginal: Marginal, theta: Array, laws: Sequence[NoiseParameters], effect: NoiseEffect) -> Array:
+def carried(
+    marginal: Marginal, theta: Array, noise_parameters: Sequence[NoiseParameters], effect: NoiseEffect
+) -> Array:
     """Draws of the parameters, moved from the fixed noise parameters to those that `predict` takes for each draw.
 
     Args:
         marginal: Of the fit that the draws are from.
         theta: Draws, working coordinates (B, P).
-        laws: Noise parameters, from `noise_parameter_draws`; groups of draws take them in turn.
+        noise_parameters: Noise parameters, from `noise_parameter_draws`; groups of draws take them in turn.
         effect: Of the noise parameters.
 
     Returns:
         (B, P).
     """
-    off = np.array([to_vector(law) for law in laws]) - to_vector(marginal.hyper)
+    off = np.array([to_vector(hyper) for hyper in noise_parameters]) - to_vector(marginal.hyper)
     scale, centre = np.asarray(marginal.scale), np.asarray(marginal.centre)
     xi = np.linalg.solve(scale, (theta - centre).T).T
-    return np.asarray(centre + effect.carried(xi, off[np.arange(len(xi)) // GROUP % len(laws)]) @ scale.T)
+    return np.asarray(centre + effect.carried(xi, off[np.arange(len(xi)) // GROUP % len(noise_parameters)]) @ scale.T)
 
 
 def predict(
     marginal: Marginal,
     index: int,
     theta: Array,
-    laws: Sequence[NoiseParameters],
+    noise_parameters: Sequence[NoiseParameters],
     seed: int,
     whole: FlightData | None = None,
     data_end: float = np.inf,
@@ -164,7 +166,7 @@ def predict(
         marginal: Of the fit the flight was part of, or from `opened`.
         index: Which of its flights.
         theta: Draws of the parameters, working coordinates (B, P); see `carried`.
-        laws: Noise parameters, from `noise_parameter_draws`; groups of draws take them in turn.
+        noise_parameters: Noise parameters, from `noise_parameter_draws`; groups of draws take them in turn.
         seed: Seed of unknowns.
         whole: The whole flight, where the marginal is of its initialisation window only.
         data_end: End of the data that are used [s from the first sample]; disturbances after it follow their process.
@@ -184,10 +186,12 @@ def predict(
     )
     xi = np.linalg.solve(np.asarray(marginal.scale), (theta - np.asarray(marginal.centre)).T)
 
-    def driven(xi: Array, numbers: tuple[Normals, ...], later: Array, law: NoiseParameters) -> Course:
-        known = draw_flights(marginal, xi, numbers, law)[index]
-        shocks = jnp.concatenate([known.unknowns.shocks[:kept], later])
-        return course(flight, law, Unknowns(known.unknowns.start, shocks))._replace(path=known.path[:kept])
+    def latent_path(xi: Array, numbers: tuple[Normals, ...], later: Array, hyper: NoiseParameters) -> LatentPath:
+        known = draw_flights(marginal, xi, numbers, hyper)[index]
+        process_noise = jnp.concatenate([known.unknowns.process_noise[:kept], later])
+        return latent_path_of(flight, hyper, Unknowns(known.unknowns.start, process_noise))._replace(
+            path=known.path[:kept]
+        )
 
     rows, lasts = [], []
     first: Any = None
@@ -196,11 +200,11 @@ def predict(
         numbers = tuple(normals(f, GROUP, rng) for f in marginal.flights)
         later = rng.standard_normal((flight.samples - kept, flight.latent.size, GROUP))
         later = later * np.exp(disturbance_log_sd * stronger.standard_normal(GROUP))
-        given = (xi[:, pick], numbers, later, laws[i % len(laws)])
+        given = (xi[:, pick], numbers, later, noise_parameters[i % len(noise_parameters)])
         first = first or given
         if groups is not None and i not in groups:
             continue  # only its random numbers are taken
-        quantities, last = _simulate(flight, marginal.theta(jnp.asarray(xi[:, pick])), driven(*given))
+        quantities, last = _simulate(flight, marginal.theta(jnp.asarray(xi[:, pick])), latent_path(*given))
         rows.append(np.asarray(quantities)[..., :keep])
         lasts.append(np.asarray(last)[:, :keep])
         if progress is not None:
@@ -213,10 +217,10 @@ def predict(
     time = np.arange(flight.samples, dtype=float) * float(flight.dt)
     if groups is not None and 0 not in groups:
         return Prediction(time, {name: made[i].T for i, name in enumerate(names)}, ends.T, int(bad.sum()), {})
-    drawn_xi, numbers, later, law = first
+    drawn_xi, numbers, later, hyper = first
     still, quiet, silence = jax.tree.map(np.zeros_like, first[:3])
-    middle, drawn = driven(still, quiet, silence, law), driven(still, numbers, later, law)
-    shares = _shares(marginal, flight, drawn_xi, middle, drawn, driven(drawn_xi, quiet, silence, law), names)
+    middle, drawn = latent_path(still, quiet, silence, hyper), latent_path(still, numbers, later, hyper)
+    shares = _shares(marginal, flight, drawn_xi, middle, drawn, latent_path(drawn_xi, quiet, silence, hyper), names)
     return Prediction(time, {name: made[i].T for i, name in enumerate(names)}, ends.T, int(bad.sum()), shares)
 
 
@@ -224,20 +228,20 @@ def _shares(
     marginal: Marginal,
     flight: FlightData,
     xi: Array,
-    middle: Course,
-    drawn: Course,
-    followed: Course,
+    middle: LatentPath,
+    drawn: LatentPath,
+    followed: LatentPath,
     names: Sequence[str],
 ) -> dict[str, dict[str, float]]:
     """Variance of each quantity when one source alone varies, as shares of their sum, averaged over the flight."""
-    cases = {"parameter": (xi, followed), "initial state": (0.0 * xi, Course(drawn.start, middle.error))}
+    cases = {"parameter": (xi, followed), "initial state": (0.0 * xi, LatentPath(drawn.start, middle.error))}
     kind = np.array([_latent(flight, row) for row in range(flight.latent.rows)])
     for source in dict.fromkeys(kind):
         error = np.where((kind == source)[:, None], drawn.error, middle.error)
-        cases[str(source)] = (0.0 * xi, Course(middle.start, error))
+        cases[str(source)] = (0.0 * xi, LatentPath(middle.start, error))
     variance = {}
-    for source, (x, driven) in cases.items():
-        quantities, _ = _simulate(flight, marginal.theta(jnp.asarray(x)), driven)
+    for source, (x, latent_path) in cases.items():
+        quantities, _ = _simulate(flight, marginal.theta(jnp.asarray(x)), latent_path)
         made = np.asarray(quantities)
         variance[source] = np.full(len(made), np.nan)
         if np.isfinite(made).any():

@@ -16,7 +16,7 @@ from scipy.stats import norm
 
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.records.derive import uniform_interval
-from bayeschute.records.record import AXIS, Repair, with_repairs
+from bayeschute.records.record import AXIS, Repair, values_of, with_repairs
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -143,8 +143,8 @@ def remove_velocity_bias(record: xr.Dataset, level: float = LEVEL) -> tuple[xr.D
         raise InputError([Fault("velocity bias", f"a record without {name}", wanted) for name in missing])
     time, name = record["time"].values, "capsule_velocity"
     dt = uniform_interval(time, "velocity bias")
-    velocity = _values(record, name)
-    told = velocity_bias(velocity, _values(record, "capsule_position"), dt)
+    velocity = values_of(record, name)
+    told = velocity_bias(velocity, values_of(record, "capsule_position"), dt)
     found = told.found(level)
     parts = zip(AXIS, told.bias, told.se, found, strict=True)
     words = [f"{axis} {b:+.3g} +- {se:.2g} m/s {'removed' if f else 'kept as chance'}" for axis, b, se, f in parts]
@@ -154,11 +154,6 @@ def remove_velocity_bias(record: xr.Dataset, level: float = LEVEL) -> tuple[xr.D
     values = velocity - np.where(found, told.bias, 0.0)
     changed = record.assign({name: (("time", "axis"), values, record[name].attrs)})
     return with_repairs(changed, [note]), told
-
-
-def _values(record: xr.Dataset, name: str) -> Array:
-    order = [d for d in ("time", "canopy", "axis", "body_axis", "quaternion") if d in record[name].dims]
-    return np.asarray(record[name].transpose(*order).values, dtype=float)
 
 
 def _alike(driving: NDArray, position: NDArray, what: str) -> tuple[Array, Array]:

@@ -131,7 +131,7 @@ def _opened(grid: Array, level: Array, first: int, last: int, time: Array, force
     if force is not None:
         size = np.linalg.norm(force, axis=1) / STANDARD_GRAVITY
         middle = 0.5 * (grid[first] + grid[last])
-        shocks = time[(np.nan_to_num(size) > _SHOCK) & (time >= grid[first]) & (time < middle)]
-        if shocks.size:
-            found = max(found or -np.inf, float(shocks[-1]))
+        process_noise = time[(np.nan_to_num(size) > _SHOCK) & (time >= grid[first]) & (time < middle)]
+        if process_noise.size:
+            found = max(found or -np.inf, float(process_noise[-1]))
     return found

@@ -13,7 +13,7 @@ from bayeschute.core.errors import Fault, InputError
 from bayeschute.records.angles import across, airflow, dot, flyout_angle, proximity, swing_angle, unit, wind_axes
 from bayeschute.records.derive import measured, sea_level_rate, smoothing_window, uniform_interval
 from bayeschute.records.differentiate import savitzky_golay
-from bayeschute.records.record import AXIS, Repair, with_repairs
+from bayeschute.records.record import AXIS, Repair, values_of, with_repairs
 from bayeschute.records.smoothing import SHORTEST, fourier_smooth
 
 if TYPE_CHECKING:
@@ -167,17 +167,12 @@ def _needed(record: xr.Dataset) -> float:
     return uniform_interval(record["time"].values, "reconstruction")
 
 
-def _values(record: xr.Dataset, name: str) -> Array:
-    order = [d for d in ("time", "canopy", "axis", "body_axis", "quaternion") if d in record[name].dims]
-    return np.asarray(record[name].transpose(*order).values, dtype=float)
-
-
 def _capsule_motion(record: xr.Dataset, dt: float, method: Method) -> tuple[Array, Array]:
     """Velocity and acceleration of the capsule, NED; from its position where no velocity is recorded."""
     if "capsule_velocity" in record:
-        velocity = _values(record, "capsule_velocity")
+        velocity = values_of(record, "capsule_velocity")
         return velocity, smooth_motion(velocity, dt, method)[0]
-    return smooth_motion(_values(record, "capsule_position"), dt, method)
+    return smooth_motion(values_of(record, "capsule_position"), dt, method)
 
 
 def _attach(record: xr.Dataset, geometry: ClusterGeometry, position: Array, canopies: Array) -> Array:
@@ -186,7 +181,7 @@ def _attach(record: xr.Dataset, geometry: ClusterGeometry, position: Array, cano
     if not attach_b.any():
         return np.zeros_like(position)
     if "capsule_attitude" in record:
-        return to_ned(unit(_values(record, "capsule_attitude")), attach_b)
+        return to_ned(unit(values_of(record, "capsule_attitude")), attach_b)
     return unit(canopies.mean(axis=1) - position) * np.linalg.norm(attach_b)
 
 
@@ -195,7 +190,7 @@ def _pull(
 ) -> Array:
     """Sum of the risers' pulls on the capsule (T, 3) [N]: its non-gravitational force less its drag."""
     if "capsule_specific_force" in record and "capsule_attitude" in record:
-        felt = to_ned(unit(_values(record, "capsule_attitude")), _values(record, "capsule_specific_force"))
+        felt = to_ned(unit(values_of(record, "capsule_attitude")), values_of(record, "capsule_specific_force"))
     else:
         felt = acceleration - np.array([0.0, 0.0, geometry.gravity])
     relative = velocity - wind
@@ -234,7 +229,7 @@ def force_coefficients(
 
 def _doubtful(record: xr.Dataset, time: Array, n: int, trim: float) -> NDArray[np.bool_]:
     """Samples (T, n) whose accelerations are no measurement: interpolated, or close to an end of a stretch."""
-    canopies = _values(record, "canopy_position")
+    canopies = values_of(record, "canopy_position")
     doubtful = np.zeros((time.size, n), bool)
     for i in range(n):
         for run in _runs(np.asarray(np.isfinite(canopies[:, i]).all(axis=1))):
@@ -274,9 +269,9 @@ def reconstruct(
 
     dt = _needed(record)
     time = record["time"].values.astype(float)
-    position, canopies = _values(record, "capsule_position"), _values(record, "canopy_position")
-    density, n = _values(record, "density"), canopies.shape[1]
-    wind = _values(record, "wind") if "wind" in record else np.zeros_like(position)
+    position, canopies = values_of(record, "capsule_position"), values_of(record, "canopy_position")
+    density, n = values_of(record, "density"), canopies.shape[1]
+    wind = values_of(record, "wind") if "wind" in record else np.zeros_like(position)
     velocity, acceleration = _capsule_motion(record, dt, method)
 
     riser = canopies - (position + _attach(record, geometry, position, canopies))[:, None]
@@ -290,7 +285,7 @@ def reconstruct(
     flow = airflow(air_velocity, air_acceleration, x, x_dot)
     near = proximity(canopies, canopy_velocity, air_velocity, x, geometry.reference_length)
     if "riser_tension" in record:
-        tension = _values(record, "riser_tension")
+        tension = values_of(record, "riser_tension")
     else:
         tension = riser_tensions(_pull(record, geometry, velocity, acceleration, wind, density), direction)
 

@@ -11,6 +11,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.core.units import factor_to_si
@@ -25,6 +26,8 @@ QUATERNION = ("w", "x", "y", "z")
 LABELS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {"axis": AXIS, "body_axis": BODY_AXIS, "quaternion": QUATERNION}
 )
+
+_ORDER = ("time", "canopy", "axis", "body_axis", "quaternion")
 
 
 @dataclass(frozen=True)
@@ -282,9 +285,14 @@ def validate_record(
     return faults
 
 
+def values_of(record: xr.Dataset, name: str) -> NDArray[np.float64]:
+    """Values of a variable, dimensions in the order of the schema: time, canopy, axis."""
+    return np.asarray(record[name].transpose(*[d for d in _ORDER if d in record[name].dims]).values, dtype=float)
+
+
 def in_si(ds: xr.Dataset, known: Mapping[str, Variable] = VARIABLES) -> xr.Dataset:
     """A valid record in SI, float64, dimensions in the schema's order; the attribute ``repairs`` is present."""
-    out = ds.transpose(*[d for d in ("time", "canopy", "axis", "body_axis", "quaternion") if d in ds.dims])
+    out = ds.transpose(*[d for d in _ORDER if d in ds.dims])
     for name in map(str, ds.data_vars):
         unit = known[name].unit
         scale, zero = factor_to_si(ds[name].attrs["units"], unit)

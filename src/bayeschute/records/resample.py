@@ -141,7 +141,7 @@ def resample(channel: Channel, grid: Grid) -> tuple[Array, list[Repair]]:
         joined[(t[:-1] < at) & (at < t[1:])] = False
     samples = _Samples(t, x, joined, attitude)
     values = samples.at(grid.time)
-    notes = _gaps(channel.name, t, joined, grid, native)
+    notes = _mean_corrections(channel.name, t, joined, grid, native)
     if 1.0 / grid.rate > 2.0 * native:
         values = _averaged(samples, grid, native, values)
         detail = f"mean over {1.0 / grid.rate:.4g} s of samples {native:.4g} s apart"
@@ -174,7 +174,7 @@ def _averaged(samples: _Samples, grid: Grid, native: float, plain: Array) -> Arr
     return np.where(np.isfinite(mean), mean, plain)
 
 
-def _gaps(name: str, t: Array, joined: Mask, grid: Grid, native: float) -> list[Repair]:
+def _mean_corrections(name: str, t: Array, joined: Mask, grid: Grid, native: float) -> list[Repair]:
     """Gaps inside the clock's span, bridged or left open, and ends that no sample covers."""
     first, last = float(grid.time[0]), float(grid.time[-1])
     low, high = np.searchsorted(t, [first, last])

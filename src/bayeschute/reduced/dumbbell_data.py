@@ -8,14 +8,13 @@ import numpy as np
 import xarray as xr
 
 from bayeschute.core.errors import Fault, InputError
-from bayeschute.likelihood.channels import filled, flight_data, opening_of
+from bayeschute.likelihood.channels import filled, flight_data, initial_motion
 from bayeschute.likelihood.disturbances import Latent
 from bayeschute.likelihood.joint import FlightData
 from bayeschute.likelihood.priors import Prior
 from bayeschute.reduced.dumbbell import CHANNELS, Dumbbell, DumbbellFlight, DumbbellInputs
 from bayeschute.reduced.planar import PlanarAero
 
-PLANE = ("along", "down")
 START_SCALE = np.array([0.02, 0.03, 0.5, 0.5])
 """Prior standard deviations of the initial deviations, as `dumbbell.DEVIATIONS`; SI."""
 STILL = Latent((), (), 2)
@@ -24,34 +23,6 @@ GUSTS = Latent(("drift", "drift"), ((0, 0), (1, 1)))
 """Latent error of the wind: one Ornstein-Uhlenbeck process along, one down."""
 WIND = Latent(("drift",) * 4, ((0, 0), (1, 1), (0, 2), (1, 3)))
 """Likewise gusts along and down, then the slow error of the recorded wind along and down."""
-
-
-def planar_record(record: xr.Dataset, azimuth: float) -> xr.Dataset:
-    """A three-dimensional record projected on a vertical plane.
-
-    Args:
-        record: With ``capsule_position``, ``canopy_position``, ``capsule_velocity`` and ``density``; ``wind`` where
-            known.
-        azimuth: Of the plane, from north to east [rad].
-
-    Returns:
-        ``swing_angle`` (time) [rad], positive when the capsule is ahead of the canopies' mean; ``capsule_velocity`` and
-        ``wind`` (time, plane) [m/s]; ``density`` [kg/m^3].
-    """
-    towards = np.array([np.cos(azimuth), np.sin(azimuth)])
-
-    def seen(vectors: np.ndarray) -> np.ndarray:
-        return np.stack([vectors[:, :2] @ towards, vectors[:, 2]], axis=1)
-
-    apart = (record["capsule_position"] - record["canopy_position"]).mean("canopy", skipna=False)
-    line = seen(apart.transpose("time", "axis").values)
-    wind = record["wind"].values if "wind" in record else np.zeros((record.sizes["time"], 3))
-    made = xr.Dataset(coords={"time": record["time"], "plane": list(PLANE)})
-    made["swing_angle"] = ("time", np.arctan2(line[:, 0], line[:, 1]), {"units": "rad"})
-    made["capsule_velocity"] = (("time", "plane"), seen(record["capsule_velocity"].values), {"units": "m/s"})
-    made["wind"] = (("time", "plane"), seen(wind), {"units": "m/s"})
-    made["density"] = record["density"]
-    return made
 
 
 def dumbbell_data(
@@ -84,10 +55,7 @@ def dumbbell_data(
         InputError: If a variable is missing, a channel is unknown, or a prior is on a logarithm.
     """
     missing = [n for n in ("swing_angle", "capsule_velocity", "density") if n not in record]
-    faults = [
-        Fault("record of a swing", f"no {name}", "swing_angle, capsule_velocity, density", "See planar_record.")
-        for name in missing
-    ]
+    faults = [Fault("record of a swing", f"no {name}", "swing_angle, capsule_velocity, density") for name in missing]
     faults += [Fault("channels", repr(c), " or ".join(CHANNELS)) for c in channels if c not in CHANNELS]
     faults += [Fault(f"prior of {p.name}", "a logarithm", "the value itself") for p in priors if p.logarithmic]
     if faults:
@@ -96,8 +64,8 @@ def dumbbell_data(
     swing, velocity = record["swing_angle"].values, record["capsule_velocity"].values
     wind = filled(record["wind"].values, "wind") if "wind" in record else np.zeros((time.size, 2))
     inputs = DumbbellInputs(wind, filled(record["density"].values, "density"))
-    opening = filled(np.column_stack([swing, velocity]), "swing_angle and capsule_velocity")
-    value, slope, _ = opening_of(time, opening)
+    measured = filled(np.column_stack([swing, velocity]), "swing_angle and capsule_velocity")
+    value, slope, _ = initial_motion(time, measured)
     start = np.array([0.0, 0.0, value[1], value[2], value[0], slope[0]])
     names = tuple(p.name for p in priors)
     model = DumbbellFlight(base, aero, start, inputs, float(time[1] - time[0]), names, tuple(channels), substeps)

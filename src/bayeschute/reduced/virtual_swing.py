@@ -18,7 +18,6 @@ from bayeschute.likelihood import disturbances as processes
 from bayeschute.likelihood.joint import FlightData, NoiseParameters
 from bayeschute.records.sensors import SensorNoise, noisy, ornstein_uhlenbeck
 from bayeschute.reduced.dumbbell import Dumbbell, DumbbellFlight, DumbbellInputs, steady_speed
-from bayeschute.reduced.dumbbell_data import PLANE
 from bayeschute.reduced.planar import PlanarAero
 from bayeschute.virtual.drop import Turbulence
 from bayeschute.virtual.virtual_wind import WindProfile
@@ -89,7 +88,7 @@ def fly_swing(
         change, altitude = np.max(np.abs(altitude - drop.altitude + states[:, 1])), drop.altitude - states[:, 1]
         if change < 0.01:
             break
-    truth = xr.Dataset(coords={"time": time, "plane": list(PLANE)})
+    truth = xr.Dataset(coords={"time": time, "plane": ["along", "down"]})
     truth["swing_angle"] = ("time", states[:, 4], {"units": "rad"})
     for name, values in (("capsule_velocity", states[:, 2:4]), ("wind", steady), ("turbulence", turbulence)):
         truth[name] = (("time", "plane"), values, {"units": "m/s"})
@@ -153,8 +152,8 @@ def predict_swings(
     count, samples = len(theta), flight.samples
     error = np.zeros((samples, flight.latent.rows, count))
     if hyper is not None and flight.latent.size:
-        shocks = jnp.asarray(rng.standard_normal((samples, flight.latent.size, count)))
-        error = np.asarray(processes.disturbances(hyper.dynamics(flight), shocks))
+        process_noise = jnp.asarray(rng.standard_normal((samples, flight.latent.size, count)))
+        error = np.asarray(processes.disturbances(hyper.dynamics(flight), process_noise))
     states = np.asarray(trajectory_compiled(flight.model, theta.T, np.zeros((flight.starts, count)), error))
     time = float(np.asarray(flight.dt)) * np.arange(samples, dtype=np.float64)
     seen = time >= after

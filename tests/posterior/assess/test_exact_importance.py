@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bayeschute.likelihood.disturbances import disturbances
-from bayeschute.likelihood.joint import Course, course, linearise
+from bayeschute.likelihood.joint import LatentPath, latent_path_of, linearise
 from bayeschute.likelihood.kalman import response
 from bayeschute.likelihood.noise import gains
 from bayeschute.likelihood.simulation_smoother import normals
@@ -21,14 +21,14 @@ from bayeschute.posterior.assess.exact_importance import (
     laplace,
     weigh,
 )
-from bayeschute.posterior.fit import find
+from bayeschute.posterior.fit.laplace_fit import find
 from bayeschute.posterior.noise_evidence import NoisePrior
 from bayeschute.posterior.noise_uncertainty import NoiseEffect
 from bayeschute.posterior.sampling.independence import Proposal
 
 
 def _jacobian(flight, hyper, lin):
-    """Outputs by start and shocks as one dense matrix (T C, D + T L)."""
+    """Outputs by start and process noise as one dense matrix (T C, D + T L)."""
     starts, latents, samples = flight.starts, flight.latent.size, flight.samples
     one = np.eye(starts + samples * latents)
     error = disturbances(hyper.dynamics(flight), one[starts:].reshape(samples, latents, -1))
@@ -41,8 +41,8 @@ def two_courses(short):
     """A bent flight linearised at two courses that differ."""
     flight, hyper, priors = short
     theta, rng = np.array([np.log(0.2)]), np.random.default_rng(4)
-    still = course(flight, hyper, flight.still())
-    moved = Course(np.asarray(still.start) + 1.0, np.asarray(still.error) + rng.standard_normal(still.error.shape))
+    still = latent_path_of(flight, hyper, flight.still())
+    moved = LatentPath(np.asarray(still.start) + 1.0, np.asarray(still.error) + rng.standard_normal(still.error.shape))
     return flight, hyper, [linearise(flight, theta, at) for at in (moved, still)]
 
 
@@ -66,7 +66,7 @@ def test_cross_determinant_is_that_of_the_dense_matrix(two_courses, dense, missi
 
 
 def test_of_a_linear_flight_every_draw_tells_the_likelihood(linear):
-    near = course(linear.flight, linear.hyper, linear.flight.still())
+    near = latent_path_of(linear.flight, linear.hyper, linear.flight.still())
     made = estimates(
         linear.flight, linear.hyper, linear.theta, near, normals(linear.flight, 3, np.random.default_rng(0))
     )
@@ -76,13 +76,13 @@ def test_of_a_linear_flight_every_draw_tells_the_likelihood(linear):
 
 
 def test_estimates_of_a_bent_flight_are_unbiased(short, quadrature):
-    """Their mean is the integral over start and shocks by brute force, at three values of the parameter."""
+    """Their mean is the integral over start and process noise by brute force, at three values of the parameter."""
     flight, hyper, _ = short
     variance = np.asarray(gains(hyper.outputs(flight), flight.dt, np.asarray(flight.present))[2])
     none = -0.5 * np.log(2.0 * np.pi * variance[flight.present]).sum()
     none -= 0.5 * (flight.starts + flight.samples) * np.log(2.0 * np.pi)
     for theta in np.log([0.15, 0.2, 0.27]):
-        near = course(flight, hyper, flight.still())
+        near = latent_path_of(flight, hyper, flight.still())
         made = estimates(flight, hyper, np.array([theta]), near, normals(flight, 64, np.random.default_rng(1)))
         wanted = quadrature.integrated(flight, hyper, np.array([theta]), nodes=7)[0] + none
         ratio = np.exp(made.log_likelihood - wanted)
@@ -130,7 +130,7 @@ def test_the_proposals_density_is_what_its_map_makes_of_the_bases(following):
 
     def carried(row):
         moved = row[2:] @ following.factor.T
-        return np.concatenate([following.effect.carried(row[:2], moved), following.law + moved])
+        return np.concatenate([following.effect.carried(row[:2], moved), following.log_noise + moved])
 
     points, step = np.array([carried(row) for row in base]), 1e-5
     np.testing.assert_allclose(following.unfolded(points)[0], base, atol=1e-12)

@@ -10,7 +10,7 @@ import pytest
 from bayeschute.core.errors import FitError
 from bayeschute.posterior.assess import multistart
 from bayeschute.posterior.assess.multistart import Start, Told, begin, best_of, compare, judge, settle_from
-from bayeschute.posterior.fit import joint_fit
+from bayeschute.posterior.fit.joint_fit import joint_fit
 from bayeschute.posterior.noise_evidence import NoisePrior
 
 

@@ -41,7 +41,7 @@ def case():
         by.append(a)
         seen.append(y)
     told = joint([Likelihood(one.precision[np.ix_(ORDER, ORDER)], one.shift[ORDER]) for one in likelihoods], PLACES, 12)
-    law = jax.tree.map(jnp.asarray, hierarchy._Law(told, *KNOWN, np.repeat([0, 1], DROPS)))
+    law = jax.tree.map(jnp.asarray, hierarchy._Population(told, *KNOWN, np.repeat([0, 1], DROPS)))
     return SimpleNamespace(likelihoods=likelihoods, told=told, law=law, by=by, seen=np.concatenate(seen), noise=noise)
 
 
@@ -132,7 +132,7 @@ def test_without_shared_parameters_it_is_the_population(case):
     """One parameter: the density is that of `population`."""
     mean, sd = np.array([0.2, 1.1, 0.6]), np.array([0.3, 0.2, 0.25])
     told = Likelihood(np.diag(sd**-2), mean / sd**2)
-    law = hierarchy._Law(told, np.array([0.4]), np.array([0.9]), np.array([0.9]), np.zeros(3, dtype=int))
+    law = hierarchy._Population(told, np.array([0.4]), np.array([0.9]), np.array([0.9]), np.zeros(3, dtype=int))
 
     def two_stage(x):
         mu = jnp.linspace(-8.0, 8.0, 201)

@@ -13,7 +13,7 @@ from bayeschute.likelihood.joint import filter_gains, linearise
 from bayeschute.posterior import joint_mode as optimum
 from bayeschute.posterior.combine import model_average
 from bayeschute.posterior.combine.model_average import counts, sequential_scores, terms, weights
-from bayeschute.posterior.marginal import course_at, log_density, marginalise, sample_log_likelihoods, shifted
+from bayeschute.posterior.marginal import latent_path_at, log_density, marginalise, sample_log_likelihoods, shifted
 
 
 @pytest.fixture(scope="module")
@@ -67,7 +67,9 @@ def test_tilts_are_those_of_the_determinant(found):
     ends, made = [], found.marginal
     for xi in (np.ones(1), -np.ones(1)):
         theta, shift = shifted(made, xi)
-        linear = [linearise(f, theta, course_at(f, a, shift)) for f, a in zip(made.flights, made.along, strict=True)]
+        linear = [
+            linearise(f, theta, latent_path_at(f, a, shift)) for f, a in zip(made.flights, made.along, strict=True)
+        ]
         pairs = zip(made.flights, linear, strict=True)
         ends.append(sum(float(filter_gains(f, made.hyper, one).log_determinant) for f, one in pairs))
     np.testing.assert_allclose(total, [0.5 * (ends[0] - ends[1])], rtol=1e-9)

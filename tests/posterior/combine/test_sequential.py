@@ -9,7 +9,7 @@ import pytest
 
 from bayeschute.likelihood.priors import Prior, correlated, covariance, values, working
 from bayeschute.posterior.combine.sequential import as_priors, divergence, moments, taught
-from bayeschute.posterior.fit import find
+from bayeschute.posterior.fit.laplace_fit import find
 from bayeschute.posterior.joint_mode import fit
 from bayeschute.posterior.noise_evidence import NoisePrior
 from bayeschute.posterior.sampler import sample

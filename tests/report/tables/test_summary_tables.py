@@ -41,7 +41,7 @@ def test_every_table_is_a_rectangle(results, make):
     table = make(results)
     assert table is not None and table.rows
     assert shape_is_right(table)
-    empty = replace(results, summary={}, structure={}, flights={}, risk={})
+    empty = replace(results, summary={}, structure={}, identifiability={}, flights={}, risk={})
     assert make(empty) is None
 
 

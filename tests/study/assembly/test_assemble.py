@@ -87,7 +87,7 @@ def test_medians_of_the_noise_follow_channels_and_groups(study: Study, descents)
     assert found.noise.correlated[names.index("capsule_attitude")] == pytest.approx(np.deg2rad(0.2))
     wanted = [[0.6096, 5.0], [0.3048, 5.0], [0.3048, 20.0], [0.3048, 20.0], [0.003, 1.0]]
     wanted += [[0.005, 3.0], [0.01, 3.0], [0.02, 0.25, 0.1]]
-    for law, numbers in zip(found.laws, wanted, strict=True):
+    for law, numbers in zip(found.disturbance_parameters, wanted, strict=True):
         assert list(law) == pytest.approx(numbers)
     winds = ("wind, horizontal", "wind, vertical", "slow wind, horizontal", "slow wind, vertical")
     assert assemble.noise_parameter_names(study) == (
@@ -98,7 +98,7 @@ def test_medians_of_the_noise_follow_channels_and_groups(study: Study, descents)
         "breathing",
     )
     descent = load_study(descents.study)
-    assert [list(law) for law in assemble.hyper(descent).laws] == [[0.5, 30.0]]
+    assert [list(law) for law in assemble.hyper(descent).disturbance_parameters] == [[0.5, 30.0]]
     assert assemble.noise_parameter_names(descent) == ("wind, vertical",)
 
 
@@ -132,7 +132,7 @@ def test_latent_processes_belong_to_axes_and_canopies(study: Study, left_out, ki
     Across it has rows of its own: north of all canopies, then east, under one law. The capsule's roll is the last.
     """
     changed = replace(study, noise=study.noise.model_copy(update=dict.fromkeys((*left_out, "slow_wind"))))
-    made, laws = assemble.latent(changed, 2), assemble.hyper(changed).laws
+    made, laws = assemble.latent(changed, 2), assemble.hyper(changed).disturbance_parameters
     assert made.kinds == ("drift", "drift", *kinds) and made.processes == WIND + processes
     assert made.rows == rows
     assert [KINDS[kind] for kind in made.kinds] == [law.size for law in laws]
@@ -156,12 +156,12 @@ def test_slow_wind_adds_to_wind(study: Study, descents):
         "breathing",
     )
     assert assemble.latent(made, 1).processes == (*WIND, (0, 2), (1, 2), (2, 3), (3, 4), (4, 5), (5, 5), (6, 6), (3, 7))
-    assert [list(law) for law in assemble.hyper(made).laws[2:4]] == [[1.0, 60.0], [0.5, 60.0]]
+    assert [list(law) for law in assemble.hyper(made).disturbance_parameters[2:4]] == [[1.0, 60.0], [0.5, 60.0]]
     descent = load_study(descents.study)
     up = WindNoise(vertical="0.5 m/s", time_constant="600 s")
     both = replace(descent, noise=descent.noise.model_copy(update={"slow_wind": up}))
     assert assemble.latent(both, 1) == Latent(("drift", "drift"), ((0, 0), (0, 1)))
-    assert [list(law) for law in assemble.hyper(both).laws] == [[0.5, 30.0], [0.5, 600.0]]
+    assert [list(law) for law in assemble.hyper(both).disturbance_parameters] == [[0.5, 30.0], [0.5, 600.0]]
     assert assemble.noise_parameter_names(both) == ("wind, vertical", "slow wind, vertical")
 
 

@@ -12,7 +12,7 @@ import xarray as xr
 from bayeschute.likelihood.joint import Lifted, NoiseParameters, Unknowns
 from bayeschute.likelihood.noise import Noise
 from bayeschute.likelihood.priors import Prior
-from bayeschute.posterior.fit import JointFit
+from bayeschute.posterior.fit.joint_fit import JointFit
 from bayeschute.posterior.joint_mode import Optimum
 from bayeschute.posterior.sampling.protocol import Draws
 from bayeschute.study.run import checkpoint, stage_fit
@@ -39,8 +39,8 @@ def test_an_optimum_comes_back_to_the_bit(tmp_path):
     assert (settled.optimum.cost, settled.optimum.trace) == (BEST.cost, BEST.trace)
     jax.tree.map(np.testing.assert_array_equal, settled.optimum.flights, FLIGHTS)
     np.testing.assert_array_equal(settled.hyper.noise.correlated, HYPER.noise.correlated)
-    assert len(settled.hyper.laws) == 2
-    np.testing.assert_array_equal(settled.hyper.laws[1], HYPER.laws[1])
+    assert len(settled.hyper.disturbance_parameters) == 2
+    np.testing.assert_array_equal(settled.hyper.disturbance_parameters[1], HYPER.disturbance_parameters[1])
 
 
 def test_draws_come_back_to_the_bit(tmp_path):

@@ -12,7 +12,7 @@ from bayeschute.likelihood.joint import Lifted, NoiseParameters, Unknowns
 from bayeschute.likelihood.noise import Noise
 from bayeschute.likelihood.priors import Prior, covariance, given_zero
 from bayeschute.posterior.along_record import LiftedFit, Row
-from bayeschute.posterior.fit import JointFit, NoJointFitError
+from bayeschute.posterior.fit.joint_fit import JointFit, NoJointFitError
 from bayeschute.posterior.joint_mode import Optimum
 from bayeschute.posterior.term_search import choose
 from bayeschute.study.assembly.fits import Group

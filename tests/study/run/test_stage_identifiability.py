@@ -114,7 +114,7 @@ def test_labels_of_the_capsule_are_those_of_its_noise_parameters(cluster: Path):
     study = load_study(cluster)
     labels, used = noise_labels(Job(study, cluster.parent, False, "", lambda *_: None))
     hyper = assemble.hyper(study)
-    count = 3 * len(study.noise.channels()) + sum(np.size(law) for law in hyper.laws)
+    count = 3 * len(study.noise.channels()) + sum(np.size(law) for law in hyper.disturbance_parameters)
     assert len(set(labels)) == len(labels) == count and used.all()
 
 

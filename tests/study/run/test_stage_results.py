@@ -38,7 +38,7 @@ def test_a_step_s_error_is_in_standard_deviations_of_prediction_errors(stored):
     coarse = replace(flight, model=replace(flight.model, substeps=1))
 
     def ends(substeps):
-        model, driven = replace(flight.model, substeps=substeps), along.at.course(flight)
+        model, driven = replace(flight.model, substeps=substeps), along.at.latent_path(flight)
         numbers = model.numbers(jnp.asarray(theta))
         record, path, error = model.inputs(), np.asarray(driven.path), np.asarray(driven.error)
         rows = [type(record)(*(np.asarray(a)[t] for a in vars(record).values())) for t in (0, 1)]
@@ -53,7 +53,7 @@ def test_a_step_s_error_is_in_standard_deviations_of_prediction_errors(stored):
 def test_prediction_errors_are_standard(stored):
     """The share is that of the innovations of the density at its centre, its gap left out."""
     bare = tuple(
-        along._replace(gap=MeanCorrection(*(np.zeros_like(part) for part in along.gap)))
+        along._replace(mean_correction=MeanCorrection(*(np.zeros_like(part) for part in along.mean_correction)))
         for along in stored.marginal.along
     )
     size = len(stored.optimum.theta)

@@ -1,7 +1,7 @@
 """Exact joint posterior by importance sampling: the reference for all approximations of the default inference.
 
 Parameters and noise parameters are drawn together from a wide t distribution about the posterior that was found. For
-every draw the flight is linearised anew at its conditional optimum, and a few starts and shocks u are drawn by
+every draw the flight is linearised anew at its conditional optimum, and a few starts and process noise u are drawn by
 randomise-then-optimise (Bardsley et al. 2014): data and prior are perturbed by their noise, and u is where the full
 simulation fits them along the range of the linear model A_0. The density of such draws is known,
 
@@ -15,7 +15,7 @@ shows how efficient it is.
 
 Of the ratio are left, by Sylvester's identity, ``-1/2 |innovations of F|^2 - log|det M| + 1/2 log det S``: S is the
 covariance of the data by the linear model, and ``M = R + J(u) J_0'`` that of one linear model's data with the other's,
-driven by the same shocks. A filter that is not symmetric finds its determinant (`cross_determinant`).
+driven by the same process noise. A filter that is not symmetric finds its determinant (`cross_determinant`).
 """
 
 from __future__ import annotations
@@ -35,24 +35,24 @@ from scipy.special import logsumexp
 from bayeschute.core.numerics import processors
 from bayeschute.core.random import stream
 from bayeschute.likelihood.joint import (
-    Course,
     FlightData,
+    LatentPath,
     Linear,
     NoiseParameters,
     Unknowns,
     as_seen,
-    course,
     disturbed,
     filter_gains,
+    latent_path_of,
     linearise,
     residuals,
 )
 from bayeschute.likelihood.kalman import Seen, innovations
 from bayeschute.likelihood.priors import Prior, standard
 from bayeschute.likelihood.simulation_smoother import Normals, drawn, normals
-from bayeschute.posterior.fit import LaplaceFit
+from bayeschute.posterior.fit.laplace_fit import LaplaceFit
 from bayeschute.posterior.joint_mode import conditional
-from bayeschute.posterior.marginal import course_at
+from bayeschute.posterior.marginal import latent_path_at
 from bayeschute.posterior.noise_evidence import NoisePrior, from_vector, to_vector
 from bayeschute.posterior.noise_uncertainty import NoiseEffect
 from bayeschute.posterior.sampling.independence import Proposal, effective, fitted
@@ -72,16 +72,16 @@ class Weighed:
 
     Attributes:
         theta: Parameters, working coordinates (N, P).
-        law: Logarithms of the noise parameters (N, V).
+        log_noise: Logarithms of the noise parameters (N, V).
         log_weight: Minus infinity where no simulation flew (N,).
         scatter: Standard deviation of the logarithms of a draw's estimates of the likelihood (N,).
-        moved: Largest last move of a draw's starts and shocks (N,).
+        moved: Largest last move of a draw's starts and process noise (N,).
         failed: Simulations that failed.
-        folded: Draws of start and shocks where the map that made them is not one to one.
+        folded: Draws of start and process noise where the map that made them is not one to one.
     """
 
     theta: Array
-    law: Array
+    log_noise: Array
     log_weight: Array
     scatter: Array
     moved: Array
@@ -108,15 +108,15 @@ class Following(NamedTuple):
     """Parameters that follow noise parameters as `noise_effect` has them: a t distribution, carried along.
 
     Attributes:
-        base: Of what is carried: standard coordinates as for noise parameters held at `law`, and standard coordinates
-            of the noise parameters (P + V).
-        law: Logarithms of the noise parameters about which the parameters follow them (V,).
+        base: Of what is carried: standard coordinates as for noise parameters held at `log_noise`, and standard
+            coordinates of the noise parameters (P + V).
+        log_noise: Logarithms of the noise parameters about which the parameters follow them (V,).
         factor: Lower Cholesky factor of their covariance (V, V).
         effect: How the parameters follow.
     """
 
     base: Proposal
-    law: Array
+    log_noise: Array
     factor: Array
     effect: NoiseEffect
 
@@ -124,12 +124,12 @@ class Following(NamedTuple):
         """Standard coordinates and logarithms of the noise parameters (count, P + V)."""
         xi, z = np.split(self.base.draw(count, rng), [len(self.effect.slope)], axis=1)
         moved = z @ self.factor.T
-        return np.concatenate([self.effect.carried(xi, moved), self.law + moved], axis=1)
+        return np.concatenate([self.effect.carried(xi, moved), self.log_noise + moved], axis=1)
 
     def unfolded(self, points: Array) -> tuple[Array, Array]:
         """What is carried to points (N, P + V), and the logarithm of how much volumes grow on the way there (N,)."""
-        here, law = np.split(points, [len(self.effect.slope)], axis=1)
-        moved = law - self.law
+        here, log_noise = np.split(points, [len(self.effect.slope)], axis=1)
+        moved = log_noise - self.log_noise
         xi = self.effect.taken_back(here, moved)
         grown = 0.5 * (np.trace(self.effect.excess) + moved @ np.trace(self.effect.spread, axis1=1, axis2=2))
         z = solve_triangular(self.factor, moved.T, lower=True).T
@@ -152,7 +152,7 @@ def laplace(found: LaplaceFit) -> Following:
 def improved(found: LaplaceFit, before: Following, weighed: Weighed) -> Following:
     """The proposal with mean and covariance of weighed draws; repeated, proposals find their way to the posterior."""
     xi = np.linalg.solve(np.asarray(found.marginal.scale), (weighed.theta - np.asarray(found.marginal.centre)).T).T
-    held, _ = before.unfolded(np.concatenate([xi, weighed.law], axis=1))
+    held, _ = before.unfolded(np.concatenate([xi, weighed.log_noise], axis=1))
     made = fitted(held, weighed.log_weight)
     return before._replace(base=Proposal(made.middle, _SPREAD * made.factor, _FREEDOM))
 
@@ -162,7 +162,7 @@ class Model(NamedTuple):
 
     transition: jax.Array
     output: jax.Array
-    shock: jax.Array
+    noise_gain: jax.Array
     start: jax.Array
     first: jax.Array
 
@@ -170,22 +170,23 @@ class Model(NamedTuple):
 @jax.jit
 def _model(flight: FlightData, hyper: NoiseParameters, linear: Linear) -> Model:
     made = filter_gains(flight, hyper, linear)  # its covariances are not used, so XLA leaves them out
-    return Model(made.transition, made.output, made.shock, made.start, made.first)
+    return Model(made.transition, made.output, made.noise_gain, made.start, made.first)
 
 
 @jax.jit
 def cross_determinant(
     flight: FlightData, hyper: NoiseParameters, one: Model, other: Model
 ) -> tuple[jax.Array, jax.Array]:
-    """Sign and log of ``|det(R + J J_0')|``, R the residual noise's covariance, J the outputs by start and shocks.
+    """Sign and log of ``|det(R + J J_0')|``, R the measurement noise's covariance, J the outputs by start and u.
 
-    Both models run side by side, driven by the same start, shocks and noise. Their cross covariance takes the place of
-    the covariance in a Kalman filter; every step eliminates one sample, so innovations' determinants multiply to M's.
+    Both models run side by side, driven by the same start, process noise and measurement noise. Their cross
+    covariance takes the place of the covariance in a Kalman filter; every step eliminates one sample, so innovations'
+    determinants multiply to M's.
 
     Args:
         flight: The record.
         hyper: Noise parameters.
-        one: The flight linearised at one course.
+        one: The flight linearised at one latent path.
         other: At another.
     """
     noise, dt = hyper.outputs(flight), flight.dt
@@ -194,14 +195,14 @@ def cross_determinant(
     stationary, white = jnp.asarray(noise.correlated) ** 2, jnp.asarray(noise.white) ** 2
     noisy = jnp.zeros((states, states)).at[states - count :, states - count :]
     p = one.start @ other.start.T + one.first @ other.first.T + noisy.set(jnp.diag(stationary))
-    driven = noisy.set(jnp.diag((1.0 - phi**2) * stationary))
+    noise_covariance = noisy.set(jnp.diag((1.0 - phi**2) * stationary))
     r = jnp.where(jnp.asarray(flight.present), white, 1.0)
 
     def step(p: jax.Array, row: tuple) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
         f, h, g, f_0, h_0, g_0, r = row
         left, right = h @ p, p @ h_0.T
         s = left @ h_0.T + jnp.diag(r)
-        p = f @ (p - right @ jnp.linalg.solve(s, left)) @ f_0.T + g @ g_0.T + driven
+        p = f @ (p - right @ jnp.linalg.solve(s, left)) @ f_0.T + g @ g_0.T + noise_covariance
         return p, jnp.linalg.slogdet(s)
 
     rows = (*one[:3], *other[:3], r)
@@ -218,12 +219,12 @@ _gains = jax.jit(filter_gains)
 _squares = jax.jit(lambda made, seen: jnp.sum(innovations(made, *seen) ** 2, axis=(0, 1)))
 
 
-def _seen(flight: FlightData, linear: Linear, theta: jax.Array, driven: Course) -> Seen:
+def _seen(flight: FlightData, linear: Linear, theta: jax.Array, latent_path: LatentPath) -> Seen:
     """What the linear model sees of simulations."""
-    return Seen(residuals(flight, theta, driven), -_disturbed(linear, driven))
+    return Seen(residuals(flight, theta, latent_path), -_disturbed(linear, latent_path))
 
 
-_disturbed = jax.jit(lambda linear, driven: disturbed(linear.steps, driven))
+_disturbed = jax.jit(lambda linear, latent_path: disturbed(linear.steps, latent_path))
 
 
 def _apart(one: Unknowns, other: Unknowns) -> Array:
@@ -234,12 +235,12 @@ def _apart(one: Unknowns, other: Unknowns) -> Array:
 
 
 class Estimates(NamedTuple):
-    """What M draws of start and shocks say of a flight's likelihood.
+    """What M draws of start and process noise say of a flight's likelihood.
 
     Attributes:
         log_likelihood: Log of unbiased estimates of p(y | theta, eta); minus infinity where the simulation failed
             (M,).
-        moved: Root mean square of the last move of start and shocks: near 0 where draws rest (M,).
+        moved: Root mean square of the last move of start and process noise: near 0 where draws rest (M,).
         folded: Whether the determinant is negative there: the map from perturbations to draws is not one to one (M,).
     """
 
@@ -248,35 +249,37 @@ class Estimates(NamedTuple):
     folded: NDArray[np.bool_]
 
 
-def estimates(flight: FlightData, hyper: NoiseParameters, theta: Array, near: Course, numbers: Normals) -> Estimates:
-    """Draw start and shocks given all else by randomise-then-optimise, and estimate the likelihood by each.
+def estimates(
+    flight: FlightData, hyper: NoiseParameters, theta: Array, near: LatentPath, numbers: Normals
+) -> Estimates:
+    """Draw start and process noise given all else by randomise-then-optimise, and estimate the likelihood by each.
 
     Args:
         flight: The record.
         hyper: Noise parameters.
         theta: Parameters (P,).
-        near: A course near the conditional optimum.
+        near: A latent path near the conditional optimum.
         numbers: From `drawing.normals`, M draws.
     """
     centre = _centre(flight, hyper, linearise(flight, theta, near))
-    best = linearise(flight, theta, course(flight, hyper, centre))
+    best = linearise(flight, theta, latent_path_of(flight, hyper, centre))
     made, many = _gains(flight, hyper, best), np.shape(numbers.start)[1]
     wide = jnp.repeat(jnp.asarray(theta)[:, None], many, axis=1)
     middle = Seen(*(jnp.repeat(a, many, axis=2) for a in as_seen(best).column(0)))
     unknowns = drawn(flight, hyper, made, middle, numbers).unknowns
     for _ in range(_MOVES):
-        seen = _seen(flight, best, wide, course(flight, hyper, unknowns))
+        seen = _seen(flight, best, wide, latent_path_of(flight, hyper, unknowns))
         before, unknowns = unknowns, drawn(flight, hyper, made, seen, numbers).unknowns
         moved = _apart(unknowns, before)
         if np.max(moved, where=np.isfinite(moved), initial=0.0) < _REST:
             break
-    driven = course(flight, hyper, unknowns)
-    seen = _seen(flight, best, wide, driven)
+    latent_path = latent_path_of(flight, hyper, unknowns)
+    seen = _seen(flight, best, wide, latent_path)
     constant = float(made.log_determinant) - 0.5 * np.log(2.0 * np.pi) * np.sum(flight.present)
     value = constant - 0.5 * np.asarray(_squares(made, seen))
     folded, there = np.zeros(many, bool), _model(flight, hyper, best)
     for i in np.flatnonzero(np.isfinite(value)):
-        linear = linearise(flight, theta, Course(driven.start[:, i], driven.error[..., i]))
+        linear = linearise(flight, theta, LatentPath(latent_path.start[:, i], latent_path.error[..., i]))
         sign, size = cross_determinant(flight, hyper, _model(flight, hyper, linear), there)
         value[i], folded[i] = value[i] - float(size), float(sign) < 0.0
     return Estimates(np.where(np.isfinite(value), value, -np.inf), moved, folded)
@@ -314,17 +317,17 @@ def weigh(
         np.size(found.marginal.centre),
     )
     theta = np.asarray(found.marginal.centre) + points[:, :count] @ np.asarray(found.marginal.scale).T
-    law = points[:, count:]
+    log_noise = points[:, count:]
     log_prior = -0.5 * np.sum(standard(priors, theta) ** 2, axis=1)
-    log_prior -= 0.5 * np.sum(((law - to_vector(noise.median)) / noise.log_sd) ** 2, axis=1)
+    log_prior -= 0.5 * np.sum(((log_noise - to_vector(noise.median)) / noise.log_sd) ** 2, axis=1)
 
     def one(i: int) -> tuple[float, float, float, int, int]:
-        hyper, of_draw = from_vector(law[i], found.hyper), stream(seed, "disturbances of an importance draw", i)
+        hyper, of_draw = from_vector(log_noise[i], found.hyper), stream(seed, "disturbances of an importance draw", i)
         shift, total, scatter = jnp.asarray(theta[i]) - jnp.asarray(found.marginal.centre), 0.0, 0.0
         moved, failed, folded = 0.0, 0, 0
         for flight, along in zip(found.marginal.flights, found.marginal.along, strict=True):
             made = estimates(
-                flight, hyper, theta[i], course_at(flight, along, shift), _both(normals(flight, pairs, of_draw))
+                flight, hyper, theta[i], latent_path_at(flight, along, shift), _both(normals(flight, pairs, of_draw))
             )
             flown = np.isfinite(made.log_likelihood)
             if not flown.any():
@@ -344,7 +347,7 @@ def weigh(
     values, scatter, moved, failed, folded = (np.array(column) for column in zip(*rows, strict=True))
     return Weighed(
         theta,
-        law,
+        log_noise,
         values + log_prior - proposal.log_density(points),
         scatter,
         moved,

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.dynamics.cluster_flight import ClusterFlight, output_names
 from bayeschute.dynamics.descent import DescentFlight
-from bayeschute.likelihood.joint import FlightData, NoiseParameters, Unknowns, compared, course, states
+from bayeschute.likelihood.joint import FlightData, NoiseParameters, Unknowns, compared, latent_path_of, states
 from bayeschute.likelihood.noise import colour
 from bayeschute.likelihood.simulation_smoother import Normals, normals
 from bayeschute.posterior.marginal import (
@@ -214,7 +214,9 @@ def _one_step(marginal: Marginal, xi: Array, rng: np.random.Generator) -> tuple[
 def _from_prior(flight: FlightData, hyper: NoiseParameters, theta: Array, rng: np.random.Generator) -> Single:
     """Records (1, N, T, C) of flights of the parameters (N, P), NaN where the simulation fails."""
     z, parameters = normals(flight, len(theta), rng), jnp.asarray(theta.T)
-    path = states(flight, parameters, course(flight, hyper, Unknowns(jnp.asarray(z.start), jnp.asarray(z.shocks))))
+    path = states(
+        flight, parameters, latent_path_of(flight, hyper, Unknowns(jnp.asarray(z.start), jnp.asarray(z.process_noise)))
+    )
     flew = jnp.all(jnp.abs(path) < _FAR, axis=(0, 1))  # of NaN that is false
     return np.moveaxis(_read(flight, hyper, parameters, jnp.where(flew, path, jnp.nan), z), -1, 0)[None]
 

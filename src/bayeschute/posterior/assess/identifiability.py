@@ -18,7 +18,7 @@ from bayeschute.posterior.noise_uncertainty import NoiseEffect, joint_covariance
 
 Array = NDArray[np.float64]
 FELT = 0.05  # power-scaling sensitivity from which a component matters (Kallioinen et al. 2024)
-_LAWS = {"drift": ("sd", "time constant"), "oscillator": ("sd", "frequency", "damping ratio")}
+_PARTS = {"drift": ("sd", "time constant"), "oscillator": ("sd", "frequency", "damping ratio")}
 
 
 def directions(covariance: Array, priors: Sequence[Prior]) -> list[Direction]:
@@ -58,14 +58,14 @@ class Confounding(NamedTuple):
 
     Attributes:
         parameters: Names (P).
-        laws: Names of the noise parameters (V).
+        noise_parameters: Names of the noise parameters (V).
         correlation: Between parameters and logarithms of noise parameters in their joint posterior (P, V).
         share: Reduction of every parameter's variance if the noise parameters were known to be what they
             are at the mode, as a share (P,).
     """
 
     parameters: tuple[str, ...]
-    laws: tuple[str, ...]
+    noise_parameters: tuple[str, ...]
     correlation: Array
     share: Array
 
@@ -73,13 +73,17 @@ class Confounding(NamedTuple):
         """Every parameter's strongest partner among the noise parameters, with the correlation."""
         picked = np.argmax(np.abs(self.correlation), axis=1)
         return {
-            name: (self.laws[j], float(self.correlation[i, j]))
+            name: (self.noise_parameters[j], float(self.correlation[i, j]))
             for i, (name, j) in enumerate(zip(self.parameters, picked, strict=True))
         }
 
 
 def confounding(
-    scale: Array, effect: NoiseEffect, noise_parameter_covariance: Array, priors: Sequence[Prior], laws: Sequence[str]
+    scale: Array,
+    effect: NoiseEffect,
+    noise_parameter_covariance: Array,
+    priors: Sequence[Prior],
+    noise_parameters: Sequence[str],
 ) -> Confounding:
     """Correlations of parameters with noise parameters in the joint posterior, and their contribution to the variance.
 
@@ -88,12 +92,12 @@ def confounding(
         effect: Of the noise parameters.
         noise_parameter_covariance: Of their logarithms (V, V).
         priors: Priors of the parameters.
-        laws: Names of the noise parameters, see `noise_parameter_labels`.
+        noise_parameters: Names of the noise parameters, see `noise_parameter_labels`.
     """
     held, whole = np.diag(scale @ scale.T), np.diag(joint_covariance(scale, effect, noise_parameter_covariance))
     together = scale @ effect.slope @ noise_parameter_covariance
     sd = np.sqrt(np.outer(whole, np.diag(noise_parameter_covariance)))
-    return Confounding(tuple(p.name for p in priors), tuple(laws), together / sd, 1.0 - held / whole)
+    return Confounding(tuple(p.name for p in priors), tuple(noise_parameters), together / sd, 1.0 - held / whole)
 
 
 def noise_parameter_labels(channels: Sequence[str], groups: Sequence[str], kinds: Sequence[str]) -> list[str]:
@@ -104,10 +108,10 @@ def noise_parameter_labels(channels: Sequence[str], groups: Sequence[str], kinds
         groups: Groups of latent processes.
         kinds: Kind of every group, of `latent.KINDS`.
     """
-    assert all(len(_LAWS[kind]) == count for kind, count in KINDS.items())
+    assert all(len(_PARTS[kind]) == count for kind, count in KINDS.items())
     parts = ("white noise", "correlated noise", "time constant")
     noise = [f"{channel}, {part}" for part in parts for channel in channels]
-    return noise + [f"{group}, {part}" for group, kind in zip(groups, kinds, strict=True) for part in _LAWS[kind]]
+    return noise + [f"{group}, {part}" for group, kind in zip(groups, kinds, strict=True) for part in _PARTS[kind]]
 
 
 class Sensitivity(NamedTuple):

@@ -16,7 +16,8 @@ from bayeschute.core.errors import FitError
 from bayeschute.core.random import stream
 from bayeschute.likelihood.joint import FlightData
 from bayeschute.likelihood.priors import Prior, factor, working
-from bayeschute.posterior.fit import JointFit, Progress, joint, joint_fit
+from bayeschute.posterior.fit.continuation import Progress
+from bayeschute.posterior.fit.joint_fit import JointFit, joint, joint_fit
 from bayeschute.posterior.noise_evidence import NoisePrior
 
 Array = NDArray[np.float64]
@@ -79,7 +80,7 @@ def settle_from(
     rounds: int = 1,
     progress: Progress | None = None,
 ) -> Start:
-    """Joint fit from one start, as `finding.joint_fit`.
+    """Joint fit from one start, as `joint_fit`.
 
     Args:
         flights: Records.

@@ -60,7 +60,7 @@ def _sensitivities(flight: FlightData, linear: Linear) -> jax.Array:
     """Derivatives of the outputs by parameters and standard start (T, C, P + D)."""
     p, d = linear.steps.out_theta.shape[2], flight.start_scale.shape[0]
     start = jnp.concatenate([jnp.zeros((d, p)), jnp.diag(jnp.asarray(flight.start_scale))], axis=1)
-    error = jnp.asarray(linear.driven.error)
+    error = jnp.asarray(linear.latent_path.error)
     theta = jnp.concatenate([jnp.eye(p), jnp.zeros((p, d))], axis=1)
     return response(linear.steps, start, jnp.zeros((*error.shape, p + d)), theta)
 

@@ -104,8 +104,8 @@ def _residuals(marginal: Marginal, xi: Array) -> Array:
 
 def _costs(marginal: Marginal, xi: Array) -> Array:
     """Minus the log density (K,) at (P, K); NaN where a simulation fails."""
-    rest = np.asarray(marginal.rest.at(jnp.asarray(xi)))
-    return np.asarray(0.5 * np.sum(_residuals(marginal, xi) ** 2, axis=0) + rest)
+    correction = np.asarray(marginal.correction.at(jnp.asarray(xi)))
+    return np.asarray(0.5 * np.sum(_residuals(marginal, xi) ** 2, axis=0) + correction)
 
 
 def _steps(marginal: Marginal, xi: Array, free: Array) -> Array:
@@ -115,7 +115,7 @@ def _steps(marginal: Marginal, xi: Array, free: Array) -> Array:
     points = (xi[:, :, None] + moved[:, None, :]).reshape(len(xi), -1)
     residual = _residuals(marginal, points).reshape(-1, count, 1 + directions)
     here, by = residual[..., 0], (residual[..., 1:] - residual[..., :1]) / _STEP
-    slope, curvature = (np.asarray(a) for a in marginal.rest)
+    slope, curvature = (np.asarray(a) for a in marginal.correction)
     steps = np.full((directions, count), np.nan)
     for k in range(count):
         if np.isfinite(by[:, k]).all():

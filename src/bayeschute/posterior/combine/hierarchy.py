@@ -53,7 +53,7 @@ class Hierarchy(NamedTuple):
     failed: int
 
 
-class _Law(NamedTuple):
+class _Population(NamedTuple):
     """Gaussian parts of the posterior, given the populations' standard deviations.
 
     Attributes:
@@ -110,42 +110,43 @@ def joint(likelihoods: Sequence[Likelihood], places: Sequence[Sequence[int]], si
     return whole
 
 
-def _lift(law: _Law, sd: Component) -> jax.Array:
+def _lift(population: _Population, sd: Component) -> jax.Array:
     """From (shared, population means, members' standard scores) to (shared, members)."""
-    members, size = law.of.shape[0], law.told.shift.shape[0]
+    members, size = population.of.shape[0], population.told.shift.shape[0]
     shared, m = size - members, jnp.arange(members)
     lift = jnp.zeros((size, shared + sd.shape[0] + members)).at[:shared, :shared].set(jnp.eye(shared))
-    return lift.at[shared + m, shared + law.of].set(1.0).at[shared + m, shared + sd.shape[0] + m].set(sd[law.of])
+    of = population.of
+    return lift.at[shared + m, shared + of].set(1.0).at[shared + m, shared + sd.shape[0] + m].set(sd[of])
 
 
-def _given(law: _Law, sd: Component) -> tuple[jax.Array, jax.Array, jax.Array]:
+def _given(population: _Population, sd: Component) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Distribution of (shared, means, members' standard scores) given the populations' standard deviations.
 
     Returns:
         Cholesky factor of its precision; the mean in the coordinates of that factor; the log density of the data given
         sd, up to a constant.
     """
-    lift, own = _lift(law, sd), jnp.zeros(law.of.shape[0])
-    prior = jnp.concatenate([1.0 / law.scale**2, own + 1.0])
-    root = jnp.linalg.cholesky(lift.T @ law.told.precision @ lift + jnp.diag(prior))
-    shift = lift.T @ law.told.shift + jnp.concatenate([law.centre / law.scale**2, own])
+    lift, own = _lift(population, sd), jnp.zeros(population.of.shape[0])
+    prior = jnp.concatenate([1.0 / population.scale**2, own + 1.0])
+    root = jnp.linalg.cholesky(lift.T @ population.told.precision @ lift + jnp.diag(prior))
+    shift = lift.T @ population.told.shift + jnp.concatenate([population.centre / population.scale**2, own])
     off = jax.scipy.linalg.solve_triangular(root, shift, lower=True)
     return root, off, 0.5 * off @ off - jnp.sum(jnp.log(jnp.diagonal(root)))
 
 
-def _log_density(law: _Law, x: jax.Array) -> jax.Array:
+def _log_density(population: _Population, x: jax.Array) -> jax.Array:
     """Log density of ``log(sd / spread)`` (K,)."""
     unit = jnp.exp(x)
-    return _given(law, law.spread * unit)[2] + jnp.sum(x - 0.5 * unit**2)
+    return _given(population, population.spread * unit)[2] + jnp.sum(x - 0.5 * unit**2)
 
 
 @jax.jit
-def _draw(law: _Law, sd: jax.Array, z: jax.Array) -> jax.Array:
+def _draw(population: _Population, sd: jax.Array, z: jax.Array) -> jax.Array:
     """Shared parameters, means and members (S + K + M,) drawn given sd, from standard normal numbers."""
-    root, off, _ = _given(law, sd)
+    root, off, _ = _given(population, sd)
     drawn = jax.scipy.linalg.solve_triangular(root.T, off + z, lower=False)
-    own = (_lift(law, sd) @ drawn)[-law.of.shape[0] :]
-    return jnp.concatenate([drawn[: law.centre.shape[0]], own])
+    own = (_lift(population, sd) @ drawn)[-population.of.shape[0] :]
+    return jnp.concatenate([drawn[: population.centre.shape[0]], own])
 
 
 def fit(
@@ -179,14 +180,16 @@ def fit(
     fits = len(spread) == count <= known and len(likelihood.shift) == known - count + sum(sizes)
     if not (fits and count and min(sizes) >= 1):
         raise ValueError("a hierarchy needs populations, members of each, and a likelihood of all parameters")
-    law = jax.tree.map(jnp.asarray, _Law(likelihood, centre, scale, spread, np.repeat(np.arange(count), sizes)))
+    population = jax.tree.map(
+        jnp.asarray, _Population(likelihood, centre, scale, spread, np.repeat(np.arange(count), sizes))
+    )
     made = delayed_acceptance.plain(
-        jax.tree_util.Partial(_log_density, law), count, chains, warmup, draws, seed, thinning=3
+        jax.tree_util.Partial(_log_density, population), count, chains, warmup, draws, seed, thinning=3
     )
     sd = np.asarray(spread) * np.exp(made.xi)
     flat = sd.reshape(-1, count)
     z = stream(seed, "shared parameters and members").standard_normal((len(flat), known + sum(sizes)))
-    drawn = np.asarray(jax.vmap(_draw, (None, 0, 0))(law, flat, z)).reshape(chains, draws, -1)
+    drawn = np.asarray(jax.vmap(_draw, (None, 0, 0))(population, flat, z)).reshape(chains, draws, -1)
     shared, mean, members = np.split(drawn, [known - count, known], axis=-1)
     return Hierarchy(shared, mean, sd, members, made.failed)
 

@@ -27,10 +27,10 @@ from bayeschute.core.numerics import processors
 from bayeschute.likelihood.joint import FlightData, as_seen, filter_gains, linearise
 from bayeschute.likelihood.kalman import Gains, innovations
 from bayeschute.posterior.differences import beside
-from bayeschute.posterior.marginal import Linearisation, Marginal, course_at, shifted
+from bayeschute.posterior.marginal import Linearisation, Marginal, latent_path_at, shifted
 
 Array = NDArray[np.float64]
-OPENING = 0.25  # share of every record that is used for training and not scored
+TRAINING = 0.25  # share of every record that is used for training and not scored
 BLOCKS = 40  # of the Bayesian bootstrap
 _BOOTSTRAPS = 4000
 
@@ -62,7 +62,7 @@ def _by_sample(flight: FlightData, made: Gains) -> jax.Array:
 
 @jax.jit
 def _unit(along: Linearisation) -> jax.Array:
-    return innovations(along.gains, *as_seen(along.linear).less(along.gap))
+    return innovations(along.gains, *as_seen(along.linear).less(along.mean_correction))
 
 
 _gains = jax.jit(filter_gains)
@@ -84,7 +84,7 @@ def terms(marginal: Marginal, step: float = 1.0) -> list[Terms]:
         theta, shift = shifted(marginal, jnp.asarray(xi))
         found = []
         for flight, along in zip(marginal.flights, marginal.along, strict=True):
-            linear = linearise(flight, theta, course_at(flight, along, shift))
+            linear = linearise(flight, theta, latent_path_at(flight, along, shift))
             found.append(np.asarray(_by_sample(flight, _gains(flight, marginal.hyper, linear))))
         return np.concatenate(found)
 
@@ -102,14 +102,14 @@ def terms(marginal: Marginal, step: float = 1.0) -> list[Terms]:
     return made
 
 
-def sequential_scores(marginal: Marginal, opening: float = OPENING) -> tuple[Array, Array]:
+def sequential_scores(marginal: Marginal, training: float = TRAINING) -> tuple[Array, Array]:
     """Log density of every sample given all that came before, the parameters integrated out.
 
     Flights are independent given the parameters, so the openings of all of them come first, then the rests in turn.
 
     Args:
         marginal: The marginal posterior about its mode.
-        opening: Share of every flight that is used for training only.
+        training: Share of every flight that is used for training only.
 
     Returns:
         Scores of the openings and of the rests, flight after flight. The sum of both is the log evidence of the record
@@ -119,7 +119,7 @@ def sequential_scores(marginal: Marginal, opening: float = OPENING) -> tuple[Arr
     mean = np.linalg.solve(scale, np.asarray(marginal.prior_centre) - centre)
     root = np.linalg.solve(scale, np.asarray(marginal.prior_factor))
     flights = terms(marginal)
-    cuts = [int(np.ceil(opening * len(f.constant))) for f in flights]
+    cuts = [int(np.ceil(training * len(f.constant))) for f in flights]
     state = (mean, root @ root.T)
     first, state = _scored([Terms(*(a[:n] for a in f)) for f, n in zip(flights, cuts, strict=True)], state)
     later, _ = _scored([Terms(*(a[n:] for a in f)) for f, n in zip(flights, cuts, strict=True)], state)

@@ -50,49 +50,49 @@ def moments(theta: Array) -> tuple[Array, Array]:
     return flat.mean(axis=0), np.cov(flat, rowvar=False).reshape(flat.shape[1], -1)
 
 
-def as_priors(priors: Sequence[Prior], mean: Array, law: Array, source: str) -> list[Prior]:
+def as_priors(priors: Sequence[Prior], mean: Array, posterior_covariance: Array, source: str) -> list[Prior]:
     """Priors of the next drop.
 
     Args:
         priors: Of the drop before: names, units and working coordinates.
         mean: Its posterior mean (P,), working coordinates.
-        law: Its posterior covariance (P, P).
+        posterior_covariance: Its posterior covariance (P, P).
         source: Where they come from, in words.
     """
     named = [Prior(p.name, 0.0, 1.0, p.logarithmic, p.unit, source) for p in priors]
-    return correlated(named, np.asarray(mean, float), np.asarray(law, float))
+    return correlated(named, np.asarray(mean, float), np.asarray(posterior_covariance, float))
 
 
-def divergence(mean: Array, law: Array, prior_mean: Array, prior_law: Array) -> float:
+def divergence(mean: Array, posterior_covariance: Array, prior_mean: Array, prior_covariance: Array) -> float:
     """Kullback-Leibler divergence of a Gaussian from another, in nats.
 
     Args:
         mean: Of the first (P,).
-        law: Its covariance (P, P).
+        posterior_covariance: Its covariance (P, P).
         prior_mean: Of the second (P,).
-        prior_law: Its covariance (P, P).
+        prior_covariance: Its covariance (P, P).
     """
-    root, own = np.linalg.cholesky(prior_law), np.linalg.cholesky(law)
+    root, own = np.linalg.cholesky(prior_covariance), np.linalg.cholesky(posterior_covariance)
     spread = np.linalg.solve(root, own)
     apart = np.linalg.solve(root, mean - prior_mean)
     logs = np.log(np.diag(root)).sum() - np.log(np.diag(own)).sum()
     return float(0.5 * (np.sum(spread**2) + np.sum(apart**2) - len(mean)) + logs)
 
 
-def taught(priors: Sequence[Prior], mean: Array, law: Array) -> tuple[list[Taught], float]:
+def taught(priors: Sequence[Prior], mean: Array, posterior_covariance: Array) -> tuple[list[Taught], float]:
     """What a drop taught about every parameter, and about all of them together [nats].
 
     Args:
         priors: Before the drop.
         mean: Posterior mean (P,), working coordinates.
-        law: Posterior covariance (P, P).
+        posterior_covariance: Posterior covariance (P, P).
     """
     centre, before = working(priors)[0], covariance(priors)
     rows = []
     for i, p in enumerate(priors):
         at = np.ix_([i], [i])
-        sd, prior_sd = float(np.sqrt(law[i, i])), float(np.sqrt(before[i, i]))
-        gain = divergence(mean[[i]], law[at], centre[[i]], before[at])
+        sd, prior_sd = float(np.sqrt(posterior_covariance[i, i])), float(np.sqrt(before[i, i]))
+        gain = divergence(mean[[i]], posterior_covariance[at], centre[[i]], before[at])
         shift = float((mean[i] - centre[i]) / prior_sd)
         rows.append(Taught(p.name, float(centre[i]), prior_sd, float(mean[i]), sd, shift, gain))
-    return rows, divergence(mean, law, centre, before)
+    return rows, divergence(mean, posterior_covariance, centre, before)

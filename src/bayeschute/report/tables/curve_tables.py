@@ -39,10 +39,6 @@ def knowledge_sentences(results: Results) -> list[str]:
     return found
 
 
-def _plus_minus(value: Any, sd: Any) -> str:
-    return f"{number(value, 3)} ± {number(sd, 2)}"
-
-
 def knowledge_table(results: Results) -> Table | None:
     """Every coefficient and curve that others know, with the largest difference and the p-value of all together."""
     rows = []

@@ -31,24 +31,6 @@ USUAL = (  # quantity, statistic: commonly needed, shown also where no requireme
     ("descent_rate", "final"),
     ("horizontal_speed", "final"),
 )
-CHECKS = (  # part of a check's name, its question
-    ("rhat", "Have the chains converged? (largest R-hat)"),
-    ("r_hat", "Have the chains converged? (largest R-hat)"),
-    ("ess", "Are there enough independent draws? (smallest effective sample size)"),
-    ("diverg", "Did the sampler explore the posterior without divergent transitions? (their number)"),
-    ("bfmi", "Did the sampler explore the energy distribution? (smallest E-BFMI)"),
-    ("solver", "Is the integrator's error below the noise?"),
-    ("step", "Is the integrator's error below the noise?"),
-    ("loo_pit", "Are leave-one-out predictions calibrated? (LOO-PIT)"),
-    ("posterior_predictive", "Do simulated records look like the measured one?"),
-    ("ppc", "Do simulated records look like the measured one?"),
-    ("calibration", "Do intervals of this configuration have their nominal coverage over replicate flights?"),
-    ("sbc", "Do intervals of this configuration have their nominal coverage over replicate flights?"),
-    ("coverage", "Do the bands contain the flown motion?"),
-    ("failed", "Did the simulations of the prediction finish?"),
-    ("bands", "Does every predicted flight have bands?"),
-    ("residual", "Do the residuals agree with the noise model?"),
-)
 
 
 def coverage_table(results: Results, half: Mapping[tuple[str, str], float]) -> Table | None:
@@ -84,10 +66,16 @@ def check_table(results: Results) -> Table | None:
         passed = check.get("passed")
         words = {True: ("passed", "good"), False: ("failed", "bad")}
         verdict = words.get(passed, ("not run", "weak")) if isinstance(passed, bool) else ("not run", "weak")
-        asks = next((text for part, text in CHECKS if part in str(name).lower()), "")
-        asks = str(check.get("detail") or check.get("what") or asks)
         value, bound = (short(v) for v in (check.get("value"), check.get("bound")))
-        rows.append(cells(Cell(plain(str(name)), "strong"), Cell(asks, "wrap"), value, bound, Cell(*verdict)))
+        rows.append(
+            cells(
+                Cell(plain(str(name)), "strong"),
+                Cell(str(check.get("detail") or ""), "wrap"),
+                value,
+                bound,
+                Cell(*verdict),
+            )
+        )
     columns = columns_of("Check:text|Question:text|Value:num|Bound:num|Result:text")
     return Table(columns, tuple(rows)) if rows else None
 

@@ -39,17 +39,19 @@ def agreement(study: Study, draws: Mapping[str, Array]) -> list[dict[str, Any]]:
     names = [name for name in draws if (one := Coefficient.parse(name)) is not None and one.is_shared]
     if not names or not study.knowledge:
         return []
-    mean, law = moments(np.stack([np.ravel(draws[name]) for name in names], axis=-1))
-    return [_entry(study, table, names, mean, law) for table in study.knowledge]
+    mean, posterior_covariance = moments(np.stack([np.ravel(draws[name]) for name in names], axis=-1))
+    return [_entry(study, table, names, mean, posterior_covariance) for table in study.knowledge]
 
 
-def _entry(study: Study, table: KnowledgeTable, names: Sequence[str], mean: Array, law: Array) -> dict[str, Any]:
+def _entry(
+    study: Study, table: KnowledgeTable, names: Sequence[str], mean: Array, posterior_covariance: Array
+) -> dict[str, Any]:
     known = observed(study, table, names)
     in_model = bool(np.any(known.design != 0.0))
     counted = table.use == "prior" and in_model
-    if counted and (apart := without(mean, law, known)) is not None:
-        (mean, law), counted = apart, False
-    found = conflict(mean, law, known)
+    if counted and (apart := without(mean, posterior_covariance, known)) is not None:
+        (mean, posterior_covariance), counted = apart, False
+    found = conflict(mean, posterior_covariance, known)
     return {
         "name": table.name,
         "source": table.source,
@@ -61,7 +63,7 @@ def _entry(study: Study, table: KnowledgeTable, names: Sequence[str], mean: Arra
         "values": known.values.tolist(),
         "sd": np.sqrt(np.diag(known.covariance)).tolist(),
         "found": (known.design @ mean).tolist(),
-        "found_sd": np.sqrt(np.maximum(np.diag(known.design @ law @ known.design.T), 0.0)).tolist(),
+        "found_sd": np.sqrt(np.maximum(np.diag(known.design @ posterior_covariance @ known.design.T), 0.0)).tolist(),
         "z": found.z.tolist(),
         "chi_square": found.chi_square,
         "freedom": found.freedom,

@@ -174,7 +174,7 @@ def flight_seed(study: Study, flight: Flight) -> int:
 def hyper(study: Study) -> NoiseParameters:
     """Medians of the noise parameters: residual noise per channel, then groups of latent disturbances."""
     noise = noise_medians(list(study.noise.channels().values()), study.noise.model)
-    return NoiseParameters(noise, tuple(np.array(law) for _, _, _, law in _groups(study)))
+    return NoiseParameters(noise, tuple(np.array(parameters) for _, _, _, parameters in _groups(study)))
 
 
 def latent(study: Study, canopies: int) -> Latent:

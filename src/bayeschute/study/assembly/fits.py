@@ -17,7 +17,7 @@ from bayeschute.dynamics.parameters import Structure
 from bayeschute.likelihood.channels import cluster_data, descent_data
 from bayeschute.likelihood.joint import FlightData, Lifted, NoiseParameters
 from bayeschute.likelihood.priors import Prior, correlated
-from bayeschute.posterior.fit import LaplaceFit
+from bayeschute.posterior.fit.laplace_fit import LaplaceFit
 from bayeschute.posterior.joint_mode import Optimum
 from bayeschute.posterior.marginal import Marginal, Quadratic, marginalise
 from bayeschute.posterior.noise_uncertainty import NoiseEffect

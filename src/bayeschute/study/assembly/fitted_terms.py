@@ -45,8 +45,8 @@ def of_selected(study: Study, kind: str, entry: Mapping[str, Any], flight: str) 
     ]
     if entry.get("covariance") is None or not rows:
         return made
-    law = table.inflation**2 * np.array(entry["covariance"]) + table.floor**2 * np.eye(len(rows))
-    return correlated(made, np.array([r["estimate"] for r in rows]), law)
+    inflated_covariance = table.inflation**2 * np.array(entry["covariance"]) + table.floor**2 * np.eye(len(rows))
+    return correlated(made, np.array([r["estimate"] for r in rows]), inflated_covariance)
 
 
 def of_library(study: Study, kind: str, entry: Mapping[str, Any], flight: str) -> list[Prior]:
@@ -70,12 +70,16 @@ def of_library(study: Study, kind: str, entry: Mapping[str, Any], flight: str) -
     if together["estimate"] is not None:
         here = [names.index(name) for name in together["fitted"]]
         centre[here] = together["estimate"]
-        law = table.inflation**2 * np.array(together["covariance"], float) + table.floor**2 * np.eye(len(here))
-        known[np.ix_(here, here)] = np.linalg.inv(law)
+        inflated_covariance = table.inflation**2 * np.array(together["covariance"], float) + table.floor**2 * np.eye(
+            len(here)
+        )
+        known[np.ix_(here, here)] = np.linalg.inv(inflated_covariance)
     else:
         here = [names.index(row["term"]) for row in entry["selected"]]
-        law = table.inflation**2 * np.array(entry["covariance"], float) + table.floor**2 * np.eye(len(here))
-        known[np.ix_(here, here)] = np.linalg.inv(law)
+        inflated_covariance = table.inflation**2 * np.array(entry["covariance"], float) + table.floor**2 * np.eye(
+            len(here)
+        )
+        known[np.ix_(here, here)] = np.linalg.inv(inflated_covariance)
         centre[here] = [row["estimate"] for row in entry["selected"]]
         source += "; it can't separate all of them"
     plausible = np.where(np.array(names) == "1", 0.0, (np.maximum(size, _UNSEEN) / _LARGEST) ** 2)

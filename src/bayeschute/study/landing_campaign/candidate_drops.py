@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayeschute.core.errors import Fault, InputError
-from bayeschute.posterior.fit import NoJointFitError, joint
+from bayeschute.posterior.fit.joint_fit import NoJointFitError, joint
 from bayeschute.study.assembly.fits import data_of, gaussian_summary, groups, load_fit
 from bayeschute.study.job import Job
 from bayeschute.study.load import load_flights

@@ -58,10 +58,11 @@ def _of(
     picked = flat[np.linspace(0, len(flat) - 1, min(draws, len(flat))).astype(int)]
     rng = stream(study.seed, "noise parameters of landings", group.name)
     shared = -(-len(picked) // bands.GROUP)
-    laws = bands.noise_parameter_draws(stored.hyper, stored.noise_parameter_covariance, shared, rng)
-    theta = bands.carried(stored.marginal, picked, laws, stored.noise_effect)
-    turn = np.arange(len(picked)) // bands.GROUP % len(laws)
-    rows = tuple(np.array([np.asarray(law.laws[g]) for law in laws])[turn] for g in range(len(stored.hyper.laws)))
+    hypers = bands.noise_parameter_draws(stored.hyper, stored.noise_parameter_covariance, shared, rng)
+    theta = bands.carried(stored.marginal, picked, hypers, stored.noise_effect)
+    turn = np.arange(len(picked)) // bands.GROUP % len(hypers)
+    groups_of_processes = range(len(stored.hyper.disturbance_parameters))
+    rows = tuple(np.array([np.asarray(h.disturbance_parameters[g]) for h in hypers])[turn] for g in groups_of_processes)
     flown = vehicle or study.vehicle_of(flight)
     n = flown.canopies.number
     base, _ = assemble.cluster(flown, capsule_mass)

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from bayeschute.core.trees import load_tree, save_tree
 from bayeschute.likelihood.priors import Prior
-from bayeschute.posterior.fit import JointFit
+from bayeschute.posterior.fit.joint_fit import JointFit
 from bayeschute.posterior.sampling.protocol import Draws
 from bayeschute.study.job import Job
 

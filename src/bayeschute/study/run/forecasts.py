@@ -78,7 +78,7 @@ class _Order:
         index: Its place in the fit.
         whole: The whole flight, where it was not fitted.
         theta: Draws of the parameters, those of every group for its noise parameters.
-        laws: Draws of the noise parameters, used in turn.
+        noise_parameters: Draws of the noise parameters, used in turn.
         seed: Seed.
         data_end: End of the data that are used [s from the first sample].
         spread: Of the strength of disturbances beyond the data.
@@ -88,7 +88,7 @@ class _Order:
     index: int
     whole: FlightData | None
     theta: Array
-    laws: list[NoiseParameters]
+    noise_parameters: list[NoiseParameters]
     seed: int
     data_end: float
     spread: float
@@ -107,8 +107,8 @@ class _Order:
             assert self.whole is not None
             marginal = bands.opened(bands.opening(self.whole, OPENING), *self.known)
         return bands.predict(
-            marginal, self.index, self.theta, self.laws, self.seed, self.whole, self.data_end, share, self.spread,
-            groups,
+            marginal, self.index, self.theta, self.noise_parameters, self.seed, self.whole, self.data_end, share,
+            self.spread, groups,
         )  # fmt: skip
 
 
@@ -129,10 +129,10 @@ def _order(job: Job, flight: Flight, group: Group, stored: Stored, draws: int) -
     picked = flat[np.linspace(0, len(flat) - 1, min(draws, len(flat))).astype(int)]
     time = load_flight(job, flight.name)["time"].values
     rng = stream(study.seed, "noise parameters of a flight's draws", flight.name, group.name)
-    laws = bands.noise_parameter_draws(
+    noise_parameters = bands.noise_parameter_draws(
         stored.hyper, stored.noise_parameter_covariance, -(-len(picked) // bands.GROUP), rng
     )
-    theta = bands.carried(stored.marginal, picked, laws, stored.noise_effect)
+    theta = bands.carried(stored.marginal, picked, noise_parameters, stored.noise_effect)
     known: Marginal | tuple[NoiseParameters, list[Prior]] = stored.marginal
     index, whole, until = 0, None, _until(flight, flight in group.flights, time)
     if flight in group.flights:
@@ -141,7 +141,7 @@ def _order(job: Job, flight: Flight, group: Group, stored: Stored, draws: int) -
         whole = data_of(job, flight, group.priors, like=group.flights[0])
         known = (stored.hyper, gaussian_summary(group.priors, stored.theta))
     seed, spread = seed_of(study.seed, "draws of a flight", flight.name, group.name), study.predict.disturbance_log_sd
-    return _Order(known, index, whole, theta, laws, seed, until - time[0], spread), time
+    return _Order(known, index, whole, theta, noise_parameters, seed, until - time[0], spread), time
 
 
 def _until(flight: Flight, fitted: bool, time: Array) -> float:

@@ -7,7 +7,7 @@ from typing import Any
 
 from bayeschute.core.random import seed_of
 from bayeschute.posterior.assess.multistart import NEAR, Start, best_of, compare, judge, settle_from
-from bayeschute.posterior.fit import Begin, JointFit, joint_fit
+from bayeschute.posterior.fit.joint_fit import Begin, JointFit, joint_fit
 from bayeschute.posterior.noise_evidence import NoisePrior
 from bayeschute.study.assembly import assemble
 from bayeschute.study.assembly.fits import Group, data_of

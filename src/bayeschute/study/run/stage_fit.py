@@ -23,16 +23,9 @@ from bayeschute.likelihood.priors import Prior
 from bayeschute.posterior.assess import output_error
 from bayeschute.posterior.assess.score_test import scores
 from bayeschute.posterior.best_path import BestPath
-from bayeschute.posterior.fit import (
-    Begin,
-    JointFit,
-    LaplaceFit,
-    NoJointFitError,
-    carried_over,
-    joint_fit,
-    marginal_fit,
-    marginal_mode,
-)
+from bayeschute.posterior.fit.joint_fit import Begin, JointFit, NoJointFitError, carried_over, joint_fit
+from bayeschute.posterior.fit.laplace_fit import LaplaceFit, marginal_fit
+from bayeschute.posterior.fit.marginal_mode import marginal_mode
 from bayeschute.posterior.noise_evidence import NoisePrior
 from bayeschute.posterior.noise_uncertainty import NoiseEffect, widened
 from bayeschute.posterior.sampler import data_tree, sample
@@ -215,7 +208,7 @@ def _with_paths(job: Job, group: Group, error: FitError) -> FitError:
         data, time = data_of(job, flight, group.priors), load_flight(job, flight.name)["time"].values
         model: Any = data.model
         assert data.path is not None
-        made = linearise(data, best.theta, place.course(data))
+        made = linearise(data, best.theta, place.latent_path(data))
         defect = np.max(np.abs(np.asarray(made.defects)[1:] / data.path.slack), axis=1)
         noise = assemble.hyper(job.study).outputs(data)
         names = output_names(model.channels, model.structure.canopies)

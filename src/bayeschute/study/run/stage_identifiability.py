@@ -74,8 +74,8 @@ def _with_noise(job: Job, group: Group, stored: Stored, found: FitIdentifiabilit
     labels, used = noise_labels(job)
     names = tuple(label for label, u in zip(labels, used, strict=True) if u)
     spread = stored.noise_parameter_covariance[np.ix_(used, used)]
-    slope, by_law, excess = stored.noise_effect
-    effect = NoiseEffect(slope[:, used], by_law[used], excess)
+    slope, by_noise_parameter, excess = stored.noise_effect
+    effect = NoiseEffect(slope[:, used], by_noise_parameter[used], excess)
     mixed: Confounding = identifiability.confounding(
         np.asarray(stored.marginal.scale), effect, spread, group.priors, names
     )

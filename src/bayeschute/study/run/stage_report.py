@@ -149,9 +149,13 @@ def _disturbances(job: Job) -> dict[str, Any]:
         | dict.fromkeys(formulation.unused(job.study.noise.model))
         for i, name in enumerate(job.study.noise.channels())
     }
-    for name, law in zip(assemble.noise_parameter_names(job.study), hyper.laws, strict=True):
-        facts = {"white": None, "correlated": law[0], "unit": "m/s" if "wind" in name else "1"}
-        facts |= {"frequency": law[1], "damping_ratio": law[2]} if law.size == 3 else {"time_constant": law[1]}
+    for name, parameters in zip(assemble.noise_parameter_names(job.study), hyper.disturbance_parameters, strict=True):
+        facts = {"white": None, "correlated": parameters[0], "unit": "m/s" if "wind" in name else "1"}
+        facts |= (
+            {"frequency": parameters[1], "damping_ratio": parameters[2]}
+            if parameters.size == 3
+            else {"time_constant": parameters[1]}
+        )
         noise[name] = facts
     return {"noise_model": job.study.noise.model, "noise": noise}
 

@@ -218,8 +218,8 @@ def _step_error(flight: FlightData, theta: Array, along: Linearisation) -> float
     """Largest change of a one-step prediction error when the integration step is halved [standard deviations]."""
     model: Any = flight.model
     finer = replace(flight, model=replace(model, substeps=2 * model.substeps))
-    driven = along.at.course(flight)
-    coarse, fine = (stepped(one, jnp.asarray(theta), driven)[1] for one in (flight, finer))
+    latent_path = along.at.latent_path(flight)
+    coarse, fine = (stepped(one, jnp.asarray(theta), latent_path)[1] for one in (flight, finer))
     change = Seen(jnp.zeros((*np.shape(flight.observed), 1)), (fine - coarse)[..., None])
     return float(np.max(np.abs(np.asarray(innovations(along.gains, *change)))))
 

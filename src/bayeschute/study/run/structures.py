@@ -12,8 +12,9 @@ from bayeschute.aero.coefficient import Coefficient, is_coefficient
 from bayeschute.core.errors import FitError
 from bayeschute.core.random import seed_of, stream
 from bayeschute.likelihood.priors import Prior, from_equation_error
-from bayeschute.posterior.combine.model_average import OPENING, counts, sequential_scores, weights
-from bayeschute.posterior.fit import JointFit, joint_fit, marginal_fit
+from bayeschute.posterior.combine.model_average import TRAINING, counts, sequential_scores, weights
+from bayeschute.posterior.fit.joint_fit import JointFit, joint_fit
+from bayeschute.posterior.fit.laplace_fit import marginal_fit
 from bayeschute.posterior.noise_evidence import NoisePrior
 from bayeschute.posterior.noise_uncertainty import widened
 from bayeschute.posterior.sampler import sample
@@ -219,7 +220,7 @@ def note(rows: Sequence[dict[str, Any]]) -> list[str]:
             words.append(f"{r['weight']:.2f} ({r['behind']:+.1f} +- {r['behind_se']:.1f}): {terms}")
     return [
         f"Predictions are a stacked average of {len(rows)} model structures, with weights (in brackets: log score "
-        f"after the first {100 * OPENING:g} % of the record minus that of the best, and its standard error): "
+        f"after the first {100 * TRAINING:g} % of the record minus that of the best, and its standard error): "
         f"{' | '.join(words)}. The posterior is that of the structure with the largest weight."
     ]
 

@@ -1,0 +1,259 @@
+"""Joint mode of the parameters, start and latent disturbances, with the noise parameters of greatest evidence there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from bayeschute.core.errors import FitError
+from bayeschute.likelihood.joint import FlightData, Lifted, NoiseParameters, Unknowns
+from bayeschute.likelihood.priors import Prior, working
+from bayeschute.posterior import along_record, noise_evidence
+from bayeschute.posterior import joint_mode as optimum
+from bayeschute.posterior.along_record import LiftedFit
+from bayeschute.posterior.fit.continuation import Progress, lengthened
+from bayeschute.posterior.joint_mode import Optimum
+from bayeschute.posterior.noise_evidence import NoisePrior
+
+Array = NDArray[np.float64]
+_SMALL_LEVELS = (5.0, 3.0, 1.7, 1.0, 0.6, 0.3, 0.17, 0.1, 0.05, 0.02, 0.0)  # where the usual ones don't do
+_FEW_DEFECTS = 0.02  # of the last level's slack, at which single shooting can go on
+_TURN_NEAR = along_record.Near(20.0, np.inf, 0.05)  # end of a turn
+_LAST_NEAR = along_record.Near(1.0, 0.5, _FEW_DEFECTS)  # and of the last: the marginal mode is sought from there
+_JOINT_NEAR = along_record.Near(0.1, 0.1, _FEW_DEFECTS)  # where joint optima are compared
+_LOOSE = 3.0  # times the prior medians of all standard deviations, until noise parameters are found
+_BREAKS = "no flight of the model follows the record: steps along the best path break the equations of motion"
+
+
+Begin = tuple[Array, Sequence[Lifted] | None, NoiseParameters]
+"""Parameters, where every flight begins (None: on the path of its record), noise parameters."""
+
+
+class NoJointFitError(FitError):
+    """A fit that ended without an optimum.
+
+    Attributes:
+        best: The fit along the record whose defects are least.
+        priors: Of its parameters.
+        hyper: Noise parameters of the turn.
+    """
+
+    def __init__(self, tried: Iterable[str], best: LiftedFit, priors: Sequence[Prior], hyper: NoiseParameters) -> None:
+        """A `FitError` with the best fit found."""
+        self.best, self.priors, self.hyper = best, tuple(priors), hyper
+        super().__init__(_BREAKS, tried)
+
+
+class JointFit(NamedTuple):
+    """The joint optimum over parameters and disturbances, its noise parameters, and minus the log evidence there."""
+
+    optimum: Optimum
+    hyper: NoiseParameters
+    evidence: float
+
+
+def joint_fit(
+    flights: Sequence[FlightData],
+    priors: Sequence[Prior],
+    prior: NoisePrior,
+    rounds: int = 1,
+    progress: Progress | None = None,
+    begin: Begin | None = None,
+) -> JointFit:
+    """Fit parameters, start, latent disturbances and noise parameters, by turns.
+
+    Args:
+        flights: Records.
+        priors: Priors of the parameters.
+        prior: Priors of the noise parameters.
+        rounds: Turns of optimum and evidence before the last optimum.
+        progress: Progress callback: share done and words.
+        begin: Where to begin; at the prior means, on the path of the record, where None. Models without such a path
+            begin with first parts of the record.
+
+    Raises:
+        FloatingPointError: If the simulation at the prior means is not finite.
+    """
+    say = progress or (lambda share, words: None)
+    if all(f.path is not None for f in flights):
+        return _settle_along(flights, priors, prior, say, begin)
+    theta, hyper, value = working(priors)[0], prior.median, np.nan
+    unknowns: Sequence[Unknowns] | None = None
+    if begin is not None:
+        theta, places, hyper = begin
+        unknowns = [x.unknowns for x in places] if places is not None else None
+    if unknowns is None:
+        theta, unknowns = lengthened(flights, priors, hyper, theta, say)
+    for turn in range(rounds + 1):
+        last = turn == rounds
+
+        def tell(iteration: int, cost: float, step: float, turn: int = turn) -> None:
+            share = (turn + min(iteration / 12.0, 0.8)) / (rounds + 1)
+            say(share, f"optimum {turn + 1}: cost {cost:.1f}, step {step:.3f} standard errors")
+
+        best = optimum.fit(flights, hyper, priors, theta, unknowns, 0.01 if last else 0.1, progress=tell)
+        theta, unknowns = best.theta, best.unknowns
+        if not last:
+            say((turn + 0.9) / (rounds + 1), f"noise parameters {turn + 1}")
+            linear = best.linear(flights)
+            hyper, value = noise_evidence.maximise(flights, linear, priors, hyper, prior, most=20 if turn == 0 else 12)
+    return JointFit(best, hyper, value)
+
+
+def _looser(hyper: NoiseParameters) -> NoiseParameters:
+    """Noise parameters whose noise and disturbances are stronger: with these a flight follows its record more easily.
+
+    As a likelihood to a small power does, they leave more of the say to the priors and make a wrong path cheaper.
+    """
+    noise, processes = hyper.noise, (np.asarray(one, float) for one in hyper.disturbance_parameters)
+    noise = replace(noise, white=_LOOSE * np.asarray(noise.white), correlated=_LOOSE * np.asarray(noise.correlated))
+    stronger = tuple(np.concatenate([_LOOSE * one[:1], one[1:]]) for one in processes)
+    return replace(hyper, noise=noise, disturbance_parameters=stronger)
+
+
+def _along_record(
+    flights: Sequence[FlightData],
+    hyper: NoiseParameters,
+    priors: Sequence[Prior],
+    theta: Array,
+    at: Sequence[Lifted] | None,
+    near: along_record.Near,
+    tell: Callable[[along_record.Row], None],
+    begins: bool = False,
+) -> LiftedFit:
+    """A fit along the record whose path obeys the equations of motion, from where it is or from the record's path.
+
+    What is fast is tried first, then what gets further. One that begins, so that noise parameters are still to be
+    found, has stronger noise than they say.
+
+    Raises:
+        NoJointFitError: If defects are left whatever was tried.
+    """
+    whole, anew = (*along_record.LEVELS, 0.0), "from the path of the record"
+    begun: list[tuple[str, NoiseParameters, Sequence[Lifted] | None, tuple[float, ...]]] = [
+        (anew, hyper, None, whole),
+        (f"{anew}, in smaller steps", hyper, None, _SMALL_LEVELS),
+    ]
+    if at is not None:
+        begun.insert(0, ("from the path of the turn before", hyper, at, (0.0,)))
+    elif begins:
+        looser = _looser(hyper)
+        begun = [(f"{words}, noise stronger", looser, None, levels) for words, _, _, levels in begun]
+        begun.insert(1, (anew, hyper, None, whole))
+    tried: list[str] = []
+    best: LiftedFit | None = None
+    for words, noise, places, levels in begun:
+        made = along_record.descend(flights, noise, priors, theta, places, levels, near=near, progress=tell)
+        said = f"{len(made.rows)} steps, the last {made.rows[-1] if made.rows else 'none: not finite'}"
+        if made.rows and made.rows[-1].level == 0.0 and made.rows[-1].defect < max(near.defect, _FEW_DEFECTS):
+            return made
+        tried.append(f"{words}: {said}")
+        if best is None or (made.rows and (not best.rows or made.rows[-1].defect < best.rows[-1].defect)):
+            best = made
+    assert best is not None
+    raise NoJointFitError(tried, best, priors, hyper)
+
+
+def _settle_along(
+    flights: Sequence[FlightData],
+    priors: Sequence[Prior],
+    prior: NoisePrior,
+    say: Progress,
+    begin: Begin | None,
+) -> JointFit:
+    """`joint_fit` along the record: the trajectory is kept between updates of the noise parameters."""
+    theta, hyper = working(priors)[0], prior.median
+    at: Sequence[Lifted] | None = None
+    if begin is not None:
+        theta, at, hyper = begin
+    turns = 1 if at is None else 0  # noise parameters that come with a path are of a fit before
+    for turn in range(turns + 1):
+
+        def tell(row: along_record.Row, turn: int = turn) -> None:
+            say((turn + 0.3) / (turns + 1), f"along the record {turn + 1}, {row}")
+
+        near = _LAST_NEAR if turn == turns else _TURN_NEAR
+        made = _along_record(flights, hyper, priors, theta, at, near, tell, begins=at is None)
+        theta, at = made.theta, made.flights
+        best = _optimum(made)
+        if turn < turns:
+            hyper, value = noise_evidence.maximise(flights, best.linear(flights), priors, hyper, prior, most=20)
+            say((turn + 0.9) / (turns + 1), f"noise parameters: log evidence {-value:.1f}")
+    value = noise_evidence.function_of(flights, best.linear(flights), priors, prior)(noise_evidence.to_vector(hyper))[0]
+    return JointFit(best, hyper, value)
+
+
+def carried_over(
+    flights: Sequence[FlightData],
+    priors: Sequence[Prior],
+    prior: NoisePrior,
+    larger: JointFit,
+    theta: Array,
+    at: Sequence[Lifted],
+) -> JointFit | None:
+    """A fit of a smaller model at the place where a larger one has led, with the noise parameters of that one.
+
+    The marginal mode of a model can lie a hundred standard deviations from its joint optimum; where one of a larger
+    model is known, the way through the joint optimum of the smaller one and back is spared.
+
+    Args:
+        flights: Records, for the parameters of the smaller model.
+        priors: Priors of its parameters.
+        prior: Priors of the noise parameters.
+        larger: The fit of the larger model.
+        theta: Parameters of the smaller one there, working coordinates (P,).
+        at: Start, process noise and path of every flight there.
+
+    Returns:
+        A place to seek the marginal mode from, no joint optimum; None where flights don't follow the record.
+    """
+    conditional = along_record.conditional_optimum(flights, larger.hyper, priors, theta, at)
+    if conditional is None or not conditional.defect < _FEW_DEFECTS:
+        return None
+    found = replace(
+        larger.optimum,
+        theta=theta,
+        flights=conditional.flights,
+        covariance=scipy.linalg.inv(conditional.matrix),
+        cost=conditional.cost,
+    )
+    evidence = noise_evidence.function_of(flights, found.linear(flights), priors, prior)
+    return JointFit(found, larger.hyper, evidence(noise_evidence.to_vector(larger.hyper))[0])
+
+
+def joint(
+    flights: Sequence[FlightData],
+    hyper: NoiseParameters,
+    priors: Sequence[Prior],
+    theta: Array,
+    at: Sequence[Lifted] | None = None,
+) -> Optimum:
+    """The joint mode of parameters and disturbances for fixed noise parameters.
+
+    Args:
+        flights: Records.
+        hyper: Noise parameters.
+        priors: Priors of the parameters.
+        theta: Where to begin, working coordinates (P,).
+        at: Likewise, every flight; on the path of the record, or with undisturbed flights, where None.
+
+    Raises:
+        NoJointFitError: If no flight follows the record.
+        FloatingPointError: If models without a path of the record don't fly at the start.
+    """
+    if all(f.path is not None for f in flights):
+        return _optimum(_along_record(flights, hyper, priors, theta, at, _JOINT_NEAR, lambda row: None))
+    unknowns = None if at is None else [x.unknowns for x in at]
+    return optimum.fit(flights, hyper, priors, theta, unknowns, 0.01)
+
+
+def _optimum(made: LiftedFit) -> Optimum:
+    """Where a fit along the record ended."""
+    rows = made.rows
+    trace, last = tuple(row.cost for row in rows if row.level == 0.0), rows[-1]
+    return Optimum(made.theta, made.flights, made.covariance, last.cost, made.converged, len(rows), last.step, trace)

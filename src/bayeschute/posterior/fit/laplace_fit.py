@@ -1,0 +1,247 @@
+"""The marginal posterior of the parameters by Laplace's approximation: mode, noise parameters, corrections."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from bayeschute.core.errors import FitError
+from bayeschute.core.random import stream
+from bayeschute.likelihood.joint import FlightData, Linear, NoiseParameters
+from bayeschute.likelihood.kalman import MeanCorrection
+from bayeschute.likelihood.priors import Prior
+from bayeschute.posterior import laplace, noise_evidence
+from bayeschute.posterior.fit.continuation import Progress
+from bayeschute.posterior.fit.joint_fit import JointFit, joint_fit
+from bayeschute.posterior.fit.marginal_mode import marginal_mode
+from bayeschute.posterior.joint_mode import Optimum
+from bayeschute.posterior.marginal import Marginal, Quadratic, marginalise, place_at
+from bayeschute.posterior.mode_checks import PLACES, Profile, profile
+from bayeschute.posterior.noise_evidence import NoisePrior
+from bayeschute.posterior.noise_uncertainty import NoiseEffect, noise_parameter_slope, noise_parameter_spread
+from bayeschute.posterior.quasi_newton import length
+
+Array = NDArray[np.float64]
+_TURNS, _SETTLED = 3, 0.4  # most turns of noise parameters and mode; a step of the mode after which there is no other
+_MODE_TURN = 2  # most steps of the mode in each of them
+_BESIDE = (1.0, 0.3)  # steps [standard deviations] at which Laplace's approximation is taken
+_DETERMINANT = 0.2  # error of the polynomials beyond which the log determinant's gets all products
+_LOST_BEND = "the curvature correction of the conditional mode, which along some axis outweighs the density"
+_LOST_MEAN = "the shift of the noise parameters from their mode to their mean, where no mode was found"
+_AT_MODE, _BESIDE_MODE = 0.2, 0.5  # root mean square distance from there, along all axes, that ends it, or will do
+_MOVES = 3  # most steps to the mode of the posterior with all its corrections
+_FAR = 1.0  # standard deviations by which noise parameters at their mean may move a parameter
+
+
+@dataclass(frozen=True)
+class LaplaceFit:
+    """The optimum, its noise parameters, the marginal posterior there, and how well the noise parameters are known.
+
+    Attributes:
+        optimum: Mode of the marginal posterior, with start and process noise there.
+        hyper: Noise parameters: the means of their logarithms, or the most probable ones (see `marginal_fit`).
+        marginal: The marginal posterior about the optimum.
+        evidence: Minus the log evidence of the most probable noise parameters, up to a constant.
+        noise_parameter_covariance: Of the logarithms of the noise parameters (V, V).
+        noise_effect: How the parameters' conditional posterior follows those logarithms.
+        determinant_error: Root mean square error of the log density over the posterior, Laplace's at the same points.
+        profile: The density along the axes about the mode.
+        lost: Corrections that were left out since they can't be trusted, in words.
+    """
+
+    optimum: Optimum
+    hyper: NoiseParameters
+    marginal: Marginal
+    evidence: float
+    noise_parameter_covariance: Array
+    noise_effect: NoiseEffect
+    determinant_error: float
+    profile: Profile
+    lost: tuple[str, ...] = ()
+
+
+def marginal_fit(
+    flights: Sequence[FlightData],
+    priors: Sequence[Prior],
+    prior: NoisePrior,
+    settled: JointFit,
+    progress: Progress | None = None,
+) -> LaplaceFit:
+    """Find the mode of the marginal posterior from the joint mode, and set the marginal posterior up there.
+
+    The joint mode of parameters and disturbances is not the mode of the marginal posterior of the parameters: see
+    `marginal_mode`. Nor are the noise parameters of maximum evidence the same at both points: they are estimated again
+    at the mode, and the mode with them, until it converges. Then they are set to their posterior mean
+    (`evidence.mean_less_mode`) and the mode is found again, unless that would move a parameter by more than its
+    standard deviation, which is beyond the validity of an expansion about the mode.
+
+    Args:
+        flights: Records.
+        priors: Priors of the parameters.
+        prior: Priors of the noise parameters.
+        settled: From `joint_fit`.
+        progress: Progress callback: share done and words.
+    """
+    say = progress or (lambda share, words: None)
+    best = marginal_mode(flights, priors, settled, lambda share, words: say(0.3 * share, words))
+    hyper, value = settled.hyper, settled.evidence
+    for turn in range(_TURNS):
+        say(0.3 + 0.2 * turn / _TURNS, f"noise parameters at the mode {turn + 1}")
+        made = marginalise(flights, hyper, priors, best)
+        hyper, value = noise_evidence.maximise(
+            flights, _linear(made), priors, hyper, prior, 12, _mean_corrections(made)
+        )
+        before, best = best, marginal_mode(flights, priors, JointFit(best, hyper, value), most=_MODE_TURN)
+        if length(best.theta - before.theta, before.covariance) < _SETTLED:
+            break
+    made = marginalise(flights, hyper, priors, best)
+    say(0.5, "uncertainty of the noise parameters")
+    slope = noise_parameter_slope(made)
+    known = noise_evidence.noise_parameter_covariance(
+        flights, _linear(made), priors, hyper, prior, slope, _mean_corrections(made)
+    )
+    moved = noise_evidence.mean_less_mode(flights, _linear(made), priors, hyper, prior, known, _mean_corrections(made))
+    scale = np.asarray(made.scale)
+    candidates = [hyper]
+    if np.max(np.abs(scale @ slope @ moved) / np.linalg.norm(scale, axis=1)) <= _FAR:
+        candidates = [
+            jax.tree.map(np.asarray, noise_evidence.from_vector(noise_evidence.to_vector(hyper) + moved, hyper)),
+            hyper,
+        ]
+    began = JointFit(replace(best, converged=settled.optimum.converged), hyper, value)
+    best, hyper, made, lost, seen = _last(
+        flights, priors, began, candidates, lambda share, words: say(0.8 + 0.2 * share, words)
+    )
+    wrong = _determinant_error(made)
+    slope = scipy.linalg.solve_triangular(np.asarray(made.scale), scale @ slope, lower=True)
+    effect = NoiseEffect(slope, *noise_parameter_spread(made, known))
+    return LaplaceFit(best, hyper, made, value, known, effect, wrong, seen, lost)
+
+
+def _determinant_error(made: Marginal) -> float:
+    """Error of Laplace's approximation, always at the same points, so that decisions do not depend on a seed."""
+    return laplace.error(made, 4, stream(0, "points of the log determinant"))
+
+
+def _last(
+    flights: Sequence[FlightData],
+    priors: Sequence[Prior],
+    began: JointFit,
+    candidates: Sequence[NoiseParameters],
+    progress: Progress | None = None,
+) -> tuple[Optimum, NoiseParameters, Marginal, tuple[str, ...], Profile]:
+    """The mode under the first noise parameters that lead to one, the posterior, corrections left out, the density.
+
+    A point that turns out to lie beside the mode, once what the linear models lack is known, is left for it.
+
+    Raises:
+        FitError: If none does.
+        FloatingPointError: If flights fail on the way under the last of them.
+    """
+    say = progress or (lambda share, words: None)
+    failed: Exception = ValueError("no noise parameters")
+    for hyper in candidates:
+        try:
+            start = JointFit(began.optimum, hyper, began.evidence)
+            here = marginal_mode(flights, priors, start, lambda share, words: say(0.3 * share, words))
+            found = []
+            for move in range(1 + _MOVES):
+                near = marginalise(flights, hyper, priors, here)
+                say(0.3 + 0.5 * move / (1 + _MOVES), f"log determinant along the axes, place {move + 1}")
+                found.append((here, *_corrected(near)))
+                if _away(found[-1][3]) < _AT_MODE:
+                    break
+                here = _ahead(near, here, found[-1][3])
+        except FloatingPointError as error:
+            failed = error
+            continue
+        best, made, lost, ahead, step = min(found, key=lambda one: _away(one[3]))
+        if step and _determinant_error(made) > _DETERMINANT:
+            say(0.8, "log determinant between all axes")
+            made, there = laplace.corrected(made, step, crossed=len(priors))
+            ahead = ahead if there is None else there
+        away = _away(ahead)
+        seen = max((profile(made), profile(made, ahead)), key=lambda one: (one.is_mode, one.worst))
+        if seen.is_mode and away < _BESIDE_MODE:
+            lost = lost if hyper is candidates[0] else (*lost, _LOST_MEAN)
+            return replace(best, converged=began.optimum.converged), hyper, made, lost, seen
+        why = (
+            f"after {len(found)} steps towards it the mode is still off by {away:.2g} standard deviations, root mean "
+            f"square of all axes, and less than {_BESIDE_MODE:g} is wanted"
+            if seen.is_mode
+            else f"one standard deviation away from it the log density falls by {seen.worst:.3g}, about 0.5 is expected"
+        )
+        failed = FitError(f"the search for the mode of the marginal posterior did not end at one: {why}")
+    raise failed
+
+
+def _away(step: Array) -> float:
+    """Root mean square of a step in standard coordinates."""
+    return float(np.sqrt(np.mean(step**2)))
+
+
+def _ahead(near: Marginal, best: Optimum, step: Array) -> Optimum:
+    """The point a step in standard coordinates away."""
+    shift = np.asarray(near.scale) @ step
+    pairs = zip(near.flights, near.along, strict=True)
+    flights = tuple(place_at(flight, along, jnp.asarray(shift)) for flight, along in pairs)
+    return replace(best, theta=best.theta + shift, flights=flights)
+
+
+def _corrected(made: Marginal) -> tuple[Marginal, tuple[str, ...], Array, float]:
+    """The posterior with the corrections that can be trusted about a point, which had to be left out, and a way on.
+
+    Returns:
+        The posterior; what is lost; and a step in standard coordinates to its mode, or, where it has none, to the best
+        of the places at which the density was looked at; and how far beside the point Laplace's approximation was
+        taken, 0 where it has no part in it.
+
+    Raises:
+        FloatingPointError: If flights fail beside the point.
+    """
+    plain: Marginal | None = None
+    failed: FloatingPointError | None = None
+    for step in _BESIDE:
+        try:
+            one, ahead = laplace.corrected(made, step)
+        except FloatingPointError as error:
+            failed = error
+            continue
+        if ahead is not None:
+            return one, (), ahead, step
+        plain = plain or replace(one, bend=Quadratic.none(len(one.bend.slope)))
+    if plain is None:
+        assert failed is not None
+        raise failed
+    seen = profile(plain)
+    fall = np.where(np.isfinite(seen.fall), seen.fall, np.inf)
+    axis, place = np.unravel_index(np.argmin(fall), fall.shape)
+    ahead = PLACES[place] * seen.direction[axis] * float(fall[axis, place] < 0.0)
+    return plain, (_LOST_BEND,), ahead, 0.0
+
+
+def _linear(made: Marginal) -> list[Linear]:
+    return [along.linear for along in made.along]
+
+
+def _mean_corrections(made: Marginal) -> list[MeanCorrection]:
+    return [along.mean_correction for along in made.along]
+
+
+def find(
+    flights: Sequence[FlightData],
+    priors: Sequence[Prior],
+    prior: NoisePrior,
+    rounds: int = 1,
+    progress: Progress | None = None,
+) -> LaplaceFit:
+    """The marginal posterior of the parameters: `joint_fit`, then `marginal_fit`."""
+    say = progress or (lambda share, words: None)
+    settled = joint_fit(flights, priors, prior, rounds, lambda share, words: say(0.7 * share, words))
+    return marginal_fit(flights, priors, prior, settled, lambda share, words: say(0.7 + 0.3 * share, words))
