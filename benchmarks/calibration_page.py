@@ -7,7 +7,7 @@ from typing import Any
 
 from scipy.stats import t
 
-from bayeschute.calibration.coverage_tables import ENOUGH, MOST_FAILED, NOMINAL, WANTED, promised, verdict
+from bayeschute.calibration.promises import ENOUGH, MOST_FAILED, NOMINAL, WANTED, promised, verdict
 from bayeschute.calibration.recalibration import learned
 from bayeschute.calibration.scores import LEVELS
 

@@ -114,6 +114,8 @@ def run(
             say(f"Bands of {name}: none, because every simulation of its prediction failed.", error=True)
         if label:
             say(f"Intervals: {label}")
+            for text in summary.get("claim", {}).get("sentences", ()):
+                say(f"  {text}")
         if quick:
             say("Quick run with few draws: the results are not for use.")
         elif failed:

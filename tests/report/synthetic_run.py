@@ -278,7 +278,7 @@ def _identifiability() -> dict[str, object]:
 
 
 def build_run(
-    folder: Path, *, quick: bool = False, label: str = "not verified: no calibration run", seed: int = 1
+    folder: Path, *, quick: bool = False, label: str = "not checked: no calibration run", seed: int = 1
 ) -> Path:
     """Write a complete run folder and return it."""
     rng = np.random.default_rng(seed)
@@ -321,6 +321,7 @@ def build_run(
         "model": "cluster",
         "quick": quick,
         "label": label,
+        "claim": {"sentences": ["Not promised by any calibration: riser_length."]},
         "flights": flights,
         "parameters": _parameters(posterior, prior),
         "sampling": {

@@ -277,4 +277,5 @@ def _flight(table: FlightTable, path: Path | None, columns: Mapping[str, Column]
         identify_until=table.identify_until,
         remove_velocity_bias=table.remove_velocity_bias,
         wind_profile=table.wind_profile,
+        simulated_by=table.simulated_by,
     )

@@ -37,6 +37,7 @@ class Flight:
         remove_velocity_bias: Whether constant biases of the recorded velocity are removed.
         wind_profile: Wind by altitude; None: canopies meet the capsule's wind.
         vehicle: Its vehicle, where that is not the study's.
+        simulated_by: The other program that simulated the flight of `path`; None: a record, or a virtual drop.
     """
 
     name: str
@@ -52,6 +53,7 @@ class Flight:
     remove_velocity_bias: bool = False
     wind_profile: ProfileTable | None = None
     vehicle: Vehicle | None = None
+    simulated_by: str | None = None
 
 
 @dataclass(frozen=True)
@@ -114,7 +116,7 @@ def canonical(study: Study) -> dict[str, Any]:
         # Unset options are omitted, so that options added later do not change the hashes of present studies.
         return value.model_dump(exclude_none=True) if isinstance(value, Strict) else vars(value)
 
-    layout, usual = ("path", "vehicle_path", "text", "vehicle_text"), ("vehicle",)
+    layout, usual = ("path", "vehicle_path", "text", "vehicle_text"), ("vehicle", "simulated_by")
     said = {key: value for key, value in vars(study).items() if key not in layout}
     if not study.knowledge:
         del said["knowledge"]

@@ -18,7 +18,7 @@ from bayeschute.study.assembly import assemble, canopies
 from bayeschute.study.assembly.fits import groups, load_noise_parameters, summary_draws
 from bayeschute.study.assembly.fitted_terms import ADDED
 from bayeschute.study.assembly.lessons import lessons
-from bayeschute.study.evidence.calibration_status import calibration_check, verification
+from bayeschute.study.evidence.calibration_status import status
 from bayeschute.study.evidence.recalibrate import applied_recalibration
 from bayeschute.study.job import Job, load_flight, load_priors
 from bayeschute.study.load import study_hash
@@ -43,16 +43,16 @@ def report(job: Job) -> str:
 
 def _summary(job: Job) -> dict[str, Any]:
     study, facts, checked = job.study, job.load("fit/facts.json"), job.load("checks.json")
-    calibration = calibration_check(job)
     coverage = job.load("coverage.json")
     checks = checked["checks"] | bands_check(coverage)
-    label = verification(checks | {"calibration": calibration}, study)
-    label = "; ".join(filter(None, (formulation.label(study.noise.model), label)))
+    found = status(job, checks, coverage)
+    calibration = found.check
+    label = "; ".join(filter(None, (found.claim.label, formulation.label(study.noise.model))))
     draws, units = summary_draws(job)
     some = next(iter(draws.values()))
     seconds = sum(v for k, v in facts["wall"].items() if k != "fit_s")
     return {
-        **heading(job, label),
+        **heading(job, label), "claim": found.claim.plain(),
         "fit": {"converged": checked["checks"]["optimum"]["passed"]},
         "parameters": _parameters(job, draws, units, checked),
         "sampling": {
@@ -72,7 +72,7 @@ def _summary(job: Job) -> dict[str, Any]:
 
 
 def heading(job: Job, label: str) -> dict[str, Any]:
-    """First part of the summary: the study, its flights, and the calibration label of its intervals."""
+    """First part of the summary: the study, its flights, and the label of its intervals."""
     study = job.study
     return {
         "title": study.title, "model": study.model, "quick": job.quick, "label": label, "seed": study.seed,
