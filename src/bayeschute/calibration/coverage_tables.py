@@ -56,7 +56,8 @@ def coverage_of_bands(rows: Sequence[Row]) -> dict[str, dict[str, Any]]:
         rows: Rows of a campaign that are ok.
 
     Returns:
-        Per flight and quantity: as `coverage_of_parameters`, the ``lowest`` share of a replicate, and the means of width and interval
+        Per flight and quantity: as `coverage_of_parameters`, the ``lowest`` share of a replicate, and the means of
+        width and interval
         score (at 90 %), CRPS,
         PIT, and coverage at 90 % ``by_time``; where rows have it, shares by `recalibration.FACTORS` (``scaled``).
     """
@@ -123,7 +124,8 @@ def summarise(rows: Sequence[Row]) -> dict[str, Any]:
     Returns:
         ``replicates`` that are ok, ``failed`` with the reasons, ``nominal``, ``coverage`` and ``standard_error`` by
         name, the full tables of ``parameters``, ``bands``, ``modes`` and ``statistics`` of flights, how often each of a
-        run's own checks was missed, in how many replicates Pareto k of the sampler's correction was ``below`` 0.7 of those that reported it, and the mean ``wall_s``.
+        name, the full tables of ``parameters``, ``bands``, ``modes`` and ``statistics`` of flights, how often each of
+        a run's own checks was missed, in how many replicates Pareto k of the sampler's correction was
     """
     good = [row for row in rows if row["ok"]]
     parameters, bands = coverage_of_parameters(good), coverage_of_bands(good)

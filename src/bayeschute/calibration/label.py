@@ -91,7 +91,7 @@ class Claim:
 
     @property
     def label(self) -> str:
-        """The label in one line: contradiction first, or the level with its evidence, then the worst misspecification."""
+        """The label in one line: contradiction, or the level with its evidence, then the worst misspecification."""
         if self.contradicted:
             text = f"{CONTRADICTED}, no level: {'; '.join(self.contradicted)}"
         elif self.level is Level.NOT_CHECKED:

@@ -20,6 +20,7 @@ from bayeschute.study.assembly.fitted_terms import ADDED
 from bayeschute.study.assembly.lessons import lessons
 from bayeschute.study.evidence.calibration_status import status
 from bayeschute.study.evidence.recalibrate import applied_recalibration
+from bayeschute.study.evidence.record_misfit import NAME as PREDICTIVE
 from bayeschute.study.job import Job, load_flight, load_priors
 from bayeschute.study.load import study_hash
 from bayeschute.study.run import structures
@@ -61,7 +62,7 @@ def _summary(job: Job) -> dict[str, Any]:
             "wall": facts["wall"], "min_ess_per_s": min(checked["ess_bulk"].values()) / seconds,
         },
         **told_curves(job, draws, _prior_draws(job)), **_taught(job, draws),
-        **_disturbances(job), **_output_error(job), **_identifiability(job), **_recalibration(job),
+        **_predictive(job), **_disturbances(job), **_output_error(job), **_identifiability(job), **_recalibration(job),
         **({"structures": stacked} if (stacked := structures.summary_rows(job)) else {}),
         "coverage": coverage,
         "checks": checks | {"calibration": calibration},
@@ -165,6 +166,12 @@ def _identifiability(job: Job) -> dict[str, Any]:
     """Identifiability by fit; empty for checks of an older version."""
     there = (job.out / "identifiability.json").exists()
     return {"identifiability": job.load("identifiability.json")} if there else {}
+
+
+def _predictive(job: Job) -> dict[str, Any]:
+    """Predictive checks of the fitted records; empty for checks of an older version."""
+    there = (job.out / PREDICTIVE).exists()
+    return {"predictive": job.load(PREDICTIVE)} if there else {}
 
 
 def _recalibration(job: Job) -> dict[str, Any]:
