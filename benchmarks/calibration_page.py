@@ -52,6 +52,11 @@ def _pooled(result: Result) -> str:
     return f"{100 * sum(shares) / len(shares):.0f} ({100 * min(shares):.0f} to {100 * max(shares):.0f})"
 
 
+def _failed(result: Result) -> str:
+    """How many replicates of a rank test failed; earlier results have the number alone."""
+    return str(len(result["failed"]) if isinstance(result["failed"], dict) else result["failed"])
+
+
 def overview(results: Sequence[Result]) -> list[str]:
     """One row per configuration and disturbance: shares of nominal 90 % held.
 
@@ -231,7 +236,7 @@ def page(results: Sequence[Result], ranks: Sequence[Result], command: str) -> st
                 off = [q for q, t in made["quantities"].items() if not t["passed"]]
                 says = "all inside" if made["passed"] else "outside: " + ", ".join(off)
                 count = str(len(made["quantities"]))
-                rows.append([r["study"], sampler, str(r["replicates"]), str(r["failed"]), count, says])
+                rows.append([r["study"], sampler, str(r["replicates"]), _failed(r), count, says])
         text += _table(["model", "sampler", "replicates", "failed", "quantities", "95 % simultaneous bands"], rows)
     if results:
         text += ["## Configurations", ""]

@@ -35,6 +35,7 @@ from bayeschute.study.evidence.record_misfit import misfit_of_fit
 from bayeschute.study.evidence.scenarios import SCENARIOS
 from bayeschute.study.job import Job
 from bayeschute.study.load import load_study
+from bayeschute.study.rank_tests import with_flown_terms
 from bayeschute.study.run import stage_list
 from bayeschute.study.study import Study
 from bayeschute.virtual.drop import fly
@@ -50,15 +51,8 @@ SHOWN = 5
 
 def identified(study: Study, case: str) -> Study:
     """The study that identifies: its first flight, with the terms that are flown."""
-    assert study.structure is not None and study.vehicle is not None
-    names = list(study.vehicle.aero.coefficients())
-    terms = {
-        kind: [n[len(kind) + 1 : -1] for n in names if n.startswith(f"{kind}[")] for kind in ("axial", "transverse")
-    }
-    table = study.structure.model_copy(update=terms | {"core": names, "fit": "pool"})
     sampler = study.sampler.model_copy(update={"warmup": 100, "draws": 100})
-    flight = replace(study.flights[0], roles=("structure", "identify"))
-    made = replace(study, structure=table, sampler=sampler, flights=(flight,), requirements=())
+    made = replace(with_flown_terms(study), sampler=sampler)
     return with_noise(made, "white") if case == "white" else made
 
 

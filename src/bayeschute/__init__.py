@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from bayeschute.api.beliefs import Priors, Structure
     from bayeschute.api.curve import Curve
     from bayeschute.api.inputs import Flight, Flights, Motion, Study, load_vehicle, noise, wind_profile
+    from bayeschute.api.rank_test import RankTest, rank_test
     from bayeschute.api.results import Fit, Forecast, Posterior, Probability, Run
     from bayeschute.api.verbs import (
         Coverage,
@@ -41,6 +42,7 @@ _PLACES = {
     "api.beliefs": ("Priors", "Structure"),
     "api.curve": ("Curve",),
     "api.inputs": ("Flight", "Flights", "Motion", "Study", "load_vehicle", "noise", "wind_profile"),
+    "api.rank_test": ("RankTest", "rank_test"),
     "api.results": ("Fit", "Forecast", "Posterior", "Probability", "Run"),
     "api.verbs": (
         "Coverage", "calibrate", "fit", "numpyro_model", "read_record", "reconstruct", "run", "sample", "scenarios",
@@ -72,6 +74,7 @@ __all__ = [
     "Prior",
     "Priors",
     "Probability",
+    "RankTest",
     "Run",
     "Structure",
     "Study",
@@ -83,6 +86,7 @@ __all__ = [
     "load_vehicle",
     "noise",
     "numpyro_model",
+    "rank_test",
     "read_record",
     "reconstruct",
     "run",

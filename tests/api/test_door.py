@@ -61,7 +61,7 @@ def test_examples_of_the_docstrings_run(sondes, fitted, posterior, forecast, tmp
         "np": np,
     }
     count = 0
-    for name in ("inputs", "beliefs", "curve", "results", "verbs"):
+    for name in ("inputs", "beliefs", "curve", "rank_test", "results", "verbs"):
         result = doctest.testmod(import_module(f"bayeschute.api.{name}"), extraglobs=told, optionflags=doctest.ELLIPSIS)
         assert result.failed == 0
         count += result.attempted

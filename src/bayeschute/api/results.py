@@ -661,8 +661,8 @@ class Run:
 
     Example:
         >>> run = bc.Run(folder / "run", study)
-        >>> run
-        Run('...run': not finished)
+        >>> run, run.level
+        (Run('...run': not finished), 'not checked')
     """
 
     folder: Path
@@ -673,6 +673,19 @@ class Run:
         """summary.json; empty where the last stage has not run."""
         path = self.folder / "summary.json"
         return dict(json.loads(path.read_text(encoding="utf-8"))) if path.is_file() else {}
+
+    @property
+    def level(self) -> str:
+        """Level of trust in the intervals, such as ``self-consistent``; ``not checked`` where no label was written."""
+        return str(self.summary.get("claim", {}).get("level", "not checked"))
+
+    @property
+    def predictive_checks(self) -> pd.DataFrame:
+        """Predictive checks of the fitted records, the smallest p-value first; empty before the stage ``check``."""
+        path = self.folder / "predictive.json"
+        rows = json.loads(path.read_text(encoding="utf-8"))["checks"] if path.is_file() else []
+        columns = ["flight", "what", "statistic", "value", "expected", "p"]
+        return pd.DataFrame(rows, columns=columns).sort_values("p", ignore_index=True)
 
     @cached_property
     def posterior(self) -> Posterior:

@@ -153,6 +153,11 @@ def prior_check(flight: str, what: str, z: float) -> Check:
     return Check(flight, what, "distance from the prior", float(z), 0.0, _two_sided(z))
 
 
+def mean_check(flight: str, what: str, mean: float, spread: float) -> Check:
+    """Time mean of an estimated disturbance, and its standard deviation as stated, in the disturbance's unit."""
+    return Check(flight, what, "time mean", float(mean), 0.0, _two_sided(mean / spread))
+
+
 def least(checks: Iterable[Check]) -> list[Check]:
     """By p-value, the smallest first."""
     return sorted(checks, key=lambda one: one.p)

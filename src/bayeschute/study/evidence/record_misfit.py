@@ -11,13 +11,21 @@ from numpy.typing import NDArray
 
 from bayeschute.core.random import stream
 from bayeschute.likelihood.disturbances import STATES
-from bayeschute.likelihood.joint import FlightData, as_seen
+from bayeschute.likelihood.joint import FlightData, Unknowns, as_seen, course
 from bayeschute.likelihood.kalman import innovations
 from bayeschute.likelihood.priors import working
 from bayeschute.likelihood.simulation_smoother import normals
 from bayeschute.posterior.assess.flight_groups import outputs_of
 from bayeschute.posterior.marginal import Linearisation, draw_flights
-from bayeschute.prediction.predictive_checks import BOUND, Check, draws_checks, pit_counts, prior_check, series_checks
+from bayeschute.prediction.predictive_checks import (
+    BOUND,
+    Check,
+    draws_checks,
+    mean_check,
+    pit_counts,
+    prior_check,
+    series_checks,
+)
 from bayeschute.study.assembly import assemble
 from bayeschute.study.assembly.fits import Group, Stored
 from bayeschute.study.job import Job
@@ -27,6 +35,11 @@ NAME = "predictive.json"
 """File of a run with its predictive checks."""
 FREQUENCIES = {"pendulum": 0.07, "scissors": 0.23}
 """Modes of a cluster under mains [Hz] (NASA/TM-2019-220410), for clusters only."""
+STATED = 1.5
+"""Factor within which a stated standard deviation of a disturbance is taken to be right."""
+SIMULATED = 400
+"""Disturbances simulated as stated."""
+_AXES = ("north", "east", "down")
 DRAWS = 16
 """Of the process noise, of each fit."""
 LOG_SD = 0.7
@@ -100,9 +113,43 @@ def _of_disturbances(job: Job, one: Stored, flights: list[str], frequencies: dic
     numbers = tuple(normals(flight, DRAWS, rng) for flight in one.marginal.flights)
     drawn = draw_flights(one.marginal, xi, numbers)
     for name, flight, found in zip(flights, one.marginal.flights, drawn, strict=True):
+        yield from _time_means(job, name, flight, np.asarray(found.error))
         shocks = np.asarray(found.unknowns.shocks)
         for i, what in enumerate(latent_names(job, flight)):
             yield from draws_checks(name, f"disturbance {what}", shocks[:, i], float(flight.dt), frequencies)
+
+
+def _time_means(job: Job, name: str, flight: FlightData, error: Array) -> Iterator[Check]:
+    """Time means of the estimated disturbances against the standard deviations that the study states for them.
+
+    A recorded wind that is off, or a canopy that differs, shows as a disturbance that does not average out. The fitted
+    standard deviations would follow it, so those stated are used, taken to be right within a factor of `STATED`.
+
+    Args:
+        job: The run.
+        name: Name of the flight.
+        flight: Its data.
+        error: Draws of its disturbances given the record (T, A, B).
+    """
+    rng = stream(job.study.seed, "disturbances as stated")
+    still = Unknowns(
+        np.zeros((flight.starts, SIMULATED)), rng.standard_normal((error.shape[0], flight.latent.size, SIMULATED))
+    )
+    stated = np.asarray(course(flight, assemble.hyper(job.study), still).error).mean(axis=0)
+    for row, what in sorted(disturbance_rows(job, flight).items()):
+        spread = STATED * float(stated[row].std())
+        if spread > 0.0:
+            yield mean_check(name, what, float(error[:, row].mean()), spread)
+
+
+def disturbance_rows(job: Job, flight: FlightData) -> dict[int, str]:
+    """Names of the disturbances of a flight, by row."""
+    groups = assemble.noise_parameter_names(job.study)
+    made: dict[int, str] = {}
+    for row, group in flight.latent.processes:
+        where = f" {_AXES[row]}" if "wind" in groups[group] and job.study.model == "cluster" else f" {row}"
+        made[row] = f"{groups[group].split(',')[0].removeprefix('slow ')}{where}"
+    return made
 
 
 def _of_priors(job: Job, group: Group, one: Stored) -> Iterator[Check]:
