@@ -12,6 +12,7 @@ from bayeschute.calibration.recalibration import learned
 from bayeschute.calibration.scores import LEVELS
 
 Result = dict[str, Any]
+_LEAST, _MOST, _FAILED = (f"{100 * share:.0f} %" for share in (*WANTED, MOST_FAILED))
 _WANTED = f"{100 * WANTED[0]:.0f} to {100 * WANTED[1]:.0f}"
 _CHANCE, _DOUBT = 0.05, 0.003  # two-sided, by Student's t of the replicates
 _MARKS = {"too narrow": " **narrow**", "too wide": " **wide**", "too many failed": " **failed**"}
@@ -45,7 +46,7 @@ def _name(result: Result) -> str:
 
 
 def _pooled(result: Result) -> str:
-    names = [name for name in promised(result) if name in result["parameters"]]
+    names = [name for name in promised(result) if name in result["parameters"] and "[" in name]
     if not names:
         return "no true values"
     shares = [result["coverage"][name] for name in names]
@@ -162,7 +163,7 @@ def diagnosis(results: Sequence[Result]) -> list[str]:
     found: dict[str, list[str]] = {}
     left = 0
     for result in results:
-        for name in promised(result):
+        for name in (name for name in promised(result) if name in result["coverage"]):
             share, se = result["coverage"][name], result["standard_error"][name]
             if WANTED[0] <= share <= WANTED[1]:
                 continue
@@ -212,9 +213,9 @@ def page(results: Sequence[Result], ranks: Sequence[Result], command: str) -> st
         "A share is that of replicates whose nominal 90 % interval holds the true parameter, or the mean share of",
         "samples of a flight whose true value lies in the 90 % band; ± is one standard error, replicates being",
         "the independent units. Widths, interval scores and CRPS are in SI units: rad and m/s.",
-        f"A promise is kept between {100 * WANTED[0]:.0f} and {100 * WANTED[1]:.0f} %, by {ENOUGH} replicates,",
-        f"where no more than {100 * MOST_FAILED:.0f} % failed; in the overview what lies two standard errors outside",
-        "is bold.",
+        f"A promise is kept where {ENOUGH} replicates or more show it, of which no more than {_FAILED} failed: the",
+        f"one-sided 95 % lower confidence limit of the share is {_LEAST} or more, and the upper side does not show",
+        f"more than {_MOST}. In the overview what lies two standard errors outside is bold.",
         "",
         *on_the_clock([*results, *ranks]),
     ]

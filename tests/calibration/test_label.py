@@ -59,4 +59,5 @@ def test_other_words_are_no_level(label):
 def test_what_is_not_promised_is_named():
     made = claim([SELF], not_promised=["landings", "riser_length (100 ± 1 %, too wide)"])
     assert "Not promised by any calibration: landings, riser_length (100 ± 1 %, too wide)." in made.sentences
+    assert "Nothing is promised: neither" in claim([], not_promised=["landings"]).sentences[1]
     assert made.plain()["level"] == "self-consistent" and made.plain()["rank"] == 1

@@ -76,7 +76,7 @@ def test_the_page_needs_no_network(text):
 def test_every_picture_is_inside_and_told_in_words(text, run_dir):
     images = [attrs for tag, attrs in Page(text).tags if tag == "img"]
     files = sorted((run_dir / "figures").iterdir())
-    assert len(images) == len(files) / 2 == 11
+    assert len(images) == len(files) / 2 == 12
     assert {path.suffix for path in files} == {".png", ".svg"}
     assert all(path.stat().st_size > 3000 for path in files)
     assert all(len(attrs["alt"] or "") > 30 for attrs in images)
@@ -89,6 +89,7 @@ def test_what_a_reader_must_see_is_there(text):
         "Not for use",
         "not checked: no calibration run",
         "Not promised by any calibration: riser_length.",
+        "innovations of capsule_velocity.north",
         "is met with probability 0.9",
         "which was not fitted",
         "8 of 9 parameters with a known true value",

@@ -111,7 +111,9 @@ class Claim:
             made.append(f"The level is not higher: {'; '.join(self.lacking)}.")
         if self.contradicted and self.lacking:
             made.append(f"Independently of that, no level would apply: {'; '.join(self.lacking)}.")
-        if self.not_promised:
+        if self.level is Level.NOT_CHECKED:
+            made.append("Nothing is promised: neither parameters nor bands, requirements or landings.")
+        elif self.not_promised:
             made.append(f"Not promised by any calibration: {', '.join(self.not_promised)}.")
         return made
 

@@ -188,6 +188,14 @@ def test_a_record_that_the_model_does_not_make_takes_the_level_first(found):
     )
 
 
+def test_innovations_off_their_interval_take_the_level(found):
+    missed = {"innovations": {"passed": False, "value": 0.71, "detail": "a share"}}
+    made = found(stored(), checks=GOOD | missed).claim
+    assert made.label.startswith(
+        f"{CONTRADICTED}, no level: 71 % of the standardised innovations lie inside their 90 %"
+    )
+
+
 def test_a_run_whose_band_holds_a_third_of_the_swing_has_no_level(found):
     coverage = {"cdt-3-12": {"swing_angle": {"truth": 0.35, "record": 0.4, "draws": 400}}}
     made = found(stored(), coverage=coverage).claim

@@ -173,7 +173,12 @@ def contradictions(
         coverage: Shares inside the 90 % bands.
         found: Stored replicates, whose lowest share of a flight is the bound; None: `LEAST_HELD`.
     """
-    made = [str(checks[n]["detail"]) for n in OF_THE_DATA if n in checks and checks[n]["passed"] is False]
+    made = []
+    if checks.get("innovations", {}).get("passed") is False:
+        share = 100.0 * float(checks["innovations"]["value"])
+        made.append(f"{share:.0f} % of the standardised innovations lie inside their 90 % interval")
+    if checks.get("predictive", {}).get("passed") is False:
+        made.append(str(checks["predictive"]["detail"]))
     for kind in (OTHER_PROGRAM, RECORD):
         several = list(_record_shares(study, coverage, kind).values())
         if len(several) >= ENOUGH_FLIGHTS:
@@ -225,8 +230,6 @@ def requirement_names(study: Study) -> list[str]:
 
 def not_promised(job: Job, held: Mapping[str, Promise]) -> list[str]:
     """What the run shows and the replicates do not promise: not in the calibration, or without sufficient coverage."""
-    if not held:
-        return ["parameters, bands, requirements, modes and landings"]
     study = job.study
     names = [str(one["name"]) for one in job.load("fit/priors.json" if _revised(job) else "priors.json")]
     for role in ("identify", "predict"):
