@@ -7,11 +7,12 @@ from typing import Any
 
 from scipy.stats import t
 
-from bayeschute.calibration.coverage_tables import ENOUGH, MOST_FAILED, NOMINAL, WANTED, promised, verdict
+from bayeschute.calibration.promises import ENOUGH, MOST_FAILED, NOMINAL, WANTED, promised, verdict
 from bayeschute.calibration.recalibration import learned
 from bayeschute.calibration.scores import LEVELS
 
 Result = dict[str, Any]
+_LEAST, _MOST, _FAILED = (f"{100 * share:.0f} %" for share in (*WANTED, MOST_FAILED))
 _WANTED = f"{100 * WANTED[0]:.0f} to {100 * WANTED[1]:.0f}"
 _CHANCE, _DOUBT = 0.05, 0.003  # two-sided, by Student's t of the replicates
 _MARKS = {"too narrow": " **narrow**", "too wide": " **wide**", "too many failed": " **failed**"}
@@ -45,11 +46,16 @@ def _name(result: Result) -> str:
 
 
 def _pooled(result: Result) -> str:
-    names = [name for name in promised(result) if name in result["parameters"]]
+    names = [name for name in promised(result) if name in result["parameters"] and "[" in name]
     if not names:
         return "no true values"
     shares = [result["coverage"][name] for name in names]
     return f"{100 * sum(shares) / len(shares):.0f} ({100 * min(shares):.0f} to {100 * max(shares):.0f})"
+
+
+def _failed(result: Result) -> str:
+    """How many replicates of a rank test failed; earlier results have the number alone."""
+    return str(len(result["failed"]) if isinstance(result["failed"], dict) else result["failed"])
 
 
 def overview(results: Sequence[Result]) -> list[str]:
@@ -157,7 +163,7 @@ def diagnosis(results: Sequence[Result]) -> list[str]:
     found: dict[str, list[str]] = {}
     left = 0
     for result in results:
-        for name in promised(result):
+        for name in (name for name in promised(result) if name in result["coverage"]):
             share, se = result["coverage"][name], result["standard_error"][name]
             if WANTED[0] <= share <= WANTED[1]:
                 continue
@@ -207,9 +213,9 @@ def page(results: Sequence[Result], ranks: Sequence[Result], command: str) -> st
         "A share is that of replicates whose nominal 90 % interval holds the true parameter, or the mean share of",
         "samples of a flight whose true value lies in the 90 % band; ± is one standard error, replicates being",
         "the independent units. Widths, interval scores and CRPS are in SI units: rad and m/s.",
-        f"A promise is kept between {100 * WANTED[0]:.0f} and {100 * WANTED[1]:.0f} %, by {ENOUGH} replicates,",
-        f"where no more than {100 * MOST_FAILED:.0f} % failed; in the overview what lies two standard errors outside",
-        "is bold.",
+        f"A promise is kept where {ENOUGH} replicates or more show it, of which no more than {_FAILED} failed: the",
+        f"one-sided 95 % lower confidence limit of the share is {_LEAST} or more, and the upper side does not show",
+        f"more than {_MOST}. In the overview what lies two standard errors outside is bold.",
         "",
         *on_the_clock([*results, *ranks]),
     ]
@@ -231,7 +237,7 @@ def page(results: Sequence[Result], ranks: Sequence[Result], command: str) -> st
                 off = [q for q, t in made["quantities"].items() if not t["passed"]]
                 says = "all inside" if made["passed"] else "outside: " + ", ".join(off)
                 count = str(len(made["quantities"]))
-                rows.append([r["study"], sampler, str(r["replicates"]), str(r["failed"]), count, says])
+                rows.append([r["study"], sampler, str(r["replicates"]), _failed(r), count, says])
         text += _table(["model", "sampler", "replicates", "failed", "quantities", "95 % simultaneous bands"], rows)
     if results:
         text += ["## Configurations", ""]

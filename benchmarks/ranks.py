@@ -23,13 +23,15 @@ from typing import Any
 
 import numpy as np
 
-import bayeschute
 from bayeschute.aero.coefficient import is_coefficient
 from bayeschute.calibration import simulation_based as sbc
 from bayeschute.calibration.campaign import run
+from bayeschute.calibration.rank_tables import rank_lines, summarise_ranks
 from bayeschute.likelihood.priors import Prior
 from bayeschute.posterior.noise_evidence import NoisePrior
 from bayeschute.prediction.bands import quantities_of_states
+from bayeschute.study.evidence.numerics_hash import numerics
+from bayeschute.study.evidence.provenance import provenance
 
 sys.path.insert(0, str(Path(__file__).parent))
 ROOT = Path(__file__).parents[1]
@@ -103,17 +105,6 @@ def one(seed: int, name: str, posterior: bool) -> dict[str, Any]:
         return {"seed": seed, "ok": False, "error": f"{type(error).__name__}: {error}"}
 
 
-def told(good: list[dict[str, Any]], which: str) -> dict[str, dict[str, Any]]:
-    """Print and return the test of every quantity."""
-    made = {}
-    for quantity, test in sbc.tested(good, LEVELS, which=which).items():
-        middle = float(np.mean([row[which][quantity] for row in good])) / LEVELS
-        says = "inside" if test.passed else "OUTSIDE"
-        print(f"  {quantity:28} {says:8} least prob. {test.value:.4f}, bound {test.bound:.4f}, mean rank {middle:.3f}")
-        made[quantity] = {"value": test.value, "bound": test.bound, "passed": test.passed, "mean_rank": middle}
-    return made
-
-
 def test(
     name: str, replicates: int, posterior: bool, out: Path, workers: int = 1, address: str | None = None
 ) -> dict[str, Any]:
@@ -128,7 +119,7 @@ def test(
         address: Of a Dask scheduler, in place of local processes.
     """
     model = name + (".posterior" if posterior else "")
-    what = json.dumps([model, SHIFT, LEVELS, SPREAD, CLUSTER_SPREAD, LOG_SD, bayeschute.__version__])
+    what = json.dumps([model, SHIFT, LEVELS, SPREAD, CLUSTER_SPREAD, LOG_SD, numerics()])
     rows = run(
         partial(one, name=name, posterior=posterior),
         range(SEED, SEED + replicates),
@@ -138,21 +129,13 @@ def test(
         address,
         lambda share, words: print(f"\rranks.{model}: {words}   ", end="", flush=True),
     )
-    good = [row for row in rows if row["ok"]]
-    redrawn = sum(row["redrawn"] for row in good)
-    print(f"\n{len(good)} replicates, {len(rows) - len(good)} failed, {redrawn} draws did not fly")
-    quantities = told(good, "ranks")
-    print(f"the same draws, moved by {SHIFT} sd:")
-    spoiled = told(good, "spoiled")
-    passed, noticed = (all(t["passed"] for t in made.values()) for made in (quantities, spoiled))
-    print("all inside" if passed else "NOT all inside", "- the broken sampler", "PASSES" if noticed else "fails")
+    result = summarise_ranks(rows, LEVELS, SHIFT)
+    print("\n" + "\n".join(rank_lines(result)))
+    command = f"python benchmarks/ranks.py {name} --replicates {replicates}" + " --posterior" * posterior
     return {
         "study": model.replace(".", ", from its "), "noise": "latent",
-        "disturbance": "none: truths and data from the model itself",
-        "replicates": len(good), "failed": len(rows) - len(good), "redrawn": redrawn,
-        "levels": LEVELS, "probability": 0.95, "passed": passed, "quantities": quantities,
-        "spoiled": {"shift": SHIFT, "passed": noticed, "quantities": spoiled},
-        "version": bayeschute.__version__,
+        "disturbance": "none: truths and data from the model itself", **result, "numerics": numerics(),
+        **provenance(command),
     }  # fmt: skip
 
 

@@ -113,11 +113,15 @@ def test_run_hands_everything_on(stages: types.ModuleType, tmp_path: Path):
 def test_replicates_that_missed_their_promise_are_told_and_no_failure_of_the_run(
     stages: types.ModuleType, tmp_path: Path
 ):
-    summary = {"label": "not verified: why", "checks": {"r_hat": {"passed": True}, "calibration": {"passed": False}}}
+    summary = {
+        "label": "not checked: why",
+        "claim": {"sentences": ["Landings are not promised."]},
+        "checks": {"r_hat": {"passed": True}, "calibration": {"passed": False}},
+    }
     (tmp_path / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
     stages.run_study = lambda *_, **__: None  # type: ignore[attr-defined]
     result = CliRunner().invoke(app, ["run", str(STUDY), "--out", str(tmp_path)])
-    assert result.exit_code == 0 and "Intervals: not verified: why" in result.stdout
+    assert result.exit_code == 0 and "Intervals: not checked: why\n  Landings are" in result.stdout
 
 
 def test_a_failed_check_of_the_result_is_exit_code_1(stages: types.ModuleType, tmp_path: Path):

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from bayeschute.api.landing.landings import Landings
     from bayeschute.api.plausibility import Plausibility
     from bayeschute.api.posterior import Posterior
+    from bayeschute.api.rank_test import RankTest, rank_test
     from bayeschute.api.run_folder import Run
     from bayeschute.api.verbs import (
         Coverage,
@@ -52,6 +53,7 @@ _PLACES = {
     "api.posterior": ("Posterior",),
     "api.run_folder": ("Run",),
     "api.plausibility": ("Plausibility",),
+    "api.rank_test": ("RankTest", "rank_test"),
     "api.verbs": (
         "Coverage", "calibrate", "fit", "numpyro_model", "read_record", "reconstruct", "run", "sample", "scenarios",
         "select_structure",
@@ -84,6 +86,7 @@ __all__ = [
     "Prior",
     "Priors",
     "Probability",
+    "RankTest",
     "Run",
     "Structure",
     "Study",
@@ -95,6 +98,7 @@ __all__ = [
     "load_vehicle",
     "noise",
     "numpyro_model",
+    "rank_test",
     "read_record",
     "reconstruct",
     "run",

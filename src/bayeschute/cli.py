@@ -125,6 +125,8 @@ def run(
             say(f"Bands of {name}: none, because every simulation of its prediction failed.", error=True)
         if label:
             say(f"Intervals: {label}")
+            for text in summary.get("claim", {}).get("sentences", ()):
+                say(f"  {text}")
         if quick:
             say("Quick run with few draws: the results are not for use.")
         elif failed:
@@ -418,6 +420,13 @@ def calibrate(
     quick: Annotated[
         bool, typer.Option("--quick", help="Few draws, to test the set-up; results are not for use.")
     ] = False,
+    ranks: Annotated[
+        str | None,
+        typer.Option(
+            metavar="TRUTHS",
+            help="Rank tests of the inference instead (simulation-based calibration); truths from posterior or prior.",
+        ),
+    ] = None,
 ) -> None:
     """Measure the coverage of intervals and bands over replicates of a virtual study."""
     from bayeschute.study.evidence.scenarios import SCENARIOS
@@ -430,6 +439,9 @@ def calibrate(
     with reporting_faults("Finished replicates are kept; the same command continues."):
         _free_folder(folder)
         _sound(study, None)
+        if ranks is not None:
+            _rank_tests(study, folder, replicates, ranks, workers, dask)
+            return
         from bayeschute.calibration.coverage_tables import lines
         from bayeschute.study.calibrate import calibrate as fly_replicates
 
@@ -444,6 +456,21 @@ def calibrate(
         say(f"{result['replicates']} replicates, {len(result['failed'])} failed; results are in {folder}")
         if not result["replicates"]:
             raise typer.Exit(1)
+
+
+def _rank_tests(study: Path, folder: Path, replicates: int, truths: str, workers: int, dask: str | None) -> None:
+    """Run rank tests and print their table; exit with code 1 where ranks are not uniform."""
+    from bayeschute.calibration.rank_tables import rank_lines
+    from bayeschute.study.rank_tests import rank_tests
+
+    with Bars() as bars:
+        result = rank_tests(
+            study, folder, replicates, truths, workers, dask, lambda share, words: bars("ranks", share, words)
+        )
+    say("\n".join(rank_lines(result)))
+    say(f"Results are in {folder}")
+    if not result["passed"]:
+        raise typer.Exit(1)
 
 
 @app.command()

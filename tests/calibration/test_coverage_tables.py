@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bayeschute.calibration.coverage_tables import lines, promised, summarise, verdict
+from bayeschute.calibration.coverage_tables import lines, summarise
+from bayeschute.calibration.promises import promised
 
 NAMES = ("axial[1]", "riser_length")
 
@@ -58,20 +59,9 @@ def test_corrections_that_can_be_trusted_are_counted():
     assert made["pareto_k"] == {"replicates": 3, "below": 1} and MADE["pareto_k"]["replicates"] == 0
 
 
-def test_promises_are_aerodynamic_parameters_and_unseen_bands():
-    assert promised(MADE) == ["axial[1]", "new/swing_angle"]
-
-
-@pytest.mark.parametrize(
-    ("share", "count", "failed", "word"),
-    [
-        (0.9, 100, 5, "kept"), (0.84, 100, 0, "too narrow"), (0.97, 200, 0, "too wide"),
-        (0.9, 99, 0, "too few replicates"), (0.9, 100, 6, "too many failed"),
-    ],
-)  # fmt: skip
-def test_verdicts(share: float, count: int, failed: int, word: str):
-    reasons = dict.fromkeys(map(str, range(failed)), "did not converge")
-    assert verdict({"coverage": {"x": share}, "replicates": count, "failed": reasons}, "x") == word
+def test_every_interval_is_judged():
+    assert promised(MADE) == ["riser_length", "axial[1]", "seen/swing_angle", "new/swing_angle"]
+    assert MADE["bands"]["new/swing_angle"]["lowest"] == 0.8
 
 
 def test_lines_hold_every_name():
@@ -94,5 +84,5 @@ def test_modes_are_counted_apart_and_rows_without_them_left_out():
     assert mode["share"] == 0.5 and mode["replicates"] == 2 and mode["role"] == "predict"
     assert mode["mean_z"] == 2.0 and mode["rms_z"] == 2.0 and mode["pit"] == 0.25
     assert mode["coverage"]["0.99"] == 1.0
-    assert made["coverage"] == MADE["coverage"] and promised(made) == promised(MADE) and MADE["modes"] == {}
+    assert made["coverage"] == MADE["coverage"] and MADE["modes"] == {} == MADE["statistics"]
     assert "new/pendulum amplitude" in "\n".join(lines(made))

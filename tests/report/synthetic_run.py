@@ -278,7 +278,7 @@ def _identifiability() -> dict[str, object]:
 
 
 def build_run(
-    folder: Path, *, quick: bool = False, label: str = "not verified: no calibration run", seed: int = 1
+    folder: Path, *, quick: bool = False, label: str = "not checked: no calibration run", seed: int = 1
 ) -> Path:
     """Write a complete run folder and return it."""
     rng = np.random.default_rng(seed)
@@ -321,6 +321,15 @@ def build_run(
         "model": "cluster",
         "quick": quick,
         "label": label,
+        "predictive": {
+            "bound": 0.01,
+            "checks": [
+                {"flight": "cdt-3-11", "what": what, "statistic": "mean", "value": 0.05, "expected": 0.0, "p": p}
+                for what, p in (("innovations of capsule_velocity.north", 0.02), ("disturbance wind 1", 0.6))
+            ],
+            "pit": {"cdt-3-11": {"capsule_velocity": [10, 12, 9, 11, 8, 10, 13, 9, 10, 8]}},
+        },
+        "claim": {"sentences": ["Not promised by any calibration: riser_length."]},
         "flights": flights,
         "parameters": _parameters(posterior, prior),
         "sampling": {

@@ -29,7 +29,7 @@ def test_four_questions_are_answered_from_the_results(results):
     requirement = results.summary["requirements"][0]
     assert requirement["name"] in asked["Is the limit met?"][1] and "10.1 m/s" in asked["Is the limit met?"][1]
     assert asked["How sure?"][0].startswith("P = 0.9")
-    assert asked["On what evidence?"][0] == "Not verified"
+    assert asked["On what evidence?"][0] == "Not checked"
 
 
 @pytest.mark.parametrize(

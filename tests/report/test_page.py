@@ -7,11 +7,11 @@ from html.parser import HTMLParser
 
 import pytest
 
+from bayeschute.calibration.label import Level, Rung, claim
 from bayeschute.core.errors import InputError
 from bayeschute.report import page as html
 from bayeschute.report.page import build_report
 from bayeschute.report.run_results import read_results
-from bayeschute.study.evidence.calibration_status import verification
 
 SECTIONS = (
     "input", "structure", "posterior", "identifiability", "predictions", "checks", "risk", "notes", "provenance",
@@ -76,7 +76,7 @@ def test_the_page_needs_no_network(text):
 def test_every_picture_is_inside_and_told_in_words(text, run_dir):
     images = [attrs for tag, attrs in Page(text).tags if tag == "img"]
     files = sorted((run_dir / "figures").iterdir())
-    assert len(images) == len(files) / 2 == 11
+    assert len(images) == len(files) / 2 == 12
     assert {path.suffix for path in files} == {".png", ".svg"}
     assert all(path.stat().st_size > 3000 for path in files)
     assert all(len(attrs["alt"] or "") > 30 for attrs in images)
@@ -87,7 +87,9 @@ def test_what_a_reader_must_see_is_there(text):
     words = visible(text)
     for phrase in (
         "Not for use",
-        "not verified: no calibration run",
+        "not checked: no calibration run",
+        "Not promised by any calibration: riser_length.",
+        "innovations of capsule_velocity.north",
         "is met with probability 0.9",
         "which was not fitted",
         "8 of 9 parameters with a known true value",
@@ -109,10 +111,10 @@ def test_no_number_of_the_program_leaks_through(text):
 
 def test_a_summary_alone_gives_a_report_that_says_what_is_missing(bare):
     words = visible(build_report(bare).read_text())
-    assert "not verified: the summary contains no calibration label" in words
+    assert "not checked: the summary contains no label" in words
     for name in ("structure.json", "posterior.nc", "predictions.nc", "flights/", "exceedance.csv"):
         assert name in words
-    assert "Treat every interval as unverified" in words
+    assert "Treat every interval as not checked" in words
     assert "Not for use" not in words
     assert not (bare / "figures").exists()
 
@@ -180,23 +182,24 @@ def test_a_failed_build_leaves_the_old_report(bare, monkeypatch):
     assert path.read_text() == old
 
 
-@pytest.mark.parametrize(("missed", "pill"), [({}, "good"), ({"rhat": {"passed": False}}, "weak")])
-def test_the_pill_has_the_colour_of_the_label_that_a_run_writes(make_run, tmp_path, missed, pill):
-    held = {"passed": True, "detail": "120 replicate flights, 0 failed; nominal 90 % intervals held 87 to 94 %"}
-    folder = make_run(tmp_path, label=verification(missed | {"calibration": held}, None))
+@pytest.mark.parametrize(("contradicted", "pill"), [([], "good"), (["bands contain 35 %"], "weak")])
+def test_the_first_screen_has_the_colour_and_the_words_of_the_label(make_run, tmp_path, contradicted, pill):
+    made = claim([Rung(Level.SELF_CONSISTENT, (), "120 replicates")], contradicted)
+    folder = make_run(tmp_path, label=made.label)
     text = build_report(folder).read_text()
     spans = [attrs["class"] for tag, attrs in Page(text).tags if tag == "span" and "pill" in (attrs.get("class") or "")]
     assert spans == [f"pill {pill}"] * 2
+    assert visible(text[text.index("<header>") : text.index("</header>")]).count(made.label) == 1
 
 
-def test_a_verified_run_without_truth_or_structure(make_run, tmp_path, monkeypatch):
-    folder = make_run(tmp_path, label="verified")
+def test_a_run_without_truth_or_structure(make_run, tmp_path, monkeypatch):
+    folder = make_run(tmp_path, label="self-consistent: 120 replicates")
     for name in ("structure.json", "posterior.nc", "predictions.nc"):
         (folder / name).unlink()
     for name in ("risk", "flights"):
         shutil.rmtree(folder / name)
     words = visible(build_report(folder).read_text())
-    assert "the intervals are labelled “verified”" in words
+    assert "self-consistent: 120 replicates" in words
     assert "Not for use" not in words
     assert "Without posterior.nc" in words
 

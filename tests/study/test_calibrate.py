@@ -13,6 +13,7 @@ from bayeschute.core.errors import InputError
 from bayeschute.study import calibrate as module
 from bayeschute.study.calibrate import FIRST_SEED, calibrate
 from bayeschute.study.evidence.identity import configuration, with_noise
+from bayeschute.study.evidence.numerics_hash import numerics
 from bayeschute.study.load import load_study
 
 STUDIES = Path(__file__).parents[2] / "models/studies"
@@ -32,7 +33,13 @@ def made_up(seed, study, disturbance, quick):
     }  # fmt: skip
     return {
         "seed": seed, "ok": True, "parameters": {"axial[1]": one}, "left_out": [], "missed_checks": [],
-        "bands": {"cdt-3-12": {"swing_angle": band}}, "simulations_failed": 0, "wall_s": 0.1,
+        "bands": {"cdt-3-12": {"swing_angle": band}},
+        "statistics": {"cdt-3-12": {"maximum swing_angle": one | {"pit": 0.5}}},
+        "conditions": {
+            "numbers": {"duration of fitted flights": [90.0]}, "names": {"sampler": ["nuts"]},
+            "units": {"duration of fitted flights": "s"},
+        },
+        "simulations_failed": 0, "wall_s": 0.1,
     }  # fmt: skip
 
 
@@ -50,6 +57,16 @@ def test_results_are_stored_with_what_they_are_results_of(fast, tmp_path):
     assert set(result["coverage"]) == set(result["standard_error"]) == {"axial[1]", "cdt-3-12/swing_angle"}
     assert result["hash"] == configuration(with_noise(load_study(STUDY), "ar1"))
     assert {"bayeschute", "jax", "python"} <= set(result["versions"])
+    assert (
+        result["command"].endswith("cdt-3-11.toml --replicates 20 --noise ar1")
+        and str(tmp_path) not in result["command"]
+    )
+    assert result["numerics"] == numerics() and {"commit", "date", "machine"} <= set(result)
+    duration = {"low": 90.0, "high": 90.0, "unit": "s"}
+    assert (
+        result["domain"]["numbers"] == {"duration of fitted flights": duration} and result["domain"]["replicates"] == 18
+    )
+    assert result["statistics"]["cdt-3-12/maximum swing_angle"]["role"] == "predict"
 
 
 def test_a_campaign_goes_on_where_it_was(fast, tmp_path, monkeypatch):

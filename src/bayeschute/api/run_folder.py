@@ -9,6 +9,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+
 from bayeschute.api.forecast import Forecast, forecast_of
 from bayeschute.api.inputs import Study
 from bayeschute.api.posterior import Posterior
@@ -25,8 +27,8 @@ class Run:
 
     Example:
         >>> run = bc.Run(folder / "run", study)
-        >>> run
-        Run('...run': not finished)
+        >>> run, run.level
+        (Run('...run': not finished), 'not checked')
     """
 
     folder: Path
@@ -37,6 +39,19 @@ class Run:
         """summary.json; empty where the last stage has not run."""
         path = self.folder / "summary.json"
         return dict(json.loads(path.read_text(encoding="utf-8"))) if path.is_file() else {}
+
+    @property
+    def level(self) -> str:
+        """Level of trust in the intervals, such as ``self-consistent``; ``not checked`` where no label was written."""
+        return str(self.summary.get("claim", {}).get("level", "not checked"))
+
+    @property
+    def predictive_checks(self) -> pd.DataFrame:
+        """Predictive checks of the fitted records, the smallest p-value first; empty before the stage ``check``."""
+        path = self.folder / "predictive.json"
+        rows = json.loads(path.read_text(encoding="utf-8"))["checks"] if path.is_file() else []
+        columns = ["flight", "what", "statistic", "value", "expected", "p"]
+        return pd.DataFrame(rows, columns=columns).sort_values("p", ignore_index=True)
 
     @cached_property
     def posterior(self) -> Posterior:

@@ -1,4 +1,4 @@
-"""Coverage of intervals and bands over replicates: shares, standard errors, and a verdict."""
+"""Coverage of intervals and bands over replicates: shares with standard errors, as tables."""
 
 from __future__ import annotations
 
@@ -7,17 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from bayeschute.calibration.promises import NOMINAL, promised, verdict
 from bayeschute.calibration.scores import LEVELS, standard_error
 from bayeschute.posterior.sampling.sampler_checks import MOST_K
 
 Row = dict[str, Any]
-NOMINAL = 0.9
-WANTED = (0.85, 0.95)
-"""Shares between which a nominal 90 % counts as kept."""
-ENOUGH = 100
-"""Replicates below which nothing is claimed."""
-MOST_FAILED = 0.05
-"""Share of failed replicates above which nothing is claimed: those that could be fitted are then a selection."""
 
 
 def _share(values: Sequence[Any], of_shares: bool) -> dict[str, float]:
@@ -62,7 +56,9 @@ def coverage_of_bands(rows: Sequence[Row]) -> dict[str, dict[str, Any]]:
         rows: Rows of a campaign that are ok.
 
     Returns:
-        Per flight and quantity: as `coverage_of_parameters`, and the means of width and interval score (at 90 %), CRPS,
+        Per flight and quantity: as `coverage_of_parameters`, the ``lowest`` share of a replicate, and the means of
+        width and interval
+        score (at 90 %), CRPS,
         PIT, and coverage at 90 % ``by_time``; where rows have it, shares by `recalibration.FACTORS` (``scaled``).
     """
     made: dict[str, dict[str, Any]] = {}
@@ -74,6 +70,7 @@ def coverage_of_bands(rows: Sequence[Row]) -> dict[str, dict[str, Any]]:
             made[f"{flight}/{name}"] = {
                 **_share([s["coverage"][at] for s in seen], True),
                 "role": seen[0]["role"],
+                "lowest": float(np.min([s["coverage"][at] for s in seen])),
                 "coverage": dict(
                     zip(map(str, LEVELS), np.mean([s["coverage"] for s in seen], axis=0).tolist(), strict=True)
                 ),
@@ -90,22 +87,24 @@ def coverage_of_bands(rows: Sequence[Row]) -> dict[str, dict[str, Any]]:
     return made
 
 
-def coverage_of_modes(rows: Sequence[Row]) -> dict[str, dict[str, Any]]:
-    """Coverage of intervals of amplitude and frequency of the modes over replicates, per ``flight/mode``.
+def coverage_of_values(rows: Sequence[Row], kind: str) -> dict[str, dict[str, Any]]:
+    """Coverage of intervals of single values of a flight over replicates, per ``flight/name``.
 
     Args:
-        rows: Rows of a campaign that are ok; those made before modes were scored are left out.
+        rows: Rows of a campaign that are ok; those without these scores are left out.
+        kind: ``modes`` (amplitude and frequency) or ``statistics`` (those that requirements, exceedance and tolerance
+            are about).
 
     Returns:
-        Per flight and mode: ``coverage`` by level, ``share``, ``standard_error`` and ``replicates`` at 90 %, ``role``
+        Per flight and name: ``coverage`` by level, ``share``, ``standard_error`` and ``replicates`` at 90 %, ``role``
         of the flight, mean and root mean square of ``(mean - truth)/sd``, and ``pit``, mean share of draws below the
         truth.
     """
     made: dict[str, dict[str, Any]] = {}
     at = LEVELS.index(NOMINAL)
-    scored = [row for row in rows if row.get("modes")]
-    for flight, name in dict.fromkeys((f, n) for row in scored for f, modes in row["modes"].items() for n in modes):
-        seen = [row["modes"][flight][name] for row in scored if name in row["modes"].get(flight, {})]
+    scored = [row for row in rows if row.get(kind)]
+    for flight, name in dict.fromkeys((f, n) for row in scored for f, found in row[kind].items() for n in found):
+        seen = [row[kind][flight][name] for row in scored if name in row[kind].get(flight, {})]
         z = np.array([(s["mean"] - s["truth"]) / s["sd"] for s in seen if s["sd"] > 0.0])
         inside = np.mean([s["inside"] for s in seen], axis=0).tolist()
         made[f"{flight}/{name}"] = {
@@ -124,9 +123,9 @@ def summarise(rows: Sequence[Row]) -> dict[str, Any]:
 
     Returns:
         ``replicates`` that are ok, ``failed`` with the reasons, ``nominal``, ``coverage`` and ``standard_error`` by
-        name, the full tables of ``parameters`` and ``bands``, that of ``modes`` (no promise
-        rests on it), how often each of a run's own checks was missed, in how many replicates Pareto k of the sampler's
-        correction was ``below`` 0.7 of those that reported it, and the mean ``wall_s``.
+        name, the full tables of ``parameters``, ``bands``, ``modes`` and ``statistics`` of flights, how often each of a
+        name, the full tables of ``parameters``, ``bands``, ``modes`` and ``statistics`` of flights, how often each of
+        a run's own checks was missed, in how many replicates Pareto k of the sampler's correction was
     """
     good = [row for row in rows if row["ok"]]
     parameters, bands = coverage_of_parameters(good), coverage_of_bands(good)
@@ -141,33 +140,17 @@ def summarise(rows: Sequence[Row]) -> dict[str, Any]:
         "standard_error": {name: entry["standard_error"] for name, entry in every.items()},
         "parameters": parameters,
         "bands": bands,
-        "modes": coverage_of_modes(good),
+        "modes": coverage_of_values(good, "modes"),
+        "statistics": coverage_of_values(good, "statistics"),
         "missed_checks": {name: missed.count(name) for name in sorted(set(missed))},
         "pareto_k": {"replicates": len(tails), "below": sum(k is not None and k < MOST_K for k in tails)},
         "wall_s": float(np.mean([row["wall_s"] for row in rows])) if rows else None,
     }
 
 
-def promised(summary: dict[str, Any]) -> list[str]:
-    """Names whose coverage decides the label: true aerodynamic parameters, bands of flights that were not fitted."""
-    aero = [name for name in summary["parameters"] if "[" in name]
-    return aero + [name for name, entry in summary["bands"].items() if entry["role"] == "predict"]
-
-
-def verdict(summary: dict[str, Any], name: str) -> str:
-    """Verdict on a coverage: ``kept`` (nominal), ``too narrow``, ``too wide``, or why there is none."""
-    share, low, high = summary["coverage"][name], *WANTED
-    made, failed = summary["replicates"], len(summary["failed"])
-    if made < ENOUGH:
-        return "too few replicates"
-    if failed > MOST_FAILED * (made + failed):
-        return "too many failed"
-    return "kept" if low <= share <= high else "too narrow" if share < low else "too wide"
-
-
 def lines(summary: dict[str, Any]) -> list[str]:
     """The table for the terminal: name, coverage at all levels, standard error at 90 %, verdict."""
-    entries = summary["parameters"] | summary["bands"] | summary.get("modes", {})
+    entries = summary["parameters"] | summary["bands"] | summary.get("modes", {}) | summary.get("statistics", {})
     wide = max((len(name) for name in entries), default=0)
     head = "  ".join(f"{100 * level:>3.0f} %" for level in LEVELS)
     made = [f"{'':{wide}}  {head}   s.e. at 90 %"]

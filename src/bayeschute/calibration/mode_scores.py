@@ -62,6 +62,19 @@ def score_modes(draws: Mapping[str, Array], truth: Mapping[str, Array], dt: floa
     """
     names = [name for name in truth if name in draws and np.isfinite(truth[name]).all()]
     true, drawn = content({n: truth[n] for n in names}, dt), content({n: draws[n] for n in names}, dt)
+    return score_values(drawn, {name: float(value) for name, value in true.items()})
+
+
+def score_values(drawn: Mapping[str, Array], true: Mapping[str, float]) -> dict[str, dict[str, Any]]:
+    """Score draws of single values of a flight.
+
+    Args:
+        drawn: Draws by name (S,); those that are not finite are left out.
+        true: True values by name.
+
+    Returns:
+        As `score_modes`.
+    """
     made = {}
     for name, value in true.items():
         known = drawn[name][np.isfinite(drawn[name])]

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bayeschute.calibration.coverage_tables import NOMINAL
+from bayeschute.calibration.promises import NOMINAL
 
 Array = NDArray[np.float64]
 FACTORS = tuple(round(0.6 + 0.02 * i, 2) for i in range(71))

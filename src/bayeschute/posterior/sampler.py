@@ -32,6 +32,8 @@ Array = NDArray[np.float64]
 Progress = Callable[[float, str], None]
 WIDENED = "unconditional: the sampler's own, widened by the uncertainty of the noise parameters"
 _TEMPERATURES = (1.1, 1.3)  # of the surrogate that proposes, tried in turn
+EMCEE_DREW, INDEPENDENCE_DREW = "emcee drew instead", "an independence sampler drew instead"
+"""Last words of the note on draws that are not those of the sampler asked for."""
 _LAST_STEPS = 1000  # of emcee's ensembles where all else failed: hours would not make such draws good
 
 
@@ -115,10 +117,10 @@ def sample(
     if other is not None:
         tried.append(other)
     if other is None or why:
-        words += f"so did those of an independence sampler ({why}); emcee drew instead"
+        words += f"so did those of an independence sampler ({why}); {EMCEE_DREW}"
         tried.append(by_emcee(_LAST_STEPS))
     else:
-        words += "an independence sampler drew instead"
+        words += INDEPENDENCE_DREW
     return with_all(tried[-1], words)
 
 

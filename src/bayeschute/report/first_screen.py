@@ -63,7 +63,7 @@ def _evidence(results: Results) -> tuple[str, str, str]:
     fitted = [n for n, f in flights.items() if isinstance(f, Mapping) and "identify" in (f.get("roles") or ())]
     checks = [c for c in results.part("checks").values() if isinstance(c, Mapping)]
     passed = sum(c.get("passed") is True for c in checks)
-    said = "Verified" if sentences.is_verified(results) else "Not verified"
+    said = str(results.part("claim").get("level") or "not checked").capitalize()
     about = f"{counted(len(fitted), 'flight')} fitted ({listed(fitted)})" if fitted else "no flight was fitted"
     return "On what evidence?", said, f"{about}; {passed} of {counted(len(checks), 'check')} passed"
 

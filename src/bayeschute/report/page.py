@@ -17,11 +17,18 @@ from matplotlib.figure import Figure
 
 from bayeschute.core.files import write_whole
 from bayeschute.report import failed_fit, first_screen, sentences
-from bayeschute.report.figures import curve_figures, inference_figures, record_figures
+from bayeschute.report.figures import curve_figures, inference_figures, predictive_figures, record_figures
 from bayeschute.report.figures.canvas import save
 from bayeschute.report.run_results import Results, read_results
 from bayeschute.report.structure_view import Draw, structure_view
-from bayeschute.report.tables import curve_tables, identifiability_tables, record_tables, summary_tables, trust_tables
+from bayeschute.report.tables import (
+    curve_tables,
+    identifiability_tables,
+    predictive_tables,
+    record_tables,
+    summary_tables,
+    trust_tables,
+)
 from bayeschute.report.wording import counted, is_number, listed, number, percent, quantity_name, statistic_name
 
 
@@ -226,6 +233,21 @@ def _exceedance_picture(results: Results, folder: Path) -> Picture | None:
     )
 
 
+def _predictive_picture(results: Results, folder: Path) -> Picture | None:
+    """p-values of the predictive checks, and PIT histograms."""
+    checks, pit = predictive_tables.predictive_checks(results), results.part("predictive").get("pit")
+    if not checks or not isinstance(pit, Mapping):
+        return None
+    return _picture(
+        predictive_figures.predictive_figure(checks, pit, predictive_tables.predictive_bound(results)),
+        folder,
+        "predictive",
+        "p-values of the posterior predictive checks by statistic, and PIT histograms of the innovations by channel.",
+        "Posterior predictive checks of the fitted records. Right: probability integral transform of the innovations "
+        "given all earlier samples, which is uniform under the model; shaded: 90 % range of each bin.",
+    )
+
+
 def _widened(results: Results) -> str:
     """Whether the risk numbers are of recalibrated (widened) draws, in a sentence; empty where they are not."""
     table = results.risk.get("exceedance")
@@ -248,7 +270,8 @@ def _of_every_run(results: Results, draw: Draw) -> dict[str, Any]:
         "model": summary.get("model"),
         "quick": summary.get("quick") is True,
         "label": sentences.label(results),
-        "verified": sentences.is_verified(results),
+        "has_level": sentences.has_level(results),
+        "claim": sentences.claim_sentences(results),
         "flights": record_tables.flight_table(results),
         "repairs": record_tables.repair_table(results),
         "preparation": record_tables.preparation_table(results),
@@ -312,6 +335,8 @@ def _context(results: Results) -> dict[str, Any]:
         "coverage": trust_tables.coverage_table(results, half),
         "variance": _variance_picture(results, folder),
         "checks": trust_tables.check_table(results),
+        "predictive": predictive_tables.predictive_table(results),
+        "predictive_picture": _predictive_picture(results, folder),
         "sampling": trust_tables.sampling_table(results),
         "chains": chains,
         "requirements": trust_tables.requirement_table(results),

@@ -8,19 +8,27 @@ from typing import Any
 
 import numpy as np
 
-from bayeschute.calibration.label import is_verified as label_is_verified
+from bayeschute.calibration.label import has_level as label_has_level
 from bayeschute.report.run_results import Results
 from bayeschute.report.wording import counted, is_number, listed, number, percent, probability, quantity, quantity_name
 
+NO_LABEL = "not checked: the summary contains no label"
 
-def is_verified(results: Results) -> bool:
-    """Whether the run calls its intervals verified."""
-    return label_is_verified(str(results.summary.get("label", "")))
+
+def has_level(results: Results) -> bool:
+    """Whether the run states a level of trust for its intervals."""
+    return label_has_level(label(results))
 
 
 def label(results: Results) -> str:
-    """The calibration label of the run; a run without one is not verified."""
-    return str(results.summary.get("label") or "not verified: the summary contains no calibration label")
+    """The label of the run's intervals; a run without one is not checked."""
+    return str(results.summary.get("label") or NO_LABEL)
+
+
+def claim_sentences(results: Results) -> list[str]:
+    """What a reader must know beside the label: its meaning, its limits, and what is not promised."""
+    said = results.part("claim").get("sentences")
+    return [str(text) for text in said] if isinstance(said, list) else []
 
 
 def _unseen(results: Results, flight: str) -> bool:
@@ -137,8 +145,7 @@ def trust_sentence(results: Results) -> str:
     if known:
         text += f"; the 90 % intervals of {sum(known)} of {counted(len(known), 'parameter')} with a known true value "
         text += "contain it"
-    tail = "the intervals are labelled “verified”" if is_verified(results) else "the intervals are " + label(results)
-    return f"{text}; {tail}."
+    return f"{text}."
 
 
 def plain(name: str) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import platform
 from collections.abc import Callable
 from functools import partial
 from importlib.metadata import version
@@ -12,9 +11,13 @@ from typing import Any
 
 from bayeschute.calibration.campaign import run
 from bayeschute.calibration.coverage_tables import summarise
+from bayeschute.calibration.domain import domain
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.core.files import write_whole
+from bayeschute.study.evidence.conditions import stored_conditions
 from bayeschute.study.evidence.identity import configuration, identity, with_noise
+from bayeschute.study.evidence.numerics_hash import numerics
+from bayeschute.study.evidence.provenance import provenance
 from bayeschute.study.evidence.scenarios import SCENARIOS
 from bayeschute.study.load import load_study
 from bayeschute.study.replicate import replicate
@@ -76,7 +79,8 @@ def calibrate(
 
     Returns:
         The result, as written to ``<noise>.<disturbance>.json``: see `calibration.coverage_tables.summarise`, and
-        study, noise, disturbance, the configuration's hash and the programs' versions.
+        study, noise, disturbance, the domain of the replicates, hashes of configuration and numerics, and command,
+        commit, date, machine and versions.
 
     Raises:
         InputError: If study or arguments are invalid, or `out` contains rows of another campaign.
@@ -106,9 +110,18 @@ def calibrate(
         "quick": quick,
         "seeds": [first_seed, first_seed + replicates - 1],
         **summarise(rows),
+        "domain": domain(stored_conditions(rows)),
         "hash": configuration(study, quick),
-        "versions": {p: version(p) for p in ("bayeschute", "jax", "numpy", "scipy")}
-        | {"python": platform.python_version()},
+        "numerics": numerics(),
+        **provenance(_command(path, replicates, disturbance, noise, quick)),
     }
     write_whole(folder / f"{name}.json", lambda p: p.write_text(json.dumps(result, indent=1) + "\n", "utf-8"))
     return result
+
+
+def _command(path: Path | str, replicates: int, disturbance: str, noise: str | None, quick: bool) -> str:
+    """The command line that makes the same result, in the folder it was made in."""
+    place, here = Path(path).resolve(), Path.cwd()
+    words = ["bayeschute calibrate", str(place.relative_to(here) if place.is_relative_to(here) else place.name)]
+    words += [f"--replicates {replicates}"] + [f"--disturbance {disturbance}"] * (disturbance != "none")
+    return " ".join(words + ([f"--noise {noise}"] if noise else []) + ["--quick"] * quick)

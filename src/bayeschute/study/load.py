@@ -347,4 +347,5 @@ def _flight(
         remove_velocity_bias=table.remove_velocity_bias,
         wind_profile=table.wind_profile,
         accept_implausible=table.accept_implausible,
+        simulated_by=table.simulated_by,
     )

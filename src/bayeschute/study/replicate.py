@@ -11,12 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from bayeschute.calibration.mode_scores import score_modes
+from bayeschute.calibration.mode_scores import score_modes, score_values
 from bayeschute.calibration.recalibration import scaled_shares
 from bayeschute.calibration.scores import inside, score
 from bayeschute.core.numerics import clear_compiled
+from bayeschute.prediction.flight_statistics import REDUCTIONS
 from bayeschute.study.assembly import assemble
 from bayeschute.study.assembly.fits import summary_draws
+from bayeschute.study.evidence.conditions import conditions
 from bayeschute.study.evidence.scenarios import SCENARIOS
 from bayeschute.study.job import Job
 from bayeschute.study.run import stage_list
@@ -76,15 +78,18 @@ def _scored(study: Study, disturbance: str, quick: bool) -> Row:
         }
         left_out = sorted(name for name in flown_terms(study) if name not in draws) if kind.terms_known else []
         checks = job.load("checks.json")["checks"]
-        bands, modes = {}, {}
+        bands, modes, statistics = {}, {}, {}
         for one in forecast_flights(job):
-            bands[one.flight.name], modes[one.flight.name] = _bands(one, job), _modes(one)
+            name = one.flight.name
+            bands[name], modes[name], statistics[name] = _bands(one, job), _modes(one), _statistics(one, job)
         return {
             "ok": True,
             "parameters": parameters,
             "left_out": left_out,
             "bands": bands,
             "modes": modes,
+            "statistics": statistics,
+            "conditions": conditions(job)._asdict(),
             "missed_checks": [name for name, check in checks.items() if not check["passed"]],
             "pareto_k": checks["pareto_k"]["value"] if "pareto_k" in checks else None,
             "simulations_failed": int(checks["failed_solves"]["value"] > checks["failed_solves"]["bound"]),
@@ -122,3 +127,14 @@ def _modes(one: FlightForecast) -> dict[str, Any]:
     drawn = {name: values[:, one.counted] for name, values in one.prediction.draws.items()}
     true = {name: one.truth[name].values[one.counted] for name in drawn if name in one.truth}
     return score_modes(drawn, true, float(one.time[1] - one.time[0]))
+
+
+def _statistics(one: FlightForecast, job: Job) -> dict[str, Any]:
+    """Scores of the statistics that requirements, exceedance and tolerance limits are about."""
+    assert one.truth is not None
+    drawn, true = {}, {}
+    for name in job.study.predict.quantities or ():
+        for statistic, reduced in REDUCTIONS.items():
+            drawn[f"{statistic} {name}"] = reduced(one.prediction.draws[name][:, one.counted])
+            true[f"{statistic} {name}"] = float(reduced(one.truth[name].values[None, one.counted])[0])
+    return score_values(drawn, true)

@@ -39,6 +39,7 @@ class Flight:
         wind_profile: Wind by altitude; None: canopies meet the capsule's wind.
         vehicle: Its vehicle, where that is not the study's.
         accept_implausible: Laws of plausibility, or groups of them, that its record may break.
+        simulated_by: The other program that simulated the flight of `path`; None: a record, or a virtual drop.
     """
 
     name: str
@@ -56,6 +57,7 @@ class Flight:
     wind_profile: ProfileTable | None = None
     vehicle: Vehicle | None = None
     accept_implausible: tuple[str, ...] = ()
+    simulated_by: str | None = None
 
 
 @dataclass(frozen=True)
@@ -118,7 +120,7 @@ def canonical(study: Study) -> dict[str, Any]:
         # Unset options are omitted, so that options added later do not change the hashes of present studies.
         return value.model_dump(exclude_none=True) if isinstance(value, Strict) else vars(value)
 
-    layout, usual = ("path", "vehicle_path", "text", "vehicle_text"), ("vehicle", "conventions")
+    layout, usual = ("path", "vehicle_path", "text", "vehicle_text"), ("vehicle", "conventions", "simulated_by")
     of_no_result = ("path", "accept_implausible")
     said = {key: value for key, value in vars(study).items() if key not in layout}
     if not study.knowledge:

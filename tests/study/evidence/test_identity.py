@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from bayeschute.study.evidence.identity import configuration, identity, shipped, stored, with_noise
+from bayeschute.study.evidence.numerics_hash import numerics
 from bayeschute.study.load import load_study
 
 ROOT = Path(__file__).parents[3]
@@ -70,20 +71,30 @@ def test_a_checkout_finds_those_of_its_models():
 def place(tmp_path):
     def put(name, **entries):
         (tmp_path / f"{name}.json").write_text(
-            json.dumps({"hash": configuration(STUDY), "disturbance": "none"} | entries)
+            json.dumps(
+                {"hash": configuration(STUDY), "numerics": numerics(), "disturbance": "none", "coverage": {}} | entries
+            )
         )
         return tmp_path
 
     return put
 
 
-def test_the_largest_undisturbed_calibration_of_the_configuration_is_found(place, tmp_path):
+def test_the_largest_calibration_of_each_scenario_is_found_by_numerics(place, tmp_path):
     place("few", replicates=40)
     place("many", replicates=120)
-    place("disturbed", replicates=500, disturbance="mass")
+    place("disturbed", replicates=8, disturbance="mass")
+    place("old", replicates=500, numerics="0" * 64)
     place("other", replicates=900, hash="0" * 64)
     (tmp_path / "no-result.json").write_text("[1, 2")
     (tmp_path / "list.json").write_text("[1, 2]")
     found = stored(STUDY, False, [tmp_path / "nowhere", tmp_path])
-    assert found is not None and found["replicates"] == 120
-    assert stored(STUDY, True, [tmp_path]) is None
+    assert {name: one["replicates"] for name, one in found.current.items()} == {"none": 120, "mass": 8}
+    assert {name: one["replicates"] for name, one in found.older.items()} == {"none": 500}
+    assert stored(STUDY, True, [tmp_path]) == ({}, {})
+
+
+def test_shipped_results_without_a_hash_of_their_numerics_are_older():
+    found = stored(STUDY, False, [shipped()])
+    assert "none" not in found.current or "numerics" in found.current["none"]
+    assert all("numerics" not in one or one["numerics"] != numerics() for one in found.older.values())

@@ -17,8 +17,9 @@ from bayeschute.calibration.recalibration import FACTORS
 from bayeschute.core.errors import InputError
 from bayeschute.prediction.bands import Prediction
 from bayeschute.study.calibrate import calibrate
-from bayeschute.study.evidence.calibration_status import calibration_check
-from bayeschute.study.evidence.identity import configuration
+from bayeschute.study.evidence.calibration_status import replicates_lacking
+from bayeschute.study.evidence.identity import Stored, configuration
+from bayeschute.study.evidence.numerics_hash import numerics
 from bayeschute.study.evidence.recalibrate import NAME, Widening, applied_recalibration, plain, widening
 from bayeschute.study.job import Job
 from bayeschute.study.load import load_study
@@ -40,6 +41,7 @@ def job(tmp_path, monkeypatch):
         kept = {"scaled": [share if f >= 1.1 else 0.5 for f in FACTORS]} if keeps else {}
         bands = {f"new/{q}": {"role": "predict"} | kept for q in STUDY.predict.quantities}
         result = {"hash": configuration(STUDY), "disturbance": "none", "replicates": replicates, "bands": bands}
+        result |= {"numerics": numerics(), "coverage": {}}
         (tmp_path / "calibration").mkdir(exist_ok=True)
         (tmp_path / "calibration/latent.none.json").write_text(json.dumps(result))
         return SimpleNamespace(
@@ -93,12 +95,12 @@ def test_draws_move_away_from_their_median_in_flights_unseen():
     assert widened(fitted, BY) is fitted
 
 
-def test_a_run_says_so_and_is_not_called_verified(job, tmp_path):
+def test_a_run_says_so_and_has_no_level(job, tmp_path):
     made = job()
     (tmp_path / NAME).write_text(json.dumps(BY._asdict()))
     assert applied_recalibration(made) == BY
-    check = calibration_check(made)
-    assert check["passed"] is False and "swing angle widened by 1.50" in check["detail"] and "120" in check["detail"]
+    (words,) = replicates_lacking(made, Stored({}, {}))
+    assert "swing angle widened by 1.50" in words and "120" in words and "was not tested" in words
 
 
 def test_replicates_of_a_recalibrated_study_are_refused(tmp_path):
@@ -138,7 +140,10 @@ def test_bands_of_a_run_are_widened_and_its_summary_says_so(finished, descents, 
         f"a/{name}": {"role": "predict", "scaled": [float(f >= least) for f in FACTORS]}
         for name, least in factors.items()
     }
-    result = {"hash": configuration(plain_study), "disturbance": "none", "replicates": 100, "bands": bands}
+    shares = dict.fromkeys(bands, 0.8)
+    result = {"hash": configuration(plain_study), "numerics": numerics(), "disturbance": "none", "replicates": 100}
+    result |= {"bands": bands, "coverage": shares, "standard_error": dict.fromkeys(bands, 0.01)}
+    result |= {"failed": {}, "parameters": {}}
     (folder / "calibration").mkdir()
     (folder / "calibration/made-up.json").write_text(json.dumps(result))
     job = Job(asked, folder, False, "", lambda *_: None)
@@ -152,7 +157,7 @@ def test_bands_of_a_run_are_widened_and_its_summary_says_so(finished, descents, 
     summary = json.loads((folder / "summary.json").read_text())
     assert summary["recalibration"] == {"factors": factors, "replicates": 100, "flights": ["low", "high"]}
     _statistics_are_of_the_widened_draws(finished.folder, folder, summary, factors)
-    assert "descent rate widened by 1.20" in summary["label"] and summary["label"].startswith("not verified")
+    assert "descent rate widened by 1.20" in summary["label"] and summary["claim"]["rank"] == 0
     assert any("Bands of predicted flights are recalibrated" in note for note in summary["notes"])
     assert "descent rate widened by 1.20" in (folder / "report.html").read_text(encoding="utf-8")
     stage_list.predict(replace(job, study=plain_study))

@@ -17,6 +17,7 @@ from bayeschute.records.record import load_record, repairs
 from bayeschute.study import stage_keys
 from bayeschute.study.assembly import assemble
 from bayeschute.study.evidence.identity import configuration
+from bayeschute.study.evidence.numerics_hash import numerics
 from bayeschute.study.load import Study, load_study
 from bayeschute.study.run import stage_list, stages
 from bayeschute.study.run.simulate import simulate_study
@@ -85,7 +86,8 @@ def test_resume_keeps_finished_stages(finished, descents, tmp_path: Path):
 def test_resume_writes_the_report_anew_where_replicates_were_stored_since(finished, descents, tmp_path: Path):
     folder = Path(shutil.copytree(finished.folder, tmp_path / "run"))
     held = {
-        "hash": configuration(load_study(descents.study)), "disturbance": "none", "replicates": 3, "failed": {},
+        "hash": configuration(load_study(descents.study)), "numerics": numerics(), "disturbance": "none", "replicates": 3,
+        "failed": {},
         "coverage": {"cds_over_mass[low]": 0.9}, "standard_error": {"cds_over_mass[low]": 0.1},
         "parameters": {"cds_over_mass[low]": {}}, "bands": {},
     }  # fmt: skip
@@ -95,7 +97,7 @@ def test_resume_writes_the_report_anew_where_replicates_were_stored_since(finish
     summary = run_study(descents.study, folder, resume=True, progress=listen)
     kept = [stage for stage, _, words in told if words == KEPT]
     assert kept == list(STAGES[:-1])
-    assert "only 3 replicates are stored" in summary["label"] and "only 3" not in finished.summary["label"]
+    assert "3 replicates, 0 failed: at least 100" in summary["label"] and "3 repl" not in finished.summary["label"]
 
 
 def test_resume_goes_on_where_a_stage_is_not_marked(begun: Path, sondes: Path):

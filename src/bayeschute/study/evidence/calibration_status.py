@@ -1,57 +1,260 @@
-"""Calibration status of a run: "verified" only if its checks pass and stored replicates show nominal coverage."""
+"""What a run may claim of its intervals: stored replicates, their domain, held-out shares, and its own checks."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import Any, NamedTuple
 
-from bayeschute.calibration.coverage_tables import ENOUGH, WANTED, promised, verdict
-from bayeschute.calibration.label import label_of
-from bayeschute.study.evidence.identity import places, stored
+import numpy as np
+
+from bayeschute.calibration.domain import outside
+from bayeschute.calibration.label import Claim, Level, Rung, claim
+from bayeschute.calibration.promises import (
+    ENOUGH,
+    ENOUGH_FLIGHTS,
+    KEPT,
+    NARROW,
+    NOMINAL,
+    WANTED,
+    WIDE,
+    Promise,
+    enough,
+    is_headline,
+    judge,
+    promises,
+)
+from bayeschute.study.evidence.conditions import ORIGIN, OTHER_PROGRAM, RECORD, VIRTUAL, conditions, origin
+from bayeschute.study.evidence.identity import Stored, places, stored
 from bayeschute.study.evidence.recalibrate import applied_recalibration
+from bayeschute.study.evidence.scenarios import SCENARIOS
 from bayeschute.study.job import Job
 from bayeschute.study.study import Study
 
 NONE_STORED = "no calibration of this configuration is stored"
+OLDER = "not checked with these numerics"
+LEAST_HELD = 0.5
+"""Share of an unseen flight in its 90 % band below which the band is contradicted, where no replicates tell."""
+OF_THE_DATA = ("innovations", "predictive")
+"""Checks that compare the record with the model; others are about the computation."""
+_LANDINGS = "landings"
 
 
-def calibration_check(job: Job) -> dict[str, Any]:
-    """The check `calibration`: coverage of 90 % intervals over stored replicates of the run's configuration.
+class Status(NamedTuple):
+    """What a run may claim, and the check `calibration` behind it."""
 
-    Returns:
-        ``passed`` (None where nothing is stored), ``value`` the share at 90 % farthest from it, ``bound``, ``detail``
-        in words, and ``held``: share, standard error and verdict by name.
+    claim: Claim
+    check: dict[str, Any]
+
+
+def status(job: Job, checks: Mapping[str, Mapping[str, Any]], coverage: Mapping[str, Any]) -> Status:
+    """What a run may claim of its intervals.
+
+    Args:
+        job: The run, its predictions done.
+        checks: Its own checks.
+        coverage: Shares inside the 90 % bands, as in ``coverage.json``.
     """
-    by = applied_recalibration(job)
-    if by is not None:
-        says = f"{by.words}; the coverage of the widened bands was not tested on other replicates"
-        return {"passed": False, "value": None, "bound": None, "detail": says, "held": {}}
-    found = stored(job.study, job.quick, places(job))
-    if found is None:
-        return {"passed": None, "value": None, "bound": None, "detail": NONE_STORED, "held": {}}
-    names = promised(found)
-    held = {
-        name: {
-            "share": found["coverage"][name],
-            "standard_error": found["standard_error"][name],
-            "verdict": verdict(found, name),
-        }
-        for name in names
+    study = job.study
+    both = stored(study, job.quick, places(job))
+    found = both.current.get("none")
+    lacking = replicates_lacking(job, both)
+    held = promises(found) if found is not None else {}
+    check = {
+        "passed": None if found is None and not both.older else not lacking,
+        "value": min((one.share for one in held.values()), default=None),
+        "bound": WANTED[0],
+        "detail": "; ".join(lacking) or _kept(found, held),
+        "held": {name: one._asdict() for name, one in held.items()},
     }
-    off = [name for name, entry in held.items() if entry["verdict"] != "kept"]
-    worst = max(names, key=lambda name: abs(found["coverage"][name] - 0.9))
-    counts = f"{found['replicates']} replicate flights, {len(found['failed'])} failed; "
-    if found["replicates"] < ENOUGH:
-        says = f"only {found['replicates']} replicates are stored, at least {ENOUGH} are needed"
-    elif held[worst]["verdict"] == "too many failed":
-        says = counts + "with so many failures the others may not be representative"
-    elif off:
-        each = (f"of {n} is {100 * held[n]['share']:.0f} % ({held[n]['verdict']})" for n in off)
-        says = counts + "coverage of nominal 90 % intervals " + ", ".join(each)
-    else:
-        low, high = min(h["share"] for h in held.values()), max(h["share"] for h in held.values())
-        says = counts + f"coverage of nominal 90 % intervals is {100 * low:.0f} to {100 * high:.0f} %"
-    return {"passed": not off, "value": held[worst]["share"], "bound": WANTED[0], "detail": says, "held": held}
+    rungs = [
+        Rung(Level.SELF_CONSISTENT, tuple(lacking), _kept(found, held), study.model == "cluster"),
+        _held_out(study, coverage, OTHER_PROGRAM, Level.OTHER_PROGRAMS),
+        _held_out(study, coverage, RECORD, Level.RECORDED),
+    ]
+    made = claim(
+        _of_records(study, rungs),
+        contradictions(study, checks, coverage, found),
+        worst_misspecification(both),
+        not_promised(job, held),
+        [n for n, one in checks.items() if one["passed"] is False and n not in (*OF_THE_DATA, "calibration")],
+    )
+    return Status(made, check)
+
+
+def _of_records(study: Study, rungs: list[Rung]) -> list[Rung]:
+    """The rungs of a run: flights that are not simulated by this program need more than its replicates."""
+    replicates, others, recorded = rungs
+    origins = {origin(flight) for flight in study.with_role("identify") + study.with_role("predict")}
+    for kind, rung in ((OTHER_PROGRAM, others), (RECORD, recorded)):
+        if kind in origins and rung.lacking and not replicates.lacking:
+            less = f"the flights are {kind}, the {replicates.kept.split(',')[0]} are {VIRTUAL}"
+            replicates = replace(replicates, lacking=(less, *rung.lacking))
+    return [replicates, others, recorded]
+
+
+def replicates_lacking(job: Job, both: Stored) -> list[str]:
+    """Why stored replicates do not support the run's intervals, in words; empty where they do."""
+    by, found, study = applied_recalibration(job), both.current.get("none"), job.study
+    if by is not None:
+        return [f"{by.words}; the coverage of the widened bands was not tested on other replicates"]
+    if found is None and "none" in both.older:
+        old = both.older["none"]
+        version = old.get("versions", {}).get("bayeschute", "unknown")
+        return [f"{OLDER}; the {old['replicates']} replicates stored were made by other code or libraries ({version})"]
+    if found is None:
+        return [f"{NONE_STORED} ({hint(study)})"]
+    counts = f"{found['replicates']} replicates, {len(found['failed'])} failed"
+    why = enough(found)
+    if why:
+        more = f"at least {ENOUGH} are needed" if why == "too few replicates" else "with so many failures the others "
+        return [f"{counts}: {more}" + ("" if why == "too few replicates" else "may not be representative")]
+    wanted, lacking = requirement_names(study), []
+    for name, one in promises(found).items():
+        if is_headline(name, wanted) and one.verdict in (NARROW, WIDE):
+            lacking.append(f"nominal 90 % intervals of {shown(name)} held {one.words} ({one.verdict})")
+    bands = [one for name, one in promises(found).items() if name.startswith("predict/") and is_headline(name)]
+    lacking += [
+        f"nominal 90 % bands of unseen flights held {one.words}, which {found['replicates']} replicates do not decide"
+        for one in bands
+        if one.verdict not in (KEPT, NARROW, WIDE)
+    ]
+    run = conditions(job)
+    away = outside(run._replace(names={k: v for k, v in run.names.items() if k != ORIGIN}), found.get("domain"))
+    return lacking + ([f"outside of the {found['replicates']} replicates stored: {'; '.join(away)}"] if away else [])
+
+
+def _kept(found: Mapping[str, Any] | None, held: Mapping[str, Promise]) -> str:
+    """Number of replicates and range of coverage of what is promised."""
+    shares = [one.share for one in held.values() if one.verdict == KEPT]
+    if found is None or not shares:
+        return ""
+    low, high = 100.0 * min(shares), 100.0 * max(shares)
+    failed = f" ({len(found['failed'])} failed)" if found["failed"] else ""
+    return f"{found['replicates']} replicates{failed}, coverage of nominal 90 % intervals {low:.0f} to {high:.0f} %"
+
+
+def _held_out(study: Study, coverage: Mapping[str, Any], kind: str, level: Level) -> Rung:
+    """Evidence of held-out parts of the run's own flights that this program did not simulate."""
+    shares = _record_shares(study, coverage, kind)
+    flights, several = len(shares), list(shares.values())
+    if flights < ENOUGH_FLIGHTS:
+        less = f"held-out parts of {flights} {kind}, at least {ENOUGH_FLIGHTS} are needed"
+        return Rung(level, (less,), applies=False)
+    mean, error = float(np.mean(several)), float(np.std(several, ddof=1) / np.sqrt(flights))
+    words = f"{100.0 * mean:.0f} ± {100.0 * error:.0f} % of the held-out parts of {flights} {kind} in their 90 % bands"
+    verdict = judge(mean, error)
+    return Rung(level, () if verdict == KEPT else (f"{words} ({verdict})",), f"{flights} flights, {words}", True)
+
+
+def _record_shares(study: Study, coverage: Mapping[str, Any], kind: str) -> dict[str, float]:
+    """Mean share of the record in the bands of every held-out flight of a kind."""
+    made = {}
+    for flight in study.flights:
+        partly = "predict" in flight.roles or flight.identify_until is not None
+        table = coverage.get(flight.name, {}) if partly and origin(flight) == kind else {}
+        known = [e["record"] for e in table.values() if e.get("record") is not None and e.get("draws", 1)]
+        if known:
+            made[flight.name] = float(np.mean(known))
+    return made
+
+
+def contradictions(
+    study: Study,
+    checks: Mapping[str, Mapping[str, Any]],
+    coverage: Mapping[str, Any],
+    found: Mapping[str, Any] | None,
+) -> list[str]:
+    """What in the run itself contradicts its intervals: checks of the record against the model, and held-out shares.
+
+    Args:
+        study: The study.
+        checks: The run's own checks.
+        coverage: Shares inside the 90 % bands.
+        found: Stored replicates, whose lowest share of a flight is the bound; None: `LEAST_HELD`.
+    """
+    made = []
+    if checks.get("innovations", {}).get("passed") is False:
+        share = 100.0 * float(checks["innovations"]["value"])
+        made.append(f"{share:.0f} % of the standardised innovations lie inside their 90 % interval")
+    if checks.get("predictive", {}).get("passed") is False:
+        made.append(str(checks["predictive"]["detail"]))
+    for kind in (OTHER_PROGRAM, RECORD):
+        several = list(_record_shares(study, coverage, kind).values())
+        if len(several) >= ENOUGH_FLIGHTS:
+            mean, error = float(np.mean(several)), float(np.std(several, ddof=1) / np.sqrt(len(several)))
+            if judge(mean, error) == NARROW:
+                made.append(f"90 % bands contain only {100 * mean:.0f} % of the held-out {kind}")
+    return [*made, *_low_shares(study, coverage, found)]
+
+
+def _low_shares(study: Study, coverage: Mapping[str, Any], found: Mapping[str, Any] | None) -> Iterator[str]:
+    """Held-out flights of which their bands contain less than of any replicate's."""
+    lowest: dict[str, float] = {}
+    many = found is not None and int(found["replicates"]) >= ENOUGH
+    for name, entry in found["bands"].items() if found is not None and many else ():
+        if entry["role"] == "predict" and "lowest" in entry:
+            quantity = name.split("/", 1)[1]
+            lowest[quantity] = min(entry["lowest"], lowest.get(quantity, 1.0))
+    for flight in study.flights:
+        if "predict" not in flight.roles and flight.identify_until is None:
+            continue
+        for quantity, entry in coverage.get(flight.name, {}).items():
+            share = entry["truth"] if entry.get("truth") is not None else entry.get("record")
+            bound = min(lowest.get(quantity, LEAST_HELD), NOMINAL)
+            if share is not None and entry.get("draws", 1) and share < bound:
+                words = quantity.replace("_", " ")
+                yield f"the 90 % band of the {words} of {flight.name} contains only {100 * share:.0f} % of it"
+
+
+def worst_misspecification(both: Stored) -> str:
+    """Lowest stored coverage of bands of unseen flights under a misspecification, in words; empty if none is stored."""
+    for results, words in ((both.current, ""), (both.older, ", by earlier numerics")):
+        worst: tuple[float, float, str, int] | None = None
+        for scenario, result in results.items():
+            for name, one in promises(result).items() if scenario != "none" else ():
+                if name.startswith("predict/") and is_headline(name) and (worst is None or one.share < worst[0]):
+                    says = SCENARIOS[scenario].says if scenario in SCENARIOS else str(result.get("says", scenario))
+                    worst = (one.share, one.standard_error, f"{shown(name)} with {says}", int(result["replicates"]))
+        if worst is not None:
+            share, error, says, count = worst
+            held = f"nominal 90 % bands held {100 * share:.0f} ± {100 * error:.0f} %"
+            return f"{held} of the {says} ({count} replicates{words})"
+    return ""
+
+
+def requirement_names(study: Study) -> list[str]:
+    """Statistics that the study's requirements refer to, as in `promises`."""
+    return [f"predict/{one.statistic} {one.quantity}" for one in study.requirements]
+
+
+def not_promised(job: Job, held: Mapping[str, Promise]) -> list[str]:
+    """What the run shows and the replicates do not promise: not in the calibration, or without sufficient coverage."""
+    study = job.study
+    names = [str(one["name"]) for one in job.load("fit/priors.json" if _revised(job) else "priors.json")]
+    for role in ("identify", "predict"):
+        if study.with_role(role):
+            names += [f"{role}/{quantity}" for quantity in study.predict.quantities or ()]
+    names += requirement_names(study) + [n for n in held if n.startswith("predict/") and " " in n and n not in names]
+    made = []
+    for name in dict.fromkeys(names):
+        one = held.get(name)
+        if one is None:
+            made.append(shown(name))
+        elif one.verdict != KEPT:
+            made.append(f"{shown(name)} ({one.words}, {one.verdict})")
+    return [*made, _LANDINGS]
+
+
+def _revised(job: Job) -> bool:
+    return (job.out / "fit" / "priors.json").exists()
+
+
+def shown(name: str) -> str:
+    """A name of `promises` in words."""
+    role, _, what = name.partition("/")
+    words = what.replace("_", " ")
+    return f"{words} of {'fitted' if role == 'identify' else 'unseen'} flights" if what else name
 
 
 def hint(study: Study) -> str:
@@ -61,15 +264,3 @@ def hint(study: Study) -> str:
     if all(flight.virtual is not None for flight in study.flights):
         return f"run `bayeschute calibrate {study.path}`"
     return "run `bayeschute calibrate` on a study with the same tables and with virtual flights like these"
-
-
-def verification(checks: Mapping[str, Mapping[str, Any]], study: Study) -> str:
-    """The label of a run's intervals: ``verified``, or what is missing and the command that produces it."""
-    missed = [name for name, entry in checks.items() if entry["passed"] is False and name != "calibration"]
-    calibration = checks["calibration"]
-    lacking = [] if calibration["passed"] else [calibration["detail"]]
-    if calibration["passed"] is None:
-        lacking[0] += f" ({hint(study)})"
-    if missed:
-        lacking.append(f"failed checks: {', '.join(missed)}")
-    return label_of(lacking, calibration["detail"])

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from bayeschute.core.version import __version__
+from bayeschute.study.evidence.numerics_hash import numerics
 from bayeschute.study.job import Job
 from bayeschute.study.study import Study, canonical, study_hash
 
@@ -19,12 +19,15 @@ STORED = Path("reference", "calibration")
 
 
 def configuration(study: Study, quick: bool = False) -> str:
-    """Hash of how a study identifies: model, vehicle, structure, priors, noise, sampler, program; not its flights."""
+    """Hash of how a study identifies: model, vehicle, structure, priors, noise, sampler, sizes; not its flights.
+
+    The program is no part of it: see `numerics_hash.numerics`.
+    """
     said = canonical(study)
     told = {key: said[key] for key in ("model", "vehicle", "structure", "priors", "noise", "sampler", "predict")}
     known = [table for table in said.get("knowledge", ()) if table["use"] == "prior"]
     told |= {"knowledge": known} if known else {}
-    text = json.dumps([told, __version__, quick], sort_keys=True)
+    text = json.dumps([told, quick], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
@@ -35,27 +38,51 @@ def with_noise(study: Study, model: str) -> Study:
 
 def identity(study: Study, disturbance: str, quick: bool) -> str:
     """Hash of all that a row depends on except its seed."""
-    text = f"{study_hash(replace(study, seed=0))}:{disturbance}:{quick}:{__version__}"
+    text = f"{study_hash(replace(study, seed=0))}:{disturbance}:{quick}:{numerics()}"
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def stored(study: Study, quick: bool, places: Sequence[Path]) -> dict[str, Any] | None:
-    """The calibration of a study's configuration with most replicates, flights undisturbed; None if none is stored.
+class Stored(NamedTuple):
+    """Stored calibrations of a configuration.
+
+    Attributes:
+        current: Made by the numerics in use, by scenario; of several the one with most replicates.
+        older: Made by other numerics, or by versions that did not state them, by scenario.
+    """
+
+    current: Mapping[str, dict[str, Any]]
+    older: Mapping[str, dict[str, Any]]
+
+
+def stored(study: Study, quick: bool, places: Sequence[Path]) -> Stored:
+    """The calibrations of a study's configuration.
+
+    Results without a hash of their numerics have a configuration's hash that contained the version; they are older
+    ones of this configuration if study and noise model have the same names.
 
     Args:
         study: The study.
         quick: Whether sizes are cut.
         places: Folders with results of `calibrate`.
     """
-    wanted, found = configuration(study, quick), []
+    wanted, now = configuration(study, quick), numerics()
+    current: dict[str, dict[str, Any]] = {}
+    older: dict[str, dict[str, Any]] = {}
     for file in sorted(f for place in places if place.is_dir() for f in place.glob("*.json")):
         try:
             result = json.loads(file.read_text(encoding="utf-8"))
         except (OSError, ValueError):
             continue  # not a result: folders of users hold other files
-        if isinstance(result, dict) and result.get("hash") == wanted and result.get("disturbance") == "none":
-            found.append(result)
-    return max(found, key=lambda r: int(r["replicates"]), default=None)
+        if not isinstance(result, dict) or not {"hash", "disturbance", "replicates", "coverage"} <= set(result):
+            continue
+        named = (result.get("study"), result.get("noise"), bool(result.get("quick")))
+        same = named == (study.path.stem, study.noise.model, quick) if "numerics" not in result else False
+        if result["hash"] != wanted and not same:
+            continue
+        found, scenario = current if result.get("numerics") == now else older, str(result["disturbance"])
+        if scenario not in found or int(result["replicates"]) > int(found[scenario]["replicates"]):
+            found[scenario] = result
+    return Stored(current, older)
 
 
 def shipped() -> Path:

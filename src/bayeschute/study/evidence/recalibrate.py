@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from bayeschute.calibration.coverage_tables import ENOUGH
+from bayeschute.calibration.promises import ENOUGH
 from bayeschute.calibration.recalibration import FACTORS, learned
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.study.evidence.identity import places, stored
@@ -46,9 +46,11 @@ def widening(job: Job) -> Widening | None:
         return None
     where, wanted = "[predict] recalibrate", f"a stored calibration of this configuration, {ENOUGH} replicates or more"
     do = f"`bayeschute calibrate`, the study without this line, into {job.out / 'calibration'}."
-    found = stored(plain(job.study), False, places(job))
+    both = stored(plain(job.study), False, places(job))
+    found = both.current.get("none")
     if found is None or found["replicates"] < ENOUGH:
         got = "none is stored" if found is None else f"{found['replicates']} replicates are stored"
+        got += ", those stored were made by other numerics" if found is None and "none" in both.older else ""
         raise InputError(Fault(where, got, wanted, do))
     factors = learned(found)
     asked = job.study.predict.quantities or ()

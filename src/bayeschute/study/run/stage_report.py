@@ -19,8 +19,9 @@ from bayeschute.study.assembly import assemble, canopies
 from bayeschute.study.assembly.fits import groups, load_noise_parameters, summary_draws
 from bayeschute.study.assembly.fitted_terms import ADDED
 from bayeschute.study.assembly.lessons import lessons
-from bayeschute.study.evidence.calibration_status import calibration_check, verification
+from bayeschute.study.evidence.calibration_status import status
 from bayeschute.study.evidence.recalibrate import applied_recalibration
+from bayeschute.study.evidence.record_misfit import NAME as PREDICTIVE
 from bayeschute.study.job import Job, load_flight, load_priors
 from bayeschute.study.load import study_hash
 from bayeschute.study.run import structures
@@ -44,16 +45,16 @@ def report(job: Job) -> str:
 
 def _summary(job: Job) -> dict[str, Any]:
     study, facts, checked = job.study, job.load("fit/facts.json"), job.load("checks.json")
-    calibration = calibration_check(job)
     coverage = job.load("coverage.json")
     checks = checked["checks"] | bands_check(coverage)
-    label = verification(checks | {"calibration": calibration}, study)
-    label = "; ".join(filter(None, (formulation.label(study.noise.model), label)))
+    found = status(job, checks, coverage)
+    calibration = found.check
+    label = "; ".join(filter(None, (found.claim.label, formulation.label(study.noise.model))))
     draws, units = summary_draws(job)
     some = next(iter(draws.values()))
     seconds = sum(v for k, v in facts["wall"].items() if k != "fit_s")
     return {
-        **heading(job, label),
+        **heading(job, label), "claim": found.claim.plain(),
         "fit": {"converged": checked["checks"]["optimum"]["passed"]},
         "parameters": _parameters(job, draws, units, checked),
         "sampling": {
@@ -62,7 +63,7 @@ def _summary(job: Job) -> dict[str, Any]:
             "wall": facts["wall"], "min_ess_per_s": min(checked["ess_bulk"].values()) / seconds,
         },
         **told_curves(job, draws, _prior_draws(job)), **_taught(job, draws),
-        **_disturbances(job), **_output_error(job), **_identifiability(job), **_recalibration(job),
+        **_predictive(job), **_disturbances(job), **_output_error(job), **_identifiability(job), **_recalibration(job),
         **({"structures": stacked} if (stacked := structures.summary_rows(job)) else {}),
         "coverage": coverage,
         "checks": checks | {"calibration": calibration},
@@ -73,7 +74,7 @@ def _summary(job: Job) -> dict[str, Any]:
 
 
 def heading(job: Job, label: str) -> dict[str, Any]:
-    """First part of the summary: the study, its flights, and the calibration label of its intervals."""
+    """First part of the summary: the study, its flights, and the label of its intervals."""
     study = job.study
     return {
         "title": study.title, "model": study.model, "quick": job.quick, "label": label, "seed": study.seed,
@@ -170,6 +171,12 @@ def _identifiability(job: Job) -> dict[str, Any]:
     """Identifiability by fit; empty for checks of an older version."""
     there = (job.out / "identifiability.json").exists()
     return {"identifiability": job.load("identifiability.json")} if there else {}
+
+
+def _predictive(job: Job) -> dict[str, Any]:
+    """Predictive checks of the fitted records; empty for checks of an older version."""
+    there = (job.out / PREDICTIVE).exists()
+    return {"predictive": job.load(PREDICTIVE)} if there else {}
 
 
 def _recalibration(job: Job) -> dict[str, Any]:

@@ -21,11 +21,14 @@ from bayeschute.posterior.marginal import Linearisation
 from bayeschute.posterior.sampling.sampler_checks import MOST_K, judge_rhat
 from bayeschute.prediction import bands, risk_files
 from bayeschute.prediction.flight_statistics import flight_statistics
+from bayeschute.prediction.predictive_checks import verdict
 from bayeschute.records.reconstruct import reconstruct
 from bayeschute.study.assembly import assemble
 from bayeschute.study.assembly.fits import Stored, groups, load_fit, summary_draws
 from bayeschute.study.evidence.recalibrate import NAME as RECALIBRATION
 from bayeschute.study.evidence.recalibrate import applied_recalibration, widening
+from bayeschute.study.evidence.record_misfit import NAME as PREDICTIVE
+from bayeschute.study.evidence.record_misfit import Misfit, as_document, misfit_of_fit
 from bayeschute.study.job import Job
 from bayeschute.study.run import several_starts, structures
 from bayeschute.study.run.forecasts import FlightForecast, forecast_flights, widened
@@ -54,6 +57,7 @@ class _Fits(NamedTuple):
         away: Distance of the draws' mean from the mode [Laplace's standard deviations], by fit.
         tails: Pareto k, by fit that has one.
         identifiability: Identifiability by fit; empty if not requested.
+        misfit: Predictive checks of the records, by fit.
     """
 
     converged: bool
@@ -67,17 +71,19 @@ class _Fits(NamedTuple):
     away: list[float]
     tails: list[float]
     identifiability: dict[str, FitIdentifiability]
+    misfit: list[Misfit]
 
 
 def _of_fits(job: Job, identify: bool) -> _Fits:
     todo = groups(job)
-    stored, steps, shares = [], [], []
+    stored, steps, shares, misfit = [], [], [], []
     identifiability: dict[str, FitIdentifiability] = {}
     for i, group in enumerate(todo):
         one = load_fit(job, group)
         for flight, along in zip(one.marginal.flights, one.marginal.along, strict=True):
             steps.append(_step_error(flight, one.optimum.theta, along))
             shares.append(_innovation_share(flight, along))
+        misfit.append(misfit_of_fit(job, group, one))
         if identify:
             identifiability[group.name] = of_fit(job, group, one)
         stored.append(one)
@@ -94,6 +100,7 @@ def _of_fits(job: Job, identify: bool) -> _Fits:
         [_away(one) for one in stored],
         [one.pareto_k for one in stored if one.pareto_k is not None],
         identifiability,
+        misfit,
     )
 
 
@@ -195,6 +202,8 @@ def check(job: Job, identify: bool = True) -> str:
             "proposals cover the exact posterior and the correction is reliable"
         )
         add("pareto_k", max(fits.tails), MOST_K, max(fits.tails) < MOST_K, detail)
+    checks["predictive"] = verdict([one for fit in fits.misfit for one in fit.checks])
+    job.save(PREDICTIVE, assemble.as_plain(as_document(fits.misfit)))
     if identify:
         job.save("identifiability.json", assemble.as_plain(to_plain(fits.identifiability, without_none=True)))
     job.save("checks.json", {"checks": checks, "rhat": rhat, "ess_bulk": bulk, "ess_tail": tail})

@@ -29,7 +29,8 @@ from bayeschute.study.stage_keys import STAGES, readers, stage_keys
 
 RESULTS = (
     "flights", "fit", "risk", "figures", "structure.json", "structure.txt", "priors.json", "posterior.nc",
-    "posterior.emcee.nc", "checks.json", "identifiability.json", "predictions.nc", "coverage.json", RECALIBRATION,
+    "posterior.emcee.nc", "checks.json", "predictive.json",
+    "identifiability.json", "predictions.nc", "coverage.json", RECALIBRATION,
     "curves.csv", "summary.json", "report.html", "study.toml", LOG,
 )  # fmt: skip
 """All that a run writes into its folder, but for the markers of finished stages."""

@@ -119,6 +119,7 @@ class FlightTable(Strict):
         wind_profile: Wind by altitude, which gives the wind at the canopies relative to the recorded one at the capsule
             (cluster); where no wind is recorded it replaces it. None: canopies meet the capsule's wind.
         accept_implausible: Laws of plausibility, or groups of them, that the record may break.
+        simulated_by: The other program that simulated the flight in `file`; None: a recorded flight.
     """
 
     name: Name
@@ -135,6 +136,7 @@ class FlightTable(Strict):
     remove_velocity_bias: bool = False
     wind_profile: ProfileTable | None = None
     accept_implausible: Annotated[tuple[Text, ...], AfterValidator(_laws)] = ()
+    simulated_by: Text | None = None
 
     @model_validator(mode="after")
     def _comes_from_somewhere(self) -> FlightTable:
@@ -143,7 +145,7 @@ class FlightTable(Strict):
         if self.file is not None and self.virtual is not None:
             refuse("either a file or a [flight.virtual] table", "both")
         if self.virtual is not None:
-            for key in ("columns", "conventions", "rate"):
+            for key in ("columns", "conventions", "rate", "simulated_by"):
                 if getattr(self, key) is not None:
                     refuse(f"no {key} together with [flight.virtual]", f"{key} of a virtual flight")
         if self.window is not None and not self.window[0] < self.window[1]:

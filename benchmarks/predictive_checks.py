@@ -1,0 +1,142 @@
+"""Power of the predictive checks: how often do they notice a wrong model, and how often a sound one?
+
+Every flight is a virtual drop like the first of the default study, from a seed, identified with the terms that it
+flies, on a record with a mistake that the identification is not told. Cases: ``sound``; ``mass``, the capsule 5 %
+heavier; ``wind``, the recorded wind off by 3 m/s; ``canopy``, the area of one canopy 10 % larger; ``white``, identified
+with white noise and no disturbances; ``form``, two more aerodynamic terms. Rows are kept; the same command goes on.
+
+    python benchmarks/predictive_checks.py --flights 10 [--cases mass wind] [--duration 90] [--workers 2] [--store]
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import sys
+import tempfile
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bayeschute.calibration.campaign import run
+from bayeschute.prediction.predictive_checks import BOUND, Check, least, missed
+from bayeschute.records.record import write_record
+from bayeschute.study.assembly import assemble
+from bayeschute.study.assembly.fits import groups, load_fit
+from bayeschute.study.evidence.identity import with_noise
+from bayeschute.study.evidence.numerics_hash import numerics
+from bayeschute.study.evidence.provenance import provenance
+from bayeschute.study.evidence.record_misfit import misfit_of_fit
+from bayeschute.study.evidence.scenarios import SCENARIOS
+from bayeschute.study.job import Job
+from bayeschute.study.load import load_study
+from bayeschute.study.rank_tests import with_flown_terms
+from bayeschute.study.run import stage_list
+from bayeschute.study.study import Study
+from bayeschute.virtual.drop import fly
+
+ROOT = Path(__file__).parents[1]
+STUDY = ROOT / "models" / "studies" / "cdt-3-11.toml"
+STORED = ROOT / "models" / "reference" / "predictive-checks.json"
+CASES = ("sound", "mass", "wind", "canopy", "white", "form")
+HEAVIER, LARGER, WIND = 1.05, 1.1, 3.0  # [1], [1], [m/s] towards north
+SEED = 60_000
+SHOWN = 5
+
+
+def identified(study: Study, case: str) -> Study:
+    """The study that identifies: its first flight, with the terms that are flown."""
+    sampler = study.sampler.model_copy(update={"warmup": 100, "draws": 100})
+    made = replace(with_flown_terms(study), sampler=sampler)
+    return with_noise(made, "white") if case == "white" else made
+
+
+def fly_case(study: Study, case: str, seed: int, duration: float, path: Path) -> None:
+    """Fly a record with the mistake of a case, and store it."""
+    flown = SCENARIOS["form"].flown(study) if case == "form" else study
+    flight = flown.flights[0]
+    assert flown.vehicle is not None and flight.virtual is not None
+    vehicle = flown.vehicle
+    if case == "mass":
+        capsule = vehicle.capsule.model_copy(update={"mass": HEAVIER * vehicle.capsule.mass})
+        vehicle = vehicle.model_copy(update={"capsule": capsule})
+    each = {name: np.array([LARGER, 1.0]) * value for name, value in vehicle.aero.coefficients().items()}
+    model, structure = assemble.cluster(vehicle, flight.capsule_mass, each if case == "canopy" else {})
+    virtual = flight.virtual.model_copy(update={"duration": duration})
+    record, _ = fly(assemble.drop(virtual), model, structure, seed)
+    if case == "wind":
+        record["wind"] = record["wind"] + WIND * np.array([1.0, 0.0, 0.0])
+    write_record(record, path)
+
+
+def one(seed: int, case: str, duration: float) -> dict[str, Any]:
+    """A row: the checks that were missed, and the smallest p-values; a fit that fails is counted."""
+    study = load_study(STUDY)
+    wanted = replace(identified(study, case), seed=seed)
+    with tempfile.TemporaryDirectory(prefix="bayeschute-") as folder:
+        out = Path(folder)
+        fly_case(study, case, seed, duration, out / "drop.nc")
+        wanted = replace(wanted, flights=(replace(wanted.flights[0], virtual=None, path=out / "drop.nc"),))
+        job = Job(wanted, out / "run", False, "", lambda *_: None)
+        (out / "run").mkdir()
+        try:
+            for stage in (stage_list.ingest, stage_list.structure, stage_list.priors):
+                stage(job)
+            stage_list.fit(job, predictions=False)
+            checks: list[Check] = []
+            for group in groups(job):
+                checks += misfit_of_fit(job, group, load_fit(job, group)).checks
+        except FloatingPointError as error:
+            return {"seed": seed, "ok": False, "error": f"{type(error).__name__}: {error}"[:300]}
+    return {
+        "seed": seed, "ok": True, "flagged": bool(missed(checks)), "checks": len(checks),
+        "missed": len(missed(checks)), "least": [c._asdict() for c in least(checks)[:SHOWN]],
+    }  # fmt: skip
+
+
+def test(case: str, flights: int, duration: float, out: Path, workers: int) -> dict[str, Any]:
+    """Fly the flights of a case that are missing, and count."""
+    what = hashlib.sha256(json.dumps([case, duration, numerics()]).encode()).hexdigest()
+    rows = run(
+        partial(one, case=case, duration=duration),
+        range(SEED, SEED + flights),
+        out / f"{case}.rows",
+        what,
+        workers,
+        progress=lambda share, words: print(f"{case}: {words}", flush=True),
+    )
+    good = [row for row in rows if row["ok"]]
+    flagged = sum(row["flagged"] for row in good)
+    first = [
+        f"{row['least'][0]['statistic']} of {row['least'][0]['what']}, p = {row['least'][0]['p']:.1g}" for row in good
+    ]
+    print(f"{case}: {flagged} of {len(good)} flagged, {len(rows) - len(good)} fits failed; {'; '.join(first)}")
+    failed = {str(row["seed"]): row["error"] for row in rows if not row["ok"]}
+    return {"flights": len(good), "flagged": flagged, "failed": failed, "smallest": first}
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the cases, print a line for each, and store the result with its provenance."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--flights", type=int, default=10, help="of every case; sound ones are twice as many")
+    parser.add_argument("--cases", nargs="+", choices=CASES, default=list(CASES))
+    parser.add_argument("--duration", type=float, default=90.0, help="of a flight [s]")
+    parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--out", type=Path, default=Path("runs/predictive-checks"))
+    parser.add_argument("--store", action="store_true", help=f"keep the result as {STORED.relative_to(ROOT)}")
+    given = parser.parse_args(arguments)
+    counts = {case: given.flights * (2 if case == "sound" and given.flights > 1 else 1) for case in given.cases}
+    results = {case: test(case, n, given.duration, given.out, given.workers) for case, n in counts.items()}
+    if given.store:
+        command = "python benchmarks/predictive_checks.py " + " ".join(arguments or sys.argv[1:])
+        facts = {"bound": BOUND, "duration_s": given.duration, "numerics": numerics(), "cases": results}
+        STORED.write_text(json.dumps(facts | provenance(command), indent=1) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
