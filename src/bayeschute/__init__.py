@@ -14,14 +14,11 @@ from bayeschute.core.version import __version__
 
 if TYPE_CHECKING:
     from bayeschute.api.beliefs import Priors, Structure
-    from bayeschute.api.curve import Curve
     from bayeschute.api.fitted import Fit
     from bayeschute.api.forecast import Forecast, Probability
     from bayeschute.api.inputs import Flight, Flights, Motion, Study, load_vehicle, noise, wind_profile
     from bayeschute.api.landing.landings import Landings
-    from bayeschute.api.plausibility import Plausibility
     from bayeschute.api.posterior import Posterior
-    from bayeschute.api.rank_test import RankTest, rank_test
     from bayeschute.api.run_folder import Run
     from bayeschute.api.verbs import (
         Coverage,
@@ -35,6 +32,9 @@ if TYPE_CHECKING:
         scenarios,
         select_structure,
     )
+    from bayeschute.api.views.curve import Curve
+    from bayeschute.api.views.plausibility import Plausibility
+    from bayeschute.api.views.rank_test import RankTest, rank_test
     from bayeschute.core.errors import Fault, FitError, InputError
     from bayeschute.likelihood.priors import Prior
     from bayeschute.study.load import check_study
@@ -45,15 +45,15 @@ if TYPE_CHECKING:
 
 _PLACES = {
     "api.beliefs": ("Priors", "Structure"),
-    "api.curve": ("Curve",),
+    "api.views.curve": ("Curve",),
     "api.inputs": ("Flight", "Flights", "Motion", "Study", "load_vehicle", "noise", "wind_profile"),
     "api.fitted": ("Fit",),
     "api.landing.landings": ("Landings",),
     "api.forecast": ("Forecast", "Probability"),
     "api.posterior": ("Posterior",),
     "api.run_folder": ("Run",),
-    "api.plausibility": ("Plausibility",),
-    "api.rank_test": ("RankTest", "rank_test"),
+    "api.views.plausibility": ("Plausibility",),
+    "api.views.rank_test": ("RankTest", "rank_test"),
     "api.verbs": (
         "Coverage", "calibrate", "fit", "numpyro_model", "read_record", "reconstruct", "run", "sample", "scenarios",
         "select_structure",

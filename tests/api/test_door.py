@@ -61,7 +61,17 @@ def test_examples_of_the_docstrings_run(sondes, fitted, posterior, forecast, tmp
         "np": np,
     }
     count = 0
-    for name in ("inputs", "beliefs", "curve", "fitted", "forecast", "posterior", "rank_test", "run_folder", "verbs"):
+    for name in (
+        "inputs",
+        "beliefs",
+        "views.curve",
+        "fitted",
+        "forecast",
+        "posterior",
+        "views.rank_test",
+        "run_folder",
+        "verbs",
+    ):
         result = doctest.testmod(import_module(f"bayeschute.api.{name}"), extraglobs=told, optionflags=doctest.ELLIPSIS)
         assert result.failed == 0
         count += result.attempted

@@ -34,7 +34,7 @@ from bayeschute.study.templates import template
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from bayeschute.api.plausibility import Plausibility
+    from bayeschute.api.views.plausibility import Plausibility
     from bayeschute.reduced.cluster_modes import ClusterModes
 
 
@@ -349,7 +349,7 @@ class Flight:
             >>> bc.Study.example().flights[0].plausibility().ok
             True
         """
-        from bayeschute.api.plausibility import Plausibility
+        from bayeschute.api.views.plausibility import Plausibility
         from bayeschute.study.plausible import judge, window_used
         from bayeschute.study.run.stage_data import as_read
 

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from bayeschute.api import html
 from bayeschute.api.beliefs import Priors
-from bayeschute.api.curve import Curve, curve
 from bayeschute.api.drop_by_drop import HISTORY, next_priors, priors_of, taught_table
 from bayeschute.api.fitting import chosen, drawn, fitted_flights, sampling
 from bayeschute.api.forecast import Forecast, forecast
@@ -24,6 +23,7 @@ from bayeschute.api.inputs import Flight, Study
 from bayeschute.api.landing.landing_verb import Winds, campaign_of, drawn_from, land
 from bayeschute.api.landing.landings import Landings
 from bayeschute.api.posterior_file import posterior_of_run, read_posterior, write_posterior
+from bayeschute.api.views.curve import Curve, curve
 from bayeschute.api.workspace import Files, workspace
 from bayeschute.likelihood.priors import Prior
 from bayeschute.posterior.assess.flight_groups import for_loo_pit

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import bayeschute as bc
-from bayeschute.api.curve import curve
+from bayeschute.api.views.curve import curve
 
 RANGES = {"alpha": (0.1, 0.4), "D_prox": (0.5, 0.75)}
 KNOWN = [
