@@ -71,7 +71,7 @@ correlation = float(np.corrcoef(one, other)[0, 1])
 low, high = posterior.ranges["alpha"]
 print(f"correlation {correlation:.2f}; flown: {np.rad2deg(low):.0f} to {np.rad2deg(high):.0f} deg")
 curve = posterior.curve("C_N", over=(0.0, 0.7))
-curve.plot()
+curve.plot().figure
 
 # %% [markdown]
 # ## Beyond what was flown
