@@ -50,7 +50,7 @@ docs: $(DOCS) ## build the documentation site into build/site
 
 notebooks: $(DEV) ## run the notebooks and write .ipynb files beside them
 	@echo "== Notebooks"
-	cd notebooks && for one in *.py; do ../$(BIN)/python -m jupytext --quiet --to ipynb --execute --set-kernel python3 "$$one"; done
+	$(BIN)/python docs/render.py
 
 clean: ## remove the environment and what tools left (not runs/)
 	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .import_linter_cache

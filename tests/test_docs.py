@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import importlib.util
+import json
 import os
 import re
 import subprocess
@@ -96,6 +97,17 @@ def test_a_block_of_the_gallery_draws_its_picture(tmp_path):
     spec.loader.exec_module(draw)
     (path,) = draw.draw(["limit-cycle"], tmp_path)
     assert path.read_text(encoding="utf-8").startswith("<?xml") and not list(tmp_path.glob("*.png"))
+
+
+def test_a_notebook_is_rendered_with_its_outputs(tmp_path):
+    spec = importlib.util.spec_from_file_location("render", DOCS / "render.py")
+    render = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(render)
+    source = tmp_path / "one.py"
+    source.write_text("# %% [markdown]\n# # One\n\n# %%\n1 + 1\n", encoding="utf-8")
+    told = json.loads(render.render(source).read_text(encoding="utf-8"))
+    assert [cell["cell_type"] for cell in told["cells"]] == ["markdown", "code"]
+    assert told["cells"][1]["outputs"][0]["data"]["text/plain"] == ["2"]
 
 
 def test_every_file_and_function_of_the_report_index_exists():

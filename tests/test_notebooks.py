@@ -1,8 +1,10 @@
-"""The notebooks run from top to bottom, and find what they say."""
+"""The notebooks run from top to bottom, at small size where they have one, and find what they say."""
 
 from __future__ import annotations
 
+import ast
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +14,15 @@ import pytest
 from nbclient import NotebookClient
 
 NOTEBOOKS = Path(__file__).parents[1] / "notebooks"
+DATA = Path(os.environ.get("BAYESCHUTE_DATA") or "no-such-folder")
+
+MOST_IMPORTS = {"modal": 14}  # it calls the swing's parts one by one; others keep under a dozen
+
+
+@pytest.fixture
+def small(monkeypatch):
+    """A small size: enough to run every line, not for use."""
+    monkeypatch.setenv("BAYESCHUTE_SMALL", "1")
 
 
 def _values(name: str, expression: str, folder: Path) -> Any:
@@ -19,7 +30,7 @@ def _values(name: str, expression: str, folder: Path) -> Any:
     notebook = jupytext.read(NOTEBOOKS / name)
     last = nbformat.v4.new_code_cell(f"import json\nprint(json.dumps({expression}))")
     notebook.cells.append(last)
-    NotebookClient(notebook, timeout=300, kernel_name="python3", resources={"metadata": {"path": folder}}).execute()
+    NotebookClient(notebook, timeout=600, kernel_name="python3", resources={"metadata": {"path": folder}}).execute()
     outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
     assert any("image/png" in output.get("data", {}) for output in outputs), "no figure is shown"
     return json.loads(last["outputs"][-1]["text"])
@@ -60,3 +71,88 @@ def test_behaviour(tmp_path: Path):
     assert min(found["both"]) < -0.09 and max(found["both"]) > -0.03
     assert 1.0 < found["slope"] < 1.25
     assert found["elasticity"][0] < 0.0 < min(found["elasticity"][1:])
+
+
+@pytest.mark.parametrize("path", sorted(NOTEBOOKS.glob("*.py")), ids=lambda p: p.stem)
+def test_a_notebook_has_few_imports_and_says_what_it_found(path):
+    text = path.read_text(encoding="utf-8")
+    tree = ast.parse(text)
+    assert sum(isinstance(node, ast.Import | ast.ImportFrom) for node in ast.walk(tree)) < MOST_IMPORTS.get(
+        path.stem, 12
+    )
+    assert text.count("# %% [markdown]") >= 3
+    page = NOTEBOOKS.parent / "docs/notebooks.md"
+    assert f"`{path.name}`" in page.read_text(encoding="utf-8")
+
+
+def test_quick_start_on_a_cluster(small, tmp_path: Path):
+    found = _values("cluster.py", "dict(risk=vars(risk), shares=shares, terms=len(posterior.names))", tmp_path)
+    assert 0.0 < found["risk"]["low"] <= found["risk"]["met"] <= 1.0 and found["risk"]["failed"] == 0
+    assert sum(found["shares"].values()) == pytest.approx(1.0) and min(found["shares"].values()) >= 0.0
+    assert found["shares"]["wind"] > found["shares"]["initial state"] and found["terms"] == 8
+
+
+def test_own_record(small, tmp_path: Path):
+    expression = """dict(
+        faults=faults, shift=shift, size=report.stat().st_size, kinds=[r.kind for r in flight.repairs],
+        held={k: [float(np.quantile(v, q)) for q in (0.001, 0.999)] for k, v in found.items()},
+    )"""
+    found = _values("own_record.py", expression, tmp_path)
+    assert found["faults"] == 3 and {"spike", "gap"} <= set(found["kinds"])
+    assert found["shift"] == pytest.approx(-0.04, abs=0.01)  # the air is 4 % thinner than standard
+    low, high = found["held"]["with density"]
+    assert low < 0.16 < high and 50_000 < found["size"] < 2_000_000
+
+
+def test_structure(small, tmp_path: Path):
+    found = _values(
+        "structure.py", "dict(within=within, false=stand_ins, missed=missed, chosen=dict(chosen))", tmp_path
+    )
+    assert found["chosen"]["axial[1]"] == found["chosen"]["transverse[rate]"] == 3
+    assert found["within"] < 0.8 and found["false"] > 0  # else the text would say what isn't so
+
+
+def test_reading_a_posterior(small, tmp_path: Path):
+    expression = """dict(
+        correlation=correlation, narrowing=narrowing, outside=outside, least=least, flown=[low, high],
+        contraction=told["contraction"].astype(float).to_dict(),
+    )"""
+    found = _values("reading_a_posterior.py", expression, tmp_path)
+    assert found["correlation"] < -0.5 and found["narrowing"] < 0.5 and found["outside"] > 2.0
+    assert found["least"].startswith("riser_") and found["contraction"][found["least"]] < 0.3
+    assert found["contraction"]["axial[1]"] > 0.8 and 0.0 < found["flown"][0] < found["flown"][1] < 0.7
+
+
+def test_white_noise(small, tmp_path: Path):
+    found = _values("white_noise.py", "dict(held=held, factor=factor)", tmp_path)
+    assert found["held"]["white"] < 0.7 <= found["held"]["latent"] and found["factor"] > 4.0
+
+
+def test_predict_and_check(small, tmp_path: Path):
+    expression = "dict(coverage={' '.join(k): v for k, v in coverage.items()}, loss=loss)"
+    found = _values("predict_and_check.py", expression, tmp_path)
+    assert all(0.4 < share <= 1.0 for share in found["coverage"].values())
+    assert found["coverage"]["calmer as fitted"] >= found["coverage"]["rougher as fitted"] and found["loss"] > 0.0
+
+
+def test_next_test(small, tmp_path: Path):
+    expression = "dict(narrower=narrower, spread=spread, before=before, met=[m.met for m in met], shares=shares)"
+    found = _values("next_test.py", expression, tmp_path)
+    assert 0.5 < found["narrower"] < 1.0 and found["met"] == sorted(found["met"])
+    assert found["spread"] > 0.1 and found["before"] > 0.1 and found["shares"]["parameter"] < 0.5
+
+
+def test_population_says_that_there_are_no_records(small, monkeypatch, tmp_path: Path):
+    monkeypatch.delenv("BAYESCHUTE_DATA", raising=False)
+    assert _values("population.py", "dict(files=len(files), members=len(members))", tmp_path) == {
+        "files": 0,
+        "members": 0,
+    }
+
+
+@pytest.mark.skipif(not DATA.is_dir(), reason="BAYESCHUTE_DATA names no folder of records")
+def test_population_of_measured_drops(small, tmp_path: Path):
+    found = _values(
+        "population.py", "dict(members=list(members), factor=factor, spread=float(spread.mean()))", tmp_path
+    )
+    assert len(found["members"]) == 3 and found["factor"] > 1.0 and 0.0 < found["spread"] < 1.0

@@ -80,7 +80,7 @@ def test_examples_of_the_docstrings_run(sondes, fitted, posterior, forecast, tmp
 
 def test_every_noun_shows_itself(sondes, fitted, posterior, forecast):
     flight = sondes.flights[0]
-    for one in (sondes, flight, sondes.priors, fitted, posterior, forecast):
+    for one in (sondes, sondes.flights, flight, sondes.priors, fitted, posterior, forecast):
         assert one._repr_html_().count("<tr>") >= 2 and len(repr(one)) < 500
     assert "low" in repr(posterior) and "other" in repr(forecast) and "&lt;" not in repr(flight)
 

@@ -8,7 +8,7 @@ from html import escape
 
 def table(title: str, head: Sequence[str], rows: Sequence[Sequence[object]], note: str = "") -> str:
     """An HTML table with a title and a note."""
-    cells = "".join(f"<th>{escape(one)}</th>" for one in head)
+    cells = "".join(f'<th scope="col">{escape(one)}</th>' for one in head)
     body = "".join("<tr>" + "".join(f"<td>{escape(str(one))}</td>" for one in row) + "</tr>" for row in rows)
     below = f"<p>{escape(note)}</p>" if note else ""
     return (

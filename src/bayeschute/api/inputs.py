@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -89,6 +89,11 @@ def noise(tables: Mapping[str, Any]) -> NoiseTable:
         raise InputError(faults_of("noise", NoiseTable, error, dict(tables))) from None
 
 
+def flight_rows(flights: Iterable[Flight]) -> list[tuple[str, str, str]]:
+    """Name, roles and source of each flight."""
+    return [(f.name, ", ".join(f.roles), f.source) for f in flights]
+
+
 class Flights(Sequence["Flight"]):
     """The flights of a study, by place or by name.
 
@@ -121,6 +126,10 @@ class Flights(Sequence["Flight"]):
     def __repr__(self) -> str:
         """Names and roles."""
         return f"Flights({', '.join(f.name for f in self._flights)})"
+
+    def _repr_html_(self) -> str:
+        """Names, roles and sources as a table."""
+        return html.table("Flights", ("flight", "roles", "record"), flight_rows(self))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -205,8 +214,8 @@ class Study:
 
     def _repr_html_(self) -> str:
         """The flights as a table."""
-        rows = [(f.name, ", ".join(f.roles), f.source) for f in self.flights]
-        return html.table(self.title, ("flight", "roles", "record"), rows, f"model: {self.spec.model}")
+        head = ("flight", "roles", "record")
+        return html.table(self.title, head, flight_rows(self.flights), f"model: {self.spec.model}")
 
 
 @dataclass(frozen=True, eq=False, repr=False, init=False)

@@ -1,0 +1,36 @@
+"""Run notebooks and write them as ``.ipynb`` beside their sources: ``python docs/render.py [NAME ...]``, else all."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+import jupytext
+import nbformat
+from nbclient import NotebookClient
+
+NOTEBOOKS = Path(__file__).parents[1] / "notebooks"
+
+
+def render(source: Path, folder: Path | None = None) -> Path:
+    """Run a notebook with the kernel of this environment; returns the path of what was written.
+
+    Args:
+        source: Plain Python with cell marks.
+        folder: Where to; beside the source where None.
+    """
+    notebook = jupytext.read(source)
+    where = {"metadata": {"path": str(source.parent)}}
+    NotebookClient(notebook, timeout=3600, kernel_name="python3", resources=where).execute()
+    path = (folder or source.parent) / source.with_suffix(".ipynb").name
+    aside = path.with_suffix(".part")
+    nbformat.write(notebook, aside)
+    os.replace(aside, path)
+    return path
+
+
+if __name__ == "__main__":
+    for name in sys.argv[1:] or sorted(path.stem for path in NOTEBOOKS.glob("*.py")):
+        path = render(NOTEBOOKS / f"{name}.py")
+        print(f"{path}: {path.stat().st_size / 1024:.0f} kB", flush=True)
