@@ -218,7 +218,7 @@ def _flight(flight: OtherFlight, more: Mapping[str, Any]) -> dict[str, Any]:
     profile |= {axis: {"column": axis, "unit": "m/s"} for axis in ("north", "east")}
     seen = flight.time[np.isfinite(flight.canopies).all(axis=(1, 2))]
     rate = min(RATE, round(1.0 / float(np.median(np.diff(seen))), 3))
-    own = {"name": flight.name, "file": f"{flight.name}.nc", "rate": f"{rate:g} Hz"}
+    own = {"name": flight.name, "file": f"{flight.name}.nc", "rate": f"{rate:g} Hz", "simulated_by": "another program"}
     return own | dict(more) | {"wind_profile": {"profile": profile}}
 
 

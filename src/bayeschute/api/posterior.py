@@ -347,7 +347,13 @@ class Posterior:
             low, middle, high = (html.number(float(q)) for q in np.quantile(self[name].values, (0.05, 0.5, 0.95)))
             rows.append((name, middle, f"{low} to {high}", self[name].attrs.get("units", "1")))
         missed = ", ".join(self.checks().query("passed == False").index) if "checks.json" in self.files else ""
-        note = f"checks missed: {missed}" if missed else "all checks passed"
+        note = (
+            f"checks missed: {missed}"
+            if missed
+            else "all checks passed"
+            if "checks.json" in self.files
+            else "no checks"
+        )
         return html.table(repr(self), ("parameter", "median", "central 90 %", "unit"), rows, note)
 
     @cached_property

@@ -34,6 +34,10 @@ class Run:
     folder: Path
     study: Study
 
+    def __post_init__(self) -> None:
+        """A folder may be given as text."""
+        object.__setattr__(self, "folder", Path(self.folder))
+
     @property
     def summary(self) -> dict[str, Any]:
         """summary.json; empty where the last stage has not run."""
