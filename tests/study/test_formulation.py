@@ -76,7 +76,7 @@ def sandwich(descents, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, 
 def test_a_sandwich_runs_to_the_end_and_says_what_it_is(sandwich, descents):
     folder, summary = sandwich
     assert summary["noise_model"] == summary["sampling"]["sampler"] == "sandwich"
-    assert summary["label"].startswith("for comparison: classical output error")
+    assert "for comparison: classical output error" in summary["label"]
     noise = summary["noise"]["descent_rate"]
     assert noise["correlated"] is None and noise["time_constant"] is None and 0.1 < noise["white"] < 1.0
     (row,), found = summary["output_error"], summary["parameters"]["cds_over_mass"]

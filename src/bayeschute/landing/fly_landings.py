@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +18,7 @@ from bayeschute.landing.motion_label import motion
 from bayeschute.landing.wind_plan import shear_of
 from bayeschute.likelihood.disturbances import Latent
 
+Source = Callable[[int], np.random.Generator]
 Array = NDArray[np.float64]
 Ids = NDArray[np.int64]
 BATCH = 1024
@@ -66,10 +67,13 @@ def _batch(plan: CampaignPlan, number: int, ids: Ids, local: Ids) -> NDArray[np.
     """Rows of landings of one model, `local` being their draws of it."""
     one = plan.models[number]
     sizes = normal_sizes(plan, number)
-    names = ("winds of landings", "starts of landings", "gusts of landings", "canopies of landings")
-    given = [
-        _each(plan.seed, name, ids[:, i + 1], size) for i, (name, size) in enumerate(zip(names, sizes, strict=True))
-    ]
+    sources: tuple[Source, ...] = (
+        lambda key: stream(plan.seed, "winds of landings", key),
+        lambda key: stream(plan.seed, "starts of landings", key),
+        lambda key: stream(plan.seed, "gusts of landings", key),
+        lambda key: stream(plan.seed, "canopies of landings", key),
+    )
+    given = [_each(one, ids[:, i + 1], size) for i, (one, size) in enumerate(zip(sources, sizes, strict=True))]
     laws = [law[local].T for law in one.laws]
     return fly_normals(plan, number, one.theta[local].T, laws, Normals(*given), ids)
 
@@ -135,12 +139,12 @@ def _samples(plan: CampaignPlan, model: LandingFlight, one: Parameters) -> int:
     return SECOND * int(np.ceil(seconds / SAMPLE / SECOND)) + 1
 
 
-def _each(seed: int, name: str, ids: Ids, size: int) -> Array:
-    """Standard normal numbers (size, B), a stream for each landing's number; numbers that repeat share theirs."""
+def _each(source: Source, ids: Ids, size: int) -> Array:
+    """Standard normal numbers (size, B), a source for each landing's number; numbers that repeat share theirs."""
     made = np.empty((size, len(ids)))
     known, back = np.unique(ids, return_inverse=True)
     for i, key in enumerate(known):
-        made[..., back == i] = stream(seed, name, int(key)).standard_normal(size)[:, None]
+        made[..., back == i] = source(int(key)).standard_normal(size)[:, None]
     return made
 
 

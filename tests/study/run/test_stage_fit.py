@@ -48,12 +48,17 @@ def run(tmp_path, monkeypatch):
         size = len(priors)
         return JointFit(_optimum(np.full(size, 7.0), np.eye(size)), HYPER, -float(len(asked)))
 
-    def mode(flights, priors, settled, progress=None, most=0):
+    def carried_over(flights, priors, prior, larger, theta, at):
+        asked.append(SimpleNamespace(flights=flights, priors=tuple(priors), begin=(theta, at, larger.hyper)))
+        return JointFit(_optimum(theta, np.eye(len(priors))), larger.hyper, -float(len(asked)))
+
+    def mode(flights, priors, settled, progress=None, near=0.0):
         assert settled.evidence == -1.0 and len(priors) == 5  # of the library's fit
         return _optimum(MODE, LAW)
 
     monkeypatch.setattr(stage_fit, "joint_fit", joint_fit)
     monkeypatch.setattr(stage_fit, "marginal_mode", mode)
+    monkeypatch.setattr(stage_fit, "carried_over", carried_over)
     monkeypatch.setattr(stage_fit, "data_of", lambda job, flight, priors: (flight.name, tuple(p.name for p in priors)))
     study = SimpleNamespace(
         structure=SimpleNamespace(fit="search", core=CORE), noise=SimpleNamespace(model="latent"),

@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from bayeschute.core.random import stream
 from bayeschute.landing.measures import IDS
 
 Array = NDArray[np.float64]
@@ -51,7 +52,7 @@ def jansen(a: Array, b: Array, mixed: Array, seed: int = 0, resamples: int = 200
         seed: Of the bootstrap.
         resamples: Of the bootstrap.
     """
-    rng = np.random.default_rng(seed)
+    rng = stream(seed, "bootstrap of shares")
 
     def both(pick: NDArray[np.int64] | slice) -> tuple[Array, Array]:
         variance = max(float(np.var(np.concatenate([a[pick], b[pick]]))), 1e-300)
@@ -73,7 +74,7 @@ def sobol(function: Callable[[Array], Array], names: Sequence[str], samples: int
         samples: N of each base sample; the function is asked for (inputs + 2) N points.
         seed: Of the samples.
     """
-    rng = np.random.default_rng(seed)
+    rng = stream(seed, "points of shares")
     a, b = rng.random((2, samples, len(names)))
     mixed = []
     for i in range(len(names)):
@@ -147,7 +148,7 @@ def shapley(inputs: Array, values: ArrayLike, names: Sequence[str], seed: int = 
                 for some in combinations(others, size):
                     share[i] += weight * (explained(tuple(sorted((*some, i)))) - explained(some))
     else:
-        rng = np.random.default_rng(seed)
+        rng = stream(seed, "orders of Shapley shares")
         for _ in range(_ORDERS):
             order = rng.permutation(count)
             for k, i in enumerate(order):

@@ -373,6 +373,7 @@ def _searched(
     if job.study.sampler.starts is None:
         some = [data_of(job, f, smaller.priors) for f in smaller.flights]
         settled = carried_over(some, smaller.priors, prior, library, chosen.theta, mode.flights)
+        say(1.0, "the chosen terms start where the full library led")
     if settled is None:
         begin = (chosen.theta, mode.flights, library.hyper)
         settled = _joint(job, smaller, prior, lambda s, w: say(0.6 + 0.4 * s, w), begin)
