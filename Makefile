@@ -62,7 +62,7 @@ $(VENV)/pyvenv.cfg:
 
 $(RUNTIME): pyproject.toml constraints.txt | $(VENV)/pyvenv.cfg
 	@echo "== Installing bayeschute and what it runs on, versions from constraints.txt"
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[fast]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e .
 	@touch $@
 
 $(DEV): pyproject.toml constraints.txt | $(VENV)/pyvenv.cfg

@@ -2,7 +2,7 @@
 
 The code is generated from the operations that JAX traces in a model's `rate` and `observe`, each evaluated once, for
 several flights or samples side by side (SIMD). It takes concrete arrays on a CPU, for models whose `advance` is `rk4`
-of their `rate`, where llvmlite is installed (``pip install bayeschute[fast]``). Otherwise the functions here return
+of their `rate`, where llvmlite can be imported (it is a dependency). Otherwise the functions here return
 None and `integrate` does the same more slowly; `why_not_compiled` gives the reason.
 """
 
