@@ -19,4 +19,4 @@ def test_coefficients_are_the_sums_of_their_terms(plan):
     normal = (by_name["transverse[e]"] + by_name["transverse[e*alpha^2]"] * alpha**2) * np.sin(alpha)
     np.testing.assert_allclose(np.abs(rows["C_N_1"]), np.abs(normal), rtol=1e-9)
     assert (rows["C_N_1"] > 0.0).all()  # restores at twenty degrees
-    np.testing.assert_allclose(rows["C_Nr_1"], by_name["transverse[rate]"], rtol=1e-6)
+    np.testing.assert_allclose(rows["C_N_rate_1"], by_name["transverse[rate]"] * np.cos(alpha), rtol=1e-9)

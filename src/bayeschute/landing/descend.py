@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from bayeschute.core.vectors import Vec3
 from bayeschute.landing.landing_model import LandingFlight, flown, rows
 from bayeschute.landing.wind_plan import STEP
 
@@ -129,13 +130,13 @@ def _met(weather: Weather, x: Array, lanes: NDArray[np.int64], k: int, n: int) -
     return made
 
 
-def _watched(states: Array, error: Array, n: int, attach: object) -> Array:
+def _watched(states: Array, error: Array, n: int, attach: Vec3) -> Array:
     """Horizontal parts of the risers' directions and the canopies' mean velocity through the air (T, 2 n + 3, B)."""
     split = 13 + 3 * n
     shape = (len(states), 3, n, states.shape[2])
     place, speed = states[:, 13:split].reshape(shape), states[:, split : split + 3 * n].reshape(shape)
     w, v = states[:, 6], states[:, 7:10]
-    arm = np.broadcast_to(np.array([attach.x, attach.y, attach.z])[:, None], v.shape)  # type: ignore[attr-defined]
+    arm = np.broadcast_to(np.array([attach.x, attach.y, attach.z])[:, None], v.shape)
     twice = 2.0 * np.cross(v, arm, axis=1)
     along = place - (states[:, 0:3] + arm + w[:, None] * twice + np.cross(v, twice, axis=1))[:, :, None]
     unit = along[:, :2] / np.maximum(np.linalg.norm(along, axis=1), 1e-9)[:, None]

@@ -49,9 +49,10 @@ def knowledge_table(results: Results) -> Table | None:
         pair = (MISSING, MISSING)
         if worst is not None and worst < min(len(values), len(found)):
             sds = one["sd"][worst], one["found_sd"][worst]
-            pair = tuple(
+            first, second = (
                 f"{number(v, 3)} ± {number(s, 2)}" for v, s in zip((values[worst], found[worst]), sds, strict=True)
-            )  # type: ignore[assignment]
+            )
+            pair = first, second
         verdict = str(one.get("verdict"))
         rows.append(
             cells(

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from bayeschute.aero.curve_names import ANGLE, DISTANCE
 from bayeschute.core.vectors import dot
+from bayeschute.dynamics.cluster_flight import ClusterFlight
 from bayeschute.likelihood.flow_along import Along, flow_along
 from bayeschute.study.assembly.fits import data_of, groups, load_optimum
 from bayeschute.study.job import Job
@@ -43,7 +44,8 @@ def flown(job: Job) -> list[FlownFlight]:
         best = load_optimum(job, group)
         for flight, at in zip(group.flights, best.flights, strict=True):
             data = data_of(job, flight, group.priors)
-            structure = data.model.structure  # type: ignore[attr-defined]  # of a cluster
+            assert isinstance(data.model, ClusterFlight)
+            structure = data.model.structure
             along = flow_along(data, best.theta, at.path, at.error)
             found.append(FlownFlight(flight.name, along, structure.axial, structure.transverse))
     return found

@@ -26,6 +26,7 @@ from bayeschute.study.schema.quantities import (
     Speed,
     Strict,
     Text,
+    exactly_one_limit,
     number,
     one_of,
     read_quantity,
@@ -221,8 +222,7 @@ class LimitTable(Strict):
 
     @model_validator(mode="after")
     def _has_one_limit(self) -> LimitTable:
-        if (self.at_most is None) == (self.at_least is None):
-            refuse("exactly one of at_most and at_least", "neither" if self.at_most is None else "both")
+        exactly_one_limit(self.at_most, self.at_least)
         return self
 
 

@@ -33,6 +33,12 @@ def refuse(wanted: str, got: Any = None, do: str = "") -> NoReturn:
     raise PydanticCustomError("fault", "wanted {wanted}", {"wanted": wanted, "got": got, "do": do})
 
 
+def exactly_one_limit(at_most: float | None, at_least: float | None) -> None:
+    """Refuse a requirement with no limit, or with one to both sides."""
+    if (at_most is None) == (at_least is None):
+        refuse("exactly one of at_most and at_least", "neither" if at_most is None else "both")
+
+
 @dataclass(frozen=True)
 class Bounds:
     """Range of an SI number, with open or closed ends.

@@ -24,6 +24,7 @@ from bayeschute.study.schema.quantities import (
     Text,
     Time,
     Until,
+    exactly_one_limit,
     number,
     one_of,
     read_quantity,
@@ -215,8 +216,7 @@ class RequirementTable(Strict):
 
     @model_validator(mode="after")
     def _has_one_limit(self) -> RequirementTable:
-        if (self.at_most is None) == (self.at_least is None):
-            refuse("exactly one of at_most and at_least", "neither" if self.at_most is None else "both")
+        exactly_one_limit(self.at_most, self.at_least)
         return self
 
 
