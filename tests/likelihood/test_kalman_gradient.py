@@ -97,3 +97,17 @@ def test_noise_without_processes_of_its_own_has_a_gradient(descent):
     value, gradient = _by_ad(at, hyper, (flight,), (lin,), before, True)
     assert float(ours[0]) == pytest.approx(float(value), rel=1e-11)
     np.testing.assert_allclose(ours[1], gradient, rtol=1e-8, atol=1e-8)
+
+
+@pytest.mark.parametrize("growth", [1.0, 2.0])
+def test_gradient_of_a_flight_that_diverges_without_its_data(linear, request, growth):
+    """Rounding must not grow as the open loop does, here by a factor of two a sample."""
+    made, flights, lin, like = _case("linear", request)
+    flight, steps = flights[0], lin[0].steps
+    grown = lin[0]._replace(steps=steps._replace(by_state=growth * jnp.asarray(steps.by_state)))
+    before = jnp.asarray(precision(made.priors))
+    at = jnp.asarray(kalman_gradient.to_vector(made.hyper)) + 0.2
+    value, gradient = _by_ad(at, like, (flight,), (grown,), before, True)
+    ours = kalman_gradient.evidence_score(at, like, LOG_SD, (flight,), (grown,), (as_seen(grown),), before)
+    assert float(ours[0]) == pytest.approx(float(value), rel=1e-9)
+    np.testing.assert_allclose(ours[1], gradient, rtol=1e-6, atol=1e-6 * np.abs(gradient).max())

@@ -117,6 +117,8 @@ def slope(flight: FlightData, hyper: NoiseParameters, linear: Linear, done: Pass
     inverse = jnp.swapaxes(made.inverse, 1, 2) @ made.inverse - weighted @ jnp.swapaxes(weighted, 1, 2)
 
     # The recursion of z = N - r r' itself: with w = S^-1 v, u = L' r, it gains H' (S^-1 - w w') H - H' w u' - u w' H.
+    # z is kept exactly symmetric: rounding that is not would grow as the flight does without its data, and an open loop
+    # that doubles within a sample makes the gradient worthless.
     def step(later: tuple[jax.Array, jax.Array], row: tuple) -> tuple[tuple[jax.Array, jax.Array], tuple]:
         r, z = later
         f, h, here, gain, inverse, w, latents, noises, mean, way = row
@@ -127,6 +129,7 @@ def slope(flight: FlightData, hyper: NoiseParameters, linear: Linear, done: Pass
         drift = jnp.diagonal(z)[split:]
         back = jnp.concatenate([f.T @ r[:split], phi[:, None] * r[split:]])
         body, cross = f.T @ z[:split, :split] @ f, (f.T @ z[:split, split:]) * phi
+        body = 0.5 * (body + body.T)
         own = z[split:, split:] * (phi[:, None] * phi)
         z = jnp.concatenate([jnp.concatenate([body, cross], 1), jnp.concatenate([cross.T, own], 1)])
         pulled, g = gain.T @ z, gain.T @ back
@@ -138,7 +141,7 @@ def slope(flight: FlightData, hyper: NoiseParameters, linear: Linear, done: Pass
         half = jnp.concatenate([h.T @ half, jnp.zeros((size, split + c)), here[:, None] * half])
         e = w - g
         r = back + jnp.concatenate([h.T @ e, jnp.zeros((size, e.shape[1])), here[:, None] * e])
-        return (r, z + half + half.T), (latent, noise_gain, kept, drift, white)
+        return (r, z + (half + half.T)), (latent, noise_gain, kept, drift, white)
 
     filtered = (made.transition[:, :split, :split], made.output[:, :, :x], seen, made.gain, inverse)
     rows = (*filtered, weighted, done.latents, done.noises, means, way)
