@@ -35,7 +35,8 @@ _FEW_DEFECTS, _SECANTS = 0.2, 6  # of that slack, at which earlier slopes tell o
 _PRICE = 3.0  # of a defect of the last level's slack, in log density; more than the process noise of the states ask for
 _SHARES, _CLOSING = (1.0, 0.5, 0.2, 0.05), 5  # of steps; most that close the defects of one
 _NONE = np.zeros(0)  # no step of parameters
-_RESTING, _MOST_RESTING = 0.02, 12  # gain in log density at which a conditional optimum is reached; most steps to it
+_RESTING, _MOST_RESTING = 0.01, 12  # gain in log density at which a conditional optimum is reached; most steps to it
+_ANDERSON = 4  # earlier steps that tell of the next one to it
 _IDLE = 4  # steps that together gain next to nothing: however long the next would be, it leads nowhere
 _FREE = 1e-2  # damping below which a step is as good as free
 _FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-3, 1e-9, 1e8
@@ -269,13 +270,19 @@ class _Level:
             matrix, gradient = matrix + gram[1:, 1:], gradient - gram[1:, 0]
         return found, matrix, gradient
 
-    def relaxed(self, here: _Point) -> list[Lifted]:
-        """Trajectory, start and process noise that minimise the linear problem for fixed parameters."""
+    def relaxed(self, here: _Point) -> tuple[list[Lifted], float]:
+        """Trajectory, start and process noise that minimise the linear problem for fixed parameters.
+
+        Returns:
+            They, and by how much the merit would fall to there if the problem were linear.
+        """
         trio, ends = zip(self.records, here.flights, here.along, strict=True), list[Lifted]()
+        least = 0.5 * float(np.sum(standard(self.priors, here.theta) ** 2)) if self.priors else 0.0
         for flight, at, made in trio:
-            alone = made.without_theta()
-            ends.append(led(flight, self.hyper, at, solve(flight, self.hyper, self.slack(flight, at), alone), _NONE))
-        return ends
+            solved = solve(flight, self.hyper, self.slack(flight, at), made.without_theta())
+            ends.append(led(flight, self.hyper, at, solved, _NONE))
+            least += 0.5 * float(solved.gram[0, 0])
+        return ends, here.merit - least
 
     def closed(self, here: _Point) -> _Point:
         """The iterate without the defects of the linear problem, for fixed parameters."""
@@ -344,18 +351,45 @@ def brought(
 
 
 def _resting(level: _Level, here: _Point) -> _Point:
-    """Newton steps of trajectories, start and process noise for fixed parameters, until their gain is small."""
-    held = np.zeros_like(here.theta)
+    """Steps of trajectories, start and process noise for fixed parameters, until they would gain next to nothing.
+
+    Gauss-Newton steps, accelerated by Anderson's method (1965): where residuals bend they are too long or too short
+    along a few directions, which the change of the steps over earlier ones tells. Where canopies were not seen for a
+    while plain steps go five times too far, and ten and more of them, each shortened, end a nat short.
+    """
+    held, tried = np.zeros_like(here.theta), list[tuple[Sequence[Lifted], Sequence[Lifted]]]()
     if not all(_consistent(f, level.hyper, at) for f, at in zip(level.records, here.flights, strict=True)):
-        here = _tried(level, here, level.relaxed(here), held, 1.0)  # what it cost before says nothing
+        here = _tried(level, here, level.relaxed(here)[0], held, 1.0)  # what it cost before says nothing
     for _ in range(_MOST_RESTING):
-        found = _lower(level, here, level.relaxed(here), held)
-        if found is None:
-            break
-        gain, here = here.merit - found.point.merit, found.point
+        ends, gain = level.relaxed(here)
         if gain < _RESTING:
             break
+        tried = [*tried[-_ANDERSON:], (here.flights, ends)]
+        there = _point(level, here, _accelerated(tried), held, 1.0) if len(tried) > 1 else here
+        if not there.merit < here.merit:
+            tried = tried[-1:]
+            found = _lower(level, here, ends, held)
+            if found is None:
+                break
+            there = found.point
+        here = there
     return here
+
+
+def _accelerated(tried: Sequence[tuple[Sequence[Lifted], Sequence[Lifted]]]) -> list[Lifted]:
+    """Ends of the next step by Anderson's method, from the beginnings and ends of earlier ones, the last one last.
+
+    The combination of ends whose steps together are shortest, in standard coordinates of start and process noise.
+    """
+    made = []
+    for pairs in zip(*(zip(*one, strict=True) for one in tried), strict=True):
+        steps = [np.concatenate([np.ravel(b - a) for a, b in zip(at[0], end[0], strict=True)]) for at, end in pairs]
+        changes = np.diff(np.array(steps), axis=0)
+        weights = np.linalg.lstsq(changes.T, steps[-1])[0]
+        ends = [end for _, end in pairs]
+        shares = np.append(weights, 1.0) - np.append(0.0, weights)
+        made.append(jax.tree.map(lambda *ends, c=shares: jnp.tensordot(c, jnp.stack(ends), axes=1), *ends))
+    return made
 
 
 @jax.jit
@@ -390,6 +424,18 @@ def _tried(level: _Level, here: _Point, ends: Sequence[Lifted], step: Array, sha
     return level.point(here.theta + share * step, [shortened(f, a, b, share) for f, a, b in trio])
 
 
+def _point(level: _Level, here: _Point, ends: Sequence[Lifted], step: Array, share: float) -> _Point:
+    """A share of a step; where the path obeys the equations of motion, with its defects closed if they make it dear.
+
+    Products of the parameters' change with that of the path make defects that the linear problem does not know, and
+    their price would hold every step back (Maratos 1978).
+    """
+    point = _tried(level, here, ends, step, share)
+    if level.level == 0.0 and here.merit < point.merit < np.inf:
+        point = _closed(level, point, here.merit)
+    return point
+
+
 def _closed(level: _Level, here: _Point, bound: float) -> _Point:
     """An iterate whose defects are closed for fixed parameters, until its merit is below a bound and decreases no more.
 
@@ -406,16 +452,9 @@ def _closed(level: _Level, here: _Point, bound: float) -> _Point:
 
 
 def _lower(level: _Level, here: _Point, there: Sequence[Lifted], step: Array) -> _Step | None:
-    """The whole step where it lowers the merit, else a share of it.
-
-    Where the path obeys the equations of motion, a share is judged after its defects are closed: products of the
-    parameters' change with that of the path make some that the linear problem does not know, and their price would hold
-    every step back (Maratos 1978).
-    """
+    """The whole step where it lowers the merit, else a share of it."""
     for share in _SHARES:
-        point = _tried(level, here, there, step, share)
-        if level.level == 0.0 and here.merit < point.merit < np.inf:
-            point = _closed(level, point, here.merit)
+        point = _point(level, here, there, step, share)
         if point.merit < here.merit:
             return _Step(point, share)
     return None
@@ -504,7 +543,7 @@ def descend(
         if at is not None and level == levels[0]:
             # Its disturbances may be those of other noise parameters: these find theirs before parameters move.
             held = np.zeros_like(theta)
-            moved_on = _tried(problem, here, problem.relaxed(here), held, 1.0)
+            moved_on = _tried(problem, here, problem.relaxed(here)[0], held, 1.0)
             here = moved_on if np.isfinite(moved_on.merit) else here._replace(merit=np.inf)
         last = level == levels[-1]
         bounds = near if last else _NEAR_LEVEL

@@ -31,25 +31,22 @@ from bayeschute.likelihood.joint import (
     NoiseParameters,
     as_seen,
     filter_gains,
-    latent_path_of,
-    linearise,
     moved,
 )
 from bayeschute.likelihood.kalman import Gains, MeanCorrection, innovations
+from bayeschute.posterior.along_record import brought
 from bayeschute.posterior.differences import beside
-from bayeschute.posterior.joint_mode import conditional
 from bayeschute.posterior.marginal import (
     Linearisation,
     Marginal,
     Quadratic,
     in_batches,
-    latent_path_at,
     linear_residuals,
+    place_at,
     shifted,
 )
 
 Array = NDArray[np.float64]
-_CROSSED = 3  # axes whose products with others the log determinant's polynomial has
 _FARTHEST = 3.0  # standard deviations that a step to the mode may be long
 _gains = jax.jit(filter_gains)
 
@@ -78,25 +75,11 @@ def _squares(made: Gains, linear: Linear, mean_correction: MeanCorrection) -> tu
     return 0.5 * unit[:, 0] @ unit[:, 0], -unit[:, 1:].T @ unit[:, 0], made.log_determinant
 
 
-@jax.jit
-def _moved(flight: FlightData, hyper: NoiseParameters, linear: Linear) -> Lifted:
-    """Where the linear problem of a flight has its optimum."""
-    given = conditional(flight, hyper, linear)
-    path = moved(flight, jnp.asarray(linear.latent_path.path), given.states[..., 0])
-    return Lifted(given.optimum, latent_path_of(flight, hyper, given.optimum).error, path)
-
-
-def _brought(marginal: Marginal, theta: jax.Array, shift: jax.Array) -> list[Linear]:
-    """The flights linearised at their conditional optima, one step from where they are followed to.
-
-    More steps tell little more where steps converge. Where they don't, as there are several optima, they would leave
-    the one that is followed.
-    """
-    made = []
-    for flight, along in zip(marginal.flights, marginal.along, strict=True):
-        there = linearise(flight, theta, latent_path_at(flight, along, shift)).without_theta()
-        made.append(linearise(flight, theta, _moved(flight, marginal.hyper, there).latent_path(flight)))
-    return made
+def _brought(marginal: Marginal, theta: jax.Array, shift: jax.Array) -> list[tuple[Lifted, Linear]]:
+    """The flights at their conditional optima, from where they are followed to, and linearised there."""
+    pairs = zip(marginal.flights, marginal.along, strict=True)
+    places = [place_at(flight, along, shift) for flight, along in pairs]
+    return brought(marginal.flights, marginal.hyper, np.asarray(theta), places)
 
 
 def _mean_correction(
@@ -126,15 +109,13 @@ def at(marginal: Marginal, xi: Array) -> Laplace:
     """Laplace's approximation at standard coordinates (P,); not finite where a step fails."""
     theta, shift = shifted(marginal, jnp.asarray(xi))
     square, gradient = _under_prior(marginal, theta)
-    determinant, places = 0.0, []
-    brought = _brought(marginal, theta, shift)
-    for flight, along, linear in zip(marginal.flights, marginal.along, brought, strict=True):
+    determinant, places = 0.0, _brought(marginal, theta, shift)
+    for flight, along, (_, linear) in zip(marginal.flights, marginal.along, places, strict=True):
         made = _gains(flight, marginal.hyper, linear)
         there = _mean_correction(flight, marginal.hyper, along, theta, made, linear.latent_path)
         value, slope, more = _squares(made, linear, there)
         square, gradient, determinant = square + float(value), gradient + np.asarray(slope), determinant + float(more)
-        places.append(_moved(flight, marginal.hyper, linear.without_theta()))
-    return Laplace(square, np.asarray(marginal.scale).T @ gradient, determinant, tuple(places))
+    return Laplace(square, np.asarray(marginal.scale).T @ gradient, determinant, tuple(place for place, _ in places))
 
 
 class _Values(NamedTuple):
@@ -156,8 +137,8 @@ def _values(marginal: Marginal, points: Array, changes: bool = False) -> _Values
     def one(xi: Array) -> tuple[list[float], list[Array]]:
         theta, shift = shifted(marginal, jnp.asarray(xi))
         made, roots = [_under_prior(marginal, theta)[0], 0.0], list[Array]()
-        brought = _brought(marginal, theta, shift)
-        for flight, along, linear in zip(marginal.flights, marginal.along, brought, strict=True):
+        places = _brought(marginal, theta, shift)
+        for flight, along, (_, linear) in zip(marginal.flights, marginal.along, places, strict=True):
             linear = linear.without_theta()
             gains = _gains(flight, marginal.hyper, linear)
             there = _mean_correction(flight, marginal.hyper, along, theta, gains, linear.latent_path)
@@ -198,7 +179,7 @@ class Lack(NamedTuple):
     information: Array
 
 
-def lack(marginal: Marginal, step: float = 0.2) -> Lack:
+def lack(marginal: Marginal, step: float = 0.4) -> Lack:
     """Gradient of the correction to the linear models, and the information in covariances, by one-sided differences.
 
     Where a flight near the optimum fails, the difference is taken to the other side.
@@ -221,18 +202,17 @@ def lack(marginal: Marginal, step: float = 0.2) -> Lack:
     return Lack(slope, 0.5 * change @ change.T)
 
 
-def corrected(marginal: Marginal, step: float = 1.0, crossed: int = _CROSSED) -> tuple[Marginal, Array | None]:
+def corrected(marginal: Marginal, step: float = 1.0) -> tuple[Marginal, Array | None]:
     """The posterior with corrections of its linear models, from Laplace's approximation to both sides along every axis.
 
     Along an axis on which a flight fails there, a half, a quarter or an eighth as far. Starts, process noise and paths
-    then follow theta as the exact optima do. The `crossed` axes of greatest curvature of the log determinant get their
-    products with all others too; a product at both corners of which a flight fails is left out (`error` tells what is
-    missing).
+    then follow theta as the exact optima do. The log determinant's polynomial has the products of all axes: along a
+    direction in which the data tell of the parameters by the covariances of the innovations alone, the density would
+    be flat without them. A product at both corners of which a flight fails is left out (`error` tells what is missing).
 
     Args:
         marginal: The posterior.
         step: How far to look [standard deviations].
-        crossed: How many axes get their products.
 
     Returns:
         The posterior, and Newton's step from the centre to its mode in standard coordinates (P,), no longer than 3;
@@ -252,13 +232,13 @@ def corrected(marginal: Marginal, step: float = 1.0, crossed: int = _CROSSED) ->
         up, down, h = beside(
             lambda points: np.array(list(pool.map(told, points))), count, step, "the marginal log density"
         )
-    sides = [[ends[tuple(row.tolist())].flights for row in sign * h * np.eye(count)] for sign in (1.0, -1.0)]
+    sides = [[ends[tuple(row.tolist())] for row in sign * h * np.eye(count)] for sign in (1.0, -1.0)]
     here, h = at(marginal, np.zeros(count)), h[:, 0]
-    determinant = _polynomial(marginal, up[:, 1] - here.determinant, down[:, 1] - here.determinant, h, crossed)
+    determinant = _polynomial(marginal, here, sides, h)
     exact = (up - down)[:, 2:] / (2.0 * h[:, None])
     slope, own = _expansion(marginal, h)
     bend = Quadratic((up - down)[:, 0] / (2.0 * h) - slope, 0.5 * (exact + exact.T) - own)
-    made = replace(_followed(marginal, sides[0], sides[1], h), determinant=determinant, bend=bend)
+    made = replace(_followed(marginal, sides, h), determinant=determinant, bend=bend)
     return made, _newton(slope + made.correction.slope, own + made.correction.curvature)
 
 
@@ -271,21 +251,41 @@ def _newton(slope: Array, curvature: Array) -> Array | None:
     return step * min(1.0, _FARTHEST / max(float(np.linalg.norm(step)), 1e-300))
 
 
-def _polynomial(marginal: Marginal, up: Array, down: Array, h: Array, crossed: int) -> Quadratic:
-    """The log determinant from its changes along every axis, and those at corners between the ones that bend most."""
-    curvature, count = np.diag((up + down) / h**2), len(h)
-    first = np.argsort(-np.abs(np.diag(curvature)))[:crossed]
-    left = np.array([(i, j) for n, i in enumerate(first) for j in range(count) if j not in first[: n + 1]], int)
-    for side, sign in ((up, 1.0), (down, -1.0)):
-        if not left.size:
-            break
+def _polynomial(marginal: Marginal, here: Laplace, sides: Sequence[Sequence[Laplace]], h: Array) -> Quadratic:
+    """The log determinant from its changes along every axis, and those at corners between them."""
+    up, down = (np.array([end.determinant for end in side]) - here.determinant for side in sides)
+    curvature, left = np.diag((up + down) / h**2), np.array(np.triu_indices(len(h), 1)).T
+    for change, ends, sign in ((up, sides[0], 1.0), (down, sides[1], -1.0)):
+
+        def corner(pair: Array, ends: Sequence[Laplace] = ends, sign: float = sign) -> float:
+            trio = zip(marginal.flights, *(one.flights for one in (here, ends[pair[0]], ends[pair[1]])), strict=True)
+            point = sign * h * np.isin(np.arange(len(h)), pair)
+            return _log_determinant(marginal, point, [_beyond(*four) for four in trio])
+
+        with ThreadPoolExecutor(processors()) as pool:
+            corners = np.array(list(pool.map(corner, left)))
         i, j = left.T
-        corners = _values(marginal, sign * (np.diag(h)[i] + np.diag(h)[j])).value[:, 1]
-        mixed = (corners - side[i] - side[j]) / (h[i] * h[j])
+        mixed = (corners - here.determinant - change[i] - change[j]) / (h[i] * h[j])
         known = np.isfinite(mixed)
         curvature[i[known], j[known]] = curvature[j[known], i[known]] = mixed[known]
         left = left[~known]
+        if not left.size:
+            break
     return Quadratic((up - down) / (2.0 * h), curvature)
+
+
+@jax.jit
+def _beyond(flight: FlightData, here: Lifted, one: Lifted, other: Lifted) -> Lifted:
+    """Where two steps lead together."""
+    both = jax.tree.map(lambda a, b, c: b + c - a, here, one, other)
+    return both._replace(path=moved(flight, jnp.asarray(here.path), both.path - here.path))
+
+
+def _log_determinant(marginal: Marginal, xi: Array, places: Sequence[Lifted]) -> float:
+    """At standard coordinates (P,), the flights' conditional optima sought from places near them."""
+    theta = np.asarray(shifted(marginal, jnp.asarray(xi))[0])
+    there = zip(marginal.flights, brought(marginal.flights, marginal.hyper, theta, places), strict=True)
+    return sum(float(_gains(flight, marginal.hyper, linear).log_determinant) for flight, (_, linear) in there)
 
 
 def _expansion(marginal: Marginal, h: Array) -> tuple[Array, Array]:
@@ -299,14 +299,14 @@ def _expansion(marginal: Marginal, h: Array) -> tuple[Array, Array]:
     return np.nan_to_num((up - down) / (2.0 * h), nan=0.0), np.asarray(np.nan_to_num(made, nan=0.0))
 
 
-def _followed(
-    marginal: Marginal, up: Sequence[Sequence[Lifted]], down: Sequence[Sequence[Lifted]], h: Array
-) -> Marginal:
+def _followed(marginal: Marginal, ends: Sequence[Sequence[Laplace]], h: Array) -> Marginal:
     """The posterior whose draws follow theta as conditional optima on either side along every axis do."""
     inverse, made = np.linalg.inv(np.asarray(marginal.scale)), []
     for number, along in enumerate(marginal.along):
-        pairs = zip(up, down, h, strict=True)
-        sides = [jax.tree.map(lambda a, b, h=h: (a - b) / (2.0 * h), u[number], d[number]) for u, d, h in pairs]
+        up, down = ([end.flights[number] for end in side] for side in ends)
+        sides = [
+            jax.tree.map(lambda a, b, h=h: (a - b) / (2.0 * h), *three) for *three, h in zip(up, down, h, strict=True)
+        ]
         exact = jax.tree.map(lambda *columns: np.stack(columns, axis=-1) @ inverse, *sides)
         made.append(along._replace(aside=jax.tree.map(lambda a, b: np.asarray(a - b), exact, along.slope)))
     return replace(marginal, along=tuple(made))

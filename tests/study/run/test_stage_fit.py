@@ -12,7 +12,7 @@ from bayeschute.likelihood.joint import Lifted, NoiseParameters, Unknowns
 from bayeschute.likelihood.noise import Noise
 from bayeschute.likelihood.priors import Prior, covariance, given_zero
 from bayeschute.posterior.along_record import LiftedFit, Row
-from bayeschute.posterior.fit.joint_fit import JointFit, NoJointFitError
+from bayeschute.posterior.fit.joint_fit import JointFit, NoFitError
 from bayeschute.posterior.joint_mode import Optimum
 from bayeschute.posterior.term_search import choose
 from bayeschute.study.assembly.fits import Group
@@ -106,11 +106,11 @@ def test_a_library_whose_paths_break_the_equations_of_motion_is_told(run, monkey
 
     def breaks(flights, priors, *rest, **more):
         if len(priors) == len(PRIORS):
-            raise NoJointFitError(["once"], best, priors, HYPER)
+            raise NoFitError("steps break the equations of motion", ["once"], best, priors, HYPER)
         return whole(flights, priors, *rest, **more)
 
     monkeypatch.setattr(stage_fit, "joint_fit", breaks)
-    with pytest.raises(NoJointFitError, match="break the equations of motion"):
+    with pytest.raises(NoFitError, match="break the equations of motion"):
         _settled(run)
 
 

@@ -34,19 +34,26 @@ Begin = tuple[Array, Sequence[Lifted] | None, NoiseParameters]
 """Parameters, where every flight begins (None: on the path of its record), noise parameters."""
 
 
-class NoJointFitError(FitError):
-    """A fit that ended without an optimum.
+class NoFitError(FitError):
+    """A fit that ended without an optimum, and the best place it came to.
 
     Attributes:
-        best: The fit along the record whose defects are least.
+        best: The fit along the record whose defects are least, or where the search for the marginal mode ended.
         priors: Of its parameters.
-        hyper: Noise parameters of the turn.
+        hyper: Noise parameters there.
     """
 
-    def __init__(self, tried: Iterable[str], best: LiftedFit, priors: Sequence[Prior], hyper: NoiseParameters) -> None:
+    def __init__(
+        self,
+        reason: str,
+        tried: Iterable[str],
+        best: LiftedFit | Optimum,
+        priors: Sequence[Prior],
+        hyper: NoiseParameters,
+    ) -> None:
         """A `FitError` with the best fit found."""
         self.best, self.priors, self.hyper = best, tuple(priors), hyper
-        super().__init__(_BREAKS, tried)
+        super().__init__(reason, tried)
 
 
 class JointFit(NamedTuple):
@@ -132,7 +139,7 @@ def _along_record(
     found, has stronger noise than they say.
 
     Raises:
-        NoJointFitError: If defects are left whatever was tried.
+        NoFitError: If defects are left whatever was tried.
     """
     whole, anew = (*along_record.LEVELS, 0.0), "from the path of the record"
     begun: list[tuple[str, NoiseParameters, Sequence[Lifted] | None, tuple[float, ...]]] = [
@@ -156,7 +163,7 @@ def _along_record(
         if best is None or (made.rows and (not best.rows or made.rows[-1].defect < best.rows[-1].defect)):
             best = made
     assert best is not None
-    raise NoJointFitError(tried, best, priors, hyper)
+    raise NoFitError(_BREAKS, tried, best, priors, hyper)
 
 
 def _settle_along(
@@ -243,7 +250,7 @@ def joint(
         at: Likewise, every flight; on the path of the record, or with undisturbed flights, where None.
 
     Raises:
-        NoJointFitError: If no flight follows the record.
+        NoFitError: If no flight follows the record.
         FloatingPointError: If models without a path of the record don't fly at the start.
     """
     if all(f.path is not None for f in flights):

@@ -11,14 +11,13 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from bayeschute.core.errors import FitError
 from bayeschute.core.random import stream
 from bayeschute.likelihood.joint import FlightData, Linear, NoiseParameters
 from bayeschute.likelihood.kalman import MeanCorrection
 from bayeschute.likelihood.priors import Prior
 from bayeschute.posterior import laplace, noise_evidence
 from bayeschute.posterior.fit.continuation import Progress
-from bayeschute.posterior.fit.joint_fit import JointFit, joint_fit
+from bayeschute.posterior.fit.joint_fit import JointFit, NoFitError, joint_fit
 from bayeschute.posterior.fit.marginal_mode import marginal_mode
 from bayeschute.posterior.joint_mode import Optimum
 from bayeschute.posterior.marginal import Marginal, Quadratic, marginalise, place_at
@@ -31,7 +30,6 @@ Array = NDArray[np.float64]
 _TURNS, _SETTLED = 3, 0.4  # most turns of noise parameters and mode; a step of the mode after which there is no other
 _MODE_TURN = 2  # most steps of the mode in each of them
 _BESIDE = (1.0, 0.3)  # steps [standard deviations] at which Laplace's approximation is taken
-_DETERMINANT = 0.2  # error of the polynomials beyond which the log determinant's gets all products
 _LOST_BEND = "the curvature correction of the conditional mode, which along some axis outweighs the density"
 _LOST_MEAN = "the shift of the noise parameters from their mode to their mean, where no mode was found"
 _AT_MODE, _BESIDE_MODE = 0.2, 0.5  # root mean square distance from there, along all axes, that ends it, or will do
@@ -108,12 +106,10 @@ def marginal_fit(
     )
     moved = noise_evidence.mean_less_mode(flights, _linear(made), priors, hyper, prior, known, _mean_corrections(made))
     scale = np.asarray(made.scale)
-    candidates = [hyper]
+    candidates = [("most probable noise parameters", hyper)]
     if np.max(np.abs(scale @ slope @ moved) / np.linalg.norm(scale, axis=1)) <= _FAR:
-        candidates = [
-            jax.tree.map(np.asarray, noise_evidence.from_vector(noise_evidence.to_vector(hyper) + moved, hyper)),
-            hyper,
-        ]
+        mean = jax.tree.map(np.asarray, noise_evidence.from_vector(noise_evidence.to_vector(hyper) + moved, hyper))
+        candidates.insert(0, ("noise parameters at their mean", mean))
     began = JointFit(replace(best, converged=settled.optimum.converged), hyper, value)
     best, hyper, made, lost, seen = _last(
         flights, priors, began, candidates, lambda share, words: say(0.8 + 0.2 * share, words)
@@ -126,14 +122,14 @@ def marginal_fit(
 
 def _determinant_error(made: Marginal) -> float:
     """Error of Laplace's approximation, always at the same points, so that decisions do not depend on a seed."""
-    return laplace.error(made, 4, stream(0, "points of the log determinant"))
+    return laplace.error(made, 8, stream(0, "points of the log determinant"))
 
 
 def _last(
     flights: Sequence[FlightData],
     priors: Sequence[Prior],
     began: JointFit,
-    candidates: Sequence[NoiseParameters],
+    candidates: Sequence[tuple[str, NoiseParameters]],
     progress: Progress | None = None,
 ) -> tuple[Optimum, NoiseParameters, Marginal, tuple[str, ...], Profile]:
     """The mode under the first noise parameters that lead to one, the posterior, corrections left out, the density.
@@ -141,12 +137,11 @@ def _last(
     A point that turns out to lie beside the mode, once what the linear models lack is known, is left for it.
 
     Raises:
-        FitError: If none does.
-        FloatingPointError: If flights fail on the way under the last of them.
+        NoFitError: If none does.
     """
     say = progress or (lambda share, words: None)
-    failed: Exception = ValueError("no noise parameters")
-    for hyper in candidates:
+    tried, ended, reason = list[str](), began.optimum, ""
+    for words, hyper in candidates:
         try:
             start = JointFit(began.optimum, hyper, began.evidence)
             here = marginal_mode(flights, priors, start, lambda share, words: say(0.3 * share, words))
@@ -159,17 +154,14 @@ def _last(
                     break
                 here = _ahead(near, here, found[-1][3])
         except FloatingPointError as error:
-            failed = error
+            reason = str(error)
+            tried.append(f"{words}: {reason}")
             continue
-        best, made, lost, ahead, step = min(found, key=lambda one: _away(one[3]))
-        if step and _determinant_error(made) > _DETERMINANT:
-            say(0.8, "log determinant between all axes")
-            made, there = laplace.corrected(made, step, crossed=len(priors))
-            ahead = ahead if there is None else there
+        best, made, lost, ahead = min(found, key=lambda one: _away(one[3]))
         away = _away(ahead)
         seen = max((profile(made), profile(made, ahead)), key=lambda one: (one.is_mode, one.worst))
         if seen.is_mode and away < _BESIDE_MODE:
-            lost = lost if hyper is candidates[0] else (*lost, _LOST_MEAN)
+            lost = lost if hyper is candidates[0][1] else (*lost, _LOST_MEAN)
             return replace(best, converged=began.optimum.converged), hyper, made, lost, seen
         why = (
             f"after {len(found)} steps towards it the mode is still off by {away:.2g} standard deviations, root mean "
@@ -177,8 +169,10 @@ def _last(
             if seen.is_mode
             else f"one standard deviation away from it the log density falls by {seen.worst:.3g}, about 0.5 is expected"
         )
-        failed = FitError(f"the search for the mode of the marginal posterior did not end at one: {why}")
-    raise failed
+        ended, reason = best, f"the search for the mode of the marginal posterior did not end at one: {why}"
+        lengths = ", ".join(f"{_away(one[3]):.2g}" for one in found)
+        tried.append(f"{words}: steps left from {len(found)} places (root mean square of all axes): {lengths}; {why}")
+    raise NoFitError(reason, tried, ended, priors, candidates[-1][1])
 
 
 def _away(step: Array) -> float:
@@ -194,13 +188,12 @@ def _ahead(near: Marginal, best: Optimum, step: Array) -> Optimum:
     return replace(best, theta=best.theta + shift, flights=flights)
 
 
-def _corrected(made: Marginal) -> tuple[Marginal, tuple[str, ...], Array, float]:
+def _corrected(made: Marginal) -> tuple[Marginal, tuple[str, ...], Array]:
     """The posterior with the corrections that can be trusted about a point, which had to be left out, and a way on.
 
     Returns:
         The posterior; what is lost; and a step in standard coordinates to its mode, or, where it has none, to the best
-        of the places at which the density was looked at; and how far beside the point Laplace's approximation was
-        taken, 0 where it has no part in it.
+        of the places at which the density was looked at.
 
     Raises:
         FloatingPointError: If flights fail beside the point.
@@ -214,7 +207,7 @@ def _corrected(made: Marginal) -> tuple[Marginal, tuple[str, ...], Array, float]
             failed = error
             continue
         if ahead is not None:
-            return one, (), ahead, step
+            return one, (), ahead
         plain = plain or replace(one, bend=Quadratic.none(len(one.bend.slope)))
     if plain is None:
         assert failed is not None
@@ -223,7 +216,7 @@ def _corrected(made: Marginal) -> tuple[Marginal, tuple[str, ...], Array, float]
     fall = np.where(np.isfinite(seen.fall), seen.fall, np.inf)
     axis, place = np.unravel_index(np.argmin(fall), fall.shape)
     ahead = PLACES[place] * seen.direction[axis] * float(fall[axis, place] < 0.0)
-    return plain, (_LOST_BEND,), ahead, 0.0
+    return plain, (_LOST_BEND,), ahead
 
 
 def _linear(made: Marginal) -> list[Linear]:

@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 _MODE_STEPS, _NEAR = 16, 0.2  # most steps to the marginal mode; length of the last, in standard deviations
 _HALVINGS = 10  # of a step to the mode at most
 _TRUSTED = 3.0  # standard deviations up to which the last step of a search that did not end is gone all the same
-_RISE = 20.0  # of minus the marginal log density over a step, beyond which half of it is tried
+_RISE = 5.0  # of minus the marginal log density over a step, beyond which half of it is tried
 _SAME_SLOPE = 0.5  # standard deviations within which the slope of what linear models lack is taken for the same
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayeschute.core.errors import Fault, InputError
-from bayeschute.posterior.fit.joint_fit import NoJointFitError, joint
+from bayeschute.posterior.fit.joint_fit import NoFitError, joint
 from bayeschute.study.assembly.fits import data_of, gaussian_summary, groups, load_fit
 from bayeschute.study.job import Job
 from bayeschute.study.load import load_flights
@@ -76,7 +76,7 @@ def covariances(
         data = data_of(job, flight, group.priors, like=group.flights[0])
         try:
             found = joint([data], stored.hyper, prior, flat.mean(axis=0))
-        except (NoJointFitError, FloatingPointError) as error:
+        except (NoFitError, FloatingPointError) as error:
             lost[flight.name] = " ".join(str(error).split())
             continue
         after[flight.name] = np.asarray(found.covariance)

@@ -23,7 +23,7 @@ from bayeschute.likelihood.priors import Prior
 from bayeschute.posterior.assess import output_error
 from bayeschute.posterior.assess.score_test import scores
 from bayeschute.posterior.best_path import BestPath
-from bayeschute.posterior.fit.joint_fit import Begin, JointFit, NoJointFitError, carried_over, joint_fit
+from bayeschute.posterior.fit.joint_fit import Begin, JointFit, NoFitError, carried_over, joint_fit
 from bayeschute.posterior.fit.laplace_fit import LaplaceFit, marginal_fit
 from bayeschute.posterior.fit.marginal_mode import marginal_mode
 from bayeschute.posterior.noise_evidence import NoisePrior
@@ -200,17 +200,18 @@ def draw_group(job: Job, fitted: Fitted, say: Say, predictions: bool = True) -> 
 
 def _with_paths(job: Job, group: Group, error: FitError) -> FitError:
     """The error with the residuals of the best trajectory found, and the parameters there."""
-    if not isinstance(error, NoJointFitError):
+    if not isinstance(error, NoFitError):
         return error
     group = replace(group, priors=error.priors)
     best, paths = error.best, []
     for flight, place in zip(group.flights, best.flights, strict=True):
         data, time = data_of(job, flight, group.priors), load_flight(job, flight.name)["time"].values
         model: Any = data.model
-        assert data.path is not None
+        if data.path is None:  # of a body alone: its states are no more than its record
+            continue
         made = linearise(data, best.theta, place.latent_path(data))
         defect = np.max(np.abs(np.asarray(made.defects)[1:] / data.path.slack), axis=1)
-        noise = assemble.hyper(job.study).outputs(data)
+        noise = error.hyper.outputs(data)
         names = output_names(model.channels, model.structure.canopies)
         residual = np.where(np.asarray(data.present), np.asarray(made.residual), np.nan)
         sd = np.hypot(np.asarray(noise.white), np.asarray(noise.correlated))
