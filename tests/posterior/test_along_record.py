@@ -385,6 +385,38 @@ def test_at_rest_a_descent_s_slope_is_that_of_its_least_cost(descent, flown):
         np.testing.assert_allclose(end.unknowns.process_noise, at.unknowns.process_noise, atol=0.1)
 
 
+def test_steps_that_go_too_far_or_not_far_enough_are_solved_after_as_many_as_directions():
+    """Anderson's method on an affine map: exact, whatever the map's eigenvalues, once every direction was gone."""
+    rng, rest, size = np.random.default_rng(0), np.array([0.7, -1.2, 0.4]), 3
+    axes = np.linalg.qr(rng.standard_normal((size, size)))[0]
+    overshoot = axes @ np.diag([5.0, 1.0, 0.2]) @ axes.T  # of the way to rest that a step takes
+
+    def place(u):
+        return Lifted(Unknowns(u[:1], u[1:, None]), 2.0 * u[1:, None], np.ones((2, 1)) * u[0])
+
+    tried, u = [], np.zeros(size)
+    for turn in range(size + 1):
+        tried.append(([place(u)], [place(u + overshoot @ (rest - u))]))
+        (found,) = along_record._accelerated(tried)
+        wanted = place(u + overshoot @ (rest - u)) if turn == 0 else place(rest) if turn == size else None
+        if wanted is not None:
+            jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, atol=1e-9), found, wanted)
+        u = np.append(found.unknowns.start, found.unknowns.process_noise)
+
+
+def test_accelerated_steps_come_to_rest_where_plain_ones_do(drop, shot, monkeypatch):
+    """Sooner or later: plain ones are given all the time they want."""
+    theta = shot.theta + 1.5 * np.sqrt(np.diag(shot.covariance))
+    given = [drop.flight], drop.hyper, drop.priors, theta, shot.flights
+    found = conditional_optimum(*given)
+    monkeypatch.setattr(along_record, "_accelerated", lambda tried: tried[-1][1])
+    monkeypatch.setattr(along_record, "_RESTING", 1e-6)
+    monkeypatch.setattr(along_record, "_MOST_RESTING", 100)
+    plain = conditional_optimum(*given)
+    assert found.cost == pytest.approx(plain.cost, abs=2.0 * 0.01) and found.defect < 1e-3
+    assert found.marginal == pytest.approx(plain.marginal, abs=0.05)
+
+
 def test_at_rest_a_drop_obeys(drop, shot):
     """Start, process noise and path from the record's path, parameters held at the optimum of single shooting."""
     rough = descend([drop.flight], drop.hyper, drop.priors, shot.theta, near=along_record.Near(1e4, np.inf, 0.5))
