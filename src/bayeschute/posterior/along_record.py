@@ -355,7 +355,7 @@ def _resting(level: _Level, here: _Point) -> _Point:
 
     Gauss-Newton steps, accelerated by Anderson's method (1965): where residuals bend they are too long or too short
     along a few directions, which the change of the steps over earlier ones tells. Where canopies were not seen for a
-    while plain steps go five times too far, and ten and more of them, each shortened, end a nat short.
+    while plain steps go up to five times too far, and take 60 linearisations to where these take 7 to 14.
     """
     held, tried = np.zeros_like(here.theta), list[tuple[Sequence[Lifted], Sequence[Lifted]]]()
     if not all(_consistent(f, level.hyper, at) for f, at in zip(level.records, here.flights, strict=True)):
