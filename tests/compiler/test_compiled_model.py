@@ -34,6 +34,7 @@ pytest.importorskip("llvmlite")
 T, SUBSTEPS, BATCH = 26, 4, 13
 RISERS = {"riser_stiffness": np.log(2.19e5), "riser_damping": np.log(1.46e5), "riser_length": 71.3}
 BODIES = {"capsule_mass": 9463.0, "enclosed_air_factor": np.log(1.1)}
+BODIES |= {"canopy_pitch_moment_slope": -0.1, "canopy_pitch_damping": -0.2, "capsule_normal_force_slope": 0.4}
 AXIAL = {
     "1": 0.95,
     "alpha^2": -0.8,

@@ -12,7 +12,16 @@ from scipy.spatial.transform import Rotation
 from tests.twins import naive_cluster, small_cluster
 
 from bayeschute.core.vectors import Vec3
-from bayeschute.dynamics.cluster import Air, geometry, state_rate, tension
+from bayeschute.dynamics.cluster import (
+    Air,
+    canopy_acceleration,
+    canopy_flow,
+    capsule_acceleration,
+    geometry,
+    riser_force,
+    state_rate,
+    tension,
+)
 from bayeschute.dynamics.parameters import Structure
 from bayeschute.dynamics.state import pack, unpack
 
@@ -88,8 +97,8 @@ def tensor(capsule):
     return made
 
 
-def naive(x, n, rate, wind, wind_rate, density, factor, c=small.CAPSULE):
-    k, r = small.CANOPIES, small.RISERS
+def naive(x, n, rate, wind, wind_rate, density, factor, c=small.CAPSULE, k=small.CANOPIES):
+    r = small.RISERS
     p = {
         "attach_b": np.array([c.attach_b.x, c.attach_b.y, c.attach_b.z]),
         "reference_b": np.array([c.reference_centre_b.x, c.reference_centre_b.y, c.reference_centre_b.z]),
@@ -97,28 +106,32 @@ def naive(x, n, rate, wind, wind_rate, density, factor, c=small.CAPSULE):
         "m_c": c.mass, "S_c": c.area, "l_c": c.length, "C_A": c.axial_force, "C_Nslope": c.normal_force_slope,
         "C_mslope": c.moment_slope, "C_lp": c.roll_damping, "C_mq": c.pitch_damping,
         "S": k.area, "l": k.length, "V_o": k.speed, "m_d": k.dry_mass, "V_ea": k.enclosed_volume,
-        "l0": r.length, "k": r.stiffness, "c": r.damping, "g": 9.80665,
+        "k_mslope": k.moment_slope or 0.0, "k_mq": k.pitch_damping or 0.0,
+        "l0": r.length, "k": r.stiffness, "c": r.damping, "engagement": r.engagement, "g": 9.80665,
     }  # fmt: skip
     air = {"wind": wind, "wind_rate": wind_rate, "rho": density, "factor": factor}
     return twin.naive_rate(x, n, p, list(AXIAL.items()), list(TRANSVERSE.items()), rate, air)
 
 
 SKEW = replace(small.CAPSULE, products=Vec3(3e3, -5e3, 4e3))
+TURNING = replace(small.CANOPIES, moment_slope=-0.09, pitch_damping=-0.2)
 
 
 @pytest.mark.parametrize(
-    ("n", "rate", "capsule"),
-    [(n, rate, small.CAPSULE) for rate in ("riser", "airflow") for n in (1, 2, 3)] + [(1, "riser", SKEW)],
+    ("n", "rate", "capsule", "canopies"),
+    [(n, rate, small.CAPSULE, small.CANOPIES) for rate in ("riser", "airflow") for n in (1, 2, 3)]
+    + [(1, "riser", SKEW, small.CANOPIES)]
+    + [(n, rate, small.CAPSULE, TURNING) for n, rate in ((1, "riser"), (2, "riser"), (2, "airflow"))],
 )
-def test_state_rate_equals_its_twin_one_by_one_and_in_a_batch(n, rate, capsule):
-    rng, model = np.random.default_rng(n), replace(MODEL, capsule=capsule)
+def test_state_rate_equals_its_twin_one_by_one_and_in_a_batch(n, rate, capsule, canopies):
+    rng, model = np.random.default_rng(n), replace(MODEL, capsule=capsule, canopies=canopies)
     count = 12
     x = random_states(n, count, rng)
     wind, wind_rate = rng.normal(size=(3, count)) * 4.0, rng.normal(size=(3, count))
     density, factor = rng.uniform(0.8, 1.2, count), rng.uniform(0.9, 1.1, (n, count))
     got = np.asarray(rate_of(x, model, structure_of(n, rate), wind, wind_rate, density, factor))
     for b in range(count):
-        want = naive(x[:, b], n, rate, wind[:, b], wind_rate[:, b], density[b], factor[:, b], capsule)
+        want = naive(x[:, b], n, rate, wind[:, b], wind_rate[:, b], density[b], factor[:, b], capsule, canopies)
         np.testing.assert_allclose(got[:, b], want, rtol=3e-7, atol=3e-7)
 
 
@@ -265,6 +278,37 @@ def test_without_air_momentum_is_kept_and_only_riser_dampers_take_energy(gravity
         taut += full.sum()
         np.testing.assert_allclose(pull[full], (k * (length - l0) + c * stretch_rate)[full])
     assert 3 < taut < n * count
+
+
+@pytest.mark.parametrize("moment", [{"moment_slope": -0.1}, {"pitch_damping": -0.2}])
+def test_a_canopys_moment_is_a_couple_that_restores_or_takes_energy(moment):
+    """Forces on capsule and canopies by it cancel; its moment about the canopy is across riser and flow."""
+    rng = np.random.default_rng(11)
+    x, n = random_states(2, 20, rng), 2
+    still = Air(Vec3(0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0), 1.1, 1.0, Vec3(0.0, 0.0, 0.0))
+    turned_by = replace(MODEL, canopies=replace(small.CANOPIES, **moment))
+    shape, engaged = structure_of(n, "riser"), 0
+    for state in (unpack(column, n) for column in x.T):
+        geo = geometry(state, small.CAPSULE)
+        pull = tension(geo, small.RISERS)
+        plain, force = (riser_force(state, geo, pull, model, shape, still) for model in (MODEL, turned_by))
+        F, axis = np.asarray((force - plain).stack()), np.asarray(geo.direction.stack())
+        np.testing.assert_allclose(np.sum(F * axis, axis=0), 0.0, atol=1e-6)
+        slack = np.asarray(geo.length) <= small.RISERS.length
+        assert not F[:, slack].any()
+        bodies = []
+        for model in (MODEL, turned_by):
+            a, _ = capsule_acceleration(state, riser_force(state, geo, pull, model, shape, still), model, still, n)
+            own = riser_force(state, geo, pull, model, shape, still)
+            on = canopy_acceleration(state, geo, own, model, shape, still)
+            bodies.append(small.CAPSULE.mass * a.stack() + (149.1 + 1.1 * 3969.0) * np.sum(on.stack(), axis=1))
+        np.testing.assert_allclose(bodies[0], bodies[1], rtol=1e-9, atol=1e-5)
+        flow = canopy_flow(state, geo, turned_by, shape, still)
+        along = flow.e if "moment_slope" in moment else flow.rate
+        work = np.sum(-F * np.asarray(along.stack()), axis=0)[~slack]  # of the force on the canopy
+        assert (work < 0.0).all()
+        engaged += work.size
+    assert engaged > 10
 
 
 def test_a_slack_riser_pulls_nothing_and_none_pushes():

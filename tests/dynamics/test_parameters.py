@@ -24,6 +24,11 @@ BASE = small.cluster()
         ("riser_damping", np.log(2e5), lambda c: c.risers.damping, 2e5),
         ("riser_length", 70.0, lambda c: c.risers.length, 70.0),
         ("capsule_mass", 9000.0, lambda c: c.capsule.mass, 9000.0),
+        ("capsule_axial_force", -0.7, lambda c: c.capsule.axial_force, -0.7),
+        ("capsule_normal_force_slope", 0.5, lambda c: c.capsule.normal_force_slope, 0.5),
+        ("capsule_pitch_moment_slope", -0.1, lambda c: c.capsule.moment_slope, -0.1),
+        ("capsule_pitch_damping", -0.4, lambda c: c.capsule.pitch_damping, -0.4),
+        ("canopy_mass", 140.0, lambda c: c.canopies.dry_mass, 140.0),
         ("enclosed_air_factor", np.log(1.1), lambda c: c.canopies.enclosed_volume, 1.1 * 3969.0),
     ],
 )
@@ -32,6 +37,16 @@ def test_a_name_replaces_one_number(name, value, read, want):
     assert float(read(changed)) == pytest.approx(want)
     different = [a != b for a, b in zip(jax.tree.leaves(BASE), jax.tree.leaves(changed), strict=True)]
     assert sum(map(bool, different)) == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "field"), [("pitch_moment_slope", "moment_slope"), ("pitch_damping", "pitch_damping")]
+)
+def test_a_canopys_moment_is_added_where_there_was_none(name, field):
+    changed = with_parameters(BASE, small.TWO, (f"canopy_{name}",), np.array([-0.1]))
+    assert getattr(BASE.canopies, field) is None
+    assert float(getattr(changed.canopies, field)) == -0.1
+    assert len(jax.tree.leaves(changed)) == len(jax.tree.leaves(BASE)) + 1
 
 
 @pytest.mark.parametrize("name", ["axial[q]", "transverse[1]"])

@@ -38,14 +38,15 @@ def naive_rate(x, n, p, axial, transverse, rate, air):
         T = 0.0
         if length > p["l0"]:
             T = max(0.0, p["k"] * (length - p["l0"]) + p["c"] * (nn @ relative))
-        pull += T * nn
         xdot = -(relative - nn * (nn @ relative)) / length
+        couple = _couple(length, nn, speeds[i], xdot, p, air)
+        pull += T * nn + couple
         weight = np.array([0.0, 0.0, p["m_d"] * p["g"]])
         m = p["m_d"] + air["rho"] * p["V_ea"]
 
-        def balance(a, i=i, nn=nn, xdot=xdot, T=T, weight=weight, m=m):
+        def balance(a, i=i, nn=nn, xdot=xdot, T=T, weight=weight, m=m, couple=couple):
             F = _aerodynamics(i, a, places, speeds, -nn, xdot, p, axial, transverse, rate, air)
-            return (weight - T * nn + F) / m - a
+            return (weight - T * nn - couple + F) / m - a
 
         guess = balance(np.zeros(3))
         canopy_a.append(guess if rate == "riser" else root(balance, guess, tol=1e-13).x)
@@ -64,6 +65,18 @@ def naive_rate(x, n, p, axial, transverse, rate, air):
     return np.concatenate(
         [v_c, a_c, 0.5 * wheel @ q, turning, np.array(speeds).T.ravel(), np.array(canopy_a).T.ravel()]
     )
+
+
+def _couple(length, nn, velocity, xdot, p, air):
+    """Force on the capsule by a canopy's moment M about its reference point: n x F L = M, F across n."""
+    V = velocity - air["wind"]
+    speed = np.linalg.norm(V)
+    w = V / speed
+    turning = p["k_mslope"] * np.cross(-nn, w)
+    turning = turning + p["k_mq"] * p["l"] / (2 * speed) * (-nn @ w) * np.cross(-nn, -xdot)
+    M = 0.5 * air["rho"] * speed**2 * p["S"] * p["l"] * turning
+    share = np.clip((length - p["l0"]) / p["engagement"], 0.0, 1.0)
+    return share**2 * (3.0 - 2.0 * share) * np.cross(M, nn) / length
 
 
 def _aerodynamics(i, a, places, speeds, axis, xdot, p, axial, transverse, rate, air):

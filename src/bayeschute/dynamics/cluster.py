@@ -21,7 +21,7 @@ from bayeschute.aero.capsule_table import table_coefficients
 from bayeschute.aero.terms import axial_coefficient, transverse_coefficient
 from bayeschute.core.vectors import Component, Vec3, cross, dot, norm, perpendicular
 from bayeschute.dynamics.parameters import Capsule, Cluster, Risers, Structure
-from bayeschute.dynamics.riser import riser_tension
+from bayeschute.dynamics.riser import riser_tension, taut_share
 from bayeschute.dynamics.state import ClusterState, pack, unpack
 
 _LEAST_SPEED = 1e-6  # [m/s]; keeps 1/|V| finite at zero speed, negligible in flight
@@ -84,6 +84,25 @@ def tension(geo: RiserGeometry, risers: Risers) -> Component:
     return riser_tension(stretch, geo.stretch_rate, risers.stiffness, risers.damping, risers.engagement)
 
 
+def riser_force(
+    state: ClusterState, geo: RiserGeometry, riser_tension: Component, model: Cluster, structure: Structure, air: Air
+) -> Vec3:
+    """Force of every riser on the capsule at the attach point [N], NED; on the canopy its opposite.
+
+    Beside the tension it is the couple q S (l/L) (C_m_alpha e + C_mq r l/(2V)), e the transverse part of the flow's
+    direction and r the transverse rate, by which a riser that is straight carries its canopy's aerodynamic moment
+    M = q S l (...): riser and canopy turn as one body, which has no moment of inertia about the canopy. Slack lines
+    carry nothing of it.
+    """
+    force, canopies = geo.direction * riser_tension, model.canopies
+    if canopies.moment_slope is None and canopies.pitch_damping is None:
+        return force
+    flow = canopy_flow(state, geo, model, structure, air if air.aloft is None else air.aloft)
+    slope, damping = (0.0 if c is None else c for c in (canopies.moment_slope, canopies.pitch_damping))
+    moment = (flow.e * slope + flow.rate * damping) * (flow.q * canopies.area * canopies.length)
+    return force - moment * (taut_share(geo.length - model.risers.length, model.risers.engagement) / geo.length)
+
+
 def canopy_flow(state: ClusterState, geo: RiserGeometry, model: Cluster, structure: Structure, air: Air) -> CanopyFlow:
     """Airflow at every canopy, with the riser's part of the transverse rate."""
     canopies = model.canopies
@@ -122,16 +141,19 @@ def canopy_force(flow: CanopyFlow, geo: RiserGeometry, model: Cluster, structure
 
 
 def canopy_acceleration(
-    state: ClusterState, geo: RiserGeometry, riser_tension: Component, model: Cluster, structure: Structure, air: Air
+    state: ClusterState, geo: RiserGeometry, pull: Vec3, model: Cluster, structure: Structure, air: Air
 ) -> Vec3:
-    """Acceleration of every canopy [m/s^2]; weight on the dry mass, inertia with enclosed air (6.3.3-6, corrected)."""
+    """Acceleration of every canopy [m/s^2] with the force `pull` of its riser on the capsule.
+
+    Weight is on the dry mass, inertia has the enclosed air (6.3.3-6, corrected).
+    """
     air = air if air.aloft is None else air.aloft
     canopies = model.canopies
     mass = canopies.dry_mass + air.density * canopies.enclosed_volume
     flow = canopy_flow(state, geo, model, structure, air)
     zero = jnp.zeros_like(flow.cos_alpha)
     weight = Vec3(zero, zero, zero + canopies.dry_mass * model.gravity)
-    known = weight - geo.direction * riser_tension
+    known = weight - pull
     if structure.breathing and model.breathing is not None:
         known = known - flow.axis * (flow.q * canopies.area * model.breathing.axial_slope * state.shape)
     if structure.rate == "riser":
@@ -244,19 +266,16 @@ def _rate_moment(state: ClusterState, capsule: Capsule, air: Air, acceleration: 
     return Vec3(0.0 * speed, pitch, yaw) * scale
 
 
-def capsule_acceleration(
-    state: ClusterState, geo: RiserGeometry, riser_tension: Component, model: Cluster, air: Air, n: int
-) -> tuple[Vec3, Vec3]:
+def capsule_acceleration(state: ClusterState, pull: Vec3, model: Cluster, air: Air, n: int) -> tuple[Vec3, Vec3]:
     """Acceleration of the centre of mass, NED [m/s^2]; angular acceleration, body axes [rad/s^2] (6.3.3-16, -19)."""
     capsule = model.capsule
-    pulls = geo.direction * riser_tension
-    pull = Vec3(*(sum((c[i] for i in range(1, n)), c[0]) for c in (pulls.x, pulls.y, pulls.z)))
+    together = Vec3(*(sum((c[i] for i in range(1, n)), c[0]) for c in (pull.x, pull.y, pull.z)))
     force_b, moment_b = capsule_aerodynamics(state, capsule, air)
-    acceleration = (pull + state.attitude.to_ned(force_b)) / capsule.mass
+    acceleration = (together + state.attitude.to_ned(force_b)) / capsule.mass
     acceleration = Vec3(acceleration.x, acceleration.y, acceleration.z + model.gravity)
     if not (capsule.pitch_rate_damping is None and capsule.yaw_rate_damping is None):
         moment_b = moment_b + _rate_moment(state, capsule, air, acceleration)
-    moment_b = moment_b + cross(capsule.attach_b, state.attitude.to_body(pull))
+    moment_b = moment_b + cross(capsule.attach_b, state.attitude.to_body(together))
     turning = capsule.turned_by(moment_b - cross(state.rate, capsule.angular_momentum(state.rate)))
     if air.roll is not None:
         turning = Vec3(turning.x + air.roll * (model.gravity / model.risers.length), turning.y, turning.z)
@@ -278,9 +297,9 @@ def state_rate(x: jax.Array, model: Cluster, structure: Structure, air: Air) -> 
     n = structure.canopies
     state = unpack(x, n)
     geo = geometry(state, model.capsule)
-    pull = tension(geo, model.risers)
+    pull = riser_force(state, geo, tension(geo, model.risers), model, structure, air)
     canopy = canopy_acceleration(state, geo, pull, model, structure, air)
-    acceleration, turning = capsule_acceleration(state, geo, pull, model, air, n)
+    acceleration, turning = capsule_acceleration(state, pull, model, air, n)
     shape = _breathing(state, model) if structure.breathing else (None, None)
     return pack(
         ClusterState(

@@ -20,6 +20,18 @@ from bayeschute.dynamics.parameters import Cluster, Structure
 from bayeschute.dynamics.state import ClusterState, pack, unpack
 
 LOGARITHMIC = ("riser_stiffness", "riser_damping", "enclosed_air_factor")
+OF_CAPSULE = {
+    "capsule_mass": "mass",
+    "capsule_axial_force": "axial_force",
+    "capsule_normal_force_slope": "normal_force_slope",
+    "capsule_pitch_moment_slope": "moment_slope",
+    "capsule_pitch_damping": "pitch_damping",
+}
+OF_CANOPIES = {
+    "canopy_mass": "dry_mass",
+    "canopy_pitch_moment_slope": "moment_slope",
+    "canopy_pitch_damping": "pitch_damping",
+}
 CHANNELS = (
     "canopy_position",
     "capsule_velocity",
@@ -58,12 +70,11 @@ def with_parameters(base: Cluster, structure: Structure, names: Sequence[str], t
             aero[found.kind][place] = new
         elif name.startswith("riser_"):
             risers = replace(risers, **{name[6:]: value})
-        elif name == "capsule_mass":
-            capsule = replace(capsule, mass=value)
-        elif name == "capsule_axial_force":
-            capsule = replace(capsule, axial_force=value)
-        elif name == "canopy_mass":
-            canopies = replace(canopies, dry_mass=value)
+        elif name in OF_CAPSULE:
+            new_of_capsule: dict[str, Any] = {OF_CAPSULE[name]: value}
+            capsule = replace(capsule, **new_of_capsule)
+        elif name in OF_CANOPIES:
+            canopies = replace(canopies, **{OF_CANOPIES[name]: value})
         elif name == "enclosed_air_factor":
             canopies = replace(canopies, enclosed_volume=canopies.enclosed_volume * value)
         elif name:

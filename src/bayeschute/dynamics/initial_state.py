@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from bayeschute.core.vectors import Component, Quaternion, Vec3, cross, dot, norm, small_rotation, vec3
-from bayeschute.dynamics.cluster import Air, canopy_acceleration, capsule_acceleration, geometry
+from bayeschute.dynamics.cluster import Air, canopy_acceleration, capsule_acceleration, geometry, riser_force
 from bayeschute.dynamics.parameters import Cluster, Structure
 from bayeschute.dynamics.state import ClusterState, pack
 
@@ -124,9 +124,10 @@ def static_tension(state: ClusterState, model: Cluster, structure: Structure, ai
     geo = geometry(state, model.capsule)
     across = geo.across - geo.direction * geo.stretch_rate
 
-    def second_rate(pull: Component) -> Component:
+    def second_rate(pulls: Component) -> Component:
+        pull = riser_force(state, geo, pulls, model, structure, air)
         canopy = canopy_acceleration(state, geo, pull, model, structure, air)
-        a, turning = capsule_acceleration(state, geo, pull, model, air, n)
+        a, turning = capsule_acceleration(state, pull, model, air, n)
         arm, w = model.capsule.attach_b, state.rate
         attach = a + state.attitude.to_ned(cross(turning, arm) + cross(w, cross(w, arm)))
         return dot(geo.direction, canopy - attach) + dot(across, across) / geo.length

@@ -83,12 +83,18 @@ class Capsule:
 class Canopies:
     """Equal canopies as particles with enclosed air.
 
+    A canopy's aerodynamic moment about its reference point is carried by its riser as a couple: a force across the
+    riser on the canopy, and its opposite on the capsule.
+
     Attributes:
         area: Reference area S of one canopy [m^2].
         length: Reference length l [m].
         speed: Reference speed V_o [m/s].
         dry_mass: m_d of one canopy [kg].
         enclosed_volume: V_ea [m^3]; the enclosed mass is the local air density times this.
+        moment_slope: C_m_alpha about the reference point, by the sine of the angle of attack [1/rad]; negative where
+            it restores. None: no such moment.
+        pitch_damping: C_mq, on the riser's transverse rate times l/(2V); negative where it damps. None: no such moment.
     """
 
     area: Component
@@ -96,6 +102,8 @@ class Canopies:
     speed: Component
     dry_mass: Component
     enclosed_volume: Component
+    moment_slope: Component | None = None
+    pitch_damping: Component | None = None
 
 
 @jax.tree_util.register_dataclass

@@ -15,6 +15,11 @@ def _engaged(x: Component) -> Component:
     return jnp.where(x < 1.0, x * x * (3.0 - 2.0 * x), 1.0)
 
 
+def taut_share(stretch: Component, engagement: Component) -> Component:
+    """Share of the lines of a riser that are taut: 0 when slack, exactly 1 beyond the engagement."""
+    return _engaged(jnp.maximum(stretch / engagement, 0.0))
+
+
 @jax.custom_jvp
 def riser_tension(
     stretch: Component, stretch_rate: Component, stiffness: Component, damping: Component, engagement: Component

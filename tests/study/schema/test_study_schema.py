@@ -49,6 +49,7 @@ CLUSTER = [
     (r'mean = "234 ft", sd = "1 ft"', 'mean = "234 ft", sd = "-1 ft"', "[priors.given.riser_length] sd", "'-1 ft'", "> 0 m"),
     (r'mean = "234 ft", sd = "1 ft"', 'mean = "234 ft"', "[priors.given] riser_length", "mean", "mean and sd, or"),
     (r"log_sd = 0.2", "log_sd = -0.2", "[priors.given.riser_stiffness] log_sd", "-0.2", "> 0"),
+    (r'^(?=riser_length = \{)', "canopy_pitch_damping = { mean = -0.1, sd = 0.0 }\n", "[priors.given] canopy_pitch_damping", "0", "a positive sd"),  # fmt: skip
     (r'^\[noise.wind\]', '[noise.wind]\nhorizntal = "1 m/s"', "[noise.wind] horizntal", "unknown", "mean 'horizontal'"),
     (r'^\[noise.wind\]', '[noise.wind]\nknots = "1 s"', "[noise.wind] knots", "unknown", "horizontal, vertical, time_constant"),
     (r'^horizontal = "1 ft/s"$', "", "[noise.slow_wind] horizontal", "nothing", "a speed"),

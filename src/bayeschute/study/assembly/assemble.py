@@ -48,7 +48,10 @@ def cluster(
     """
     aero, k, r = vehicle.aero, vehicle.canopies, vehicle.risers
     capsule = _capsule(vehicle.capsule, capsule_mass)
-    canopies = Canopies(k.reference_area, k.reference_length, k.reference_speed, k.dry_mass, k.enclosed_volume)
+    moments = (k.pitch_moment_slope or None, k.pitch_damping or None)
+    canopies = Canopies(
+        k.reference_area, k.reference_length, k.reference_speed, k.dry_mass, k.enclosed_volume, *moments
+    )
     usual = engagement_length(capsule.mass * parameters.STANDARD_GRAVITY, r.stiffness, k.number)
     risers = Risers(r.length, r.stiffness, r.damping, usual if r.engagement is None else r.engagement)
     structure = Structure(

@@ -200,7 +200,12 @@ _GIVEN = {
     "riser_damping": "N s/m",
     "riser_length": "m",
     "capsule_axial_force": "1",
+    "capsule_normal_force_slope": "1",
+    "capsule_pitch_moment_slope": "1",
+    "capsule_pitch_damping": "1",
     "enclosed_air_factor": "1",
+    "canopy_pitch_moment_slope": "1",
+    "canopy_pitch_damping": "1",
     "capsule_mass": "kg",
     "canopy_mass": "kg",
     "cds_over_mass": "m^2/kg",
@@ -211,6 +216,8 @@ _POSITIVE = ("riser_stiffness", "riser_damping", "enclosed_air_factor", "cds_ove
 def _given(name: str, table: Any, unit: str) -> Prior:
     """A prior from outside in its working coordinate; one that must be positive keeps its moments as a log-normal."""
     source = "given in the study"
+    if name not in _POSITIVE and not table.log_normal:
+        return Prior(name, float(table.mean), float(table.sd), False, unit, source)
     if table.log_normal:
         log_mean, log_sd = float(np.log(table.median)), float(table.log_sd)
     else:
@@ -218,7 +225,5 @@ def _given(name: str, table: Any, unit: str) -> Prior:
         log_mean = float(np.log(table.mean) - 0.5 * log_sd**2)
     if name in _POSITIVE:
         return Prior(name, log_mean, log_sd, True, unit, source)
-    if table.log_normal:
-        mean = float(np.exp(log_mean + 0.5 * log_sd**2))
-        return Prior(name, mean, mean * float(np.sqrt(np.expm1(log_sd**2))), False, unit, source)
-    return Prior(name, float(table.mean), float(table.sd), False, unit, source)
+    mean = float(np.exp(log_mean + 0.5 * log_sd**2))
+    return Prior(name, mean, mean * float(np.sqrt(np.expm1(log_sd**2))), False, unit, source)

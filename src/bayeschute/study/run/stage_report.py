@@ -211,7 +211,10 @@ def true_values(job: Job) -> dict[str, float]:
     risers, capsule, canopies = study.vehicle.risers, study.vehicle.capsule, study.vehicle.canopies
     flown = flown_terms(study)
     flown |= {"capsule_mass": capsule.mass, "canopy_mass": canopies.dry_mass, "enclosed_air_factor": 1.0}
-    flown |= {"capsule_axial_force": capsule.axial_force or 0.0}
+    for name in ("axial_force", "normal_force_slope", "pitch_moment_slope", "pitch_damping"):
+        flown[f"capsule_{name}"] = getattr(capsule, name) or 0.0
+    for name in ("pitch_moment_slope", "pitch_damping"):
+        flown[f"canopy_{name}"] = getattr(canopies, name)
     flown |= {"riser_length": risers.length, "riser_stiffness": risers.stiffness, "riser_damping": risers.damping}
     return {p.name: float(flown.get(p.name, 0.0)) for p in load_priors(job)} | _of_members(study, flown)
 

@@ -39,7 +39,7 @@ Array = NDArray[np.float64]
 
 
 STATISTICS = "fit/statistics.npz"
-_MOST_ERROR = 0.6  # of the log density, root mean square: weights of that spread would leave exp(-0.36) of the draws
+_MOST_ERROR = 0.2  # of the log density, root mean square: an error e can shift a mean by up to e standard deviations
 _FAR_DRAWS = 2.0  # standard deviations: farther off, draws are not about the mode that was found
 
 
@@ -195,7 +195,7 @@ def check(job: Job, identify: bool = True) -> str:
         _MOST_ERROR,
         max(fits.determinant_errors) < _MOST_ERROR,
         "root mean square error of the log density with interpolated corrections over the posterior, against Laplace's "
-        "approximation at the same points; weighting by an error of 0.6 would leave 70 % of the draws",
+        "approximation at the same points; an error e can shift a mean by up to e of its standard deviations",
     )
     if fits.tails:
         detail = (

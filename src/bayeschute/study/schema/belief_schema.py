@@ -14,6 +14,7 @@ from bayeschute.study.schema.quantities import (
     Damping,
     Frequency,
     Mass,
+    Number,
     PositiveForce,
     PositiveLength,
     PositiveNumber,
@@ -40,7 +41,7 @@ PositiveAngle = Annotated[float, quantity("rad", "0.1 deg", POSITIVE)]
 
 
 class Prior(Strict, Generic[Q]):
-    """A prior of a positive parameter: normal (mean, sd) or log-normal (median, log_sd) [its unit]."""
+    """A prior of a parameter: normal (mean, sd) or, of a positive one, log-normal (median, log_sd) [its unit]."""
 
     mean: Q | None = None
     sd: Q | None = None
@@ -52,6 +53,10 @@ class Prior(Strict, Generic[Q]):
         given = {key for key in ("mean", "sd", "median", "log_sd") if getattr(self, key) is not None}
         if given not in ({"mean", "sd"}, {"median", "log_sd"}):
             refuse("either mean and sd, or median and log_sd", " and ".join(sorted(given)) or "an empty table")
+        for key in ("sd", "median"):
+            value = getattr(self, key)
+            if value is not None and value <= 0.0:
+                refuse(f"a positive {key}", f"{value:g}")
         return self
 
     @property
@@ -67,8 +72,13 @@ class GivenTable(Strict):
         riser_stiffness: [N/m].
         riser_damping: [N s/m].
         riser_length: [m].
-        capsule_axial_force: C_A of the capsule [1].
+        capsule_axial_force: C_A of the capsule [1]; this and the next two without effect where the capsule has a table.
+        capsule_normal_force_slope: See `CapsuleTable` [1/rad].
+        capsule_pitch_moment_slope: Slope of the static moment about the reference centre [1/rad].
+        capsule_pitch_damping: C_mq, and C_nr where the vehicle has no other [1].
         enclosed_air_factor: Times the enclosed air of the vehicle's canopies [1].
+        canopy_pitch_moment_slope: C_m_alpha of a canopy about its reference point [1/rad]; see `CanopiesTable`.
+        canopy_pitch_damping: C_mq of a canopy [1].
         capsule_mass: Of the vehicle's capsule [kg]; not used for a flight with its own mass.
         canopy_mass: Dry mass of one canopy, the same for all [kg].
         cds_over_mass: C_D S/m of a descent [m^2/kg].
@@ -77,8 +87,13 @@ class GivenTable(Strict):
     riser_stiffness: Prior[Stiffness] | None = None
     riser_damping: Prior[Damping] | None = None
     riser_length: Prior[PositiveLength] | None = None
-    capsule_axial_force: Prior[PositiveNumber] | None = None
+    capsule_axial_force: Prior[Number] | None = None
+    capsule_normal_force_slope: Prior[Number] | None = None
+    capsule_pitch_moment_slope: Prior[Number] | None = None
+    capsule_pitch_damping: Prior[Number] | None = None
     enclosed_air_factor: Prior[PositiveNumber] | None = None
+    canopy_pitch_moment_slope: Prior[Number] | None = None
+    canopy_pitch_damping: Prior[Number] | None = None
     capsule_mass: Prior[Mass] | None = None
     canopy_mass: Prior[Mass] | None = None
     cds_over_mass: Prior[AreaPerMass] | None = None

@@ -144,6 +144,9 @@ class CanopiesTable(Strict):
         reference_speed: V_o [m/s].
         dry_mass: m_d of one canopy [kg].
         enclosed_volume: V_ea of one canopy [m^3].
+        pitch_moment_slope: C_m_alpha of a canopy's moment about its reference point, by the sine of the angle of attack
+            [1/rad]; negative where it restores.
+        pitch_damping: C_mq of a canopy [1]; negative where it damps.
         breathing: Makes every canopy's shape part of the state; None: canopies keep their shape.
     """
 
@@ -153,6 +156,8 @@ class CanopiesTable(Strict):
     reference_speed: PositiveSpeed
     dry_mass: Mass
     enclosed_volume: Volume
+    pitch_moment_slope: Number = 0.0
+    pitch_damping: Number = 0.0
     breathing: BreathingTable | None = None
 
 
