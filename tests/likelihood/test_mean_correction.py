@@ -111,6 +111,33 @@ def test_the_gap_of_a_square_is_that_of_its_dense_conditional_law(square, dense,
         np.testing.assert_allclose(found.outputs, 0.0, atol=1e-12)
 
 
+@pytest.mark.parametrize(("failing", "narrower"), [(10, False), (20, True)])
+def test_a_pair_is_left_out_only_at_the_samples_where_it_fails(square, monkeypatch, failing, narrower):
+    """At sample 3 some pairs of 32 fail at full width: the others keep all, or all are drawn at half the width."""
+    flight, hyper, theta, at, made = square
+    path, sound, calls = at.latent_path(flight), mean_correction.stepped, []
+    whole, _ = mean_correction.mean(flight, hyper, made, theta, path)
+
+    def failed(data, theta, latent_path):
+        residual, defects = (np.array(a) for a in sound(data, theta, latent_path))
+        if residual.ndim == 3:
+            both = defects - np.asarray(sound(data, theta[:, 0], path)[1])[..., None]
+            calls.append(0.5 * (both[3, 0, :failing] + both[3, 0, 32 : 32 + failing]).mean())
+            if len(calls) == 1:
+                residual[3, :, :failing] = np.nan
+        return residual, defects
+
+    monkeypatch.setattr(mean_correction, "stepped", failed)
+    found, lost = mean_correction.mean(flight, hyper, made, theta, path)
+    assert lost == failing and len(calls) == 1 + narrower
+    if narrower:
+        return
+    others = np.arange(flight.samples) != 3
+    np.testing.assert_allclose(found.inputs[others], whole.inputs[others], rtol=1e-12)
+    lacking = (32 * whole.inputs[3, 0] - (32 - failing) * found.inputs[3, 0]) / failing
+    assert lacking == pytest.approx(calls[0], rel=1e-6)
+
+
 def test_the_gap_is_the_mean_of_steps_over_many_draws(descent, dense, monkeypatch):
     """Of a descent in strong gusts, whose drag goes with a square: against plain means over draws of dense matrices."""
     flight, theta = descent.flights[0], descent.theta

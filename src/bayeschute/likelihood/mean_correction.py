@@ -41,10 +41,10 @@ def mean(
 ) -> tuple[MeanCorrection, int]:
     """Mean deviation of steps and outputs over the conditional distribution of trajectory, start and disturbances.
 
-    Draws are antithetic pairs about the optimum, so that linear terms cancel exactly. A pair is dropped, and counted,
-    where a step fails, or deviates more than any state of the draws, as beyond an edge of the range that the model can
-    simulate. Where fewer than half of them remain, pairs are drawn closer together; the result is of second order, so
-    it is divided by the square of that factor.
+    Draws are antithetic pairs about the optimum, so that linear terms cancel exactly. At a sample at which a step of
+    either fails, or deviates more than any state of the draws, as beyond an edge of the range that the model can
+    simulate, the pair is left out. Where fewer than half of the pairs remain at a sample, all are drawn closer
+    together; the result is of second order, so it is divided by the square of that factor.
 
     Args:
         flight: The record.
@@ -55,10 +55,10 @@ def mean(
         rough: Few pairs, close together: sufficient for derivatives of the correction.
 
     Returns:
-        The correction, and how many pairs were dropped at full width.
+        The correction, and how many pairs are left out at any sample at full width.
 
     Raises:
-        FloatingPointError: If fewer than half remain at every width.
+        FloatingPointError: If at some sample fewer than half remain at every width.
     """
     pairs, shares = (_FEW, _SHARES[2:]) if rough else (_PAIRS, _SHARES)
     (samples, states), outputs = np.shape(latent_path.path), np.shape(flight.observed)[1]
@@ -79,11 +79,11 @@ def mean(
         both = [np.asarray(a) - b for a, b in zip((residual, defects), still, strict=True)]
         by_pair = [0.5 * (a[..., :pairs] + a[..., pairs:]) for a in both]
         farthest = np.max(np.abs(np.asarray(away)), axis=(0, 2))[:, None]
-        good = np.isfinite(by_pair[0]).all(axis=(0, 1)) & (np.abs(by_pair[1]) <= farthest + 1e-9).all(axis=(0, 1))
-        lost = lost or int((~good).sum())
-        if 2 * good.sum() >= pairs:
-            less, more = (jnp.asarray(a[..., good].mean(axis=-1) / share**2) for a in by_pair)
-            return MeanCorrection(-less, more), lost
+        good = np.isfinite(by_pair[0]).all(axis=1) & (np.abs(by_pair[1]) <= farthest + 1e-9).all(axis=1)
+        lost = lost or int((~good.all(axis=0)).sum())
+        if (2 * good.sum(axis=1) >= pairs).all():
+            less, more = (np.mean(a, axis=-1, where=good[:, None, :]) / share**2 for a in by_pair)
+            return MeanCorrection(jnp.asarray(-less), jnp.asarray(more)), lost
     raise FloatingPointError("steps under most drawn disturbances about the optimum fail")
 
 

@@ -97,7 +97,7 @@ def sample(
         else []
     )
     if lost:
-        notes.append(f"{lost} pairs of simulations under drawn disturbances failed and are not in the mean correction")
+        notes.append(f"{lost} pairs of simulations under drawn disturbances are left out of the mean correction where they failed")
 
     def with_all(made: Draws, *words: str) -> Draws:
         """The draws with what all samplers together have spent, and notes."""
