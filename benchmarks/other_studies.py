@@ -8,7 +8,6 @@ says. Only what depends on the vehicle is put in its place, by one rule for all,
 | vehicle | the meta file; capsule's derivatives and the rest that no meta file tells: those of the default vehicle |
 | reference speed | terminal speed of the nominal weight in sea-level air, with a drag coefficient of 0.85 |
 | prior of the risers | medians nominal, log sd as in the default; length nominal, sd 0.6 % of it or 0.2 m, the larger |
-| prior of the capsule's derivatives | means as in the vehicle, for no meta file tells more; sds `DERIVATIVES` |
 | noise of channels | white part: scatter of the record's own samples; correlated: as many times that as by default |
 | breathing | frequency times reference speed over diameter, over that of the default vehicle |
 | rate | 10 Hz, or that of the canopies' samples where they are fewer |
@@ -33,7 +32,6 @@ BEGIN, END = 5.0, 2.0  # left out at the ends of the flight that is identified [
 NOMINAL_DRAG = 0.85  # of a canopy
 LENGTH_SHARE, LENGTH_LEAST = 0.006, 0.2  # sd of a riser's length: share of it, and [m]
 NEIGHBOUR = ("c", "closing", "proximity(", "repulsion(", "(e.c)", "(c.rate)")  # factors of terms that need one
-DERIVATIVES = {"axial_force": 0.2, "normal_force_slope": 0.3, "pitch_moment_slope": 0.1, "pitch_damping": 0.3}
 _KINDS = ("axial", "transverse")
 _UNITS = {"canopy_position": "m", "capsule_velocity": "m/s", "capsule_attitude": "rad"}
 _OF_META = {
@@ -145,9 +143,9 @@ def vehicle(flight: OtherFlight) -> dict[str, Any]:
     return made | {"aero": aero}
 
 
-def _given(default: Mapping[str, Any], meta: Mapping[str, Any], capsule: Mapping[str, Any]) -> dict[str, Any]:
-    """Priors from outside: the default's about this vehicle's nominal values, and the capsule's derivatives."""
-    made = dict(default) | {f"capsule_{of}": {"mean": capsule[of], "sd": sd} for of, sd in DERIVATIVES.items()}
+def _given(default: Mapping[str, Any], meta: Mapping[str, Any]) -> dict[str, Any]:
+    """Priors from outside: those of the default about this vehicle's nominal values."""
+    made = dict(default)
     for name, (key, unit) in _OF_META.items():
         if name in made and "median" in made[name]:
             made[name] = made[name] | {"median": _si(meta[key], unit)}
@@ -195,8 +193,7 @@ def study(
     structure = dict(default["structure"])
     if meta["n_canopies"] == 1:
         structure |= {kind: _alone(structure[kind]) for kind in _KINDS}
-    given = _given(default["priors"].get("given", {}), meta, vehicle(first)["capsule"])
-    priors = default["priors"] | {"given": given}
+    priors = default["priors"] | {"given": _given(default["priors"].get("given", {}), meta)}
     if meta["n_canopies"] == 1 and "spread" in priors:
         priors["spread"] = {k: v for k, v in priors["spread"].items() if not needs_a_neighbour(k[k.find("[") + 1 : -1])}
     flights = [_flight(first, {"roles": ["structure", "identify"], "window": [_time(t) for t in window]})]
