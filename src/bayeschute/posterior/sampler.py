@@ -97,7 +97,9 @@ def sample(
         else []
     )
     if lost:
-        notes.append(f"{lost} pairs of simulations under drawn disturbances are left out of the mean correction where they failed")
+        notes.append(
+            f"{lost} pairs of simulations under drawn disturbances are not in the mean correction where they failed"
+        )
 
     def with_all(made: Draws, *words: str) -> Draws:
         """The draws with what all samplers together have spent, and notes."""
