@@ -146,3 +146,12 @@ def test_a_table_of_the_numbers_flies_like_the_numbers(cluster: Path):
         air = Air(still, still, 1.1, 1.0, still)
         for a, b in zip(capsule_aerodynamics(state, plain, air), capsule_aerodynamics(state, tabled, air), strict=True):
             np.testing.assert_allclose(b.stack(), a.stack(), rtol=1e-4, atol=1e-3 * np.abs(a.stack()).max())
+
+
+def test_numbers_in_whose_place_a_table_stands_are_not_fitted(cluster: Path):
+    prior = "capsule_normal_force_slope = { mean = 0.3, sd = 0.1 }\n"
+    text = cluster.read_text(encoding="utf-8")
+    cluster.write_text(text.replace("riser_length = {", prior + "riser_length = {", 1), encoding="utf-8")
+    assert check_study(cluster) == []
+    (fault,) = check_study(with_table(cluster, examples(cluster)[0]))
+    assert "capsule_normal_force_slope" in str(fault) and "[capsule.table]" in str(fault)

@@ -72,7 +72,7 @@ class GivenTable(Strict):
         riser_stiffness: [N/m].
         riser_damping: [N s/m].
         riser_length: [m].
-        capsule_axial_force: C_A of the capsule [1]; this and the next two without effect where the capsule has a table.
+        capsule_axial_force: C_A of the capsule [1]; this and the next two not where the capsule has a table.
         capsule_normal_force_slope: See `CapsuleTable` [1/rad].
         capsule_pitch_moment_slope: Slope of the static moment about the reference centre [1/rad].
         capsule_pitch_damping: C_mq, and C_nr where the vehicle has no other [1].

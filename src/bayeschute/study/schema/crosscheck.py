@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 from bayeschute.core.errors import Fault
-from bayeschute.study.schema.belief_schema import FORCES, NoiseTable, PriorsTable
+from bayeschute.study.schema.belief_schema import FORCES, GivenTable, NoiseTable, PriorsTable
 from bayeschute.study.schema.draft import Draft
 from bayeschute.study.schema.knowledge.knowledge_crosscheck import check_knowledge
 from bayeschute.study.schema.schema_faults import show
@@ -13,7 +13,8 @@ from bayeschute.study.schema.structure_crosscheck import check_core, check_polar
 from bayeschute.study.schema.study_schema import QUANTITIES, PredictTable, RequirementTable
 
 _CLUSTER_PRIORS = ("riser_stiffness", "riser_damping", "riser_length")
-_BODIES = ("capsule_mass", "canopy_mass")
+_OF_DESCENT = "cds_over_mass"
+_OF_NO_TABLE = ("capsule_axial_force", "capsule_normal_force_slope", "capsule_pitch_moment_slope")
 _CLUSTER_ONLY = ("canopy_position", "capsule_velocity", "capsule_attitude", "swing_angle", "riser_tension")
 _CLUSTER_CHANNELS = (*_CLUSTER_ONLY, "descent_rate")
 
@@ -55,7 +56,8 @@ def check_model_cluster(draft: Draft) -> Iterator[Fault]:
         for name, wind in (("wind", noise.wind), ("slow_wind", noise.slow_wind)):
             if wind is not None and wind.horizontal is None:
                 yield Fault(draft.at("noise", name, "horizontal"), "nothing", "a speed (model 'cluster')", "Add it.")
-    yield from _check_given(draft, needed=_CLUSTER_PRIORS, useless=("cds_over_mass",))
+    yield from _check_given(draft, needed=_CLUSTER_PRIORS, useless=(_OF_DESCENT,))
+    yield from _check_capsule(draft)
     yield from _check_mass(draft)
     yield from _check_vary(draft)
     for index, flight in draft.flights.items():
@@ -84,7 +86,8 @@ def check_model_descent(draft: Draft) -> Iterator[Fault]:
     for key in ("inflation", "floor", "vary", "vary_canopies", "spread"):
         if priors is not None and key in priors.model_fields_set:
             yield _no_use(draft, "priors", key)
-    yield from _check_given(draft, needed=("cds_over_mass",), useless=(*_CLUSTER_PRIORS, *_BODIES))
+    others = tuple(name for name in GivenTable.model_fields if name != _OF_DESCENT)
+    yield from _check_given(draft, needed=(_OF_DESCENT,), useless=others)
     for index, flight in draft.flights.items():
         if flight.virtual is not None:
             yield Fault(draft.at("flight", index, "virtual"), "a virtual drop", "a file (model 'descent')")
@@ -101,6 +104,17 @@ def _check_wind(draft: Draft, noise: NoiseTable | None) -> Iterator[Fault]:
     """A fit with latent disturbances has one of the wind."""
     if noise is not None and noise.model == "latent" and noise.wind is None:
         yield Fault(draft.at("noise", "wind"), "nothing", "a table: the latent wind error of noise model 'latent'")
+
+
+def _check_capsule(draft: Draft) -> Iterator[Fault]:
+    """Where a table has the capsule's coefficients, none of the numbers in whose place it stands is fitted."""
+    priors: PriorsTable | None = draft.tables.get("priors")
+    if priors is None or draft.vehicle is None or draft.vehicle.capsule.table is None:
+        return
+    for name in _OF_NO_TABLE:
+        if getattr(priors.given, name) is not None:
+            got = "a prior of what the vehicle's [capsule.table] tells"
+            yield Fault(draft.at("priors", "given", name), got, "none", "Remove it, or the table.")
 
 
 def _check_mass(draft: Draft) -> Iterator[Fault]:
