@@ -215,15 +215,17 @@ OWN, LOUD = pytest.approx(1.0), pytest.approx(3.0)
 
 
 @pytest.mark.parametrize(
-    ("goes_on", "begins", "wanted"),
+    ("goes_on", "turn", "wanted"),
     [
-        (False, True, [(LOUD, False, "whole"), (OWN, False, "whole"), (LOUD, False, "small")]),
-        (True, False, [(OWN, True, "held"), (OWN, False, "whole"), (OWN, False, "small")]),
-        (False, False, [(OWN, False, "whole"), (OWN, False, "small")]),
+        (False, 0, [(LOUD, False, "whole"), (OWN, False, "whole"), (LOUD, False, "small")]),
+        (True, 1, [(OWN, False, "whole"), (OWN, True, "held"), (OWN, False, "small")]),
+        (True, 2, [(OWN, True, "held"), (OWN, False, "whole"), (OWN, False, "small")]),
+        (True, None, [(OWN, True, "held"), (OWN, False, "whole"), (OWN, False, "small")]),
+        (False, None, [(OWN, False, "whole"), (OWN, False, "small")]),
     ],
 )
-def test_what_is_fast_is_tried_first_then_what_gets_further(monkeypatch, descent, goes_on, begins, wanted):
-    """A fit that begins has stronger noise than it is told; of all that is tried the first that gets there is kept."""
+def test_what_is_fast_is_tried_first_then_what_gets_further(monkeypatch, descent, goes_on, turn, wanted):
+    """A first turn has stronger noise than it is told, a second begins anew; the first that gets there is kept."""
     at, tried = Lifted(descent.flights[0].still(), np.zeros((1, 1)), np.zeros((1, 1))), []
 
     def late(flights, hyper, priors, theta, places, levels, near=None, progress=None):
@@ -233,7 +235,7 @@ def test_what_is_fast_is_tried_first_then_what_gets_further(monkeypatch, descent
 
     monkeypatch.setattr(along_record, "descend", late)
     given = descent.flights, descent.hyper, descent.priors, np.zeros(1), [at] if goes_on else None
-    assert joint_fit._along_record(*given, along_record.NEAR, print, begins).rows[-1].defect == 1e-4
+    assert joint_fit._along_record(*given, along_record.NEAR, print, turn).rows[-1].defect == 1e-4
     levels = {"whole": (*along_record.LEVELS, 0.0), "held": (0.0,), "small": tried[-1][2]}
     assert tried == [(noise, placed, levels[name]) for noise, placed, name in wanted]
     small = levels["small"]

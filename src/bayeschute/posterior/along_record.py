@@ -36,6 +36,7 @@ _PRICE = 3.0  # of a defect of the last level's slack, in log density; more than
 _SHARES, _CLOSING = (1.0, 0.5, 0.2, 0.05), 5  # of steps; most that close the defects of one
 _NONE = np.zeros(0)  # no step of parameters
 _RESTING, _MOST_RESTING = 0.01, 12  # gain in log density at which a conditional optimum is reached; most steps to it
+_MOST_ON_PATH = 6  # steps of the parameters before a path moves: where they begin far off the first is not the last
 _ANDERSON = 4  # earlier steps that tell of the next one to it
 _IDLE = 4  # steps that together gain next to nothing: however long the next would be, it leads nowhere
 _FREE = 1e-2  # damping below which a step is as good as free
@@ -283,6 +284,26 @@ class _Level:
             ends.append(led(flight, self.hyper, at, solved, _NONE))
             least += 0.5 * float(solved.gram[0, 0])
         return ends, here.merit - least
+
+    def on_the_path(self, here: _Point) -> _Point:
+        """The parameters of least defects along the present path: equation error by Gauss-Newton, priors included."""
+        for _ in range(_MOST_ON_PATH):
+            matrix = precision(self.priors)
+            gradient = matrix @ (here.theta - working(self.priors)[0])
+            for flight, at, made in zip(self.records, here.flights, here.along, strict=True):
+                slack = self.slack(flight, at, self.level or LEVELS[-1])
+                by_theta = np.concatenate([made.steps.first_theta[None], made.steps.by_theta]) / slack[:, None]
+                matrix = matrix + np.einsum("txp,txq->pq", by_theta, by_theta)
+                gradient = gradient + np.einsum("txp,tx->p", by_theta, np.asarray(made.defects) / slack)
+            if not (np.isfinite(matrix).all() and np.isfinite(gradient).all()):
+                break
+            there = self.point(here.theta - np.linalg.solve(matrix, gradient), here.flights)
+            if not there.merit < here.merit:
+                break
+            gain, here = here.merit - there.merit, there
+            if gain < NEAR.gain:
+                break
+        return here
 
     def closed(self, here: _Point) -> _Point:
         """The iterate without the defects of the linear problem, for fixed parameters."""
@@ -545,6 +566,9 @@ def descend(
             held = np.zeros_like(theta)
             moved_on = _tried(problem, here, problem.relaxed(here)[0], held, 1.0)
             here = moved_on if np.isfinite(moved_on.merit) else here._replace(merit=np.inf)
+        elif at is None and level == levels[0]:
+            # From wherever the parameters begin: to those that fit the record's accelerations, before its path moves.
+            here = problem.on_the_path(here)
         last = level == levels[-1]
         bounds = near if last else _NEAR_LEVEL
         here, covariance, made, converged = _descend(problem, here, _MOST if level else most, bounds, say)

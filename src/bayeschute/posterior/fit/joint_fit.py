@@ -26,6 +26,7 @@ _FEW_DEFECTS = 0.02  # of the last level's slack, at which single shooting can g
 _TURN_NEAR = along_record.Near(20.0, np.inf, 0.05)  # end of a turn
 _LAST_NEAR = along_record.Near(1.0, 0.5, _FEW_DEFECTS)  # and of the last: the marginal mode is sought from there
 _JOINT_NEAR = along_record.Near(0.1, 0.1, _FEW_DEFECTS)  # where joint optima are compared
+_NOISE_STEPS = (8, 20)  # most steps of the noise parameters, turn by turn: the first are of too loose a path
 _LOOSE = 3.0  # times the prior medians of all standard deviations, until noise parameters are found
 _BREAKS = "no flight of the model follows the record: steps along the best path break the equations of motion"
 
@@ -131,12 +132,13 @@ def _along_record(
     at: Sequence[Lifted] | None,
     near: along_record.Near,
     tell: Callable[[along_record.Row], None],
-    begins: bool = False,
+    turn: int | None = None,
 ) -> LiftedFit:
     """A fit along the record whose path obeys the equations of motion, from where it is or from the record's path.
 
-    What is fast is tried first, then what gets further. One that begins, so that noise parameters are still to be
-    found, has stronger noise than they say.
+    What is fast is tried first, then what gets further. Where noise parameters are still to be found, the first turn
+    has stronger noise than they say, and may come to another path than that of greatest density; so the second begins
+    on the record's path again.
 
     Raises:
         NoFitError: If defects are left whatever was tried.
@@ -147,8 +149,8 @@ def _along_record(
         (f"{anew}, in smaller steps", hyper, None, _SMALL_LEVELS),
     ]
     if at is not None:
-        begun.insert(0, ("from the path of the turn before", hyper, at, (0.0,)))
-    elif begins:
+        begun.insert(1 if turn == 1 else 0, ("from the path of the turn before", hyper, at, (0.0,)))
+    elif turn == 0:
         looser = _looser(hyper)
         begun = [(f"{words}, noise stronger", looser, None, levels) for words, _, _, levels in begun]
         begun.insert(1, (anew, hyper, None, whole))
@@ -178,18 +180,20 @@ def _settle_along(
     at: Sequence[Lifted] | None = None
     if begin is not None:
         theta, at, hyper = begin
-    turns = 1 if at is None else 0  # noise parameters that come with a path are of a fit before
+    begins = at is None  # noise parameters that come with a path are of a fit before
+    turns = len(_NOISE_STEPS) if begins else 0
     for turn in range(turns + 1):
 
         def tell(row: along_record.Row, turn: int = turn) -> None:
             say((turn + 0.3) / (turns + 1), f"along the record {turn + 1}, {row}")
 
         near = _LAST_NEAR if turn == turns else _TURN_NEAR
-        made = _along_record(flights, hyper, priors, theta, at, near, tell, begins=at is None)
+        made = _along_record(flights, hyper, priors, theta, at, near, tell, turn if begins else None)
         theta, at = made.theta, made.flights
         best = _optimum(made)
         if turn < turns:
-            hyper, value = noise_evidence.maximise(flights, best.linear(flights), priors, hyper, prior, most=20)
+            linear = best.linear(flights)
+            hyper, value = noise_evidence.maximise(flights, linear, priors, hyper, prior, _NOISE_STEPS[turn])
             say((turn + 0.9) / (turns + 1), f"noise parameters: log evidence {-value:.1f}")
     value = noise_evidence.function_of(flights, best.linear(flights), priors, prior)(noise_evidence.to_vector(hyper))[0]
     return JointFit(best, hyper, value)
