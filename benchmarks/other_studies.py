@@ -5,7 +5,8 @@ says. Only what depends on the vehicle is put in its place, by one rule for all,
 
 | what | rule |
 |---|---|
-| vehicle | the meta file; capsule's derivatives and the rest that no meta file tells: those of the default vehicle |
+| vehicle | the meta file; what no meta file tells: as in the default vehicle |
+| capsule's force | drag along the flow alone, by the coefficient of the meta file: C_A = -C_D, normal force slope C_D |
 | reference speed | terminal speed of the nominal weight in sea-level air, with a drag coefficient of 0.85 |
 | prior of the risers | medians nominal, log sd as in the default; length nominal, sd 0.6 % of it or 0.2 m, the larger |
 | prior of the canopies' pitching moment | mean 0, sd 0.3 of C_m_alpha and C_mq |
@@ -111,8 +112,8 @@ def vehicle(flight: OtherFlight) -> dict[str, Any]:
     meta, made = flight.meta, default_vehicle()
     high = float(flight.attach_b[0])  # our attach point is the origin of the structural frame, but for y and z
     place = [_si(high, "m"), "0 m", "0 m"]
-    kept = ("normal_force_slope", "pitch_moment_slope")
-    capsule = {k: v for k, v in made["capsule"].items() if k in kept or k.endswith("_damping")}
+    drag = meta["capsule_CD_estimate"]  # along the flow
+    capsule = {k: v for k, v in made["capsule"].items() if k == "pitch_moment_slope" or k.endswith("_damping")}
     capsule |= {
         "mass": _si(meta["capsule_mass_kg"], "kg"),
         "inertia": [_si(x, "kg m^2") for x in np.diag(flight.inertia)],
@@ -122,7 +123,8 @@ def vehicle(flight: OtherFlight) -> dict[str, Any]:
         "centre_of_mass": place,
         "attach_point": ["0 m", _si(flight.attach_b[1], "m"), _si(-flight.attach_b[2], "m")],
         "reference_centre": place,
-        "axial_force": -meta["capsule_CD_estimate"],
+        "axial_force": -drag,
+        "normal_force_slope": drag,
     }
     n = meta["n_canopies"]
     canopies = {
