@@ -1,10 +1,15 @@
-"""A posterior in one NetCDF file: the DataTree's groups, and one more with study, records and fits."""
+"""A posterior in one NetCDF file: the DataTree's groups, and one more with study, records and fits.
+
+The file ends with its SHA-256, which NetCDF readers pass over: a byte that a failing disk or another program changed
+would change numbers without a sign.
+"""
 
 from __future__ import annotations
 
+import hashlib
 import json
 from dataclasses import replace
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 import numpy as np
 import xarray as xr
@@ -17,7 +22,10 @@ from bayeschute.study.archive import study_from_plain, study_to_plain
 from bayeschute.study.stage_keys import ARTEFACT_VERSION
 from bayeschute.study.study import Study
 
-_GROUP, _STUDY = "bayeschute", "study"
+_GROUP, _STUDY, _FILE = "bayeschute", "study", "file "
+_SEAL = b"\nbayeschute sha256 "
+_END = len(_SEAL) + 2 * hashlib.sha256().digest_size
+_WANTED = "a posterior written by `Posterior.save` or `bayeschute fit`"
 Content = tuple[Study, xr.DataTree, Files]
 """The study that was fitted, the draws, and files of records and fits."""
 
@@ -25,7 +33,7 @@ Content = tuple[Study, xr.DataTree, Files]
 def write_posterior(path: Path, study: Study, data: xr.DataTree, files: Files) -> Path:
     """Write a posterior; returns the path."""
     header = {"format": ARTEFACT_VERSION, "version": __version__, _STUDY: study_to_plain(study)}
-    content = {_STUDY: json.dumps(header).encode(), **{f"file {name}": held for name, held in files.items()}}
+    content = {_STUDY: json.dumps(header).encode(), **{f"{_FILE}{name}": held for name, held in files.items()}}
     stored = xr.Dataset(
         {
             f"content_{i}": (f"byte_{i}", np.frombuffer(held, np.uint8), {"name": name})
@@ -34,30 +42,65 @@ def write_posterior(path: Path, study: Study, data: xr.DataTree, files: Files) -
     )
     tree = data.copy()
     tree[_GROUP] = xr.DataTree(stored)
-    write_whole(path, lambda aside: tree.to_netcdf(aside, engine="h5netcdf"))
+
+    def write(aside: Path) -> None:
+        tree.to_netcdf(aside, engine="h5netcdf")
+        seal = _SEAL + _sha256(aside, aside.stat().st_size).encode()
+        with aside.open("ab") as file:
+            file.write(seal)
+
+    write_whole(path, write)
     return path
+
+
+def _sha256(path: Path, length: int) -> str:
+    """Of a file's first bytes."""
+    made = hashlib.sha256()
+    with path.open("rb") as file:
+        while length > 0 and (part := file.read(min(length, 1 << 20))):
+            made.update(part)
+            length -= len(part)
+    return made.hexdigest()
+
+
+def _check_whole(path: Path) -> None:
+    """Raise an `InputError` unless the file ends with the hash of what goes before."""
+    length = max(path.stat().st_size - _END, 0)
+    with path.open("rb") as file:
+        file.seek(length)
+        end = file.read()
+    if not end.startswith(_SEAL):
+        got = "no checksum at its end: no posterior, cut short, changed by another program, or of an earlier version"
+    elif end != _SEAL + _sha256(path, length).encode():
+        got = "content that is not that of its checksum: it was damaged, or changed by another program"
+    else:
+        return
+    raise InputError(Fault(str(path), got, _WANTED, "Copy it again, or fit again."))
 
 
 def read_posterior(path: Path) -> Content:
     """Read what `write_posterior` wrote.
 
     Raises:
-        InputError: If the file is not one, or another version's.
+        InputError: If the file is not one, was damaged or changed since, or is another version's.
     """
-    wanted = "a posterior written by `Posterior.save` or `bayeschute fit`"
     if not path.is_file():
-        raise InputError(Fault(str(path), "no such file", wanted))
+        raise InputError(Fault(str(path), "no such file", _WANTED))
+    _check_whole(path)
     try:
         tree = _loaded(path)
         stored = tree[_GROUP].to_dataset()
         content = {one.attrs["name"]: one.values.astype(np.uint8).tobytes() for one in stored.data_vars.values()}
         header = json.loads(content[_STUDY])
     except (OSError, KeyError, ValueError) as error:
-        raise InputError(Fault(str(path), f"a file that can't be read ({error})"[:200], wanted)) from None
+        raise InputError(Fault(str(path), f"a file that can't be read ({error})"[:200], _WANTED)) from None
     if header.get("format") != ARTEFACT_VERSION:
         got = f"format {header.get('format')} of version {header.get('version')}"
         raise InputError(Fault(str(path), got, f"format {ARTEFACT_VERSION}", "Use the version that wrote it."))
-    files = {name.removeprefix("file "): held for name, held in content.items() if name.startswith("file ")}
+    files = {name.removeprefix(_FILE): held for name, held in content.items() if name.startswith(_FILE)}
+    for name in files:  # they are written to a temporary folder, and to no other
+        if PurePosixPath(name).is_absolute() or ".." in PurePosixPath(name).parts or "\\" in name:
+            raise InputError(Fault(str(path), f"a file named {name!r}", _WANTED, "Don't use it: it is not ours."))
     groups = {name: node.to_dataset() for name, node in tree.children.items() if name != _GROUP}
     return study_from_plain(header[_STUDY]), xr.DataTree.from_dict(groups), files
 

@@ -18,7 +18,7 @@ from bayeschute.core.version import __version__
 from bayeschute.study.study import Study, canonical
 
 STAGES = ("ingest", "structure", "priors", "fit", "check", "predict", "risk", "report")
-ARTEFACT_VERSION = 6
+ARTEFACT_VERSION = 7
 """Version of the files that stages exchange; raised where files of an earlier version can't or mustn't be used."""
 USES: dict[str, tuple[str, ...]] = {
     "ingest": (),
