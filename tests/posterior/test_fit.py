@@ -152,6 +152,26 @@ def test_the_mode_is_found_across_a_slope_much_flatter_than_gauss_newton_expects
     assert best.converged and abs(away - mode) < 0.2
 
 
+def test_between_two_looks_at_what_linear_models_lack_its_slope_follows_its_information(descent, monkeypatch):
+    """A correction eight times as curved as the cost: held, its slope made secants too flat, and steps bounced about."""
+    settled = joint_fit.joint_fit(descent.flights, descent.priors, NoisePrior(descent.hyper))
+    factor, start = np.linalg.cholesky(settled.optimum.covariance), settled.optimum.theta
+    looked, said = [], []
+
+    def curved(made):
+        away = np.linalg.solve(factor, np.asarray(made.centre) - start)
+        looked.append(away)
+        return laplace.Lack(8.0 * away + 1.2, np.array([[8.0]]))
+
+    monkeypatch.setattr(laplace, "lack", curved)
+    best = marginal_mode.marginal_mode(
+        descent.flights, descent.priors, settled, lambda share, words: said.append(words), near=0.01
+    )
+    away = float(np.linalg.solve(factor, best.theta - start)[0])
+    assert best.converged and away == pytest.approx(-1.2 / 9.0, abs=0.01)
+    assert len(looked) == 1 and len(said) <= 4
+
+
 def test_a_step_that_leads_to_where_flights_fail_is_halved(descent, monkeypatch):
     """Flights on both sides fail farther than two standard deviations from the joint optimum; the mode is within."""
     settled = joint_fit.joint_fit(descent.flights, descent.priors, NoisePrior(descent.hyper))

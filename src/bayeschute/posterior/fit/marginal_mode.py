@@ -24,7 +24,7 @@ _MODE_STEPS, _NEAR = 16, 0.2  # most steps to the marginal mode; length of the l
 _HALVINGS = 10  # of a step to the mode at most
 _TRUSTED = 3.0  # standard deviations up to which the last step of a search that did not end is gone all the same
 _RISE = 5.0  # of minus the marginal log density over a step, beyond which half of it is tried
-_SAME_SLOPE = 0.5  # standard deviations within which the slope of what linear models lack is taken for the same
+_SAME_SLOPE = 0.5  # standard deviations within which the slope of what linear models lack is taken for linear
 
 
 class _Lacking(NamedTuple):
@@ -45,6 +45,10 @@ class _Lacking(NamedTuple):
         """At the centre of a posterior."""
         lack, inverse = laplace.lack(made), np.linalg.inv(np.asarray(made.scale))
         return cls(np.asarray(made.centre), inverse.T @ lack.slope, inverse.T @ lack.information @ inverse)
+
+    def slope_at(self, theta: Array) -> Array:
+        """The slope near the point (P,), as its information has it: secants of it must see the same curvature."""
+        return self.slope + self.information @ (theta - self.theta)
 
 
 class _Placed(NamedTuple):
@@ -122,7 +126,7 @@ def marginal_mode(
         turn, halvings = turn + 1, 0
         covariance = scipy.linalg.inv(conditional.matrix + lacking.information)
         correction = mean_correction_slope(made)
-        slope = conditional.gradient + lacking.slope + correction
+        slope = conditional.gradient + lacking.slope_at(theta) + correction
         if last is not None:
             bends.append((theta - last[0], slope - last[1]))
         step, last = secant_step(slope, covariance, bends), (theta, slope)
