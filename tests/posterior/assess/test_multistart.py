@@ -74,7 +74,8 @@ def test_an_optimum_that_is_another_is_measured_from_the_one_kept(settled, desce
     kept = settled[0].settled.optimum
     se = float(np.sqrt(kept.covariance[0, 0]))
     other = replace(kept, theta=kept.theta - 3.0 * se, cost=kept.cost + 2.5)
-    monkeypatch.setattr(multistart, "joint", lambda *given: other)
+    optima = iter([kept, other])
+    monkeypatch.setattr(multistart, "joint", lambda *given: next(optima))
     (told,) = compare(descent.flights, descent.priors, settled[0], [settled[1]])
     assert told.away == pytest.approx(3.0) and told.worse == pytest.approx(2.5)
     assert told.parameter == "cds_over_mass" and told.converged
@@ -87,8 +88,21 @@ def test_an_optimum_that_follows_no_record_under_the_kept_noise_is_told(settled,
 
     monkeypatch.setattr(multistart, "joint", fails)
     (told,) = compare(descent.flights, descent.priors, settled[0], [settled[1]])
-    assert told.why == "no flight follows the record" and np.isnan(told.away)
+    assert told.why == "the optimum that is kept: no flight follows the record" and np.isnan(told.away)
     assert not judge([told], False).passed
+    optima = iter([settled[0].settled.optimum])
+    monkeypatch.setattr(multistart, "joint", lambda *given: next(optima, None) or fails())
+    (told,) = compare(descent.flights, descent.priors, settled[0], [settled[1]])
+    assert told.why == "no flight follows the record" and np.isnan(told.away)
+
+
+def test_the_best_that_stopped_short_of_its_optimum_is_refined_as_well(settled, descent):
+    """Else the others would be told as rivals of an optimum that is theirs too."""
+    one = settled[0].settled
+    short = one.optimum.theta + 0.35 * np.sqrt(np.diag(one.optimum.covariance))
+    best = Start(0, one._replace(optimum=replace(one.optimum, theta=short)))
+    (told,) = compare(descent.flights, descent.priors, best, [settled[1]])
+    assert told.converged and told.away < 0.01 and abs(told.worse) < 1e-3
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,8 @@
 """Multistart check of the joint optimum: several starts, the best is kept, differences are reported.
 
-Every start ends with different noise parameters. So every other optimum is first re-optimised under the noise
-parameters of the best one: only then are the optima and their densities those of one function.
+Every start ends with different noise parameters, and somewhat short of its optimum. So every optimum, the best one too,
+is first re-optimised under the noise parameters of the best: only then are the optima and their densities those of one
+function.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from bayeschute.likelihood.joint import FlightData
 from bayeschute.likelihood.priors import Prior, factor, working
 from bayeschute.posterior.fit.continuation import Progress
 from bayeschute.posterior.fit.joint_fit import JointFit, joint, joint_fit
+from bayeschute.posterior.joint_mode import Optimum
 from bayeschute.posterior.noise_evidence import NoisePrior
 
 Array = NDArray[np.float64]
@@ -62,13 +64,20 @@ class Told(NamedTuple):
     worse: float
 
 
-def begin(priors: Sequence[Prior], number: int, seed: int) -> Array:
-    """Parameters of a start (P,), working coordinates: the prior means for number 0, else a draw about them."""
+def begin(priors: Sequence[Prior], number: int, seed: int, spread: float = SPREAD) -> Array:
+    """Parameters of a start (P,), working coordinates: the prior means for number 0, else a draw about them.
+
+    Args:
+        priors: Of all parameters.
+        number: Of the start.
+        seed: Of all starts.
+        spread: Of the draws, in standard deviations of the priors; 1: draws from the prior.
+    """
     centre = working(priors)[0]
     if number == 0:
         return centre
     rng = stream(seed, "start of a fit", number)
-    return np.asarray(centre + SPREAD * factor(priors) @ rng.standard_normal(centre.size))
+    return np.asarray(centre + spread * factor(priors) @ rng.standard_normal(centre.size))
 
 
 def settle_from(
@@ -79,6 +88,7 @@ def settle_from(
     seed: int,
     rounds: int = 1,
     progress: Progress | None = None,
+    spread: float = SPREAD,
 ) -> Start:
     """Joint fit from one start, as `joint_fit`.
 
@@ -90,6 +100,7 @@ def settle_from(
         seed: Of all starts.
         rounds: Turns of optimum and evidence.
         progress: Called with a share done and words.
+        spread: See `begin`.
 
     Returns:
         The start; a simulation that is not finite is recorded in it, not raised.
@@ -98,9 +109,8 @@ def settle_from(
     try:
         if number == 0:
             return Start(0, joint_fit(flights, priors, prior, rounds, say))
-        return Start(
-            number, joint_fit(flights, priors, prior, rounds, say, (begin(priors, number, seed), None, prior.median))
-        )
+        theta = begin(priors, number, seed, spread)
+        return Start(number, joint_fit(flights, priors, prior, rounds, say, (theta, None, prior.median)))
     except (FloatingPointError, FitError) as error:
         return Start(number, None, str(error))
 
@@ -134,24 +144,33 @@ def compare(
         others: The other starts.
     """
     assert best.settled is not None
-    kept, hyper = best.settled.optimum, best.settled.hyper
-    se, told = np.sqrt(np.diag(kept.covariance)), []
-    for start in others:
+    hyper, evidence = best.settled.hyper, best.settled.evidence
+
+    def refined(settled: JointFit) -> Optimum:
+        return joint(flights, hyper, priors, settled.optimum.theta, settled.optimum.flights)
+
+    kept: Optimum | str
+    try:
+        kept = refined(best.settled)
+    except (FloatingPointError, FitError) as error:
+        kept = f"the optimum that is kept: {error}"
+
+    def row(start: Start) -> Told:
         if start.settled is None:
-            told.append(Told(start.number, start.why, False, np.nan, np.nan, "", np.nan))
-            continue
-        own = start.settled.optimum
-        more = start.settled.evidence - best.settled.evidence
+            return Told(start.number, start.why, False, np.nan, np.nan, "", np.nan)
+        converged, more = start.settled.optimum.converged, start.settled.evidence - evidence
+        if isinstance(kept, str):
+            return Told(start.number, kept, converged, more, np.nan, "", np.nan)
         try:
-            moved = joint(flights, hyper, priors, own.theta, own.flights)
+            moved = refined(start.settled)
         except (FloatingPointError, FitError) as error:
-            told.append(Told(start.number, str(error), own.converged, more, np.nan, "", np.nan))
-            continue
-        off = np.abs(moved.theta - kept.theta) / se
+            return Told(start.number, str(error), converged, more, np.nan, "", np.nan)
+        off = np.abs(moved.theta - kept.theta) / np.sqrt(np.diag(kept.covariance))
         far = int(np.argmax(off))
-        converged = own.converged and moved.converged
-        told.append(Told(start.number, "", converged, more, float(off[far]), priors[far].name, moved.cost - kept.cost))
-    return tuple(told)
+        both = converged and moved.converged and kept.converged
+        return Told(start.number, "", both, more, float(off[far]), priors[far].name, moved.cost - kept.cost)
+
+    return tuple(row(start) for start in others)
 
 
 class Verdict(NamedTuple):
