@@ -125,15 +125,22 @@ def canonical(study: Study) -> dict[str, Any]:
     said = {key: value for key, value in vars(study).items() if key not in layout}
     if not study.knowledge:
         del said["knowledge"]
-    else:  # a file's path and layout are no part of what it says
-        named = {"file", "columns", "points"}
+    else:  # a file's layout is no part of what it says
+        named = {"columns", "points"}
         said["knowledge"] = [k.model_dump(exclude_none=True, exclude=named) for k in study.knowledge]
     said["flights"] = [
         {k: v for k, v in vars(flight).items() if k not in of_no_result and not (k in usual and v is None)}
         | {"record": file_hash(flight.path) if flight.path else None}
         for flight in study.flights
     ]
-    return dict(json.loads(json.dumps(said, default=plain)))
+    return dict(_without_files(json.loads(json.dumps(said, default=plain))))
+
+
+def _without_files(value: Any) -> Any:
+    """Plain values without the paths of files whose content stands beside them."""
+    if isinstance(value, dict):
+        return {key: _without_files(one) for key, one in value.items() if key != "file"}
+    return [_without_files(one) for one in value] if isinstance(value, list) else value
 
 
 def study_hash(study: Study) -> str:

@@ -122,13 +122,13 @@ def test_an_earlier_run_is_not_overwritten_unless_asked(begun: Path, sondes: Pat
 
 def test_force_begins_anew_and_leaves_what_no_run_wrote(finished, descents, tmp_path: Path):
     folder = Path(shutil.copytree(finished.folder, tmp_path / "run"))
-    assert {path.name for path in folder.iterdir()} <= {".stages", *stages.RESULTS}
+    assert {path.name for path in folder.iterdir()} <= {".stages", "inputs", *stages.RESULTS}
     (folder / "calibration").mkdir()
     (folder / "calibration/rows.json").write_text("{}", encoding="utf-8")
     told, listen = _listen()
     assert run_study(descents.study, folder, until="ingest", force=True, progress=listen) == {}
     assert KEPT not in [words for _, _, words in told]
-    left = {".stages", "calibration", "flights", "study.toml", "log.txt"}
+    left = {".stages", "calibration", "flights", "inputs", "study.toml", "log.txt"}
     assert {path.name for path in folder.iterdir()} == left and (folder / "calibration/rows.json").exists()
     assert "made-up sondes" in (folder / "log.txt").read_text(encoding="utf-8").splitlines()[0]
 

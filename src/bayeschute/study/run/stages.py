@@ -19,6 +19,7 @@ from typing import Any
 from bayeschute.core.errors import Fault, FitError, InputError
 from bayeschute.core.files import write_whole
 from bayeschute.core.version import __version__
+from bayeschute.study import kept_inputs
 from bayeschute.study.evidence.identity import places, stored
 from bayeschute.study.evidence.recalibrate import NAME as RECALIBRATION
 from bayeschute.study.job import Job, Progress
@@ -33,7 +34,8 @@ RESULTS = (
     "identifiability.json", "predictions.nc", "coverage.json", RECALIBRATION,
     "curves.csv", "summary.json", "report.html", "study.toml", LOG,
 )  # fmt: skip
-"""All that a run writes into its folder, but for the markers of finished stages."""
+"""All that a run writes into its folder and ``--force`` removes. Markers of finished stages, and ``inputs``, which the
+study to be run may itself name, are brought up to date instead."""
 
 
 def _marker(job: Job, stage: str) -> Path:
@@ -85,18 +87,20 @@ def run_study(
     study = path if isinstance(path, Study) else load_study(path, data_dir)
     if seed is not None:
         study = replace(study, seed=seed)
+    whole, folder = study, Path(out)
     if quick:
         study = assemble.smaller(study)
-    folder = Path(out)
     _check_folder(folder, resume, force)
     job = Job(study, folder, quick, "", progress or (lambda *_: None), resume, workers, address)
     learned = widening(job)  # fails before anything slow if it is missing
     if force:
         _remove(folder)
     (folder / ".stages").mkdir(parents=True, exist_ok=True)
-    write_whole(folder / "study.toml", lambda p: p.write_text(_as_run(job)))
+    lacking = kept_inputs.keep(whole, folder, _heading(job), data_dir)
     with Log(folder / LOG) as log, warnings_to(log):
         log.line(f"bayeschute {__version__}, seed {study.seed}, {study.path.name}: {study.title}")
+        if lacking:
+            log.line(f"this run can't be made again from its folder: {lacking}")
         by = None if learned is None else learned._asdict()
         _run_stages(replace(job, progress=log.beside(progress)), until, by)
     summary = folder / "summary.json"
@@ -174,12 +178,13 @@ def _forget(job: Job, stage: str) -> None:
         (job.out / name).unlink(missing_ok=True)
 
 
-def _as_run(job: Job) -> str:
-    """The study file as it was run, with the identity of the run at its head."""
+def _heading(job: Job) -> str:
+    """Comment lines with the identity of a run, and how it is made again."""
     study = job.study
     sizes = "quick, not for use" if job.quick else "full sizes"
-    head = [
-        f"# bayeschute {__version__}; seed {study.seed}; {sizes}",
-        f"# sha256 of study, vehicle and records: {study_hash(study)}",
-    ]
-    return "\n".join([*head, "", study.text])
+    quick = " --quick" if job.quick else ""
+    return (
+        f"# bayeschute {__version__}; seed {study.seed}; {sizes}\n"
+        f"# sha256 of study, vehicle and records: {study_hash(study)}\n"
+        f"# The same run again: bayeschute run study.toml --out FOLDER{quick}"
+    )
