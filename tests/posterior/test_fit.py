@@ -172,6 +172,21 @@ def test_between_two_looks_at_what_linear_models_lack_its_slope_follows_its_info
     assert len(looked) == 1 and len(said) <= 4
 
 
+def test_the_slope_over_a_short_step_says_nothing_of_the_curvature(descent, monkeypatch):
+    """Conditional optima are known within a tolerance: over a step of a few tenths the rest of their slopes is noise."""
+    settled = joint_fit.joint_fit(descent.flights, descent.priors, NoisePrior(descent.hyper))
+    planned, used = iter((1.0, -0.3, 0.9, 0.3, 0.1)), []
+
+    def scripted(slope, covariance, bends):
+        used.append([float(np.linalg.norm(np.linalg.solve(np.linalg.cholesky(covariance), step))) for step, _ in bends])
+        return next(planned) * np.linalg.cholesky(covariance)[0]
+
+    monkeypatch.setattr(marginal_mode, "secant_step", scripted)
+    best = marginal_mode.marginal_mode(descent.flights, descent.priors, settled)
+    assert best.converged and [len(lengths) for lengths in used] == [0, 1, 1, 2, 2]
+    np.testing.assert_allclose(used[-1], [1.0, 0.9], rtol=0.1)
+
+
 def test_a_step_that_leads_to_where_flights_fail_is_halved(descent, monkeypatch):
     """Flights on both sides fail farther than two standard deviations from the joint optimum; the mode is within."""
     settled = joint_fit.joint_fit(descent.flights, descent.priors, NoisePrior(descent.hyper))

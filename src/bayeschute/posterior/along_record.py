@@ -371,6 +371,12 @@ def brought(
     return list(zip(here.flights, here.along, strict=True))
 
 
+def _resettled(level: _Level, here: _Point) -> _Point:
+    """A place found under other noise parameters: its disturbances find theirs before parameters move."""
+    there = _tried(level, here, level.relaxed(here)[0], np.zeros_like(here.theta), 1.0)
+    return there if np.isfinite(there.merit) else here._replace(merit=np.inf)
+
+
 def _resting(level: _Level, here: _Point) -> _Point:
     """Steps of trajectories, start and process noise for fixed parameters, until they would gain next to nothing.
 
@@ -558,17 +564,11 @@ def descend(
     say, rows = progress or (lambda row: None), list[Row]()
     places = [begin(f) for f in flights] if at is None else list(at)
     covariance, converged = np.full((len(priors),) * 2, np.nan), False
-    for level in levels:
+    for number, level in enumerate(levels):
         problem = _Level(flights, hyper, priors, level)
         here = problem.point(theta, places)
-        if at is not None and level == levels[0]:
-            # Its disturbances may be those of other noise parameters: these find theirs before parameters move.
-            held = np.zeros_like(theta)
-            moved_on = _tried(problem, here, problem.relaxed(here)[0], held, 1.0)
-            here = moved_on if np.isfinite(moved_on.merit) else here._replace(merit=np.inf)
-        elif at is None and level == levels[0]:
-            # From wherever the parameters begin: to those that fit the record's accelerations, before its path moves.
-            here = problem.on_the_path(here)
+        if number == 0:
+            here = problem.on_the_path(here) if at is None else _resettled(problem, here)
         last = level == levels[-1]
         bounds = near if last else _NEAR_LEVEL
         here, covariance, made, converged = _descend(problem, here, _MOST if level else most, bounds, say)
