@@ -1,7 +1,12 @@
-"""Run notebooks and write them as ``.ipynb`` beside their sources: ``python docs/render.py [NAME ...]``, else all."""
+"""Run notebooks and write them as ``.ipynb`` beside their sources: ``python docs/render.py [NAME ...]``, else all.
+
+They are part of the project; a test compares ``source_sha256`` of their metadata with their sources. What a notebook
+writes to the error stream (warnings, which name files of this machine) is printed here and left out.
+"""
 
 from __future__ import annotations
 
+import hashlib
 import os
 import sys
 from pathlib import Path
@@ -13,6 +18,11 @@ from nbclient import NotebookClient
 NOTEBOOKS = Path(__file__).parents[1] / "notebooks"
 
 
+def source_hash(source: Path) -> str:
+    """SHA-256 of a notebook's source."""
+    return hashlib.sha256(source.read_text(encoding="utf-8").encode()).hexdigest()
+
+
 def render(source: Path, folder: Path | None = None) -> Path:
     """Run a notebook with the kernel of this environment; returns the path of what was written.
 
@@ -22,7 +32,15 @@ def render(source: Path, folder: Path | None = None) -> Path:
     """
     notebook = jupytext.read(source)
     where = {"metadata": {"path": str(source.parent)}}
-    NotebookClient(notebook, timeout=3600, kernel_name="python3", resources=where).execute()
+    NotebookClient(notebook, timeout=3600, kernel_name="python3", resources=where, record_timing=False).execute()
+    for number, cell in enumerate(notebook.cells):
+        cell["id"] = f"cell-{number}"
+        for output in cell.get("outputs", []):
+            if output.get("name") == "stderr":
+                print(f"{source.name}: {output['text'].strip()}", file=sys.stderr)
+        if "outputs" in cell:
+            cell["outputs"] = [output for output in cell["outputs"] if output.get("name") != "stderr"]
+    notebook.metadata["source_sha256"] = source_hash(source)
     path = (folder or source.parent) / source.with_suffix(".ipynb").name
     aside = path.with_suffix(".part")
     nbformat.write(notebook, aside)

@@ -149,7 +149,7 @@ at_most = "11 m/s"
 print(len(bc.check_study(FOLDER / "mine.toml")), "faults")
 run = bc.run(bc.Study.load(FOLDER / "mine.toml"), FOLDER / "run", quick=SMALL)
 report = FOLDER / "run" / "report.html"
-print(report, f"{report.stat().st_size / 1024:.0f} kB")
+print(report.name, f"{report.stat().st_size / 1024:.0f} kB")
 
 # %% [markdown]
 # ## The finding

@@ -31,7 +31,9 @@ import bayeschute as bc
 SMALL = bool(os.environ.get("BAYESCHUTE_SMALL"))
 data = Path(os.environ.get("BAYESCHUTE_DATA") or "no-folder") / "dropsonde"
 files = sorted(data.glob("D*.csv.gz"))[: 3 if SMALL else None]
-print(f"{len(files)} records in {data}" if files else f"No records: set BAYESCHUTE_DATA to a folder with {data.name}/")
+print(f"{len(files)} records of {data.name}s")
+if not files:
+    print(f"Set BAYESCHUTE_DATA to a folder with {data.name}/")
 
 # %% [markdown]
 # ## Records
