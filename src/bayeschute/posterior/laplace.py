@@ -5,8 +5,11 @@ evaluation of every step. Here a flight is brought to its conditional mode at an
 costs hundreds of times as much: the sum of squared innovations and the log determinant are those at theta itself.
 Because the residuals are noise and not small, the conditional mode is a curved function of theta where the derivatives
 change with theta (residual-curvature term); without it the marginal density is too narrow, by a fifth and more for
-parameters that determine the response to gusts. Both are evaluated on either side along every axis, and two quadratic
-polynomials correct the linearised marginal: one for the log determinant, one for the curvature.
+parameters that determine the response to gusts. And the squares are weighed by covariances that change with theta: on
+average the curvatures of this and of the log determinant add up to the Fisher information in the covariances (`lack`),
+and the second alone is negative. Both are evaluated on either side along every axis and at corners
+between them, and two quadratic polynomials correct the linearised marginal: one for the squares, one for the log
+determinant.
 """
 
 from __future__ import annotations
@@ -52,34 +55,26 @@ _gains = jax.jit(filter_gains)
 
 
 class Laplace(NamedTuple):
-    """The marginal log density at a point by Laplace's approximation there, and how it slopes.
+    """The marginal log density at a point by Laplace's approximation there.
 
     Attributes:
         square: Half the squares of innovations and of theta under its prior.
-        gradient: Of that by standard coordinates (P,).
         determinant: Log determinant.
         flights: Conditional optima.
+        roots: Factors of the innovations' covariances by sample (N, D, D), by flight.
     """
 
     square: float
-    gradient: Array
     determinant: float
     flights: tuple[Lifted, ...]
+    roots: tuple[Array, ...]
 
 
 @jax.jit
-def _squares(made: Gains, linear: Linear, mean_correction: MeanCorrection) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Half the squares of innovations, their gradient, and the log determinant."""
-    seen = as_seen(linear).less(mean_correction)
-    unit = innovations(made, *seen).reshape(-1, seen.series.shape[2])
-    return 0.5 * unit[:, 0] @ unit[:, 0], -unit[:, 1:].T @ unit[:, 0], made.log_determinant
-
-
-def _brought(marginal: Marginal, theta: jax.Array, shift: jax.Array) -> list[tuple[Lifted, Linear]]:
-    """The flights at their conditional optima, from where they are followed to, and linearised there."""
-    pairs = zip(marginal.flights, marginal.along, strict=True)
-    places = [place_at(flight, along, shift) for flight, along in pairs]
-    return brought(marginal.flights, marginal.hyper, np.asarray(theta), places)
+def _squares(made: Gains, linear: Linear, mean_correction: MeanCorrection) -> jax.Array:
+    """Half the squares of innovations."""
+    unit = innovations(made, *as_seen(linear).less(mean_correction))
+    return 0.5 * jnp.sum(unit**2)
 
 
 def _mean_correction(
@@ -98,64 +93,40 @@ def _mean_correction(
     return MeanCorrection(*(a + b - c for a, b, c in zip(along.mean_correction, few, along.rough, strict=True)))
 
 
-def _under_prior(marginal: Marginal, theta: jax.Array) -> tuple[float, Array]:
-    """Half the squares of theta under its prior, and their gradient."""
-    root = np.asarray(marginal.prior_factor)
-    away = np.linalg.solve(root, np.asarray(theta) - np.asarray(marginal.prior_centre))
-    return 0.5 * float(away @ away), np.linalg.solve(root.T, away)
+def at(marginal: Marginal, xi: Array, places: Sequence[Lifted] | None = None) -> Laplace:
+    """Laplace's approximation at standard coordinates (P,); not finite where a step fails.
 
-
-def at(marginal: Marginal, xi: Array) -> Laplace:
-    """Laplace's approximation at standard coordinates (P,); not finite where a step fails."""
+    Args:
+        marginal: The posterior.
+        xi: Standard coordinates (P,).
+        places: By flight, where its conditional optimum is sought from; None: from where the linear model puts it.
+    """
     theta, shift = shifted(marginal, jnp.asarray(xi))
-    square, gradient = _under_prior(marginal, theta)
-    determinant, places = 0.0, _brought(marginal, theta, shift)
-    for flight, along, (_, linear) in zip(marginal.flights, marginal.along, places, strict=True):
+    if places is None:
+        pairs = zip(marginal.flights, marginal.along, strict=True)
+        places = [place_at(flight, along, shift) for flight, along in pairs]
+    away = np.linalg.solve(np.asarray(marginal.prior_factor), np.asarray(theta) - np.asarray(marginal.prior_centre))
+    square, determinant, roots = 0.5 * float(away @ away), 0.0, list[Array]()
+    found = brought(marginal.flights, marginal.hyper, np.asarray(theta), places)
+    for flight, along, (_, linear) in zip(marginal.flights, marginal.along, found, strict=True):
+        linear = linear.without_theta()
         made = _gains(flight, marginal.hyper, linear)
         there = _mean_correction(flight, marginal.hyper, along, theta, made, linear.latent_path)
-        value, slope, more = _squares(made, linear, there)
-        square, gradient, determinant = square + float(value), gradient + np.asarray(slope), determinant + float(more)
-    return Laplace(square, np.asarray(marginal.scale).T @ gradient, determinant, tuple(place for place, _ in places))
+        square += float(_squares(made, linear, there))
+        determinant += float(made.log_determinant)
+        roots.append(np.asarray(made.root))
+    return Laplace(square, determinant, tuple(place for place, _ in found), tuple(roots))
 
 
-class _Values(NamedTuple):
-    """Half the squares and log determinants, both less those at theta_0 (N, 2), and how covariances change.
-
-    Attributes:
-        value: (N, 2).
-        change: Covariances of the innovations less those at theta_0, in whose factors they are expressed; entries of
-            all samples of all flights in one row (N, E), empty where not asked for.
-    """
-
-    value: Array
-    change: Array
-
-
-def _values(marginal: Marginal, points: Array, changes: bool = False) -> _Values:
-    """The marginal log density at points (N, P); the first row is theta_0's own."""
-
-    def one(xi: Array) -> tuple[list[float], list[Array]]:
-        theta, shift = shifted(marginal, jnp.asarray(xi))
-        made, roots = [_under_prior(marginal, theta)[0], 0.0], list[Array]()
-        places = _brought(marginal, theta, shift)
-        for flight, along, (_, linear) in zip(marginal.flights, marginal.along, places, strict=True):
-            linear = linear.without_theta()
-            gains = _gains(flight, marginal.hyper, linear)
-            there = _mean_correction(flight, marginal.hyper, along, theta, gains, linear.latent_path)
-            square, _, determinant = _squares(gains, linear, there)
-            made = [made[0] + float(square), made[1] + float(determinant)]
-            roots.append(np.asarray(gains.root) if changes else np.zeros((0, 1, 1)))
-        return made, roots
-
+def _at_all(marginal: Marginal, points: Array) -> list[Laplace]:
+    """Laplace's approximation at theta_0 and at points (N, P)."""
     with ThreadPoolExecutor(processors()) as pool:
-        found = list(pool.map(one, [0.0 * points[0], *points]))
-    values, first = np.array([value for value, _ in found]), found[0][1]
-    inverse = [np.linalg.inv(root) for root in first]
-    rows = []
-    for _, roots in found[1:]:
-        units = [a @ b for a, b in zip(inverse, roots, strict=True)]
-        rows.append(np.concatenate([(u @ np.swapaxes(u, 1, 2) - np.eye(u.shape[1])).ravel() for u in units]))
-    return _Values(values[1:] - values[0], np.array(rows))
+        return list(pool.map(lambda xi: at(marginal, xi), [0.0 * points[0], *points]))
+
+
+def _more(here: Laplace, there: Sequence[Laplace]) -> Array:
+    """Half the squares and log determinants (N, 2) less those at theta_0."""
+    return np.array([[one.square - here.square, one.determinant - here.determinant] for one in there])
 
 
 def _own(marginal: Marginal, points: Array) -> Array:
@@ -190,8 +161,13 @@ def lack(marginal: Marginal, step: float = 0.4) -> Lack:
     axes = np.eye(np.size(marginal.centre))
 
     def slopes(points: Array, by: float) -> tuple[Array, Array]:
-        found = _values(marginal, points, changes=True)
-        return (found.value.sum(axis=1) - _own(marginal, points)) / by, found.change / by
+        here, *there = _at_all(marginal, points)
+        inverse = [np.linalg.inv(root) for root in here.roots]
+        change = []
+        for one in there:
+            units = [a @ b for a, b in zip(inverse, one.roots, strict=True)]
+            change.append(np.concatenate([(u @ np.swapaxes(u, 1, 2) - np.eye(u.shape[1])).ravel() for u in units]))
+        return (_more(here, there).sum(axis=1) - _own(marginal, points)) / by, np.array(change) / by
 
     slope, change = slopes(step * axes, step)
     lost = ~np.isfinite(slope)
@@ -206,9 +182,9 @@ def corrected(marginal: Marginal, step: float = 1.0) -> tuple[Marginal, Array | 
     """The posterior with corrections of its linear models, from Laplace's approximation to both sides along every axis.
 
     Along an axis on which a flight fails there, a half, a quarter or an eighth as far. Starts, process noise and paths
-    then follow theta as the exact optima do. The log determinant's polynomial has the products of all axes: along a
-    direction in which the data tell of the parameters by the covariances of the innovations alone, the density would
-    be flat without them. A product at both corners of which a flight fails is left out (`error` tells what is missing).
+    then follow theta as the exact optima do. The polynomials have the products of all axes: along a direction in which
+    the data tell of the parameters by the covariances of the innovations alone, the density would be flat without
+    them. A product at both corners of which a flight fails is left out (`error` tells what is missing).
 
     Args:
         marginal: The posterior.
@@ -226,18 +202,14 @@ def corrected(marginal: Marginal, step: float = 1.0) -> tuple[Marginal, Array | 
     def told(xi: Array) -> Array:
         found = at(marginal, xi)
         ends[tuple(xi.tolist())] = found
-        return np.array([found.square, found.determinant, *found.gradient])
+        return np.array([found.square, found.determinant])
 
     with ThreadPoolExecutor(processors()) as pool:
-        up, down, h = beside(
-            lambda points: np.array(list(pool.map(told, points))), count, step, "the marginal log density"
-        )
+        *_, h = beside(lambda points: np.array(list(pool.map(told, points))), count, step, "the marginal log density")
     sides = [[ends[tuple(row.tolist())] for row in sign * h * np.eye(count)] for sign in (1.0, -1.0)]
     here, h = at(marginal, np.zeros(count)), h[:, 0]
-    determinant = _polynomial(marginal, here, sides, h)
-    exact = (up - down)[:, 2:] / (2.0 * h[:, None])
+    bend, determinant = _polynomials(marginal, here, sides, h)
     slope, own = _expansion(marginal, h)
-    bend = Quadratic((up - down)[:, 0] / (2.0 * h) - slope, 0.5 * (exact + exact.T) - own)
     made = replace(_followed(marginal, sides, h), determinant=determinant, bend=bend)
     return made, _newton(slope + made.correction.slope, own + made.correction.curvature)
 
@@ -251,27 +223,39 @@ def _newton(slope: Array, curvature: Array) -> Array | None:
     return step * min(1.0, _FARTHEST / max(float(np.linalg.norm(step)), 1e-300))
 
 
-def _polynomial(marginal: Marginal, here: Laplace, sides: Sequence[Sequence[Laplace]], h: Array) -> Quadratic:
-    """The log determinant from its changes along every axis, and those at corners between them."""
-    up, down = (np.array([end.determinant for end in side]) - here.determinant for side in sides)
-    curvature, left = np.diag((up + down) / h**2), np.array(np.triu_indices(len(h), 1)).T
+def _polynomials(
+    marginal: Marginal, here: Laplace, sides: Sequence[Sequence[Laplace]], h: Array
+) -> tuple[Quadratic, Quadratic]:
+    """What squares are more than the linear models', and the log determinant: along every axis, and at corners."""
+
+    def lacking(points: Array, there: Sequence[Laplace]) -> Array:
+        more = _more(here, there)
+        more[:, 0] -= _own(marginal, points)
+        return more
+
+    axes = np.diag(h)
+    up, down = lacking(axes, sides[0]), lacking(-axes, sides[1])
+    curvature = np.array([np.diag(column) for column in ((up + down) / h[:, None] ** 2).T])
+    left = np.array(np.triu_indices(len(h), 1)).T
     for change, ends, sign in ((up, sides[0], 1.0), (down, sides[1], -1.0)):
-
-        def corner(pair: Array, ends: Sequence[Laplace] = ends, sign: float = sign) -> float:
-            trio = zip(marginal.flights, *(one.flights for one in (here, ends[pair[0]], ends[pair[1]])), strict=True)
-            point = sign * h * np.isin(np.arange(len(h)), pair)
-            return _log_determinant(marginal, point, [_beyond(*four) for four in trio])
-
-        with ThreadPoolExecutor(processors()) as pool:
-            corners = np.array(list(pool.map(corner, left)))
-        i, j = left.T
-        mixed = (corners - here.determinant - change[i] - change[j]) / (h[i] * h[j])
-        known = np.isfinite(mixed)
-        curvature[i[known], j[known]] = curvature[j[known], i[known]] = mixed[known]
-        left = left[~known]
         if not left.size:
             break
-    return Quadratic((up - down) / (2.0 * h), curvature)
+        i, j = left.T
+        points = sign * (axes[i] + axes[j])
+
+        def corner(point: Array, pair: Array, ends: Sequence[Laplace] = ends) -> Laplace:
+            trio = zip(marginal.flights, *(one.flights for one in (here, ends[pair[0]], ends[pair[1]])), strict=True)
+            found = at(marginal, point, [_beyond(*four) for four in trio])
+            return found._replace(flights=(), roots=())
+
+        with ThreadPoolExecutor(processors()) as pool:
+            mixed = lacking(points, list(pool.map(corner, points, left))) - change[i] - change[j]
+        mixed /= (h[i] * h[j])[:, None]
+        known = np.isfinite(mixed).all(axis=1)
+        curvature[:, i[known], j[known]] = curvature[:, j[known], i[known]] = mixed[known].T
+        left = left[~known]
+    slope = ((up - down) / (2.0 * h[:, None])).T
+    return Quadratic(slope[0], curvature[0]), Quadratic(slope[1], curvature[1])
 
 
 @jax.jit
@@ -279,13 +263,6 @@ def _beyond(flight: FlightData, here: Lifted, one: Lifted, other: Lifted) -> Lif
     """Where two steps lead together."""
     both = jax.tree.map(lambda a, b, c: b + c - a, here, one, other)
     return both._replace(path=moved(flight, jnp.asarray(here.path), both.path - here.path))
-
-
-def _log_determinant(marginal: Marginal, xi: Array, places: Sequence[Lifted]) -> float:
-    """At standard coordinates (P,), the flights' conditional optima sought from places near them."""
-    theta = np.asarray(shifted(marginal, jnp.asarray(xi))[0])
-    there = zip(marginal.flights, brought(marginal.flights, marginal.hyper, theta, places), strict=True)
-    return sum(float(_gains(flight, marginal.hyper, linear).log_determinant) for flight, (_, linear) in there)
 
 
 def _expansion(marginal: Marginal, h: Array) -> tuple[Array, Array]:
@@ -321,5 +298,6 @@ def error(marginal: Marginal, points: int, rng: np.random.Generator) -> float:
         rng: Source of randomness.
     """
     xi = rng.standard_normal((points, np.size(marginal.centre)))
-    correction = np.asarray(marginal.correction.at(jnp.asarray(xi.T)))
-    return float(np.sqrt(np.mean((_values(marginal, xi).value.sum(axis=1) - _own(marginal, xi) - correction) ** 2)))
+    here, *there = _at_all(marginal, xi)
+    ours = _own(marginal, xi) + np.asarray(marginal.correction.at(jnp.asarray(xi.T)))
+    return float(np.sqrt(np.mean((_more(here, there).sum(axis=1) - ours) ** 2)))
