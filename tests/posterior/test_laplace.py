@@ -44,7 +44,9 @@ def test_the_information_in_covariances_is_fishers(gusty):
 
     def log_variance(xi):
         theta, shift = shifted(made, np.array([xi]))
-        ((_, linear),) = laplace.brought(made.flights, made.hyper, np.asarray(theta), [place_at(flight, made.along[0], shift)])
+        ((_, linear),) = laplace.brought(
+            made.flights, made.hyper, np.asarray(theta), [place_at(flight, made.along[0], shift)]
+        )
         return 2.0 * np.log(np.asarray(laplace._gains(flight, made.hyper, linear.without_theta()).root)[:, 0, 0])
 
     slope = (log_variance(h) - log_variance(-h)) / (2.0 * h)
