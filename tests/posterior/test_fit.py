@@ -349,12 +349,13 @@ def test_the_joint_optimum_is_where_single_shooting_ends(descent, flown):
     assert abs(made.theta - want.theta)[0] < 0.02 * np.sqrt(want.covariance[0, 0]) and made.converged
 
 
-WAY, NONE = np.array([0.15]), "no mode"
+WAY = laplace.Way(np.array([0.15]), True)
+NONE = laplace.Way(np.array([-3.0]), False)
 
 
 @pytest.fixture
 def judged(monkeypatch):
-    """Makes corrections at a step of one and of 0.3 fail (None), or lead to a mode, or to none."""
+    """Makes corrections at a step of one and of 0.3 fail (None), or lead to a mode, or tell of none."""
 
     def set_up(*told):
         steps, ways = [], dict(zip((1.0, 0.3), told, strict=True))
@@ -363,8 +364,7 @@ def judged(monkeypatch):
             steps.append(step)
             if ways[step] is None:
                 raise FloatingPointError("flights beside the optimum fail")
-            way = None if ways[step] is NONE else ways[step]
-            return replace(made, bend=Quadratic(np.zeros(1), np.array([[0.01 * step]]))), way
+            return replace(made, bend=Quadratic(np.zeros(1), np.array([[0.01 * step]]))), ways[step]
 
         monkeypatch.setattr(laplace, "corrected", corrected)
         return steps
@@ -373,23 +373,19 @@ def judged(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("told", "step", "tried"),
+    ("told", "step", "way", "tried"),
     [
-        ((WAY, None), 1.0, [1.0]),
-        ((NONE, WAY), 0.3, [1.0, 0.3]),
-        ((None, WAY), 0.3, [1.0, 0.3]),
-        ((NONE, NONE), 0.0, [1.0, 0.3]),
-        ((NONE, None), 0.0, [1.0, 0.3]),
+        ((WAY, None), 1.0, WAY, [1.0]),
+        ((None, WAY), 0.3, WAY, [1.0, 0.3]),
+        ((NONE, WAY), 1.0, NONE, [1.0]),
+        ((None, NONE), 0.3, NONE, [1.0, 0.3]),
     ],
 )
-def test_corrections_are_taken_nearer_then_left_out_where_they_outweigh_the_density(found, judged, told, step, tried):
+def test_corrections_are_taken_nearer_where_flights_fail(found, judged, told, step, way, tried):
     steps = judged(*told)
     made, lost, ahead = laplace_fit._corrected(found.marginal)
     assert float(made.bend.curvature[0, 0]) == pytest.approx(0.01 * step) and steps == tried
-    assert lost == (() if step else (laplace_fit._LOST_BEND,))
-    np.testing.assert_array_equal(
-        ahead, WAY if step else 0.0 * WAY
-    )  # found is at its mode: nothing beside it is higher
+    assert lost == (() if way.is_mode else (laplace_fit._LOST_BEND,)) and ahead is way
 
 
 def test_where_no_flight_beside_a_point_flies_there_are_no_corrections(found, judged):
@@ -398,15 +394,66 @@ def test_where_no_flight_beside_a_point_flies_there_are_no_corrections(found, ju
         laplace_fit._corrected(found.marginal)
 
 
-def test_without_a_bend_that_can_be_trusted_the_way_ahead_is_to_where_the_density_is_higher(found, judged, descent):
+def _bent(made, curvature):
+    return replace(made, bend=Quadratic(np.zeros(1), np.array([[curvature]])))
+
+
+def test_a_correction_that_outweighs_the_density_is_left_out(found):
+    place = laplace_fit._Place(found.optimum, _bent(found.marginal, -2.0), (laplace_fit._LOST_BEND,), NONE)
+    made = laplace_fit._without_bend(place)
+    assert not np.any(made.marginal.bend.curvature) and made.lost == (laplace_fit._LOST_BEND,)
+    assert made.way.is_mode and made.away == 0.0  # found is at its mode: nothing beside it is higher
+
+
+def test_without_that_correction_the_way_on_is_to_where_the_density_is_higher(found, descent):
     """Two standard deviations beside the mode: at least half of the way back."""
-    judged(NONE, NONE)
     sd = np.sqrt(found.optimum.covariance[0, 0])
     aside = replace(found.optimum, theta=found.optimum.theta + 2.0 * sd)
     near = laplace_fit.marginalise(descent.flights, found.hyper, descent.priors, aside)
-    _, _, ahead = laplace_fit._corrected(near)
-    higher = laplace_fit._ahead(near, aside, ahead)
+    made = laplace_fit._without_bend(laplace_fit._Place(aside, _bent(near, -2.0), (), NONE))
+    higher = laplace_fit._ahead(near, aside, made.way.step)
     assert abs(higher.theta - found.optimum.theta)[0] <= 1.1 * sd
+
+
+def test_where_the_density_has_no_mode_the_search_goes_on(found, descent, monkeypatch):
+    """From a place whose curvature is negative, to the next; only if all are like that the correction is left out."""
+    begin = joint_fit.JointFit(found.optimum, found.hyper, found.evidence)
+    usual, seen = laplace_fit._corrected, []
+
+    def told(near, least):
+        seen.append(near)
+        made, lost, way = usual(near)
+        if len(seen) <= least:
+            return _bent(made, -2.0), (laplace_fit._LOST_BEND,), laplace.Way(np.array([0.1]), False)
+        return made, lost, way
+
+    given = descent.flights, descent.priors, begin, [("those", found.hyper)]
+    monkeypatch.setattr(laplace_fit, "_corrected", lambda near: told(near, 1))
+    best, _, made, lost, _ = laplace_fit._last(*given)
+    assert lost == () and len(seen) == 2 and best.theta is not seen[0].centre
+    np.testing.assert_array_equal(made.centre, seen[1].centre)
+    seen.clear()
+    monkeypatch.setattr(laplace_fit, "_corrected", lambda near: told(near, 9))
+    *_, made, lost, profile = laplace_fit._last(*given)
+    assert lost == (laplace_fit._LOST_BEND,) and len(seen) == 4 and not np.any(made.bend.curvature)
+    assert profile.is_mode
+
+
+def test_a_way_on_that_leads_where_nothing_flies_ends_the_search_at_what_was_found(found, descent, monkeypatch):
+    begin = joint_fit.JointFit(found.optimum, found.hyper, found.evidence)
+    usual = laplace_fit._corrected
+
+    def told(near):
+        made, lost, _ = usual(near)
+        return made, lost, laplace.Way(np.array([0.3]), True)
+
+    def nowhere(*given):
+        raise FloatingPointError("a step fails")
+
+    monkeypatch.setattr(laplace_fit, "_corrected", told)
+    monkeypatch.setattr(laplace_fit, "_ahead", nowhere)
+    best, *_, lost, _ = laplace_fit._last(descent.flights, descent.priors, begin, [("those", found.hyper)])
+    assert lost == () and abs(best.theta - found.optimum.theta)[0] < 0.3 * np.sqrt(found.optimum.covariance[0, 0])
 
 
 def test_a_point_ahead_is_on_the_path_that_follows_the_parameters(found, descent, flown):
@@ -483,7 +530,7 @@ def test_a_search_whose_steps_stay_long_ended_beside_the_mode(found, descent, mo
     ways, begin = iter((1.5, 1.2, 1.4, 1.3, 1.5, 0.4, 1.1, 0.9)), joint_fit.JointFit(found.optimum, found.hyper, 0.0)
     monkeypatch.setattr(laplace_fit, "marginal_mode", lambda *given: found.optimum)
     monkeypatch.setattr(laplace_fit, "marginalise", lambda *given: found.marginal)
-    monkeypatch.setattr(laplace_fit, "_corrected", lambda made: (made, (), np.array([next(ways)])))
+    monkeypatch.setattr(laplace_fit, "_corrected", lambda made: (made, (), laplace.Way(np.array([next(ways)]), True)))
     monkeypatch.setattr(laplace_fit, "_ahead", lambda near, best, step: replace(best, cost=step[0]))
     monkeypatch.setattr(laplace_fit, "profile", lambda made, *middle: SimpleNamespace(is_mode=True, worst=0.5))
     with pytest.raises(FitError, match=r"after 4 steps towards it the mode is still off by 1\.2 standard deviations"):

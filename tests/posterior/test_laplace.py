@@ -81,7 +81,8 @@ def test_it_is_the_dense_marginal_density_where_all_is_linear(linear, straight):
 def test_nothing_is_lacking_where_all_is_linear(straight):
     np.testing.assert_allclose(lack(straight).slope, 0.0, atol=1e-6)
     made, ahead = corrected(straight)
-    np.testing.assert_allclose(ahead, 0.0, atol=1e-6)
+    np.testing.assert_allclose(ahead.step, 0.0, atol=1e-6)
+    assert ahead.is_mode
     for part in (*made.determinant, *made.bend):
         np.testing.assert_allclose(part, 0.0, atol=1e-6)
     for part in jax.tree.leaves(made.along[0].aside):
@@ -145,16 +146,31 @@ def test_the_way_ahead_leads_to_the_mode(falling):
     made, ahead = corrected(falling)
     grid = np.linspace(-2.0, 2.0, 401)
     best = grid[np.argmax(np.asarray(log_density(made, grid[None])))]
-    assert ahead[0] == pytest.approx(best, abs=0.01 + 0.1 * abs(best)) and abs(best) > 0.04
+    assert ahead.step[0] == pytest.approx(best, abs=0.01 + 0.1 * abs(best)) and abs(best) > 0.04
 
 
-def test_a_way_ahead_is_no_longer_than_three_and_none_without_a_mode():
-    slope, curvature = np.array([0.3, -0.2]), np.array([[1.2, 0.4], [0.4, 0.7]])
-    np.testing.assert_allclose(laplace._newton(slope, curvature), -np.linalg.solve(curvature, slope))
-    far = laplace._newton(100.0 * slope, curvature)
-    assert np.linalg.norm(far) == pytest.approx(3.0)
-    np.testing.assert_allclose(far / 3.0, -np.linalg.solve(curvature, slope) / np.linalg.norm(np.linalg.solve(curvature, slope)))  # fmt: skip
-    assert laplace._newton(slope, np.array([[1.0, 2.0], [2.0, 1.0]])) is None
+@pytest.mark.parametrize(
+    ("slope", "curvature"),
+    [
+        ([0.3, -0.2], [[1.2, 0.4], [0.4, 0.7]]),  # its mode is near
+        ([30.0, -20.0], [[1.2, 0.4], [0.4, 0.7]]),  # far
+        ([0.3, -0.2], [[1.0, 2.0], [2.0, 1.0]]),  # none
+        ([0.3, 0.3], [[1.0, 2.0], [2.0, 1.0]]),  # none, and no slope where it falls
+        ([0.0, 0.0], [[1.0, 0.0], [0.0, -0.1]]),
+        ([0.2, 0.0], [[0.0, 0.0], [0.0, 1.0]]),  # neither rises nor falls: straight
+    ],
+)
+def test_the_way_ahead_is_to_the_least_value_within_three(slope, curvature):
+    slope, curvature = np.array(slope), np.array(curvature)
+    way = laplace.least_within(slope, curvature)
+    radius, angle = np.meshgrid(np.linspace(0.0, 3.0, 301), np.linspace(0.0, 2.0 * np.pi, 721))
+    grid = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1)
+    value = grid @ slope + 0.5 * np.einsum("...i,ij,...j->...", grid, curvature, grid)
+    ours = way.step @ slope + 0.5 * way.step @ curvature @ way.step
+    assert np.linalg.norm(way.step) <= 3.0 + 1e-6 and ours <= value.min() + 1e-6
+    assert way.is_mode == (np.linalg.eigvalsh(curvature)[0] > 0.0)
+    if way.is_mode and np.linalg.norm(way.step) < 2.9:
+        np.testing.assert_allclose(way.step, -np.linalg.solve(curvature, slope))
 
 
 def _limited(monkeypatch, least, most):

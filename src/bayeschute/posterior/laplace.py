@@ -23,6 +23,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 
 from bayeschute.core.numerics import processors
 from bayeschute.likelihood import mean_correction
@@ -136,6 +137,19 @@ def _own(marginal: Marginal, points: Array) -> Array:
     return 0.5 * np.asarray(squares[1:] - squares[0])
 
 
+class Way(NamedTuple):
+    """The step to the mode of a posterior.
+
+    Attributes:
+        step: From the centre, standard coordinates (P,); no longer than 3. Where there is no mode, to the highest
+            density so far.
+        is_mode: Whether the density has a mode.
+    """
+
+    step: Array
+    is_mode: bool
+
+
 class Lack(NamedTuple):
     """What the linear models lack of the marginal log density at theta_0, in standard coordinates.
 
@@ -178,7 +192,7 @@ def lack(marginal: Marginal, step: float = 0.4) -> Lack:
     return Lack(slope, 0.5 * change @ change.T)
 
 
-def corrected(marginal: Marginal, step: float = 1.0) -> tuple[Marginal, Array | None]:
+def corrected(marginal: Marginal, step: float = 1.0) -> tuple[Marginal, Way]:
     """The posterior with corrections of its linear models, from Laplace's approximation to both sides along every axis.
 
     Along an axis on which a flight fails there, a half, a quarter or an eighth as far. Starts, process noise and paths
@@ -191,8 +205,7 @@ def corrected(marginal: Marginal, step: float = 1.0) -> tuple[Marginal, Array | 
         step: How far to look [standard deviations].
 
     Returns:
-        The posterior, and Newton's step from the centre to its mode in standard coordinates (P,), no longer than 3;
-        None where the density has no mode.
+        The posterior, and the step from the centre to its mode.
 
     Raises:
         FloatingPointError: If a flight fails at an eighth of the step too.
@@ -211,16 +224,33 @@ def corrected(marginal: Marginal, step: float = 1.0) -> tuple[Marginal, Array | 
     bend, determinant = _polynomials(marginal, here, sides, h)
     slope, own = _expansion(marginal, h)
     made = replace(_followed(marginal, sides, h), determinant=determinant, bend=bend)
-    return made, _newton(slope + made.correction.slope, own + made.correction.curvature)
+    return made, least_within(slope + made.correction.slope, own + made.correction.curvature)
 
 
-def _newton(slope: Array, curvature: Array) -> Array | None:
-    """Step to where a quadratic polynomial is least, no longer than 3; None where it has no least value."""
+def least_within(slope: Array, curvature: Array, radius: float = _FARTHEST) -> Way:
+    """Where a quadratic polynomial is least within a sphere about the centre (Moré and Sorensen 1983).
+
+    Args:
+        slope: At the centre (P,).
+        curvature: (P, P).
+        radius: Of the sphere.
+    """
     values, axes = np.linalg.eigh(curvature)
-    if values[0] <= 0.0:
-        return None
-    step = np.asarray(-axes @ ((axes.T @ slope) / values))
-    return step * min(1.0, _FARTHEST / max(float(np.linalg.norm(step)), 1e-300))
+    along = axes.T @ slope
+
+    def step(shift: float) -> Array:
+        return np.asarray(-along / (values + shift))
+
+    if values[0] > 0.0 and np.linalg.norm(step(0.0)) <= radius:
+        return Way(np.asarray(axes @ step(0.0)), True)
+    least = max(0.0, -values[0]) + 1e-9 * (1.0 + abs(values[0]))
+    made = step(least)
+    if (short := float(np.linalg.norm(made))) > radius:
+        most = least + float(np.linalg.norm(along)) / radius
+        made = step(brentq(lambda shift: float(np.linalg.norm(step(shift))) - radius, least, most))
+    else:  # no slope along the axis on which it falls: to either side alike
+        made[0] += np.copysign(np.sqrt(radius**2 - short**2), made[0])
+    return Way(np.asarray(axes @ made), bool(values[0] > 0.0))
 
 
 def _polynomials(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -20,6 +21,7 @@ from bayeschute.posterior.fit.continuation import Progress
 from bayeschute.posterior.fit.joint_fit import JointFit, NoFitError, joint_fit
 from bayeschute.posterior.fit.marginal_mode import marginal_mode
 from bayeschute.posterior.joint_mode import Optimum
+from bayeschute.posterior.laplace import Way
 from bayeschute.posterior.marginal import Marginal, Quadratic, marginalise, place_at
 from bayeschute.posterior.mode_checks import PLACES, Profile, profile
 from bayeschute.posterior.noise_evidence import NoisePrior
@@ -29,7 +31,7 @@ from bayeschute.posterior.quasi_newton import length
 Array = NDArray[np.float64]
 _TURNS, _SETTLED = 3, 0.4  # most turns of noise parameters and mode; a step of the mode after which there is no other
 _MODE_TURN = 2  # most steps of the mode in each of them
-_BESIDE = (1.0, 0.3)  # steps [standard deviations] at which Laplace's approximation is taken
+_BESIDE = (1.0, 0.3)  # steps [standard deviations] at which Laplace's approximation is taken, where flights fail nearer
 _LOST_BEND = "the curvature correction of the conditional mode, which along some axis outweighs the density"
 _LOST_MEAN = "the shift of the noise parameters from their mode to their mean, where no mode was found"
 _AT_MODE, _BESIDE_MODE = 0.2, 0.5  # root mean square distance from there, along all axes, that ends it, or will do
@@ -125,6 +127,20 @@ def _determinant_error(made: Marginal) -> float:
     return laplace.error(made, 8, stream(0, "points of the log determinant"))
 
 
+class _Place(NamedTuple):
+    """A place on the way to the mode, the posterior about it, what is left out of that, and the way on."""
+
+    optimum: Optimum
+    marginal: Marginal
+    lost: tuple[str, ...]
+    way: Way
+
+    @property
+    def away(self) -> float:
+        """Root mean square of the step on in standard coordinates."""
+        return float(np.sqrt(np.mean(self.way.step**2)))
+
+
 def _last(
     flights: Sequence[FlightData],
     priors: Sequence[Prior],
@@ -134,7 +150,8 @@ def _last(
 ) -> tuple[Optimum, NoiseParameters, Marginal, tuple[str, ...], Profile]:
     """The mode under the first noise parameters that lead to one, the posterior, corrections left out, the density.
 
-    A point that turns out to lie beside the mode, once what the linear models lack is known, is left for it.
+    A point that turns out to lie beside the mode, once what the linear models lack is known, is left for it; a point
+    about which the density has no mode, for where it is highest within reach.
 
     Raises:
         NoFitError: If none does.
@@ -142,42 +159,38 @@ def _last(
     say = progress or (lambda share, words: None)
     tried, ended, reason = list[str](), began.optimum, ""
     for words, hyper in candidates:
+        found = list[_Place]()
         try:
             start = JointFit(began.optimum, hyper, began.evidence)
             here = marginal_mode(flights, priors, start, lambda share, words: say(0.3 * share, words))
-            found = []
             for move in range(1 + _MOVES):
                 near = marginalise(flights, hyper, priors, here)
                 say(0.3 + 0.5 * move / (1 + _MOVES), f"log determinant along the axes, place {move + 1}")
-                found.append((here, *_corrected(near)))
-                if _away(found[-1][3]) < _AT_MODE:
+                found.append(_Place(here, *_corrected(near)))
+                if not found[-1].lost and found[-1].away < _AT_MODE:
                     break
-                here = _ahead(near, here, found[-1][3])
+                here = _ahead(near, here, found[-1].way.step)
         except FloatingPointError as error:
-            reason = str(error)
-            tried.append(f"{words}: {reason}")
-            continue
-        best, made, lost, ahead = min(found, key=lambda one: _away(one[3]))
-        away = _away(ahead)
-        seen = max((profile(made), profile(made, ahead)), key=lambda one: (one.is_mode, one.worst))
-        if seen.is_mode and away < _BESIDE_MODE:
+            if not found:
+                reason = str(error)
+                tried.append(f"{words}: {reason}")
+                continue
+        sound = [place for place in found if not place.lost] or [_without_bend(found[-1])]
+        best, made, lost, way = place = min(sound, key=lambda one: one.away)
+        seen = max((profile(made), profile(made, way.step)), key=lambda one: (one.is_mode, one.worst))
+        if seen.is_mode and place.away < _BESIDE_MODE:
             lost = lost if hyper is candidates[0][1] else (*lost, _LOST_MEAN)
             return replace(best, converged=began.optimum.converged), hyper, made, lost, seen
         why = (
-            f"after {len(found)} steps towards it the mode is still off by {away:.2g} standard deviations, root mean "
-            f"square of all axes, and less than {_BESIDE_MODE:g} is wanted"
+            f"after {len(found)} steps towards it the mode is still off by {place.away:.2g} standard deviations, root "
+            f"mean square of all axes, and less than {_BESIDE_MODE:g} is wanted"
             if seen.is_mode
             else f"one standard deviation away from it the log density falls by {seen.worst:.3g}, about 0.5 is expected"
         )
         ended, reason = best, f"the search for the mode of the marginal posterior did not end at one: {why}"
-        lengths = ", ".join(f"{_away(one[3]):.2g}" for one in found)
+        lengths = ", ".join(f"{one.away:.2g}" for one in found)
         tried.append(f"{words}: steps left from {len(found)} places (root mean square of all axes): {lengths}; {why}")
     raise NoFitError(reason, tried, ended, priors, candidates[-1][1])
-
-
-def _away(step: Array) -> float:
-    """Root mean square of a step in standard coordinates."""
-    return float(np.sqrt(np.mean(step**2)))
 
 
 def _ahead(near: Marginal, best: Optimum, step: Array) -> Optimum:
@@ -188,35 +201,34 @@ def _ahead(near: Marginal, best: Optimum, step: Array) -> Optimum:
     return replace(best, theta=best.theta + shift, flights=flights)
 
 
-def _corrected(made: Marginal) -> tuple[Marginal, tuple[str, ...], Array]:
-    """The posterior with the corrections that can be trusted about a point, which had to be left out, and a way on.
-
-    Returns:
-        The posterior; what is lost; and a step in standard coordinates to its mode, or, where it has none, to the best
-        of the places at which the density was looked at.
+def _corrected(made: Marginal) -> tuple[Marginal, tuple[str, ...], Way]:
+    """The posterior with its corrections about a point, what is to be left out if that is the last, and the way on.
 
     Raises:
         FloatingPointError: If flights fail beside the point.
     """
-    plain: Marginal | None = None
-    failed: FloatingPointError | None = None
-    for step in _BESIDE:
+    for step in _BESIDE[:-1]:
         try:
-            one, ahead = laplace.corrected(made, step)
-        except FloatingPointError as error:
-            failed = error
+            one, way = laplace.corrected(made, step)
+            break
+        except FloatingPointError:
             continue
-        if ahead is not None:
-            return one, (), ahead
-        plain = plain or replace(one, bend=Quadratic.none(len(one.bend.slope)))
-    if plain is None:
-        assert failed is not None
-        raise failed
-    seen = profile(plain)
+    else:
+        one, way = laplace.corrected(made, _BESIDE[-1])
+    return one, () if way.is_mode else (_LOST_BEND,), way
+
+
+def _without_bend(place: _Place) -> _Place:
+    """A place about which the density has no mode, without the correction that is to blame.
+
+    The way on is to the mode; where there is none either, to the best of the places at which the density was looked at.
+    """
+    made = replace(place.marginal, bend=Quadratic.none(len(place.marginal.bend.slope)))
+    seen = profile(made)
     fall = np.where(np.isfinite(seen.fall), seen.fall, np.inf)
-    axis, place = np.unravel_index(np.argmin(fall), fall.shape)
-    ahead = PLACES[place] * seen.direction[axis] * float(fall[axis, place] < 0.0)
-    return plain, (_LOST_BEND,), ahead
+    axis, at = np.unravel_index(np.argmin(fall), fall.shape)
+    step = PLACES[at] * seen.direction[axis] * float(fall[axis, at] < 0.0)
+    return place._replace(marginal=made, way=Way(step, seen.is_mode))
 
 
 def _linear(made: Marginal) -> list[Linear]:
