@@ -39,7 +39,8 @@ class NoiseEffect(NamedTuple):
         slope: Derivatives of its mode (P, V), from `noise_parameter_slope`.
         spread: Derivatives of the logarithm of its covariance, symmetric matrices (V, P, P), from
             `noise_parameter_spread`.
-        excess: Mean of that logarithm over the noise parameters (P, P), likewise.
+        excess: Mean of that logarithm over the noise parameters (P, P), likewise; in a fit also what misfit adds
+            (`score_dispersion`).
     """
 
     slope: Array

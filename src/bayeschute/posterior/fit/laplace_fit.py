@@ -27,6 +27,7 @@ from bayeschute.posterior.mode_checks import PLACES, Profile, profile
 from bayeschute.posterior.noise_evidence import NoisePrior
 from bayeschute.posterior.noise_uncertainty import NoiseEffect, noise_parameter_slope, noise_parameter_spread
 from bayeschute.posterior.quasi_newton import length
+from bayeschute.posterior.score_dispersion import Dispersion, dispersion, parts_of
 
 Array = NDArray[np.float64]
 _TURNS, _SETTLED = 3, 0.4  # most turns of noise parameters and mode; a step of the mode after which there is no other
@@ -49,9 +50,11 @@ class LaplaceFit:
         marginal: The marginal posterior about the optimum.
         evidence: Minus the log evidence of the most probable noise parameters, up to a constant.
         noise_parameter_covariance: Of the logarithms of the noise parameters (V, V).
-        noise_effect: How the parameters' conditional posterior follows those logarithms.
+        noise_effect: How the parameters' posterior follows those logarithms, and how much wider it is than the
+            conditional one without them: by the noise parameters and by `dispersion`.
         determinant_error: Root mean square error of the log density over the posterior, Laplace's at the same points.
         profile: The density along the axes about the mode.
+        dispersion: Whether parts of the records agree about the parameters.
         lost: Corrections that were left out since they can't be trusted, in words.
     """
 
@@ -63,6 +66,7 @@ class LaplaceFit:
     noise_effect: NoiseEffect
     determinant_error: float
     profile: Profile
+    dispersion: Dispersion
     lost: tuple[str, ...] = ()
 
 
@@ -118,8 +122,10 @@ def marginal_fit(
     )
     wrong = _determinant_error(made)
     slope = scipy.linalg.solve_triangular(np.asarray(made.scale), scale @ slope, lower=True)
-    effect = NoiseEffect(slope, *noise_parameter_spread(made, known))
-    return LaplaceFit(best, hyper, made, value, known, effect, wrong, seen, lost)
+    spread, excess = noise_parameter_spread(made, known)
+    agree = dispersion(*parts_of(made))
+    effect = NoiseEffect(slope, spread, excess + agree.widening)
+    return LaplaceFit(best, hyper, made, value, known, effect, wrong, seen, agree, lost)
 
 
 def _determinant_error(made: Marginal) -> float:

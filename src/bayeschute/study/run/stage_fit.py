@@ -30,6 +30,7 @@ from bayeschute.posterior.noise_evidence import NoisePrior
 from bayeschute.posterior.noise_uncertainty import NoiseEffect, widened
 from bayeschute.posterior.sampler import data_tree, sample
 from bayeschute.posterior.sampling.protocol import Draws
+from bayeschute.posterior.score_dispersion import told_in_words
 from bayeschute.posterior.term_search import choose
 from bayeschute.study.assembly import assemble, canopies, populations
 from bayeschute.study.assembly.fits import Group, data_of, groups, save_fit
@@ -117,9 +118,11 @@ def store(
     tree = drawn[0].tree if alone else populations.joined(job, chosen, [one.tree for one in drawn])
     write_whole(job.out / "posterior.nc", partial(_write_tree, tree))
     failed = sum(one.draws.failed for one in drawn)
-    said = [note for fitted, one in zip(made, drawn, strict=True) for note in [*_lost(fitted), *one.draws.notes]]
+    said = [note for fitted, one in zip(made, drawn, strict=True) for note in [*_notes(fitted), *one.draws.notes]]
     scored = {name: z for one in made for name, z in one.scores.items()}
     facts = {"wall": dict(wall or {}), "notes": said, "failed": failed, "scores": assemble.as_plain(scored)}
+    agree = {one.group.name: one.found.dispersion for one in made}
+    facts["score_dispersion"] = assemble.as_plain({k: {"ratio": d.ratio, "bound": d.bound} for k, d in agree.items()})
     if starts := several_starts.comparisons(job, [group.name for group in chosen] + list(structures_fitted)):
         facts |= {"starts": starts, "notes": [*said, *several_starts.note(starts)]}
     job.save("fit/facts.json", facts)
@@ -152,9 +155,12 @@ def fit_group(job: Job, group: Group, say: Say) -> Fitted:
         raise FitError(f"fit of {group.name}: {error}; {do}.", (f"{group.name}: {error}",)) from error
 
 
-def _lost(one: Fitted) -> list[str]:
-    """Notes on corrections of the posterior that could not be computed."""
-    return [f"Omitted from the posterior of {one.group.name}: {lost}." for lost in one.found.lost]
+def _notes(one: Fitted) -> list[str]:
+    """On corrections of the posterior that could not be computed, and on parts of the records that disagree."""
+    made = [f"Omitted from the posterior of {one.group.name}: {lost}." for lost in one.found.lost]
+    if one.found.dispersion.widens:
+        made.append(told_in_words(one.found.dispersion, [flight.name for flight in one.group.flights]))
+    return made
 
 
 def draw_group(job: Job, fitted: Fitted, say: Say, predictions: bool = True) -> Drawn:

@@ -1,0 +1,120 @@
+"""Scores of parts of a record: linear Gaussian records with and without an error that returns with the motion."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from bayeschute.posterior.score_dispersion import PARTS, dispersion, parts_of, told_in_words
+
+SIZE, SAMPLES = 4, 600
+
+
+def _posterior(rng, drift=0.0, prior=1e-6):
+    """Scores and information of the parts of a record whose parameters drift from part to part, at the mode.
+
+    Returns:
+        Scores and information in coordinates of unit posterior precision.
+    """
+    slope = rng.standard_normal((PARTS, SAMPLES // PARTS, SIZE)) * np.array([1.0, 0.3, 2.0, 1.0])
+    wander = drift * rng.standard_normal((PARTS, SIZE))
+    data = np.einsum("btp,bp->bt", slope, wander) + rng.standard_normal(slope.shape[:2])
+    information = np.einsum("btp,btq->bpq", slope, slope)
+    precision = information.sum(axis=0) + prior * np.eye(SIZE)
+    best = np.linalg.solve(precision, np.einsum("btp,bt->p", slope, data))
+    score = np.einsum("btp,bt->bp", slope, data - slope @ best)
+    scale = np.linalg.inv(np.linalg.cholesky(precision)).T
+    return score @ scale, scale.T @ information @ scale
+
+
+def test_the_ratio_of_a_right_model_is_one_and_seldom_above_its_bound():
+    found = [dispersion(*_posterior(np.random.default_rng(seed))) for seed in range(400)]
+    ratios = np.array([one.ratio for one in found])
+    assert ratios.mean() == pytest.approx(1.0, abs=3.5 * ratios.std() / 20.0)
+    beyond = sum(one.widens for one in found)
+    assert 0 <= beyond <= 12  # of 400 at 1 %: more in one of 1,000 cases
+    assert all(not one.widening.any() for one in found if not one.widens)
+
+
+def test_the_ratio_does_not_hang_on_where_the_scores_are_taken():
+    """Beside the mode every score has more by its information times the distance."""
+    scores, informations = _posterior(np.random.default_rng(3))
+    beside = scores + informations @ np.array([3.0, -1.0, 0.5, 2.0])
+    assert dispersion(beside, informations).ratio == pytest.approx(dispersion(scores, informations).ratio, rel=1e-6)
+
+
+def test_parts_of_equal_information_give_the_law_of_chi_square():
+    """Then the scatter about the mean score has (B - 1) P degrees of freedom."""
+    informations = np.repeat(np.eye(3)[None] / PARTS, PARTS, axis=0)
+    scores = np.random.default_rng(0).standard_normal((PARTS, 3))
+    freedom = 3 * (PARTS - 1)
+    found = dispersion(scores, informations)
+    assert found.bound == pytest.approx(chi2.ppf(0.99, freedom) / freedom, rel=1e-6)
+    away = scores - scores.mean(axis=0)
+    assert found.ratio == pytest.approx(PARTS * np.sum(away**2) / freedom, rel=1e-6)
+
+
+def test_widened_intervals_hold_what_drifts():
+    """The mean over parts of drifting parameters: nominal 90 % of it is held with the widening, half of it without."""
+    held = {"plain": 0, "widened": 0}
+    for seed in range(300):
+        rng = np.random.default_rng(seed)
+        slope = rng.standard_normal((PARTS, 100, 1))
+        wander = 0.25 * rng.standard_normal(PARTS)
+        data = slope[..., 0] * wander[:, None] + rng.standard_normal((PARTS, 100))
+        information = np.einsum("btp,btq->bpq", slope, slope)
+        total = float(information.sum())
+        best = float(np.sum(slope[..., 0] * data)) / total  # the truth is zero, the mean of what drifts
+        score = np.einsum("btp,bt->bp", slope, data - slope[..., 0] * best) / np.sqrt(total)
+        found = dispersion(score, information / total)
+        for name, factor in (("plain", 1.0), ("widened", np.exp(0.5 * found.widening[0, 0]))):
+            held[name] += abs(best) * np.sqrt(total) < 1.645 * factor
+    assert held["plain"] / 300 < 0.65
+    assert 0.78 < held["widened"] / 300 < 0.95  # a ratio that five parts beyond the mean tell: t has wider tails
+
+
+def test_the_covariance_is_that_of_a_tempered_likelihood():
+    scores, informations = _posterior(np.random.default_rng(1), drift=0.5, prior=400.0)
+    found, total = dispersion(scores, informations), informations.sum(axis=0)
+    assert found.widens and found.ratio > 3.0
+    values, axes = np.linalg.eigh(found.widening)
+    covariance = (axes * np.exp(values)) @ axes.T
+    np.testing.assert_allclose(np.linalg.inv(covariance), total / found.ratio + np.eye(SIZE) - total, atol=1e-9)
+    assert values.min() > 0.0 and np.exp(values.max()) < found.ratio  # the prior is not widened
+
+
+def test_what_the_record_does_not_tell_is_neither_counted_nor_widened():
+    informations = np.zeros((PARTS, 2, 2))
+    informations[:, 0, 0] = 1.0 / PARTS
+    scores = np.zeros((PARTS, 2))
+    scores[:, 0] = [2.0, -2.0, 1.0, -1.0, 2.0, -2.0]
+    found = dispersion(scores, informations)
+    assert found.widens and found.widening[0, 0] == pytest.approx(np.log(found.ratio))
+    np.testing.assert_allclose(found.widening[1], 0.0, atol=1e-12)
+
+
+def test_where_one_part_tells_all_nothing_is_said():
+    informations = np.zeros((PARTS, 2, 2))
+    informations[2] = np.eye(2)
+    found = dispersion(np.ones((PARTS, 2)), informations)
+    assert np.isnan(found.ratio) and not found.widens and not found.widening.any()
+    assert not dispersion(np.ones((PARTS, 2)), 0.0 * informations).widens  # a record that tells nothing
+
+
+def test_words_name_flights_and_numbers():
+    found = dispersion(*_posterior(np.random.default_rng(1), drift=0.5))
+    said = told_in_words(found, ["a", "b"])
+    assert "Parts of a and b disagree" in said and f"{found.ratio:.2g} times" in said and f"{found.bound:.2g}" in said
+
+
+def test_parts_of_a_fit_add_up_to_its_record(found):
+    marginal = found.marginal
+    scores, informations = parts_of(marginal)
+    assert scores.shape == (PARTS * len(marginal.along), 1)
+    whole_score, whole = parts_of(marginal, 1)
+    np.testing.assert_allclose(scores.sum(axis=0), whole_score.sum(axis=0))
+    np.testing.assert_allclose(informations.sum(axis=0), whole.sum(axis=0))
+    assert 0.5 < whole.sum() < 1.05  # the record tells nearly all
+    again = dispersion(scores, informations)
+    assert again.ratio == found.dispersion.ratio and not again.widens
