@@ -121,8 +121,6 @@ def store(
     said = [note for fitted, one in zip(made, drawn, strict=True) for note in [*_notes(fitted), *one.draws.notes]]
     scored = {name: z for one in made for name, z in one.scores.items()}
     facts = {"wall": dict(wall or {}), "notes": said, "failed": failed, "scores": assemble.as_plain(scored)}
-    agree = {one.group.name: one.found.dispersion for one in made}
-    facts["score_dispersion"] = assemble.as_plain({k: {"ratio": d.ratio, "bound": d.bound} for k, d in agree.items()})
     if starts := several_starts.comparisons(job, [group.name for group in chosen] + list(structures_fitted)):
         facts |= {"starts": starts, "notes": [*said, *several_starts.note(starts)]}
     job.save("fit/facts.json", facts)

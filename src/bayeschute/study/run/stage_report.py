@@ -55,7 +55,7 @@ def _summary(job: Job) -> dict[str, Any]:
     seconds = sum(v for k, v in facts["wall"].items() if k != "fit_s")
     return {
         **heading(job, label), "claim": found.claim.plain(),
-        "fit": {"converged": checked["checks"]["optimum"]["passed"], "score_dispersion": facts["score_dispersion"]},
+        "fit": {"converged": checked["checks"]["optimum"]["passed"]},
         "parameters": _parameters(job, draws, units, checked),
         "sampling": {
             "sampler": formulation.sampler(study), "chains": some.shape[0], "draws": some.shape[1],

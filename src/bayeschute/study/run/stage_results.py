@@ -19,6 +19,7 @@ from bayeschute.likelihood.kalman import Seen, innovations
 from bayeschute.posterior.assess.identifiability_result import FitIdentifiability
 from bayeschute.posterior.marginal import Linearisation
 from bayeschute.posterior.sampling.sampler_checks import MOST_K, judge_rhat
+from bayeschute.posterior.score_dispersion import Dispersion, dispersion, parts_of
 from bayeschute.prediction import bands, risk_files
 from bayeschute.prediction.flight_statistics import flight_statistics
 from bayeschute.prediction.predictive_checks import verdict
@@ -57,6 +58,7 @@ class _Fits(NamedTuple):
         modes: Whether it falls to both sides along every axis, by fit.
         away: Distance of the draws' mean from the mode [Laplace's standard deviations], by fit.
         tails: Pareto k, by fit that has one.
+        dispersions: Of the scores of parts of the records, by fit whose records have enough of them.
         identifiability: Identifiability by fit; empty if not requested.
         misfit: Predictive checks of the records, by fit.
     """
@@ -71,6 +73,7 @@ class _Fits(NamedTuple):
     modes: list[bool]
     away: list[float]
     tails: list[float]
+    dispersions: list[Dispersion]
     identifiability: dict[str, FitIdentifiability]
     misfit: list[Misfit]
 
@@ -100,6 +103,7 @@ def _of_fits(job: Job, identify: bool) -> _Fits:
         [one.is_mode for one in stored],
         [_away(one) for one in stored],
         [one.pareto_k for one in stored if one.pareto_k is not None],
+        [made for made in (dispersion(*parts_of(one.marginal)) for one in stored) if np.isfinite(made.ratio)],
         identifiability,
         misfit,
     )
@@ -203,6 +207,14 @@ def check(job: Job, identify: bool = True) -> str:
             "proposals cover the exact posterior and the correction is reliable"
         )
         add("pareto_k", max(fits.tails), MOST_K, max(fits.tails) < MOST_K, detail)
+    if fits.dispersions:
+        worst_parts = max(fits.dispersions, key=lambda one: one.ratio / one.bound)
+        detail = (
+            "scatter of the scores of parts of the records over that by their information; 1 where the model is right. "
+            "Beyond the bound, which one right model in a hundred exceeds, parts disagree about the parameters, and "
+            "the posterior is widened by the ratio"
+        )
+        add("score_dispersion", worst_parts.ratio, worst_parts.bound, not worst_parts.widens, detail)
     checks["predictive"] = verdict([one for fit in fits.misfit for one in fit.checks])
     job.save(PREDICTIVE, assemble.as_plain(as_document(fits.misfit)))
     if identify:
