@@ -22,11 +22,11 @@ NOTHING = "–"
 _WORDS = """\
 # Flights of another program
 
-Written by `python benchmarks/evidence_page.py`; do not edit. Numbers behind it, with the command, machine and versions of
-each: `models/reference/other_flights/*.json`.
+Written by `python benchmarks/evidence_page.py`; do not edit. Numbers behind it, with the command, machine and versions
+of each: `models/reference/other_flights/*.json`.
 
-Each set is a vehicle with physics that this program does not know of (`benchmarks/other_flights.py`). Its first flight is
-fitted, the others are predicted from that fit. Sets and parts that are not listed have no stored result.
+Each set is a vehicle with physics that this program does not know of (`benchmarks/other_flights.py`). Its first flight
+is fitted, the others are predicted from that fit. Sets and parts that are not listed have no stored result.
 
 - *converged*: whether the fit found its optimum; *checks missed*: of the run, which then has no level of trust.
 - *processor*: seconds of the command and its children; *terms*: aerodynamic terms that were fitted.
