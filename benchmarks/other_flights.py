@@ -7,11 +7,13 @@ altitude and the air's density. Bands are scored against true histories of the f
 there are none, against its own record, beside climatology: the constant band of what the identified record shows.
 
     python benchmarks/other_flights.py --data ../shared/otherflights [--sets P Q R S T U] [--windows 45 90 180]
-        [--only-windows] [--workdir DIR] [--resume] [--quick] [--json]
+        [--only-windows] [--workdir DIR] [--resume] [--quick] [--json] [--store DIR [--made-at COMMIT]]
 
 ``--windows`` also fits the first so many seconds of each flight, up to the checks. With ``--resume`` finished results
 that ``--workdir`` holds for the same studies are taken as they are. ``--prepare`` only writes the studies. Processor
-seconds are those of the command and its children.
+seconds are those of the command and its children. ``--store`` merges the results into one file per set, from which
+``evidence_page.py`` makes a page; with ``--made-at`` nothing is run and what ``--workdir`` holds is stored, results
+that do not tell what made them as of that commit.
 """
 
 from __future__ import annotations
@@ -35,6 +37,7 @@ import numpy as np
 from numpy.typing import NDArray
 from other_records import DEGREE, LAYOUTS, climatology, flights_of, read_flight
 from other_scores import LEVELS, History, constant, score, width_over_spread
+from other_stored import made_now, store
 from other_studies import write_set, write_window
 
 Array = NDArray[np.float64]
@@ -245,10 +248,11 @@ def set_results(data: Path, letter: str, folder: Path, given: argparse.Namespace
     options = ["--quick"] if given.quick else []
     results = load(path) if given.resume else {}
 
-    def get(name: str, of: Path, make: Any) -> dict[str, Any]:
+    def get(name: str, of: Path, make: Any, length: str | None = None) -> dict[str, Any]:
         known, key = results.get(name, {}), key_of(folder, of, given.quick)
         if known.get("key") != key:
-            results[name] = known = make() | {"key": key}
+            told = made_now(letter, length)  # before: files may be changed while it runs
+            results[name] = known = make() | {"key": key, "provenance": told, "quick": given.quick}
             path.write_text(json.dumps(results, indent=1), encoding="utf-8")
         return dict(known)
 
@@ -266,7 +270,7 @@ def set_results(data: Path, letter: str, folder: Path, given: argparse.Namespace
             ran = run(part, out, "--until", "check", *options)
             return {"processor_s": ran["processor_s"], "wall_s": ran["wall_s"], **verdict(out, ran)}
 
-        made["windows"][f"{length:g}"] = get(part.stem, part, fit)
+        made["windows"][f"{length:g}"] = get(part.stem, part, fit, f"{length:g}")
     return made
 
 
@@ -375,7 +379,17 @@ def main() -> None:
     parser.add_argument("--prepare", action="store_true", help="write the studies and stop")
     parser.add_argument("--quick", action="store_true", help="small sizes, to see that all works")
     parser.add_argument("--json", action="store_true")
+    parser.add_argument("--store", type=Path, metavar="DIR", help="keep the results there, a file per set")
+    parser.add_argument("--made-at", metavar="COMMIT", help="run nothing: store what the working folder holds")
     given = parser.parse_args()
+    if given.store and given.quick:
+        sys.exit("--store keeps no results of small sizes: leave --quick out")
+    if given.made_at:
+        if given.store is None or given.workdir is None:
+            sys.exit("--made-at stores what --workdir holds into --store: name both")
+        for letter in given.sets:
+            print(store(letter, given.workdir / letter, given.store, given.made_at))
+        return
     if not given.data.is_dir():
         sys.exit(f"{given.data}: no such folder; --data says where the flights are")
     if given.prepare and given.workdir is None:
@@ -389,6 +403,8 @@ def main() -> None:
                 continue
             results[letter] = made = set_results(given.data, letter, place / letter, given)
             print("\n".join(lines(letter, made)), flush=True)
+            if given.store:
+                print(store(letter, place / letter, given.store))
     if given.prepare:
         return
     shares = ratios(results)

@@ -9,6 +9,7 @@ import ast
 import hashlib
 import io
 import tokenize
+from collections.abc import Mapping
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -48,14 +49,14 @@ def code_of(text: str) -> str:
     return "\n".join(line for line in kept if line)
 
 
-def hash_of(package: Path, engine: str) -> str:
+def hash_of(package: Path, on: str) -> str:
     """SHA-256 of the numerics of a package.
 
     Args:
         package: Its folder.
-        engine: What its code runs on.
+        on: What its code runs on, from `engine`.
     """
-    made = hashlib.sha256(engine.encode())
+    made = hashlib.sha256(on.encode())
     left_out = {package / name for name in NO_NUMBERS}
     for room in ROOMS:
         place = package / room
@@ -65,8 +66,16 @@ def hash_of(package: Path, engine: str) -> str:
     return made.hexdigest()
 
 
+def engine(versions: Mapping[str, str]) -> str:
+    """The libraries that compute, with their minor versions.
+
+    Args:
+        versions: Of packages, by name.
+    """
+    return ", ".join(f"{name} {'.'.join(versions[name].split('.')[:2])}" for name in ENGINE)
+
+
 @cache
 def numerics() -> str:
     """Hash of the numerics in use: code, and the minor versions of the libraries that compute."""
-    engine = ", ".join(f"{name} {'.'.join(version(name).split('.')[:2])}" for name in ENGINE)
-    return hash_of(PACKAGE, engine)
+    return hash_of(PACKAGE, engine({name: version(name) for name in ENGINE}))

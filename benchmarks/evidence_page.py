@@ -1,0 +1,125 @@
+"""Results on flights of another program as one page of Markdown, from what ``other_flights.py --store`` has kept.
+
+python benchmarks/evidence_page.py
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from calibration_page import _table as table
+from other_flights import QUANTITIES
+from other_stored import ROOT, present
+
+Result = dict[str, Any]
+STORED = ROOT / "models/reference/other_flights"
+PAGE = ROOT / "docs/other-flights.md"
+SCORES = (("held", 100.0, ".0f"), ("width_over_replicates", 1.0, ".2f"), ("wis_over_climatology", 1.0, ".2f"))
+NOTHING = "–"
+_WORDS = """\
+# Flights of another program
+
+Written by `python benchmarks/evidence_page.py`; do not edit. Numbers behind it, with the command, machine and versions
+of each: `models/reference/other_flights/*.json`.
+
+Each set is a vehicle with physics that this program does not know of (`benchmarks/other_flights.py`). Its first flight
+is fitted, the others are predicted from that fit. Sets and parts that are not listed have no stored result.
+
+- *converged*: whether the fit found its optimum; *checks missed*: of the run, which then has no level of trust.
+- *processor*: seconds of the command and its children; *terms*: aerodynamic terms that were fitted.
+- *made by*: commit (`+`: with uncommitted changes) and date (UTC); *numerics*: whether the code that computes is the
+  same as the present one, by its hash.
+"""
+_FORETOLD = """\
+## Predicted flights
+
+- *held*: percent of the true samples inside the nominal 90 % band, pooled over the flight and its replicates;
+  *against*: what the truth is. Where there are no true histories it is the record of the flight itself.
+- *width*: mean width of the band over that of the replicates' own 5 to 95 %; one is as wide as chance alone.
+- *score*: weighted interval score over climatology's, the constant band of what the fitted record shows; below one is
+  better.
+- Descent is the descent rate at sea level. The mean is over flights that have true histories, each counting alike.
+"""
+_WINDOWS = """\
+## Windows
+
+Fits of the first so many seconds of the first flight, up to the checks.
+"""
+
+
+def stored(place: Path = STORED) -> list[Result]:
+    """Stored sets, by name.
+
+    Args:
+        place: Folder of the stored files.
+    """
+    return [json.loads(path.read_text(encoding="utf-8")) for path in sorted(place.glob("*.json"))]
+
+
+def _fit(one: Result) -> list[str]:
+    said = "yes" if one["converged"] else f"**no**: {one['reason']}".removesuffix(": ")
+    return [said, ", ".join(f"`{name}`" for name in one["failed"]) or "none", f"{one['processor_s']:.0f}"]
+
+
+def _made(one: Result) -> list[str]:
+    told = one["provenance"]
+    commit = told["commit"] or "no checkout"
+    mark = "+" if commit.endswith("+") else ""
+    return [f"`{commit[:7]}{mark}`, {told['date']}", "present" if present(told) else "older numerics"]
+
+
+def _cells(scores: Iterable[Result]) -> list[str]:
+    """Means of each score over some flights."""
+    made, scores = list[str](), list(scores)
+    for name, factor, form in SCORES:
+        values = [factor * s[name] for s in scores if s.get(name) is not None]
+        made.append(format(sum(values) / len(values), form) if values else NOTHING)
+    return made
+
+
+def foretold(sets: Sequence[Result]) -> list[str]:
+    """Table of predicted flights, with the mean over those that have true histories.
+
+    Args:
+        sets: As stored.
+    """
+    rows, pooled = list[list[str]](), list[Result]()
+    for one in sets:
+        for flight, scores in one.get("whole", {}).get("flights", {}).items():
+            against = next((s["against"] for s in scores.values()), "not predicted")
+            cells = [cell for name in QUANTITIES for cell in _cells([scores[name]] if name in scores else [])]
+            rows.append([flight, against, *cells, *_made(one["whole"])])
+            if scores and all(s["true"] for s in scores.values()):
+                pooled.append(scores)
+    if pooled:
+        cells = [cell for name in QUANTITIES for cell in _cells(s[name] for s in pooled if name in s)]
+        rows.append([f"mean of {len(pooled)}", "true histories", *cells, "", ""])
+    head = ["flight", "against", "swing: held, %", "width", "score", "descent: held, %", "width", "score"]
+    return table([*head, "made by", "numerics"], rows)
+
+
+def page(sets: Sequence[Result]) -> str:
+    """The page.
+
+    Args:
+        sets: As stored.
+    """
+    wholes = [(one["set"], one["whole"]) for one in sets if "whole" in one]
+    windows = [
+        [one["set"], length, *_fit(w), *_made(w)]
+        for one in sets
+        for length, w in sorted(one.get("windows", {}).items(), key=lambda item: float(item[0]))
+    ]
+    fits = [[name, *_fit(w), str(len(w["terms"])), *_made(w)] for name, w in wholes]
+    head = ["converged", "checks missed", "processor, s"]
+    text = [_WORDS, "## Whole flights", "", *table(["set", *head, "terms", "made by", "numerics"], fits)]
+    text += [_FORETOLD, *foretold(sets)]
+    text += [_WINDOWS, *table(["set", "seconds", *head, "made by", "numerics"], windows)]
+    return "\n".join(text).rstrip() + "\n"
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(stored()), encoding="utf-8")

@@ -1,0 +1,101 @@
+"""Results of ``other_flights.py`` as one file per set, each result with commit, command, date, machine and numerics."""
+
+from __future__ import annotations
+
+import io
+import json
+import subprocess
+import tarfile
+import tempfile
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from bayeschute.study.evidence.numerics_hash import PACKAGE, engine, hash_of, numerics
+from bayeschute.study.evidence.provenance import provenance
+
+ROOT = Path(__file__).parents[1]
+SCRIPT = "benchmarks/other_flights.py --data ../shared/otherflights"
+
+
+def made_now(letter: str, length: str | None) -> dict[str, Any]:
+    """Provenance of a result that the present code is about to make.
+
+    Args:
+        letter: Of the set.
+        length: Of the window [s]; None for whole flights.
+    """
+    window = f" --only-windows --windows {length}" if length else ""
+    return provenance(f"{SCRIPT} --sets {letter}{window}") | {"numerics": numerics()}
+
+
+def made_at(commit: str, letter: str, length: str | None, date: str) -> dict[str, Any]:
+    """Provenance of a result that does not tell its own: made by a commit, on this machine with these versions.
+
+    Args:
+        commit: Its name.
+        letter: Of the set.
+        length: Of the window [s]; None for whole flights.
+        date: When.
+    """
+    whole, packed = (
+        subprocess.run(["git", *words], cwd=ROOT, capture_output=True, check=True).stdout
+        for words in (["rev-parse", f"{commit}^{{commit}}"], ["archive", commit, "src/bayeschute"])
+    )
+    with tempfile.TemporaryDirectory() as place, tarfile.open(fileobj=io.BytesIO(packed)) as files:
+        files.extractall(place, filter="data")
+        now = made_now(letter, length)
+        code = hash_of(Path(place) / "src/bayeschute", engine(now["versions"]))
+    return now | {"commit": whole.decode().strip(), "date": date, "numerics": code}
+
+
+def store(letter: str, folder: Path, stored: Path, commit: str | None = None) -> Path:
+    """Merge the results of a set's working folder into its stored file: a result replaces its own kind only.
+
+    Args:
+        letter: Of the set.
+        folder: Holds ``results.json``.
+        stored: Folder of the stored files.
+        commit: That made those results that do not tell.
+
+    Returns:
+        The stored file.
+    """
+    source, path = folder / "results.json", stored / f"{letter}.json"
+    held: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {"set": letter}
+    text = source.read_text(encoding="utf-8")
+    for place in (folder.absolute(), folder.resolve(), folder, ROOT):  # a reason of failure may name a file
+        text = text.replace(json.dumps(f"{place}/")[1:-1], "")
+    date = datetime.fromtimestamp(source.stat().st_mtime, UTC).strftime("%Y-%m-%d")
+    for name, result in json.loads(text).items():
+        if result.pop("quick", False):
+            continue
+        length = None if name == "whole" else name.split("_")[-1].removesuffix("s")
+        if "provenance" not in result:
+            if commit is None:
+                raise SystemExit(f"{source}: {name} does not tell what made it: --made-at COMMIT says so")
+            result["provenance"] = made_at(commit, letter, length, date)
+        kept = {key: value for key, value in result.items() if key != "key"}
+        if length is None:
+            held["whole"] = kept
+        else:
+            held.setdefault("windows", {})[length] = kept
+    stored.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(held, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    return path
+
+
+def present(made: Mapping[str, Any]) -> bool:
+    """Whether the code that made a result computes as the present code does, on the engine that it had.
+
+    Args:
+        made: Provenance of the result.
+    """
+    return bool(_present_on(engine(made["versions"])) == made["numerics"])
+
+
+@cache
+def _present_on(engine_of: str) -> str:
+    return hash_of(PACKAGE, engine_of)

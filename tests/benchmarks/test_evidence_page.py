@@ -1,0 +1,111 @@
+"""Results on flights of another program: each is stored with what made it, and the page says what is stored."""
+
+from __future__ import annotations
+
+import copy
+import json
+import re
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+FOLDER = ROOT / "benchmarks"
+FIT = {"processor_s": 12.0, "wall_s": 13.0, "converged": True, "reason": "", "label": "", "failed": ["rhat"]}
+
+
+@pytest.fixture(scope="module")
+def made():
+    sys.path.insert(0, str(FOLDER))
+    try:
+        import evidence_page
+        import other_stored
+    finally:
+        sys.path.remove(str(FOLDER))
+    return SimpleNamespace(page=evidence_page, stored=other_stored)
+
+
+def _numbers(tree, path=()):
+    """Where numbers of a stored file are that the page tells."""
+    told = {"held", "width_over_replicates", "wis_over_climatology", "processor_s"}
+    for key, value in tree.items():
+        if isinstance(value, dict) and key not in ("climatology", "residuals"):
+            yield from _numbers(value, (*path, key))
+        elif key in told and value is not None:
+            yield (*path, key)
+
+
+def test_the_shipped_page_is_that_of_the_stored_files(made):
+    assert made.page.PAGE.read_text(encoding="utf-8") == made.page.page(made.page.stored()), (
+        "python benchmarks/evidence_page.py writes it anew"
+    )
+
+
+def test_a_stored_number_that_is_changed_changes_the_page(made):
+    sets = made.page.stored()
+    places = [(index, path) for index, one in enumerate(sets) for path in _numbers(one)]
+    before = made.page.page(sets)
+    assert places
+    for index, path in places:
+        changed = copy.deepcopy(sets)
+        at = changed[index]
+        for key in path[:-1]:
+            at = at[key]
+        at[path[-1]] *= 1.5
+        assert made.page.page(changed) != before, path
+
+
+def test_every_stored_result_tells_what_made_it(made):
+    for one in made.page.stored():
+        for result in [*one.get("windows", {}).values(), *([one["whole"]] if "whole" in one else [])]:
+            told = result["provenance"]
+            assert all(told[key] for key in ("commit", "command", "date", "machine", "versions", "numerics"))
+            assert f"--sets {one['set']}" in told["command"] and not re.search(r'"/\w', json.dumps(result))
+
+
+def test_other_numerics_are_said_to_be_older(made):
+    now = made.stored.made_now("Q", None)
+    assert made.stored.present(now) and now["command"].endswith("--sets Q")
+    assert not made.stored.present(now | {"numerics": "0" * 64})
+    other = now["versions"] | {"jax": "0.0.1"}
+    assert not made.stored.present(now | {"versions": other})
+    one = {"set": "Q", "windows": {"45": FIT | {"provenance": now | {"numerics": "0" * 64}}}}
+    assert "| older numerics |" in made.page.page([one])
+
+
+def test_windows_are_stored_beside_whole_flights_each_with_its_own_origin(made, tmp_path):
+    folder, kept = tmp_path / "Q", tmp_path / "kept"
+    folder.mkdir()
+
+    def hold(results):
+        (folder / "results.json").write_text(json.dumps(results), encoding="utf-8")
+        return json.loads(made.stored.store("Q", folder, kept).read_text(encoding="utf-8"))
+
+    first, later = {"commit": "a"}, {"commit": "b"}
+    hold({"whole": FIT | {"key": "k", "reason": f"no {folder}/Q_1.nc", "provenance": first}})
+    held = hold({"Q_1_45s": FIT | {"provenance": later}, "Q_1_90s": FIT | {"quick": True, "provenance": later}})
+    assert held == {
+        "set": "Q",
+        "whole": FIT | {"reason": "no Q_1.nc", "provenance": first},
+        "windows": {"45": FIT | {"provenance": later}},
+    }
+
+
+def test_a_result_of_unknown_origin_is_refused(made, tmp_path):
+    (tmp_path / "results.json").write_text(json.dumps({"whole": FIT}), encoding="utf-8")
+    with pytest.raises(SystemExit, match="does not tell what made it"):
+        made.stored.store("Q", tmp_path, tmp_path / "kept")
+
+
+def test_the_prose_has_no_shares_of_its_own():
+    """Percentages of README, and of what the page on evidence says of these flights, stand on a page made from files."""
+    made = "".join(
+        (ROOT / "docs" / name).read_text(encoding="utf-8") for name in ("other-flights.md", "calibration.md")
+    )
+    evidence = (ROOT / "docs/evidence.md").read_text(encoding="utf-8")
+    (flights,) = re.findall(r"^- Flights simulated by another program.*?(?=^- |^#)", evidence, re.S | re.M)
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    shares = re.findall(r"\d[\d.]* ?%", readme) + re.findall(r"\d[\d.,]*(?: ?%| s\b| m\b| times)", flights)
+    assert [share for share in shares if share not in made] == []
