@@ -32,7 +32,7 @@ from bayeschute.posterior.score_dispersion import Dispersion, dispersion, parts_
 Array = NDArray[np.float64]
 _TURNS, _SETTLED = 3, 0.4  # most turns of noise parameters and mode; a step of the mode after which there is no other
 _MODE_TURN = 2  # most steps of the mode in each of them
-_BESIDE = (1.0, 0.3)  # steps [standard deviations] at which Laplace's approximation is taken, where flights fail nearer
+_BESIDE, _NEARER = 1.0, 0.3  # steps [standard deviations] to where Laplace's approximation is taken; where flights fail
 _LOST_BEND = "the curvature correction of the conditional mode, which along some axis outweighs the density"
 _LOST_MEAN = "the shift of the noise parameters from their mode to their mean, where no mode was found"
 _AT_MODE, _BESIDE_MODE = 0.2, 0.5  # root mean square distance from there, along all axes, that ends it, or will do
@@ -213,14 +213,10 @@ def _corrected(made: Marginal) -> tuple[Marginal, tuple[str, ...], Way]:
     Raises:
         FloatingPointError: If flights fail beside the point.
     """
-    for step in _BESIDE[:-1]:
-        try:
-            one, way = laplace.corrected(made, step)
-            break
-        except FloatingPointError:
-            continue
-    else:
-        one, way = laplace.corrected(made, _BESIDE[-1])
+    try:
+        one, way = laplace.corrected(made, _BESIDE)
+    except FloatingPointError:
+        one, way = laplace.corrected(made, _NEARER)
     return one, () if way.is_mode else (_LOST_BEND,), way
 
 
