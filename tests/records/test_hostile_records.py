@@ -60,13 +60,6 @@ def test_columns_of_other_types_and_sizes(tmp_path, changed, word):
     np.testing.assert_allclose(read_record(path, COLUMNS)["altitude"], 1e3 * np.array(wanted))
 
 
-def test_a_list_of_one_number_is_no_number():
-    """Versions of NumPy that are allowed turn it into one."""
-    from bayeschute.records.text_table import _number
-
-    assert np.isnan(_number(np.array([1.0]))) and _number("1.0") == _number(b"1.0") == _number(np.float32(1.0)) == 1.0
-
-
 @pytest.mark.parametrize("names", [("t", "h", "h"), ("t", "t", "h"), ("", "\x1b[31mh", "t")])
 def test_columns_twice_or_of_odd_names(tmp_path, names):
     with pytest.raises(InputError, match="twice|lacks"):
