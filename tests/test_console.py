@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 import typer
 
-from bayeschute.console import Bars, place_for_json, reporting_faults, write_json
-from bayeschute.core.errors import Fault, InputError
+from bayeschute.console import Bars, place_for_json, reporting_faults, say, write_json
+from bayeschute.core.errors import Fault, InputError, harmless
 
 
 def test_every_fault_is_one_line_on_stderr(capsys):
@@ -65,3 +65,25 @@ def test_places_for_no_file_are_refused_beforehand(tmp_path: Path):
             place_for_json(str(where))
     with pytest.raises(InputError, match="a file that can be written"):
         write_json({}, str(tmp_path))
+
+
+HOSTILE = "\x1b[31mred \x1b]0;title\x07 \x9b2J \u202edesrever \udcff {0} {task} [red]x[/] [/] =cmd()"
+
+
+def test_no_text_commands_the_terminal(capsys, monkeypatch):
+    """Names of files and columns are not ours; a name of bytes that are no text could not even be printed."""
+    monkeypatch.setenv("COLUMNS", "300")  # else a bar is cut to its line
+    say(HOSTILE)
+    with pytest.raises(typer.Exit), reporting_faults():
+        raise InputError(Fault(HOSTILE, HOSTILE, "y"))
+    with Bars() as bars:
+        bars("[red]fit", 0.5, HOSTILE)
+        bars("[red]fit", 1.0, HOSTILE)
+    told = "".join(capsys.readouterr())
+    assert told.count("[red]x[/] [/] =cmd()") >= 4 and "{0} {task}" in told and "[red]fit" in told
+    assert "\\x1b[31mred" in told and "\\u202edesrever" in told and "\\udcff" in told
+    assert not set(told) & set("\x1b\x07\x9b\u202e")
+
+
+def test_lines_and_letters_stay_as_they_are():
+    assert harmless("a\n\tüñ 中 ° → ²\u00a0x") == "a\n\tüñ 中 ° → ²\u00a0x"

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from bayeschute.core.errors import Fault, InputError
+from bayeschute.core.errors import Fault, InputError, harmless
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 def say(text: str = "", error: bool = False) -> None:
     """Print a line, to stderr if it reports an error."""
-    typer.echo(text, err=error)
+    typer.echo(harmless(text), err=error)
 
 
 @contextmanager
@@ -50,7 +50,8 @@ class Bars:
         from rich.console import Console
         from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-        stage, words = TextColumn("{task.description:<10}"), TextColumn("{task.fields[words]}", markup=False)
+        stage = TextColumn("{task.description:<10}", markup=False)
+        words = TextColumn("{task.fields[words]}", markup=False)
         console = Console(stderr=True)
         self._progress = Progress(stage, BarColumn(bar_width=24), TimeElapsedColumn(), words, console=console)
         self._progress.start()
@@ -66,6 +67,7 @@ class Bars:
         """Move the bar of a stage."""
         if self._progress is None:
             return
+        words = harmless(words)
         if stage not in self._tasks:
             self._tasks[stage] = self._progress.add_task(stage, total=1.0, words=words)
         self._progress.update(self._tasks[stage], completed=min(max(done, 0.0), 1.0), words=words)

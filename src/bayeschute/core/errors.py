@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
+from unicodedata import category
 
 
 @dataclass(frozen=True)
@@ -27,6 +28,14 @@ class Fault:
         """One line: where, got, wanted, do."""
         line = f"{self.where}: got {self.got}; wanted {self.wanted}."
         return f"{line} {self.do}" if self.do else line
+
+
+def harmless(text: str) -> str:
+    """A text for terminals and logs: names of files and columns may hold characters that would command a terminal.
+
+    Characters of control, of direction and those that can't be encoded are written as their codes; lines stay lines.
+    """
+    return "".join(ascii(c)[1:-1] if category(c) in ("Cc", "Cf", "Cs") and c not in "\n\t" else c for c in text)
 
 
 class InputError(ValueError):

@@ -117,7 +117,11 @@ def repairs(ds: xr.Dataset) -> tuple[Repair, ...]:
     """
     text = ds.attrs.get("repairs", "[]")
     try:
-        return tuple(Repair(**{**entry, "times": tuple(entry.get("times", ()))}) for entry in json.loads(text))
+        found = tuple(Repair(**{**entry, "times": tuple(entry.get("times", ()))}) for entry in json.loads(text))
+        for entry in found:  # texts and numbers of any other kind would fail long after, in the report
+            np.array([entry.start, entry.end, entry.count, *entry.times]).astype(float, casting="safe")
+            "".join((entry.kind, entry.variable, entry.detail))
+        return found
     except (AttributeError, TypeError, ValueError, RecursionError) as error:
         raise InputError(
             Fault("record, attribute repairs", repr(text)[:80], "a JSON list of repairs", "Delete the attribute.")
@@ -201,11 +205,15 @@ def _variable_faults(ds: xr.Dataset, name: str, variable: Variable, where: str, 
         faults.append(Fault(place, "no unit", f"the attribute units, for example '{variable.unit}'"))
         return faults
     try:
-        factor_to_si(unit, variable.unit)
+        scale, zero = factor_to_si(unit, variable.unit)
     except ValueError as error:
         faults.append(Fault(f"{place} units", repr(unit)[:60], f"a unit of {variable.unit}", f"({error})"))
-    if np.isinf(array.values).any():
-        faults.append(Fault(place, f"{int(np.isinf(array.values).sum())} infinite values", "finite numbers or NaN"))
+        return faults
+    with np.errstate(over="ignore"):
+        infinite = int(np.isinf(scale * array.values.astype(float) + zero).sum())
+    if infinite:
+        got = f"{infinite} infinite values in {variable.unit}"
+        faults.append(Fault(place, got, "finite numbers or NaN", "Is the unit right?"))
     elif not empty and not np.isfinite(array.values).any():
         faults.append(Fault(place, "no value at all", "at least one number", "Leave the variable out."))
     return faults
@@ -263,13 +271,17 @@ def validate_record(
         return [Fault(f"{where} time", f"type {ds['time'].dtype}", "numbers [s]")]
     faults += time_faults(ds["time"].values.astype(float), f"{where} time")
     unit = ds["time"].attrs.get("units", "s")
-    if unit != "s":
+    if not isinstance(unit, str) or unit != "s":  # an attribute may be a list
         faults.append(Fault(f"{where} time units", repr(unit)[:60], "'s'"))
     if "canopy" in ds.dims:
         count = ds.sizes["canopy"]
         labels = ds["canopy"].values.tolist() if "canopy" in ds.coords else None
         if labels != list(range(1, count + 1)):
             faults.append(Fault(f"{where} canopy", str(labels)[:60], f"labels 1 to {count}"))
+    for name in map(str, ds.coords):
+        if name in known:  # else it would be left out of the record without a word
+            do = "Take it out of the attribute coordinates."
+            faults.append(Fault(f"{where} {name}", "a coordinate", "a variable along time", do))
     for name in map(str, ds.data_vars):
         if name in known:
             faults += _variable_faults(ds, name, known[name], where, empty)

@@ -138,7 +138,7 @@ def read_parquet(path: Path, wanted: Collection[str]) -> Table:
     try:
         import pyarrow.parquet as pq
 
-        with pq.ParquetFile(path) as file:
+        with pq.ParquetFile(path, page_checksum_verification=True) as file:
             names = [str(name) for name in file.schema_arrow.names]
             columns = [name for name in dict.fromkeys(names) if name in wanted]
             if file.metadata.num_rows * max(len(columns), 1) > LARGEST_TABLE:
@@ -191,8 +191,8 @@ def numbers(column: pd.Series, where: str, first_row: int) -> tuple[Array, list[
 
 def _number(value: Any) -> float:
     """A field as a number; NaN where it is none."""
-    if isinstance(value, bool) or (isinstance(value, str) and "_" in value):
-        return np.nan
+    if isinstance(value, bool | np.ndarray) or (isinstance(value, str) and "_" in value):
+        return np.nan  # NumPy may take a list of one number for that number
     try:
         return float(value)
     except (TypeError, ValueError):

@@ -83,6 +83,11 @@ def sheet(height: float, rows: int = 1, columns: int = 1, **kwargs: Any) -> tupl
     return figure, list(axes.ravel())
 
 
+def literal(text: str) -> str:
+    """A user's text as drawn: matplotlib would read what stands between dollar signs as mathematics, or fail on it."""
+    return text.replace("$", r"\$")
+
+
 _GEOMETRY = re.compile(r'(?<= )(?:d|x|y)="[^"]*"')
 _DECIMALS = re.compile(r"\d+\.\d{3,}")
 

@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from bayeschute.report.figures.canvas import BLUE, INK, ORANGE, SHADE, SOFT, STYLE, VERMILION, sheet, styled
+from bayeschute.report.figures.canvas import BLUE, INK, ORANGE, SHADE, SOFT, STYLE, VERMILION, literal, sheet, styled
 from bayeschute.report.wording import shown_unit
 
 Array = NDArray[np.float64]
@@ -75,7 +75,7 @@ def draw_curve(
             "lw": 0,
             "elinewidth": 1.1,
         }
-        axes.errorbar(scale * place, value, 1.645 * sd, capsize=2, label=f"{one['name']}, 90 %", **style)
+        axes.errorbar(scale * place, value, 1.645 * sd, capsize=2, label=f"{literal(one['name'])}, 90 %", **style)
     axes.axhline(0.0, color=SOFT, lw=0.6)
     _bound(axes, [low, high, *([] if truth is None else [truth])], known)
     axes.set_xlabel(label)

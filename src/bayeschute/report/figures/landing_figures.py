@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from bayeschute.landing.decisions.onset import Cell
 from bayeschute.landing.decisions.requirements import Limit, exceedance
 from bayeschute.landing.measures import LABELS, MEASURES
-from bayeschute.report.figures.canvas import BLUE, INK, SERIES, SKY, SOFT, VERMILION, sheet, styled
+from bayeschute.report.figures.canvas import BLUE, INK, SERIES, SKY, SOFT, VERMILION, literal, sheet, styled
 
 Rows = NDArray[np.void]
 _SHOWN = 4000  # landings that are drawn as points
@@ -155,7 +155,9 @@ def drivers_figure(table: pd.DataFrame) -> Figure:
         for ax, kind in zip(axes[2 * i : 2 * i + 2], ("total", "shapley"), strict=True):
             part = table[(table["quantity"] == name) & (table["kind"] == kind)].set_index("source")
             tornado(ax, part["share"].to_dict(), part["standard_error"].fillna(0.0).to_dict())
-            ax.set_title(f"{name.replace('_', ' ')}: " + ("groups, total" if kind == "total" else "parameters"))
+            ax.set_title(
+                f"{literal(name).replace('_', ' ')}: " + ("groups, total" if kind == "total" else "parameters")
+            )
     return figure
 
 

@@ -12,10 +12,13 @@ from pydantic import AfterValidator, BeforeValidator, ValidationInfo, field_vali
 
 from bayeschute.landing.measures import MEASURES
 from bayeschute.study.schema.quantities import (
+    HIGHEST,
+    LOWEST,
     NOT_NEGATIVE,
     Altitude,
     Azimuth,
     Bounds,
+    Label,
     Mass,
     Name,
     NoiseAngle,
@@ -34,29 +37,35 @@ from bayeschute.study.schema.quantities import (
     whole,
 )
 from bayeschute.study.schema.sidecar import Wanted, read_beside
-from bayeschute.study.schema.wind_schema import ProfileTable, SeriesColumn
+from bayeschute.study.schema.wind_schema import FASTEST, ProfileTable, SeriesColumn, check_winds
 
 MOST_MEMBERS = 1000
 _SHARE = Bounds(above=0.0, most=1.0)
 _INSIDE = Annotated[float, number(Bounds(above=0.0, most=0.999999), "a probability")]
 
 
-def _spread(unit: str, example: str) -> BeforeValidator:
-    """Validator of a quantity, or of ``{ mean = .., sd = .. }`` of one: mean and standard deviation in SI."""
+def _spread(unit: str, example: str, most: float, least: float | None = None) -> BeforeValidator:
+    """Validator of a quantity, or of ``{ mean = .., sd = .. }`` of one: mean and standard deviation in SI.
+
+    The mean is at least `least`, or minus `most`.
+    """
+    bounds = Bounds(least=-most if least is None else least, most=most)
 
     def read(value: Any) -> tuple[float, float]:
         if not isinstance(value, dict):
-            return read_quantity(value, unit, example), 0.0
+            return read_quantity(value, unit, example, bounds), 0.0
         if not {"mean", "sd"} >= set(value) or "mean" not in value:
             refuse("a quantity, or a table of mean and sd", f"a table of {', '.join(map(str, value)) or 'nothing'}")
-        spread = read_quantity(value["sd"], unit, example, NOT_NEGATIVE) if "sd" in value else 0.0
-        return read_quantity(value["mean"], unit, example), spread
+        spread = read_quantity(value["sd"], unit, example, Bounds(least=0.0, most=most)) if "sd" in value else 0.0
+        return read_quantity(value["mean"], unit, example, bounds), spread
 
     return BeforeValidator(read)
 
 
 def _pure(value: Any) -> tuple[float, float]:
     wanted = "a number >= 0, or a table of mean and sd of one"
+    if isinstance(value, dict) and not {"mean", "sd"} >= set(value):
+        refuse(wanted, f"a table of {', '.join(map(str, value))}"[:200])
     parts: tuple[Any, Any] = (value.get("mean"), value.get("sd", 0.0)) if isinstance(value, dict) else (value, 0.0)
     if not all(isinstance(p, int | float) and not isinstance(p, bool) and 0.0 <= p <= 1e6 for p in parts):
         refuse(wanted)
@@ -64,10 +73,10 @@ def _pure(value: Any) -> tuple[float, float]:
 
 
 Pair = tuple[float, float]
-Altitudes = Annotated[Pair, _spread("m", "4000 ft")]
-Angles = Annotated[Pair, _spread("rad", "5 deg")]
-Rates = Annotated[Pair, _spread("rad/s", "1 deg/s")]
-Speeds = Annotated[Pair, _spread("m/s", "5 ft/s")]
+Altitudes = Annotated[Pair, _spread("m", "4000 ft", HIGHEST, LOWEST)]
+Angles = Annotated[Pair, _spread("rad", "5 deg", 2.0 * np.pi)]
+Rates = Annotated[Pair, _spread("rad/s", "1 deg/s", 20.0)]
+Speeds = Annotated[Pair, _spread("m/s", "5 ft/s", FASTEST)]
 Shares = Annotated[Pair, BeforeValidator(_pure)]
 
 
@@ -162,6 +171,7 @@ class EnsembleTable(Strict):
             column = getattr(self, name)
             wanted[name] = Wanted(column.column, column.unit, si)
         found = read_beside(self.file, wanted, info)
+        check_winds(found, self.file)
         made = []
         for member in np.unique(found["member"]):
             rows = np.stack([found[name][found["member"] == member] for name in ("altitude", "north", "east")], axis=1)
@@ -240,7 +250,7 @@ class RequirementTable(Strict):
         confidence: With which the posterior must say so [1].
     """
 
-    name: Text
+    name: Label
     limits: Annotated[tuple[LimitTable, ...], AfterValidator(_some)]
     probability: _INSIDE = 0.95
     confidence: _INSIDE = 0.9

@@ -14,6 +14,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import TextIO
 
+from bayeschute.core.errors import harmless
+
 NAME = "log.txt"
 """The file's name in a run's folder."""
 _APART = 1.0
@@ -53,7 +55,7 @@ class Log:
         now, since = datetime.now().astimezone(), time.perf_counter() - self._began
         with self._lock:
             if self._file is not None and not self._file.closed:
-                self._file.write(f"{now:%Y-%m-%d %H:%M:%S%z} {since:9.1f} s  {' '.join(words.split())}\n")
+                self._file.write(f"{now:%Y-%m-%d %H:%M:%S%z} {since:9.1f} s  {harmless(' '.join(words.split()))}\n")
                 self._file.flush()
 
     def progress(self, stage: str, share: float, words: str) -> None:

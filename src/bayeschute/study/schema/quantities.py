@@ -146,6 +146,12 @@ def _text(value: Any) -> str:
     return value
 
 
+def _label(value: Any) -> str:
+    if _text(value)[0] in "=+-@":
+        refuse("a short text that begins with none of = + - @", do="In a spreadsheet it would be a formula.")
+    return str(value)
+
+
 def _name(value: Any) -> str:
     if not isinstance(value, str) or not value or len(value) > 60 or not all(c.isalnum() or c in "-_." for c in value):
         refuse("a name of letters, digits, '-', '_' and '.'", do="It becomes a file name.")
@@ -199,7 +205,10 @@ def _sigmas(value: Any) -> float:
     return factor
 
 
+LOWEST, HIGHEST = -1000.0, 80_000.0  # altitudes [m]
+
 Text = Annotated[str, BeforeValidator(_text)]
+Label = Annotated[str, BeforeValidator(_label)]
 Name = Annotated[str, BeforeValidator(_name)]
 Number = Annotated[float, number()]
 PositiveNumber = Annotated[float, number(POSITIVE)]
@@ -207,7 +216,7 @@ Fraction = Annotated[float, number(Bounds(least=0.0, most=0.95))]
 
 Length = Annotated[float, quantity("m", "116 ft")]
 PositiveLength = Annotated[float, quantity("m", "116 ft", POSITIVE)]
-Altitude = Annotated[float, quantity("m", "6500 ft", Bounds(least=-1000.0, most=80_000.0))]
+Altitude = Annotated[float, quantity("m", "6500 ft", Bounds(least=LOWEST, most=HIGHEST))]
 NoiseLength = Annotated[float, quantity("m", "0.15 m", NOT_NEGATIVE)]
 Area = Annotated[float, quantity("m^2", "213.8 ft^2", POSITIVE)]
 Volume = Annotated[float, quantity("m^3", "140164 ft^3", NOT_NEGATIVE)]

@@ -69,7 +69,11 @@ def read_beside(name: str, wanted: Mapping[str, Wanted], info: ValidationInfo) -
             values, wrong = _complete(table, spec.column, where)
             faults += wrong
             scale, zero = factor_to_si(spec.unit, spec.si)
-            found[key] = scale * values + zero
+            with np.errstate(over="ignore"):
+                found[key] = scale * values + zero
+            if not wrong and np.isinf(found[key]).any():
+                got = f"a value too large to convert from {spec.unit} to {spec.si}"
+                faults.append(Fault(where, got, "values that can be true", "Is the unit right?"))
         elif not spec.optional:
             faults.append(Fault(where, f"no such column among {', '.join(table.names)[:200]}", "that column"))
     if faults:

@@ -16,6 +16,7 @@ from bayeschute.study.schema.belief_schema import NoiseTable, PriorsTable
 from bayeschute.study.schema.knowledge.knowledge_schema import KnowledgeTable
 from bayeschute.study.schema.quantities import (
     Bounds,
+    Label,
     Mass,
     Name,
     NotNegativeTime,
@@ -201,7 +202,7 @@ class RequirementTable(Strict):
         at_least: Lower limit [SI unit of the quantity].
     """
 
-    name: Text
+    name: Label
     quantity: Quantity
     statistic: Statistic
     at_most: float | None = None

@@ -6,10 +6,13 @@ from collections.abc import Mapping
 from typing import Annotated, Any
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import BeforeValidator, ValidationInfo, model_validator
 
 from bayeschute.core.units import factor_to_si
 from bayeschute.study.schema.quantities import (
+    HIGHEST,
+    LOWEST,
     Altitude,
     NotNegativeTime,
     PositiveLength,
@@ -131,10 +134,17 @@ def _rows(
         first, second = x[back[0] : back[0] + 2]
         refuse(f"{along}s that increase", f"{first:g} {si} followed by {second:g} {si} in {file!r}")
     zero = np.zeros_like(x)
-    if max(np.abs(found.get(axis, zero)).max() for axis in AXES) > FASTEST:
-        refuse(f"winds up to {FASTEST:g} m/s", f"faster ones in {file!r}", "Is the unit right?")
+    check_winds(found, file)
     rows = np.stack([x, *(found.get(axis, zero) for axis in AXES)], axis=1)
     return tuple(map(tuple, rows.tolist()))
+
+
+def check_winds(found: Mapping[str, NDArray[np.float64]], file: str) -> None:
+    """Refuse winds [m/s] and altitudes [m] of a file that no table would be allowed to have."""
+    if max(np.abs(values).max() for axis, values in found.items() if axis in AXES) > FASTEST:
+        refuse(f"winds up to {FASTEST:g} m/s", f"faster ones in {file!r}", "Is the unit right?")
+    if "altitude" in found and not (found["altitude"].min() >= LOWEST and found["altitude"].max() <= HIGHEST):
+        refuse(f"altitudes from {LOWEST:g} to {HIGHEST:g} m", f"others in {file!r}", "Is the unit right?")
 
 
 class LayerTable(Strict):

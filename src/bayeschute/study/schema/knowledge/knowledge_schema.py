@@ -12,6 +12,7 @@ from bayeschute.core.units import factor_to_si
 from bayeschute.study.schema.quantities import (
     NOT_NEGATIVE,
     Bounds,
+    Label,
     Number,
     PositiveNumber,
     Strict,
@@ -69,8 +70,8 @@ class KnowledgeTable(Strict):
         samples: What points or file say: rows of angle [rad] or D_prox [1], value, sd [1]; not to be given.
     """
 
-    name: Text
-    source: Text
+    name: Label
+    source: Label
     kind: Annotated[Literal["coefficient", "curve"], one_of("coefficient", "curve")]
     target: Text
     use: Annotated[Literal["prior", "compare"], one_of("prior", "compare")] = "compare"

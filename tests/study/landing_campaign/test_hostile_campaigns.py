@@ -1,0 +1,132 @@
+"""Campaigns, their winds and their vehicle damaged at random: clear faults or a sound campaign, never a traceback."""
+
+from __future__ import annotations
+
+import random
+import re
+import shutil
+from collections import Counter
+from pathlib import Path
+from time import process_time
+
+import numpy as np
+import pytest
+from tests.damages import DAMAGES, OFTEN
+
+from bayeschute.core.errors import InputError
+from bayeschute.study.landing_campaign.campaign_file import load_campaign, wind_plan
+from bayeschute.study.landing_campaign.landing_plan import asked, start_plan
+
+MODELS = Path(__file__).parents[3] / "models"
+SECONDS = 10.0  # of the processor, that no file may take
+PROFILE = (
+    '[[wind.profile]]\n[wind.profile.profile]\nfile = "profile.csv"\naltitude = { column = "h", unit = "km" }\n'
+    'north = { column = "v", unit = "m/s" }\n'
+)
+ENSEMBLE = (
+    '[wind.ensemble]\nfile = "many.csv"\nmember = "member"\naltitude = { column = "h", unit = "km" }\n'
+    'north = { column = "v", unit = "m/s" }\neast = { column = "u", unit = "m/s" }\n'
+)
+LEAST = 'title = "t"\nseed = 1\n[start]\naltitude = "1000 m"\n'
+
+
+@pytest.fixture
+def campaign(tmp_path) -> Path:
+    """The example with a vehicle, a file of a profile and one of an ensemble."""
+    for folder in ("campaigns", "vehicles"):
+        shutil.copytree(MODELS / folder, tmp_path / folder)
+    path = tmp_path / "campaigns" / "cdt-3-11-landing.toml"
+    text = (
+        path.read_text(encoding="utf-8")
+        .replace("# vehicle", "vehicle")
+        .replace("[placard]", f"{PROFILE}{ENSEMBLE}[placard]")
+    )
+    path.write_text(text, encoding="utf-8")
+    (path.parent / "profile.csv").write_text("h,v\n" + "".join(f"{h},{2 * h}\n" for h in range(5)))
+    rows = [f"{m},{h},{m},{h}\n" for m in range(3) for h in range(3)]
+    (path.parent / "many.csv").write_text("member,h,v,u\n" + "".join(rows))
+    return path
+
+
+def _outcomes(campaign: Path, number: int, seed: int) -> Counter[tuple[str, str]]:
+    """How many files of each damage were told of, or were clean."""
+    beside = campaign.parent
+    targets = [
+        campaign,
+        beside / "profile.csv",
+        beside / "many.csv",
+        beside.parent / "vehicles" / "cpas-two-mains.toml",
+    ]
+    count: Counter[tuple[str, str]] = Counter()
+    for k in range(number):
+        rng, path = random.Random(f"{seed} {k}"), targets[k % len(targets)]
+        kind, raw = rng.choice((*DAMAGES, *OFTEN)), path.read_bytes()
+        path.write_bytes(DAMAGES[kind](raw, rng))
+        began, told = process_time(), "clean"
+        try:
+            read = load_campaign(campaign)
+            start_plan(read.tables.start), asked(read)
+            for profile in wind_plan(read.tables.wind).profiles:
+                assert (np.abs(profile.wind) <= 500.0).all() and (np.abs(profile.altitude) <= 80_000.0).all()
+        except InputError as error:
+            told = "told"
+            assert all(str(fault).strip() for fault in error.faults)
+        except Exception as error:
+            raise AssertionError(f"input {k} ({kind} of {path.name}) ended in a traceback") from error
+        assert process_time() - began < SECONDS, f"input {k} ({kind} of {path.name}) took too long"
+        path.write_bytes(raw)
+        count[kind, told] += 1
+    return count
+
+
+def test_damaged_campaigns_are_told_or_harmless(campaign):
+    count = _outcomes(campaign, 120, seed=1)
+    assert count["value", "told"] > 0 and count["value", "clean"] > 0 and count["NUL", "told"] > 0
+    assert not count["depth", "clean"] and not count["NUL", "clean"] and not count["byte order mark", "told"]
+
+
+@pytest.mark.slow
+def test_many_damaged_campaigns_are_told_or_harmless(campaign):
+    assert sum(_outcomes(campaign, 5000, seed=2).values()) == 5000
+
+
+@pytest.mark.parametrize("value", ["1e308", "1e300", "1e5", "-1e5"])
+@pytest.mark.parametrize(
+    ("table", "file", "rows"),
+    [
+        (PROFILE, "profile.csv", "h,v\n-1,1\n0,{}\n"),
+        (PROFILE, "profile.csv", "h,v\n{},1\n0,1\n"),
+        (ENSEMBLE, "many.csv", "member,h,v,u\n1,0,{},1\n1,1,2,1\n"),
+        (ENSEMBLE, "many.csv", "member,h,v,u\n1,0,1,1\n1,{},2,1\n"),
+    ],
+)
+def test_winds_and_altitudes_that_cannot_be(tmp_path, table, file, rows, value):
+    """Those of a profile's altitudes and of ensembles went by, infinite ones of a large unit included."""
+    (tmp_path / file).write_text(rows.format(value))
+    (tmp_path / "c.toml").write_text(LEAST + table)
+    with pytest.raises(InputError, match="unit right"):
+        load_campaign(tmp_path / "c.toml")
+
+
+@pytest.mark.parametrize(
+    ("line", "word"),
+    [
+        ("speed = { mean = 1.0, sdd = 0.2 }", "a table of mean, sdd"),
+        ('swing = "1e300 deg"', "<= 6.28319 rad"),
+        ('swing = { mean = "1 deg", sd = "1e300 deg" }', "<= 6.28319 rad"),
+        ('horizontal = "1e9 m/s"', "<= 500 m/s"),
+        ('swing_rate = "1e9 deg/s"', "<= 20 rad/s"),
+    ],
+)
+def test_starts_that_cannot_be(tmp_path, line, word):
+    (tmp_path / "c.toml").write_text(LEAST + line + "\n")
+    with pytest.raises(InputError, match=re.escape(word)):
+        load_campaign(tmp_path / "c.toml")
+
+
+@pytest.mark.parametrize("name", ["=cmd()", "+1", "-1", "@sum(A1)"])
+def test_a_requirement_is_no_formula_of_a_spreadsheet(tmp_path, name):
+    table = f'[[requirement]]\nname = "{name}"\nlimits = [{{ quantity = "vertical_speed", at_most = "9 m/s" }}]\n'
+    (tmp_path / "c.toml").write_text(LEAST + table)
+    with pytest.raises(InputError, match="would be a formula"):
+        load_campaign(tmp_path / "c.toml")
