@@ -100,6 +100,6 @@ def told_in_words(found: Dispersion, flights: Sequence[str]) -> str:
     return (
         f"Parts of {' and '.join(flights)} disagree about the parameters: their scores scatter {found.ratio:.2g} times "
         f"as much as the model says (by chance at most {found.bound:.2g}). The aerodynamics may have another form than "
-        "the model's. The posterior is widened accordingly: variances that the record determines are that many times "
-        "larger."
+        "the model's, or disturbances a memory that the noise model lacks. The posterior is widened accordingly: "
+        "variances that the record determines are that many times larger."
     )
