@@ -1,10 +1,8 @@
-"""A record whose parts disagree about the parameters: the run says so, and all that it leaves is wider."""
+"""A record whose parts disagree about the parameters: the run says so."""
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
-import xarray as xr
 
 from bayeschute.study.run.stages import run_study
 
@@ -21,28 +19,17 @@ def white(descents, tmp_path_factory):
     assert WIND in text
     study = folder / "white.toml"
     study.write_text(text.replace("[noise]\n", '[noise]\nmodel = "white"\n').replace(WIND, ""), encoding="utf-8")
-    return folder / "run", run_study(study, folder / "run")
-
-
-def _sd(folder, group, name):
-    with xr.open_datatree(folder / "posterior.nc", engine="h5netcdf") as tree:
-        return float(np.log(tree[group].ds[f"cds_over_mass[{name}]"]).std())
+    return run_study(study, folder / "run")
 
 
 def test_the_check_is_missed_and_the_notes_say_why(white):
-    _, summary = white
+    summary = white
     check = summary["checks"]["score_dispersion"]
     assert not check["passed"] and check["value"] > check["bound"] > 1.0
     notes = [note for note in summary["notes"] if note.startswith("Parts of ")]
     assert [note.split(" disagree")[0] for note in notes] == ["Parts of low", "Parts of high"]
     assert any(f"{check['value']:.2g} times" in note for note in notes)
-
-
-@pytest.mark.parametrize("name", ["low", "high"])
-def test_draws_are_wider_than_those_of_the_likelihood_alone(white, name):
-    folder, summary = white
-    wanted = np.sqrt(summary["checks"]["score_dispersion"]["value"])  # of either drop; the prior hardly counts
-    assert _sd(folder, "posterior", name) / _sd(folder, "conditional", name) == pytest.approx(wanted, rel=0.25)
+    assert all("Nothing is widened" in note for note in notes)  # classical results stay what they are
 
 
 def test_gusts_in_the_noise_model_leave_nothing_to_disagree_about(finished):

@@ -537,3 +537,21 @@ def test_a_search_whose_steps_stay_long_ended_beside_the_mode(found, descent, mo
         laplace_fit._last(descent.flights, descent.priors, begin, [("those", found.hyper)])
     best, *_ = laplace_fit._last(descent.flights, descent.priors, begin, [("those", found.hyper)])
     assert best.cost == 1.5  # the step that led to the point from which 0.4 are left
+
+
+def test_parts_that_disagree_widen_the_posterior_unless_a_classical_method_is_wanted(found, descent, monkeypatch):
+    settled = joint_fit.JointFit(found.optimum, found.hyper, found.evidence)
+    plain = laplace_fit.dispersion(np.zeros((6, 1)), np.full((6, 1, 1), 1.0 / 6.0))
+    wide = plain._replace(ratio=4.0, bound=1.5, widening=np.log([[4.0]]))
+    made = {}
+    for name, parts, widen in (("plain", plain, True), ("wide", wide, True), ("classical", wide, False)):
+        monkeypatch.setattr(laplace_fit, "dispersion", lambda *given, parts=parts: parts)
+        made[name] = laplace_fit.marginal_fit(
+            descent.flights, descent.priors, NoisePrior(descent.hyper, 0.4), settled, widen=widen
+        )
+    effects = {name: one.noise_effect for name, one in made.items()}
+    np.testing.assert_allclose(effects["wide"].excess - effects["plain"].excess, np.log(4.0), atol=1e-9)
+    np.testing.assert_allclose(effects["classical"].excess, effects["plain"].excess, atol=1e-9)
+    still = np.zeros(effects["wide"].slope.shape[1])
+    ratio = effects["wide"].carried(np.ones(1), still) / effects["plain"].carried(np.ones(1), still)
+    assert ratio[0] == pytest.approx(2.0) and made["classical"].dispersion.widens

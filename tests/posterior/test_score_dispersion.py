@@ -105,6 +105,7 @@ def test_where_one_part_tells_all_nothing_is_said():
 def test_words_name_flights_and_numbers():
     found = dispersion(*_posterior(np.random.default_rng(1), drift=0.5))
     said = told_in_words(found, ["a", "b"])
+    assert "is widened" in said and "Nothing is widened" in told_in_words(found, ["a"], widened=False)
     assert "Parts of a and b disagree" in said and f"{found.ratio:.2g} times" in said and f"{found.bound:.2g}" in said
 
 

@@ -95,11 +95,15 @@ def dispersion(scores: Array, informations: Array) -> Dispersion:
     return Dispersion(ratio, bound, np.asarray(-(axes * np.log(by_data / ratio + 1.0 - by_data)) @ axes.T))
 
 
-def told_in_words(found: Dispersion, flights: Sequence[str]) -> str:
-    """What was done, for the notes of a run."""
+def told_in_words(found: Dispersion, flights: Sequence[str], widened: bool = True) -> str:
+    """What was found and done, for the notes of a run."""
+    done = (
+        "The posterior is widened accordingly: variances that the record determines are that many times larger."
+        if widened
+        else "Nothing is widened, as this noise model has no latent disturbances; intervals are too narrow."
+    )
     return (
         f"Parts of {' and '.join(flights)} disagree about the parameters: their scores scatter {found.ratio:.2g} times "
         f"as much as the model says (by chance at most {found.bound:.2g}). The aerodynamics may have another form than "
-        "the model's, or disturbances a memory that the noise model lacks. The posterior is widened accordingly: "
-        "variances that the record determines are that many times larger."
+        f"the model's, or disturbances a memory that the noise model lacks. {done}"
     )

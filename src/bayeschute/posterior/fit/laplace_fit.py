@@ -76,6 +76,7 @@ def marginal_fit(
     prior: NoisePrior,
     settled: JointFit,
     progress: Progress | None = None,
+    widen: bool = True,
 ) -> LaplaceFit:
     """Find the mode of the marginal posterior from the joint mode, and set the marginal posterior up there.
 
@@ -91,6 +92,7 @@ def marginal_fit(
         prior: Priors of the noise parameters.
         settled: From `joint_fit`.
         progress: Progress callback: share done and words.
+        widen: Whether parts of the records that disagree widen the posterior; not what classical methods do.
     """
     say = progress or (lambda share, words: None)
     best = marginal_mode(flights, priors, settled, lambda share, words: say(0.3 * share, words))
@@ -124,7 +126,7 @@ def marginal_fit(
     slope = scipy.linalg.solve_triangular(np.asarray(made.scale), scale @ slope, lower=True)
     spread, excess = noise_parameter_spread(made, known)
     agree = dispersion(*parts_of(made))
-    effect = NoiseEffect(slope, spread, excess + agree.widening)
+    effect = NoiseEffect(slope, spread, excess + agree.widening if widen else excess)
     return LaplaceFit(best, hyper, made, value, known, effect, wrong, seen, agree, lost)
 
 

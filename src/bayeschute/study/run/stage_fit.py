@@ -118,7 +118,10 @@ def store(
     tree = drawn[0].tree if alone else populations.joined(job, chosen, [one.tree for one in drawn])
     write_whole(job.out / "posterior.nc", partial(_write_tree, tree))
     failed = sum(one.draws.failed for one in drawn)
-    said = [note for fitted, one in zip(made, drawn, strict=True) for note in [*_notes(fitted), *one.draws.notes]]
+    latent = job.study.noise.model == "latent"
+    said = [
+        note for fitted, one in zip(made, drawn, strict=True) for note in [*_notes(fitted, latent), *one.draws.notes]
+    ]
     scored = {name: z for one in made for name, z in one.scores.items()}
     facts = {"wall": dict(wall or {}), "notes": said, "failed": failed, "scores": assemble.as_plain(scored)}
     if starts := several_starts.comparisons(job, [group.name for group in chosen] + list(structures_fitted)):
@@ -153,11 +156,11 @@ def fit_group(job: Job, group: Group, say: Say) -> Fitted:
         raise FitError(f"fit of {group.name}: {error}; {do}.", (f"{group.name}: {error}",)) from error
 
 
-def _notes(one: Fitted) -> list[str]:
+def _notes(one: Fitted, widened: bool) -> list[str]:
     """On corrections of the posterior that could not be computed, and on parts of the records that disagree."""
     made = [f"Omitted from the posterior of {one.group.name}: {lost}." for lost in one.found.lost]
     if one.found.dispersion.widens:
-        made.append(told_in_words(one.found.dispersion, [flight.name for flight in one.group.flights]))
+        made.append(told_in_words(one.found.dispersion, [flight.name for flight in one.group.flights], widened))
     return made
 
 
@@ -283,7 +286,9 @@ def _found(
             group = replace(group, priors=tuple(priors))
             _revise(job, priors)
     flights = [data_of(job, f, group.priors) for f in group.flights]
-    return group, marginal_fit(flights, group.priors, prior, settled, lambda s, w: say(s, w, 0.6, 0.8)), z
+    widen = job.study.noise.model == "latent"
+    found = marginal_fit(flights, group.priors, prior, settled, lambda s, w: say(s, w, 0.6, 0.8), widen)
+    return group, found, z
 
 
 def _settled(

@@ -212,7 +212,7 @@ def check(job: Job, identify: bool = True) -> str:
         detail = (
             "scatter of the scores of parts of the records over that by their information; 1 where the model is right. "
             "Beyond the bound, which one right model in a hundred exceeds, parts disagree about the parameters, and "
-            "the posterior is widened by the ratio"
+            "the posterior of a model with latent disturbances is widened by the ratio"
         )
         add("score_dispersion", worst_parts.ratio, worst_parts.bound, not worst_parts.widens, detail)
     checks["predictive"] = verdict([one for fit in fits.misfit for one in fit.checks])

@@ -124,7 +124,8 @@ def _fitted(job: Job, group: Group, say: Say) -> _Fitted:
     prior, table = NoisePrior(assemble.hyper(job.study)), job.study.sampler
     settled = _settled(job, group, prior, lambda s, w: say(0.6 * s, w))
     flights = [data_of(job, f, group.priors) for f in group.flights]
-    found = marginal_fit(flights, group.priors, prior, settled, lambda s, w: say(0.6 + 0.2 * s, w))
+    widen = job.study.noise.model == "latent"
+    found = marginal_fit(flights, group.priors, prior, settled, lambda s, w: say(0.6 + 0.2 * s, w), widen)
     seed = seed_of(job.study.seed, "draws of a structure", group.name)
     draws = checkpoint.get_draws(job, group.name, _kind(job))
     if draws is None:
