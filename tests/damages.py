@@ -4,7 +4,12 @@ from __future__ import annotations
 
 import random
 import re
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from time import process_time
+
+from bayeschute.core.errors import InputError
 
 ODD = (
     "nan", "inf", "-inf", "1e308", "1e-308", "-1", "0", '""', '"x"', "[]", "{}", "true", "1e400", "99999999999999999999",
@@ -79,3 +84,31 @@ DAMAGES: dict[str, Callable[[bytes, random.Random], bytes]] = {
     "line ends": _line_ends, "depth": lambda raw, rng: b"x = " + b"[" * 3000 + b"]" * 3000 + b"\n" + raw,
 }  # fmt: skip
 OFTEN = ("value", "value", "value", "flip")
+SECONDS = 10.0  # of the processor, that no file may take
+
+
+def outcomes(targets: Sequence[tuple[Path, Callable[[], bool]]], number: int, seed: int) -> Counter[tuple[str, str]]:
+    """Damage files one by one and read them; how many of each damage were told of, or were clean.
+
+    Args:
+        targets: Files, each with what reads it: whether it told of a fault; an `InputError` tells of one too.
+        number: How many damages.
+        seed: Seed.
+    """
+    count: Counter[tuple[str, str]] = Counter()
+    for k in range(number):
+        rng, (path, read) = random.Random(f"{seed} {k}"), targets[k % len(targets)]
+        kind, raw = rng.choice((*DAMAGES, *OFTEN)), path.read_bytes()
+        path.write_bytes(DAMAGES[kind](raw, rng))
+        began = process_time()
+        try:
+            told = read()
+        except InputError as error:
+            told = True
+            assert all(str(fault).strip() for fault in error.faults)
+        except Exception as error:
+            raise AssertionError(f"input {k} ({kind} of {path.name}) ended in a traceback") from error
+        assert process_time() - began < SECONDS, f"input {k} ({kind} of {path.name}) took too long"
+        path.write_bytes(raw)
+        count[kind, "told" if told else "clean"] += 1
+    return count

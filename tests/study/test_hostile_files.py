@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import random
 import shutil
 import sys
 from collections import Counter
+from functools import partial
 from pathlib import Path
-from time import process_time
 
 import pytest
-from tests.damages import DAMAGES, OFTEN
+from tests.damages import outcomes
 
-from bayeschute.core.errors import InputError
 from bayeschute.study.load import check_study
 
 MODELS = Path(__file__).parents[2] / "models"
-SECONDS = 10.0  # of the processor, that no file may take
 
 
 @pytest.fixture
@@ -34,24 +31,13 @@ def targets(descents, tmp_path) -> list[tuple[Path, Path]]:
 
 def _checked(targets: list[tuple[Path, Path]], number: int, seed: int) -> Counter[tuple[str, str]]:
     """How many files of each damage were told of, or were clean."""
-    count: Counter[tuple[str, str]] = Counter()
-    for k in range(number):
-        rng, (path, study) = random.Random(f"{seed} {k}"), targets[k % len(targets)]
-        kind, raw = rng.choice((*DAMAGES, *OFTEN)), path.read_bytes()
-        path.write_bytes(DAMAGES[kind](raw, rng))
-        began = process_time()
-        try:
-            faults = check_study(study)
-            told = "told" if faults else "clean"
-            assert all(str(fault).strip() for fault in faults)
-        except InputError:
-            told = "told"
-        except Exception as error:
-            raise AssertionError(f"input {k} ({kind} of {path.name}) ended in a traceback") from error
-        assert process_time() - began < SECONDS, f"input {k} ({kind} of {path.name}) took too long"
-        path.write_bytes(raw)
-        count[kind, told] += 1
-    return count
+
+    def read(study: Path) -> bool:
+        faults = check_study(study)
+        assert all(str(fault).strip() for fault in faults)
+        return bool(faults)
+
+    return outcomes([(path, partial(read, study)) for path, study in targets], number, seed)
 
 
 def test_damaged_text_is_told_or_harmless(targets):
