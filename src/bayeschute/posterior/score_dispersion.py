@@ -4,7 +4,10 @@ If a model is right, the covariance of the score is the Fisher information (Whit
 Aerodynamics of another form than the model's leave errors that return with every swing. To a latent process they are
 new after each of its time constants, so a longer record makes intervals narrower though it repeats the same error; and
 one part of the record draws the parameters elsewhere than another. Scores of parts then scatter more than their
-information says. By that ratio the information of the record is divided: a posterior with a tempered likelihood (Miller
+information says, and the more so the longer the parts, if the error keeps its sign over many swings: what counts is the
+variance of the scores over the whole record (Newey and West 1987, Econometrica 55, 703-708), which long parts show and
+short parts tell more surely. So parts of three lengths are looked at, and the one that contradicts the model most is
+believed. By its ratio the information of the record is divided: a posterior with a tempered likelihood (Miller
 and Dunson 2019, J. Am. Stat. Assoc. 114, 1113-1125), which is the sandwich covariance where its middle is a multiple of
 the information. A few parts of a record tell that multiple, but no matrix.
 """
@@ -22,9 +25,10 @@ from scipy.stats import chi2
 from bayeschute.posterior.marginal import Marginal
 
 Array = NDArray[np.float64]
-PARTS = 6
-"""Parts of every record, of equal length: longer than a swing, and enough for a ratio known to a fifth."""
-_LEVEL = 0.99  # probability of a ratio below the bound where the model is right
+PARTS = 12
+"""Parts of every record, of equal length."""
+_JOINED = (1, 2, 4)  # neighbours that are taken as one: twelfths, sixths and thirds of a record
+_LEVEL = 0.99  # least probability that no ratio is above its bound where the model is right
 _INFORMED = 0.05  # least share of the data in the precision along a direction that counts
 _LEAST = 0.1  # of the scatter that is left to parts once all agree on the parameters, below which they tell nothing
 
@@ -34,8 +38,9 @@ class Dispersion(NamedTuple):
 
     Attributes:
         ratio: Of their scatter and that by their information; 1 on average where the model is right. NaN where the
-            records have too few parts that tell of the parameters.
-        bound: Below which it is in 99 of 100 records where the model is right.
+            records have too few parts that tell of the parameters. Of the length of parts whose ratio is largest
+            beside its bound.
+        bound: Of that ratio. In 99 of 100 records none is above its bound where the model is right (Bonferroni).
         widening: Logarithm of the factor on the parameters' covariance, standard coordinates (P, P); zero where the
             ratio is below the bound.
     """
@@ -51,12 +56,12 @@ class Dispersion(NamedTuple):
 
 
 def parts_of(marginal: Marginal, parts: int = PARTS) -> tuple[Array, Array]:
-    """Scores (B, P) and information (B, P, P) of the parts of all records, standard coordinates."""
+    """Scores (B, P) and information (B, P, P) of the parts of all records, record by record, standard coordinates."""
     scores, informations = list[Array](), list[Array]()
     for along in marginal.along:
         unit = np.asarray(along.unit)
         slope = unit[..., 1:] @ np.asarray(marginal.scale)
-        for rows in np.array_split(np.arange(len(unit)), min(parts, len(unit))):
+        for rows in np.array_split(np.arange(len(unit)), parts):
             scores.append(np.einsum("tcp,tc->p", slope[rows], unit[rows, :, 0]))
             informations.append(np.einsum("tcp,tcq->pq", slope[rows], slope[rows]))
     return np.array(scores), np.array(informations)
@@ -68,31 +73,51 @@ def dispersion(scores: Array, informations: Array) -> Dispersion:
     The scores' sum is taken out: it is balanced by the slopes of prior and log determinant at the mode.
 
     Args:
-        scores: Of every part (B, P), in coordinates in which the posterior's precision is the unit matrix.
+        scores: Of every part (B, P), in coordinates in which the posterior's precision is the unit matrix. `PARTS` of
+            each record, in the order of time.
         informations: Likewise (B, P, P).
+
+    Raises:
+        ValueError: If B is no multiple of `PARTS`.
     """
-    total = np.sum(informations, axis=0)
-    shares, axes = np.linalg.eigh(total)
+    if len(scores) % PARTS:
+        raise ValueError(f"scores: {PARTS} parts of every record are wanted, got {len(scores)}")
+    shares, axes = np.linalg.eigh(np.sum(informations, axis=0))
     told = shares > _INFORMED
-    none = Dispersion(np.nan, np.inf, np.zeros_like(total))
-    if not told.any():
-        return none
     whitened = axes[:, told] / np.sqrt(shares[told])
     unit = scores @ whitened
     each = np.swapaxes(whitened[None], 1, 2) @ informations @ whitened
     unit = unit - each @ unit.sum(axis=0)
+    found = [_ratio(_joined(unit, count), _joined(each, count)) for count in _JOINED] if told.any() else []
+    found = [one for one in found if np.isfinite(one[0])]
+    nothing = np.zeros_like(informations[0])
+    if not found:
+        return Dispersion(np.nan, np.inf, nothing)
+    ratio, bound = max(found, key=lambda one: one[0] / one[1])
+    if ratio <= bound:
+        return Dispersion(ratio, bound, nothing)
+    by_data = np.clip(shares, 0.0, 1.0)
+    return Dispersion(ratio, bound, np.asarray(-(axes * np.log(by_data / ratio + 1.0 - by_data)) @ axes.T))
+
+
+def _joined(parts: Array, count: int) -> Array:
+    """Sums over that many neighbours."""
+    return np.asarray(parts.reshape(-1, count, *parts.shape[1:]).sum(axis=1))
+
+
+def _ratio(unit: Array, each: Array) -> tuple[float, float]:
+    """Ratio and its bound of centred scores (B, P), with information (B, P, P) whose sum is the unit matrix.
+
+    The ratio is about chi-square over its degrees of freedom, by mean and variance; NaN where the parts can't tell.
+    """
     count, size = unit.shape
     joint = scipy.linalg.block_diag(*each) - np.einsum("bij,cjk->bick", each, each).reshape(count * size, -1)
     expected = float(np.trace(joint))
     if expected < _LEAST * size:
-        return none
-    ratio = float(np.sum(unit**2)) / expected
+        return np.nan, np.inf
     freedom = expected**2 / float(np.sum(joint**2))
-    bound = float(chi2.ppf(_LEVEL, freedom) / freedom)
-    if ratio <= bound:
-        return Dispersion(ratio, bound, none.widening)
-    by_data = np.clip(shares, 0.0, 1.0)
-    return Dispersion(ratio, bound, np.asarray(-(axes * np.log(by_data / ratio + 1.0 - by_data)) @ axes.T))
+    level = 1.0 - (1.0 - _LEVEL) / len(_JOINED)
+    return float(np.sum(unit**2)) / expected, float(chi2.ppf(level, freedom) / freedom)
 
 
 def told_in_words(found: Dispersion, flights: Sequence[str], widened: bool = True) -> str:
