@@ -14,6 +14,7 @@ from bayeschute.likelihood.noise import Noise
 from bayeschute.likelihood.priors import Prior
 from bayeschute.likelihood.simulation_smoother import normals
 from bayeschute.posterior import laplace
+from bayeschute.posterior.along_record import approached
 from bayeschute.posterior.joint_mode import fit
 from bayeschute.posterior.laplace import at, corrected, error, lack
 from bayeschute.posterior.marginal import Quadratic, draw_flights, log_density, marginalise, place_at, shifted
@@ -44,10 +45,9 @@ def test_the_information_in_covariances_is_fishers(gusty):
 
     def log_variance(xi):
         theta, shift = shifted(made, np.array([xi]))
-        ((_, linear),) = laplace.brought(
-            made.flights, made.hyper, np.asarray(theta), [place_at(flight, made.along[0], shift)]
-        )
-        return 2.0 * np.log(np.asarray(laplace._gains(flight, made.hyper, linear.without_theta()).root)[:, 0, 0])
+        place = place_at(flight, made.along[0], shift)
+        (found,) = approached(made.flights, made.hyper, np.asarray(theta), [place])
+        return 2.0 * np.log(np.asarray(found.gains.root)[:, 0, 0])
 
     slope = (log_variance(h) - log_variance(-h)) / (2.0 * h)
     found = lack(made, h).information[0, 0]

@@ -34,11 +34,10 @@ from bayeschute.likelihood.joint import (
     Linear,
     NoiseParameters,
     as_seen,
-    filter_gains,
     moved,
 )
 from bayeschute.likelihood.kalman import Gains, MeanCorrection, innovations
-from bayeschute.posterior.along_record import brought
+from bayeschute.posterior.along_record import approached
 from bayeschute.posterior.differences import beside
 from bayeschute.posterior.marginal import (
     Linearisation,
@@ -52,7 +51,6 @@ from bayeschute.posterior.marginal import (
 
 Array = NDArray[np.float64]
 _FARTHEST = 3.0  # standard deviations that a step to the mode may be long
-_gains = jax.jit(filter_gains)
 
 
 class Laplace(NamedTuple):
@@ -108,15 +106,13 @@ def at(marginal: Marginal, xi: Array, places: Sequence[Lifted] | None = None) ->
         places = [place_at(flight, along, shift) for flight, along in pairs]
     away = np.linalg.solve(np.asarray(marginal.prior_factor), np.asarray(theta) - np.asarray(marginal.prior_centre))
     square, determinant, roots = 0.5 * float(away @ away), 0.0, list[Array]()
-    found = brought(marginal.flights, marginal.hyper, np.asarray(theta), places)
-    for flight, along, (_, linear) in zip(marginal.flights, marginal.along, found, strict=True):
-        linear = linear.without_theta()
-        made = _gains(flight, marginal.hyper, linear)
+    found = approached(marginal.flights, marginal.hyper, np.asarray(theta), places)
+    for flight, along, (_, linear, made) in zip(marginal.flights, marginal.along, found, strict=True):
         there = _mean_correction(flight, marginal.hyper, along, theta, made, linear.latent_path)
         square += float(_squares(made, linear, there))
         determinant += float(made.log_determinant)
         roots.append(np.asarray(made.root))
-    return Laplace(square, determinant, tuple(place for place, _ in found), tuple(roots))
+    return Laplace(square, determinant, tuple(one.flight for one in found), tuple(roots))
 
 
 def _at_all(marginal: Marginal, points: Array) -> list[Laplace]:
