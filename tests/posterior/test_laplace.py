@@ -81,7 +81,7 @@ def test_it_is_the_dense_marginal_density_where_all_is_linear(linear, straight):
 def test_nothing_is_lacking_where_all_is_linear(straight):
     np.testing.assert_allclose(lack(straight).slope, 0.0, atol=1e-6)
     made, ahead = corrected(straight)
-    np.testing.assert_allclose(ahead.step, 0.0, atol=1e-6)
+    np.testing.assert_allclose(ahead.way().step, 0.0, atol=1e-6)
     assert ahead.is_mode
     for part in (*made.determinant, *made.bend):
         np.testing.assert_allclose(part, 0.0, atol=1e-6)
@@ -146,7 +146,7 @@ def test_the_way_ahead_leads_to_the_mode(falling):
     made, ahead = corrected(falling)
     grid = np.linspace(-2.0, 2.0, 401)
     best = grid[np.argmax(np.asarray(log_density(made, grid[None])))]
-    assert ahead.step[0] == pytest.approx(best, abs=0.01 + 0.1 * abs(best)) and abs(best) > 0.04
+    assert ahead.way().step[0] == pytest.approx(best, abs=0.01 + 0.1 * abs(best)) and abs(best) > 0.04
 
 
 @pytest.mark.parametrize(
@@ -171,6 +171,25 @@ def test_the_way_ahead_is_to_the_least_value_within_three(slope, curvature):
     assert way.is_mode == (np.linalg.eigvalsh(curvature)[0] > 0.0)
     if way.is_mode and np.linalg.norm(way.step) < 2.9:
         np.testing.assert_allclose(way.step, -np.linalg.solve(curvature, slope))
+
+
+def test_a_density_without_mode_keeps_the_corrections_that_leave_one(straight):
+    """What outweighs the density along an axis is reduced until a fifth of a Gaussian's curvature is left there."""
+    axes = np.linalg.qr(np.random.default_rng(0).standard_normal((2, 2)))[0]
+    bent = (axes * [-1.7, 0.4]) @ axes.T
+    made, about = corrected(straight)
+    made = replace(made, bend=Quadratic(np.array([0.1, 0.2]), bent))
+    about = laplace.Expansion(about.slope + made.bend.slope, about.curvature + bent)
+    assert not about.is_mode
+    tame, there = laplace.flattened(made, about)
+    assert there.is_mode
+    np.testing.assert_allclose(axes.T @ tame.bend.curvature @ axes, np.diag([-0.8, 0.4]), atol=1e-4)
+    np.testing.assert_allclose(tame.bend.slope, [0.1, 0.2])
+    same, again = laplace.flattened(tame, there)
+    np.testing.assert_allclose(same.bend.curvature, tame.bend.curvature, atol=1e-9)
+    step = np.array([0.5, -1.0])
+    by_density = np.diff(np.asarray(log_density(tame, np.stack([0.0 * step, step], axis=1))))[0]
+    assert again.change(step) == pytest.approx(-by_density, abs=1e-4)
 
 
 def _limited(monkeypatch, least, most):

@@ -51,6 +51,7 @@ from bayeschute.posterior.marginal import (
 
 Array = NDArray[np.float64]
 _FARTHEST = 3.0  # standard deviations that a step to the mode may be long
+_FLATTEST = 0.2  # curvature of a Gaussian density in standard coordinates is one; the least that is left along an axis
 
 
 class Laplace(NamedTuple):
@@ -146,6 +147,31 @@ class Way(NamedTuple):
     is_mode: bool
 
 
+class Expansion(NamedTuple):
+    """Minus the log density about theta_0 as a quadratic polynomial, standard coordinates.
+
+    Attributes:
+        slope: (P,).
+        curvature: (P, P).
+    """
+
+    slope: Array
+    curvature: Array
+
+    @property
+    def is_mode(self) -> bool:
+        """Whether the polynomial has a least value."""
+        return bool(np.linalg.eigvalsh(self.curvature)[0] > 0.0)
+
+    def change(self, step: Array) -> float:
+        """Over a step (P,)."""
+        return float(self.slope @ step + 0.5 * step @ self.curvature @ step)
+
+    def way(self, radius: float = _FARTHEST) -> Way:
+        """To its least value within a sphere."""
+        return least_within(self.slope, self.curvature, radius)
+
+
 class Lack(NamedTuple):
     """What the linear models lack of the marginal log density at theta_0, in standard coordinates.
 
@@ -188,7 +214,7 @@ def lack(marginal: Marginal, step: float = 0.4) -> Lack:
     return Lack(slope, 0.5 * change @ change.T)
 
 
-def corrected(marginal: Marginal, step: float = 1.0) -> tuple[Marginal, Way]:
+def corrected(marginal: Marginal, step: float = 1.0) -> tuple[Marginal, Expansion]:
     """The posterior with corrections of its linear models, from Laplace's approximation to both sides along every axis.
 
     Along an axis on which a flight fails there, a half, a quarter or an eighth as far. Starts, process noise and paths
@@ -201,7 +227,7 @@ def corrected(marginal: Marginal, step: float = 1.0) -> tuple[Marginal, Way]:
         step: How far to look [standard deviations].
 
     Returns:
-        The posterior, and the step from the centre to its mode.
+        The posterior, and its expansion about the centre, which tells where the mode is.
 
     Raises:
         FloatingPointError: If a flight fails at an eighth of the step too.
@@ -220,7 +246,22 @@ def corrected(marginal: Marginal, step: float = 1.0) -> tuple[Marginal, Way]:
     bend, determinant = _polynomials(marginal, here, sides, h)
     slope, own = _expansion(marginal, h)
     made = replace(_followed(marginal, sides, h), determinant=determinant, bend=bend)
-    return made, least_within(slope + made.correction.slope, own + made.correction.curvature)
+    return made, Expansion(slope + made.correction.slope, own + made.correction.curvature)
+
+
+def flattened(made: Marginal, expansion: Expansion) -> tuple[Marginal, Expansion]:
+    """A posterior whose density has no mode, with as much less of the correction's curvature as it takes to have one.
+
+    Along axes on which the corrections leave less than a fifth of the curvature of a Gaussian density, that is left.
+
+    Args:
+        made: From `corrected`.
+        expansion: Likewise.
+    """
+    values, axes = np.linalg.eigh(expansion.curvature)
+    more = np.asarray((axes * (np.maximum(values, _FLATTEST) - values)) @ axes.T)
+    bend = Quadratic(made.bend.slope, np.asarray(made.bend.curvature) + more)
+    return replace(made, bend=bend), expansion._replace(curvature=expansion.curvature + more)
 
 
 def least_within(slope: Array, curvature: Array, radius: float = _FARTHEST) -> Way:

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
@@ -21,9 +20,9 @@ from bayeschute.posterior.fit.continuation import Progress
 from bayeschute.posterior.fit.joint_fit import JointFit, NoFitError, joint_fit
 from bayeschute.posterior.fit.marginal_mode import marginal_mode
 from bayeschute.posterior.joint_mode import Optimum
-from bayeschute.posterior.laplace import Way
-from bayeschute.posterior.marginal import Marginal, Quadratic, marginalise, place_at
-from bayeschute.posterior.mode_checks import PLACES, Profile, profile
+from bayeschute.posterior.laplace import Expansion
+from bayeschute.posterior.marginal import Marginal, marginalise
+from bayeschute.posterior.mode_checks import Profile, profile
 from bayeschute.posterior.noise_evidence import NoisePrior
 from bayeschute.posterior.noise_uncertainty import NoiseEffect, noise_parameter_slope, noise_parameter_spread
 from bayeschute.posterior.quasi_newton import length
@@ -33,10 +32,11 @@ Array = NDArray[np.float64]
 _TURNS, _SETTLED = 3, 0.4  # most turns of noise parameters and mode; a step of the mode after which there is no other
 _MODE_TURN = 2  # most steps of the mode in each of them
 _BESIDE, _NEARER = 1.0, 0.3  # steps [standard deviations] to where Laplace's approximation is taken; where flights fail
-_LOST_BEND = "the curvature correction of the conditional mode, which along some axis outweighs the density"
+_LOST_BEND = "part of the corrections' curvature, which along some axis outweighs the density"
 _LOST_MEAN = "the shift of the noise parameters from their mode to their mean, where no mode was found"
 _AT_MODE, _BESIDE_MODE = 0.2, 0.5  # root mean square distance from there, along all axes, that ends it, or will do
-_MOVES = 3  # most steps to the mode of the posterior with all its corrections
+_MOVES = 5  # most steps to the mode of the posterior with all its corrections
+_RADII, _ENOUGH = (3.0, 1.5, 0.75), 0.1  # lengths of such a step; share of the promised gain at which it is taken
 _FAR = 1.0  # standard deviations by which noise parameters at their mean may move a parameter
 
 
@@ -136,17 +136,22 @@ def _determinant_error(made: Marginal) -> float:
 
 
 class _Place(NamedTuple):
-    """A place on the way to the mode, the posterior about it, what is left out of that, and the way on."""
+    """A place on the way to the mode, the posterior about it, and what is left out of that."""
 
     optimum: Optimum
     marginal: Marginal
-    lost: tuple[str, ...]
-    way: Way
+    expansion: Expansion
+    lost: tuple[str, ...] = ()
+
+    @property
+    def step(self) -> Array:
+        """To the mode, standard coordinates (P,)."""
+        return self.expansion.way().step
 
     @property
     def away(self) -> float:
-        """Root mean square of the step on in standard coordinates."""
-        return float(np.sqrt(np.mean(self.way.step**2)))
+        """Root mean square of that step."""
+        return float(np.sqrt(np.mean(self.step**2)))
 
 
 def _last(
@@ -159,7 +164,8 @@ def _last(
     """The mode under the first noise parameters that lead to one, the posterior, corrections left out, the density.
 
     A point that turns out to lie beside the mode, once what the linear models lack is known, is left for it; a point
-    about which the density has no mode, for where it is highest within reach.
+    about which the density has no mode, for where it is highest within reach. Where that leads nowhere, corrections
+    are left out as far as they outweigh the density.
 
     Raises:
         NoFitError: If none does.
@@ -175,17 +181,19 @@ def _last(
                 near = marginalise(flights, hyper, priors, here)
                 say(0.3 + 0.5 * move / (1 + _MOVES), f"log determinant along the axes, place {move + 1}")
                 found.append(_Place(here, *_corrected(near)))
-                if not found[-1].lost and found[-1].away < _AT_MODE:
+                if found[-1].expansion.is_mode and found[-1].away < _AT_MODE:
                     break
-                here = _ahead(near, here, found[-1].way.step)
+                if (ahead := _ahead(near, found[-1])) is None:
+                    break
+                here = ahead
         except FloatingPointError as error:
             if not found:
                 reason = str(error)
                 tried.append(f"{words}: {reason}")
                 continue
-        sound = [place for place in found if not place.lost] or [_without_bend(found[-1])]
-        best, made, lost, way = place = min(sound, key=lambda one: one.away)
-        seen = max((profile(made), profile(made, way.step)), key=lambda one: (one.is_mode, one.worst))
+        sound = [place for place in found if place.expansion.is_mode] or [_flattened(found[-1])]
+        best, made, _, lost = place = min(sound, key=lambda one: one.away)
+        seen = max((profile(made), profile(made, place.step)), key=lambda one: (one.is_mode, one.worst))
         if seen.is_mode and place.away < _BESIDE_MODE:
             lost = lost if hyper is candidates[0][1] else (*lost, _LOST_MEAN)
             return replace(best, converged=began.optimum.converged), hyper, made, lost, seen
@@ -201,38 +209,40 @@ def _last(
     raise NoFitError(reason, tried, ended, priors, candidates[-1][1])
 
 
-def _ahead(near: Marginal, best: Optimum, step: Array) -> Optimum:
-    """The point a step in standard coordinates away."""
-    shift = np.asarray(near.scale) @ step
-    pairs = zip(near.flights, near.along, strict=True)
-    flights = tuple(place_at(flight, along, jnp.asarray(shift)) for flight, along in pairs)
-    return replace(best, theta=best.theta + shift, flights=flights)
+def _ahead(near: Marginal, place: _Place) -> Optimum | None:
+    """The point a step towards the mode away; None where the density rises over no such step as it should.
+
+    Args:
+        near: The posterior about the place, without corrections.
+        place: Where the step begins.
+    """
+    here = laplace.at(near, np.zeros(len(place.step)))
+    for radius in _RADII:
+        step = place.expansion.way(radius).step
+        there = laplace.at(near, step)
+        change = there.square + there.determinant - here.square - here.determinant
+        if change < _ENOUGH * place.expansion.change(step):
+            return replace(
+                place.optimum, theta=place.optimum.theta + np.asarray(near.scale) @ step, flights=there.flights
+            )
+    return None
 
 
-def _corrected(made: Marginal) -> tuple[Marginal, tuple[str, ...], Way]:
-    """The posterior with its corrections about a point, what is to be left out if that is the last, and the way on.
+def _corrected(made: Marginal) -> tuple[Marginal, Expansion]:
+    """The posterior with its corrections about a point, and its expansion there.
 
     Raises:
         FloatingPointError: If flights fail beside the point.
     """
     try:
-        one, way = laplace.corrected(made, _BESIDE)
+        return laplace.corrected(made, _BESIDE)
     except FloatingPointError:
-        one, way = laplace.corrected(made, _NEARER)
-    return one, () if way.is_mode else (_LOST_BEND,), way
+        return laplace.corrected(made, _NEARER)
 
 
-def _without_bend(place: _Place) -> _Place:
-    """A place about which the density has no mode, without the correction that is to blame.
-
-    The way on is to the mode; where there is none either, to the best of the places at which the density was looked at.
-    """
-    made = replace(place.marginal, bend=Quadratic.none(len(place.marginal.bend.slope)))
-    seen = profile(made)
-    fall = np.where(np.isfinite(seen.fall), seen.fall, np.inf)
-    axis, at = np.unravel_index(np.argmin(fall), fall.shape)
-    step = PLACES[at] * seen.direction[axis] * float(fall[axis, at] < 0.0)
-    return place._replace(marginal=made, way=Way(step, seen.is_mode))
+def _flattened(place: _Place) -> _Place:
+    """A place about which the density has no mode, without what is to blame."""
+    return _Place(place.optimum, *laplace.flattened(place.marginal, place.expansion), (_LOST_BEND,))
 
 
 def _linear(made: Marginal) -> list[Linear]:
