@@ -37,6 +37,10 @@ def test_four_questions_are_answered_from_the_results(results):
 )
 def test_words_follow_the_probability(results, share, said):
     (first, *_) = first_screen.answers(_with(results, probability_met=share))
+    assert first[1] == f"{said}, says a model that is not checked"
+    checked = {"claim": {"level": "self-consistent"}}
+    told = _with(results, probability_met=share)
+    (first, *_) = first_screen.answers(replace(told, summary={**told.summary, **checked}))
     assert first[1] == said
 
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from bayeschute.calibration.label import Level
 from bayeschute.report import sentences
 from bayeschute.report.run_results import Results
 from bayeschute.report.wording import counted, is_number, listed, percent, probability, quantity, quantity_name
@@ -33,15 +34,21 @@ def answers(results: Results) -> list[tuple[str, str, str]]:
     if not known:
         return []
     worst = min(known, key=lambda r: float(r["probability_met"]))
-    return [_met(worst, known), _sure(worst), _evidence(results), _change(results, worst)]
+    return [_met(results, worst, known), _sure(worst), _evidence(results), _change(results, worst)]
 
 
-def _met(worst: Mapping[str, Any], known: list[Mapping[str, Any]]) -> tuple[str, str, str]:
-    """Whether the limit is met, by the probability at which a reader would say so."""
+def _level(results: Results) -> str:
+    return str(results.part("claim").get("level") or Level.NOT_CHECKED.words)
+
+
+def _met(results: Results, worst: Mapping[str, Any], known: list[Mapping[str, Any]]) -> tuple[str, str, str]:
+    """Whether the limit is met, by the probability at which a reader would say so; whose word it is, if unchecked."""
     share = float(worst["probability_met"])
     said = "Very likely" if share >= 0.95 else "Likely" if share >= 0.8 else "Not likely" if share <= 0.2 else "Open"
     about = f"{worst.get('name', 'unnamed')}, {sentences.requirement_limit(worst)}"
     others = f"; the least likely of {counted(len(known), 'requirement')}" if len(known) > 1 else ""
+    if _level(results) == Level.NOT_CHECKED.words:
+        said += ", says a model that is not checked"
     return "Is the limit met?", said, about + others
 
 
@@ -63,7 +70,7 @@ def _evidence(results: Results) -> tuple[str, str, str]:
     fitted = [n for n, f in flights.items() if isinstance(f, Mapping) and "identify" in (f.get("roles") or ())]
     checks = [c for c in results.part("checks").values() if isinstance(c, Mapping)]
     passed = sum(c.get("passed") is True for c in checks)
-    said = str(results.part("claim").get("level") or "not checked").capitalize()
+    said = _level(results).capitalize()
     about = f"{counted(len(fitted), 'flight')} fitted ({listed(fitted)})" if fitted else "no flight was fitted"
     return "On what evidence?", said, f"{about}; {passed} of {counted(len(checks), 'check')} passed"
 

@@ -21,12 +21,12 @@ from bayeschute.study.schema.schema_faults import faults_of
 from bayeschute.study.schema.sidecar import context
 from bayeschute.study.schema.study_files import DATA_VARIABLE, read_toml, record_paths
 from bayeschute.study.schema.study_schema import (
-    QUANTITIES,
     Column,
     ConventionsTable,
     FlightsFile,
     FlightTable,
     StudyFile,
+    predictable,
 )
 from bayeschute.study.schema.vehicle_schema import Vehicle
 from bayeschute.study.study import Flight, Study, canonical, file_hash, study_hash
@@ -219,7 +219,7 @@ def load_flights(path: Path | str, study: Study, data_dir: Path | str | None = N
         vehicle, _, more = _read_vehicle(Path(os.path.normpath(path.parent / found.vehicle)))
         faults += more
     predict = found.predict or study.predict
-    predict = predict.model_copy(update={"quantities": predict.quantities or QUANTITIES[study.model]})
+    predict = predict.model_copy(update={"quantities": predict.quantities or predictable(study.model, vehicle)})
     tables = {"model": study.model, "noise": study.noise, "columns": found.columns, "predict": predict}
     tables |= {"requirement": found.requirement}
     draft = Draft(str(path), said, tables, dict(enumerate(found.flight)), vehicle)
@@ -289,7 +289,9 @@ def _read_study(path: Path, data_dir: Path | str | None) -> _Reading:
         priors=whole.priors,
         noise=whole.noise,
         sampler=whole.sampler,
-        predict=whole.predict.model_copy(update={"quantities": whole.predict.quantities or QUANTITIES[whole.model]}),
+        predict=whole.predict.model_copy(
+            update={"quantities": whole.predict.quantities or predictable(whole.model, vehicle)}
+        ),
         requirements=whole.requirement,
         structure=whole.structure,
         synthetic=whole.synthetic,

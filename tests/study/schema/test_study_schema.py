@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -164,6 +165,17 @@ def test_the_wind_of_the_cluster_model_has_a_horizontal_part(cluster: Path, spoi
     head, tail = text.rsplit('horizontal = "2 ft/s"', 1)
     cluster.write_text(head + tail, encoding="utf-8")
     assert "[noise.wind] horizontal: got nothing" in only_fault(cluster)
+
+
+def test_one_canopy_has_no_flyout_angle(cluster: Path, spoil):
+    spoil(cluster.parent / "vehicle.toml", r"^number = 2", "number = 1")
+    told = [str(fault) for fault in check_study(cluster)]
+    assert any("quantities" in one and "'flyout_angle'" in one and "one canopy" in one for one in told), told
+    from bayeschute.study.schema.study_schema import predictable
+
+    vehicles = [SimpleNamespace(canopies=SimpleNamespace(number=number)) for number in (1, 2, 3)]
+    assert ["flyout_angle" in predictable("cluster", one) for one in (*vehicles, None)] == [False, True, True, True]
+    assert predictable("descent", None) == ("descent_rate", "sea_level_descent_rate")
 
 
 def test_a_bad_quantity_of_a_requirement_hides_no_second_fault(cluster: Path, spoil):

@@ -33,6 +33,7 @@ from bayeschute.study.schema.quantities import (
     whole,
 )
 from bayeschute.study.schema.structure_schema import StructureTable, SyntheticTable, distinct
+from bayeschute.study.schema.vehicle_schema import Vehicle
 from bayeschute.study.schema.virtual_schema import VirtualFlight
 from bayeschute.study.schema.wind_schema import ProfileTable
 
@@ -43,7 +44,14 @@ UNITS = {  # of the quantities that a study can predict
     "sea_level_descent_rate": ("m/s", "33 ft/s"),
     "flyout_angle": ("rad", "15 deg"),
 }
-QUANTITIES = {"cluster": tuple(UNITS), "descent": ("descent_rate", "sea_level_descent_rate")}
+_QUANTITIES = {"cluster": tuple(UNITS), "descent": ("descent_rate", "sea_level_descent_rate")}
+
+
+def predictable(model: str, vehicle: Vehicle | None) -> tuple[str, ...]:
+    """Quantities that a study of a vehicle can predict; one canopy has no flyout angle."""
+    one = vehicle is not None and vehicle.canopies.number == 1
+    return tuple(name for name in _QUANTITIES[model] if not (one and name == "flyout_angle"))
+
 
 Role = Annotated[Literal["structure", "identify", "predict"], one_of(*ROLES)]
 Quantity = Annotated[str, one_of(*UNITS)]
