@@ -190,7 +190,7 @@ def chain_figure(posterior: Mapping[str, np.ndarray], units: Mapping[str, str]) 
         trace, rank = all_axes[2 * place], all_axes[2 * place + 1]
         scale, unit = shown_unit(units.get(name, "1"))
         draws = scale * posterior[name]
-        step = max(1, draws.shape[1] // 250)  # panels are some 250 pixels wide
+        step = max(1, draws.shape[1] // 125)  # panels are some 250 pixels wide
         counts = rank_counts(draws)
         expected = draws.shape[1] / RANK_BINS
         low, high = stats.binom(draws.shape[1], 1 / RANK_BINS).ppf([0.005, 0.995]) / expected
