@@ -219,7 +219,7 @@ def load_flights(path: Path | str, study: Study, data_dir: Path | str | None = N
         vehicle, _, more = _read_vehicle(Path(os.path.normpath(path.parent / found.vehicle)))
         faults += more
     predict = found.predict or study.predict
-    predict = predict.model_copy(update={"quantities": predict.quantities or predictable(study.model, vehicle)})
+    predict = predict.model_copy(update={"quantities": predictable(study.model, vehicle, predict.quantities)})
     tables = {"model": study.model, "noise": study.noise, "columns": found.columns, "predict": predict}
     tables |= {"requirement": found.requirement}
     draft = Draft(str(path), said, tables, dict(enumerate(found.flight)), vehicle)
@@ -290,7 +290,7 @@ def _read_study(path: Path, data_dir: Path | str | None) -> _Reading:
         noise=whole.noise,
         sampler=whole.sampler,
         predict=whole.predict.model_copy(
-            update={"quantities": whole.predict.quantities or predictable(whole.model, vehicle)}
+            update={"quantities": predictable(whole.model, vehicle, whole.predict.quantities)}
         ),
         requirements=whole.requirement,
         structure=whole.structure,

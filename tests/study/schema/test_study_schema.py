@@ -168,14 +168,19 @@ def test_the_wind_of_the_cluster_model_has_a_horizontal_part(cluster: Path, spoi
 
 
 def test_one_canopy_has_no_flyout_angle(cluster: Path, spoil):
-    spoil(cluster.parent / "vehicle.toml", r"^number = 2", "number = 1")
-    told = [str(fault) for fault in check_study(cluster)]
-    assert any("quantities" in one and "'flyout_angle'" in one and "one canopy" in one for one in told), told
     from bayeschute.study.schema.study_schema import predictable
 
-    vehicles = [SimpleNamespace(canopies=SimpleNamespace(number=number)) for number in (1, 2, 3)]
-    assert ["flyout_angle" in predictable("cluster", one) for one in (*vehicles, None)] == [False, True, True, True]
+    one, two = (SimpleNamespace(canopies=SimpleNamespace(number=number)) for number in (1, 2))
+    every = predictable("cluster", two)
+    assert "flyout_angle" in every and predictable("cluster", None) == every
+    assert predictable("cluster", one) == tuple(name for name in every if name != "flyout_angle")
+    assert predictable("cluster", one, ["flyout_angle", "swing_angle"]) == ("swing_angle",)
     assert predictable("descent", None) == ("descent_rate", "sea_level_descent_rate")
+    spoil(cluster.parent / "vehicle.toml", r"^number = 2", "number = 1")
+    spoil(cluster, r'^quantity = "sea_level_descent_rate"', 'quantity = "flyout_angle"')
+    spoil(cluster, r'^at_most = "33 ft/s"', 'at_most = "15 deg"')
+    told = [str(fault) for fault in check_study(cluster)]
+    assert any("[requirement] quantity" in one and "'flyout_angle'" in one for one in told), told
 
 
 def test_a_bad_quantity_of_a_requirement_hides_no_second_fault(cluster: Path, spoil):

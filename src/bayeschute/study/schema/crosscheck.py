@@ -10,7 +10,7 @@ from bayeschute.study.schema.draft import Draft
 from bayeschute.study.schema.knowledge.knowledge_crosscheck import check_knowledge
 from bayeschute.study.schema.schema_faults import show
 from bayeschute.study.schema.structure_crosscheck import check_core, check_polar, check_stack, check_synthetic
-from bayeschute.study.schema.study_schema import PredictTable, RequirementTable, predictable
+from bayeschute.study.schema.study_schema import QUANTITIES, PredictTable, RequirementTable, predictable
 
 _CLUSTER_PRIORS = ("riser_stiffness", "riser_damping", "riser_length")
 _OF_DESCENT = "cds_over_mass"
@@ -253,14 +253,13 @@ def check_predictions(draft: Draft) -> Iterator[Fault]:
     """The model has the quantities to predict, and requirements refer to predicted ones."""
     if draft.model is None:
         return
-    known = predictable(draft.model, draft.vehicle)
+    known = QUANTITIES[draft.model]
     predict: PredictTable = draft.tables.get("predict", PredictTable())
     for index, name in enumerate(predict.quantities or ()):
         if name not in known:
             where = draft.at("predict", "quantities", index)
-            of = f"model {draft.model!r}" if name not in predictable(draft.model, None) else "one canopy"
-            yield Fault(where, show(name), f"one of {', '.join(known)} ({of})")
-    predicted = predict.quantities or known
+            yield Fault(where, show(name), f"one of {', '.join(known)} (model {draft.model!r})")
+    predicted = predictable(draft.model, draft.vehicle, predict.quantities)
     for index, requirement in enumerate(draft.tables.get("requirement", ())):
         if requirement.quantity not in predicted:
             wanted = f"a quantity that is predicted: one of {', '.join(predicted)}"

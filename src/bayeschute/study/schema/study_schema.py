@@ -5,6 +5,7 @@ Checks across tables and files are in `bayeschute.study.schema.crosscheck`.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BeforeValidator, ValidationInfo, field_validator, model_validator
@@ -44,13 +45,13 @@ UNITS = {  # of the quantities that a study can predict
     "sea_level_descent_rate": ("m/s", "33 ft/s"),
     "flyout_angle": ("rad", "15 deg"),
 }
-_QUANTITIES = {"cluster": tuple(UNITS), "descent": ("descent_rate", "sea_level_descent_rate")}
+QUANTITIES = {"cluster": tuple(UNITS), "descent": ("descent_rate", "sea_level_descent_rate")}
 
 
-def predictable(model: str, vehicle: Vehicle | None) -> tuple[str, ...]:
-    """Quantities that a study of a vehicle can predict; one canopy has no flyout angle."""
+def predictable(model: str, vehicle: Vehicle | None, asked: Sequence[str] | None = None) -> tuple[str, ...]:
+    """Quantities that a study predicts: those asked for, or all of its model; one canopy has no flyout angle."""
     one = vehicle is not None and vehicle.canopies.number == 1
-    return tuple(name for name in _QUANTITIES[model] if not (one and name == "flyout_angle"))
+    return tuple(name for name in asked or QUANTITIES[model] if not (one and name == "flyout_angle"))
 
 
 Role = Annotated[Literal["structure", "identify", "predict"], one_of(*ROLES)]
