@@ -424,8 +424,17 @@ def test_a_step_is_taken_where_the_density_rises_as_it_should(found, descent, fl
         np.testing.assert_allclose(at.path, own.path, atol=0.05 * np.ptp(own.path))
 
 
-def test_no_step_is_taken_where_the_density_does_not_rise(found):
+def test_no_step_is_taken_where_the_density_does_not_rise(found, descent, monkeypatch):
+    """The mode stays the mode, wherever the polynomial says it is."""
+    away = laplace.Expansion(np.array([0.9]), np.eye(1))
+    assert laplace_fit._ahead(found.marginal, laplace_fit._Place(found.optimum, found.marginal, away)) is None
     assert laplace_fit._ahead(found.marginal, laplace_fit._Place(found.optimum, found.marginal, NONE)) is None
+    begin = joint_fit.JointFit(found.optimum, found.hyper, found.evidence)
+    usual = laplace_fit._corrected
+    monkeypatch.setattr(laplace_fit, "_corrected", lambda near: (usual(near)[0], away))
+    best, _, _, lost, seen = laplace_fit._last(descent.flights, descent.priors, begin, [("those", found.hyper)])
+    assert lost == () and seen.is_mode
+    assert abs(best.theta - found.optimum.theta)[0] < 0.3 * np.sqrt(found.optimum.covariance[0, 0])
 
 
 def test_where_the_density_has_no_mode_the_search_goes_on(found, descent, monkeypatch):

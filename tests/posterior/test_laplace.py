@@ -192,6 +192,17 @@ def test_a_density_without_mode_keeps_the_corrections_that_leave_one(straight):
     assert again.change(step) == pytest.approx(-by_density, abs=1e-4)
 
 
+def test_an_axis_that_seems_to_have_no_curvature_is_looked_at_itself(straight, monkeypatch):
+    """Polynomials that are wrong along a skew axis are mended there, and kept along the other."""
+    axes, wrong = np.linalg.qr(np.random.default_rng(0).standard_normal((2, 2)))[0], np.array([0.3, 0.1])
+    bent = Quadratic(wrong, (axes * [-1.7, 0.4]) @ axes.T)
+    monkeypatch.setattr(laplace, "_polynomials", lambda *given: (bent, Quadratic.none(2)))
+    made, about = corrected(straight)
+    np.testing.assert_allclose(axes.T @ about.curvature @ axes, np.diag([1.0, 1.4]), atol=1e-4)
+    np.testing.assert_allclose(about.slope @ axes, [0.0, wrong @ axes[:, 1]], atol=1e-4)
+    np.testing.assert_allclose(axes.T @ made.bend.curvature @ axes, np.diag([0.0, 0.4]), atol=1e-4)
+
+
 def _limited(monkeypatch, least, most):
     """Flights fail outside these standard coordinates."""
 

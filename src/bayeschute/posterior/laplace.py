@@ -52,6 +52,7 @@ from bayeschute.posterior.marginal import (
 Array = NDArray[np.float64]
 _FARTHEST = 3.0  # standard deviations that a step to the mode may be long
 _FLATTEST = 0.2  # curvature of a Gaussian density in standard coordinates is one; the least that is left along an axis
+_LOOKS = 3  # most axes on which a curvature less than that is measured
 
 
 class Laplace(NamedTuple):
@@ -220,7 +221,8 @@ def corrected(marginal: Marginal, step: float = 1.0) -> tuple[Marginal, Expansio
     Along an axis on which a flight fails there, a half, a quarter or an eighth as far. Starts, process noise and paths
     then follow theta as the exact optima do. The polynomials have the products of all axes: along a direction in which
     the data tell of the parameters by the covariances of the innovations alone, the density would be flat without
-    them. A product at both corners of which a flight fails is left out (`error` tells what is missing).
+    them. A product at both corners of which a flight fails is left out (`error` tells what is missing). An axis along
+    which all that leaves next to no curvature is looked at itself, on either side: it adds up from small differences.
 
     Args:
         marginal: The posterior.
@@ -246,7 +248,28 @@ def corrected(marginal: Marginal, step: float = 1.0) -> tuple[Marginal, Expansio
     bend, determinant = _polynomials(marginal, here, sides, h)
     slope, own = _expansion(marginal, h)
     made = replace(_followed(marginal, sides, h), determinant=determinant, bend=bend)
-    return made, Expansion(slope + made.correction.slope, own + made.correction.curvature)
+    expansion = Expansion(slope + made.correction.slope, own + made.correction.curvature)
+    return _measured(made, expansion, here, float(np.min(h)))
+
+
+def _measured(made: Marginal, expansion: Expansion, here: Laplace, step: float) -> tuple[Marginal, Expansion]:
+    """Slope and curvature along the flattest axes by Laplace's approximation on either side, the rest being kept."""
+    for _ in range(_LOOKS):
+        values, axes = np.linalg.eigh(expansion.curvature)
+        axis = axes[:, 0]
+        if values[0] >= _FLATTEST:
+            break
+        up, down = _more(here, [at(made, step * axis), at(made, -step * axis)]).sum(axis=1)
+        found = float(up + down) / step**2
+        if not np.isfinite(found):
+            break
+        slope = ((up - down) / (2.0 * step) - expansion.slope @ axis) * axis
+        curvature = (found - values[0]) * np.outer(axis, axis)
+        expansion = Expansion(expansion.slope + slope, expansion.curvature + curvature)
+        made = replace(made, bend=Quadratic(made.bend.slope + slope, made.bend.curvature + curvature))
+        if found < _FLATTEST:  # it is as flat as it seemed
+            break
+    return made, expansion
 
 
 def flattened(made: Marginal, expansion: Expansion) -> tuple[Marginal, Expansion]:

@@ -164,8 +164,8 @@ def _last(
     """The mode under the first noise parameters that lead to one, the posterior, corrections left out, the density.
 
     A point that turns out to lie beside the mode, once what the linear models lack is known, is left for it; a point
-    about which the density has no mode, for where it is highest within reach. Where that leads nowhere, corrections
-    are left out as far as they outweigh the density.
+    about which the density has no mode, for where it is highest within reach. Where the density is no higher on the
+    way, the point stays; if it has no mode there, corrections are left out as far as they outweigh the density.
 
     Raises:
         NoFitError: If none does.
@@ -173,7 +173,7 @@ def _last(
     say = progress or (lambda share, words: None)
     tried, ended, reason = list[str](), began.optimum, ""
     for words, hyper in candidates:
-        found = list[_Place]()
+        found, highest = list[_Place](), False
         try:
             start = JointFit(began.optimum, hyper, began.evidence)
             here = marginal_mode(flights, priors, start, lambda share, words: say(0.3 * share, words))
@@ -183,7 +183,8 @@ def _last(
                 found.append(_Place(here, *_corrected(near)))
                 if found[-1].expansion.is_mode and found[-1].away < _AT_MODE:
                     break
-                if (ahead := _ahead(near, found[-1])) is None:
+                ahead = _ahead(near, found[-1])
+                if highest := ahead is None:
                     break
                 here = ahead
         except FloatingPointError as error:
@@ -191,10 +192,10 @@ def _last(
                 reason = str(error)
                 tried.append(f"{words}: {reason}")
                 continue
-        sound = [place for place in found if place.expansion.is_mode] or [_flattened(found[-1])]
+        sound = [place for place in found[-1 if highest else 0 :] if place.expansion.is_mode] or [_flattened(found[-1])]
         best, made, _, lost = place = min(sound, key=lambda one: one.away)
         seen = max((profile(made), profile(made, place.step)), key=lambda one: (one.is_mode, one.worst))
-        if seen.is_mode and place.away < _BESIDE_MODE:
+        if seen.is_mode and (highest or place.away < _BESIDE_MODE):
             lost = lost if hyper is candidates[0][1] else (*lost, _LOST_MEAN)
             return replace(best, converged=began.optimum.converged), hyper, made, lost, seen
         why = (
