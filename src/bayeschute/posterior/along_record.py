@@ -86,14 +86,14 @@ class Solved(NamedTuple):
         start: Standard start, and its derivatives by the parameters, sign turned (D, 1 + P).
         process_noise: Likewise of the process noise of the latent processes (T, L, 1 + P).
         states: Likewise of how far the path moves (T, X, 1 + P).
-        gains: The filter.
+        determinant: Log determinant of the innovations.
     """
 
     gram: jax.Array
     start: jax.Array
     process_noise: jax.Array
     states: jax.Array
-    gains: Gains
+    determinant: jax.Array
 
 
 class Row(NamedTuple):
@@ -170,7 +170,7 @@ def terms(flight: FlightData, hyper: NoiseParameters, slack: Component, at: Lift
 
 
 @jax.jit
-def solve(flight: FlightData, hyper: NoiseParameters, slack: Component | None, made: Linear) -> Solved:
+def solve(flight: FlightData, hyper: NoiseParameters, slack: Component | None, made: Linear) -> tuple[Solved, Gains]:
     """Solve the linear problem of a flight for trajectory, start and process noise.
 
     Args:
@@ -178,13 +178,16 @@ def solve(flight: FlightData, hyper: NoiseParameters, slack: Component | None, m
         hyper: Noise parameters.
         slack: Standard deviations of the states' defects (X,); None: none are left.
         made: The flight linearised along a path.
+
+    Returns:
+        The solution, and the filter, which is as large as the linearised flight.
     """
     dynamics, noise = hyper.dynamics(flight), hyper.outputs(flight)
     filtered = gains(made.steps, flight.start_scale, dynamics, noise, flight.dt, jnp.asarray(flight.present), slack)
     got = smooth_driven(filtered, as_seen(made))
     unit = got.innovations.reshape(-1, got.start.shape[1])
     process_noise = got.process_noise[:, : flight.latent.size]
-    return Solved(unit.T @ unit, got.start, process_noise, got.states, filtered)
+    return Solved(unit.T @ unit, got.start, process_noise, got.states, filtered.log_determinant), filtered
 
 
 @jax.jit
@@ -223,10 +226,10 @@ def shortened(flight: FlightData, at: Lifted, there: Lifted, share: float) -> Li
 
 
 class _Relaxed(NamedTuple):
-    """The linear problems at an iterate, solved for fixed parameters, and by how much the merit falls to there."""
+    """The linear problems at an iterate, solved for fixed parameters: flights, filters, gain of the merit to there."""
 
     ends: list[Lifted]
-    solved: list[Solved]
+    filters: list[Gains]
     gain: float
 
 
@@ -278,20 +281,21 @@ class _Level:
         matrix, found = precision(self.priors), list[Solved]()
         gradient = matrix @ (here.theta - working(self.priors)[0])
         for flight, at, made in zip(self.records, here.flights, here.along, strict=True):
-            found.append(solve(flight, self.hyper, self._freedom(flight, at), made))
+            found.append(solve(flight, self.hyper, self._freedom(flight, at), made)[0])
             gram = np.asarray(found[-1].gram)
             matrix, gradient = matrix + gram[1:, 1:], gradient - gram[1:, 0]
         return found, matrix, gradient
 
     def relaxed(self, here: _Point) -> _Relaxed:
         """Trajectory, start and process noise that minimise the linear problem for fixed parameters."""
-        trio, ends, found = zip(self.records, here.flights, here.along, strict=True), list[Lifted](), list[Solved]()
+        trio, ends, filters = zip(self.records, here.flights, here.along, strict=True), list[Lifted](), list[Gains]()
         least = 0.5 * float(np.sum(standard(self.priors, here.theta) ** 2)) if self.priors else 0.0
         for flight, at, made in trio:
-            found.append(solve(flight, self.hyper, self._freedom(flight, at), made.without_theta()))
-            ends.append(led(flight, self.hyper, at, found[-1], _NONE))
-            least += 0.5 * float(found[-1].gram[0, 0])
-        return _Relaxed(ends, found, here.merit - least)
+            solved, filtered = solve(flight, self.hyper, self._freedom(flight, at), made.without_theta())
+            ends.append(led(flight, self.hyper, at, solved, _NONE))
+            filters.append(filtered)
+            least += 0.5 * float(solved.gram[0, 0])
+        return _Relaxed(ends, filters, here.merit - least)
 
     def on_the_path(self, here: _Point) -> _Point:
         """The parameters of least defects along the present path: equation error by Gauss-Newton, priors included."""
@@ -347,7 +351,7 @@ class ConditionalOptimum(NamedTuple):
     @property
     def marginal(self) -> float:
         """Minus the marginal log density by Laplace's approximation, up to constants."""
-        return self.cost + sum(float(one.gains.log_determinant) for one in self.onward)
+        return self.cost + sum(float(one.determinant) for one in self.onward)
 
 
 def conditional_optimum(
@@ -397,10 +401,8 @@ def approached(
     """
     level = _Level(flights, hyper, (), 0.0)
     here, relaxed = _resting(level, level.point(theta, at), _NEARLY)
-    trio = zip(flights, here.flights, here.along, relaxed.ends, relaxed.solved, strict=True)
-    return [
-        LinearOptimum(shortened(f, at, end, 1.0), made.without_theta(), one.gains) for f, at, made, end, one in trio
-    ]
+    five = zip(flights, here.flights, here.along, relaxed.ends, relaxed.filters, strict=True)
+    return [LinearOptimum(shortened(f, at, end, 1.0), made.without_theta(), one) for f, at, made, end, one in five]
 
 
 def _resettled(level: _Level, here: _Point) -> _Point:
