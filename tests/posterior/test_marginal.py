@@ -157,6 +157,26 @@ def test_drawn_unknowns_of_a_descent_fit_their_data(descent, falling):
         assert np.ptp(least) < 1e-9 * least.mean()
 
 
+def test_a_correction_that_runs_away_is_not_made(straight, monkeypatch):
+    """Of one draw to numbers without sense, of another to none: they stay as the linear model drew them."""
+    (flight,), xi = straight.flights, np.zeros((2, 5))
+    numbers, usual, calls = (normals(flight, 5, np.random.default_rng(0)),), marginal.drawn, []
+
+    def strays(*given):
+        made = usual(*given)
+        calls.append(made)
+        lost = jnp.array([0.0, 1e7, 0.0, jnp.nan, 0.0]) if len(calls) > 1 else 0.0
+        noise = made.unknowns.process_noise + lost
+        return made._replace(unknowns=made.unknowns._replace(process_noise=noise))
+
+    whole = draw_flights(straight, xi, numbers)[0]
+    monkeypatch.setattr(marginal, "drawn", strays)
+    found = draw_flights(straight, xi, numbers)[0]
+    assert len(calls) == 2
+    for a, b in zip(jax.tree.leaves(found), jax.tree.leaves(whole), strict=True):
+        np.testing.assert_allclose(a, b, atol=1e-6)  # all is linear: the correction of a sound draw is nothing
+
+
 def test_two_flights_share_their_parameters(descent, falling):
     each = [[f] for f in descent.flights]
     best = [fit(f, descent.hyper, descent.priors, descent.theta, tolerance=1e-4) for f in each]
