@@ -28,6 +28,7 @@ from bayeschute.likelihood.joint import (
     Lifted,
     Linear,
     NoiseParameters,
+    Unknowns,
     as_seen,
     disturbed,
     filter_gains,
@@ -306,8 +307,8 @@ def draw_flights(
 
     A draw of the linear model is moved onto the data by the smoother. The full equations then depart from the linear
     model by more than the posterior's width, so the move is repeated along the draw's own path (randomised
-    optimisation, Bardsley et al. 2014, with fixed derivatives). Where that changes a draw by half as much as draws differ
-    or more, it stays as it was: with canopies out of sight for long, repeating may lead out of what can be simulated.
+    optimisation, Bardsley et al. 2014, with fixed derivatives). Where that changes a draw by half as much as draws
+    differ, or more, it stays as it was: canopies out of sight for long may be led out of what can be simulated.
 
     Args:
         marginal: The posterior.
