@@ -69,7 +69,7 @@ def store(letter: str, folder: Path, stored: Path, commit: str | None = None) ->
     for place in (folder.absolute(), folder.resolve(), folder, ROOT):  # a reason of failure may name a file
         text = text.replace(json.dumps(f"{place}/")[1:-1], "")
     date = datetime.fromtimestamp(source.stat().st_mtime, UTC).strftime("%Y-%m-%d")
-    for name, result in json.loads(text).items():
+    for name, result in json.loads(text, parse_constant=lambda _: None).items():  # infinity is no JSON
         if result.pop("quick", False):
             continue
         length = None if name == "whole" else name.split("_")[-1].removesuffix("s")

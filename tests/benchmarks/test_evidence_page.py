@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 ROOT = Path(__file__).parents[2]
@@ -84,6 +85,10 @@ def test_windows_are_stored_beside_whole_flights_each_with_its_own_origin(made, 
         return json.loads(made.stored.store("Q", folder, kept).read_text(encoding="utf-8"))
 
     first, later = {"commit": "a"}, {"commit": "b"}
+    assert (
+        hold({"whole": FIT | {"residuals": [np.inf, -np.inf, np.nan], "provenance": first}})["whole"]["residuals"]
+        == [None] * 3
+    )
     hold({"whole": FIT | {"key": "k", "reason": f"no {folder}/Q_1.nc", "provenance": first}})
     held = hold({"Q_1_45s": FIT | {"provenance": later}, "Q_1_90s": FIT | {"quick": True, "provenance": later}})
     assert held == {
