@@ -407,7 +407,7 @@ def _beside(found, descent, sds):
 def test_a_correction_that_outweighs_the_density_is_left_out_as_far_as_it_does(found):
     about = laplace.Expansion(np.zeros(1), np.array([[-1.0]]))
     made = laplace_fit._flattened(laplace_fit._Place(found.optimum, _bent(found.marginal, -2.0), about))
-    assert made.lost == (laplace_fit._LOST_BEND,) and made.expansion.is_mode and made.away == 0.0
+    assert made.lost == (laplace_fit._LOST_BEND,) and made.expansion.has_mode and made.away == 0.0
     assert made.marginal.bend.curvature[0, 0] == pytest.approx(-0.8)
 
 

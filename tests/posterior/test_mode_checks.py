@@ -107,4 +107,4 @@ def test_a_flight_that_fails_has_no_fall(straight, monkeypatch):
 def test_all_that_is_found_of_a_descent_is_a_mode(found):
     assert found.profile.is_mode and 0.3 < found.profile.worst < 0.7 and found.lost == ()
     _, ahead = corrected(found.marginal)
-    np.testing.assert_allclose(profile(found.marginal, ahead.way().step).fall, found.profile.fall, atol=1e-4)
+    np.testing.assert_allclose(profile(found.marginal, ahead.step()).fall, found.profile.fall, atol=1e-4)

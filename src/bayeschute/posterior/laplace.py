@@ -135,19 +135,6 @@ def _own(marginal: Marginal, points: Array) -> Array:
     return 0.5 * np.asarray(squares[1:] - squares[0])
 
 
-class Way(NamedTuple):
-    """The step to the mode of a posterior.
-
-    Attributes:
-        step: From the centre, standard coordinates (P,); no longer than 3. Where there is no mode, to the highest
-            density so far.
-        is_mode: Whether the density has a mode.
-    """
-
-    step: Array
-    is_mode: bool
-
-
 class Expansion(NamedTuple):
     """Minus the log density about theta_0 as a quadratic polynomial, standard coordinates.
 
@@ -160,7 +147,7 @@ class Expansion(NamedTuple):
     curvature: Array
 
     @property
-    def is_mode(self) -> bool:
+    def has_mode(self) -> bool:
         """Whether the polynomial has a least value."""
         return bool(np.linalg.eigvalsh(self.curvature)[0] > 0.0)
 
@@ -168,8 +155,8 @@ class Expansion(NamedTuple):
         """Over a step (P,)."""
         return float(self.slope @ step + 0.5 * step @ self.curvature @ step)
 
-    def way(self, radius: float = _FARTHEST) -> Way:
-        """To its least value within a sphere."""
+    def step(self, radius: float = _FARTHEST) -> Array:
+        """From the centre to its least value within a sphere (P,)."""
         return least_within(self.slope, self.curvature, radius)
 
 
@@ -287,7 +274,7 @@ def flattened(made: Marginal, expansion: Expansion) -> tuple[Marginal, Expansion
     return replace(made, bend=bend), expansion._replace(curvature=expansion.curvature + more)
 
 
-def least_within(slope: Array, curvature: Array, radius: float = _FARTHEST) -> Way:
+def least_within(slope: Array, curvature: Array, radius: float = _FARTHEST) -> Array:
     """Where a quadratic polynomial is least within a sphere about the centre (Moré and Sorensen 1983).
 
     Args:
@@ -302,7 +289,7 @@ def least_within(slope: Array, curvature: Array, radius: float = _FARTHEST) -> W
         return np.asarray(-along / (values + shift))
 
     if values[0] > 0.0 and np.linalg.norm(step(0.0)) <= radius:
-        return Way(np.asarray(axes @ step(0.0)), True)
+        return np.asarray(axes @ step(0.0))
     least = max(0.0, -values[0]) + 1e-9 * (1.0 + abs(values[0]))
     made = step(least)
     if (short := float(np.linalg.norm(made))) > radius:
@@ -310,7 +297,7 @@ def least_within(slope: Array, curvature: Array, radius: float = _FARTHEST) -> W
         made = step(brentq(lambda shift: float(np.linalg.norm(step(shift))) - radius, least, most))
     else:  # no slope along the axis on which it falls: to either side alike
         made[0] += np.copysign(np.sqrt(radius**2 - short**2), made[0])
-    return Way(np.asarray(axes @ made), bool(values[0] > 0.0))
+    return np.asarray(axes @ made)
 
 
 def _polynomials(

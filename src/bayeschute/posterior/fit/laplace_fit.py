@@ -146,7 +146,7 @@ class _Place(NamedTuple):
     @property
     def step(self) -> Array:
         """To the mode, standard coordinates (P,)."""
-        return self.expansion.way().step
+        return self.expansion.step()
 
     @property
     def away(self) -> float:
@@ -181,7 +181,7 @@ def _last(
                 near = marginalise(flights, hyper, priors, here)
                 say(0.3 + 0.5 * move / (1 + _MOVES), f"log determinant along the axes, place {move + 1}")
                 found.append(_Place(here, *_corrected(near)))
-                if found[-1].expansion.is_mode and found[-1].away < _AT_MODE:
+                if found[-1].expansion.has_mode and found[-1].away < _AT_MODE:
                     break
                 ahead = _ahead(near, found[-1])
                 if highest := ahead is None:
@@ -192,7 +192,9 @@ def _last(
                 reason = str(error)
                 tried.append(f"{words}: {reason}")
                 continue
-        sound = [place for place in found[-1 if highest else 0 :] if place.expansion.is_mode] or [_flattened(found[-1])]
+        sound = [place for place in found[-1 if highest else 0 :] if place.expansion.has_mode] or [
+            _flattened(found[-1])
+        ]
         best, made, _, lost = place = min(sound, key=lambda one: one.away)
         seen = max((profile(made), profile(made, place.step)), key=lambda one: (one.is_mode, one.worst))
         if seen.is_mode and (highest or place.away < _BESIDE_MODE):
@@ -219,7 +221,7 @@ def _ahead(near: Marginal, place: _Place) -> Optimum | None:
     """
     here = laplace.at(near, np.zeros(len(place.step)))
     for radius in _RADII:
-        step = place.expansion.way(radius).step
+        step = place.expansion.step(radius)
         there = laplace.at(near, step)
         change = there.square + there.determinant - here.square - here.determinant
         if change < _ENOUGH * place.expansion.change(step):
