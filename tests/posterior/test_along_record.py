@@ -317,6 +317,50 @@ def test_a_fit_under_other_noise_parameters_goes_on_from_its_path(drop, shot):
     assert np.isfinite([row.gain for row in made.rows]).all() and min(row.gain for row in made.rows) > 0.0
 
 
+def test_a_fit_returns_to_where_the_marginal_density_was_greatest(drop, monkeypatch):
+    """A log determinant made to rise by 30 a step: minus the density rises faster than any cost falls."""
+    start, steps = np.array([p.centre for p in drop.priors]), [0]
+    usual = along_record._Level.solved
+
+    def steeper(level, here):
+        solved, *rest = usual(level, here)
+        passed = level.level == 0.0 and here.defect < 1e-3
+        steps[0] += passed
+        return [one._replace(determinant=one.determinant + 30.0 * steps[0]) for one in solved], *rest
+
+    held = descend([drop.flight], drop.hyper, drop.priors, start, near=TIGHT)
+    monkeypatch.setattr(along_record._Level, "solved", steeper)
+    near = TIGHT._replace(fall=10.0)
+    made = descend([drop.flight], drop.hyper, drop.priors, start, near=near)
+    *_, before, last = made.rows
+    assert last.share == 0.0 and last.gain < 0.0 and made.converged and last.defect < 1e-3
+    assert last.cost != before.cost and last.cost in [row.cost for row in made.rows[:-1]]
+    (at,) = made.flights
+    rest = terms(
+        drop.flight,
+        drop.hyper,
+        drop.flight.path.slack,
+        at,
+        linearise(drop.flight, made.theta, at.latent_path(drop.flight)),
+    )
+    cost = 0.5 * float(np.sum(standard(drop.priors, made.theta) ** 2)) + float(rest.data)
+    assert cost == pytest.approx(last.cost, rel=1e-9)  # parameters and path are those of the place that is told
+    np.testing.assert_array_less(0.0, np.diag(made.covariance))
+    steps[0] = 0
+    free = descend([drop.flight], drop.hyper, drop.priors, start, near=TIGHT)
+    assert all(row.share > 0.0 for row in free.rows) and free.rows[-1].cost == pytest.approx(held.rows[-1].cost)
+
+
+def test_a_fit_whose_marginal_density_does_not_fall_ends_as_without_the_watch(drop, shot):
+    start = np.array([p.centre for p in drop.priors])
+    watched = descend([drop.flight], drop.hyper, drop.priors, start, near=TIGHT._replace(fall=10.0))
+    assert watched.rows == descend([drop.flight], drop.hyper, drop.priors, start, near=TIGHT).rows
+    again = descend(
+        [drop.flight], drop.hyper, drop.priors, watched.theta, watched.flights, (0.0,), near=TIGHT._replace(fall=10.0)
+    )
+    _same_optimum(drop, shot, again)
+
+
 def test_two_flights_share_their_parameters(broken, linear):
     """Two linear flights: the closed form of both together, each on a path of its own."""
     other, u = linear.simulate(replace(broken, path=None), linear.hyper, linear.theta, 8)

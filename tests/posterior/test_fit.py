@@ -209,24 +209,6 @@ def test_a_step_that_leads_to_where_flights_fail_is_halved(descent, monkeypatch)
         marginal_mode.marginal_mode(descent.flights, descent.priors, settled)
 
 
-def test_a_smaller_model_goes_on_where_a_larger_one_led(descent):
-    settled = joint_fit.joint_fit(descent.flights, descent.priors, NoisePrior(descent.hyper))
-    there = settled.optimum.theta + np.sqrt(np.diag(settled.optimum.covariance))
-    prior = NoisePrior(descent.hyper)
-    made = joint_fit.carried_over(descent.flights, descent.priors, prior, settled, there, settled.optimum.flights)
-    rest = along_record.conditional_optimum(
-        descent.flights, settled.hyper, descent.priors, there, settled.optimum.flights
-    )
-    np.testing.assert_array_equal(made.optimum.theta, there)
-    assert made.hyper is settled.hyper and made.optimum.cost == pytest.approx(rest.cost)
-    assert made.optimum.cost > settled.optimum.cost and np.isfinite(made.evidence)
-    nowhere = there * np.nan
-    assert (
-        joint_fit.carried_over(descent.flights, descent.priors, prior, settled, nowhere, settled.optimum.flights)
-        is None
-    )
-
-
 @pytest.mark.parametrize(("far", "held"), [(0.1, False), (50.0, True)])
 def test_noise_parameters_go_to_their_mean_unless_that_is_too_far(found, descent, monkeypatch, far, held):
     """A displacement by which the parameter would move `far` standard deviations."""
@@ -249,32 +231,88 @@ def test_noise_parameters_go_to_their_mean_unless_that_is_too_far(found, descent
 OWN, LOUD = pytest.approx(1.0), pytest.approx(3.0)
 
 
-@pytest.mark.parametrize(
-    ("goes_on", "turn", "wanted"),
-    [
-        (False, 0, [(LOUD, False, "whole"), (OWN, False, "whole"), (LOUD, False, "small")]),
-        (True, 1, [(OWN, False, "whole"), (OWN, True, "held"), (OWN, False, "small")]),
-        (True, 2, [(OWN, True, "held"), (OWN, False, "whole"), (OWN, False, "small")]),
-        (True, None, [(OWN, True, "held"), (OWN, False, "whole"), (OWN, False, "small")]),
-        (False, None, [(OWN, False, "whole"), (OWN, False, "small")]),
-    ],
-)
-def test_what_is_fast_is_tried_first_then_what_gets_further(monkeypatch, descent, goes_on, turn, wanted):
-    """A first turn has stronger noise than it is told, a second begins anew; the first that gets there is kept."""
+def _ways(hyper, at=None):
+    return [*([joint_fit._from_path(hyper, at)] if at else []), *joint_fit._from_record(hyper)]
+
+
+def _row(defect, cost=12.0):
+    return along_record.Row(0.0, cost, defect, 1.0, 1.0, 1.0)
+
+
+def test_what_is_fast_is_tried_first_then_what_gets_further(monkeypatch, descent):
+    """The first that gets there is kept."""
     at, tried = Lifted(descent.flights[0].still(), np.zeros((1, 1)), np.zeros((1, 1))), []
 
     def late(flights, hyper, priors, theta, places, levels, near=None, progress=None):
-        tried.append((float(np.asarray(hyper.noise.white)[0]) / 0.05, places is not None, tuple(levels)))
-        row = along_record.Row(0.0, 12.0, 1e-4 if len(tried) == len(wanted) else 0.5, 1.0, 1.0, 1.0)
-        return along_record.LiftedFit(theta, (at,), np.eye(len(priors)), (row,), True)
+        tried.append((places is not None, tuple(levels)))
+        return along_record.LiftedFit(theta, (at,), np.eye(1), (_row(1e-4 if len(tried) == 3 else 0.5),), True)
 
     monkeypatch.setattr(along_record, "descend", late)
-    given = descent.flights, descent.hyper, descent.priors, np.zeros(1), [at] if goes_on else None
-    assert joint_fit._along_record(*given, along_record.NEAR, print, turn).rows[-1].defect == 1e-4
-    levels = {"whole": (*along_record.LEVELS, 0.0), "held": (0.0,), "small": tried[-1][2]}
-    assert tried == [(noise, placed, levels[name]) for noise, placed, name in wanted]
-    small = levels["small"]
-    assert len(small) > len(levels["whole"]) and small[-1] == 0.0 and sorted(small, reverse=True) == list(small)
+    ways = _ways(descent.hyper, [at])
+    (made,) = joint_fit._along_record(descent.flights, descent.priors, np.zeros(1), [ways], along_record.NEAR, print)
+    assert made.cost == 12.0 and made.converged
+    small = tried[-1][1]
+    assert tried == [(True, (0.0,)), (False, (*along_record.LEVELS, 0.0)), (False, small)]
+    assert len(small) > len(along_record.LEVELS) + 1 and small[-1] == 0.0 and sorted(small, reverse=True) == list(small)
+
+
+OWN, LOUD = pytest.approx(1.0), pytest.approx(3.0)
+
+
+@pytest.mark.parametrize(
+    ("fails", "evidence", "kept"),
+    [
+        ((), (5.0, 4.0), 1),  # minus the log evidence of the two second turns: from the path, anew
+        ((), (4.0, 5.0), 0),
+        (("path",), (4.0, 5.0), 1),
+        (("anew",), (5.0, 4.0), 0),
+    ],
+)
+def test_the_second_turn_goes_on_where_the_evidence_is_greater(monkeypatch, descent, fails, evidence, kept):
+    """From the path of the first, whose noise is stronger than told, and from the record anew."""
+    flights = [replace(f, path=SimpleNamespace()) for f in descent.flights]
+    at, asked = [Lifted(f.still(), np.zeros((1, 1)), np.zeros((1, 1))) for f in flights], []
+
+    def descended(flights, hyper, priors, theta, places, levels, near=None, progress=None):
+        asked.append((float(np.asarray(hyper.noise.white)[0]) / 0.05, places is not None, float(theta[0])))
+        second = len(asked) > 1 and not (len(asked) > 3 and places is not None)
+        lost = second and ("path" if places is not None else "anew") in fails
+        return along_record.LiftedFit(
+            np.full(1, float(len(asked))), tuple(at), np.eye(1), (_row(0.5 if lost else 1e-4),), True
+        )
+
+    def told(flights, linear, priors, prior):
+        theta = linear[0]
+        return lambda vector: (evidence[0] if theta == 2.0 else evidence[1], None)
+
+    monkeypatch.setattr(along_record, "descend", descended)
+    monkeypatch.setattr(Optimum, "linear", lambda self, flights: [float(self.theta[0])])
+    monkeypatch.setattr(noise_evidence, "function_of", told)
+    monkeypatch.setattr(noise_evidence, "maximise", lambda flights, linear, priors, hyper, *_: (hyper, 0.0))
+    joint_fit.joint_fit(flights, descent.priors, NoisePrior(descent.hyper))
+    assert asked[0] == (LOUD, False, descent.priors[0].centre)
+    assert asked[1] == (OWN, True, 1.0) and asked[2] == (OWN, False, 1.0)
+    ends = [2.0, 3.0]
+    assert asked[-1][1] and asked[-1][2] == ends[kept]
+
+
+def test_a_fit_with_nothing_left_to_try_tells_all_that_was_tried(monkeypatch, descent):
+    flights = [replace(f, path=SimpleNamespace()) for f in descent.flights]
+    at = tuple(Lifted(f.still(), np.zeros((1, 1)), np.zeros((1, 1))) for f in flights)
+    defects = iter((1e-4, 0.3, 0.9, 0.8))
+
+    def descended(flights, hyper, priors, theta, places, levels, near=None, progress=None):
+        return along_record.LiftedFit(theta, at, np.eye(1), (_row(next(defects)),), True)
+
+    monkeypatch.setattr(along_record, "descend", descended)
+    monkeypatch.setattr(Optimum, "linear", lambda self, flights: [])
+    monkeypatch.setattr(noise_evidence, "maximise", lambda flights, linear, priors, hyper, *_: (hyper, 0.0))
+    with pytest.raises(joint_fit.NoFitError, match="no flight of the model follows the record") as told:
+        joint_fit.joint_fit(flights, descent.priors, NoisePrior(descent.hyper))
+    assert [words.split(":")[0] for words in told.value.tried] == [
+        "from the path of the turn before", "from the path of the record", "from the path of the record, in smaller steps"
+    ]  # fmt: skip
+    assert told.value.best.rows[-1].defect == 0.3
 
 
 def test_looser_noise_has_larger_standard_deviations_and_the_same_times(descent):
@@ -297,7 +335,9 @@ def test_a_record_that_no_flight_follows_is_told(monkeypatch, descent):
     monkeypatch.setattr(along_record, "descend", stuck)
     theta = np.zeros(len(descent.priors))
     with pytest.raises(joint_fit.NoFitError, match="no flight of the model follows the record") as told:
-        joint_fit._along_record(descent.flights, descent.hyper, descent.priors, theta, [at], along_record.NEAR, print)
+        joint_fit._along_record(
+            descent.flights, descent.priors, theta, [_ways(descent.hyper, [at])], along_record.NEAR, print
+        )
     assert len(told.value.tried) == 3 and "defect 0.5" in told.value.tried[1]
     assert told.value.best.rows[-1].defect == 0.5 and told.value.priors == tuple(descent.priors)
 
@@ -313,7 +353,9 @@ def test_a_fit_that_took_no_step_is_not_the_best(monkeypatch, descent):
     monkeypatch.setattr(along_record, "descend", seldom)
     theta = np.zeros(len(descent.priors))
     with pytest.raises(joint_fit.NoFitError, match="break the equations of motion") as told:
-        joint_fit._along_record(descent.flights, descent.hyper, descent.priors, theta, [at], along_record.NEAR, print)
+        joint_fit._along_record(
+            descent.flights, descent.priors, theta, [_ways(descent.hyper, [at])], along_record.NEAR, print
+        )
     assert told.value.best.rows[-1].defect == 0.9
 
 
@@ -323,7 +365,7 @@ def test_a_joint_optimum_goes_along_the_record_where_there_is_one(descent, monke
     at, told = [flown(f, descent.hyper, descent.theta, f.still()) for f in descent.flights], []
     flights = [replace(f, path=SimpleNamespace() if path else None) for f in descent.flights]
 
-    def along(flights, hyper, priors, theta, places, near, tell):
+    def along(flights, hyper, priors, theta, places, levels, near, progress):
         told.append(("along", places))
         rows = (along_record.Row(0.3, 9.0, 0.3, 1.0, 1.0, 1.0), along_record.Row(0.0, 7.0, 1e-4, 0.1, 0.2, 1.0))
         return along_record.LiftedFit(theta + 1.0, tuple(at), np.eye(1), rows, True)
@@ -332,7 +374,7 @@ def test_a_joint_optimum_goes_along_the_record_where_there_is_one(descent, monke
         told.append(("shot", unknowns))
         return Optimum(theta + 1.0, tuple(at), np.eye(1), 7.0, True, 2, 0.2, (7.0,))
 
-    monkeypatch.setattr(joint_fit, "_along_record", along)
+    monkeypatch.setattr(along_record, "descend", along)
     monkeypatch.setattr(joint_mode, "fit", shot)
     for begin in (None, at):
         made = joint_fit.joint(flights, descent.hyper, descent.priors, descent.theta, begin)

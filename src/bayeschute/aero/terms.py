@@ -104,7 +104,8 @@ def _is_vector(factor: str) -> bool:
     return factor in _VECTORS or factor.startswith("repulsion(")
 
 
-def _pairwise(name: str) -> bool:
+def is_pairwise(name: str) -> bool:
+    """Whether a term tells of two canopies: of their distance, direction or closing."""
     return any(f == "c" or f.startswith(_PAIRWISE) for f in _split(name))
 
 
@@ -125,7 +126,7 @@ def axial_term(name: str, flow: CanopyFlow) -> Component:
             value = value * _scalar(factor, flow, other)
         return value
 
-    if not _pairwise(name):
+    if not is_pairwise(name):
         return product(None)
     return sum((product(other) for other in flow.neighbours), jnp.zeros_like(flow.cos_alpha))
 
@@ -152,7 +153,7 @@ def transverse_term(name: str, flow: CanopyFlow) -> Vec3:
                 value = value * _scalar(factor, flow, other)
         return value
 
-    if not _pairwise(name):
+    if not is_pairwise(name):
         return product(None)
     zero = jnp.zeros_like(flow.cos_alpha)
     return sum((product(other) for other in flow.neighbours), Vec3(zero, zero, zero))

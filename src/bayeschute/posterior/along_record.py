@@ -51,11 +51,13 @@ class Near(NamedTuple):
         gain: In log density.
         step: Of a parameter, in standard errors.
         defect: Of the last level's slack; less is as good as none, even in a flight that strays from there.
+        fall: Of the marginal log density below the greatest on the way, at which the fit returns there.
     """
 
     gain: float
     step: float
     defect: float = 1e-3
+    fall: float = np.inf
 
 
 NEAR = Near(0.2, 0.3)
@@ -105,7 +107,7 @@ class Row(NamedTuple):
         defect: Largest defect, over the slack of the last level.
         gain: By which the merit fell.
         step: Largest step of a parameter over its standard error.
-        share: Of the step that was taken.
+        share: Of the step that was taken; 0: a return to an earlier place.
     """
 
     level: float
@@ -521,15 +523,33 @@ def _lower(level: _Level, here: _Point, there: Sequence[Lifted], step: Array) ->
     return None
 
 
+class _Passed(NamedTuple):
+    """A place that a fit has passed, the parameters' covariance there, and minus the marginal log density."""
+
+    point: _Point
+    covariance: Array
+    marginal: float
+
+    def return_from(self, there: _Point) -> Row:
+        """The return from another place, for the log."""
+        length = float(np.max(np.abs(there.theta - self.point.theta) / np.sqrt(np.diag(self.covariance))))
+        return Row(0.0, self.point.cost, self.point.defect, there.merit - self.point.merit, length, 0.0)
+
+
 def _descend(
     level: _Level, here: _Point, most: int, near: Near, say: Callable[[Row], None]
 ) -> tuple[_Point, Array, list[Row], bool]:
     """Damped Gauss-Newton steps, shortened until the merit falls.
 
+    Near the optimum of the cost the marginal density can be thousands of log units below that of places passed on the
+    way: a flight whose disturbances grow by themselves follows any record. So it is watched, and where it has fallen by
+    more than `near.fall` the place where it was greatest is returned to.
+
     Returns:
         Where they lead, the parameters' covariance there, the steps, and whether the last was short.
     """
     damping, rows, covariance = _FIRST_DAMPING, list[Row](), np.full((len(level.priors),) * 2, np.nan)
+    greatest: _Passed | None = None
     bends: list[tuple[Array, Array]] = []
     last: tuple[Array, Array] | None = None
     while len(rows) < most:
@@ -537,6 +557,14 @@ def _descend(
         if not (np.isfinite(matrix).all() and np.isfinite(gradient).all()):
             return here, covariance, rows, False
         covariance = np.asarray(np.linalg.inv(matrix))
+        if level.level == 0.0 and here.defect < near.defect:
+            passed = _Passed(here, covariance, here.cost + sum(float(one.determinant) for one in solved))
+            if greatest is None or passed.marginal < greatest.marginal:
+                greatest = passed
+            elif passed.marginal > greatest.marginal + near.fall:
+                rows.append(greatest.return_from(here))
+                say(rows[-1])
+                return greatest.point, greatest.covariance, rows, True
         if level.level == 0.0 and here.defect < _FEW_DEFECTS:  # else the slope is that of another path
             if last is not None and not np.array_equal(here.theta, last[0]):
                 bends = [*bends, (here.theta - last[0], gradient - last[1])][-_SECANTS:]
@@ -603,6 +631,8 @@ def descend(
         here = problem.point(theta, places)
         if number == 0:
             here = problem.on_the_path(here) if at is None else _resettled(problem, here)
+            if at is not None and np.isfinite(near.fall):  # what the cost falls by at rest hides what the density does
+                here, _ = _resting(problem, here, _NEARLY)
         last = level == levels[-1]
         bounds = near if last else _NEAR_LEVEL
         here, covariance, made, converged = _descend(problem, here, _MOST if level else most, bounds, say)

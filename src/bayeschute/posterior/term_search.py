@@ -60,6 +60,15 @@ def log_evidence_without(
     return density(mean, posterior_covariance) - density(working(priors)[0], covariance(priors))
 
 
+def most_probable(mean: Array, posterior_covariance: Array, kept: NDArray[np.bool_]) -> Array:
+    """Most probable parameters (Q,) in the Gaussian of a library, mean (P,), where those that are not kept are zero."""
+    out = ~kept
+    if not out.any():
+        return mean
+    away = np.linalg.solve(posterior_covariance[np.ix_(out, out)], mean[out])
+    return np.asarray(mean[kept] - posterior_covariance[np.ix_(kept, out)] @ away)
+
+
 def choose(
     priors: Sequence[Prior], mean: Array, posterior_covariance: Array, may_go: Collection[str], penalty: float = PENALTY
 ) -> Chosen:
@@ -99,10 +108,6 @@ def choose(
         change = log_evidence_without(priors, mean, posterior_covariance, toggled(i)) - here
         gains[priors[i].name] = change if out[i] else -change
     kept = ~out
-    theta = mean[kept]
-    if out.any():
-        theta = theta - posterior_covariance[np.ix_(kept, out)] @ np.linalg.solve(
-            posterior_covariance[np.ix_(out, out)], mean[out]
-        )
+    theta = most_probable(mean, posterior_covariance, kept)
     names = [p.name for p, gone in zip(priors, out, strict=True) if gone]
     return Chosen(tuple(given_zero(priors, names)), theta, kept, gains)

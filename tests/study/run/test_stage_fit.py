@@ -52,13 +52,22 @@ def run(tmp_path, monkeypatch):
         asked.append(SimpleNamespace(flights=flights, priors=tuple(priors), begin=(theta, at, larger.hyper)))
         return JointFit(_optimum(theta, np.eye(len(priors))), larger.hyper, -float(len(asked)))
 
+    small = []
+
+    def beside_smaller(flights, priors, prior, library, fewest, progress):
+        assert library.evidence == -1.0 and len(priors) == 5
+        small.append(fewest)
+        progress(1.0, "beside")
+        return library._replace(evidence=-9.0)
+
     def mode(flights, priors, settled, progress=None, near=0.0):
-        assert settled.evidence == -1.0 and len(priors) == 5  # of the library's fit
+        assert settled.evidence == -9.0 and len(priors) == 5  # of the library, where the small model led
         return _optimum(MODE, LAW)
 
     monkeypatch.setattr(stage_fit, "joint_fit", joint_fit)
     monkeypatch.setattr(stage_fit, "marginal_mode", mode)
     monkeypatch.setattr(stage_fit, "carried_over", carried_over)
+    monkeypatch.setattr(stage_fit, "beside_smaller", beside_smaller)
     monkeypatch.setattr(stage_fit, "data_of", lambda job, flight, priors: (flight.name, tuple(p.name for p in priors)))
     study = SimpleNamespace(
         structure=SimpleNamespace(fit="search", core=CORE), noise=SimpleNamespace(model="latent"),
@@ -67,7 +76,7 @@ def run(tmp_path, monkeypatch):
     job = SimpleNamespace(
         study=study, save=lambda name, value: (tmp_path / name).write_text(json.dumps(value), encoding="utf-8")
     )
-    made = SimpleNamespace(job=job, settled=asked, told=[], folder=tmp_path)
+    made = SimpleNamespace(job=job, settled=asked, small=small, told=[], folder=tmp_path)
     return made
 
 
@@ -90,6 +99,15 @@ def test_the_library_is_fitted_once_then_what_it_asks_for(run):
     assert second.flights == [("one", tuple(names)), ("two", tuple(names))]
     shares = [share for share, _ in run.told]
     assert shares == sorted(shares) and shares[-1] == 1.0
+
+
+def test_the_smallest_model_has_the_core_and_what_canopies_do_to_each_other(run):
+    _settled(run)
+    (fewest,) = run.small
+    wanted = ("axial[1]", "transverse[e]", "transverse[c]", "riser_length")
+    assert tuple(p.name for p in fewest.priors) == wanted and fewest.kept.tolist() == [True, False, True, True, True]
+    assert fewest.flights == [("one", wanted), ("two", wanted)]
+    np.testing.assert_allclose(covariance(fewest.priors), covariance(given_zero(PRIORS, ["axial[q]"])))
 
 
 def test_it_goes_on_from_the_library_s_flights(run):

@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 
 from bayeschute.core.errors import FitError
@@ -22,10 +21,12 @@ from bayeschute.posterior.noise_evidence import NoisePrior
 
 Array = NDArray[np.float64]
 _SMALL_LEVELS = (5.0, 3.0, 1.7, 1.0, 0.6, 0.3, 0.17, 0.1, 0.05, 0.02, 0.0)  # where the usual ones don't do
-_FEW_DEFECTS = 0.02  # of the last level's slack, at which single shooting can go on
-_TURN_NEAR = along_record.Near(20.0, np.inf, 0.05)  # end of a turn
-_LAST_NEAR = along_record.Near(1.0, 0.5, _FEW_DEFECTS)  # and of the last: the marginal mode is sought from there
-_JOINT_NEAR = along_record.Near(0.1, 0.1, _FEW_DEFECTS)  # where joint optima are compared
+FEW_DEFECTS = 0.02
+"""Defects over the last level's slack at which a path is a flight of the model: single shooting can go on from it."""
+_FALL = 10.0  # of the marginal log density, from where no optimum of the cost is worth a step
+_TURN_NEAR = along_record.Near(20.0, np.inf, 0.05, _FALL)  # end of a turn
+_LAST_NEAR = along_record.Near(1.0, 0.5, FEW_DEFECTS, _FALL)  # and of the last: the marginal mode is sought from there
+_JOINT_NEAR = along_record.Near(0.1, 0.1, FEW_DEFECTS)  # where joint optima are compared
 _NOISE_STEPS = (8, 20)  # most steps of the noise parameters, turn by turn: the first are of too loose a path
 _LOOSE = 3.0  # times the prior medians of all standard deviations, until noise parameters are found
 _BREAKS = "no flight of the model follows the record: steps along the best path break the equations of motion"
@@ -124,48 +125,57 @@ def _looser(hyper: NoiseParameters) -> NoiseParameters:
     return replace(hyper, noise=noise, disturbance_parameters=stronger)
 
 
+class _Way(NamedTuple):
+    """A way to fit along the record: its words, noise parameters, where flights begin (None: the record), slacks."""
+
+    words: str
+    hyper: NoiseParameters
+    at: Sequence[Lifted] | None
+    levels: tuple[float, ...]
+
+
+def _from_path(hyper: NoiseParameters, at: Sequence[Lifted]) -> _Way:
+    return _Way("from the path of the turn before", hyper, at, (0.0,))
+
+
+def _from_record(hyper: NoiseParameters, also: str = "") -> list[_Way]:
+    """What is fast first, then what gets further."""
+    words = "from the path of the record"
+    return [
+        _Way(words + also, hyper, None, (*along_record.LEVELS, 0.0)),
+        _Way(f"{words}, in smaller steps{also}", hyper, None, _SMALL_LEVELS),
+    ]
+
+
 def _along_record(
     flights: Sequence[FlightData],
-    hyper: NoiseParameters,
     priors: Sequence[Prior],
     theta: Array,
-    at: Sequence[Lifted] | None,
+    several: Sequence[Sequence[_Way]],
     near: along_record.Near,
     tell: Callable[[along_record.Row], None],
-    turn: int | None = None,
-) -> LiftedFit:
-    """A fit along the record whose path obeys the equations of motion, from where it is or from the record's path.
-
-    What is fast is tried first, then what gets further. Where noise parameters are still to be found, the first turn
-    has stronger noise than they say, and may come to another path than that of greatest density; so the second begins
-    on the record's path again.
+) -> list[Optimum]:
+    """Where fits along the record lead: of every list of ways, the first that leaves no defects, if one does.
 
     Raises:
-        NoFitError: If defects are left whatever was tried.
+        NoFitError: If all ways leave some.
     """
-    whole, anew = (*along_record.LEVELS, 0.0), "from the path of the record"
-    begun: list[tuple[str, NoiseParameters, Sequence[Lifted] | None, tuple[float, ...]]] = [
-        (anew, hyper, None, whole),
-        (f"{anew}, in smaller steps", hyper, None, _SMALL_LEVELS),
-    ]
-    if at is not None:
-        begun.insert(1 if turn == 1 else 0, ("from the path of the turn before", hyper, at, (0.0,)))
-    elif turn == 0:
-        looser = _looser(hyper)
-        begun = [(f"{words}, noise stronger", looser, None, levels) for words, _, _, levels in begun]
-        begun.insert(1, (anew, hyper, None, whole))
-    tried: list[str] = []
-    best: LiftedFit | None = None
-    for words, noise, places, levels in begun:
-        made = along_record.descend(flights, noise, priors, theta, places, levels, near=near, progress=tell)
-        said = f"{len(made.rows)} steps, the last {made.rows[-1] if made.rows else 'none: not finite'}"
-        if made.rows and made.rows[-1].level == 0.0 and made.rows[-1].defect < max(near.defect, _FEW_DEFECTS):
-            return made
-        tried.append(f"{words}: {said}")
-        if best is None or (made.rows and (not best.rows or made.rows[-1].defect < best.rows[-1].defect)):
-            best = made
-    assert best is not None
-    raise NoFitError(_BREAKS, tried, best, priors, hyper)
+    found, tried = list[Optimum](), list[tuple[_Way, LiftedFit]]()
+    for ways in several:
+        for way in ways:
+            made = along_record.descend(flights, way.hyper, priors, theta, way.at, way.levels, near=near, progress=tell)
+            tried.append((way, made))
+            if made.rows and made.rows[-1].level == 0.0 and made.rows[-1].defect < max(near.defect, FEW_DEFECTS):
+                found.append(_optimum(made))
+                break
+    if not found:
+        way, best = min(tried, key=lambda one: one[1].rows[-1].defect if one[1].rows else np.inf)
+        raise NoFitError(_BREAKS, [_in_words(*one) for one in tried], best, priors, way.hyper)
+    return found
+
+
+def _in_words(way: _Way, made: LiftedFit) -> str:
+    return f"{way.words}: {len(made.rows)} steps, the last {made.rows[-1] if made.rows else 'none: not finite'}"
 
 
 def _settle_along(
@@ -175,66 +185,43 @@ def _settle_along(
     say: Progress,
     begin: Begin | None,
 ) -> JointFit:
-    """`joint_fit` along the record: the trajectory is kept between updates of the noise parameters."""
+    """`joint_fit` along the record: the trajectory is kept between updates of the noise parameters.
+
+    The first turn has stronger noise than the prior medians, and may come to another path than that of greatest
+    density. So the second begins there and on the record's path again, and goes on where the evidence is greater.
+    """
     theta, hyper = working(priors)[0], prior.median
     at: Sequence[Lifted] | None = None
     if begin is not None:
         theta, at, hyper = begin
     begins = at is None  # noise parameters that come with a path are of a fit before
     turns = len(_NOISE_STEPS) if begins else 0
+
+    def evidence(best: Optimum) -> float:
+        told = noise_evidence.function_of(flights, best.linear(flights), priors, prior)
+        return told(noise_evidence.to_vector(hyper))[0]
+
     for turn in range(turns + 1):
 
         def tell(row: along_record.Row, turn: int = turn) -> None:
             say((turn + 0.3) / (turns + 1), f"along the record {turn + 1}, {row}")
 
-        near = _LAST_NEAR if turn == turns else _TURN_NEAR
-        made = _along_record(flights, hyper, priors, theta, at, near, tell, turn if begins else None)
-        theta, at = made.theta, made.flights
-        best = _optimum(made)
+        near, anew = _LAST_NEAR if turn == turns else _TURN_NEAR, _from_record(hyper)
+        if at is None:
+            first, *further = _from_record(_looser(hyper), ", noise stronger")
+            several = [[first, anew[0], *further]]
+        elif turn == 1:
+            several = [[_from_path(hyper, at)], anew]
+        else:
+            several = [[_from_path(hyper, at), *anew]]
+        found = _along_record(flights, priors, theta, several, near, tell)
+        best = min(found, key=evidence) if len(found) > 1 else found[0]
+        theta, at = best.theta, best.flights
         if turn < turns:
             linear = best.linear(flights)
             hyper, value = noise_evidence.maximise(flights, linear, priors, hyper, prior, _NOISE_STEPS[turn])
             say((turn + 0.9) / (turns + 1), f"noise parameters: log evidence {-value:.1f}")
-    value = noise_evidence.function_of(flights, best.linear(flights), priors, prior)(noise_evidence.to_vector(hyper))[0]
-    return JointFit(best, hyper, value)
-
-
-def carried_over(
-    flights: Sequence[FlightData],
-    priors: Sequence[Prior],
-    prior: NoisePrior,
-    larger: JointFit,
-    theta: Array,
-    at: Sequence[Lifted],
-) -> JointFit | None:
-    """A fit of a smaller model at the place where a larger one has led, with the noise parameters of that one.
-
-    The marginal mode of a model can lie a hundred standard deviations from its joint optimum; where one of a larger
-    model is known, the way through the joint optimum of the smaller one and back is spared.
-
-    Args:
-        flights: Records, for the parameters of the smaller model.
-        priors: Priors of its parameters.
-        prior: Priors of the noise parameters.
-        larger: The fit of the larger model.
-        theta: Parameters of the smaller one there, working coordinates (P,).
-        at: Start, process noise and path of every flight there.
-
-    Returns:
-        A place to seek the marginal mode from, no joint optimum; None where flights don't follow the record.
-    """
-    conditional = along_record.conditional_optimum(flights, larger.hyper, priors, theta, at)
-    if conditional is None or not conditional.defect < _FEW_DEFECTS:
-        return None
-    found = replace(
-        larger.optimum,
-        theta=theta,
-        flights=conditional.flights,
-        covariance=scipy.linalg.inv(conditional.matrix),
-        cost=conditional.cost,
-    )
-    evidence = noise_evidence.function_of(flights, found.linear(flights), priors, prior)
-    return JointFit(found, larger.hyper, evidence(noise_evidence.to_vector(larger.hyper))[0])
+    return JointFit(best, hyper, evidence(best))
 
 
 def joint(
@@ -258,7 +245,8 @@ def joint(
         FloatingPointError: If models without a path of the record don't fly at the start.
     """
     if all(f.path is not None for f in flights):
-        return _optimum(_along_record(flights, hyper, priors, theta, at, _JOINT_NEAR, lambda row: None))
+        ways = _from_record(hyper) if at is None else [_from_path(hyper, at), *_from_record(hyper)]
+        return _along_record(flights, priors, theta, [ways], _JOINT_NEAR, lambda row: None)[0]
     unknowns = None if at is None else [x.unknowns for x in at]
     return optimum.fit(flights, hyper, priors, theta, unknowns, 0.01)
 

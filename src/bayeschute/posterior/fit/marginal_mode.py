@@ -134,7 +134,8 @@ def marginal_mode(
             bends.append((theta - last[0], slope - last[1]))
         step, last = secant_step(slope, covariance, bends), (theta, slope)
         distance = length(step, covariance)
-        say((turn - 1) / most, f"marginal mode: cost {conditional.cost:.2f}, step {distance:.3f} standard deviations")
+        density = f"cost {conditional.cost:.2f}, log density {-conditional.marginal:.2f}"
+        say((turn - 1) / most, f"marginal mode: {density}, step {distance:.3f} standard deviations")
         before = _Placed(theta, conditional, correction, step)
         theta, places = before.onward(flights, hyper)
         if distance < near:

@@ -13,19 +13,21 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from bayeschute.aero.coefficient import is_coefficient, shared_name
+from bayeschute.aero.coefficient import Coefficient, is_coefficient, shared_name
+from bayeschute.aero.terms import is_pairwise
 from bayeschute.core.errors import FitError
 from bayeschute.core.files import write_whole
 from bayeschute.core.random import seed_of, stream
 from bayeschute.dynamics.cluster_flight import output_names
 from bayeschute.likelihood.joint import FlightData, linearise
-from bayeschute.likelihood.priors import Prior
+from bayeschute.likelihood.priors import Prior, given_zero
 from bayeschute.posterior.assess import output_error
 from bayeschute.posterior.assess.score_test import scores
 from bayeschute.posterior.best_path import BestPath
-from bayeschute.posterior.fit.joint_fit import Begin, JointFit, NoFitError, carried_over, joint_fit
+from bayeschute.posterior.fit.joint_fit import Begin, JointFit, NoFitError, joint_fit
 from bayeschute.posterior.fit.laplace_fit import LaplaceFit, marginal_fit
 from bayeschute.posterior.fit.marginal_mode import marginal_mode
+from bayeschute.posterior.fit.smaller_model import Smaller, beside_smaller, carried_over
 from bayeschute.posterior.noise_evidence import NoisePrior
 from bayeschute.posterior.noise_uncertainty import NoiseEffect, widened
 from bayeschute.posterior.sampler import data_tree, sample
@@ -370,12 +372,13 @@ def _searched(
     flights = [data_of(job, f, group.priors) for f in group.flights]
     core = set(job.study.structure.core)
     may_go = [p.name for p in group.priors if is_coefficient(p.name) and shared_name(p.name) not in core]
-    library = _joint(job, group, prior, lambda s, w: say(0.5 * s, f"full library of terms: {w}"))
 
-    def tell(share: float, words: str) -> None:
-        say(0.5 + 0.1 * share, f"full library of terms: {words}")
+    def tell(start: float, end: float) -> Say:
+        return _part(lambda share, words: say(share, f"full library of terms: {words}"), start, end)
 
-    mode = marginal_mode(flights, group.priors, library, tell, near=_LIBRARY_NEAR)
+    library = _joint(job, group, prior, tell(0.0, 0.4))
+    begin_mode = beside_smaller(flights, group.priors, prior, library, _fewest(job, group, may_go), tell(0.4, 0.5))
+    mode = marginal_mode(flights, group.priors, begin_mode, tell(0.5, 0.6), near=_LIBRARY_NEAR)
     chosen = choose(group.priors, mode.theta, mode.covariance, may_go)
     say(0.6, f"{int(chosen.kept.sum())} of {chosen.kept.size} parameters selected")
     smaller = replace(group, priors=chosen.priors)
@@ -389,6 +392,15 @@ def _searched(
         settled = _joint(job, smaller, prior, lambda s, w: say(0.6 + 0.4 * s, w), begin)
     _revise(job, chosen.priors)
     return smaller, settled, chosen.evidence
+
+
+def _fewest(job: Job, group: Group, may_go: Sequence[str]) -> Smaller:
+    """The core, and what canopies do to each other: without that no cluster follows its record."""
+    terms = {name: found.term for name in may_go if (found := Coefficient.parse(name))}
+    gone = [name for name, term in terms.items() if not is_pairwise(term)]
+    priors = given_zero(group.priors, gone)
+    kept = np.array([p.name not in gone for p in group.priors])
+    return Smaller([data_of(job, f, priors) for f in group.flights], priors, kept)
 
 
 def _joint(
