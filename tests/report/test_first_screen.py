@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayeschute.report import first_screen
+from bayeschute.report import first_screen, sentences
 from bayeschute.report.figures.canvas import lighter
 from bayeschute.report.page import build_report
 from bayeschute.report.run_results import read_results
@@ -42,6 +42,29 @@ def test_words_follow_the_probability(results, share, said):
     told = _with(results, probability_met=share)
     (first, *_) = first_screen.answers(replace(told, summary={**told.summary, **checked}))
     assert first[1] == said
+    against = {"claim": {"level": "not checked", "contradicted": ["the record is not one that the model makes"]}}
+    (first, *_) = first_screen.answers(replace(told, summary={**told.summary, **against}))
+    assert first[1] == f"{said}, says a model that its own data contradict"
+
+
+@pytest.mark.parametrize(
+    ("checks", "said"),
+    [
+        ({}, "no check was recorded"),
+        ({"calibration": None}, "no check was judged"),
+        ({"rhat": True}, "the one check passed"),
+        ({"rhat": True, "mode": True, "calibration": None}, "all 2 checks passed, not judged: calibration"),
+        ({"rhat": True, "draws_distance": False, "calibration": None},
+         "1 of 2 checks failed (draws distance), not judged: calibration"),
+    ],
+)  # fmt: skip
+def test_checks_are_counted_alike_everywhere_those_not_judged_apart(results, checks, said):
+    """As the shell does, which says that all passed before a calibration is looked for."""
+    told = {"checks": {name: {"passed": passed} for name, passed in checks.items()}}
+    made = replace(results, summary={**results.summary, **told})
+    (evidence,) = [about for question, _, about in first_screen.answers(made) if question == "On what evidence?"]
+    assert evidence.endswith(f"; {said}")
+    assert sentences.trust_sentence(made).lower().startswith(said)
 
 
 def test_without_a_probability_nothing_is_answered(results):

@@ -42,12 +42,14 @@ def _level(results: Results) -> str:
 
 
 def _met(results: Results, worst: Mapping[str, Any], known: list[Mapping[str, Any]]) -> tuple[str, str, str]:
-    """Whether the limit is met, by the probability at which a reader would say so; whose word it is, if unchecked."""
+    """Whether the limit is met, by the probability at which a reader would say so; whose word it is."""
     share = float(worst["probability_met"])
     said = "Very likely" if share >= 0.95 else "Likely" if share >= 0.8 else "Not likely" if share <= 0.2 else "Open"
     about = f"{worst.get('name', 'unnamed')}, {sentences.requirement_limit(worst)}"
     others = f"; the least likely of {counted(len(known), 'requirement')}" if len(known) > 1 else ""
-    if _level(results) == Level.NOT_CHECKED.words:
+    if results.part("claim").get("contradicted"):
+        said += ", says a model that its own data contradict"
+    elif _level(results) == Level.NOT_CHECKED.words:
         said += ", says a model that is not checked"
     return "Is the limit met?", said, about + others
 
@@ -68,11 +70,9 @@ def _evidence(results: Results) -> tuple[str, str, str]:
     """Calibration, checks, and flights that the estimate rests on."""
     flights = results.part("flights")
     fitted = [n for n, f in flights.items() if isinstance(f, Mapping) and "identify" in (f.get("roles") or ())]
-    checks = [c for c in results.part("checks").values() if isinstance(c, Mapping)]
-    passed = sum(c.get("passed") is True for c in checks)
     said = _level(results).capitalize()
     about = f"{counted(len(fitted), 'flight')} fitted ({listed(fitted)})" if fitted else "no flight was fitted"
-    return "On what evidence?", said, f"{about}; {passed} of {counted(len(checks), 'check')} passed"
+    return "On what evidence?", said, f"{about}; {sentences.checks_sentence(results)}"
 
 
 def _change(results: Results, worst: Mapping[str, Any]) -> tuple[str, str, str]:

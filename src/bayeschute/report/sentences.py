@@ -127,19 +127,24 @@ def truth_inside(facts: Mapping[str, Any]) -> bool | None:
     return low <= truth <= high
 
 
+def checks_sentence(results: Results) -> str:
+    """How many of the checks passed or failed; one that was not judged, as without a calibration, is named apart."""
+    checks = {name: c.get("passed") for name, c in results.part("checks").items() if isinstance(c, Mapping)}
+    judged = {name: passed for name, passed in checks.items() if passed is not None}
+    failed, left = [n for n in judged if not judged[n]], [n for n in checks if n not in judged]
+    if not judged:
+        text = "no check was judged" if checks else "no check was recorded"
+    elif failed:
+        text = f"{len(failed)} of {counted(len(judged), 'check')} failed ({listed([plain(n) for n in failed])})"
+    else:
+        text = "the one check passed" if len(judged) == 1 else f"all {len(judged)} checks passed"
+    return f"{text}, not judged: {listed([plain(n) for n in left])}" if judged and left else text
+
+
 def trust_sentence(results: Results) -> str:
     """Results of the checks, and coverage of known true parameter values."""
-    checks = {name: c for name, c in results.part("checks").items() if isinstance(c, Mapping)}
-    failed = [name for name, check in checks.items() if check.get("passed") is False]
-    not_run = [name for name, check in checks.items() if check.get("passed") is None]
-    if not checks:
-        text = "No check was recorded"
-    elif failed:
-        text = f"{len(failed)} of {counted(len(checks), 'check')} failed ({listed([plain(n) for n in failed])})"
-    elif not_run:
-        text = f"{len(checks) - len(not_run)} of {counted(len(checks), 'check')} passed, the others were not run"
-    else:
-        text = "The one check passed" if len(checks) == 1 else f"All {len(checks)} checks passed"
+    text = checks_sentence(results)
+    text = text[0].upper() + text[1:]
     inside = [truth_inside(p) for p in results.part("parameters").values() if isinstance(p, Mapping)]
     known = [i for i in inside if i is not None]
     if known:
