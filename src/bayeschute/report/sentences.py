@@ -128,8 +128,12 @@ def truth_inside(facts: Mapping[str, Any]) -> bool | None:
 
 
 def checks_sentence(results: Results) -> str:
-    """How many of the checks passed or failed; one that was not judged, as without a calibration, is named apart."""
-    checks = {name: c.get("passed") for name, c in results.part("checks").items() if isinstance(c, Mapping)}
+    """How many of a run's own checks passed or failed; those that were not judged are named apart.
+
+    Its calibration is no check of the run: what replicates of others say of it is its level.
+    """
+    told = {name: c.get("passed") for name, c in results.part("checks").items() if isinstance(c, Mapping)}
+    checks = {name: passed for name, passed in told.items() if name != "calibration"}
     judged = {name: passed for name, passed in checks.items() if passed is not None}
     failed, left = [n for n in judged if not judged[n]], [n for n in checks if n not in judged]
     if not judged:
