@@ -187,6 +187,23 @@ def test_the_slope_over_a_short_step_says_nothing_of_the_curvature(descent, monk
     np.testing.assert_allclose(used[-1], [1.0, 0.9], rtol=0.1)
 
 
+@pytest.mark.parametrize(("short", "looks"), [(-np.inf, 3), (1.5, 3), (3.0, 1)])
+def test_a_search_that_cannot_become_of_use_ends(descent, monkeypatch, short, looks):
+    """Begun 6 standard deviations off, its first step promises a rise of 18; where thrice that is wanted it is given up."""
+    settled = joint_fit.joint_fit(descent.flights, descent.priors, NoisePrior(descent.hyper))
+    monkeypatch.setattr(laplace, "lack", lambda made: laplace.Lack(np.zeros(1), np.zeros((1, 1))))
+    off = replace(
+        settled.optimum, theta=settled.optimum.theta + 6.0 * np.sqrt(settled.optimum.covariance[0]), converged=True
+    )
+    begin = along_record.conditional_optimum(descent.flights, settled.hyper, descent.priors, off.theta, off.flights)
+    said = []
+    best = marginal_mode.marginal_mode(
+        descent.flights, descent.priors, settled._replace(optimum=off), lambda share, words: said.append(words),
+        least=18.0 * short - begin.marginal,
+    )  # fmt: skip
+    assert best.converged == (looks > 1) and (len(said) == 1) == (looks == 1)
+
+
 def test_a_step_that_leads_to_where_flights_fail_is_halved(descent, monkeypatch):
     """Flights on both sides fail farther than two standard deviations from the joint optimum; the mode is within."""
     settled = joint_fit.joint_fit(descent.flights, descent.priors, NoisePrior(descent.hyper))
@@ -288,12 +305,18 @@ def test_the_second_turn_goes_on_where_the_evidence_is_greater(monkeypatch, desc
     monkeypatch.setattr(along_record, "descend", descended)
     monkeypatch.setattr(Optimum, "linear", lambda self, flights: [float(self.theta[0])])
     monkeypatch.setattr(noise_evidence, "function_of", told)
-    monkeypatch.setattr(noise_evidence, "maximise", lambda flights, linear, priors, hyper, *_: (hyper, 0.0))
+    _hold_noise(monkeypatch)
     joint_fit.joint_fit(flights, descent.priors, NoisePrior(descent.hyper))
     assert asked[0] == (LOUD, False, descent.priors[0].centre)
     assert asked[1] == (OWN, True, 1.0) and asked[2] == (OWN, False, 1.0)
     ends = [2.0, 3.0]
     assert asked[-1][1] and asked[-1][2] == ends[kept]
+
+
+def _hold_noise(monkeypatch):
+    """Noise parameters stay where they are."""
+    monkeypatch.setattr(noise_evidence, "scales", lambda *_: None)
+    monkeypatch.setattr(noise_evidence, "maximise", lambda evidence, hyper, *_: (hyper, 0.0))
 
 
 def test_a_fit_with_nothing_left_to_try_tells_all_that_was_tried(monkeypatch, descent):
@@ -306,7 +329,7 @@ def test_a_fit_with_nothing_left_to_try_tells_all_that_was_tried(monkeypatch, de
 
     monkeypatch.setattr(along_record, "descend", descended)
     monkeypatch.setattr(Optimum, "linear", lambda self, flights: [])
-    monkeypatch.setattr(noise_evidence, "maximise", lambda flights, linear, priors, hyper, *_: (hyper, 0.0))
+    _hold_noise(monkeypatch)
     with pytest.raises(joint_fit.NoFitError, match="no flight of the model follows the record") as told:
         joint_fit.joint_fit(flights, descent.priors, NoisePrior(descent.hyper))
     assert [words.split(":")[0] for words in told.value.tried] == [

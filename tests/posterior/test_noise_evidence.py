@@ -112,19 +112,17 @@ def test_maximise_recovers_the_noise(descent):
     off = NoiseParameters(Noise(np.array([0.15]), np.array([0.04]), np.array([4.0])), (np.array([1.0, 6.0]),))
     lin = [_linearised(f, descent.hyper, descent.theta, x) for f, x in zip(flights, u, strict=True)]
     prior = NoisePrior(off, 1.0)
-    best, value = noise_evidence.maximise(flights, lin, descent.priors, off, prior)
+    evidence = noise_evidence.function_of(flights, lin, descent.priors, prior)
+    best, value = noise_evidence.maximise(evidence, off, prior)
     made, true = noise_evidence.to_vector(best), noise_evidence.to_vector(descent.hyper)
     # 190 samples tell white noise and the wind error; drift of the sensor, beside that of the wind, they don't.
-    se = np.sqrt(
-        np.diag(noise_evidence.noise_parameter_covariance(flights, lin, descent.priors, best, prior, np.zeros((1, 5))))
-    )
+    se = np.sqrt(np.diag(noise_evidence.noise_parameter_covariance(evidence, best, prior, np.zeros((1, 5)))))
     assert (np.abs(made - true) < 3.0 * se).all()
     assert (se[[0, 3, 4]] < [0.2, 0.3, 0.6]).all() and (np.abs(made - true)[[0, 3, 4]] < [0.35, 0.5, 1.0]).all()
-    again, _ = noise_evidence.maximise(flights, lin, descent.priors, descent.hyper, prior)
+    again, _ = noise_evidence.maximise(evidence, descent.hyper, prior)
     np.testing.assert_allclose(noise_evidence.to_vector(again), made, atol=0.15)
-    objective = noise_evidence.function_of(flights, lin, descent.priors, prior)
-    assert value == pytest.approx(objective(made)[0]) and value < objective(true)[0]
-    assert np.abs(objective(made)[1]).max() < 0.1
+    assert value == pytest.approx(evidence(made)[0]) and value < evidence(true)[0]
+    assert np.abs(evidence(made)[1]).max() < 0.1
 
 
 def test_maximise_recovers_an_oscillator(linear):
@@ -132,7 +130,8 @@ def test_maximise_recovers_an_oscillator(linear):
     drawn = [linear.simulate(linear.flight, truth, linear.theta, seed) for seed in (21, 22, 23)]
     flights, lin = [f for f, _ in drawn], [_linearised(f, truth, linear.theta, u) for f, u in drawn]
     off = NoiseParameters(linear.hyper.noise, (np.array([0.4, 2.5]), np.array([0.5, 0.6, 0.3])))
-    best, _ = noise_evidence.maximise(flights, lin, linear.priors, off, NoisePrior(off, 0.7))
+    prior = NoisePrior(off, 0.7)
+    best, _ = noise_evidence.maximise(noise_evidence.function_of(flights, lin, linear.priors, prior), off, prior)
     sd, frequency, zeta = best.disturbance_parameters[1]
     assert frequency == pytest.approx(0.35, rel=0.1)  # 36 s, a dozen periods
     assert sd == pytest.approx(0.9, rel=0.4) and 0.03 < zeta < 0.3
@@ -141,34 +140,67 @@ def test_maximise_recovers_an_oscillator(linear):
 def test_law_covariance_is_the_inverse_curvature_and_never_wider_than_the_prior(linear):
     lin = [_linearised(linear.flight, linear.hyper, linear.theta, linear.u)]
     prior = NoisePrior(linear.hyper, LOG_SD)
-    best = noise_evidence.maximise([linear.flight], lin, linear.priors, linear.hyper, prior)[0]
-    held = np.zeros((2, 11))
-    made = noise_evidence.noise_parameter_covariance([linear.flight], lin, linear.priors, best, prior, held)
+    evidence = noise_evidence.function_of([linear.flight], lin, linear.priors, prior)
+    best = noise_evidence.maximise(evidence, linear.hyper, prior)[0]
+    made = noise_evidence.noise_parameter_covariance(evidence, best, prior, np.zeros((2, 11)))
     assert made.shape == (11, 11)
     np.testing.assert_allclose(made, made.T, atol=1e-12)
     values, vectors = np.linalg.eigh(made)
     assert values.min() > 0.0 and values.max() <= LOG_SD**2 + 1e-12
-    objective, at, h = (
-        noise_evidence.function_of([linear.flight], lin, linear.priors, prior),
-        noise_evidence.to_vector(best),
-        0.05,
-    )
-    middle, told = objective(at)[0], values < 0.8 * LOG_SD**2
+    at, h = noise_evidence.to_vector(best), 0.05
+    middle, told = evidence(at)[0], values < 0.8 * LOG_SD**2
     assert told.sum() >= 4
     for value, way in zip(values[told], vectors.T[told], strict=True):
-        curvature = (objective(at + h * way)[0] - 2.0 * middle + objective(at - h * way)[0]) / h**2
+        curvature = (evidence(at + h * way)[0] - 2.0 * middle + evidence(at - h * way)[0]) / h**2
         assert value == pytest.approx(1.0 / curvature, rel=0.05)
     # Parameters that follow the noise parameters take their part off the curvature.
     follow = 0.5 * np.outer([1.0, 0.0], vectors[:, 0]) / np.sqrt(values[0])
-    freed = noise_evidence.noise_parameter_covariance([linear.flight], lin, linear.priors, best, prior, follow)
+    freed = noise_evidence.noise_parameter_covariance(evidence, best, prior, follow)
     assert vectors[:, 0] @ freed @ vectors[:, 0] == pytest.approx(values[0] / 0.75, rel=1e-6)
+
+
+def _quadratic(curvature):
+    """Minus a Gaussian log evidence about zero, and a list that gets a row for each time it is asked."""
+    asked = []
+
+    def evidence(x):
+        asked.append(x)
+        return 0.5 * float(x @ curvature @ x), curvature @ x
+
+    return evidence, asked
+
+
+def test_law_scales_are_the_widths_of_a_gaussian_along_the_axes_and_no_wider_than_the_prior(monkeypatch):
+    curvature = np.array([[4e4, 30.0, 0.0], [30.0, 4.0, 1e-3], [0.0, 1e-3, 1e-4]])
+    monkeypatch.setattr(noise_evidence, "to_vector", lambda hyper: hyper)
+    evidence, _ = _quadratic(curvature)
+    made = noise_evidence.scales(evidence, np.array([0.1, -0.2, 0.3]), NoisePrior(None, LOG_SD))
+    np.testing.assert_allclose(made, [0.005, 0.5, LOG_SD], rtol=1e-6)
+
+
+def test_noise_parameters_known_unequally_well_are_found_in_few_steps(monkeypatch):
+    """As a record knows a sensor's noise by thousands of samples and a correlation time by a few."""
+    rng = np.random.default_rng(4)
+    size, mixed = np.logspace(4.5, 0.0, 20), np.linalg.qr(np.eye(20) + 0.01 * rng.standard_normal((20, 20)))[0]
+    monkeypatch.setattr(noise_evidence, "to_vector", lambda hyper: np.asarray(hyper))
+    monkeypatch.setattr(noise_evidence, "from_vector", lambda x, like: x)
+    evidence, asked = _quadratic(mixed @ np.diag(size) @ mixed.T)
+    prior, start = NoisePrior(np.zeros(20), 2.0), rng.uniform(0.5, 1.0, 20)
+    _, value = noise_evidence.maximise(evidence, start, prior)
+    assert value < 0.01
+    assert len(asked) < 21 + 50
+    _, far = noise_evidence.maximise(evidence, start, prior, most=40, scale=np.ones(20))
+    assert far > 10.0 * value
 
 
 def test_an_evidence_that_is_not_finite_is_refused(linear):
     lin = _linearised(linear.flight, linear.hyper, linear.theta, linear.u)
     spoiled = lin._replace(residual=np.full_like(lin.residual, np.nan))
+    prior = NoisePrior(linear.hyper)
     with pytest.raises(FloatingPointError, match="not finite"):
-        noise_evidence.maximise([linear.flight], [spoiled], linear.priors, linear.hyper, NoisePrior(linear.hyper))
+        noise_evidence.maximise(
+            noise_evidence.function_of([linear.flight], [spoiled], linear.priors, prior), linear.hyper, prior
+        )
 
 
 def test_a_gap_shifts_what_the_linear_model_sees(linear):
@@ -187,39 +219,34 @@ def test_a_gap_shifts_what_the_linear_model_sees(linear):
     np.testing.assert_allclose(ours[1], wanted[1], rtol=1e-9)
 
 
-def test_the_mean_of_skewed_noise_parameters(monkeypatch, linear):
+def test_the_mean_of_skewed_noise_parameters(monkeypatch):
     """Logarithms of two standard deviations that some numbers tell: known in closed form, in turned axes."""
     n, turn = np.array([6.0, 40.0]), np.array([[0.8, -0.6], [0.6, 0.8]])
-    at, prior = np.array([0.3, -1.0]), NoisePrior(linear.hyper)
+    at = np.array([0.3, -1.0])
 
-    def objective(x):
+    def evidence(x):
         """About the mode `at`: n eta + n/2 exp(-2 eta) along every axis."""
         eta = turn.T @ (x - at)
         return float(n @ eta + 0.5 * n @ np.exp(-2.0 * eta)), turn @ (n - n * np.exp(-2.0 * eta))
 
-    monkeypatch.setattr(noise_evidence, "function_of", lambda *_: objective)
     monkeypatch.setattr(noise_evidence, "to_vector", lambda hyper: hyper)
     covariance = turn @ np.diag(1.0 / (2.0 * n)) @ turn.T
-    moved = turn.T @ noise_evidence.mean_less_mode([], [], [], at, prior, covariance)
+    moved = turn.T @ noise_evidence.mean_less_mode(evidence, at, covariance)
     np.testing.assert_allclose(moved, 0.5 * (np.log(n / 2.0) - digamma(n / 2.0)), rtol=0.15)
     # A Gaussian has none; axes that are known well are left alone; and nothing moves by more than its width.
-    monkeypatch.setattr(noise_evidence, "function_of", lambda *_: lambda x: (0.0, np.linalg.solve(covariance, x - at)))
-    np.testing.assert_allclose(noise_evidence.mean_less_mode([], [], [], at, prior, covariance), 0.0, atol=1e-12)
-    monkeypatch.setattr(
-        noise_evidence, "function_of", lambda *_: lambda x: (0.0, turn @ (turn.T @ (x - at)) ** 2 * 1e3)
+    gaussian = noise_evidence.mean_less_mode(lambda x: (0.0, np.linalg.solve(covariance, x - at)), at, covariance)
+    np.testing.assert_allclose(gaussian, 0.0, atol=1e-12)
+    moved = turn.T @ noise_evidence.mean_less_mode(
+        lambda x: (0.0, turn @ (turn.T @ (x - at)) ** 2 * 1e3), at, turn @ np.diag([0.04, 0.0025]) @ turn.T
     )
-    moved = turn.T @ noise_evidence.mean_less_mode([], [], [], at, prior, turn @ np.diag([0.04, 0.0025]) @ turn.T)
     np.testing.assert_allclose(moved, [-0.2, 0.0], atol=1e-12)
 
 
-def test_axes_at_whose_ends_the_evidence_is_not_finite_are_left_out(monkeypatch, linear):
-    at, prior = np.zeros(2), NoisePrior(linear.hyper)
-
-    def objective(x):
+def test_axes_at_whose_ends_the_evidence_is_not_finite_are_left_out(monkeypatch):
+    def evidence(x):
         """Skewed along both axes; not finite to one side of the second."""
         return (1e300, np.zeros(2)) if x[1] < -0.1 else (0.0, x + 0.5 * x**2)
 
-    monkeypatch.setattr(noise_evidence, "function_of", lambda *_: objective)
     monkeypatch.setattr(noise_evidence, "to_vector", lambda hyper: hyper)
-    moved = noise_evidence.mean_less_mode([], [], [], at, prior, np.diag([0.09, 0.16]))
+    moved = noise_evidence.mean_less_mode(evidence, np.zeros(2), np.diag([0.09, 0.16]))
     np.testing.assert_allclose(moved, [-0.5 * 0.09 * 0.09, 0.0], atol=1e-12)

@@ -27,6 +27,9 @@ from bayeschute.likelihood.priors import Prior, precision
 
 Array = NDArray[np.float64]
 _seen = jax.jit(as_seen)
+Evidence = Callable[[Array], tuple[float, Array]]
+"""Minus a log evidence and its gradient (V,) at the logarithms of the noise parameters (V,): see `function_of`."""
+_FARTHEST = 5.0  # standard deviations of its prior that a noise parameter may be away from the median
 _TOLD = 0.1  # along axes with a smaller standard deviation the skewness is negligible
 
 
@@ -44,7 +47,7 @@ def function_of(
     priors: Sequence[Prior],
     prior: NoisePrior,
     mean_corrections: Sequence[MeanCorrection] | None = None,
-) -> Callable[[Array], tuple[float, Array]]:
+) -> Evidence:
     """Minus the log evidence, up to a constant, and its gradient, as a function of the noise parameters' logarithms.
 
     Args:
@@ -52,7 +55,7 @@ def function_of(
         linear: Their linearisations at an optimum.
         priors: Priors of theta.
         prior: Priors of the noise parameters.
-        mean_corrections: As in `maximise`.
+        mean_corrections: See `posterior.marginal`, per flight; none where None.
 
     Returns:
         From (V,), in the order of `to_vector`, to value and gradient (V,); 1e300 and zeros where it is not finite.
@@ -72,25 +75,42 @@ def function_of(
     return objective
 
 
+def scales(evidence: Evidence, hyper: NoiseParameters, prior: NoisePrior) -> Array:
+    """How far the logarithms of the noise parameters may move, each alone, until the evidence tells.
+
+    Args:
+        evidence: From `function_of`.
+        hyper: Where.
+        prior: Priors of the noise parameters; their standard deviation is the most.
+
+    Returns:
+        Inverse roots of the curvatures' sizes (V,).
+    """
+    curvature = np.diag(_curvature(evidence, to_vector(hyper)))
+    return np.asarray(1.0 / np.sqrt(np.maximum(np.abs(curvature), 1.0 / prior.log_sd**2)))
+
+
+def _curvature(evidence: Evidence, at: Array, step: float = 1e-3) -> Array:
+    """Derivatives of the gradient (V, V). That is exact, so a short step to one side will do."""
+    with ThreadPoolExecutor(processors()) as pool:
+        rows = list(pool.map(lambda x: evidence(x)[1], [at, *(at + step * np.eye(at.size))]))
+    return (np.array(rows[1:]) - rows[0]) / step
+
+
 def maximise(
-    flights: Sequence[FlightData],
-    linear: Sequence[Linear],
-    priors: Sequence[Prior],
-    hyper: NoiseParameters,
-    prior: NoisePrior,
-    most: int = 60,
-    mean_corrections: Sequence[MeanCorrection] | None = None,
+    evidence: Evidence, hyper: NoiseParameters, prior: NoisePrior, most: int = 60, scale: Array | None = None
 ) -> tuple[NoiseParameters, float]:
     """Noise parameters of greatest evidence at a linearisation.
 
+    A record of thousands of samples knows a sensor's noise a hundred times as well as a disturbance's correlation time.
+    In coordinates of like scale L-BFGS takes twenty steps there; on the logarithms themselves, sixty end far off.
+
     Args:
-        flights: Records.
-        linear: Their linearisations at an optimum.
-        priors: Priors of theta.
+        evidence: From `function_of`.
         hyper: Where to start.
         prior: Priors of the noise parameters.
         most: Most iterations of L-BFGS.
-        mean_corrections: See `posterior.marginal`, per flight; none where None.
+        scale: Of its coordinates (V,), from `scales`; those at the start where None.
 
     Returns:
         The noise parameters and minus the log evidence up to a constant.
@@ -98,64 +118,47 @@ def maximise(
     Raises:
         FloatingPointError: If the evidence is not finite anywhere.
     """
-    middle = to_vector(prior.median)
-    bounds = [(m - 5.0 * prior.log_sd, m + 5.0 * prior.log_sd) for m in middle]
+    unit = scales(evidence, hyper, prior) if scale is None else scale
+    middle, farthest = to_vector(prior.median), _FARTHEST * prior.log_sd
+
+    def scaled(z: Array) -> tuple[float, Array]:
+        value, gradient = evidence(unit * z)
+        return value, unit * gradient
+
     found = scipy.optimize.minimize(
-        function_of(flights, linear, priors, prior, mean_corrections),
-        to_vector(hyper),
+        scaled,
+        to_vector(hyper) / unit,
         jac=True,
         method="L-BFGS-B",
-        bounds=bounds,
+        bounds=list(zip((middle - farthest) / unit, (middle + farthest) / unit, strict=True)),
         options={"maxiter": most, "ftol": 1e-7},
     )
     if not found.fun < 1e299:
         raise FloatingPointError("the evidence is not finite at the optimum: a simulation beside it fails")
-    return jax.tree.map(np.asarray, from_vector(found.x, prior.median)), float(found.fun)
+    return jax.tree.map(np.asarray, from_vector(unit * found.x, prior.median)), float(found.fun)
 
 
-def noise_parameter_covariance(
-    flights: Sequence[FlightData],
-    linear: Sequence[Linear],
-    priors: Sequence[Prior],
-    hyper: NoiseParameters,
-    prior: NoisePrior,
-    slope: Array,
-    mean_corrections: Sequence[MeanCorrection] | None = None,
-) -> Array:
+def noise_parameter_covariance(evidence: Evidence, hyper: NoiseParameters, prior: NoisePrior, slope: Array) -> Array:
     """Laplace covariance of the logarithms of all noise parameters, by differences of the gradient.
 
-    The gradient is exact, so a short step to one side will do. It is that for held parameters; those follow the noise
-    parameters by `slope`, which takes ``slope' slope`` off the curvature.
+    That is the gradient for held parameters; those follow the noise parameters by `slope`, which takes
+    ``slope' slope`` off the curvature.
 
     Args:
-        flights: Records.
-        linear: Their linearisations at an optimum.
-        priors: Priors of theta.
+        evidence: From `function_of`.
         hyper: Noise parameters of greatest evidence.
         prior: Priors of the noise parameters.
         slope: From `noise_effect.noise_parameter_slope` (P, V).
-        mean_corrections: As in `maximise`.
 
     Returns:
         (V, V), in the order of `to_vector`; never wider than the prior.
     """
-    objective, at, step = function_of(flights, linear, priors, prior, mean_corrections), to_vector(hyper), 1e-3
-    with ThreadPoolExecutor(processors()) as pool:
-        rows = list(pool.map(lambda x: objective(x)[1], [at, *(at + step * np.eye(at.size))]))
-    curvature = (np.array(rows[1:]) - rows[0]) / step
+    curvature = _curvature(evidence, to_vector(hyper))
     values, vectors = np.linalg.eigh(0.5 * (curvature + curvature.T) - slope.T @ slope)
     return np.asarray((vectors / np.maximum(values, 1.0 / prior.log_sd**2)) @ vectors.T)
 
 
-def mean_less_mode(
-    flights: Sequence[FlightData],
-    linear: Sequence[Linear],
-    priors: Sequence[Prior],
-    hyper: NoiseParameters,
-    prior: NoisePrior,
-    covariance: Array,
-    mean_corrections: Sequence[MeanCorrection] | None = None,
-) -> Array:
+def mean_less_mode(evidence: Evidence, hyper: NoiseParameters, covariance: Array) -> Array:
     """Mean minus mode of the logarithms of the noise parameters, from the skewness of their posterior.
 
     A record of a few correlation times bounds a variance or a time constant better from below than from above, so their
@@ -165,23 +168,19 @@ def mean_less_mode(
     the evidence is not finite is left out.
 
     Args:
-        flights: Records.
-        linear: Their linearisations at an optimum.
-        priors: Priors of theta.
+        evidence: From `function_of`.
         hyper: Noise parameters of greatest evidence.
-        prior: Priors of the noise parameters.
         covariance: From `noise_parameter_covariance` (V, V).
-        mean_corrections: As in `maximise`.
 
     Returns:
         (V,), along no axis more than a standard deviation.
     """
-    objective, at = function_of(flights, linear, priors, prior, mean_corrections), to_vector(hyper)
+    at = to_vector(hyper)
     values, vectors = np.linalg.eigh(covariance)
     sd = np.sqrt(values)
     axes = (vectors * sd).T[sd > _TOLD]
     with ThreadPoolExecutor(processors()) as pool:
-        (_, middle), *ends = pool.map(objective, [at, *(at + axes), *(at - axes)])
+        (_, middle), *ends = pool.map(evidence, [at, *(at + axes), *(at - axes)])
     both = zip(ends[: len(axes)], ends[len(axes) :], strict=True)
     pairs = [(up[1], down[1]) for up, down in both if max(up[0], down[0]) < 1e299]
     bent = np.sum([up for up, _ in pairs] + [down for _, down in pairs], axis=0) - 2.0 * len(pairs) * middle

@@ -17,7 +17,7 @@ from bayeschute.posterior import joint_mode as optimum
 from bayeschute.posterior.along_record import LiftedFit
 from bayeschute.posterior.fit.continuation import Progress, lengthened
 from bayeschute.posterior.joint_mode import Optimum
-from bayeschute.posterior.noise_evidence import NoisePrior
+from bayeschute.posterior.noise_evidence import Evidence, NoisePrior
 
 Array = NDArray[np.float64]
 _SMALL_LEVELS = (5.0, 3.0, 1.7, 1.0, 0.6, 0.3, 0.17, 0.1, 0.05, 0.02, 0.0)  # where the usual ones don't do
@@ -27,7 +27,7 @@ _FALL = 10.0  # of the marginal log density, from where no optimum of the cost i
 _TURN_NEAR = along_record.Near(20.0, np.inf, 0.05, _FALL)  # end of a turn
 _LAST_NEAR = along_record.Near(1.0, 0.5, FEW_DEFECTS, _FALL)  # and of the last: the marginal mode is sought from there
 _JOINT_NEAR = along_record.Near(0.1, 0.1, FEW_DEFECTS)  # where joint optima are compared
-_NOISE_STEPS = (8, 20)  # most steps of the noise parameters, turn by turn: the first are of too loose a path
+_NOISE_STEPS = (4, 20)  # most steps of the noise parameters, turn by turn: the first are of too loose a path
 _LOOSE = 3.0  # times the prior medians of all standard deviations, until noise parameters are found
 _BREAKS = "no flight of the model follows the record: steps along the best path break the equations of motion"
 
@@ -109,8 +109,8 @@ def joint_fit(
         theta, unknowns = best.theta, best.unknowns
         if not last:
             say((turn + 0.9) / (rounds + 1), f"noise parameters {turn + 1}")
-            linear = best.linear(flights)
-            hyper, value = noise_evidence.maximise(flights, linear, priors, hyper, prior, most=20 if turn == 0 else 12)
+            evidence = noise_evidence.function_of(flights, best.linear(flights), priors, prior)
+            hyper, value = noise_evidence.maximise(evidence, hyper, prior, most=20 if turn == 0 else 12)
     return JointFit(best, hyper, value)
 
 
@@ -196,10 +196,13 @@ def _settle_along(
         theta, at, hyper = begin
     begins = at is None  # noise parameters that come with a path are of a fit before
     turns = len(_NOISE_STEPS) if begins else 0
+    scale: Array | None = None
 
-    def evidence(best: Optimum) -> float:
-        told = noise_evidence.function_of(flights, best.linear(flights), priors, prior)
-        return told(noise_evidence.to_vector(hyper))[0]
+    def evidence(best: Optimum) -> Evidence:
+        return noise_evidence.function_of(flights, best.linear(flights), priors, prior)
+
+    def value_at(best: Optimum) -> float:
+        return evidence(best)(noise_evidence.to_vector(hyper))[0]
 
     for turn in range(turns + 1):
 
@@ -215,13 +218,15 @@ def _settle_along(
         else:
             several = [[_from_path(hyper, at), *anew]]
         found = _along_record(flights, priors, theta, several, near, tell)
-        best = min(found, key=evidence) if len(found) > 1 else found[0]
+        best = min(found, key=value_at) if len(found) > 1 else found[0]
         theta, at = best.theta, best.flights
         if turn < turns:
-            linear = best.linear(flights)
-            hyper, value = noise_evidence.maximise(flights, linear, priors, hyper, prior, _NOISE_STEPS[turn])
+            there = evidence(best)
+            if scale is None:
+                scale = noise_evidence.scales(there, hyper, prior)
+            hyper, value = noise_evidence.maximise(there, hyper, prior, _NOISE_STEPS[turn], scale)
             say((turn + 0.9) / (turns + 1), f"noise parameters: log evidence {-value:.1f}")
-    return JointFit(best, hyper, evidence(best))
+    return JointFit(best, hyper, value_at(best))
 
 
 def joint(

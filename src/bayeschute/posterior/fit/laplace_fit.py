@@ -12,8 +12,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from bayeschute.core.random import stream
-from bayeschute.likelihood.joint import FlightData, Linear, NoiseParameters
-from bayeschute.likelihood.kalman import MeanCorrection
+from bayeschute.likelihood.joint import FlightData, NoiseParameters
 from bayeschute.likelihood.priors import Prior
 from bayeschute.posterior import laplace, noise_evidence
 from bayeschute.posterior.fit.continuation import Progress
@@ -23,13 +22,14 @@ from bayeschute.posterior.joint_mode import Optimum
 from bayeschute.posterior.laplace import Expansion
 from bayeschute.posterior.marginal import Marginal, marginalise
 from bayeschute.posterior.mode_checks import Profile, profile
-from bayeschute.posterior.noise_evidence import NoisePrior
+from bayeschute.posterior.noise_evidence import Evidence, NoisePrior
 from bayeschute.posterior.noise_uncertainty import NoiseEffect, noise_parameter_slope, noise_parameter_spread
 from bayeschute.posterior.quasi_newton import length
 from bayeschute.posterior.score_dispersion import Dispersion, dispersion, parts_of
 
 Array = NDArray[np.float64]
-_TURNS, _SETTLED = 3, 0.4  # most turns of noise parameters and mode; a step of the mode after which there is no other
+_TURNS, _SETTLED = 6, 0.4  # most turns of noise parameters and mode; a step of the mode after which there is no other
+_NOISE_STEPS = 24  # most of the noise parameters in each of them
 _MODE_TURN = 2  # most steps of the mode in each of them
 _BESIDE, _NEARER = 1.0, 0.3  # steps [standard deviations] to where Laplace's approximation is taken; where flights fail
 _LOST_BEND = "part of the corrections' curvature, which along some axis outweighs the density"
@@ -97,22 +97,22 @@ def marginal_fit(
     say = progress or (lambda share, words: None)
     best = marginal_mode(flights, priors, settled, lambda share, words: say(0.3 * share, words))
     hyper, value = settled.hyper, settled.evidence
+    noise_scale: Array | None = None
     for turn in range(_TURNS):
-        say(0.3 + 0.2 * turn / _TURNS, f"noise parameters at the mode {turn + 1}")
-        made = marginalise(flights, hyper, priors, best)
-        hyper, value = noise_evidence.maximise(
-            flights, _linear(made), priors, hyper, prior, 12, _mean_corrections(made)
-        )
+        evidence = _evidence(marginalise(flights, hyper, priors, best), priors, prior)
+        if noise_scale is None:
+            noise_scale = noise_evidence.scales(evidence, hyper, prior)
+        hyper, value = noise_evidence.maximise(evidence, hyper, prior, _NOISE_STEPS, noise_scale)
+        say(0.3 + 0.2 * turn / _TURNS, f"noise parameters at the mode {turn + 1}: log evidence {-value:.1f}")
         before, best = best, marginal_mode(flights, priors, JointFit(best, hyper, value), most=_MODE_TURN)
         if length(best.theta - before.theta, before.covariance) < _SETTLED:
             break
     made = marginalise(flights, hyper, priors, best)
     say(0.5, "uncertainty of the noise parameters")
     slope = noise_parameter_slope(made)
-    known = noise_evidence.noise_parameter_covariance(
-        flights, _linear(made), priors, hyper, prior, slope, _mean_corrections(made)
-    )
-    moved = noise_evidence.mean_less_mode(flights, _linear(made), priors, hyper, prior, known, _mean_corrections(made))
+    evidence = _evidence(made, priors, prior)
+    known = noise_evidence.noise_parameter_covariance(evidence, hyper, prior, slope)
+    moved = noise_evidence.mean_less_mode(evidence, hyper, known)
     scale = np.asarray(made.scale)
     candidates = [("most probable noise parameters", hyper)]
     if np.max(np.abs(scale @ slope @ moved) / np.linalg.norm(scale, axis=1)) <= _FAR:
@@ -128,6 +128,12 @@ def marginal_fit(
     agree = dispersion(*parts_of(made))
     effect = NoiseEffect(slope, spread, excess + agree.widening if widen else excess)
     return LaplaceFit(best, hyper, made, value, known, effect, wrong, seen, agree, lost)
+
+
+def _evidence(made: Marginal, priors: Sequence[Prior], prior: NoisePrior) -> Evidence:
+    """Of the noise parameters at the place where flights are linearised."""
+    linear, corrections = [along.linear for along in made.along], [along.mean_correction for along in made.along]
+    return noise_evidence.function_of(made.flights, linear, priors, prior, corrections)
 
 
 def _determinant_error(made: Marginal) -> float:
@@ -246,14 +252,6 @@ def _corrected(made: Marginal) -> tuple[Marginal, Expansion]:
 def _flattened(place: _Place) -> _Place:
     """A place about which the density has no mode, without what is to blame."""
     return _Place(place.optimum, *laplace.flattened(place.marginal, place.expansion), (_LOST_BEND,))
-
-
-def _linear(made: Marginal) -> list[Linear]:
-    return [along.linear for along in made.along]
-
-
-def _mean_corrections(made: Marginal) -> list[MeanCorrection]:
-    return [along.mean_correction for along in made.along]
 
 
 def find(

@@ -24,6 +24,7 @@ _MODE_STEPS, _NEAR = 16, 0.2  # most steps to the marginal mode; length of the l
 _HALVINGS = 10  # of a step to the mode at most
 _TRUSTED = 3.0  # standard deviations up to which the last step of a search that did not end is gone all the same
 _RISE = 5.0  # of minus the marginal log density over a step, beyond which half of it is tried
+_HOPED = 2.0  # times the rise that a step promises, beyond which none is expected
 _TELLING = 0.5  # standard deviations a step must be long for its change of the slope to count (see `marginal_mode`)
 _SAME_SLOPE = 0.5  # standard deviations within which the slope of what linear models lack is taken for linear
 
@@ -76,6 +77,7 @@ def marginal_mode(
     progress: Progress | None = None,
     most: int = _MODE_STEPS,
     near: float = _NEAR,
+    least: float = -np.inf,
 ) -> Optimum:
     """Mode of the marginal posterior, from the joint mode: minimises cost, log determinant and mean correction.
 
@@ -94,6 +96,7 @@ def marginal_mode(
         progress: Progress callback: share done and words.
         most: Most steps.
         near: Length of the last step, in standard deviations.
+        least: Log density that is of use: the search ends where steps promise to stay far below.
 
     Returns:
         The mode, start and process noise at their best for it; `converged` is false where steps did not become short.
@@ -138,7 +141,7 @@ def marginal_mode(
         say((turn - 1) / most, f"marginal mode: {density}, step {distance:.3f} standard deviations")
         before = _Placed(theta, conditional, correction, step)
         theta, places = before.onward(flights, hyper)
-        if distance < near:
+        if distance < near or -conditional.marginal + _HOPED * 0.5 * distance**2 < least:
             break
     if before is not None and distance > _TRUSTED:  # where that step leads nobody has looked
         theta, places = before.theta, before.conditional.flights

@@ -110,10 +110,11 @@ def beside_smaller(
     if start is None:
         say(1.0, "fewest terms: no flight follows the record from where the library led")
         return library
+    own = _density(flights, priors, library)
     try:
         mode = marginal_mode(
             small.flights, small.priors, start, lambda share, words: say(0.9 * share, f"fewest terms: {words}"),
-            _STEPS, _NEAR,
+            _STEPS, _NEAR, own,
         )  # fmt: skip
     except FloatingPointError as error:
         say(1.0, f"fewest terms: {error}")
@@ -123,7 +124,7 @@ def beside_smaller(
     if there is None:
         say(1.0, "fewest terms: no flight of the library follows the record where they led")
         return library
-    gain = _density(flights, priors, there) - _density(flights, priors, library)
+    gain = _density(flights, priors, there) - own
     say(1.0, f"fewest terms: log density {gain:+.1f} over the joint optimum's")
     return there if gain > 0.0 else library
 
