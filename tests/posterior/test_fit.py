@@ -528,6 +528,27 @@ def test_where_the_density_has_no_mode_the_search_goes_on(found, descent, monkey
     assert profile.is_mode
 
 
+@pytest.mark.parametrize("second", [True, False])
+def test_corrections_are_left_out_only_where_no_noise_parameters_lead_to_a_mode(found, descent, monkeypatch, second):
+    """The first have none, wherever they lead; the second have one, or not."""
+    begin, usual = joint_fit.JointFit(found.optimum, found.hyper, found.evidence), laplace_fit._corrected
+    other = joint_fit._looser(found.hyper)
+
+    def told(near):
+        made, about = usual(near)
+        if second and near.hyper is found.hyper:
+            return made, about
+        return _bent(made, -2.0), about._replace(curvature=about.curvature - 2.0)
+
+    monkeypatch.setattr(laplace_fit, "marginal_mode", lambda *given: found.optimum)
+    monkeypatch.setattr(laplace_fit, "_ahead", lambda *given: None)
+    monkeypatch.setattr(laplace_fit, "_corrected", told)
+    candidates = [("mean", other), ("mode", found.hyper)]
+    _, hyper, made, lost, profile = laplace_fit._last(descent.flights, descent.priors, begin, candidates)
+    assert profile.is_mode and made.hyper is hyper and hyper is (found.hyper if second else other)
+    assert lost == ((laplace_fit._LOST_MEAN,) if second else (laplace_fit._LOST_BEND,))
+
+
 def test_a_way_on_that_leads_where_nothing_flies_ends_the_search_at_what_was_found(found, descent, monkeypatch):
     begin = joint_fit.JointFit(found.optimum, found.hyper, found.evidence)
     usual = laplace_fit._corrected

@@ -160,52 +160,56 @@ class _Place(NamedTuple):
         return float(np.sqrt(np.mean(self.step**2)))
 
 
+class _Last(NamedTuple):
+    """Where the search for the mode ended: what `_last` returns."""
+
+    optimum: Optimum
+    hyper: NoiseParameters
+    marginal: Marginal
+    lost: tuple[str, ...]
+    profile: Profile
+
+
 def _last(
     flights: Sequence[FlightData],
     priors: Sequence[Prior],
     began: JointFit,
     candidates: Sequence[tuple[str, NoiseParameters]],
     progress: Progress | None = None,
-) -> tuple[Optimum, NoiseParameters, Marginal, tuple[str, ...], Profile]:
+) -> _Last:
     """The mode under the first noise parameters that lead to one, the posterior, corrections left out, the density.
 
     A point that turns out to lie beside the mode, once what the linear models lack is known, is left for it; a point
     about which the density has no mode, for where it is highest within reach. Where the density is no higher on the
-    way, the point stays; if it has no mode there, corrections are left out as far as they outweigh the density.
+    way, the point stays. If it has no mode there, other noise parameters are tried; only if none leads to one are
+    corrections left out, as far as they outweigh the density.
 
     Raises:
         NoFitError: If none does.
     """
     say = progress or (lambda share, words: None)
     tried, ended, reason = list[str](), began.optimum, ""
+    flat: _Last | None = None
     for words, hyper in candidates:
-        found, highest = list[_Place](), False
+        start = JointFit(began.optimum, hyper, began.evidence)
         try:
-            start = JointFit(began.optimum, hyper, began.evidence)
-            here = marginal_mode(flights, priors, start, lambda share, words: say(0.3 * share, words))
-            for move in range(1 + _MOVES):
-                near = marginalise(flights, hyper, priors, here)
-                say(0.3 + 0.5 * move / (1 + _MOVES), f"log determinant along the axes, place {move + 1}")
-                found.append(_Place(here, *_corrected(near)))
-                if found[-1].expansion.has_mode and found[-1].away < _AT_MODE:
-                    break
-                ahead = _ahead(near, found[-1])
-                if highest := ahead is None:
-                    break
-                here = ahead
+            found, highest = _places(flights, priors, start, say)
         except FloatingPointError as error:
-            if not found:
-                reason = str(error)
-                tried.append(f"{words}: {reason}")
-                continue
+            reason = str(error)
+            tried.append(f"{words}: {reason}")
+            continue
         sound = [place for place in found[-1 if highest else 0 :] if place.expansion.has_mode] or [
             _flattened(found[-1])
         ]
         best, made, _, lost = place = min(sound, key=lambda one: one.away)
         seen = max((profile(made), profile(made, place.step)), key=lambda one: (one.is_mode, one.worst))
         if seen.is_mode and (highest or place.away < _BESIDE_MODE):
-            lost = lost if hyper is candidates[0][1] else (*lost, _LOST_MEAN)
-            return replace(best, converged=began.optimum.converged), hyper, made, lost, seen
+            shift = () if hyper is candidates[0][1] else (_LOST_MEAN,)
+            last = _Last(replace(best, converged=began.optimum.converged), hyper, made, (*lost, *shift), seen)
+            if not lost:
+                return last
+            flat = flat or last
+            continue
         why = (
             f"after {len(found)} steps towards it the mode is still off by {place.away:.2g} standard deviations, root "
             f"mean square of all axes, and less than {_BESIDE_MODE:g} is wanted"
@@ -215,7 +219,36 @@ def _last(
         ended, reason = best, f"the search for the mode of the marginal posterior did not end at one: {why}"
         lengths = ", ".join(f"{one.away:.2g}" for one in found)
         tried.append(f"{words}: steps left from {len(found)} places (root mean square of all axes): {lengths}; {why}")
+    if flat is not None:
+        return flat
     raise NoFitError(reason, tried, ended, priors, candidates[-1][1])
+
+
+def _places(
+    flights: Sequence[FlightData], priors: Sequence[Prior], start: JointFit, say: Progress
+) -> tuple[list[_Place], bool]:
+    """Places on the way to the mode, and whether the density is no higher in reach of the last of them.
+
+    Raises:
+        FloatingPointError: If there is none: flights fail.
+    """
+    found = list[_Place]()
+    try:
+        here = marginal_mode(flights, priors, start, lambda share, words: say(0.3 * share, words))
+        for move in range(1 + _MOVES):
+            near = marginalise(flights, start.hyper, priors, here)
+            say(0.3 + 0.5 * move / (1 + _MOVES), f"log determinant along the axes, place {move + 1}")
+            found.append(_Place(here, *_corrected(near)))
+            if found[-1].expansion.has_mode and found[-1].away < _AT_MODE:
+                break
+            ahead = _ahead(near, found[-1])
+            if ahead is None:
+                return found, True
+            here = ahead
+    except FloatingPointError:
+        if not found:
+            raise
+    return found, False
 
 
 def _ahead(near: Marginal, place: _Place) -> Optimum | None:
