@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from bayeschute.core.random import stream
 from bayeschute.likelihood.joint import FlightData, NoiseParameters
 from bayeschute.likelihood.priors import Prior
-from bayeschute.posterior import laplace, noise_evidence
+from bayeschute.posterior import along_record, laplace, noise_evidence
 from bayeschute.posterior.fit.continuation import Progress
 from bayeschute.posterior.fit.joint_fit import JointFit, NoFitError, joint_fit
 from bayeschute.posterior.fit.marginal_mode import marginal_mode
@@ -28,7 +28,8 @@ from bayeschute.posterior.quasi_newton import length
 from bayeschute.posterior.score_dispersion import Dispersion, dispersion, parts_of
 
 Array = NDArray[np.float64]
-_TURNS, _SETTLED = 6, 0.4  # most turns of noise parameters and mode; a step of the mode after which there is no other
+_TURNS = 6  # most turns of noise parameters and mode
+_SETTLED, _GAINED = 0.4, 0.5  # step of the mode, and gain of the log evidence, after which there is no other turn
 _NOISE_STEPS = 24  # most of the noise parameters in each of them
 _MODE_TURN = 2  # most steps of the mode in each of them
 _BESIDE, _NEARER = 1.0, 0.3  # steps [standard deviations] to where Laplace's approximation is taken; where flights fail
@@ -96,17 +97,9 @@ def marginal_fit(
     """
     say = progress or (lambda share, words: None)
     best = marginal_mode(flights, priors, settled, lambda share, words: say(0.3 * share, words))
-    hyper, value = settled.hyper, settled.evidence
-    noise_scale: Array | None = None
-    for turn in range(_TURNS):
-        evidence = _evidence(marginalise(flights, hyper, priors, best), priors, prior)
-        if noise_scale is None:
-            noise_scale = noise_evidence.scales(evidence, hyper, prior)
-        hyper, value = noise_evidence.maximise(evidence, hyper, prior, _NOISE_STEPS, noise_scale)
-        say(0.3 + 0.2 * turn / _TURNS, f"noise parameters at the mode {turn + 1}: log evidence {-value:.1f}")
-        before, best = best, marginal_mode(flights, priors, JointFit(best, hyper, value), most=_MODE_TURN)
-        if length(best.theta - before.theta, before.covariance) < _SETTLED:
-            break
+    best, hyper, value = _by_turns(
+        flights, priors, prior, settled._replace(optimum=best), lambda share, words: say(0.3 + 0.2 * share, words)
+    )
     made = marginalise(flights, hyper, priors, best)
     say(0.5, "uncertainty of the noise parameters")
     slope = noise_parameter_slope(made)
@@ -128,6 +121,45 @@ def marginal_fit(
     agree = dispersion(*parts_of(made))
     effect = NoiseEffect(slope, spread, excess + agree.widening if widen else excess)
     return LaplaceFit(best, hyper, made, value, known, effect, wrong, seen, agree, lost)
+
+
+def _by_turns(
+    flights: Sequence[FlightData], priors: Sequence[Prior], prior: NoisePrior, place: JointFit, say: Progress
+) -> JointFit:
+    """Noise parameters of greatest evidence at a mode, and the mode under these, until either stays.
+
+    The evidence of a linearised flight promises more than there is where the next mode lies far off. So every turn is
+    judged at its end, by Laplace's approximation there, and one after which the noise parameters with their mode are
+    less probable is not kept.
+    """
+    scale: Array | None = None
+    least = _unlikely(flights, priors, prior, place)
+    for turn in range(_TURNS):
+        best, hyper, _ = place
+        evidence = _evidence(marginalise(flights, hyper, priors, best), priors, prior)
+        if scale is None:
+            scale = noise_evidence.scales(evidence, hyper, prior)
+        hyper, value = noise_evidence.maximise(evidence, hyper, prior, _NOISE_STEPS, scale)
+        found = JointFit(marginal_mode(flights, priors, JointFit(best, hyper, value), most=_MODE_TURN), hyper, value)
+        there = _unlikely(flights, priors, prior, found)
+        say((turn + 1) / _TURNS, f"noise parameters at the mode {turn + 1}: log evidence {least - there:+.2f}")
+        if not there < least:
+            break
+        gain, moved = least - there, length(found.optimum.theta - best.theta, best.covariance)
+        place, least = found, there
+        if gain < _GAINED or moved < _SETTLED:
+            break
+    return place
+
+
+def _unlikely(flights: Sequence[FlightData], priors: Sequence[Prior], prior: NoisePrior, place: JointFit) -> float:
+    """Minus the log evidence of noise parameters by Laplace's method at the mode of theta, up to constants."""
+    best, hyper, _ = place
+    rest = along_record.conditional_optimum(flights, hyper, priors, best.theta, best.flights)
+    if rest is None:
+        return np.inf
+    away = (noise_evidence.to_vector(hyper) - noise_evidence.to_vector(prior.median)) / prior.log_sd
+    return rest.marginal + 0.5 * float(away @ away) - 0.5 * float(np.linalg.slogdet(best.covariance)[1])
 
 
 def _evidence(made: Marginal, priors: Sequence[Prior], prior: NoisePrior) -> Evidence:

@@ -22,7 +22,7 @@ from bayeschute.posterior.quasi_newton import length, secant_step
 Array = NDArray[np.float64]
 _MODE_STEPS, _NEAR = 16, 0.2  # most steps to the marginal mode; length of the last, in standard deviations
 _HALVINGS = 10  # of a step to the mode at most
-_TRUSTED = 3.0  # standard deviations up to which the last step of a search that did not end is gone all the same
+_TRUSTED = 1.0  # standard deviations up to which the last step of a search that did not end is gone all the same
 _RISE = 5.0  # of minus the marginal log density over a step, beyond which half of it is tried
 _HOPED = 2.0  # times the rise that a step promises, beyond which none is expected
 _TELLING = 0.5  # standard deviations a step must be long for its change of the slope to count (see `marginal_mode`)
