@@ -226,6 +226,33 @@ def test_a_step_that_leads_to_where_flights_fail_is_halved(descent, monkeypatch)
         marginal_mode.marginal_mode(descent.flights, descent.priors, settled)
 
 
+def test_a_turn_of_noise_parameters_that_leads_astray_is_not_kept(descent, monkeypatch):
+    """The first turn ends at its mode, the second four standard deviations beside it."""
+    prior = NoisePrior(descent.hyper, 0.4)
+    settled = joint_fit.joint_fit(descent.flights, descent.priors, prior)
+    begin = settled._replace(hyper=joint_fit._looser(descent.hyper))
+    usual, ended, said = marginal_mode.marginal_mode, [], []
+
+    def astray(flights, priors, place, **most):
+        best = usual(flights, priors, place, **most)
+        if ended:
+            aside = best.theta + 4.0 * np.sqrt(np.diag(best.covariance))
+            rest = along_record.conditional_optimum(flights, place.hyper, priors, aside, best.flights)
+            best = replace(best, theta=aside, flights=rest.flights)
+        ended.append((best, place.hyper))
+        return best
+
+    monkeypatch.setattr(laplace_fit, "marginal_mode", astray)
+    monkeypatch.setattr(laplace_fit, "_SETTLED", 0.0)
+    monkeypatch.setattr(laplace_fit, "_GAINED", -np.inf)
+    best, hyper, _ = laplace_fit._by_turns(
+        descent.flights, descent.priors, prior, begin, lambda share, words: said.append(words)
+    )
+    assert len(ended) == 2 and best is ended[0][0] and hyper is ended[0][1]
+    first, second = (float(words.split()[-1]) for words in said)
+    assert first > 10.0 and second == pytest.approx(-8.0, abs=0.5)  # half of four squared
+
+
 @pytest.mark.parametrize(("far", "held"), [(0.1, False), (50.0, True)])
 def test_noise_parameters_go_to_their_mean_unless_that_is_too_far(found, descent, monkeypatch, far, held):
     """A displacement by which the parameter would move `far` standard deviations."""
