@@ -8,7 +8,7 @@ explains (Lindeman, Merenda and Gold 1980; Owen and Prieur 2017).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from itertools import combinations
 from math import comb
 from typing import NamedTuple
@@ -63,26 +63,6 @@ def jansen(a: Array, b: Array, mixed: Array, seed: int = 0, resamples: int = 200
     again = [both(rng.integers(0, a.size, a.size)) for _ in range(resamples)]
     errors = [np.std([one[i] for one in again], axis=0) for i in (0, 1)]
     return first, errors[0], total, errors[1]
-
-
-def sobol(function: Callable[[Array], Array], names: Sequence[str], samples: int, seed: int = 0) -> Shares:
-    """Shares of a function of independent uniform inputs.
-
-    Args:
-        function: Takes (N, inputs) in [0, 1), gives (N,).
-        names: Inputs.
-        samples: N of each base sample; the function is asked for (inputs + 2) N points.
-        seed: Of the samples.
-    """
-    rng = stream(seed, "points of shares")
-    a, b = rng.random((2, samples, len(names)))
-    mixed = []
-    for i in range(len(names)):
-        point = a.copy()
-        point[:, i] = b[:, i]
-        mixed.append(function(point))
-    first, e1, total, e2 = jansen(function(a), function(b), np.array(mixed), seed)
-    return Shares(tuple(names), first, e1, total, e2)
 
 
 def design(draws: int, samples: int) -> NDArray[np.int64]:
