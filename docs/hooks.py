@@ -22,6 +22,9 @@ def on_page_content(content: str, **_: Any) -> str:
 
     def one(found: re.Match[str]) -> str:
         kind, _, text = found.groups()
-        return convert(html.unescape(text).strip(), display="block" if kind == "div" else "inline")
+        made = convert(html.unescape(text).strip(), display="block" if kind == "div" else "inline")
+        if unknown := re.search(r"\\\w+", made):
+            raise ValueError(f"no MathML for {unknown[0]} in the equation {text.strip()}: write it with other commands")
+        return made
 
     return _MATH.sub(one, content)
