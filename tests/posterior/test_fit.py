@@ -249,7 +249,8 @@ def test_a_turn_of_noise_parameters_that_leads_astray_is_not_kept(descent, monke
         descent.flights, descent.priors, prior, begin, lambda share, words: said.append(words)
     )
     assert len(ended) == 2 and best is ended[0][0] and hyper is ended[0][1]
-    first, second = (float(words.split()[-1]) for words in said)
+    first, second = (float(words.split()[8].rstrip(",")) for words in said)
+    assert said[1].endswith("not kept")
     assert first > 10.0 and second == pytest.approx(-8.0, abs=0.5)  # half of four squared
 
 
@@ -441,49 +442,26 @@ def test_the_joint_optimum_is_where_single_shooting_ends(descent, flown):
     assert abs(made.theta - want.theta)[0] < 0.02 * np.sqrt(want.covariance[0, 0]) and made.converged
 
 
-MODE = laplace.Expansion(np.array([-0.15]), np.eye(1))
 NONE = laplace.Expansion(np.array([0.1]), -np.eye(1))
 
 
-@pytest.fixture
-def judged(monkeypatch):
-    """Makes corrections at a step of one and of 0.3 fail (None), or lead to a mode, or tell of none."""
+@pytest.mark.parametrize(("fail", "tried"), [((), [1.0]), ((1.0,), [1.0, 0.3])])
+def test_the_density_is_looked_at_nearer_where_flights_fail(found, monkeypatch, fail, tried):
+    usual, steps = laplace.sides, []
 
-    def set_up(*told):
-        steps, found = [], dict(zip((1.0, 0.3), told, strict=True))
+    def sides(made, step):
+        steps.append(step)
+        if step in fail:
+            raise FloatingPointError("flights beside the optimum fail")
+        return usual(made, step)
 
-        def corrected(made, step):
-            steps.append(step)
-            if found[step] is None:
-                raise FloatingPointError("flights beside the optimum fail")
-            return replace(made, bend=Quadratic(np.zeros(1), np.array([[0.01 * step]]))), found[step]
-
-        monkeypatch.setattr(laplace, "corrected", corrected)
-        return steps
-
-    return set_up
-
-
-@pytest.mark.parametrize(
-    ("told", "step", "about", "tried"),
-    [
-        ((MODE, None), 1.0, MODE, [1.0]),
-        ((None, MODE), 0.3, MODE, [1.0, 0.3]),
-        ((NONE, MODE), 1.0, NONE, [1.0]),
-        ((None, NONE), 0.3, NONE, [1.0, 0.3]),
-    ],
-)
-def test_corrections_are_taken_nearer_where_flights_fail(found, judged, told, step, about, tried):
-    steps = judged(*told)
-    made, expansion = laplace_fit._corrected(found.marginal)
-    assert float(made.bend.curvature[0, 0]) == pytest.approx(0.01 * step) and steps == tried
-    assert expansion is about
-
-
-def test_where_no_flight_beside_a_point_flies_there_are_no_corrections(found, judged):
-    judged(None, None)
-    with pytest.raises(FloatingPointError, match="beside the optimum"):
-        laplace_fit._corrected(found.marginal)
+    monkeypatch.setattr(laplace, "sides", sides)
+    np.testing.assert_array_equal(laplace_fit._sides(found.marginal).steps, tried[-1])
+    assert steps == tried
+    monkeypatch.setattr(laplace_fit, "_NEARER", 1.0)
+    if fail:
+        with pytest.raises(FloatingPointError, match="beside the optimum"):
+            laplace_fit._sides(found.marginal)
 
 
 def _bent(made, curvature):
@@ -522,8 +500,8 @@ def test_no_step_is_taken_where_the_density_does_not_rise(found, descent, monkey
     assert laplace_fit._ahead(found.marginal, laplace_fit._Place(found.optimum, found.marginal, away)) is None
     assert laplace_fit._ahead(found.marginal, laplace_fit._Place(found.optimum, found.marginal, NONE)) is None
     begin = joint_fit.JointFit(found.optimum, found.hyper, found.evidence)
-    usual = laplace_fit._corrected
-    monkeypatch.setattr(laplace_fit, "_corrected", lambda near: (usual(near)[0], away))
+    usual = laplace.corrected
+    monkeypatch.setattr(laplace, "corrected", lambda made, near: (usual(made, near=near)[0], away))
     best, _, _, lost, seen = laplace_fit._last(descent.flights, descent.priors, begin, [("those", found.hyper)])
     assert lost == () and seen.is_mode
     assert abs(best.theta - found.optimum.theta)[0] < 0.3 * np.sqrt(found.optimum.covariance[0, 0])
@@ -532,24 +510,25 @@ def test_no_step_is_taken_where_the_density_does_not_rise(found, descent, monkey
 def test_where_the_density_has_no_mode_the_search_goes_on(found, descent, monkeypatch):
     """From a place whose curvature is negative, to the next; only where none is higher the correction is left out."""
     begin = joint_fit.JointFit(found.optimum, found.hyper, found.evidence)
-    usual, seen = laplace_fit._corrected, []
+    usual, seen = laplace.corrected, []
 
-    def told(near, least):
+    def told(near, beside, least):
         seen.append(near)
-        made, about = usual(near)
+        made, about = usual(near, near=beside)
         if len(seen) <= least:
             return _bent(made, -2.0), about._replace(curvature=about.curvature - 2.0)
         return made, about
 
     given = descent.flights, descent.priors, begin, [("those", found.hyper)]
     monkeypatch.setattr(laplace_fit, "marginal_mode", lambda *given: _beside(found, descent, 2.0)[0])
-    monkeypatch.setattr(laplace_fit, "_corrected", lambda near: told(near, 1))
+    monkeypatch.setattr(laplace, "expanded", lambda *given: laplace.Expansion(np.zeros(1), np.eye(1)))
+    monkeypatch.setattr(laplace, "corrected", lambda made, near: told(made, near, 1))
     best, _, made, lost, _ = laplace_fit._last(*given)
     assert lost == () and len(seen) >= 2 and made.centre is not seen[0].centre
     assert abs(best.theta - found.optimum.theta)[0] < 0.5 * np.sqrt(found.optimum.covariance[0, 0])
     seen.clear()
     monkeypatch.setattr(laplace_fit, "marginal_mode", lambda *given: found.optimum)
-    monkeypatch.setattr(laplace_fit, "_corrected", lambda near: told(near, 9))
+    monkeypatch.setattr(laplace, "corrected", lambda made, near: told(made, near, 9))
     *_, made, lost, profile = laplace_fit._last(*given)
     assert lost == (laplace_fit._LOST_BEND,) and len(seen) == 1 and -1.0 < made.bend.curvature[0, 0] < -0.7
     assert profile.is_mode
@@ -558,18 +537,18 @@ def test_where_the_density_has_no_mode_the_search_goes_on(found, descent, monkey
 @pytest.mark.parametrize("second", [True, False])
 def test_corrections_are_left_out_only_where_no_noise_parameters_lead_to_a_mode(found, descent, monkeypatch, second):
     """The first have none, wherever they lead; the second have one, or not."""
-    begin, usual = joint_fit.JointFit(found.optimum, found.hyper, found.evidence), laplace_fit._corrected
+    begin, usual = joint_fit.JointFit(found.optimum, found.hyper, found.evidence), laplace.corrected
     other = joint_fit._looser(found.hyper)
 
-    def told(near):
-        made, about = usual(near)
-        if second and near.hyper is found.hyper:
+    def told(plain, near):
+        made, about = usual(plain, near=near)
+        if second and plain.hyper is found.hyper:
             return made, about
         return _bent(made, -2.0), about._replace(curvature=about.curvature - 2.0)
 
     monkeypatch.setattr(laplace_fit, "marginal_mode", lambda *given: found.optimum)
     monkeypatch.setattr(laplace_fit, "_ahead", lambda *given: None)
-    monkeypatch.setattr(laplace_fit, "_corrected", told)
+    monkeypatch.setattr(laplace, "corrected", told)
     candidates = [("mean", other), ("mode", found.hyper)]
     _, hyper, made, lost, profile = laplace_fit._last(descent.flights, descent.priors, begin, candidates)
     assert profile.is_mode and made.hyper is hyper and hyper is (found.hyper if second else other)
@@ -578,15 +557,15 @@ def test_corrections_are_left_out_only_where_no_noise_parameters_lead_to_a_mode(
 
 def test_a_way_on_that_leads_where_nothing_flies_ends_the_search_at_what_was_found(found, descent, monkeypatch):
     begin = joint_fit.JointFit(found.optimum, found.hyper, found.evidence)
-    usual = laplace_fit._corrected
+    usual = laplace.corrected
 
-    def told(near):
-        return usual(near)[0], laplace.Expansion(np.array([-0.3]), np.eye(1))
+    def told(made, near):
+        return usual(made, near=near)[0], laplace.Expansion(np.array([-0.3]), np.eye(1))
 
     def nowhere(*given):
         raise FloatingPointError("a step fails")
 
-    monkeypatch.setattr(laplace_fit, "_corrected", told)
+    monkeypatch.setattr(laplace, "corrected", told)
     monkeypatch.setattr(laplace_fit, "_ahead", nowhere)
     best, *_, lost, _ = laplace_fit._last(descent.flights, descent.priors, begin, [("those", found.hyper)])
     assert lost == () and abs(best.theta - found.optimum.theta)[0] < 0.3 * np.sqrt(found.optimum.covariance[0, 0])
@@ -662,13 +641,38 @@ def test_a_search_whose_steps_stay_long_ended_beside_the_mode(found, descent, mo
 
     monkeypatch.setattr(laplace_fit, "marginal_mode", lambda *given: found.optimum)
     monkeypatch.setattr(laplace_fit, "marginalise", lambda *given: found.marginal)
-    monkeypatch.setattr(laplace_fit, "_corrected", lambda made: (made, about()))
+    monkeypatch.setattr(laplace, "corrected", lambda made, near: (made, about()))
     monkeypatch.setattr(laplace_fit, "_ahead", lambda near, place: replace(place.optimum, cost=place.step[0]))
     monkeypatch.setattr(laplace_fit, "profile", lambda made, *middle: SimpleNamespace(is_mode=True, worst=0.5))
     with pytest.raises(FitError, match=r"after 6 steps towards it the mode is still off by 1\.2 standard deviations"):
         laplace_fit._last(descent.flights, descent.priors, begin, [("those", found.hyper)])
     best, *_ = laplace_fit._last(descent.flights, descent.priors, begin, [("those", found.hyper)])
     assert best.cost == 1.5  # the step that led to the point from which 0.4 are left
+
+
+@pytest.mark.parametrize("flies", [True, False])
+def test_places_far_from_the_mode_are_passed_by_without_corners(found, descent, monkeypatch, flies):
+    """Those cost most; where nothing flies further on, the last such place gets them after all."""
+    begin, usual, whole = joint_fit.JointFit(found.optimum, found.hyper, 0.0), laplace_fit._ahead, []
+    corrected = laplace.corrected
+    aside, _ = _beside(found, descent, 1.5)
+
+    def ahead(near, place):
+        if not flies:
+            raise FloatingPointError("a step fails")
+        return usual(near, place)
+
+    def told(made, near):
+        whole.append(made)
+        return corrected(made, near=near)
+
+    monkeypatch.setattr(laplace_fit, "marginal_mode", lambda *given: aside)
+    monkeypatch.setattr(laplace_fit, "_ahead", ahead)
+    monkeypatch.setattr(laplace, "corrected", told)
+    places, highest = laplace_fit._places(descent.flights, descent.priors, begin, lambda share, words: None)
+    assert len(whole) == len(places) == 1 and not highest
+    away = (places[0].optimum.theta - found.optimum.theta)[0] / np.sqrt(found.optimum.covariance[0, 0])
+    assert abs(away) < 0.3 if flies else away == pytest.approx(1.5)
 
 
 def test_parts_that_disagree_widen_the_posterior_unless_a_classical_method_is_wanted(found, descent, monkeypatch):

@@ -193,6 +193,21 @@ def test_a_density_without_mode_keeps_the_corrections_that_leave_one(straight):
     assert again.change(step) == pytest.approx(-by_density, abs=1e-4)
 
 
+def test_an_expansion_by_axes_is_the_whole_one_but_for_what_corners_tell(straight, monkeypatch):
+    """The squares get a product of both axes, and a bend along one, that the linear models don't have."""
+    usual = laplace.at
+
+    def bent(marginal, xi, places=None):
+        found = usual(marginal, xi, places)
+        return found._replace(square=found.square + 0.3 * xi[0] * xi[1] + 0.1 * xi[1] ** 2)
+
+    monkeypatch.setattr(laplace, "at", bent)
+    by_axes, whole = laplace.expanded(straight, laplace.sides(straight)), corrected(straight)[1]
+    np.testing.assert_allclose(by_axes.slope, whole.slope, atol=1e-6)
+    np.testing.assert_allclose(whole.curvature, [[1.0, 0.3], [0.3, 1.2]], atol=1e-5)
+    np.testing.assert_allclose(by_axes.curvature, [[1.0, 0.0], [0.0, 1.2]], atol=1e-5)
+
+
 def test_an_axis_that_seems_to_have_no_curvature_is_looked_at_itself(straight, monkeypatch):
     """Polynomials that are wrong along a skew axis are mended there, and kept along the other."""
     axes, wrong = np.linalg.qr(np.random.default_rng(0).standard_normal((2, 2)))[0], np.array([0.3, 0.1])

@@ -202,21 +202,30 @@ def lack(marginal: Marginal, step: float = 0.4) -> Lack:
     return Lack(slope, 0.5 * change @ change.T)
 
 
-def corrected(marginal: Marginal, step: float = 1.0) -> tuple[Marginal, Expansion]:
-    """The posterior with corrections of its linear models, from Laplace's approximation to both sides along every axis.
+class Sides(NamedTuple):
+    """Laplace's approximation at theta_0, and a step to either side along every axis.
 
-    Along an axis on which a flight fails there, a half, a quarter or an eighth as far. Starts, process noise and paths
-    then follow theta as the exact optima do. The polynomials have the products of all axes: along a direction in which
-    the data tell of the parameters by the covariances of the innovations alone, the density would be flat without
-    them. A product at both corners of which a flight fails is left out (`error` tells what is missing). An axis along
-    which all that leaves next to no curvature is looked at itself, on either side: it adds up from small differences.
+    Attributes:
+        here: At theta_0.
+        up: To one side (P entries).
+        down: To the other.
+        steps: How far (P,).
+    """
+
+    here: Laplace
+    up: Sequence[Laplace]
+    down: Sequence[Laplace]
+    steps: Array
+
+
+def sides(marginal: Marginal, step: float = 1.0) -> Sides:
+    """Laplace's approximation beside theta_0.
+
+    Along an axis on which a flight fails there, a half, a quarter or an eighth as far.
 
     Args:
         marginal: The posterior.
         step: How far to look [standard deviations].
-
-    Returns:
-        The posterior, and its expansion about the centre, which tells where the mode is.
 
     Raises:
         FloatingPointError: If a flight fails at an eighth of the step too.
@@ -230,13 +239,52 @@ def corrected(marginal: Marginal, step: float = 1.0) -> tuple[Marginal, Expansio
 
     with ThreadPoolExecutor(processors()) as pool:
         *_, h = beside(lambda points: np.array(list(pool.map(told, points))), count, step, "the marginal log density")
-    sides = [[ends[tuple(row.tolist())] for row in sign * h * np.eye(count)] for sign in (1.0, -1.0)]
-    here, h = at(marginal, np.zeros(count)), h[:, 0]
-    bend, determinant = _polynomials(marginal, here, sides, h)
-    slope, own = _expansion(marginal, h)
-    made = replace(_followed(marginal, sides, h), determinant=determinant, bend=bend)
+    up, down = ([ends[tuple(row.tolist())] for row in sign * h * np.eye(count)] for sign in (1.0, -1.0))
+    return Sides(at(marginal, np.zeros(count)), up, down, h[:, 0])
+
+
+def expanded(marginal: Marginal, near: Sides) -> Expansion:
+    """Minus the log density about theta_0, whose products of axes are the linear models' own.
+
+    What `corrected` costs more are the corners, one for each pair of axes, against two points for each axis here. It
+    shows the way where the mode is far off.
+
+    Args:
+        marginal: The posterior.
+        near: From `sides`.
+    """
+    slope, own = _expansion(marginal, near.steps)
+    up, down = (change.sum(axis=1) for change in _changes(marginal, near))
+    bend = np.diag((up + down) / near.steps**2)
+    return Expansion(slope + (up - down) / (2.0 * near.steps), own + bend)
+
+
+def corrected(marginal: Marginal, step: float = 1.0, near: Sides | None = None) -> tuple[Marginal, Expansion]:
+    """The posterior with corrections of its linear models, from Laplace's approximation to both sides along every axis.
+
+    Starts, process noise and paths then follow theta as the exact optima do. The polynomials have the products of all
+    axes: along a direction in which the data tell of the parameters by the covariances of the innovations alone, the
+    density would be flat without them. A product at both corners of which a flight fails is left out (`error` tells
+    what is missing). An axis along which all that leaves next to no curvature is looked at itself, on either side: it
+    adds up from small differences.
+
+    Args:
+        marginal: The posterior.
+        step: How far to look [standard deviations].
+        near: From `sides`; found here where None.
+
+    Returns:
+        The posterior, and its expansion about the centre, which tells where the mode is.
+
+    Raises:
+        FloatingPointError: If a flight fails at an eighth of the step too.
+    """
+    near = sides(marginal, step) if near is None else near
+    bend, determinant = _polynomials(marginal, near)
+    slope, own = _expansion(marginal, near.steps)
+    made = replace(_followed(marginal, near), determinant=determinant, bend=bend)
     expansion = Expansion(slope + made.correction.slope, own + made.correction.curvature)
-    return _measured(made, expansion, here, float(np.min(h)))
+    return _measured(made, expansion, near.here, float(np.min(near.steps)))
 
 
 def _measured(made: Marginal, expansion: Expansion, here: Laplace, step: float) -> tuple[Marginal, Expansion]:
@@ -300,21 +348,26 @@ def least_within(slope: Array, curvature: Array, radius: float = _FARTHEST) -> A
     return np.asarray(axes @ made)
 
 
-def _polynomials(
-    marginal: Marginal, here: Laplace, sides: Sequence[Sequence[Laplace]], h: Array
-) -> tuple[Quadratic, Quadratic]:
+def _lacking(marginal: Marginal, here: Laplace, points: Array, there: Sequence[Laplace]) -> Array:
+    """What squares are more than the linear models', and the log determinant, at points (N, P), less here (N, 2)."""
+    more = _more(here, there)
+    more[:, 0] -= _own(marginal, points)
+    return more
+
+
+def _changes(marginal: Marginal, near: Sides) -> tuple[Array, Array]:
+    """Likewise to both sides along every axis (P, 2)."""
+    axes = np.diag(near.steps)
+    return _lacking(marginal, near.here, axes, near.up), _lacking(marginal, near.here, -axes, near.down)
+
+
+def _polynomials(marginal: Marginal, near: Sides) -> tuple[Quadratic, Quadratic]:
     """What squares are more than the linear models', and the log determinant: along every axis, and at corners."""
-
-    def lacking(points: Array, there: Sequence[Laplace]) -> Array:
-        more = _more(here, there)
-        more[:, 0] -= _own(marginal, points)
-        return more
-
-    axes = np.diag(h)
-    up, down = lacking(axes, sides[0]), lacking(-axes, sides[1])
+    here, h, axes = near.here, near.steps, np.diag(near.steps)
+    up, down = _changes(marginal, near)
     curvature = np.array([np.diag(column) for column in ((up + down) / h[:, None] ** 2).T])
     left = np.array(np.triu_indices(len(h), 1)).T
-    for change, ends, sign in ((up, sides[0], 1.0), (down, sides[1], -1.0)):
+    for change, ends, sign in ((up, near.up, 1.0), (down, near.down, -1.0)):
         if not left.size:
             break
         i, j = left.T
@@ -326,7 +379,8 @@ def _polynomials(
             return found._replace(flights=(), roots=())
 
         with ThreadPoolExecutor(processors()) as pool:
-            mixed = lacking(points, list(pool.map(corner, points, left))) - change[i] - change[j]
+            there = list(pool.map(corner, points, left))
+        mixed = _lacking(marginal, here, points, there) - change[i] - change[j]
         mixed /= (h[i] * h[j])[:, None]
         known = np.isfinite(mixed).all(axis=1)
         curvature[:, i[known], j[known]] = curvature[:, j[known], i[known]] = mixed[known].T
@@ -353,15 +407,16 @@ def _expansion(marginal: Marginal, h: Array) -> tuple[Array, Array]:
     return np.nan_to_num((up - down) / (2.0 * h), nan=0.0), np.asarray(np.nan_to_num(made, nan=0.0))
 
 
-def _followed(marginal: Marginal, ends: Sequence[Sequence[Laplace]], h: Array) -> Marginal:
+def _followed(marginal: Marginal, near: Sides) -> Marginal:
     """The posterior whose draws follow theta as conditional optima on either side along every axis do."""
     inverse, made = np.linalg.inv(np.asarray(marginal.scale)), []
     for number, along in enumerate(marginal.along):
-        up, down = ([end.flights[number] for end in side] for side in ends)
-        sides = [
-            jax.tree.map(lambda a, b, h=h: (a - b) / (2.0 * h), *three) for *three, h in zip(up, down, h, strict=True)
+        up, down = ([end.flights[number] for end in side] for side in (near.up, near.down))
+        slopes = [
+            jax.tree.map(lambda a, b, h=h: (a - b) / (2.0 * h), *pair)
+            for *pair, h in zip(up, down, near.steps, strict=True)
         ]
-        exact = jax.tree.map(lambda *columns: np.stack(columns, axis=-1) @ inverse, *sides)
+        exact = jax.tree.map(lambda *columns: np.stack(columns, axis=-1) @ inverse, *slopes)
         made.append(along._replace(aside=jax.tree.map(lambda a, b: np.asarray(a - b), exact, along.slope)))
     return replace(marginal, along=tuple(made))
 

@@ -19,7 +19,7 @@ from bayeschute.posterior.fit.continuation import Progress
 from bayeschute.posterior.fit.joint_fit import JointFit, NoFitError, joint_fit
 from bayeschute.posterior.fit.marginal_mode import marginal_mode
 from bayeschute.posterior.joint_mode import Optimum
-from bayeschute.posterior.laplace import Expansion
+from bayeschute.posterior.laplace import Expansion, Sides
 from bayeschute.posterior.marginal import Marginal, marginalise
 from bayeschute.posterior.mode_checks import Profile, profile
 from bayeschute.posterior.noise_evidence import Evidence, NoisePrior
@@ -29,7 +29,7 @@ from bayeschute.posterior.score_dispersion import Dispersion, dispersion, parts_
 
 Array = NDArray[np.float64]
 _TURNS = 6  # most turns of noise parameters and mode
-_SETTLED, _GAINED = 0.4, 0.5  # step of the mode, and gain of the log evidence, after which there is no other turn
+_SETTLED, _GAINED = 0.4, 3.0  # step of the mode, and gain of the log evidence, after which there is no other turn
 _NOISE_STEPS = 24  # most of the noise parameters in each of them
 _MODE_TURN = 2  # most steps of the mode in each of them
 _BESIDE, _NEARER = 1.0, 0.3  # steps [standard deviations] to where Laplace's approximation is taken; where flights fail
@@ -133,7 +133,7 @@ def _by_turns(
     less probable is not kept.
     """
     scale: Array | None = None
-    least = _unlikely(flights, priors, prior, place)
+    least = _minus_log_evidence(flights, priors, prior, place)
     for turn in range(_TURNS):
         best, hyper, _ = place
         evidence = _evidence(marginalise(flights, hyper, priors, best), priors, prior)
@@ -141,8 +141,9 @@ def _by_turns(
             scale = noise_evidence.scales(evidence, hyper, prior)
         hyper, value = noise_evidence.maximise(evidence, hyper, prior, _NOISE_STEPS, scale)
         found = JointFit(marginal_mode(flights, priors, JointFit(best, hyper, value), most=_MODE_TURN), hyper, value)
-        there = _unlikely(flights, priors, prior, found)
-        say((turn + 1) / _TURNS, f"noise parameters at the mode {turn + 1}: log evidence {least - there:+.2f}")
+        there = _minus_log_evidence(flights, priors, prior, found)
+        words = f"noise parameters at the mode {turn + 1}: log evidence {least - there:+.2f}"
+        say((turn + 1) / _TURNS, words if there < least else f"{words}, not kept")
         if not there < least:
             break
         gain, moved = least - there, length(found.optimum.theta - best.theta, best.covariance)
@@ -152,7 +153,9 @@ def _by_turns(
     return place
 
 
-def _unlikely(flights: Sequence[FlightData], priors: Sequence[Prior], prior: NoisePrior, place: JointFit) -> float:
+def _minus_log_evidence(
+    flights: Sequence[FlightData], priors: Sequence[Prior], prior: NoisePrior, place: JointFit
+) -> float:
     """Minus the log evidence of noise parameters by Laplace's method at the mode of theta, up to constants."""
     best, hyper, _ = place
     rest = along_record.conditional_optimum(flights, hyper, priors, best.theta, best.flights)
@@ -192,7 +195,7 @@ class _Place(NamedTuple):
         return float(np.sqrt(np.mean(self.step**2)))
 
 
-class _Last(NamedTuple):
+class _Ended(NamedTuple):
     """Where the search for the mode ended: what `_last` returns."""
 
     optimum: Optimum
@@ -208,7 +211,7 @@ def _last(
     began: JointFit,
     candidates: Sequence[tuple[str, NoiseParameters]],
     progress: Progress | None = None,
-) -> _Last:
+) -> _Ended:
     """The mode under the first noise parameters that lead to one, the posterior, corrections left out, the density.
 
     A point that turns out to lie beside the mode, once what the linear models lack is known, is left for it; a point
@@ -221,7 +224,7 @@ def _last(
     """
     say = progress or (lambda share, words: None)
     tried, ended, reason = list[str](), began.optimum, ""
-    flat: _Last | None = None
+    flat: _Ended | None = None
     for words, hyper in candidates:
         start = JointFit(began.optimum, hyper, began.evidence)
         try:
@@ -237,7 +240,7 @@ def _last(
         seen = max((profile(made), profile(made, place.step)), key=lambda one: (one.is_mode, one.worst))
         if seen.is_mode and (highest or place.away < _BESIDE_MODE):
             shift = () if hyper is candidates[0][1] else (_LOST_MEAN,)
-            last = _Last(replace(best, converged=began.optimum.converged), hyper, made, (*lost, *shift), seen)
+            last = _Ended(replace(best, converged=began.optimum.converged), hyper, made, (*lost, *shift), seen)
             if not lost:
                 return last
             flat = flat or last
@@ -261,16 +264,25 @@ def _places(
 ) -> tuple[list[_Place], bool]:
     """Places on the way to the mode, and whether the density is no higher in reach of the last of them.
 
+    Those far from it are passed by without corrections at corners, which cost most, where the axes alone show the way.
+
     Raises:
         FloatingPointError: If there is none: flights fail.
     """
-    found = list[_Place]()
+    found, passed = list[_Place](), list[tuple[Optimum, Marginal, Sides]]()
     try:
         here = marginal_mode(flights, priors, start, lambda share, words: say(0.3 * share, words))
         for move in range(1 + _MOVES):
             near = marginalise(flights, start.hyper, priors, here)
             say(0.3 + 0.5 * move / (1 + _MOVES), f"log determinant along the axes, place {move + 1}")
-            found.append(_Place(here, *_corrected(near)))
+            beside = _sides(near)
+            passed.append((here, near, beside))
+            place = _Place(here, near, laplace.expanded(near, beside))
+            ahead = _ahead(near, place) if move < _MOVES and place.away > _BESIDE_MODE else None
+            if ahead is not None:
+                here = ahead
+                continue
+            found.append(_Place(here, *laplace.corrected(near, near=beside)))
             if found[-1].expansion.has_mode and found[-1].away < _AT_MODE:
                 break
             ahead = _ahead(near, found[-1])
@@ -278,8 +290,11 @@ def _places(
                 return found, True
             here = ahead
     except FloatingPointError:
-        if not found:
+        if not passed:
             raise
+    if not found:
+        here, near, beside = passed[-1]
+        found.append(_Place(here, *laplace.corrected(near, near=beside)))
     return found, False
 
 
@@ -302,16 +317,16 @@ def _ahead(near: Marginal, place: _Place) -> Optimum | None:
     return None
 
 
-def _corrected(made: Marginal) -> tuple[Marginal, Expansion]:
-    """The posterior with its corrections about a point, and its expansion there.
+def _sides(made: Marginal) -> Sides:
+    """Laplace's approximation beside a point.
 
     Raises:
-        FloatingPointError: If flights fail beside the point.
+        FloatingPointError: If flights fail there.
     """
     try:
-        return laplace.corrected(made, _BESIDE)
+        return laplace.sides(made, _BESIDE)
     except FloatingPointError:
-        return laplace.corrected(made, _NEARER)
+        return laplace.sides(made, _NEARER)
 
 
 def _flattened(place: _Place) -> _Place:
