@@ -7,13 +7,14 @@ from dataclasses import replace
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scipy.stats
 
 from bayeschute.likelihood.kalman import MeanCorrection
 from bayeschute.posterior.marginal import projected_residuals
 from bayeschute.study.assembly.fits import groups, load_fit
 from bayeschute.study.job import Job
 from bayeschute.study.load import load_study
-from bayeschute.study.run.stage_results import _innovation_share, _step_error
+from bayeschute.study.run.stage_results import _innovation_share, _InnovationShare, _step_error
 
 
 @pytest.fixture(scope="module")
@@ -62,4 +63,15 @@ def test_prediction_errors_are_standard(stored):
         own, unit = np.split(unit, [np.size(flight.observed)])
         own = own[np.asarray(flight.present).ravel()]
         share = _innovation_share(flight, along)
-        assert share == pytest.approx(np.mean(np.abs(own) < 1.6449), abs=0.02) and 0.8 < share <= 1.0
+        assert share.inside == pytest.approx(np.mean(np.abs(own) < 1.6449), abs=0.02) and 0.8 < share.inside <= 1.0
+        assert share.data == own.size
+
+
+@pytest.mark.parametrize("data", [30, 71, 300, 3000])
+def test_prediction_errors_of_a_sound_fit_are_seldom_missed_however_few(data):
+    """By the binomial law; those of a wrong one, of which 80 % are inside, nearly always once there are many."""
+    inside = np.arange(data + 1)
+    missed = np.array([_InnovationShare(k / data, data).excess >= 1.0 for k in inside])
+    assert missed @ scipy.stats.binom.pmf(inside, data, 0.9) < 0.02
+    if data >= 300:
+        assert missed @ scipy.stats.binom.pmf(inside, data, 0.8) > 0.98
