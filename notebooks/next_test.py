@@ -73,7 +73,7 @@ met = [forecast.probability("descent_rate", statistic="mean", at_most=limit) for
 figure, axes = plt.subplots(figsize=(7.2, 3.4), layout="constrained")
 axes.fill_between(limits, [m.low for m in met], [m.high for m in met], alpha=0.25)
 axes.plot(limits, [m.met for m in met])
-axes.set(xlabel="limit on the mean descent rate [m/s]", ylabel="P(met)")
+_ = axes.set(xlabel="limit on the mean descent rate [m/s]", ylabel="P(met)")
 
 # %% [markdown]
 # ## Whose doubt is it?
@@ -82,7 +82,8 @@ axes.set(xlabel="limit on the mean descent rate [m/s]", ylabel="P(met)")
 
 # %%
 shares = forecast.shares["descent_rate"]
-shares
+for source, share in sorted(shares.items(), key=lambda one: -one[1]):
+    print(f"{source:15} {share:.0%} of the variance")
 
 # %% [markdown]
 # ## What would a second drop add?

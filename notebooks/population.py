@@ -84,7 +84,7 @@ for i, (name, draws) in enumerate(members.items()):
     axes.text(high, i, "  " + name[len("cds_over_mass[") : -1], va="center", fontsize=8)
 coming = np.exp(mean + spread * np.random.default_rng(1).standard_normal(mean.size))
 axes.plot(np.quantile(coming, [0.05, 0.95]), [-1, -1], color="#D55E00", lw=3)
-axes.set(
+_ = axes.set(
     xlabel="C_D S/m [m^2/kg]", yticks=[], title="90 % intervals of each drop, and of the next one of its kind (red)"
 )
 

@@ -89,7 +89,7 @@ for axes, (name, rows) in zip(panels, intervals.items(), strict=True):
     axes.plot(middle, np.arange(DROPS), "k.", ms=3)
     axes.axvline(TRUE_DRAG, color="k", lw=0.8)
     axes.set(title=f"{name}: {inside.sum()} of {DROPS} 90 % intervals hold the truth", xlabel="C_D S/m [m^2/kg]")
-panels[0].set_ylabel("drop")
+_ = panels[0].set_ylabel("drop")
 
 # %% [markdown]
 # ## Why

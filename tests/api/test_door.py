@@ -122,6 +122,23 @@ def test_another_flight_with_the_name_of_a_fitted_one_is_refused(posterior, sond
         posterior.predict(sondes.flights["high"].changed(name="low"))
 
 
+def test_rougher_air_widens_the_bands_of_another_flight_and_wrong_spreads_are_refused(posterior, sondes, forecast):
+    flight = sondes.flights["high"].changed(name="other")
+    same, rougher = (posterior.predict(flight, draws=64, disturbance_log_sd=spread) for spread in (0.0, 2.0))
+    assert same.draws.equals(forecast.draws)
+    width = [float((b["high"] - b["low"]).mean()) for b in (f.band("descent_rate") for f in (same, rougher))]
+    assert width[1] > 1.1 * width[0]
+    for wrong in (-0.1, 3.1, float("nan")):
+        with pytest.raises(bc.InputError, match="disturbance_log_sd: got .*; wanted a number from 0 to 3"):
+            posterior.predict(flight, disturbance_log_sd=wrong)
+
+
+def test_a_probability_shows_as_many_digits_as_its_draws_tell(forecast):
+    shown = repr(forecast.probability("descent_rate", at_most="100 m/s"))
+    assert shown == "P(met) = 1.000, 0.954 to 1.000 with 90% confidence (64 draws)"
+    assert repr(bc.Probability(0.5, 0.4, 0.6, 0.9, 1200, 3)).endswith("(1,200 draws, 3 of them failed)")
+
+
 def test_bands_widen_with_their_level_and_probabilities_are_shares(forecast):
     narrow, wide = forecast.band("descent_rate", 0.5), forecast.band("descent_rate", 0.9)
     assert (wide["low"] <= narrow["low"]).all() and (wide["high"] >= narrow["high"]).all()

@@ -10,6 +10,7 @@ import pandas as pd
 
 from bayeschute.api import html
 from bayeschute.api.workspace import Files
+from bayeschute.report.wording import counted
 from bayeschute.study.run.stage_fit import Fitted
 from bayeschute.study.study import Study as StudySpec
 
@@ -65,7 +66,7 @@ class Fit:
         """Flights, parameters and whether the search converged."""
         names = ", ".join(f.name for one in self.groups for f in one.group.flights)
         said = "converged" if self.converged else "not converged"
-        return f"Fit of {names}: {len(self.parameters)} parameters, {said}"
+        return f"Fit of {names}: {counted(len(self.parameters), 'parameter')}, {said}"
 
     def _repr_html_(self) -> str:
         """Mode and standard deviation as a table."""

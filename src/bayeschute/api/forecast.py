@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Probability:
     """P(a requirement is met), and how far the number of draws leaves it open.
 
@@ -57,6 +57,12 @@ class Probability:
     confidence: float
     draws: int
     failed: int
+
+    def __repr__(self) -> str:
+        """On one line, to as many digits as the draws tell."""
+        failed = f", {self.failed:,} of them failed" if self.failed else ""
+        between = f"{self.low:.3f} to {self.high:.3f} with {self.confidence:.0%} confidence"
+        return f"P(met) = {self.met:.3f}, {between} ({self.draws:,} draws{failed})"
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -25,8 +25,10 @@ from bayeschute.api.landing.landings import Landings
 from bayeschute.api.posterior_file import posterior_of_run, read_posterior, write_posterior
 from bayeschute.api.views.curve import Curve, curve
 from bayeschute.api.workspace import Files, workspace
+from bayeschute.core.errors import Fault, InputError
 from bayeschute.likelihood.priors import Prior
 from bayeschute.posterior.assess.flight_groups import for_loo_pit
+from bayeschute.report.wording import counted
 from bayeschute.study.aerodynamics.agreement import agreement
 from bayeschute.study.aerodynamics.flown import flown, ranges
 from bayeschute.study.aerodynamics.term_proposals import as_rows, proposed_terms
@@ -278,7 +280,14 @@ class Posterior:
         """
         return cls(*posterior_of_run(Path(folder), study))
 
-    def predict(self, flight: Flight, draws: int | None = None, seed: int | None = None) -> Forecast:
+    def predict(
+        self,
+        flight: Flight,
+        draws: int | None = None,
+        seed: int | None = None,
+        *,
+        disturbance_log_sd: float | None = None,
+    ) -> Forecast:
         """Draws of a flight's quantities: of another one, or of one that was fitted.
 
         Another flight is known by the opening of its record (its first 5 s) and by its wind; beyond that, disturbances
@@ -288,16 +297,25 @@ class Posterior:
             flight: From a study, or made of a record or of a virtual drop.
             draws: How many; the study's number where None.
             seed: Seed; the study's where None.
+            disturbance_log_sd: How much rougher or calmer than in the fit the air beyond the data may be: standard
+                deviation of the logarithm of a factor, 0 to 3 (0.7: within a factor of two, two times in three); the
+                study's where None.
 
         Raises:
-            InputError: If another flight has the name of one that was fitted.
+            InputError: If another flight has the name of one that was fitted, or an argument is out of range.
 
         Example:
             >>> forecast = posterior.predict(study.flights[0], draws=64)
             >>> forecast.draws.sizes["draw"]
             64
         """
-        return forecast(self.spec, self.files, flight, draws, seed)
+        spec = self.spec
+        if disturbance_log_sd is not None:
+            if not 0.0 <= disturbance_log_sd <= 3.0:
+                raise InputError(Fault("disturbance_log_sd", repr(disturbance_log_sd), "a number from 0 to 3"))
+            table = spec.predict.model_copy(update={"disturbance_log_sd": float(disturbance_log_sd)})
+            spec = replace(spec, predict=table)
+        return forecast(spec, self.files, flight, draws, seed)
 
     def land(
         self,
@@ -338,7 +356,8 @@ class Posterior:
         """Flights, parameters and draws."""
         sizes = self.data["posterior"].sizes
         names = ", ".join(f.name for f in self.spec.with_role("identify"))
-        return f"Posterior of {names}: {len(self.names)} parameters, {sizes['chain']} chains of {sizes['draw']} draws"
+        of = counted(len(self.names), "parameter")
+        return f"Posterior of {names}: {of}, {sizes['chain']} chains of {sizes['draw']} draws"
 
     def _repr_html_(self) -> str:
         """Means and intervals as a table."""
