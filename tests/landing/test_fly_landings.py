@@ -156,6 +156,19 @@ def test_what_does_not_come_down_or_diverges_is_told(plan):
     assert landed.outcome.tolist() == [2, 1] and np.isnan(landed.time).all()
 
 
+def test_a_landing_that_diverges_on_the_way_is_counted_and_leaves_the_others_alone(plan):
+    """One of three meets air that is no number after two seconds; the campaign goes on for all that time and longer."""
+    model, theta = flight_model(plan, 0), plan.models[0].theta[:3].T
+    x = begin(StartPlan((700.0, 0.0)), model, theta, np.zeros((SIZE, 3)), np.zeros((3, 3)))
+    latent = 0.1 * np.random.default_rng(2).standard_normal((400, 10, 3))
+    sound = descend(model, theta, x, Weather(0.0, np.zeros((600, 3, 3)), latent, np.zeros((2, 3))), 302.0)
+    latent = latent.copy()
+    latent[2 * SECOND + 1, 0, 1] = np.nan
+    landed = descend(model, theta, x, Weather(0.0, np.zeros((600, 3, 3)), latent, np.zeros((2, 3))), 302.0)
+    assert landed.outcome.tolist() == [0, 1, 0] and np.isnan(landed.states[:, 1]).all()
+    np.testing.assert_allclose(landed.states[:, ::2], sound.states[:, ::2], rtol=1e-9, atol=1e-9)
+
+
 def test_starts_are_what_the_plan_says(plan):
     model, rng = flight_model(plan, 0), np.random.default_rng(4)
     start = StartPlan((700.0, 0.0), swing=(0.2, 0.0), azimuth=0.5, swing_rate=(0.1, 0.0), flyout=(0.1, 0.0), tilt=0.0)

@@ -99,8 +99,9 @@ def descend(model: LandingFlight, theta: Array, x: Array, weather: Weather, floo
         over = down.any(axis=0) & finite & (landed.outcome[lanes] == 2)
         _touch(landed, states, error, down, seen, lanes, k, over, floor, n)
         landed.outcome[lanes[~finite & (landed.outcome[lanes] == 2)]] = 1
-        x, flying = _unit(states[-1]), landed.outcome[lanes] == 2
-        if flying.sum() < _SHRINK * flying.size:  # until then, those that are down fly on unheeded
+        x = np.where(finite, _unit(states[-1]), x)
+        flying = landed.outcome[lanes] == 2
+        if flying.sum() < _SHRINK * flying.size:  # until then, those that are down or failed fly on unheeded
             x, theta, lanes = x[:, flying], theta[:, flying], lanes[flying]
         if not lanes.size:
             break

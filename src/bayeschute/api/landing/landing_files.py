@@ -59,7 +59,7 @@ def write_landings(made: Landings, folder: Path) -> list[str]:
     judged = made.judgements()
     made.save(folder / "landings.nc")
     frame = made.table.to_dataframe()
-    write_whole(folder / "landings.parquet", lambda path: frame.to_parquet(path, index=False))
+    write_whole(folder / "landings.parquet", lambda path: frame.to_parquet(path, index=False, write_page_checksum=True))
     write_csv(requirement_table(judged), folder / "requirements.csv")
     for quantity in _limited(made):
         write_csv(made.exceedance(quantity), folder / f"exceedance-{quantity}.csv")
