@@ -50,9 +50,8 @@ def foretold(data: Path, runs: Path, name: str, landings: int) -> dict[str, Any]
     begin = -float(record.position[np.isfinite(record.position[:, 2]), 2][0])
     ground = float(record.meta["ground_altitude_msl_m"])
     made = bc.Run(folder, study).posterior.land(
-        study.flights[name].vehicle,
-        bc.wind_profile(*record.profile.T),
-        landings,
+        study.flights[name],
+        draws=landings,
         start={"altitude": f"{begin} m", "swing": {"mean": f"{swing} deg", "sd": f"{SWING_SD} deg"}},
         ground={"altitude": f"{ground} m"},
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import doctest
 from importlib import import_module
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -71,6 +72,25 @@ def test_requirements_by_words_and_by_numbers(landings):
     for bad, word in (({"speed": 1.0}, "one of"), ({}, "no limit"), ({"hang_angle": "3 m"}, "rad")):
         with pytest.raises(bc.InputError, match=word):
             landings.requirement(**bad)
+
+
+def test_a_flight_lands_with_its_payload_in_its_wind(monkeypatch):
+    """As if they were said one by one; winds that are given go before its own."""
+    module, asked = import_module("bayeschute.api.posterior"), []
+    monkeypatch.setattr(module, "campaign_of", lambda *given, **tables: asked.append((given, tables)))
+    monkeypatch.setattr(module, "drawn_from", lambda *given: None)
+    monkeypatch.setattr(module, "land", lambda *given, **named: None)
+    study, wind = bc.Study.example(), bc.wind_profile([0.0, 2000.0], [1.0, 2.0], [0.0, 0.0])
+    of = SimpleNamespace(spec=study.spec, files=None)
+    heavy = study.flights["cdt-3-12"].changed(name="heavy", capsule_mass=9500.0, wind_profile=wind)
+    bc.Posterior.land(of, heavy, draws=10)
+    bc.Posterior.land(of, None, wind, 10, capsule_mass="9500.0 kg")
+    assert asked[0] == asked[1] and asked[0][0][1] is wind
+    bc.Posterior.land(of, heavy, {"profile": []}, draws=10)
+    assert asked[2][0][1] == {"profile": []}
+    other = heavy.changed(vehicle=study.vehicle.model_copy(update={"name": "another"}))
+    bc.Posterior.land(of, other, draws=10)
+    assert asked[3][0][0] == other.vehicle != study.vehicle
 
 
 def test_files_and_their_dictionary(asking, landings, tmp_path):

@@ -318,7 +318,7 @@ class Flight:
 
     @property
     def vehicle(self) -> Vehicle | None:
-        """The vehicle that flew it."""
+        """The vehicle that flew it; a payload of the flight's own is in `spec.capsule_mass` [kg], not in this."""
         return self.spec.vehicle or self.study.vehicle
 
     @property

@@ -319,7 +319,7 @@ class Posterior:
 
     def land(
         self,
-        vehicle: Vehicle | None = None,
+        vehicle: Vehicle | Flight | None = None,
         winds: Winds = None,
         draws: int = 100_000,
         *,
@@ -333,7 +333,8 @@ class Posterior:
         """Landings to the ground: joint draws of parameters, winds, gusts, starts and canopies.
 
         Args:
-            vehicle: That lands; None: that of the posterior.
+            vehicle: That lands; a flight: its vehicle with its own payload, through its own wind profile unless `winds`
+                are given; None: that of the posterior.
             winds: Winds by altitude from `wind_profile`, one or many, each as likely as any other; or the entries of
                 ``[wind]`` of a campaign file. None: calm, with gusts as the posterior knows them.
             draws: Landings; they take 200 draws of the parameters in turn, unless `tables` says ``draws``.
@@ -348,6 +349,11 @@ class Posterior:
         Raises:
             InputError: With every fault, or if the posterior is of a point mass.
         """
+        if isinstance(vehicle, Flight):
+            own = vehicle.spec
+            winds = own.wind_profile if winds is None else winds
+            tables |= {"capsule_mass": f"{own.capsule_mass!r} kg"} if own.capsule_mass is not None else {}
+            vehicle = vehicle.vehicle if vehicle.vehicle != self.spec.vehicle else None
         campaign = campaign_of(vehicle, winds, draws, start, self.spec.seed if seed is None else seed, **tables)
         plan = drawn_from(campaign, self.spec, self.files)
         return land(campaign, plan, None if folder is None else Path(folder), workers, progress=progress)
