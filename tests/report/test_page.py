@@ -121,10 +121,16 @@ def test_a_summary_alone_gives_a_report_that_says_what_is_missing(bare):
 
 def test_a_command_in_the_label_is_shown_as_code(bare):
     (bare / "summary.json").write_text(
-        json.dumps({"label": "not checked (run `bayeschute calibrate <b>` <i>first</i>)"})
+        json.dumps(
+            {
+                "label": "not checked (run `bayeschute calibrate <b>` <i>first</i>)",
+                "claim": {"sentences": ["No level applies (run `bayeschute check`)."]},
+            }
+        )
     )
     text = build_report(bare).read_text(encoding="utf-8")
     assert text.count("(run <code>bayeschute calibrate &lt;b&gt;</code> &lt;i&gt;first&lt;/i&gt;)") == 2
+    assert "No level applies (run <code>bayeschute check</code>)." in text
 
 
 def test_damaged_files_are_named_and_do_not_break_it(bare):

@@ -50,6 +50,11 @@ def test_a_mean_carries_the_decimals_of_its_sd():
     assert wording.at_precision(math.nan, 1.0) == "–"
 
 
+def test_shares_in_percent_have_a_proper_minus_and_no_minus_zero():
+    shown = [wording.percent(x, n) for x, n in ((-0.764, 0), (1.1e-16, 1), (-1e-9, 0), (0.3684, 1), (math.nan, 0))]
+    assert shown == ["−76 %", "0.0 %", "0 %", "36.8 %", "–"]
+
+
 def test_probability_is_never_rounded_to_certainty():
     assert [wording.probability(p) for p in (0.0004, 0.9996, 1.0, 0.0, 0.5, 0.995)] == [
         "< 0.001",

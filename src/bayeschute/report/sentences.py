@@ -181,7 +181,7 @@ def structure_sentences(facts: Mapping[str, Any]) -> list[str]:
         explained = float(last) / 100.0 if is_number(last) else None
     if selected and is_number(explained):
         verb = "it explains" if len(selected) == 1 else "they explain"
-        text += f"; {verb} {number(100.0 * explained)} % of the variation"
+        text += f"; {verb} {percent(explained, 1)} of the variation"
     if is_number(facts.get("snr")):
         text += f" (signal-to-noise ratio {number(facts['snr'], 2)})"
     found = [text + "."]

@@ -115,7 +115,10 @@ def at_precision(value: Any, sd: Any, digits: int = 2) -> str:
 
 def percent(value: Any, digits: int = 0) -> str:
     """A share in percent."""
-    return f"{100 * value:.{digits}f} %" if is_number(value) else MISSING
+    if not is_number(value):
+        return MISSING
+    rounded = round(100.0 * value, digits) + 0.0  # no minus before a zero
+    return f"{rounded:.{digits}f} %".replace("-", "−")
 
 
 def probability(value: Any) -> str:
