@@ -55,7 +55,12 @@ def test_a_term_is_proposed_where_chance_would_hardly_make_it(results):
     said = curve_tables.proposal_sentence(_with(results, proposals=[ASKED]))
     assert "transverse[e*alpha^4] explains 42 % of the latent transverse force" in said
     chance = {**ASKED, "p_any": 0.8}
-    assert "none of the terms" in curve_tables.proposal_sentence(_with(results, proposals=[chance]))
+    assert curve_tables.proposal_sentence(_with(results, proposals=[chance])).endswith("more than chance would.")
+    little = {**ASKED, "share": 0.003}
+    said = curve_tables.proposal_sentence(_with(results, proposals=[little]))
+    assert said.endswith(
+        "none of the terms that the model lacks more than chance would, or by as much as 1 % of their variance."
+    )
     assert len(_words(curve_tables.proposal_table(_with(results, proposals=[ASKED, chance])))) == 2
 
 

@@ -10,7 +10,7 @@ from bayeschute.report.run_results import Results
 from bayeschute.report.tables.summary_tables import Cell, Table, cells, columns_of, mappings
 from bayeschute.report.wording import MISSING, is_number, listed, number, percent
 
-ASKED = 0.05  # chance of any candidate below which a term is proposed
+ASKED, WORTH = 0.05, 0.01  # chance of any candidate below which, share of the force from which a term is proposed
 _KIND = {"agreement": "good", "tension": "weak", "conflict": "bad"}
 
 
@@ -78,11 +78,13 @@ def proposal_sentence(results: Results) -> str:
     found = mappings(results.summary.get("proposals"))
     if not found:
         return ""
-    asked = [one for one in found if is_number(one.get("p_any")) and one["p_any"] < ASKED]
+    sure = [one for one in found if is_number(one.get("p_any")) and one["p_any"] < ASKED]
+    asked = [one for one in sure if not is_number(one.get("share")) or one["share"] >= WORTH]
     if not asked:
+        by = f", or by as much as {percent(WORTH)} of their variance" if sure else ""
         return (
             "The latent forces of the fit, which hold what no term explains, follow none of the terms that the model "
-            "lacks more than chance would."
+            f"lacks more than chance would{by}."
         )
     words = [
         f"{_proposed(one)} explains {percent(one.get('share'))} of the latent {one.get('kind')} force" for one in asked
