@@ -31,14 +31,17 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 from other_records import DEGREE, LAYOUTS, climatology, flights_of, read_flight
 from other_scores import LEVELS, History, constant, score, width_over_spread
 from other_stored import made_now, store
-from other_studies import write_set, write_window
+from other_studies import flight_alone, write_set, write_window
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 Array = NDArray[np.float64]
 
@@ -173,29 +176,44 @@ def histories(data: Path, flight: str, quantity: str) -> tuple[list[History], bo
     return [History(own.time, own.quantities()[quantity])], False
 
 
-def scored(data: Path, out: Path, first: str, flight: str) -> dict[str, dict[str, Any]]:
+def foretold(out: Path, flight: str) -> xr.Dataset | None:
+    """Bands of a flight that a run has predicted; None where it has not."""
+    import xarray as xr
+
+    if not (out / "predictions.nc").is_file():
+        return None
+    with xr.open_datatree(out / "predictions.nc", engine="h5netcdf") as tree:
+        return tree[flight].to_dataset().load() if flight in tree.children else None
+
+
+def by_posterior(data: Path, out: Path, flight: str) -> xr.Dataset | None:
+    """Bands of a flight with another number of canopies, from the posterior of a run; None without one."""
+    import bayeschute as bc
+
+    if not (out / "posterior.nc").is_file():
+        return None
+    posterior = bc.Run(out, bc.Study.load(out / "study.toml")).posterior
+    made = posterior.predict(flight_alone(data, flight, out.parent))
+    return made.draws.quantile(list(LEVELS), "draw")
+
+
+def scored(data: Path, first: str, flight: str, bands: xr.Dataset | None) -> dict[str, dict[str, Any]]:
     """Scores of a predicted flight by quantity; none where nothing was predicted.
 
     Args:
         data: Folder of the sets.
-        out: Folder of the run.
         first: The flight that was identified.
         flight: The flight.
+        bands: Its quantities by ``quantile`` and ``time``, SI.
     """
-    import xarray as xr
-
-    if not (out / "predictions.nc").is_file():
+    if bands is None:
         return {}
-    with xr.open_datatree(out / "predictions.nc", engine="h5netcdf") as tree:
-        if flight not in tree.children:
-            return {}
-        foretold = tree[flight].to_dataset().load()
     usual, made = climatology(read_flight(data, first), LEVELS), {}
-    time = foretold["time"].values.astype(float)
+    time = bands["time"].values.astype(float)
     for name, (_, factor, unit) in QUANTITIES.items():
-        if name not in foretold or not np.isfinite(foretold[name].values).all(axis=0).any():
+        if name not in bands or not np.isfinite(bands[name].values).all(axis=0).any():
             continue  # no band: every simulation failed
-        band = factor * foretold[name].sel(quantile=list(LEVELS), method="nearest").transpose("quantile", "time").values
+        band = factor * bands[name].sel(quantile=list(LEVELS), method="nearest").transpose("quantile", "time").values
         truth, true = histories(data, flight, name)
         ours, plain = score(time, band, truth), score(time, constant(usual[name], time), truth)
         made[name] = ours._asdict() | {
@@ -209,17 +227,11 @@ def scored(data: Path, out: Path, first: str, flight: str) -> dict[str, dict[str
     return made
 
 
-def expressible(data: Path, names: Sequence[str]) -> tuple[list[str], dict[str, str]]:
-    """Flights that one study can hold, and why others are left out."""
-    number = read_flight(data, names[0]).meta["n_canopies"]
-    kept, left = list[str](), dict[str, str]()
-    for name in names:
-        here = read_flight(data, name).meta["n_canopies"]
-        if here == number:
-            kept.append(name)
-        else:
-            left[name] = f"not expressible: {here} canopies, one vehicle of {number} serves all flights of a study"
-    return kept, left
+def by_canopies(data: Path, names: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Flights with as many canopies as the first, which one study holds, and the others."""
+    numbers = {name: read_flight(data, name).meta["n_canopies"] for name in names}
+    same = [name for name in names if numbers[name] == numbers[names[0]]]
+    return same, [name for name in names if name not in same]
 
 
 def key_of(folder: Path, study: Path, quick: bool) -> str:
@@ -228,8 +240,10 @@ def key_of(folder: Path, study: Path, quick: bool) -> str:
     return hashlib.sha256(f"{text}{quick}".encode()).hexdigest()
 
 
-def whole_flights(data: Path, study: Path, names: Sequence[str], options: Sequence[str]) -> dict[str, Any]:
-    """Run a set's study and score what it foretells."""
+def whole_flights(
+    data: Path, study: Path, names: Sequence[str], others: Sequence[str], options: Sequence[str]
+) -> dict[str, Any]:
+    """Run a set's study and score what it foretells, and what its posterior does of flights with other canopies."""
     out, tables = study.parent / "run", tomllib.loads(study.read_text(encoding="utf-8"))
     ran = run(study, out, *options)
     told, count = verdict(out, ran), read_flight(data, names[0]).meta["n_canopies"]
@@ -237,13 +251,14 @@ def whole_flights(data: Path, study: Path, names: Sequence[str], options: Sequen
         **{"processor_s": ran["processor_s"], "wall_s": ran["wall_s"], "exit": ran["exit"]}, **told,
         "terms": terms(out),
         "residuals": residuals(out, names[0], tables["noise"], count),
-        "flights": {name: scored(data, out, names[0], name) for name in names[1:]},
+        "flights": {name: scored(data, names[0], name, foretold(out, name)) for name in names[1:]}
+        | {name: scored(data, names[0], name, by_posterior(data, out, name)) for name in others},
     }  # fmt: skip
 
 
 def set_results(data: Path, letter: str, folder: Path, given: argparse.Namespace) -> dict[str, Any]:
     """All results of a set, kept as they come in ``results.json`` of its folder."""
-    kept, left = expressible(data, flights_of(data, letter))
+    kept, others = by_canopies(data, flights_of(data, letter))
     study, path = write_set(data, kept, folder), folder / "results.json"
     options = ["--quick"] if given.quick else []
     results = load(path) if given.resume else {}
@@ -256,9 +271,9 @@ def set_results(data: Path, letter: str, folder: Path, given: argparse.Namespace
             path.write_text(json.dumps(results, indent=1), encoding="utf-8")
         return dict(known)
 
-    made: dict[str, Any] = {"left_out": left, "windows": {}}
+    made: dict[str, Any] = {"windows": {}}
     if not given.only_windows:
-        made["whole"] = get("whole", study, lambda: whole_flights(data, study, kept, options))
+        made["whole"] = get("whole", study, lambda: whole_flights(data, study, kept, others, options))
     for length in given.windows:
         part = write_window(data, kept[0], length, folder)
         if part is None:
@@ -287,7 +302,6 @@ def lines(letter: str, made: Mapping[str, Any]) -> list[str]:
     said = []
     if "whole" in made:
         said += _whole_lines(letter, made["whole"])
-    said += [f"   {name}: {why}" for name, why in made["left_out"].items() if "whole" in made]
     for length, one in made["windows"].items():
         if "skipped" in one:
             said.append(f"{letter}  {length} s: {one['skipped']}")
@@ -399,7 +413,7 @@ def main() -> None:
         results = {}
         for letter in given.sets:
             if given.prepare:
-                print(write_set(given.data, expressible(given.data, flights_of(given.data, letter))[0], place / letter))
+                print(write_set(given.data, by_canopies(given.data, flights_of(given.data, letter))[0], place / letter))
                 continue
             results[letter] = made = set_results(given.data, letter, place / letter, given)
             print("\n".join(lines(letter, made)), flush=True)

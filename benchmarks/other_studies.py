@@ -22,13 +22,16 @@ import json
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from other_records import G0, SEA_LEVEL_DENSITY, OtherFlight, first_seen, read_flight, record
 
 MODELS = Path(__file__).parents[1] / "models"
 STUDY = MODELS / "studies" / "cdt-3-11.toml"
+if TYPE_CHECKING:
+    import bayeschute as bc
+
 RATE = 10.0  # [Hz]
 BEGIN, END = 5.0, 2.0  # left out at the ends of the flight that is identified [s]
 NOMINAL_DRAG = 0.85  # of a canopy
@@ -218,12 +221,17 @@ def _time(t: float) -> str:
     return f"{t:.3f} s"
 
 
+def _rate(flight: OtherFlight) -> float:
+    """At which canopies are seen, and at most `RATE` [Hz]."""
+    seen = flight.time[np.isfinite(flight.canopies).all(axis=(1, 2))]
+    return min(RATE, round(1.0 / float(np.median(np.diff(seen))), 3))
+
+
 def _flight(flight: OtherFlight, more: Mapping[str, Any]) -> dict[str, Any]:
     profile = {"file": f"{flight.name}_wind.csv", "altitude": {"column": "altitude", "unit": "m"}}
     profile |= {axis: {"column": axis, "unit": "m/s"} for axis in ("north", "east")}
-    seen = flight.time[np.isfinite(flight.canopies).all(axis=(1, 2))]
-    rate = min(RATE, round(1.0 / float(np.median(np.diff(seen))), 3))
-    own = {"name": flight.name, "file": f"{flight.name}.nc", "rate": f"{rate:g} Hz", "simulated_by": "another program"}
+    rate = f"{_rate(flight):g} Hz"
+    own = {"name": flight.name, "file": f"{flight.name}.nc", "rate": rate, "simulated_by": "another program"}
     return own | dict(more) | {"wind_profile": {"profile": profile}}
 
 
@@ -267,6 +275,32 @@ def write_set(data: Path, names: Sequence[str], folder: Path) -> Path:
     path = folder / f"{names[0]}.toml"
     path.write_text(toml(study(first, window, predicted)), encoding="utf-8")
     return path
+
+
+def flight_alone(data: Path, name: str, folder: Path) -> bc.Flight:
+    """A flight to be predicted by a posterior, with a vehicle of its own; its record holds no more than `write_set`'s.
+
+    Args:
+        data: Folder of the sets.
+        name: Of the flight.
+        folder: Where its vehicle file is written.
+    """
+    import bayeschute as bc
+    from bayeschute.study.run.forecasts import OPENING
+
+    flight = read_flight(data, name)
+    path = folder / f"{name}_vehicle.toml"
+    path.write_text(toml(vehicle(flight)), encoding="utf-8")
+    begin = first_seen(flight, 0.0)
+    return bc.Flight(
+        record(flight, begin - float(flight.time[0]) + OPENING),
+        bc.load_vehicle(path),
+        name=name,
+        wind=bc.wind_profile(*flight.profile.T),
+        window=(begin, float(flight.time[-1])),
+        rate=_rate(flight),
+        roles=("predict",),
+    )
 
 
 def write_window(data: Path, name: str, length: float, folder: Path) -> Path | None:

@@ -53,7 +53,7 @@ def written(other, tmp_path_factory):
 
     def get(letter):
         if letter not in made:
-            kept, _ = other.flights.expressible(DATA, other.records.flights_of(DATA, letter))
+            kept, _ = other.flights.by_canopies(DATA, other.records.flights_of(DATA, letter))
             made[letter] = other.studies.write_set(DATA, kept, tmp_path_factory.mktemp("sets") / letter)
         return made[letter]
 
@@ -190,9 +190,15 @@ class TestStudies:
 
 
 @there
-def test_a_lost_canopy_is_told(other):
-    kept, left = other.flights.expressible(DATA, other.records.flights_of(DATA, "R"))
-    assert kept == ["R_1", "R_2"] and "not expressible" in left["R_3"]
+def test_a_flight_with_a_canopy_lost_stands_alone(other, tmp_path):
+    """For the posterior of the others; all that it shows of itself is its opening."""
+    kept, others = other.flights.by_canopies(DATA, other.records.flights_of(DATA, "R"))
+    assert kept == ["R_1", "R_2"] and others == ["R_3"]
+    alone = other.studies.flight_alone(DATA, "R_3", tmp_path)
+    assert alone.vehicle.canopies.number == 2 and alone.roles == ("predict",)
+    known = np.isfinite(alone.raw["capsule_position"].values).all(axis=1)
+    assert known.any() and alone.raw["time"].values[known][-1] - alone.raw["time"].values[known][0] < 6.0
+    assert other.flights.by_posterior(DATA, tmp_path, "R_3") is None
 
 
 class TestScatter:
@@ -250,7 +256,7 @@ class TestVerdicts:
         told = other.flights.verdict(tmp_path, self.RAN)
         assert (told["converged"], told["reason"]) == (False, "steps were refused")
         assert told["best_found"] == {"tried": ["a"], "residuals": fit["residuals"]}
-        words = other.flights.lines("P", {"left_out": {}, "windows": {"45": told | {"processor_s": 3.0}}})
+        words = other.flights.lines("P", {"windows": {"45": told | {"processor_s": 3.0}}})
         assert words == [
             "P  45 s: NOT CONVERGED, steps were refused; 3 s processor",
             "   tried: a",
