@@ -135,7 +135,7 @@ def test_rougher_air_widens_the_bands_of_another_flight_and_wrong_spreads_are_re
 
 def test_a_probability_shows_as_many_digits_as_its_draws_tell(forecast):
     shown = repr(forecast.probability("descent_rate", at_most="100 m/s"))
-    assert shown == "P(met) = 1.000, 0.954 to 1.000 with 90% confidence (64 draws)"
+    assert shown == "P(met) = 1.000, 0.954 to 1.000 with 90 % confidence (64 draws)"
     assert repr(bc.Probability(0.5, 0.4, 0.6, 0.9, 1200, 3)).endswith("(1,200 draws, 3 of them failed)")
 
 

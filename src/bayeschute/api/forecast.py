@@ -61,7 +61,7 @@ class Probability:
     def __repr__(self) -> str:
         """On one line, to as many digits as the draws tell."""
         failed = f", {self.failed:,} of them failed" if self.failed else ""
-        between = f"{self.low:.3f} to {self.high:.3f} with {self.confidence:.0%} confidence"
+        between = f"{self.low:.3f} to {self.high:.3f} with {100.0 * self.confidence:.0f} % confidence"
         return f"P(met) = {self.met:.3f}, {between} ({self.draws:,} draws{failed})"
 
 

@@ -80,6 +80,7 @@ class Claim:
         contradicted: By which of its own checks or held-out shares; such a run has no level.
         misspecification: Worst stored coverage with a wrong model, in words; empty where none is stored.
         not_promised: Results that the run shows and that no calibration speaks for.
+        extrapolated: Sentences on predictions that go where no fitted flight has been.
     """
 
     level: Level
@@ -88,6 +89,7 @@ class Claim:
     contradicted: tuple[str, ...] = ()
     misspecification: str = ""
     not_promised: tuple[str, ...] = ()
+    extrapolated: tuple[str, ...] = ()
 
     @property
     def label(self) -> str:
@@ -115,7 +117,7 @@ class Claim:
             made.append("Nothing is promised: neither parameters nor bands, requirements or landings.")
         elif self.not_promised:
             made.append(f"Not promised by any calibration: {', '.join(self.not_promised)}.")
-        return made
+        return [*made, *self.extrapolated]
 
     def plain(self) -> dict[str, Any]:
         """For JSON."""
@@ -127,6 +129,7 @@ class Claim:
             "contradicted": list(self.contradicted),
             "misspecification": self.misspecification,
             "not_promised": list(self.not_promised),
+            "extrapolated": list(self.extrapolated),
             "sentences": self.sentences,
         }
 

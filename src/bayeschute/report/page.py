@@ -317,7 +317,6 @@ def _context(results: Results) -> dict[str, Any]:
         chains.append(_picture(inference_figures.autocorrelation_figure(curves), folder, "residuals", alt, caption))
     return every | {
         "failed": None,
-        "extrapolated": sentences.extrapolation_sentences(results),
         "answers": first_screen.answers(results),
         "key": sentences.key_sentences(results),
         "warnings": trust_tables.warnings_of(results),

@@ -13,7 +13,6 @@ from bayeschute.report.run_results import Results
 from bayeschute.report.wording import counted, is_number, listed, number, percent, probability, quantity, quantity_name
 
 NO_LABEL = "not checked: the summary contains no label"
-_FLOWN, _FAR = 0.995, 0.05  # quantile of the fitted swing that counts as its most; share beyond it that is told
 
 
 def has_level(results: Results) -> bool:
@@ -163,30 +162,9 @@ def plain(name: str) -> str:
     return name.replace("_", " ")
 
 
-def extrapolation_sentences(results: Results) -> list[str]:
-    """Predicted flights that swing further than any that was fitted, a sentence each."""
-    draws = {
-        (flight, str(bands.attrs.get("role"))): bands["swing_angle_draws"].values
-        for flight, bands in results.predictions.items()
-        if "swing_angle_draws" in bands
-    }
-    flown = [float(np.nanquantile(angles, _FLOWN)) for (_, role), angles in draws.items() if role == "identify"]
-    found = []
-    for (flight, role), angles in draws.items():
-        known = angles[np.isfinite(angles)]
-        beyond = float(np.mean(known > max(flown))) if flown and role == "predict" and known.size else 0.0
-        if beyond >= _FAR:
-            found.append(
-                f"{flight} swings further than {quantity(max(flown), 'rad')}, the most that was fitted, in "
-                f"{percent(beyond)} of its predicted samples: there bands rest on the form of the terms, not on data."
-            )
-    return found
-
-
 def key_sentences(results: Results) -> list[str]:
-    """The sentences of the header."""
-    first = [risk_sentence(results), prediction_sentence(results), trust_sentence(results)]
-    return [*first, *extrapolation_sentences(results)]
+    """The three sentences of the header."""
+    return [risk_sentence(results), prediction_sentence(results), trust_sentence(results)]
 
 
 def structure_sentences(facts: Mapping[str, Any]) -> list[str]:

@@ -25,6 +25,7 @@ from bayeschute.calibration.promises import (
     promises,
 )
 from bayeschute.study.evidence.conditions import ORIGIN, OTHER_PROGRAM, RECORD, VIRTUAL, conditions, origin
+from bayeschute.study.evidence.extrapolation import extrapolated
 from bayeschute.study.evidence.identity import Stored, places, stored
 from bayeschute.study.evidence.recalibrate import applied_recalibration
 from bayeschute.study.evidence.scenarios import SCENARIOS
@@ -79,7 +80,7 @@ def status(job: Job, checks: Mapping[str, Mapping[str, Any]], coverage: Mapping[
         not_promised(job, held),
         [n for n, one in checks.items() if one["passed"] is False and n not in (*OF_THE_DATA, "calibration")],
     )
-    return Status(made, check)
+    return Status(replace(made, extrapolated=extrapolated(job.out)), check)
 
 
 def _of_records(study: Study, rungs: list[Rung]) -> list[Rung]:
