@@ -6,7 +6,7 @@ replicates are kept, so the same command goes on where it was stopped; the time 
 
 Workers stay for all of them, and so does what they compiled. The longest campaign comes last.
 
-    python benchmarks/calibration.py [--workers 2] [--only latent.none ranks.dumbbell] [--few 8] [--page]
+    python benchmarks/calibration.py [--workers 2] [--only latent.none ranks.dumbbell] [--few 8] [--many 120] [--page]
 """
 
 from __future__ import annotations
@@ -105,6 +105,7 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--dask", metavar="ADDRESS", help="Dask scheduler, in place of --workers")
     parser.add_argument("--few", type=int, default=FEW, metavar="N", help=f"replicates of all but the first ({FEW})")
+    parser.add_argument("--many", type=int, default=MANY, metavar="N", help=f"replicates of the first ({MANY})")
     parser.add_argument("--only", nargs="+", choices=names, default=names, metavar="NAME", help=", ".join(names))
     parser.add_argument("--out", type=Path, default=ROOT / "runs" / "calibration" / "cdt-3-11", help="for rows")
     parser.add_argument("--page", action="store_true", help="only write the page")
@@ -113,7 +114,7 @@ def main() -> None:
         with kept_open(given.workers, given.dask) as address:
             parts: dict[str, Callable[[], Result]] = {
                 f"{noise}.{disturbance}": partial(
-                    campaign, noise, disturbance, given.few if count == FEW else count, given.out, address
+                    campaign, noise, disturbance, given.few if count == FEW else given.many, given.out, address
                 )
                 for noise, disturbance, count in sorted(CAMPAIGNS, key=lambda of: of[-1])
             }

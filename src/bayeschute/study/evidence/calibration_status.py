@@ -106,15 +106,16 @@ def replicates_lacking(job: Job, both: Stored) -> list[str]:
     if found is None:
         return [f"{NONE_STORED} ({hint(study)})"]
     counts = f"{found['replicates']} replicates, {len(found['failed'])} failed"
+    bands = [one for name, one in promises(found).items() if name.startswith("predict/") and is_headline(name)]
     why = enough(found)
     if why:
-        more = f"at least {ENOUGH} are needed" if why == "too few replicates" else "with so many failures the others "
-        return [f"{counts}: {more}" + ("" if why == "too few replicates" else "may not be representative")]
+        few = f"at least {ENOUGH} are needed{_so_far(bands)}"
+        many = "with so many failures the others may not be representative"
+        return [f"{counts}: {few if why == 'too few replicates' else many}"]
     wanted, lacking = requirement_names(study), []
     for name, one in promises(found).items():
         if is_headline(name, wanted) and one.verdict in (NARROW, WIDE):
             lacking.append(f"nominal 90 % intervals of {shown(name)} held {one.words} ({one.verdict})")
-    bands = [one for name, one in promises(found).items() if name.startswith("predict/") and is_headline(name)]
     lacking += [
         f"nominal 90 % bands of unseen flights held {one.words}, which {found['replicates']} replicates do not decide"
         for one in bands
@@ -133,6 +134,14 @@ def _kept(found: Mapping[str, Any] | None, held: Mapping[str, Promise]) -> str:
     low, high = 100.0 * min(shares), 100.0 * max(shares)
     failed = f" ({len(found['failed'])} failed)" if found["failed"] else ""
     return f"{found['replicates']} replicates{failed}, coverage of nominal 90 % intervals {low:.0f} to {high:.0f} %"
+
+
+def _so_far(bands: list[Promise]) -> str:
+    """Coverage that replicates show which are still too few for a promise."""
+    if not bands:
+        return ""
+    low, high = 100.0 * min(one.share for one in bands), 100.0 * max(one.share for one in bands)
+    return f" (so far nominal 90 % bands of unseen flights held {low:.0f} to {high:.0f} %)"
 
 
 def _held_out(study: Study, coverage: Mapping[str, Any], kind: str, level: Level) -> Rung:
