@@ -115,6 +115,10 @@ def test_a_flight_that_was_fitted_is_predicted_from_its_own_data(posterior, sond
     own = posterior.predict(sondes.flights["low"], draws=64)
     assert own.held_out.any() and own.held_out.mean() < 0.5  # from `identify_until` on
     assert own.check()["inside 90 %"].between(0.5, 1.0).all()
+    seen, drawn = own.as_recorded("descent_rate"), own.draws["descent_rate"]
+    white, correlated, _ = own.recorded_with["descent_rate"]
+    assert float((seen - drawn).var()) == pytest.approx(white**2 + correlated**2, rel=0.1)
+    assert own.as_recorded("sea_level_descent_rate").equals(own.draws["sea_level_descent_rate"])  # of two channels
 
 
 def test_another_flight_with_the_name_of_a_fitted_one_is_refused(posterior, sondes):
@@ -195,6 +199,11 @@ def test_a_run_opens_as_posterior_and_forecasts(finished, descents):
     np.testing.assert_allclose(
         run.forecasts["low"].band("descent_rate")["high"], bands["descent_rate"].sel(quantile=0.95), rtol=1e-6
     )
+    counted = json.loads((finished.folder / "coverage.json").read_text(encoding="utf-8"))
+    for name, made in run.forecasts.items():
+        checked = made.check().query("reference == 'record'").set_index("quantity")["inside 90 %"]
+        known = {q: one["record"] for q, one in counted[name].items() if one["record"] is not None}
+        assert known and checked[list(known)].to_dict() == pytest.approx(known)
     assert run.posterior.names == tuple(
         map(str, xr.open_datatree(finished.folder / "posterior.nc", engine="h5netcdf")["posterior"].data_vars)
     )

@@ -21,8 +21,9 @@ from bayeschute.prediction.flight_statistics import REDUCTIONS
 from bayeschute.prediction.requirement import requirement_check
 from bayeschute.study.evidence.recalibrate import widening
 from bayeschute.study.job import Job
-from bayeschute.study.run.forecasts import forecast_flight, widened
+from bayeschute.study.run.forecasts import FlightForecast, forecast_flight, widened
 from bayeschute.study.run.stage_data import ingest_flight, read_and_judge
+from bayeschute.study.run.stage_results import _channel_noise as channel_noise
 from bayeschute.study.run.stage_results import recorded_quantities
 from bayeschute.study.study import Flight as FlightSpec
 from bayeschute.study.study import Study
@@ -77,6 +78,9 @@ class Forecast:
         truth: Truth of a virtual drop; None of a measured flight.
         shares: Share of variance by quantity and source.
         independent: How many independent draws these are worth.
+        recorded_with: Noise of the instrument, by quantity that one channel records: standard deviations of the white
+            and the correlated part [unit of the quantity], time constant of the latter [s].
+        seed: Of that noise in `as_recorded`.
 
     Example:
         >>> band = forecast.band("descent_rate", 0.9)
@@ -91,16 +95,21 @@ class Forecast:
     truth: xr.Dataset | None
     shares: Mapping[str, Mapping[str, float]]
     independent: int
+    recorded_with: Mapping[str, tuple[float, float, float]]
+    seed: int
 
     @classmethod
-    def of(cls, foreseen: Any, recorded: Mapping[str, Array], checks: Mapping[str, Any]) -> Forecast:
+    def of(cls, job: Job, foreseen: FlightForecast) -> Forecast:
         """From what the stages `predict` and `check` of a run make."""
-        one = foreseen.prediction
+        one, recorded = foreseen.prediction, recorded_quantities(job, foreseen.flight, foreseen.record)
+        noise = {name: n for name in one.draws if (n := channel_noise(job, foreseen.stored, name)) is not None}
         values = {name: (("draw", "time"), x, {"units": bands.UNITS[name]}) for name, x in one.draws.items()}
         made = xr.Dataset(values, coords={"time": ("time", foreseen.time, {"units": "s"})})
         made.attrs = {"failed": one.failed, "flight": foreseen.flight.name}
-        independent = int(min(*checks["ess_bulk"].values(), made.sizes["draw"]))  # as the stage `risk` counts
-        return cls(foreseen.flight.name, made, foreseen.held_out, recorded, foreseen.truth, one.shares, independent)
+        ess = job.load("checks.json")["ess_bulk"]
+        independent = int(min(*ess.values(), made.sizes["draw"]))  # as the stage `risk` counts
+        held_out, truth, seed = foreseen.held_out, foreseen.truth, foreseen.seed
+        return cls(foreseen.flight.name, made, held_out, recorded, truth, one.shares, independent, noise, seed)
 
     @property
     def quantities(self) -> tuple[str, ...]:
@@ -111,6 +120,12 @@ class Forecast:
     def counted(self) -> NDArray[np.bool_]:
         """Samples that are judged: those held out, all where none is."""
         return self.held_out if self.held_out.any() else np.ones(self.held_out.size, bool)
+
+    @property
+    def _prediction(self) -> bands.Prediction:
+        draws = {name: self.draws[name].values for name in self.quantities}
+        last = np.full((self.draws.sizes["draw"], 3), np.nan)
+        return bands.Prediction(self.draws["time"].values, draws, last, int(self.draws.attrs["failed"]), self.shares)
 
     def _values(self, quantity: str) -> Array:
         if quantity not in self.draws:
@@ -140,11 +155,8 @@ class Forecast:
         Returns:
             ``low``, ``median`` and ``high`` over time.
         """
-        if not 0.0 < level < 1.0:
-            raise InputError(Fault("level", repr(level), "a probability between 0 and 1"))
-        shares = (0.5 - 0.5 * level, 0.5, 0.5 + 0.5 * level)
         unit = self.draws[quantity].attrs if quantity in self.draws else {}
-        rows = zip(("low", "median", "high"), bands.quantiles(self._values(quantity), shares), strict=True)
+        rows = zip(("low", "median", "high"), _central(self._values(quantity), level), strict=True)
         return xr.Dataset({name: ("time", row, unit) for name, row in rows}, coords={"time": self.draws["time"]})
 
     def probability(
@@ -174,10 +186,25 @@ class Forecast:
         low, high = made["simulation_low"], made["simulation_high"]
         return Probability(made["probability_met"], low, high, confidence, made["draws"], made["failed"])
 
+    def as_recorded(self, quantity: str) -> xr.DataArray:
+        """Draws of a quantity as its instrument would record it: the channel's noise added, (draw, time).
+
+        A quantity that several channels give together, such as the swing angle, has no noise of its own: its draws are
+        returned as they are.
+
+        Example:
+            >>> seen = forecast.as_recorded("descent_rate")
+            >>> bool(seen.std() > forecast.draws["descent_rate"].std())
+            True
+        """
+        self._values(quantity)  # refuses what was not predicted
+        noise = self.recorded_with.get(quantity)
+        return self.draws[quantity].copy(data=bands.recorded_draws(self._prediction, quantity, noise, self.seed))
+
     def check(self, levels: Sequence[float] = (0.5, 0.9)) -> pd.DataFrame:
         """How the bands hold what was recorded, and the truth where that is known, over the samples not seen.
 
-        Recorded values hold the sensors' noise, the bands do not.
+        The truth is compared with the draws, the record with draws `as_recorded`, as ``coverage.json`` of a run does.
 
         Returns:
             A row per quantity and reference: share of samples inside each band.
@@ -188,14 +215,13 @@ class Forecast:
         truth = {} if self.truth is None else {q: self.truth[q].values for q in self.quantities if q in self.truth}
         rows = []
         for kind, reference in (("record", self.record), ("truth", truth)):
-            for name in self.quantities:
-                if name not in reference:
-                    continue
+            for name in (q for q in self.quantities if q in reference):
+                draws = self.as_recorded(name) if kind == "record" else self.draws[name]
                 row: dict[str, Any] = {"quantity": name, "reference": kind}
                 for level in levels:
-                    one = self.band(name, level)
-                    known = np.isfinite(reference[name]) & np.isfinite(one["low"].values) & self.counted
-                    inside = (reference[name] >= one["low"].values) & (reference[name] <= one["high"].values)
+                    low, _, high = _central(draws.values, level)
+                    known = np.isfinite(reference[name]) & np.isfinite(low) & self.counted
+                    inside = (reference[name] >= low) & (reference[name] <= high)
                     row[f"inside {100 * level:g} %"] = float(inside[known].mean()) if known.any() else np.nan
                 rows.append(row)
         if not rows:
@@ -204,10 +230,7 @@ class Forecast:
 
     def to_dataset(self) -> xr.Dataset:
         """Quantiles with record and truth, as ``predictions.nc`` of a run has them."""
-        draws = {name: self.draws[name].values for name in self.quantities}
-        last = np.full((self.draws.sizes["draw"], 3), np.nan)
-        one = bands.Prediction(self.draws["time"].values, draws, last, int(self.draws.attrs["failed"]), self.shares)
-        role = "predict" if self.held_out.any() else "identify"
+        one, role = self._prediction, "predict" if self.held_out.any() else "identify"
         return bands.dataset(one, one.time, self.quantities, self.truth, self.record, self.held_out, role)
 
     def plot(self, limits: Mapping[str, float] | None = None) -> Figure:
@@ -235,11 +258,16 @@ class Forecast:
         return html.table(repr(self), ("mean over the flight", "median", "central 90 %", "unit"), rows)
 
 
+def _central(draws: Array, level: float) -> Array:
+    """Lower end, median and upper end (3, T) of the central band of draws (B, T)."""
+    if not 0.0 < level < 1.0:
+        raise InputError(Fault("level", repr(level), "a probability between 0 and 1"))
+    return bands.quantiles(draws, (0.5 - 0.5 * level, 0.5, 0.5 + 0.5 * level))
+
+
 def forecast_of(job: Job, flight: FlightSpec) -> Forecast:
     """Forecast of a flight whose record, fit and checks a job has."""
-    foreseen = widened(forecast_flight(job, flight), widening(job))
-    recorded = recorded_quantities(job, foreseen.flight, foreseen.record)
-    return Forecast.of(foreseen, recorded, job.load("checks.json"))
+    return Forecast.of(job, widened(forecast_flight(job, flight), widening(job)))
 
 
 def forecast(spec: Study, files: Files, flight: Flight, draws: int | None, seed: int | None) -> Forecast:
