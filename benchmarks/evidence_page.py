@@ -1,4 +1,6 @@
-"""Results on flights of another program as one page of Markdown, from what ``other_flights.py --store`` has kept.
+"""Results on flights that this simulator did not make as one page of Markdown.
+
+From what ``other_flights.py --store`` and ``measured_flights.py --store`` have kept.
 
 python benchmarks/evidence_page.py
 """
@@ -16,6 +18,7 @@ from other_stored import ROOT, present
 
 Result = dict[str, Any]
 STORED = ROOT / "models/reference/other_flights"
+MEASURED = ROOT / "models/reference/measured_flights"
 PAGE = ROOT / "docs/other-flights.md"
 SCORES = (("held", 100.0, ".0f"), ("width_over_replicates", 1.0, ".2f"), ("wis_over_climatology", 1.0, ".2f"))
 NOTHING = "–"
@@ -47,6 +50,14 @@ _WINDOWS = """\
 ## Windows
 
 Fits of the first so many seconds of the first flight, up to the checks.
+"""
+_MEASURED = """\
+## Measured descents
+
+Shipped studies of descents that were flown (`benchmarks/measured_flights.py`; numbers:
+`models/reference/measured_flights/*.json`). The first part of every record is fitted, the rest predicted: *held*,
+*width*, *bias* and *score* are of the recorded descent rate against the nominal 90 % band of what would be recorded;
+climatology is the constant band of the fitted part.
 """
 
 
@@ -101,11 +112,30 @@ def foretold(sets: Sequence[Result]) -> list[str]:
     return table([*head, "made by", "numerics"], rows)
 
 
-def page(sets: Sequence[Result]) -> str:
+def measured_tables(studies: Sequence[Result]) -> list[str]:
+    """Fits of measured records, and scores of their held-out parts.
+
+    Args:
+        studies: As stored.
+    """
+    fits = [[f"`{one['study']}.toml`", str(len(one["flights"])), *_fit(one), *_made(one)] for one in studies]
+    rows = [
+        [f"{one['study']}: {name}", f"{100 * s['held']:.0f}", f"{s['width']:.2f}", f"{s['bias']:+.2f}",
+         f"{s['wis_over_climatology']:.2f}"]
+        for one in studies
+        for name, s in one["flights"].items()
+    ]  # fmt: skip
+    head = ["study", "records", "converged", "checks missed", "processor, s", "made by", "numerics"]
+    scores = ["record", "held, %", "width, m/s", "bias, m/s", "score"]
+    return [*table(head, fits), "", *table(scores, rows)]
+
+
+def page(sets: Sequence[Result], measured: Sequence[Result]) -> str:
     """The page.
 
     Args:
         sets: As stored.
+        measured: Studies of measured records, as stored.
     """
     wholes = [(one["set"], one["whole"]) for one in sets if "whole" in one]
     windows = [
@@ -118,8 +148,9 @@ def page(sets: Sequence[Result]) -> str:
     text = [_WORDS, "## Whole flights", "", *table(["set", *head, "terms", "made by", "numerics"], fits)]
     text += [_FORETOLD, *foretold(sets)]
     text += [_WINDOWS, *table(["set", "seconds", *head, "made by", "numerics"], windows)]
+    text += ["", _MEASURED, *measured_tables(measured)]
     return "\n".join(text).rstrip() + "\n"
 
 
 if __name__ == "__main__":
-    PAGE.write_text(page(stored()), encoding="utf-8")
+    PAGE.write_text(page(stored(), stored(MEASURED)), encoding="utf-8")

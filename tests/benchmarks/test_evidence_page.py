@@ -38,32 +38,38 @@ def _numbers(tree, path=()):
             yield (*path, key)
 
 
+def _stored(made):
+    return made.page.stored(), made.page.stored(made.page.MEASURED)
+
+
 def test_the_shipped_page_is_that_of_the_stored_files(made):
-    assert made.page.PAGE.read_text(encoding="utf-8") == made.page.page(made.page.stored()), (
+    assert made.page.PAGE.read_text(encoding="utf-8") == made.page.page(*_stored(made)), (
         "python benchmarks/evidence_page.py writes it anew"
     )
 
 
 def test_a_stored_number_that_is_changed_changes_the_page(made):
-    sets = made.page.stored()
-    places = [(index, path) for index, one in enumerate(sets) for path in _numbers(one)]
-    before = made.page.page(sets)
-    assert places
-    for index, path in places:
-        changed = copy.deepcopy(sets)
-        at = changed[index]
+    kept = _stored(made)
+    places = [(kind, index, path) for kind in (0, 1) for index, one in enumerate(kept[kind]) for path in _numbers(one)]
+    before = made.page.page(*kept)
+    assert {kind for kind, _, _ in places} == {0, 1}
+    for kind, index, path in places:
+        changed = copy.deepcopy(kept)
+        at = changed[kind][index]
         for key in path[:-1]:
             at = at[key]
         at[path[-1]] *= 1.5
-        assert made.page.page(changed) != before, path
+        assert made.page.page(*changed) != before, path
 
 
 def test_every_stored_result_tells_what_made_it(made):
-    for one in made.page.stored():
-        for result in [*one.get("windows", {}).values(), *([one["whole"]] if "whole" in one else [])]:
-            told = result["provenance"]
-            assert all(told[key] for key in ("commit", "command", "date", "machine", "versions", "numerics"))
-            assert f"--sets {one['set']}" in told["command"] and not re.search(r'"/\w', json.dumps(result))
+    sets, studies = _stored(made)
+    results = [(f"--sets {one['set']}", r) for one in sets for r in one.get("windows", {}).values()]
+    results += [(f"--sets {one['set']}", one["whole"]) for one in sets if "whole" in one]
+    for option, result in results + [(f"--studies {one['study']}", one) for one in studies]:
+        told = result["provenance"]
+        assert all(told[key] for key in ("commit", "command", "date", "machine", "versions", "numerics"))
+        assert option in told["command"] and not re.search(r'"/\w', json.dumps(result))
 
 
 def test_other_numerics_are_said_to_be_older(made):
@@ -73,7 +79,7 @@ def test_other_numerics_are_said_to_be_older(made):
     other = now["versions"] | {"jax": "0.0.1"}
     assert not made.stored.present(now | {"versions": other})
     one = {"set": "Q", "windows": {"45": FIT | {"provenance": now | {"numerics": "0" * 64}}}}
-    assert "| older numerics |" in made.page.page([one])
+    assert "| older numerics |" in made.page.page([one], [])
 
 
 def test_windows_are_stored_beside_whole_flights_each_with_its_own_origin(made, tmp_path):
