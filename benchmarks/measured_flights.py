@@ -1,8 +1,8 @@
 """Shipped studies of measured descents: fitted, and the held-out rest of every record predicted and scored.
 
 Each study of `STUDIES` fits the first part of its records and predicts the rest, which was flown. Scores are those of
-``other_flights.py``; the band is that of the rate as it would be recorded, so that the instrument's noise counts on both
-sides, and climatology is the constant band of the fitted part.
+``other_flights.py``; the band is that of the rate as it would be recorded, so that the instrument's noise counts on
+both sides, and climatology is the constant band of the fitted part.
 
     python benchmarks/measured_flights.py --data ../shared/realdata [--studies dropsondes halcyon] [--workdir DIR]
         [--json] [--store DIR]
