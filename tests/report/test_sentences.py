@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from bayeschute.report.sentences import structure_sentences
+from types import SimpleNamespace
+
+from bayeschute.report.sentences import prediction_sentence, structure_sentences
 
 
 def _of(pair):
@@ -15,3 +17,9 @@ def test_a_correlation_is_given_only_of_two_terms_besides_the_constant():
     words = "Largest correlation between two selected terms: 0.40 (e and rate)"
     assert any(words in line for line in _of(["e", "rate"]))
     assert not any("correlation" in line for line in _of(["", ""]))
+
+
+def test_true_and_recorded_flights_are_both_named():
+    coverage = {"virtual": {"descent_rate": {"truth": 0.9}}, "flown": {"descent_rate": {"record": 0.8}}}
+    results = SimpleNamespace(part=lambda name: coverage if name == "coverage" else {})
+    assert "80 % to 90 % of the true or recorded descent rate" in prediction_sentence(results)

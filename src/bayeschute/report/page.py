@@ -196,7 +196,8 @@ def _curve_picture(results: Results, folder: Path) -> Picture | None:
     )
     caption += "terms speaks and no data do. In curves.csv."
     alt = f"Curves of {listed(names)} with prior and posterior bands."
-    return _picture(curve_figures.curve_figure(table, known, words, names), folder, "curves", alt, caption)
+    figure = curve_figures.curve_figure(table, known, words, told.get("flown") or {})
+    return _picture(figure, folder, "curves", alt, caption)
 
 
 def _aerodynamics(results: Results, folder: Path) -> dict[str, Any]:

@@ -68,7 +68,7 @@ def prediction_sentence(results: Results) -> str:
     name = "descent_rate" if any("descent_rate" in scored[f] for f in flights) else next(iter(scored[flights[0]]))
     pairs = [scored[f][name] for f in flights if name in scored[f]]
     shares = sorted(share for _, share in pairs)
-    kind = words[pairs[0][0]]
+    kind = " or ".join(dict.fromkeys(words[kind] for kind, _ in pairs))
     return (
         f"Over {counted(len(shares), 'flight')} the 90 % bands contain {percent(shares[0])} to {percent(shares[-1])} "
         f"of the {kind} {quantity_name(name)} (median {percent(float(np.median(shares)))})."

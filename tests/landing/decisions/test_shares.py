@@ -28,6 +28,12 @@ def test_ishigami():
     assert (np.abs(total - whole_share) < 4.0 * total_error).all()
 
 
+@pytest.mark.parametrize("draws", [2, 50, 700])
+def test_no_landing_of_the_design_meets_its_own_draw_again_and_all_draws_are_used(draws):
+    first, second = design(draws, 2000)[:2000, 0], design(draws, 2000)[2000:4000, 0]
+    assert (first != second).all() and set(first) == set(second) == set(range(draws))
+
+
 def test_groups_of_landings_by_a_known_sum():
     ids = design(50, 8000)
     sd = np.array([1.0, 0.5, 0.7, 1.2, 0.0])

@@ -88,8 +88,10 @@ def test_curves_are_drawn_with_prior_truth_and_what_others_know(results, tmp_pat
     for kind, wide in (("posterior", 0.05), ("prior", 0.3)):
         rows |= {f"{kind}_{q}": 0.9 - at**2 + wide * k for q, k in (("q05", -1), ("q50", 0), ("q95", 1))}
     made = replace(_with(results, knowledge=[ENTRY], curves={"words": {"C_A": "axial"}}), curves=pd.DataFrame(rows))
-    figure = curve_figure(made.curves, [ENTRY], {"C_A": "axial"}, ["C_A"])
+    figure = curve_figure(made.curves, [ENTRY], {"C_A": "axial"}, {})
     labels = {text.get_text() for text in figure.axes[0].get_legend().get_texts()}
     assert {"truth", "tunnel, 90 %", "prior, 90 %", "posterior, 90 %"} <= labels
+    narrow = curve_figure(made.curves, [], {}, {"alpha": [at[1] + 1e-3, at[2] - 1e-3]})  # between two points of the grid
+    assert "range flown" in {text.get_text() for text in narrow.axes[0].get_legend().get_texts()}
     shown = _aerodynamics(made, tmp_path)
     assert "C_A" in shown["picture"].alt and (tmp_path / "curves.svg").exists() and shown["known"] is not None

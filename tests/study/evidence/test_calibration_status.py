@@ -119,6 +119,11 @@ def test_older_numerics_are_said_and_give_no_level(found):
     assert made.claim.label.startswith("not checked with these numerics; the 200 replicates stored were made by other")
 
 
+def test_an_older_misspecification_alone_checks_nothing(found):
+    made = found(stored(disturbance="mass") | {"numerics": "0" * 64, "versions": {"bayeschute": "0.1.0"}})
+    assert made.check["passed"] is None and "no calibration of this configuration is stored" in made.claim.label
+
+
 def test_results_of_versions_without_a_hash_of_their_numerics_are_older_ones(found):
     old = stored() | {
         "hash": "0" * 64,

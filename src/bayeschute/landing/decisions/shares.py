@@ -68,12 +68,13 @@ def jansen(a: Array, b: Array, mixed: Array, seed: int = 0, resamples: int = 200
 def design(draws: int, samples: int) -> NDArray[np.int64]:
     """Landings of Saltelli's design, groups being what landings are made of: ids ((groups + 2) N, 5).
 
-    Base samples are landings of their own in all five numbers; draws are taken in turn, the second sample's begin where
-    no landing meets its own draw again.
+    Base samples are landings of their own in all five numbers. Draws are taken in turn by both samples, those of the
+    second so many places on, one more in every round, that no landing meets its own draw again (if there are two or more).
     """
     each = np.arange(samples)
+    apart = 1 + (draws // 2 + each // draws) % max(draws - 1, 1)
     a = np.stack([each % draws, each, each, each, each], axis=1)
-    b = np.stack([(each * 7 + draws // 2 + 1) % draws, *(each + samples,) * 4], axis=1)
+    b = np.stack([(each + apart) % draws, *(each + samples,) * 4], axis=1)
     blocks = [a, b]
     for i in range(len(IDS)):
         point = a.copy()

@@ -46,7 +46,7 @@ def draw_curve(
         unit: Its SI unit.
         at: Grid (K,).
         bands: ``posterior`` and, where known, ``prior``: low, median and high (K,) each.
-        flown: Range that was flown, SI; outside, curves are dashed: extrapolated.
+        flown: Range that was flown, SI; outside, the median is dotted: extrapolated.
         known: What others know: ``name``, ``at``, ``values``, ``sd``.
         truth: The true curve (K,), where it is known.
         words: What the band holds.
@@ -106,7 +106,10 @@ def curve_axes(axes: Axes | None, title: str, **what: Any) -> Axes:
 
 @styled
 def curve_figure(
-    table: pd.DataFrame, known: Sequence[Mapping[str, Any]], words: Mapping[str, str], names: Sequence[str]
+    table: pd.DataFrame,
+    known: Sequence[Mapping[str, Any]],
+    words: Mapping[str, str],
+    flown: Mapping[str, Sequence[float]],
 ) -> Figure:
     """The curves of a run, a panel each.
 
@@ -114,14 +117,15 @@ def curve_figure(
         table: ``curves.csv`` of a run.
         known: What others know of curves: ``target``, ``name``, ``at``, ``values``, ``sd``.
         words: What each curve is.
-        names: Curves to show.
+        flown: Range that was flown [SI], by what a curve is over; the whole grid where it is not told.
     """
+    names = list(dict.fromkeys(table["curve"]))
     columns = min(2, len(names))
     rows = math.ceil(len(names) / columns)
     figure, all_axes = sheet(0.4 + 2.9 * rows, rows, columns)
     for axes, name in zip(all_axes, names, strict=False):
         one = table[table["curve"] == name]
-        at, inside = one["at"].to_numpy(float), one["flown"].astype(bool).to_numpy()
+        at, symbol = one["at"].to_numpy(float), str(one["symbol"].iloc[0])
         bands = {
             kind: (
                 one[f"{kind}_q05"].to_numpy(float),
@@ -132,9 +136,9 @@ def curve_figure(
             if f"{kind}_q05" in one and one[f"{kind}_q05"].notna().all()
         }
         truth = one["truth"].to_numpy(float) if "truth" in one and one["truth"].notna().all() else None
-        flown = (float(at[inside].min()), float(at[inside].max()))
+        low, high = flown.get(symbol, (at[0], at[-1]))
         beside = [k for k in known if k.get("kind") == "curve" and k.get("target") == name]
-        draw_curve(axes, str(one["symbol"].iloc[0]), str(one["unit"].iloc[0]), at, bands, flown, beside, truth)
+        draw_curve(axes, symbol, str(one["unit"].iloc[0]), at, bands, (low, high), beside, truth)
         axes.set_title(f"{name}: {words.get(name, '')}".rstrip(": "))
         axes.legend(loc="best", fontsize=7.4)
     for axes in all_axes[len(names) :]:

@@ -62,7 +62,7 @@ def status(job: Job, checks: Mapping[str, Mapping[str, Any]], coverage: Mapping[
     lacking = replicates_lacking(job, both)
     held = promises(found) if found is not None else {}
     check = {
-        "passed": None if found is None and not both.older else not lacking,
+        "passed": None if found is None and "none" not in both.older else not lacking,
         "value": min((one.share for one in held.values()), default=None),
         "bound": WANTED[0],
         "detail": "; ".join(lacking) or _kept(found, held),
