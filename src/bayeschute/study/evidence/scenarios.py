@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
-from bayeschute.study.study import Study
+from bayeschute.study.study import Flight, Study
 
 Change = Callable[[Study], Study]
 HEAVIER = 1.03
@@ -16,53 +16,28 @@ def _same(study: Study) -> Study:
     return study
 
 
-def _flights(study: Study, change: Callable[[Any], Any]) -> Study:
-    """The study with every virtual drop changed."""
-    flights = (f if f.virtual is None else replace(f, virtual=change(f.virtual)) for f in study.flights)
-    return replace(study, flights=tuple(flights))
+def _table(name: str, change: Callable[[Any], dict[str, Any]]) -> Change:
+    """The change of a study by which a table of every virtual drop changes, where it has one."""
+
+    def flight(one: Flight) -> Flight:
+        table = getattr(one.virtual, name, None)
+        if one.virtual is None or table is None:
+            return one
+        changed = table.model_copy(update=change(table))
+        return replace(one, virtual=one.virtual.model_copy(update={name: changed}))
+
+    return lambda study: replace(study, flights=tuple(map(flight, study.flights)))
 
 
-def _table(study: Study, name: str, change: Callable[[Any], dict[str, Any]]) -> Study:
-    """The study with a table of every virtual drop changed, where it has one."""
-
-    def changed(virtual: Any) -> Any:
-        table = getattr(virtual, name)
-        return virtual if table is None else virtual.model_copy(update={name: table.model_copy(update=change(table))})
-
-    return _flights(study, changed)
+def _wind_profile(sensors: Any) -> dict[str, Any]:
+    wind = sensors.wind
+    update = {"correlated": 3.0 * max(wind.correlated, 0.3), "time_constant": 60.0}
+    return {"wind": wind.model_copy(update=update)}
 
 
-def _strong_gusts(study: Study) -> Study:
-    return _table(study, "turbulence", lambda t: {"horizontal": 2.0 * t.horizontal, "vertical": 2.0 * t.vertical})
-
-
-def _short_gusts(study: Study) -> Study:
-    return _table(study, "turbulence", lambda t: {"time_constant": 1.5})
-
-
-def _long_gusts(study: Study) -> Study:
-    return _table(study, "turbulence", lambda t: {"time_constant": 30.0})
-
-
-def _breathing(study: Study) -> Study:
-    return _table(study, "breathing", lambda t: {"amplitude": 3.0 * t.amplitude})
-
-
-def _wind_profile(study: Study) -> Study:
-    def wrong(sensors: Any) -> dict[str, Any]:
-        wind = sensors.wind
-        update = {"correlated": 3.0 * max(wind.correlated, 0.3), "time_constant": 60.0}
-        return {"wind": wind.model_copy(update=update)}
-
-    return _table(study, "sensors", wrong)
-
-
-def _dropouts(study: Study) -> Study:
-    def more(sensors: Any) -> dict[str, Any]:
-        given = sensors.dropouts
-        return {} if given is None else {"dropouts": given.model_copy(update={"share": 0.2, "mean_length": 2.0})}
-
-    return _table(study, "sensors", more)
+def _dropouts(sensors: Any) -> dict[str, Any]:
+    given = sensors.dropouts
+    return {} if given is None else {"dropouts": given.model_copy(update={"share": 0.2, "mean_length": 2.0})}
 
 
 def _mass(study: Study) -> Study:
@@ -103,17 +78,27 @@ class Scenario:
 
 SCENARIOS = {
     "none": Scenario("flights as in the study: turbulence, breathing, sensor errors, dropouts"),
-    "strong-gusts": Scenario("turbulence twice as strong", _strong_gusts),
-    "short-gusts": Scenario("turbulence with a time constant of 1.5 s", _short_gusts),
-    "long-gusts": Scenario("turbulence with a time constant of 30 s", _long_gusts),
-    "breathing": Scenario("breathing three times as strong", _breathing),
+    "strong-gusts": Scenario(
+        "turbulence twice as strong",
+        _table("turbulence", lambda t: {"horizontal": 2.0 * t.horizontal, "vertical": 2.0 * t.vertical}),
+    ),
+    "short-gusts": Scenario(
+        "turbulence with a time constant of 1.5 s", _table("turbulence", lambda _: {"time_constant": 1.5})
+    ),
+    "long-gusts": Scenario(
+        "turbulence with a time constant of 30 s", _table("turbulence", lambda _: {"time_constant": 30.0})
+    ),
+    "breathing": Scenario(
+        "breathing three times as strong", _table("breathing", lambda t: {"amplitude": 3.0 * t.amplitude})
+    ),
     "wind-profile": Scenario(
-        "error of the recorded wind three times as large, with a time constant of 60 s", _wind_profile
+        "error of the recorded wind three times as large, with a time constant of 60 s",
+        _table("sensors", _wind_profile),
     ),
     "mass": Scenario("a capsule 3 % heavier than the identification assumes", _mass),
     "form": Scenario(
         "additional aerodynamic terms alpha^3 and e*alpha, which are no candidates", _form, terms_known=False
     ),
-    "dropouts": Scenario("20 % of the canopy positions missing, in gaps of 2 s", _dropouts),
+    "dropouts": Scenario("20 % of the canopy positions missing, in gaps of 2 s", _table("sensors", _dropouts)),
 }
 """By name."""
