@@ -138,11 +138,11 @@ def test_damaged_files_are_named_and_do_not_break_it(bare):
     (bare / "posterior.nc").write_bytes(b"\x89HDF not really")
     (bare / "risk").mkdir()
     (bare / "risk" / "exceedance.csv").write_text("a,b\n1,2\n")
-    (bare / "risk" / "end_of_record.parquet").write_bytes(b"PAR1")
+    (bare / "risk" / "tolerance.csv").touch()
     words = visible(build_report(bare).read_text())
     assert "structure.json could not be read" in words
     assert "posterior.nc could not be read" in words
-    assert "end_of_record.parquet could not be read" in words
+    assert "tolerance.csv could not be read" in words
 
 
 def test_values_of_the_wrong_kind_do_not_break_it(bare):

@@ -213,9 +213,9 @@ def _aerodynamics(results: Results, folder: Path) -> dict[str, Any]:
 
 def _exceedance_picture(results: Results, folder: Path) -> Picture | None:
     """Exceedance probabilities of the statistics that requirements refer to, and of at least two common ones."""
-    table = results.risk.get("exceedance")
-    needed = {"run", "quantity", "statistic", "unit", "threshold", "probability", "draws", "clopper_pearson_low"}
-    if table is None or table.empty or not needed <= set(table.columns):
+    needed = ("run", "quantity", "statistic", "unit", "threshold", "probability", "draws")
+    table = results.table("exceedance", *needed, "clopper_pearson_low", "clopper_pearson_high")
+    if table is None:
         return None
     limits = _limits(results)
     shown = trust_tables.shown_statistics(results, table)
@@ -251,8 +251,8 @@ def _predictive_picture(results: Results, folder: Path) -> Picture | None:
 
 def _widened(results: Results) -> str:
     """Whether the risk numbers are of recalibrated (widened) draws, in a sentence; empty where they are not."""
-    table = results.risk.get("exceedance")
-    if table is None or "widened_by" not in table or not (table["widened_by"] != 1.0).any():
+    table = results.table("exceedance", "run", "widened_by")
+    if table is None or not (table["widened_by"] != 1.0).any():
         return ""
     flights = [str(name) for name in dict.fromkeys(table["run"][table["widened_by"] != 1.0])]
     return (

@@ -17,7 +17,7 @@ from bayeschute.core.plain import from_plain
 from bayeschute.posterior.assess.identifiability_result import FitIdentifiability
 
 T = TypeVar("T")
-RISK_FILES = ("marginals.csv", "correlation.csv", "end_of_record.parquet", "exceedance.csv", "tolerance.csv")
+RISK_TABLES = ("marginals", "exceedance", "tolerance")
 
 
 @dataclass(frozen=True)
@@ -30,10 +30,9 @@ class Results:
         structure: structure.json, empty if absent.
         posterior: Parameter name to draws (chain, draw).
         prior: Parameter name to draws (chain, draw).
-        divergent: Divergent transitions (chain, draw), or None.
         predictions: Flight name to its bands.
         flights: Flight name to its record.
-        risk: File stem to table.
+        risk: File stem to table; those of the folder that the report shows.
         absent: Sentences on what is missing.
         curves: curves.csv; None where the run has none, as that of a point mass.
         identifiability: Of every fit, by its name; of the summary.
@@ -44,7 +43,6 @@ class Results:
     structure: Mapping[str, Any]
     posterior: Mapping[str, np.ndarray]
     prior: Mapping[str, np.ndarray]
-    divergent: np.ndarray | None
     predictions: Mapping[str, xr.Dataset]
     flights: Mapping[str, xr.Dataset]
     risk: Mapping[str, pd.DataFrame]
@@ -57,19 +55,21 @@ class Results:
         value = self.summary.get(name)
         return value if isinstance(value, Mapping) else {}
 
+    def table(self, stem: str, *needed: str) -> pd.DataFrame | None:
+        """A risk table; None where it is missing or empty, or lacks a column that is needed."""
+        table = self.risk.get(stem)
+        return None if table is None or table.empty or not set(needed) <= set(table.columns) else table
+
 
 def _summary(path: Path) -> dict[str, Any]:
     """summary.json, the one file that a report needs."""
+    wanted = "the summary of a finished run"
     try:
-        loaded = json.loads(path.read_text(encoding="utf-8"))
+        return json_object(path)
     except FileNotFoundError:
-        fault = Fault(str(path), "no such file", "the summary of a finished run", "Run `bayeschute run` first.")
-        raise InputError(fault) from None
+        raise InputError(Fault(str(path), "no such file", wanted, "Run `bayeschute run` first.")) from None
     except ValueError as error:
-        raise InputError(Fault(str(path), f"text that is no JSON ({error})", "the summary of a finished run")) from None
-    if not isinstance(loaded, dict):
-        raise InputError(Fault(str(path), f"a JSON {type(loaded).__name__}", "a JSON object"))
-    return loaded
+        raise InputError(Fault(str(path), f"text that is no JSON object ({error})", wanted)) from None
 
 
 def try_read(path: Path, read: Callable[[Path], T], absent: list[str], loss: str) -> T | None:
@@ -154,23 +154,20 @@ def read_results(run_dir: Path) -> Results:
     if not flights:
         absent.append("flights/ contains no records: they are not drawn.")
     risk = {}
-    for name in RISK_FILES:
-        read: Callable[[Path], pd.DataFrame] = pd.read_parquet if name.endswith("parquet") else pd.read_csv
-        table = try_read(run_dir / "risk" / name, read, absent, "this risk table is not shown")
+    for stem in RISK_TABLES:
+        table = try_read(run_dir / "risk" / f"{stem}.csv", pd.read_csv, absent, "this risk table is not shown")
         if table is not None:
-            risk[Path(name).stem] = table
+            risk[stem] = table
     curves = None
     if (run_dir / "curves.csv").exists():
         curves = try_read(run_dir / "curves.csv", pd.read_csv, absent, "no aerodynamic curves are shown")
     identifiability = identifiability_of(summary, absent)
-    divergent = groups["sample_stats"]["diverging"].values if "diverging" in groups.get("sample_stats", {}) else None
     return Results(
         folder=run_dir,
         summary=summary,
         structure=structure,
         posterior=_scalars(groups.get("posterior")),
         prior=_scalars(groups.get("prior")),
-        divergent=divergent,
         predictions=predictions,
         flights=flights,
         risk=risk,

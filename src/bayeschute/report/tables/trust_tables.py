@@ -130,12 +130,11 @@ def shown_statistics(results: Results, table: pd.DataFrame) -> pd.DataFrame:
 
 def tolerance_report(results: Results) -> Table | None:
     """Wilks' tolerance limits of the statistics that requirements refer to, the tightest that the draws allow."""
-    table = results.risk.get("tolerance")
-    needed = {"run", "quantity", "statistic", "unit", "share", "confidence", "failures", "needed", "enough", "limit"}
-    if table is None or not needed <= set(table.columns) or table.empty:
+    by = ["run", "quantity", "statistic", "share", "confidence"]
+    table = results.table("tolerance", *by, "unit", "failures", "needed", "enough", "limit")
+    if table is None:
         return None
     table, rows = shown_statistics(results, table).merge(table), []
-    by = ["run", "quantity", "statistic", "share", "confidence"]
     for (run, name, statistic, share, confidence), part in table.groupby(by, sort=False):
         enough = part[part["enough"].astype(bool)]
         best = (enough if len(enough) else part).iloc[-1 if len(enough) else 0]
@@ -163,9 +162,10 @@ def tolerance_report(results: Results) -> Table | None:
 
 def marginal_report(results: Results) -> Table | None:
     """Marginal fits: distribution family and its constants, by parameter."""
-    table = results.risk.get("marginals")
-    needed = {"parameter", "unit", "family", "location", "scale", "mean", "sd", "q00135", "q99865", "ks_distance"}
-    if table is None or not needed <= set(table.columns) or table.empty:
+    table = results.table(
+        "marginals", "parameter", "unit", "family", "location", "scale", "q00135", "q99865", "ks_distance"
+    )
+    if table is None:
         return None
     rows = []
     for row in table.to_dict("records"):
