@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +18,6 @@ from bayeschute.landing.motion_label import motion
 from bayeschute.landing.wind_plan import shear_of
 from bayeschute.likelihood.disturbances import Latent
 
-Source = Callable[[int], np.random.Generator]
 Array = NDArray[np.float64]
 Ids = NDArray[np.int64]
 BATCH = 1024
@@ -67,13 +66,8 @@ def _batch(plan: CampaignPlan, number: int, ids: Ids, local: Ids) -> NDArray[np.
     """Rows of landings of one model, `local` being their draws of it."""
     one = plan.models[number]
     sizes = normal_sizes(plan, number)
-    sources: tuple[Source, ...] = (
-        lambda key: stream(plan.seed, "winds of landings", key),
-        lambda key: stream(plan.seed, "starts of landings", key),
-        lambda key: stream(plan.seed, "gusts of landings", key),
-        lambda key: stream(plan.seed, "canopies of landings", key),
-    )
-    given = [_each(one, ids[:, i + 1], size) for i, (one, size) in enumerate(zip(sources, sizes, strict=True))]
+    whats = ("winds", "starts", "gusts", "canopies")
+    given = [_each(plan.seed, *each) for each in zip(whats, ids[:, 1:].T, sizes, strict=True)]
     laws = [law[local].T for law in one.laws]
     return fly_normals(plan, number, one.theta[local].T, laws, Normals(*given), ids)
 
@@ -139,13 +133,11 @@ def _samples(plan: CampaignPlan, model: LandingFlight, one: Parameters) -> int:
     return SECOND * int(np.ceil(seconds / SAMPLE / SECOND)) + 1
 
 
-def _each(source: Source, ids: Ids, size: int) -> Array:
-    """Standard normal numbers (size, B), a source for each landing's number; numbers that repeat share theirs."""
-    made = np.empty((size, len(ids)))
+def _each(seed: int, what: str, ids: Ids, size: int) -> Array:
+    """Standard normal numbers (size, B), a stream for each landing's number; numbers that repeat share theirs."""
     known, back = np.unique(ids, return_inverse=True)
-    for i, key in enumerate(known):
-        made[..., back == i] = source(int(key)).standard_normal(size)[:, None]
-    return made
+    drawn = [stream(seed, f"{what} of landings", int(key)).standard_normal(size) for key in known]
+    return np.stack(drawn, axis=1).take(back, axis=1)
 
 
 def _rows(model: LandingFlight, theta: Array, x: Array, landed: Landed, ids: Ids, shear: Array) -> NDArray[np.void]:
