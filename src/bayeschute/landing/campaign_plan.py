@@ -8,6 +8,7 @@ the last digits, as sums are vectorised otherwise), and landings that share some
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import jax
 import numpy as np
@@ -48,9 +49,9 @@ class Parameters:
     laws: tuple[Array, ...]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CampaignPlan:
-    """What landings are drawn from.
+    """What landings are drawn from; one plan is never equal to another.
 
     Attributes:
         models: Draws of the posterior; several where it mixes models. Draws are counted through all of them.
@@ -86,20 +87,9 @@ class CampaignPlan:
         return np.arange(self.floor - 20.0, self.start.highest() + _ABOVE, STEP)
 
 
-_MODELS: dict[tuple[int, int], tuple[CampaignPlan, LandingFlight]] = {}
-
-
+@lru_cache(maxsize=16)
 def flight_model(plan: CampaignPlan, number: int) -> LandingFlight:
     """The model of some draws, made once for a plan."""
-    key = id(plan), number
-    if key not in _MODELS or _MODELS[key][0] is not plan:
-        for old in [k for k, (known, _) in _MODELS.items() if known is not plan]:
-            del _MODELS[old]
-        _MODELS[key] = plan, _made(plan, number)
-    return _MODELS[key][1]
-
-
-def _made(plan: CampaignPlan, number: int) -> LandingFlight:
     one, low, high = plan.models[number], plan.floor - _BELOW, plan.start.highest() + _ABOVE
     law, middle, half = density_law(low, high)
     clock = SAMPLE * np.arange(SECOND + 1)
