@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bayeschute.core.vectors import Vec3
+from bayeschute.core.vectors import Vec3, quaternion
 from bayeschute.landing.landing_model import LandingFlight, flown, rows
 from bayeschute.landing.wind_plan import STEP
 
@@ -136,10 +136,8 @@ def _watched(states: Array, error: Array, n: int, attach: Vec3) -> Array:
     split = 13 + 3 * n
     shape = (len(states), 3, n, states.shape[2])
     place, speed = states[:, 13:split].reshape(shape), states[:, split : split + 3 * n].reshape(shape)
-    w, v = states[:, 6], states[:, 7:10]
-    arm = np.broadcast_to(np.array([attach.x, attach.y, attach.z])[:, None], v.shape)
-    twice = 2.0 * np.cross(v, arm, axis=1)
-    along = place - (states[:, 0:3] + arm + w[:, None] * twice + np.cross(v, twice, axis=1))[:, :, None]
+    arm = quaternion(states[:, 6:10].swapaxes(0, 1)).to_ned(attach)
+    along = place - (states[:, 0:3] + np.stack([arm.x, arm.y, arm.z], axis=1))[:, :, None]
     unit = along[:, :2] / np.maximum(np.linalg.norm(along, axis=1), 1e-9)[:, None]
     air = speed.mean(axis=2) - error[:, 3:6]
     return np.concatenate([unit.reshape(len(states), 2 * n, -1), air], axis=1)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from bayeschute.core.vectors import Vec3
+from bayeschute.core.vectors import Quaternion, Vec3
 from bayeschute.dynamics.cluster import Air
 from bayeschute.dynamics.initial_state import Start, initial_state
 from bayeschute.landing.landing_model import LandingFlight
@@ -130,22 +130,13 @@ def _placed(model: LandingFlight, theta: jax.Array, start: Start, wind: jax.Arra
     return jax.vmap(one)(theta, start, wind)
 
 
-def _upright(axis: Array) -> Array:
-    """Quaternions (4, B), NED to body, with the body's x axis along axes (3, B), by the shortest turn from upright."""
-    half = np.sqrt(0.5)
-    w, x, y, z = 1.0 - axis[2], axis[1], -axis[0], 0.0 * axis[2]  # 1 + up . axis, up x axis
-    made = half * np.stack([w - y, x - z, w + y, z + x])  # after the quarter turn that lifts body x
-    return made / np.linalg.norm(made, axis=0)
+def _upright(axis: Array) -> Quaternion:
+    """Attitudes (B), NED to body, with the body's x axis along axes (3, B), by the shortest turn from upright."""
+    w, x, y = 1.0 - axis[2], axis[1], -axis[0]  # 1 + up . axis, up x axis
+    return Quaternion(w - y, x, w + y, x).normalised()  # after the quarter turn that lifts body x
 
 
-def _turned(q: Array, roll: Array, tilt: Array) -> Array:
-    """Quaternions (4, B) followed by a roll about body x and small tilts (2, B) about y and z [rad]."""
-    spun = _times(q, np.stack([np.cos(0.5 * roll), np.sin(0.5 * roll), 0.0 * roll, 0.0 * roll]))
-    made = _times(spun, np.stack([1.0 + 0.0 * roll, 0.0 * roll, 0.5 * tilt[0], 0.5 * tilt[1]]))
-    return made / np.linalg.norm(made, axis=0)
-
-
-def _times(a: Array, b: Array) -> Array:
-    """Quaternion products (4, B): first `a`, then `b` in the axes that it leads to."""
-    w = a[0] * b[0] - (a[1:] * b[1:]).sum(axis=0)
-    return np.concatenate([w[None], a[0] * b[1:] + b[0] * a[1:] + np.cross(a[1:], b[1:], axis=0)])
+def _turned(q: Quaternion, roll: Array, tilt: Array) -> Array:
+    """Quaternions (4, B) of attitudes followed by a roll about body x and small tilts (2, B) about y and z [rad]."""
+    rolled = q.times(Quaternion(np.cos(0.5 * roll), np.sin(0.5 * roll), 0.0, 0.0))
+    return np.asarray(rolled.times(Quaternion(1.0, 0.0, 0.5 * tilt[0], 0.5 * tilt[1])).normalised().stack())
