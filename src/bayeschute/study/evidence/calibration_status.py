@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -131,30 +131,41 @@ def _kept(found: Mapping[str, Any] | None, held: Mapping[str, Promise]) -> str:
     shares = [one.share for one in held.values() if one.verdict == KEPT]
     if found is None or not shares:
         return ""
-    low, high = 100.0 * min(shares), 100.0 * max(shares)
     failed = f" ({len(found['failed'])} failed)" if found["failed"] else ""
-    return f"{found['replicates']} replicates{failed}, coverage of nominal 90 % intervals {low:.0f} to {high:.0f} %"
+    return f"{found['replicates']} replicates{failed}, coverage of nominal 90 % intervals {_range(shares)}"
 
 
 def _so_far(bands: list[Promise]) -> str:
     """Coverage that replicates show which are still too few for a promise."""
     if not bands:
         return ""
-    low, high = 100.0 * min(one.share for one in bands), 100.0 * max(one.share for one in bands)
-    return f" (so far nominal 90 % bands of unseen flights held {low:.0f} to {high:.0f} %)"
+    return f" (so far nominal 90 % bands of unseen flights held {_range([one.share for one in bands])})"
+
+
+def _range(shares: Sequence[float]) -> str:
+    """Lowest and highest share in percent, once where both are the same."""
+    ends = [f"{100.0 * share:.0f}" for share in (min(shares), max(shares))]
+    return f"{' to '.join(dict.fromkeys(ends))} %"
 
 
 def _held_out(study: Study, coverage: Mapping[str, Any], kind: str, level: Level) -> Rung:
     """Evidence of held-out parts of the run's own flights that this program did not simulate."""
     shares = _record_shares(study, coverage, kind)
-    flights, several = len(shares), list(shares.values())
+    flights = len(shares)
     if flights < ENOUGH_FLIGHTS:
         less = f"held-out parts of {flights} {kind}, at least {ENOUGH_FLIGHTS} are needed"
         return Rung(level, (less,), applies=False)
-    mean, error = float(np.mean(several)), float(np.std(several, ddof=1) / np.sqrt(flights))
-    words = f"{100.0 * mean:.0f} ± {100.0 * error:.0f} % of the held-out parts of {flights} {kind} in their 90 % bands"
-    verdict = judge(mean, error)
-    return Rung(level, () if verdict == KEPT else (f"{words} ({verdict})",), f"{flights} flights, {words}", True)
+    held = _held(shares)
+    words = f"{held.words} of the held-out parts of {flights} {kind} in their 90 % bands"
+    lacking = () if held.verdict == KEPT else (f"{words} ({held.verdict})",)
+    return Rung(level, lacking, f"{flights} flights, {words}", True)
+
+
+def _held(shares: Mapping[str, float]) -> Promise:
+    """Mean share of the held-out parts of flights in their bands, by the share of every flight."""
+    several = list(shares.values())
+    mean, error = float(np.mean(several)), float(np.std(several, ddof=1) / np.sqrt(len(several)))
+    return Promise(mean, error, judge(mean, error))
 
 
 def _record_shares(study: Study, coverage: Mapping[str, Any], kind: str) -> dict[str, float]:
@@ -190,11 +201,9 @@ def contradictions(
     if checks.get("predictive", {}).get("passed") is False:
         made.append(str(checks["predictive"]["detail"]))
     for kind in (OTHER_PROGRAM, RECORD):
-        several = list(_record_shares(study, coverage, kind).values())
-        if len(several) >= ENOUGH_FLIGHTS:
-            mean, error = float(np.mean(several)), float(np.std(several, ddof=1) / np.sqrt(len(several)))
-            if judge(mean, error) == NARROW:
-                made.append(f"90 % bands contain only {100 * mean:.0f} % of the held-out {kind}")
+        shares = _record_shares(study, coverage, kind)
+        if len(shares) >= ENOUGH_FLIGHTS and (held := _held(shares)).verdict == NARROW:
+            made.append(f"90 % bands contain only {100 * held.share:.0f} % of the held-out {kind}")
     return [*made, *_low_shares(study, coverage, found)]
 
 
