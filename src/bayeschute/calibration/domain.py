@@ -33,11 +33,6 @@ class Conditions(NamedTuple):
     names: Mapping[str, list[str]]
     units: Mapping[str, str]
 
-    @classmethod
-    def of(cls, stored: Mapping[str, Any]) -> Conditions:
-        """From plain values as stored in JSON."""
-        return cls(stored["numbers"], stored["names"], stored["units"])
-
 
 def domain(conditions: Iterable[Conditions]) -> dict[str, Any]:
     """Ranges and names over replicates, as stored with a calibration.

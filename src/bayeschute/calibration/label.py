@@ -7,7 +7,7 @@ held-out shares contradict has no level, whatever was stored.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from enum import IntEnum
 from typing import Any
 
@@ -121,17 +121,8 @@ class Claim:
 
     def plain(self) -> dict[str, Any]:
         """For JSON."""
-        return {
-            "level": self.level.words,
-            "rank": int(self.level),
-            "evidence": self.evidence,
-            "lacking": list(self.lacking),
-            "contradicted": list(self.contradicted),
-            "misspecification": self.misspecification,
-            "not_promised": list(self.not_promised),
-            "extrapolated": list(self.extrapolated),
-            "sentences": self.sentences,
-        }
+        own = {"level": self.level.words, "rank": int(self.level), "sentences": self.sentences}
+        return asdict(self) | own
 
 
 def claim(

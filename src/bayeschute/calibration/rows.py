@@ -31,24 +31,24 @@ _COLUMNS = (("seed", pa.int64()), ("entry", pa.string()), ("value", pa.float64()
 _CAMPAIGN = b"campaign"
 
 
-def entries(row: Row) -> Iterator[tuple[str, Any]]:
+def entries(what: Any, pointer: str = "") -> Iterator[tuple[str, Any]]:
     """JSON pointers of a row with their values, in its order.
 
     A list is an entry too, before those of its items; so is a dict that is empty or in a list.
+
+    Args:
+        what: The row, or a part of it.
+        pointer: To that part.
     """
-    yield from _below("", row)
-
-
-def _below(pointer: str, what: Any) -> Iterator[tuple[str, Any]]:
     if isinstance(what, dict) and what:
         for key, inner in what.items():
-            yield from _below(f"{pointer}/{key.replace('~', '~0').replace('/', '~1')}", inner)
+            yield from entries(inner, f"{pointer}/{key.replace('~', '~0').replace('/', '~1')}")
     elif isinstance(what, list | tuple):
         yield pointer, []
         for number, inner in enumerate(what):
             if isinstance(inner, dict) and inner:
                 yield f"{pointer}/{number}", {}
-            yield from _below(f"{pointer}/{number}", inner)
+            yield from entries(inner, f"{pointer}/{number}")
     else:
         yield pointer, what
 

@@ -90,14 +90,7 @@ def _heard() -> Any:
         def setup(self, worker: Worker) -> None:
             import warnings
 
-            def show(
-                message: Warning | str,
-                category: type[Warning],
-                filename: str,
-                lineno: int,
-                file: Any = None,
-                line: Any = None,
-            ) -> None:
+            def show(message: Any, category: Any, filename: str, lineno: int, *_: Any, **__: Any) -> None:
                 worker.log_event("warn", f"{category.__name__} of a worker: {message} ({filename}:{lineno})")
 
             warnings.showwarning = show

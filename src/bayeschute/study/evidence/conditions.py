@@ -111,4 +111,4 @@ def _samplers(job: Job) -> list[str]:
 
 def stored_conditions(rows: list[dict[str, Any]]) -> list[Conditions]:
     """Conditions in the rows of a campaign; rows of older versions have none."""
-    return [Conditions.of(row["conditions"]) for row in rows if row.get("ok") and "conditions" in row]
+    return [Conditions(**row["conditions"]) for row in rows if row.get("ok") and "conditions" in row]
