@@ -51,6 +51,9 @@ def _scalar_last(record) -> None:
 def test_a_sound_record_passes(study):
     found = examine_study(study())
     assert found.faults == [] and found.warnings == [] and len(found.verdicts["drop"].readings) > 25
+    said = found.said["drop"]
+    assert "at 10 Hz; fitted: canopy_position, capsule_velocity" in said and "laws tried, the nearest to its limit" in said
+    assert "read, not fitted: capsule_rate" in said
 
 
 def test_check_run_and_fit_refuse_and_name_the_cause(study, tmp_path):
@@ -84,7 +87,7 @@ def test_the_report_draws_the_record(study, tmp_path):
     page = tmp_path / "records.html"
     done = CliRunner().invoke(app, ["check", str(study(_scalar_last)), "--report", str(page)])
     text = page.read_text(encoding="utf-8")
-    assert done.exit_code == 2 and "scalar-last" in text and "data:image/svg+xml;base64," in text
+    assert done.exit_code == 2 and "scalar-last" in text and "data:image/svg+xml," in text
     assert "http://" not in text.split("<img")[0]
 
 

@@ -6,11 +6,13 @@ import os
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
+import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from bayeschute.core.errors import Fault, InputError
+from bayeschute.records.descent_window import DescentWindow
 from bayeschute.records.foreign.conventions import Conventions
 from bayeschute.records.plausibility.verdict import Verdict
 from bayeschute.study.plausible import judge, told, warned, window_used
@@ -32,6 +34,13 @@ from bayeschute.study.schema.vehicle_schema import Vehicle
 from bayeschute.study.study import Flight, Study, canonical, file_hash, study_hash
 from bayeschute.study.templates import template
 
+if TYPE_CHECKING:
+    import xarray as xr
+
+_SENSED = (
+    "canopy_position", "capsule_velocity", "capsule_attitude", "capsule_rate", "capsule_specific_force",
+    "riser_tension", "swing_angle", "descent_rate",
+)  # fmt: skip
 __all__ = [
     "Flight",
     "Study",
@@ -86,7 +95,7 @@ class Examined(NamedTuple):
         verdicts: What the laws of plausibility say of them, by flight.
         study: The study, where its tables are sound.
         windows: First and last time used [s], by flight, given or found.
-        said: How the window was found, by flight.
+        said: How the record is used, by flight: window, rate, channels, the law that is nearest to its limit.
     """
 
     faults: list[Fault]
@@ -149,8 +158,7 @@ def _examine_record(draft: Draft, index: int, path: Path, found: Examined) -> No
     if flight.window is None:
         found.faults.extend(check_span(draft, index, used.start, used.end))
     found.windows[flight.name] = (used.start, used.end)
-    if used.words:
-        found.said[flight.name] = f"flight {flight.name!r}: {used.words}"
+    found.said[flight.name] = f"flight {flight.name!r}: {_understood(draft, index, record, used)}"
     found.records[flight.name] = record
     if draft.vehicle is None and draft.model != "descent":
         return  # its faults are told already
@@ -159,6 +167,24 @@ def _examine_record(draft: Draft, index: int, path: Path, found: Examined) -> No
     found.verdicts[flight.name] = verdict
     found.faults.extend(told(verdict, where, accepted))
     found.warnings.extend(warned(verdict, where, accepted))
+    if verdict.readings:
+        near = max(verdict.readings, key=lambda one: one.excess)
+        closest = f"the nearest to its limit {near.law} ({100.0 * near.excess:.0f} % of it)"
+        found.said[flight.name] += f"; {len(verdict.readings)} laws tried, {closest}"
+
+
+def _understood(draft: Draft, index: int, record: xr.Dataset, used: DescentWindow) -> str:
+    """How a record is used: its window, rate and channels."""
+    flight, noise = draft.flights[index], draft.tables.get("noise")
+    time = record["time"].values
+    rate = flight.rate or 1.0 / float(np.median(np.diff(time)))
+    words = [used.words] if used.words else []
+    words.append(f"{used.start:.1f} to {used.end:.1f} s ({used.end - used.start:.0f} s) at {rate:g} Hz")
+    if noise is not None and "identify" in flight.roles:
+        fitted = [name for name in noise.channels() if name in record or name == "descent_rate"]
+        others = [str(name) for name in record.data_vars if name not in fitted and name in _SENSED]
+        words.append(f"fitted: {', '.join(fitted)}" + (f"; read, not fitted: {', '.join(others)}" if others else ""))
+    return "; ".join(words)
 
 
 def load_vehicle(path: Path | str) -> Vehicle:

@@ -209,6 +209,10 @@ class BreathingNoise(Strict):
 
 FORCES = ("canopy_force", "transverse_force", "roll", "breathing")
 _LATENT = ("wind", "slow_wind", *FORCES)
+_UNITS = {
+    "canopy_position": "m", "capsule_velocity": "m/s", "capsule_attitude": "rad", "descent_rate": "m/s",
+    "swing_angle": "rad", "riser_tension": "N", "wind": "m/s", "slow_wind": "m/s",
+}  # fmt: skip
 
 
 class NoiseTable(Strict):
@@ -248,3 +252,16 @@ class NoiseTable(Strict):
     def has_latent(self) -> bool:
         """Whether a table of latent disturbances is given."""
         return any(getattr(self, name) is not None for name in _LATENT)
+
+    def __repr__(self) -> str:
+        """The model, and a line for each channel and latent disturbance, in SI."""
+        lines = [f"NoiseTable of model {self.model!r}, SI"]
+        for name in (n for n in type(self).model_fields if n != "model" and getattr(self, n) is not None):
+            values = getattr(self, name).model_dump(exclude_none=True)
+            unit = _UNITS.get(name, "1")
+            units = {"time_constant": "s", "frequency": "Hz", "damping_ratio": "1"}
+            said = [f"{k} {v:.4g} {units.get(k, unit)}" for k, v in values.items() if isinstance(v, float)]
+            lines.append(f"  {name:17} {', '.join(said)}")
+        return "\n".join(lines)
+
+    __str__ = __repr__
