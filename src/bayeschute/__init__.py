@@ -31,6 +31,7 @@ if TYPE_CHECKING:
         sample,
         scenarios,
         select_structure,
+        simulate_study,
     )
     from bayeschute.api.views.curve import Curve
     from bayeschute.api.views.plausibility import Plausibility
@@ -38,7 +39,6 @@ if TYPE_CHECKING:
     from bayeschute.core.errors import Fault, FitError, InputError
     from bayeschute.likelihood.priors import Prior
     from bayeschute.study.load import check_study
-    from bayeschute.study.run.simulate import simulate_study
     from bayeschute.study.swing_modes import find_modes
     from bayeschute.study.templates import copy_templates
     from bayeschute.verification.all_cases import verify
@@ -56,12 +56,11 @@ _PLACES = {
     "api.views.rank_test": ("RankTest", "rank_test"),
     "api.verbs": (
         "Coverage", "calibrate", "fit", "numpyro_model", "read_record", "reconstruct", "run", "sample", "scenarios",
-        "select_structure",
+        "select_structure", "simulate_study",
     ),
     "core.errors": ("Fault", "FitError", "InputError"),
     "likelihood.priors": ("Prior",),
     "study.load": ("check_study",),
-    "study.run.simulate": ("simulate_study",),
     "study.swing_modes": ("find_modes",),
     "study.templates": ("copy_templates",),
     "verification.all_cases": ("verify",),

@@ -108,11 +108,10 @@ def run(
 
         last = until.value if until else None
         with Bars() as bars:
-            run_study(
+            summary = run_study(
                 study, folder, until=last, resume=resume, quick=quick, data_dir=data, seed=seed, progress=bars,
                 workers=workers, address=dask, force=force,
             )  # fmt: skip
-        summary = _summary_of(folder)
         if last not in ("ingest", "structure", "priors"):
             _exit_if_fit_failed(folder, summary)
         if last == "structure" and (folder / "structure.txt").is_file():
@@ -120,11 +119,14 @@ def run(
         say(f"Results are in {folder}")
         if (folder / "report.html").is_file() and last in (None, "report"):
             say(f"Report: {folder / 'report.html'}")
-        label, failed = ("", []) if last not in (None, "report") else _label_and_failures(summary)
-        for name in _without_bands(summary) if last in (None, "predict", "risk", "report") else ():
-            say(f"Bands of {name}: none, because every simulation of its prediction failed.", error=True)
-        if label:
-            say(f"Intervals: {label}")
+        told = summary if last in (None, "report") else {}
+        checks: dict[str, Any] = told.get("checks", {})
+        # Coverage over replicates is part of the label; it does not make this run fail.
+        failed = [name for name, one in checks.items() if one.get("passed") is False and name != "calibration"]
+        if "bands" in checks:
+            say(f"Failed check: {checks['bands']['detail']}.", error=True)
+        if told.get("label"):
+            say(f"Intervals: {told['label']}")
             for text in summary.get("claim", {}).get("sentences", ()):
                 say(f"  {text}")
         if quick:
@@ -209,6 +211,10 @@ def predict(
         typer.Option(metavar="DIR", help="Folder for the results.  [default: runs/NAME of the flight file]"),
     ] = None,
     draws: Annotated[int | None, typer.Option(min=16, max=1_000_000, help="Posterior draws per flight.")] = None,
+    like: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Fitted flight whose body flies, where each has parameters of its own."),
+    ] = None,
     data: DataDir = None,
     seed: Seed = None,
 ) -> None:
@@ -219,7 +225,7 @@ def predict(
         from bayeschute.api.forecasting import predict_file
 
         with Bars() as bars:
-            made = predict_file(posterior, flights, folder, draws, seed, data, bars)
+            made = predict_file(posterior, flights, folder, draws, seed, data, bars, like)
         for line in made:
             say(line)
         say(f"Results are in {folder}")
@@ -263,14 +269,6 @@ def land_command(
         say(f"Results are in {folder}")
 
 
-def _summary_of(folder: Path) -> dict[str, Any]:
-    """summary.json of a run; empty where there is none."""
-    import json
-
-    path = folder / "summary.json"
-    return dict(json.loads(path.read_text(encoding="utf-8"))) if path.is_file() else {}
-
-
 def _exit_if_fit_failed(folder: Path, summary: dict[str, Any]) -> None:
     """Print why a fit failed and what was tried, and exit with code 1; return if the fit did not fail."""
     fit: dict[str, Any] = summary.get("fit", {})
@@ -282,22 +280,6 @@ def _exit_if_fit_failed(folder: Path, summary: dict[str, Any]) -> None:
     say(f"Results that need no fit are in {folder}")
     say(f"Report: {folder / 'report.html'}")
     raise typer.Exit(1)
-
-
-def _without_bands(summary: dict[str, Any]) -> list[str]:
-    """Flights without bands because every simulation of their prediction failed."""
-    coverage: dict[str, dict[str, Any]] = summary.get("coverage", {})
-    return [name for name, table in coverage.items() if any(entry.get("draws") == 0 for entry in table.values())]
-
-
-def _label_and_failures(summary: dict[str, Any]) -> tuple[str, list[str]]:
-    """The calibration label in a summary, and names of the checks that failed.
-
-    Coverage over replicates is part of the label; it does not make this run fail.
-    """
-    checks: dict[str, Any] = summary.get("checks", {})
-    failed = [name for name, check in checks.items() if check.get("passed") is False and name != "calibration"]
-    return summary.get("label", ""), failed
 
 
 @app.command()

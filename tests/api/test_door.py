@@ -126,6 +126,30 @@ def test_another_flight_with_the_name_of_a_fitted_one_is_refused(posterior, sond
         posterior.predict(sondes.flights["high"].changed(name="low"))
 
 
+def test_another_record_in_memory_under_the_name_of_a_fitted_one_is_refused(sondes):
+    """A record is no field of a flight's table, so two of them may differ in nothing else."""
+    raw = sondes.flights["low"].record[["altitude", "density"]]
+    flight = bc.Flight(raw, name="one", rate="1 Hz")
+    fitted = bc.sample(bc.fit(flight, sondes.priors, noise=sondes.noise), draws=128, chains=2, warmup=50)
+    assert fitted.predict(flight, draws=16).name == "one"
+    other = bc.Flight(
+        raw.assign(altitude=raw["altitude"] + np.linspace(0.0, 9.0, raw.sizes["time"])), name="one", rate="1 Hz"
+    )
+    with pytest.raises(bc.InputError, match="the name of a fitted flight"):
+        fitted.predict(other, draws=16)
+
+
+def test_of_several_bodies_one_must_be_named(finished, descents, sondes):
+    posterior, other = bc.Run(finished.folder, sondes).posterior, sondes.flights["high"].changed(name="other")
+    with pytest.raises(bc.InputError, match="which of them flies"):
+        posterior.predict(other)
+    with pytest.raises(bc.InputError, match="one of low, high"):
+        posterior.predict(other, like="middle")
+    fell = [posterior.predict(other, draws=64, like=name).statistic("descent_rate").mean() for name in ("low", "high")]
+    low, high = (float(posterior[f"cds_over_mass[{name}]"].mean()) for name in ("low", "high"))
+    assert float(fell[0] / fell[1]) == pytest.approx(np.sqrt(high / low), rel=0.02)  # at terminal speed
+
+
 def test_rougher_air_widens_the_bands_of_another_flight_and_wrong_spreads_are_refused(posterior, sondes, forecast):
     flight = sondes.flights["high"].changed(name="other")
     same, rougher = (posterior.predict(flight, draws=64, disturbance_log_sd=spread) for spread in (0.0, 2.0))
@@ -246,3 +270,63 @@ def test_the_whole_way_on_a_cluster(tmp_path):
     assert forecast.check()["inside 90 %"].notna().all() and forecast.plot().axes
     assert 0.0 <= forecast.probability(rate, statistic="mean", at_most="33 ft/s").met <= 1.0
     assert callable(bc.numpyro_model(fit)) and callable(bc.numpyro_model(back))
+
+
+def test_a_flight_is_changed_by_what_it_is_made_by(sondes):
+    flight = sondes.flights["low"]
+    other = flight.changed(name="other", rate="2 Hz", capsule_mass="9 t", window=("5 s", 60.0), identify_until="65 %")
+    assert (other.spec.rate, other.spec.capsule_mass, other.spec.window) == (2.0, 9000.0, (5.0, 60.0))
+    assert other.vehicle == flight.vehicle and flight.changed().spec == flight.spec
+    with pytest.raises(bc.InputError, match="one of name, roles"):
+        flight.changed(mass="9 t")
+    with pytest.raises(bc.InputError, match="a quantity convertible to kg"):
+        flight.changed(capsule_mass="9 m")
+
+
+def test_repairs_are_told_line_by_line(sondes):
+    repairs = sondes.flights["low"].repairs
+    assert len(repr(repairs).splitlines()) == len(repairs) > 0 and repairs[0].kind in repr(repairs)
+    assert repr(type(repairs)()) == "nothing was changed"
+
+
+def test_a_run_that_its_own_data_contradict_has_no_level(tmp_path, sondes):
+    for claim, level in (
+        ({"level": "not checked", "contradicted": ["x"]}, "contradicted by its own data"),
+        ({"level": "self-consistent", "contradicted": []}, "self-consistent"),
+    ):
+        (tmp_path / "summary.json").write_text(json.dumps({"claim": claim}), encoding="utf-8")
+        assert bc.Run(tmp_path, sondes).level == level
+
+
+def test_a_run_is_opened_by_its_folder_alone(finished):
+    run = bc.Run(str(finished.folder))
+    assert [flight.name for flight in run.study.flights] == ["low", "high"]
+    assert run.posterior.names == ("cds_over_mass[low]", "cds_over_mass[high]", *run.posterior.names[2:])
+
+
+def test_records_of_names_with_dots_are_kept(descents, tmp_path):
+    text = descents.study.read_text(encoding="utf-8").replace('name = "low"', 'name = "drop.1"')
+    path = descents.study.with_name("dotted.toml")
+    path.write_text(text, encoding="utf-8")
+    flight = bc.Study.load(path).flights["drop.1"]
+    posterior = bc.sample(bc.fit(flight), draws=128, chains=2, warmup=50)
+    assert "flights/drop.1.nc" in posterior.files and posterior.predict(flight, draws=16).name == "drop.1"
+
+
+def test_virtual_flights_are_simulated_by_their_study(tmp_path):
+    study = bc.Study.example()
+    virtual = study.spec.flights[0].virtual.model_copy(update={"duration": 5.0})
+    short = bc.Study(replace(study.spec, flights=(replace(study.spec.flights[0], virtual=virtual),)))
+    drops = bc.simulate_study(short, tmp_path, seed=2)
+    assert drops.failed == {} and sorted(one.name for one in drops.files) == ["cdt-3-11.nc", "cdt-3-11.truth.nc"]
+
+
+def test_sizes_of_the_sampler_out_of_range_are_a_fault(fitted):
+    with pytest.raises(bc.InputError, match="draws: got 8; wanted a whole number from 50"):
+        bc.sample(fitted, draws=16, chains=2)
+
+
+def test_noise_is_told_with_its_units():
+    said = repr(bc.Study.example().noise)
+    assert "capsule_attitude  white 0.001745 rad, correlated 0.003491 rad, time_constant 2 s" in said
+    assert "breathing         sd 0.02 1, frequency 0.25 Hz, damping_ratio 0.1 1" in said

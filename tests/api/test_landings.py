@@ -14,7 +14,7 @@ from tests.landing.plans import ROOT, small_plan
 
 import bayeschute as bc
 from bayeschute.api.landing.landing_files import dictionary, write_landings
-from bayeschute.api.landing.landing_questions import Asking, check_questions, day, drivers, rare
+from bayeschute.api.landing.landing_questions import Asking, check_questions, day, drivers, next_drop, rare
 from bayeschute.api.landing.landing_verb import campaign_of, drawn_from, drawn_values, land
 from bayeschute.landing.aero_table import aero_table
 from bayeschute.landing.decisions.onset import placard_table
@@ -82,7 +82,7 @@ def test_a_flight_lands_with_its_payload_in_its_wind(monkeypatch):
     monkeypatch.setattr(module, "land", lambda *given, **named: None)
     study, wind = bc.Study.example(), bc.wind_profile([0.0, 2000.0], [1.0, 2.0], [0.0, 0.0])
     of = SimpleNamespace(spec=study.spec, files=None)
-    heavy = study.flights["cdt-3-12"].changed(name="heavy", capsule_mass=9500.0, wind_profile=wind)
+    heavy = study.flights["cdt-3-12"].changed(name="heavy", capsule_mass=9500.0, wind=wind)
     bc.Posterior.land(of, heavy, draws=10)
     bc.Posterior.land(of, None, wind, 10, capsule_mass="9500.0 kg")
     assert asked[0] == asked[1] and asked[0][0][1] is wind
@@ -137,6 +137,20 @@ def test_the_day(asking):
     assert len(table) == 2 and set(table["verdict"]) <= {"go", "no-go", "can't tell"}
     assert placard_figure(cells).axes
     assert design_figure(pd.DataFrame({"candidate": ["a", "b"], "shrinking": [0.2, 0.4]})).axes
+
+
+def test_a_placard_needs_no_requirement(asking):
+    campaign = campaign_of(None, None, 96, None, 1, placard={"shear": ["3 m/s"], "landings": 64})
+    (cell,) = day(Asking(campaign, asking.plan, land(campaign, asking.plan)))
+    assert cell.judged == () and cell.word == "can't tell" and 0.0 <= cell.pendulum.met <= 1.0
+
+
+def test_an_interval_to_shrink_is_one_of_the_parameters(asking):
+    design = {"candidates": str(ROOT / "models/campaigns/candidate-drops.toml"), "interval": "axial[7]"}
+    campaign = campaign_of(None, None, 96, None, 1, design=design, requirement=TABLES["requirement"])
+    asked = Asking(campaign, asking.plan, asking.landings)
+    with pytest.raises(bc.InputError, match=r"\[design\] interval: got 'axial\[7\]'; wanted one of"):
+        next_drop(asked, load_study(ROOT / "models/studies/cdt-3-11.toml"), {})
 
 
 def test_questions_without_their_tables_are_refused_at_once():

@@ -13,12 +13,13 @@ from bayeschute.core.errors import InputError
 from bayeschute.study import rank_tests as module
 from bayeschute.study.evidence.numerics_hash import numerics
 from bayeschute.study.load import load_study
-from bayeschute.study.rank_tests import rank_tests, template, with_flown_terms
+from bayeschute.study.rank_tests import Tested, rank_tests, template, with_flown_terms
+from bayeschute.study.study import study_hash
 
 STUDY = Path(__file__).parents[2] / "models/studies/cdt-3-11.toml"
 
 
-def made_up(seed, path, truths):
+def made_up(seed, of, truths):
     """A row of a replicate that took no time."""
     rng = np.random.default_rng(seed)
     return {"seed": seed, "ok": True, "ranks": {"a": int(rng.integers(100))}, "spoiled": {"a": 99}, "redrawn": 0}
@@ -46,14 +47,11 @@ def test_the_study_is_fitted_with_the_terms_that_it_flies():
     assert [f.name for f in study.flights] == ["cdt-3-11"]
 
 
-def test_the_template_is_the_studys_first_flight(tmp_path, monkeypatch):
+def test_the_template_is_the_studys_first_flight():
     study = load_study(STUDY)
     virtual = study.flights[0].virtual.model_copy(update={"duration": 12.0})
     short = replace(study, flights=(replace(study.flights[0], virtual=virtual), *study.flights[1:]))
-    monkeypatch.setattr(module, "load_study", lambda path: short)
-    template.cache_clear()
-    made = template("short")
-    template.cache_clear()
+    made = template(Tested(study_hash(short), short))
     assert made.flight.samples == 121
     assert {p.name for p in made.priors if "[" in p.name} == set(study.vehicle.aero.coefficients())
     assert made.noise.log_sd == 0.7

@@ -8,12 +8,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
+from pydantic import ValidationError
+
 from bayeschute.api.beliefs import Priors
 from bayeschute.api.inputs import Flight, Study
 from bayeschute.api.workspace import Files, collected, workspace
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.study.job import Job, Progress
 from bayeschute.study.schema.belief_schema import NoiseTable
+from bayeschute.study.schema.schema_faults import faults_of
 from bayeschute.study.study import Study as StudySpec
 
 if TYPE_CHECKING:
@@ -106,7 +109,11 @@ def fitted_flights(
 def sampling(
     spec: StudySpec, draws: int | None, chains: int | None, warmup: int | None, seed: int | None, sampler: str | None
 ) -> StudySpec:
-    """A study with other sizes of its sampler; see `verbs.sample`."""
+    """A study with other sizes of its sampler; see `verbs.sample`.
+
+    Raises:
+        InputError: If a size is out of range; draws are counted by chain.
+    """
     table = spec.sampler
     count = chains or table.chains
     asked = {
@@ -115,7 +122,11 @@ def sampling(
         "kind": sampler,
         "draws": None if draws is None else -(-draws // count),
     }
-    table = type(table).model_validate(table.model_dump() | {k: v for k, v in asked.items() if v is not None})
+    sizes = table.model_dump() | {k: v for k, v in asked.items() if v is not None}
+    try:
+        table = type(table).model_validate(sizes)
+    except ValidationError as error:
+        raise InputError(faults_of("sample", type(table), error, sizes)) from None
     return replace(spec, sampler=table, seed=spec.seed if seed is None else seed)
 
 

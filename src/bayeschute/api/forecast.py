@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 
 from bayeschute.api import html
 from bayeschute.api.inputs import Flight
+from bayeschute.api.quantity import si
 from bayeschute.api.workspace import Files, workspace
 from bayeschute.core.errors import Fault, InputError
-from bayeschute.core.units import to_si
 from bayeschute.prediction import bands
 from bayeschute.prediction.flight_statistics import REDUCTIONS
 from bayeschute.prediction.requirement import requirement_check
 from bayeschute.study.evidence.recalibrate import widening
-from bayeschute.study.job import Job
+from bayeschute.study.job import Job, load_flight
 from bayeschute.study.run.forecasts import FlightForecast, forecast_flight, widened
 from bayeschute.study.run.stage_data import ingest_flight, read_and_judge
 from bayeschute.study.run.stage_results import _channel_noise as channel_noise
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
+_RENAME = "Give it another name: `flight.changed(name=...)`."
 
 
 @dataclass(frozen=True, repr=False)
@@ -103,7 +104,12 @@ class Forecast:
         """From what the stages `predict` and `check` of a run make."""
         one, recorded = foreseen.prediction, recorded_quantities(job, foreseen.flight, foreseen.record)
         noise = {name: n for name in one.draws if (n := channel_noise(job, foreseen.stored, name)) is not None}
-        values = {name: (("draw", "time"), x, {"units": bands.UNITS[name]}) for name, x in one.draws.items()}
+        alone = foreseen.record.sizes.get("canopy") == 1  # one canopy has no flyout angle
+        values = {
+            name: (("draw", "time"), x, {"units": bands.UNITS[name]})
+            for name, x in one.draws.items()
+            if not (alone and name == "flyout_angle")
+        }
         made = xr.Dataset(values, coords={"time": ("time", foreseen.time, {"units": "s"})})
         made.attrs = {"failed": one.failed, "flight": foreseen.flight.name}
         ess = job.load("checks.json")["ess_bulk"]
@@ -153,17 +159,18 @@ class Forecast:
             level: Probability in the band [1].
 
         Returns:
-            ``low``, ``median`` and ``high`` over time.
+            ``low``, ``median`` and ``high`` over time, in the SI unit that ``attrs["units"]`` states.
         """
         unit = self.draws[quantity].attrs if quantity in self.draws else {}
         rows = zip(("low", "median", "high"), _central(self._values(quantity), level), strict=True)
-        return xr.Dataset({name: ("time", row, unit) for name, row in rows}, coords={"time": self.draws["time"]})
+        made = {name: ("time", row, unit) for name, row in rows}
+        return xr.Dataset(made, {"time": self.draws["time"]}, {"quantity": quantity, "level": level} | unit)
 
     def probability(
         self,
         quantity: str,
-        *,
         statistic: str = "mean",
+        *,
         at_most: str | float | None = None,
         at_least: str | float | None = None,
         confidence: float = 0.9,
@@ -176,9 +183,13 @@ class Forecast:
             at_most: Upper limit, such as ``"33 ft/s"`` or a number in SI; this or `at_least`.
             at_least: Lower limit.
             confidence: Of the interval that the number of draws leaves.
+
+        Raises:
+            InputError: If quantity, statistic or limit are none that can be.
         """
         samples, unit = self.statistic(quantity, statistic).values, self.draws[quantity].attrs["units"]
-        most, least = (to_si(limit, unit) if isinstance(limit, str) else limit for limit in (at_most, at_least))
+        most = None if at_most is None else si("at_most", at_most, unit)
+        least = None if at_least is None else si("at_least", at_least, unit)
         made = requirement_check(
             samples, name=f"{statistic} {quantity}", quantity=quantity, unit=unit,
             at_most=most, at_least=least, confidence=confidence, independent=self.independent,
@@ -204,10 +215,12 @@ class Forecast:
     def check(self, levels: Sequence[float] = (0.5, 0.9)) -> pd.DataFrame:
         """How the bands hold what was recorded, and the truth where that is known, over the samples not seen.
 
-        The truth is compared with the draws, the record with draws `as_recorded`, as ``coverage.json`` of a run does.
+        The truth is compared with the draws, the record with draws `as_recorded`, as ``coverage.json`` of a run does. A
+        quantity that several channels give together is compared where the record was not fitted only: its own noise
+        is not known, and exceeds the narrow band of a fitted flight.
 
         Returns:
-            A row per quantity and reference: share of samples inside each band.
+            A row per quantity and reference: how many samples, and the share of them inside each band.
 
         Raises:
             InputError: If there is neither record nor truth.
@@ -216,13 +229,16 @@ class Forecast:
         rows = []
         for kind, reference in (("record", self.record), ("truth", truth)):
             for name in (q for q in self.quantities if q in reference):
+                if kind == "record" and name not in self.recorded_with and not self.held_out.any():
+                    continue
                 draws = self.as_recorded(name) if kind == "record" else self.draws[name]
-                row: dict[str, Any] = {"quantity": name, "reference": kind}
+                known = np.isfinite(reference[name]) & self.counted
+                row: dict[str, Any] = {"quantity": name, "reference": kind, "samples": int(known.sum())}
                 for level in levels:
                     low, _, high = _central(draws.values, level)
-                    known = np.isfinite(reference[name]) & np.isfinite(low) & self.counted
+                    here = known & np.isfinite(low)
                     inside = (reference[name] >= low) & (reference[name] <= high)
-                    row[f"inside {100 * level:g} %"] = float(inside[known].mean()) if known.any() else np.nan
+                    row[f"inside {100 * level:g} %"] = float(inside[here].mean()) if here.any() else np.nan
                 rows.append(row)
         if not rows:
             raise InputError(Fault(f"forecast of {self.name}", "no record", "a flight with a record to check by"))
@@ -265,30 +281,53 @@ def _central(draws: Array, level: float) -> Array:
     return bands.quantiles(draws, (0.5 - 0.5 * level, 0.5, 0.5 + 0.5 * level))
 
 
+def _led_by(spec: Study, flight: str, like: str | None) -> Study:
+    """The study with that fitted flight first by whose parameters another flight is predicted."""
+    bodies = [f.name for f in spec.with_role("identify")]
+    if spec.model != "descent" and not spec.priors.vary:
+        if like is None:
+            return spec
+        raise InputError(Fault("like", repr(like), "no name: all fitted flights share their parameters"))
+    if like is None and len(bodies) > 1:
+        do = f"Say like={bodies[0]!r} in Python, --like {bodies[0]} in the shell."
+        raise InputError(Fault(f"flight {flight}", f"a posterior of {len(bodies)} bodies", "which of them flies", do))
+    if like is not None and like not in bodies:
+        raise InputError(Fault("like", repr(like), f"one of {', '.join(bodies)}"))
+    return replace(spec, flights=tuple(sorted(spec.flights, key=lambda f: f.name != (like or bodies[0]))))
+
+
 def forecast_of(job: Job, flight: FlightSpec) -> Forecast:
     """Forecast of a flight whose record, fit and checks a job has."""
     return Forecast.of(job, widened(forecast_flight(job, flight), widening(job)))
 
 
-def forecast(spec: Study, files: Files, flight: Flight, draws: int | None, seed: int | None) -> Forecast:
+def forecast(
+    spec: Study, files: Files, flight: Flight, draws: int | None, seed: int | None, like: str | None
+) -> Forecast:
     """Forecast of a flight by a posterior's study and files; see `Posterior.predict`.
 
     Raises:
-        InputError: If another flight has the name of one that was fitted.
+        InputError: If another flight has the name of one that was fitted, or none of several bodies is named.
     """
     spec = spec if seed is None else replace(spec, seed=seed)
     if draws is not None:
         spec = replace(spec, predict=spec.predict.model_copy(update={"draws": int(draws)}))
     asked = flight.spec
     fitted = next((f for f in spec.flights if f.name == asked.name), None)
-    if fitted is not None and replace(asked, roles=fitted.roles, vehicle=fitted.vehicle) != fitted:
-        do = "Give it another name: `flight.changed(name=...)`."
-        raise InputError(Fault(f"flight {asked.name}", "the name of a fitted flight", "a name of its own", do))
+    taken = Fault(f"flight {asked.name}", "the name of a fitted flight", "a name of its own", _RENAME)
+    if fitted is not None and (
+        replace(asked, roles=fitted.roles, vehicle=fitted.vehicle) != fitted
+        or flight.vehicle != (fitted.vehicle or spec.vehicle)
+    ):
+        raise InputError(taken)
     if fitted is None:
+        spec = _led_by(spec, asked.name, like)
         vehicle = flight.vehicle if flight.vehicle != spec.vehicle else None
         asked = replace(asked, roles=("predict",), vehicle=vehicle)
         spec = replace(spec, flights=(*spec.flights, asked))
     with workspace(spec, files) as job:
+        if fitted is not None and flight.raw is not None and not flight.record.equals(load_flight(job, asked.name)):
+            raise InputError(taken)
         if fitted is None:
             ingest_flight(job, asked, read_and_judge(job, asked, flight.raw))
         return forecast_of(job, fitted or asked)

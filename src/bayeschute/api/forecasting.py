@@ -23,6 +23,7 @@ def predict_file(
     seed: int | None = None,
     data: Path | str | None = None,
     progress: Progress | None = None,
+    like: str | None = None,
 ) -> list[str]:
     """Predict flights: ``predictions.nc``, ``requirements.json``, and a figure of bands for each.
 
@@ -34,6 +35,7 @@ def predict_file(
         seed: Seed; the study's where None.
         data: Folder that replaces ``${DATA}``.
         progress: Called with stage, share done and words.
+        like: As in `Posterior.predict`.
 
     Returns:
         Lines of the summary that the command prints.
@@ -47,7 +49,7 @@ def predict_file(
     for i, spec in enumerate(study.flights):
         if progress is not None:
             progress("predict", i / len(study.flights), spec.name)
-        one = asked.predict(Flight.of_study(study, spec), draws or study.predict.draws, seed)
+        one = asked.predict(Flight.of_study(study, spec), draws or study.predict.draws, seed, like=like)
         bands[f"/{spec.name}"] = one.to_dataset()
         save(one.plot(), folder, f"bands-{spec.name}")
         for name in one.quantities:

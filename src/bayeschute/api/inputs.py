@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -15,9 +15,9 @@ from pydantic import TypeAdapter, ValidationError
 
 from bayeschute.api import html
 from bayeschute.api.beliefs import Priors
+from bayeschute.api.quantity import si
 from bayeschute.api.workspace import workspace
 from bayeschute.core.errors import Fault, InputError
-from bayeschute.core.units import to_si
 from bayeschute.records.record import Repair, repairs
 from bayeschute.study.job import load_truth
 from bayeschute.study.load import load_study, load_vehicle, usual_study
@@ -198,10 +198,6 @@ class Study:
         """Noise of the channels and latent disturbances."""
         return self.spec.noise
 
-    def with_flights(self, flights: Sequence[Flight]) -> Study:
-        """The study with other flights."""
-        return Study(replace(self.spec, flights=tuple(flight.spec for flight in flights)))
-
     def quick(self) -> Study:
         """The study at small sizes, to see that all works; not for use."""
         from bayeschute.study.assembly.assemble import smaller
@@ -265,18 +261,15 @@ class Flight:
             identify_until: End of the fitted part, such as ``"75 s"`` or ``"65 %"``; the rest is held out.
             roles: Of ``structure``, ``identify``, ``predict``.
             accept_implausible: Laws of plausibility, or groups of them, that the record may break.
+
+        Raises:
+            InputError: If an argument is no quantity of its kind.
         """
         usual = usual_study("cluster" if vehicle is not None else "descent")
-        spec = FlightSpec(
-            name=name,
-            roles=tuple(roles),
-            window=None if window is None else (_si(window[0], "s"), _si(window[1], "s")),
-            rate=None if rate is None else _si(rate, "Hz"),
-            capsule_mass=None if capsule_mass is None else _si(capsule_mass, "kg"),
-            wind_profile=wind,
-            identify_until=None if identify_until is None else _cut(identify_until),
-            accept_implausible=tuple(accept_implausible),
-        )
+        spec = FlightSpec(**_fields({
+            "name": name, "roles": roles, "wind": wind, "window": window, "rate": rate, "capsule_mass": capsule_mass,
+            "identify_until": identify_until, "accept_implausible": accept_implausible,
+        }))  # fmt: skip
         self._set(spec, replace(usual, flights=(spec,), vehicle=vehicle, title=name), record)
 
     def _set(self, spec: FlightSpec, study: StudySpec, raw: xr.Dataset | None) -> None:
@@ -291,19 +284,22 @@ class Flight:
         return made
 
     def changed(self, *, vehicle: Vehicle | None = None, **values: Any) -> Flight:
-        """The flight with another vehicle, name, payload (`capsule_mass` [kg]), window [s], wind profile or roles."""
-        unknown = set(values) - {
-            "name",
-            "capsule_mass",
-            "window",
-            "wind_profile",
-            "roles",
-            "skip_first",
-            "accept_implausible",
-        }
-        if unknown:
-            raise InputError(Fault("Flight.changed", ", ".join(sorted(unknown)), "a field of a flight"))
-        spec = replace(self.spec, **values) if vehicle is None else replace(self.spec, vehicle=vehicle, **values)
+        """The flight with another vehicle, or with other values of the arguments by which a flight is made.
+
+        Args:
+            vehicle: From `load_vehicle`; None: its own.
+            **values: ``name``, ``capsule_mass``, ``window``, ``wind``, ``rate``, ``identify_until``, ``roles``,
+                ``accept_implausible``, as a flight takes them; ``skip_first``, the time left out at its beginning.
+
+        Raises:
+            InputError: If an argument is none of these, or no quantity of its kind.
+
+        Example:
+            >>> heavy = study.flights["high"].changed(name="heavy", rate="2 Hz")
+            >>> heavy.name, heavy.spec.rate
+            ('heavy', 2.0)
+        """
+        spec = replace(self.spec, **_fields(values), vehicle=vehicle or self.spec.vehicle)
         return Flight.of_study(self.study, spec, self.raw)
 
     @property
@@ -347,9 +343,9 @@ class Flight:
         return self._prepared[1]
 
     @property
-    def repairs(self) -> tuple[Repair, ...]:
+    def repairs(self) -> Repairs:
         """Samples and variables that were dropped, interpolated, derived or assumed."""
-        return repairs(self.record)
+        return Repairs(repairs(self.record))
 
     def plausibility(self) -> Plausibility:
         """What looks wrong about the record's axes, units, signs, clocks and sizes, before anything is fitted.
@@ -400,8 +396,24 @@ def _cut(text: str) -> Cut:
         raise InputError(Fault("identify_until", repr(text), str(error.errors()[0]["msg"]))) from None
 
 
-def _si(value: str | float, unit: str) -> float:
-    return to_si(value, unit) if isinstance(value, str) else float(value)
+def _fields(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Fields of a flight's table from arguments of `Flight`, in SI."""
+    read: dict[str, Callable[[Any], Any]] = {
+        "name": str,
+        "roles": tuple,
+        "accept_implausible": tuple,
+        "wind": lambda profile: profile,
+        "window": lambda ends: (si("window", ends[0], "s"), si("window", ends[1], "s")),
+        "rate": lambda value: si("rate", value, "Hz"),
+        "capsule_mass": lambda value: si("capsule_mass", value, "kg"),
+        "skip_first": lambda value: si("skip_first", value, "s"),
+        "identify_until": _cut,
+    }
+    unknown = sorted(set(given) - set(read))
+    if unknown:
+        raise InputError([Fault("flight", name, f"one of {', '.join(read)}") for name in unknown])
+    made = {name: None if value is None else read[name](value) for name, value in given.items()}
+    return {"wind_profile" if name == "wind" else name: value for name, value in made.items()}
 
 
 def _with(flights: tuple[FlightSpec, ...], spec: FlightSpec) -> tuple[FlightSpec, ...]:
@@ -410,6 +422,20 @@ def _with(flights: tuple[FlightSpec, ...], spec: FlightSpec) -> tuple[FlightSpec
     if spec.name not in names:
         return (*flights, spec)
     return tuple(spec if flight.name == spec.name else flight for flight in flights)
+
+
+class Repairs(tuple[Repair, ...]):
+    """What was changed in a record; prints a line for each."""
+
+    __slots__ = ()
+
+    def __repr__(self) -> str:
+        """A line for each: kind, variable, times on the record's clock, samples, detail."""
+        lines = [
+            f"{one.kind:13} {one.variable:28} {one.start:10.1f} to {one.end:10.1f} s {one.count:6} samples {one.detail}"
+            for one in self
+        ]
+        return "\n".join(lines) or "nothing was changed"
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -28,6 +28,7 @@ from bayeschute.api.workspace import Files, workspace
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.likelihood.priors import Prior
 from bayeschute.posterior.assess.flight_groups import for_loo_pit
+from bayeschute.report.check_words import wanted
 from bayeschute.report.wording import counted
 from bayeschute.study.aerodynamics.agreement import agreement
 from bayeschute.study.aerodynamics.flown import flown, ranges
@@ -38,9 +39,6 @@ from bayeschute.study.job import Progress
 from bayeschute.study.schema.belief_schema import NoiseTable
 from bayeschute.study.schema.vehicle_schema import Vehicle
 from bayeschute.study.study import Study as StudySpec
-
-if TYPE_CHECKING:
-    pass
 
 Array = NDArray[np.float64]
 
@@ -99,19 +97,28 @@ class Posterior:
         return json.loads(self.files[name]) if name in self.files else {}
 
     def checks(self) -> pd.DataFrame:
-        """Checks of fit and draws: whether each passed, its value and bound, and what it means."""
-        return pd.DataFrame(self._json("checks.json").get("checks", {})).T
+        """Checks of fit and draws.
+
+        Returns:
+            A row for each: ``passed``, ``value``, ``bound``, ``detail`` (what it measures), ``wanted`` (the bound with
+            its sense, such as "at most 1.01"). Empty before the checks were made.
+        """
+        found = self._json("checks.json").get("checks", {})
+        return pd.DataFrame.from_dict(
+            {n: one | {"wanted": wanted(n, one["bound"])} for n, one in found.items()}, "index"
+        )
 
     def identifiability(self) -> pd.DataFrame:
-        """What the records tell of every parameter beyond its prior."""
+        """What the records tell of each parameter beyond its prior; columns as in ``identifiability.json``."""
         told = self._json("identifiability.json")
         rows = {name: entry for group in told.values() for name, entry in group["parameters"].items()}
-        return pd.DataFrame(rows).T
+        return pd.DataFrame.from_dict(rows, orient="index")
 
     @property
     def passed(self) -> bool:
-        """Whether all checks passed."""
-        return bool(self.checks()["passed"].all())
+        """Whether all checks passed; False before they were made."""
+        found = self.checks()
+        return not found.empty and bool(found["passed"].all())
 
     @cached_property
     def _flown(self) -> list[Any]:
@@ -287,6 +294,7 @@ class Posterior:
         seed: int | None = None,
         *,
         disturbance_log_sd: float | None = None,
+        like: str | None = None,
     ) -> Forecast:
         """Draws of a flight's quantities: of another one, or of one that was fitted.
 
@@ -300,9 +308,11 @@ class Posterior:
             disturbance_log_sd: How much rougher or calmer than in the fit the air beyond the data may be: standard
                 deviation of the logarithm of a factor, 0 to 3 (0.7: within a factor of two, two times in three); the
                 study's where None.
+            like: Where each fitted flight has parameters of its own (descents, ``vary``): the one whose body flies.
 
         Raises:
-            InputError: If another flight has the name of one that was fitted, or an argument is out of range.
+            InputError: If another flight has the name of one that was fitted, an argument is out of range, or it isn't
+                said which of several bodies flies.
 
         Example:
             >>> forecast = posterior.predict(study.flights[0], draws=64)
@@ -315,7 +325,7 @@ class Posterior:
                 raise InputError(Fault("disturbance_log_sd", repr(disturbance_log_sd), "a number from 0 to 3"))
             table = spec.predict.model_copy(update={"disturbance_log_sd": float(disturbance_log_sd)})
             spec = replace(spec, predict=table)
-        return forecast(spec, self.files, flight, draws, seed)
+        return forecast(spec, self.files, flight, draws, seed, like)
 
     def land(
         self,

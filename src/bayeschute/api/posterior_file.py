@@ -114,12 +114,9 @@ def posterior_of_run(folder: Path, study: Study) -> Content:
     if not (folder / "posterior.nc").is_file():
         raise InputError(Fault(str(folder), "no posterior.nc", "the folder of a run that was fitted"))
     fitted = tuple(f for f in study.flights if {"identify", "structure"} & set(f.roles))
-    names = {f.name for f in fitted}
-    files = {
-        name: held
-        for name, held in collected(folder, KEPT).items()
-        if not name.startswith("flights/") or name.split("/")[1].split(".")[0] in names
-    }
+    records = {f"flights/{f.name}{ending}" for f in fitted for ending in (".nc", ".truth.nc")}
+    kept = collected(folder, KEPT).items()
+    files = {name: held for name, held in kept if not name.startswith("flights/") or name in records}
     return replace(study, flights=fitted, requirements=()), _loaded(folder / "posterior.nc"), files
 
 

@@ -15,15 +15,16 @@ from bayeschute.api.forecast import Forecast, forecast_of
 from bayeschute.api.inputs import Study
 from bayeschute.api.posterior import Posterior
 from bayeschute.api.workspace import collected, workspace
+from bayeschute.calibration.label import CONTRADICTED
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, init=False)
 class Run:
     """A run in a folder, finished or as far as it went.
 
     Attributes:
         folder: The folder.
-        study: The study as it ran.
+        study: The study as it ran; where none is given, the one that the run keeps in its folder.
 
     Example:
         >>> run = bc.Run(folder / "run", study)
@@ -34,9 +35,14 @@ class Run:
     folder: Path
     study: Study
 
-    def __post_init__(self) -> None:
-        """A folder may be given as text."""
-        object.__setattr__(self, "folder", Path(self.folder))
+    def __init__(self, folder: Path | str, study: Study | None = None) -> None:
+        """Open a run's folder.
+
+        Raises:
+            InputError: If no study is given and the folder has none.
+        """
+        object.__setattr__(self, "folder", Path(folder))
+        object.__setattr__(self, "study", Study.load(self.folder / "study.toml") if study is None else study)
 
     @property
     def summary(self) -> dict[str, Any]:
@@ -46,8 +52,12 @@ class Run:
 
     @property
     def level(self) -> str:
-        """Level of trust in the intervals, such as ``self-consistent``; ``not checked`` where no label was written."""
-        return str(self.summary.get("claim", {}).get("level", "not checked"))
+        """Level of trust in the intervals, such as ``self-consistent``: the first words of the run's label.
+
+        ``contradicted by its own data`` is no level and says so; ``not checked`` also where no label was written.
+        """
+        claim = self.summary.get("claim", {})
+        return CONTRADICTED if claim.get("contradicted") else str(claim.get("level", "not checked"))
 
     @property
     def predictive_checks(self) -> pd.DataFrame:
@@ -91,8 +101,7 @@ class _Forecasts(Mapping[str, Forecast]):
             flight = next((f for f in study.flights if f.name == name and f.name in set(self)), None)
             if flight is None:
                 raise KeyError(name)
-            by_name = {f"flights/{path.name}": path.read_bytes() for path in (self._run.folder / "flights").iterdir()}
-            with workspace(study, {**collected(self._run.folder), **by_name}) as job:
+            with workspace(study, collected(self._run.folder)) as job:
                 self._made[name] = forecast_of(job, flight)
         return self._made[name]
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 import xarray as xr
@@ -25,6 +26,9 @@ from bayeschute.records.read import read_record as read_columns
 from bayeschute.study.job import Progress
 from bayeschute.study.schema.belief_schema import NoiseTable
 from bayeschute.study.schema.structure_schema import StructureTable
+
+if TYPE_CHECKING:
+    from bayeschute.study.run.simulate import Drops
 
 Columns = Mapping[str, tuple[str, str] | tuple[str, str, float] | tuple[str, str, float, float]]
 
@@ -256,7 +260,7 @@ def calibrate(
     noise: str | None = None,
     workers: int = 1,
     quick: bool = False,
-    progress: Callable[[float, str], None] | None = None,
+    progress: Progress | bool | None = None,
 ) -> Coverage:
     """Measure the coverage of intervals and bands over replicates of a study's virtual flights.
 
@@ -268,16 +272,55 @@ def calibrate(
         noise: Replaces the noise model.
         workers: Local processes.
         quick: Small sizes, not for use.
-        progress: Called with a share done and words.
+        progress: Progress bars if True, or a function called with a name, the share done and words.
+
+    Raises:
+        InputError: If study or arguments are invalid, or `folder` contains replicates of another campaign.
 
     Example:
         >>> coverage = bc.calibrate(bc.Study.load("mine.toml"), "runs/mine", replicates=40)  # doctest: +SKIP
     """
     from bayeschute.study.calibrate import calibrate as fly_replicates
 
-    return Coverage(
-        fly_replicates(study.spec.path, folder, replicates, scenario, noise, workers, None, quick, progress=progress)
-    )
+    with shown(progress) as tell:
+        say = None if tell is None else partial(tell, "calibrate")
+        return Coverage(
+            fly_replicates(study.spec, folder, replicates, scenario, noise, workers, None, quick, progress=say)
+        )
+
+
+def simulate_study(
+    study: Study,
+    folder: Path | str,
+    draws: int = 1,
+    *,
+    seed: int | None = None,
+    workers: int = 1,
+    progress: Progress | bool | None = None,
+) -> Drops:
+    """Fly the virtual flights of a study, and store their records and true motion.
+
+    Args:
+        study: At least one flight virtual.
+        folder: Where to; a flight's files are ``<flight>.nc`` and ``<flight>.truth.nc``, numbered where `draws` > 1.
+        draws: Drops of each flight, each with its own seed; those that the folder has already are kept.
+        seed: Replaces the study's.
+        workers: Local processes; 1: this one.
+        progress: Progress bars if True, or a function called with a name, the share done and words.
+
+    Returns:
+        The files, and the outcome of every drop; a drop that fails is counted and leaves no files.
+
+    Raises:
+        InputError: If the study has no virtual flight, or no drop stays finite.
+
+    Example:
+        >>> drops = bc.simulate_study(bc.Study.example(), "drops", draws=100, workers=2)  # doctest: +SKIP
+    """
+    from bayeschute.study.run.simulate import simulate_study as fly
+
+    with shown(progress) as tell:
+        return fly(study.spec, folder, draws, seed, tell, workers)
 
 
 def scenarios() -> dict[str, str]:
@@ -329,4 +372,5 @@ __all__ = [
     "sample",
     "scenarios",
     "select_structure",
+    "simulate_study",
 ]

@@ -50,7 +50,7 @@ def _sound(study: Study, disturbance: str, noise: str | None, replicates: int) -
 
 
 def calibrate(
-    path: Path | str,
+    study: Study | Path | str,
     out: Path | str,
     replicates: int = 100,
     disturbance: str = "none",
@@ -66,7 +66,7 @@ def calibrate(
     Finished replicates are kept; called again with the same arguments, only those that are missing are made.
 
     Args:
-        path: A study whose flights are virtual.
+        study: A study whose flights are virtual, or its file.
         out: Folder for rows and the result.
         replicates: How many.
         disturbance: Misspecification of the simulated flights, by its name in `SCENARIOS`.
@@ -85,7 +85,7 @@ def calibrate(
     Raises:
         InputError: If study or arguments are invalid, or `out` contains rows of another campaign.
     """
-    study = load_study(path)
+    study = study if isinstance(study, Study) else load_study(study)
     _sound(study, disturbance, noise, replicates)
     study = with_noise(study, noise or study.noise.model)
     name, folder = f"{study.noise.model}.{disturbance}", Path(out)
@@ -102,7 +102,7 @@ def calibrate(
             partial(progress_log, "calibrate"),
         )
     result = {
-        "study": Path(path).stem,
+        "study": study.path.stem,
         "title": study.title,
         "noise": study.noise.model,
         "disturbance": disturbance,
@@ -113,15 +113,15 @@ def calibrate(
         "domain": domain(stored_conditions(rows)),
         "hash": configuration(study, quick),
         "numerics": numerics(),
-        **provenance(_command(path, replicates, disturbance, noise, quick)),
+        **provenance(_command(study.path, replicates, disturbance, noise, quick)),
     }
     write_whole(folder / f"{name}.json", lambda p: p.write_text(json.dumps(result, indent=1) + "\n", "utf-8"))
     return result
 
 
-def _command(path: Path | str, replicates: int, disturbance: str, noise: str | None, quick: bool) -> str:
+def _command(path: Path, replicates: int, disturbance: str, noise: str | None, quick: bool) -> str:
     """The command line that makes the same result, in the folder it was made in."""
-    place, here = Path(path).resolve(), Path.cwd()
+    place, here = path.resolve(), Path.cwd()
     words = ["bayeschute calibrate", str(place.relative_to(here) if place.is_relative_to(here) else place.name)]
     words += [f"--replicates {replicates}"] + [f"--disturbance {disturbance}"] * (disturbance != "none")
     return " ".join(words + ([f"--noise {noise}"] if noise else []) + ["--quick"] * quick)

@@ -11,7 +11,7 @@ import hashlib
 import json
 import tempfile
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
@@ -55,10 +55,18 @@ def with_flown_terms(study: Study) -> Study:
     return replace(study, structure=table, flights=(flight,), requirements=())
 
 
+@dataclass(frozen=True)
+class Tested:
+    """A study under test, the same as any other of its hash."""
+
+    hash: str
+    study: Study = field(compare=False)
+
+
 @lru_cache(maxsize=2)
-def template(path: str) -> sbc.Template:
+def template(of: Tested) -> sbc.Template:
     """The settings that all replicates of a study share; made once a process."""
-    study = with_flown_terms(load_study(path))
+    study = with_flown_terms(of.study)
     with tempfile.TemporaryDirectory(prefix="bayeschute-") as folder:
         job = Job(study, Path(folder), False, "", lambda *_: None)
         for stage in (stage_list.ingest, stage_list.structure, stage_list.priors):
@@ -74,22 +82,22 @@ def template(path: str) -> sbc.Template:
 
 
 @lru_cache(maxsize=2)
-def believed(path: str) -> sbc.Believed:
+def believed(of: Tested) -> sbc.Believed:
     """The posterior of the study's own record, fitted once a process; the same in every process."""
-    return sbc.believe(template(path), FIRST_SEED - 1)
+    return sbc.believe(template(of), FIRST_SEED - 1)
 
 
-def one(seed: int, path: str, truths: str) -> dict[str, Any]:
+def one(seed: int, of: Tested, truths: str) -> dict[str, Any]:
     """A row; a replicate that fails is counted."""
     try:
-        start = believed(path) if truths == "posterior" else None
-        return {"seed": seed, **sbc.ranked(seed, template(path), LEVELS, shift=SHIFT, believed=start)}
+        start = believed(of) if truths == "posterior" else None
+        return {"seed": seed, **sbc.ranked(seed, template(of), LEVELS, shift=SHIFT, believed=start)}
     except (FloatingPointError, np.linalg.LinAlgError) as error:
         return {"seed": seed, "ok": False, "error": f"{type(error).__name__}: {error}"[:500]}
 
 
 def rank_tests(
-    path: Path | str,
+    study: Study | Path | str,
     out: Path | str,
     replicates: int = 100,
     truths: str = "posterior",
@@ -102,7 +110,7 @@ def rank_tests(
     Finished replicates are kept; called again with the same arguments, only those that are missing are made.
 
     Args:
-        path: A cluster study whose fitted flights are virtual.
+        study: A cluster study whose fitted flights are virtual, or its file.
         out: Folder for rows and the result.
         replicates: How many.
         truths: ``posterior``: drawn from the posterior of the study's own record, which is fitted together with each
@@ -118,11 +126,12 @@ def rank_tests(
     Raises:
         InputError: If study or arguments are invalid, or `out` contains rows of another campaign.
     """
-    study = load_study(path)
+    study = study if isinstance(study, Study) else load_study(study)
     _sound(study, truths, replicates)
-    what = json.dumps([study_hash(study), truths, LEVELS, SHIFT, numerics()])
+    of = Tested(study_hash(study), study)
+    what = json.dumps([of.hash, truths, LEVELS, SHIFT, numerics()])
     rows = run(
-        partial(one, path=str(path), truths=truths),
+        partial(one, of=of, truths=truths),
         range(FIRST_SEED, FIRST_SEED + replicates),
         Path(out) / f"ranks.{truths}.rows",
         hashlib.sha256(what.encode()).hexdigest(),
@@ -130,9 +139,9 @@ def rank_tests(
         address,
         progress,
     )
-    command = f"bayeschute calibrate {Path(path).name} --ranks {truths} --replicates {replicates}"
+    command = f"bayeschute calibrate {study.path.name} --ranks {truths} --replicates {replicates}"
     result = {
-        "study": Path(path).stem, "noise": study.noise.model, "truths": truths,
+        "study": study.path.stem, "noise": study.noise.model, "truths": truths,
         **summarise_ranks(rows, LEVELS, SHIFT), "numerics": numerics(), **provenance(command),
     }  # fmt: skip
     text = json.dumps(result, indent=1) + "\n"

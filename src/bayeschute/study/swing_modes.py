@@ -80,7 +80,7 @@ def columns_of(texts: Sequence[str]) -> dict[str, ColumnSpec]:
 
 
 def find_modes(
-    path: Path,
+    path: Path | str,
     columns: Sequence[str] = (),
     window: tuple[float, float] | None = None,
     band: tuple[float, float] | None = None,
@@ -103,7 +103,7 @@ def find_modes(
     Raises:
         InputError: With every fault of the columns and the log; if no descent is found or it is too short.
     """
-    specs = columns_of(columns)
+    path, specs = Path(path), columns_of(columns)
     if path.suffix.lower() != ".nc" and "time" not in specs:
         raise InputError(Fault("--column", "no column for time", _FORM, _EXAMPLE))
     if window is not None and not (np.isfinite(window).all() and window[0] < window[1]):

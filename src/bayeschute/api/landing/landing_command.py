@@ -116,7 +116,11 @@ def _design(asking: Asking, known: Posterior, data: Path | str | None, folder: P
     table = next_drop(asking, known.spec, known.files, data)
     write_csv(table, folder / "design.csv")
     save(design_figure(table), folder, "design")
-    return [
-        f"{row.candidate}: spread of P(met) {row.spread_now:.3f} now, {row.spread_expected:.3f} expected after it"
-        for row in table.itertuples()
-    ]
+    design = asking.campaign.tables.design
+    interval = design.interval if design is not None else None
+    lines = []
+    for _, row in table.iterrows():
+        left = f", {100 * row[f'sd left of {interval}']:.0f} % of the sd of {interval} left" if interval else ""
+        spread = f"spread of P(met) {row.spread_now:.3f} now, {row.spread_expected:.3f} expected after it"
+        lines.append(f"{row.candidate}: {spread}{left}")
+    return lines

@@ -162,25 +162,24 @@ def day(asked: Asking) -> list[Cell]:
     def flown(plan: CampaignPlan, count: int) -> Rows:
         return asked.flown(plan, nested(plan.draws, count))
 
-    made = placard(asked.plan, cells, asked.wanted, flown, asked.say("placard"))
+    made = placard(asked.plan, cells, asked.landings.requirements, flown, asked.say("placard"))
     asked.say("placard")(1.0, f"{len(made)} cells")
     return made
 
 
-def next_drop(
-    asked: Asking, spec: Study, files: Files, data: Path | str | None = None, chosen: str | None = None
-) -> pd.DataFrame:
+def next_drop(asked: Asking, spec: Study, files: Files, data: Path | str | None = None) -> pd.DataFrame:
     """Candidate drops of the campaign's ``[design]``, the most telling about the first requirement first.
+
+    Where the table says ``interval``, those come first that leave least of that parameter's interval.
 
     Args:
         asked: The campaign.
         spec: Study of the posterior.
         files: Of the posterior.
         data: What ``${DATA}`` stands for.
-        chosen: A parameter by whose interval they are ranked instead.
 
     Raises:
-        InputError: If the campaign names no candidates, or their file has faults.
+        InputError: If the campaign names no candidates, their file has faults, or no parameter has that name.
     """
     table = asked.campaign.tables.design
     if table is None:
@@ -189,8 +188,8 @@ def next_drop(
         raise InputError(Fault("design", "a posterior that mixes models", "one model", "Fit the heaviest alone."))
     study, wanted = candidates(asked.campaign.path.parent / table.candidates, spec, data), asked.wanted[0]
     known = [name for name in asked.plan.models[0].names if name]
-    if chosen is not None and chosen not in known:
-        raise InputError(Fault("parameter", repr(chosen), f"one of {', '.join(known)}"))
+    if table.interval is not None and table.interval not in known:
+        raise InputError(Fault("[design] interval", repr(table.interval), f"one of {', '.join(known)}"))
     with workspace(study, files) as job:
         now, after, lost = covariances(replace(job, study=study), asked.say("design"))
     if not after:
@@ -200,4 +199,4 @@ def next_drop(
     one, rows = asked.plan.models[0], asked.landings.rows
     slope = probit_slope(one.theta, rows["draw"], wanted.met(rows))
     asked.say("design")(1.0, f"{len(after)} candidates" + (f", {len(lost)} can't be judged" if lost else ""))
-    return ranking(slope, now, after, [name or f"parameter {i}" for i, name in enumerate(one.names)], chosen)
+    return ranking(slope, now, after, [name or f"parameter {i}" for i, name in enumerate(one.names)], table.interval)

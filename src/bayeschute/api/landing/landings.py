@@ -15,9 +15,9 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from bayeschute.api import html
+from bayeschute.api.quantity import si
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.core.files import write_whole
-from bayeschute.core.units import to_si
 from bayeschute.core.version import __version__
 from bayeschute.landing.decisions import requirements
 from bayeschute.landing.decisions.requirements import Judgement, Limit, Requirement, judge
@@ -95,7 +95,7 @@ class Landings:
         for quantity, limit in at_most.items():
             unit = self._known(quantity)
             try:
-                limits.append(Limit(quantity, to_si(limit, unit) if isinstance(limit, str) else float(limit)))
+                limits.append(Limit(quantity, si(quantity, limit, unit)))
             except ValueError as error:
                 raise InputError(Fault(f"requirement {quantity}", str(error), f"a quantity in {unit}")) from None
         said = name or " and ".join(f"{q} <= {limit}" for q, limit in at_most.items())

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
 from bayeschute.api import html
+from bayeschute.api.fitting import shown
 from bayeschute.api.inputs import Study
+from bayeschute.study.job import Progress
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -31,7 +34,7 @@ class RankTest:
     @property
     def table(self) -> pd.DataFrame:
         """Test value, bound and mean rank (uniform: 0.5) by quantity."""
-        return pd.DataFrame(self.found["quantities"]).T
+        return pd.DataFrame.from_dict(self.found["quantities"], orient="index")
 
     @property
     def passed(self) -> bool:
@@ -56,7 +59,7 @@ def rank_test(
     *,
     truths: str = "posterior",
     workers: int = 1,
-    progress: Callable[[float, str], None] | None = None,
+    progress: Progress | bool | None = None,
 ) -> RankTest:
     """Test the inference by simulation-based calibration: ranks of truths, with records of the model itself.
 
@@ -67,14 +70,19 @@ def rank_test(
         truths: ``posterior``: drawn from the posterior of the study's own record, fitted together with each
             replicate's; ``prior``: from the priors.
         workers: Local processes.
-        progress: Called with a share done and words.
+        progress: Progress bars if True, or a function called with a name, the share done and words.
+
+    Raises:
+        InputError: If study or arguments are invalid, or `folder` contains replicates of another test.
 
     Example:
         >>> bc.rank_test(bc.Study.load("mine.toml"), "runs/ranks", replicates=100)  # doctest: +SKIP
     """
     from bayeschute.study.rank_tests import rank_tests
 
-    return RankTest(rank_tests(study.spec.path, folder, replicates, truths, workers, None, progress))
+    with shown(progress) as tell:
+        say = None if tell is None else partial(tell, "ranks")
+        return RankTest(rank_tests(study.spec, folder, replicates, truths, workers, None, say))
 
 
 __all__ = ["RankTest", "rank_test"]

@@ -69,7 +69,7 @@ def design(draws: int, samples: int) -> NDArray[np.int64]:
     """Landings of Saltelli's design, groups being what landings are made of: ids ((groups + 2) N, 5).
 
     Base samples are landings of their own in all five numbers. Draws are taken in turn by both samples, those of the
-    second so many places on, one more in every round, that no landing meets its own draw again (if there are two or more).
+    second so many places on, one more in every round, that no landing meets its own draw again (of two or more draws).
     """
     each = np.arange(samples)
     apart = 1 + (draws // 2 + each // draws) % max(draws - 1, 1)
@@ -83,25 +83,24 @@ def design(draws: int, samples: int) -> NDArray[np.int64]:
     return np.concatenate(blocks)
 
 
-def by_groups(values: ArrayLike, seed: int = 0) -> Shares:
+def by_groups(values: ArrayLike) -> Shares:
     """Shares by what landings are made of, from values of the landings of `design`.
 
     Rows of the design in which a landing failed are left out.
     """
     blocks = np.asarray(values, float).reshape(len(IDS) + 2, -1)
     blocks = blocks[:, np.isfinite(blocks).all(axis=0)]
-    first, e1, total, e2 = jansen(blocks[0], blocks[1], blocks[2:], seed)
+    first, e1, total, e2 = jansen(blocks[0], blocks[1], blocks[2:])
     return Shares(("parameters", "winds", "start", "gusts", "canopies"), first, e1, total, e2)
 
 
-def shapley(inputs: Array, values: ArrayLike, names: Sequence[str], seed: int = 0) -> dict[str, float]:
+def shapley(inputs: Array, values: ArrayLike, names: Sequence[str]) -> dict[str, float]:
     """Shares of the variance of values that correlated inputs explain linearly, in Shapley's sense.
 
     Args:
         inputs: (N, P).
         values: (N,).
         names: Of the inputs.
-        seed: Of the orders, where inputs are too many for all subsets.
 
     Returns:
         Share by name; they sum to the squared multiple correlation, corrected for the number of inputs.
@@ -129,7 +128,7 @@ def shapley(inputs: Array, values: ArrayLike, names: Sequence[str], seed: int = 
                 for some in combinations(others, size):
                     share[i] += weight * (explained(tuple(sorted((*some, i)))) - explained(some))
     else:
-        rng = stream(seed, "orders of Shapley shares")
+        rng = stream(0, "orders of Shapley shares")
         for _ in range(_ORDERS):
             order = rng.permutation(count)
             for k, i in enumerate(order):

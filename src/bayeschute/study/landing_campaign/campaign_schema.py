@@ -281,9 +281,11 @@ class DesignTable(Strict):
 
     Attributes:
         candidates: Path of a file of ``[[flight]]`` tables with virtual drops, from the campaign.
+        interval: A parameter by whose interval they are ranked, in place of the first requirement's probability.
     """
 
     candidates: Text
+    interval: Text | None = None
 
 
 class CampaignFile(Strict):
