@@ -15,9 +15,9 @@ from bayeschute.core.trees import load_tree
 from bayeschute.posterior.best_path import BestPath
 from bayeschute.records.record import VARIABLES
 from bayeschute.report.figures.canvas import INK, SERIES, SHADE, VERMILION, sheet, styled
-from bayeschute.report.run_results import Results, json_object, try_read
+from bayeschute.report.run_results import Results, entries, json_object, mappings, try_read
 from bayeschute.report.structure_view import Draw
-from bayeschute.report.tables.summary_tables import Cell, Table, cells, columns_of, mappings
+from bayeschute.report.tables.summary_tables import Cell, Table, cells, columns_of
 from bayeschute.report.wording import (
     MISSING,
     at_precision,
@@ -48,12 +48,9 @@ def _channel(output: str) -> str:
 
 def _residuals(results: Results) -> list[tuple[str, str, Mapping[str, Any]]]:
     """Flight, output and numbers of every row of residuals."""
-    flights = results.part("fit").get("residuals")
+    flights = entries(results.part("fit").get("residuals"))
     return [
-        (str(flight), str(output), facts)
-        for flight, outputs in (flights.items() if isinstance(flights, Mapping) else ())
-        for output, facts in (outputs.items() if isinstance(outputs, Mapping) else ())
-        if isinstance(facts, Mapping)
+        (flight, output, facts) for flight, outputs in flights.items() for output, facts in entries(outputs).items()
     ]
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from bayeschute.calibration.label import Level
 from bayeschute.report import sentences
-from bayeschute.report.run_results import Results
+from bayeschute.report.run_results import Results, entries
 from bayeschute.report.wording import counted, is_number, listed, percent, probability, quantity, quantity_name
 
 _CHANGES = {
@@ -68,8 +68,8 @@ def _sure(worst: Mapping[str, Any]) -> tuple[str, str, str]:
 
 def _evidence(results: Results) -> tuple[str, str, str]:
     """Calibration, checks, and flights that the estimate rests on."""
-    flights = results.part("flights")
-    fitted = [n for n, f in flights.items() if isinstance(f, Mapping) and "identify" in (f.get("roles") or ())]
+    flights = entries(results.part("flights"))
+    fitted = [name for name, facts in flights.items() if "identify" in (facts.get("roles") or ())]
     said = _level(results).capitalize()
     about = f"{counted(len(fitted), 'flight')} fitted ({listed(fitted)})" if fitted else "no flight was fitted"
     return "On what evidence?", said, f"{about}; {sentences.checks_sentence(results)}"

@@ -19,7 +19,7 @@ from bayeschute.core.files import write_whole
 from bayeschute.report import failed_fit, first_screen, sentences
 from bayeschute.report.figures import curve_figures, inference_figures, predictive_figures, record_figures
 from bayeschute.report.figures.canvas import save
-from bayeschute.report.run_results import Results, read_results
+from bayeschute.report.run_results import Results, entries, mappings, read_results
 from bayeschute.report.structure_view import Draw, structure_view
 from bayeschute.report.tables import (
     curve_tables,
@@ -80,9 +80,9 @@ def _limits_at_every_time(results: Results) -> dict[str, float]:
 def _record_pictures(results: Results, folder: Path) -> list[Picture]:
     """One figure per record."""
     found = []
+    facts = entries(results.part("flights"))
     for name, record in results.flights.items():
-        facts = results.part("flights").get(name)
-        repairs = record_tables.faults_of(record_tables.repairs_of(facts if isinstance(facts, Mapping) else {}, record))
+        repairs = record_tables.faults_of(record_tables.repairs_of(facts.get(name, {}), record))
         figure = record_figures.record_figure(record, repairs)
         if figure.axes:
             alt = f"Altitude, descent rate and wind of {name} over time; {counted(len(repairs), 'fault')} marked."
@@ -134,13 +134,12 @@ def _variance_picture(results: Results, folder: Path) -> Picture | None:
 
 def _autocorrelations(results: Results) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Curves of residual autocorrelation that the run left, by name."""
-    sources: dict[str, Any] = {str(k): v for k, v in results.part("residuals").items()}
-    for name, facts in (results.structure.get("coefficients") or {}).items():
-        if isinstance(facts, Mapping):
-            sources[f"{name} force, structure"] = facts.get("residual")
+    sources: dict[str, Any] = dict(results.part("residuals"))
+    for name, facts in entries(results.structure.get("coefficients")).items():
+        sources[f"{name} force, structure"] = facts.get("residual")
     found = {}
-    for name, facts in sources.items():
-        if isinstance(facts, Mapping) and isinstance(facts.get("autocorrelation"), list):
+    for name, facts in entries(sources).items():
+        if isinstance(facts.get("autocorrelation"), list):
             value = np.array(facts["autocorrelation"], dtype=float)
             lag = np.array(facts.get("lag") or np.arange(value.size) * float(facts.get("step", 1.0)), dtype=float)
             if value.size > 1 and lag.shape == value.shape and np.isfinite(value).all():
@@ -155,7 +154,7 @@ def _posterior_pictures(results: Results, folder: Path) -> tuple[list[Picture], 
     draws = {n: results.posterior[n] for n in names if np.isfinite(results.posterior[n]).all()}
     if not draws:
         return [], []
-    facts: dict[str, Mapping[str, Any]] = {n: p for n, p in parameters.items() if isinstance(p, Mapping)}
+    facts = entries(parameters)
     units = {n: str(facts.get(n, {}).get("unit") or "1") for n in draws}
     truth = {n: float(facts[n]["truth"]) for n in draws if n in facts and is_number(facts[n].get("truth"))}
     most = inference_figures.MOST_PANELS
@@ -185,7 +184,7 @@ def _curve_picture(results: Results, folder: Path) -> Picture | None:
     needed = {"curve", "symbol", "unit", "at", "flown", "posterior_q05", "posterior_q50", "posterior_q95"}
     if table is None or not needed <= set(table.columns):
         return None
-    known = summary_tables.mappings(results.summary.get("knowledge"))
+    known = mappings(results.summary.get("knowledge"))
     names = list(dict.fromkeys(table["curve"]))
     words = {str(k): str(v) for k, v in (told.get("words") or {}).items()}
     caption = (

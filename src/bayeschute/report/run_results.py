@@ -20,6 +20,17 @@ T = TypeVar("T")
 RISK_TABLES = ("marginals", "exceedance", "tolerance")
 
 
+def entries(value: Any) -> dict[str, Mapping[str, Any]]:
+    """The mappings of a mapping by name; nothing where it is no mapping."""
+    items = value.items() if isinstance(value, Mapping) else ()
+    return {str(name): facts for name, facts in items if isinstance(facts, Mapping)}
+
+
+def mappings(items: Any) -> list[Mapping[str, Any]]:
+    """The mappings of a list; nothing where it is no list."""
+    return [i for i in items if isinstance(i, Mapping)] if isinstance(items, list | tuple) else []
+
+
 @dataclass(frozen=True)
 class Results:
     """The contents of a run folder.

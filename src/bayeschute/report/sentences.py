@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from bayeschute.calibration.label import has_level as label_has_level
-from bayeschute.report.run_results import Results
+from bayeschute.report.run_results import Results, entries, mappings
 from bayeschute.report.wording import counted, is_number, listed, number, percent, probability, quantity, quantity_name
 
 NO_LABEL = "not checked: the summary contains no label"
@@ -33,19 +32,17 @@ def claim_sentences(results: Results) -> list[str]:
 
 def _unseen(results: Results, flight: str) -> bool:
     """Whether no part of a flight was fitted."""
-    facts = results.part("flights").get(flight)
-    roles = facts.get("roles", ()) if isinstance(facts, Mapping) else ()
+    roles = entries(results.part("flights")).get(flight, {}).get("roles") or ()
     return bool(roles) and "identify" not in roles and "structure" not in roles
 
 
 def _scored(results: Results) -> dict[str, dict[str, tuple[str, float]]]:
     """Flight -> quantity -> what was scored (truth first) and the share inside the 90 % band."""
     found: dict[str, dict[str, tuple[str, float]]] = {}
-    for flight, quantities in results.part("coverage").items():
-        for name, shares in quantities.items() if isinstance(quantities, Mapping) else ():
+    for flight, quantities in entries(results.part("coverage")).items():
+        for name, shares in entries(quantities).items():
             for kind in ("truth", "record"):
-                share = shares.get(kind) if isinstance(shares, Mapping) else None
-                if is_number(share):
+                if is_number(share := shares.get(kind)):
                     found.setdefault(flight, {}).setdefault(name, (kind, float(share)))
     return found
 
@@ -85,8 +82,7 @@ def requirement_limit(requirement: Mapping[str, Any]) -> str:
 
 def requirements(results: Results) -> list[Mapping[str, Any]]:
     """The requirements of the summary that are mappings."""
-    found = results.summary.get("requirements")
-    return [r for r in found if isinstance(r, Mapping)] if isinstance(found, list) else []
+    return mappings(results.summary.get("requirements"))
 
 
 def risk_sentence(results: Results) -> str:
@@ -132,7 +128,7 @@ def checks_sentence(results: Results) -> str:
 
     Its calibration is no check of the run: what replicates of others say of it is its level.
     """
-    told = {name: c.get("passed") for name, c in results.part("checks").items() if isinstance(c, Mapping)}
+    told = {name: check.get("passed") for name, check in entries(results.part("checks")).items()}
     checks = {name: passed for name, passed in told.items() if name != "calibration"}
     judged = {name: passed for name, passed in checks.items() if passed is not None}
     failed, left = [n for n in judged if not judged[n]], [n for n in checks if n not in judged]
@@ -149,7 +145,7 @@ def trust_sentence(results: Results) -> str:
     """Results of the checks, and coverage of known true parameter values."""
     text = checks_sentence(results)
     text = text[0].upper() + text[1:]
-    inside = [truth_inside(p) for p in results.part("parameters").values() if isinstance(p, Mapping)]
+    inside = [truth_inside(facts) for facts in entries(results.part("parameters")).values()]
     known = [i for i in inside if i is not None]
     if known:
         text += f"; the 90 % intervals of {sum(known)} of {counted(len(known), 'parameter')} with a known true value "
@@ -174,7 +170,7 @@ def structure_sentences(facts: Mapping[str, Any]) -> list[str]:
     text = f"{counted(len(selected), 'term')} selected" + (
         f" out of {counted(len(candidates), 'candidate')}" if candidates else ""
     )
-    ranking = [r for r in facts.get("ranking") or [] if isinstance(r, Mapping)]
+    ranking = mappings(facts.get("ranking"))
     explained = facts.get("r2")
     if not is_number(explained) and selected and len(ranking) >= len(selected):
         last = ranking[len(selected) - 1].get("r2")
@@ -199,8 +195,8 @@ def structure_sentences(facts: Mapping[str, Any]) -> list[str]:
             f"Largest correlation between two selected terms: {number(collinearity['max_correlation'], 2)}{between}; "
             f"largest variance inflation factor: {number(collinearity.get('max_vif'), 2)}; {flagged}."
         )
-    for name, check in (facts.get("check") or {}).items():
-        if isinstance(check, Mapping) and is_number(check.get("rms_ratio")) and "rms" not in check:
+    for name, check in entries(facts.get("check")).items():
+        if is_number(check.get("rms_ratio")) and "rms" not in check:
             found.append(
                 f"On {name}, which was not fitted, the residual is {number(check['rms_ratio'], 2)} times that of the "
                 "fit."
@@ -210,9 +206,5 @@ def structure_sentences(facts: Mapping[str, Any]) -> list[str]:
 
 def uninformed(results: Results, least: float = 0.1) -> list[str]:
     """Parameters whose posterior variance is hardly smaller than their prior variance."""
-    found = []
-    for name, facts in results.part("parameters").items():
-        contraction = facts.get("contraction") if isinstance(facts, Mapping) else None
-        if is_number(contraction) and not math.isnan(contraction) and contraction < least:
-            found.append(str(name))
-    return found
+    shares = {name: facts.get("contraction") for name, facts in entries(results.part("parameters")).items()}
+    return [name for name, share in shares.items() if is_number(share) and share < least]

@@ -9,17 +9,11 @@ from matplotlib.figure import Figure
 
 from bayeschute.report import sentences
 from bayeschute.report.figures import inference_figures
-from bayeschute.report.run_results import Results
+from bayeschute.report.run_results import Results, entries
 from bayeschute.report.tables import structure_tables, summary_tables
 from bayeschute.report.wording import listed
 
 Draw = Callable[[Figure, str, str, str], Any]  # figure, name of its file, words instead of it, caption
-
-
-def _entries(results: Results, part: str) -> dict[str, Mapping[str, Any]]:
-    found = results.structure.get(part)
-    items = found.items() if isinstance(found, Mapping) else ()
-    return {str(name): facts for name, facts in items if isinstance(facts, Mapping)}
 
 
 def _part(name: str, facts: Mapping[str, Any]) -> dict[str, Any]:
@@ -41,14 +35,13 @@ def _synthetic(results: Results) -> dict[str, Any] | None:
         return None
     parts = [
         {
-            "name": str(name),
-            "sentences": structure_tables.synthetic_sentences(str(name), facts),
+            "name": name,
+            "sentences": structure_tables.synthetic_sentences(name, facts),
             "known": structure_tables.known_table(facts),
             "false": structure_tables.false_table(facts),
             "ranking": summary_tables.ranking_table(facts),
         }
-        for name, facts in found["coefficients"].items()
-        if isinstance(facts, Mapping)
+        for name, facts in entries(found["coefficients"]).items()
     ]
     return {
         "source": found.get("source"),
@@ -69,7 +62,7 @@ def structure_view(results: Results, draw: Draw) -> dict[str, Any]:
         results: The run.
         draw: Saves a figure and returns what the template shows.
     """
-    coefficients = _entries(results, "coefficients")
+    coefficients = entries(results.structure.get("coefficients"))
     pictures = []
     ranked = {n: f for n, f in coefficients.items() if f.get("ranking")}
     if ranked:
@@ -82,7 +75,7 @@ def structure_view(results: Results, draw: Draw) -> dict[str, Any]:
         pictures.append(draw(inference_figures.pse_figure(ranked), "structure-pse", alt, caption))
     return {
         "parts": [_part(name, facts) for name, facts in coefficients.items()],
-        "polar": [_part(name, facts) for name, facts in _entries(results, "polar").items()],
+        "polar": [_part(name, facts) for name, facts in entries(results.structure.get("polar")).items()],
         "synthetic": _synthetic(results),
         "pictures": pictures,
         "sufficiency": results.structure.get("sufficiency") or [],

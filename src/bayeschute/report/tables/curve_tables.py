@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from bayeschute.aero.coefficient import Coefficient
-from bayeschute.report.run_results import Results
-from bayeschute.report.tables.summary_tables import Cell, Table, cells, columns_of, mappings
+from bayeschute.report.run_results import Results, mappings
+from bayeschute.report.tables.summary_tables import Cell, Table, cells, columns_of
 from bayeschute.report.wording import MISSING, is_number, listed, number, percent
 
 ASKED, WORTH = 0.05, 0.01  # chance of any candidate below which, share of the force from which a term is proposed

@@ -6,7 +6,6 @@ power scaling of prior and likelihood (Kallioinen et al. 2023). Profile likeliho
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 from bayeschute.posterior.assess.identifiability_result import (
@@ -14,7 +13,7 @@ from bayeschute.posterior.assess.identifiability_result import (
     FitIdentifiability,
     ParameterIdentifiability,
 )
-from bayeschute.report.run_results import Results
+from bayeschute.report.run_results import Results, entries
 from bayeschute.report.sentences import plain
 from bayeschute.report.tables.summary_tables import Cell, Table, cells, columns_of
 from bayeschute.report.wording import MISSING, counted, is_number, listed, number, percent, shown_unit
@@ -42,9 +41,8 @@ def _known_directions(fit: FitIdentifiability) -> list[tuple[Direction, float]]:
 
 def _contractions(results: Results) -> dict[str, float]:
     """Contraction of every parameter of the fits [1]."""
-    summary = results.part("parameters")
-    entries = {name: summary.get(name) for name in _parameters(results)}
-    shares = {name: facts.get("contraction") for name, facts in entries.items() if isinstance(facts, Mapping)}
+    summary = entries(results.part("parameters"))
+    shares = {name: summary[name].get("contraction") for name in _parameters(results) if name in summary}
     return {name: float(share) for name, share in shares.items() if is_number(share)}
 
 

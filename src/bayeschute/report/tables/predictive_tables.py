@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from bayeschute.report.run_results import Results
+from bayeschute.report.run_results import Results, mappings
 from bayeschute.report.tables.summary_tables import Cell, Table, cells, columns_of
 from bayeschute.report.wording import is_number, number
 
@@ -14,12 +14,7 @@ SHOWN = 10
 
 def predictive_checks(results: Results) -> list[Mapping[str, Any]]:
     """The checks of the summary, the smallest p-value first."""
-    found = results.part("predictive").get("checks")
-    known = (
-        [one for one in found if isinstance(one, Mapping) and is_number(one.get("p"))]
-        if isinstance(found, list)
-        else []
-    )
+    known = [one for one in mappings(results.part("predictive").get("checks")) if is_number(one.get("p"))]
     return sorted(known, key=lambda one: float(one["p"]))
 
 

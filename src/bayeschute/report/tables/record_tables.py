@@ -8,9 +8,9 @@ from typing import Any
 
 import xarray as xr
 
-from bayeschute.report.run_results import Results
+from bayeschute.report.run_results import Results, entries, mappings
 from bayeschute.report.sentences import plain
-from bayeschute.report.tables.summary_tables import Cell, Table, cells, columns_of, mappings
+from bayeschute.report.tables.summary_tables import Cell, Table, cells, columns_of
 from bayeschute.report.wording import MISSING, ROLES, is_number, listed, short, whole
 
 PREPARATION = ("resampled", "derived", "assumed")  # kinds that are steps of the work and no faults of a record
@@ -37,13 +37,8 @@ def faults_of(repairs: Repairs) -> list[Mapping[str, Any]]:
 
 def _flights(results: Results) -> dict[str, tuple[Mapping[str, Any], list[Mapping[str, Any]]]]:
     """Flight name to its facts and its repairs."""
-    named = results.part("flights")
-    found = {}
-    for name in [*named, *(n for n in results.flights if n not in named)]:
-        facts = named.get(name)
-        facts = facts if isinstance(facts, Mapping) else {}
-        found[str(name)] = (facts, repairs_of(facts, results.flights.get(name)))
-    return found
+    names, named = dict.fromkeys([*results.part("flights"), *results.flights]), entries(results.part("flights"))
+    return {n: (named.get(n, {}), repairs_of(named.get(n, {}), results.flights.get(n))) for n in names}
 
 
 def flight_table(results: Results) -> Table | None:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from bayeschute.report.tables.summary_tables import Cell, Table, cells, columns_of, mappings
+from bayeschute.report.run_results import entries, mappings
+from bayeschute.report.tables.summary_tables import Cell, Table, cells, columns_of
 from bayeschute.report.wording import MISSING, at_precision, is_number, number, percent
 
 _MOST_ROWS = 14
@@ -69,11 +70,11 @@ def structures_table(facts: Mapping[str, Any]) -> Table | None:
 def prediction_table(facts: Mapping[str, Any]) -> Table | None:
     """Prediction of canopies and flights that were not fitted."""
     rows = []
-    for label, check in (facts.get("check") or {}).items():
-        if isinstance(check, Mapping) and is_number(check.get("rms")):
+    for label, check in entries(facts.get("check")).items():
+        if is_number(check.get("rms")):
             rows.append(
                 cells(
-                    str(label),
+                    label,
                     Cell(number(check.get("rms_ratio"), 3), "strong"),
                     number(check.get("least_ratio"), 3),
                     number(check.get("expected_ratio"), 3),
@@ -147,14 +148,12 @@ def false_table(facts: Mapping[str, Any]) -> Table | None:
 def target_table(synthetic: Mapping[str, Any]) -> Table | None:
     """Acceptance criteria of the simulation study, and whether they were met."""
     rows = []
-    for name, check in (synthetic.get("checks") or {}).items():
-        if not isinstance(check, Mapping):
-            continue
+    for name, check in entries(synthetic.get("checks")).items():
         bound = check.get("bound")
         limits = [number(b, 2) for b in bound] if isinstance(bound, list) else [number(bound, 2)]
         white = f" (as if white: {number(check.get('white'), 3)})" if is_number(check.get("white")) else ""
         verdict = Cell("passed", "good") if check.get("passed") is True else Cell("failed", "bad")
-        rows.append(cells(str(name), f"{number(check.get('value'), 3)}{white}", " to ".join(limits), verdict))
+        rows.append(cells(name, f"{number(check.get('value'), 3)}{white}", " to ".join(limits), verdict))
     columns = columns_of("Criterion:text|Value:num|Bound:num|Result:text")
     return Table(columns, tuple(rows), style="narrow") if rows else None
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
-from bayeschute.report.run_results import Results
+from bayeschute.report.run_results import Results, entries, mappings
 from bayeschute.report.sentences import plain, truth_inside
 from bayeschute.report.wording import (
     MISSING,
@@ -57,11 +57,6 @@ def cells(*texts: str | Cell) -> tuple[Cell, ...]:
     return tuple(t if isinstance(t, Cell) else Cell(t) for t in texts)
 
 
-def mappings(items: Any) -> list[Mapping[str, Any]]:
-    """The mappings of a list; nothing where it is no list."""
-    return [i for i in items if isinstance(i, Mapping)] if isinstance(items, list | tuple) else []
-
-
 def _flat(mapping: Mapping[str, Any], prefix: str = "") -> Iterable[tuple[str, str]]:
     """Name and text of every value of a nested mapping; {value, unit} pairs become quantities."""
     for key, value in mapping.items():
@@ -84,7 +79,7 @@ def plain_table(mapping: Mapping[str, Any], left: str, right: str) -> Table | No
 
 def noise_table(results: Results) -> Table | None:
     """Measurement noise of the channels and hyperparameters of the latent disturbances, as estimated."""
-    known = {name: facts for name, facts in results.part("noise").items() if isinstance(facts, Mapping) and facts}
+    known = {name: facts for name, facts in entries(results.part("noise")).items() if facts}
     labels = {"time_constant": "Time constant [s]", "frequency": "Frequency [Hz]", "damping_ratio": "Damping ratio"}
     keys = [key for key in labels if any(is_number(facts.get(key)) for facts in known.values())]
     rows = []
@@ -205,14 +200,13 @@ def _posterior_row(name: str, facts: Mapping[str, Any], with_truth: bool, most_r
 
 def _rhat_bound(results: Results) -> float:
     """The bound of the run's check `rhat`; infinity where it has none, and nothing is to be marked."""
-    check = results.part("checks").get("rhat")
-    bound = check.get("bound") if isinstance(check, Mapping) else None
+    bound = entries(results.part("checks")).get("rhat", {}).get("bound")
     return float(bound) if is_number(bound) else math.inf
 
 
 def posterior_table(results: Results) -> Table | None:
     """Prior and posterior of every parameter, convergence diagnostics, and the true value where it is known."""
-    parameters = {str(n): p for n, p in results.part("parameters").items() if isinstance(p, Mapping)}
+    parameters = entries(results.part("parameters"))
     if not parameters:
         return None
     with_truth = any(is_number(p.get("truth")) for p in parameters.values())

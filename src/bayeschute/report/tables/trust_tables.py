@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import pandas as pd
 
 from bayeschute.prediction.marginal_fits import NO_EVIDENCE
-from bayeschute.report.run_results import Results
+from bayeschute.report.run_results import Results, entries
 from bayeschute.report.sentences import plain, requirement_limit, requirements
 from bayeschute.report.tables.summary_tables import Cell, Table, cells, columns_of, plain_table
 from bayeschute.report.wording import (
@@ -41,14 +41,13 @@ def coverage_table(results: Results, half: Mapping[tuple[str, str], float]) -> T
         half: Share inside the 50 % band by flight and quantity, of the truth where known, else of the record.
     """
     rows = []
-    for flight, quantities in results.part("coverage").items():
-        for name, shares in quantities.items() if isinstance(quantities, Mapping) else ():
-            if isinstance(shares, Mapping):
-                texts = [percent(shares.get("truth")), percent(shares.get("record")), percent(half.get((flight, name)))]
-                flown, failed = shares.get("draws"), shares.get("failed")
-                words = f"{failed} of {flown + failed} simulations failed" if is_number(flown) and failed else ""
-                none = [Cell("none", "bad")] * 3 if flown == 0 else texts
-                rows.append(cells(flight, Cell(quantity_name(str(name)), "", words), *none))
+    for flight, quantities in entries(results.part("coverage")).items():
+        for name, shares in entries(quantities).items():
+            texts = [percent(shares.get("truth")), percent(shares.get("record")), percent(half.get((flight, name)))]
+            flown, failed = shares.get("draws"), shares.get("failed")
+            words = f"{failed} of {flown + failed} simulations failed" if is_number(flown) and failed else ""
+            none = [Cell("none", "bad")] * 3 if flown == 0 else texts
+            rows.append(cells(flight, Cell(quantity_name(name), "", words), *none))
     columns = columns_of("Flight:text|Quantity:text|Truth in 90 % band:num|Record in 90 % band:num|In 50 % band:num")
     caption = (
         "The bands are of the true motion; a record also contains sensor noise, so a smaller share of it may lie "
@@ -60,16 +59,14 @@ def coverage_table(results: Results, half: Mapping[tuple[str, str], float]) -> T
 def check_table(results: Results) -> Table | None:
     """Every check with its question, value and bound."""
     rows = []
-    for name, check in results.part("checks").items():
-        if not isinstance(check, Mapping):
-            continue
+    for name, check in entries(results.part("checks")).items():
         passed = check.get("passed")
         words = {True: ("passed", "good"), False: ("failed", "bad")}
         verdict = words.get(passed, ("not run", "weak")) if isinstance(passed, bool) else ("not run", "weak")
         value, bound = (short(v) for v in (check.get("value"), check.get("bound")))
         rows.append(
             cells(
-                Cell(plain(str(name)), "strong"),
+                Cell(plain(name), "strong"),
                 Cell(str(check.get("detail") or ""), "wrap"),
                 value,
                 bound,
