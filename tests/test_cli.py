@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import subprocess
 import sys
 import types
@@ -90,11 +89,12 @@ def test_a_wrong_command_line_is_exit_code_2(arguments: list[str]):
 def test_run_hands_everything_on(stages: types.ModuleType, tmp_path: Path):
     seen: dict[str, Any] = {}
 
-    def run_study(path: Path, out: Path, **options: Any) -> None:
+    def run_study(path: Path, out: Path, **options: Any) -> dict[str, Any]:
         seen.update(path=path, out=out, **options)
         out.mkdir()
         (out / "report.html").touch()
         options["progress"]("fit", 1.0, "done")
+        return {}
 
     stages.run_study = run_study  # type: ignore[attr-defined]
     out = tmp_path / "out"
@@ -118,16 +118,14 @@ def test_replicates_that_missed_their_promise_are_told_and_no_failure_of_the_run
         "claim": {"sentences": ["Landings are not promised."]},
         "checks": {"r_hat": {"passed": True}, "calibration": {"passed": False}},
     }
-    (tmp_path / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
-    stages.run_study = lambda *_, **__: None  # type: ignore[attr-defined]
+    stages.run_study = lambda *_, **__: summary  # type: ignore[attr-defined]
     result = CliRunner().invoke(app, ["run", str(STUDY), "--out", str(tmp_path)])
     assert result.exit_code == 0 and "Intervals: not checked: why\n  Landings are" in result.stdout
 
 
 def test_a_failed_check_of_the_result_is_exit_code_1(stages: types.ModuleType, tmp_path: Path):
     summary = {"checks": {"r_hat": {"passed": False}, "coverage": {"passed": True}, "truth": {"passed": None}}}
-    (tmp_path / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
-    stages.run_study = lambda *_, **__: None  # type: ignore[attr-defined]
+    stages.run_study = lambda *_, **__: summary  # type: ignore[attr-defined]
     result = CliRunner().invoke(app, ["run", str(STUDY), "--out", str(tmp_path)])
     assert result.exit_code == 1
     assert "Failed checks: r_hat." in result.stderr
@@ -137,8 +135,7 @@ def test_a_failed_check_of_the_result_is_exit_code_1(stages: types.ModuleType, t
 
 def test_a_fit_that_failed_is_exit_code_1(stages: types.ModuleType, tmp_path: Path):
     summary = {"label": "no fit", "fit": {"converged": False, "reason": "lost\nat 3 s", "tried": ["one", "two"]}}
-    (tmp_path / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
-    stages.run_study = lambda *_, **__: None  # type: ignore[attr-defined]
+    stages.run_study = lambda *_, **__: summary  # type: ignore[attr-defined]
     arguments = ["run", str(STUDY), "--out", str(tmp_path)]
     for more in ([], ["--quick"], ["--until", "fit"], ["--until", "risk"]):
         result = CliRunner().invoke(app, [*arguments, *more])
@@ -149,14 +146,11 @@ def test_a_fit_that_failed_is_exit_code_1(stages: types.ModuleType, tmp_path: Pa
 
 
 def test_flights_without_bands_are_told(stages: types.ModuleType, tmp_path: Path):
-    none, some = {"truth": None, "record": None, "draws": 0, "failed": 9}, {"truth": 0.9, "record": None}
-    summary = {"coverage": {"a": {"swing_angle": none}, "b": {"swing_angle": some}}, "checks": {}}
-    (tmp_path / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
-    stages.run_study = lambda *_, **__: None  # type: ignore[attr-defined]
+    check = {"passed": False, "value": 1, "bound": 0, "detail": "flights without bands because of this: a"}
+    summary = {"checks": {"bands": check}}
+    stages.run_study = lambda *_, **__: summary  # type: ignore[attr-defined]
     result = CliRunner().invoke(app, ["run", str(STUDY), "--out", str(tmp_path)])
-    assert [line for line in result.stderr.splitlines() if "Bands" in line] == [
-        "Bands of a: none, because every simulation of its prediction failed."
-    ]
+    assert "Failed check: flights without bands because of this: a." in result.stderr.splitlines()
 
 
 def test_a_run_that_is_stopped_says_how_to_go_on(stages: types.ModuleType, tmp_path: Path):

@@ -211,20 +211,10 @@ def provenance_tables(results: Results) -> Sequence[Table]:
     return [t for t in found if t is not None]
 
 
-def without_bands(results: Results) -> list[str]:
-    """Flights without bands because every simulation of their prediction failed."""
-    return [
-        str(flight)
-        for flight, quantities in results.part("coverage").items()
-        if isinstance(quantities, Mapping)
-        and any(isinstance(shares, Mapping) and shares.get("draws") == 0 for shares in quantities.values())
-    ]
-
-
 def warnings_of(results: Results) -> list[str]:
-    """Counts that a reader must not miss."""
-    sampling = results.part("sampling")
-    found = [f"{flight} has no bands: every simulation of its prediction failed." for flight in without_bands(results)]
+    """What a reader must not miss: flights without bands, and counts of the sampling."""
+    sampling, bands = results.part("sampling"), entries(results.part("checks")).get("bands")
+    found = [] if bands is None else [f"Failed check: {bands.get('detail')}."]
     for key, noun, verb in (("divergences", "transition", "diverged"), ("failed_solves", "simulation", "failed")):
         count = sampling.get(key)
         if is_number(count) and count > 0:
