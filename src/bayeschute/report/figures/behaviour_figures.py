@@ -21,10 +21,10 @@ from bayeschute.report.figures.canvas import (
     SHADE,
     SOFT,
     VERMILION,
+    feet_axis,
     sheet,
     styled,
 )
-from bayeschute.report.wording import feet_per_metre
 
 _DEG = float(np.rad2deg(1.0))
 _ENOUGH = 4000  # points of a curve
@@ -191,11 +191,8 @@ def pivot_figure(found: PivotSensitivity) -> Figure:
             axes.plot(found.factor, curve, "o-", color=color, ms=3.5, lw=1.1, label=name)
         axes.set_title(title)
         axes.set_ylabel(unit)
-    factor = feet_per_metre()
-    for axes, unit in zip(all_axes, ("[ft]", "[ft/s]"), strict=False):
-        axes.secondary_yaxis(
-            "right", functions=(lambda v: np.asarray(v) * factor, lambda v: np.asarray(v) / factor)
-        ).set_ylabel(unit)
+    for axes, unit in zip(all_axes, ("ft", "ft/s"), strict=False):
+        feet_axis(axes, unit)
     for axes in all_axes[2:]:
         axes.set_xlabel("factor on the quantity")
     figure.legend(*all_axes[0].get_legend_handles_labels(), loc="outside upper right", ncols=3)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import re
 from collections.abc import Callable
 from functools import partial, wraps
@@ -10,11 +11,13 @@ from pathlib import Path
 from typing import Any, ParamSpec
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from bayeschute.core.files import write_whole
+from bayeschute.report.wording import feet_per_metre
 
 P = ParamSpec("P")
 
@@ -81,6 +84,32 @@ def sheet(height: float, rows: int = 1, columns: int = 1, **kwargs: Any) -> tupl
     figure = Figure(figsize=(kwargs.pop("width", WIDTH), height), layout=layout)
     axes = figure.subplots(rows, columns, squeeze=False, **kwargs)
     return figure, list(axes.ravel())
+
+
+def panels(count: int, most: int, head: float, each: float, **kwargs: Any) -> tuple[Figure, list[Axes]]:
+    """A figure of equal panels; places of the last row that are left over are empty.
+
+    Args:
+        count: Panels, at least one.
+        most: In a row.
+        head: Height beside that of the rows [in].
+        each: Height of a row [in].
+        **kwargs: As of `sheet`.
+    """
+    columns = min(count, most)
+    rows = math.ceil(count / columns)
+    figure, axes = sheet(head + each * rows, rows, columns, **kwargs)
+    for empty in axes[count:]:
+        empty.set_visible(False)
+    return figure, axes[:count]
+
+
+def feet_axis(axes: Axes, unit: str = "ft/s") -> None:
+    """A second axis in feet, of one in metres."""
+    factor = feet_per_metre()
+    axes.secondary_yaxis(
+        "right", functions=(lambda v: np.asarray(v) * factor, lambda v: np.asarray(v) / factor)
+    ).set_ylabel(f"[{unit}]")
 
 
 def literal(text: str) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -13,7 +12,19 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from bayeschute.report.figures.canvas import BLUE, INK, ORANGE, SHADE, SOFT, STYLE, VERMILION, literal, sheet, styled
+from bayeschute.report.figures.canvas import (
+    BLUE,
+    INK,
+    ORANGE,
+    SHADE,
+    SOFT,
+    STYLE,
+    VERMILION,
+    literal,
+    panels,
+    sheet,
+    styled,
+)
 from bayeschute.report.wording import shown_unit
 
 Array = NDArray[np.float64]
@@ -120,10 +131,8 @@ def curve_figure(
         flown: Range that was flown [SI], by what a curve is over; the whole grid where it is not told.
     """
     names = list(dict.fromkeys(table["curve"]))
-    columns = min(2, len(names))
-    rows = math.ceil(len(names) / columns)
-    figure, all_axes = sheet(0.4 + 2.9 * rows, rows, columns)
-    for axes, name in zip(all_axes, names, strict=False):
+    figure, all_axes = panels(len(names), 2, 0.4, 2.9)
+    for axes, name in zip(all_axes, names, strict=True):
         one = table[table["curve"] == name]
         at, symbol = one["at"].to_numpy(float), str(one["symbol"].iloc[0])
         bands = {
@@ -141,6 +150,4 @@ def curve_figure(
         draw_curve(axes, symbol, str(one["unit"].iloc[0]), at, bands, (low, high), beside, truth)
         axes.set_title(f"{name}: {words.get(name, '')}".rstrip(": "))
         axes.legend(loc="best", fontsize=7.4)
-    for axes in all_axes[len(names) :]:
-        axes.set_visible(False)
     return figure

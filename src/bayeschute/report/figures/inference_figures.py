@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from scipy import stats
 
-from bayeschute.report.figures.canvas import BLUE, INK, SERIES, SOFT, VERMILION, sheet, styled
+from bayeschute.report.figures.canvas import BLUE, INK, SERIES, SOFT, VERMILION, panels, sheet, styled
 from bayeschute.report.wording import is_number, shown_unit
 
 MOST_PANELS = 16
@@ -49,10 +49,8 @@ def autocorrelation_figure(curves: Mapping[str, tuple[np.ndarray, np.ndarray]]) 
     Args:
         curves: Name to lags [s] and autocorrelation [1].
     """
-    columns = min(len(curves), 3)
-    rows = math.ceil(len(curves) / columns)
-    figure, all_axes = sheet(0.4 + 2.0 * rows, rows, columns, sharey=True)
-    for axes, (name, (lag, value)) in zip(all_axes, curves.items(), strict=False):
+    figure, all_axes = panels(len(curves), 3, 0.4, 2.0, sharey=True)
+    for axes, (name, (lag, value)) in zip(all_axes, curves.items(), strict=True):
         axes.fill_between(lag, 0, value, color=BLUE, alpha=0.22, lw=0)
         axes.plot(lag, value, color=BLUE, lw=1.2)
         axes.axhline(0, color=SOFT, lw=0.8)
@@ -60,8 +58,6 @@ def autocorrelation_figure(curves: Mapping[str, tuple[np.ndarray, np.ndarray]]) 
         axes.set_xlabel("lag [s]")
         axes.set_ylim(min(-0.35, float(np.nanmin(value)) - 0.05), 1.02)
         axes.margins(x=0)
-    for axes in all_axes[len(curves) :]:
-        axes.set_visible(False)
     all_axes[0].set_ylabel("autocorrelation [1]")
     return figure
 
@@ -92,11 +88,9 @@ def marginal_figure(
         Small panels, the first 16 parameters.
     """
     names = list(posterior)[:MOST_PANELS]
-    columns = min(4, len(names))
-    rows = math.ceil(len(names) / columns)
-    figure, all_axes = sheet(0.55 + 1.75 * rows, rows, columns)
+    figure, all_axes = panels(len(names), 4, 0.55, 1.75)
     handles: dict[str, Any] = {}
-    for axes, name in zip(all_axes, names, strict=False):
+    for axes, name in zip(all_axes, names, strict=True):
         scale, unit = shown_unit(units.get(name, "1"))
         after = scale * np.ravel(posterior[name])
         before = scale * np.ravel(prior[name]) if name in prior else np.empty(0)
@@ -123,8 +117,6 @@ def marginal_figure(
         axes.spines["left"].set_visible(False)
         axes.margins(x=0)
         axes.xaxis.set_major_locator(MaxNLocator(nbins=4, prune="both"))
-    for axes in all_axes[len(names) :]:
-        axes.set_visible(False)
     figure.legend(list(handles.values()), list(handles), loc="outside upper right", ncols=len(handles))
     return figure
 

@@ -23,10 +23,12 @@ from bayeschute.report.figures.canvas import (
     SHADE,
     SKY,
     VERMILION,
+    feet_axis,
+    panels,
     sheet,
     styled,
 )
-from bayeschute.report.wording import feet_per_metre, is_number, quantity_name, shown_unit, statistic_name
+from bayeschute.report.wording import is_number, quantity_name, shown_unit, statistic_name
 
 BAND_UNITS = {
     "swing_angle": "rad",
@@ -43,14 +45,6 @@ def _spans(time: np.ndarray, flag: np.ndarray) -> Iterator[tuple[float, float]]:
     edges = np.flatnonzero(np.diff(np.r_[False, flag, False].astype(int)))
     for start, stop in zip(edges[::2], edges[1::2], strict=True):
         yield float(time[start]), float(time[min(stop, len(time) - 1)])
-
-
-def _feet_axis(axes: Axes) -> None:
-    """A second axis in ft/s."""
-    factor = feet_per_metre()
-    axes.secondary_yaxis(
-        "right", functions=(lambda v: np.asarray(v) * factor, lambda v: np.asarray(v) / factor)
-    ).set_ylabel("[ft/s]")
 
 
 def _shade_held_out(axes: Axes, bands: xr.Dataset) -> bool:
@@ -140,7 +134,7 @@ def band_figure(bands: xr.Dataset, limits: Mapping[str, float] | None = None) ->
         _focus(axes, np.concatenate([low, high]))
         axes.margins(x=0)
         if si == "m/s":
-            _feet_axis(axes)
+            feet_axis(axes)
     all_axes[-1].set_xlabel("time [s]")
     if shaded:
         handles["held out of the fit"] = Patch(color=SHADE)
@@ -160,7 +154,7 @@ def _focus(axes: Axes, values: np.ndarray) -> None:
 
 def _series(record: xr.Dataset) -> list[tuple[str, str, list[tuple[str, np.ndarray]]]]:
     """Title, SI unit and curves of the panels that a record allows."""
-    panels: list[tuple[str, str, list[tuple[str, np.ndarray]]]] = []
+    made: list[tuple[str, str, list[tuple[str, np.ndarray]]]] = []
 
     def values(name: str, **pick: str) -> np.ndarray | None:
         if name not in record or not set(pick) <= set(record[name].dims):
@@ -175,18 +169,18 @@ def _series(record: xr.Dataset) -> list[tuple[str, str, list[tuple[str, np.ndarr
     altitude = values("altitude")
     down = values("capsule_position", axis="down")
     if altitude is not None:
-        panels.append(("Altitude", "m", [("altitude", altitude)]))
+        made.append(("Altitude", "m", [("altitude", altitude)]))
     elif down is not None:
-        panels.append(("Height above the origin", "m", [("height", -down)]))
+        made.append(("Height above the origin", "m", [("height", -down)]))
     rate = values("descent_rate")
     rate = values("capsule_velocity", axis="down") if rate is None else rate
     if rate is not None:
-        panels.append(("Descent rate", "m/s", [("descent rate", rate)]))
+        made.append(("Descent rate", "m/s", [("descent rate", rate)]))
     wind = [(axis, values("wind", axis=axis)) for axis in ("north", "east")]
     curves = [(axis, v) for axis, v in wind if v is not None]
     if curves:
-        panels.append(("Wind, as given to the fit (moving towards)", "m/s", curves))
-    return panels
+        made.append(("Wind, as given to the fit (moving towards)", "m/s", curves))
+    return made
 
 
 @styled
@@ -200,12 +194,12 @@ def record_figure(record: xr.Dataset, repairs: Sequence[Mapping[str, Any]] = ())
     Returns:
         The figure; an empty figure if the record holds none of these.
     """
-    panels = _series(record)
-    if not panels:
+    shown = _series(record)
+    if not shown:
         return Figure()
-    figure, all_axes = sheet(0.55 + 1.45 * len(panels), len(panels), 1, sharex=True)
+    figure, all_axes = sheet(0.55 + 1.45 * len(shown), len(shown), 1, sharex=True)
     time = np.asarray(record["time"].values, dtype=float)
-    for axes, (title, unit, curves) in zip(all_axes, panels, strict=True):
+    for axes, (title, unit, curves) in zip(all_axes, shown, strict=True):
         for (label, values), color in zip(curves, (BLUE, ORANGE, GREEN), strict=False):
             axes.plot(time, values, color=color, lw=1.1, label=label)
         for repair in repairs:
@@ -219,7 +213,7 @@ def record_figure(record: xr.Dataset, repairs: Sequence[Mapping[str, Any]] = ())
         axes.set_ylabel(f"[{unit}]")
         axes.margins(x=0)
         if unit == "m/s":
-            _feet_axis(axes)
+            feet_axis(axes)
     all_axes[-1].set_xlabel("time [s]")
     return figure
 
@@ -273,10 +267,8 @@ def exceedance_figure(table: pd.DataFrame, limits: Mapping[tuple[str, str], Sequ
         One panel per quantity and statistic, in the order of the table, one curve per run.
     """
     names = list(dict.fromkeys(zip(table["quantity"], table["statistic"], strict=True)))
-    columns = min(len(names), 2)
-    rows = math.ceil(len(names) / columns)
-    figure, all_axes = sheet(0.5 + 2.9 * rows, rows, columns, sharey=True)
-    for axes, name in zip(all_axes, names, strict=False):
+    figure, all_axes = panels(len(names), 2, 0.5, 2.9, sharey=True)
+    for axes, name in zip(all_axes, names, strict=True):
         part = table[(table["quantity"] == name[0]) & (table["statistic"] == name[1])]
         scale, unit = shown_unit(str(part["unit"].iloc[0]))
         for (run, curve), color in zip(
@@ -296,8 +288,6 @@ def exceedance_figure(table: pd.DataFrame, limits: Mapping[tuple[str, str], Sequ
         axes.margins(x=0)
     handles = {label: handle for a in all_axes for handle, label in zip(*a.get_legend_handles_labels(), strict=True)}
     figure.legend(list(handles.values()), list(handles), loc="outside upper right", ncols=len(handles))
-    for axes in all_axes[len(names) :]:
-        axes.set_visible(False)
     all_axes[0].set_ylabel("P(more than the threshold)")
     for axes in all_axes:
         axes.axhline(1.0, color=LINE, lw=0.7)
