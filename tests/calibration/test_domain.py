@@ -44,6 +44,7 @@ def test_runs_like_the_replicates_are_seldom_called_outside(stored):
     [
         ({"duration": 30.0}, "duration 30 s, replicates had 90 s"),
         ({"duration": 300.0}, "duration 300 s"),
+        ({"duration": 6020.0}, "duration 6,020 s"),
         ({"gusts": 1.8}, "gusts 1.8 m/s, replicates had"),
         ({"gusts": 0.1}, "gusts 0.1 m/s"),
         ({"offset": 9.0}, "offset 9 m"),

@@ -71,7 +71,7 @@ def _limits(low: float, high: float) -> tuple[float, float]:
 
 
 def _range(low: float, high: float, unit: str) -> str:
-    ends = [f"{value:.3g}" for value in (low, high)]
+    ends = [f"{value:.3g}" if abs(value) < 1e3 else f"{value:,.0f}" for value in (low, high)]
     text = ends[0] if ends[0] == ends[1] else f"{ends[0]} to {ends[1]}"
     return text if unit == "1" else f"{text} {unit}"
 

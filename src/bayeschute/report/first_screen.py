@@ -60,7 +60,7 @@ def _sure(worst: Mapping[str, Any]) -> tuple[str, str, str]:
     unit, parts = str(worst.get("unit") or "1"), []
     if is_number(worst.get("simulation_low")) and is_number(worst.get("simulation_high")):
         low, high = probability(worst["simulation_low"]), probability(worst["simulation_high"])
-        parts.append(f"{low} to {high} by the number of draws alone")
+        parts.append(f"90 % Monte Carlo limits {low} to {high} (finite number of simulated flights)")
     if is_number(worst.get("q05")) and is_number(worst.get("q95")):
         parts.append(f"predicted 90 % interval {quantity(worst['q05'], unit)} to {quantity(worst['q95'], unit)}")
     return "How sure?", said, "; ".join(parts)

@@ -136,7 +136,7 @@ def test_the_requirement_keeps_two_doubts_apart(results):
 
 def test_a_check_that_did_not_run_is_no_pass(results):
     table = trust_tables.check_table(results)
-    assert [cell.text for cell in column(table, "Result")] == ["passed"] * 6 + ["not run"]
+    assert [cell.text for cell in column(table, "Result")] == ["passed"] * 6 + ["not judged"]
     assert [cell.text for cell in column(table, "Bound")][:2] == ["1.01", "400"]
 
 

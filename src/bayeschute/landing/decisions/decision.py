@@ -180,9 +180,10 @@ def decide(found: Chance, probability: float, confidence: float) -> Verdict:
     gap, need = abs(mu - float(ndtri(probability))), float(ndtri(confidence))
     wanted = f"P(met) >= {probability:g} with confidence {confidence:g}"
     if low >= confidence:
-        return Verdict("met", reached, 1.0, 0.0, f"{wanted}: the posterior says so with {reached:.3f}.")
+        return Verdict("met", reached, 1.0, 0.0, f"{wanted}: posterior probability {reached:.3f}.")
     if high <= 1.0 - confidence:
-        return Verdict("not met", reached, 1.0, 0.0, f"{wanted}: the posterior denies it with {1.0 - reached:.3f}.")
+        why = f"{wanted}: posterior probability of the opposite {1.0 - reached:.3f}."
+        return Verdict("not met", reached, 1.0, 0.0, why)
     if high >= confidence or low <= 1.0 - confidence:  # within the Monte Carlo error it may be decided
         edge = need if high >= confidence else -need
         ends = np.clip(ndtri(np.clip([low, reached, high], 1e-12, 1.0 - 1e-12)), -7.0, 7.0)

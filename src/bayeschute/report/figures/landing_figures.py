@@ -63,7 +63,7 @@ def exceedance_curve(ax: Axes, table: pd.DataFrame, quantity: str, limits: Seque
 
     Args:
         ax: Where to draw.
-        table: From `landing.requirements.exceedance`.
+        table: From `landing.decisions.requirements.exceedance`.
         quantity: Of the table.
         limits: Drawn where they are on this quantity.
     """
@@ -74,7 +74,7 @@ def exceedance_curve(ax: Axes, table: pd.DataFrame, quantity: str, limits: Seque
         lw=0.0, label="90 % over the posterior",
     )  # fmt: skip
     for end in ("clopper_pearson_low", "clopper_pearson_high"):
-        label = "90 % for the number of landings" if end.endswith("low") else None
+        label = "90 % Monte Carlo limits" if end.endswith("low") else None
         ax.plot(x, table[end].clip(lower=least), ":", color=SOFT, lw=1.0, label=label)
     ax.plot(x, table["probability"].clip(lower=least), color=BLUE, lw=1.6, label="mean")
     for limit in limits:
@@ -119,7 +119,7 @@ def onset_map(ax: Axes, cells: Sequence[Cell]) -> Axes:
 
     Args:
         ax: Where to draw.
-        cells: From `landing.onset.placard`.
+        cells: From `landing.decisions.onset.placard`.
     """
     shears = sorted({one.shear for one in cells})
     masses = sorted({one.capsule_mass for one in cells})

@@ -62,7 +62,7 @@ def check_table(results: Results) -> Table | None:
     for name, check in entries(results.part("checks")).items():
         passed = check.get("passed")
         words = {True: ("passed", "good"), False: ("failed", "bad")}
-        verdict = words.get(passed, ("not run", "weak")) if isinstance(passed, bool) else ("not run", "weak")
+        verdict = words.get(passed, ("not judged", "weak")) if isinstance(passed, bool) else ("not judged", "weak")
         value, bound = (short(v) for v in (check.get("value"), check.get("bound")))
         rows.append(
             cells(
