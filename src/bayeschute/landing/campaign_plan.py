@@ -25,7 +25,7 @@ from bayeschute.landing.wind_plan import STEP, WindPlan
 from bayeschute.likelihood.disturbances import Latent
 
 Array = NDArray[np.float64]
-_BELOW, _ABOVE = 800.0, 300.0  # [m] beyond the way down for which winds and density are held
+_BELOW, _ABOVE = 800.0, 300.0  # [m] below the floor for the density, above the highest start also for winds
 
 
 @dataclass(frozen=True)

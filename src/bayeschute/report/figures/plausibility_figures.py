@@ -20,7 +20,7 @@ _AXES = ("north", "east", "down")
 
 
 class Curve(NamedTuple):
-    """A line in a panel: label, times, values; `measured` ones are drawn as points."""
+    """A line in a panel: label, times, values; those `derived` from other channels are dashed."""
 
     label: str
     time: np.ndarray

@@ -1,7 +1,7 @@
 """Practical identifiability: contraction, noise uncertainty, prior sensitivity and profile likelihood in words.
 
 Sentences first, then the tables they come from. Contraction: 1 - posterior variance / prior variance. Sensitivity:
-power scaling of prior and likelihood (Kallioinen et al. 2023). Profile likelihood: Raue et al. (2009).
+power scaling of prior and likelihood (Kallioinen et al. 2024). Profile likelihood: Raue et al. (2009).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from bayeschute.report.wording import MISSING, counted, is_number, listed, numbe
 INFORMED = 0.5  # contraction from which a parameter counts as determined by the data
 UNINFORMED = 0.1  # contraction below which the posterior counts as the prior
 NOISE_MATTERS = 0.05  # share of a parameter's variance due to uncertain noise parameters, from which it is named
-SENSITIVE = 0.05  # power-scaling sensitivity that matters, as in `posterior.assess.identifiability`
+SENSITIVE = 0.05  # power-scaling sensitivity that matters: `FELT` of `posterior.assess.identifiability`
 CONFLICT = 1.0  # shift of the mean in prior standard deviations that, with both sensitivities, may be a conflict
 LEAST = 5  # combinations shown
 INSENSITIVE, PRIOR_ONLY = "insensitive to the prior", "determined by the prior"

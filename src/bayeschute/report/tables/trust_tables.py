@@ -126,7 +126,7 @@ def shown_statistics(results: Results, table: pd.DataFrame) -> pd.DataFrame:
 
 
 def tolerance_report(results: Results) -> Table | None:
-    """Wilks' tolerance limits of the statistics that requirements refer to, the tightest that the draws allow."""
+    """Wilks' tolerance limits of the statistics that are shown, the tightest that the draws allow."""
     by = ["run", "quantity", "statistic", "share", "confidence"]
     table = results.table("tolerance", *by, "unit", "failures", "needed", "enough", "limit")
     if table is None:
