@@ -26,6 +26,7 @@ from bayeschute.report.wording import (
     listed,
     number,
     parameter_meaning,
+    scaled,
     shown_unit,
     whole,
 )
@@ -82,9 +83,7 @@ def residual_table(results: Results) -> Table | None:
     rows = []
     for flight, output, facts in _residuals(results):
         scale, unit = shown_unit(_UNITS.get(_channel(output), "1"))
-        rms, noise = (
-            number(scale * facts[key], 2) if is_number(facts.get(key)) else MISSING for key in ("rms", "noise")
-        )
+        rms, noise = (number(scaled(facts, key, scale), 2) for key in ("rms", "noise"))
         ratio = _ratio(facts)
         wide = "bad" if ratio is not None and ratio > _WIDE else ""
         name, samples = Cell(output, "code"), whole(facts.get("samples"))
@@ -100,10 +99,7 @@ def parameter_table(facts: Mapping[str, Any]) -> Table | None:
     rows = []
     for row in mappings(facts.get("parameters")):
         scale, unit = shown_unit(str(row.get("unit") or "1"))
-        value, se, mean, sd = (
-            scale * row[key] if is_number(row.get(key)) else None
-            for key in ("value", "standard_error", "prior_mean", "prior_sd")
-        )
+        value, se, mean, sd = (scaled(row, key, scale) for key in ("value", "standard_error", "prior_mean", "prior_sd"))
         name = str(row.get("name", MISSING))
         rows.append(
             cells(

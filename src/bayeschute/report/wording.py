@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping
 from functools import cache
 from typing import Any, TypeGuard
 
@@ -154,6 +155,12 @@ def quantity(value: Any, unit: str, digits: int = 3) -> str:
     scale, name = shown_unit(unit)
     text = f"{number(scale * value, digits)} {name}".rstrip()
     return f"{text} ({number(value * feet_per_metre(), digits)} ft/s)" if unit == "m/s" else text
+
+
+def scaled(facts: Mapping[str, Any], key: str, scale: float) -> float | None:
+    """A number of some facts in the unit that is shown; None where it is none."""
+    value = facts.get(key)
+    return scale * value if is_number(value) else None
 
 
 def quantity_name(name: str) -> str:

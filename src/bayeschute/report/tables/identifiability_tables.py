@@ -228,9 +228,9 @@ def identifiability_table(results: Results) -> Table | None:
             cells(
                 Cell(name, "code"),
                 _share(contractions.get(name)),
-                _two_digits(facts.shift),
+                number(facts.shift, 2),
                 by,
-                _two_digits(facts.noise_correlation),
+                number(facts.noise_correlation, 2),
                 _sensitivity(facts.prior_sensitivity),
                 _sensitivity(facts.likelihood_sensitivity),
                 Cell(_diagnosis(facts), "wrap"),
@@ -247,10 +247,6 @@ def identifiability_table(results: Results) -> Table | None:
         "or likelihood is raised to a power near 1; values from 0.05 matter."
     )
     return Table(columns, tuple(rows), caption, groups, style="dense") if rows else None
-
-
-def _two_digits(value: float | None) -> str:
-    return MISSING if value is None else number(value, 2)
 
 
 def _sensitivity(value: float | None) -> str:

@@ -15,6 +15,7 @@ from bayeschute.report.wording import (
     number,
     parameter_meaning,
     quantity,
+    scaled,
     short,
     shown_unit,
 )
@@ -85,7 +86,7 @@ def noise_table(results: Results) -> Table | None:
     rows = []
     for name, facts in known.items():
         scale, shown = shown_unit(str(facts.get("unit") or "1"))
-        sizes = [number(scale * facts[k], 3) if is_number(facts.get(k)) else MISSING for k in ("white", "correlated")]
+        sizes = [number(scaled(facts, key, scale)) for key in ("white", "correlated")]
         rest = [number(facts.get(key), 3) for key in keys]
         rows.append(cells(plain(name), *sizes, *rest, Cell(shown, "muted")))
     columns = columns_of(
@@ -172,20 +173,16 @@ def _posterior_row(name: str, facts: Mapping[str, Any], with_truth: bool, most_r
     scale, unit = shown_unit(str(facts.get("unit") or "1"))
 
     def shown(key: str, sd_key: str) -> str:
-        value, sd = facts.get(key), facts.get(sd_key)
-        return at_precision(scale * value, scale * sd if is_number(sd) else None) if is_number(value) else MISSING
-
-    def spread(key: str) -> str:
-        return number(scale * facts[key], 2) if is_number(facts.get(key)) else MISSING
+        return at_precision(scaled(facts, key, scale), scaled(facts, sd_key, scale))
 
     rhat, contraction = facts.get("rhat"), facts.get("contraction")
     weak = is_number(contraction) and contraction < 0.1
     row = [
         Cell(name, "code", parameter_meaning(name) + (f" [{unit}]" if unit else "")),
         Cell(shown("prior_mean", "prior_sd"), "muted"),
-        Cell(spread("prior_sd"), "muted"),
+        Cell(number(scaled(facts, "prior_sd", scale), 2), "muted"),
         Cell(shown("mean", "sd"), "strong"),
-        Cell(spread("sd")),
+        Cell(number(scaled(facts, "sd", scale), 2)),
         Cell(f"{shown('q05', 'sd')} … {shown('q95', 'sd')}"),
         Cell(f"{contraction:.2f}" if is_number(contraction) else MISSING, "weak" if weak else ""),
         Cell(f"{rhat:.3f}" if is_number(rhat) else MISSING, "bad" if is_number(rhat) and rhat >= most_rhat else ""),
@@ -227,9 +224,7 @@ def output_error_table(results: Results) -> Table | None:
     rows = []
     for facts in mappings(results.summary.get("output_error")):
         scale, shown = shown_unit(str(facts.get("unit") or "1"))
-        estimate, raw, corrected = (
-            scale * facts[key] if is_number(facts.get(key)) else None for key in ("estimate", "raw_sd", "corrected_sd")
-        )
+        estimate, raw, corrected = (scaled(facts, key, scale) for key in ("estimate", "raw_sd", "corrected_sd"))
         name = Cell(str(facts.get("parameter", MISSING)), "code")
         rows.append(
             cells(

@@ -19,6 +19,7 @@ from bayeschute.report.wording import (
     probability,
     quantity,
     quantity_name,
+    scaled,
     short,
     shown_unit,
     statistic_name,
@@ -85,7 +86,7 @@ def requirement_table(results: Results) -> Table | None:
         simulation = f"{probability(r.get('simulation_low'))} … {probability(r.get('simulation_high'))}"
         posterior = f"{probability(r.get('posterior_q05'))} … {probability(r.get('posterior_q95'))}"
         scale, shown = shown_unit(unit)
-        edges = [number(scale * r[k], 3) if is_number(r.get(k)) else MISSING for k in ("q05", "median", "q95")]
+        edges = [number(scaled(r, key, scale)) for key in ("q05", "median", "q95")]
         small = statistic_name(str(r.get("quantity", "")), str(r.get("statistic") or ""))
         small += f", {r['run']}" if r.get("run") else ""
         simulations = r.get("simulations", r.get("draws"))
