@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import base64
-import io
 from collections.abc import Mapping, Sequence
 from functools import partial
 from html import escape
 from pathlib import Path
 
-import matplotlib as mpl
 import xarray as xr
 
 from bayeschute.core.files import write_whole
 from bayeschute.records.plausibility.verdict import Finding, Verdict
-from bayeschute.report.figures.canvas import STYLE
+from bayeschute.report.figures.canvas import data_uri, svg_of
 from bayeschute.report.figures.plausibility_figures import plausibility_figure
 
 _STYLE = """
@@ -35,12 +32,8 @@ def _row(one: Finding) -> str:
 
 
 def _picture(verdict: Verdict, window: tuple[float, float] | None, record: xr.Dataset | None) -> str:
-    figure, file = plausibility_figure(verdict, window, record), io.BytesIO()
-    with mpl.rc_context(STYLE):
-        figure.savefig(file, format="svg", metadata={"Date": None})
-    data = base64.b64encode(file.getvalue()).decode("ascii")
-    alt = "Channels of the record, and how far each law is from its limit"
-    return f'<img alt="{alt}" src="data:image/svg+xml;base64,{data}">'
+    uri = data_uri(svg_of(plausibility_figure(verdict, window, record)))
+    return f'<img alt="Channels of the record, and how far each law is from its limit" src="{uri}">'
 
 
 def _flight(
