@@ -11,6 +11,7 @@ from bayeschute.calibration.label import has_level as label_has_level
 from bayeschute.report.run_results import Results, entries, mappings
 from bayeschute.report.wording import counted, is_number, listed, number, percent, probability, quantity, quantity_name
 
+_LEAST = 0.1  # contraction below which a parameter is named as uninformed
 NO_LABEL = "not checked: the summary contains no label"
 
 
@@ -204,7 +205,7 @@ def structure_sentences(facts: Mapping[str, Any]) -> list[str]:
     return found
 
 
-def uninformed(results: Results, least: float = 0.1) -> list[str]:
+def uninformed(results: Results) -> list[str]:
     """Parameters whose posterior variance is hardly smaller than their prior variance."""
     shares = {name: facts.get("contraction") for name, facts in entries(results.part("parameters")).items()}
-    return [name for name, share in shares.items() if is_number(share) and share < least]
+    return [name for name, share in shares.items() if is_number(share) and share < _LEAST]

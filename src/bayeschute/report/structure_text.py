@@ -7,6 +7,7 @@ from typing import Any
 
 Entry = Mapping[str, Any]
 AS_GOOD = 1.05  # times the residual of a refit: a prediction up to this is as good as its terms allow
+MOST_RANKED = 20  # rows of a ranking that are shown
 
 
 def structure_text(structure: Entry) -> str:
@@ -30,16 +31,15 @@ def structure_text(structure: Entry) -> str:
     return "\n\n".join(blocks) + "\n"
 
 
-def print_out(rows: Sequence[Entry], minimum: int, most: int = 20) -> list[str]:
+def print_out(rows: Sequence[Entry], minimum: int) -> list[str]:
     """A ranking in the columns of the print-out of the NASA report, with the term next to its index.
 
     Args:
         rows: Rows of the ranking.
         minimum: Number of functions with the least predicted squared error, of no fewer than the terms that were
             required.
-        most: Rows at most.
     """
-    shown = rows[:most]
+    shown = rows[:MOST_RANKED]
     width = max([7, *(len(str(row["index"])) for row in shown)])
     lines = [
         f"{'o.f.':>4} {'# index':>{width}} {'sqrt(mse)':>10} {'dmse':>11} {'perr':>7} {'R2':>7} {'pe':>10} {'n':>3} "

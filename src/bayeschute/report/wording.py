@@ -102,13 +102,13 @@ def whole(value: Any) -> str:
     return f"{value:,.0f}" if is_number(value) else MISSING
 
 
-def at_precision(value: Any, sd: Any, digits: int = 2) -> str:
+def at_precision(value: Any, sd: Any) -> str:
     """A number rounded to the decimals that its standard deviation justifies."""
     if not is_number(value):
         return MISSING
     if not is_number(sd) or sd <= 0:
         return number(value, 4)
-    decimals = digits - 1 - math.floor(math.log10(sd))
+    decimals = 1 - math.floor(math.log10(sd))  # two digits of the standard deviation
     if decimals > 7:
         return number(value, 4)
     return f"{round(value, decimals):,.{max(decimals, 0)}f}".replace("-", "−")

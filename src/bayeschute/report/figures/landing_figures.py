@@ -18,10 +18,11 @@ from bayeschute.report.figures.canvas import BLUE, INK, SERIES, SKY, SOFT, VERMI
 
 Rows = NDArray[np.void]
 _SHOWN = 4000  # landings that are drawn as points
+_SHARES = (0.5, 0.9, 0.99)  # of landings that an ellipse holds
 _APART = 6  # wind profiles that have ellipses of their own
 
 
-def scatter(ax: Axes, rows: Rows, shares: Sequence[float] = (0.5, 0.9, 0.99)) -> Axes:
+def scatter(ax: Axes, rows: Rows) -> Axes:
     """Where landings lie from the start, with ellipses that hold shares of a normal distribution of their moments.
 
     Where the landings are of a few wind profiles, each has ellipses of its own.
@@ -29,7 +30,6 @@ def scatter(ax: Axes, rows: Rows, shares: Sequence[float] = (0.5, 0.9, 0.99)) ->
     Args:
         ax: Where to draw.
         rows: Landings.
-        shares: Of each ellipse [1].
     """
     fine = rows[rows["outcome"] == 0]
     some = fine[:: max(1, len(fine) // _SHOWN)]
@@ -40,18 +40,18 @@ def scatter(ax: Axes, rows: Rows, shares: Sequence[float] = (0.5, 0.9, 0.99)) ->
     profiles = np.unique(fine["profile"])
     for part in [fine[fine["profile"] == i] for i in profiles] if profiles.size <= _APART else [fine]:
         if len(part) > 2:
-            _ellipses(ax, part, shares)
+            _ellipses(ax, part)
     ax.plot(0.0, 0.0, "+", color=VERMILION, ms=8)
     ax.set(xlabel="east of the start [m]", ylabel="north of the start [m]", aspect="equal", title="Landings")
     ax.legend(loc="best", markerscale=3)
     return ax
 
 
-def _ellipses(ax: Axes, part: Rows, shares: Sequence[float]) -> None:
+def _ellipses(ax: Axes, part: Rows) -> None:
     place = np.stack([part["drift_east"], part["drift_north"]])
     values, vectors = np.linalg.eigh(np.cov(place))
     angle = np.degrees(np.arctan2(vectors[1, 1], vectors[0, 1]))
-    for share in shares:
+    for share in _SHARES:
         # The squared distance of a plane's normal is exponential.
         size = 2.0 * np.sqrt(-2.0 * np.log1p(-share) * np.maximum(values, 0.0))
         middle = tuple(place.mean(axis=1))

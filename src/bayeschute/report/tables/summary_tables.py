@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 from bayeschute.report.run_results import Results, entries, mappings
 from bayeschute.report.sentences import plain, truth_inside
+from bayeschute.report.structure_text import MOST_RANKED
 from bayeschute.report.wording import (
     MISSING,
     at_precision,
@@ -123,9 +124,9 @@ def selected_table(facts: Mapping[str, Any]) -> Table | None:
     return Table(columns, tuple(rows)) if rows else None
 
 
-def ranking_table(facts: Mapping[str, Any], most: int = 20) -> Table | None:
+def ranking_table(facts: Mapping[str, Any]) -> Table | None:
     """The ranking of the orthogonal functions in the form of the NASA report's print-out (section 7.3)."""
-    ranking = mappings(facts.get("ranking"))[:most]
+    ranking = mappings(facts.get("ranking"))[:MOST_RANKED]
     rows = []
     for place, row in enumerate(ranking, start=1):
         mse, f_ratio, r2, perr = (row.get(k) for k in ("mse", "f_ratio", "r2", "perr"))
