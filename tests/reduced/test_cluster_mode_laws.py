@@ -22,38 +22,17 @@ def test_flyout_of_the_report():
     """7.2.1: 15 s; the report says 1.2 per radian, its own formula 1.07."""
     assert cluster_mode_laws.flyout_slope(CANOPY, LOAD, 15.0) == pytest.approx(1.07, abs=0.01)
     angle = brentq(_unbalanced, 0.1, 0.3)
-    load = float(cluster_mode_laws.flyout_q_area(C_A, 1.25 * (angle - 0.15), angle, WEIGHT))
     assert angle == pytest.approx(0.153255, abs=1e-6)  # CHECKCASES 10p
-    assert cluster_mode_laws.flyout_period(CANOPY, load, 1.25) == pytest.approx(13.755, abs=1e-3)
-    assert float(cluster_mode_laws.flyout_coupled_period(CANOPY, load, C_A, 1.25, angle, CAPSULE)) == pytest.approx(
-        13.6987, abs=1e-4
-    )
+    assert cluster_mode_laws.flyout_period(CANOPY, _load(angle), 1.25) == pytest.approx(13.755, abs=1e-3)
+
+
+def _load(angle):
+    """Load q S of one of two canopies that carry the weight at a flyout angle (6.3.2-25)."""
+    return WEIGHT / (2.0 * (C_A * np.cos(angle) + 1.25 * (angle - 0.15) * np.sin(angle)))
 
 
 def _unbalanced(angle):
-    normal = 1.25 * (angle - 0.15)
-    return CANOPY.weight * np.sin(angle) - float(cluster_mode_laws.flyout_q_area(C_A, normal, angle, WEIGHT)) * normal
-
-
-def test_flyout_period_is_that_of_its_equations():
-    """6.3.2-1 for symmetric motion, with the minus sign that its print lacks; q S held."""
-    angle = brentq(_unbalanced, 0.1, 0.3)
-    load = float(cluster_mode_laws.flyout_q_area(C_A, 1.25 * (angle - 0.15), angle, WEIGHT))
-    m, W, L = CANOPY
-
-    def rate(t, x):
-        s, c, normal = np.sin(x[0]), np.cos(x[0]), 1.25 * (x[0] - 0.15)
-        matrix = [[CAPSULE + 2 * m, 2 * m * L * s], [m * L * s, m * L**2]]
-        force = [WEIGHT - 2 * load * (C_A * c + normal * s) - 2 * m * L * c * x[1] ** 2, L * (W * s - load * normal)]
-        return [x[1], np.linalg.solve(matrix, force)[1]]
-
-    def crossing(t, x):
-        return x[0] - angle
-
-    crossing.direction = -1.0
-    solved = solve_ivp(rate, (0, 60), [angle + 1e-4, 0.0], "DOP853", events=crossing, rtol=1e-11, atol=1e-13)
-    want = float(cluster_mode_laws.flyout_coupled_period(CANOPY, load, C_A, 1.25, angle, CAPSULE))
-    assert np.diff(solved.t_events[0]).mean() == pytest.approx(want, rel=1e-5)
+    return CANOPY.weight * np.sin(angle) - _load(angle) * 1.25 * (angle - 0.15)
 
 
 def test_maypole_of_the_report():
@@ -90,25 +69,13 @@ def test_inverse_formulas_of_rigid_modes(value, count):
     normal = cluster_mode_laws.maypole_normal(CANOPY, load, radius, turning)
     assert cluster_mode_laws.maypole_turning(CANOPY, load, radius, normal) == pytest.approx(turning)
     assert cluster_mode_laws.maypole_balance(CANOPY, load, C_A, radius, weight, count) == pytest.approx(normal)
-    angle = np.arcsin(radius / CANOPY.length)
-    assert cluster_mode_laws.flyout_q_area(C_A, normal, angle, weight, count) == pytest.approx(load)
 
 
 CLUSTER = cluster_mode_laws.Breathing(CAPSULE + 2 * 307.0, WEIGHT, 34.0, C_A)
 
 
-@pytest.mark.parametrize("frequency, damping", [(0.23, 0.0), (0.23, 0.1), (0.1, 0.5)])
-def test_inverse_formulas_of_breathing(frequency, damping):
-    stiffness = cluster_mode_laws.breathing_stiffness(frequency, damping)
-    assert cluster_mode_laws.breathing_frequency(stiffness, damping) == pytest.approx(frequency)
-    slope = cluster_mode_laws.breathing_axial_slope(CLUSTER, 1.6, frequency)
-    assert cluster_mode_laws.breathing_speed(CLUSTER, slope, frequency) == pytest.approx(1.6)
-    peaks = [np.exp(-damping * t / 2) for t in (2.0, 2.0 + 3 / frequency)]
-    assert float(cluster_mode_laws.breathing_damping(*peaks, 3 / frequency)) == pytest.approx(damping)
-
-
 def breathe(slope, frequency, amplitude, cluster=CLUSTER):
-    stiffness, rate = cluster_mode_laws.breathing_stiffness(frequency), jax.jit(cluster_mode_laws.breathing_rate)
+    stiffness, rate = (2.0 * np.pi * frequency) ** 2, jax.jit(cluster_mode_laws.breathing_rate)
     time = np.arange(800) * 0.01 / frequency
     solved = solve_ivp(
         lambda t, x: np.asarray(rate(x, cluster, stiffness, 0.0, slope)),
@@ -121,11 +88,8 @@ def breathe(slope, frequency, amplitude, cluster=CLUSTER):
 def test_breathing_moves_the_descent_rate_as_linearised():
     frequency, small = 0.23, 0.02
     slope = cluster_mode_laws.breathing_axial_slope(CLUSTER, 1.6, frequency)
-    time, (eta, _, w) = breathe(slope, frequency, small)
+    _, (_, _, w) = breathe(slope, frequency, small)
     assert np.ptp(w) / 2 == pytest.approx(1.6 * small, rel=2e-3)
-    spin = np.exp(-2j * np.pi * frequency * time)
-    lead = np.angle(((eta - eta.mean()) @ spin) / ((w.mean() - w) @ spin))
-    assert lead == pytest.approx(float(cluster_mode_laws.breathing_lead(CLUSTER, frequency)), abs=0.02)
 
 
 def test_breathing_of_the_report():
@@ -134,4 +98,3 @@ def test_breathing_of_the_report():
     slope = cluster_mode_laws.breathing_axial_slope(cluster, 1.6, 0.23)
     _, (_, _, w) = breathe(slope, 0.23, 1.0, cluster)
     assert (w.min(), w.max()) == (pytest.approx(32.0, abs=0.1), pytest.approx(35.2, abs=0.1))
-    assert 0.0 < cluster_mode_laws.breathing_lead(cluster, 0.23) < np.pi / 2

@@ -47,38 +47,6 @@ def flyout_slope(canopy: Canopy, q_area: Component, period: Component, cos_trim:
     return (4.0 * pi**2 * canopy.mass * canopy.length / period**2 + canopy.weight * cos_trim) / q_area
 
 
-def flyout_q_area(
-    axial: Component, normal: Component, angle: Component, total_weight: Component, count: int = 2
-) -> Component:
-    """Load q S [N] of one canopy at which n canopies at a flyout angle [rad] carry the weight (6.3.2-25)."""
-    return total_weight / (count * (axial * jnp.cos(angle) + normal * jnp.sin(angle)))
-
-
-def flyout_coupled_period(
-    canopy: Canopy, q_area: Component, axial: Component, normal_slope: Component, angle: Component,
-    capsule_mass: Component, count: int = 2,
-) -> Component:  # fmt: skip
-    """Period of the flyout [s] with the capsule's heave, which 6.3.2-7 leaves out; q S is held.
-
-    Linearises 6.3.2-1 (with the minus sign that its print lacks) about an equilibrium: C_N q S = W_c sin(angle).
-
-    Args:
-        canopy: One canopy.
-        q_area: q S [N].
-        axial: C_A.
-        normal_slope: (C_Nalpha)_tot [1/rad].
-        angle: Flyout angle of the equilibrium [rad].
-        capsule_mass: m_L [kg].
-        count: Number of canopies.
-    """
-    s, c, mass = jnp.sin(angle), jnp.cos(angle), capsule_mass + count * canopy.mass
-    normal = canopy.weight * s / q_area
-    lift = -count * q_area * ((normal_slope - axial) * s + normal * c)
-    moment = canopy.weight * c - q_area * normal_slope - canopy.mass * s * lift / mass
-    inertia = canopy.mass * canopy.length * (1.0 - count * canopy.mass * s * s / mass)
-    return 2.0 * pi * jnp.sqrt(-inertia / moment)
-
-
 def _cosine(canopy: Canopy, radius: Component) -> tuple[Component, Component]:
     """Sine and cosine of the flyout angle of a maypole, R = L sin(Phi)."""
     sine = radius / canopy.length
@@ -135,52 +103,20 @@ class Breathing(NamedTuple):
     axial: Component
 
 
-def breathing_frequency(stiffness: Component, damping: Component = 0.0) -> Component:
-    """Frequency [Hz] of the shape eta from omega_n^2 [1/s^2] and d [1/s] (6.3.2-27)."""
-    return (stiffness - damping**2 / 4.0) ** 0.5 / (2.0 * pi)
-
-
-def breathing_stiffness(frequency: Component, damping: Component = 0.0) -> Component:
-    """omega_n^2 [1/s^2] from the observed frequency [Hz] and d [1/s]: 6.3.2-27 inverted."""
-    return (2.0 * pi * frequency) ** 2 + damping**2 / 4.0
-
-
-def breathing_damping(first: Component, last: Component, time: Component) -> Component:
-    """The d of 6.3.2-27 [1/s] from two peaks of eta on the same side, `time` [s] apart."""
-    return 2.0 * jnp.log(first / last) / time
-
-
-def _heave(cluster: Breathing, frequency: Component) -> tuple[Component, Component, Component]:
-    """W/M, decay rate of the descent rate 2 W/(M V), and 2 pi f."""
-    pull = cluster.weight / cluster.mass
-    return pull, 2.0 * pull / cluster.speed, 2.0 * pi * frequency
-
-
-def breathing_speed(cluster: Breathing, axial_slope: Component, frequency: Component) -> Component:
-    """Amplitude of the descent rate [m/s] per unit of eta, from C_Aeta (6.3.2-28, -29, linearised).
+def breathing_axial_slope(cluster: Breathing, amplitude: Component, frequency: Component) -> Component:
+    """C_Aeta from the amplitude of the descent rate [m/s] per unit of eta (6.3.2-28, -29, linearised).
 
     6.3.2-29 is used with drag against the motion and the mass of the enclosed air.
     """
-    pull, decay, omega = _heave(cluster, frequency)
-    return pull * axial_slope / (cluster.axial * (omega**2 + decay**2) ** 0.5)
-
-
-def breathing_axial_slope(cluster: Breathing, amplitude: Component, frequency: Component) -> Component:
-    """C_Aeta from the amplitude of the descent rate [m/s] per unit of eta: `breathing_speed` inverted."""
-    pull, decay, omega = _heave(cluster, frequency)
+    pull, omega = cluster.weight / cluster.mass, 2.0 * pi * frequency
+    decay = 2.0 * pull / cluster.speed
     return amplitude * cluster.axial * (omega**2 + decay**2) ** 0.5 / pull
-
-
-def breathing_lead(cluster: Breathing, frequency: Component) -> Component:
-    """Phase by which the greatest eta leads the least descent rate [rad]."""
-    _, decay, omega = _heave(cluster, frequency)
-    return jnp.arctan2(omega, decay)
 
 
 def breathing_rate(
     x: jax.Array, cluster: Breathing, stiffness: Component, damping: Component, axial_slope: Component
 ) -> jax.Array:
-    """Rate of eta, eta' and the descent rate w [m/s] (6.3.2-27..29, corrected as in `breathing_speed`).
+    """Rate of eta, eta' and the descent rate w [m/s] (6.3.2-27..29, corrected as in `breathing_axial_slope`).
 
     Args:
         x: State (3, ...).

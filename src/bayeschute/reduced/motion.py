@@ -57,11 +57,6 @@ class Motion(NamedTuple):
         use = (self.time >= start) & (self.time <= end)
         return Motion(*(values[use] for values in self))
 
-    def member(self, index: int | tuple[int, ...]) -> Motion:
-        """One motion of a batch."""
-        where = (slice(None), *np.atleast_1d(index))
-        return Motion(self.time, *(values[where] for values in self[1:]))
-
 
 class Cycle(NamedTuple):
     """A steady oscillation: amplitude of the swing [rad], frequency [Hz], mean descent rate [m/s]."""

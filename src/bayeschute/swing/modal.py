@@ -229,14 +229,12 @@ class Halves(NamedTuple):
         second: Fit of the second half.
         frequency_change: Second minus first [Hz].
         damping_change: Second minus first damping ratio.
-        z: Change of frequency over its standard deviation.
     """
 
     first: SwingFit
     second: SwingFit
     frequency_change: Interval
     damping_change: Interval
-    z: float
 
 
 def compare_halves(fit: SwingFit, seed: int = 0) -> Halves:
@@ -266,7 +264,7 @@ def compare_halves(fit: SwingFit, seed: int = 0) -> Halves:
     first, second = part(slice(half), "first"), part(slice(half, None), "second")
     change = interval(second.draws["frequency"] - first.draws["frequency"])
     damping = interval(second.draws["damping_ratio"] - first.draws["damping_ratio"])
-    return Halves(first, second, change, damping, change.mean / change.sd)
+    return Halves(first, second, change, damping)
 
 
 def amplitude_effect(semi_major: float, semi_minor: float = 0.0) -> tuple[float, float]:

@@ -7,7 +7,7 @@ windowed, and noisy end values are estimated along with the rest.
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -18,7 +18,6 @@ from bayeschute.swing.frequency import FrequencyFit, frequency_least_squares, fr
 
 ENDS = ("end_rate", "end_value", "start_rate", "start_value")
 JUMPS = ("jump_rate", "jump_value")
-_PASSES = 5  # of the weights of noise="output"
 
 
 class Motion(NamedTuple):
@@ -89,9 +88,8 @@ def second_order_equation_error(
     dt: float,
     frequency: Float[np.ndarray, " M"],
     forcing: Float[np.ndarray, "N ..."] | None = None,
-    noise: Literal["equation", "output"] = "equation",
 ) -> FrequencyFit:
-    """Equation error of the second-order model from a record of x alone.
+    """Equation error of the second-order model from a record of x alone; its noise is unknown forcing (turbulence).
 
     ``omega^2 x~ = 2b (i omega x~) + omega_n^2 x~ - k u~ + end terms``. A constant c only enters at zero frequency,
     which harmonics leave out; elsewhere, and for drifts, add a forcing column of ones.
@@ -101,9 +99,6 @@ def second_order_equation_error(
         dt: Sample interval [s].
         frequency: [Hz], rising, zero left out (`bayeschute.swing.fourier.harmonics`).
         forcing: u; several columns have a gain each.
-        noise: Where noise of an even spectrum enters: ``"equation"`` is unknown forcing (turbulence) and gives plain
-            least squares; ``"output"`` is noise of the sensor, which the equation amplifies by its own left side, so
-            that rows are weighted by the inverse of that (Sanathanan and Koerner 1963).
 
     Returns:
         Parameters ``two_b`` [1/s], ``stiffness`` [1/s^2], ``gain`` (or ``gain_1`` ...), and the end terms `ENDS`:
@@ -124,12 +119,7 @@ def second_order_equation_error(
         ends, columns = ENDS, [*columns[:-2], end, s * end, -np.ones_like(s), -s]
     names = ("two_b", "stiffness", *_gain_names(inputs.shape[1]), *ends)
     X, z = np.stack(columns, axis=1), -(s**2) * x
-    fit = frequency_least_squares(X, z, names, frequency, duration)
-    for _ in range(_PASSES if noise == "output" else 0):
-        side = np.abs(s**2 + fit.value("two_b") * s + fit.value("stiffness"))
-        weight = 1.0 / np.maximum(side, 1e-6 * side.max())
-        fit = frequency_least_squares(weight[:, None] * X, weight * z, names, frequency, duration)
-    return fit
+    return frequency_least_squares(X, z, names, frequency, duration)
 
 
 def second_order_output_error(

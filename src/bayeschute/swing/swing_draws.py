@@ -23,13 +23,11 @@ class Posterior(NamedTuple):
     Attributes:
         psi: Rows of `PARAMETERS` (n, 6).
         weight: Sum to one (n,).
-        optimum: Of the density (6,).
         ess: Effective number of draws.
     """
 
     psi: Float[np.ndarray, "n 6"]
     weight: Float[np.ndarray, " n"]
-    optimum: Float[np.ndarray, " 6"]
     ess: float
 
 
@@ -125,7 +123,7 @@ def importance(
         cov = ((u - mean) * shared[:, None]).T @ (u - mean) + 1e-6 * np.eye(d)
     psi = np.tile(at.psi, (len(u), 1))
     psi[:, free] += u * step
-    return Posterior(psi, weight, at.psi, ess)
+    return Posterior(psi, weight, ess)
 
 
 def _student(u: np.ndarray, mean: np.ndarray, root: np.ndarray) -> np.ndarray:
