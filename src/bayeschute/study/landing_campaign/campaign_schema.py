@@ -5,7 +5,7 @@ Nothing here imports JAX.
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, ValidationInfo, field_validator, model_validator
@@ -114,7 +114,7 @@ class TurbulenceTable(Strict):
         vertical_length: Scale of the vertical component [m].
     """
 
-    kind: Annotated[str, one_of("ou", "dryden", "von-karman")]
+    kind: Literal["ou", "dryden", "von-karman"]
     horizontal: NoiseSpeed
     vertical: NoiseSpeed
     length: PositiveLength

@@ -24,18 +24,14 @@ from bayeschute.study.schema.quantities import (
     Strict,
     Text,
     number,
-    one_of,
     quantity,
     refuse,
 )
 from bayeschute.study.schema.structure_schema import distinct
 
 Q = TypeVar("Q")
-NoiseModel = Annotated[
-    Literal["latent", "ar1", "ar1+white", "white", "sandwich"],
-    one_of("latent", "ar1", "ar1+white", "white", "sandwich"),
-]
-NoiseKind = Annotated[Literal["ar1+white", "ar1", "white"], one_of("ar1+white", "ar1", "white")]
+NoiseModel = Literal["latent", "ar1", "ar1+white", "white", "sandwich"]
+NoiseKind = Literal["ar1+white", "ar1", "white"]
 _LEAST_WEIGHED = 0.2  # largest prior sd of a mass, as a share of it
 PositiveAngle = Annotated[float, quantity("rad", "0.1 deg", POSITIVE)]
 

@@ -113,6 +113,8 @@ def _fault(file: str, model: type[BaseModel], error: ErrorDetails, raw: object) 
     if kind == "fault":
         got = context["got"] if context["got"] is not None else show(error["input"])
         return Fault(place(file, loc, raw), got, context["wanted"], context["do"])
+    if kind == "literal_error":  # pydantic's words end in "'b' or 'c'"
+        return Fault(place(file, loc, raw), show(error["input"]), f"one of {context['expected'].replace(' or ', ', ')}")
     wanted = _WANTED.get(kind, error["msg"][:1].lower() + error["msg"][1:])
     if kind in ("too_short", "too_long"):
         wanted = f"a list of {context.get('min_length', context.get('max_length'))} values"

@@ -25,7 +25,7 @@ from bayeschute.study.schema.quantities import (
 T = TypeVar("T")
 MOST_CANDIDATES = 20_000
 POLAR = COEFFICIENTS["polar"]
-Source = Annotated[Literal["colored", "smoothing", "variance"], one_of("colored", "smoothing", "variance")]
+Source = Literal["colored", "smoothing", "variance"]
 
 
 def distinct(values: tuple[T, ...]) -> tuple[T, ...]:
@@ -159,7 +159,7 @@ class StructureTable(Strict):
     sigma: SigmaTable = SigmaTable()
     penalty_factor: PositiveNumber = 2.0
     exchange: bool = False
-    fit: Annotated[Literal["search", "pool", "selected"], one_of("search", "pool", "selected")] = "selected"
+    fit: Literal["search", "pool", "selected"] = "selected"
     core: Annotated[tuple[str, ...], AfterValidator(distinct)] = CORE
     replicates: Annotated[int, whole(0, 100_000)] = 100
     stack: Annotated[int, whole(2, 20)] | None = None

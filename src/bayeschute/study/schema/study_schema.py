@@ -38,7 +38,6 @@ from bayeschute.study.schema.vehicle_schema import Vehicle
 from bayeschute.study.schema.virtual_schema import VirtualFlight
 from bayeschute.study.schema.wind_schema import ProfileTable
 
-ROLES = ("structure", "identify", "predict")
 UNITS = {  # of the quantities that a study can predict
     "swing_angle": ("rad", "30 deg"),
     "descent_rate": ("m/s", "33 ft/s"),
@@ -54,9 +53,9 @@ def predictable(model: str, vehicle: Vehicle | None, asked: Sequence[str] | None
     return tuple(name for name in asked or QUANTITIES[model] if not (one and name == "flyout_angle"))
 
 
-Role = Annotated[Literal["structure", "identify", "predict"], one_of(*ROLES)]
+Role = Literal["structure", "identify", "predict"]
 Quantity = Annotated[str, one_of(*UNITS)]
-Statistic = Annotated[Literal["final", "maximum", "mean"], one_of("final", "maximum", "mean")]
+Statistic = Literal["final", "maximum", "mean"]
 
 
 class Column(Strict):
@@ -175,7 +174,7 @@ class SamplerTable(Strict):
         starts: From how many places the optimum is sought: the prior means, and draws about them; None: from the means.
     """
 
-    kind: Annotated[Literal["nuts", "emcee", "both"], one_of("nuts", "emcee", "both")] = "nuts"
+    kind: Literal["nuts", "emcee", "both"] = "nuts"
     chains: Annotated[int, whole(2, 64)] = 4
     warmup: Annotated[int, whole(50, 100_000)] = 300
     draws: Annotated[int, whole(50, 1_000_000)] = 500
@@ -197,7 +196,7 @@ class PredictTable(Strict):
     draws: Annotated[int, whole(50, 1_000_000)] = 400
     disturbance_log_sd: Annotated[float, number(Bounds(least=0.0, most=3.0))] = 0.0
     quantities: Annotated[tuple[Quantity, ...], AfterValidator(distinct)] | None = None
-    recalibrate: Annotated[Literal["replicates"], one_of("replicates")] | None = None
+    recalibrate: Literal["replicates"] | None = None
 
 
 class RequirementTable(Strict):
@@ -256,7 +255,7 @@ class StudyFile(Strict):
     """
 
     title: Text
-    model: Annotated[Literal["cluster", "descent"], one_of("cluster", "descent")]
+    model: Literal["cluster", "descent"]
     vehicle: Text | None = None
     seed: Annotated[int, whole(0, 2**32 - 1)]
     columns: dict[str, Column] | None = None

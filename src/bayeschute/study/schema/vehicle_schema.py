@@ -27,14 +27,13 @@ from bayeschute.study.schema.quantities import (
     Text,
     Volume,
     number,
-    one_of,
     refuse,
     whole,
 )
 
 _GRAVITY = 9.80665  # [m/s^2]
 _SEA_LEVEL_DENSITY = 1.225  # [kg/m^3], US Standard Atmosphere 1976
-Rotation = Annotated[Literal["riser", "airflow"], one_of("riser", "airflow")]
+Rotation = Literal["riser", "airflow"]
 
 
 _COEFFICIENTS = ("axial_force", "normal_force_slope", "pitch_moment_slope")

@@ -18,7 +18,6 @@ from bayeschute.study.schema.quantities import (
     Strict,
     Text,
     number,
-    one_of,
     read_quantity,
     refuse,
 )
@@ -72,9 +71,9 @@ class KnowledgeTable(Strict):
 
     name: Label
     source: Label
-    kind: Annotated[Literal["coefficient", "curve"], one_of("coefficient", "curve")]
+    kind: Literal["coefficient", "curve"]
     target: Text
-    use: Annotated[Literal["prior", "compare"], one_of("prior", "compare")] = "compare"
+    use: Literal["prior", "compare"] = "compare"
     mean: Number | None = None
     sd: PositiveNumber | None = None
     common_sd: Sd = 0.0
