@@ -275,15 +275,15 @@ def judge(case: Case, made: Made) -> Outcome:
 
 def of_study(path: Path) -> Case:
     """The first flight of a study as a case."""
-    from bayeschute.records.read import read_record
     from bayeschute.study.load import load_study
     from bayeschute.study.plausible import nominal, wind_by_altitude
+    from bayeschute.study.run.stage_data import as_read
 
     study = load_study(path)
     flight = study.flights[0]
     assert flight.path is not None and study.vehicle is not None
     profile = None if flight.wind_profile is None else wind_by_altitude(flight.wind_profile)
-    return Case(read_record(flight.path), nominal(study.vehicle, flight.capsule_mass), flight.window, profile)
+    return Case(as_read(flight), nominal(study.vehicle, flight.capsule_mass), flight.window, profile)
 
 
 def main() -> None:

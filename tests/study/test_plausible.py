@@ -52,7 +52,9 @@ def test_a_sound_record_passes(study):
     found = examine_study(study())
     assert found.faults == [] and found.warnings == [] and len(found.verdicts["drop"].readings) > 25
     said = found.said["drop"]
-    assert "at 10 Hz; fitted: canopy_position, capsule_velocity" in said and "laws tried, the nearest to its limit" in said
+    assert (
+        "at 10 Hz; fitted: canopy_position, capsule_velocity" in said and "laws tried, the nearest to its limit" in said
+    )
     assert "read, not fitted: capsule_rate" in said
 
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from bayeschute.api import html
 from bayeschute.api.workspace import Files
+from bayeschute.likelihood.joint import NoiseParameters
 from bayeschute.report.wording import counted
 from bayeschute.study.run.stage_fit import Fitted
 from bayeschute.study.study import Study as StudySpec
@@ -53,8 +53,8 @@ class Fit:
         return pd.DataFrame(rows).set_index("parameter")
 
     @property
-    def noise(self) -> list[Any]:
-        """Noise parameters of every group."""
+    def noise(self) -> list[NoiseParameters]:
+        """Noise parameters at the mode, SI, of every set of flights that was fitted together."""
         return [one.found.hyper for one in self.groups]
 
     @property

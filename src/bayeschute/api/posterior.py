@@ -303,7 +303,7 @@ class Posterior:
 
         Args:
             flight: From a study, or made of a record or of a virtual drop.
-            draws: How many; the study's number where None.
+            draws: How many, at most as many as the posterior has; the study's number where None.
             seed: Seed; the study's where None.
             disturbance_log_sd: How much rougher or calmer than in the fit the air beyond the data may be: standard
                 deviation of the logarithm of a factor, 0 to 3 (0.7: within a factor of two, two times in three); the

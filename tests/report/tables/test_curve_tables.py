@@ -91,7 +91,9 @@ def test_curves_are_drawn_with_prior_truth_and_what_others_know(results, tmp_pat
     figure = curve_figure(made.curves, [ENTRY], {"C_A": "axial"}, {})
     labels = {text.get_text() for text in figure.axes[0].get_legend().get_texts()}
     assert {"truth", "tunnel, 90 %", "prior, 90 %", "posterior, 90 %"} <= labels
-    narrow = curve_figure(made.curves, [], {}, {"alpha": [at[1] + 1e-3, at[2] - 1e-3]})  # between two points of the grid
+    narrow = curve_figure(
+        made.curves, [], {}, {"alpha": [at[1] + 1e-3, at[2] - 1e-3]}
+    )  # between two points of the grid
     assert "range flown" in {text.get_text() for text in narrow.axes[0].get_legend().get_texts()}
     shown = _aerodynamics(made, tmp_path)
     assert "C_A" in shown["picture"].alt and (tmp_path / "curves.svg").exists() and shown["known"] is not None

@@ -114,8 +114,8 @@ def test_faults_that_are_alike_become_one_row(results):
     table = record_tables.repair_table(results)
     assert len(table.rows) == 4
     together = [cell.text for cell in table.rows[-1]]
-    assert together[1:6] == ["gap, 8 times", "canopy_position.2", "5", "40.8", "36"]
-    assert "longest: 0.8 s at 40 s" in together[6]
+    assert together[1:6] == ["gap, 8 times", "canopy_position.2", "5.0", "40.8", "36"]
+    assert "longest: 0.8 s at 40.0 s" in together[6]
     prepared = record_tables.preparation_table(results)
     assert [row[1].text for row in prepared.rows] == ["resampled"]
 
@@ -137,7 +137,7 @@ def test_the_requirement_keeps_two_doubts_apart(results):
 def test_a_check_that_did_not_run_is_no_pass(results):
     table = trust_tables.check_table(results)
     assert [cell.text for cell in column(table, "Result")] == ["passed"] * 6 + ["not judged"]
-    assert [cell.text for cell in column(table, "Bound")][:2] == ["1.01", "400"]
+    assert [cell.text for cell in column(table, "Wanted")][:2] == ["at most 1.01", "at least 400"]
 
 
 def test_key_sentences_are_made_of_the_numbers(results):

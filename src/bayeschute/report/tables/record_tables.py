@@ -73,7 +73,7 @@ def _together(alike: Repairs) -> Mapping[str, Any]:
     ends = [r["end"] for r in alike if is_number(r.get("end"))]
     counts = [r["count"] for r in alike if is_number(r.get("count"))]
     detail = (
-        f"{longest.get('detail') or ''} (longest: {short(_length(longest), 3)} s at {short(longest.get('start'), 5)} s)"
+        f"{longest.get('detail') or ''} (longest: {short(_length(longest), 3)} s at {_clock(longest.get('start'))} s)"
     )
     return {
         "kind": f"{plain(str(alike[0].get('kind', MISSING)))}, {len(alike)} times",
@@ -96,6 +96,11 @@ def _grouped(repairs: Repairs) -> list[Mapping[str, Any]]:
     return found
 
 
+def _clock(time: Any) -> str:
+    """A time on the record's clock, which may count from the beginning of the week, to a tenth of a second."""
+    return f"{float(time):,.1f}" if is_number(time) else MISSING
+
+
 def _rows(results: Results, preparation: bool) -> list[tuple[Cell, ...]]:
     """Rows of faults, or of the steps of preparation."""
     rows = []
@@ -107,8 +112,8 @@ def _rows(results: Results, preparation: bool) -> list[tuple[Cell, ...]]:
                     name,
                     plain(str(repair.get("kind", MISSING))),
                     Cell(str(repair.get("variable") or "all"), "code"),
-                    short(repair.get("start"), 5),
-                    short(repair.get("end"), 5),
+                    _clock(repair.get("start")),
+                    _clock(repair.get("end")),
                     whole(repair.get("count")),
                     Cell(str(repair.get("detail") or ""), "wrap"),
                 )

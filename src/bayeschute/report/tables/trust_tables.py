@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import pandas as pd
 
 from bayeschute.prediction.marginal_fits import NO_EVIDENCE
+from bayeschute.report.check_words import wanted
 from bayeschute.report.run_results import Results, entries
 from bayeschute.report.sentences import plain, requirement_limit, requirements
 from bayeschute.report.tables.summary_tables import Cell, Table, cells, columns_of, plain_table
@@ -64,17 +65,17 @@ def check_table(results: Results) -> Table | None:
         passed = check.get("passed")
         words = {True: ("passed", "good"), False: ("failed", "bad")}
         verdict = words.get(passed, ("not judged", "weak")) if isinstance(passed, bool) else ("not judged", "weak")
-        value, bound = (short(v) for v in (check.get("value"), check.get("bound")))
+        bound = wanted(name, check["bound"]) if is_number(check.get("bound")) else MISSING
         rows.append(
             cells(
                 Cell(plain(name), "strong"),
                 Cell(str(check.get("detail") or ""), "wrap"),
-                value,
+                short(check.get("value")),
                 bound,
                 Cell(*verdict),
             )
         )
-    columns = columns_of("Check:text|Question:text|Value:num|Bound:num|Result:text")
+    columns = columns_of("Check:text|Question:text|Value:num|Wanted:num|Result:text")
     return Table(columns, tuple(rows)) if rows else None
 
 
