@@ -7,13 +7,16 @@ to do; `bayeschute.study.schema.schema_faults` turns it into a `Fault`.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Annotated, Any, NoReturn
+from typing import Annotated, Any, NoReturn, TypeVar
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict
 from pydantic_core import PydanticCustomError
 
 from bayeschute.core.units import to_si
+
+Terms = TypeVar("Terms", bound=Iterable[str])
 
 
 class Strict(BaseModel):
@@ -31,6 +34,24 @@ def refuse(wanted: str, got: Any = None, do: str = "") -> NoReturn:
         do: What to do about it.
     """
     raise PydanticCustomError("fault", "wanted {wanted}", {"wanted": wanted, "got": got, "do": do})
+
+
+def each(check: Callable[[str], str | None], wanted: str, none: str = "") -> AfterValidator:
+    """Validator of terms in a list or of a table's keys, with the faults of all in one.
+
+    Args:
+        check: Gives the fault of a term, None where it is sound.
+        wanted: What would be accepted.
+        none: Fault of an empty list; empty where that is allowed.
+    """
+
+    def checked(terms: Terms) -> Terms:
+        faults = [fault for term in terms if (fault := check(term))]
+        if got := "; ".join(faults) or (none if not terms else ""):
+            refuse(wanted, got)
+        return terms
+
+    return AfterValidator(checked)
 
 
 def exactly_one_limit(at_most: float | None, at_least: float | None) -> None:

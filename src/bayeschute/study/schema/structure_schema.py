@@ -17,6 +17,7 @@ from bayeschute.study.schema.quantities import (
     NotNegativeTime,
     PositiveNumber,
     Strict,
+    each,
     one_of,
     refuse,
     whole,
@@ -37,33 +38,16 @@ def distinct(values: tuple[T, ...]) -> tuple[T, ...]:
     return values
 
 
-def _axial_pool(terms: tuple[str, ...]) -> tuple[str, ...]:
-    faults = [fault for term in terms if (fault := check_axial(term))]
-    if faults:
-        refuse("terms of the axial coefficient, such as 'alpha^2' or 'q'", "; ".join(faults))
-    return distinct(terms)
-
-
-def _transverse_pool(terms: tuple[str, ...]) -> tuple[str, ...]:
-    faults = [fault for term in terms if (fault := check_transverse(term))]
-    if faults:
-        refuse("terms of the transverse coefficient, such as 'e*alpha^2' or 'rate'", "; ".join(faults))
-    return distinct(terms)
-
-
-def _variables(names: tuple[str, ...]) -> tuple[str, ...]:
-    faults = [fault for name in names if (fault := check_variable(name))]
-    if faults:
-        refuse("polar variables such as 'alpha', 'q' or '(1.2-distance)_+'", "; ".join(faults))
+def _distinct_variables(names: tuple[str, ...]) -> tuple[str, ...]:
     distinct(tuple(canonical(name) for name in names))
     return distinct(names)
 
 
-def _polar_terms(terms: tuple[str, ...]) -> tuple[str, ...]:
-    faults = [fault for term in terms if (fault := check_term(term))]
-    if faults:
-        refuse("products of polar variables, such as 'alpha^3' or 'q*distance'", "; ".join(faults))
-    return distinct(terms) if terms else terms
+_AXIAL = each(check_axial, "terms of the axial coefficient, such as 'alpha^2' or 'q'")
+_TRANSVERSE = each(check_transverse, "terms of the transverse coefficient, such as 'e*alpha^2' or 'rate'")
+_VARIABLES = each(check_variable, "polar variables such as 'alpha', 'q' or '(1.2-distance)_+'")
+_PRODUCTS = each(check_term, "products of polar variables, such as 'alpha^3' or 'q*distance'")
+PolarTerms = Annotated[tuple[str, ...], _PRODUCTS, AfterValidator(lambda terms: distinct(terms) if terms else terms)]
 
 
 class PolarPoolTable(Strict):
@@ -76,10 +60,10 @@ class PolarPoolTable(Strict):
         first: Candidates that are selected first and always kept, such as the constant.
     """
 
-    variables: Annotated[tuple[str, ...], AfterValidator(_variables)]
+    variables: Annotated[tuple[str, ...], _VARIABLES, AfterValidator(_distinct_variables)]
     order: Annotated[int, whole(0, 9)] = 2
-    extra: Annotated[tuple[str, ...], AfterValidator(_polar_terms)] = ()
-    first: Annotated[tuple[str, ...], AfterValidator(_polar_terms)] = ()
+    extra: PolarTerms = ()
+    first: PolarTerms = ()
 
     @model_validator(mode="after")
     def _is_a_pool(self) -> PolarPoolTable:
@@ -152,8 +136,8 @@ class StructureTable(Strict):
     """
 
     canopies: Annotated[tuple[Annotated[int, whole(1, 12)], ...], AfterValidator(distinct)]
-    axial: Annotated[tuple[str, ...], AfterValidator(_axial_pool)]
-    transverse: Annotated[tuple[str, ...], AfterValidator(_transverse_pool)]
+    axial: Annotated[tuple[str, ...], _AXIAL, AfterValidator(distinct)]
+    transverse: Annotated[tuple[str, ...], _TRANSVERSE, AfterValidator(distinct)]
     sigma_max: NoiseCeiling = 25.0
     noise: Source = "colored"
     sigma: SigmaTable = SigmaTable()

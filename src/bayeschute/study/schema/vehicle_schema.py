@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import AfterValidator, model_validator
+from pydantic import model_validator
 
 from bayeschute.aero.coefficient import coefficient_names
 from bayeschute.aero.term_names import check_axial, check_transverse, rate_factors
@@ -26,6 +26,7 @@ from bayeschute.study.schema.quantities import (
     Strict,
     Text,
     Volume,
+    each,
     number,
     refuse,
     whole,
@@ -34,23 +35,9 @@ from bayeschute.study.schema.quantities import (
 _GRAVITY = 9.80665  # [m/s^2]
 _SEA_LEVEL_DENSITY = 1.225  # [kg/m^3], US Standard Atmosphere 1976
 Rotation = Literal["riser", "airflow"]
-
-
 _COEFFICIENTS = ("axial_force", "normal_force_slope", "pitch_moment_slope")
-
-
-def _known_axial(terms: dict[str, float]) -> dict[str, float]:
-    faults = [fault for term in terms if (fault := check_axial(term))]
-    if faults or not terms:
-        refuse("at least one term of the axial coefficient, such as '1' or 'alpha^2'", "; ".join(faults) or "no term")
-    return terms
-
-
-def _known_transverse(terms: dict[str, float]) -> dict[str, float]:
-    faults = [fault for term in terms if (fault := check_transverse(term))]
-    if faults:
-        refuse("terms of the transverse coefficient, such as 'e' or 'e*alpha^2'", "; ".join(faults))
-    return terms
+_AXIAL = each(check_axial, "at least one term of the axial coefficient, such as '1' or 'alpha^2'", none="no term")
+_TRANSVERSE = each(check_transverse, "terms of the transverse coefficient, such as 'e' or 'e*alpha^2'")
 
 
 class CapsuleTable(Strict):
@@ -189,8 +176,8 @@ class AeroTable(Strict):
 
     source: Text
     rate: Rotation
-    axial: Annotated[dict[str, Number], AfterValidator(_known_axial)]
-    transverse: Annotated[dict[str, Number], AfterValidator(_known_transverse)]
+    axial: Annotated[dict[str, Number], _AXIAL]
+    transverse: Annotated[dict[str, Number], _TRANSVERSE]
 
     def coefficients(self) -> dict[str, float]:
         """All coefficients by the name of their parameter, axial ones first."""
