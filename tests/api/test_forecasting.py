@@ -59,7 +59,7 @@ def test_an_earlier_posterior_is_not_overwritten(stored, descents):
 
 def test_flights_of_a_file_are_predicted_and_judged(stored, asked, tmp_path):
     out = tmp_path / "out"
-    made = RUN.invoke(app, ["predict", str(stored), str(asked), "--out", str(out), "--draws", "64"])
+    made = RUN.invoke(app, ["predict", str(stored), str(asked), "--out", str(out), "--draws", "64", "--like", "high"])
     assert made.exit_code == 0, made.output
     rows = json.loads((out / "requirements.json").read_text())
     assert [(row["name"], row["met"]) for row in rows] == [("slow enough", 1.0), ("never fast enough", 0.0)]
@@ -70,9 +70,9 @@ def test_flights_of_a_file_are_predicted_and_judged(stored, asked, tmp_path):
 
 
 def test_another_limit_needs_no_refit(stored, asked, tmp_path):
-    lines = predict_file(stored, asked, tmp_path / "a", draws=64, seed=3)
+    lines = predict_file(stored, asked, tmp_path / "a", draws=64, seed=3, like="high")
     asked.write_text(FLIGHTS.replace('"100 m/s"', '"1 m/s"'), encoding="utf-8")
-    again = predict_file(stored, asked, tmp_path / "b", draws=64, seed=3)
+    again = predict_file(stored, asked, tmp_path / "b", draws=64, seed=3, like="high")
     assert lines[:2] == again[:2] and lines[2:] != again[2:]
 
 

@@ -95,7 +95,7 @@ OUTSIDE = {
         {"run": had(**{"fitted standard deviation of the horizontal wind": 1.5})},
         "fitted standard deviation of the horizontal wind 1.5",
     ),
-    "other payload": ({"run": had(**{"capsule mass of fitted flights": 6000.0})}, "capsule mass of fitted flights 6e+03"),
+    "other payload": ({"run": had(**{"capsule mass of fitted flights": 6000.0})}, "capsule mass of fitted flights 6,000"),
     "other canopies": ({"run": had(**{"number of canopies of fitted flights": 3.0})}, "canopies of fitted flights 3"),
     "recorded flight": ({"study": RECORDS, "run": had(origin=RECORD)}, "the flights are records"),
     "other noise": ({"study": with_noise(STUDY, "ar1")}, "no calibration of this configuration is stored"),
