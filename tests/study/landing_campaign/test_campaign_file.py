@@ -52,6 +52,15 @@ def test_winds_of_an_ensemble_and_turbulence(tmp_path):
     assert winds.turbulence is not None and winds.turbulence.vertical_length == 150.0
 
 
+def test_units_of_an_ensemble_are_checked_before_its_file_is_read(tmp_path):
+    text = LEAST + (
+        '[wind.ensemble]\nfile = "none.csv"\nmember = "member"\naltitude = { column = "h", unit = "m" }\n'
+        'north = { column = "v", unit = "kg" }\neast = { column = "u", unit = "m/s" }\n'
+    )
+    with pytest.raises(InputError, match=r"north in 'kg'.*a unit convertible to m/s"):
+        load_campaign(written(tmp_path, text))
+
+
 def test_every_fault_at_once(tmp_path):
     text = (
         'title = "t"\nseed = -1\nlandings = 3\nvehicle = "none.toml"\nwinds = 1\n'

@@ -168,8 +168,7 @@ class EnsembleTable(Strict):
             refuse("file, member, altitude and columns of the wind", "members, which come from the file")
         wanted = {"member": Wanted(self.member, "1", "")}
         for name, si in (("altitude", "m"), ("north", "m/s"), ("east", "m/s")):
-            column = getattr(self, name)
-            wanted[name] = Wanted(column.column, column.unit, si)
+            wanted[name] = getattr(self, name).wanted(name, si)
         found = read_beside(self.file, wanted, info)
         check_winds(found, self.file)
         made = []

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, BeforeValidator, ValidationInfo, field_validator, model_validator
+from pydantic import AfterValidator, ValidationInfo, field_validator, model_validator
 
 from bayeschute.records.foreign.conventions import Conventions
 from bayeschute.records.plausibility.reading import NAMES
@@ -36,7 +36,7 @@ from bayeschute.study.schema.quantities import (
 from bayeschute.study.schema.structure_schema import StructureTable, SyntheticTable, distinct
 from bayeschute.study.schema.vehicle_schema import Vehicle
 from bayeschute.study.schema.virtual_schema import VirtualFlight
-from bayeschute.study.schema.wind_schema import ProfileTable
+from bayeschute.study.schema.wind_schema import ProfileTable, SeriesColumn
 
 UNITS = {  # of the quantities that a study can predict
     "swing_angle": ("rad", "30 deg"),
@@ -58,11 +58,9 @@ Quantity = Annotated[str, one_of(*UNITS)]
 Statistic = Literal["final", "maximum", "mean"]
 
 
-class Column(Strict):
+class Column(SeriesColumn):
     """Column of a variable in a record: its name, and its unit there."""
 
-    column: Text
-    unit: Annotated[str, BeforeValidator(lambda value: value if isinstance(value, str) else refuse("a unit"))]
     scale: Annotated[float, number()] | None = None
     offset: Annotated[float, number()] | None = None
 

@@ -46,6 +46,19 @@ class SeriesColumn(Strict):
     column: Text
     unit: Annotated[str, BeforeValidator(_unit)]
 
+    def wanted(self, name: str, si: str) -> Wanted:
+        """The column as the reader of files takes it; a unit that can't become `si` is refused.
+
+        Args:
+            name: Of the column in the table, for the fault.
+            si: SI unit it comes out in.
+        """
+        try:
+            factor_to_si(self.unit, si)
+        except ValueError:
+            refuse(f"a unit convertible to {si}", f"{name} in {self.unit[:60]!r}")
+        return Wanted(self.column, self.unit, si)
+
 
 class HistoryTable(Strict):
     """Wind by time, from a file of comma-separated values; it adds to the wind by altitude.
@@ -116,14 +129,7 @@ def _rows(
     given = {axis: column for axis, column in winds.items() if column is not None}
     if not given:
         refuse("a column of the wind, such as north = { column = 'w_n', unit = 'm/s' }", "none")
-    wanted = {}
-    for name, column in {along: place, **given}.items():
-        unit = si if name == along else "m/s"
-        try:
-            factor_to_si(column.unit, unit)
-        except ValueError:
-            refuse(f"a unit convertible to {unit}", f"{name} in {column.unit[:60]!r}")
-        wanted[name] = Wanted(column.column, column.unit, unit)
+    wanted = {along: place.wanted(along, si)} | {axis: column.wanted(axis, "m/s") for axis, column in given.items()}
     found = read_beside(file, wanted, info)
     x = found[along]
     if along == "altitude" and x.size > 1 and x[0] > x[-1]:  # a dropped sonde comes from above

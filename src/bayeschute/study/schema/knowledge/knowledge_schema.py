@@ -8,7 +8,6 @@ import numpy as np
 from pydantic import BeforeValidator, ValidationInfo, field_validator, model_validator
 
 from bayeschute.aero.curve_names import CURVES
-from bayeschute.core.units import factor_to_si
 from bayeschute.study.schema.quantities import (
     NOT_NEGATIVE,
     Bounds,
@@ -21,7 +20,7 @@ from bayeschute.study.schema.quantities import (
     read_quantity,
     refuse,
 )
-from bayeschute.study.schema.sidecar import Wanted, read_beside
+from bayeschute.study.schema.sidecar import read_beside
 from bayeschute.study.schema.wind_schema import SeriesColumn
 
 MOST_POINTS = 200
@@ -150,16 +149,10 @@ def _of_file(table: KnowledgeTable, info: ValidationInfo) -> list[tuple[float, f
     assert table.file is not None and table.columns is not None
     if (table.columns.sd is None) == (table.sd is None):
         refuse("a column of sd, or one sd for all points", "both" if table.sd is not None else "neither")
-    wanted = {}
-    for key, si in (("at", _unit(table)), ("value", "1"), ("sd", "1")):
-        column: SeriesColumn | None = getattr(table.columns, key)
-        if column is None:
-            continue
-        try:
-            factor_to_si(column.unit, si)
-        except ValueError:
-            refuse(f"a unit convertible to {si}", f"{key} in {column.unit[:60]!r}")
-        wanted[key] = Wanted(column.column, column.unit, si)
+    c = table.columns
+    wanted = {"at": c.at.wanted("at", _unit(table)), "value": c.value.wanted("value", "1")}
+    if c.sd is not None:
+        wanted["sd"] = c.sd.wanted("sd", "1")
     found = read_beside(table.file, wanted, info)
     sd = found.get("sd", np.full(found["at"].size, table.sd))
     outside = ~np.array([_WHERE[_unit(table)].hold(float(x)) for x in found["at"]])
