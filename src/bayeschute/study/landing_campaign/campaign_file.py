@@ -20,7 +20,6 @@ from bayeschute.study.schema.schema_faults import faults_of
 from bayeschute.study.schema.sidecar import context
 from bayeschute.study.schema.study_files import DATA_VARIABLE, read_toml
 from bayeschute.study.schema.vehicle_schema import Vehicle
-from bayeschute.study.schema.wind_schema import ProfileTable
 
 
 @dataclass(frozen=True)
@@ -82,7 +81,7 @@ def load_campaign(path: Path | str, data_dir: Path | str | None = None) -> Campa
 
 def wind_plan(table: WindTable) -> WindPlan:
     """What a wind table says, as numbers."""
-    profiles = [_profile(one) for one in table.profile]
+    profiles = [Profile(rows[:, 0], rows[:, 1:]) for rows in (one.rows() for one in table.profile)]
     for rows in table.ensemble.members if table.ensemble is not None else ():
         altitude, north, east = (np.array(v) for v in zip(*rows, strict=True))
         profiles.append(Profile(altitude, np.stack([north, east, 0.0 * north], axis=1)))
@@ -92,14 +91,6 @@ def wind_plan(table: WindTable) -> WindPlan:
     return WindPlan(
         tuple(profiles), table.scale_sd, table.any_direction, table.error_sd, table.error_length, events, gusts
     )
-
-
-def _profile(table: ProfileTable) -> Profile:
-    if table.profile is not None:
-        rows = np.array(table.profile.samples)
-        return Profile(rows[:, 0], rows[:, 1:])
-    down = table.down or (0.0,) * len(table.altitude)
-    return Profile(np.array(table.altitude), np.stack([table.north, table.east, down], axis=1))
 
 
 def _event(kind: str, one: EventTable) -> Event:

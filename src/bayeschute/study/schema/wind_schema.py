@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,89 +60,75 @@ class SeriesColumn(Strict):
         return Wanted(self.column, self.unit, si)
 
 
-class HistoryTable(Strict):
-    """Wind by time, from a file of comma-separated values; it adds to the wind by altitude.
+class _WindFile(Strict):
+    """Wind along time or altitude, from a file of comma-separated values.
 
     Attributes:
         file: Path of the file, from the study.
-        time: Column of the time since the first sample; constant extrapolation.
         north: Column of the velocity to the north; None: none.
         east: To the east.
         down: Downwards.
-        samples: Content of the file: rows of time [s], north, east, down [m/s]; not to be given.
+        samples: Content of the file: rows of time [s] or altitude [m], upwards, north, east, down [m/s]; not to be
+            given.
     """
 
+    ALONG: ClassVar[str]
+    UNIT: ClassVar[str]
+
     file: Text
-    time: SeriesColumn
     north: SeriesColumn | None = None
     east: SeriesColumn | None = None
     down: SeriesColumn | None = None
     samples: tuple[tuple[float, ...], ...] = ()
 
     @model_validator(mode="after")
-    def _is_read(self, info: ValidationInfo) -> HistoryTable:
-        given = {axis: getattr(self, axis) for axis in AXES}
-        stored = "samples" in self.model_fields_set
-        return self.model_copy(update={"samples": _rows(self.file, "time", "s", self.time, given, stored, info)})
-
-
-class ProfileFile(Strict):
-    """Wind by altitude, from a file of comma-separated values with its rows upwards or downwards.
-
-    Attributes:
-        file: Path of the file, from the study.
-        altitude: Column of the altitude; constant extrapolation.
-        north: Column of the velocity to the north; None: none.
-        east: To the east.
-        down: Downwards.
-        samples: Content of the file: rows of altitude, north, east, down [m, m/s]; not to be given.
-    """
-
-    file: Text
-    altitude: SeriesColumn
-    north: SeriesColumn | None = None
-    east: SeriesColumn | None = None
-    down: SeriesColumn | None = None
-    samples: tuple[tuple[float, ...], ...] = ()
-
-    @model_validator(mode="after")
-    def _is_read(self, info: ValidationInfo) -> ProfileFile:
-        given = {axis: getattr(self, axis) for axis in AXES}
-        stored = "samples" in self.model_fields_set
-        return self.model_copy(
-            update={"samples": _rows(self.file, "altitude", "m", self.altitude, given, stored, info)}
-        )
-
-
-def _rows(
-    file: str,
-    along: str,
-    si: str,
-    place: SeriesColumn,
-    winds: Mapping[str, SeriesColumn | None],
-    stored: bool,
-    info: ValidationInfo,
-) -> tuple[tuple[float, ...], ...]:
-    """Rows of a file of winds along time or altitude, upwards: time [s] or altitude [m], north, east, down [m/s]."""
-    if stored:
-        refuse(f"file, {along} and columns of the wind", "samples, which come from the file")
-    given = {axis: column for axis, column in winds.items() if column is not None}
-    if not given:
-        refuse("a column of the wind, such as north = { column = 'w_n', unit = 'm/s' }", "none")
-    wanted = {along: place.wanted(along, si)} | {axis: column.wanted(axis, "m/s") for axis, column in given.items()}
-    found = read_beside(file, wanted, info)
-    x = found[along]
-    if along == "altitude" and x.size > 1 and x[0] > x[-1]:  # a dropped sonde comes from above
-        found = {name: values[::-1] for name, values in found.items()}
+    def _is_read(self, info: ValidationInfo) -> Self:
+        along, file = self.ALONG, self.file
+        if "samples" in self.model_fields_set:
+            refuse(f"file, {along} and columns of the wind", "samples, which come from the file")
+        given: dict[str, SeriesColumn] = {axis: column for axis in AXES if (column := getattr(self, axis)) is not None}
+        if not given:
+            refuse("a column of the wind, such as north = { column = 'w_n', unit = 'm/s' }", "none")
+        wanted = {along: getattr(self, along).wanted(along, self.UNIT)}
+        wanted |= {axis: column.wanted(axis, "m/s") for axis, column in given.items()}
+        found = read_beside(file, wanted, info)
         x = found[along]
-    back = np.flatnonzero(np.diff(x) <= 0.0)
-    if back.size:
-        first, second = x[back[0] : back[0] + 2]
-        refuse(f"{along}s that increase", f"{first:g} {si} followed by {second:g} {si} in {file!r}")
-    zero = np.zeros_like(x)
-    check_winds(found, file)
-    rows = np.stack([x, *(found.get(axis, zero) for axis in AXES)], axis=1)
-    return tuple(map(tuple, rows.tolist()))
+        if along == "altitude" and x.size > 1 and x[0] > x[-1]:  # a dropped sonde comes from above
+            found = {name: values[::-1] for name, values in found.items()}
+            x = found[along]
+        back = np.flatnonzero(np.diff(x) <= 0.0)
+        if back.size:
+            first, second = x[back[0] : back[0] + 2]
+            got = f"{first:g} {self.UNIT} followed by {second:g} {self.UNIT} in {file!r}"
+            refuse(f"{along}s that increase", got)
+        zero = np.zeros_like(x)
+        check_winds(found, file)
+        rows = np.stack([x, *(found.get(axis, zero) for axis in AXES)], axis=1)
+        return self.model_copy(update={"samples": tuple(map(tuple, rows.tolist()))})
+
+
+class HistoryTable(_WindFile):
+    """Wind by time, from a file; it adds to the wind by altitude.
+
+    Attributes:
+        time: Column of the time since the first sample; constant extrapolation.
+    """
+
+    ALONG, UNIT = "time", "s"
+
+    time: SeriesColumn
+
+
+class ProfileFile(_WindFile):
+    """Wind by altitude, from a file with its rows upwards or downwards.
+
+    Attributes:
+        altitude: Column of the altitude; constant extrapolation.
+    """
+
+    ALONG, UNIT = "altitude", "m"
+
+    altitude: SeriesColumn
 
 
 def check_winds(found: Mapping[str, NDArray[np.float64]], file: str) -> None:
@@ -189,7 +175,7 @@ class GustTable(Strict):
     down: Speed = 0.0
 
 
-class ProfileTable(Strict):
+class _ByAltitude(Strict):
     """Wind by altitude, in the table itself or in a file; the air moves towards north, east and down.
 
     Attributes:
@@ -207,22 +193,41 @@ class ProfileTable(Strict):
     profile: ProfileFile | None = None
 
     @model_validator(mode="after")
+    def _is_given_once(self) -> Self:
+        sizes = [len(self.altitude), len(self.north), len(self.east)]
+        if len(set(sizes)) > 1:
+            got = "altitude, north and east of {}, {} and {} values".format(*sizes)
+            refuse("as many winds as altitudes", got)
+        if self.down is not None and len(self.down) != sizes[0]:
+            refuse("as many winds as altitudes", f"altitude and down of {sizes[0]} and {len(self.down)} values")
+        if any(b <= a for a, b in zip(self.altitude, self.altitude[1:], strict=False)):
+            refuse("altitudes that increase", "altitudes that don't increase")
+        if self.altitude and self.profile:
+            refuse("altitude, north and east, or a profile", "both", "Remove one of them.")
+        return self
+
+
+class ProfileTable(_ByAltitude):
+    """Wind by altitude alone."""
+
+    @model_validator(mode="after")
     def _is_by_altitude(self) -> ProfileTable:
-        check_profile(self)
         if not (self.altitude or self.profile):
             refuse("altitude, north and east, or a profile", "no wind")
         return self
 
+    def rows(self) -> NDArray[np.float64]:
+        """Rows of altitude [m], north, east, down [m/s], upwards (K, 4)."""
+        if self.profile is not None:
+            return np.array(self.profile.samples)
+        down = self.down or (0.0,) * len(self.altitude)
+        return np.stack([self.altitude, self.north, self.east, down], axis=1)
 
-class WindTable(Strict):
-    """Wind of a virtual drop; the air moves towards north, east and down, and all parts add up.
+
+class WindTable(_ByAltitude):
+    """Wind of a virtual drop; all parts add up.
 
     Attributes:
-        altitude: Of the wind by altitude, increasing; constant extrapolation [m].
-        north: [m/s].
-        east: [m/s].
-        down: [m/s]; None: none.
-        profile: Wind by altitude from a file; None: from the table itself.
         history: Wind by time; None: none.
         layer: Layers of shear.
         gust: Gusts.
@@ -230,11 +235,6 @@ class WindTable(Strict):
             capsule's.
     """
 
-    altitude: tuple[Altitude, ...] = ()
-    north: tuple[Speed, ...] = ()
-    east: tuple[Speed, ...] = ()
-    down: tuple[Speed, ...] | None = None
-    profile: ProfileFile | None = None
     history: HistoryTable | None = None
     layer: tuple[LayerTable, ...] = ()
     gust: tuple[GustTable, ...] = ()
@@ -242,23 +242,8 @@ class WindTable(Strict):
 
     @model_validator(mode="after")
     def _is_a_table(self) -> WindTable:
-        check_profile(self)
         if max(len(self.layer), len(self.gust)) > MOST_PARTS:
             refuse(f"up to {MOST_PARTS} layers and as many gusts", f"{len(self.layer)} and {len(self.gust)}")
         if not (self.altitude or self.profile or self.history or self.layer or self.gust):
             refuse("altitude, north and east; or a profile, a history, a layer or a gust", "no wind")
         return self
-
-
-def check_profile(table: ProfileTable | WindTable) -> None:
-    """Refuse a wind by altitude whose lists differ in length, or that is given twice."""
-    sizes = [len(table.altitude), len(table.north), len(table.east)]
-    if len(set(sizes)) > 1:
-        got = "altitude, north and east of {}, {} and {} values".format(*sizes)
-        refuse("as many winds as altitudes", got)
-    if table.down is not None and len(table.down) != sizes[0]:
-        refuse("as many winds as altitudes", f"altitude and down of {sizes[0]} and {len(table.down)} values")
-    if any(b <= a for a, b in zip(table.altitude, table.altitude[1:], strict=False)):
-        refuse("altitudes that increase", "altitudes that don't increase")
-    if table.altitude and table.profile:
-        refuse("altitude, north and east, or a profile", "both", "Remove one of them.")
