@@ -1,6 +1,6 @@
 """What a cluster does in the last seconds before touchdown, for many landings at once.
 
-The split is that of `reduced.mode_labels`: the mean of the risers' directions swings (pendulum), deviations from it
+Motion is split by `reduced.mode_labels`: the mean of the risers' directions swings (pendulum), deviations from it
 change in length (flyout) or turn as one (maypole). A pendulum whose minor axis is long beside its major one is a cone.
 """
 
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayeschute.landing.measures import LABELS
-from bayeschute.reduced.mode_labels import Thresholds
+from bayeschute.reduced.mode_labels import GLIDE, SCISSORS, SWING, TURN, TURNING, split
 
 Array = NDArray[np.float64]
 CONE = 0.5  # least ratio of the minor to the major axis of the swing
@@ -37,49 +37,35 @@ class Motion(NamedTuple):
     glide_angle: Array
 
 
-def motion(across: Array, path: Array, dt: float, thresholds: Thresholds | None = None) -> Motion:
+def motion(across: Array, path: Array, dt: float) -> Motion:
     """Label windows.
 
     Args:
         across: Horizontal parts of the risers' unit directions (T, 2, n, B), touchdown last.
         path: Mean velocity of the canopies through the air over the window, NED (3, B) [m/s].
         dt: Sample interval [s].
-        thresholds: From where on modes count.
     """
-    limits = thresholds or Thresholds()
-    n, span = across.shape[2], len(across) * dt
-    mean = across.mean(axis=2)
-    away = across - mean[:, :, None]
-    size = np.sqrt((away**2).sum(axis=1))
-    rate = np.gradient(away, dt, axis=0)
-    safe = np.maximum(size, 1e-9)
-    outward = (away * rate).sum(axis=1) / safe
-    around = (away[:, 0] * rate[:, 1] - away[:, 1] * rate[:, 0]) / safe
-    moment = (size**2).sum(axis=1)
-    turning = (size * around).sum(axis=1) / np.maximum(moment, 1e-12)
-    moving = np.gradient(mean, dt, axis=0)
-    energy = np.stack(
-        [(moving**2).sum(axis=1).mean(axis=0), (outward**2).mean(axis=(0, 1)), (turning**2 * moment / n).mean(axis=0)]
-    )
-    off = mean - mean.mean(axis=0)
+    span, parts = len(across) * dt, split(across, dt)
+    energy = parts.energy.mean(axis=0)
+    off = parts.mean - parts.mean.mean(axis=0)
     amplitude = np.sqrt(2.0 * (off**2).mean(axis=0).sum(axis=0))
-    scissors = np.sqrt(2.0 * size.mean(axis=1).var(axis=0))
-    turn = turning.mean(axis=0)
+    scissors = np.sqrt(2.0 * parts.flyout.var(axis=0))
+    turn = parts.turning.mean(axis=0)
     glide = np.arctan2(np.hypot(path[0], path[1]), path[2])
     present = np.stack(
         [
-            amplitude >= limits.pendulum,
-            scissors >= limits.flyout,
-            (np.abs(turn) >= limits.turning) & (np.abs(turn) * span >= limits.turn),
+            amplitude >= SWING,
+            scissors >= SCISSORS,
+            (np.abs(turn) >= TURNING) & (np.abs(turn) * span >= TURN),
         ]
     )
     leading = np.where(present, energy, -1.0).argmax(axis=0)
     major, minor = _axes(off)
     swing = np.where(minor >= CONE * major, LABELS.index("cone"), LABELS.index("pendulum"))
-    calm = np.where(glide >= limits.glide, LABELS.index("glide"), LABELS.index("steady"))
+    calm = np.where(glide >= GLIDE, LABELS.index("glide"), LABELS.index("steady"))
     kinds = np.stack([swing, np.full_like(swing, LABELS.index("flyout")), np.full_like(swing, LABELS.index("maypole"))])
     label = np.where(present.any(axis=0), np.take_along_axis(kinds, leading[None], axis=0)[0], calm)
-    return Motion(label, amplitude, _phase(off, moving), turn, glide)
+    return Motion(label, amplitude, _phase(off, parts.moving), turn, glide)
 
 
 def _axes(off: Array) -> tuple[Array, Array]:

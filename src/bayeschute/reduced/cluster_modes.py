@@ -16,7 +16,7 @@ from bayeschute.reduced.mode_coefficients import (
     maypole_coefficients,
     pendulum_coefficients,
 )
-from bayeschute.reduced.mode_labels import Thresholds, WindowLabel, label_windows
+from bayeschute.reduced.mode_labels import WindowLabel, label_windows
 from bayeschute.reduced.pendulum import Pendulum
 from bayeschute.swing.modal import fit_swing
 from bayeschute.swing.spectrum import Peak
@@ -81,8 +81,6 @@ def cluster_modes(
     geometry: ClusterGeometry,
     *,
     length: float = 15.0,
-    thresholds: Thresholds | None = None,
-    breathing_band: tuple[float, float] = BREATHING_BAND,
     seed: int = 0,
 ) -> ClusterModes:
     """Label a record's windows and identify its modes.
@@ -92,8 +90,6 @@ def cluster_modes(
         made: Motion by `bayeschute.records.reconstruct.reconstruct`.
         geometry: The vehicle.
         length: Of the windows [s].
-        thresholds: See `label_windows`.
-        breathing_band: Where to look for the breathing [Hz].
         seed: Of the draws.
 
     Returns:
@@ -104,7 +100,7 @@ def cluster_modes(
     """
     time = made["time"].values.astype(float)
     direction = made["riser_direction"].values
-    labels = label_windows(time, direction, made["air_velocity"].values, length=length, thresholds=thresholds)
+    labels = label_windows(time, direction, made["air_velocity"].values, length=length)
     dt, found = float(np.median(np.diff(time))), []
     for label, start, end in stretches_of(labels):
         here = (time >= start - 1e-9) & (time < end - 1e-9)
@@ -117,7 +113,7 @@ def cluster_modes(
         found.append(Stretch(label, start, end, coefficients, reason))
     try:
         tension = made["riser_tension"].mean("canopy", skipna=False).values
-        breathing = breathing_peak(tension, dt, breathing_band, nuisance=_swing_squared(made, dt), seed=seed)
+        breathing = breathing_peak(tension, dt, BREATHING_BAND, nuisance=_swing_squared(made, dt), seed=seed)
         reason = "" if _trusted(breathing[0]) else _DOUBTFUL
     except InputError as error:
         breathing, reason = None, str(error)

@@ -9,7 +9,6 @@ glides, or descends steadily.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -20,23 +19,12 @@ from bayeschute.core.errors import Fault, InputError
 MODES = ("pendulum", "flyout", "maypole")
 
 
-@dataclass(frozen=True)
-class Thresholds:
-    """From where on a mode counts as present.
-
-    Attributes:
-        pendulum: Amplitude of the swing [rad].
-        flyout: Amplitude of the flyout angle [rad].
-        turn: Turn of a maypole over the window [rad].
-        turning: Rate of that turn [rad/s].
-        glide: Angle of the path through the air off the vertical, mean over the window [rad].
-    """
-
-    pendulum: float = np.deg2rad(4.0)
-    flyout: float = np.deg2rad(2.0)
-    turn: float = np.deg2rad(120.0)
-    turning: float = np.deg2rad(4.0)
-    glide: float = np.deg2rad(4.0)
+# From where on a mode counts as present.
+SWING = np.deg2rad(4.0)  # amplitude of a pendulum's swing [rad]
+SCISSORS = np.deg2rad(2.0)  # amplitude of the flyout angle [rad]
+TURN = np.deg2rad(120.0)  # of a maypole over the window [rad]
+TURNING = np.deg2rad(4.0)  # rate of that turn [rad/s]
+GLIDE = np.deg2rad(4.0)  # angle of the path through the air off the vertical, mean over the window [rad]
 
 
 class WindowLabel(NamedTuple):
@@ -65,30 +53,45 @@ class WindowLabel(NamedTuple):
     shares: tuple[float, float, float]
 
 
-class _Parts(NamedTuple):
-    """Motion split: mean direction (T, 2), mean length of deviations (T,), rate of turn (T,), energies (T, 3)."""
+class Parts(NamedTuple):
+    """Motion split, by time and further axes such as those of a batch.
 
-    mean: np.ndarray
-    flyout: np.ndarray
-    turning: np.ndarray
-    energy: np.ndarray
+    Attributes:
+        mean: Of the directions across the vertical (T, 2, ...).
+        moving: Its rate (T, 2, ...) [1/s].
+        flyout: Mean length of the deviations from it (T, ...).
+        turning: Rate at which they turn as one (T, ...) [rad/s].
+        energy: Of pendulum, flyout and maypole (T, 3, ...) [1/s^2].
+    """
+
+    mean: Float[np.ndarray, "T 2 ..."]
+    moving: Float[np.ndarray, "T 2 ..."]
+    flyout: Float[np.ndarray, "T ..."]
+    turning: Float[np.ndarray, "T ..."]
+    energy: Float[np.ndarray, "T 3 ..."]
 
 
-def _split(direction: np.ndarray, dt: float) -> _Parts:
-    across = direction[:, :, :2]
-    mean = across.mean(axis=1)
-    away = across - mean[:, None]
-    size = np.linalg.norm(away, axis=2)
+def split(across: Float[np.ndarray, "T 2 n ..."], dt: float) -> Parts:
+    """Split the motion of a cluster.
+
+    Args:
+        across: Horizontal parts of the risers' unit directions.
+        dt: Sample interval [s].
+    """
+    mean = across.mean(axis=2)
+    away = across - mean[:, :, None]
+    size = np.sqrt((away**2).sum(axis=1))
     rate = np.gradient(away, dt, axis=0)
     safe = np.maximum(size, 1e-9)
-    outward = np.sum(away * rate, axis=2) / safe
-    around = (away[..., 0] * rate[..., 1] - away[..., 1] * rate[..., 0]) / safe
-    moment = np.sum(size**2, axis=1)
-    turning = np.sum(size * around, axis=1) / np.maximum(moment, 1e-12)
-    swing = np.sum(np.gradient(mean, dt, axis=0) ** 2, axis=1)
+    outward = (away * rate).sum(axis=1) / safe
+    around = (away[:, 0] * rate[:, 1] - away[:, 1] * rate[:, 0]) / safe
+    moment = (size**2).sum(axis=1)
+    turning = (size * around).sum(axis=1) / np.maximum(moment, 1e-12)
+    moving = np.gradient(mean, dt, axis=0)
     # Turn as one body, not the single canopies' jitter, is maypole.
-    rigid = turning**2 * moment / direction.shape[1]
-    return _Parts(mean, size.mean(axis=1), turning, np.stack([swing, np.mean(outward**2, axis=1), rigid], axis=1))
+    rigid = turning**2 * moment / across.shape[2]
+    energy = np.stack([(moving**2).sum(axis=1), (outward**2).mean(axis=1), rigid], axis=1)
+    return Parts(mean, moving, size.mean(axis=1), turning, energy)
 
 
 def label_windows(
@@ -98,7 +101,6 @@ def label_windows(
     *,
     length: float = 15.0,
     every: float | None = None,
-    thresholds: Thresholds | None = None,
 ) -> list[WindowLabel]:
     """Label windows of a record (``riser_direction``, ``air_velocity`` of `bayeschute.records.reconstruct`).
 
@@ -108,7 +110,6 @@ def label_windows(
         air_velocity: Of the canopies relative to the air, NED [m/s].
         length: Of the windows [s]: about a period of the slowest mode.
         every: Distance of their starts [s]; half their length where none is given.
-        thresholds: From where on modes count.
 
     Returns:
         The windows in order; one in which more than a fifth of the samples is missing is ``unknown``.
@@ -123,17 +124,16 @@ def label_windows(
     if not (0.0 < length <= time[-1] - time[0] + dt and step > 0.0):
         got = f"windows of {length:g} s, {step:g} s apart, in {time[-1] - time[0]:.1f} s"
         raise InputError(Fault("mode labels", got, "windows inside the record"))
-    limits = thresholds or Thresholds()
-    parts = _split(direction, dt)
+    parts = split(direction[:, :, :2].swapaxes(1, 2), dt)
     found = []
     for start in np.arange(time[0], time[-1] - length + dt + 1e-9, step):
         here = (time >= start - 1e-9) & (time < start + length - 1e-9)
         flow = None if air_velocity is None else np.asarray(air_velocity, dtype=float)[here]
-        found.append(_label(float(start), float(start) + length, _Parts(*(p[here] for p in parts)), flow, limits))
+        found.append(_label(float(start), float(start) + length, Parts(*(p[here] for p in parts)), flow))
     return found
 
 
-def _label(start: float, end: float, parts: _Parts, flow: np.ndarray | None, limits: Thresholds) -> WindowLabel:
+def _label(start: float, end: float, parts: Parts, flow: np.ndarray | None) -> WindowLabel:
     seen = np.isfinite(parts.energy).all(axis=1)
     if np.mean(seen) < 0.8:
         nan = float("nan")
@@ -149,13 +149,13 @@ def _label(start: float, end: float, parts: _Parts, flow: np.ndarray | None, lim
         path = np.nanmean(flow, axis=(0, 1))
         glide = float(np.arctan2(np.hypot(path[0], path[1]), path[2]))
     there = {
-        "pendulum": swing >= limits.pendulum,
-        "flyout": scissors >= limits.flyout,
-        "maypole": abs(turning) >= limits.turning and abs(turning) * (end - start) >= limits.turn,
+        "pendulum": swing >= SWING,
+        "flyout": scissors >= SCISSORS,
+        "maypole": abs(turning) >= TURNING and abs(turning) * (end - start) >= TURN,
     }
     order = [MODES[i] for i in np.argsort(-shares)]
     present = tuple(mode for mode in order if there[mode])
-    calm = "glide" if glide >= limits.glide else "steady"
+    calm = "glide" if glide >= GLIDE else "steady"
     return WindowLabel(
         start, end, present[0] if present else calm, present, swing, scissors, turning, glide, tuple(shares.tolist())
     )
