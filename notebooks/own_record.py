@@ -69,24 +69,21 @@ except bc.InputError as error:
     faults = len(error.faults)
 
 # %% [markdown]
-# ## Units convert, signs do not
+# ## Units convert, signs are said
 #
-# `"ms"` and `"ft"` are enough. The rate of climb must become a rate of descent: one line of pandas. Whoever forgets it
-# has a body that falls upwards; look at the plot before the fit.
+# `"ms"` and `"ft"` are enough. The rate of climb must become a rate of descent: a gain of minus one in the column's
+# entry. Whoever forgets it has a body that falls upwards; `flight.plausibility()` says so before a fit does.
 
 # %%
-log["descent_fpm"] = -log["climb_fpm"]
-log.to_csv(FOLDER / "mine.csv", index=False)
 columns = {
     "time": ("ms", "ms"),
     "altitude": ("alt_ft", "ft"),
-    "descent_rate": ("descent_fpm", "ft/min"),
+    "descent_rate": ("climb_fpm", "ft/min", -1.0),
     "density": ("rho", "kg/m^3"),
 }
-record = bc.read_record(FOLDER / "mine.csv", columns)
+record = bc.read_record(FOLDER / "logger.csv", columns)
 flight = bc.Flight(record, name="with density", rate="1 Hz", identify_until="65 %")
-for repair in flight.repairs:
-    print(f"{repair.kind:10} {repair.variable:14} {repair.start:5.0f} to {repair.end:3.0f} s  {repair.detail}")
+print(flight.repairs)
 flight.plot()
 
 # %% [markdown]
@@ -97,7 +94,7 @@ flight.plot()
 
 # %%
 few = {name: columns[name] for name in ("time", "altitude", "descent_rate")}
-blind = bc.Flight(bc.read_record(FOLDER / "mine.csv", few), name="standard day", rate="1 Hz", identify_until="65 %")
+blind = bc.Flight(bc.read_record(FOLDER / "logger.csv", few), name="standard day", rate="1 Hz", identify_until="65 %")
 prior = bc.Prior("cds_over_mass", np.log(0.13), 0.4, logarithmic=True, unit="m^2/kg", source="data sheet")
 noise = bc.noise(
     {
@@ -125,11 +122,11 @@ seed = 1
 [columns]
 time = { column = "ms", unit = "ms" }
 altitude = { column = "alt_ft", unit = "ft" }
-descent_rate = { column = "descent_fpm", unit = "ft/min" }
+descent_rate = { column = "climb_fpm", unit = "ft/min", scale = -1.0 }
 density = { column = "rho", unit = "kg/m^3" }
 [[flight]]
 name = "sonde"
-file = "mine.csv"
+file = "logger.csv"
 roles = ["identify", "predict"]
 rate = "1 Hz"
 identify_until = "65 %"
