@@ -72,7 +72,7 @@ except bc.InputError as error:
 # ## Units convert, signs are said
 #
 # `"ms"` and `"ft"` are enough. The rate of climb must become a rate of descent: a gain of minus one in the column's
-# entry. Whoever forgets it has a body that falls upwards; `flight.plausibility()` says so before a fit does.
+# entry. Whoever forgets it has a body that falls upwards; `bayeschute check` and every fit refuse it.
 
 # %%
 columns = {
