@@ -10,6 +10,7 @@ from scipy.special import expi
 
 from bayeschute.core.vectors import Vec3
 from bayeschute.dynamics import forces
+from bayeschute.dynamics.parameters import Cluster
 from bayeschute.dynamics.state import ClusterState
 from bayeschute.verification.case_results import SLACK, Result, all_members, elastic, unturned
 from bayeschute.verification.flying import MEMBERS, Flown, Weather, begin, fly, leaning
@@ -39,20 +40,22 @@ def riccati(time: Array, start: float, fall: float, kappa: float) -> Array:
     return terminal * np.tanh(share + np.arctanh(start / terminal))
 
 
-def drop(
-    samples: int,
-    speed: Callable[[ParameterSet], float],
-    airspeed: Callable[[ParameterSet], float],
-    weather: Callable[[ParameterSet], Weather],
-) -> Flown:
-    """Fly the four members from a speed; the risers' initial tension follows from the airspeed [m/s]."""
-    starts, models, air = [], [], []
+def _calm(s: ParameterSet) -> Weather:
+    return Weather(s.density)
+
+
+def falling(factor: float = 1.0) -> tuple[list[Array], list[Cluster]]:
+    """Starts of the four members at so many times the terminal speed; their clusters, risers under its tension."""
+    starts, models = [], []
     for s, stiffer in MEMBERS:
-        tension = s.tension(0.0, 0.0, s.load * s.C_A * (airspeed(s) / s.terminal_speed) ** 2)
-        starts.append(begin(s, UP, 0.0 * UP, (0.0, 0.0, speed(s))))
-        models.append(s.cluster((s.C_A,), (), tension, stiffer))
-        air.append(weather(s))
-    return fly(forces.drag, starts, models, air, samples)
+        starts.append(begin(s, UP, 0.0 * UP, (0.0, 0.0, factor * s.terminal_speed)))
+        models.append(s.cluster((s.C_A,), (), s.tension(0.0, 0.0, s.load * s.C_A * factor**2), stiffer))
+    return starts, models
+
+
+def drop(samples: int, factor: float = 1.0, weather: Callable[[ParameterSet], Weather] = _calm) -> Flown:
+    """Fly the four members from so many times the terminal speed."""
+    return fly(forces.drag, *falling(factor), [weather(s) for s, _ in MEMBERS], samples)
 
 
 def _differences(flown: Flown, want: Callable[[ParameterSet, Array, ClusterState], Array]) -> list[Array]:
@@ -68,26 +71,19 @@ def _ends(differences: Sequence[Array]) -> list[Array]:
     return [d[-1:] for d in differences]
 
 
-def _calm(s: ParameterSet) -> Weather:
-    return Weather(s.density)
-
-
 def constant_density() -> list[Result]:
     """Case 1: to the terminal speed from above, from below, and at it."""
     lines = []
     for factor, bound, end in ((1.5, 0.096, 1.2e-8), (0.5, 0.042, 1.2e-8)):
 
-        def speed(s: ParameterSet, factor: float = factor) -> float:
-            return factor * s.terminal_speed
-
         def want(s: ParameterSet, time: Array, _: ClusterState, factor: float = factor) -> Array:
             return riccati(time, factor * s.terminal_speed, s.fall, s.kappa)
 
-        off = _differences(drop(200, speed, speed, _calm), want)
+        off = _differences(drop(200, factor), want)
         words = f"CM speed from {factor:g} V_t"
         lines += elastic("1", words, "coth" if factor > 1 else "tanh", "ft/s", off, SLACK * bound)
         lines += all_members("1", f"{words}, at 20 s", "coth" if factor > 1 else "tanh", "ft/s", _ends(off), end)
-    flown = drop(200, lambda s: s.terminal_speed, lambda s: s.terminal_speed, _calm)
+    flown = drop(200)
     steady = _differences(flown, lambda s, time, _: np.full_like(time, s.terminal_speed))
     lines += all_members("1", "CM speed from V_t", "constant", "ft/s", steady, 1e-11)
     return [*lines, unturned("1", flown)]
@@ -111,9 +107,7 @@ def exponential_speed(s: ParameterSet, z: Array) -> Array:
 
 def exponential_density() -> list[Result]:
     """Case 2: an exponential atmosphere, mass of the enclosed air held."""
-    flown = drop(
-        2500, lambda s: s.terminal_speed, lambda s: s.terminal_speed, lambda s: Weather(s.density, SCALE_HEIGHT)
-    )
+    flown = drop(2500, weather=lambda s: Weather(s.density, SCALE_HEIGHT))
     off = _differences(flown, lambda s, _, state: exponential_speed(s, np.asarray(state.canopy_position.z[0])))
     lines = elastic("2", "CM speed by depth", "exponential integral", "ft/s", off, SLACK * 6.5e-5)
     # At the end the canopies: drag sets their speed; the CM's differs by the rate of stretch of the risers.
@@ -128,10 +122,7 @@ def exponential_density() -> list[Result]:
 
 def step_updraft() -> list[Result]:
     """Case 3a: an updraft that begins at a depth, met at the terminal speed."""
-    starts, models = [], []
-    for s, stiffer in MEMBERS:
-        starts.append(begin(s, UP, 0.0 * UP, (0.0, 0.0, s.terminal_speed)))
-        models.append(s.cluster((s.C_A,), (), s.tension(0.0, 0.0, s.load * s.C_A), stiffer))
+    starts, models = falling()
     calm, wind = [_calm(s) for s, _ in MEMBERS], [Weather(s.density, down=STEP_WIND) for s, _ in MEMBERS]
     # Two legs: a Runge-Kutta step across the edge of the updraft would see it in some of its stages only.
     until = [STEP_AT / s.terminal_speed for s, _ in MEMBERS]
@@ -156,9 +147,7 @@ def ramp_downdraft() -> list[Result]:
     def want(s: ParameterSet, time: Array, _: ClusterState) -> Array:
         return riccati(time, terminal[s.name], s.fall - RAMP, s.kappa) + RAMP * time
 
-    flown = drop(
-        300, lambda s: s.terminal_speed, lambda s: s.terminal_speed, lambda s: Weather(s.density, down_ramp=RAMP)
-    )
+    flown = drop(300, weather=lambda s: Weather(s.density, down_ramp=RAMP))
     off = _differences(flown, want)
     lines = elastic("3b", "CM speed in the ramp", "Riccati", "ft/s", off, SLACK * 3.8e-3)
     lines += all_members("3b", "CM speed, at 30 s", "Riccati", "ft/s", _ends(off), 1.2e-9)
@@ -179,9 +168,7 @@ def shear_reference(s: ParameterSet, time: Array) -> Array:
 
 def depth_shear() -> list[Result]:
     """Case 3c: a downdraft that grows with depth."""
-    flown = drop(
-        300, lambda s: s.terminal_speed, lambda s: s.terminal_speed, lambda s: Weather(s.density, down_shear=SHEAR)
-    )
+    flown = drop(300, weather=lambda s: Weather(s.density, down_shear=SHEAR))
     off = _differences(flown, lambda s, time, _: shear_reference(s, time))
     lines = elastic("3c", "CM speed in the shear", "ODE, rtol 1e-12", "ft/s", off, SLACK * 2.5e-3)
     return [*lines, unturned("3c", flown)]
