@@ -20,7 +20,7 @@ _CLUSTER_CHANNELS = (*_CLUSTER_ONLY, "descent_rate")
 
 
 def check_names(draft: Draft) -> Iterator[Fault]:
-    """Names of flights and of requirements are unique, ignoring case (they become file names)."""
+    """Names are unique: of flights ignoring case (they become file names), of requirements as written."""
     taken: set[str] = set()
     for index, flight in draft.flights.items():
         if flight.name.casefold() in taken:
