@@ -47,7 +47,7 @@ columns = {
     "pressure": ("pres_hPa", "hPa"),
     "temperature": ("tdry_C", "degC"),
 }
-window = ("40 s", "160 s") if SMALL else ("40 s", "400 s")
+window = ("40 s", "280 s") if SMALL else ("40 s", "400 s")
 flights = [
     bc.Flight(bc.read_record(file, columns), name=file.name.split(".")[0], rate="1 Hz", window=window) for file in files
 ]
