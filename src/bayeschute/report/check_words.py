@@ -8,6 +8,7 @@ _SENSES = {
     "rhat": "at most", "ess_bulk": "at least", "ess_tail": "at least", "optimum": "at most", "failed_solves": "at most",
     "step_error": "at most", "mode": "above", "draws_distance": "at most", "innovations": "near",
     "log_determinant": "at most", "score_dispersion": "at most", "predictive": "at least", "calibration": "at least",
+    "pareto_k": "below", "optima": "at most", "structures": "at most", "bands": "at most",
 }  # fmt: skip
 
 
