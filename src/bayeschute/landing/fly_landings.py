@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -66,8 +66,13 @@ def _batch(plan: CampaignPlan, number: int, ids: Ids, local: Ids) -> NDArray[np.
     """Rows of landings of one model, `local` being their draws of it."""
     one = plan.models[number]
     sizes = normal_sizes(plan, number)
-    whats = ("winds", "starts", "gusts", "canopies")
-    given = [_each(plan.seed, *each) for each in zip(whats, ids[:, 1:].T, sizes, strict=True)]
+    streams: tuple[Callable[[int], np.random.Generator], ...] = (
+        lambda key: stream(plan.seed, "winds of landings", key),
+        lambda key: stream(plan.seed, "starts of landings", key),
+        lambda key: stream(plan.seed, "gusts of landings", key),
+        lambda key: stream(plan.seed, "canopies of landings", key),
+    )
+    given = [_each(*each) for each in zip(streams, ids[:, 1:].T, sizes, strict=True)]
     laws = [law[local].T for law in one.laws]
     return fly_normals(plan, number, one.theta[local].T, laws, Normals(*given), ids)
 
@@ -133,10 +138,10 @@ def _samples(plan: CampaignPlan, model: LandingFlight, one: Parameters) -> int:
     return SECOND * int(np.ceil(seconds / SAMPLE / SECOND)) + 1
 
 
-def _each(seed: int, what: str, ids: Ids, size: int) -> Array:
+def _each(stream_of: Callable[[int], np.random.Generator], ids: Ids, size: int) -> Array:
     """Standard normal numbers (size, B), a stream for each landing's number; numbers that repeat share theirs."""
     known, back = np.unique(ids, return_inverse=True)
-    drawn = [stream(seed, f"{what} of landings", int(key)).standard_normal(size) for key in known]
+    drawn = [stream_of(int(key)).standard_normal(size) for key in known]
     return np.stack(drawn, axis=1).take(back, axis=1)
 
 
