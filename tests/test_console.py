@@ -42,6 +42,21 @@ def test_bars_keep_the_last_words_of_a_stage(capsys):
     assert "2 fits" in capsys.readouterr().err
 
 
+def test_a_bar_never_goes_back_and_tells_the_time_left(capsys, monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr("bayeschute.core.pace.time.perf_counter", lambda: now[0])
+    with Bars() as bars:
+        bars("fit", 0.0, "begins")
+        now[0] = 240.0
+        bars("fit", 0.5, "along the record")
+        bars("fit", 0.3, "noise parameters")
+        task = bars._progress.tasks[0]
+        assert task.completed == 0.5 and task.fields["words"] == "about 4 min left: noise parameters"
+        bars("fit", 1.0, "2 fits")
+        assert task.fields["words"] == "2 fits"
+    assert "2 fits" in capsys.readouterr().err
+
+
 def test_bars_that_are_not_shown_are_silent(capsys):
     Bars()("fit", 0.5, "words")
     assert capsys.readouterr() == ("", "")

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from bayeschute.core.errors import Fault, InputError, harmless
+from bayeschute.core.pace import Pace
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
@@ -39,21 +40,25 @@ class Bars:
     """Progress bars, one per stage; an instance is the progress callback of long computations.
 
     Call it with the stage's name, the share that is done (0 to 1), and a few words; the words given with 1 remain on
-    the terminal as the summary of the stage.
+    the terminal as the summary of the stage. A bar never goes back; once it has come some way it tells about how long
+    the stage still takes.
     """
 
     def __init__(self) -> None:
+        self._pace = Pace()
         self._progress: Progress | None = None
         self._tasks: dict[str, TaskID] = {}
 
     def __enter__(self) -> Bars:
         from rich.console import Console
         from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+        from rich.table import Column
 
         stage = TextColumn("{task.description:<10}", markup=False)
-        words = TextColumn("{task.fields[words]}", markup=False)
-        console = Console(stderr=True)
-        self._progress = Progress(stage, BarColumn(bar_width=24), TimeElapsedColumn(), words, console=console)
+        rest = Column(ratio=1, no_wrap=True, overflow="ellipsis")  # on a narrow screen words are cut, not the bar
+        words = TextColumn("{task.fields[words]}", markup=False, table_column=rest)
+        bar, console = BarColumn(bar_width=16), Console(stderr=True)
+        self._progress = Progress(stage, bar, TimeElapsedColumn(), words, console=console, expand=True)
         self._progress.start()
         return self
 
@@ -67,10 +72,11 @@ class Bars:
         """Move the bar of a stage."""
         if self._progress is None:
             return
-        words = harmless(words)
+        words, done = harmless(words), self._pace.at(stage, done)
         if stage not in self._tasks:
-            self._tasks[stage] = self._progress.add_task(stage, total=1.0, words=words)
-        self._progress.update(self._tasks[stage], completed=min(max(done, 0.0), 1.0), words=words)
+            self._tasks[stage] = self._progress.add_task(stage, total=1.0, words="")
+        told = ": ".join(part for part in (self._pace.left(stage), words) if part)
+        self._progress.update(self._tasks[stage], completed=done, words=told)
 
 
 def place_for_json(where: str | None) -> None:

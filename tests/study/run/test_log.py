@@ -42,7 +42,7 @@ def test_what_ended_it_is_said(tmp_path: Path):
 
 
 def test_words_are_written_when_they_change(tmp_path: Path, monkeypatch):
-    clock = iter(np.arange(0.0, 100.0, 0.3).tolist())
+    clock = iter(np.arange(0.0, 100.0, 0.12).tolist())  # read several times a message
     monkeypatch.setattr(module.time, "perf_counter", lambda: next(clock))
     heard = []
     with Log(tmp_path / "log.txt") as log:
@@ -62,6 +62,24 @@ def test_words_are_written_when_they_change(tmp_path: Path, monkeypatch):
     assert said[:2] == ["fit 0 % begins", "fit 0 % opening"] and said[-2:] == ["fit 100 % done", "check 100 % kept"]
     assert 4 <= len(counts) <= 10 and counts[0] == "fit 50 % nuts: 0 of 20, cost -1.5e-0"
     assert len(said) == 4 + len(counts) and len(heard) == 1 + 51 + 20 + 3
+
+
+def test_shares_never_fall_and_the_time_left_is_told(tmp_path: Path, monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr(module.time, "perf_counter", lambda: now[0])
+    heard = []
+    with Log(tmp_path / "log.txt") as log:
+        tell = log.beside(lambda *said: heard.append(said))
+        for seconds, share, words in [(0.0, 0.0, ""), (300.0, 0.5, "a"), (360.0, 0.4, "b"), (700.0, 1.0, "c")]:
+            now[0] = seconds
+            tell("fit", share, words)
+    assert [share for _, share, _ in heard] == [0.0, 0.5, 0.5, 1.0]
+    assert _said(tmp_path / "log.txt") == [
+        "fit 0 % begins",
+        "fit 50 % a (about 5 min left)",
+        "fit 50 % b (about 6 min left)",
+        "fit 100 % c",
+    ]
 
 
 def test_warnings_go_to_the_log_once_each(tmp_path: Path, capfd):

@@ -21,7 +21,7 @@ ROOMS = (
 )  # fmt: skip
 """Folders and files of the package whose code results depend on."""
 NO_NUMBERS = (
-    "core/errors.py", "core/version.py", "prediction/data_dictionary.py", "study/run/log.py",
+    "core/errors.py", "core/pace.py", "core/version.py", "prediction/data_dictionary.py", "study/run/log.py",
     "study/run/stage_report.py", "study/run/failure.py", "study/run/stages.py", "calibration/label.py",
     "calibration/domain.py", "calibration/promises.py", "calibration/campaign.py", "calibration/workers.py",
     "calibration/rows.py",

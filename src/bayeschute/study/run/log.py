@@ -15,6 +15,7 @@ from types import TracebackType
 from typing import TextIO
 
 from bayeschute.core.errors import harmless
+from bayeschute.core.pace import Pace
 
 NAME = "log.txt"
 """The file's name in a run's folder."""
@@ -28,13 +29,15 @@ Progress = Callable[[str, float, str], None]
 class Log:
     """A file that is written and flushed line by line; a later run appends to it.
 
-    A line contains date and time, seconds since the log was opened, and text.
+    A line contains date and time, seconds since the log was opened, and text: of a stage, how much of it is done and
+    about how long it still takes.
     """
 
     def __init__(self, path: Path) -> None:
         self._path = path
         self._file: TextIO | None = None
         self._lock = threading.Lock()  # warnings come from any thread
+        self._pace = Pace()
         self._said: dict[str, tuple[float, str, float]] = {}  # per stage: share, words, when
 
     def __enter__(self) -> Log:
@@ -73,12 +76,14 @@ class Log:
         if last is not None and last[:2] == (share, words):
             return
         self._said[stage] = (share, words, now)
-        self.line(f"{stage:<9} {100.0 * share:3.0f} %  {words or 'begins'}")
+        left = self._pace.left(stage)
+        self.line(f"{stage:<9} {100.0 * share:3.0f} %  {words or 'begins'}{left and f' ({left})'}")
 
     def beside(self, progress: Progress | None) -> Progress:
-        """A progress function that writes here and then calls another."""
+        """A progress function that writes here and then calls another, both with shares that never fall."""
 
         def both(stage: str, share: float, words: str) -> None:
+            share = self._pace.at(stage, share)
             self.progress(stage, share, words)
             if progress is not None:
                 progress(stage, share, words)
