@@ -15,8 +15,9 @@ from bayeschute.core.version import __version__
 if TYPE_CHECKING:
     from bayeschute.api.beliefs import Priors, Structure
     from bayeschute.api.fitted import Fit
+    from bayeschute.api.flight import Flight, Flights, wind_profile
     from bayeschute.api.forecast import Forecast, Probability
-    from bayeschute.api.inputs import Flight, Flights, Motion, Study, load_vehicle, noise, wind_profile
+    from bayeschute.api.inputs import Study, load_vehicle, noise
     from bayeschute.api.landing.landings import Landings
     from bayeschute.api.posterior import Posterior
     from bayeschute.api.run_folder import Run
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
         simulate_study,
     )
     from bayeschute.api.views.curve import Curve
+    from bayeschute.api.views.flight_motion import Motion
     from bayeschute.api.views.plausibility import Plausibility
     from bayeschute.api.views.rank_test import RankTest, rank_test
     from bayeschute.core.errors import Fault, FitError, InputError
@@ -46,7 +48,9 @@ if TYPE_CHECKING:
 _PLACES = {
     "api.beliefs": ("Priors", "Structure"),
     "api.views.curve": ("Curve",),
-    "api.inputs": ("Flight", "Flights", "Motion", "Study", "load_vehicle", "noise", "wind_profile"),
+    "api.views.flight_motion": ("Motion",),
+    "api.flight": ("Flight", "Flights", "wind_profile"),
+    "api.inputs": ("Study", "load_vehicle", "noise"),
     "api.fitted": ("Fit",),
     "api.landing.landings": ("Landings",),
     "api.forecast": ("Forecast", "Probability"),

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from bayeschute.aero.coefficient import is_coefficient
 from bayeschute.api.beliefs import Priors
-from bayeschute.api.inputs import Flight
+from bayeschute.api.flight import Flight
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.likelihood.priors import Prior
 from bayeschute.posterior.combine.sequential import as_priors, moments

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, TypeVar
 from pydantic import ValidationError
 
 from bayeschute.api.beliefs import Priors
-from bayeschute.api.inputs import Flight, Study
+from bayeschute.api.flight import Flight
+from bayeschute.api.inputs import Study
 from bayeschute.api.workspace import Files, collected, workspace
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.study.job import Job, Progress

@@ -12,7 +12,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from bayeschute.api import html
-from bayeschute.api.inputs import Flight
+from bayeschute.api.flight import Flight
 from bayeschute.api.quantity import si
 from bayeschute.api.workspace import Files, workspace
 from bayeschute.core.errors import Fault, InputError

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import xarray as xr
 
-from bayeschute.api.inputs import Flight
+from bayeschute.api.flight import Flight
 from bayeschute.api.posterior import Posterior
 from bayeschute.core.files import write_whole
 from bayeschute.report.figures.canvas import save

@@ -18,8 +18,9 @@ from bayeschute.api import html
 from bayeschute.api.beliefs import Priors
 from bayeschute.api.drop_by_drop import HISTORY, next_priors, priors_of, taught_table
 from bayeschute.api.fitting import chosen, drawn, fitted_flights, sampling
+from bayeschute.api.flight import Flight
 from bayeschute.api.forecast import Forecast, forecast
-from bayeschute.api.inputs import Flight, Study
+from bayeschute.api.inputs import Study
 from bayeschute.api.landing.landing_verb import Winds, campaign_of, drawn_from, land
 from bayeschute.api.landing.landings import Landings
 from bayeschute.api.posterior_file import posterior_of_run, read_posterior, write_posterior

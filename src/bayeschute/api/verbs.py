@@ -15,9 +15,11 @@ from bayeschute.api import html
 from bayeschute.api.beliefs import Priors, Structure
 from bayeschute.api.fitted import Fit
 from bayeschute.api.fitting import chosen, drawn, fitted_flights, ingest, sampling, shown, spec_of
-from bayeschute.api.inputs import Flight, Flights, Motion, Study
+from bayeschute.api.flight import Flight, Flights
+from bayeschute.api.inputs import Study
 from bayeschute.api.posterior import Posterior
 from bayeschute.api.run_folder import Run
+from bayeschute.api.views.flight_motion import Motion
 from bayeschute.api.workspace import workspace
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.records.foreign.conventions import Conventions

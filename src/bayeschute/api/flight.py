@@ -1,0 +1,324 @@
+"""`Flight` and `Flights`: flights with their records, vehicles and winds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike
+from pydantic import TypeAdapter, ValidationError
+
+from bayeschute.api import html
+from bayeschute.api.quantity import si
+from bayeschute.api.workspace import workspace
+from bayeschute.core.errors import Fault, InputError
+from bayeschute.records.record import Repair, repairs
+from bayeschute.study.job import load_truth
+from bayeschute.study.load import usual_study
+from bayeschute.study.schema.quantities import Cut, Until
+from bayeschute.study.schema.vehicle_schema import Vehicle
+from bayeschute.study.schema.wind_schema import ProfileTable
+from bayeschute.study.study import Flight as FlightSpec
+from bayeschute.study.study import Study as StudySpec
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from bayeschute.api.views.plausibility import Plausibility
+
+
+def wind_profile(altitude: ArrayLike, north: ArrayLike, east: ArrayLike, down: ArrayLike | None = None) -> ProfileTable:
+    """Wind by altitude; air moves *towards* north, east and down.
+
+    Args:
+        altitude: Geometric altitude, increasing (K,) [m].
+        north: Velocity of the air to the north (K,) [m/s].
+        east: To the east (K,) [m/s].
+        down: Downwards (K,) [m/s]; zero where None.
+
+    Example:
+        >>> import bayeschute as bc
+        >>> wind = bc.wind_profile([0.0, 2000.0], [3.0, 6.0], [1.0, -2.0])
+        >>> wind.north
+        (3.0, 6.0)
+    """
+    columns = {"altitude": altitude, "north": north, "east": east} | ({} if down is None else {"down": down})
+    rows = {name: np.asarray(values, float).ravel() for name, values in columns.items()}
+    unit = {name: "m" if name == "altitude" else "m/s" for name in rows}
+    written = {name: [f"{value!r} {unit[name]}" for value in values.tolist()] for name, values in rows.items()}
+    try:
+        return ProfileTable.model_validate(written)
+    except ValueError as error:
+        wanted = "increasing altitudes [m] and as many winds [m/s]"
+        raise InputError(Fault("wind_profile", str(error).splitlines()[0], wanted)) from None
+
+
+class Repairs(tuple[Repair, ...]):
+    """What was changed in a record; prints a line for each."""
+
+    __slots__ = ()
+
+    def __repr__(self) -> str:
+        """A line for each: kind, variable, times on the record's clock, samples, detail."""
+        lines = [
+            f"{one.kind:13} {one.variable:28} {one.start:10.1f} to {one.end:10.1f} s {one.count:6} samples {one.detail}"
+            for one in self
+        ]
+        return "\n".join(lines) or "nothing was changed"
+
+
+@dataclass(frozen=True, eq=False, repr=False, init=False)
+class Flight:
+    """A flight: its record, the vehicle that flew it, the wind it met.
+
+    Attributes:
+        spec: The flight's table of the study file.
+        study: The study it belongs to; for a single flight, one with the default tables.
+        raw: The record as read, where it does not come from a file.
+
+    Example:
+        >>> import bayeschute as bc
+        >>> flight = bc.Study.example().flights[0]
+        >>> flight.record.sizes["time"] > 100
+        True
+    """
+
+    spec: FlightSpec
+    study: StudySpec
+    raw: xr.Dataset | None
+
+    def __init__(
+        self,
+        record: xr.Dataset,
+        vehicle: Vehicle | None = None,
+        *,
+        name: str = "flight",
+        wind: ProfileTable | None = None,
+        window: tuple[str | float, str | float] | None = None,
+        rate: str | float | None = None,
+        capsule_mass: str | float | None = None,
+        identify_until: str | None = None,
+        roles: Sequence[str] = ("structure", "identify"),
+        accept_implausible: Sequence[str] = (),
+    ) -> None:
+        """A flight from a record in memory.
+
+        Args:
+            record: From `read_record`.
+            vehicle: From `load_vehicle`; None: a point mass, of which altitude or descent rate is enough.
+            name: Its name.
+            wind: From `wind_profile`: how the wind changes with altitude, and the wind itself where none is recorded.
+            window: First and last time used, such as ``("5 s", "95 s")``; bare numbers are seconds.
+            rate: Sampling rate to which the record is resampled [Hz]; None: that of the record.
+            capsule_mass: Replaces the vehicle's [kg].
+            identify_until: End of the fitted part, such as ``"75 s"`` or ``"65 %"``; the rest is held out.
+            roles: Of ``structure``, ``identify``, ``predict``.
+            accept_implausible: Laws of plausibility, or groups of them, that the record may break.
+
+        Raises:
+            InputError: If an argument is no quantity of its kind.
+        """
+        usual = usual_study("cluster" if vehicle is not None else "descent")
+        spec = FlightSpec(**_fields({
+            "name": name, "roles": roles, "wind": wind, "window": window, "rate": rate, "capsule_mass": capsule_mass,
+            "identify_until": identify_until, "accept_implausible": accept_implausible,
+        }))  # fmt: skip
+        self._set(spec, replace(usual, flights=(spec,), vehicle=vehicle, title=name), record)
+
+    def _set(self, spec: FlightSpec, study: StudySpec, raw: xr.Dataset | None) -> None:
+        for key, value in (("spec", spec), ("study", study), ("raw", raw)):
+            object.__setattr__(self, key, value)
+
+    @classmethod
+    def of_study(cls, study: StudySpec, spec: FlightSpec, raw: xr.Dataset | None = None) -> Flight:
+        """A flight of a study."""
+        made = cls.__new__(cls)
+        made._set(spec, study, raw)
+        return made
+
+    def changed(self, *, vehicle: Vehicle | None = None, **values: Any) -> Flight:
+        """The flight with another vehicle, or with other values of the arguments by which a flight is made.
+
+        Args:
+            vehicle: From `load_vehicle`; None: its own.
+            **values: ``name``, ``capsule_mass``, ``window``, ``wind``, ``rate``, ``identify_until``, ``roles``,
+                ``accept_implausible``, as a flight takes them; ``skip_first``, the time left out at its beginning.
+
+        Raises:
+            InputError: If an argument is none of these, or no quantity of its kind.
+
+        Example:
+            >>> heavy = study.flights["high"].changed(name="heavy", rate="2 Hz")
+            >>> heavy.name, heavy.spec.rate
+            ('heavy', 2.0)
+        """
+        spec = replace(self.spec, **_fields(values), vehicle=vehicle or self.spec.vehicle)
+        return Flight.of_study(self.study, spec, self.raw)
+
+    @property
+    def name(self) -> str:
+        """Its name."""
+        return self.spec.name
+
+    @property
+    def roles(self) -> tuple[str, ...]:
+        """Roles of the flight: structure, identify, predict."""
+        return self.spec.roles
+
+    @property
+    def vehicle(self) -> Vehicle | None:
+        """The vehicle that flew it; a payload of the flight's own is in `spec.capsule_mass` [kg], not in this."""
+        return self.spec.vehicle or self.study.vehicle
+
+    @property
+    def source(self) -> str:
+        """Where its record comes from."""
+        if self.spec.virtual is not None:
+            return "virtual drop"
+        return self.spec.path.name if self.spec.path is not None else "in memory"
+
+    @cached_property
+    def _prepared(self) -> tuple[xr.Dataset, xr.Dataset | None]:
+        from bayeschute.study.run.stage_data import ingest_flight
+
+        with workspace(replace(self.study, flights=_with(self.study.flights, self.spec))) as job:
+            record = ingest_flight(job, self.spec, self.raw).load()
+            return record, load_truth(job, self.name)
+
+    @property
+    def record(self) -> xr.Dataset:
+        """Its record: cleaned, uniformly sampled, in SI; `repairs` lists all changes."""
+        return self._prepared[0]
+
+    @property
+    def truth(self) -> xr.Dataset | None:
+        """The truth of a virtual drop; None of a measured flight."""
+        return self._prepared[1]
+
+    @property
+    def repairs(self) -> Repairs:
+        """Samples and variables that were dropped, interpolated, derived or assumed."""
+        return Repairs(repairs(self.record))
+
+    def plausibility(self) -> Plausibility:
+        """What looks wrong about the record's axes, units, signs, clocks and sizes, before anything is fitted.
+
+        Example:
+            >>> bc.Study.example().flights[0].plausibility().ok
+            True
+        """
+        from bayeschute.api.views.plausibility import Plausibility
+        from bayeschute.study.plausible import judge, window_used
+        from bayeschute.study.run.stage_data import as_read
+
+        spec = self.spec
+        virtual = spec.virtual is not None
+        record = self.record if virtual else (as_read(spec) if self.raw is None else self.raw)
+        vehicle = self.vehicle if self.study.model == "cluster" else None
+        used = window_used(record, spec.window, spec.skip_first, () if virtual else spec.roles)
+        window = None if virtual else (used.start, used.end)
+        found = judge(record, vehicle, spec.capsule_mass, window, spec.wind_profile)
+        return Plausibility(self.name, found, record, spec.accept_implausible)
+
+    def plot(self) -> Figure:
+        """The record over time, one panel a channel."""
+        from bayeschute.report.figures.record_figures import record_figure
+
+        return record_figure(self.record, [vars(one) for one in self.repairs])
+
+    def __repr__(self) -> str:
+        """Name, roles and source."""
+        return f"Flight({self.name!r}, {'+'.join(self.roles)}, {self.source})"
+
+    def _repr_html_(self) -> str:
+        """Channels of the record as a table."""
+        record = self.record
+        rows = [
+            (name, "x".join(map(str, one.shape)), one.attrs.get("units", "1"), one.attrs.get("long_name", ""))
+            for name, one in record.data_vars.items()
+        ]
+        time = record["time"].values
+        note = f"{time.size} samples from {time[0]:g} s to {time[-1]:g} s, {len(self.repairs)} repairs"
+        return html.table(self.name, ("channel", "shape", "unit", "meaning"), rows, note)
+
+
+def _cut(text: str) -> Cut:
+    try:
+        return TypeAdapter(Until).validate_python(text)
+    except ValidationError as error:
+        raise InputError(Fault("identify_until", repr(text), str(error.errors()[0]["msg"]))) from None
+
+
+def _fields(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Fields of a flight's table from arguments of `Flight`, in SI."""
+    read: dict[str, Callable[[Any], Any]] = {
+        "name": str,
+        "roles": tuple,
+        "accept_implausible": tuple,
+        "wind": lambda profile: profile,
+        "window": lambda ends: (si("window", ends[0], "s"), si("window", ends[1], "s")),
+        "rate": lambda value: si("rate", value, "Hz"),
+        "capsule_mass": lambda value: si("capsule_mass", value, "kg"),
+        "skip_first": lambda value: si("skip_first", value, "s"),
+        "identify_until": _cut,
+    }
+    unknown = sorted(set(given) - set(read))
+    if unknown:
+        raise InputError([Fault("flight", name, f"one of {', '.join(read)}") for name in unknown])
+    made = {name: None if value is None else read[name](value) for name, value in given.items()}
+    return {"wind_profile" if name == "wind" else name: value for name, value in made.items()}
+
+
+def _with(flights: tuple[FlightSpec, ...], spec: FlightSpec) -> tuple[FlightSpec, ...]:
+    """Flights of a study with one that may be a changed one of them, or a new one."""
+    names = [flight.name for flight in flights]
+    if spec.name not in names:
+        return (*flights, spec)
+    return tuple(spec if flight.name == spec.name else flight for flight in flights)
+
+
+def flight_rows(flights: Iterable[Flight]) -> list[tuple[str, str, str]]:
+    """Name, roles and source of each flight."""
+    return [(f.name, ", ".join(f.roles), f.source) for f in flights]
+
+
+class Flights(Sequence["Flight"]):
+    """The flights of a study, by place or by name.
+
+    Example:
+        >>> [flight.name for flight in study.flights]
+        ['low', 'high']
+    """
+
+    def __init__(self, flights: Sequence[Flight]) -> None:
+        """Keep flights in their order."""
+        self._flights = tuple(flights)
+
+    def __getitem__(self, key: Any) -> Any:
+        """A flight by name or place, or several by a slice."""
+        if not isinstance(key, str):
+            return self._flights[key]
+        for flight in self._flights:
+            if flight.name == key:
+                return flight
+        raise KeyError(f"no flight {key!r}; there are {', '.join(f.name for f in self._flights)}")
+
+    def __len__(self) -> int:
+        """How many."""
+        return len(self._flights)
+
+    def __iter__(self) -> Iterator[Flight]:
+        """One after the other."""
+        return iter(self._flights)
+
+    def __repr__(self) -> str:
+        """Names and roles."""
+        return f"Flights({', '.join(f.name for f in self._flights)})"
+
+    def _repr_html_(self) -> str:
+        """Names, roles and sources as a table."""
+        return html.table("Flights", ("flight", "roles", "record"), flight_rows(self))
