@@ -14,6 +14,8 @@ from urllib.parse import quote
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
@@ -134,11 +136,20 @@ def lighter(svg: str) -> str:
     return _GEOMETRY.sub(rounded, svg)
 
 
+def _laid_out(figure: Figure) -> Figure:
+    """The figure with its layout fixed: it is computed once and reused for each format."""
+    if isinstance(figure.get_layout_engine(), ConstrainedLayoutEngine):
+        figure.draw_without_rendering()
+        figure.set_layout_engine("none")
+    return figure
+
+
 def svg_of(figure: Figure) -> str:
     """The figure as the text of an SVG."""
     drawn = io.StringIO()
     with mpl.rc_context(STYLE):
-        figure.savefig(drawn, format="svg", dpi=150, metadata={"Date": None})
+        _laid_out(figure).set_dpi(150)  # of pictures in it
+        FigureCanvasSVG(figure).print_svg(drawn, metadata={"Date": None})  # `savefig` would draw everything twice
     return lighter(drawn.getvalue())
 
 
@@ -150,8 +161,7 @@ def data_uri(svg: str) -> str:
 def save(figure: Figure, folder: Path, name: str) -> Path:
     """Write ``name.png`` (at about twice the screen's resolution) and ``name.svg``; returns the path of the SVG."""
     with mpl.rc_context(STYLE):
-        figure.draw_without_rendering()
-        figure.set_layout_engine("none")  # the layout is computed once and reused for each format
-        write_whole(folder / f"{name}.png", partial(figure.savefig, format="png", dpi=180))
+        _laid_out(figure).set_dpi(180)
+        write_whole(folder / f"{name}.png", FigureCanvasAgg(figure).print_png)
     write_whole(folder / f"{name}.svg", partial(Path.write_text, data=svg_of(figure), encoding="utf-8"))
     return folder / f"{name}.svg"

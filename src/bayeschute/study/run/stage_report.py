@@ -50,19 +50,19 @@ def _summary(job: Job) -> dict[str, Any]:
     found = status(job, checks, coverage)
     calibration = found.check
     label = "; ".join(filter(None, (found.claim.label, formulation.label(study.noise.model))))
-    draws, units = summary_draws(job)
+    (draws, units), (prior, divergences) = summary_draws(job), _prior_and_divergences(job)
     some = next(iter(draws.values()))
     seconds = sum(v for k, v in facts["wall"].items() if k != "fit_s")
     return {
         **heading(job, label), "claim": found.claim.plain(),
         "fit": {"converged": checked["checks"]["optimum"]["passed"]},
-        "parameters": _parameters(job, draws, units, checked),
+        "parameters": _parameters(job, draws, prior, units, checked),
         "sampling": {
             "sampler": formulation.sampler(study), "chains": some.shape[0], "draws": some.shape[1],
-            "divergences": _divergences(job), "failed_solves": facts["failed"], "wall_s": seconds,
+            "divergences": divergences, "failed_solves": facts["failed"], "wall_s": seconds,
             "wall": facts["wall"], "min_ess_per_s": min(checked["ess_bulk"].values()) / seconds,
         },
-        **told_curves(job, draws, _prior_draws(job)), **_taught(job, draws),
+        **told_curves(job, draws, prior), **_taught(job, draws),
         **_predictive(job), **_disturbances(job), **_output_error(job), **_identifiability(job), **_recalibration(job),
         **({"structures": stacked} if (stacked := structures.summary_rows(job)) else {}),
         "coverage": coverage,
@@ -99,14 +99,12 @@ def bands_check(coverage: dict[str, Any]) -> dict[str, dict[str, Any]]:
 
 
 def _parameters(
-    job: Job, draws: dict[str, Array], units: dict[str, str], checked: dict[str, Any]
+    job: Job, draws: dict[str, Array], prior: dict[str, Array], units: dict[str, str], checked: dict[str, Any]
 ) -> dict[str, dict[str, Any]]:
     """Posterior and prior of every parameter in numbers, with the true value where it is known."""
-    with xr.open_datatree(job.out / "posterior.nc", engine="h5netcdf") as tree:
-        prior = tree["prior"].ds.load()
     truth, parameters = true_values(job), {}
     for name, x in draws.items():
-        before, flat = prior[name].values.ravel(), x.ravel()
+        before, flat = prior[name].ravel(), x.ravel()
         q05, q50, q95 = np.quantile(flat, [0.05, 0.5, 0.95])
         entry = {
             "mean": flat.mean(), "sd": flat.std(), "q05": q05, "q50": q50, "q95": q95, "rhat": checked["rhat"][name],
@@ -117,24 +115,18 @@ def _parameters(
     return parameters
 
 
-def _prior_draws(job: Job) -> dict[str, Array]:
-    """Draws of the prior by parameter."""
+def _prior_and_divergences(job: Job) -> tuple[dict[str, Array], int]:
+    """Draws of the prior by parameter, and number of divergent transitions, 0 for samplers without them."""
     with xr.open_datatree(job.out / "posterior.nc", engine="h5netcdf") as tree:
-        prior = tree["prior"].ds.load()
-    return {str(name): prior[name].values for name in prior.data_vars}
+        prior = {str(name): one.values for name, one in tree["prior"].data_vars.items()}
+        known = "sample_stats" in tree.children and "diverging" in tree["sample_stats"]
+        return prior, int(tree["sample_stats"]["diverging"].sum()) if known else 0
 
 
 def _taught(job: Job, draws: dict[str, Array]) -> dict[str, Any]:
     """What the fitted flights taught; nothing of populations, whose members are no parameters of one fit."""
     told = lessons(load_priors(job), draws, [f.name for f in job.study.with_role("identify")])
     return {"taught": told} if told else {}
-
-
-def _divergences(job: Job) -> int:
-    """Number of divergent transitions; 0 for samplers without them."""
-    with xr.open_datatree(job.out / "posterior.nc", engine="h5netcdf") as tree:
-        known = "sample_stats" in tree.children and "diverging" in tree["sample_stats"]
-        return int(tree["sample_stats"]["diverging"].sum()) if known else 0
 
 
 def _disturbances(job: Job) -> dict[str, Any]:
