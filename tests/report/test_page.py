@@ -197,6 +197,7 @@ def test_a_failed_build_leaves_the_old_report(bare, monkeypatch):
 
 
 @pytest.mark.parametrize(("contradicted", "pill"), [([], "good"), (["bands contain 35 %"], "weak")])
+@pytest.mark.usefixtures("no_pictures")
 def test_the_first_screen_has_the_colour_and_the_words_of_the_label(make_run, tmp_path, contradicted, pill):
     made = claim([Rung(Level.SELF_CONSISTENT, (), "120 replicates")], contradicted)
     folder = make_run(tmp_path, label=made.label)
