@@ -17,7 +17,7 @@ from bayeschute.records.foreign.conventions import Conventions
 from bayeschute.records.plausibility.verdict import Verdict
 from bayeschute.study.plausible import judge, told, warned, window_used
 from bayeschute.study.schema.columns import check_columns
-from bayeschute.study.schema.crosscheck import check_span, crosscheck
+from bayeschute.study.schema.crosscheck import check_span, check_vehicles, crosscheck
 from bayeschute.study.schema.draft import Draft
 from bayeschute.study.schema.schema_faults import faults_of
 from bayeschute.study.schema.sidecar import context
@@ -30,7 +30,7 @@ from bayeschute.study.schema.study_schema import (
     StudyFile,
     predictable,
 )
-from bayeschute.study.schema.vehicle_schema import Vehicle
+from bayeschute.study.schema.vehicle_schema import NOT_FLOWN, Vehicle
 from bayeschute.study.study import Flight, Study, canonical, file_hash, study_hash
 from bayeschute.study.templates import template
 
@@ -160,9 +160,10 @@ def _examine_record(draft: Draft, index: int, path: Path, found: Examined) -> No
     found.windows[flight.name] = (used.start, used.end)
     found.said[flight.name] = f"flight {flight.name!r}: {_understood(draft, index, record, used)}"
     found.records[flight.name] = record
-    if draft.vehicle is None and draft.model != "descent":
+    vehicle = draft.vehicle_of(index)
+    if vehicle is None and draft.model != "descent":
         return  # its faults are told already
-    verdict = judge(record, draft.vehicle, flight.capsule_mass, (used.start, used.end), flight.wind_profile)
+    verdict = judge(record, vehicle, flight.capsule_mass, (used.start, used.end), flight.wind_profile)
     where, accepted = f"{draft.file} flight {flight.name!r}", flight.accept_implausible
     found.verdicts[flight.name] = verdict
     found.faults.extend(told(verdict, where, accepted))
@@ -209,8 +210,10 @@ def load_study_or_vehicle(path: Path | str) -> Study:
     raw, text, _ = read_toml(path)
     if raw is None or "capsule" not in raw or "flight" in raw:
         return load_study(path)
-    shipped = load_study(template("virtual.toml"))
-    return replace(shipped, vehicle=load_vehicle(path), vehicle_path=path, vehicle_text=text)
+    shipped, vehicle = load_study(template("virtual.toml")), load_vehicle(path)
+    if vehicle.aero == NOT_FLOWN:
+        raise InputError(Fault(str(path), "no table [aero]", "[aero], with which virtual drops fly", "Add it."))
+    return replace(shipped, vehicle=vehicle, vehicle_path=path, vehicle_text=text)
 
 
 def load_flights(path: Path | str, study: Study, data_dir: Path | str | None = None) -> Study:
@@ -248,13 +251,17 @@ def load_flights(path: Path | str, study: Study, data_dir: Path | str | None = N
     predict = predict.model_copy(update={"quantities": predictable(study.model, vehicle, predict.quantities)})
     tables = {"model": study.model, "noise": study.noise, "columns": found.columns, "predict": predict}
     tables |= {"requirement": found.requirement}
-    draft = Draft(str(path), said, tables, dict(enumerate(found.flight)), vehicle)
+    listed_flights = dict(enumerate(found.flight))
+    own, more = _own_vehicles(listed_flights, path.parent, study.model)
+    faults += more
+    draft = Draft(str(path), said, tables, listed_flights, vehicle, own)
     paths, path_faults = record_paths(draft, path.parent, data_dir)
-    faults += [*check_columns(draft), *path_faults]
+    faults += [*check_vehicles(draft), *check_columns(draft), *path_faults]
     if faults:
         raise InputError(faults)
     flights = tuple(
-        _flight(table, paths.get(i), found.columns, found.conventions) for i, table in enumerate(found.flight)
+        _flight(table, paths.get(i), found.columns, found.conventions, own.get(i))
+        for i, table in enumerate(found.flight)
     )
     flights = tuple(replace(flight, roles=("predict",)) for flight in flights)
     return replace(study, flights=flights, vehicle=vehicle, predict=predict, requirements=found.requirement)
@@ -281,6 +288,16 @@ def _read_vehicle(path: Path) -> tuple[Vehicle | None, str, list[Fault]]:
         return None, text, faults_of(str(path), Vehicle, error, raw)
 
 
+def _own_vehicles(
+    flights: Mapping[int, FlightTable], folder: Path, model: str | None
+) -> tuple[dict[int, Vehicle], list[Fault]]:
+    """Vehicles of single flights by their position, those that could be read, and every fault of their files."""
+    named = {i: one.vehicle for i, one in flights.items() if one.vehicle is not None and model != "descent"}
+    read = {name: _read_vehicle(Path(os.path.normpath(folder / name))) for name in dict.fromkeys(named.values())}
+    found = {i: vehicle for i, name in named.items() if (vehicle := read[name][0]) is not None}
+    return found, [fault for *_, faults in read.values() for fault in faults]
+
+
 def _read_study(path: Path, data_dir: Path | str | None) -> _Reading:
     raw, text, faults = read_toml(path)
     if raw is None:
@@ -299,7 +316,9 @@ def _read_study(path: Path, data_dir: Path | str | None) -> _Reading:
         vehicle_path = Path(os.path.normpath(path.parent / raw["vehicle"]))
         vehicle, vehicle_text, vehicle_faults = _read_vehicle(vehicle_path)
         faults += vehicle_faults
-    draft = Draft(str(path), raw, tables, flights, vehicle)
+    own, vehicle_faults = _own_vehicles(flights, path.parent, tables.get("model"))
+    faults += vehicle_faults
+    draft = Draft(str(path), raw, tables, flights, vehicle, own)
     paths, path_faults = record_paths(draft, path.parent, data_dir)
     faults += [*crosscheck(draft), *check_columns(draft), *path_faults]
     if whole is None:
@@ -310,7 +329,8 @@ def _read_study(path: Path, data_dir: Path | str | None) -> _Reading:
         model=whole.model,
         seed=whole.seed,
         flights=tuple(
-            _flight(table, paths.get(index), whole.columns, whole.conventions) for index, table in flights.items()
+            _flight(table, paths.get(index), whole.columns, whole.conventions, own.get(index))
+            for index, table in flights.items()
         ),
         priors=whole.priors,
         noise=whole.noise,
@@ -358,6 +378,7 @@ def _flight(
     path: Path | None,
     columns: Mapping[str, Column] | None,
     conventions: ConventionsTable | None,
+    vehicle: Vehicle | None,
 ) -> Flight:
     own = table.columns if table.columns is not None else columns
     return Flight(
@@ -369,6 +390,7 @@ def _flight(
         conventions=(table.conventions or conventions) if table.file is not None else None,
         window=table.window,
         rate=table.rate,
+        vehicle=vehicle,
         capsule_mass=table.capsule_mass,
         skip_first=table.skip_first,
         identify_until=table.identify_until,

@@ -11,6 +11,7 @@ from bayeschute.study.schema.knowledge.knowledge_crosscheck import check_knowled
 from bayeschute.study.schema.schema_faults import show
 from bayeschute.study.schema.structure_crosscheck import check_core, check_polar, check_stack, check_synthetic
 from bayeschute.study.schema.study_schema import QUANTITIES, PredictTable, RequirementTable, predictable
+from bayeschute.study.schema.vehicle_schema import NOT_FLOWN
 
 _CLUSTER_PRIORS = ("riser_stiffness", "riser_damping", "riser_length")
 _OF_DESCENT = "cds_over_mass"
@@ -89,6 +90,8 @@ def check_model_descent(draft: Draft) -> Iterator[Fault]:
     others = tuple(name for name in GivenTable.model_fields if name != _OF_DESCENT)
     yield from _check_given(draft, needed=(_OF_DESCENT,), useless=others)
     for index, flight in draft.flights.items():
+        if flight.vehicle is not None:
+            yield _no_use(draft, "flight", index, "vehicle")
         if flight.virtual is not None:
             yield Fault(draft.at("flight", index, "virtual"), "a virtual drop", "a file (model 'descent')")
         if flight.remove_velocity_bias:
@@ -122,11 +125,11 @@ def _check_mass(draft: Draft) -> Iterator[Fault]:
     priors: PriorsTable | None = draft.tables.get("priors")
     if priors is not None and priors.given.capsule_mass is not None:
         for index, flight in draft.flights.items():
-            if flight.capsule_mass is not None and "identify" in flight.roles:
-                where, got = draft.at("flight", index, "capsule_mass"), "a flight-specific mass of a fitted flight"
-                yield Fault(
-                    where, got, "none together with [priors.given] capsule_mass, which is fitted", "Remove one of them."
-                )
+            for key in ("capsule_mass", "vehicle"):
+                if getattr(flight, key) is not None and "identify" in flight.roles:
+                    where, got = draft.at("flight", index, key), f"{key} of a fitted flight's own"
+                    wanted = "none together with [priors.given] capsule_mass, which is fitted"
+                    yield Fault(where, got, wanted, "Remove one of them.")
 
 
 def _check_vary(draft: Draft) -> Iterator[Fault]:
@@ -191,12 +194,28 @@ def check_canopies(draft: Draft) -> Iterator[Fault]:
                 yield Fault(where, f"canopy {canopy}", f"1 to {number}: the vehicle's number of canopies")
 
 
+def check_vehicles(draft: Draft) -> Iterator[Fault]:
+    """Flights of a file have as many canopies as its vehicle; virtual drops have aerodynamics to fly with."""
+    for index, flight in draft.flights.items():
+        vehicle = draft.vehicle_of(index)
+        if vehicle is None:
+            continue
+        if draft.vehicle is not None and vehicle.canopies.number != draft.vehicle.canopies.number:
+            where, got = draft.at("flight", index, "vehicle"), f"{vehicle.canopies.number} canopies"
+            do = "Predict it from the finished run by a file of its own, that vehicle at its top: bayeschute predict."
+            yield Fault(where, got, f"{draft.vehicle.canopies.number}, as many as the vehicle at the file's top", do)
+        if flight.virtual is not None and vehicle.aero == NOT_FLOWN:
+            where, wanted = draft.at("flight", index, "virtual"), "one with [aero], with which virtual drops fly"
+            yield Fault(where, f"the vehicle {vehicle.name!r} without [aero]", wanted, "Add the table to its file.")
+
+
 def check_shape(draft: Draft) -> Iterator[Fault]:
     """A virtual drop gives the shape of each canopy where the vehicle's canopies breathe."""
-    if draft.vehicle is None:
-        return
-    number, breathes = draft.vehicle.canopies.number, draft.vehicle.canopies.breathing is not None
     for index, flight in draft.flights.items():
+        vehicle = draft.vehicle_of(index)
+        if vehicle is None:
+            continue
+        number, breathes = vehicle.canopies.number, vehicle.canopies.breathing is not None
         shape = () if flight.virtual is None else flight.virtual.shape
         if shape and not (breathes and len(shape) == number):
             wanted = (
@@ -272,6 +291,15 @@ def crosscheck(draft: Draft) -> list[Fault]:
     checks: list[Callable[[Draft], Iterator[Fault]]] = [check_names, check_roles]
     if draft.model is not None:
         checks.append(by_model[draft.model])
-    checks += [check_canopies, check_shape, check_canopy_sd, check_polar, check_core, check_stack, check_synthetic]
+    checks += [
+        check_canopies,
+        check_vehicles,
+        check_shape,
+        check_canopy_sd,
+        check_polar,
+        check_core,
+        check_stack,
+        check_synthetic,
+    ]
     checks += [check_times, check_predictions, check_knowledge]
     return [fault for check in checks for fault in check(draft)]

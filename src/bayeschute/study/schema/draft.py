@@ -21,6 +21,7 @@ class Draft:
         tables: Its valid tables by key, except flights.
         flights: Its valid flights by their position in the file.
         vehicle: The vehicle, if it could be read.
+        own_vehicles: Those of single flights, likewise, by their position.
     """
 
     file: str
@@ -28,6 +29,11 @@ class Draft:
     tables: Mapping[str, Any]
     flights: Mapping[int, FlightTable] = field(default_factory=dict)
     vehicle: Vehicle | None = None
+    own_vehicles: Mapping[int, Vehicle] = field(default_factory=dict)
+
+    def vehicle_of(self, index: int) -> Vehicle | None:
+        """The vehicle that flew a flight, if it could be read."""
+        return self.vehicle if self.flights[index].vehicle is None else self.own_vehicles.get(index)
 
     def at(self, *loc: int | str) -> str:
         """Location of a value."""

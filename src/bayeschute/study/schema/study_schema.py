@@ -120,6 +120,7 @@ class FlightTable(Strict):
         conventions: Axes, senses and clock of the record; None: those of the study.
         window: First and last time used [s].
         rate: Sampling rate to which the record is resampled [Hz]; None: that of the record.
+        vehicle: Path of its vehicle file, relative to this file; None: the study's vehicle.
         capsule_mass: Replaces the vehicle's [kg].
         skip_first: Left out at the start of the window [s] (descent).
         identify_until: End of the fitted part; the rest is held out and predicted (descent).
@@ -138,6 +139,7 @@ class FlightTable(Strict):
     conventions: ConventionsTable | None = None
     window: tuple[Time, Time] | None = None
     rate: Rate | None = None
+    vehicle: Text | None = None
     capsule_mass: Mass | None = None
     skip_first: NotNegativeTime = 0.0
     identify_until: Until | None = None
@@ -153,7 +155,7 @@ class FlightTable(Strict):
         if self.file is not None and self.virtual is not None:
             refuse("either a file or a [flight.virtual] table", "both")
         if self.virtual is not None:
-            for key in ("columns", "conventions", "rate", "simulated_by"):
+            for key in ("columns", "conventions", "rate", "simulated_by", "vehicle"):
                 if getattr(self, key) is not None:
                     refuse(f"no {key} together with [flight.virtual]", f"{key} of a virtual flight")
         if self.window is not None and not self.window[0] < self.window[1]:

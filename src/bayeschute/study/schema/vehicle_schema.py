@@ -194,6 +194,10 @@ class AeroTable(Strict):
         return self
 
 
+NOT_FLOWN = AeroTable(source="none: no virtual drop is flown", rate="riser", axial={"1": 1.0}, transverse={"e": 0.0})
+"""Stands for the table where a vehicle file has none; nothing is computed with its numbers."""
+
+
 class Vehicle(Strict):
     """A vehicle file.
 
@@ -202,14 +206,14 @@ class Vehicle(Strict):
         capsule: The payload.
         canopies: The canopies.
         risers: The lines between.
-        aero: The aerodynamics of virtual drops.
+        aero: The aerodynamics of virtual drops; without it none can be flown.
     """
 
     name: Text
     capsule: CapsuleTable
     canopies: CanopiesTable
     risers: RisersTable
-    aero: AeroTable
+    aero: AeroTable = NOT_FLOWN
 
     @model_validator(mode="after")
     def _is_well_posed(self) -> Vehicle:
