@@ -15,7 +15,7 @@ from pathlib import Path
 
 from bayeschute.core.files import write_whole
 from bayeschute.study.load import load_study, study_hash
-from bayeschute.study.schema.study_files import DATA, DATA_VARIABLE
+from bayeschute.study.schema.sidecar import DATA, data_folder
 from bayeschute.study.study import Study
 
 FOLDER = "inputs"
@@ -30,11 +30,7 @@ class _Copies:
     """
 
     def __init__(self, data: str) -> None:
-        self._data, self._names, self._contents = (
-            os.path.abspath(data) if data else "",
-            dict[Path, str](),
-            dict[str, bytes](),
-        )
+        self._data, self._names, self._contents = data, dict[Path, str](), dict[str, bytes]()
 
     def named(self, text: str, beside: Path, prefix: str) -> str:
         """A TOML text with the paths of its files replaced by those of their copies.
@@ -91,8 +87,7 @@ def keep(study: Study, folder: Path, head: str, data_dir: Path | str | None = No
     Returns:
         Why the run can't be made again from its folder; empty where it can.
     """
-    data = str(data_dir) if data_dir is not None else os.environ.get(DATA_VARIABLE, "")
-    copies, copy = _Copies(data), folder / "study.toml"
+    copies, copy = _Copies(data_folder(data_dir)), folder / "study.toml"
     text = _seeded(copies.named(study.text, study.path.parent, f"{FOLDER}/"), study.seed)
     copies.write(folder / FOLDER)
     write_whole(copy, partial(Path.write_text, data=f"{head}\n\n{text}", encoding="utf-8"))

@@ -21,7 +21,7 @@ from bayeschute.study.schema.crosscheck import check_span, check_vehicles, cross
 from bayeschute.study.schema.draft import Draft
 from bayeschute.study.schema.schema_faults import faults_of
 from bayeschute.study.schema.sidecar import context
-from bayeschute.study.schema.study_files import DATA_VARIABLE, read_toml, record_paths
+from bayeschute.study.schema.study_files import read_toml, record_paths
 from bayeschute.study.schema.study_schema import (
     Column,
     ConventionsTable,
@@ -233,7 +233,7 @@ def load_flights(path: Path | str, study: Study, data_dir: Path | str | None = N
     """
     path = Path(path)
     raw, _, faults = read_toml(path)
-    here = context(path.parent, str(data_dir) if data_dir is not None else os.environ.get(DATA_VARIABLE, ""))
+    here = context(path.parent, data_dir)
     if raw is None:
         raise InputError(faults)
     listed = raw.get("flight")
@@ -245,14 +245,14 @@ def load_flights(path: Path | str, study: Study, data_dir: Path | str | None = N
         raise InputError([*faults, *faults_of(str(path), FlightsFile, error, said)]) from None
     vehicle = study.vehicle
     if found.vehicle is not None and study.model != "descent":
-        vehicle, _, more = _read_vehicle(Path(os.path.normpath(path.parent / found.vehicle)))
+        vehicle, _, more = _read_vehicle(Path(os.path.normpath(path.parent / found.vehicle)), data_dir)
         faults += more
     predict = found.predict or study.predict
     predict = predict.model_copy(update={"quantities": predictable(study.model, vehicle, predict.quantities)})
     tables = {"model": study.model, "noise": study.noise, "columns": found.columns, "predict": predict}
     tables |= {"requirement": found.requirement}
     listed_flights = dict(enumerate(found.flight))
-    own, more = _own_vehicles(listed_flights, path.parent, study.model)
+    own, more = _own_vehicles(listed_flights, path.parent, study.model, data_dir)
     faults += more
     draft = Draft(str(path), said, tables, listed_flights, vehicle, own)
     paths, path_faults = record_paths(draft, path.parent, data_dir)
@@ -278,22 +278,24 @@ def usual_study(model: str) -> Study:
     return replace(study, flights=(), vehicle=None, vehicle_path=None, requirements=(), text="", vehicle_text="")
 
 
-def _read_vehicle(path: Path) -> tuple[Vehicle | None, str, list[Fault]]:
+def _read_vehicle(path: Path, data_dir: Path | str | None = None) -> tuple[Vehicle | None, str, list[Fault]]:
     raw, text, faults = read_toml(path)
     if raw is None:
         return None, text, faults
     try:
-        return Vehicle.model_validate(raw, context=context(path.parent)), text, []
+        return Vehicle.model_validate(raw, context=context(path.parent, data_dir)), text, []
     except ValidationError as error:
         return None, text, faults_of(str(path), Vehicle, error, raw)
 
 
 def _own_vehicles(
-    flights: Mapping[int, FlightTable], folder: Path, model: str | None
+    flights: Mapping[int, FlightTable], folder: Path, model: str | None, data_dir: Path | str | None
 ) -> tuple[dict[int, Vehicle], list[Fault]]:
     """Vehicles of single flights by their position, those that could be read, and every fault of their files."""
     named = {i: one.vehicle for i, one in flights.items() if one.vehicle is not None and model != "descent"}
-    read = {name: _read_vehicle(Path(os.path.normpath(folder / name))) for name in dict.fromkeys(named.values())}
+    read = {
+        name: _read_vehicle(Path(os.path.normpath(folder / name)), data_dir) for name in dict.fromkeys(named.values())
+    }
     found = {i: vehicle for i, name in named.items() if (vehicle := read[name][0]) is not None}
     return found, [fault for *_, faults in read.values() for fault in faults]
 
@@ -303,7 +305,7 @@ def _read_study(path: Path, data_dir: Path | str | None) -> _Reading:
     if raw is None:
         return _Reading(None, faults)
     whole: StudyFile | None
-    here = context(path.parent, str(data_dir) if data_dir is not None else os.environ.get(DATA_VARIABLE, ""))
+    here = context(path.parent, data_dir)
     try:
         whole = StudyFile.model_validate(raw, context=here)
         tables, flights = {key: getattr(whole, key) for key in raw}, dict(enumerate(whole.flight))
@@ -314,9 +316,9 @@ def _read_study(path: Path, data_dir: Path | str | None) -> _Reading:
     vehicle_path, vehicle, vehicle_text = None, None, ""
     if isinstance(raw.get("vehicle"), str) and tables.get("model") != "descent":
         vehicle_path = Path(os.path.normpath(path.parent / raw["vehicle"]))
-        vehicle, vehicle_text, vehicle_faults = _read_vehicle(vehicle_path)
+        vehicle, vehicle_text, vehicle_faults = _read_vehicle(vehicle_path, data_dir)
         faults += vehicle_faults
-    own, vehicle_faults = _own_vehicles(flights, path.parent, tables.get("model"))
+    own, vehicle_faults = _own_vehicles(flights, path.parent, tables.get("model"), data_dir)
     faults += vehicle_faults
     draft = Draft(str(path), raw, tables, flights, vehicle, own)
     paths, path_faults = record_paths(draft, path.parent, data_dir)

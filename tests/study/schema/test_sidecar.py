@@ -25,7 +25,7 @@ class Named(Strict):
         return self
 
 
-def read(folder: Path, name: str, data: str = ""):
+def read(folder: Path, name: str, data: str | None = None):
     Named.model_validate({"file": name}, context=context(folder, data))
     return seen["found"]
 
@@ -42,6 +42,15 @@ def test_a_name_may_begin_in_the_data_folder(tmp_path: Path):
     (tmp_path / "data").mkdir()
     (tmp_path / "data" / "a.csv").write_text("h,t,x\n1,0,7\n", encoding="utf-8")
     assert read(tmp_path / "elsewhere", "${DATA}/a.csv", str(tmp_path / "data"))["more"].tolist() == [7.0]
+
+
+def test_a_relative_data_folder_is_that_of_the_command_not_of_the_study(tmp_path: Path, monkeypatch):
+    (tmp_path / "data").mkdir()
+    (tmp_path / "data" / "a.csv").write_text("h,t,x\n1,0,7\n", encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    assert read(tmp_path / "elsewhere", "${DATA}/a.csv", "data")["more"].tolist() == [7.0]
+    monkeypatch.setenv("BAYESCHUTE_DATA", "data")
+    assert read(tmp_path / "elsewhere", "${DATA}/a.csv")["more"].tolist() == [7.0]
 
 
 def test_all_faults_of_a_file_are_told_in_one(tmp_path: Path):

@@ -18,7 +18,7 @@ from bayeschute.study.landing_campaign.campaign_schema import CampaignFile, Even
 from bayeschute.study.load import load_vehicle
 from bayeschute.study.schema.schema_faults import faults_of
 from bayeschute.study.schema.sidecar import context
-from bayeschute.study.schema.study_files import DATA_VARIABLE, read_toml
+from bayeschute.study.schema.study_files import read_toml
 from bayeschute.study.schema.vehicle_schema import Vehicle
 
 
@@ -69,7 +69,7 @@ def load_campaign(path: Path | str, data_dir: Path | str | None = None) -> Campa
             vehicle = load_vehicle(os.path.normpath(path.parent / raw["vehicle"]))
         except InputError as error:
             faults += error.faults
-    here = context(path.parent, str(data_dir) if data_dir is not None else os.environ.get(DATA_VARIABLE, ""))
+    here = context(path.parent, data_dir)
     try:
         tables = CampaignFile.model_validate(raw, context=here)
     except ValidationError as error:

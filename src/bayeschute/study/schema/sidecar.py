@@ -21,12 +21,18 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 MOST_ROWS = 100_000
-DATA = "${DATA}"
+DATA, DATA_VARIABLE = "${DATA}", "BAYESCHUTE_DATA"
 
 
-def context(folder: Path, data: str = "") -> dict[str, str]:
+def data_folder(given: Path | str | None = None) -> str:
+    """The folder that replaces ``${DATA}``, absolute: given, or in the environment; empty where it is in neither."""
+    found = os.environ.get(DATA_VARIABLE, "") if given is None else str(given)
+    return os.path.abspath(found) if found else ""
+
+
+def context(folder: Path, data: Path | str | None = None) -> dict[str, str]:
     """Context for finding sidecar files: the folder of the file, and the folder that replaces ``${DATA}``."""
-    return {"folder": str(folder), "data": data}
+    return {"folder": str(folder), "data": data_folder(data)}
 
 
 class Wanted(NamedTuple):

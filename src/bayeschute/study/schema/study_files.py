@@ -10,8 +10,8 @@ from typing import Any
 from bayeschute.core.errors import Fault
 from bayeschute.study.schema.draft import Draft
 from bayeschute.study.schema.schema_faults import fault_of_toml, show
+from bayeschute.study.schema.sidecar import DATA, DATA_VARIABLE, data_folder
 
-DATA, DATA_VARIABLE = "${DATA}", "BAYESCHUTE_DATA"
 LARGEST = 1_000_000  # [bytes] of a study or vehicle file
 
 
@@ -47,7 +47,7 @@ def record_paths(draft: Draft, folder: Path, data_dir: Path | str | None) -> tup
         folder: Folder of the study file; paths of records are relative to it.
         data_dir: Folder that replaces ``${DATA}``; default: the environment variable BAYESCHUTE_DATA.
     """
-    data = str(data_dir) if data_dir is not None else os.environ.get(DATA_VARIABLE, "")
+    data = data_folder(data_dir)
     paths: dict[int, Path] = {}
     faults: list[Fault] = []
     files = {index: flight.file for index, flight in draft.flights.items() if flight.file is not None}
@@ -63,7 +63,7 @@ def record_paths(draft: Draft, folder: Path, data_dir: Path | str | None) -> tup
     for index, file in files.items():
         if DATA in file and not data_is_there:
             continue
-        path = Path(os.path.normpath(folder / file.replace(DATA, os.path.abspath(data))))
+        path = Path(os.path.normpath(folder / file.replace(DATA, data)))
         where = draft.at("flight", index, "file")
         try:
             size = path.stat().st_size if path.is_file() else -1
