@@ -1,6 +1,6 @@
 """Results on flights that this simulator did not make as one page of Markdown.
 
-From what ``other_flights.py --store`` and ``measured_flights.py --store`` have kept.
+From what ``other_flights.py``, ``optimum.py`` and ``measured_flights.py`` have kept by their option ``--store``.
 
 python benchmarks/evidence_page.py
 """
@@ -16,8 +16,11 @@ from calibration_page import _table as table
 from other_flights import QUANTITIES
 from other_stored import ROOT, present
 
+from bayeschute.posterior.assess.multistart import NEAR
+
 Result = dict[str, Any]
 STORED = ROOT / "models/reference/other_flights"
+STARTS = ROOT / "models/reference/starts"
 MEASURED = ROOT / "models/reference/measured_flights"
 PAGE = ROOT / "docs/other-flights.md"
 SCORES = (("held", 100.0, ".0f"), ("width_over_replicates", 1.0, ".2f"), ("wis_over_climatology", 1.0, ".2f"))
@@ -50,6 +53,15 @@ _WINDOWS = """\
 ## Windows
 
 Fits of the first so many seconds of the first flight, up to the checks.
+"""
+_STARTS = """\
+## Starts from the prior
+
+Whether a fit finds its optimum wherever it starts (`benchmarks/optimum.py`, studies by `other_flights.py --prepare`;
+numbers: `models/reference/starts/*.json`).
+The whole library of terms is fitted from the prior means and from draws of the whole prior, with the noise parameters
+found anew from each. *found*: starts that end within 0.1 standard errors, in every parameter, of the optimum of
+greatest evidence; *farthest*: the largest distance among these [standard errors].
 """
 _MEASURED = """\
 ## Measured descents
@@ -127,14 +139,29 @@ def measured_tables(studies: Sequence[Result]) -> list[str]:
     ]  # fmt: skip
     head = ["study", "records", "converged", "checks missed", "processor, s", "made by", "numerics"]
     scores = ["record", "held, %", "width, m/s", "bias, m/s", "score"]
-    return [*table(head, fits), "", *table(scores, rows)]
+    return [*table(head, fits), *table(scores, rows)]
 
 
-def page(sets: Sequence[Result], measured: Sequence[Result]) -> str:
+def starts_table(records: Sequence[Result]) -> list[str]:
+    """Records fitted from many starts.
+
+    Args:
+        records: As stored.
+    """
+    rows = []
+    for one in records:
+        near = [row["away"] for row in one["rows"] if row["converged"] and row["away"] <= NEAR]
+        found = f"{round(one['share_found'] * one['starts'])} of {one['starts']}"
+        rows.append([one["study"], found, f"{max(near, default=0.0):.1g}", *_made(one)])
+    return table(["record", "found", "farthest", "made by", "numerics"], rows)
+
+
+def page(sets: Sequence[Result], starts: Sequence[Result], measured: Sequence[Result]) -> str:
     """The page.
 
     Args:
         sets: As stored.
+        starts: Records fitted from many starts, as stored.
         measured: Studies of measured records, as stored.
     """
     wholes = [(one["set"], one["whole"]) for one in sets if "whole" in one]
@@ -148,9 +175,9 @@ def page(sets: Sequence[Result], measured: Sequence[Result]) -> str:
     text = [_WORDS, "## Whole flights", "", *table(["set", *head, "terms", "made by", "numerics"], fits)]
     text += [_FORETOLD, *foretold(sets)]
     text += [_WINDOWS, *table(["set", "seconds", *head, "made by", "numerics"], windows)]
-    text += ["", _MEASURED, *measured_tables(measured)]
+    text += [_STARTS, *starts_table(starts), _MEASURED, *measured_tables(measured)]
     return "\n".join(text).rstrip() + "\n"
 
 
 if __name__ == "__main__":
-    PAGE.write_text(page(stored(), stored(MEASURED)), encoding="utf-8")
+    PAGE.write_text(page(stored(), stored(STARTS), stored(MEASURED)), encoding="utf-8")

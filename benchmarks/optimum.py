@@ -6,7 +6,9 @@ Then all optima are compared as the product's multistart check does, under the n
 evidence: a start counts as found where every parameter lies within 0.1 standard errors of that optimum.
 
     bayeschute run STUDY --until priors --out RUN
-    python benchmarks/optimum.py STUDY RUN [--starts 20] [--seed 1] [--json]
+    python benchmarks/optimum.py STUDY RUN [--starts 20] [--seed 1] [--store models/reference/starts] [--json]
+
+``--store`` keeps the result in a file named after the study, for `evidence_page.py`.
 """
 
 from __future__ import annotations
@@ -36,6 +38,25 @@ def problem(path: Path, folder: Path) -> tuple[list[Any], tuple[Any, ...], Any]:
     return flights, priors, NoisePrior(assemble.hyper(study))
 
 
+def kept(study: Path, starts: int, seed: int, best: int, rows: list[dict[str, Any]], share: float) -> dict[str, Any]:
+    """The result as it is stored, with what made it.
+
+    Args:
+        study: Its file.
+        starts: How many.
+        seed: Of the starts.
+        best: Number of the start whose optimum has the greatest evidence.
+        rows: Comparison of each other start's optimum with that.
+        share: Of starts that found it.
+    """
+    from bayeschute.study.evidence.numerics_hash import numerics
+    from bayeschute.study.evidence.provenance import provenance
+
+    told = provenance(f"benchmarks/optimum.py {study.name} RUN --starts {starts} --seed {seed}")
+    made = {"study": study.stem, "starts": starts, "seed": seed, "best": best, "share_found": share, "rows": rows}
+    return made | {"provenance": told | {"numerics": numerics()}}
+
+
 def main() -> None:
     """Fit from all starts, print the table, and with ``--json`` one object as the last line."""
     from bayeschute.posterior.assess.multistart import NEAR, best_of, compare, judge, settle_from
@@ -45,6 +66,7 @@ def main() -> None:
     parser.add_argument("run", type=Path, help="folder of a run that has come to its priors")
     parser.add_argument("--starts", type=int, default=20)
     parser.add_argument("--seed", type=int, default=1, help="of the starts")
+    parser.add_argument("--store", type=Path, metavar="DIR", help="keep the result there")
     parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
     flights, priors, prior = problem(given.study, given.run)
@@ -66,8 +88,13 @@ def main() -> None:
     share = (converged + sum(row.converged and row.away <= NEAR for row in rows)) / given.starts
     print(judge(rows, converged).words)
     print(f"{share:.0%} of {given.starts} starts found the optimum ({'reached' if share >= WANTED else 'MISSED'})")
+    plain = [row._asdict() for row in rows]
+    if given.store:
+        made = kept(given.study, given.starts, given.seed, best.number, plain, share)
+        given.store.mkdir(parents=True, exist_ok=True)
+        (given.store / f"{made['study']}.json").write_text(json.dumps(made, indent=1) + "\n", encoding="utf-8")
     if given.json:
-        context = {"starts": given.starts, "seed": given.seed, "kept": best.number, "rows": [r._asdict() for r in rows]}
+        context = {"starts": given.starts, "seed": given.seed, "kept": best.number, "rows": plain}
         print(json.dumps({"ratios": {"share_found": share}, "context": context}))
 
 

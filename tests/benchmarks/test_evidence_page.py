@@ -30,7 +30,7 @@ def made():
 
 def _numbers(tree, path=()):
     """Where numbers of a stored file are that the page tells."""
-    told = {"held", "width_over_replicates", "wis_over_climatology", "processor_s"}
+    told = {"held", "width_over_replicates", "wis_over_climatology", "processor_s", "share_found"}
     for key, value in tree.items():
         if isinstance(value, dict) and key not in ("climatology", "residuals"):
             yield from _numbers(value, (*path, key))
@@ -39,7 +39,7 @@ def _numbers(tree, path=()):
 
 
 def _stored(made):
-    return made.page.stored(), made.page.stored(made.page.MEASURED)
+    return [made.page.stored(place) for place in (made.page.STORED, made.page.STARTS, made.page.MEASURED)]
 
 
 def test_the_shipped_page_is_that_of_the_stored_files(made):
@@ -50,9 +50,11 @@ def test_the_shipped_page_is_that_of_the_stored_files(made):
 
 def test_a_stored_number_that_is_changed_changes_the_page(made):
     kept = _stored(made)
-    places = [(kind, index, path) for kind in (0, 1) for index, one in enumerate(kept[kind]) for path in _numbers(one)]
+    places = [
+        (kind, index, path) for kind in range(3) for index, one in enumerate(kept[kind]) for path in _numbers(one)
+    ]
     before = made.page.page(*kept)
-    assert {kind for kind, _, _ in places} == {0, 1}
+    assert {kind for kind, _, _ in places} == {0, 1, 2}
     for kind, index, path in places:
         changed = copy.deepcopy(kept)
         at = changed[kind][index]
@@ -63,9 +65,10 @@ def test_a_stored_number_that_is_changed_changes_the_page(made):
 
 
 def test_every_stored_result_tells_what_made_it(made):
-    sets, studies = _stored(made)
+    sets, starts, studies = _stored(made)
     results = [(f"--sets {one['set']}", r) for one in sets for r in one.get("windows", {}).values()]
     results += [(f"--sets {one['set']}", one["whole"]) for one in sets if "whole" in one]
+    results += [(f"optimum.py {one['study']}.toml", one) for one in starts]
     for option, result in results + [(f"--studies {one['study']}", one) for one in studies]:
         told = result["provenance"]
         assert all(told[key] for key in ("commit", "command", "date", "machine", "versions", "numerics"))
@@ -79,7 +82,14 @@ def test_other_numerics_are_said_to_be_older(made):
     other = now["versions"] | {"jax": "0.0.1"}
     assert not made.stored.present(now | {"versions": other})
     one = {"set": "Q", "windows": {"45": FIT | {"provenance": now | {"numerics": "0" * 64}}}}
-    assert "| older numerics |" in made.page.page([one], [])
+    assert "| older numerics |" in made.page.page([one], [], [])
+
+
+def test_starts_that_end_elsewhere_are_no_part_of_the_farthest(made):
+    now, row = made.stored.made_now("Q", None), {"converged": True, "away": 0.02}
+    rows = [row, row | {"away": 0.004}, row | {"away": 7.0}, row | {"converged": False, "away": np.nan}]
+    one = {"study": "Q_1", "starts": 5, "share_found": 0.6, "rows": rows, "provenance": now}
+    assert any(line.startswith("| Q_1 | 3 of 5 | 0.02 |") for line in made.page.starts_table([one]))
 
 
 def test_windows_are_stored_beside_whole_flights_each_with_its_own_origin(made, tmp_path):
