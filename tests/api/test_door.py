@@ -85,6 +85,17 @@ def test_every_noun_shows_itself(sondes, fitted, posterior, forecast):
     assert "low" in repr(posterior) and "other" in repr(forecast) and "&lt;" not in repr(flight)
 
 
+def test_a_forecasts_summary_is_of_its_statistics(forecast):
+    told = forecast.summary("maximum", 0.5)
+    assert list(told.index) == list(forecast.quantities)
+    for name, row in told.iterrows():
+        ends = np.quantile(forecast.statistic(name, "maximum"), [0.25, 0.5, 0.75])
+        np.testing.assert_allclose(row[["low", "median", "high"]].to_numpy(float), ends)
+        assert row["unit"] == forecast.draws[name].attrs["units"]
+    with pytest.raises(bc.InputError, match="statistic"):
+        forecast.summary("worst")
+
+
 def test_a_name_that_looks_like_html_is_escaped(descents):
     record = bc.read_record(
         descents.study.with_name("low.csv"), {"time": ("time_s", "s"), "altitude": ("altitude_m", "m")}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import doctest
+from dataclasses import replace
 from importlib import import_module
 from types import SimpleNamespace
 
@@ -16,8 +17,10 @@ import bayeschute as bc
 from bayeschute.api.landing.landing_files import dictionary, write_landings
 from bayeschute.api.landing.landing_questions import Asking, check_questions, day, drivers, next_drop, rare
 from bayeschute.api.landing.landing_verb import campaign_of, drawn_from, drawn_values, land
+from bayeschute.core.errors import InputError
 from bayeschute.landing.aero_table import aero_table
 from bayeschute.landing.decisions.onset import placard_table
+from bayeschute.landing.measures import MEASURES
 from bayeschute.report.figures.landing_figures import design_figure, drivers_figure, placard_figure
 from bayeschute.study.load import load_study, usual_study
 
@@ -47,6 +50,22 @@ def test_the_table(landings):
     assert set(table["outcome"].values) == {"ok"} and table["label"].dtype.kind == "U"
     assert landings.modes().sum() == pytest.approx(1.0) and landings.failed == 0
     assert "96 with 12 draws" in repr(landings) and landings._repr_html_().count("<tr>") >= 5
+
+
+def test_the_summary_is_of_landings_that_did_not_fail(landings):
+    told = landings.summary(0.8)
+    row = told.loc["vertical_speed"]
+    ends = np.quantile(landings.rows["vertical_speed"], [0.1, 0.5, 0.9])
+    np.testing.assert_allclose(row[["low", "median", "high"]].to_numpy(float), ends)
+    assert list(told.index) == list(MEASURES) and row["unit"] == "m/s"
+    rows = landings.rows.copy()
+    rows["outcome"][:5], rows["vertical_speed"][:5] = 1, np.nan
+    some = replace(landings, rows=rows).summary()
+    assert some.loc["vertical_speed", "median"] == np.median(rows["vertical_speed"][5:])
+    rows["outcome"] = 1
+    assert replace(landings, rows=rows).summary()["median"].isna().all()
+    with pytest.raises(InputError, match="probability between 0 and 1"):
+        landings.summary(90.0)
 
 
 def test_it_is_stored_and_read(landings, tmp_path):

@@ -151,6 +151,26 @@ class Forecast:
         values = REDUCTIONS[statistic](self._values(quantity)[:, self.counted])
         return xr.DataArray(values, dims="draw", attrs=self.draws[quantity].attrs, name=f"{statistic} {quantity}")
 
+    def summary(self, statistic: str = "mean", level: float = 0.9) -> pd.DataFrame:
+        """A statistic of every quantity: median and central interval over the draws.
+
+        Args:
+            statistic: ``mean``, ``maximum`` or ``final``, over the samples that were not seen.
+            level: Probability in the interval [1].
+
+        Returns:
+            A row per quantity, indexed by it: ``low``, ``median``, ``high``, ``unit``.
+
+        Example:
+            >>> forecast.summary("maximum").loc["descent_rate", "unit"]
+            'm/s'
+        """
+        rows = {}
+        for name in self.quantities:
+            low, middle, high = _central(self.statistic(name, statistic).values[:, None], level)[:, 0]
+            rows[name] = {"low": low, "median": middle, "high": high, "unit": self.draws[name].attrs["units"]}
+        return pd.DataFrame.from_dict(rows, orient="index").rename_axis("quantity")
+
     def band(self, quantity: str, level: float = 0.9) -> xr.Dataset:
         """Central band of a quantity.
 
@@ -266,12 +286,8 @@ class Forecast:
         return f"Forecast of {self.name}: {told}, {self.draws.attrs['failed']} failed"
 
     def _repr_html_(self) -> str:
-        """Medians and 90 % bands of the mean over the flight, as a table."""
-        rows = []
-        for name in self.quantities:
-            low, middle, high = (html.number(float(q)) for q in self.statistic(name).quantile((0.05, 0.5, 0.95)))
-            rows.append((name, middle, f"{low} to {high}", self.draws[name].attrs["units"]))
-        return html.table(repr(self), ("mean over the flight", "median", "central 90 %", "unit"), rows)
+        """Medians and 90 % intervals of the mean over the flight, as a table."""
+        return html.summary(repr(self), "mean over the flight", self.summary())
 
 
 def _central(draws: Array, level: float) -> Array:

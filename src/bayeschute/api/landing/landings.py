@@ -30,6 +30,10 @@ Rows = NDArray[np.void]
 _FORMAT = 1
 
 
+_SHOWN = ("vertical_speed", "sea_level_vertical_speed", "horizontal_speed", "swing_amplitude", "hang_angle")
+"""Measures of the table in notebooks."""
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Landings:
     """Landings: a row each, of a draw of the parameters in a wind, with a start, gusts and canopies of its own.
@@ -74,6 +78,27 @@ class Landings:
         if quantity not in MEASURES:
             raise InputError(Fault("quantity", repr(quantity), f"one of {', '.join(MEASURES)}"))
         return MEASURES[quantity][0]
+
+    def summary(self, level: float = 0.9) -> pd.DataFrame:
+        """Every measure of the landings that did not fail: median and central interval.
+
+        Args:
+            level: Probability in the interval [1].
+
+        Returns:
+            A row per measure, indexed by it: ``low``, ``median``, ``high``, ``unit``.
+
+        Example:
+            >>> landings.summary().loc["vertical_speed", "unit"]
+            'm/s'
+        """
+        if not 0.0 < level < 1.0:
+            raise InputError(Fault("level", repr(level), "a probability between 0 and 1"))
+        fine = self.rows[self.rows["outcome"] == 0]
+        ends = {"low": 0.5 - 0.5 * level, "median": 0.5, "high": 0.5 + 0.5 * level}
+        made = pd.DataFrame({name: fine[name] for name in MEASURES}).quantile(list(ends.values())).T
+        made.columns = pd.Index(ends)
+        return made.assign(unit=[unit for unit, _ in MEASURES.values()]).rename_axis("measure")
 
     def requirement(
         self, *, probability: float = 0.95, confidence: float = 0.9, name: str = "", **at_most: str | float
@@ -182,12 +207,8 @@ class Landings:
         return f"Landings of {self.name}: {len(self.rows)} with {draws} draws of the parameters, {self.failed} failed"
 
     def _repr_html_(self) -> str:
-        """Medians and 90 % bands as a table."""
-        rows = []
-        for name in ("vertical_speed", "sea_level_vertical_speed", "horizontal_speed", "swing_amplitude", "hang_angle"):
-            low, middle, high = (html.number(float(q)) for q in np.nanquantile(self.rows[name], (0.05, 0.5, 0.95)))
-            rows.append((name, middle, f"{low} to {high}", MEASURES[name][0]))
-        return html.table(repr(self), ("at touchdown", "median", "central 90 %", "unit"), rows)
+        """Medians and 90 % intervals as a table."""
+        return html.summary(repr(self), "at touchdown", self.summary().loc[list(_SHOWN)])
 
 
 def requirement_table(judged: Sequence[Judgement]) -> pd.DataFrame:
