@@ -9,14 +9,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Sequence
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
 from calibration_page import _table as table
 from other_flights import QUANTITIES
 from other_stored import ROOT, present
-
-from bayeschute.posterior.assess.multistart import NEAR
 
 Result = dict[str, Any]
 STORED = ROOT / "models/reference/other_flights"
@@ -60,8 +59,10 @@ _STARTS = """\
 Whether a fit finds its optimum wherever it starts (`benchmarks/optimum.py`, studies by `other_flights.py --prepare`;
 numbers: `models/reference/starts/*.json`).
 The whole library of terms is fitted from the prior means and from draws of the whole prior, with the noise parameters
-found anew from each. *found*: starts that end within 0.1 standard errors, in every parameter, of the optimum of
-greatest evidence; *farthest*: the largest distance among these [standard errors].
+found anew from each. *found*: starts that converge within 0.1 standard errors, in every parameter, of the optimum of
+greatest evidence; *not converged*: starts whose last step was longer than the tolerance; *farthest*: the largest
+distance of any start's end from that optimum [standard errors]; *cost*: the largest difference of minus the log density
+there. These are joint modes of parameters and disturbances; a run goes on from them to the mode of the parameters.
 """
 _MEASURED = """\
 ## Measured descents
@@ -150,10 +151,12 @@ def starts_table(records: Sequence[Result]) -> list[str]:
     """
     rows = []
     for one in records:
-        near = [row["away"] for row in one["rows"] if row["converged"] and row["away"] <= NEAR]
         found = f"{round(one['share_found'] * one['starts'])} of {one['starts']}"
-        rows.append([one["study"], found, f"{max(near, default=0.0):.1g}", *_made(one)])
-    return table(["record", "found", "farthest", "made by", "numerics"], rows)
+        lost = sum(not row["converged"] for row in one["rows"])
+        ended = [row for row in one["rows"] if isfinite(row["away"])]  # others failed
+        off, cost = (max((abs(row[key]) for row in ended), default=0.0) for key in ("away", "worse"))
+        rows.append([one["study"], found, str(lost), f"{off:.2g}", f"{cost:.2g}", *_made(one)])
+    return table(["record", "found", "not converged", "farthest", "cost", "made by", "numerics"], rows)
 
 
 def page(sets: Sequence[Result], starts: Sequence[Result], measured: Sequence[Result]) -> str:

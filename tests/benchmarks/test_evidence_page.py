@@ -85,11 +85,17 @@ def test_other_numerics_are_said_to_be_older(made):
     assert "| older numerics |" in made.page.page([one], [], [])
 
 
-def test_starts_that_end_elsewhere_are_no_part_of_the_farthest(made):
-    now, row = made.stored.made_now("Q", None), {"converged": True, "away": 0.02}
-    rows = [row, row | {"away": 0.004}, row | {"away": 7.0}, row | {"converged": False, "away": np.nan}]
+def test_the_farthest_of_all_starts_is_told_and_how_many_did_not_converge(made):
+    row = {"converged": True, "away": 0.02, "worse": -0.3}
+    rows = [
+        row,
+        row | {"away": 0.004},
+        row | {"away": 7.0},
+        row | {"converged": False, "away": np.nan, "worse": np.nan},
+    ]
+    now = made.stored.made_now("Q", None)
     one = {"study": "Q_1", "starts": 5, "share_found": 0.6, "rows": rows, "provenance": now}
-    assert any(line.startswith("| Q_1 | 3 of 5 | 0.02 |") for line in made.page.starts_table([one]))
+    assert any(line.startswith("| Q_1 | 3 of 5 | 1 | 7 | 0.3 |") for line in made.page.starts_table([one]))
 
 
 def test_windows_are_stored_beside_whole_flights_each_with_its_own_origin(made, tmp_path):
