@@ -45,6 +45,15 @@ def test_the_overview_has_a_row_a_result_and_marks_what_is_surely_off():
     assert "**70 ± 2**" in made[3]
 
 
+def test_a_term_that_few_replicates_select_counts_by_its_intervals_and_is_no_least_or_most():
+    one = result()
+    rare = one["parameters"]["axial[1]"] | {"share": 0.0, "replicates": 2}
+    one["parameters"] |= {"axial[closing]": rare}
+    one["coverage"] |= {"axial[closing]": 0.0}
+    one["standard_error"] |= {"axial[closing]": 0.3}
+    assert "| 88 (90 to 90) |" in overview([one])[2]
+
+
 def test_diagnosis_names_quantity_configuration_and_significance():
     assert diagnosis([result()]) == ["Nothing that is promised lies outside 85 to 95 %."]
     made = diagnosis([result(share=0.83, disturbance="mass"), result(band=0.99)])
