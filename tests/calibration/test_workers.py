@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from bayeschute.calibration import workers
 from bayeschute.calibration.workers import Lost, client_of, finished, kept_open
 from bayeschute.core.errors import InputError
 
@@ -57,6 +58,19 @@ def test_every_input_comes_back_once_and_only_the_one_that_kills_is_lost():
     lost = made.pop(3)
     assert isinstance(lost, Lost) and "died" in lost.why
     assert made == {n: n**2 for n in range(8) if n != 3}
+
+
+def test_local_workers_that_are_gone_for_good_are_told_and_not_waited_for(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(workers, "PATIENCE", 0.5)
+    monkeypatch.setattr(workers, "_LOOK", 0.1)
+    with client_of(2, None) as client:
+        coming = finished(square, range(5), client, ahead=1)
+        next(coming)
+        client.cluster.scale(0)
+        while client.nthreads():
+            time.sleep(0.1)
+        with pytest.raises(InputError, match="none came back"):
+            list(finished(square, range(5), client))
 
 
 def test_warnings_of_workers_are_given_here_and_not_on_the_screen(capfd):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, NamedTuple, TypeVar
@@ -12,6 +13,9 @@ from bayeschute.core.errors import Fault, InputError
 T = TypeVar("T")
 R = TypeVar("R")
 _RETRIES = 3
+PATIENCE = 180.0
+"""Time without any local worker after which they count as lost [s]; Dask starts one that died again within seconds."""
+_LOOK, _POLL = 5.0, 0.05  # between looks at the workers, and at what is finished [s]
 
 
 @contextmanager
@@ -137,7 +141,7 @@ def finished(
         ahead: Tasks per core submitted at once, where results are large; all where None.
 
     Raises:
-        InputError: If the connection to the scheduler breaks off.
+        InputError: If the connection to the scheduler breaks off, or all local workers die and none comes back.
     """
     if client is None:
         yield from ((one, task(one)) for one in todo)
@@ -171,13 +175,23 @@ def _spread(
             done.add(future)
 
     send()
-    for future in done:
-        one = under_way.pop(future)
-        if future.cancelled():
-            do = "Start it, and give the same command again: what is finished is kept."
-            raise InputError(
-                Fault("--workers/--dask", "the connection broke off", "a scheduler that keeps running", do)
-            )
-        yield one, Lost(str(future.exception())) if future.status == "error" else future.result()
-        future.release()
-        send()
+    looked, gone = time.monotonic(), None  # when workers were last looked for, and since when there has been none
+    while under_way:
+        batch, now = done.next_batch(block=False), time.monotonic()
+        if not batch:
+            if client.cluster is not None and now - looked > _LOOK:  # elsewhere they may wait for a machine for hours
+                looked, gone = now, None if client.nthreads() else gone or now
+                if gone is not None and now - gone > PATIENCE:
+                    do = "Give the same command again: what is finished is kept. Fewer workers have more memory each."
+                    raise InputError(Fault("--workers", "all workers died and none came back", "workers that live", do))
+            time.sleep(_POLL)
+        for future in batch:
+            one = under_way.pop(future)
+            if future.cancelled():
+                do = "Start it, and give the same command again: what is finished is kept."
+                raise InputError(
+                    Fault("--workers/--dask", "the connection broke off", "a scheduler that keeps running", do)
+                )
+            yield one, Lost(str(future.exception())) if future.status == "error" else future.result()
+            future.release()
+            send()
