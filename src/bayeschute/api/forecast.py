@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from bayeschute.api import html
 from bayeschute.api.flight import Flight
-from bayeschute.api.quantity import si
+from bayeschute.api.quantity import central, si
 from bayeschute.api.workspace import Files, workspace
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.prediction import bands
@@ -292,9 +292,7 @@ class Forecast:
 
 def _central(draws: Array, level: float) -> Array:
     """Lower end, median and upper end (3, T) of the central band of draws (B, T)."""
-    if not 0.0 < level < 1.0:
-        raise InputError(Fault("level", repr(level), "a probability between 0 and 1"))
-    return bands.quantiles(draws, (0.5 - 0.5 * level, 0.5, 0.5 + 0.5 * level))
+    return bands.quantiles(draws, central(level))
 
 
 def _led_by(spec: Study, flight: str, like: str | None) -> Study:

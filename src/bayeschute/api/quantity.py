@@ -1,4 +1,4 @@
-"""Quantities as arguments: a text with its unit, or a number in SI."""
+"""Arguments of the door: quantities as text with their unit or as numbers in SI, and levels of intervals."""
 
 from __future__ import annotations
 
@@ -23,3 +23,17 @@ def si(where: str, value: str | float, unit: str) -> float:
         return to_si(value, unit)
     except ValueError as error:
         raise InputError(Fault(where, str(error), f"a quantity convertible to {unit}")) from None
+
+
+def central(level: float) -> tuple[float, float, float]:
+    """Probabilities of the lower end, the median and the upper end of a central interval.
+
+    Args:
+        level: Probability in the interval [1].
+
+    Raises:
+        InputError: If it is none.
+    """
+    if not 0.0 < level < 1.0:
+        raise InputError(Fault("level", repr(level), "a probability between 0 and 1"))
+    return 0.5 - 0.5 * level, 0.5, 0.5 + 0.5 * level

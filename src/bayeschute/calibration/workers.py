@@ -175,23 +175,35 @@ def _spread(
             done.add(future)
 
     send()
-    looked, gone = time.monotonic(), None  # when workers were last looked for, and since when there has been none
-    while under_way:
-        batch, now = done.next_batch(block=False), time.monotonic()
-        if not batch:
-            if client.cluster is not None and now - looked > _LOOK:  # elsewhere they may wait for a machine for hours
-                looked, gone = now, None if client.nthreads() else gone or now
-                if gone is not None and now - gone > PATIENCE:
-                    do = "Give the same command again: what is finished is kept. Fewer workers have more memory each."
-                    raise InputError(Fault("--workers", "all workers died and none came back", "workers that live", do))
-            time.sleep(_POLL)
-        for future in batch:
-            one = under_way.pop(future)
-            if future.cancelled():
-                do = "Start it, and give the same command again: what is finished is kept."
-                raise InputError(
-                    Fault("--workers/--dask", "the connection broke off", "a scheduler that keeps running", do)
-                )
-            yield one, Lost(str(future.exception())) if future.status == "error" else future.result()
-            future.release()
-            send()
+    for future in _as_finished(done, client):
+        one = under_way.pop(future)
+        if future.cancelled():
+            do = "Start it, and give the same command again: what is finished is kept."
+            raise InputError(
+                Fault("--workers/--dask", "the connection broke off", "a scheduler that keeps running", do)
+            )
+        yield one, Lost(str(future.exception())) if future.status == "error" else future.result()
+        future.release()
+        send()
+
+
+def _as_finished(futures: Any, client: Any) -> Iterator[Any]:
+    """Dask's futures as they are finished; local workers that all died and don't come back end it."""
+    if client.cluster is None:  # workers of a cluster may wait for a machine for hours
+        yield from futures
+        return
+    looked = time.monotonic()
+    gone: float | None = None  # since when there has been no worker
+    while not futures.is_empty():
+        if batch := futures.next_batch(block=False):
+            yield from batch
+            continue
+        time.sleep(_POLL)
+        now = time.monotonic()
+        if now - looked < _LOOK:
+            continue
+        looked = now
+        gone = None if client.nthreads() else gone or now
+        if gone is not None and now - gone > PATIENCE:
+            do = "Give the same command again: what is finished is kept. Fewer workers have more memory each."
+            raise InputError(Fault("--workers", "all workers died and none came back", "workers that live", do))

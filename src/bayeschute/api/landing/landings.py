@@ -15,7 +15,7 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from bayeschute.api import html
-from bayeschute.api.quantity import si
+from bayeschute.api.quantity import central, si
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.core.files import write_whole
 from bayeschute.core.version import __version__
@@ -28,8 +28,6 @@ if TYPE_CHECKING:
 
 Rows = NDArray[np.void]
 _FORMAT = 1
-
-
 _SHOWN = ("vertical_speed", "sea_level_vertical_speed", "horizontal_speed", "swing_amplitude", "hang_angle")
 """Measures of the table in notebooks."""
 
@@ -92,12 +90,9 @@ class Landings:
             >>> landings.summary().loc["vertical_speed", "unit"]
             'm/s'
         """
-        if not 0.0 < level < 1.0:
-            raise InputError(Fault("level", repr(level), "a probability between 0 and 1"))
         fine = self.rows[self.rows["outcome"] == 0]
-        ends = {"low": 0.5 - 0.5 * level, "median": 0.5, "high": 0.5 + 0.5 * level}
-        made = pd.DataFrame({name: fine[name] for name in MEASURES}).quantile(list(ends.values())).T
-        made.columns = pd.Index(ends)
+        made = pd.DataFrame({name: fine[name] for name in MEASURES}).quantile(list(central(level))).T
+        made.columns = pd.Index(("low", "median", "high"))
         return made.assign(unit=[unit for unit, _ in MEASURES.values()]).rename_axis("measure")
 
     def requirement(

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from bayeschute.aero.curve_names import CURVES
 from bayeschute.api import html
+from bayeschute.api.quantity import central
 from bayeschute.core.errors import Fault, InputError
 
 if TYPE_CHECKING:
@@ -57,6 +58,10 @@ class Curve:
     level: float
     known: tuple[Mapping[str, Any], ...] = ()
 
+    def __post_init__(self) -> None:
+        """Refuse a level that is no probability."""
+        central(self.level)
+
     @property
     def median(self) -> Array:
         """Median at every point (point,)."""
@@ -74,7 +79,7 @@ class Curve:
 
     def at_level(self, level: float) -> Curve:
         """The curve with a band of another probability."""
-        return replace(self, level=_probability(level))
+        return replace(self, level=level)
 
     def to_frame(self) -> pd.DataFrame:
         """Grid, median, band and prior band as a table; a row a point."""
@@ -123,14 +128,8 @@ class Curve:
 
 
 def _ends(draws: Array, level: float) -> tuple[Array, Array]:
-    low, high = np.quantile(draws, [0.5 - 0.5 * level, 0.5 + 0.5 * level], axis=0)
+    low, _, high = np.quantile(draws, central(level), axis=0)
     return low, high
-
-
-def _probability(level: float) -> float:
-    if not 0.0 < level < 1.0:
-        raise InputError(Fault("level", repr(level), "a probability between 0 and 1"))
-    return float(level)
 
 
 def curve(
@@ -172,4 +171,4 @@ def curve(
     low, high = over or ranges[symbol]
     made = curve_draws(name, posterior, prior, np.linspace(low, high, points), Setting(distance, speed))
     beside = tuple(k for k in known if k["kind"] == "curve" and k["target"] == name)
-    return Curve(name, symbol, unit, made.grid, made.draws, made.prior, ranges[symbol], _probability(level), beside)
+    return Curve(name, symbol, unit, made.grid, made.draws, made.prior, ranges[symbol], level, beside)

@@ -211,11 +211,10 @@ def check_vehicles(draft: Draft) -> Iterator[Fault]:
 
 def check_shape(draft: Draft) -> Iterator[Fault]:
     """A virtual drop gives the shape of each canopy where the vehicle's canopies breathe."""
+    if draft.vehicle is None:
+        return
+    number, breathes = draft.vehicle.canopies.number, draft.vehicle.canopies.breathing is not None
     for index, flight in draft.flights.items():
-        vehicle = draft.vehicle_of(index)
-        if vehicle is None:
-            continue
-        number, breathes = vehicle.canopies.number, vehicle.canopies.breathing is not None
         shape = () if flight.virtual is None else flight.virtual.shape
         if shape and not (breathes and len(shape) == number):
             wanted = (
@@ -291,15 +290,6 @@ def crosscheck(draft: Draft) -> list[Fault]:
     checks: list[Callable[[Draft], Iterator[Fault]]] = [check_names, check_roles]
     if draft.model is not None:
         checks.append(by_model[draft.model])
-    checks += [
-        check_canopies,
-        check_vehicles,
-        check_shape,
-        check_canopy_sd,
-        check_polar,
-        check_core,
-        check_stack,
-        check_synthetic,
-    ]
-    checks += [check_times, check_predictions, check_knowledge]
+    checks += [check_canopies, check_vehicles, check_shape, check_canopy_sd, check_polar, check_core, check_stack]
+    checks += [check_synthetic, check_times, check_predictions, check_knowledge]
     return [fault for check in checks for fault in check(draft)]
