@@ -20,7 +20,7 @@ from bayeschute.records.record import Repair, repairs
 from bayeschute.study.job import load_truth
 from bayeschute.study.load import usual_study
 from bayeschute.study.schema.quantities import Cut, Until
-from bayeschute.study.schema.vehicle_schema import Vehicle
+from bayeschute.study.schema.vehicle_schema import NOT_FLOWN, Vehicle
 from bayeschute.study.schema.wind_schema import ProfileTable
 from bayeschute.study.study import Flight as FlightSpec
 from bayeschute.study.study import Study as StudySpec
@@ -149,13 +149,18 @@ class Flight:
                 ``accept_implausible``, as a flight takes them; ``skip_first``, the time left out at its beginning.
 
         Raises:
-            InputError: If an argument is none of these, or no quantity of its kind.
+            InputError: If an argument is none of these, or no quantity of its kind; or if a virtual drop gets a vehicle
+                that has no aerodynamics to fly with.
 
         Example:
             >>> heavy = study.flights["high"].changed(name="heavy", rate="2 Hz")
             >>> heavy.name, heavy.spec.rate
             ('heavy', 2.0)
         """
+        if self.spec.virtual is not None and vehicle is not None and vehicle.aero == NOT_FLOWN:
+            raise InputError(
+                Fault("vehicle", f"{vehicle.name!r} without [aero]", "one that virtual drops can fly with")
+            )
         spec = replace(self.spec, **_fields(values), vehicle=vehicle or self.spec.vehicle)
         return Flight.of_study(self.study, spec, self.raw)
 

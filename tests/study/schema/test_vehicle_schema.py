@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import bayeschute as bc
 from bayeschute.core.errors import InputError
 from bayeschute.core.vectors import Vec3
 from bayeschute.dynamics.parameters import STANDARD_GRAVITY, engagement_length
@@ -146,6 +147,8 @@ def test_no_virtual_drop_flies_without_aerodynamics(cluster: Path, spoil):
     assert all("without [aero]" in fault.got and "virtual" in fault.where for fault in faults)
     with pytest.raises(InputError, match=r"\[aero\]"):
         load_study_or_vehicle(vehicle)
+    with pytest.raises(InputError, match=r"without \[aero\]"):
+        bc.Study.example().flights[0].changed(vehicle=load_vehicle(vehicle))
     spoil(cluster, r"^\[flight\.virtual\]", 'vehicle = "vehicle.toml"\n[flight.virtual]')
     assert "vehicle of a virtual flight" in told(cluster)
 

@@ -195,7 +195,7 @@ class AeroTable(Strict):
 
 
 NOT_FLOWN = AeroTable(source="none: no virtual drop is flown", rate="riser", axial={"1": 1.0}, transverse={"e": 0.0})
-"""Stands for the table where a vehicle file has none; nothing is computed with its numbers."""
+"""Stands for the table where a vehicle file has none; virtual drops of such a vehicle are refused."""
 
 
 class Vehicle(Strict):
