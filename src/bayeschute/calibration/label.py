@@ -38,7 +38,7 @@ _WORDS = {
     Level.RECORDED: "held on recorded flights",
 }
 _MEANINGS = {
-    Level.NOT_CHECKED: "There is no evidence that the stated probabilities apply to this run.",
+    Level.NOT_CHECKED: "There is not enough evidence that the stated probabilities apply to this run.",
     Level.SELF_CONSISTENT: (
         "The intervals contained the truth as often as stated on flights made by this program's own simulator. That "
         "tests the computation, not the model: it says nothing of errors of mass, geometry, wind or aerodynamic form."
