@@ -15,7 +15,7 @@ from bayeschute.calibration import workers
 from bayeschute.calibration.workers import Lost, client_of, finished, kept_open
 from bayeschute.core.errors import InputError
 
-pytest.importorskip("distributed", reason="Dask is not installed")
+distributed = pytest.importorskip("distributed", reason="Dask is not installed")
 dask = pytest.importorskip("dask")
 
 
@@ -110,6 +110,16 @@ def test_workers_kept_open_serve_several_campaigns():
         assert len(served[0] | served[1]) == 2 and os.getpid() not in served[0]
     with kept_open(1) as none, kept_open(2, "tcp://there:1") as there:
         assert none is None and there == "tcp://there:1"
+
+
+def test_workers_leave_dasks_scheduler_to_whoever_calls():
+    before = dask.config.get("scheduler", None)
+    with kept_open(2) as address, client_of(1, address) as client:
+        assert dict(finished(square, [1, 2], client)) == {1: 1, 2: 4}
+        assert dask.config.get("scheduler", None) == before
+        with pytest.raises(ValueError, match="No clients found"):
+            distributed.default_client()
+    assert dask.config.get("scheduler", None) == before
 
 
 def cores(number: int) -> frozenset[int]:

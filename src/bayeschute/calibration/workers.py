@@ -22,6 +22,8 @@ _LOOK, _POLL = 5.0, 0.05  # between looks at the workers, and at what is finishe
 def client_of(workers: int, address: str | None) -> Iterator[Any]:
     """A Dask client: of a cluster at an address, of local processes, or None where one worker is this process.
 
+    It never becomes Dask's default: arrays and files of whoever calls, whom Dask also serves, keep their own scheduler.
+
     Raises:
         InputError: If Dask is needed and not installed, or the cluster doesn't answer.
     """
@@ -35,7 +37,7 @@ def client_of(workers: int, address: str | None) -> Iterator[Any]:
         raise InputError(Fault("--workers/--dask", "Dask is not installed", "the extra `dask`", do)) from error
     if address is not None:
         try:
-            client = Client(address, timeout="20s")
+            client = Client(address, timeout="20s", set_as_default=False)
         except (OSError, ValueError) as error:
             do = "Start a scheduler (dask scheduler) and workers, or use --workers."
             raise InputError(Fault(f"--dask {address}", str(error), "a Dask scheduler", do)) from error
@@ -45,7 +47,7 @@ def client_of(workers: int, address: str | None) -> Iterator[Any]:
     with (
         _for_numbers(),
         LocalCluster(n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=":0") as cluster,
-        Client(cluster) as client,
+        Client(cluster, set_as_default=False) as client,
     ):
         client.register_plugin(_own_cores(workers))
         client.register_plugin(_heard())
@@ -165,7 +167,7 @@ def _spread(
     """Inputs with results or losses as they come, with a bounded number submitted at once."""
     from distributed import as_completed
 
-    waiting, under_way, done = iter(todo), dict[Any, T](), as_completed()
+    waiting, under_way, done = iter(todo), dict[Any, T](), as_completed(loop=client.loop)
 
     def send() -> None:
         limit = room()
