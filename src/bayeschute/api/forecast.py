@@ -29,6 +29,7 @@ from bayeschute.study.study import Flight as FlightSpec
 from bayeschute.study.study import Study
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
@@ -278,6 +279,33 @@ class Forecast:
         from bayeschute.report.figures.record_figures import band_figure
 
         return band_figure(self.to_dataset(), limits)
+
+    def plot_band(self, quantity: str, *, limit: str | float | None = None, ax: Axes | None = None) -> Axes:
+        """Band of one quantity over time with record and truth.
+
+        Args:
+            quantity: Its name.
+            limit: Such as ``"33 ft/s"`` or a number in SI, drawn as a line.
+            ax: Where to draw; a legend is yours to add (``ax.legend()``). New axes with a legend where None.
+
+        Raises:
+            InputError: If quantity or limit are none that can be.
+
+        Example:
+            >>> forecast.plot_band("descent_rate", limit="12 m/s").get_ylabel()
+            '[m/s]'
+        """
+        from bayeschute.report.figures.canvas import legend_of, sheet
+        from bayeschute.report.figures.record_figures import band
+
+        self._values(quantity)  # refuses what was not predicted
+        bound = None if limit is None else si("limit", limit, self.draws[quantity].attrs["units"])
+        figure, (own, *_) = sheet(3.0)
+        drawn = band(own if ax is None else ax, self.to_dataset(), quantity, bound)
+        drawn.set_xlabel("time [s]")
+        if ax is None:
+            legend_of(figure, [own], markerscale=2)
+        return drawn
 
     def __repr__(self) -> str:
         """Flight, quantities and draws."""

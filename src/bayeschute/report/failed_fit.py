@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
@@ -115,6 +116,50 @@ def parameter_table(facts: Mapping[str, Any]) -> Table | None:
     return Table(columns, tuple(rows)) if rows else None
 
 
+def _outputs_by_channel(path: BestPath) -> dict[str, list[int]]:
+    """Numbers of the outputs of every channel."""
+    groups: dict[str, list[int]] = {}
+    for i, name in enumerate(path.outputs):
+        groups.setdefault(_channel(name), []).append(i)
+    return groups
+
+
+@styled
+def residuals(axes: Axes, path: BestPath, channel: str) -> Axes:
+    """Residuals of a channel over time; shaded: the range that would contain 90 % of the sensor noise.
+
+    Args:
+        axes: Where to draw.
+        path: The best trajectory found for a record.
+        channel: One of its channels.
+    """
+    columns = _outputs_by_channel(path)[channel]
+    scale, unit = shown_unit(_UNITS.get(channel, "1"))
+    noise = _INSIDE * scale * float(np.nanmax(path.noise[columns]))
+    axes.axhspan(-noise, noise, color=SHADE, lw=0, zorder=0)
+    for place, i in enumerate(columns):
+        label = path.outputs[i][len(channel) :].strip(".[] ")
+        axes.plot(path.time, scale * path.residual[:, i], color=SERIES[place % len(SERIES)], lw=0.9, label=label)
+    axes.set_title(f"{channel.replace('_', ' ').capitalize()}: measured minus simulated")
+    axes.set_ylabel(f"[{unit or 1}]")
+    if 1 < len(columns) <= _MOST_LINES:
+        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(columns), borderaxespad=0.1)
+    axes.margins(x=0)
+    return axes
+
+
+@styled
+def defects(axes: Axes, path: BestPath) -> Axes:
+    """Largest multiple-shooting defect of each step of the best trajectory found, relative to its tolerance."""
+    axes.plot(path.time[1:], path.defect, color=VERMILION, lw=0.9)
+    axes.axhline(1.0, color=INK, lw=0.8, ls=(0, (5, 3)))
+    axes.set_title("Largest continuity defect of each step, relative to its tolerance")
+    axes.set_ylabel("[1]")
+    axes.set_ylim(bottom=0.0)
+    axes.margins(x=0)
+    return axes
+
+
 @styled
 def residual_figure(path: BestPath) -> Figure:
     """Residuals over time, one panel per channel, with the sensor noise; then the multiple-shooting defects, if any.
@@ -122,32 +167,14 @@ def residual_figure(path: BestPath) -> Figure:
     Args:
         path: The best trajectory found for a record.
     """
-    groups: dict[str, list[int]] = {}
-    for i, name in enumerate(path.outputs):
-        groups.setdefault(_channel(name), []).append(i)
+    groups = _outputs_by_channel(path)
     loose = bool(np.nanmax(path.defect, initial=0.0) > 0.0)
     panels = len(groups) + loose
     figure, all_axes = sheet(0.6 + 1.55 * panels, panels, 1, sharex=True)
-    for axes, (channel, columns) in zip(all_axes, groups.items(), strict=False):
-        scale, unit = shown_unit(_UNITS.get(channel, "1"))
-        noise = _INSIDE * scale * float(np.nanmax(path.noise[columns]))
-        axes.axhspan(-noise, noise, color=SHADE, lw=0, zorder=0)
-        for place, i in enumerate(columns):
-            label = path.outputs[i][len(channel) :].strip(".[] ")
-            axes.plot(path.time, scale * path.residual[:, i], color=SERIES[place % len(SERIES)], lw=0.9, label=label)
-        axes.set_title(f"{channel.replace('_', ' ').capitalize()}: measured minus simulated")
-        axes.set_ylabel(f"[{unit or 1}]")
-        if 1 < len(columns) <= _MOST_LINES:
-            axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(columns), borderaxespad=0.1)
+    for axes, channel in zip(all_axes, groups, strict=False):
+        residuals(axes, path, channel)
     if loose:
-        axes = all_axes[-1]
-        axes.plot(path.time[1:], path.defect, color=VERMILION, lw=0.9)
-        axes.axhline(1.0, color=INK, lw=0.8, ls=(0, (5, 3)))
-        axes.set_title("Largest continuity defect of each step, relative to its tolerance")
-        axes.set_ylabel("[1]")
-        axes.set_ylim(bottom=0.0)
-    for axes in all_axes:
-        axes.margins(x=0)
+        defects(all_axes[-1], path)
     all_axes[-1].set_xlabel("time [s]")
     figure.legend(handles=[Patch(color=SHADE, label="90 % range of the sensor noise")], loc="outside upper right")
     return figure

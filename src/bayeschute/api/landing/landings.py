@@ -24,6 +24,7 @@ from bayeschute.landing.decisions.requirements import Judgement, Limit, Requirem
 from bayeschute.landing.measures import IDS, LABELS, MEASURES, OUTCOMES, ROW
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 Rows = NDArray[np.void]
@@ -146,7 +147,44 @@ class Landings:
         from bayeschute.report.figures.landing_figures import landing_figure
 
         self._known(quantity)
-        return landing_figure(self.rows, quantity, [limit for one in self.requirements for limit in one.limits])
+        return landing_figure(self.rows, quantity, self._limits)
+
+    def plot_scatter(self, ax: Axes | None = None) -> Axes:
+        """Where landings lie from the start, with ellipses, on axes of your own or on new ones (``.figure``).
+
+        Example:
+            >>> landings.plot_scatter().get_xlabel()
+            'east of the start [m]'
+        """
+        from bayeschute.report.figures.canvas import own
+        from bayeschute.report.figures.landing_figures import scatter
+
+        return scatter(own(ax, 5.0, 5.0), self.rows)
+
+    def plot_exceedance(self, quantity: str = "vertical_speed", ax: Axes | None = None) -> Axes:
+        """How likely a quantity exceeds a threshold, on axes of your own or on new ones (``.figure``).
+
+        Args:
+            quantity: One of the table's.
+            ax: Where to draw.
+
+        Raises:
+            InputError: If the quantity is not known.
+
+        Example:
+            >>> landings.plot_exceedance().get_yscale()
+            'log'
+        """
+        from bayeschute.report.figures.canvas import own
+        from bayeschute.report.figures.landing_figures import exceedance_curve
+
+        table = self.exceedance(quantity)
+        return exceedance_curve(own(ax), table, quantity, self._limits)
+
+    @property
+    def _limits(self) -> list[Limit]:
+        """Limits of the campaign's requirements."""
+        return [limit for one in self.requirements for limit in one.limits]
 
     def save(self, path: Path | str) -> Path:
         """Write one NetCDF file.

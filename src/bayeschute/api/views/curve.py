@@ -97,17 +97,17 @@ class Curve:
         Args:
             ax: Where to; axes of a new figure where None (``.figure``).
         """
-        from bayeschute.report.figures.curve_figures import curve_axes
+        from bayeschute.report.figures.canvas import own
+        from bayeschute.report.figures.curve_figures import curve as draw
 
         bands = {"posterior": (self.band[0], self.median, self.band[1])}
         if (before := self.prior_band) is not None and self.prior is not None:
             bands["prior"] = (before[0], np.median(self.prior, axis=0), before[1])
-        title = f"{self.name}: {CURVES[self.name].words}"
         words = f"{100 * self.level:g} %"
-        return curve_axes(
-            ax, title, symbol=self.symbol, unit=self.unit, at=self.grid, bands=bands, flown=self.flown,
-            known=self.known, words=words,
-        )  # fmt: skip
+        drawn = draw(own(ax), self.symbol, self.unit, self.grid, bands, self.flown, self.known, words=words)
+        drawn.set_title(f"{self.name}: {CURVES[self.name].words}")
+        drawn.legend(loc="best")
+        return drawn
 
     def __repr__(self) -> str:
         """Curve, range and sizes."""

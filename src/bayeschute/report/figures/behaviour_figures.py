@@ -1,4 +1,7 @@
-"""Figures of the pendulum studies: phase portraits, bistability, onset by wind shear, pivot point."""
+"""Figures of the pendulum studies: phase portraits, bistability, onset by wind shear, pivot point.
+
+A function that takes axes draws one panel on them and returns them.
+"""
 
 from __future__ import annotations
 
@@ -22,6 +25,7 @@ from bayeschute.report.figures.canvas import (
     SOFT,
     VERMILION,
     feet_axis,
+    legend_of,
     sheet,
     styled,
 )
@@ -39,8 +43,16 @@ def _dots(axes: Axes, trim: float) -> None:
         axes.plot([0.0], [0.0], "o", color=BLUE, ms=6.0, zorder=4, label="stable trim")
 
 
-def _portrait(axes: Axes, angle: Array, rate: Array, name: str) -> None:
-    """Rate over angle, with its start and its end."""
+@styled
+def phase_portrait(axes: Axes, angle: Array, rate: Array, name: str) -> Axes:
+    """Rate over angle, with its start and its end.
+
+    Args:
+        axes: Where to draw.
+        angle: (time,) [rad].
+        rate: (time,) [rad/s].
+        name: Of the angle.
+    """
     step = max(1, len(angle) // _ENOUGH)
     axes.plot(_DEG * angle[::step], _DEG * rate[::step], color=SOFT, lw=0.8)
     axes.plot(_DEG * angle[0], _DEG * rate[0], "s", color=ORANGE, ms=5.0, zorder=3, label="start")
@@ -48,13 +60,17 @@ def _portrait(axes: Axes, angle: Array, rate: Array, name: str) -> None:
     axes.plot(_DEG * angle[tail], _DEG * rate[tail], color=INK, lw=1.5, zorder=2, label="last minute")
     axes.set_xlabel(f"{name} [deg]")
     axes.set_ylabel(f"rate of {name} [deg/s]")
+    return axes
 
 
-def _history(axes: Axes, motion: Motion) -> None:
-    axes.plot(motion.time, _DEG * motion.swing, color=BLUE, lw=1.1)
+@styled
+def swing(axes: Axes, time: Array, angle: Array, color: str = BLUE) -> Axes:
+    """Swing angle (time,) [rad] over time [s]."""
+    axes.plot(time, _DEG * angle, color=color, lw=1.1)
     axes.set_xlabel("time [s]")
     axes.set_ylabel("swing angle [deg]")
     axes.margins(x=0)
+    return axes
 
 
 @styled
@@ -67,17 +83,16 @@ def motion_figure(motion: Motion, trim: float, flipped_at: float | None = None) 
         flipped_at: When the damping changed its sign [s], if it did.
     """
     figure, (left, right) = sheet(3.1, 1, 2)
-    _history(left, motion)
-    left.set_title("Swing angle")
+    swing(left, motion.time, motion.swing).set_title("Swing angle")
     if flipped_at is not None:
         left.axvline(flipped_at, color=INK, lw=1.0, ls=(0, (5, 3)))
         left.annotate(
             "damping turned positive", (flipped_at, left.get_ylim()[1]), (4, -3), textcoords="offset points", va="top"
         )
-    _portrait(right, motion.alpha, motion.alpha_rate, "angle of attack")
+    phase_portrait(right, motion.alpha, motion.alpha_rate, "angle of attack")
     right.set_title("Angle of attack of the canopies")
     _dots(right, trim)
-    figure.legend(*right.get_legend_handles_labels(), loc="outside upper right", ncols=5)
+    legend_of(figure, [right])
     return figure
 
 
@@ -93,16 +108,15 @@ def configuration_figure(configurations: Sequence[Configuration]) -> Figure:
     figure, all_axes = sheet(0.5 + 2.35 * len(configurations), len(configurations), 2)
     for row, one in enumerate(configurations):
         left, right = all_axes[2 * row : 2 * row + 2]
-        _portrait(left, one.motion.swing, one.motion.swing_rate, "swing angle")
-        _portrait(right, one.motion.alpha, one.motion.alpha_rate, "angle of attack")
+        phase_portrait(left, one.motion.swing, one.motion.swing_rate, "swing angle")
+        phase_portrait(right, one.motion.alpha, one.motion.alpha_rate, "angle of attack")
         _dots(right, one.trim)
         end = one.ending
         if one.cycle is not None:
             end += f", {_DEG * one.cycle.amplitude:.1f} deg at {one.cycle.frequency:.3f} Hz"
         left.set_title(_name(one).capitalize())
         right.set_title(f"Ends in a {end}")
-    handles, labels = all_axes[1].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper right", ncols=len(labels))
+    legend_of(figure, all_axes[1:2])
     return figure
 
 
@@ -119,14 +133,13 @@ def curves_figure(unstable: PlanarAero, stable: PlanarAero) -> Figure:
         axes.set_title(title)
         axes.set_xlabel("angle of attack [deg]")
         axes.margins(x=0)
-    figure.legend(*left.get_legend_handles_labels(), loc="outside upper right", ncols=2)
+    legend_of(figure, [left])
     return figure
 
 
 @styled
-def bistability_figure(found: Bistability) -> Figure:
+def bistability(axes: Axes, found: Bistability) -> Axes:
     """Final amplitude of the swing by damping, a curve per disturbance of the glide."""
-    figure, (axes,) = sheet(3.3)
     order = np.argsort(found.damping)
     damping, both = found.damping[order], found.bistable()[order]
     if both.any():
@@ -140,8 +153,14 @@ def bistability_figure(found: Bistability) -> Figure:
     axes.set_title("Final amplitude of a disturbed glide")
     axes.set_xlabel(r"$C_{N\dot\alpha}$ [s/rad]")
     axes.set_ylabel("swing angle [deg]")
-    handles, labels = axes.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper right", ncols=len(labels))
+    return axes
+
+
+@styled
+def bistability_figure(found: Bistability) -> Figure:
+    """Final amplitude of the swing by damping, with its legend; see `bistability`."""
+    figure, (axes,) = sheet(3.3)
+    legend_of(figure, [bistability(axes, found)])
     return figure
 
 
@@ -167,12 +186,9 @@ def onset_figure(found: Onset, shown: Sequence[tuple[int, int]] = ()) -> Figure:
     for axes in (left, right):
         axes.set_xlabel("change of the wind through the layer [m/s]")
     for axes, (i, j), color in zip(all_axes[2:], shown, (GREEN, VERMILION), strict=False):
-        axes.plot(found.motion.time, _DEG * found.motion.swing[:, i, j], color=color, lw=1.1)
+        swing(axes, found.motion.time, found.motion.swing[:, i, j], color)
         axes.set_title(f"{found.change[i]:+.1f} m/s through {found.thickness[j]:.0f} m")
-        axes.set_xlabel("time [s]")
-        axes.set_ylabel("swing angle [deg]")
-        axes.margins(x=0)
-    figure.legend(*left.get_legend_handles_labels(), loc="outside upper right", ncols=len(found.thickness))
+    legend_of(figure, [left])
     return figure
 
 
@@ -195,5 +211,5 @@ def pivot_figure(found: PivotSensitivity) -> Figure:
         feet_axis(axes, unit)
     for axes in all_axes[2:]:
         axes.set_xlabel("factor on the quantity")
-    figure.legend(*all_axes[0].get_legend_handles_labels(), loc="outside upper right", ncols=3)
+    legend_of(figure, all_axes[:1])
     return figure

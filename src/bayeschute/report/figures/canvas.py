@@ -5,10 +5,10 @@ from __future__ import annotations
 import io
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial, wraps
 from pathlib import Path
-from typing import Any, ParamSpec
+from typing import Any, ParamSpec, TypeVar
 from urllib.parse import quote
 
 import matplotlib as mpl
@@ -23,6 +23,7 @@ from bayeschute.core.files import write_whole
 from bayeschute.report.wording import feet_per_metre
 
 P = ParamSpec("P")
+T = TypeVar("T")
 
 # Colours that colour-blind readers can distinguish (Okabe and Ito, 2008).
 BLUE, SKY, VERMILION, ORANGE = "#0072B2", "#56B4E9", "#D55E00", "#E69F00"
@@ -63,11 +64,11 @@ STYLE: dict[str, Any] = {
 }
 
 
-def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
-    """Draw a figure in the style of the report, without changing matplotlib's global settings."""
+def styled(draw: Callable[P, T]) -> Callable[P, T]:
+    """Draw in the style of the report, without changing matplotlib's global settings."""
 
     @wraps(draw)
-    def inside(*args: P.args, **kwargs: P.kwargs) -> Figure:
+    def inside(*args: P.args, **kwargs: P.kwargs) -> T:
         with mpl.rc_context(STYLE):
             return draw(*args, **kwargs)
 
@@ -89,6 +90,14 @@ def sheet(height: float, rows: int = 1, columns: int = 1, **kwargs: Any) -> tupl
     return figure, list(axes.ravel())
 
 
+def own(axes: Axes | None, width: float = 6.0, height: float = 3.2) -> Axes:
+    """Axes to draw on: those given, or else new ones in the style of the report on a sheet of their own."""
+    if axes is not None:
+        return axes
+    with mpl.rc_context(STYLE):
+        return sheet(height, width=width)[1][0]
+
+
 def panels(count: int, most: int, head: float, each: float, **kwargs: Any) -> tuple[Figure, list[Axes]]:
     """A figure of equal panels; places of the last row that are left over are empty.
 
@@ -105,6 +114,18 @@ def panels(count: int, most: int, head: float, each: float, **kwargs: Any) -> tu
     for empty in axes[count:]:
         empty.set_visible(False)
     return figure, axes[:count]
+
+
+def legend_of(figure: Figure, axes: Sequence[Axes], **kwargs: Any) -> None:
+    """One legend above all axes, an entry per label.
+
+    Args:
+        figure: Whose.
+        axes: Those whose labels it explains.
+        **kwargs: For ``Figure.legend``.
+    """
+    shown = {label: handle for a in axes for handle, label in zip(*a.get_legend_handles_labels(), strict=True)}
+    figure.legend(list(shown.values()), list(shown), loc="outside upper right", ncols=max(len(shown), 1), **kwargs)
 
 
 def feet_axis(axes: Axes, unit: str = "ft/s") -> None:

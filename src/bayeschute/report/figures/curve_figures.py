@@ -1,11 +1,13 @@
-"""Aerodynamic curves: what was known before, what was found, and what others know, over the range that was flown."""
+"""Aerodynamic curves: what was known before, what was found, and what others know, over the range that was flown.
+
+A function that takes axes draws one panel on them and returns them.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
@@ -18,11 +20,9 @@ from bayeschute.report.figures.canvas import (
     ORANGE,
     SHADE,
     SOFT,
-    STYLE,
     VERMILION,
     literal,
     panels,
-    sheet,
     styled,
 )
 from bayeschute.report.wording import shown_unit
@@ -38,7 +38,8 @@ def shown_axis(symbol: str, unit: str) -> tuple[float, str]:
     return scale, f"{_LABEL.get(symbol, symbol)} [{shown or 1}]"
 
 
-def draw_curve(
+@styled
+def curve(
     axes: Axes,
     symbol: str,
     unit: str,
@@ -48,7 +49,7 @@ def draw_curve(
     known: Sequence[Mapping[str, Any]] = (),
     truth: Array | None = None,
     words: str = "90 %",
-) -> None:
+) -> Axes:
     """A curve with its bands.
 
     Args:
@@ -91,6 +92,7 @@ def draw_curve(
     _bound(axes, [low, high, *([] if truth is None else [truth])], known)
     axes.set_xlabel(label)
     axes.margins(x=0)
+    return axes
 
 
 def _bound(axes: Axes, lines: Sequence[Array], known: Sequence[Mapping[str, Any]]) -> None:
@@ -102,17 +104,6 @@ def _bound(axes: Axes, lines: Sequence[Array], known: Sequence[Mapping[str, Any]
     every = np.concatenate([end[np.isfinite(end)] for end in ends])
     span = float(np.ptp(every)) or abs(float(every.mean())) or 1.0
     axes.set_ylim(float(every.min()) - 0.35 * span, float(every.max()) + 0.35 * span)
-
-
-def curve_axes(axes: Axes | None, title: str, **what: Any) -> Axes:
-    """One curve on axes of its own, or on those given; see `draw_curve`."""
-    with mpl.rc_context(STYLE):
-        if axes is None:
-            _, (axes,) = sheet(3.2, width=6.0)
-        draw_curve(axes, **what)
-        axes.set_title(title)
-        axes.legend(loc="best")
-    return axes
 
 
 @styled
@@ -147,7 +138,7 @@ def curve_figure(
         truth = one["truth"].to_numpy(float) if "truth" in one and one["truth"].notna().all() else None
         low, high = flown.get(symbol, (at[0], at[-1]))
         beside = [k for k in known if k.get("kind") == "curve" and k.get("target") == name]
-        draw_curve(axes, symbol, str(one["unit"].iloc[0]), at, bands, (low, high), beside, truth)
+        curve(axes, symbol, str(one["unit"].iloc[0]), at, bands, (low, high), beside, truth)
         axes.set_title(f"{name}: {words.get(name, '')}".rstrip(": "))
         axes.legend(loc="best", fontsize=7.4)
     return figure

@@ -22,6 +22,7 @@ _SHARES = (0.5, 0.9, 0.99)  # of landings that an ellipse holds
 _APART = 6  # wind profiles that have ellipses of their own
 
 
+@styled
 def scatter(ax: Axes, rows: Rows) -> Axes:
     """Where landings lie from the start, with ellipses that hold shares of a normal distribution of their moments.
 
@@ -58,6 +59,7 @@ def _ellipses(ax: Axes, part: Rows) -> None:
         ax.add_patch(Ellipse(middle, size[1], size[0], angle=angle, fill=False, color=INK, lw=0.8))
 
 
+@styled
 def exceedance_curve(ax: Axes, table: pd.DataFrame, quantity: str, limits: Sequence[Limit] = ()) -> Axes:
     """P(quantity > threshold) with both limits: over the posterior, and for the number of landings.
 
@@ -87,6 +89,7 @@ def exceedance_curve(ax: Axes, table: pd.DataFrame, quantity: str, limits: Seque
     return ax
 
 
+@styled
 def tornado(ax: Axes, shares: Mapping[str, float], errors: Mapping[str, float] | None = None) -> Axes:
     """Shares of a variance, the greatest on top.
 
@@ -114,6 +117,7 @@ def landing_figure(rows: Rows, quantity: str, limits: Sequence[Limit] = ()) -> F
 _SHADES = {"go": "#bfe3d3", "can't tell": "#f3e2b3", "no-go": "#f2c0a8"}
 
 
+@styled
 def onset_map(ax: Axes, cells: Sequence[Cell]) -> Axes:
     """P(pendulum) against shear and payload, cells shaded by the day's verdict: a placard.
 

@@ -1,17 +1,22 @@
-"""A record before any fit: what its laws compare, panel by panel, and how far each law is from its limit."""
+"""A record before any fit: what its laws compare, panel by panel, and how far each law is from its limit.
+
+A function that takes axes draws one panel on them and returns them.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bayeschute.atmosphere.standard import HIGHEST, LOWEST, STANDARD_GRAVITY, standard_density
 from bayeschute.records.plausibility.evidence import Evidence, evidence_of, slope, turned
-from bayeschute.records.plausibility.reading import FAULT, WARNING
+from bayeschute.records.plausibility.reading import FAULT, WARNING, Reading
 from bayeschute.records.plausibility.verdict import Verdict
 from bayeschute.report.figures.canvas import BLUE, GREEN, INK, ORANGE, PURPLE, SHADE, SKY, VERMILION, sheet, styled
 
@@ -175,19 +180,34 @@ def plausibility_figure(
     assert place is not None  # made by `sheet`
     grid = place.subgridspec(max(rows, 1), 2)
     for i, panel in enumerate(shown):
-        _draw(figure.add_subplot(grid[i // 2, i % 2]), panel, window)
-    excess = np.clip([r.excess for r in laws], 0.004, 30.0)
-    colors = [VERMILION if x >= FAULT else ORANGE if x >= WARNING else BLUE for x in excess]
-    below.barh(range(len(laws)), excess, color=colors, height=0.7)
-    below.axvline(FAULT, color=INK, lw=1.0)
-    below.set_xscale("log")
-    below.set_yticks(range(len(laws)), [r.law for r in laws], fontsize=7)
-    below.set_title("Laws: statistic over its limit (1 and more is a fault)")
-    below.margins(y=0.01)
+        channel(figure.add_subplot(grid[i // 2, i % 2]), panel, window)
+    excess_by_law(below, laws)
     return figure
 
 
-def _draw(axes: Any, panel: Panel, window: tuple[float, float] | None) -> None:
+@styled
+def excess_by_law(axes: Axes, readings: Sequence[Reading]) -> Axes:
+    """How far each law is from its limit: a bar for every law, the first lowest."""
+    excess = np.clip([r.excess for r in readings], 0.004, 30.0)
+    colors = [VERMILION if x >= FAULT else ORANGE if x >= WARNING else BLUE for x in excess]
+    axes.barh(range(len(readings)), excess, color=colors, height=0.7)
+    axes.axvline(FAULT, color=INK, lw=1.0)
+    axes.set_xscale("log")
+    axes.set_yticks(range(len(readings)), [r.law for r in readings], fontsize=7)
+    axes.set_title("Laws: statistic over its limit (1 and more is a fault)")
+    axes.margins(y=0.01)
+    return axes
+
+
+@styled
+def channel(axes: Axes, panel: Panel, window: tuple[float, float] | None = None) -> Axes:
+    """A channel of a record with what its laws compare it with.
+
+    Args:
+        axes: Where to draw.
+        panel: From `panels`.
+        window: Times used [s]; what lies outside is shaded. None: all.
+    """
     for curve in panel.curves:
         every = max(1, curve.time.size // 2000)
         style = {"lw": 0.9, "ls": (0, (4, 2))} if curve.derived else {"lw": 1.0}
@@ -202,3 +222,4 @@ def _draw(axes: Any, panel: Panel, window: tuple[float, float] | None) -> None:
     axes.set_ylabel(f"[{panel.unit}]")
     if len(panel.curves) > 1:
         axes.legend(loc="best", fontsize=7)
+    return axes

@@ -1,4 +1,7 @@
-"""Figure of posterior predictive checks: p-values by statistic, and PIT histograms of the innovations by channel."""
+"""Figure of posterior predictive checks: p-values by statistic, and PIT histograms of the innovations by channel.
+
+A function that takes axes draws one panel on them and returns them.
+"""
 
 from __future__ import annotations
 
@@ -6,11 +9,14 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 from scipy.stats import binom
 
 from bayeschute.report.figures.canvas import BLUE, SHADE, SOFT, VERMILION, sheet, styled
 
+Array = NDArray[np.float64]
 LEAST = 1e-12  # smaller p-values are drawn here
 
 
@@ -25,23 +31,42 @@ def predictive_figure(
         pit: Counts of the probability integral transform in equal bins, by flight and channel.
         bound: Probability of a false alarm over all checks together.
     """
-    counts: dict[str, np.ndarray] = {}
+    counts: dict[str, Array] = {}
     for by_channel in pit.values():
         for channel, each in by_channel.items():
             counts[channel] = counts.get(channel, np.zeros(len(each))) + np.asarray(each, float)
     figure, all_axes = sheet(3.0, 1, 1 + len(counts), gridspec_kw={"width_ratios": [2.2] + [1.0] * len(counts)})
-    _p_values(all_axes[0], checks, bound)
+    p_values(all_axes[0], checks, bound)
     for axes, (channel, some) in zip(all_axes[1:], counts.items(), strict=True):
-        total, bins = int(some.sum()), some.size
-        low, high = binom.ppf([0.05, 0.95], total, 1.0 / bins) if total else (0.0, 1.0)
-        axes.axhspan(low, high, color=SHADE, zorder=0)
-        axes.bar((np.arange(bins) + 0.5) / bins, some, 1.0 / bins, color=BLUE, alpha=0.65, ec="white", lw=0.5)
-        axes.set(title=channel.replace("_", " "), xlabel="PIT [1]", xlim=(0.0, 1.0))
+        pit_histogram(axes, some).set_title(channel.replace("_", " "))
     return figure
 
 
-def _p_values(axes: Any, checks: Sequence[Mapping[str, Any]], bound: float) -> None:
-    """p-values by statistic, on a logarithmic axis, with the bound that holds for all of them."""
+@styled
+def pit_histogram(axes: Axes, counts: Array) -> Axes:
+    """Histogram of the probability integral transform; shaded: 90 % of chance.
+
+    Args:
+        axes: Where to draw.
+        counts: In equal bins from 0 to 1.
+    """
+    total, bins = int(counts.sum()), counts.size
+    low, high = binom.ppf([0.05, 0.95], total, 1.0 / bins) if total else (0.0, 1.0)
+    axes.axhspan(low, high, color=SHADE, zorder=0)
+    axes.bar((np.arange(bins) + 0.5) / bins, counts, 1.0 / bins, color=BLUE, alpha=0.65, ec="white", lw=0.5)
+    axes.set(xlabel="PIT [1]", xlim=(0.0, 1.0))
+    return axes
+
+
+@styled
+def p_values(axes: Axes, checks: Sequence[Mapping[str, Any]], bound: float) -> Axes:
+    """p-values by statistic, on a logarithmic axis, with the bound that holds for all of them.
+
+    Args:
+        axes: Where to draw.
+        checks: Entries with ``statistic`` and ``p``.
+        bound: Probability of a false alarm over all checks together.
+    """
     names = list(dict.fromkeys(str(one["statistic"]) for one in checks))
     limit = bound / max(len(checks), 1)
     for place, name in enumerate(names):
@@ -54,3 +79,4 @@ def _p_values(axes: Any, checks: Sequence[Mapping[str, Any]], bound: float) -> N
     axes.set(xscale="log", xlabel="p-value [1]", title="p-values; dashed: bound for all together")
     axes.set_yticks(range(len(names)), names)
     axes.set_ylim(len(names) - 0.5, -0.5)
+    return axes

@@ -1,17 +1,19 @@
-"""Figures of records, predicted bands, variance decomposition and exceedance probabilities."""
+"""Figures of records, predicted bands, variance decomposition and exceedance probabilities.
+
+A function that takes axes draws one panel on them and returns them.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch
 
 from bayeschute.report.figures.canvas import (
     BLUE,
@@ -24,6 +26,7 @@ from bayeschute.report.figures.canvas import (
     SKY,
     VERMILION,
     feet_axis,
+    legend_of,
     panels,
     sheet,
     styled,
@@ -37,6 +40,7 @@ BAND_UNITS = {
     "flyout_angle": "rad",
 }
 MOST_POINTS = 450  # of a band: one for every other pixel of the page
+_HELD_OUT = "held out of the fit"
 SOURCES = {"parameter": BLUE, "wind": SKY, "initial state": ORANGE, "canopy force": "#a7b0b8"}
 
 
@@ -47,16 +51,14 @@ def _spans(time: np.ndarray, flag: np.ndarray) -> Iterator[tuple[float, float]]:
         yield float(time[start]), float(time[min(stop, len(time) - 1)])
 
 
-def _shade_held_out(axes: Axes, bands: xr.Dataset) -> bool:
-    """Shade the part that was not fitted, where only a part was; returns whether anything was shaded."""
+def _shade_held_out(axes: Axes, bands: xr.Dataset) -> None:
+    """Shade the part that was not fitted, where only a part was."""
     if "held_out" not in bands:
-        return False
+        return
     flag = np.asarray(bands["held_out"].values, dtype=bool)
-    if not flag.any() or flag.all():
-        return False
-    for start, end in _spans(np.asarray(bands["time"].values, dtype=float), flag):
-        axes.axvspan(start, end, color=SHADE, lw=0, zorder=0)
-    return True
+    if not flag.all():
+        for start, end in _spans(np.asarray(bands["time"].values, dtype=float), flag):
+            axes.axvspan(start, end, color=SHADE, lw=0, zorder=0, label=_HELD_OUT)
 
 
 def band_quantities(bands: xr.Dataset) -> list[str]:
@@ -94,51 +96,57 @@ def coverage(bands: xr.Dataset, name: str, low: float, high: float) -> float | N
 
 
 @styled
-def band_figure(bands: xr.Dataset, limits: Mapping[str, float] | None = None) -> Figure:
-    """Predicted bands of one flight, with its true motion and record.
+def band(axes: Axes, bands: xr.Dataset, name: str, limit: float | None = None) -> Axes:
+    """Predicted band of one quantity over time, with its true motion and record.
 
     Args:
+        axes: Where to draw.
         bands: Dataset with dims (quantile, time) per quantity, see the run folder.
-        limits: Quantity to the limit that it must not exceed at any time (SI), drawn as a line.
+        name: Quantity.
+        limit: That it must not exceed at any time (SI), drawn as a line.
+    """
+    bands = bands.isel(time=slice(None, None, max(1, math.ceil(bands.sizes["time"] / MOST_POINTS))))
+    time = np.asarray(bands["time"].values, dtype=float)
+    si = str(bands[name].attrs.get("units") or BAND_UNITS.get(name, "1"))
+    scale, unit = shown_unit(si)
+    low, q25, median, q75, high = (scale * _curve(bands, name, q) for q in (0.05, 0.25, 0.5, 0.75, 0.95))
+    axes.fill_between(time, low, high, color=BLUE, alpha=0.20, lw=0, label="90 % band")
+    axes.fill_between(time, q25, q75, color=BLUE, alpha=0.34, lw=0, label="50 % band")
+    axes.plot(time, median, color=BLUE, lw=1.1, label="median")
+    if f"{name}_record" in bands:
+        record = scale * np.asarray(bands[f"{name}_record"].values, dtype=float)
+        if np.isfinite(record).any():
+            (dots,) = axes.plot(time, record, ".", color=INK, ms=3.2, alpha=0.6, mew=0, zorder=2.5, label="record")
+            dots.set_rasterized(True)
+    if f"{name}_truth" in bands:
+        truth = scale * np.asarray(bands[f"{name}_truth"].values, dtype=float)
+        axes.plot(time, truth, color=VERMILION, lw=1.3, zorder=3, label="truth")
+    if is_number(limit):
+        axes.axhline(scale * limit, color=INK, lw=1.0, ls=(0, (5, 3)), label="required limit")
+    _shade_held_out(axes, bands)
+    axes.set_title(quantity_name(name).capitalize())
+    axes.set_ylabel(f"[{unit}]")
+    _focus(axes, np.concatenate([low, high]))
+    axes.margins(x=0)
+    if si == "m/s":
+        feet_axis(axes)
+    return axes
 
-    Returns:
-        One panel per quantity over time.
+
+@styled
+def band_figure(bands: xr.Dataset, limits: Mapping[str, float] | None = None) -> Figure:
+    """Predicted bands of one flight, one panel per quantity over time.
+
+    Args:
+        bands: As of `band`.
+        limits: Quantity to the limit that it must not exceed at any time (SI).
     """
     names = band_quantities(bands)
-    bands = bands.isel(time=slice(None, None, max(1, math.ceil(bands.sizes["time"] / MOST_POINTS))))
     figure, all_axes = sheet(0.7 + 2.15 * len(names), len(names), 1, sharex=True)
-    time = np.asarray(bands["time"].values, dtype=float)
-    shaded = False
-    handles: dict[str, Any] = {}
     for axes, name in zip(all_axes, names, strict=True):
-        si = str(bands[name].attrs.get("units") or BAND_UNITS.get(name, "1"))
-        scale, unit = shown_unit(si)
-        low, q25, median, q75, high = (scale * _curve(bands, name, q) for q in (0.05, 0.25, 0.5, 0.75, 0.95))
-        handles["90 % band"] = axes.fill_between(time, low, high, color=BLUE, alpha=0.20, lw=0)
-        handles["50 % band"] = axes.fill_between(time, q25, q75, color=BLUE, alpha=0.34, lw=0)
-        handles["median"] = axes.plot(time, median, color=BLUE, lw=1.1)[0]
-        if f"{name}_record" in bands:
-            record = scale * np.asarray(bands[f"{name}_record"].values, dtype=float)
-            if np.isfinite(record).any():
-                dots = axes.plot(time, record, ".", color=INK, ms=3.2, alpha=0.6, mew=0, zorder=2.5)[0]
-                dots.set_rasterized(True)
-                handles["record"] = dots
-        if f"{name}_truth" in bands:
-            truth = scale * np.asarray(bands[f"{name}_truth"].values, dtype=float)
-            handles["truth"] = axes.plot(time, truth, color=VERMILION, lw=1.3, zorder=3)[0]
-        if limits and is_number(limits.get(name)):
-            handles["required limit"] = axes.axhline(scale * limits[name], color=INK, lw=1.0, ls=(0, (5, 3)))
-        shaded |= _shade_held_out(axes, bands)
-        axes.set_title(quantity_name(name).capitalize())
-        axes.set_ylabel(f"[{unit}]")
-        _focus(axes, np.concatenate([low, high]))
-        axes.margins(x=0)
-        if si == "m/s":
-            feet_axis(axes)
+        band(axes, bands, name, (limits or {}).get(name))
     all_axes[-1].set_xlabel("time [s]")
-    if shaded:
-        handles["held out of the fit"] = Patch(color=SHADE)
-    figure.legend(list(handles.values()), list(handles), loc="outside upper right", ncols=len(handles), markerscale=2)
+    legend_of(figure, all_axes, markerscale=2)
     return figure
 
 
@@ -152,9 +160,17 @@ def _focus(axes: Axes, values: np.ndarray) -> None:
         axes.set_ylim(max(current[0], low - margin), min(current[1], high + margin))
 
 
-def _series(record: xr.Dataset) -> list[tuple[str, str, list[tuple[str, np.ndarray]]]]:
-    """Title, SI unit and curves of the panels that a record allows."""
-    made: list[tuple[str, str, list[tuple[str, np.ndarray]]]] = []
+class Channel(NamedTuple):
+    """What a panel of a record shows: title, SI unit, and curves (time,) by name."""
+
+    title: str
+    unit: str
+    curves: Mapping[str, np.ndarray]
+
+
+def channels_of(record: xr.Dataset) -> list[Channel]:
+    """What a record allows to be drawn: altitude, descent rate, wind."""
+    made: list[Channel] = []
 
     def values(name: str, **pick: str) -> np.ndarray | None:
         if name not in record or not set(pick) <= set(record[name].dims):
@@ -169,18 +185,44 @@ def _series(record: xr.Dataset) -> list[tuple[str, str, list[tuple[str, np.ndarr
     altitude = values("altitude")
     down = values("capsule_position", axis="down")
     if altitude is not None:
-        made.append(("Altitude", "m", [("altitude", altitude)]))
+        made.append(Channel("Altitude", "m", {"altitude": altitude}))
     elif down is not None:
-        made.append(("Height above the origin", "m", [("height", -down)]))
+        made.append(Channel("Height above the origin", "m", {"height": -down}))
     rate = values("descent_rate")
     rate = values("capsule_velocity", axis="down") if rate is None else rate
     if rate is not None:
-        made.append(("Descent rate", "m/s", [("descent rate", rate)]))
-    wind = [(axis, values("wind", axis=axis)) for axis in ("north", "east")]
-    curves = [(axis, v) for axis, v in wind if v is not None]
-    if curves:
-        made.append(("Wind, as given to the fit (moving towards)", "m/s", curves))
+        made.append(Channel("Descent rate", "m/s", {"descent rate": rate}))
+    wind = {axis: v for axis in ("north", "east") if (v := values("wind", axis=axis)) is not None}
+    if wind:
+        made.append(Channel("Wind, as given to the fit (moving towards)", "m/s", wind))
     return made
+
+
+@styled
+def recorded(axes: Axes, time: np.ndarray, shown: Channel, repairs: Sequence[Mapping[str, Any]] = ()) -> Axes:
+    """A channel of a record over time, and where it was repaired.
+
+    Args:
+        axes: Where to draw.
+        time: Of the samples (time,) [s].
+        shown: From `channels_of`.
+        repairs: List of {kind, variable, start, end} with times [s].
+    """
+    for (label, values), color in zip(shown.curves.items(), (BLUE, ORANGE, GREEN), strict=False):
+        axes.plot(time, values, color=color, lw=1.1, label=label)
+    for repair in repairs:
+        start, end = repair.get("start"), repair.get("end")
+        if is_number(start) and time.size:
+            ends = np.clip([start, end if is_number(end) else start], time[0], time[-1])
+            axes.axvspan(*ends, color=PURPLE, alpha=0.28, lw=0.8)
+    if (count := len(shown.curves)) > 1:
+        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=count, borderaxespad=0.1)
+    axes.set_title(shown.title)
+    axes.set_ylabel(f"[{shown.unit}]")
+    axes.margins(x=0)
+    if shown.unit == "m/s":
+        feet_axis(axes)
+    return axes
 
 
 @styled
@@ -189,57 +231,40 @@ def record_figure(record: xr.Dataset, repairs: Sequence[Mapping[str, Any]] = ())
 
     Args:
         record: Record with dims (time, axis, ...).
-        repairs: List of {kind, variable, start, end} with times [s].
+        repairs: As of `recorded`.
 
     Returns:
         The figure; an empty figure if the record holds none of these.
     """
-    shown = _series(record)
+    shown = channels_of(record)
     if not shown:
         return Figure()
     figure, all_axes = sheet(0.55 + 1.45 * len(shown), len(shown), 1, sharex=True)
     time = np.asarray(record["time"].values, dtype=float)
-    for axes, (title, unit, curves) in zip(all_axes, shown, strict=True):
-        for (label, values), color in zip(curves, (BLUE, ORANGE, GREEN), strict=False):
-            axes.plot(time, values, color=color, lw=1.1, label=label)
-        for repair in repairs:
-            start, end = repair.get("start"), repair.get("end")
-            if is_number(start) and time.size:
-                ends = np.clip([start, end if is_number(end) else start], time[0], time[-1])
-                axes.axvspan(*ends, color=PURPLE, alpha=0.28, lw=0.8)
-        if len(curves) > 1:
-            axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(curves), borderaxespad=0.1)
-        axes.set_title(title)
-        axes.set_ylabel(f"[{unit}]")
-        axes.margins(x=0)
-        if unit == "m/s":
-            feet_axis(axes)
+    for axes, channel in zip(all_axes, shown, strict=True):
+        recorded(axes, time, channel, repairs)
     all_axes[-1].set_xlabel("time [s]")
     return figure
 
 
 @styled
-def variance_figure(shares: Mapping[str, xr.DataArray]) -> Figure:
-    """Variance decomposition of the predictions by source.
+def variance(axes: Axes, shares: Mapping[str, xr.DataArray]) -> Axes:
+    """Variance decomposition of the predictions by source: one stacked bar per flight and quantity.
 
     Args:
+        axes: Where to draw.
         shares: Flight name to shares of variance with dims (source, quantity) [1].
-
-    Returns:
-        One stacked bar per flight and quantity.
     """
     bars = [(f, str(q), s.sel(quantity=q)) for f, s in shares.items() for q in s["quantity"].values]
-    figure, (axes,) = sheet(0.9 + 0.34 * len(bars))
-    sources: list[str] = []
-    for s in shares.values():
-        sources += [str(v) for v in s["source"].values if str(v) not in sources]
+    sources = list(dict.fromkeys(str(v) for s in shares.values() for v in s["source"].values))
     for row, (_, _, share) in enumerate(bars):
         left = 0.0
         for source in sources:
             value = float(share.sel(source=source)) if source in share["source"].values else 0.0
             if not math.isfinite(value) or value <= 0:
                 continue
-            axes.barh(row, value, left=left, color=SOURCES.get(source, PURPLE), height=0.66, ec="white", lw=0.8)
+            color = SOURCES.get(source, PURPLE)
+            axes.barh(row, value, left=left, color=color, height=0.66, ec="white", lw=0.8, label=source)
             if value > 0.04:
                 color = "white" if source == "parameter" else INK
                 axes.text(left + value / 2, row, f"{100 * value:.0f} %", ha="center", va="center", size=8, color=color)
@@ -250,45 +275,58 @@ def variance_figure(shares: Mapping[str, xr.DataArray]) -> Figure:
     axes.grid(False)
     axes.set_xlim(0, 1.001)
     axes.set_xticks(np.linspace(0, 1, 6), [f"{v:.0f} %" for v in np.linspace(0, 100, 6)])
-    patches = [Patch(color=SOURCES.get(s, PURPLE), label=s) for s in sources]
-    figure.legend(handles=patches, loc="outside upper right", ncols=len(patches))
+    return axes
+
+
+@styled
+def variance_figure(shares: Mapping[str, xr.DataArray]) -> Figure:
+    """Variance decomposition of the predictions by source, with its legend; see `variance`."""
+    figure, (axes,) = sheet(0.9 + 0.34 * sum(s.sizes["quantity"] for s in shares.values()))
+    legend_of(figure, [variance(axes, shares)])
     return figure
 
 
 @styled
+def exceedance(axes: Axes, table: pd.DataFrame, limits: Sequence[float] = ()) -> Axes:
+    """P(statistic of a quantity > threshold) with Clopper-Pearson limits, on a logarithmic axis; one curve per run.
+
+    Args:
+        axes: Where to draw.
+        table: Rows of exceedance.csv of one quantity and statistic.
+        limits: That are required of it (SI).
+    """
+    first = table.iloc[0]
+    scale, unit = shown_unit(str(first["unit"]))
+    for (run, curve), color in zip(table.groupby("run", sort=False), (BLUE, GREEN, PURPLE, ORANGE) * 9, strict=False):
+        x = scale * curve["threshold"].to_numpy(dtype=float)
+        bounds = [curve[f"clopper_pearson_{side}"].to_numpy(dtype=float) for side in ("low", "high")]
+        axes.fill_between(x, np.maximum(bounds[0], 1e-9), bounds[1], color=color, alpha=0.22, lw=0)
+        axes.plot(x, curve["probability"].replace(0, np.nan), color=color, lw=1.4, label=str(run))
+    for limit in limits:
+        axes.axvline(scale * limit, color=INK, lw=1.1, ls=(0, (5, 3)), label="required limit")
+    axes.axhline(1.0, color=LINE, lw=0.7)
+    axes.set_yscale("log")
+    axes.set_ylim(max(0.3 / float(table["draws"].max()), 1e-5), 1.3)
+    words = statistic_name(str(first["quantity"]), str(first["statistic"]))
+    axes.set_title(words[0].upper() + words[1:].replace(", ", ",\n", 1))
+    axes.set_xlabel(f"threshold [{unit}]")
+    axes.margins(x=0)
+    return axes
+
+
+@styled
 def exceedance_figure(table: pd.DataFrame, limits: Mapping[tuple[str, str], Sequence[float]] | None = None) -> Figure:
-    """P(statistic of a quantity > threshold) with Clopper-Pearson limits, on a logarithmic axis.
+    """Exceedance probabilities, one panel per quantity and statistic in the order of the table; see `exceedance`.
 
     Args:
         table: Frame of exceedance.csv, of the quantities and statistics to draw.
         limits: Quantity and statistic to the limits that are required of it (SI).
-
-    Returns:
-        One panel per quantity and statistic, in the order of the table, one curve per run.
     """
     names = list(dict.fromkeys(zip(table["quantity"], table["statistic"], strict=True)))
     figure, all_axes = panels(len(names), 2, 0.5, 2.9, sharey=True)
     for axes, name in zip(all_axes, names, strict=True):
         part = table[(table["quantity"] == name[0]) & (table["statistic"] == name[1])]
-        scale, unit = shown_unit(str(part["unit"].iloc[0]))
-        for (run, curve), color in zip(
-            part.groupby("run", sort=False), (BLUE, GREEN, PURPLE, ORANGE) * 9, strict=False
-        ):
-            x = scale * curve["threshold"].to_numpy(dtype=float)
-            bounds = [curve[f"clopper_pearson_{side}"].to_numpy(dtype=float) for side in ("low", "high")]
-            axes.fill_between(x, np.maximum(bounds[0], 1e-9), bounds[1], color=color, alpha=0.22, lw=0)
-            axes.plot(x, curve["probability"].replace(0, np.nan), color=color, lw=1.4, label=str(run))
-        for limit in (limits or {}).get(name, ()):
-            axes.axvline(scale * limit, color=INK, lw=1.1, ls=(0, (5, 3)), label="required limit")
-        axes.set_yscale("log")
-        axes.set_ylim(max(0.3 / float(part["draws"].max()), 1e-5), 1.3)
-        words = statistic_name(*name)
-        axes.set_title(words[0].upper() + words[1:].replace(", ", ",\n", 1))
-        axes.set_xlabel(f"threshold [{unit}]")
-        axes.margins(x=0)
-    handles = {label: handle for a in all_axes for handle, label in zip(*a.get_legend_handles_labels(), strict=True)}
-    figure.legend(list(handles.values()), list(handles), loc="outside upper right", ncols=len(handles))
+        exceedance(axes, part, (limits or {}).get(name, ()))
+    legend_of(figure, all_axes)
     all_axes[0].set_ylabel("P(more than the threshold)")
-    for axes in all_axes:
-        axes.axhline(1.0, color=LINE, lw=0.7)
     return figure
