@@ -23,6 +23,7 @@ from tests.fitting import (  # noqa: F401
     found,
     linear,
     quadrature,
+    settled,
     short,
     straight,
 )

@@ -18,6 +18,7 @@ from bayeschute.likelihood.noise import Noise
 from bayeschute.likelihood.priors import Prior
 from bayeschute.likelihood.simulation_smoother import Normals
 from bayeschute.posterior import laplace
+from bayeschute.posterior.fit.joint_fit import joint_fit
 from bayeschute.posterior.fit.laplace_fit import find
 from bayeschute.posterior.joint_mode import fit
 from bayeschute.posterior.marginal import marginalise, shifted
@@ -176,6 +177,12 @@ def bent(descent):
 def felt_flight():
     """The class of flights whose parameter tells how strongly a disturbance is felt."""
     return FeltFlight
+
+
+@pytest.fixture(scope="session")
+def settled(descent):
+    """The joint optimum of the descent from its prior means."""
+    return joint_fit(descent.flights, descent.priors, NoisePrior(descent.hyper))
 
 
 @pytest.fixture(scope="session")

@@ -118,9 +118,8 @@ def test_an_opening_that_led_astray_is_begun_anew_in_small_steps(descent, monkey
     np.testing.assert_allclose(found, descent.theta + 10.0)
 
 
-def test_the_mode_is_found_far_from_the_joint_optimum(descent, monkeypatch):
+def test_the_mode_is_found_far_from_the_joint_optimum(descent, settled, monkeypatch):
     """A log determinant whose slope dies away: one slope goes much too far, the mode is where slope and cost balance."""
-    settled = joint_fit.joint_fit(descent.flights, descent.priors, NoisePrior(descent.hyper))
     factor = np.linalg.cholesky(settled.optimum.covariance)
     start = settled.optimum.theta
 
@@ -137,9 +136,10 @@ def test_the_mode_is_found_far_from_the_joint_optimum(descent, monkeypatch):
 
 
 @pytest.mark.parametrize(("share", "mode"), [(0.3, -2.5), (0.25, 2.5)])
-def test_the_mode_is_found_across_a_slope_much_flatter_than_gauss_newton_expects(descent, monkeypatch, share, mode):
+def test_the_mode_is_found_across_a_slope_much_flatter_than_gauss_newton_expects(
+    descent, settled, monkeypatch, share, mode
+):
     """Cost and log determinant together rise with a share of the cost's curvature: Gauss-Newton steps stop short."""
-    settled = joint_fit.joint_fit(descent.flights, descent.priors, NoisePrior(descent.hyper))
     factor, start = np.linalg.cholesky(settled.optimum.covariance), settled.optimum.theta
 
     def flat(made):
@@ -152,9 +152,8 @@ def test_the_mode_is_found_across_a_slope_much_flatter_than_gauss_newton_expects
     assert best.converged and abs(away - mode) < 0.2
 
 
-def test_between_two_looks_at_what_linear_models_lack_its_slope_follows_its_information(descent, monkeypatch):
+def test_between_two_looks_at_what_linear_models_lack_its_slope_follows_its_information(descent, settled, monkeypatch):
     """A correction eight times as curved as the cost: held, its slope made secants too flat, and steps bounced about."""
-    settled = joint_fit.joint_fit(descent.flights, descent.priors, NoisePrior(descent.hyper))
     factor, start = np.linalg.cholesky(settled.optimum.covariance), settled.optimum.theta
     looked, said = [], []
 
@@ -172,9 +171,8 @@ def test_between_two_looks_at_what_linear_models_lack_its_slope_follows_its_info
     assert len(looked) == 1 and len(said) <= 4
 
 
-def test_the_slope_over_a_short_step_says_nothing_of_the_curvature(descent, monkeypatch):
+def test_the_slope_over_a_short_step_says_nothing_of_the_curvature(descent, settled, monkeypatch):
     """Conditional optima are known within a tolerance: over a step of a few tenths the rest of their slopes is noise."""
-    settled = joint_fit.joint_fit(descent.flights, descent.priors, NoisePrior(descent.hyper))
     planned, used = iter((1.0, -0.3, 0.9, 0.3, 0.1)), []
 
     def scripted(slope, covariance, bends):
@@ -188,9 +186,8 @@ def test_the_slope_over_a_short_step_says_nothing_of_the_curvature(descent, monk
 
 
 @pytest.mark.parametrize(("short", "looks"), [(-np.inf, 3), (1.5, 3), (3.0, 1)])
-def test_a_search_that_cannot_become_of_use_ends(descent, monkeypatch, short, looks):
+def test_a_search_that_cannot_become_of_use_ends(descent, settled, monkeypatch, short, looks):
     """Begun 6 standard deviations off, its first step promises a rise of 18; where thrice that is wanted it is given up."""
-    settled = joint_fit.joint_fit(descent.flights, descent.priors, NoisePrior(descent.hyper))
     monkeypatch.setattr(laplace, "lack", lambda made: laplace.Lack(np.zeros(1), np.zeros((1, 1))))
     off = replace(
         settled.optimum, theta=settled.optimum.theta + 6.0 * np.sqrt(settled.optimum.covariance[0]), converged=True
@@ -204,9 +201,8 @@ def test_a_search_that_cannot_become_of_use_ends(descent, monkeypatch, short, lo
     assert best.converged == (looks > 1) and (len(said) == 1) == (looks == 1)
 
 
-def test_a_step_that_leads_to_where_flights_fail_is_halved(descent, monkeypatch):
+def test_a_step_that_leads_to_where_flights_fail_is_halved(descent, settled, monkeypatch):
     """Flights on both sides fail farther than two standard deviations from the joint optimum; the mode is within."""
-    settled = joint_fit.joint_fit(descent.flights, descent.priors, NoisePrior(descent.hyper))
     factor, start = np.linalg.cholesky(settled.optimum.covariance), settled.optimum.theta
     failures = []
 
@@ -571,7 +567,7 @@ def test_a_way_on_that_leads_where_nothing_flies_ends_the_search_at_what_was_fou
     assert lost == () and abs(best.theta - found.optimum.theta)[0] < 0.3 * np.sqrt(found.optimum.covariance[0, 0])
 
 
-def test_the_search_goes_on_to_the_mode_that_the_corrections_tell_of(found, descent):
+def test_the_search_goes_on_to_the_mode_that_the_corrections_tell_of(found, descent, settled):
     """From beside it, where the search by slopes alone has ended."""
     sd = np.sqrt(found.optimum.covariance[0, 0])
     begin = joint_fit.JointFit(found.optimum, found.hyper, found.evidence)
@@ -613,7 +609,7 @@ def test_noise_parameters_without_a_mode_give_way_to_the_next(found, descent, mo
     assert told_of.value.hyper is other and np.isfinite(told_of.value.best.theta).all()
 
 
-def test_noise_parameters_under_which_nothing_flies_give_way_to_the_next(found, descent, monkeypatch):
+def test_noise_parameters_under_which_nothing_flies_give_way_to_the_next(found, descent, settled, monkeypatch):
     settled, usual = joint_fit.JointFit(found.optimum, found.hyper, found.evidence), marginal_mode.marginal_mode
     other = joint_fit._looser(found.hyper)
 

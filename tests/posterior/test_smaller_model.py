@@ -14,15 +14,10 @@ from tests.fitting import LinearFlight
 
 from bayeschute.likelihood.priors import given_zero
 from bayeschute.posterior import along_record, joint_mode
-from bayeschute.posterior.fit import joint_fit, smaller_model
+from bayeschute.posterior.fit import smaller_model
 from bayeschute.posterior.fit.joint_fit import JointFit
 from bayeschute.posterior.fit.smaller_model import Smaller, beside_smaller, carried_over
 from bayeschute.posterior.noise_evidence import NoisePrior
-
-
-@pytest.fixture(scope="module")
-def settled(descent):
-    return joint_fit.joint_fit(descent.flights, descent.priors, NoisePrior(descent.hyper))
 
 
 def test_a_model_goes_on_where_another_one_led(descent, settled):

@@ -56,11 +56,7 @@ def nominal(vehicle: Vehicle, capsule_mass: float | None = None) -> Nominal:
 
 def wind_by_altitude(table: ProfileTable) -> Callable[[Array], Array]:
     """Wind of a profile at altitudes (T,) [m], NED (T, 3) [m/s]; its ends hold beyond."""
-    if table.profile is not None:
-        rows = np.array(table.profile.samples)
-    else:
-        down = table.down or (0.0,) * len(table.altitude)
-        rows = np.stack([table.altitude, table.north, table.east, down], axis=1)
+    rows = table.rows()
 
     def at(altitude: Array) -> Array:
         return np.stack([np.interp(altitude, rows[:, 0], rows[:, j]) for j in (1, 2, 3)], axis=1)

@@ -116,10 +116,10 @@ def parachute_window(time: Array, altitude: Array, specific_force_b: Array | Non
 def _between_shocks(time: Array, force: Array, start: float, end: float) -> tuple[float, float]:
     """The window cut at opening shocks in its first half (and 2 s before) and at an impact about its end."""
     size = np.linalg.norm(force, axis=1) / STANDARD_GRAVITY
-    process_noise = time[np.isfinite(size) & (np.nan_to_num(size) > _SHOCK)]
+    shocks = time[np.isfinite(size) & (np.nan_to_num(size) > _SHOCK)]
     middle = 0.5 * (start + end)
-    openings = process_noise[(process_noise > start - _SMOOTHING) & (process_noise < middle)]
-    impacts = process_noise[(process_noise > max(end - _SMOOTHING, middle)) & (process_noise < end + _SMOOTHING)]
+    openings = shocks[(shocks > start - _SMOOTHING) & (shocks < middle)]
+    impacts = shocks[(shocks > max(end - _SMOOTHING, middle)) & (shocks < end + _SMOOTHING)]
     return (
         max(start, float(openings[-1]) + _PAUSE) if openings.size else start,
         min(end, float(impacts[0]) - _PAUSE) if impacts.size else end,

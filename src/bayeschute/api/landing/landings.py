@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 Rows = NDArray[np.void]
 _FORMAT = 1
 _SHOWN = ("vertical_speed", "sea_level_vertical_speed", "horizontal_speed", "swing_amplitude", "hang_angle")
-"""Measures of the table in notebooks."""
+"""Measures told in notebooks and on the terminal."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -114,11 +114,7 @@ class Landings:
             raise InputError(Fault("requirement", "no limit", "one or more, such as vertical_speed='36 ft/s'"))
         limits = []
         for quantity, limit in at_most.items():
-            unit = self._known(quantity)
-            try:
-                limits.append(Limit(quantity, si(quantity, limit, unit)))
-            except ValueError as error:
-                raise InputError(Fault(f"requirement {quantity}", str(error), f"a quantity in {unit}")) from None
+            limits.append(Limit(quantity, si(quantity, limit, self._known(quantity))))
         said = name or " and ".join(f"{q} <= {limit}" for q, limit in at_most.items())
         return judge(Requirement(said, tuple(limits), probability, confidence), self.rows)
 
@@ -289,7 +285,7 @@ def stopping(asked: Sequence[Requirement]) -> Callable[[Rows], tuple[bool, str]]
 def in_words(landings: Landings, judged: Sequence[Judgement]) -> list[str]:
     """What was found, line by line."""
     lines = [repr(landings)]
-    for name in ("vertical_speed", "sea_level_vertical_speed", "horizontal_speed", "swing_amplitude", "hang_angle"):
+    for name in _SHOWN:
         low, middle, high = (float(q) for q in np.nanquantile(landings.rows[name], (0.05, 0.5, 0.95)))
         lines.append(f"{name}: {middle:.4g} {MEASURES[name][0]}, central 90 % {low:.4g} to {high:.4g}")
     shares: Mapping[Any, float] = landings.modes().to_dict()

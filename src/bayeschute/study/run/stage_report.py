@@ -26,11 +26,10 @@ from bayeschute.study.job import Job, load_flight, load_priors
 from bayeschute.study.load import study_hash
 from bayeschute.study.run import structures
 from bayeschute.study.run.forecasts import OPENING
+from bayeschute.study.schema.belief_schema import NOISE_UNITS
 from bayeschute.study.study import Flight, Study
 
 Array = NDArray[np.float64]
-_CHANNEL_UNIT = {"canopy_position": "m", "capsule_velocity": "m/s", "capsule_attitude": "rad", "descent_rate": "m/s"}
-_CHANNEL_UNIT |= {"swing_angle": "rad", "riser_tension": "N"}
 _PROGRAMS = ("bayeschute", "jax", "numpyro", "emcee", "arviz-base", "numpy", "scipy")
 
 
@@ -63,7 +62,9 @@ def _summary(job: Job) -> dict[str, Any]:
             "wall": facts["wall"], "min_ess_per_s": min(checked["ess_bulk"].values()) / seconds,
         },
         **told_curves(job, draws, prior), **_taught(job, draws),
-        **_predictive(job), **_disturbances(job), **_output_error(job), **_identifiability(job), **_recalibration(job),
+        **_stored(job, "predictive", PREDICTIVE), **_disturbances(job),
+        **_stored(job, "output_error", "fit/output_error.json"),
+        **_stored(job, "identifiability", "identifiability.json"), **_recalibration(job),
         **({"structures": stacked} if (stacked := structures.summary_rows(job)) else {}),
         "coverage": coverage,
         "checks": checks | {"calibration": calibration},
@@ -137,7 +138,7 @@ def _disturbances(job: Job) -> dict[str, Any]:
             "white": hyper.noise.white[i],
             "correlated": hyper.noise.correlated[i],
             "time_constant": hyper.noise.time_constant[i],
-            "unit": _CHANNEL_UNIT[name],
+            "unit": NOISE_UNITS[name],
         }
         | dict.fromkeys(formulation.unused(job.study.noise.model))
         for i, name in enumerate(job.study.noise.channels())
@@ -153,22 +154,9 @@ def _disturbances(job: Job) -> dict[str, Any]:
     return {"noise_model": job.study.noise.model, "noise": noise}
 
 
-def _output_error(job: Job) -> dict[str, Any]:
-    """The table of output error, where the noise model has one."""
-    there = (job.out / "fit" / "output_error.json").exists()
-    return {"output_error": job.load("fit/output_error.json")} if there else {}
-
-
-def _identifiability(job: Job) -> dict[str, Any]:
-    """Identifiability by fit; empty for checks of an older version."""
-    there = (job.out / "identifiability.json").exists()
-    return {"identifiability": job.load("identifiability.json")} if there else {}
-
-
-def _predictive(job: Job) -> dict[str, Any]:
-    """Predictive checks of the fitted records; empty for checks of an older version."""
-    there = (job.out / PREDICTIVE).exists()
-    return {"predictive": job.load(PREDICTIVE)} if there else {}
+def _stored(job: Job, key: str, name: str) -> dict[str, Any]:
+    """A file of the run as an entry of the summary; none where no stage, or an older version, has left it."""
+    return {key: job.load(name)} if (job.out / name).exists() else {}
 
 
 def _recalibration(job: Job) -> dict[str, Any]:

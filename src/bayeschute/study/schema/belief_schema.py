@@ -205,7 +205,7 @@ class BreathingNoise(Strict):
 
 FORCES = ("canopy_force", "transverse_force", "roll", "breathing")
 _LATENT = ("wind", "slow_wind", *FORCES)
-_UNITS = {
+NOISE_UNITS = {
     "canopy_position": "m", "capsule_velocity": "m/s", "capsule_attitude": "rad", "descent_rate": "m/s",
     "swing_angle": "rad", "riser_tension": "N", "wind": "m/s", "slow_wind": "m/s",
 }  # fmt: skip
@@ -254,7 +254,7 @@ class NoiseTable(Strict):
         lines = [f"NoiseTable of model {self.model!r}, SI"]
         for name in (n for n in type(self).model_fields if n != "model" and getattr(self, n) is not None):
             values = getattr(self, name).model_dump(exclude_none=True)
-            unit = _UNITS.get(name, "1")
+            unit = NOISE_UNITS.get(name, "1")
             units = {"time_constant": "s", "frequency": "Hz", "damping_ratio": "1"}
             said = [f"{k} {v:.4g} {units.get(k, unit)}" for k, v in values.items() if isinstance(v, float)]
             lines.append(f"  {name:17} {', '.join(said)}")
