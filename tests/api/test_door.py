@@ -30,21 +30,6 @@ def test_importing_the_package_imports_nothing_slow():
 
 
 @pytest.fixture(scope="module")
-def sondes(descents):
-    return bc.Study.load(descents.study)
-
-
-@pytest.fixture(scope="module")
-def fitted(sondes):
-    return bc.fit(sondes.flights["low"])
-
-
-@pytest.fixture(scope="module")
-def posterior(fitted):
-    return bc.sample(fitted, draws=200, chains=2, warmup=50, seed=4)
-
-
-@pytest.fixture(scope="module")
 def forecast(posterior, sondes):
     return posterior.predict(sondes.flights["high"].changed(name="other"), draws=64)
 

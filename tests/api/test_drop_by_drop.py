@@ -17,13 +17,8 @@ from bayeschute.study.assembly.lessons import lessons
 
 
 @pytest.fixture(scope="module")
-def sondes(descents):
-    return bc.Study.load(descents.study)
-
-
-@pytest.fixture(scope="module")
-def first(sondes):
-    return bc.sample(bc.fit(sondes.flights["low"]), draws=400, chains=2, warmup=100, seed=4)
+def first(fitted):
+    return bc.sample(fitted, draws=400, chains=2, warmup=100, seed=4)
 
 
 @pytest.fixture(scope="module")

@@ -75,8 +75,7 @@ def test_what_makes_no_sense_is_refused(draws, ask, words):
         asked(draws, **ask)
 
 
-def test_a_point_mass_has_no_curves(descents):
-    posterior = bc.sample(bc.fit(bc.Study.load(descents.study).flights["low"]), draws=100, chains=2, warmup=50)
+def test_a_point_mass_has_no_curves(posterior):
     with pytest.raises(bc.InputError, match="it has none"):
         posterior.curve("C_A")
     assert posterior.ranges == {} and posterior.knowledge == [] and posterior.proposals().empty
