@@ -12,6 +12,7 @@ import sys
 import tomllib
 from pathlib import Path
 
+import draw
 import pytest
 
 import bayeschute as bc
@@ -92,17 +93,13 @@ def test_a_gallery_picture_is_there_for_every_block_and_the_reverse():
 
 
 def test_a_block_of_the_gallery_draws_its_picture(tmp_path):
-    spec = importlib.util.spec_from_file_location("draw", DOCS / "figures/draw.py")
-    draw = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(draw)
     (path,) = draw.draw(["limit-cycle"], tmp_path)
     assert path.read_text(encoding="utf-8").startswith("<?xml") and not list(tmp_path.glob("*.png"))
 
 
 def test_a_notebook_is_rendered_with_its_outputs(tmp_path):
-    spec = importlib.util.spec_from_file_location("render", DOCS / "render.py")
-    render = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(render)
+    import render
+
     source = tmp_path / "one.py"
     source.write_text("# %% [markdown]\n# # One\n\n# %%\n1 + 1\n", encoding="utf-8")
     told = json.loads(render.render(source).read_text(encoding="utf-8"))

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
-from pathlib import Path
 
+import calibration as benchmark
 import pytest
 
-BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 RANKS = {
     "study": "dumbbell", "replicates": 3, "failed": 0, "passed": True, "quantities": {"a": {"passed": True}},
     "spoiled": {"shift": 0.3, "passed": False, "quantities": {"a": {"passed": False}}},
@@ -17,22 +15,19 @@ RANKS = {
 
 @pytest.fixture
 def calibration(tmp_path, monkeypatch):
-    """The benchmark as a module; results and page go to a folder of the test's."""
-    monkeypatch.syspath_prepend(BENCHMARKS)
-    spec = importlib.util.spec_from_file_location("calibration_of_benchmarks", BENCHMARKS / "calibration.py")
-    made = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(made)
-    made.STORED, made.PAGE = tmp_path / "stored", tmp_path / "page.md"
-    return made
+    """The benchmark; results and page go to a folder of the test's."""
+    monkeypatch.setattr(benchmark, "STORED", tmp_path / "stored")
+    monkeypatch.setattr(benchmark, "PAGE", tmp_path / "page.md")
+    return benchmark
 
 
-def test_a_part_that_was_stopped_counts_the_minutes_of_all_its_beginnings(calibration, tmp_path):
+def test_a_part_that_was_stopped_counts_the_minutes_of_all_its_beginnings(calibration, tmp_path, monkeypatch):
     def stopped():
         raise KeyboardInterrupt
 
     def make(name, minutes, fly):
         looks = iter([0.0, 60.0 * minutes])
-        calibration.perf_counter = lambda: next(looks)
+        monkeypatch.setattr(calibration, "perf_counter", lambda: next(looks))
         calibration.timed(name, tmp_path / "rows", 2, fly)
 
     with pytest.raises(KeyboardInterrupt):

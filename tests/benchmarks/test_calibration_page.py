@@ -2,25 +2,15 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 from pathlib import Path
 
 import pytest
+from calibration_page import diagnosis, on_the_clock, overview, page, whole
 
 from bayeschute.calibration.scores import LEVELS
 
 ROOT = Path(__file__).parents[2]
-_spec = importlib.util.spec_from_file_location("calibration_page", ROOT / "benchmarks" / "calibration_page.py")
-_made = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(_made)
-diagnosis, on_the_clock, overview, page, whole = (
-    _made.diagnosis,
-    _made.on_the_clock,
-    _made.overview,
-    _made.page,
-    _made.whole,
-)
 
 
 def result(share=0.9, band=0.88, disturbance="none", replicates=100):

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import importlib.util
 from dataclasses import replace
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import simulator_others as others
+from tests.twins import small_cluster as small
 
 from bayeschute.compiler.integrate import trajectory_compiled
 from bayeschute.core.vectors import Vec3
@@ -17,18 +17,6 @@ from bayeschute.dynamics.cluster import geometry
 from bayeschute.dynamics.parameters import Structure
 from bayeschute.dynamics.state import unpack
 
-ROOT = Path(__file__).parents[2]
-
-
-def load(path):
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-others = load(ROOT / "benchmarks" / "simulator_others.py")
-small = load(ROOT / "tests" / "twins" / "small_cluster.py")
 pytestmark = pytest.mark.skipif(others.compiler() is None, reason="no C compiler here")
 T, BATCH, SUBSTEPS = 41, 8, 5
 CENTRE = np.array([0.95, -0.8, -0.1, 2.0, 0.3, 0.3, np.log(2.19e5), np.log(1.46e5), np.log(1.1)])

@@ -5,26 +5,20 @@ from __future__ import annotations
 import copy
 import json
 import re
-import sys
 from pathlib import Path
 from types import SimpleNamespace
 
+import evidence_page
 import numpy as np
+import other_stored
 import pytest
 
 ROOT = Path(__file__).parents[2]
-FOLDER = ROOT / "benchmarks"
 FIT = {"processor_s": 12.0, "wall_s": 13.0, "converged": True, "reason": "", "label": "", "failed": ["rhat"]}
 
 
 @pytest.fixture(scope="module")
 def made():
-    sys.path.insert(0, str(FOLDER))
-    try:
-        import evidence_page
-        import other_stored
-    finally:
-        sys.path.remove(str(FOLDER))
     return SimpleNamespace(page=evidence_page, stored=other_stored)
 
 

@@ -3,29 +3,18 @@
 from __future__ import annotations
 
 import sys
-from pathlib import Path
 
+import gpu
 import numpy as np
 import pytest
 
 from bayeschute.compiler import compiled_model as kernel
 from bayeschute.dynamics.cluster_flight import quantity
 
-FOLDER = Path(__file__).parents[2] / "benchmarks"
 T, BATCH = 61, 4
 
 
-@pytest.fixture(scope="module")
-def gpu():
-    sys.path.insert(0, str(FOLDER))
-    try:
-        import gpu
-    finally:
-        sys.path.remove(str(FOLDER))
-    return gpu
-
-
-def test_descents_are_those_of_the_simulator(gpu):
+def test_descents_are_those_of_the_simulator():
     pytest.importorskip("llvmlite")
     some = gpu.flights(gpu.PLAIN, T, 1)
     model = some.model
@@ -40,14 +29,14 @@ def test_descents_are_those_of_the_simulator(gpu):
     np.testing.assert_allclose(widest, np.max(swing, axis=0), rtol=1e-9)
 
 
-def test_first_flights_do_not_depend_on_the_batch(gpu):
+def test_first_flights_do_not_depend_on_the_batch():
     some = gpu.flights(gpu.PLAIN, T, 1)
     few, many = (gpu.drivers(some.model, some.theta[:, 0], count) for count in (3, 7))
     for a, b in zip(few, many, strict=True):
         np.testing.assert_array_equal(a, b[..., :3])
 
 
-def test_without_gpu_it_says_that_it_was_not_run(gpu, monkeypatch, capsys):
+def test_without_gpu_it_says_that_it_was_not_run(monkeypatch, capsys):
     monkeypatch.setattr(gpu, "device_of", lambda here: None)
     monkeypatch.setattr(sys, "argv", ["gpu.py", "--json"])
     gpu.main()

@@ -9,6 +9,10 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+import other_flights
+import other_records
+import other_scores
+import other_studies
 import pytest
 
 from bayeschute.aero.term_names import check_axial, check_transverse
@@ -16,7 +20,6 @@ from bayeschute.core.vectors import Vec3
 from bayeschute.records.foreign.attitudes import rate_of_attitude
 from bayeschute.records.foreign.conventions import Conventions
 
-FOLDER = Path(__file__).parents[2] / "benchmarks"
 DATA = Path(__file__).parents[3] / "shared" / "otherflights"
 SETS = "PQRSTU"
 there = pytest.mark.skipif(not DATA.is_dir(), reason=f"flights of the other program are not in {DATA}")
@@ -24,14 +27,6 @@ there = pytest.mark.skipif(not DATA.is_dir(), reason=f"flights of the other prog
 
 @pytest.fixture(scope="module")
 def other():
-    sys.path.insert(0, str(FOLDER))
-    try:
-        import other_flights
-        import other_records
-        import other_scores
-        import other_studies
-    finally:
-        sys.path.remove(str(FOLDER))
     return SimpleNamespace(flights=other_flights, records=other_records, scores=other_scores, studies=other_studies)
 
 

@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
+import predictive_checks as power
 import pytest
 
 from bayeschute.records.record import load_record
 from bayeschute.study.load import load_study
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-import predictive_checks as power
 
 STUDY = load_study(power.STUDY)
 

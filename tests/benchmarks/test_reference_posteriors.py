@@ -2,31 +2,16 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
+import reference_posteriors as benchmark
 
 from bayeschute.likelihood.priors import Prior
 
-BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 
-
-@pytest.fixture(scope="module")
-def benchmark():
-    """The benchmark as a module."""
-    spec = importlib.util.spec_from_file_location("reference_posteriors", BENCHMARKS / "reference_posteriors.py")
-    made = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = made
-    spec.loader.exec_module(made)
-    yield made
-    del sys.modules[spec.name]
-
-
-def test_a_weight_counts_like_as_many_draws(benchmark):
+def test_a_weight_counts_like_as_many_draws():
     rng = np.random.default_rng(0)
     x, times = rng.standard_normal(4000), rng.integers(1, 4, 4000)
     weighed, repeated = benchmark.told(x, times / times.sum()), benchmark.told(np.repeat(x, times))
@@ -34,7 +19,7 @@ def test_a_weight_counts_like_as_many_draws(benchmark):
         assert value == pytest.approx(repeated[key], abs=2e-3)
 
 
-def test_differences_are_in_standard_deviations_of_the_reference(benchmark):
+def test_differences_are_in_standard_deviations_of_the_reference():
     reference = {"parameters": {"a": {"mean": 1.0, "sd": 2.0, "q05": -2.29, "q95": 4.29}}}
     draws = 3.0 + 2.2 * np.random.default_rng(1).standard_normal((200_000, 1))
     row = benchmark.compared(reference, draws, (Prior("a", 0.0, 1.0, False, "1", ""),))["a"]
@@ -42,7 +27,7 @@ def test_differences_are_in_standard_deviations_of_the_reference(benchmark):
     assert row["q95"] == pytest.approx(1.0 + 0.1 * 1.645, abs=0.02)
 
 
-def test_what_is_stored_can_be_trusted(benchmark):
+def test_what_is_stored_can_be_trusted():
     """References rest on weights whose tail is tame, and on simulations that came to rest."""
     files = sorted(benchmark.STORED.glob("*.json"))
     if not files:

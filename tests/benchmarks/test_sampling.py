@@ -11,18 +11,15 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-FOLDER = Path(__file__).parents[2] / "benchmarks"
 P = 3
 
 
 @pytest.fixture(scope="module")
 def both():
-    sys.path.insert(0, str(FOLDER))
-    try:
-        import sampling
-        import sampling_peers
-    finally:
-        sys.path.remove(str(FOLDER))
+    """The benchmark and its peers; importing them sets the number of threads of processes yet to come."""
+    import sampling
+    import sampling_peers
+
     return SimpleNamespace(main=sampling, peers=sampling_peers)
 
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import sys
 import tomllib
 from pathlib import Path
 
 import pytest
+from other_studies import toml
 from typer.testing import CliRunner
 
 import bayeschute as bc
@@ -14,10 +14,6 @@ from bayeschute.cli import app
 from bayeschute.records.record import write_record
 from bayeschute.study.load import examine_study
 from bayeschute.study.templates import template
-
-ROOT = Path(__file__).parents[2]
-sys.path.insert(0, str(ROOT / "benchmarks"))
-from other_studies import toml  # noqa: E402
 
 
 @pytest.fixture(scope="module")

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from other_records import flights_of, read_flight, record
+from other_studies import toml, vehicle
+from physical_mistakes import MADE, Case, judge
 
 import bayeschute as bc
 from bayeschute.records.plausibility.evidence import Nominal
@@ -17,10 +19,6 @@ from bayeschute.study.load import load_vehicle
 from bayeschute.study.plausible import nominal
 
 ROOT = Path(__file__).parents[3]
-sys.path.insert(0, str(ROOT / "benchmarks"))
-from other_records import flights_of, read_flight, record  # noqa: E402
-from other_studies import toml, vehicle  # noqa: E402
-from physical_mistakes import MADE, Case, judge  # noqa: E402
 
 OTHERS = Path(os.environ.get("BAYESCHUTE_SHARED", ROOT.parent / "shared")) / "otherflights"
 needs_others = pytest.mark.skipif(not OTHERS.is_dir(), reason="no flights of another program in ../shared")
