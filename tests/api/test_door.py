@@ -159,8 +159,21 @@ def test_rougher_air_widens_the_bands_of_another_flight_and_wrong_spreads_are_re
 
 def test_a_probability_shows_as_many_digits_as_its_draws_tell(forecast):
     shown = repr(forecast.probability("descent_rate", at_most="100 m/s"))
-    assert shown == "P(met) = 1.000, 0.954 to 1.000 with 90 % confidence (64 draws)"
-    assert repr(bc.Probability(0.5, 0.4, 0.6, 0.9, 1200, 3)).endswith("(1,200 draws, 3 of them failed)")
+    assert shown.startswith("P(met) = 1.000, 0.954 to 1.000 for the number of draws (90 %), 64 draws")
+    assert repr(bc.Probability(0.5, 0.4, 0.6, 0.9, 1200, 3)).endswith("(90 %), 1,200 draws, 3 of them failed")
+
+
+def test_what_follows_from_a_posterior_that_misses_checks_says_so(posterior, sondes):
+    told = json.loads(posterior.files["checks.json"])
+    for passed, words in ((False, "checks missed: rhat"), (True, f"all {len(told['checks'])} checks passed")):
+        for name, one in told["checks"].items():
+            one["passed"] = passed if name == "rhat" else True
+        made = replace(posterior, files={**posterior.files, "checks.json": json.dumps(told).encode()})
+        forecast = made.predict(sondes.flights["high"].changed(name="other"), draws=64)
+        met = forecast.probability("descent_rate", at_most="100 m/s")
+        assert made.missed == forecast.missed == met.missed == (() if passed else ("rhat",))
+        assert words in repr(made)
+        assert all(("no level of trust: checks missed: rhat" in repr(one)) is not passed for one in (forecast, met))
 
 
 def test_bands_widen_with_their_level_and_probabilities_are_shares(forecast):

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+import bayeschute as bc
 from bayeschute.core.errors import InputError
 from bayeschute.study.load import (
     check_study,
@@ -15,6 +16,7 @@ from bayeschute.study.load import (
     load_study_or_vehicle,
     load_vehicle,
     study_hash,
+    usual_study,
 )
 from bayeschute.study.templates import template
 
@@ -176,3 +178,21 @@ def test_a_cut_is_a_share_of_the_window_or_a_time(descent: Path, spoil):
     spoil(descent, '^identify_until = "65 %"', 'identify_until = "1 min"')
     cut = load_study(descent).flights[0].identify_until
     assert cut is not None and cut.at(0.0, 200.0) == pytest.approx(60.0)
+
+
+def test_a_flight_without_a_study_has_priors_of_its_own_risers_and_terms_of_its_canopies():
+    """Those of a payload of 12 kg under one canopy were about the lines of a capsule of ten tonnes."""
+    whole = bc.Study.example().flights[0].vehicle
+    same = usual_study("cluster", whole)
+    assert same.priors == usual_study("cluster").priors and same.structure == usual_study("cluster").structure
+    risers = whole.risers.model_copy(update={"length": 4.0, "stiffness": 2600.0, "damping": 70.0})
+    canopies = whole.canopies.model_copy(update={"number": 1})
+    one = whole.model_copy(update={"risers": risers, "canopies": canopies})
+    made = usual_study("cluster", one)
+    given = made.priors.given
+    assert (given.riser_length.mean, given.riser_length.sd) == (4.0, 0.2)
+    assert (given.riser_stiffness.median, given.riser_damping.median) == (2600.0, 70.0)
+    assert given.riser_stiffness.log_sd == same.priors.given.riser_stiffness.log_sd
+    assert made.structure.axial == ("1", "alpha^2", "alpha^4")
+    assert "c" not in made.structure.transverse and "repulsion(0.8)" not in made.structure.transverse
+    assert {"e", "side*e", "e*(e.rate)"} <= set(made.structure.transverse)

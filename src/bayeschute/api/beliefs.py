@@ -155,7 +155,10 @@ class Priors:
 
     def __repr__(self) -> str:
         """A line per parameter."""
-        return "\n".join(f"{name}: {middle} ({span}) {unit}" for name, middle, span, unit in self._rows())
+        rows = self._rows()
+        return "\n".join(
+            f"{name}: {middle} ({span}){'' if unit == '1' else ' ' + unit}" for name, middle, span, unit in rows
+        )
 
     def _repr_html_(self) -> str:
         """Medians and central 90 % as a table."""

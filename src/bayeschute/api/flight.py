@@ -77,7 +77,8 @@ class Flight:
 
     Attributes:
         spec: The flight's table of the study file.
-        study: The study it belongs to; for a single flight, one with the default tables.
+        study: The study it belongs to; for a single flight, one with the default tables: the risers' priors are about
+            the vehicle's values, the noise (`bc.noise`) is that of a capsule of ten tonnes.
         raw: The record as read, where it does not come from a file.
 
     Example:
@@ -122,7 +123,7 @@ class Flight:
         Raises:
             InputError: If an argument is no quantity of its kind.
         """
-        usual = usual_study("cluster" if vehicle is not None else "descent")
+        usual = usual_study("cluster" if vehicle is not None else "descent", vehicle)
         spec = FlightSpec(**_fields({
             "name": name, "roles": roles, "wind": wind, "window": window, "rate": rate, "capsule_mass": capsule_mass,
             "identify_until": identify_until, "accept_implausible": accept_implausible,
@@ -230,10 +231,11 @@ class Flight:
         return Plausibility(self.name, found, record, spec.accept_implausible)
 
     def plot(self) -> Figure:
-        """The record over time, one panel a channel."""
+        """The record over time, one panel a channel; shaded where samples were missing, faulty or excluded."""
         from bayeschute.report.figures.record_figures import record_figure
+        from bayeschute.report.tables.record_tables import faults_of
 
-        return record_figure(self.record, [vars(one) for one in self.repairs])
+        return record_figure(self.record, faults_of([vars(one) for one in self.repairs]))
 
     def __repr__(self) -> str:
         """Name, roles and source."""

@@ -47,6 +47,7 @@ class Probability:
         confidence: Of that interval, two-sided.
         draws: How many draws.
         failed: Simulations that failed.
+        missed: Checks that the posterior misses: with one or more, the number has no level of trust.
 
     Example:
         >>> found = forecast.probability("descent_rate", at_most="100 m/s")
@@ -60,12 +61,14 @@ class Probability:
     confidence: float
     draws: int
     failed: int
+    missed: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         """On one line, to as many digits as the draws tell."""
         failed = f", {self.failed:,} of them failed" if self.failed else ""
-        between = f"{self.low:.3f} to {self.high:.3f} with {100.0 * self.confidence:.0f} % confidence"
-        return f"P(met) = {self.met:.3f}, {between} ({self.draws:,} draws{failed})"
+        between = f"{self.low:.3f} to {self.high:.3f} for the number of draws ({100.0 * self.confidence:.0f} %)"
+        trust = f"; no level of trust: checks missed: {', '.join(self.missed)}" if self.missed else ""
+        return f"P(met) = {self.met:.3f}, {between}, {self.draws:,} draws{failed}{trust}"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -83,6 +86,7 @@ class Forecast:
         recorded_with: Noise of the instrument, by quantity that one channel records: standard deviations of the white
             and the correlated part [unit of the quantity], time constant of the latter [s].
         seed: Of that noise in `as_recorded`.
+        missed: Checks that the posterior misses: with one or more, the bands have no level of trust.
 
     Example:
         >>> band = forecast.band("descent_rate", 0.9)
@@ -99,6 +103,7 @@ class Forecast:
     independent: int
     recorded_with: Mapping[str, tuple[float, float, float]]
     seed: int
+    missed: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, job: Job, foreseen: FlightForecast) -> Forecast:
@@ -113,10 +118,12 @@ class Forecast:
         }
         made = xr.Dataset(values, coords={"time": ("time", foreseen.time, {"units": "s"})})
         made.attrs = {"failed": one.failed, "flight": foreseen.flight.name}
-        ess = job.load("checks.json")["ess_bulk"]
-        independent = int(min(*ess.values(), made.sizes["draw"]))  # as the stage `risk` counts
-        held_out, truth, seed = foreseen.held_out, foreseen.truth, foreseen.seed
-        return cls(foreseen.flight.name, made, held_out, recorded, truth, one.shares, independent, noise, seed)
+        checks = job.load("checks.json")
+        independent = int(min(*checks["ess_bulk"].values(), made.sizes["draw"]))  # as the stage `risk` counts
+        return cls(
+            foreseen.flight.name, made, foreseen.held_out, recorded, foreseen.truth, one.shares, independent, noise,
+            foreseen.seed, missed_checks(checks),
+        )  # fmt: skip
 
     @property
     def quantities(self) -> tuple[str, ...]:
@@ -216,7 +223,7 @@ class Forecast:
             at_most=most, at_least=least, confidence=confidence, independent=self.independent,
         )  # fmt: skip
         low, high = made["simulation_low"], made["simulation_high"]
-        return Probability(made["probability_met"], low, high, confidence, made["draws"], made["failed"])
+        return Probability(made["probability_met"], low, high, confidence, made["draws"], made["failed"], self.missed)
 
     def as_recorded(self, quantity: str) -> xr.DataArray:
         """Draws of a quantity as its instrument would record it: the channel's noise added, (draw, time).
@@ -311,11 +318,17 @@ class Forecast:
         """Flight, quantities and draws."""
         sizes = self.draws.sizes
         told = f"{sizes['draw']} draws of {', '.join(self.quantities)} at {sizes['time']} times"
-        return f"Forecast of {self.name}: {told}, {self.draws.attrs['failed']} failed"
+        trust = f"; no level of trust: checks missed: {', '.join(self.missed)}" if self.missed else ""
+        return f"Forecast of {self.name}: {told}, {self.draws.attrs['failed']} failed{trust}"
 
     def _repr_html_(self) -> str:
         """Medians and 90 % intervals of the mean over the flight, as a table."""
         return html.summary(repr(self), "mean over the flight", self.summary())
+
+
+def missed_checks(told: Mapping[str, Any]) -> tuple[str, ...]:
+    """Names of the checks in ``checks.json`` that did not pass."""
+    return tuple(name for name, one in told.get("checks", {}).items() if one["passed"] is False)
 
 
 def _central(draws: Array, level: float) -> Array:

@@ -19,7 +19,7 @@ from bayeschute.api.beliefs import Priors
 from bayeschute.api.drop_by_drop import HISTORY, next_priors, priors_of, taught_table
 from bayeschute.api.fitting import chosen, drawn, fitted_flights, sampling
 from bayeschute.api.flight import Flight
-from bayeschute.api.forecast import Forecast, forecast
+from bayeschute.api.forecast import Forecast, forecast, missed_checks
 from bayeschute.api.inputs import Study
 from bayeschute.api.landing.landing_verb import Winds, campaign_of, drawn_from, land
 from bayeschute.api.landing.landings import Landings
@@ -120,6 +120,18 @@ class Posterior:
         """Whether all checks passed; False before they were made."""
         found = self.checks()
         return not found.empty and bool(found["passed"].all())
+
+    @property
+    def missed(self) -> tuple[str, ...]:
+        """Names of the checks that did not pass: with one or more, nothing that follows has a level of trust."""
+        return missed_checks(self._json("checks.json"))
+
+    @property
+    def _checked(self) -> str:
+        count = len(self.checks())
+        if not count:
+            return "not checked"
+        return f"checks missed: {', '.join(self.missed)}" if self.missed else f"all {count} checks passed"
 
     @cached_property
     def _flown(self) -> list[Any]:
@@ -374,7 +386,7 @@ class Posterior:
         sizes = self.data["posterior"].sizes
         names = ", ".join(f.name for f in self.spec.with_role("identify"))
         of = counted(len(self.names), "parameter")
-        return f"Posterior of {names}: {of}, {sizes['chain']} chains of {sizes['draw']} draws"
+        return f"Posterior of {names}: {of}, {sizes['chain']} chains of {sizes['draw']} draws; {self._checked}"
 
     def _repr_html_(self) -> str:
         """Means and intervals as a table."""
@@ -382,15 +394,7 @@ class Posterior:
         for name in self.names:
             low, middle, high = (html.number(float(q)) for q in np.quantile(self[name].values, (0.05, 0.5, 0.95)))
             rows.append((name, middle, f"{low} to {high}", self[name].attrs.get("units", "1")))
-        missed = ", ".join(self.checks().query("passed == False").index) if "checks.json" in self.files else ""
-        note = (
-            f"checks missed: {missed}"
-            if missed
-            else "all checks passed"
-            if "checks.json" in self.files
-            else "no checks"
-        )
-        return html.table(repr(self), ("parameter", "median", "central 90 %", "unit"), rows, note)
+        return html.table(repr(self), ("parameter", "median", "central 90 %", "unit"), rows)
 
     @cached_property
     def marginals(self) -> tuple[Any, ...]:

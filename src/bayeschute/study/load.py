@@ -21,6 +21,7 @@ from bayeschute.study.schema.crosscheck import check_span, check_vehicles, cross
 from bayeschute.study.schema.draft import Draft
 from bayeschute.study.schema.schema_faults import faults_of
 from bayeschute.study.schema.sidecar import context
+from bayeschute.study.schema.structure_schema import needs_no_neighbour
 from bayeschute.study.schema.study_files import read_toml, record_paths
 from bayeschute.study.schema.study_schema import (
     Column,
@@ -37,6 +38,7 @@ from bayeschute.study.templates import template
 if TYPE_CHECKING:
     import xarray as xr
 
+_LENGTH_SHARE, _LENGTH_LEAST = 0.006, 0.2  # sd of a riser's length where nobody tells it: share of it, and [m]
 _SENSED = (
     "canopy_position", "capsule_velocity", "capsule_attitude", "capsule_rate", "capsule_specific_force",
     "riser_tension", "swing_angle", "descent_rate",
@@ -267,15 +269,34 @@ def load_flights(path: Path | str, study: Study, data_dir: Path | str | None = N
     return replace(study, flights=flights, vehicle=vehicle, predict=predict, requirements=found.requirement)
 
 
-def usual_study(model: str) -> Study:
+def usual_study(model: str, vehicle: Vehicle | None = None) -> Study:
     """A study of no flight with the tables that the package's commented studies have, for flights without a study.
 
     Args:
         model: ``cluster`` or ``descent``.
+        vehicle: Priors of the risers are then about its values, and a single canopy has no terms of a neighbour.
     """
     study = _read_study(template(f"{model}.toml"), None).study  # its record is the user's, and not there
     assert study is not None
-    return replace(study, flights=(), vehicle=None, vehicle_path=None, requirements=(), text="", vehicle_text="")
+    study = replace(study, flights=(), vehicle=None, vehicle_path=None, requirements=(), text="", vehicle_text="")
+    return study if vehicle is None else _of_vehicle(study, vehicle)
+
+
+def _of_vehicle(study: Study, vehicle: Vehicle) -> Study:
+    """The study with the priors and candidate terms that suit a vehicle."""
+    given, risers, structure = study.priors.given, vehicle.risers, study.structure
+    told: dict[str, Any] = {
+        "riser_stiffness": {"median": risers.stiffness},
+        "riser_damping": {"median": risers.damping},
+    }
+    if given.riser_length is not None and risers.length != given.riser_length.mean:
+        told["riser_length"] = {"mean": risers.length, "sd": max(_LENGTH_SHARE * risers.length, _LENGTH_LEAST)}
+    priors = {name: getattr(given, name).model_copy(update=values) for name, values in told.items()}
+    if structure is not None and vehicle.canopies.number == 1:
+        alone = {kind: tuple(filter(needs_no_neighbour, getattr(structure, kind))) for kind in ("axial", "transverse")}
+        structure = structure.model_copy(update=alone)
+    table = study.priors.model_copy(update={"given": given.model_copy(update=priors)})
+    return replace(study, priors=table, structure=structure, vehicle=vehicle)
 
 
 def _read_vehicle(path: Path, data_dir: Path | str | None = None) -> tuple[Vehicle | None, str, list[Fault]]:

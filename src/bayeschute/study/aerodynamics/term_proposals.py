@@ -12,6 +12,7 @@ from bayeschute.aero.airflow import CanopyFlow
 from bayeschute.aero.terms import axial_term, transverse_term
 from bayeschute.posterior.assess.latent_terms import Proposal, proposals
 from bayeschute.study.aerodynamics.flown import FlownFlight
+from bayeschute.study.schema.structure_schema import needs_no_neighbour
 
 Array = NDArray[np.float64]
 AXIAL = (
@@ -39,14 +40,6 @@ structure make already is found along the record."""
 _SHOWN = 5
 
 
-def _alone(term: str) -> bool:
-    """Whether a term needs no other canopy."""
-    return not any(
-        factor == "c" or factor.startswith(("proximity", "closing", "repulsion", "(e.c", "(c."))
-        for factor in term.split("*")
-    )
-
-
 def proposed_terms(flights: Sequence[FlownFlight]) -> dict[str, list[Proposal]]:
     """Proposals by kind of force, the strongest first; a kind of which the fit has no latent force is left out.
 
@@ -63,7 +56,7 @@ def proposed_terms(flights: Sequence[FlownFlight]) -> dict[str, list[Proposal]]:
         if not flights or not any(np.any(part) for part in latent):
             continue
         has = {term for one in flights for term in getattr(one, kind)}
-        candidates = [term for term in known if term not in has and (several or _alone(term))]
+        candidates = [term for term in known if term not in has and (several or needs_no_neighbour(term))]
         value: Callable[[str, CanopyFlow], Array] = _axial if kind == "axial" else _transverse
         made = proposals(
             latent,
