@@ -33,7 +33,13 @@ def test_what_is_no_fault_of_the_input_is_not_hidden():
         raise ZeroDivisionError
 
 
-def test_bars_keep_the_last_words_of_a_stage(capsys):
+@pytest.fixture
+def terminal(monkeypatch):
+    """Standard error passes for a terminal."""
+    monkeypatch.setenv("FORCE_COLOR", "1")
+
+
+def test_bars_keep_the_last_words_of_a_stage(capsys, terminal):
     with Bars() as bars:
         bars("fit", -0.5, "begins")
         bars("fit", 7.0, "2 fits")
@@ -42,7 +48,7 @@ def test_bars_keep_the_last_words_of_a_stage(capsys):
     assert "2 fits" in capsys.readouterr().err
 
 
-def test_a_bar_never_goes_back_and_tells_the_time_left(capsys, monkeypatch):
+def test_a_bar_never_goes_back_and_tells_the_time_left(capsys, monkeypatch, terminal):
     now = [0.0]
     monkeypatch.setattr("bayeschute.core.pace.time.perf_counter", lambda: now[0])
     with Bars() as bars:
@@ -55,6 +61,23 @@ def test_a_bar_never_goes_back_and_tells_the_time_left(capsys, monkeypatch):
         bars("fit", 1.0, "2 fits")
         assert task.fields["words"] == "2 fits"
     assert "2 fits" in capsys.readouterr().err
+
+
+def test_in_a_file_progress_is_told_in_lines_now_and_then(capsys, monkeypatch):
+    for name in ("FORCE_COLOR", "TTY_COMPATIBLE"):
+        monkeypatch.delenv(name, raising=False)
+    now = [0.0]
+    monkeypatch.setattr("bayeschute.console.time.monotonic", lambda: now[0])
+    with Bars() as bars:
+        for second in range(61):
+            now[0] = float(second)
+            bars("fit", second / 100.0, f"step {second}")
+        bars("fit", 1.0, "2 fits")
+        bars("fit", 1.0, "2 fits")
+    lines = capsys.readouterr().err.splitlines()
+    assert [line.split()[0] for line in lines] == ["fit"] * 5
+    assert [line.rsplit(" ", 1)[1] for line in lines] == ["0", "20", "40", "60", "fits"]
+    assert lines[-1] == "fit        100 % 2 fits"
 
 
 def test_bars_that_are_not_shown_are_silent(capsys):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,6 +16,9 @@ from bayeschute.core.pace import Pace
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
+
+
+_EVERY = 20.0  # between lines of progress where there is no terminal [s]
 
 
 def say(text: str = "", error: bool = False) -> None:
@@ -41,13 +45,15 @@ class Bars:
 
     Call it with the stage's name, the share that is done (0 to 1), and a few words; the words given with 1 remain on
     the terminal as the summary of the stage. A bar never goes back; once it has come some way it tells about how long
-    the stage still takes.
+    the stage still takes. Where standard error is a file or a pipe, lines take the place of bars, some a minute.
     """
 
     def __init__(self) -> None:
         self._pace = Pace()
         self._progress: Progress | None = None
         self._tasks: dict[str, TaskID] = {}
+        self._line: str | None = None  # the last one; None: bars
+        self._said = -_EVERY
 
     def __enter__(self) -> Bars:
         from rich.console import Console
@@ -58,6 +64,9 @@ class Bars:
         rest = Column(ratio=1, no_wrap=True, overflow="ellipsis")  # on a narrow screen words are cut, not the bar
         words = TextColumn("{task.fields[words]}", markup=False, table_column=rest)
         bar, console = BarColumn(bar_width=16), Console(stderr=True)
+        if not (console.is_terminal or console.is_jupyter):
+            self._line = ""
+            return self
         self._progress = Progress(stage, bar, TimeElapsedColumn(), words, console=console, expand=True)
         self._progress.start()
         return self
@@ -70,12 +79,18 @@ class Bars:
 
     def __call__(self, stage: str, done: float, words: str = "") -> None:
         """Move the bar of a stage."""
-        if self._progress is None:
+        if self._progress is None and self._line is None:
             return
         words, done = harmless(words), self._pace.at(stage, done)
+        told = ": ".join(part for part in (self._pace.left(stage), words) if part)
+        if self._progress is None:
+            line, now = f"{stage:<10} {100.0 * done:3.0f} % {told}".rstrip(), time.monotonic()
+            if line != self._line and (done >= 1.0 or now - self._said >= _EVERY):
+                say(line, error=True)
+                self._line, self._said = line, now
+            return
         if stage not in self._tasks:
             self._tasks[stage] = self._progress.add_task(stage, total=1.0, words="")
-        told = ": ".join(part for part in (self._pace.left(stage), words) if part)
         self._progress.update(self._tasks[stage], completed=done, words=told)
 
 
