@@ -153,14 +153,18 @@ def disturbance_rows(job: Job, flight: FlightData) -> dict[int, str]:
 
 
 def _of_priors(job: Job, group: Group, one: Stored) -> Iterator[Check]:
-    """Distances of estimates from their priors, in standard deviations that the distance has before the data."""
+    """Distances of estimates from their priors, in standard deviations that the distance has before the data.
+
+    Before the data the posterior mean has the prior's variance less the posterior's. That is the model's own posterior:
+    one that was widened since parts of the record disagree is as wide as the prior, and any distance would seem absurd.
+    """
     where = " and ".join(flight.name for flight in group.flights)
     centre, scale = working(group.priors)
-    variance = scale**2
-    after = np.var(one.theta.reshape(-1, centre.size), axis=0)
+    variance, own = scale**2, one.held.reshape(-1, centre.size)
+    after, mean = np.var(own, axis=0), np.mean(own, axis=0)
     for i, prior in enumerate(group.priors):
         spread = np.sqrt(max(variance[i] - after[i], 0.05 * variance[i]))
-        yield prior_check(where, prior.name, (float(one.theta[..., i].mean()) - centre[i]) / spread)
+        yield prior_check(where, prior.name, (mean[i] - centre[i]) / spread)
     for name, z in noise_distances(job, one).items():
         yield prior_check(where, name, z)
 

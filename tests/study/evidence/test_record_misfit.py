@@ -1,0 +1,48 @@
+"""Distances of estimates from their priors: standard normal where the prior is right, whatever else widened the draws."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from bayeschute.likelihood.priors import Prior
+from bayeschute.study.evidence import record_misfit
+
+PRIORS = (Prior("a", 0.3, 0.5, False, "1", "x"), Prior("b", np.log(2.0), 0.2, True, "m", "y"))
+RNG = np.random.default_rng(2)
+
+
+@pytest.fixture
+def distances(monkeypatch):
+    """Distances of both parameters, from draws of a Gaussian posterior and by how much these were widened."""
+    monkeypatch.setattr(record_misfit, "noise_distances", lambda job, one: {})
+    group = SimpleNamespace(flights=[SimpleNamespace(name="one")], priors=PRIORS)
+
+    def found(mean, sd, widened=1.0):
+        xi = RNG.standard_normal((2, 2000, 2))
+        one = SimpleNamespace(held=mean + sd * xi, theta=mean + widened * sd * xi)
+        return np.array([check.value for check in record_misfit._of_priors(None, group, one)])
+
+    return found
+
+
+@pytest.mark.parametrize("noise", [0.1, 0.4])
+def test_where_the_prior_is_right_the_distance_is_standard_normal(distances, noise):
+    z = []
+    for _ in range(400):
+        truth = np.array([0.3, np.log(2.0)]) + [0.5, 0.2] * RNG.standard_normal(2)
+        precision = 1.0 / np.array([0.5, 0.2]) ** 2 + 1.0 / noise**2
+        datum = truth + noise * RNG.standard_normal(2)
+        mean = (np.array([0.3, np.log(2.0)]) / np.array([0.5, 0.2]) ** 2 + datum / noise**2) / precision
+        z.append(distances(mean, 1.0 / np.sqrt(precision)))
+    assert np.abs(np.mean(z, axis=0)).max() < 4.0 / np.sqrt(400)
+    np.testing.assert_allclose(np.std(z, axis=0), 1.0, atol=0.15)
+
+
+def test_draws_that_were_widened_are_no_further_from_the_prior(distances):
+    """As wide as the prior they left a fifth of it to compare with: 1.8 standard deviations were told as 8."""
+    narrow, wide = (distances(np.array([-0.6, np.log(2.0)]), np.array([0.15, 0.1]), by) for by in (1.0, 3.3))
+    np.testing.assert_allclose(wide, narrow, atol=0.05)
+    assert narrow[0] == pytest.approx(-0.9 / np.sqrt(0.5**2 - 0.15**2), abs=0.05)
