@@ -28,6 +28,12 @@ from tests.fitting import (  # noqa: F401
     straight,
 )
 
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Notebooks run for a minute each: first, so that no worker waits for them at the end."""
+    items.sort(key=lambda item: not item.path.name.startswith("test_notebook"))
+
+
 TRUTH = {"low": 0.155, "high": 0.160}  # C_D S/m [m^2/kg]
 STUDY = """
 title = "Two made-up sondes"
