@@ -27,6 +27,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from other_records import G0, SEA_LEVEL_DENSITY, OtherFlight, first_seen, read_flight, record
 
+from bayeschute.aero.terms import is_pairwise
+
 MODELS = Path(__file__).parents[1] / "models"
 STUDY = MODELS / "studies" / "cdt-3-11.toml"
 if TYPE_CHECKING:
@@ -37,7 +39,6 @@ BEGIN, END = 5.0, 2.0  # left out at the ends of the flight that is identified [
 NOMINAL_DRAG = 0.85  # of a canopy
 MOMENT = 0.3  # sd of a canopy's C_m_alpha and C_mq
 LENGTH_SHARE, LENGTH_LEAST = 0.006, 0.2  # sd of a riser's length: share of it, and [m]
-NEIGHBOUR = ("c", "closing", "proximity(", "repulsion(", "(e.c)", "(c.rate)")  # factors of terms that need one
 _KINDS = ("axial", "transverse")
 _UNITS = {"canopy_position": "m", "capsule_velocity": "m/s", "capsule_attitude": "rad"}
 _OF_META = {
@@ -101,13 +102,8 @@ def default_vehicle() -> dict[str, Any]:
     return tomllib.loads((STUDY.parent / default_study()["vehicle"]).read_text(encoding="utf-8"))
 
 
-def needs_a_neighbour(term: str) -> bool:
-    """Whether a term of the aerodynamics is about two canopies."""
-    return any(factor == "c" or factor.startswith(NEIGHBOUR[1:]) for factor in term.split("*"))
-
-
 def _alone(terms: Sequence[str]) -> list[str]:
-    return [term for term in terms if not needs_a_neighbour(term)]
+    return [term for term in terms if not is_pairwise(term)]
 
 
 def vehicle(flight: OtherFlight) -> dict[str, Any]:
@@ -203,7 +199,7 @@ def study(
         structure |= {kind: _alone(structure[kind]) for kind in _KINDS}
     priors = default["priors"] | {"given": _given(default["priors"].get("given", {}), meta)}
     if meta["n_canopies"] == 1 and "spread" in priors:
-        priors["spread"] = {k: v for k, v in priors["spread"].items() if not needs_a_neighbour(k[k.find("[") + 1 : -1])}
+        priors["spread"] = {k: v for k, v in priors["spread"].items() if not is_pairwise(k[k.find("[") + 1 : -1])}
     flights = [_flight(first, {"roles": ["structure", "identify"], "window": [_time(t) for t in window]})]
     flights += [
         _flight(f, {"roles": ["predict"], "window": [_time(first_seen(f, 0.0)), _time(float(f.time[-1]))]})

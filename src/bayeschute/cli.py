@@ -191,12 +191,10 @@ def fit(
             for drop, gain in lessons.attrs["joint"].items():
                 say(f"{drop} taught {gain:.4g} nats about all parameters together")
         say(f"Posterior: {path}")
-        checks = posterior.checks()
-        missed = list(checks.index[~checks["passed"].astype(bool)])
         if quick:
             say("Quick run with few draws: the results are not for use.")
-        elif missed:
-            say(f"Failed checks: {', '.join(missed)}", error=True)
+        elif posterior.failed_checks:
+            say(f"Failed checks: {', '.join(posterior.failed_checks)}", error=True)
             raise typer.Exit(1)
 
 

@@ -52,8 +52,8 @@ class Bars:
         self._pace = Pace()
         self._progress: Progress | None = None
         self._tasks: dict[str, TaskID] = {}
-        self._line: str | None = None  # the last one; None: bars
-        self._said = -_EVERY
+        self._in_lines = False
+        self._last_line, self._last_time = "", -_EVERY
 
     def __enter__(self) -> Bars:
         from rich.console import Console
@@ -65,7 +65,7 @@ class Bars:
         words = TextColumn("{task.fields[words]}", markup=False, table_column=rest)
         bar, console = BarColumn(bar_width=16), Console(stderr=True)
         if not (console.is_terminal or console.is_jupyter):
-            self._line = ""
+            self._in_lines = True
             return self
         self._progress = Progress(stage, bar, TimeElapsedColumn(), words, console=console, expand=True)
         self._progress.start()
@@ -79,15 +79,15 @@ class Bars:
 
     def __call__(self, stage: str, done: float, words: str = "") -> None:
         """Move the bar of a stage."""
-        if self._progress is None and self._line is None:
+        if self._progress is None and not self._in_lines:
             return
         words, done = harmless(words), self._pace.at(stage, done)
         told = ": ".join(part for part in (self._pace.left(stage), words) if part)
         if self._progress is None:
             line, now = f"{stage:<10} {100.0 * done:3.0f} % {told}".rstrip(), time.monotonic()
-            if line != self._line and (done >= 1.0 or now - self._said >= _EVERY):
+            if line != self._last_line and (done >= 1.0 or now - self._last_time >= _EVERY):
                 say(line, error=True)
-                self._line, self._said = line, now
+                self._last_line, self._last_time = line, now
             return
         if stage not in self._tasks:
             self._tasks[stage] = self._progress.add_task(stage, total=1.0, words="")

@@ -163,17 +163,17 @@ def test_a_probability_shows_as_many_digits_as_its_draws_tell(forecast):
     assert repr(bc.Probability(0.5, 0.4, 0.6, 0.9, 1200, 3)).endswith("(90 %), 1,200 draws, 3 of them failed")
 
 
-def test_what_follows_from_a_posterior_that_misses_checks_says_so(posterior, sondes):
+def test_what_follows_from_a_posterior_with_failed_checks_says_so(posterior, sondes):
     told = json.loads(posterior.files["checks.json"])
-    for passed, words in ((False, "checks missed: rhat"), (True, f"all {len(told['checks'])} checks passed")):
+    for passed, words in ((False, "no level of trust, failed checks: rhat"), (True, "all checks passed")):
         for name, one in told["checks"].items():
             one["passed"] = passed if name == "rhat" else True
         made = replace(posterior, files={**posterior.files, "checks.json": json.dumps(told).encode()})
         forecast = made.predict(sondes.flights["high"].changed(name="other"), draws=64)
         met = forecast.probability("descent_rate", at_most="100 m/s")
-        assert made.missed == forecast.missed == met.missed == (() if passed else ("rhat",))
+        assert made.failed_checks == forecast.failed_checks == met.failed_checks == (() if passed else ("rhat",))
         assert words in repr(made)
-        assert all(("no level of trust: checks missed: rhat" in repr(one)) is not passed for one in (forecast, met))
+        assert all(("no level of trust, failed checks: rhat" in repr(one)) is not passed for one in (forecast, met))
 
 
 def test_bands_widen_with_their_level_and_probabilities_are_shares(forecast):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import pytest
 import xarray as xr
@@ -115,3 +116,20 @@ def test_flights_take_the_vehicle_of_the_study_unless_they_have_their_own(tmp_pa
     found = load_flights(path, study)
     assert found.flights[0].capsule_mass == 9000.0 and found.flights[0].roles == ("predict",)
     assert found.vehicle == study.vehicle and found.requirements == ()
+
+
+def test_a_posterior_with_failed_checks_is_told_by_the_shell_too(stored, asked, tmp_path):
+    """As by Python and the report: numbers that are handed on alone must say that they have no level of trust."""
+    known = bc.Posterior.load(stored)
+    checks = json.loads(known.files["checks.json"])
+    for passed in (True, False):
+        for name, one in checks["checks"].items():
+            one["passed"] = passed or name != "rhat"
+        made = replace(known, files={**known.files, "checks.json": json.dumps(checks).encode()})
+        path = made.save(tmp_path / f"{passed}.posterior.nc")
+        told = RUN.invoke(
+            app,
+            ["predict", str(path), str(asked), "--out", str(tmp_path / f"{passed}"), "--draws", "16", "--like", "high"],
+        )
+        assert told.exit_code == 0, told.output
+        assert ("no level of trust, failed checks: rhat" in told.output) is not passed

@@ -15,6 +15,7 @@ from bayeschute.api import html
 from bayeschute.api.flight import Flight
 from bayeschute.api.quantity import central, si
 from bayeschute.api.workspace import Files, workspace
+from bayeschute.calibration.label import without_level
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.prediction import bands
 from bayeschute.prediction.flight_statistics import REDUCTIONS
@@ -47,7 +48,7 @@ class Probability:
         confidence: Of that interval, two-sided.
         draws: How many draws.
         failed: Simulations that failed.
-        missed: Checks that the posterior misses: with one or more, the number has no level of trust.
+        failed_checks: Of the posterior: with one or more, the number has no level of trust.
 
     Example:
         >>> found = forecast.probability("descent_rate", at_most="100 m/s")
@@ -61,14 +62,14 @@ class Probability:
     confidence: float
     draws: int
     failed: int
-    missed: tuple[str, ...] = ()
+    failed_checks: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         """On one line, to as many digits as the draws tell."""
         failed = f", {self.failed:,} of them failed" if self.failed else ""
         between = f"{self.low:.3f} to {self.high:.3f} for the number of draws ({100.0 * self.confidence:.0f} %)"
-        trust = f"; no level of trust: checks missed: {', '.join(self.missed)}" if self.missed else ""
-        return f"P(met) = {self.met:.3f}, {between}, {self.draws:,} draws{failed}{trust}"
+        told = f"P(met) = {self.met:.3f}, {between}, {self.draws:,} draws{failed}"
+        return "; ".join(filter(None, (told, without_level(self.failed_checks))))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -86,7 +87,7 @@ class Forecast:
         recorded_with: Noise of the instrument, by quantity that one channel records: standard deviations of the white
             and the correlated part [unit of the quantity], time constant of the latter [s].
         seed: Of that noise in `as_recorded`.
-        missed: Checks that the posterior misses: with one or more, the bands have no level of trust.
+        failed_checks: Of the posterior: with one or more, the bands have no level of trust.
 
     Example:
         >>> band = forecast.band("descent_rate", 0.9)
@@ -103,7 +104,7 @@ class Forecast:
     independent: int
     recorded_with: Mapping[str, tuple[float, float, float]]
     seed: int
-    missed: tuple[str, ...] = ()
+    failed_checks: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, job: Job, foreseen: FlightForecast) -> Forecast:
@@ -120,9 +121,10 @@ class Forecast:
         made.attrs = {"failed": one.failed, "flight": foreseen.flight.name}
         checks = job.load("checks.json")
         independent = int(min(*checks["ess_bulk"].values(), made.sizes["draw"]))  # as the stage `risk` counts
+        failed = tuple(name for name, check in checks["checks"].items() if not check["passed"])
         return cls(
             foreseen.flight.name, made, foreseen.held_out, recorded, foreseen.truth, one.shares, independent, noise,
-            foreseen.seed, missed_checks(checks),
+            foreseen.seed, failed,
         )  # fmt: skip
 
     @property
@@ -223,7 +225,9 @@ class Forecast:
             at_most=most, at_least=least, confidence=confidence, independent=self.independent,
         )  # fmt: skip
         low, high = made["simulation_low"], made["simulation_high"]
-        return Probability(made["probability_met"], low, high, confidence, made["draws"], made["failed"], self.missed)
+        return Probability(
+            made["probability_met"], low, high, confidence, made["draws"], made["failed"], self.failed_checks
+        )
 
     def as_recorded(self, quantity: str) -> xr.DataArray:
         """Draws of a quantity as its instrument would record it: the channel's noise added, (draw, time).
@@ -302,33 +306,27 @@ class Forecast:
             >>> forecast.plot_band("descent_rate", limit="12 m/s").get_ylabel()
             '[m/s]'
         """
-        from bayeschute.report.figures.canvas import legend_of, sheet
+        from bayeschute.report.figures.canvas import WIDTH, axes_or_new, legend_of
         from bayeschute.report.figures.record_figures import band
 
         self._values(quantity)  # refuses what was not predicted
         bound = None if limit is None else si("limit", limit, self.draws[quantity].attrs["units"])
-        figure, (own, *_) = sheet(3.0)
-        drawn = band(own if ax is None else ax, self.to_dataset(), quantity, bound)
+        drawn = band(axes_or_new(ax, WIDTH, 3.0), self.to_dataset(), quantity, bound)
         drawn.set_xlabel("time [s]")
         if ax is None:
-            legend_of(figure, [own], markerscale=2)
+            legend_of([drawn], markerscale=2)
         return drawn
 
     def __repr__(self) -> str:
         """Flight, quantities and draws."""
         sizes = self.draws.sizes
         told = f"{sizes['draw']} draws of {', '.join(self.quantities)} at {sizes['time']} times"
-        trust = f"; no level of trust: checks missed: {', '.join(self.missed)}" if self.missed else ""
-        return f"Forecast of {self.name}: {told}, {self.draws.attrs['failed']} failed{trust}"
+        told = f"Forecast of {self.name}: {told}, {self.draws.attrs['failed']} failed"
+        return "; ".join(filter(None, (told, without_level(self.failed_checks))))
 
     def _repr_html_(self) -> str:
         """Medians and 90 % intervals of the mean over the flight, as a table."""
         return html.summary(repr(self), "mean over the flight", self.summary())
-
-
-def missed_checks(told: Mapping[str, Any]) -> tuple[str, ...]:
-    """Names of the checks in ``checks.json`` that did not pass."""
-    return tuple(name for name, one in told.get("checks", {}).items() if one["passed"] is False)
 
 
 def _central(draws: Array, level: float) -> Array:

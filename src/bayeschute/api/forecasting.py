@@ -9,6 +9,7 @@ import xarray as xr
 
 from bayeschute.api.flight import Flight
 from bayeschute.api.posterior import Posterior
+from bayeschute.calibration.label import without_level
 from bayeschute.core.files import write_whole
 from bayeschute.report.figures.canvas import save
 from bayeschute.study.job import Progress
@@ -68,4 +69,4 @@ def predict_file(
     write_whole(folder / "requirements.json", lambda path: path.write_text(json.dumps(rows, indent=1) + "\n"))
     if progress is not None:
         progress("predict", 1.0, f"{len(bands)} flights")
-    return lines
+    return [*lines, *filter(None, [without_level(asked.failed_checks)])]

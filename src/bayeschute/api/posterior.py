@@ -19,13 +19,14 @@ from bayeschute.api.beliefs import Priors
 from bayeschute.api.drop_by_drop import HISTORY, next_priors, priors_of, taught_table
 from bayeschute.api.fitting import chosen, drawn, fitted_flights, sampling
 from bayeschute.api.flight import Flight
-from bayeschute.api.forecast import Forecast, forecast, missed_checks
+from bayeschute.api.forecast import Forecast, forecast
 from bayeschute.api.inputs import Study
 from bayeschute.api.landing.landing_verb import Winds, campaign_of, drawn_from, land
 from bayeschute.api.landing.landings import Landings
 from bayeschute.api.posterior_file import posterior_of_run, read_posterior, write_posterior
 from bayeschute.api.views.curve import Curve, curve
 from bayeschute.api.workspace import Files, workspace
+from bayeschute.calibration.label import without_level
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.likelihood.priors import Prior
 from bayeschute.posterior.assess.flight_groups import for_loo_pit
@@ -122,16 +123,10 @@ class Posterior:
         return not found.empty and bool(found["passed"].all())
 
     @property
-    def missed(self) -> tuple[str, ...]:
-        """Names of the checks that did not pass: with one or more, nothing that follows has a level of trust."""
-        return missed_checks(self._json("checks.json"))
-
-    @property
-    def _checked(self) -> str:
-        count = len(self.checks())
-        if not count:
-            return "not checked"
-        return f"checks missed: {', '.join(self.missed)}" if self.missed else f"all {count} checks passed"
+    def failed_checks(self) -> tuple[str, ...]:
+        """Names of the checks that failed: with one or more, nothing that follows has a level of trust."""
+        found = self.checks()
+        return () if found.empty else tuple(found.index[~found["passed"].astype(bool)])
 
     @cached_property
     def _flown(self) -> list[Any]:
@@ -386,7 +381,8 @@ class Posterior:
         sizes = self.data["posterior"].sizes
         names = ", ".join(f.name for f in self.spec.with_role("identify"))
         of = counted(len(self.names), "parameter")
-        return f"Posterior of {names}: {of}, {sizes['chain']} chains of {sizes['draw']} draws; {self._checked}"
+        checked = without_level(self.failed_checks) or ("all checks passed" if self.passed else "not checked")
+        return f"Posterior of {names}: {of}, {sizes['chain']} chains of {sizes['draw']} draws; {checked}"
 
     def _repr_html_(self) -> str:
         """Means and intervals as a table."""

@@ -157,6 +157,11 @@ def claim(
     return Claim(level, evidence, tuple(lacking), tuple(contradicted), misspecification, tuple(not_promised))
 
 
+def without_level(failed: Sequence[str]) -> str:
+    """What is said beside numbers of a posterior with failed checks; empty where none failed."""
+    return f"no level of trust, failed checks: {', '.join(failed)}" if failed else ""
+
+
 def has_level(label: str) -> bool:
     """Whether a label states a level."""
     return any(label.startswith(f"{level.words}:") for level in Level if level is not Level.NOT_CHECKED)

@@ -21,7 +21,6 @@ from bayeschute.study.schema.crosscheck import check_span, check_vehicles, cross
 from bayeschute.study.schema.draft import Draft
 from bayeschute.study.schema.schema_faults import faults_of
 from bayeschute.study.schema.sidecar import context
-from bayeschute.study.schema.structure_schema import needs_no_neighbour
 from bayeschute.study.schema.study_files import read_toml, record_paths
 from bayeschute.study.schema.study_schema import (
     Column,
@@ -284,6 +283,8 @@ def usual_study(model: str, vehicle: Vehicle | None = None) -> Study:
 
 def _of_vehicle(study: Study, vehicle: Vehicle) -> Study:
     """The study with the priors and candidate terms that suit a vehicle."""
+    from bayeschute.aero.terms import is_pairwise  # imports JAX, which reading a study does without
+
     given, risers, structure = study.priors.given, vehicle.risers, study.structure
     told: dict[str, Any] = {
         "riser_stiffness": {"median": risers.stiffness},
@@ -293,10 +294,10 @@ def _of_vehicle(study: Study, vehicle: Vehicle) -> Study:
         told["riser_length"] = {"mean": risers.length, "sd": max(_LENGTH_SHARE * risers.length, _LENGTH_LEAST)}
     priors = {name: getattr(given, name).model_copy(update=values) for name, values in told.items()}
     if structure is not None and vehicle.canopies.number == 1:
-        alone = {kind: tuple(filter(needs_no_neighbour, getattr(structure, kind))) for kind in ("axial", "transverse")}
-        structure = structure.model_copy(update=alone)
+        alone = [tuple(t for t in terms if not is_pairwise(t)) for terms in (structure.axial, structure.transverse)]
+        structure = structure.model_copy(update=dict(zip(("axial", "transverse"), alone, strict=True)))
     table = study.priors.model_copy(update={"given": given.model_copy(update=priors)})
-    return replace(study, priors=table, structure=structure, vehicle=vehicle)
+    return replace(study, priors=table, structure=structure)
 
 
 def _read_vehicle(path: Path, data_dir: Path | str | None = None) -> tuple[Vehicle | None, str, list[Fault]]:

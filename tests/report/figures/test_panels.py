@@ -64,13 +64,13 @@ def test_a_legend_above_all_axes_has_an_entry_per_label():
     for ax in axes:
         ax.plot([0, 1], label="record")
     axes[1].plot([1, 0], label="truth")
-    canvas.legend_of(figure, axes)
+    canvas.legend_of(axes)
     (legend,) = figure.legends
     assert [text.get_text() for text in legend.get_texts()] == ["record", "truth"]
 
 
 def test_axes_of_your_own_are_kept_and_new_ones_have_a_sheet_of_their_own():
     mine = Figure().add_subplot()
-    assert canvas.own(mine) is mine
-    made = canvas.own(None, 5.0, 4.0)
+    assert canvas.axes_or_new(mine) is mine
+    made = canvas.axes_or_new(None, 5.0, 4.0)
     assert isinstance(made, Axes) and list(made.figure.get_size_inches()) == [5.0, 4.0]

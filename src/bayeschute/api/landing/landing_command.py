@@ -12,6 +12,7 @@ from bayeschute.api.landing.landing_files import write_csv, write_for_others, wr
 from bayeschute.api.landing.landing_questions import Asking, check_questions, day, drivers, next_drop, rare
 from bayeschute.api.landing.landing_verb import drawn_from, land
 from bayeschute.api.posterior import Posterior
+from bayeschute.calibration.label import without_level
 from bayeschute.landing.decisions.onset import placard_table
 from bayeschute.report.figures.canvas import save
 from bayeschute.report.figures.landing_figures import design_figure, drivers_figure, placard_figure
@@ -79,7 +80,7 @@ def land_file(
     }
     for name in wanted.also:
         lines += answers[name](folder)
-    return lines
+    return [*lines, *filter(None, [without_level(known.failed_checks)])]
 
 
 def _shares(asking: Asking, folder: Path) -> list[str]:

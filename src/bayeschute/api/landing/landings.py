@@ -152,10 +152,10 @@ class Landings:
             >>> landings.plot_scatter().get_xlabel()
             'east of the start [m]'
         """
-        from bayeschute.report.figures.canvas import own
+        from bayeschute.report.figures.canvas import axes_or_new
         from bayeschute.report.figures.landing_figures import scatter
 
-        return scatter(own(ax, 5.0, 5.0), self.rows)
+        return scatter(axes_or_new(ax, 5.0, 5.0), self.rows)
 
     def plot_exceedance(self, quantity: str = "vertical_speed", ax: Axes | None = None) -> Axes:
         """How likely a quantity exceeds a threshold, on axes of your own or on new ones (``.figure``).
@@ -171,11 +171,11 @@ class Landings:
             >>> landings.plot_exceedance().get_yscale()
             'log'
         """
-        from bayeschute.report.figures.canvas import own
+        from bayeschute.report.figures.canvas import axes_or_new
         from bayeschute.report.figures.landing_figures import exceedance_curve
 
         table = self.exceedance(quantity)
-        return exceedance_curve(own(ax), table, quantity, self._limits)
+        return exceedance_curve(axes_or_new(ax), table, quantity, self._limits)
 
     @property
     def _limits(self) -> list[Limit]:

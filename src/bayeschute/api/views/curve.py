@@ -97,14 +97,14 @@ class Curve:
         Args:
             ax: Where to; axes of a new figure where None (``.figure``).
         """
-        from bayeschute.report.figures.canvas import own
+        from bayeschute.report.figures.canvas import axes_or_new
         from bayeschute.report.figures.curve_figures import curve as draw
 
         bands = {"posterior": (self.band[0], self.median, self.band[1])}
         if (before := self.prior_band) is not None and self.prior is not None:
             bands["prior"] = (before[0], np.median(self.prior, axis=0), before[1])
         words = f"{100 * self.level:g} %"
-        drawn = draw(own(ax), self.symbol, self.unit, self.grid, bands, self.flown, self.known, words=words)
+        drawn = draw(axes_or_new(ax), self.symbol, self.unit, self.grid, bands, self.flown, self.known, words=words)
         drawn.set_title(f"{self.name}: {CURVES[self.name].words}")
         drawn.legend(loc="best")
         return drawn

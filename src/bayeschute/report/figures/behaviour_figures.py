@@ -92,7 +92,7 @@ def motion_figure(motion: Motion, trim: float, flipped_at: float | None = None) 
     phase_portrait(right, motion.alpha, motion.alpha_rate, "angle of attack")
     right.set_title("Angle of attack of the canopies")
     _dots(right, trim)
-    legend_of(figure, [right])
+    legend_of([right])
     return figure
 
 
@@ -116,7 +116,7 @@ def configuration_figure(configurations: Sequence[Configuration]) -> Figure:
             end += f", {_DEG * one.cycle.amplitude:.1f} deg at {one.cycle.frequency:.3f} Hz"
         left.set_title(_name(one).capitalize())
         right.set_title(f"Ends in a {end}")
-    legend_of(figure, all_axes[1:2])
+    legend_of(all_axes[1:2])
     return figure
 
 
@@ -133,7 +133,7 @@ def curves_figure(unstable: PlanarAero, stable: PlanarAero) -> Figure:
         axes.set_title(title)
         axes.set_xlabel("angle of attack [deg]")
         axes.margins(x=0)
-    legend_of(figure, [left])
+    legend_of([left])
     return figure
 
 
@@ -160,7 +160,7 @@ def bistability(axes: Axes, found: Bistability) -> Axes:
 def bistability_figure(found: Bistability) -> Figure:
     """Final amplitude of the swing by damping, with its legend; see `bistability`."""
     figure, (axes,) = sheet(3.3)
-    legend_of(figure, [bistability(axes, found)])
+    legend_of([bistability(axes, found)])
     return figure
 
 
@@ -188,7 +188,7 @@ def onset_figure(found: Onset, shown: Sequence[tuple[int, int]] = ()) -> Figure:
     for axes, (i, j), color in zip(all_axes[2:], shown, (GREEN, VERMILION), strict=False):
         swing(axes, found.motion.time, found.motion.swing[:, i, j], color)
         axes.set_title(f"{found.change[i]:+.1f} m/s through {found.thickness[j]:.0f} m")
-    legend_of(figure, [left])
+    legend_of([left])
     return figure
 
 
@@ -211,5 +211,5 @@ def pivot_figure(found: PivotSensitivity) -> Figure:
         feet_axis(axes, unit)
     for axes in all_axes[2:]:
         axes.set_xlabel("factor on the quantity")
-    legend_of(figure, all_axes[:1])
+    legend_of(all_axes[:1])
     return figure

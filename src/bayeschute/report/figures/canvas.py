@@ -90,7 +90,7 @@ def sheet(height: float, rows: int = 1, columns: int = 1, **kwargs: Any) -> tupl
     return figure, list(axes.ravel())
 
 
-def own(axes: Axes | None, width: float = 6.0, height: float = 3.2) -> Axes:
+def axes_or_new(axes: Axes | None, width: float = 6.0, height: float = 3.2) -> Axes:
     """Axes to draw on: those given, or else new ones in the style of the report on a sheet of their own."""
     if axes is not None:
         return axes
@@ -116,16 +116,17 @@ def panels(count: int, most: int, head: float, each: float, **kwargs: Any) -> tu
     return figure, axes[:count]
 
 
-def legend_of(figure: Figure, axes: Sequence[Axes], **kwargs: Any) -> None:
-    """One legend above all axes, an entry per label.
+def legend_of(axes: Sequence[Axes], **kwargs: Any) -> None:
+    """One legend above all axes of a figure, an entry per label.
 
     Args:
-        figure: Whose.
         axes: Those whose labels it explains.
         **kwargs: For ``Figure.legend``.
     """
     shown = {label: handle for a in axes for handle, label in zip(*a.get_legend_handles_labels(), strict=True)}
-    figure.legend(list(shown.values()), list(shown), loc="outside upper right", ncols=max(len(shown), 1), **kwargs)
+    axes[0].figure.legend(
+        list(shown.values()), list(shown), loc="outside upper right", ncols=max(len(shown), 1), **kwargs
+    )
 
 
 def feet_axis(axes: Axes, unit: str = "ft/s") -> None:

@@ -160,7 +160,7 @@ def marginal_figure(
     figure, all_axes = panels(len(names), 4, 0.55, 1.75)
     for axes, name in zip(all_axes, names, strict=True):
         marginal(axes, name, posterior[name], prior.get(name), truth.get(name), units.get(name, "1"))
-    legend_of(figure, all_axes)
+    legend_of(all_axes)
     return figure
 
 
@@ -189,7 +189,7 @@ def correlations(axes: Axes, names: list[str], matrix: np.ndarray) -> Axes:
                 color = "white" if abs(matrix[i, j]) > 0.6 else INK
                 words = f"{matrix[i, j]:.2f}".replace("-", "−")
                 axes.text(j, i, words, ha="center", va="center", size=7.6, color=color)
-    bar = axes.get_figure(root=True).colorbar(image, ax=axes, shrink=0.8, pad=0.02)  # type: ignore[union-attr]
+    bar = axes.figure.colorbar(image, ax=axes, shrink=0.8, pad=0.02)
     bar.ax.spines["outline"].set_visible(False)
     bar.set_label("correlation [1]")
     return axes

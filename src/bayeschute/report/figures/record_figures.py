@@ -146,7 +146,7 @@ def band_figure(bands: xr.Dataset, limits: Mapping[str, float] | None = None) ->
     for axes, name in zip(all_axes, names, strict=True):
         band(axes, bands, name, (limits or {}).get(name))
     all_axes[-1].set_xlabel("time [s]")
-    legend_of(figure, all_axes, markerscale=2)
+    legend_of(all_axes, markerscale=2)
     return figure
 
 
@@ -282,7 +282,7 @@ def variance(axes: Axes, shares: Mapping[str, xr.DataArray]) -> Axes:
 def variance_figure(shares: Mapping[str, xr.DataArray]) -> Figure:
     """Variance decomposition of the predictions by source, with its legend; see `variance`."""
     figure, (axes,) = sheet(0.9 + 0.34 * sum(s.sizes["quantity"] for s in shares.values()))
-    legend_of(figure, [variance(axes, shares)])
+    legend_of([variance(axes, shares)])
     return figure
 
 
@@ -327,6 +327,6 @@ def exceedance_figure(table: pd.DataFrame, limits: Mapping[tuple[str, str], Sequ
     for axes, name in zip(all_axes, names, strict=True):
         part = table[(table["quantity"] == name[0]) & (table["statistic"] == name[1])]
         exceedance(axes, part, (limits or {}).get(name, ()))
-    legend_of(figure, all_axes)
+    legend_of(all_axes)
     all_axes[0].set_ylabel("P(more than the threshold)")
     return figure

@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayeschute.aero.airflow import CanopyFlow
-from bayeschute.aero.terms import axial_term, transverse_term
+from bayeschute.aero.terms import axial_term, is_pairwise, transverse_term
 from bayeschute.posterior.assess.latent_terms import Proposal, proposals
 from bayeschute.study.aerodynamics.flown import FlownFlight
-from bayeschute.study.schema.structure_schema import needs_no_neighbour
 
 Array = NDArray[np.float64]
 AXIAL = (
@@ -56,7 +55,7 @@ def proposed_terms(flights: Sequence[FlownFlight]) -> dict[str, list[Proposal]]:
         if not flights or not any(np.any(part) for part in latent):
             continue
         has = {term for one in flights for term in getattr(one, kind)}
-        candidates = [term for term in known if term not in has and (several or needs_no_neighbour(term))]
+        candidates = [term for term in known if term not in has and (several or not is_pairwise(term))]
         value: Callable[[str, CanopyFlow], Array] = _axial if kind == "axial" else _transverse
         made = proposals(
             latent,

@@ -50,12 +50,6 @@ _PRODUCTS = each(check_term, "products of polar variables, such as 'alpha^3' or 
 PolarTerms = Annotated[tuple[str, ...], _PRODUCTS, AfterValidator(lambda terms: distinct(terms) if terms else terms)]
 
 
-def needs_no_neighbour(term: str) -> bool:
-    """Whether a term has a meaning for a canopy on its own."""
-    pairwise = ("proximity", "closing", "repulsion", "(e.c", "(c.")
-    return not any(factor == "c" or factor.startswith(pairwise) for factor in term.split("*"))
-
-
 class PolarPoolTable(Strict):
     """Candidates of one polar coefficient: products of explanatory variables.
 
