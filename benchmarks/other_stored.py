@@ -13,7 +13,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from bayeschute.study.evidence.numerics_hash import PACKAGE, engine, hash_of, numerics
+from bayeschute.study.evidence.numerics_compared import comparisons, same_as
+from bayeschute.study.evidence.numerics_hash import PACKAGE, engine, engine_in_use, hash_of, numerics
 from bayeschute.study.evidence.provenance import provenance
 
 ROOT = Path(__file__).parents[1]
@@ -40,15 +41,23 @@ def made_at(commit: str, letter: str, length: str | None, date: str) -> dict[str
         length: Of the window [s]; None for whole flights.
         date: When.
     """
+    code, whole = numerics_at(commit)
+    return made_now(letter, length) | {"commit": whole, "date": date, "numerics": code}
+
+
+def numerics_at(commit: str) -> tuple[str, str]:
+    """Hash of the numerics of a commit with the engine in use, and the commit's whole name.
+
+    Args:
+        commit: Its name.
+    """
     whole, packed = (
         subprocess.run(["git", *words], cwd=ROOT, capture_output=True, check=True).stdout
         for words in (["rev-parse", f"{commit}^{{commit}}"], ["archive", commit, "src/bayeschute"])
     )
     with tempfile.TemporaryDirectory() as place, tarfile.open(fileobj=io.BytesIO(packed)) as files:
         files.extractall(place, filter="data")
-        now = made_now(letter, length)
-        code = hash_of(Path(place) / "src/bayeschute", engine(now["versions"]))
-    return now | {"commit": whole.decode().strip(), "date": date, "numerics": code}
+        return hash_of(Path(place) / "src/bayeschute", engine_in_use()), whole.decode().strip()
 
 
 def store(letter: str, folder: Path, stored: Path, commit: str | None = None) -> Path:
@@ -93,9 +102,9 @@ def present(made: Mapping[str, Any]) -> bool:
     Args:
         made: Provenance of the result.
     """
-    return bool(_present_on(engine(made["versions"])) == made["numerics"])
+    return made["numerics"] in _present_on(engine(made["versions"]))
 
 
 @cache
-def _present_on(engine_of: str) -> str:
-    return hash_of(PACKAGE, engine_of)
+def _present_on(engine_of: str) -> frozenset[str]:
+    return same_as(hash_of(PACKAGE, engine_of), comparisons())

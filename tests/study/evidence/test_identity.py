@@ -94,6 +94,14 @@ def test_the_largest_calibration_of_each_scenario_is_found_by_numerics(place, tm
     assert stored(STUDY, True, [tmp_path]) == ({}, {})
 
 
+def test_results_of_numerics_that_give_the_same_ones_are_current(place, tmp_path, monkeypatch):
+    place("equal", replicates=500, numerics="1" * 64)
+    place("old", replicates=900, numerics="0" * 64)
+    monkeypatch.setattr("bayeschute.study.evidence.identity.present_numerics", lambda: {numerics(), "1" * 64})
+    found = stored(STUDY, False, [tmp_path])
+    assert found.current["none"]["replicates"] == 500 and found.older["none"]["replicates"] == 900
+
+
 def test_shipped_results_without_a_hash_of_their_numerics_are_older():
     found = stored(STUDY, False, [shipped()])
     assert "none" not in found.current or "numerics" in found.current["none"]

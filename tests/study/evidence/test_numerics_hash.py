@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bayeschute.study.evidence.numerics_hash import PACKAGE, ROOMS, code_of, hash_of, numerics
+from bayeschute.study.evidence.numerics_hash import NO_NUMBERS, PACKAGE, ROOMS, code_of, hash_of, numerics
 
 CODE = '"""Prose."""\n\n\ndef f(x):\n    """More prose\n    on two lines."""\n    # why\n    return 2 * x  # twice\n'
 
@@ -19,10 +19,12 @@ def test_code_and_engine_are_hashed_and_reports_are_not(tmp_path):
     first = hash_of(tmp_path, "jax 1.0")
     (tmp_path / "core/one.py").write_text(CODE.replace("Prose", "Other prose"))
     (tmp_path / "report/page.py").write_text("x = 1\n")
+    (tmp_path / "records/plausibility").mkdir(parents=True)
+    (tmp_path / "records/plausibility/words.py").write_text("x = 1\n")
     assert hash_of(tmp_path, "jax 1.0") == first != hash_of(tmp_path, "jax 1.1")
     (tmp_path / "core/one.py").write_text(CODE.replace("2 * x", "3 * x"))
     assert hash_of(tmp_path, "jax 1.0") != first
 
 
 def test_every_room_is_there():
-    assert all((PACKAGE / room).exists() for room in ROOMS) and len(numerics()) == 64
+    assert all((PACKAGE / name).exists() for name in (*ROOMS, *NO_NUMBERS)) and len(numerics()) == 64

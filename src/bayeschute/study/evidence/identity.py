@@ -10,6 +10,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from bayeschute.study.evidence.numerics_compared import present_numerics
 from bayeschute.study.evidence.numerics_hash import numerics
 from bayeschute.study.job import Job
 from bayeschute.study.study import Study, canonical, study_hash
@@ -46,7 +47,8 @@ class Stored(NamedTuple):
     """Stored calibrations of a configuration.
 
     Attributes:
-        current: Made by the numerics in use, by scenario; of several the one with most replicates.
+        current: Made by the numerics in use, or by such as give the same results (`numerics_compared`), by scenario; of
+            several the one with most replicates.
         older: Made by other numerics, or by versions that did not state them, by scenario.
     """
 
@@ -65,7 +67,7 @@ def stored(study: Study, quick: bool, places: Sequence[Path]) -> Stored:
         quick: Whether sizes are cut.
         places: Folders with results of `calibrate`.
     """
-    wanted, now = configuration(study, quick), numerics()
+    wanted, now = configuration(study, quick), present_numerics()
     current: dict[str, dict[str, Any]] = {}
     older: dict[str, dict[str, Any]] = {}
     for file in sorted(f for place in places if place.is_dir() for f in place.glob("*.json")):
@@ -79,7 +81,7 @@ def stored(study: Study, quick: bool, places: Sequence[Path]) -> Stored:
         same = named == (study.path.stem, study.noise.model, quick) if "numerics" not in result else False
         if result["hash"] != wanted and not same:
             continue
-        found, scenario = current if result.get("numerics") == now else older, str(result["disturbance"])
+        found, scenario = current if result.get("numerics") in now else older, str(result["disturbance"])
         if scenario not in found or int(result["replicates"]) > int(found[scenario]["replicates"]):
             found[scenario] = result
     return Stored(current, older)

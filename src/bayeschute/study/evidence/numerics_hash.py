@@ -24,9 +24,9 @@ NO_NUMBERS = (
     "core/errors.py", "core/pace.py", "core/version.py", "prediction/data_dictionary.py", "study/run/log.py",
     "study/run/stage_report.py", "study/run/failure.py", "study/run/stages.py", "calibration/label.py",
     "calibration/domain.py", "calibration/promises.py", "calibration/campaign.py", "calibration/workers.py",
-    "calibration/rows.py",
+    "calibration/rows.py", "records/plausibility",
 )  # fmt: skip
-"""Files of these without numerics of a fit or a prediction."""
+"""Files and folders of these without numerics of a fit or a prediction."""
 ENGINE = ("jax", "numpy", "scipy")
 
 
@@ -57,11 +57,11 @@ def hash_of(package: Path, on: str) -> str:
         on: What its code runs on, from `engine`.
     """
     made = hashlib.sha256(on.encode())
-    left_out = {package / name for name in NO_NUMBERS}
+    left_out = [package / name for name in NO_NUMBERS]
     for room in ROOMS:
         place = package / room
         for path in [place] if place.is_file() else sorted(place.rglob("*.py")):
-            if path not in left_out:
+            if not any(path.is_relative_to(one) for one in left_out):
                 made.update(f"\n{path.relative_to(package).as_posix()}\n{code_of(path.read_text('utf-8'))}".encode())
     return made.hexdigest()
 
@@ -75,7 +75,12 @@ def engine(versions: Mapping[str, str]) -> str:
     return ", ".join(f"{name} {'.'.join(versions[name].split('.')[:2])}" for name in ENGINE)
 
 
+def engine_in_use() -> str:
+    """`engine` of the installed versions."""
+    return engine({name: version(name) for name in ENGINE})
+
+
 @cache
 def numerics() -> str:
     """Hash of the numerics in use: code, and the minor versions of the libraries that compute."""
-    return hash_of(PACKAGE, engine({name: version(name) for name in ENGINE}))
+    return hash_of(PACKAGE, engine_in_use())

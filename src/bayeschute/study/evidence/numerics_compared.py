@@ -1,0 +1,133 @@
+"""Numerics that give the same results: finished runs of both, compared, and stored with their figures.
+
+The hash of the numerics changes with every line of them. Results stored by earlier ones count as those of the present
+ones where both were run on the same studies and differ by less than draws of one posterior do: see `Figures.same`. Only
+direct comparisons with the numerics in use count; a chain of small changes may add up.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from functools import cache
+from importlib import resources
+from pathlib import Path
+from typing import NamedTuple
+
+from pydantic import BaseModel, ConfigDict
+
+from bayeschute.study.evidence.numerics_hash import numerics
+
+STORED = Path("reference", "numerics")
+"""Where a folder of models, or the package, keeps comparisons."""
+LEAST_STUDIES = 3
+"""Fewest studies of which a comparison counts."""
+
+
+class Bounds(NamedTuple):
+    """Largest differences at which results count as the same; 400 to 2,000 draws of one posterior differ by as much.
+
+    Attributes:
+        mean: Of a parameter's posterior means, over their standard deviation.
+        sd: Of the logarithms of its posterior standard deviations.
+        band: Root mean square difference of the limits of a 90 % band, over its mean width.
+        width: Of the logarithms of mean widths.
+    """
+
+    mean: float = 0.15
+    sd: float = 0.10
+    band: float = 0.10
+    width: float = 0.05
+
+
+BOUNDS = Bounds()
+
+
+class Figures(BaseModel):
+    """What two runs of a study by different numerics differ by; the largest over parameters, or bands.
+
+    Attributes:
+        study: Its title.
+        hash: Of the study (see `identity.study_hash`).
+        mean: See `Bounds`.
+        sd: Likewise.
+        band: Likewise, over flights and quantities.
+        width: Likewise.
+        seconds: Clock times of the fits before and after [s].
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    study: str
+    hash: str
+    mean: float
+    sd: float
+    band: float
+    width: float
+    seconds: tuple[float, float]
+
+    @property
+    def same(self) -> bool:
+        """Whether they are as alike as draws of one posterior."""
+        return all(getattr(self, name) <= bound for name, bound in BOUNDS._asdict().items())
+
+
+class Comparison(BaseModel):
+    """Two numerics on the same studies.
+
+    Attributes:
+        before: Hash of the earlier numerics.
+        after: Of the later ones.
+        studies: What the runs differ by.
+        provenance: Command, commit, date, machine, versions.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    before: str
+    after: str
+    studies: tuple[Figures, ...]
+    provenance: dict[str, object]
+
+    @property
+    def same(self) -> bool:
+        """Whether results of one count as those of the other."""
+        return len({one.hash for one in self.studies}) >= LEAST_STUDIES and all(one.same for one in self.studies)
+
+
+def shipped() -> Path:
+    """Folder of the comparisons that come with the program; in a checkout ``models/reference/numerics``."""
+    package = Path(str(resources.files("bayeschute")))
+    installed = package / STORED
+    return installed if installed.is_dir() else package.parents[1] / "models" / STORED
+
+
+def comparisons(place: Path | None = None) -> list[Comparison]:
+    """Stored comparisons.
+
+    Args:
+        place: Folder; that of `shipped` where None.
+
+    Raises:
+        pydantic.ValidationError: If a file is no comparison.
+    """
+    folder = shipped() if place is None else place
+    files = sorted(folder.glob("*.json"))
+    return [Comparison.model_validate(json.loads(file.read_text(encoding="utf-8"))) for file in files]
+
+
+def same_as(hash_of_numerics: str, found: Sequence[Comparison]) -> frozenset[str]:
+    """Numerics whose results count as those of some numerics: they themselves, and those compared with them.
+
+    Args:
+        hash_of_numerics: Their hash.
+        found: Comparisons.
+    """
+    pairs = [{one.before, one.after} for one in found if one.same]
+    return frozenset({hash_of_numerics}).union(*(pair for pair in pairs if hash_of_numerics in pair))
+
+
+@cache
+def present_numerics() -> frozenset[str]:
+    """Hashes of the numerics whose stored results count as those of the numerics in use."""
+    return same_as(numerics(), comparisons())
