@@ -94,6 +94,13 @@ def _mean_correction(
     return MeanCorrection(*(a + b - c for a, b, c in zip(along.mean_correction, few, along.rough, strict=True)))
 
 
+@jax.jit
+def _place(flight: FlightData, along: Linearisation, shift: jax.Array) -> Lifted:
+    """Where a flight's conditional optimum is by its slopes, which `corrected` takes from optima on either side."""
+    followed = jax.tree.map(lambda a, b: jnp.asarray(a) + jnp.asarray(b), along.slope, along.aside)
+    return place_at(flight, along._replace(slope=followed), shift)
+
+
 def at(marginal: Marginal, xi: Array, places: Sequence[Lifted] | None = None) -> Laplace:
     """Laplace's approximation at standard coordinates (P,); not finite where a step fails.
 
@@ -105,7 +112,7 @@ def at(marginal: Marginal, xi: Array, places: Sequence[Lifted] | None = None) ->
     theta, shift = shifted(marginal, jnp.asarray(xi))
     if places is None:
         pairs = zip(marginal.flights, marginal.along, strict=True)
-        places = [place_at(flight, along, shift) for flight, along in pairs]
+        places = [_place(flight, along, shift) for flight, along in pairs]
     away = np.linalg.solve(np.asarray(marginal.prior_factor), np.asarray(theta) - np.asarray(marginal.prior_centre))
     square, determinant, roots = 0.5 * float(away @ away), 0.0, list[Array]()
     found = approached(marginal.flights, marginal.hyper, np.asarray(theta), places)
@@ -281,10 +288,19 @@ def corrected(marginal: Marginal, step: float = 1.0, near: Sides | None = None) 
     """
     near = sides(marginal, step) if near is None else near
     bend, determinant = _polynomials(marginal, near)
-    slope, own = _expansion(marginal, near.steps)
     made = replace(_followed(marginal, near), determinant=determinant, bend=bend)
-    expansion = Expansion(slope + made.correction.slope, own + made.correction.curvature)
-    return _measured(made, expansion, near.here, float(np.min(near.steps)))
+    return _measured(made, expansion(made, near.steps), near.here, float(np.min(near.steps)))
+
+
+def expansion(marginal: Marginal, steps: Array | None = None) -> Expansion:
+    """Minus the log density about the centre, with the corrections.
+
+    Args:
+        marginal: From `corrected`.
+        steps: How far to look along every axis for the curvature of the linear models (P,); one where None.
+    """
+    slope, own = _expansion(marginal, np.ones(np.size(marginal.centre)) if steps is None else steps)
+    return Expansion(slope + np.asarray(marginal.correction.slope), own + np.asarray(marginal.correction.curvature))
 
 
 def _measured(made: Marginal, expansion: Expansion, here: Laplace, step: float) -> tuple[Marginal, Expansion]:
@@ -421,15 +437,15 @@ def _followed(marginal: Marginal, near: Sides) -> Marginal:
     return replace(marginal, along=tuple(made))
 
 
-def error(marginal: Marginal, points: int, rng: np.random.Generator) -> float:
-    """Root mean square error of the log density at standard normal points: against Laplace's, both less the centre's.
+def lacking(marginal: Marginal, points: Array) -> Array:
+    """What minus the log density lacks of Laplace's approximation at points (N, P), less that at the centre (N,).
+
+    Not finite where a flight fails.
 
     Args:
         marginal: From `corrected`.
-        points: How many.
-        rng: Source of randomness.
+        points: Standard coordinates.
     """
-    xi = rng.standard_normal((points, np.size(marginal.centre)))
-    here, *there = _at_all(marginal, xi)
-    ours = _own(marginal, xi) + np.asarray(marginal.correction.at(jnp.asarray(xi.T)))
-    return float(np.sqrt(np.mean((_more(here, there).sum(axis=1) - ours) ** 2)))
+    here, *there = _at_all(marginal, points)
+    ours = _own(marginal, points) + np.asarray(marginal.correction.at(jnp.asarray(points.T)))
+    return np.asarray(_more(here, there).sum(axis=1) - ours)

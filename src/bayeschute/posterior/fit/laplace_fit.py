@@ -15,6 +15,7 @@ from bayeschute.core.random import stream
 from bayeschute.likelihood.joint import FlightData, NoiseParameters
 from bayeschute.likelihood.priors import Prior
 from bayeschute.posterior import along_record, laplace, noise_evidence
+from bayeschute.posterior.fit import correction_fit
 from bayeschute.posterior.fit.continuation import Progress
 from bayeschute.posterior.fit.joint_fit import JointFit, NoFitError, joint_fit
 from bayeschute.posterior.fit.marginal_mode import marginal_mode
@@ -53,7 +54,8 @@ class LaplaceFit:
         noise_parameter_covariance: Of the logarithms of the noise parameters (V, V).
         noise_effect: How the parameters' posterior follows those logarithms, and how much wider it is than the
             conditional one without them: by the noise parameters and by `dispersion`.
-        determinant_error: Root mean square error of the log density over the posterior, Laplace's at the same points.
+        determinant_error: Standard deviation of the error of the log density over the posterior, Laplace's at the same
+            points being right; those that its corrections were not fitted to.
         profile: The density along the axes about the mode.
         dispersion: Whether parts of the records agree about the parameters.
         lost: Corrections that were left out since they can't be trusted, in words.
@@ -113,9 +115,9 @@ def marginal_fit(
         candidates.insert(0, ("noise parameters at their mean", mean))
     began = JointFit(replace(best, converged=settled.optimum.converged), hyper, value)
     best, hyper, made, lost, seen = _last(
-        flights, priors, began, candidates, lambda share, words: say(0.8 + 0.2 * share, words)
+        flights, priors, began, candidates, lambda share, words: say(0.8 + 0.15 * share, words)
     )
-    wrong = _determinant_error(made)
+    made, seen, wrong = _over_the_posterior(made, seen, lambda share, words: say(0.95 + 0.05 * share, words))
     slope = scipy.linalg.solve_triangular(np.asarray(made.scale), scale @ slope, lower=True)
     spread, excess = noise_parameter_spread(made, known)
     agree = dispersion(*parts_of(made))
@@ -140,7 +142,9 @@ def _by_turns(
         if scale is None:
             scale = noise_evidence.scales(evidence, hyper, prior)
         hyper, value = noise_evidence.maximise(evidence, hyper, prior, _NOISE_STEPS, scale)
-        found = JointFit(marginal_mode(flights, priors, JointFit(best, hyper, value), most=_MODE_TURN), hyper, value)
+        start = JointFit(best, hyper, value)
+        bar = _prior_of_noise(hyper, prior) - 0.5 * float(np.linalg.slogdet(best.covariance)[1]) - least
+        found = start._replace(optimum=marginal_mode(flights, priors, start, most=_MODE_TURN, least=bar))
         there = _minus_log_evidence(flights, priors, prior, found)
         words = f"noise parameters at the mode {turn + 1}: log evidence {least - there:+.2f}"
         say((turn + 1) / _TURNS, words if there < least else f"{words}, not kept")
@@ -161,8 +165,13 @@ def _minus_log_evidence(
     rest = along_record.conditional_optimum(flights, hyper, priors, best.theta, best.flights)
     if rest is None:
         return np.inf
+    return rest.marginal + _prior_of_noise(hyper, prior) - 0.5 * float(np.linalg.slogdet(best.covariance)[1])
+
+
+def _prior_of_noise(hyper: NoiseParameters, prior: NoisePrior) -> float:
+    """Minus the log prior density of noise parameters, up to a constant."""
     away = (noise_evidence.to_vector(hyper) - noise_evidence.to_vector(prior.median)) / prior.log_sd
-    return rest.marginal + 0.5 * float(away @ away) - 0.5 * float(np.linalg.slogdet(best.covariance)[1])
+    return 0.5 * float(away @ away)
 
 
 def _evidence(made: Marginal, priors: Sequence[Prior], prior: NoisePrior) -> Evidence:
@@ -171,9 +180,22 @@ def _evidence(made: Marginal, priors: Sequence[Prior], prior: NoisePrior) -> Evi
     return noise_evidence.function_of(made.flights, linear, priors, prior, corrections)
 
 
-def _determinant_error(made: Marginal) -> float:
-    """Error of Laplace's approximation, always at the same points, so that decisions do not depend on a seed."""
-    return laplace.error(made, 8, stream(0, "points of the log determinant"))
+def _over_the_posterior(made: Marginal, seen: Profile, say: Progress) -> tuple[Marginal, Profile, float]:
+    """The posterior with corrections that hold where its mass is, its density along the axes, and its error.
+
+    Always at the same points, so that decisions do not depend on a seed. Corrections under which the density has no
+    mode are not taken.
+    """
+    fit = correction_fit.fitted(made, stream(0, "points of the log determinant"), say)
+    if not fit.points:
+        return made, seen, fit.error
+    there = _seen(fit.marginal, laplace.expansion(fit.marginal).step())
+    return (fit.marginal, there, fit.error) if there.is_mode else (made, seen, fit.before)
+
+
+def _seen(made: Marginal, step: Array) -> Profile:
+    """The density along the axes about the centre, or about the mode a step (P,) away: where it shows a mode rather."""
+    return max((profile(made), profile(made, step)), key=lambda one: (one.is_mode, one.worst))
 
 
 class _Place(NamedTuple):
@@ -237,7 +259,7 @@ def _last(
             _flattened(found[-1])
         ]
         best, made, _, lost = place = min(sound, key=lambda one: one.away)
-        seen = max((profile(made), profile(made, place.step)), key=lambda one: (one.is_mode, one.worst))
+        seen = _seen(made, place.step)
         if seen.is_mode and (highest or place.away < _BESIDE_MODE):
             shift = () if hyper is candidates[0][1] else (_LOST_MEAN,)
             last = _Ended(replace(best, converged=began.optimum.converged), hyper, made, (*lost, *shift), seen)

@@ -21,6 +21,7 @@ from bayeschute.posterior.term_search import most_probable
 
 Array = NDArray[np.float64]
 _STEPS, _NEAR = 6, 2.0  # most steps to the smaller model's mode; length of the last [standard deviations]
+_FAR_BELOW = 500.0  # the library's log density: where a smaller model begins there, its mode is in reach of nothing
 
 
 class Smaller(NamedTuple):
@@ -105,12 +106,16 @@ def beside_smaller(
     best = library.optimum
     if small.kept.all():
         return library
+    say(0.0, "fewest terms: from the path that the full library found")
     theta = most_probable(best.theta, best.covariance, small.kept)
     start = carried_over(small.flights, small.priors, prior, library, theta, best.flights)
     if start is None:
         say(1.0, "fewest terms: no flight follows the record from where the library led")
         return library
     own = _density(flights, priors, library)
+    if (less := _density(small.flights, small.priors, start) - own) < -_FAR_BELOW:
+        say(1.0, f"fewest terms: log density {less:+.1f} over the joint optimum's where they start, given up")
+        return library
     try:
         mode = marginal_mode(
             small.flights, small.priors, start, lambda share, words: say(0.9 * share, f"fewest terms: {words}"),

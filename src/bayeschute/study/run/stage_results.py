@@ -70,7 +70,7 @@ class _Fits(NamedTuple):
         evaluations: Of the exact density.
         step_errors: See `_step_error`, by flight.
         shares: See `_innovation_share`, by flight.
-        determinant_errors: Of the log density, by fit; see `laplace.error`.
+        determinant_errors: Of the log density, by fit; see `correction_fit`.
         least_falls: Of the log density at one standard deviation along any axis, by fit.
         modes: Whether it falls to both sides along every axis, by fit.
         away: Distance of the draws' mean from the mode [Laplace's standard deviations], by fit.
@@ -215,8 +215,9 @@ def check(job: Job, identify: bool = True) -> str:
         max(fits.determinant_errors),
         _MOST_ERROR,
         max(fits.determinant_errors) < _MOST_ERROR,
-        "root mean square error of the log density with interpolated corrections over the posterior, against Laplace's "
-        "approximation at the same points; an error e can shift a mean by up to e of its standard deviations",
+        "standard deviation of the error of the log density over the posterior, against Laplace's approximation at "
+        "points that its corrections were not fitted to; an error e can shift a mean by up to e of its standard "
+        "deviations",
     )
     if fits.tails:
         detail = (
