@@ -66,6 +66,13 @@ def test_reading_studies_and_records_sets_up_no_jax():
     assert done.stdout.strip() == "[]", done.stderr
 
 
+def test_the_package_is_run_as_a_module_too():
+    done = subprocess.run(
+        [sys.executable, "-m", "bayeschute", "--help"], capture_output=True, text=True, timeout=60, cwd=ROOT
+    )
+    assert done.returncode == 0 and "Usage: python -m bayeschute [OPTIONS] COMMAND" in done.stdout, done.stderr
+
+
 def test_version():
     result = CliRunner().invoke(app, ["--version"])
     assert result.exit_code == 0

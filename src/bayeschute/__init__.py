@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from bayeschute.api.views.flight_motion import Motion
     from bayeschute.api.views.plausibility import Plausibility
     from bayeschute.api.views.rank_test import RankTest, rank_test
+    from bayeschute.calibration.label import Claim
     from bayeschute.core.errors import Fault, FitError, InputError
     from bayeschute.likelihood.priors import Prior
     from bayeschute.study.load import check_study
@@ -62,6 +63,7 @@ _PLACES = {
         "Coverage", "calibrate", "fit", "numpyro_model", "read_record", "reconstruct", "run", "sample", "scenarios",
         "select_structure", "simulate_study",
     ),
+    "calibration.label": ("Claim",),
     "core.errors": ("Fault", "FitError", "InputError"),
     "likelihood.priors": ("Prior",),
     "study.load": ("check_study",),
@@ -73,6 +75,7 @@ _PLACE = {name: module for module, names in _PLACES.items() for name in names}
 
 __all__ = [
     "__version__",
+    "Claim",
     "Coverage",
     "Curve",
     "Fault",

@@ -535,7 +535,3 @@ def _top(
 def main() -> None:
     """Entry point of the installed command."""
     app()
-
-
-if __name__ == "__main__":
-    main()

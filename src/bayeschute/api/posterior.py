@@ -26,7 +26,7 @@ from bayeschute.api.landing.landings import Landings
 from bayeschute.api.posterior_file import posterior_of_run, read_posterior, write_posterior
 from bayeschute.api.views.curve import Curve, curve
 from bayeschute.api.workspace import Files, workspace
-from bayeschute.calibration.label import without_level
+from bayeschute.calibration.label import Claim, without_level
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.likelihood.priors import Prior
 from bayeschute.posterior.assess.flight_groups import for_loo_pit
@@ -37,6 +37,7 @@ from bayeschute.study.aerodynamics.flown import flown, ranges
 from bayeschute.study.aerodynamics.term_proposals import as_rows, proposed_terms
 from bayeschute.study.assembly.fits import groups, load_fit
 from bayeschute.study.assembly.lessons import lessons
+from bayeschute.study.evidence.calibration_status import status
 from bayeschute.study.job import Progress
 from bayeschute.study.schema.belief_schema import NoiseTable
 from bayeschute.study.schema.vehicle_schema import Vehicle
@@ -127,6 +128,22 @@ class Posterior:
         """Names of the checks that failed: with one or more, nothing that follows has a level of trust."""
         found = self.checks()
         return () if found.empty else tuple(found.index[~found["passed"].astype(bool)])
+
+    @cached_property
+    def trust(self) -> Claim:
+        """What its intervals may claim: level of trust, the evidence for it, what is lacking, what contradicts them.
+
+        By its own checks, and by the replicates that are stored with the program for its study's configuration. Flights
+        that were held out and predicted count in the label of a run (`Run`), not here.
+
+        Example:
+            >>> posterior.trust.level.words
+            'not checked'
+            >>> any("calibration" in reason for reason in posterior.trust.lacking)
+            True
+        """
+        with workspace(self.spec, self.files) as job:
+            return status(job, self._json("checks.json").get("checks", {}), {}).claim
 
     @cached_property
     def _flown(self) -> list[Any]:

@@ -69,9 +69,9 @@ class Rung:
     applies: bool = True
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Claim:
-    """What a run may claim of its intervals.
+    """What a run or a posterior may claim of its intervals.
 
     Attributes:
         level: The level.
@@ -104,6 +104,10 @@ class Claim:
         if self.misspecification:
             return f"{text}; worst case stored of a wrong model: {self.misspecification}"
         return text if self.level is Level.NOT_CHECKED else f"{text}; no case of a wrong model is stored"
+
+    def __repr__(self) -> str:
+        """The label."""
+        return f"Claim({self.label!r})"
 
     @property
     def sentences(self) -> list[str]:
