@@ -81,6 +81,14 @@ def test_a_library_that_lies_above_its_small_model_stays(case):
     assert heard[-1].startswith("fewest terms: log density -")
 
 
+def test_a_small_model_that_begins_far_below_the_library_is_given_up_at_once(case, monkeypatch):
+    heard = []
+    monkeypatch.setattr(smaller_model, "marginal_mode", None)
+    monkeypatch.setattr(smaller_model, "_FAR_BELOW", 0.0)
+    assert case.beside(case.best, say=lambda share, words: heard.append(words)) is case.best
+    assert heard[-1].startswith("fewest terms: log density -") and heard[-1].endswith("given up")
+
+
 def test_a_library_with_nothing_to_leave_out_is_its_own_small_model(case, linear, monkeypatch):
     monkeypatch.setattr(smaller_model, "marginal_mode", None)
     whole = Smaller([linear.flight], linear.priors, np.array([True, True]))
@@ -91,7 +99,7 @@ def test_a_small_model_that_follows_no_record_is_told_and_left(case, monkeypatch
     heard = []
     monkeypatch.setattr(along_record, "conditional_optimum", lambda *_: None)
     assert case.beside(case.off, say=lambda share, words: heard.append(words)) is case.off
-    assert heard == ["fewest terms: no flight follows the record from where the library led"]
+    assert heard[1:] == ["fewest terms: no flight follows the record from where the library led"]
 
 
 def test_a_small_model_whose_steps_fail_is_told_and_left(case, monkeypatch):
@@ -101,4 +109,4 @@ def test_a_small_model_whose_steps_fail_is_told_and_left(case, monkeypatch):
     heard = []
     monkeypatch.setattr(smaller_model, "marginal_mode", lost)
     assert case.beside(case.off, say=lambda share, words: heard.append(words)) is case.off
-    assert heard == ["fewest terms: a step towards the marginal mode lost the record"]
+    assert heard[1:] == ["fewest terms: a step towards the marginal mode lost the record"]

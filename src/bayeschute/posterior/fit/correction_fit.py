@@ -25,7 +25,13 @@ from bayeschute.posterior.marginal import Marginal, Quadratic
 Array = NDArray[np.float64]
 GOOD = 0.15
 """Error of the log density at which the corrections are left as they are."""
-_FIRST, _BATCH, _MOST = 8, 2, 10  # points of a test at least; of all but the first, and of all, per parameter
+_FIRST, _BATCH, _LEAST, _MOST = (
+    8,
+    2,
+    8,
+    16,
+)  # points of a test at least; of all but the first, and of all, per parameter
+_WORTH = 0.7  # of the error two batches before, at which more than the least are worth their time
 _FINITE = 0.75  # least share of the points at which flights must not fail
 _SLOPE = 0.3  # prior standard deviation of the slope's change
 _BENDS = (0.003, 0.01, 0.03, 0.06, 0.1, 0.2, 0.4)  # of the curvatures' change, one of
@@ -64,25 +70,25 @@ def fitted(
         The posterior with the corrections of the last fit; the error is that of the fit before it at the last points.
     """
     size = np.size(marginal.centre)
-    made, points, lacking, asked, before = marginal, np.zeros((0, size)), np.zeros(0), 0, np.nan
+    made, points, lacking, asked, errors = marginal, np.zeros((0, size)), np.zeros(0), 0, list[float]()
     while True:
         xi = rng.standard_normal((max(_FIRST, _BATCH * size) if asked else _FIRST, size))
         off = laplace.lacking(made, xi)
         known = np.isfinite(off)
-        error = float(np.std(off[known])) if known.mean() >= _FINITE else np.nan
-        before = before if asked else error
+        errors.append(float(np.std(off[known])) if known.mean() >= _FINITE else np.nan)
         asked += len(xi)
         if progress is not None:
-            progress(
-                min(asked / (_MOST * size), 1.0), f"corrections over the posterior, {asked} points: off by {error:.2g}"
-            )
-        if not error > GOOD:
-            return Fitted(made, error, before, len(points))
+            words = f"corrections over the posterior, {asked} points: off by {errors[-1]:.2g}"
+            progress(min(asked / (_MOST * size), 1.0), words)
+        if not errors[-1] > GOOD:
+            break
         points = np.vstack([points, xi[known]])
         lacking = np.append(lacking, (off + np.asarray(_changed(marginal, made).at(xi.T)))[known])
         made = replace(marginal, bend=_sum(marginal.bend, change(marginal.correction, points, lacking)))
-        if asked >= _MOST * size:
-            return Fitted(made, error, before, len(points))
+        slow = len(errors) > 2 and errors[-1] > _WORTH * errors[-3]
+        if asked >= (_LEAST if slow else _MOST) * size:
+            break
+    return Fitted(made, errors[-1], errors[0], len(points))
 
 
 def _sum(one: Quadratic, other: Quadratic) -> Quadratic:
