@@ -24,7 +24,6 @@ from other_flights import run, verdict
 from other_scores import LEVELS, History, constant, score
 
 import bayeschute as bc
-from bayeschute.study.evidence.numerics_hash import numerics
 from bayeschute.study.evidence.provenance import provenance
 
 ROOT = Path(__file__).parents[1]
@@ -57,7 +56,6 @@ def results(name: str, data: Path, place: Path) -> dict[str, Any]:
     study, out = place / f"{name}.toml", place / name
     study.write_text((ROOT / "models/studies" / study.name).read_text(encoding="utf-8"), encoding="utf-8")
     told = provenance(f"benchmarks/measured_flights.py --data ../shared/realdata --studies {name}")
-    told |= {"numerics": numerics()}
     ran = run(study, out, "--data", str(data))
     made = {"study": name, "processor_s": ran["processor_s"], **verdict(out, ran), "flights": {}, "provenance": told}
     if (out / "predictions.nc").is_file():

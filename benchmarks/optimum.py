@@ -49,12 +49,11 @@ def kept(study: Path, starts: int, seed: int, best: int, rows: list[dict[str, An
         rows: Comparison of each other start's optimum with that.
         share: Of starts that found it.
     """
-    from bayeschute.study.evidence.numerics_hash import numerics
     from bayeschute.study.evidence.provenance import provenance
 
     told = provenance(f"benchmarks/optimum.py {study.name} RUN --starts {starts} --seed {seed}")
     made = {"study": study.stem, "starts": starts, "seed": seed, "best": best, "share_found": share, "rows": rows}
-    return made | {"provenance": told | {"numerics": numerics()}}
+    return made | {"provenance": told}
 
 
 def main() -> None:

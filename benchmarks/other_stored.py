@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from bayeschute.study.evidence.numerics_compared import comparisons, same_as
-from bayeschute.study.evidence.numerics_hash import PACKAGE, engine, engine_in_use, hash_of, numerics
+from bayeschute.study.evidence.numerics_hash import PACKAGE, engine, engine_in_use, hash_of
 from bayeschute.study.evidence.provenance import provenance
 
 ROOT = Path(__file__).parents[1]
@@ -29,7 +29,7 @@ def made_now(letter: str, length: str | None) -> dict[str, Any]:
         length: Of the window [s]; None for whole flights.
     """
     window = f" --only-windows --windows {length}" if length else ""
-    return provenance(f"{SCRIPT} --sets {letter}{window}") | {"numerics": numerics()}
+    return provenance(f"{SCRIPT} --sets {letter}{window}")
 
 
 def made_at(commit: str, letter: str, length: str | None, date: str) -> dict[str, Any]:

@@ -134,7 +134,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     results = {case: test(case, n, given.duration, given.out, given.workers) for case, n in counts.items()}
     if given.store:
         command = "python benchmarks/predictive_checks.py " + " ".join(arguments or sys.argv[1:])
-        facts = {"bound": BOUND, "duration_s": given.duration, "numerics": numerics(), "cases": results}
+        facts = {"bound": BOUND, "duration_s": given.duration, "cases": results}
         STORED.write_text(json.dumps(facts | provenance(command), indent=1) + "\n", encoding="utf-8")
 
 

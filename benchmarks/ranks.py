@@ -134,7 +134,7 @@ def test(
     command = f"python benchmarks/ranks.py {name} --replicates {replicates}" + " --posterior" * posterior
     return {
         "study": model.replace(".", ", from its "), "noise": "latent",
-        "disturbance": "none: truths and data from the model itself", **result, "numerics": numerics(),
+        "disturbance": "none: truths and data from the model itself", **result,
         **provenance(command),
     }  # fmt: skip
 

@@ -16,7 +16,6 @@ from bayeschute.core.errors import Fault, InputError
 from bayeschute.core.files import write_whole
 from bayeschute.study.evidence.conditions import stored_conditions
 from bayeschute.study.evidence.identity import configuration, identity, with_noise
-from bayeschute.study.evidence.numerics_hash import numerics
 from bayeschute.study.evidence.provenance import provenance
 from bayeschute.study.evidence.scenarios import SCENARIOS
 from bayeschute.study.load import load_study
@@ -112,7 +111,6 @@ def calibrate(
         **summarise(rows),
         "domain": domain(stored_conditions(rows)),
         "hash": configuration(study, quick),
-        "numerics": numerics(),
         **provenance(_command(study.path, replicates, disturbance, noise, quick)),
     }
     write_whole(folder / f"{name}.json", lambda p: p.write_text(json.dumps(result, indent=1) + "\n", "utf-8"))

@@ -142,7 +142,7 @@ def rank_tests(
     command = f"bayeschute calibrate {study.path.name} --ranks {truths} --replicates {replicates}"
     result = {
         "study": study.path.stem, "noise": study.noise.model, "truths": truths,
-        **summarise_ranks(rows, LEVELS, SHIFT), "numerics": numerics(), **provenance(command),
+        **summarise_ranks(rows, LEVELS, SHIFT), **provenance(command),
     }  # fmt: skip
     text = json.dumps(result, indent=1) + "\n"
     write_whole(Path(out) / f"ranks.{truths}.json", lambda place: place.write_text(text, "utf-8"))

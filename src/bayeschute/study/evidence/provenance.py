@@ -1,4 +1,4 @@
-"""Provenance of a stored number: command, commit, date, machine, versions of the packages."""
+"""Provenance of a stored number: command, commit, date, machine, versions of the packages, hash of the numerics."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
+
+from bayeschute.study.evidence.numerics_hash import numerics
 
 _PACKAGES = ("bayeschute", "jax", "numpy", "scipy")
 
@@ -21,7 +23,7 @@ def provenance(command: str) -> dict[str, Any]:
 
     Returns:
         ``command``; ``commit`` of the checkout, marked where files were changed, None outside of a checkout; ``date``
-        (UTC); ``machine`` (processor, cores, system); ``versions``.
+        (UTC); ``machine`` (processor, cores, system); ``versions``; ``numerics``, their hash.
     """
     return {
         "command": command,
@@ -29,6 +31,7 @@ def provenance(command: str) -> dict[str, Any]:
         "date": datetime.now(UTC).strftime("%Y-%m-%d"),
         "machine": f"{platform.machine()}, {os.cpu_count()} cores, {platform.system()}",
         "versions": {name: version(name) for name in _PACKAGES} | {"python": platform.python_version()},
+        "numerics": numerics(),
     }
 
 
