@@ -88,10 +88,10 @@ def _quantiles(before: Path, after: Path) -> list[tuple[Array, Array]]:
             if node.attrs["role"] != "predict":
                 continue
             for name, series in node.data_vars.items():
-                if series.dims == ("quantile", "time"):
-                    limits = {"quantile": [0.05, 0.95]}
-                    second = other[str(flight)][str(name)]
-                    found.append((series.sel(limits).to_numpy(), second.sel(limits).to_numpy()))
+                if set(series.dims) == {"quantile", "time"}:
+                    pair = (one[str(flight)][str(name)], other[str(flight)][str(name)])
+                    limits = [band.sel(quantile=[0.05, 0.95]).transpose("quantile", "time") for band in pair]
+                    found.append((limits[0].to_numpy(), limits[1].to_numpy()))
     return found
 
 

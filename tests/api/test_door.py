@@ -172,7 +172,8 @@ def test_what_follows_from_a_posterior_with_failed_checks_says_so(posterior, son
         forecast = made.predict(sondes.flights["high"].changed(name="other"), draws=64)
         met = forecast.probability("descent_rate", at_most="100 m/s")
         assert made.failed_checks == forecast.failed_checks == met.failed_checks == (() if passed else ("rhat",))
-        assert words in repr(made)
+        assert words in repr(made) and made.trust.level.words == "not checked"
+        assert ("failed checks: rhat" in made.trust.lacking) is not passed and repr(made.trust).startswith("Claim(")
         assert all(("no level of trust, failed checks: rhat" in repr(one)) is not passed for one in (forecast, met))
 
 

@@ -17,6 +17,7 @@ import bayeschute as bc
 from bayeschute.api.landing.landing_files import dictionary, write_landings
 from bayeschute.api.landing.landing_questions import Asking, check_questions, day, drivers, next_drop, rare
 from bayeschute.api.landing.landing_verb import campaign_of, drawn_from, drawn_values, land
+from bayeschute.api.landing.landings import in_words
 from bayeschute.core.errors import InputError
 from bayeschute.landing.aero_table import aero_table
 from bayeschute.landing.decisions.onset import placard_table
@@ -74,6 +75,11 @@ def test_it_is_stored_and_read(landings, tmp_path):
     assert back.rows.tobytes() == landings.rows.tobytes() and back.requirements == landings.requirements
     assert list(back.parameters) == list(landings.parameters)
     xr.testing.assert_identical(back.table, landings.table)
+    assert back.failed_checks == () and "trust" not in repr(back)
+    doubted = replace(landings, failed_checks=("rhat", "mode"))
+    back = bc.Landings.load(doubted.save(path))
+    assert back.failed_checks == ("rhat", "mode") and in_words(back, [])[0] == repr(doubted)
+    assert repr(doubted).endswith("0 failed; no level of trust, failed checks: rhat, mode")
     other = tmp_path / "other.nc"
     xr.Dataset({"x": ("t", np.zeros(2))}).to_netcdf(other, engine="h5netcdf")
     for bad, word in ((other, "can't be read"), (tmp_path / "none.nc", "no such file")):
@@ -100,7 +106,7 @@ def test_a_flight_lands_with_its_payload_in_its_wind(monkeypatch):
     monkeypatch.setattr(module, "drawn_from", lambda *given: None)
     monkeypatch.setattr(module, "land", lambda *given, **named: None)
     study, wind = bc.Study.example(), bc.wind_profile([0.0, 2000.0], [1.0, 2.0], [0.0, 0.0])
-    of = SimpleNamespace(spec=study.spec, files=None)
+    of = SimpleNamespace(spec=study.spec, files=None, failed_checks=())
     heavy = study.flights["cdt-3-12"].changed(name="heavy", capsule_mass=9500.0, wind=wind)
     bc.Posterior.land(of, heavy, draws=10)
     bc.Posterior.land(of, None, wind, 10, capsule_mass="9500.0 kg")

@@ -391,7 +391,8 @@ class Posterior:
             vehicle = vehicle.vehicle if vehicle.vehicle != self.spec.vehicle else None
         campaign = campaign_of(vehicle, winds, draws, start, self.spec.seed if seed is None else seed, **tables)
         plan = drawn_from(campaign, self.spec, self.files)
-        return land(campaign, plan, None if folder is None else Path(folder), workers, progress=progress)
+        place = None if folder is None else Path(folder)
+        return land(campaign, plan, place, workers, progress=progress, failed_checks=self.failed_checks)
 
     def __repr__(self) -> str:
         """Flights, parameters and draws."""

@@ -12,7 +12,6 @@ from bayeschute.api.landing.landing_files import write_csv, write_for_others, wr
 from bayeschute.api.landing.landing_questions import Asking, check_questions, day, drivers, next_drop, rare
 from bayeschute.api.landing.landing_verb import drawn_from, land
 from bayeschute.api.posterior import Posterior
-from bayeschute.calibration.label import without_level
 from bayeschute.landing.decisions.onset import placard_table
 from bayeschute.report.figures.canvas import save
 from bayeschute.report.figures.landing_figures import design_figure, drivers_figure, placard_figure
@@ -68,7 +67,7 @@ def land_file(
     known = Posterior.load(posterior)
     check_questions(read, wanted.also, known.spec, data)
     plan = drawn_from(read, known.spec, known.files)
-    made = land(read, plan, folder, wanted.workers, wanted.address, progress)
+    made = land(read, plan, folder, wanted.workers, wanted.address, progress, known.failed_checks)
     lines = write_landings(made, folder)
     write_for_others(known, plan, folder)
     asking = Asking(read, plan, made, wanted.workers, wanted.address, progress)
@@ -80,7 +79,7 @@ def land_file(
     }
     for name in wanted.also:
         lines += answers[name](folder)
-    return [*lines, *filter(None, [without_level(known.failed_checks)])]
+    return lines
 
 
 def _shares(asking: Asking, folder: Path) -> list[str]:

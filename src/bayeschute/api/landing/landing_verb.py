@@ -77,14 +77,25 @@ def land(
     workers: int = 1,
     address: str | None = None,
     progress: Progress | None = None,
+    failed_checks: tuple[str, ...] = (),
 ) -> Landings:
-    """Fly the landings of a campaign until its requirements are decided, or all of them."""
+    """Fly the landings of a campaign until its requirements are decided, or all of them.
+
+    Args:
+        campaign: The campaign.
+        plan: From `drawn_from`.
+        folder: Where batches are kept as they come.
+        workers: Local processes.
+        address: Of a Dask scheduler.
+        progress: Called with a name, the share done and words.
+        failed_checks: Of the posterior.
+    """
     wanted = asked(campaign)
     rows = fly_campaign(
         plan, campaign.tables.landings, folder, identity_of(campaign, plan.models), workers, address, progress,
         stopping(wanted) if wanted else None,
     )  # fmt: skip
-    return Landings(campaign.tables.name, rows, wanted, drawn_values(plan.models))
+    return Landings(campaign.tables.name, rows, wanted, drawn_values(plan.models), failed_checks)
 
 
 def drawn_values(models: Sequence[Parameters]) -> dict[str, NDArray[np.float64]]:

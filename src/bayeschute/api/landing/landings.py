@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from bayeschute.api import html
 from bayeschute.api.quantity import central, si
+from bayeschute.calibration.label import without_level
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.core.files import write_whole
 from bayeschute.core.version import __version__
@@ -42,6 +43,7 @@ class Landings:
         rows: Structured array of `landing.measures.ROW`, SI.
         requirements: What the campaign asks of them.
         parameters: Draws of the parameters (draw,) by name, in their own units.
+        failed_checks: Of the posterior: with one or more, nothing that follows has a level of trust.
 
     Example:
         >>> found = landings.requirement(vertical_speed="40 ft/s", probability=0.5)
@@ -55,6 +57,7 @@ class Landings:
     rows: Rows
     requirements: tuple[Requirement, ...]
     parameters: Mapping[str, NDArray[np.float64]]
+    failed_checks: tuple[str, ...] = ()
 
     @cached_property
     def table(self) -> xr.Dataset:
@@ -197,7 +200,10 @@ class Landings:
         for i, values in enumerate(self.parameters.values()):
             made[f"parameter_{i}"] = ("posterior_draw", values)
         asked = [{**one._asdict(), "limits": [tuple(limit) for limit in one.limits]} for one in self.requirements]
-        said = {"format": _FORMAT, "name": self.name, "requirements": asked, "parameters": list(self.parameters)}
+        said = {
+            "format": _FORMAT, "name": self.name, "requirements": asked, "parameters": list(self.parameters),
+            "failed_checks": self.failed_checks,
+        }  # fmt: skip
         made.attrs = {"bayeschute_landings": json.dumps(said), "version": __version__}
         write_whole(path, lambda aside: made.to_netcdf(aside, engine="h5netcdf"))
         return path
@@ -228,12 +234,13 @@ class Landings:
             for r in said["requirements"]
         )
         drawn = {name: held[f"parameter_{i}"].values for i, name in enumerate(said["parameters"])}
-        return cls(said["name"], rows, asked, drawn)
+        return cls(said["name"], rows, asked, drawn, tuple(said.get("failed_checks", ())))
 
     def __repr__(self) -> str:
-        """Campaign, landings and draws."""
+        """Campaign, landings and draws, and what their posterior lacks."""
         draws = len(np.unique(self.rows["draw"]))
-        return f"Landings of {self.name}: {len(self.rows)} with {draws} draws of the parameters, {self.failed} failed"
+        told = f"Landings of {self.name}: {len(self.rows)} with {draws} draws of the parameters, {self.failed} failed"
+        return "; ".join(filter(None, (told, without_level(self.failed_checks))))
 
     def _repr_html_(self) -> str:
         """Medians and 90 % intervals as a table."""

@@ -1,12 +1,15 @@
-"""Corrections of the marginal posterior fitted over the posterior, where those taken near its mode don't hold.
+"""Corrections of the marginal posterior compared with Laplace's approximation over the posterior, and fitted to it.
 
 `laplace.corrected` expands what the linear models lack about the mode, from places one standard deviation away. The
 posterior of P parameters has its mass at root P standard deviations: where the density is no quadratic polynomial, or
 where its values are known to a tenth only, what is read from differences near the mode is wrong there, by several units
-of the log density on some flights. So the polynomials are compared with Laplace's approximation at standard normal
-points. Where they fail, the points are added to what they are fitted to, by Bayesian linear regression (MacKay 1992):
-the expansion about the mode is what is expected, and how far it may be left, and how exact the values are, is what
-makes the points most probable. Every batch of points is a test of the fit to those before it.
+of the log density on some flights. So the density is compared with Laplace's approximation at standard normal points.
+
+What counts is not the error itself but what it does to means and standard deviations: points weighed by the exponential
+of their error tell (`implied`). Points are added until that is known well enough. If the corrections can be improved
+they are, by Bayesian linear regression
+(MacKay 1992): the expansion about the mode is what is expected, and how far it may be left, and how exact the values
+are, is what makes the points most probable. Its errors are those of leaving out one point after the other.
 """
 
 from __future__ import annotations
@@ -23,16 +26,10 @@ from bayeschute.posterior import laplace
 from bayeschute.posterior.marginal import Marginal, Quadratic
 
 Array = NDArray[np.float64]
-GOOD = 0.15
-"""Error of the log density at which the corrections are left as they are."""
-_FIRST, _BATCH, _LEAST, _MOST = (
-    8,
-    2,
-    8,
-    16,
-)  # points of a test at least; of all but the first, and of all, per parameter
-_WORTH = 0.7  # of the error two batches before, at which more than the least are worth their time
+_FIRST, _BATCH, _MOST = 8, 2, 16  # points at first, and of each batch; of each batch, and of all, per parameter
+_KNOWN = 0.05  # standard error of what the density's error implies that will do [standard deviations]
 _FINITE = 0.75  # least share of the points at which flights must not fail
+_BETTER = 0.8  # of the error without a fit, below which a fit is taken
 _SLOPE = 0.3  # prior standard deviation of the slope's change
 _BENDS = (0.003, 0.01, 0.03, 0.06, 0.1, 0.2, 0.4)  # of the curvatures' change, one of
 _ERRORS = (0.02, 0.05, 0.1, 0.2, 0.4, 0.8, 1.6)  # standard deviation of a value about the polynomial, one of
@@ -40,66 +37,89 @@ _CONSTANT = 10.0  # of the constant, which the density does not depend on
 
 
 class Fitted(NamedTuple):
-    """A posterior whose corrections were compared with Laplace's approximation, and fitted to it where they failed.
+    """A posterior whose corrections were compared with Laplace's approximation, and fitted to it where that helps.
 
     Attributes:
         marginal: The posterior.
-        error: Standard deviation of the error of its log density at points that it was not fitted to; NaN where flights
-            fail at many of them.
-        before: That of the corrections as they were.
-        points: At how many they were fitted; zero where they were good.
+        error: Standard deviation of the error of its log density over the posterior; NaN where flights fail at many of
+            the points.
+        shift: What it does: see `implied`; NaN likewise.
+        before: The same without a fit.
+        points: At how many they were compared.
     """
 
     marginal: Marginal
     error: float
+    shift: float
     before: float
     points: int
+
+
+class Change(NamedTuple):
+    """What is to be added to a quadratic polynomial, and its errors.
+
+    Attributes:
+        polynomial: The change.
+        errors: What each point lacks of the fit to all the others (N,).
+    """
+
+    polynomial: Quadratic
+    errors: Array
 
 
 def fitted(
     marginal: Marginal, rng: np.random.Generator, progress: Callable[[float, str], None] | None = None
 ) -> Fitted:
-    """Compare the corrections with Laplace's approximation over the posterior, and fit them where they fail.
+    """Compare the corrections with Laplace's approximation over the posterior, and fit them where that helps.
 
     Args:
         marginal: From `laplace.corrected`.
         rng: Source of the points.
         progress: Called with a share done and words.
-
-    Returns:
-        The posterior with the corrections of the last fit; the error is that of the fit before it at the last points.
     """
     size = np.size(marginal.centre)
-    made, points, lacking, asked, errors = marginal, np.zeros((0, size)), np.zeros(0), 0, list[float]()
+    points, lacking = np.zeros((0, size)), np.zeros(0)
     while True:
-        xi = rng.standard_normal((max(_FIRST, _BATCH * size) if asked else _FIRST, size))
-        off = laplace.lacking(made, xi)
-        known = np.isfinite(off)
-        errors.append(float(np.std(off[known])) if known.mean() >= _FINITE else np.nan)
-        asked += len(xi)
+        xi = rng.standard_normal((max(_FIRST, _BATCH * size) if len(points) else _FIRST, size))
+        points, lacking = np.vstack([points, xi]), np.append(lacking, laplace.lacking(marginal, xi))
+        known = np.isfinite(lacking)
+        if known.mean() < _FINITE:
+            return Fitted(marginal, np.nan, np.nan, np.nan, len(points))
+        made, errors, before = marginal, lacking[known], implied(points[known], lacking[known])
+        if len(points) > _FIRST:
+            better = change(marginal.correction, points[known], lacking[known])
+            if np.std(better.errors) < _BETTER * np.std(errors):
+                bend = Quadratic(*(a + b for a, b in zip(marginal.bend, better.polynomial, strict=True)))
+                made, errors = replace(marginal, bend=bend), better.errors
+        error, shift = float(np.std(errors)), implied(points[known], errors)
         if progress is not None:
-            words = f"corrections over the posterior, {asked} points: off by {errors[-1]:.2g}"
-            progress(min(asked / (_MOST * size), 1.0), words)
-        if not errors[-1] > GOOD:
-            break
-        points = np.vstack([points, xi[known]])
-        lacking = np.append(lacking, (off + np.asarray(_changed(marginal, made).at(xi.T)))[known])
-        made = replace(marginal, bend=_sum(marginal.bend, change(marginal.correction, points, lacking)))
-        slow = len(errors) > 2 and errors[-1] > _WORTH * errors[-3]
-        if asked >= (_LEAST if slow else _MOST) * size:
-            break
-    return Fitted(made, errors[-1], errors[0], len(points))
+            words = (
+                f"log density over the posterior, {len(points)} points: off by {error:.2g}, which shifts by {shift:.2g}"
+            )
+            progress(min(len(points) / (_MOST * size), 1.0), words)
+        if error / np.sqrt(known.sum()) < _KNOWN or len(points) >= _MOST * size:
+            return Fitted(made, error, shift, before, len(points))
 
 
-def _sum(one: Quadratic, other: Quadratic) -> Quadratic:
-    return Quadratic(*(np.asarray(a) + np.asarray(b) for a, b in zip(one, other, strict=True)))
+def implied(points: Array, errors: Array) -> float:
+    """Largest change by an error of the density: of a mean, in standard deviations, or relative of one of these.
+
+    By importance weights. At first order a mean is shifted by its covariance with the error; by an error of standard
+    deviation e at most by e (Cauchy-Schwarz).
+
+    Args:
+        points: Points drawn from the density (N, P).
+        errors: What minus the log density lacks there, up to a constant (N,).
+    """
+    weights = np.exp(np.min(errors) - errors)
+    weights /= np.sum(weights)
+    mean, sd = np.mean(points, axis=0), np.std(points, axis=0)
+    weighed = weights @ points
+    spread = np.sqrt(weights @ (points - weighed) ** 2)
+    return float(max(np.max(np.abs(weighed - mean) / sd), np.max(np.abs(spread / sd - 1.0))))
 
 
-def _changed(before: Marginal, after: Marginal) -> Quadratic:
-    return Quadratic(*(np.asarray(b) - np.asarray(a) for a, b in zip(before.bend, after.bend, strict=True)))
-
-
-def change(expected: Quadratic, points: Array, lacking: Array) -> Quadratic:
+def change(expected: Quadratic, points: Array, lacking: Array) -> Change:
     """What is to be added to a quadratic polynomial, by Bayesian linear regression.
 
     A share of its curvature along the axes and one of that between them may be taken back, where differences near the
@@ -117,15 +137,18 @@ def change(expected: Quadratic, points: Array, lacking: Array) -> Quadratic:
     shares = np.stack([0.5 * np.einsum("ni,ij,nj->n", points, part, points) for part in (own, curvature - own)])
     squares = np.where(i == j, np.sqrt(0.5), 1.0)[:, None] * (points.T[i] * points.T[j])
     columns = np.vstack([np.ones(len(points)), shares, points.T, squares])
-    best, found = -np.inf, np.zeros(len(columns))
+    best, found, errors = -np.inf, np.zeros(len(columns)), np.zeros(len(points))
     for bend, error in product(_BENDS, _ERRORS):
         spread = np.repeat([_CONSTANT, 1.0, _SLOPE, bend], [1, 2, size, len(i)])
         wide = spread[:, None] * columns
-        root = np.linalg.cholesky(wide.T @ wide + error**2 * np.eye(len(points)))
-        unit = np.linalg.solve(root, lacking)
-        evidence = -0.5 * float(unit @ unit) - float(np.log(np.diag(root)).sum())
+        inverse = np.linalg.inv(np.linalg.cholesky(wide.T @ wide + error**2 * np.eye(len(points))))
+        unit = inverse @ lacking
+        evidence = -0.5 * float(unit @ unit) + float(np.log(np.diag(inverse)).sum())
         if evidence > best:
-            best, found = evidence, spread * (wide @ np.linalg.solve(root.T, unit))
+            weights = inverse.T @ unit
+            best, found = evidence, spread * (wide @ weights)
+            errors = weights / np.sum(inverse**2, axis=0)  # of leave-one-out predictions (Rasmussen and Williams 2006)
     bent = np.zeros((size, size))
     bent[i, j] = np.where(i == j, np.sqrt(0.5), 1.0) * found[3 + size :]
-    return Quadratic(found[3 : 3 + size], bent + bent.T + found[1] * own + found[2] * (curvature - own))
+    polynomial = Quadratic(found[3 : 3 + size], bent + bent.T + found[1] * own + found[2] * (curvature - own))
+    return Change(polynomial, errors)

@@ -54,8 +54,8 @@ class LaplaceFit:
         noise_parameter_covariance: Of the logarithms of the noise parameters (V, V).
         noise_effect: How the parameters' posterior follows those logarithms, and how much wider it is than the
             conditional one without them: by the noise parameters and by `dispersion`.
-        determinant_error: Standard deviation of the error of the log density over the posterior, Laplace's at the same
-            points being right; those that its corrections were not fitted to.
+        determinant_error: Largest change of a mean, in standard deviations, or relative of one of these, that the error
+            of the log density over the posterior implies, Laplace's at the same points being right.
         profile: The density along the axes about the mode.
         dispersion: Whether parts of the records agree about the parameters.
         lost: Corrections that were left out since they can't be trusted, in words.
@@ -181,16 +181,16 @@ def _evidence(made: Marginal, priors: Sequence[Prior], prior: NoisePrior) -> Evi
 
 
 def _over_the_posterior(made: Marginal, seen: Profile, say: Progress) -> tuple[Marginal, Profile, float]:
-    """The posterior with corrections that hold where its mass is, its density along the axes, and its error.
+    """The posterior with corrections that hold where its mass is, its density along the axes, and what its error does.
 
     Always at the same points, so that decisions do not depend on a seed. Corrections under which the density has no
     mode are not taken.
     """
     fit = correction_fit.fitted(made, stream(0, "points of the log determinant"), say)
-    if not fit.points:
-        return made, seen, fit.error
+    if fit.marginal is made:
+        return made, seen, fit.shift
     there = _seen(fit.marginal, laplace.expansion(fit.marginal).step())
-    return (fit.marginal, there, fit.error) if there.is_mode else (made, seen, fit.before)
+    return (fit.marginal, there, fit.shift) if there.is_mode else (made, seen, fit.before)
 
 
 def _seen(made: Marginal, step: Array) -> Profile:

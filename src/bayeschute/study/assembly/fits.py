@@ -141,7 +141,7 @@ class Stored:
         evaluations: Evaluations of the exact density.
         noise_parameter_covariance: Of the logarithms of the noise parameters.
         noise_effect: How the parameters' conditional posterior follows those.
-        determinant_error: Standard deviation of the error of the log density against Laplace's.
+        determinant_error: What the error of the log density against Laplace's does to means and widths.
         least_fall: Of the log density at one standard deviation along any axis.
         is_mode: Whether it falls to both sides along every axis.
         pareto_k: Of the ratios exact/surrogate; None where the draws were not corrected ones.

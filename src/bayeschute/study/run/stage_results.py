@@ -40,7 +40,7 @@ Array = NDArray[np.float64]
 
 
 STATISTICS = "fit/statistics.npz"
-_MOST_ERROR = 0.2  # of the log density, root mean square: an error e can shift a mean by up to e standard deviations
+_MOST_ERROR = 0.2  # change of a mean, in standard deviations, or relative of one of these, by the density's error
 _FAR_DRAWS = 2.0  # standard deviations: farther off, draws are not about the mode that was found
 
 
@@ -70,7 +70,7 @@ class _Fits(NamedTuple):
         evaluations: Of the exact density.
         step_errors: See `_step_error`, by flight.
         shares: See `_innovation_share`, by flight.
-        determinant_errors: Of the log density, by fit; see `correction_fit`.
+        determinant_errors: What those of the log density imply, by fit; see `correction_fit`.
         least_falls: Of the log density at one standard deviation along any axis, by fit.
         modes: Whether it falls to both sides along every axis, by fit.
         away: Distance of the draws' mean from the mode [Laplace's standard deviations], by fit.
@@ -215,9 +215,8 @@ def check(job: Job, identify: bool = True) -> str:
         max(fits.determinant_errors),
         _MOST_ERROR,
         max(fits.determinant_errors) < _MOST_ERROR,
-        "standard deviation of the error of the log density over the posterior, against Laplace's approximation at "
-        "points that its corrections were not fitted to; an error e can shift a mean by up to e of its standard "
-        "deviations",
+        "largest change of a mean, in standard deviations, or relative of a standard deviation, that the error of the "
+        "log density implies: against Laplace's approximation at points of the posterior, by importance weights",
     )
     if fits.tails:
         detail = (
