@@ -6,6 +6,7 @@ that are slow to import are imported inside the commands, so that `--help` and `
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
@@ -50,10 +51,15 @@ class Question(StrEnum):
 
 
 StudyPath = Annotated[Path, typer.Argument(metavar="STUDY", help="Study file (TOML).", show_default=False)]
+PosteriorPath = Annotated[Path, typer.Argument(metavar="POSTERIOR", help="From `bayeschute fit`.", show_default=False)]
 DataDir = Annotated[
     Path | None, typer.Option("--data", metavar="DIR", help="Folder that replaces ${DATA} in the study.")
 ]
 Seed = Annotated[int | None, typer.Option(min=0, max=2**32 - 1, help="Random seed, in place of the study's.")]
+Quick = Annotated[bool, typer.Option("--quick", help="Few draws, to test the set-up; results are not for use.")]
+JsonFile = Annotated[
+    str | None, typer.Option(metavar="FILE", help="Write results as JSON; - prints them instead of the table.")
+]
 Workers = Annotated[int, typer.Option(min=1, max=1024, help="Number of local processes.")]
 DaskAddress = Annotated[
     str | None, typer.Option("--dask", metavar="ADDRESS", help="Dask scheduler to use instead of --workers.")
@@ -90,9 +96,7 @@ def run(
     force: Annotated[
         bool, typer.Option("--force", help="Remove the results of an earlier run in the folder and start again.")
     ] = False,
-    quick: Annotated[
-        bool, typer.Option("--quick", help="Few draws, to test the set-up; results are not for use.")
-    ] = False,
+    quick: Quick = False,
     data: DataDir = None,
     seed: Seed = None,
     workers: Workers = 1,
@@ -129,11 +133,7 @@ def run(
             say(f"Intervals: {told['label']}")
             for text in summary.get("claim", {}).get("sentences", ()):
                 say(f"  {text}")
-        if quick:
-            say("Quick run with few draws: the results are not for use.")
-        elif failed:
-            say(f"Failed checks: {', '.join(failed)}. The report explains them.", error=True)
-            raise typer.Exit(1)
+        _judged(quick, failed, ". The report explains them.")
 
 
 @app.command()
@@ -144,9 +144,7 @@ def fit(
         typer.Option(metavar="FILE", help="Output file.  [default: NAME.posterior.nc in the current folder]"),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite the file.")] = False,
-    quick: Annotated[
-        bool, typer.Option("--quick", help="Few draws, to test the set-up; results are not for use.")
-    ] = False,
+    quick: Quick = False,
     data: DataDir = None,
     seed: Seed = None,
     prior: Annotated[
@@ -179,9 +177,7 @@ def fit(
                 else:
                     posterior = before.update(wanted, progress=bars)
         except FitError as error:
-            say(f"No fit: {error.reason}", error=True)
-            for line in error.tried:
-                say(f"Tried: {line}", error=True)
+            _no_fit(error.reason, error.tried)
             raise typer.Exit(1) from None
         posterior.save(path)
         say(str(posterior.summary()))
@@ -191,16 +187,12 @@ def fit(
             for drop, gain in lessons.attrs["joint"].items():
                 say(f"{drop} taught {gain:.4g} nats about all parameters together")
         say(f"Posterior: {path}")
-        if quick:
-            say("Quick run with few draws: the results are not for use.")
-        elif posterior.failed_checks:
-            say(f"Failed checks: {', '.join(posterior.failed_checks)}", error=True)
-            raise typer.Exit(1)
+        _judged(quick, posterior.failed_checks)
 
 
 @app.command()
 def predict(
-    posterior: Annotated[Path, typer.Argument(metavar="POSTERIOR", help="From `bayeschute fit`.", show_default=False)],
+    posterior: PosteriorPath,
     flights: Annotated[
         Path, typer.Argument(metavar="FLIGHT", help="TOML with [[flight]] tables, as in a study.", show_default=False)
     ],
@@ -231,7 +223,7 @@ def predict(
 
 @app.command(name="land")
 def land_command(
-    posterior: Annotated[Path, typer.Argument(metavar="POSTERIOR", help="From `bayeschute fit`.", show_default=False)],
+    posterior: PosteriorPath,
     campaign: Annotated[Path, typer.Argument(metavar="CAMPAIGN", help="Campaign file (TOML).", show_default=False)],
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Results.  [default: runs/NAME of the campaign file]")
@@ -267,14 +259,27 @@ def land_command(
         say(f"Results are in {folder}")
 
 
+def _no_fit(reason: str, tried: Iterable[str]) -> None:
+    """Print why a fit failed and what was tried, a line each."""
+    for what, text in (("No fit", reason), *(("Tried", line) for line in tried)):
+        say(f"{what}: {' '.join(str(text).split())}", error=True)
+
+
+def _judged(quick: bool, failed: Sequence[str], end: str = "") -> None:
+    """Say what checks mean for the results; exit with code 1 where some failed of a run that isn't quick."""
+    if quick:
+        say("Quick run with few draws: the results are not for use.")
+    elif failed:
+        say(f"Failed checks: {', '.join(failed)}{end}", error=True)
+        raise typer.Exit(1)
+
+
 def _exit_if_fit_failed(folder: Path, summary: dict[str, Any]) -> None:
-    """Print why a fit failed and what was tried, and exit with code 1; return if the fit did not fail."""
+    """Say so and exit with code 1; return if the fit did not fail."""
     fit: dict[str, Any] = summary.get("fit", {})
     if not fit.get("reason"):
         return
-    say(f"No fit: {' '.join(str(fit['reason']).split())}", error=True)
-    for line in fit.get("tried", ()):
-        say(f"Tried: {' '.join(str(line).split())}", error=True)
+    _no_fit(fit["reason"], fit.get("tried", ()))
     say(f"Results that need no fit are in {folder}")
     say(f"Report: {folder / 'report.html'}")
     raise typer.Exit(1)
@@ -354,9 +359,7 @@ def verify(
     case: Annotated[
         list[str] | None, typer.Option(metavar="NAME", help="Only this case, such as 6a; may be repeated.")
     ] = None,
-    json: Annotated[
-        str | None, typer.Option(metavar="FILE", help="Write results as JSON; - prints them instead of the table.")
-    ] = None,
+    json: JsonFile = None,
 ) -> None:
     """Verify the simulator: simulate the check cases and compare them with closed-form solutions."""
     with reporting_faults():
@@ -397,9 +400,7 @@ def calibrate(
     ] = None,
     workers: Workers = 1,
     dask: DaskAddress = None,
-    quick: Annotated[
-        bool, typer.Option("--quick", help="Few draws, to test the set-up; results are not for use.")
-    ] = False,
+    quick: Quick = False,
     ranks: Annotated[
         str | None,
         typer.Option(
@@ -475,9 +476,7 @@ def modes(
     ] = None,
     free: Annotated[bool, typer.Option("--free", help="Model without gust excitation, for comparison.")] = False,
     seed: Annotated[int, typer.Option(min=0, max=2**32 - 1, help="Random seed of the draws.")] = 0,
-    json: Annotated[
-        str | None, typer.Option(metavar="FILE", help="Write results as JSON; - prints them instead of the table.")
-    ] = None,
+    json: JsonFile = None,
 ) -> None:
     """Estimate frequency and damping of the swing under a parachute from raw gyro and accelerometer data."""
     with reporting_faults():
