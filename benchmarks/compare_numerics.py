@@ -5,8 +5,8 @@
     python benchmarks/compare_numerics.py --made-at COMMIT BEFORE AFTER [BEFORE AFTER ...] [--json]
 
 ``--made-at`` is the commit whose code made the earlier runs. The result is kept in ``models/reference/numerics``, named
-after both hashes; where it is the same by `study.evidence.numerics_compared`, results that the earlier numerics have
-stored count for the present ones.
+after both hashes. Of a configuration of which three studies or more are the same by
+`study.evidence.numerics_compared`, results that the earlier numerics have stored count for the present ones.
 """
 
 from __future__ import annotations
@@ -20,9 +20,11 @@ import xarray as xr
 from numpy.typing import NDArray
 from other_stored import ROOT, numerics_at
 
+from bayeschute.study.evidence.identity import configuration
 from bayeschute.study.evidence.numerics_compared import BOUNDS, STORED, Comparison, Figures
 from bayeschute.study.evidence.numerics_hash import numerics
 from bayeschute.study.evidence.provenance import provenance
+from bayeschute.study.load import load_study
 
 Array = NDArray[np.float64]
 
@@ -48,9 +50,9 @@ def main() -> None:
     for row in rows:
         figures = " ".join(f"{getattr(row, name):7.3f}" for name in BOUNDS._fields)
         print(f"{row.study[:40]:40s} {figures} {row.seconds[0]:6.0f} -> {row.seconds[1]:5.0f}")
-    print(
-        f"{'bounds':40s} {' '.join(f'{bound:7.3f}' for bound in BOUNDS)}: {'the same' if made.same else 'not the same'}"
-    )
+    print(f"{'bounds':40s} {' '.join(f'{bound:7.3f}' for bound in BOUNDS)}")
+    for name in sorted({row.configuration for row in rows}):
+        print(f"configuration {name[:8]}: {'the same' if made.same(name) else 'not the same, or too few studies'}")
     if given.json:
         print(made.model_dump_json())
 
@@ -75,7 +77,9 @@ def compared(before: Path, after: Path) -> Figures:
     bands, widths = zip(*(_bands(a, b) for a, b in _quantiles(before, after)), strict=True)
     seconds = tuple(float(run["sampling"]["wall"]["fit_s"]) for run in (one, other))
     return Figures(
-        study=one["title"], hash=one["hashes"]["study"], mean=max(means), sd=max(sds), band=max(bands),
+        study=one["title"], hash=one["hashes"]["study"],
+        configuration=configuration(load_study(before / "study.toml"), bool(one["quick"])),
+        mean=max(means), sd=max(sds), band=max(bands),
         width=max(widths), seconds=(seconds[0], seconds[1]),
     )  # fmt: skip
 

@@ -20,7 +20,7 @@ from bayeschute.study.evidence.numerics_hash import PACKAGE, engine, hash_of
 
 
 def figures(number: int, **changed: float) -> Figures:
-    base = {"study": f"study {number}", "hash": str(number), "seconds": (20.0, 10.0)}
+    base = {"study": f"study {number}", "hash": str(number), "configuration": "one", "seconds": (20.0, 10.0)}
     return Figures.model_validate(base | {name: 0.5 * bound for name, bound in BOUNDS._asdict().items()} | changed)
 
 
@@ -31,23 +31,23 @@ def compared(before: str, after: str, studies: int = LEAST_STUDIES, **changed: f
 
 def test_numerics_that_were_compared_count_and_chains_of_them_do_not():
     found = [compared("a", "b"), compared("b", "c")]
-    assert same_as("b", found) == {"a", "b", "c"}
-    assert same_as("c", found) == {"b", "c"} and same_as("a", found) == {"a", "b"}
-    assert same_as("d", found) == {"d"}
+    assert same_as("b", "one", found) == {"a", "b", "c"}
+    assert same_as("c", "one", found) == {"b", "c"} and same_as("a", "one", found) == {"a", "b"}
+    assert same_as("d", "one", found) == {"d"} and same_as("b", "another", found) == {"b"}
 
 
 @pytest.mark.parametrize("name", BOUNDS._fields)
 def test_one_figure_beyond_its_bound_is_enough_for_another_result(name):
     bound = getattr(BOUNDS, name)
-    assert compared("a", "b", **{name: bound}).same
-    assert not compared("a", "b", **{name: 1.01 * bound}).same
-    assert same_as("b", [compared("a", "b", **{name: 1.01 * bound})]) == {"b"}
+    assert compared("a", "b", **{name: bound}).same("one")
+    assert not compared("a", "b", **{name: 1.01 * bound}).same("one")
+    assert same_as("b", "one", [compared("a", "b", **{name: 1.01 * bound})]) == {"b"}
 
 
 def test_few_studies_and_the_same_one_twice_are_not_enough():
-    assert not compared("a", "b", LEAST_STUDIES - 1).same
+    assert not compared("a", "b", LEAST_STUDIES - 1).same("one")
     twice = compared("a", "b")
-    assert not twice.model_copy(update={"studies": (*twice.studies[:-1], twice.studies[0])}).same
+    assert not twice.model_copy(update={"studies": (*twice.studies[:-1], twice.studies[0])}).same("one")
 
 
 def test_a_file_that_is_no_comparison_is_refused(tmp_path):
@@ -59,5 +59,6 @@ def test_a_file_that_is_no_comparison_is_refused(tmp_path):
 def test_shipped_comparisons_are_with_the_present_numerics_and_pass():
     """Others have no use any more. The engine may be another: a result speaks for the one it had."""
     for one in comparisons(shipped()):
-        assert hash_of(PACKAGE, engine(one.provenance["versions"])) in (one.before, one.after) and one.same
+        assert hash_of(PACKAGE, engine(one.provenance["versions"])) in (one.before, one.after)
+        assert all(one.same(row.configuration) for row in one.studies)
         assert all(one.provenance[key] for key in ("command", "commit", "date", "machine", "versions"))

@@ -67,7 +67,8 @@ def stored(study: Study, quick: bool, places: Sequence[Path]) -> Stored:
         quick: Whether sizes are cut.
         places: Folders with results of `calibrate`.
     """
-    wanted, now = configuration(study, quick), present_numerics()
+    wanted = configuration(study, quick)
+    now = present_numerics(wanted)
     current: dict[str, dict[str, Any]] = {}
     older: dict[str, dict[str, Any]] = {}
     for file in sorted(f for place in places if place.is_dir() for f in place.glob("*.json")):

@@ -1,7 +1,8 @@
 """Numerics that give the same results: finished runs of both, compared, and stored with their figures.
 
 The hash of the numerics changes with every line of them. Results stored by earlier ones count as those of the present
-ones where both were run on the same studies and differ by less than draws of one posterior do: see `Figures.same`. Only
+ones for a configuration (`identity.configuration`) of which several studies were run by both and differ by less than
+draws of one posterior do: see `Figures.same`. Flights of other kinds may take other paths through the same code. Only
 direct comparisons with the numerics in use count; a chain of small changes may add up.
 """
 
@@ -21,7 +22,7 @@ from bayeschute.study.evidence.numerics_hash import numerics
 STORED = Path("reference", "numerics")
 """Where a folder of models, or the package, keeps comparisons."""
 LEAST_STUDIES = 3
-"""Fewest studies of which a comparison counts."""
+"""Fewest studies of a configuration of which a comparison counts."""
 
 
 class Bounds(NamedTuple):
@@ -48,7 +49,8 @@ class Figures(BaseModel):
 
     Attributes:
         study: Its title.
-        hash: Of the study (see `identity.study_hash`).
+        hash: Of the study (see `study.study_hash`).
+        configuration: Of how it identifies (see `identity.configuration`).
         mean: See `Bounds`.
         sd: Likewise.
         band: Likewise, over flights and quantities.
@@ -60,6 +62,7 @@ class Figures(BaseModel):
 
     study: str
     hash: str
+    configuration: str
     mean: float
     sd: float
     band: float
@@ -89,10 +92,10 @@ class Comparison(BaseModel):
     studies: tuple[Figures, ...]
     provenance: dict[str, object]
 
-    @property
-    def same(self) -> bool:
-        """Whether results of one count as those of the other."""
-        return len({one.hash for one in self.studies}) >= LEAST_STUDIES and all(one.same for one in self.studies)
+    def same(self, configuration: str) -> bool:
+        """Whether results of one count as those of the other, for a configuration."""
+        told = [one for one in self.studies if one.configuration == configuration]
+        return len({one.hash for one in told}) >= LEAST_STUDIES and all(one.same for one in told)
 
 
 def shipped() -> Path:
@@ -116,18 +119,19 @@ def comparisons(place: Path | None = None) -> list[Comparison]:
     return [Comparison.model_validate(json.loads(file.read_text(encoding="utf-8"))) for file in files]
 
 
-def same_as(hash_of_numerics: str, found: Sequence[Comparison]) -> frozenset[str]:
+def same_as(hash_of_numerics: str, configuration: str, found: Sequence[Comparison]) -> frozenset[str]:
     """Numerics whose results count as those of some numerics: they themselves, and those compared with them.
 
     Args:
         hash_of_numerics: Their hash.
+        configuration: That the results are of.
         found: Comparisons.
     """
-    pairs = [{one.before, one.after} for one in found if one.same]
+    pairs = [{one.before, one.after} for one in found if one.same(configuration)]
     return frozenset({hash_of_numerics}).union(*(pair for pair in pairs if hash_of_numerics in pair))
 
 
 @cache
-def present_numerics() -> frozenset[str]:
-    """Hashes of the numerics whose stored results count as those of the numerics in use."""
-    return same_as(numerics(), comparisons())
+def present_numerics(configuration: str) -> frozenset[str]:
+    """Hashes of the numerics whose stored results of a configuration count as those of the numerics in use."""
+    return same_as(numerics(), configuration, comparisons())
