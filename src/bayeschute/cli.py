@@ -249,9 +249,9 @@ def land_command(
         from bayeschute.study.landing_campaign.campaign_file import load_campaign
 
         load_campaign(campaign, data)  # before anything slow is imported
-        from bayeschute.api.landing.landing_command import Asked, land_file
+        from bayeschute.api.landing.landing_command import LandingOptions, land_file
 
-        wanted = Asked(landings, workers, dask, tuple(dict.fromkeys(one.value for one in also or ())))
+        wanted = LandingOptions(landings, workers, dask, tuple(dict.fromkeys(one.value for one in also or ())))
         with Bars() as bars:
             made = land_file(posterior, campaign, folder, wanted, data, bars)
         for line in made:

@@ -15,7 +15,14 @@ from tests.landing.plans import ROOT, small_plan
 
 import bayeschute as bc
 from bayeschute.api.landing.landing_files import dictionary, write_landings
-from bayeschute.api.landing.landing_questions import Asking, check_questions, day, drivers, next_drop, rare
+from bayeschute.api.landing.landing_questions import (
+    FlownCampaign,
+    check_questions,
+    drop_ranking,
+    rare_failures,
+    sensitivity,
+    wind_placard,
+)
 from bayeschute.api.landing.landing_verb import campaign_of, drawn_from, drawn_values, land
 from bayeschute.api.landing.landings import in_words
 from bayeschute.core.errors import InputError
@@ -35,14 +42,14 @@ TABLES = {
 
 
 @pytest.fixture(scope="module")
-def asking():
+def flown():
     plan, campaign = small_plan(), campaign_of(None, None, 96, None, 1, **TABLES)
-    return Asking(campaign, plan, land(campaign, plan))
+    return FlownCampaign(campaign, plan, land(campaign, plan))
 
 
 @pytest.fixture(scope="module")
-def landings(asking):
-    return asking.landings
+def landings(flown):
+    return flown.landings
 
 
 def test_the_table(landings):
@@ -118,11 +125,11 @@ def test_a_flight_lands_with_its_payload_in_its_wind(monkeypatch):
     assert asked[3][0][0] == other.vehicle != study.vehicle
 
 
-def test_files_and_their_dictionary(asking, landings, tmp_path):
+def test_files_and_their_dictionary(flown, landings, tmp_path):
     lines = write_landings(landings, tmp_path)
     assert any("soft: met" in line for line in lines)
     known = dictionary(landings).groupby("file")["column"].agg(set).to_dict()
-    aero = aero_table(asking.plan.models[0])
+    aero = aero_table(flown.plan.models[0])
     assert set(aero.columns) == known["aero_tables.csv"]
     for path in tmp_path.glob("*.csv"):
         if path.name != "data_dictionary.csv":
@@ -131,51 +138,51 @@ def test_files_and_their_dictionary(asking, landings, tmp_path):
     assert (tmp_path / "landings-vertical_speed.png").stat().st_size > 10_000
 
 
-def test_what_drives_it(asking):
-    table = drivers(asking, samples=48)
+def test_what_drives_it(flown):
+    table = sensitivity(flown, samples=48)
     kinds = table.groupby("kind")["source"].agg(set)
     assert kinds["total"] == {"parameters", "winds", "start", "gusts", "canopies"}
-    assert kinds["shapley"] == set(drawn_values(asking.plan.models))
+    assert kinds["shapley"] == set(drawn_values(flown.plan.models))
     assert set(table["quantity"]) == {"vertical_speed", "hang_angle", "fails: soft", "fails: upright"}
     canopies = table[(table["source"] == "canopies") & (table["quantity"] == "hang_angle")]
     np.testing.assert_allclose(canopies[canopies["kind"] == "total"]["share"], 0.0, atol=1e-9)  # canopy_sd is zero
     assert drivers_figure(table).axes
 
 
-def test_rare_failures_agree_with_counting(asking):
+def test_rare_failures_agree_with_counting(flown):
     campaign = campaign_of(None, None, 96, None, 1, requirement=[
         {"name": "r", "limits": [{"quantity": "vertical_speed", "at_most": "10 m/s"}]}])  # fmt: skip
-    made = Asking(campaign, asking.plan, land(campaign, asking.plan))
-    found = rare(made, samples=200)["r"]
+    made = FlownCampaign(campaign, flown.plan, land(campaign, flown.plan))
+    found = rare_failures(made, samples=200)["r"]
     counted = 1.0 - landings_met(made)
     assert found.probability == pytest.approx(counted, abs=0.15) and found.evaluations >= 200
 
 
-def landings_met(asking):
-    (one,) = asking.landings.requirements
-    return one.met(asking.landings.rows).mean()
+def landings_met(flown):
+    (one,) = flown.landings.requirements
+    return one.met(flown.landings.rows).mean()
 
 
-def test_the_day(asking):
-    cells = day(asking)
+def test_the_placard(flown):
+    cells = wind_placard(flown)
     table = placard_table(cells)
     assert len(table) == 2 and set(table["verdict"]) <= {"go", "no-go", "can't tell"}
     assert placard_figure(cells).axes
     assert design_figure(pd.DataFrame({"candidate": ["a", "b"], "shrinking": [0.2, 0.4]})).axes
 
 
-def test_a_placard_needs_no_requirement(asking):
+def test_a_placard_needs_no_requirement(flown):
     campaign = campaign_of(None, None, 96, None, 1, placard={"shear": ["3 m/s"], "landings": 64})
-    (cell,) = day(Asking(campaign, asking.plan, land(campaign, asking.plan)))
+    (cell,) = wind_placard(FlownCampaign(campaign, flown.plan, land(campaign, flown.plan)))
     assert cell.judged == () and cell.word == "can't tell" and 0.0 <= cell.pendulum.met <= 1.0
 
 
-def test_an_interval_to_shrink_is_one_of_the_parameters(asking):
+def test_an_interval_to_shrink_is_one_of_the_parameters(flown):
     design = {"candidates": str(ROOT / "models/campaigns/candidate-drops.toml"), "interval": "axial[7]"}
     campaign = campaign_of(None, None, 96, None, 1, design=design, requirement=TABLES["requirement"])
-    asked = Asking(campaign, asking.plan, asking.landings)
+    done = FlownCampaign(campaign, flown.plan, flown.landings)
     with pytest.raises(bc.InputError, match=r"\[design\] interval: got 'axial\[7\]'; wanted one of"):
-        next_drop(asked, load_study(ROOT / "models/studies/cdt-3-11.toml"), {})
+        drop_ranking(done, load_study(ROOT / "models/studies/cdt-3-11.toml"), {})
 
 
 def test_questions_without_their_tables_are_refused_at_once():

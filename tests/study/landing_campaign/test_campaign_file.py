@@ -13,7 +13,7 @@ from tests.landing.plans import small_plan
 
 from bayeschute.core.errors import InputError
 from bayeschute.study.landing_campaign.campaign_file import load_campaign, wind_plan
-from bayeschute.study.landing_campaign.landing_plan import asked, identity_of, start_plan
+from bayeschute.study.landing_campaign.landing_plan import identity_of, requirements_of, start_plan
 
 ROOT = Path(__file__).parents[3]
 EXAMPLE = ROOT / "models/campaigns/cdt-3-11-landing.toml"
@@ -32,7 +32,7 @@ def test_the_example():
     assert start.altitude == pytest.approx((1219.2, 30.48)) and start.swing[1] == pytest.approx(np.deg2rad(6.0))
     winds = wind_plan(campaign.tables.wind)
     assert len(winds.profiles) == 2 and winds.events[0].kind == "shear" and winds.turbulence is None
-    soft, upright = asked(campaign)
+    soft, upright = requirements_of(campaign)
     assert soft.limits[0].at_most == pytest.approx(36 * 0.3048) and len(upright.limits) == 3
     assert load_campaign(EXAMPLE).identity == campaign.identity == campaign.with_landings(7).identity
 

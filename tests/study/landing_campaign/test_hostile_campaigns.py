@@ -13,7 +13,7 @@ from tests.damages import outcomes
 
 from bayeschute.core.errors import InputError
 from bayeschute.study.landing_campaign.campaign_file import load_campaign, wind_plan
-from bayeschute.study.landing_campaign.landing_plan import asked, start_plan
+from bayeschute.study.landing_campaign.landing_plan import requirements_of, start_plan
 
 MODELS = Path(__file__).parents[3] / "models"
 PROFILE = (
@@ -50,7 +50,7 @@ def _outcomes(campaign: Path, number: int, seed: int) -> Counter[tuple[str, str]
 
     def read() -> bool:
         made = load_campaign(campaign)
-        start_plan(made.tables.start), asked(made)
+        start_plan(made.tables.start), requirements_of(made)
         for profile in wind_plan(made.tables.wind).profiles:
             assert (np.abs(profile.wind) <= 500.0).all() and (np.abs(profile.altitude) <= 80_000.0).all()
         return False

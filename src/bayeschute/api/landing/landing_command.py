@@ -9,7 +9,14 @@ from typing import NamedTuple
 import pandas as pd
 
 from bayeschute.api.landing.landing_files import write_csv, write_for_others, write_landings
-from bayeschute.api.landing.landing_questions import Asking, check_questions, day, drivers, next_drop, rare
+from bayeschute.api.landing.landing_questions import (
+    FlownCampaign,
+    check_questions,
+    drop_ranking,
+    rare_failures,
+    sensitivity,
+    wind_placard,
+)
 from bayeschute.api.landing.landing_verb import drawn_from, land
 from bayeschute.api.posterior import Posterior
 from bayeschute.landing.decisions.onset import placard_table
@@ -21,7 +28,7 @@ from bayeschute.study.landing_campaign.campaign_file import load_campaign
 QUESTIONS = ("shares", "rare", "placard", "design")
 
 
-class Asked(NamedTuple):
+class LandingOptions(NamedTuple):
     """What a call of the command wants beside landings.
 
     Attributes:
@@ -41,7 +48,7 @@ def land_file(
     posterior: Path | str,
     campaign: Path | str,
     folder: Path | str,
-    wanted: Asked | None = None,
+    wanted: LandingOptions | None = None,
     data: Path | str | None = None,
     progress: Progress | None = None,
 ) -> list[str]:
@@ -59,9 +66,9 @@ def land_file(
         What was found, line by line.
 
     Raises:
-        InputError: With every fault of the campaign, before anything is flown.
+        InputError: With every fault of the campaign, before anything is done.
     """
-    read, folder, wanted = load_campaign(campaign, data), Path(folder), wanted or Asked()
+    read, folder, wanted = load_campaign(campaign, data), Path(folder), wanted or LandingOptions()
     if wanted.landings is not None:
         read = read.with_landings(wanted.landings)
     known = Posterior.load(posterior)
@@ -70,20 +77,20 @@ def land_file(
     made = land(read, plan, folder, wanted.workers, wanted.address, progress, known.failed_checks)
     lines = write_landings(made, folder)
     write_for_others(known, plan, folder)
-    asking = Asking(read, plan, made, wanted.workers, wanted.address, progress)
+    done = FlownCampaign(read, plan, made, wanted.workers, wanted.address, progress)
     answers = {
-        "shares": partial(_shares, asking),
-        "rare": partial(_rare, asking),
-        "placard": partial(_placard, asking),
-        "design": partial(_design, asking, known, data),
+        "shares": partial(_shares, done),
+        "rare": partial(_rare, done),
+        "placard": partial(_placard, done),
+        "design": partial(_design, done, known, data),
     }
     for name in wanted.also:
         lines += answers[name](folder)
     return lines
 
 
-def _shares(asking: Asking, folder: Path) -> list[str]:
-    table = drivers(asking)
+def _shares(done: FlownCampaign, folder: Path) -> list[str]:
+    table = sensitivity(done)
     write_csv(table, folder / "shares.csv")
     save(drivers_figure(table), folder, "shares")
     lines = []
@@ -94,16 +101,16 @@ def _shares(asking: Asking, folder: Path) -> list[str]:
     return lines
 
 
-def _rare(asking: Asking, folder: Path) -> list[str]:
-    found = rare(asking)
+def _rare(done: FlownCampaign, folder: Path) -> list[str]:
+    found = rare_failures(done)
     rows = [(name, one.probability, one.variation, one.evaluations) for name, one in found.items()]
     table = pd.DataFrame(rows, columns=["requirement", "probability_not_met", "variation", "landings"])
     write_csv(table, folder / "rare.csv")
     return [f"{name}: P(not met) {p:.3g}, coefficient of variation {cv:.2f}, {n} landings" for name, p, cv, n in rows]
 
 
-def _placard(asking: Asking, folder: Path) -> list[str]:
-    cells = day(asking)
+def _placard(done: FlownCampaign, folder: Path) -> list[str]:
+    cells = wind_placard(done)
     write_csv(placard_table(cells), folder / "placard.csv")
     save(placard_figure(cells), folder, "placard")
     return [
@@ -112,11 +119,11 @@ def _placard(asking: Asking, folder: Path) -> list[str]:
     ]
 
 
-def _design(asking: Asking, known: Posterior, data: Path | str | None, folder: Path) -> list[str]:
-    table = next_drop(asking, known.spec, known.files, data)
+def _design(done: FlownCampaign, known: Posterior, data: Path | str | None, folder: Path) -> list[str]:
+    table = drop_ranking(done, known.spec, known.files, data)
     write_csv(table, folder / "design.csv")
     save(design_figure(table), folder, "design")
-    design = asking.campaign.tables.design
+    design = done.campaign.tables.design
     interval = design.interval if design is not None else None
     lines = []
     for _, row in table.iterrows():

@@ -32,8 +32,8 @@ Rows = NDArray[np.void]
 
 
 @dataclass(frozen=True)
-class Asking:
-    """A campaign that is asked.
+class FlownCampaign:
+    """A campaign that is flown.
 
     Attributes:
         campaign: The campaign.
@@ -55,7 +55,7 @@ class Asking:
         """A progress function of one question."""
         return lambda share, words: self.progress(name, share, words) if self.progress is not None else None
 
-    def flown(self, plan: CampaignPlan, ids: NDArray[np.int64]) -> Rows:
+    def fly(self, plan: CampaignPlan, ids: NDArray[np.int64]) -> Rows:
         """Rows of landings, by the workers."""
         parts = [ids[at : at + BATCH] for at in range(0, len(ids), BATCH)]
         made: dict[int, Rows] = {}
@@ -101,25 +101,25 @@ def _fly(part: tuple[int, NDArray[np.int64]], plan: CampaignPlan) -> Rows:
     return fly(plan, part[1])
 
 
-def drivers(asked: Asking, samples: int = 512) -> pd.DataFrame:
+def sensitivity(done: FlownCampaign, samples: int = 512) -> pd.DataFrame:
     """Shares of every limited quantity's variance, and of met or not met, by groups and by parameters.
 
     Args:
-        asked: The campaign.
-        samples: Of each base sample of the design; seven times as many landings are flown.
+        done: The campaign.
+        samples: Of each base sample of the design; seven times as many landings are done.
 
     Returns:
         Columns quantity, kind (``first``, ``total``: Sobol's shares of groups; ``shapley``: of parameters), source,
         share, standard_error (NaN where it is not known).
     """
-    asked.say("shares")(0.0, f"{7 * samples} landings")
-    rows = asked.flown(asked.plan, design(asked.plan.draws, samples))
-    names = dict.fromkeys(limit.quantity for one in asked.wanted for limit in one.limits)
+    done.say("shares")(0.0, f"{7 * samples} landings")
+    rows = done.fly(done.plan, design(done.plan.draws, samples))
+    names = dict.fromkeys(limit.quantity for one in done.wanted for limit in one.limits)
     values = {name: rows[name] for name in names}
-    values |= {f"fails: {one.name}": 1.0 - one.met(rows) for one in asked.wanted}
-    own = asked.landings.rows
-    seen = {name: own[name] for name in names} | {f"fails: {one.name}": 1.0 - one.met(own) for one in asked.wanted}
-    known = asked.landings.parameters
+    values |= {f"fails: {one.name}": 1.0 - one.met(rows) for one in done.wanted}
+    own = done.landings.rows
+    seen = {name: own[name] for name in names} | {f"fails: {one.name}": 1.0 - one.met(own) for one in done.wanted}
+    known = done.landings.parameters
     inputs = np.stack(list(known.values()), axis=1) if known else np.zeros((1, 0))
     made = []
     for name, x in values.items():
@@ -133,47 +133,47 @@ def drivers(asked: Asking, samples: int = 512) -> pd.DataFrame:
         if known:
             by = shapley(inputs[own["draw"][fine]], seen[name][fine], list(known))
             made += [(name, "shapley", source, share, np.nan) for source, share in by.items()]
-    asked.say("shares")(1.0, f"{len(rows)} landings")
+    done.say("shares")(1.0, f"{len(rows)} landings")
     return pd.DataFrame(made, columns=["quantity", "kind", "source", "share", "standard_error"])
 
 
-def rare(asked: Asking, samples: int = 1000) -> dict[str, Rare]:
+def rare_failures(done: FlownCampaign, samples: int = 1000) -> dict[str, Rare]:
     """P(a requirement is not met) by subset simulation, by name of the requirement."""
     made = {}
-    for i, one in enumerate(asked.wanted):
-        asked.say("rare")(i / len(asked.wanted), one.name)
-        made[one.name] = failure(asked.plan, one, samples)
-    asked.say("rare")(1.0, f"{len(made)} requirements")
+    for i, one in enumerate(done.wanted):
+        done.say("rare")(i / len(done.wanted), one.name)
+        made[one.name] = failure(done.plan, one, samples)
+    done.say("rare")(1.0, f"{len(made)} requirements")
     return made
 
 
-def day(asked: Asking) -> list[Cell]:
+def wind_placard(done: FlownCampaign) -> list[Cell]:
     """The cells of the campaign's ``[placard]``.
 
     Raises:
         InputError: If the campaign has no such table.
     """
-    table = asked.campaign.tables.placard
+    table = done.campaign.tables.placard
     if table is None:
-        raise InputError(Fault(str(asked.campaign.path), "no placard", "a table [placard]", "Add it."))
-    masses = table.capsule_mass or (float(np.mean(asked.plan.models[0].base.capsule.mass)),)
+        raise InputError(Fault(str(done.campaign.path), "no placard", "a table [placard]", "Add it."))
+    masses = table.capsule_mass or (float(np.mean(done.plan.models[0].base.capsule.mass)),)
     cells = PlacardPlan(table.shear, masses, table.middle, table.thickness, table.landings, table.amplitude)
 
-    def flown(plan: CampaignPlan, count: int) -> Rows:
-        return asked.flown(plan, nested(plan.draws, count))
+    def fly_draws(plan: CampaignPlan, count: int) -> Rows:
+        return done.fly(plan, nested(plan.draws, count))
 
-    made = placard(asked.plan, cells, asked.landings.requirements, flown, asked.say("placard"))
-    asked.say("placard")(1.0, f"{len(made)} cells")
+    made = placard(done.plan, cells, done.landings.requirements, fly_draws, done.say("placard"))
+    done.say("placard")(1.0, f"{len(made)} cells")
     return made
 
 
-def next_drop(asked: Asking, spec: Study, files: Files, data: Path | str | None = None) -> pd.DataFrame:
+def drop_ranking(done: FlownCampaign, spec: Study, files: Files, data: Path | str | None = None) -> pd.DataFrame:
     """Candidate drops of the campaign's ``[design]``, the most telling about the first requirement first.
 
     Where the table says ``interval``, those come first that leave least of that parameter's interval.
 
     Args:
-        asked: The campaign.
+        done: The campaign.
         spec: Study of the posterior.
         files: Of the posterior.
         data: What ``${DATA}`` stands for.
@@ -181,22 +181,22 @@ def next_drop(asked: Asking, spec: Study, files: Files, data: Path | str | None 
     Raises:
         InputError: If the campaign names no candidates, their file has faults, or no parameter has that name.
     """
-    table = asked.campaign.tables.design
+    table = done.campaign.tables.design
     if table is None:
-        raise InputError(Fault(str(asked.campaign.path), "no design", "a table [design] with candidates", "Add it."))
-    if len(asked.plan.models) > 1:
+        raise InputError(Fault(str(done.campaign.path), "no design", "a table [design] with candidates", "Add it."))
+    if len(done.plan.models) > 1:
         raise InputError(Fault("design", "a posterior that mixes models", "one model", "Fit the heaviest alone."))
-    study, wanted = candidates(asked.campaign.path.parent / table.candidates, spec, data), asked.wanted[0]
-    known = [name for name in asked.plan.models[0].names if name]
+    study, wanted = candidates(done.campaign.path.parent / table.candidates, spec, data), done.wanted[0]
+    known = [name for name in done.plan.models[0].names if name]
     if table.interval is not None and table.interval not in known:
         raise InputError(Fault("[design] interval", repr(table.interval), f"one of {', '.join(known)}"))
     with workspace(study, files) as job:
-        now, after, lost = covariances(replace(job, study=study), asked.say("design"))
+        now, after, lost = covariances(replace(job, study=study), done.say("design"))
     if not after:
         raise InputError(
             [Fault(f"candidate {name}", why, "a drop that can be linearised") for name, why in lost.items()]
         )
-    one, rows = asked.plan.models[0], asked.landings.rows
+    one, rows = done.plan.models[0], done.landings.rows
     slope = probit_slope(one.theta, rows["draw"], wanted.met(rows))
-    asked.say("design")(1.0, f"{len(after)} candidates" + (f", {len(lost)} can't be judged" if lost else ""))
+    done.say("design")(1.0, f"{len(after)} candidates" + (f", {len(lost)} can't be judged" if lost else ""))
     return ranking(slope, now, after, [name or f"parameter {i}" for i, name in enumerate(one.names)], table.interval)

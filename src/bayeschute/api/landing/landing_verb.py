@@ -18,7 +18,7 @@ from bayeschute.landing.campaign_plan import CampaignPlan, Parameters
 from bayeschute.study.job import Progress
 from bayeschute.study.landing_campaign.campaign_file import Campaign
 from bayeschute.study.landing_campaign.campaign_schema import CampaignFile
-from bayeschute.study.landing_campaign.landing_plan import asked, identity_of, plan_of
+from bayeschute.study.landing_campaign.landing_plan import identity_of, plan_of, requirements_of
 from bayeschute.study.landing_campaign.landing_rows import fly_campaign
 from bayeschute.study.schema.schema_faults import faults_of
 from bayeschute.study.schema.vehicle_schema import Vehicle
@@ -90,7 +90,7 @@ def land(
         progress: Called with a name, the share done and words.
         failed_checks: Of the posterior.
     """
-    wanted = asked(campaign)
+    wanted = requirements_of(campaign)
     rows = fly_campaign(
         plan, campaign.tables.landings, folder, identity_of(campaign, plan.models), workers, address, progress,
         stopping(wanted) if wanted else None,

@@ -32,7 +32,7 @@ def start_plan(table: StartTable) -> StartPlan:
     return StartPlan(**{name: getattr(table, name) for name in StartTable.model_fields})
 
 
-def asked(campaign: Campaign) -> tuple[Requirement, ...]:
+def requirements_of(campaign: Campaign) -> tuple[Requirement, ...]:
     """Requirements of a campaign."""
     return tuple(
         Requirement(
