@@ -66,7 +66,7 @@ def land_file(
         What was found, line by line.
 
     Raises:
-        InputError: With every fault of the campaign, before anything is done.
+        InputError: With every fault of the campaign, before anything is flown.
     """
     read, folder, wanted = load_campaign(campaign, data), Path(folder), wanted or LandingOptions()
     if wanted.landings is not None:

@@ -33,7 +33,7 @@ Rows = NDArray[np.void]
 
 @dataclass(frozen=True)
 class FlownCampaign:
-    """A campaign that is flown.
+    """A campaign that was flown, and how further landings of it are flown.
 
     Attributes:
         campaign: The campaign.
@@ -106,7 +106,7 @@ def sensitivity(done: FlownCampaign, samples: int = 512) -> pd.DataFrame:
 
     Args:
         done: The campaign.
-        samples: Of each base sample of the design; seven times as many landings are done.
+        samples: Of each base sample of the design; seven times as many landings are flown.
 
     Returns:
         Columns quantity, kind (``first``, ``total``: Sobol's shares of groups; ``shapley``: of parameters), source,
