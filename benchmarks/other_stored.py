@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import io
 import json
+import os
 import subprocess
+import sys
 import tarfile
 import tempfile
 from collections.abc import Mapping
@@ -13,7 +15,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from bayeschute.study.evidence.numerics_hash import PACKAGE, engine, engine_in_use, hash_of
+from bayeschute.study.evidence.numerics_hash import PACKAGE, engine, hash_of
 from bayeschute.study.evidence.provenance import provenance
 
 ROOT = Path(__file__).parents[1]
@@ -45,7 +47,7 @@ def made_at(commit: str, letter: str, length: str | None, date: str) -> dict[str
 
 
 def numerics_at(commit: str) -> tuple[str, str]:
-    """Hash of the numerics of a commit with the engine in use, and the commit's whole name.
+    """Hash of the numerics of a commit, as its own code tells it with the engine in use, and the commit's whole name.
 
     Args:
         commit: Its name.
@@ -54,9 +56,12 @@ def numerics_at(commit: str) -> tuple[str, str]:
         subprocess.run(["git", *words], cwd=ROOT, capture_output=True, check=True).stdout
         for words in (["rev-parse", f"{commit}^{{commit}}"], ["archive", commit, "src/bayeschute"])
     )
+    tell = "from bayeschute.study.evidence.numerics_hash import numerics; print(numerics())"
     with tempfile.TemporaryDirectory() as place, tarfile.open(fileobj=io.BytesIO(packed)) as files:
         files.extractall(place, filter="data")
-        return hash_of(Path(place) / "src/bayeschute", engine_in_use()), whole.decode().strip()
+        there = os.environ | {"PYTHONPATH": str(Path(place) / "src")}
+        told = subprocess.run([sys.executable, "-c", tell], env=there, capture_output=True, check=True).stdout
+    return told.decode().strip(), whole.decode().strip()
 
 
 def store(letter: str, folder: Path, stored: Path, commit: str | None = None) -> Path:

@@ -75,12 +75,7 @@ def engine(versions: Mapping[str, str]) -> str:
     return ", ".join(f"{name} {'.'.join(versions[name].split('.')[:2])}" for name in ENGINE)
 
 
-def engine_in_use() -> str:
-    """`engine` of the installed versions."""
-    return engine({name: version(name) for name in ENGINE})
-
-
 @cache
 def numerics() -> str:
     """Hash of the numerics in use: code, and the minor versions of the libraries that compute."""
-    return hash_of(PACKAGE, engine_in_use())
+    return hash_of(PACKAGE, engine({name: version(name) for name in ENGINE}))
