@@ -41,7 +41,9 @@ def test_the_optimum_is_the_mode_of_the_marginal_posterior(found):
     again, _ = laplace.corrected(found.marginal)
     for name in ("determinant", "bend"):
         for stored, anew in zip(getattr(found.marginal, name), getattr(again, name), strict=True):
-            np.testing.assert_allclose(stored, anew, rtol=1e-7)
+            np.testing.assert_allclose(
+                stored, anew, rtol=1e-5, atol=1e-7
+            )  # flights are sought from a little nearer now
     assert abs(slope(found.marginal)) < 0.01
     assert abs(slope(replace(found.marginal, determinant=Quadratic.none(1)))) > 0.03
 
