@@ -13,8 +13,9 @@ from pathlib import Path
 
 import pytest
 
-from bayeschute.study.evidence.identity import configuration, identity, shipped, stored, with_noise
+from bayeschute.study.evidence.identity import STORED, configuration, identity, stored, with_noise
 from bayeschute.study.evidence.numerics_hash import numerics
+from bayeschute.study.evidence.shipped import shipped
 from bayeschute.study.load import load_study
 
 ROOT = Path(__file__).parents[3]
@@ -42,7 +43,7 @@ def test_a_campaign_is_all_that_its_rows_depend_on_beside_the_seed():
     assert len({wanted, *others}) == 5
 
 
-def test_an_installed_program_finds_the_calibrations_shipped_with_it(tmp_path):
+def test_an_installed_program_finds_the_calibrations_and_comparisons_shipped_with_it(tmp_path):
     """Of the package as its wheel holds it, away from the checkout."""
     wheel = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["hatch"]["build"]["targets"]["wheel"]
     (package,) = wheel["packages"]
@@ -54,17 +55,19 @@ def test_an_installed_program_finds_the_calibrations_shipped_with_it(tmp_path):
         "import sys; from pathlib import Path; from types import SimpleNamespace\n"
         "from bayeschute.study.evidence.identity import places\n"
         "made = places(SimpleNamespace(out=Path('run'), study=SimpleNamespace(path=Path('mine/study.toml'))))\n"
-        "print(*(p for p in made if list(p.glob('latent.none.json'))))"
+        "print(*(p for p in made if list(p.glob('latent.none.json'))))\n"
+        "from bayeschute.study.evidence.numerics_compared import comparisons; print(len(comparisons()))"
     )
     environment = os.environ | {"PYTHONPATH": str(site)}
     done = subprocess.run(
         [sys.executable, "-c", program], cwd=tmp_path, env=environment, capture_output=True, text=True, check=True
     )
-    assert done.stdout.split() == [str(site / "bayeschute/reference/calibration")]
+    compared = len(list((ROOT / "models/reference/numerics").glob("*.json")))
+    assert done.stdout.split() == [str(site / "bayeschute/reference/calibration"), str(compared)]
 
 
 def test_a_checkout_finds_those_of_its_models():
-    assert shipped() == ROOT / "models/reference/calibration" and list(shipped().glob("latent.none.json"))
+    assert shipped(STORED) == ROOT / "models/reference/calibration" and list(shipped(STORED).glob("latent.none.json"))
 
 
 @pytest.fixture
@@ -106,6 +109,6 @@ def test_results_of_numerics_that_give_the_same_ones_are_current(place, tmp_path
 
 
 def test_shipped_results_without_a_hash_of_their_numerics_are_older():
-    found = stored(STUDY, False, [shipped()])
+    found = stored(STUDY, False, [shipped(STORED)])
     assert "none" not in found.current or "numerics" in found.current["none"]
     assert all("numerics" not in one or one["numerics"] != numerics() for one in found.older.values())

@@ -6,12 +6,12 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from importlib import resources
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from bayeschute.study.evidence.numerics_compared import present_numerics
 from bayeschute.study.evidence.numerics_hash import numerics
+from bayeschute.study.evidence.shipped import shipped
 from bayeschute.study.job import Job
 from bayeschute.study.study import Study, canonical, study_hash
 
@@ -88,17 +88,7 @@ def stored(study: Study, quick: bool, places: Sequence[Path]) -> Stored:
     return Stored(current, older)
 
 
-def shipped() -> Path:
-    """Folder of the calibrations that come with the program.
-
-    Data of the package where it is installed; in a checkout, and so in an editable install, ``models/reference``.
-    """
-    package = Path(str(resources.files("bayeschute")))
-    installed = package / STORED
-    return installed if installed.is_dir() else package.parents[1] / "models" / STORED
-
-
 def places(job: Job) -> list[Path]:
     """Folders that may contain calibrations: the run's, the one next to the study's folder, and the package's."""
     beside = job.study.path.resolve().parent.parent / STORED
-    return list(dict.fromkeys([job.out / "calibration", beside, shipped()]))
+    return list(dict.fromkeys([job.out / "calibration", beside, shipped(STORED)]))

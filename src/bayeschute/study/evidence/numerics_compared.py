@@ -11,13 +11,13 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from functools import cache
-from importlib import resources
 from pathlib import Path
 from typing import NamedTuple
 
 from pydantic import BaseModel, ConfigDict
 
 from bayeschute.study.evidence.numerics_hash import numerics
+from bayeschute.study.evidence.shipped import shipped
 
 STORED = Path("reference", "numerics")
 """Where a folder of models, or the package, keeps comparisons."""
@@ -98,23 +98,16 @@ class Comparison(BaseModel):
         return len({one.hash for one in told}) >= LEAST_STUDIES and all(one.same for one in told)
 
 
-def shipped() -> Path:
-    """Folder of the comparisons that come with the program; in a checkout ``models/reference/numerics``."""
-    package = Path(str(resources.files("bayeschute")))
-    installed = package / STORED
-    return installed if installed.is_dir() else package.parents[1] / "models" / STORED
-
-
 def comparisons(place: Path | None = None) -> list[Comparison]:
     """Stored comparisons.
 
     Args:
-        place: Folder; that of `shipped` where None.
+        place: Folder; that which comes with the program where None.
 
     Raises:
         pydantic.ValidationError: If a file is no comparison.
     """
-    folder = shipped() if place is None else place
+    folder = shipped(STORED) if place is None else place
     files = sorted(folder.glob("*.json"))
     return [Comparison.model_validate(json.loads(file.read_text(encoding="utf-8"))) for file in files]
 
