@@ -7,9 +7,9 @@ of the log density on some flights. So the density is compared with Laplace's ap
 
 What counts is not the error itself but what it does to means and standard deviations: points weighed by the exponential
 of their error tell (`implied`). Points are added until that is known well enough. If the corrections can be improved
-they are, by Bayesian linear regression
-(MacKay 1992): the expansion about the mode is what is expected, and how far it may be left, and how exact the values
-are, is what makes the points most probable. Its errors are those of leaving out one point after the other.
+they are, by Bayesian linear regression (MacKay 1992): the expansion about the mode is what is expected, and how far it
+may be left, and how exact the values are, is what makes the points most probable. Its errors are those of leaving out
+one point after the other.
 """
 
 from __future__ import annotations
