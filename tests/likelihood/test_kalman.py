@@ -22,12 +22,17 @@ NOISE = Noise(np.array([0.2, 0.1]), np.array([0.3, 0.4]), np.array([0.9, 2.0]))
 SCALE = np.array([0.5, 1.4])
 
 
-@jax.jit
-def run(steps, laws, noise, here, series):
+def _run(steps, laws, noise, here, series):
     """Gains, innovations, expected start and process noise of flights that nothing drives."""
     made = gains(steps, SCALE, disturbances.dynamics(WHICH, laws, DT), noise, DT, here)
     got = smooth_driven(made, Seen(series, jnp.zeros((T, X, series.shape[2]))))
     return made, innovations(made, series), got.start, got.process_noise
+
+
+@pytest.fixture(scope="module", params=["machine code", "JAX"])
+def run(request):
+    """By machine code, and as part of a compiled function, where JAX takes the passes."""
+    return _run if request.param == "machine code" else jax.jit(_run)
 
 
 def _steps(rng):
@@ -52,7 +57,7 @@ def _by(steps):
 
 
 @pytest.fixture(scope="module")
-def case(dense):
+def case(dense, run):
     """A random system with gaps, data, and what dense matrices make of them."""
     rng = np.random.default_rng(0)
     steps, series = _steps(rng), rng.standard_normal((T, C, 3))
@@ -92,7 +97,7 @@ def test_likelihood_is_the_dense_one(case, dense):
     [(1e-6, 0.3, 1.0, LAWS), (0.3, 1e-6, 1e-3, LAWS), (0.1, 0.3, 1e4, (np.array([5.0, 1e4]), LAWS[1]))],
     ids=["hardly white", "hardly correlated", "hardly changing"],
 )
-def test_likelihood_at_the_edges(case, dense, white, correlated, tau, law):
+def test_likelihood_at_the_edges(run, case, dense, white, correlated, tau, law):
     noise = Noise(np.full(2, white), np.full(2, correlated), np.full(2, tau))
     made, unit, *_ = run(case.steps, law, noise, case.here, case.series)
     times = DT * np.arange(T)
@@ -104,7 +109,7 @@ def test_likelihood_at_the_edges(case, dense, white, correlated, tau, law):
     assert ours == pytest.approx(wanted, rel=1e-8)
 
 
-def test_likelihood_of_a_full_record(case, dense):
+def test_likelihood_of_a_full_record(run, case, dense):
     here = np.ones((T, C), bool)
     made, unit, *_ = run(case.steps, LAWS, NOISE, here, case.series)
     by = dense.stack(case.by, here)
@@ -116,7 +121,7 @@ def test_likelihood_of_a_full_record(case, dense):
     assert ours == pytest.approx(wanted, rel=1e-9)
 
 
-def test_innovations_of_columns_have_the_dense_products(case):
+def test_innovations_of_columns_have_the_dense_products(run, case):
     """For any two columns, the innovations' product is that with the inverse covariance; later data change nothing."""
     flat = case.unit.reshape(-1, 3)
     np.testing.assert_allclose(flat.T @ flat, case.seen.T @ np.linalg.solve(case.total, case.seen), rtol=1e-9)
@@ -128,7 +133,7 @@ def test_innovations_of_columns_have_the_dense_products(case):
 
 
 @pytest.mark.parametrize("value", [1e6, np.nan])
-def test_missing_data_are_ignored(case, value):
+def test_missing_data_are_ignored(run, case, value):
     spoiled = np.where(case.here[..., None], case.series, value)
     _, unit, *expected = run(case.steps, LAWS, NOISE, case.here, spoiled)
     np.testing.assert_array_equal(unit, case.unit)
@@ -160,14 +165,14 @@ def test_response_is_the_dense_one(case):
     np.testing.assert_allclose(response(case.steps, start, error, theta), case.by @ columns, atol=1e-11)
 
 
-def test_nothing_seen_says_nothing(case):
+def test_nothing_seen_says_nothing(run, case):
     made, unit, start, process_noise = run(case.steps, LAWS, NOISE, np.zeros((T, C), bool), case.series)
     for a in (unit, start, process_noise):
         np.testing.assert_array_equal(a, 0.0)
     assert float(made.log_determinant) == 0.0
 
 
-def test_innovations_whiten(case, dense):
+def test_innovations_whiten(run, case, dense):
     """As a map of the data they are a root of the inverse covariance, causal and with a positive diagonal."""
     count = int(case.here.sum())
     series = np.zeros((T, C, count))
@@ -179,7 +184,7 @@ def test_innovations_whiten(case, dense):
     assert (np.diag(root) > 0.0).all()
 
 
-def test_a_disturbance_that_drives_nothing_keeps_its_prior_mean(case):
+def test_a_disturbance_that_drives_nothing_keeps_its_prior_mean(run, case):
     still = {name: np.where(np.arange(A) == 0, 0.0, getattr(case.steps, name)) for name in ("by_now", "by_then")}
     process_noise = np.asarray(run(case.steps._replace(**still), LAWS, NOISE, case.here, case.series)[3])
     np.testing.assert_allclose(process_noise[:, 0], 0.0, atol=1e-14)

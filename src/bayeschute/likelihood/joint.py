@@ -257,13 +257,26 @@ def linearise(data: FlightData, theta: Component, latent_path: LatentPath) -> Li
     return Linear(jnp.where(data.present, data.observed - y, 0.0), defects, latent_path, steps)
 
 
-def filter_gains(data: FlightData, hyper: NoiseParameters, linear: Linear) -> Gains:
-    """Covariance pass of the filter of a linearised flight."""
-    return gains(
-        linear.steps, data.start_scale, hyper.dynamics(data), hyper.outputs(data), data.dt, jnp.asarray(data.present)
-    )
+@jax.jit
+def statespace(data: FlightData, hyper: NoiseParameters) -> tuple[processes.Dynamics, Noise]:
+    """State-space model of a flight's latent processes, and its measurement noise per output."""
+    return hyper.dynamics(data), hyper.outputs(data)
 
 
+def filter_gains(data: FlightData, hyper: NoiseParameters, linear: Linear, slack: Component | None = None) -> Gains:
+    """Covariance pass of the filter of a linearised flight.
+
+    Args:
+        data: The record.
+        hyper: Noise parameters.
+        linear: The flight linearised.
+        slack: Standard deviations of the states' defects (X,); None: none are left.
+    """
+    steps, (latent, noise) = linear.without_theta().steps, statespace(data, hyper)
+    return gains(steps, data.start_scale, latent, noise, data.dt, jnp.asarray(data.present), slack)
+
+
+@jax.jit
 def as_seen(linear: Linear) -> Seen:
     """The linear model's data and their derivatives, 1 + P columns.
 
@@ -279,6 +292,7 @@ def as_seen(linear: Linear) -> Seen:
     )
 
 
+@jax.jit
 def disturbed(steps: Steps, latent_path: LatentPath) -> jax.Array:
     """Linear contribution of start and disturbances to the first state and to every step (T, X, ...)."""
     start, error = jnp.asarray(latent_path.start), jnp.asarray(latent_path.error)

@@ -9,42 +9,70 @@ section 4.5) gives the expected process noise. Cost grows linearly with the reco
 
 from __future__ import annotations
 
+from functools import partial
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from bayeschute.compiler.integrate import Steps
 from bayeschute.core.vectors import Component
 from bayeschute.likelihood.disturbances import Dynamics
+from bayeschute.likelihood.filter_code import passes
 from bayeschute.likelihood.noise import Noise
 
 
 class Gains(NamedTuple):
-    """Covariance pass of the Kalman filter: gains and innovation covariances; S states, C outputs.
+    """Covariance pass of the Kalman filter; S = X + L + C states: the flight's own, latent ones, and residual noise.
 
     Attributes:
-        transition: (T, S, S); the last one is not used.
-        output: (T, C, S), zero where data are missing.
+        by_state: Next own state by own states (T - 1, X, X).
+        by_latent: Likewise by latent states (T - 1, X, L).
+        transition: Of the latent states (L, L).
+        kept: Share of the residual noise that is left at the next sample (C,).
+        output: Outputs by own states (T, C, X), zero where data are missing.
+        seen: One where a datum exists, else zero (T, C).
         gain: (T, S, C): filtered minus predicted mean per innovation.
         root: Lower Cholesky factors of the innovations' covariances (T, C, C); one where data are missing.
         inverse: Inverses of the roots. Batched triangular solves, in jaxlib 0.10 on CPUs, never return when two run at
             once.
-        noise_gain: Effect of the next sample's process noise on the next state (T, S, L).
+        by_shock: Effect of the next sample's process noise on the next own state (T - 1, X, L).
+        noise_gain: Likewise on the latent states (L, L).
+        slack: Standard deviations of additional white process noise of the own states (X,), or None.
         start: Effect of the standardised initial deviations on the first state (S, D).
-        first: Effect of the first process noise on it (S, L).
+        first: Effect of the first process noise on it (S, W); W = L, and X more where there is slack.
         spread: Predicted covariances, rows of the flight's own states (T, X, S).
     """
 
+    by_state: Component
+    by_latent: Component
     transition: Component
+    kept: Component
     output: Component
+    seen: Component
     gain: Component
     root: Component
     inverse: Component
+    by_shock: Component
     noise_gain: Component
+    slack: Component | None
     start: Component
     first: Component
     spread: Component
+
+    def whole(self) -> tuple[jax.Array, jax.Array, jax.Array]:
+        """Transition (T, S, S), whose last one is not used, output (T, C, S) and effect of process noise (T, S, W)."""
+        (samples, c, x), size, wide = self.output.shape, len(self.transition), self.first.shape[1]
+        n, s = x + size, x + size + c
+        f = jnp.zeros((samples, s, s)).at[:, :x, :x].set(_held(self.by_state)).at[:, :x, x:n].set(_held(self.by_latent))
+        f = f.at[:, x:n, x:n].set(self.transition).at[:, n:, n:].set(jnp.diag(jnp.asarray(self.kept)))
+        g = jnp.zeros((samples, s, wide)).at[:, :x, :size].set(_held(self.by_shock))
+        g = g.at[:, x:n, :size].set(self.noise_gain)
+        if self.slack is not None:
+            g = g.at[:, :x, size:].set(jnp.diag(jnp.asarray(self.slack)))
+        h = jnp.concatenate([self.output, jnp.zeros((samples, c, size)), self.seen[:, :, None] * jnp.eye(c)], axis=2)
+        return f, h, g
 
     @property
     def log_determinant(self) -> jax.Array:
@@ -84,8 +112,11 @@ def covariances(
     dt: Component,
     here: Component,
     slack: Component | None = None,
+    score: bool = False,
 ) -> tuple[Gains, jax.Array, jax.Array]:
     """`gains`, and the filtered covariances that the gradient by the noise parameters needs.
+
+    By machine code where nothing is being traced, else by JAX.
 
     Args:
         steps: The linearised flight.
@@ -95,42 +126,70 @@ def covariances(
         dt: Sample interval [s].
         here: Which data exist (T, C).
         slack: As in `gains`.
+        score: Whether the filtered covariances are wanted, and `Gains.spread` is not: one of them may be empty.
 
     Returns:
         The gains; the columns of the latent processes of transition times filtered covariance (T, S, L); and the
         columns of the residual noise of the same (T, S, C).
     """
-    x, size, c = steps.first_start.shape[0], latent.transition.shape[0], here.shape[1]
-    total = x + size + c
-    phi = jnp.exp(-dt / jnp.asarray(noise.time_constant))
-    stationary, white = jnp.asarray(noise.correlated) ** 2, jnp.asarray(noise.white) ** 2
-    from_latent = steps.by_now @ latent.output + steps.by_then @ (latent.output @ latent.transition)
-    count = steps.by_state.shape[0]
-    f = jnp.zeros((count, total, total))
-    f = f.at[:, :x, :x].set(steps.by_state).at[:, :x, x : x + size].set(from_latent)
-    f = f.at[:, x : x + size, x : x + size].set(latent.transition).at[:, x + size :, x + size :].set(jnp.diag(phi))
-    g = jnp.zeros((count, total, size)).at[:, :x].set(steps.by_then @ (latent.output @ latent.noise_gain))
-    g = g.at[:, x : x + size].set(latent.noise_gain)
-    start = jnp.zeros((total, steps.first_start.shape[1])).at[:x].set(steps.first_start * start_scale)
-    first = jnp.zeros((total, size)).at[x : x + size].set(latent.first)
+    start, first = _beginning(steps.first_start, start_scale, latent.first, slack, here.shape[1])
+    if not passes.served(steps, start_scale, latent, noise, dt, here, slack) or not steps.by_state.shape[0]:
+        return _covariances(steps, start, first, latent, noise, dt, here, slack)
+    given = steps, np.asarray(start), np.asarray(first), latent, noise, float(dt), here, slack, score
+    made = {name: jnp.asarray(a) for name, a in passes.covariances(*given).items()}
+    none = jnp.zeros((0, *made["gain"].shape[1:]))
+    latents, noises, spread = (made.pop(name, none) for name in ("latents", "noises", "spread"))
+    fixed = (jnp.asarray(steps.by_state), latent.transition, latent.noise_gain, slack, start, first, spread)
+    names = ("by_state", "transition", "noise_gain", "slack", "start", "first", "spread")
+    return Gains(**made, **dict(zip(names, fixed, strict=True))), latents, noises
+
+
+@partial(jax.jit, static_argnums=4)
+def _beginning(
+    first_start: jax.Array, scale: Component, first_latent: jax.Array, slack: Component | None, outputs: int
+) -> tuple[jax.Array, jax.Array]:
+    """Effects of standardised initial deviations and of the first process noise on the first state."""
+    x, size = first_start.shape[0], first_latent.shape[0]
+    total = x + size + outputs
+    start = jnp.zeros((total, first_start.shape[1])).at[:x].set(first_start * scale)
+    first = jnp.zeros((total, size)).at[x : x + size].set(first_latent)
     if slack is not None:
         free = jnp.zeros((total, x)).at[:x].set(jnp.diag(jnp.asarray(slack)))
-        g = jnp.concatenate([g, jnp.broadcast_to(free, (count, *free.shape))], axis=2)
         first = jnp.concatenate([first, free], axis=1)
-    h = jnp.concatenate(
-        [steps.out_state, jnp.zeros((here.shape[0], c, size)), jnp.tile(jnp.eye(c), (len(here), 1, 1))], 2
-    )
-    h = jnp.where(here[:, :, None], h, 0.0)
-    r = jnp.where(here, white, 1.0)
+    return start, first
+
+
+@jax.jit
+def _covariances(
+    steps: Steps,
+    start: jax.Array,
+    first: jax.Array,
+    latent: Dynamics,
+    noise: Noise,
+    dt: Component,
+    here: Component,
+    slack: Component | None,
+) -> tuple[Gains, jax.Array, jax.Array]:
+    """`covariances` by JAX alone, which can be part of a compiled function."""
+    x, size, c = steps.first_start.shape[0], latent.transition.shape[0], here.shape[1]
     split = x + size
-    f, g = (jnp.concatenate([a, a[-1:]]) for a in (f, g))
+    kept = jnp.broadcast_to(jnp.exp(-dt / jnp.asarray(noise.time_constant)), (c,))
+    stationary = jnp.broadcast_to(jnp.asarray(noise.correlated) ** 2, (c,))
+    by_latent = steps.by_now @ latent.output + steps.by_then @ (latent.output @ latent.transition)
+    by_shock = steps.by_then @ (latent.output @ latent.noise_gain)
+    free = jnp.zeros(x) if slack is None else jnp.asarray(slack) ** 2
+    h, seen = jnp.where(here[:, :, None], steps.out_state, 0.0), here * 1.0
+    r = jnp.where(here, jnp.asarray(noise.white) ** 2, 1.0)
     p = start[:split] @ start[:split].T + first[:split] @ first[:split].T
 
     # Noise of the outputs moves on its own: its rows and columns are scaled, and only the rest is multiplied out.
     def step(
         parts: tuple[jax.Array, jax.Array, jax.Array], row: tuple
     ) -> tuple[tuple[jax.Array, jax.Array, jax.Array], tuple[jax.Array, ...]]:
-        (p, cross, own), (f, g, h, r, seen) = parts, row
+        (p, cross, own), (by_state, by_latent, by_shock, h, r, seen) = parts, row
+        f = jnp.zeros((split, split)).at[:x, :x].set(by_state).at[:x, x:].set(by_latent)
+        f = f.at[x:, x:].set(latent.transition)
+        g = jnp.concatenate([by_shock, latent.noise_gain])
         spread = jnp.concatenate([p[:x], cross[:x]], axis=1)
         hp = jnp.concatenate([h @ p[:x] + seen * cross.T, h @ cross[:x] + seen * own], axis=1)
         root = jnp.linalg.cholesky(hp[:, :x] @ h.T + hp[:, split:] * seen.T + jnp.diag(r))
@@ -138,16 +197,26 @@ def covariances(
         half, inverse = both[:, : split + c], both[:, split + c :]
         body, noisy = half[:, :split], half[:, split:]
         p, cross, own = p - body.T @ body, cross - body.T @ noisy, own - noisy.T @ noisy
-        moved, mixed, kept = f @ (0.5 * (p + p.T)), f @ cross, phi[:, None] * own
-        latents = jnp.concatenate([moved[:, x:], phi[:, None] * cross[x:].T])
+        moved, mixed, left = f @ (0.5 * (p + p.T)), f @ cross, kept[:, None] * own
+        latents = jnp.concatenate([moved[:, x:], kept[:, None] * cross[x:].T])
         p = moved @ f.T + g @ g.T
-        after = (p, mixed * phi, kept * phi + jnp.diag((1.0 - phi**2) * stationary))
-        return after, (half.T @ inverse, root, inverse, latents, jnp.concatenate([mixed, kept]), spread)
+        p = p.at[:x, :x].add(jnp.diag(free))
+        after = (p, mixed * kept, left * kept + jnp.diag((1.0 - kept**2) * stationary))
+        return after, (half.T @ inverse, root, inverse, latents, jnp.concatenate([mixed, left]), spread)
 
-    rows = (f[:, :split, :split], g[:, :split], h[:, :, :x], r, jnp.asarray(here)[:, :, None] * 1.0)
+    rows = (_held(steps.by_state), _held(by_latent), _held(by_shock), h, r, seen[:, :, None])
     parts = (p, jnp.zeros((split, c)), jnp.diag(stationary))
     _, (gain, root, inverse, latents, noises, spread) = jax.lax.scan(step, parts, rows)
-    return Gains(f, h, gain, root, inverse, g, start, first, spread), latents, noises
+    made = Gains(
+        steps.by_state, by_latent, latent.transition, kept, h, seen, gain, root, inverse, by_shock, latent.noise_gain,
+        slack, start, first, spread,
+    )  # fmt: skip
+    return made, latents, noises
+
+
+def _held(steps: jax.Array) -> jax.Array:
+    """Matrices by step (T - 1, ...), the last repeated, which is not used, so that there is one to every sample."""
+    return jnp.concatenate([steps, steps[-1:]])
 
 
 class Seen(NamedTuple):
@@ -186,52 +255,104 @@ class MeanCorrection(NamedTuple):
 
 def innovations(made: Gains, series: jax.Array, inputs: jax.Array | None = None) -> jax.Array:
     """Standardised innovations (T, C, ...) of series (T, C, ...): data, or columns of derivatives; see `Seen`."""
-    return forward(made, series, inputs)[0]
+    return forward(made, series, inputs, 0)[0]
 
 
-def forward(made: Gains, series: jax.Array, inputs: jax.Array | None = None) -> tuple[jax.Array, jax.Array, jax.Array]:
+def forward(
+    made: Gains, series: jax.Array, inputs: jax.Array | None = None, told: int | None = None
+) -> tuple[jax.Array, jax.Array, jax.Array]:
     """The filter's means along series (T, C, ...), whose trailing axes become one, M.
+
+    By machine code where nothing is being traced, else by JAX; so does `backward`.
 
     Args:
         made: The filter.
         series: Data, or columns of derivatives.
-        inputs: Known inputs to the flight's states (T, X, M): to the first state, then to every
-            step. None: no inputs.
+        inputs: Known inputs to the first states, the flight's own or all of them (T, K, M): to the first state, then to
+            every step. None: no inputs.
+        told: Of how many states the predicted means are returned, from the first on; None: of all.
 
     Returns:
-        Standardised innovations (T, C, ...), ``S^-1`` times the innovations (T, C, M), filtered means (T, S, M).
+        Standardised innovations (T, C, ...), ``S^-1`` times the innovations (T, C, M), predicted means (T, told, M).
     """
+    count = made.first.shape[0] if told is None else told
     wide = series.reshape(*series.shape[:2], -1)
+    if passes.served(made, series, inputs) and made.by_state.shape[0]:
+        unit, weighted, predicted = passes.forward(made, wide, inputs, count)
+    else:
+        unit, weighted, predicted = _forward(made, wide, inputs, count)
+    return unit.reshape(series.shape), weighted, predicted
+
+
+@partial(jax.jit, static_argnums=3)
+def _forward(made: Gains, wide: jax.Array, inputs: jax.Array | None, told: int) -> tuple[jax.Array, ...]:
+    """`forward` by JAX alone."""
+    x, n = made.output.shape[2], made.output.shape[2] + len(made.transition)
+    kept, seen = jnp.asarray(made.kept)[:, None], made.seen[:, :, None]
 
     def step(mean: jax.Array, row: tuple) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
-        f, h, gain, z, by = row
+        by_state, by_latent, h, seen, gain, z, by = row
         if by is not None:
             mean = mean.at[: by.shape[0]].add(by)
-        v = z - h @ mean
+        v = z - h @ mean[:x] - seen * mean[n:]
         filtered = mean + gain @ v
-        return f @ filtered, (v, filtered)
+        own, latent, noise = filtered[:x], filtered[x:n], filtered[n:]
+        after = jnp.concatenate([by_state @ own + by_latent @ latent, made.transition @ latent, kept * noise])
+        return after, (v, mean[:told])
 
-    here = jnp.any(made.output != 0.0, axis=2)[:, :, None]
-    rows = (made.transition, made.output, made.gain, jnp.where(here, wide, 0.0), inputs)
-    _, (v, filtered) = jax.lax.scan(step, jnp.zeros((made.first.shape[0], wide.shape[2])), rows)
+    z = jnp.where(seen > 0.0, wide, 0.0)
+    rows = (_held(made.by_state), _held(made.by_latent), made.output, seen, made.gain, z, inputs)
+    _, (v, predicted) = jax.lax.scan(step, jnp.zeros((made.first.shape[0], wide.shape[2])), rows)
     unit = made.inverse @ v
-    weighted = jnp.swapaxes(made.inverse, 1, 2) @ unit
-    return unit.reshape(series.shape), weighted, filtered
+    return unit, jnp.swapaxes(made.inverse, 1, 2) @ unit, predicted
 
 
-def backward(made: Gains, weighted: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Smoothed initial deviations (D, M), process noise (T, L, M), and the smoother's adjoint vectors (T, S, M)."""
+def backward(made: Gains, weighted: jax.Array, predicted: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """The smoother: expected standardised initial deviations (D, M), process noise (T, W, M), and own states (T, X, M).
+
+    Args:
+        made: The filter.
+        weighted: ``S^-1`` times the innovations (T, C, M).
+        predicted: Predicted means of the flight's own states (T, X, M).
+    """
+    if passes.served(made, weighted, predicted) and made.by_state.shape[0]:
+        adjoint, process_noise, states = passes.backward(made, weighted, predicted)
+    else:
+        adjoint, process_noise, states = _backward(made, weighted, predicted)
+    return *_unknowns(made.start, made.first, adjoint, process_noise), states
+
+
+@jax.jit
+def _unknowns(
+    start: jax.Array, first: jax.Array, adjoint: jax.Array, process_noise: jax.Array
+) -> tuple[jax.Array, jax.Array]:
+    return start.T @ adjoint, process_noise.at[0].set(first.T @ adjoint)
+
+
+@jax.jit
+def _backward(made: Gains, weighted: jax.Array, predicted: jax.Array) -> tuple[jax.Array, ...]:
+    """`backward` by JAX alone: adjoint vectors of the first sample, process noise but the first, and states."""
+    x, n = made.output.shape[2], made.output.shape[2] + len(made.transition)
+    transition, noise_gain = jnp.asarray(made.transition), jnp.asarray(made.noise_gain)
+    kept = jnp.asarray(made.kept)[:, None]
 
     def step(r: jax.Array, row: tuple) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
-        f, h, gain, g, v = row
-        back = f.T @ r
-        before = back + h.T @ (v - gain.T @ back)
-        return before, (g.T @ r, before)
+        by_state, by_latent, by_shock, h, seen, gain, spread, v, mean = row
+        own, latent, noise = r[:x], r[x:n], r[n:]
+        shocks = by_shock.T @ own + noise_gain.T @ latent
+        if made.slack is not None:
+            shocks = jnp.concatenate([shocks, jnp.asarray(made.slack)[:, None] * own])
+        back = jnp.concatenate([by_state.T @ own, by_latent.T @ own + transition.T @ latent, kept * noise])
+        e = v - gain.T @ back
+        before = back.at[:x].add(h.T @ e).at[n:].add(seen * e)
+        return before, (shocks, mean + spread @ before)
 
-    rows = (made.transition, made.output, made.gain, made.noise_gain, weighted)
-    zero = jnp.zeros((made.first.shape[0], weighted.shape[2]))
-    r, (process_noise, vectors) = jax.lax.scan(step, zero, rows, reverse=True)
-    return made.start.T @ r, jnp.concatenate([(made.first.T @ r)[None], process_noise[:-1]]), vectors
+    steps = (_held(a) for a in (made.by_state, made.by_latent, made.by_shock))
+    rows = (*steps, made.output, made.seen[:, :, None], made.gain, made.spread, weighted, predicted)
+    adjoint, (after, states) = jax.lax.scan(
+        step, jnp.zeros((made.first.shape[0], weighted.shape[2])), rows, reverse=True
+    )
+    return adjoint, jnp.concatenate([after[:1], after[:-1]]), states
 
 
 class Smoothed(NamedTuple):
@@ -240,7 +361,7 @@ class Smoothed(NamedTuple):
     Attributes:
         innovations: Standardised (T, C, M).
         start: Expected standardised initial deviations (D, M).
-        process_noise: Likewise of the process noise (T, L, M).
+        process_noise: Likewise of the process noise (T, W, M).
         states: Likewise of the flight's own states (T, X, M).
     """
 
@@ -252,10 +373,8 @@ class Smoothed(NamedTuple):
 
 def smooth_driven(made: Gains, seen: Seen) -> Smoothed:
     """Filter and smoother of a flight with known inputs to its states."""
-    unit, weighted, filtered = forward(made, *seen)
-    start, process_noise, vectors = backward(made, weighted)
-    predicted = filtered - made.gain @ (made.root @ unit)
-    return Smoothed(unit, start, process_noise, predicted[:, : seen.inputs.shape[1]] + made.spread @ vectors)
+    unit, weighted, predicted = forward(made, seen.series, seen.inputs, made.output.shape[2])
+    return Smoothed(unit, *backward(made, weighted, predicted))
 
 
 def response(steps: Steps, start: jax.Array, disturbance: jax.Array, theta: jax.Array) -> jax.Array:

@@ -21,7 +21,7 @@ from jax.flatten_util import ravel_pytree
 from numpy.typing import NDArray
 
 from bayeschute.core.vectors import Component
-from bayeschute.likelihood.joint import FlightData, Linear, NoiseParameters
+from bayeschute.likelihood.joint import FlightData, Linear, NoiseParameters, statespace
 from bayeschute.likelihood.kalman import Gains, Seen, covariances, forward
 
 Array = NDArray[np.float64]
@@ -52,11 +52,11 @@ class Pass(NamedTuple):
 
     Attributes:
         gains: The filter.
-        latents: From `statespace.covariances`.
+        latents: From `kalman.covariances`.
         noises: Likewise.
         unit: Standardised innovations (T, C, M).
         weighted: ``S^-1`` times the innovations (T, C, M).
-        filtered: Filtered means (T, S, M).
+        predicted: Predicted means (T, S, M).
     """
 
     gains: Gains
@@ -64,7 +64,7 @@ class Pass(NamedTuple):
     noises: jax.Array
     unit: jax.Array
     weighted: jax.Array
-    filtered: jax.Array
+    predicted: jax.Array
 
 
 def to_vector(hyper: NoiseParameters) -> Array:
@@ -72,6 +72,7 @@ def to_vector(hyper: NoiseParameters) -> Array:
     return np.asarray(ravel_pytree(jax.tree.map(lambda a: jnp.log(jnp.asarray(a, float)), hyper))[0])
 
 
+@jax.jit
 def from_vector(vector: Component, like: NoiseParameters) -> NoiseParameters:
     """The inverse of `to_vector`, in the form of another set of noise parameters."""
     unravel = ravel_pytree(jax.tree.map(lambda a: jnp.asarray(a, float), like))[1]
@@ -87,11 +88,13 @@ def parts(flight: FlightData, hyper: NoiseParameters) -> Parts:
 
 def run(flight: FlightData, hyper: NoiseParameters, linear: Linear, seen: Seen) -> Pass:
     """Run a linearised flight's filter."""
-    dynamics, noise = hyper.dynamics(flight), hyper.outputs(flight)
-    made = covariances(linear.steps, flight.start_scale, dynamics, noise, flight.dt, jnp.asarray(flight.present))
-    return Pass(*made, *forward(made[0], *seen))
+    steps, (latent, noise) = linear.without_theta().steps, statespace(flight, hyper)
+    here = jnp.asarray(flight.present)
+    made, latents, noises = covariances(steps, flight.start_scale, latent, noise, flight.dt, here, score=True)
+    return Pass(made, latents, noises, *forward(made, *seen))
 
 
+@jax.jit
 def slope(flight: FlightData, hyper: NoiseParameters, linear: Linear, done: Pass, mix: jax.Array) -> Parts:
     """Derivatives of ``1/2 |innovations of series @ mix|^2 + log det`` of a flight by `Parts`.
 
@@ -107,13 +110,14 @@ def slope(flight: FlightData, hyper: NoiseParameters, linear: Linear, done: Pass
     """
     made, given, dynamics = done.gains, parts(flight, hyper), hyper.dynamics(flight)
     size, c = dynamics.transition.shape[0], given.kept.shape[0]
-    split = made.transition.shape[1] - c
-    x, phi, seen = split - size, given.kept, jnp.asarray(flight.present) * 1.0
+    x = made.output.shape[2]
+    split, phi, seen = x + size, given.kept, jnp.asarray(flight.present) * 1.0
     # Processes enter the simulation's states by `way`: there the transition has ``.. + way @ transition``, the noise
     # ``way @ shock``.
     way = jnp.swapaxes(linear.steps.by_then @ dynamics.output, 1, 2)
     way = jnp.concatenate([way, 0.0 * way[-1:]])
-    weighted, means = done.weighted @ mix, done.filtered[:, x:] @ mix
+    filtered = done.predicted[:, x:] + made.gain[:, x:] @ (made.root @ done.unit)
+    weighted, means = done.weighted @ mix, filtered @ mix
     inverse = jnp.swapaxes(made.inverse, 1, 2) @ made.inverse - weighted @ jnp.swapaxes(weighted, 1, 2)
 
     # The recursion of z = N - r r' itself: with w = S^-1 v, u = L' r, it gains H' (S^-1 - w w') H - H' w u' - u w' H.
@@ -121,7 +125,9 @@ def slope(flight: FlightData, hyper: NoiseParameters, linear: Linear, done: Pass
     # that doubles within a sample makes the gradient worthless.
     def step(later: tuple[jax.Array, jax.Array], row: tuple) -> tuple[tuple[jax.Array, jax.Array], tuple]:
         r, z = later
-        f, h, here, gain, inverse, w, latents, noises, mean, way = row
+        by_state, by_latent, h, here, gain, inverse, w, latents, noises, mean, way = row
+        f = jnp.zeros((split, split)).at[:x, :x].set(by_state).at[:x, x:].set(by_latent)
+        f = f.at[x:, x:].set(made.transition)
         by_way, way_r = way @ z[:x] + z[x:split], way @ r[:x] + r[x:split]
         kept = jnp.sum(z[split:] * noises.T, axis=1) - jnp.sum(r[split:] * mean[size:], axis=1)
         latent = by_way @ latents - way_r @ mean[:size].T
@@ -143,8 +149,8 @@ def slope(flight: FlightData, hyper: NoiseParameters, linear: Linear, done: Pass
         r = back + jnp.concatenate([h.T @ e, jnp.zeros((size, e.shape[1])), here[:, None] * e])
         return (r, z + (half + half.T)), (latent, noise_gain, kept, drift, white)
 
-    filtered = (made.transition[:, :split, :split], made.output[:, :, :x], seen, made.gain, inverse)
-    rows = (*filtered, weighted, done.latents, done.noises, means, way)
+    held = (jnp.concatenate([a, a[-1:]]) for a in (made.by_state, made.by_latent))
+    rows = (*held, made.output, seen, made.gain, inverse, weighted, done.latents, done.noises, means, way)
     zero = (jnp.zeros((split + c, mix.shape[1])), jnp.zeros((split + c, split + c)))
     (r, z), made_of = jax.lax.scan(step, zero, rows, reverse=True)
     latent, process_noise, kept, drift, white = (jnp.sum(a, axis=0) for a in made_of)
@@ -158,12 +164,12 @@ def slope(flight: FlightData, hyper: NoiseParameters, linear: Linear, done: Pass
     )
 
 
+@jax.jit
 def pull(flight: FlightData, vector: jax.Array, like: NoiseParameters, by: Parts) -> jax.Array:
     """Derivatives by the logarithms of the noise parameters (V,) from those by a flight's `Parts`."""
     return jax.vjp(lambda v: parts(flight, from_vector(v, like)), vector)[1](by)[0]
 
 
-@jax.jit
 def conditional_score(
     vector: jax.Array, like: NoiseParameters, flight: FlightData, linear: Linear, seen: Seen
 ) -> jax.Array:
@@ -181,7 +187,6 @@ def conditional_score(
     return pull(flight, vector, like, slope(flight, hyper, linear, done, jnp.eye(1)))
 
 
-@jax.jit
 def evidence_score(
     vector: jax.Array,
     median: NoiseParameters,
@@ -209,19 +214,25 @@ def evidence_score(
         The value and its gradient (V,).
     """
     hyper = from_vector(vector, median)
-    off = (vector - ravel_pytree(jax.tree.map(jnp.log, median))[0]) / log_sd
-    value, matrix, passes = 0.5 * off @ off, prior_precision, []
-    for flight, lin, data in zip(flights, linear, seen, strict=True):
-        done = run(flight, hyper, lin, data)
-        unit = done.unit.reshape(-1, data.series.shape[2])
-        value = value + 0.5 * unit[:, 0] @ unit[:, 0] + done.gains.log_determinant
-        matrix = matrix + unit[:, 1:].T @ unit[:, 1:]
-        passes.append(done)
-    root = jnp.linalg.cholesky(matrix)
-    value = value + jnp.sum(jnp.log(jnp.diagonal(root)))
-    spread = jax.scipy.linalg.solve_triangular(root, jnp.eye(len(root)), lower=True).T
-    mix = jax.scipy.linalg.block_diag(jnp.eye(1), spread)
-    gradient = off / log_sd
+    passes = [run(flight, hyper, lin, data) for flight, lin, data in zip(flights, linear, seen, strict=True)]
+    value, mix, gradient = _collected(vector, median, log_sd, tuple(passes), prior_precision)
     for flight, lin, done in zip(flights, linear, passes, strict=True):
         gradient = gradient + pull(flight, vector, median, slope(flight, hyper, lin, done, mix))
     return value, gradient
+
+
+@jax.jit
+def _collected(
+    vector: jax.Array, median: NoiseParameters, log_sd: float, passes: tuple[Pass, ...], prior_precision: jax.Array
+) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """Minus the log evidence, the series whose squares are its gradient (1 + P, 1 + P), and that of the prior (V,)."""
+    off = (vector - ravel_pytree(jax.tree.map(jnp.log, median))[0]) / log_sd
+    value, matrix = 0.5 * off @ off, prior_precision
+    for done in passes:
+        unit = done.unit.reshape(-1, done.unit.shape[2])
+        value = value + 0.5 * unit[:, 0] @ unit[:, 0] + done.gains.log_determinant
+        matrix = matrix + unit[:, 1:].T @ unit[:, 1:]
+    root = jnp.linalg.cholesky(matrix)
+    value = value + jnp.sum(jnp.log(jnp.diagonal(root)))
+    spread = jax.scipy.linalg.solve_triangular(root, jnp.eye(len(root)), lower=True).T
+    return value, jax.scipy.linalg.block_diag(jnp.eye(1), spread), off / log_sd

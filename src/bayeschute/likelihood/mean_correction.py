@@ -87,7 +87,6 @@ def mean(
     raise FloatingPointError("steps under most drawn disturbances about the optimum fail")
 
 
-@jax.jit
 def slope(linear: Linear, made: Gains, mean_correction: MeanCorrection) -> jax.Array:
     """Contribution of the correction to the gradient of minus the log density by theta (P,), at the linearisation."""
     seen = as_seen(linear)

@@ -41,7 +41,6 @@ def normals(flight: FlightData, draws: int, rng: np.random.Generator) -> Normals
     return Normals(*(rng.standard_normal((*shape, draws)) for shape in shapes))
 
 
-@jax.jit
 def drawn(flight: FlightData, hyper: NoiseParameters, made: Gains, seen: Seen, z: Normals) -> Drawn:
     """Draw of the unknowns of the linear model given its data.
 
@@ -52,37 +51,22 @@ def drawn(flight: FlightData, hyper: NoiseParameters, made: Gains, seen: Seen, z
         seen: Data relative to a trajectory, one column per draw.
         z: From `normals`; zeros give the smoothed unknowns.
     """
-    unit, weighted, filtered = forward(made, *seen)
-    off, of_draw = _prediction_errors(flight, hyper, made, z)
-    start, process_noise, vectors = backward(made, weighted - of_draw)
-    predicted = filtered - made.gain @ (made.root @ unit) + off
-    states = predicted[:, : seen.inputs.shape[1]] + made.spread @ vectors
+    series, inputs = _less_draw(flight, hyper, made, seen, z)
+    _, weighted, predicted = forward(made, series, inputs, seen.inputs.shape[1])
+    start, process_noise, states = backward(made, weighted, predicted)
     return Drawn(Unknowns(start + z.start, process_noise + z.process_noise), states)
 
 
-def _prediction_errors(
-    flight: FlightData, hyper: NoiseParameters, made: Gains, z: Normals
-) -> tuple[jax.Array, jax.Array]:
-    """By how much a draw runs from its prediction (T, S, B), and its innovations times their inverse covariance."""
+@jax.jit
+def _less_draw(flight: FlightData, hyper: NoiseParameters, made: Gains, seen: Seen, z: Normals) -> Seen:
+    """Data less those of a draw, and inputs to all states with which predicted means are those of data and draw."""
     noise, many = hyper.outputs(flight), z.start.shape[1]
-    count, size = made.output.shape[1:]
+    states, count = made.first.shape[0], seen.series.shape[1]
     phi, sd = (jnp.asarray(a)[:, None] for a in (jnp.exp(-flight.dt / noise.time_constant), noise.correlated))
-    white = jnp.asarray(noise.white)[:, None] * z.white
-    rows = jnp.asarray(flight.present)[..., None]
-    noisy = jnp.zeros((len(rows), size, many))
-    noisy = (
-        noisy.at[:, size - count :]
-        .set(sd * jnp.sqrt(1.0 - phi**2) * z.drift)
-        .at[0, size - count :]
-        .set(sd * z.drift[0])
-    )
-
-    def step(off: jax.Array, row: tuple) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
-        f, h, gain, inverse, g, e, here, white_noise, drift = row
-        v = jnp.where(here, h @ off + e, 0.0)
-        return f @ (off - gain @ v) + g @ white_noise + drift, (off, inverse.T @ (inverse @ v))
-
-    first = made.start @ z.start + made.first @ z.process_noise[0] + noisy[0]
-    after = (jnp.concatenate([a[1:], a[:1]]) for a in (z.process_noise, noisy))  # the last is not used
-    parts = (made.transition, made.output, made.gain, made.inverse, made.noise_gain, white, rows, *after)
-    return jax.lax.scan(step, first, parts)[1]
+    drift = (sd * jnp.sqrt(1.0 - phi**2) * z.drift).at[0].set(sd * z.drift[0])
+    shocks = jnp.asarray(z.process_noise)
+    moved = jnp.concatenate([made.by_shock @ shocks[1:], jnp.asarray(made.noise_gain) @ shocks[1:]], axis=1)
+    inputs = jnp.zeros((len(shocks), states, many)).at[1:, : moved.shape[1]].set(moved)
+    inputs = inputs.at[0].set(made.start @ z.start + made.first @ shocks[0])
+    inputs = inputs.at[:, states - count :].add(drift).at[:, : seen.inputs.shape[1]].add(seen.inputs)
+    return Seen(seen.series - jnp.asarray(noise.white)[:, None] * z.white, inputs)

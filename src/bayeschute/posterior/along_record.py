@@ -22,8 +22,18 @@ from numpy.typing import NDArray
 
 from bayeschute.core.vectors import Component
 from bayeschute.likelihood.disturbances import disturbances
-from bayeschute.likelihood.joint import FlightData, Lifted, Linear, NoiseParameters, Unknowns, as_seen, linearise, moved
-from bayeschute.likelihood.kalman import Gains, Seen, gains, smooth_driven
+from bayeschute.likelihood.joint import (
+    FlightData,
+    Lifted,
+    Linear,
+    NoiseParameters,
+    Unknowns,
+    as_seen,
+    filter_gains,
+    linearise,
+    moved,
+)
+from bayeschute.likelihood.kalman import Gains, Seen, smooth_driven
 from bayeschute.likelihood.noise import whiten
 from bayeschute.likelihood.priors import Prior, precision, standard, working
 from bayeschute.posterior.quasi_newton import secant_step
@@ -171,7 +181,6 @@ def terms(flight: FlightData, hyper: NoiseParameters, slack: Component, at: Lift
     return Terms(data, 0.5 * jnp.sum(defect**2), jnp.sum(sizes), jnp.max(sizes))
 
 
-@jax.jit
 def solve(flight: FlightData, hyper: NoiseParameters, slack: Component | None, made: Linear) -> tuple[Solved, Gains]:
     """Solve the linear problem of a flight for trajectory, start and process noise.
 
@@ -184,12 +193,20 @@ def solve(flight: FlightData, hyper: NoiseParameters, slack: Component | None, m
     Returns:
         The solution, and the filter, which is as large as the linearised flight.
     """
-    dynamics, noise = hyper.dynamics(flight), hyper.outputs(flight)
-    filtered = gains(made.steps, flight.start_scale, dynamics, noise, flight.dt, jnp.asarray(flight.present), slack)
+    filtered = filter_gains(flight, hyper, made, slack)
     got = smooth_driven(filtered, as_seen(made))
-    unit = got.innovations.reshape(-1, got.start.shape[1])
     process_noise = got.process_noise[:, : flight.latent.size]
-    return Solved(unit.T @ unit, got.start, process_noise, got.states, filtered.log_determinant), filtered
+    return Solved(_gram(got.innovations), got.start, process_noise, got.states, _log_determinant(filtered)), filtered
+
+
+@jax.jit
+def _gram(unit: jax.Array) -> jax.Array:
+    """Products of columns of innovations (T, C, M)."""
+    flat = unit.reshape(-1, unit.shape[2])
+    return flat.T @ flat
+
+
+_log_determinant = jax.jit(lambda made: made.log_determinant)
 
 
 @jax.jit
@@ -201,7 +218,6 @@ def led(flight: FlightData, hyper: NoiseParameters, at: Lifted, solved: Solved, 
     return Lifted(Unknowns(start, process_noise), disturbances(hyper.dynamics(flight), process_noise), at.path + away)
 
 
-@jax.jit
 def closed(flight: FlightData, hyper: NoiseParameters, at: Lifted, made: Linear) -> Lifted:
     """A trajectory whose defects are closed in the linear problem, by the most probable change of the unknowns.
 
@@ -213,11 +229,15 @@ def closed(flight: FlightData, hyper: NoiseParameters, at: Lifted, made: Linear)
         at: The path.
         made: The flight linearised along it.
     """
-    dynamics, noise = hyper.dynamics(flight), hyper.outputs(flight)
-    filtered = gains(made.steps, flight.start_scale, dynamics, noise, flight.dt, jnp.asarray(flight.present))
+    filtered = filter_gains(flight, hyper, made)
     got = smooth_driven(filtered, Seen(jnp.zeros_like(made.residual)[..., None], made.defects[..., None]))
     unknowns = Unknowns(at.unknowns.start + got.start[:, 0], at.unknowns.process_noise + got.process_noise[..., 0])
-    return Lifted(unknowns, disturbances(dynamics, unknowns.process_noise), at.path + got.states[..., 0])
+    return Lifted(unknowns, _disturbances(flight, hyper, unknowns), at.path + got.states[..., 0])
+
+
+@jax.jit
+def _disturbances(flight: FlightData, hyper: NoiseParameters, unknowns: Unknowns) -> jax.Array:
+    return disturbances(hyper.dynamics(flight), unknowns.process_noise)
 
 
 @jax.jit

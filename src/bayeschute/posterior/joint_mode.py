@@ -95,7 +95,6 @@ class Conditional(NamedTuple):
     gains: Gains
 
 
-@jax.jit
 def conditional(data: FlightData, hyper: NoiseParameters, linear: Linear) -> Conditional:
     """Eliminate start and process noise of a linearised flight."""
     made = filter_gains(data, hyper, linear)

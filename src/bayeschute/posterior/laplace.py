@@ -71,7 +71,6 @@ class Laplace(NamedTuple):
     roots: tuple[Array, ...]
 
 
-@jax.jit
 def _squares(made: Gains, linear: Linear, mean_correction: MeanCorrection) -> jax.Array:
     """Half the squares of innovations."""
     unit = innovations(made, *as_seen(linear).less(mean_correction))

@@ -134,7 +134,6 @@ class Marginal:
         return self.centre.reshape(-1, *(1,) * rank) + jnp.tensordot(self.scale, xi, axes=1)
 
 
-@jax.jit
 def _about(flight: FlightData, hyper: NoiseParameters, linear: Linear) -> tuple[Lifted, jax.Array, Gains]:
     """Derivatives of the conditional optimum, those of `Linearisation.known`, and the filter."""
     given = conditional(flight, hyper, linear)
@@ -151,7 +150,7 @@ def _along(flight: FlightData, hyper: NoiseParameters, theta: Array, at: Lifted,
     mean, lost = mean_correction.mean(flight, hyper, made, theta, linear.latent_path)
     rough, _ = mean_correction.mean(flight, hyper, made, theta, linear.latent_path, rough=True)
     known = disturbed(linear.steps, linear.latent_path)
-    unit = _innovations(made, *as_seen(linear).less(mean))
+    unit = innovations(made, *as_seen(linear).less(mean))
     return Linearisation(at, slope, aside, known, known_slope, mean, rough, lost, linear, made, unit)
 
 
@@ -225,10 +224,6 @@ def out_of_range(along: Linearisation, unit: jax.Array, shift: jax.Array, xi: ja
     return jnp.where(inside, 0.0, jnp.sqrt(_PRICE * jnp.where(inside, 1.0, excess)))
 
 
-_innovations = jax.jit(innovations)
-_gains = jax.jit(filter_gains)
-
-
 def linear_residuals(marginal: Marginal, xi: Component) -> tuple[jax.Array, jax.Array]:
     """Residuals of the linear models at standard coordinates (P, B), and the penalty outside their range of validity.
 
@@ -238,7 +233,7 @@ def linear_residuals(marginal: Marginal, xi: Component) -> tuple[jax.Array, jax.
     theta, shift = shifted(marginal, xi)
     rows, prices = [], []
     for flight, along in zip(marginal.flights, marginal.along, strict=True):
-        unit = _innovations(along.gains, *_seen(flight, along, theta, shift))
+        unit = innovations(along.gains, *_seen(flight, along, theta, shift))
         rows.append(unit.reshape(-1, xi.shape[1]))
         prices.append(out_of_range(along, unit, shift, jnp.asarray(xi)))
     away = theta - jnp.asarray(marginal.prior_centre)[:, None]
@@ -263,7 +258,7 @@ def one_step_errors(marginal: Marginal, xi: Component) -> tuple[jax.Array, ...]:
     """
     theta, shift = shifted(marginal, xi)
     pairs = zip(marginal.flights, marginal.along, strict=True)
-    return tuple(_innovations(a.gains, *_seen(f, a, theta, shift)) for f, a in pairs)
+    return tuple(innovations(a.gains, *_seen(f, a, theta, shift)) for f, a in pairs)
 
 
 def sample_log_likelihoods(marginal: Marginal, xi: Component) -> tuple[jax.Array, ...]:
@@ -322,7 +317,7 @@ def draw_flights(
     theta, shift = shifted(marginal, xi)
     noise_parameters, found = hyper or marginal.hyper, []
     for flight, along, z in zip(marginal.flights, marginal.along, numbers, strict=True):
-        made = along.gains if hyper is None else _gains(flight, hyper, along.linear)
+        made = along.gains if hyper is None else filter_gains(flight, hyper, along.linear)
         aside, _, aside_path = jax.tree.map(lambda a: jnp.tensordot(a, shift, axes=1), along.aside)
         latent_path = latent_path_at(flight, along, shift)
         free, away = drawn(

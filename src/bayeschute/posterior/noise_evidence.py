@@ -64,10 +64,12 @@ def function_of(
     seen = tuple(_seen(lin) for lin in linear)
     if mean_corrections is not None:
         seen = tuple(s.less(mean_correction) for s, mean_correction in zip(seen, mean_corrections, strict=True))
-    fixed = (median, prior.log_sd, tuple(flights), tuple(linear), seen, precision(priors))
+    before = jnp.asarray(precision(priors))
 
     def objective(vector: Array) -> tuple[float, Array]:
-        value, gradient = evidence_score(jnp.asarray(vector), *fixed)
+        value, gradient = evidence_score(
+            jnp.asarray(vector), median, prior.log_sd, tuple(flights), tuple(linear), seen, before
+        )
         if not np.isfinite(value):
             return 1e300, np.zeros_like(vector)
         return float(value), np.asarray(gradient)

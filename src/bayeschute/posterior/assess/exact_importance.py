@@ -170,7 +170,7 @@ class Model(NamedTuple):
 @jax.jit
 def _model(flight: FlightData, hyper: NoiseParameters, linear: Linear) -> Model:
     made = filter_gains(flight, hyper, linear)  # its covariances are not used, so XLA leaves them out
-    return Model(made.transition, made.output, made.noise_gain, made.start, made.first)
+    return Model(*made.whole(), made.start, made.first)
 
 
 @jax.jit
@@ -213,10 +213,6 @@ def cross_determinant(
 @jax.jit
 def _centre(flight: FlightData, hyper: NoiseParameters, linear: Linear) -> Unknowns:
     return conditional(flight, hyper, linear).optimum
-
-
-_gains = jax.jit(filter_gains)
-_squares = jax.jit(lambda made, seen: jnp.sum(innovations(made, *seen) ** 2, axis=(0, 1)))
 
 
 def _seen(flight: FlightData, linear: Linear, theta: jax.Array, latent_path: LatentPath) -> Seen:
@@ -263,7 +259,7 @@ def estimates(
     """
     centre = _centre(flight, hyper, linearise(flight, theta, near))
     best = linearise(flight, theta, latent_path_of(flight, hyper, centre))
-    made, many = _gains(flight, hyper, best), np.shape(numbers.start)[1]
+    made, many = filter_gains(flight, hyper, best), np.shape(numbers.start)[1]
     wide = jnp.repeat(jnp.asarray(theta)[:, None], many, axis=1)
     middle = Seen(*(jnp.repeat(a, many, axis=2) for a in as_seen(best).column(0)))
     unknowns = drawn(flight, hyper, made, middle, numbers).unknowns
@@ -276,7 +272,7 @@ def estimates(
     latent_path = latent_path_of(flight, hyper, unknowns)
     seen = _seen(flight, best, wide, latent_path)
     constant = float(made.log_determinant) - 0.5 * np.log(2.0 * np.pi) * np.sum(flight.present)
-    value = constant - 0.5 * np.asarray(_squares(made, seen))
+    value = constant - 0.5 * np.sum(np.asarray(innovations(made, *seen)) ** 2, axis=(0, 1))
     folded, there = np.zeros(many, bool), _model(flight, hyper, best)
     for i in np.flatnonzero(np.isfinite(value)):
         linear = linearise(flight, theta, LatentPath(latent_path.start[:, i], latent_path.error[..., i]))

@@ -65,9 +65,6 @@ def _unit(along: Linearisation) -> jax.Array:
     return innovations(along.gains, *as_seen(along.linear).less(along.mean_correction))
 
 
-_gains = jax.jit(filter_gains)
-
-
 def terms(marginal: Marginal, step: float = 1.0) -> list[Terms]:
     """Contributions of the samples of every flight to the log density.
 
@@ -85,7 +82,7 @@ def terms(marginal: Marginal, step: float = 1.0) -> list[Terms]:
         found = []
         for flight, along in zip(marginal.flights, marginal.along, strict=True):
             linear = linearise(flight, theta, latent_path_at(flight, along, shift))
-            found.append(np.asarray(_by_sample(flight, _gains(flight, marginal.hyper, linear))))
+            found.append(np.asarray(_by_sample(flight, filter_gains(flight, marginal.hyper, linear))))
         return np.concatenate(found)
 
     with ThreadPoolExecutor(processors()) as pool:
