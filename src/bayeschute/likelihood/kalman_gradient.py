@@ -21,6 +21,7 @@ from jax.flatten_util import ravel_pytree
 from numpy.typing import NDArray
 
 from bayeschute.core.vectors import Component
+from bayeschute.likelihood.filter_code import passes
 from bayeschute.likelihood.joint import FlightData, Linear, NoiseParameters, statespace
 from bayeschute.likelihood.kalman import Gains, Seen, covariances, forward
 
@@ -94,9 +95,38 @@ def run(flight: FlightData, hyper: NoiseParameters, linear: Linear, seen: Seen) 
     return Pass(made, latents, noises, *forward(made, *seen))
 
 
-@jax.jit
+class Sums(NamedTuple):
+    """Derivatives by matrices of the steps, summed along a flight, and the adjoint of the first covariance (S, S)."""
+
+    transition: jax.Array
+    noise_gain: jax.Array
+    kept: jax.Array
+    drift: jax.Array
+    white: jax.Array
+    adjoint: jax.Array
+
+
+class _Series(NamedTuple):
+    """What the adjoint recursion runs along.
+
+    Attributes:
+        inner: ``S^-1`` less the squares of the weighted innovations (T, C, C).
+        weighted: These (T, C, K).
+        means: Filtered means of latent states and residual noise (T, K, L + C).
+        way: By which processes enter the simulation's states: the transition has ``.. + way @ transition``, the noise
+            ``way @ shock`` (T - 1, X, L).
+    """
+
+    inner: jax.Array
+    weighted: jax.Array
+    means: jax.Array
+    way: jax.Array
+
+
 def slope(flight: FlightData, hyper: NoiseParameters, linear: Linear, done: Pass, mix: jax.Array) -> Parts:
     """Derivatives of ``1/2 |innovations of series @ mix|^2 + log det`` of a flight by `Parts`.
+
+    By machine code where nothing is being traced, else by JAX.
 
     Args:
         flight: The record.
@@ -108,30 +138,42 @@ def slope(flight: FlightData, hyper: NoiseParameters, linear: Linear, done: Pass
     Returns:
         The derivatives, in the form of the parts.
     """
-    made, given, dynamics = done.gains, parts(flight, hyper), hyper.dynamics(flight)
-    size, c = dynamics.transition.shape[0], given.kept.shape[0]
-    x = made.output.shape[2]
-    split, phi, seen = x + size, given.kept, jnp.asarray(flight.present) * 1.0
-    # Processes enter the simulation's states by `way`: there the transition has ``.. + way @ transition``, the noise
-    # ``way @ shock``.
-    way = jnp.swapaxes(linear.steps.by_then @ dynamics.output, 1, 2)
-    way = jnp.concatenate([way, 0.0 * way[-1:]])
+    latent, _ = statespace(flight, hyper)
+    series = _series(done, linear.steps.by_then, latent.output, mix)
+    if passes.served(done, mix) and done.gains.by_state.shape[0]:
+        sums = Sums(*passes.score(done.gains, series, done.latents, done.noises))
+    else:
+        sums = _sums(done.gains, series, done.latents, done.noises)
+    return _by_parts(flight, hyper, sums)
+
+
+@jax.jit
+def _series(done: Pass, by_then: jax.Array, output: jax.Array, mix: jax.Array) -> _Series:
+    made, x = done.gains, done.gains.output.shape[2]
     filtered = done.predicted[:, x:] + made.gain[:, x:] @ (made.root @ done.unit)
     weighted, means = done.weighted @ mix, filtered @ mix
-    inverse = jnp.swapaxes(made.inverse, 1, 2) @ made.inverse - weighted @ jnp.swapaxes(weighted, 1, 2)
+    inner = jnp.swapaxes(made.inverse, 1, 2) @ made.inverse - weighted @ jnp.swapaxes(weighted, 1, 2)
+    return _Series(inner, weighted, jnp.swapaxes(means, 1, 2), by_then @ output)
+
+
+@jax.jit
+def _sums(made: Gains, series: _Series, latents: jax.Array, noises: jax.Array) -> Sums:
+    """The adjoint recursion by JAX alone."""
+    x, size, c = made.output.shape[2], len(made.transition), made.output.shape[1]
+    split, phi = x + size, jnp.asarray(made.kept)
 
     # The recursion of z = N - r r' itself: with w = S^-1 v, u = L' r, it gains H' (S^-1 - w w') H - H' w u' - u w' H.
     # z is kept exactly symmetric: rounding that is not would grow as the flight does without its data, and an open loop
     # that doubles within a sample makes the gradient worthless.
     def step(later: tuple[jax.Array, jax.Array], row: tuple) -> tuple[tuple[jax.Array, jax.Array], tuple]:
         r, z = later
-        by_state, by_latent, h, here, gain, inverse, w, latents, noises, mean, way = row
+        by_state, by_latent, way, h, here, gain, inner, w, latents, noises, means = row
         f = jnp.zeros((split, split)).at[:x, :x].set(by_state).at[:x, x:].set(by_latent)
         f = f.at[x:, x:].set(made.transition)
-        by_way, way_r = way @ z[:x] + z[x:split], way @ r[:x] + r[x:split]
-        kept = jnp.sum(z[split:] * noises.T, axis=1) - jnp.sum(r[split:] * mean[size:], axis=1)
-        latent = by_way @ latents - way_r @ mean[:size].T
-        noise_gain = by_way[:, :x] @ way.T + by_way[:, x:split]
+        by_way, way_r = way.T @ z[:x] + z[x:split], way.T @ r[:x] + r[x:split]
+        kept = jnp.sum(z[split:] * noises.T, axis=1) - jnp.sum(r[split:] * means[:, size:].T, axis=1)
+        latent = by_way @ latents - way_r @ means[:, :size]
+        noise_gain = by_way[:, :x] @ way + by_way[:, x:split]
         drift = jnp.diagonal(z)[split:]
         back = jnp.concatenate([f.T @ r[:split], phi[:, None] * r[split:]])
         body, cross = f.T @ z[:split, :split] @ f, (f.T @ z[:split, split:]) * phi
@@ -140,7 +182,7 @@ def slope(flight: FlightData, hyper: NoiseParameters, linear: Linear, done: Pass
         z = jnp.concatenate([jnp.concatenate([body, cross], 1), jnp.concatenate([cross.T, own], 1)])
         pulled, g = gain.T @ z, gain.T @ back
         mixed = w @ g.T
-        d = inverse + pulled @ gain
+        d = inner + pulled @ gain
         white = 0.5 * here * (jnp.diagonal(d) + 2.0 * jnp.diagonal(mixed))
         d = 0.5 * d + mixed
         half = jnp.concatenate([d @ h, jnp.zeros((c, size)), d * here], axis=1) - pulled - w @ back.T
@@ -149,18 +191,27 @@ def slope(flight: FlightData, hyper: NoiseParameters, linear: Linear, done: Pass
         r = back + jnp.concatenate([h.T @ e, jnp.zeros((size, e.shape[1])), here[:, None] * e])
         return (r, z + (half + half.T)), (latent, noise_gain, kept, drift, white)
 
-    held = (jnp.concatenate([a, a[-1:]]) for a in (made.by_state, made.by_latent))
-    rows = (*held, made.output, seen, made.gain, inverse, weighted, done.latents, done.noises, means, way)
-    zero = (jnp.zeros((split + c, mix.shape[1])), jnp.zeros((split + c, split + c)))
-    (r, z), made_of = jax.lax.scan(step, zero, rows, reverse=True)
-    latent, process_noise, kept, drift, white = (jnp.sum(a, axis=0) for a in made_of)
+    held = (jnp.concatenate([a, a[-1:]]) for a in (made.by_state, made.by_latent, series.way))
+    rows = (*held, made.output, made.seen, made.gain, series.inner, series.weighted, latents, noises, series.means)
+    zero = (jnp.zeros((split + c, series.weighted.shape[2])), jnp.zeros((split + c, split + c)))
+    (_, z), made_of = jax.lax.scan(step, zero, rows, reverse=True)
+    transition, noise_gain, kept, drift, white = (jnp.sum(a, axis=0) for a in made_of)
+    return Sums(transition, noise_gain, kept, drift, white, z)
+
+
+@jax.jit
+def _by_parts(flight: FlightData, hyper: NoiseParameters, sums: Sums) -> Parts:
+    given, size = parts(flight, hyper), sums.transition.shape[0]
+    phi, c = given.kept, given.kept.shape[0]
+    x = sums.adjoint.shape[0] - size - c
+    z = sums.adjoint
     return Parts(
-        latent,
-        process_noise @ given.noise_gain,
-        z[x:split, x:split] @ given.first,
-        kept - phi * given.stationary * drift,
-        0.5 * (1.0 - phi**2) * drift + 0.5 * jnp.diagonal(z)[split:],
-        white,
+        sums.transition,
+        sums.noise_gain @ given.noise_gain,
+        z[x : x + size, x : x + size] @ given.first,
+        sums.kept - phi * given.stationary * sums.drift,
+        0.5 * (1.0 - phi**2) * sums.drift + 0.5 * jnp.diagonal(z)[x + size :],
+        sums.white,
     )
 
 
@@ -214,21 +265,21 @@ def evidence_score(
         The value and its gradient (V,).
     """
     hyper = from_vector(vector, median)
-    passes = [run(flight, hyper, lin, data) for flight, lin, data in zip(flights, linear, seen, strict=True)]
-    value, mix, gradient = _collected(vector, median, log_sd, tuple(passes), prior_precision)
-    for flight, lin, done in zip(flights, linear, passes, strict=True):
+    runs = [run(flight, hyper, lin, data) for flight, lin, data in zip(flights, linear, seen, strict=True)]
+    value, mix, gradient = _collected(vector, median, log_sd, tuple(runs), prior_precision)
+    for flight, lin, done in zip(flights, linear, runs, strict=True):
         gradient = gradient + pull(flight, vector, median, slope(flight, hyper, lin, done, mix))
     return value, gradient
 
 
 @jax.jit
 def _collected(
-    vector: jax.Array, median: NoiseParameters, log_sd: float, passes: tuple[Pass, ...], prior_precision: jax.Array
+    vector: jax.Array, median: NoiseParameters, log_sd: float, runs: tuple[Pass, ...], prior_precision: jax.Array
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Minus the log evidence, the series whose squares are its gradient (1 + P, 1 + P), and that of the prior (V,)."""
     off = (vector - ravel_pytree(jax.tree.map(jnp.log, median))[0]) / log_sd
     value, matrix = 0.5 * off @ off, prior_precision
-    for done in passes:
+    for done in runs:
         unit = done.unit.reshape(-1, done.unit.shape[2])
         value = value + 0.5 * unit[:, 0] @ unit[:, 0] + done.gains.log_determinant
         matrix = matrix + unit[:, 1:].T @ unit[:, 1:]

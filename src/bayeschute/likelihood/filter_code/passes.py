@@ -17,6 +17,7 @@ from bayeschute.likelihood.disturbances import Dynamics
 from bayeschute.likelihood.filter_code.covariance_pass import Sizes, covariance_pass
 from bayeschute.likelihood.filter_code.mean_passes import SYSTEM, MeanSizes, backward_pass, forward_pass
 from bayeschute.likelihood.filter_code.rows import padded, parts
+from bayeschute.likelihood.filter_code.score_pass import score_pass
 from bayeschute.likelihood.noise import Noise
 
 Array = NDArray[np.float64]
@@ -99,6 +100,18 @@ def backward(made: Any, weighted: Any, predicted: Any) -> tuple[jax.Array, ...]:
         found.append(results)
     adjoint, process_noise, states = _joined(found)
     return adjoint[0], process_noise, states
+
+
+def score(made: Any, series: Any, latents: Any, noises: Any) -> tuple[jax.Array, ...]:
+    """Sums of `kalman_gradient.slope` along its `_Series`, and the adjoint of the first covariance."""
+    samples, _, columns = np.shape(series.weighted)
+    sizes = _sizes(made, columns)
+    size, outputs, states = sizes.latent, sizes.outputs, sizes.states
+    shapes = ((size, size), (size, size), (outputs,), (outputs,), (outputs,), (states, states))
+    results = [aligned(*shape) for shape in shapes]
+    given = (*_system(made), series.inner, series.weighted, latents, noises, series.means, series.way)
+    _run(score_pass(sizes), given, results, samples)
+    return tuple(map(jnp.asarray, results))
 
 
 def _sizes(made: Any, columns: int, driven: int = 0) -> MeanSizes:

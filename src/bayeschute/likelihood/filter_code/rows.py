@@ -90,6 +90,26 @@ class RowCode(Code):
             made = self.plus(made, self.times(self.spread(number, 0), self.row(base, len(row) * WIDE)), sign)
         return made
 
+    def gathered(
+        self, row: Sequence[str], numbers: str, rows: str, count: int, stride: int, columns: int, sign: str = "fadd"
+    ) -> list[str]:
+        """A row plus, or less, neighbouring numbers times so many rows of a matrix without padding.
+
+        Args:
+            row: The row, of as many registers as the columns take.
+            numbers: Address of the first number.
+            rows: Address of the first row.
+            count: How many.
+            stride: From row to row.
+            columns: Of the rows.
+            sign: As in `plus`.
+        """
+        made = list(row)
+        for k in range(count):
+            other = self.read(self.address(rows, k * stride), columns)
+            made = self.plus(made, self.times(self.spread(numbers, k), other), sign)
+        return made
+
     def copied(self, count: str | int, source: str, target: str, stride: int = 1) -> None:
         """Copy neighbouring numbers to places `stride` apart."""
         with self.loop(count) as i:
