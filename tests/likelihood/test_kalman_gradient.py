@@ -19,6 +19,7 @@ from bayeschute.posterior import noise_evidence
 from bayeschute.posterior.noise_evidence import NoisePrior
 
 LOG_SD = 0.7
+WAYS = pytest.mark.parametrize("by", [lambda f: f, jax.jit], ids=["machine code", "JAX"])
 
 
 def _plain(vector, like, flights, linear, before, parameters=True):
@@ -55,7 +56,7 @@ def _case(name, request):
     return made, flights, linear, like
 
 
-@pytest.mark.parametrize("by", [lambda f: f, jax.jit], ids=["machine code", "JAX"])
+@WAYS
 @pytest.mark.parametrize("name", ["linear", "descent"])
 def test_gradient_is_that_of_the_differentiated_filter(name, by, request):
     """Two flights with gaps: drifts and an oscillator in one case, a simulation in the other."""
@@ -88,7 +89,8 @@ def test_gradient_by_differences(descent, request):
     np.testing.assert_allclose(value(at)[1], wanted, rtol=1e-5, atol=1e-5)
 
 
-def test_noise_without_processes_of_its_own_has_a_gradient(descent):
+@WAYS
+def test_noise_without_processes_of_its_own_has_a_gradient(by, descent):
     """Residual noise alone: no latent process is there to have a transition or a shock."""
     flight = replace(descent.flights[0], latent=descent.flights[0].latent._replace(kinds=(), processes=(), least=1))
     hyper = NoiseParameters(Noise(*(jnp.asarray(a) for a in descent.hyper.noise.__dict__.values())), ())
@@ -100,8 +102,9 @@ def test_noise_without_processes_of_its_own_has_a_gradient(descent):
     np.testing.assert_allclose(ours[1], gradient, rtol=1e-8, atol=1e-8)
 
 
+@WAYS
 @pytest.mark.parametrize("growth", [1.0, 2.0])
-def test_gradient_of_a_flight_that_diverges_without_its_data(linear, request, growth):
+def test_gradient_of_a_flight_that_diverges_without_its_data(by, linear, request, growth):
     """Rounding must not grow as the open loop does, here by a factor of two a sample."""
     made, flights, lin, like = _case("linear", request)
     flight, steps = flights[0], lin[0].steps
