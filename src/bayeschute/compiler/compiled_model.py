@@ -92,7 +92,7 @@ def reached(model: FlightModel, theta: Any, start: Any, error: Any, path: Any) -
 
 
 def along_path(
-    model: FlightModel, theta: Any, start: Any, error: Any, path: Any
+    model: FlightModel, theta: Any, start: Any, error: Any, path: Any, by_theta: bool = True
 ) -> tuple[jax.Array, integrate.Reached, Steps] | None:
     """Outputs, where every step leads and all derivatives along a given path, as `integrate.along_path`.
 
@@ -102,6 +102,7 @@ def along_path(
         start: Initial deviations (D,).
         error: Latent disturbances (T, A).
         path: States (T, X), which need not obey the equations of motion.
+        by_theta: Whether the steps' derivatives by parameters are wanted: cheaper without, P = 0.
 
     Returns:
         Outputs (T, C), states reached and derivatives, or None where there is an `why_not_compiled`.
@@ -112,24 +113,26 @@ def along_path(
     programs = _served(model, theta, start, error)
     if isinstance(programs, str) or np.ndim(theta) != 1:
         return None
-    made = arrays_along(programs, model, theta, start, error, path)
+    made = arrays_along(programs, model, theta, start, error, path, by_theta=by_theta)
     y, reached, steps = jax.tree.map(jnp.asarray, made)
     return y, integrate.Reached(reached[0], reached[1:]), steps
 
 
 def arrays_along(
-    programs: Programs, model: Any, theta: Any, start: Any, error: Any, path: Any
+    programs: Programs, model: Any, theta: Any, start: Any, error: Any, path: Any, *, by_theta: bool = True
 ) -> tuple[Array, Array, Steps]:
     """`along_path` in NumPy arrays alone, as a function that JAX calls back must be: states reached are (T, X)."""
     size = len(programs.first.result)
     if np.shape(path) != (np.shape(error)[0], size):
         raise ValueError(f"a path of shape {np.shape(path)} for {np.shape(error)[0]} samples of {size} states")
     along = _Along(programs, model, theta, error, np.asarray(path, float))
-    by_theta, by_now, by_then, by_state = along.slopes()
+    slopes_by_theta, by_now, by_then, by_state = along.slopes(by_theta)
     y, out_state, out_theta = along.outputs()
     first, first_theta, first_start = _first_slopes(programs, model, theta, start)
     reached = np.concatenate([first[None], along.reached[:, : len(path) - 1].T])
-    parts: Any = (by_state, by_theta, by_now, by_then, first_theta, first_start, out_state, out_theta)
+    if not by_theta:
+        first_theta, out_theta = first_theta[:, :0], out_theta[:, :, :0]
+    parts: Any = (by_state, slopes_by_theta, by_now, by_then, first_theta, first_start, out_state, out_theta)
     return y, reached, Steps(*parts)
 
 
@@ -233,12 +236,12 @@ class _Along:
         )
         self.reached = aligned(x.shape[1], self.stride)
 
-    def slopes(self) -> list[Array]:
+    def slopes(self, by_theta: bool = True) -> list[Array]:
         """Every next state by parameters, by disturbances at the sample and the next one, by state (T - 1, X, ...)."""
         model, made = self.model, self.programs.differentiate(_DRIVEN)
         size, columns = self.x.shape[1], [self.rows[group] for group in _DRIVEN]
         source = _columns([np.zeros((size, sum(columns))), np.eye(size)])
-        blocks = len(source)
+        blocks, wanted = len(source), 0 if by_theta else columns[0] // LANES
         out = aligned(self.blocks * LANES, size, blocks * LANES)
         shared = _shared(model, self.programs.rate)
         plan = stage_plan(float(model.dt) / model.substeps, model.substeps)
@@ -246,10 +249,13 @@ class _Along:
         def work(begin: int, end: int) -> None:
             memory = aligned(made.table * model.substeps), aligned(made.scratch)
             known = shared, self.theta, self.record, self.error, plan, self.states
-            made.call(*known, source, out, self.reached, *memory, self.stride, begin, end, model.substeps, blocks)
+            sizes = self.stride, begin, end, model.substeps, wanted, blocks
+            made.call(*known, source, out, self.reached, *memory, *sizes)
 
         _in_parts(self.blocks, work)
         parts = np.split(out[: len(self.x) - 1], np.cumsum([*columns, size]), axis=2)
+        if not by_theta:
+            parts[0] = parts[0][..., :0]
         return [_handed_over(part) for part in parts[:-1]]
 
     def outputs(self) -> tuple[Array, Array, Array]:

@@ -83,7 +83,8 @@ def differentiation(
 
     Other arguments of the function: ``shared``; ``theta`` (P,); ``record`` (R, stride); ``error`` (A, stride);
     ``plan``; ``states`` (X, stride); ``table``; ``scratch``; then stride, first and last block of samples, substeps,
-    blocks of columns. Rows of record, error and states must extend one sample beyond the last block.
+    first block of columns that is wanted, blocks of columns. Rows of record, error and states must extend one sample
+    beyond the last block.
 
     Args:
         graph: Expressions; grows.
@@ -109,12 +110,12 @@ def differentiation(
         with code.loop(lanes) as sample:
             line = code.integer("mul", code.integer("add", lane, sample), code.integer("mul", width, size))
             out = code.address("%out", line)
-            with code.loop(slopes.blocks) as column:
+            with code.loop(slopes.blocks, "%wanted") as column:
                 _carry(code, slopes, sample, column, True, tangents, (out, width))
             with code.loop("%blocks", slopes.blocks) as column:
                 _carry(code, slopes, sample, column, False, tangents, (out, width))
     pointers = "shared theta record error plan states source out reached table scratch".split()
-    program = code.program("differentiate", pointers, "stride first last substeps blocks".split(), memory.size)
+    program = code.program("differentiate", pointers, "stride first last substeps wanted blocks".split(), memory.size)
     return program, STAGES * lanes * slopes.size
 
 

@@ -246,15 +246,30 @@ def _along_by_jax(data: FlightData, theta: jax.Array, latent_path: LatentPath) -
     return integrate.along_path(data.model, theta, latent_path.start, latent_path.error, latent_path.path)
 
 
-def linearise(data: FlightData, theta: Component, latent_path: LatentPath) -> Linear:
-    """Residuals, defects and exact derivatives of all steps, made like `states`."""
+def linearise(data: FlightData, theta: Component, latent_path: LatentPath, by_theta: bool = True) -> Linear:
+    """Residuals, defects and exact derivatives of all steps, made like `states`.
+
+    Args:
+        data: The record.
+        theta: Parameters (P,).
+        latent_path: Where.
+        by_theta: Whether derivatives by the parameters are wanted: cheaper without, P = 0.
+    """
     theta = jnp.asarray(theta)
     if latent_path.path is None:
         latent_path = latent_path._replace(path=states(data, theta, latent_path))
-    made = kernel.along_path(data.model, theta, latent_path.start, latent_path.error, latent_path.path)
+    made = kernel.along_path(data.model, theta, latent_path.start, latent_path.error, latent_path.path, by_theta)
     y, reached, steps = _along_by_jax(data, theta, latent_path) if made is None else made
-    defects = jnp.concatenate([reached.first[None], reached.steps]) - latent_path.path
-    return Linear(jnp.where(data.present, data.observed - y, 0.0), defects, latent_path, steps)
+    residual, defects = _compared_along(data, y, reached, latent_path.path)
+    found = Linear(residual, defects, latent_path, steps)
+    return found if by_theta else found.without_theta()
+
+
+@jax.jit
+def _compared_along(data: FlightData, y: jax.Array, reached: Reached, path: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Data minus outputs, zero where no datum exists, and the continuity defects."""
+    defects = jnp.concatenate([reached.first[None], reached.steps]) - path
+    return jnp.where(data.present, data.observed - y, 0.0), defects
 
 
 @jax.jit

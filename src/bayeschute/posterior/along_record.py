@@ -268,12 +268,21 @@ class _Point(NamedTuple):
 
 @dataclass(frozen=True)
 class _Level:
-    """Objective at a level of slack; 0: the equations of motion hold, and defects are penalised."""
+    """Objective at a level of slack; 0: the equations of motion hold, and defects are penalised.
+
+    Attributes:
+        records: Flights.
+        hyper: Noise parameters.
+        priors: Of the parameters.
+        level: Of slack.
+        by_theta: Whether derivatives by the parameters are wanted.
+    """
 
     records: Sequence[FlightData]
     hyper: NoiseParameters
     priors: Sequence[Prior]
     level: float
+    by_theta: bool = True
 
     def slack(self, flight: FlightData, at: Lifted, level: float | None = None) -> Array:
         if flight.path is None:  # as of a record that tells states to a hundredth of their size
@@ -290,7 +299,7 @@ class _Level:
         cost = merit = 0.5 * float(np.sum(standard(self.priors, theta) ** 2)) if self.priors else 0.0
         made, defect, unit = [], 0.0, self.level or LEVELS[-1]
         for flight, at in zip(self.records, flights, strict=True):
-            made.append(linearise(flight, theta, at.latent_path(flight)))
+            made.append(linearise(flight, theta, at.latent_path(flight), self.by_theta))
             part = terms(flight, self.hyper, self.slack(flight, at, unit), at, made[-1])
             cost += float(part.data)
             merit += float(part.data) + (float(part.squares) if self.level else _PRICE * float(part.sizes))
@@ -421,7 +430,7 @@ def approached(
     Half as many linearisations as `brought`. Minus the log density at that mode, half the squares of innovations of the
     linear problem and the log determinant, is off by a hundredth at most.
     """
-    level = _Level(flights, hyper, (), 0.0)
+    level = _Level(flights, hyper, (), 0.0, by_theta=False)
     here, relaxed = _resting(level, level.point(theta, at), _NEARLY)
     five = zip(flights, here.flights, here.along, relaxed.ends, relaxed.filters, strict=True)
     return [LinearOptimum(shortened(f, at, end, 1.0), made.without_theta(), one) for f, at, made, end, one in five]
