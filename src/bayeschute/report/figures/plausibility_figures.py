@@ -218,8 +218,7 @@ def channel(axes: Axes, panel: Panel, window: tuple[float, float] | None = None)
             if end > start:
                 axes.axvspan(start, end, color=SHADE, lw=0, zorder=0)
         axes.set_xlim(low, high)
-    axes.set_title(panel.title)
-    axes.set_ylabel(f"[{panel.unit}]")
+    axes.set(title=panel.title, ylabel=f"[{panel.unit}]")
     if len(panel.curves) > 1:
         axes.legend(loc="best", fontsize=7)
     return axes
