@@ -1,4 +1,4 @@
-"""Axes that were taken for others: earth axes of vectors, winds, and attitudes."""
+"""Mistaken axes: earth axes of vectors, winds, and attitudes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from bayeschute.records.plausibility.evidence import Array, Evidence, conjugate, continuous, product, turned
+from bayeschute.records.foreign.attitudes import product
+from bayeschute.records.plausibility.evidence import Array, Evidence, conjugate, continuous, turned
 from bayeschute.records.plausibility.mistake import Mistake, Undo, changed, turned_attitude, turned_axes
 
 _VECTORS = ("position", "velocity", "canopies", "wind")

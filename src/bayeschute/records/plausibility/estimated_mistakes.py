@@ -1,4 +1,4 @@
-"""Mistakes whose size the record must tell first: clocks that are apart, a heading that is turned, gains, masses."""
+"""Mistakes of estimated size: clock offsets, a rotated heading, gains, masses."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 from bayeschute.atmosphere.standard import STANDARD_GRAVITY
 from bayeschute.records.plausibility.evidence import Array, Evidence, boxcar, slope, smoothed, turned, typical
 from bayeschute.records.plausibility.mistake import Mistake, of_vehicle, scaled, turned_attitude, turned_axes
-from bayeschute.records.plausibility.vehicle_laws import air
+from bayeschute.records.plausibility.vehicle_laws import air, attached
 
 Score = Callable[[Evidence], float]
 
@@ -138,10 +138,7 @@ def _gains(e: Evidence) -> list[Mistake | None]:
                 _DOUBT,
             )
             found += [mass, cells]
-    if v is not None and e.canopies is not None and e.position is not None:
-        apart = e.canopies - e.position[:, None]
-        if e.attitude is not None:
-            apart = apart - turned(e.attitude, v.attach_b)[:, None]
+    if v is not None and (apart := attached(e)) is not None:
         length = typical(np.linalg.norm(apart, axis=2))
         if np.isfinite(length):
             found.append(

@@ -1,4 +1,4 @@
-"""Signs, order and meaning of what instruments write: gyros, accelerometers, canopies, load cells."""
+"""Mistaken signs, order and meaning of instrument channels: gyros, accelerometers, canopies, load cells."""
 
 from __future__ import annotations
 

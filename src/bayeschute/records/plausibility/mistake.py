@@ -1,4 +1,4 @@
-"""A mistake that records are made with, its inverse, and the small changes that inverses are made of."""
+"""A mistake made with records, its inverse, and the changes that inverses are composed of."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from bayeschute.records.plausibility.evidence import Array, Evidence, Nominal, product
+from bayeschute.records.foreign.attitudes import product
+from bayeschute.records.plausibility.evidence import Array, Evidence, Nominal
 
 Undo = Callable[[Evidence], Evidence | None]
 

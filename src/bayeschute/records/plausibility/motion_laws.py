@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from bayeschute.atmosphere.standard import STANDARD_GRAVITY
+from bayeschute.records.foreign.attitudes import product
 from bayeschute.records.plausibility.evidence import (
     Array,
     Evidence,
     boxcar,
     conjugate,
     mean,
-    product,
     slope,
     spread,
     turned,

@@ -1,4 +1,4 @@
-"""Units that were taken for others: of lengths, speeds, rates, forces, air, loads and clocks."""
+"""Mistaken units: of lengths, speeds, rates, forces, air, loads and clocks."""
 
 from __future__ import annotations
 
