@@ -14,7 +14,6 @@ exit code 1.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import subprocess
@@ -23,6 +22,8 @@ import tempfile
 from pathlib import Path
 from time import perf_counter
 from typing import Any, NamedTuple
+
+from command import parser_of
 
 from bayeschute.calibration.rows import read_rows
 
@@ -65,10 +66,9 @@ def campaign(folder: Path, workers: int, replicates: int, full: bool) -> Made:
 
 def main() -> None:
     """Run, print, and with ``--json`` one object as the last line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--replicates", type=int, default=24, help="even, so that two workers share them")
     parser.add_argument("--full", action="store_true", help="replicates as in use, minutes each")
-    parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     if options.replicates < 4 or options.replicates % 2:
         parser.error("--replicates: an even number from 4 is wanted")

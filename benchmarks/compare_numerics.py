@@ -11,12 +11,12 @@ after both hashes. Of a configuration of which three studies or more are the sam
 
 from __future__ import annotations
 
-import argparse
 import json
 from pathlib import Path
 
 import numpy as np
 import xarray as xr
+from command import parser_of
 from numpy.typing import NDArray
 from other_stored import ROOT, numerics_at
 
@@ -31,11 +31,10 @@ Array = NDArray[np.float64]
 
 def main() -> None:
     """Compare, store, print a table; with ``--json`` the comparison as the last line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("runs", nargs="+", type=Path, help="folders of runs, before and after by turns")
     parser.add_argument("--made-at", required=True, metavar="COMMIT", help="that made the earlier runs")
     parser.add_argument("--store", type=Path, default=ROOT / "models" / STORED, metavar="DIR")
-    parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
     if len(given.runs) % 2:
         parser.error(f"{len(given.runs)} folders of runs; wanted: pairs of one before and one after")

@@ -11,13 +11,12 @@ stand beside those of the true flight, and beside its limit cycle in still air t
 
 from __future__ import annotations
 
-import argparse
-import json
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import xarray as xr
+from command import parser_of, print_result
 
 from bayeschute.aero.published import load_published
 from bayeschute.core.units import to_si
@@ -152,9 +151,8 @@ def one(seed: int) -> dict[str, Any]:
 
 def main() -> None:
     """Run, print the tables, and with ``--json`` one object as the last line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2, 3])
-    parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
     seeds = {seed: one(seed) for seed in given.seeds}
     rows = [row for s in seeds.values() for row in s["parameters"].values()]
@@ -176,10 +174,9 @@ def main() -> None:
     print(f"corrected standard errors over the report's: {low:.2f} to {high:.2f}, median {middle:.2f}")
     for name, value in off.items():
         print(f"{name.replace('_', ' ')}, worst: {100 * value:.1f} %")
-    if given.json:
-        ratios = {f"{k}_worst_z": float(np.max(np.abs(v))) for k, v in z.items()} | off
-        ratios["corrected_over_report_sd_median"] = float(np.median(ratio))
-        print(json.dumps({"ratios": ratios, "context": seeds}))
+    ratios = {f"{k}_worst_z": float(np.max(np.abs(v))) for k, v in z.items()} | off
+    ratios["corrected_over_report_sd_median"] = float(np.median(ratio))
+    print_result(given, ratios, seeds)
 
 
 if __name__ == "__main__":

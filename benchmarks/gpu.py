@@ -9,14 +9,13 @@ kept. The first flights are flown on the processor, too. Where JAX finds no GPU 
 
 from __future__ import annotations
 
-import argparse
-import json
 from time import perf_counter
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from command import parser_of, print_result
 from simulator_flights import DT, PLAIN, SAMPLES, flights
 
 from bayeschute.dynamics.cluster_flight import quantity
@@ -86,16 +85,14 @@ def device_of(here: bool) -> Any | None:
 
 def main() -> None:
     """Measure, print, and with ``--json`` one object as the last line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--batches", type=int, nargs="+", default=[4096, 32768, 131072])
     parser.add_argument("--here", action="store_true", help="run on JAX's first device, whatever that is")
-    parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     device, ratios, context = device_of(options.here), {}, {"goal_per_second": GOAL}
     if device is None:
         print("not run: JAX finds no GPU here (a CUDA build is the extra 'gpu'; --here tries the script without one)")
-        if options.json:
-            print(json.dumps({"ratios": {}, "context": context | {"run": False}}))
+        print_result(options, {}, context | {"run": False})
         return
     some = flights(PLAIN, SAMPLES, 1)
     model, centre = some.model, some.theta[:, 0]
@@ -116,9 +113,8 @@ def main() -> None:
     fastest = max(rates.values())
     print(f"{fastest:.0f} flights per second (goal on one H200: {GOAL:.0f}); same numbers within {worst:.0e}")
     ratios["device_vs_cpu_jax_speedup"] = fastest * by_cpu / CHECKED
-    if options.json:
-        context |= {"run": True, "device": device.device_kind, "per_second": rates, "differs_by": worst}
-        print(json.dumps({"ratios": ratios, "context": context}))
+    context |= {"run": True, "device": device.device_kind, "per_second": rates, "differs_by": worst}
+    print_result(options, ratios, context)
 
 
 if __name__ == "__main__":

@@ -7,14 +7,13 @@ this process, and must be the same to the last bit. ``--landings 100000 --worker
 
 from __future__ import annotations
 
-import argparse
-import json
 import resource
 import time
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from command import parser_of, print_result
 
 from bayeschute.core.numerics import processors
 from bayeschute.core.random import stream
@@ -53,10 +52,9 @@ def plan_of_default(draws: int = 200) -> CampaignPlan:
 
 def main() -> None:
     """Fly, compare, print."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = parser_of(__doc__)
     parser.add_argument("--landings", type=int, default=8 * BATCH)
     parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
     plan = plan_of_default()
     began = time.perf_counter()
@@ -73,10 +71,9 @@ def main() -> None:
         f"wall {wall:.0f} s, processor {cpu:.0f} s; 100,000 landings: wall {scale * wall:.0f} s (bound {BOUND:.0f} s)"
     )
     print(f"memory: at most {peak:.2f} GiB in all; rows of one process the same to the bit: {same}")
-    if given.json:
-        ratios = {"landings_wall_time_ratio": scale * wall / BOUND, "landings_cpu_time_ratio": scale * cpu / 2 / BOUND}
-        context = {"processors": processors(), "workers": given.workers, "peak_gib": peak, "same": same}
-        print(json.dumps({"ratios": ratios, "context": context}))
+    ratios = {"landings_wall_time_ratio": scale * wall / BOUND, "landings_cpu_time_ratio": scale * cpu / 2 / BOUND}
+    context = {"processors": processors(), "workers": given.workers, "peak_gib": peak, "same": same}
+    print_result(given, ratios, context)
 
 
 if __name__ == "__main__":

@@ -12,7 +12,6 @@ both sides, and climatology is the constant band of the fitted part.
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 import tempfile
@@ -20,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from command import parser_of
 from other_flights import run, verdict
 from other_scores import LEVELS, History, constant, score
 
@@ -79,12 +79,11 @@ def lines(made: dict[str, Any]) -> list[str]:
 
 def main() -> None:
     """Run, print, store."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--data", type=Path, default=ROOT / "../shared/realdata", help="folder of the records")
     parser.add_argument("--studies", nargs="+", choices=STUDIES, default=STUDIES)
     parser.add_argument("--workdir", type=Path, help="runs  [default: a temporary folder]")
     parser.add_argument("--store", type=Path, metavar="DIR", help="keep the results there, a file per study")
-    parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
     if not given.data.is_dir():
         sys.exit(f"{given.data}: no such folder; --data says where the records are")

@@ -15,9 +15,7 @@ fits them), in noise that is an Ornstein-Uhlenbeck process plus white:
 
 from __future__ import annotations
 
-import argparse
 import importlib.util
-import json
 import sys
 import time
 from dataclasses import replace
@@ -25,6 +23,7 @@ from pathlib import Path
 from types import ModuleType
 
 import numpy as np
+from command import parser_of, print_result
 
 from bayeschute.swing.modal import fit_swing
 
@@ -42,10 +41,9 @@ def _twin() -> ModuleType:
 
 def main() -> None:
     """Count and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--replicates", type=int, default=240)
     parser.add_argument("--seed", type=int, default=11)
-    parser.add_argument("--json", action="store_true", help="one JSON object as the last line")
     options = parser.parse_args()
     twin = _twin()
     gusty = twin.Swing(forcing=0.09, colored=0.1, tau=1.5, white=0.005)
@@ -92,8 +90,7 @@ def main() -> None:
         "s_per_fit": wall / len(cases) / options.replicates,
     }
     print(f"{context['s_per_fit']:.2f} s per fit")
-    if options.json:
-        print(json.dumps({"ratios": {k: float(v) for k, v in ratios.items()}, "context": context}))
+    print_result(options, {k: float(v) for k, v in ratios.items()}, context)
 
 
 if __name__ == "__main__":

@@ -12,12 +12,11 @@ narrow by as much.
 
 from __future__ import annotations
 
-import argparse
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from command import parser_of, print_result
 
 STUDY = Path(__file__).parents[1] / "models" / "studies" / "cdt-3-11.toml"
 
@@ -78,11 +77,10 @@ def one(out: Path, seed: int, draws: int) -> tuple[dict[str, dict[str, float]], 
 
 def main() -> None:
     """Print the table, and with ``--json`` one object as the last line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--out", type=Path, default=Path("runs/noise"))
     parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2, 3])
     parser.add_argument("--draws", type=int, default=200)
-    parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
     made: dict[str, list[dict[str, float]]] = {}
     for seed in given.seeds:
@@ -94,13 +92,12 @@ def main() -> None:
         print(f"{f'standard deviation over that drawn: {case}':48}" + "".join(f"  seed {s:<4}" for s in given.seeds))
         for name in rows[0]:
             print(f"{name:48}" + "".join(f"{row[name]:11.3f}" for row in rows))
-    if given.json:
-        means: dict[str, Any] = {
-            f"sd_{name}_{case.replace(' ', '_')}": float(np.mean([row[name] for row in rows]))
-            for case, rows in made.items()
-            for name in rows[0]
-        }
-        print(json.dumps({"ratios": means, "context": {"seeds": given.seeds, "draws": given.draws}}))
+    means: dict[str, Any] = {
+        f"sd_{name}_{case.replace(' ', '_')}": float(np.mean([row[name] for row in rows]))
+        for case, rows in made.items()
+        for name in rows[0]
+    }
+    print_result(given, means, {"seeds": given.seeds, "draws": given.draws})
 
 
 if __name__ == "__main__":

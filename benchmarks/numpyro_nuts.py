@@ -9,7 +9,6 @@ are beside.
 
 from __future__ import annotations
 
-import argparse
 import json
 from pathlib import Path
 from time import perf_counter
@@ -19,6 +18,7 @@ import arviz_stats
 import jax
 import numpy as np
 import xarray as xr
+from command import parser_of
 from numpyro.infer import MCMC, NUTS, init_to_value
 
 import bayeschute as bc
@@ -38,13 +38,12 @@ def seconds(call: Any, times: int = 20) -> float:
 
 def main() -> None:
     """Measure, and print a table or JSON."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("run", type=Path)
     parser.add_argument("--study", type=Path)
     parser.add_argument("--warmup", type=int, default=60)
     parser.add_argument("--draws", type=int, default=100)
     parser.add_argument("--chains", type=int, default=2)
-    parser.add_argument("--json", action="store_true")
     asked = parser.parse_args()
     posterior = bc.Run(asked.run, bc.Study.load(asked.study or asked.run / "study.toml")).posterior
     ((marginal, priors),) = posterior.marginals

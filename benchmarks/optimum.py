@@ -13,11 +13,12 @@ evidence: a start counts as found where every parameter lies within 0.1 standard
 
 from __future__ import annotations
 
-import argparse
 import json
 from pathlib import Path
 from time import perf_counter
 from typing import Any
+
+from command import parser_of, print_result
 
 WANTED = 0.95  # share of starts
 
@@ -60,13 +61,12 @@ def main() -> None:
     """Fit from all starts, print the table, and with ``--json`` one object as the last line."""
     from bayeschute.posterior.assess.multistart import NEAR, best_of, compare, judge, settle_from
 
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("study", type=Path)
     parser.add_argument("run", type=Path, help="folder of a run that has come to its priors")
     parser.add_argument("--starts", type=int, default=20)
     parser.add_argument("--seed", type=int, default=1, help="of the starts")
     parser.add_argument("--store", type=Path, metavar="DIR", help="keep the result there")
-    parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
     flights, priors, prior = problem(given.study, given.run)
     tried = []
@@ -92,9 +92,8 @@ def main() -> None:
         made = kept(given.study, given.starts, given.seed, best.number, plain, share)
         given.store.mkdir(parents=True, exist_ok=True)
         (given.store / f"{made['study']}.json").write_text(json.dumps(made, indent=1) + "\n", encoding="utf-8")
-    if given.json:
-        context = {"starts": given.starts, "seed": given.seed, "kept": best.number, "rows": plain}
-        print(json.dumps({"ratios": {"share_found": share}, "context": context}))
+    context = {"starts": given.starts, "seed": given.seed, "kept": best.number, "rows": plain}
+    print_result(given, {"share_found": share}, context)
 
 
 if __name__ == "__main__":

@@ -34,6 +34,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from command import parser_of, print_result
 from numpy.typing import NDArray
 from other_records import DEGREE, LAYOUTS, climatology, flights_of, read_flight
 from other_scores import LEVELS, History, constant, score, width_over_spread
@@ -383,7 +384,7 @@ def context(results: Mapping[str, Any]) -> dict[str, Any]:
 
 def main() -> None:
     """Run, print the table, and with ``--json`` one object as the last line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--data", type=Path, default=Path("../shared/otherflights"), help="folder of the sets")
     parser.add_argument("--sets", nargs="+", choices=list(LAYOUTS), default=list(LAYOUTS))
     parser.add_argument("--windows", type=float, nargs="*", default=[], metavar="S", help="lengths to be fitted too")
@@ -392,7 +393,6 @@ def main() -> None:
     parser.add_argument("--resume", action="store_true", help="take what the working folder holds")
     parser.add_argument("--prepare", action="store_true", help="write the studies and stop")
     parser.add_argument("--quick", action="store_true", help="small sizes, to see that all works")
-    parser.add_argument("--json", action="store_true")
     parser.add_argument("--store", type=Path, metavar="DIR", help="keep the results there, a file per set")
     parser.add_argument("--made-at", metavar="COMMIT", help="run nothing: store what the working folder holds")
     given = parser.parse_args()
@@ -426,8 +426,7 @@ def main() -> None:
     wholes = [one["whole"] for one in results.values() if "whole" in one]
     if wholes:
         print("all sets converged" if all(w["converged"] for w in wholes) else "NOT all sets converged")
-    if given.json:
-        print(json.dumps({"ratios": shares, "context": context(results)}))
+    print_result(given, shares, context(results))
 
 
 if __name__ == "__main__":

@@ -19,6 +19,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from bayeschute.records.foreign.conventions import Conventions
+from bayeschute.records.reconstruct import to_ned
 from bayeschute.records.record import VARIABLES
 
 if TYPE_CHECKING:
@@ -220,7 +221,7 @@ class OtherFlight:
 
     def risers(self) -> Array:
         """From the attach point to the canopies (T, n, 3), NED [m]."""
-        attach = self.position + turned(self.attitude, self.attach_b)
+        attach = self.position + to_ned(self.attitude, self.attach_b)
         return np.asarray(self.canopies - attach[:, None])
 
     def quantities(self) -> dict[str, Array]:
@@ -239,21 +240,6 @@ class OtherFlight:
         found = {name: float(np.median([scatter(x) for x in values.T])) for name, values in each.items()}
         turn = 2.0 * np.sqrt(sum(scatter(x) ** 2 for x in self.attitude.T) / 3.0)
         return found | {"capsule_attitude": float(turn)}
-
-
-def turned(attitude: Array, v_b: Array) -> Array:
-    """Earth components of vectors given in body axes.
-
-    Args:
-        attitude: (T, 4).
-        v_b: (T, 3) or (3,).
-
-    Returns:
-        (T, 3), in the unit of `v_b`.
-    """
-    w, q = attitude[:, :1], attitude[:, 1:]
-    twice = 2.0 * np.cross(q, np.broadcast_to(v_b, q.shape))
-    return np.asarray(v_b + w * twice + np.cross(q, twice))
 
 
 def without_jumps(q: Array) -> Array:

@@ -11,13 +11,13 @@ campaign does that knows no record. Histories end at the ground: their last samp
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from command import parser_of
 from other_records import flights_of, read_flight
 
 QUANTITIES = {  # of a landing: name in a truth file, factor to its unit, that unit
@@ -67,12 +67,11 @@ def foretold(data: Path, runs: Path, name: str, landings: int) -> dict[str, Any]
 
 def main() -> None:
     """Fly, compare, print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--data", type=Path, required=True)
     parser.add_argument("--workdir", type=Path, required=True)
     parser.add_argument("--sets", nargs="+", default=["P", "S"])
     parser.add_argument("--landings", type=int, default=2048)
-    parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
     found: dict[str, Any] = {}
     for which in given.sets:

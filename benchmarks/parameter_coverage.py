@@ -12,13 +12,13 @@ Rows are appended to the output as they come; replicates that are there already 
 
 from __future__ import annotations
 
-import argparse
 import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from command import parser_of, print_result
 
 STUDY = Path(__file__).parents[1] / "models" / "studies" / "cdt-3-11.toml"
 WIDE = {"axial[1]": 0.3, "axial[alpha^2]": 1.0, "transverse[e]": 0.3, "transverse[e*alpha^2]": 1.5}
@@ -123,11 +123,10 @@ def one(study: Any, seed: int, known: bool) -> dict[str, Any]:
 
 def main() -> None:
     """Run, print the table, and with ``--json`` one object as the last line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--out", type=Path, default=Path("runs/parameter-coverage.jsonl"))
     parser.add_argument("--replicates", type=int, default=20)
     parser.add_argument("--known", action="store_true", help="noise parameters known, wind recorded without error")
-    parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
     from bayeschute.study.load import load_study
 
@@ -151,9 +150,8 @@ def main() -> None:
     for name, column, share in zip(names, z.T, inside, strict=True):
         rms = np.sqrt(np.mean(column**2))
         print(f"  {name:28} inside {100 * share:3.0f} %   mean of z {column.mean():+.2f}   rms {rms:.2f}")
-    if given.json:
-        coverage = dict(zip(names, map(float, inside), strict=True))
-        print(json.dumps({"ratios": coverage, "context": {"replicates": len(kept), "known": given.known}}))
+    coverage = dict(zip(names, map(float, inside), strict=True))
+    print_result(given, coverage, {"replicates": len(kept), "known": given.known})
 
 
 if __name__ == "__main__":

@@ -9,8 +9,6 @@ where the first cause that it tells is the one made.
 
 from __future__ import annotations
 
-import argparse
-import json
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -18,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from command import parser_of, print_result
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -288,9 +287,8 @@ def of_study(path: Path) -> Case:
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser = parser_of(__doc__)
     parser.add_argument("study", type=Path)
-    parser.add_argument("--json", action="store_true")
     asked = parser.parse_args()
     case = of_study(asked.study)
     outcomes = [judge(case, made) for made in MADE]
@@ -299,12 +297,11 @@ def main() -> None:
         print(f"{one.made.name:46} {'fault' if one.named else 'SILENT':7} {mark:9} {one.worst:20} {one.first}")
     named, right = sum(o.named for o in outcomes), sum(o.right for o in outcomes)
     print(f"{len(outcomes)} mistakes: {named} named, right cause first in {right}")
-    if asked.json:
-        ratios = {
-            "mistakes_named_share_larger": named / len(outcomes),
-            "right_first_share_larger": right / len(outcomes),
-        }
-        print(json.dumps({"ratios": ratios, "context": {"mistakes": len(outcomes), "named": named, "right": right}}))
+    ratios = {
+        "mistakes_named_share_larger": named / len(outcomes),
+        "right_first_share_larger": right / len(outcomes),
+    }
+    print_result(asked, ratios, {"mistakes": len(outcomes), "named": named, "right": right})
 
 
 if __name__ == "__main__":

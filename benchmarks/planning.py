@@ -15,7 +15,6 @@ With --quick fits are small: nothing is written unless --out says where, and not
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import platform
 import resource
@@ -28,6 +27,7 @@ from time import perf_counter, process_time
 from typing import Any, NamedTuple
 
 import numpy as np
+from command import parser_of, print_result
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "planning.md"
@@ -239,13 +239,12 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 
 def main() -> None:
     """Measure, print, write the page, and with ``--json`` one object as the last line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--fits", type=int, default=6, help="at least 2")
     parser.add_argument("--batches", type=int, default=20)
     parser.add_argument("--drops", type=int, default=20)
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--out", type=Path, help=f"the page; default: {PAGE.relative_to(ROOT)}, none with --quick")
-    parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     if min(options.fits, options.batches + 1, options.drops + 1) < 2:
         parser.error("at least 2 fits, 1 batch and 1 drop")
@@ -262,10 +261,9 @@ def main() -> None:
         out.parent.mkdir(parents=True, exist_ok=True)
         out.write_text(text, encoding="utf-8")
         print(f"written to {out}")
-    if options.json:
-        cost = hours(made)
-        ratios = {"core_hours_1e4_fits": cost["fits"], "core_hours_1e8_descents": cost["judged"]}
-        print(json.dumps({"ratios": ratios, "context": {"measured": made, "machine": here, "core_hours": cost}}))
+    cost = hours(made)
+    ratios = {"core_hours_1e4_fits": cost["fits"], "core_hours_1e8_descents": cost["judged"]}
+    print_result(options, ratios, {"measured": made, "machine": here, "core_hours": cost})
 
 
 if __name__ == "__main__":

@@ -13,7 +13,6 @@ then fitted together (posterior simulation-based calibration): a test where the 
 
 from __future__ import annotations
 
-import argparse
 import hashlib
 import json
 import sys
@@ -22,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from command import parser_of, print_result
 
 from bayeschute.aero.coefficient import is_coefficient
 from bayeschute.calibration import simulation_based as sbc
@@ -141,22 +141,20 @@ def test(
 
 def main() -> None:
     """Run, print the table, store the result, and with ``--json`` print one object as the last line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("model", choices=("dumbbell", "cluster"))
     parser.add_argument("--replicates", type=int, default=300)
     parser.add_argument("--posterior", action="store_true", help="truths from the posterior of the template's record")
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--out", type=Path, default=Path("runs/ranks"))
     parser.add_argument("--store", action="store_true", help=f"keep the result under {STORED.relative_to(ROOT)}")
-    parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
     result = test(given.model, given.replicates, given.posterior, given.out, given.workers)
     if given.store:
         STORED.mkdir(parents=True, exist_ok=True)
         which = given.model + (".posterior" if given.posterior else "")
         (STORED / f"ranks.{which}.json").write_text(json.dumps(result, indent=1) + "\n")
-    if given.json:
-        print(json.dumps({"ratios": {"inside_band": float(result["passed"])}, "context": result}))
+    print_result(given, {"inside_band": float(result["passed"])}, result)
 
 
 if __name__ == "__main__":

@@ -12,7 +12,6 @@ parabola of the determinant, no surrogate, no noise parameters held, no linear s
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from collections.abc import Callable
@@ -22,6 +21,7 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
+from command import parser_of, print_result
 
 import bayeschute
 from bayeschute.likelihood.joint import FlightData
@@ -136,11 +136,10 @@ def compared(reference: dict[str, Any], theta: np.ndarray, priors: tuple[Prior, 
 
 def main() -> None:
     """Make references, or compare with them, and with ``--json`` print one object as the last line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("cases", nargs="*", default=list(CASES), metavar="CASE", help=", ".join(CASES))
     parser.add_argument("--make", action="store_true", help="draw and weigh, and keep the result")
     parser.add_argument("--draws", type=int, default=3000, help="weighed draws of --make (3000)")
-    parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
     if unknown := sorted({*given.cases} - {*CASES}):
         parser.error(f"no case {', '.join(unknown)}: {', '.join(CASES)}")
@@ -166,8 +165,7 @@ def main() -> None:
         print("  within " + ", ".join(f"{LIMITS[key]} in {key}: {n} of {len(rows)}" for key, n in kept.items()))
         for key in LIMITS:
             ratios[f"{name}_worst_{key}"] = max(abs(row[key]) for row in rows.values())
-    if given.json:
-        print(json.dumps({"ratios": ratios, "context": {"limits": LIMITS}}))
+    print_result(given, ratios, {"limits": LIMITS})
 
 
 if __name__ == "__main__":

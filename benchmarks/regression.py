@@ -9,14 +9,13 @@ against one pass over the matrix, and standard errors by moving blocks over the 
 
 from __future__ import annotations
 
-import argparse
-import json
 import time
 import tracemalloc
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from command import parser_of, print_result
 
 from bayeschute.records.sensors import ornstein_uhlenbeck
 from bayeschute.regression.bootstrap import block_bootstrap
@@ -58,11 +57,10 @@ def naive(X: np.ndarray, z: np.ndarray, terms: int) -> list[int]:
 
 def main() -> None:
     """Measure, print, and with ``--json`` one object as the last line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--candidates", type=int, default=5000)
     parser.add_argument("--samples", type=int, default=5000)
     parser.add_argument("--terms", type=int, default=40)
-    parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
     rng = np.random.default_rng(0)
     X, z = problem(given.samples, given.candidates, rng)
@@ -93,15 +91,14 @@ def main() -> None:
         ratios.append(block_bootstrap(swings, noisy, rng=rng, replicates=200).se / fit(swings, noisy).se)
     blocks = float(np.mean(ratios))
     print(f"standard errors by moving blocks over colored ones, mean of 10 records: {blocks:.2f}")
-    if given.json:
-        named = {
-            "mof_row_over_matrix_pass_time_ratio": seconds / len(found.rows) / one_pass,
-            "mof_added_over_matrix_memory_ratio": added / size,
-            "mof_over_refitting_speedup": plain / quick,
-            "block_bootstrap_over_colored_se_ratio": blocks,
-        }
-        context = {"seconds": seconds, "exchange_s": swap, "rows": len(found.rows), "same_order_as_refitting": same}
-        print(json.dumps({"ratios": named, "context": context | vars(given)}))
+    named = {
+        "mof_row_over_matrix_pass_time_ratio": seconds / len(found.rows) / one_pass,
+        "mof_added_over_matrix_memory_ratio": added / size,
+        "mof_over_refitting_speedup": plain / quick,
+        "block_bootstrap_over_colored_se_ratio": blocks,
+    }
+    context = {"seconds": seconds, "exchange_s": swap, "rows": len(found.rows), "same_order_as_refitting": same}
+    print_result(given, named, context | vars(given))
 
 
 if __name__ == "__main__":

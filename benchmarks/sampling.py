@@ -21,13 +21,14 @@ that aren't installed are left out, with a word.
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from time import perf_counter, process_time
 from typing import Any, NamedTuple
+
+from command import parser_of, print_result
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy and JAX count the processors
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -233,13 +234,12 @@ def speedups(mine: Row, rows: dict[str, tuple[str, Row]], time: str) -> dict[str
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Measure, print, and with ``--json`` one object as the last line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--budget", type=float, default=120.0, help="of every peer, compilation not counted [s]")
     parser.add_argument("--peers", nargs="*", help="all where not given")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--quick", action="store_true", help="a third of the record, few draws; not for use")
     parser.add_argument("--wall", action="store_true", help="wall time, all processors")
-    parser.add_argument("--json", action="store_true")
     given = parser.parse_args(arguments)
     now = perf_counter if given.wall else process_time
     if not given.wall and hasattr(os, "sched_setaffinity"):
@@ -285,17 +285,16 @@ def measure(given: argparse.Namespace, now: Callable[[], float], folder: Path) -
             f"{name:36} {value:10.1f}; without compilation {others['without'][name]:.1f}, "
             f"sampling alone {others['sampling'][name]:.1f}, with a study's draws {fewer[name]:.1f}"
         )
-    if given.json:
-        context = {
-            "budget_s": given.budget, "clock": "wall" if given.wall else "processor", "quick": given.quick,
-            "found_s": found[0], "found_without_compilation_s": found[1], "densities_differ_by": difference,
-            "speedups_without_compilation": others["without"], "speedups_sampling_alone": others["sampling"],
-            "speedups_with_the_draws_of_a_study": fewer,
-            "bayeschute": plain(mine), "bayeschute_as_a_study_asks": plain(asked),
-            "peers": {name: plain(row) for name, (_, row) in rows.items()},
-            "absent": absent,
-        }  # fmt: skip
-        print(json.dumps({"ratios": ratios, "context": context}))
+    context = {
+        "budget_s": given.budget, "clock": "wall" if given.wall else "processor", "quick": given.quick,
+        "found_s": found[0], "found_without_compilation_s": found[1], "densities_differ_by": difference,
+        "speedups_without_compilation": others["without"], "speedups_sampling_alone": others["sampling"],
+        "speedups_with_the_draws_of_a_study": fewer,
+        "bayeschute": plain(mine), "bayeschute_as_a_study_asks": plain(asked),
+        "peers": {name: plain(row) for name, (_, row) in rows.items()},
+        "absent": absent,
+    }  # fmt: skip
+    print_result(given, ratios, context)
 
 
 def plain(row: Row) -> dict[str, Any]:

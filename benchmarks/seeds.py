@@ -10,12 +10,11 @@ largest difference of a mean is given in standard deviations.
 
 from __future__ import annotations
 
-import argparse
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from command import parser_of, print_result
 
 STUDY = Path(__file__).parents[1] / "models" / "studies" / "cdt-3-11.toml"
 
@@ -62,14 +61,13 @@ def against_emcee(out: Path, seed: int, quick: bool, draws: int, ensembles: int)
 
 def main() -> None:
     """Run, print the table, and with ``--json`` one object as the last line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--out", type=Path, default=Path("runs/seeds"))
     parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2, 3, 4, 5])
     parser.add_argument("--emcee", type=int, nargs="*", default=[], help="seeds whose posterior emcee draws too")
     parser.add_argument("--emcee-draws", type=int, default=300)
     parser.add_argument("--ensembles", type=int, default=2)
     parser.add_argument("--quick", action="store_true")
-    parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
     rows = {}
     for seed in given.seeds:
@@ -95,9 +93,8 @@ def main() -> None:
     for seed, table in differences.items():
         worst = max(table, key=lambda name: abs(table[name]))
         print(f"emcee against NUTS, seed {seed}: largest difference of a mean {table[worst]:+.2f} sd ({worst})")
-    if given.json:
-        context = {"seeds": rows, "pooled_bands": pooled, "emcee_minus_nuts_sd": differences}
-        print(json.dumps({"ratios": {"parameter_coverage": share}, "context": context}))
+    context = {"seeds": rows, "pooled_bands": pooled, "emcee_minus_nuts_sd": differences}
+    print_result(given, {"parameter_coverage": share}, context)
 
 
 if __name__ == "__main__":

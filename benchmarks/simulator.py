@@ -11,14 +11,14 @@ the processor, the best of several in turns. What isn't installed (a C compiler,
 
 from __future__ import annotations
 
-import argparse
-import json
 import os
 import tracemalloc
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from time import process_time
 from typing import Any
+
+from command import parser_of, print_result
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy and JAX count the processors
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -206,11 +206,10 @@ def jax_steps(context: Numbers) -> None:
 
 def main() -> None:
     """Measure, print, and with ``--json`` one object as the last line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument(
         "--jax-steps", action="store_true", help="time derivatives by pure JAX, too (compiles a minute)"
     )
-    parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     given = flights(PLAIN, SAMPLES, BATCH)
     why = kernel.why_not_compiled(*given.all())
@@ -232,8 +231,7 @@ def main() -> None:
         jax_steps(context)
     for name, value in ratios.items():
         print(f"{name:45} {value:8.2f}")
-    if options.json:
-        print(json.dumps({"ratios": ratios, "context": context}))
+    print_result(options, ratios, context)
 
 
 if __name__ == "__main__":

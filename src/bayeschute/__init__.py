@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from bayeschute.api.fitted import Fit
     from bayeschute.api.flight import Flight, Flights, wind_profile
     from bayeschute.api.forecast import Forecast, Probability
-    from bayeschute.api.inputs import Study, load_vehicle, noise
+    from bayeschute.api.inputs import Study, noise
     from bayeschute.api.landing.landings import Landings
     from bayeschute.api.posterior import Posterior
     from bayeschute.api.run_folder import Run
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from bayeschute.calibration.label import Claim
     from bayeschute.core.errors import Fault, FitError, InputError
     from bayeschute.likelihood.priors import Prior
-    from bayeschute.study.load import check_study
+    from bayeschute.study.load import check_study, load_vehicle
     from bayeschute.study.swing_modes import find_modes
     from bayeschute.study.templates import copy_templates
     from bayeschute.verification.all_cases import verify
@@ -51,7 +51,7 @@ _PLACES = {
     "api.views.curve": ("Curve",),
     "api.views.flight_motion": ("Motion",),
     "api.flight": ("Flight", "Flights", "wind_profile"),
-    "api.inputs": ("Study", "load_vehicle", "noise"),
+    "api.inputs": ("Study", "noise"),
     "api.fitted": ("Fit",),
     "api.landing.landings": ("Landings",),
     "api.forecast": ("Forecast", "Probability"),
@@ -66,7 +66,7 @@ _PLACES = {
     "calibration.label": ("Claim",),
     "core.errors": ("Fault", "FitError", "InputError"),
     "likelihood.priors": ("Prior",),
-    "study.load": ("check_study",),
+    "study.load": ("check_study", "load_vehicle"),
     "study.swing_modes": ("find_modes",),
     "study.templates": ("copy_templates",),
     "verification.all_cases": ("verify",),

@@ -61,7 +61,7 @@ def written(other, tmp_path_factory):
 class TestConversion:
     def test_on_average_the_specific_force_is_one_g_upward(self, other, flight, letter):
         f = flight(f"{letter}_1")
-        force = np.nanmean(other.records.turned(f.attitude, f.force), axis=0)
+        force = np.nanmean(other.records.to_ned(f.attitude, f.force), axis=0)
         np.testing.assert_allclose(force, [0.0, 0.0, -9.80665], atol=0.25)
 
     def test_velocity_is_the_rate_of_the_position(self, flight, letter):
@@ -93,7 +93,7 @@ class TestConversion:
 
     def test_the_body_x_axis_points_up_the_risers(self, other, flight, letter):
         f = flight(f"{letter}_1")
-        up = other.records.turned(f.attitude, np.array([1.0, 0.0, 0.0]))
+        up = other.records.to_ned(f.attitude, np.array([1.0, 0.0, 0.0]))
         mean = f.risers().mean(axis=1)
         mean /= np.linalg.norm(mean, axis=1, keepdims=True)
         assert np.nanmedian(np.sum(up * mean, axis=1)) > 0.95 and f.attach_b[0] > 0.1

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 from tests.twins import damped_swing as twin
+from tests.twins.cluster_modes import flyout_period
 
 from bayeschute.core.errors import InputError
-from bayeschute.reduced.cluster_mode_laws import Canopy, flyout_period
+from bayeschute.reduced.cluster_mode_laws import Canopy
 from bayeschute.reduced.mode_coefficients import (
     breathing_peak,
     flyout_coefficients,

@@ -166,8 +166,8 @@ def _structure(rng: np.random.Generator) -> dict[str, object]:
             "penalty_factor": 1.0,
             "pse_minimum_at": kept,
             "sensitivity": [
-                {"sigma_max2": 1.0e-2 * f, "terms": terms[: min(kept + extra, len(terms))]}
-                for f, extra in ((0.04, 3), (0.2, 1), (1.0, 0), (5.0, -1))
+                {"sigma_max2": 1.0e-2 * f, "low": 0.9e-2 * f, "high": high, "terms": terms[: kept + extra]}
+                for f, high, extra in ((0.04, 1.8e-3, 3), (0.2, 9e-3, 1), (1.0, 4.5e-2, 0), (5.0, None, -1))
             ],
             "collinearity": {
                 "max_correlation": 0.71,
@@ -184,7 +184,7 @@ def _structure(rng: np.random.Generator) -> dict[str, object]:
                 "lag": lag.tolist(),
             },
             "samples": 880,
-            "check": {"canopy 2": {"rms_ratio": 1.07}},
+            "check": {},
         }
 
     return {
@@ -352,7 +352,7 @@ def build_run(
             "wind, horizontal": {"white": None, "correlated": 0.61, "time_constant": 5.2, "unit": "m/s"},
             "breathing": {"white": None, "correlated": 0.021, "frequency": 0.23, "damping_ratio": 0.06, "unit": "1"},
         },
-        "vehicle": {"name": "CPAS capsule under two mains", "capsule mass": {"value": 9463.1, "unit": "kg"}},
+        "vehicle": "CPAS capsule under two mains",
         "versions": {"bayeschute": "0.1.0", "jax": "0.10.2", "numpy": "2.4.6"},
         "seed": seed,
         "hashes": {"study.toml": "6c59dd1147eb600d13096aa7d491496e", "vehicle": "a1b2c3d4e5f60718"},

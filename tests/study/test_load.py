@@ -9,15 +9,8 @@ import pytest
 
 import bayeschute as bc
 from bayeschute.core.errors import InputError
-from bayeschute.study.load import (
-    check_study,
-    file_hash,
-    load_study,
-    load_study_or_vehicle,
-    load_vehicle,
-    study_hash,
-    usual_study,
-)
+from bayeschute.study.load import check_study, load_study, load_study_or_vehicle, load_vehicle, usual_study
+from bayeschute.study.study import file_hash, study_hash
 from bayeschute.study.templates import template
 
 ROOT = Path(__file__).parents[2]

@@ -1,4 +1,4 @@
-"""Drop by drop: priors made of a posterior, and the table of what each drop taught."""
+"""Drop by drop: priors made of a posterior, and the table of the information gained from each drop."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from bayeschute.study.study import Study as StudySpec
 
 Array = NDArray[np.float64]
 HISTORY = "history.json"
-"""What the drops before a posterior's own taught: a list of `lessons`, in the order of the drops."""
+"""Information gained from the drops before a posterior's own: a list of `lessons`, in the order of the drops."""
 
 
 def priors_of(spec: StudySpec, priors: Sequence[Prior], draws: Mapping[str, Array], flights: Sequence[str]) -> Priors:
@@ -31,7 +31,7 @@ def priors_of(spec: StudySpec, priors: Sequence[Prior], draws: Mapping[str, Arra
         spec: The study that was fitted.
         priors: Of its parameters.
         draws: Of the posterior by parameter (chain, draw).
-        flights: Names of all flights that taught it.
+        flights: Names of all flights that it contains.
 
     Raises:
         InputError: If parameters are those of populations or of several bodies.
@@ -55,11 +55,11 @@ def next_priors(made: Priors, spec: StudySpec, taught: Sequence[str], flights: S
     Args:
         made: From `priors_of`.
         spec: The study of the posterior.
-        taught: Names of all flights that taught it.
+        taught: Names of all flights that the posterior contains.
         flights: The next ones.
 
     Raises:
-        InputError: If there are none, or one of them taught the posterior already, or they are of another model.
+        InputError: If there are none, or the posterior contains one of them already, or they are of another model.
     """
     if not flights:
         raise InputError(Fault("update", "no flight", "at least one"))
@@ -85,10 +85,10 @@ def next_priors(made: Priors, spec: StudySpec, taught: Sequence[str], flights: S
 
 
 def taught_table(history: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
-    """What every drop taught, a row a drop and parameter, in working coordinates (the value, or its logarithm).
+    """Information gained, a row a drop and parameter, in working coordinates (the value, or its logarithm).
 
     Args:
-        history: Lessons in the order of the drops.
+        history: From `lessons`, in the order of the drops.
 
     Returns:
         Columns of `posterior.combine.sequential.Taught`; ``attrs["joint"]``: information about all parameters together

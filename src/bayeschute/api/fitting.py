@@ -8,8 +8,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from pydantic import ValidationError
-
 from bayeschute.api.beliefs import Priors
 from bayeschute.api.flight import Flight
 from bayeschute.api.inputs import Study
@@ -17,7 +15,7 @@ from bayeschute.api.workspace import Files, collected, workspace
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.study.job import Job, Progress
 from bayeschute.study.schema.belief_schema import NoiseTable
-from bayeschute.study.schema.schema_faults import faults_of
+from bayeschute.study.schema.schema_faults import validated
 from bayeschute.study.study import Study as StudySpec
 
 if TYPE_CHECKING:
@@ -124,10 +122,7 @@ def sampling(
         "draws": None if draws is None else -(-draws // count),
     }
     sizes = table.model_dump() | {k: v for k, v in asked.items() if v is not None}
-    try:
-        table = type(table).model_validate(sizes)
-    except ValidationError as error:
-        raise InputError(faults_of("sample", type(table), error, sizes)) from None
+    table = validated(type(table), "sample", sizes)
     return replace(spec, sampler=table, seed=spec.seed if seed is None else seed)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import xarray as xr
@@ -12,7 +11,7 @@ from bayeschute.api.posterior import Posterior
 from bayeschute.calibration.label import without_level
 from bayeschute.core.files import write_whole
 from bayeschute.report.figures.canvas import save
-from bayeschute.study.job import Progress
+from bayeschute.study.job import Progress, write_json
 from bayeschute.study.load import load_flights
 
 
@@ -66,7 +65,7 @@ def predict_file(
             lines.append(f"{spec.name}: {wanted.name} {said}")
     tree = xr.DataTree.from_dict(bands)
     write_whole(folder / "predictions.nc", lambda path: tree.to_netcdf(path, engine="h5netcdf"))
-    write_whole(folder / "requirements.json", lambda path: path.write_text(json.dumps(rows, indent=1) + "\n"))
+    write_json(folder / "requirements.json", rows)
     if progress is not None:
         progress("predict", 1.0, f"{len(bands)} flights")
     return [*lines, *filter(None, [without_level(asked.failed_checks)])]

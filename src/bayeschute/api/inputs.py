@@ -8,21 +8,16 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
-
 from bayeschute.api import html
 from bayeschute.api.beliefs import Priors
 from bayeschute.api.flight import Flight, Flights, flight_rows
-from bayeschute.core.errors import InputError
-from bayeschute.study.load import load_study, load_vehicle
+from bayeschute.study.load import load_study
 from bayeschute.study.schema.belief_schema import NoiseTable
-from bayeschute.study.schema.schema_faults import faults_of
+from bayeschute.study.schema.schema_faults import validated
 from bayeschute.study.schema.structure_schema import StructureTable
 from bayeschute.study.schema.vehicle_schema import Vehicle
 from bayeschute.study.study import Study as StudySpec
 from bayeschute.study.templates import template
-
-__all__ = ["Study", "load_vehicle", "noise"]
 
 
 def noise(tables: Mapping[str, Any]) -> NoiseTable:
@@ -41,10 +36,7 @@ def noise(tables: Mapping[str, Any]) -> NoiseTable:
         >>> bc.noise({"descent_rate": rate, "wind": {"vertical": "0.5 m/s", "time_constant": "30 s"}}).model
         'latent'
     """
-    try:
-        return NoiseTable.model_validate(dict(tables))
-    except ValidationError as error:
-        raise InputError(faults_of("noise", NoiseTable, error, dict(tables))) from None
+    return validated(NoiseTable, "noise", dict(tables))
 
 
 @dataclass(frozen=True, eq=False, repr=False)

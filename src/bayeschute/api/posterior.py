@@ -224,7 +224,7 @@ class Posterior:
         return [*earlier, *(f.name for f in self.spec.with_role("identify"))]
 
     def taught(self) -> pd.DataFrame:
-        """What each drop taught: standard deviation before and after, shift, information gained [nats].
+        """Information gained from each drop [nats]: also the standard deviation before and after it, and the shift.
 
         Returns:
             A row a drop and parameter; ``attrs["joint"]`` has the gain about all parameters together by drop.
@@ -252,8 +252,8 @@ class Posterior:
         their study.
 
         Args:
-            flights: A study, whose flights with the role ``identify`` are fitted; or flights, none of which taught this
-                posterior before.
+            flights: A study, whose flights with the role ``identify`` are fitted; or flights, none of which this
+                posterior contains.
             noise: Noise of channels and latent disturbances; None: that of the flights' study.
             draws: In all; the flights' study's number where None.
             chains: Chains.
@@ -262,7 +262,7 @@ class Posterior:
             progress: Called with stage, share done and words; True: shown in the terminal.
 
         Raises:
-            InputError: If a flight taught it already, or parameters are not shared by all drops.
+            InputError: If the posterior contains a flight already, or parameters are not shared by all drops.
             FitError: If no flight of the model follows the records.
 
         Example:

@@ -15,7 +15,7 @@ from bayeschute.api import html
 from bayeschute.api.beliefs import Priors, Structure
 from bayeschute.api.fitted import Fit
 from bayeschute.api.fitting import chosen, drawn, fitted_flights, ingest, sampling, shown, spec_of
-from bayeschute.api.flight import Flight, Flights
+from bayeschute.api.flight import Flight
 from bayeschute.api.inputs import Study
 from bayeschute.api.posterior import Posterior
 from bayeschute.api.run_folder import Run
@@ -360,19 +360,3 @@ def numpyro_model(source: Fit | Posterior) -> Callable[[], None]:
     if len(pairs) != 1:
         raise InputError(Fault("numpyro_model", f"{len(pairs)} fits", "one set of flights that share their parameters"))
     return model(*pairs[0])
-
-
-__all__ = [
-    "Coverage",
-    "Flights",
-    "calibrate",
-    "fit",
-    "numpyro_model",
-    "read_record",
-    "reconstruct",
-    "run",
-    "sample",
-    "scenarios",
-    "select_structure",
-    "simulate_study",
-]

@@ -1,4 +1,4 @@
-"""Force coefficients of a canopy by angle of attack, a table for every draw: what other programs read."""
+"""Force coefficients of a canopy by angle of attack, a table for every draw, for other programs."""
 
 from __future__ import annotations
 

@@ -1,9 +1,10 @@
-"""Landings of a campaign flown: what is drawn for each, the batch, the rows."""
+"""Simulation of the landings of a campaign in batches: random inputs, flight, one row each."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,12 +67,7 @@ def _batch(plan: CampaignPlan, number: int, ids: Ids, local: Ids) -> NDArray[np.
     """Rows of landings of one model, `local` being their draws of it."""
     one = plan.models[number]
     sizes = normal_sizes(plan, number)
-    streams: tuple[Callable[[int], np.random.Generator], ...] = (
-        lambda key: stream(plan.seed, "winds of landings", key),
-        lambda key: stream(plan.seed, "starts of landings", key),
-        lambda key: stream(plan.seed, "gusts of landings", key),
-        lambda key: stream(plan.seed, "canopies of landings", key),
-    )
+    streams = (partial(stream, plan.seed, f"{what} of landings") for what in ("winds", "starts", "gusts", "canopies"))
     given = [_each(*each) for each in zip(streams, ids[:, 1:].T, sizes, strict=True)]
     laws = [law[local].T for law in one.laws]
     return fly_normals(plan, number, one.theta[local].T, laws, Normals(*given), ids)

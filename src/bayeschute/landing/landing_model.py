@@ -1,4 +1,4 @@
-"""The cluster on its way to the ground: what differs from landing to landing are disturbances, not a record's inputs.
+"""Model of a cluster on its way to the ground: landings differ by disturbances, not by a record's inputs.
 
 The winds of capsule and canopies, breathing, unexplained forces and roll enter as disturbances of every landing of a
 batch; the density follows from the altitude of every body. So one compiled program flies landings of all winds at once.

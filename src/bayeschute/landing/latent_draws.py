@@ -1,4 +1,4 @@
-"""Disturbances that the posterior knows (`likelihood.disturbances`), drawn for many landings, each by its own laws."""
+"""Latent disturbances of a posterior (`likelihood.disturbances`), drawn for many landings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a landing is: speeds, angles, velocity in the capsule's axes, tensions and drift, one row each."""
+"""Measures of a landing: speeds, angles, velocity in body axes, tensions and drift, one row each."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a cluster does in the last seconds before touchdown, for many landings at once.
+"""Mode of motion of a cluster in the last seconds before touchdown, for many landings at once.
 
 Motion is split by `reduced.mode_labels`: the mean of the risers' directions swings (pendulum), deviations from it
 change in length (flyout) or turn as one (maypole). A pendulum whose minor axis is long beside its major one is a cone.

@@ -1,4 +1,4 @@
-"""Where landings begin: a cluster that hangs under its canopies, leaning and turning by chance, at its steady speed."""
+"""Initial states of landings: a cluster in steady descent with random lean, turn and tilt."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Numbers of a landing that follow from its state at touchdown."""
+"""Measures of a landing that follow from its state at touchdown."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Winds that landings meet: members of an ensemble, errors of a forecast, layers of shear, gusts, turbulence."""
+"""Winds of landings: members of an ensemble, errors of a forecast, layers of shear, gusts, turbulence."""
 
 from __future__ import annotations
 

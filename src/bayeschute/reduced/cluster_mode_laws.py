@@ -1,4 +1,4 @@
-"""Flyout, maypole and breathing of a cluster of equal canopies (report 6.3.2), forward and inverse.
+"""Flyout, maypole and breathing of a cluster of equal canopies (report 6.3.2): coefficients from what is measured.
 
 Closed forms for floats, NumPy or JAX arrays. Masses and weights are those of one canopy unless stated otherwise: `mass`
 with its enclosed air, `weight` dry. `q_area` is q S of one canopy [N].
@@ -8,9 +8,6 @@ from __future__ import annotations
 
 from math import pi
 from typing import NamedTuple
-
-import jax
-import jax.numpy as jnp
 
 from bayeschute.core.vectors import Component
 
@@ -27,19 +24,6 @@ class Canopy(NamedTuple):
     mass: Component
     weight: Component
     length: Component
-
-
-def flyout_period(canopy: Canopy, q_area: Component, normal_slope: Component, cos_trim: Component = 1.0) -> Component:
-    """Period of the flyout [s] from the total slope of C_N [1/rad] (6.3.2-8, linearised about a trim angle).
-
-    Args:
-        canopy: One canopy.
-        q_area: q S [N].
-        normal_slope: (C_Nalpha)_tot [1/rad].
-        cos_trim: Cosine of the flyout angle about which the canopies move; 1.0 as printed.
-    """
-    stiffness = q_area * normal_slope - canopy.weight * cos_trim
-    return 2.0 * pi * (canopy.mass * canopy.length / stiffness) ** 0.5
 
 
 def flyout_slope(canopy: Canopy, q_area: Component, period: Component, cos_trim: Component = 1.0) -> Component:
@@ -64,12 +48,6 @@ def maypole_normal(canopy: Canopy, q_area: Component, radius: Component, turning
     return maypole_normal_force(canopy, radius, turning) / q_area
 
 
-def maypole_turning(canopy: Canopy, q_area: Component, radius: Component, normal: Component) -> Component:
-    """Rate of turn of a maypole [rad/s] from its radius [m] and (C_N)_tot (6.3.2-23)."""
-    sine, cosine = _cosine(canopy, radius)
-    return ((q_area * normal - canopy.weight * sine) / (canopy.mass * radius * cosine)) ** 0.5
-
-
 def maypole_q_area(
     canopy: Canopy, axial: Component, radius: Component, turning: Component, total_weight: Component, count: int = 2
 ) -> Component:
@@ -77,14 +55,6 @@ def maypole_q_area(
     sine, cosine = _cosine(canopy, radius)
     lift = maypole_normal_force(canopy, radius, turning) * sine
     return (total_weight / count - lift) / (axial * cosine)
-
-
-def maypole_balance(
-    canopy: Canopy, q_area: Component, axial: Component, radius: Component, total_weight: Component, count: int = 2
-) -> Component:
-    """(C_N)_tot of a maypole from its radius [m] and q S [N], by the balance of weight (6.3.2-26)."""
-    sine, cosine = _cosine(canopy, radius)
-    return (total_weight - count * q_area * axial * cosine) / (count * q_area * sine)
 
 
 class Breathing(NamedTuple):
@@ -111,24 +81,3 @@ def breathing_axial_slope(cluster: Breathing, amplitude: Component, frequency: C
     pull, omega = cluster.weight / cluster.mass, 2.0 * pi * frequency
     decay = 2.0 * pull / cluster.speed
     return amplitude * cluster.axial * (omega**2 + decay**2) ** 0.5 / pull
-
-
-def breathing_rate(
-    x: jax.Array, cluster: Breathing, stiffness: Component, damping: Component, axial_slope: Component
-) -> jax.Array:
-    """Rate of eta, eta' and the descent rate w [m/s] (6.3.2-27..29, corrected as in `breathing_axial_slope`).
-
-    Args:
-        x: State (3, ...).
-        cluster: The cluster.
-        stiffness: omega_n^2 [1/s^2].
-        damping: d [1/s].
-        axial_slope: C_Aeta.
-    """
-    eta, eta_rate, w = x[0], x[1], x[2]
-    drag = (1.0 + axial_slope / cluster.axial * eta) * w * jnp.abs(w) / cluster.speed**2
-    return jnp.stack(
-        jnp.broadcast_arrays(
-            eta_rate, -damping * eta_rate - stiffness * eta, cluster.weight / cluster.mass * (1.0 - drag)
-        )
-    )

@@ -1,4 +1,4 @@
-"""What the checks of a run want of their values, in words."""
+"""Bounds of the checks of a run in words."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ from bayeschute.records.record import VARIABLES
 from bayeschute.report.figures.canvas import INK, SERIES, SHADE, VERMILION, sheet, styled
 from bayeschute.report.run_results import Results, entries, json_object, mappings, try_read
 from bayeschute.report.structure_view import Draw
-from bayeschute.report.tables.summary_tables import Cell, Table, cells, columns_of
+from bayeschute.report.tables.summary_tables import Cell, Table, cells, table_of
 from bayeschute.report.wording import (
     MISSING,
     at_precision,
@@ -89,10 +89,8 @@ def residual_table(results: Results) -> Table | None:
         wide = "bad" if ratio is not None and ratio > _WIDE else ""
         name, samples = Cell(output, "code"), whole(facts.get("samples"))
         rows.append(cells(flight, name, samples, rms, noise, Cell(number(ratio, 2), wide), Cell(unit, "muted")))
-    columns = columns_of(
-        "Flight:text|Output:code|Samples:num|Residual, rms:num|Sensor noise, sd:num|Ratio:num|Unit:text"
-    )
-    return Table(columns, tuple(rows)) if rows else None
+    columns = "Flight:text|Output:code|Samples:num|Residual, rms:num|Sensor noise, sd:num|Ratio:num|Unit:text"
+    return table_of(columns, rows)
 
 
 def parameter_table(facts: Mapping[str, Any]) -> Table | None:
@@ -112,8 +110,7 @@ def parameter_table(facts: Mapping[str, Any]) -> Table | None:
                 Cell(unit, "muted"),
             )
         )
-    columns = columns_of("Parameter:text|Value:num|Standard error:num|Prior mean:num|Prior sd:num|Unit:text")
-    return Table(columns, tuple(rows)) if rows else None
+    return table_of("Parameter:text|Value:num|Standard error:num|Prior mean:num|Prior sd:num|Unit:text", rows)
 
 
 def _outputs_by_channel(path: BestPath) -> dict[str, list[int]]:
@@ -140,8 +137,7 @@ def residuals(axes: Axes, path: BestPath, channel: str) -> Axes:
     for place, i in enumerate(columns):
         label = path.outputs[i][len(channel) :].strip(".[] ")
         axes.plot(path.time, scale * path.residual[:, i], color=SERIES[place % len(SERIES)], lw=0.9, label=label)
-    axes.set_title(f"{channel.replace('_', ' ').capitalize()}: measured minus simulated")
-    axes.set_ylabel(f"[{unit or 1}]")
+    axes.set(title=f"{channel.replace('_', ' ').capitalize()}: measured minus simulated", ylabel=f"[{unit or 1}]")
     if 1 < len(columns) <= _MOST_LINES:
         axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(columns), borderaxespad=0.1)
     axes.margins(x=0)
@@ -153,8 +149,7 @@ def defects(axes: Axes, path: BestPath) -> Axes:
     """Largest multiple-shooting defect of each step of the best trajectory found, relative to its tolerance."""
     axes.plot(path.time[1:], path.defect, color=VERMILION, lw=0.9)
     axes.axhline(1.0, color=INK, lw=0.8, ls=(0, (5, 3)))
-    axes.set_title("Largest continuity defect of each step, relative to its tolerance")
-    axes.set_ylabel("[1]")
+    axes.set(title="Largest continuity defect of each step, relative to its tolerance", ylabel="[1]")
     axes.set_ylim(bottom=0.0)
     axes.margins(x=0)
     return axes

@@ -76,7 +76,7 @@ def _record_pictures(results: Results, folder: Path) -> list[Picture]:
     found = []
     facts = entries(results.part("flights"))
     for name, record in results.flights.items():
-        repairs = record_tables.faults_of(record_tables.repairs_of(facts.get(name, {}), record))
+        repairs = record_tables.faults_of(mappings(facts.get(name, {}).get("repairs")))
         figure = record_figures.record_figure(record, repairs)
         if figure.axes:
             alt = f"Altitude, descent rate and wind of {name} over time; {counted(len(repairs), 'fault')} marked."
@@ -128,16 +128,13 @@ def _variance_picture(results: Results, folder: Path) -> Picture | None:
 
 def _autocorrelations(results: Results) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Curves of residual autocorrelation that the run left, by name."""
-    sources: dict[str, Any] = dict(results.part("residuals"))
-    for name, facts in entries(results.structure.get("coefficients")).items():
-        sources[f"{name} force, structure"] = facts.get("residual")
     found = {}
-    for name, facts in entries(sources).items():
-        if isinstance(facts.get("autocorrelation"), list):
-            value = np.array(facts["autocorrelation"], dtype=float)
-            lag = np.array(facts.get("lag") or np.arange(value.size) * float(facts.get("step", 1.0)), dtype=float)
-            if value.size > 1 and lag.shape == value.shape and np.isfinite(value).all():
-                found[name] = (lag, value)
+    for name, facts in entries(results.structure.get("coefficients")).items():
+        residual = facts.get("residual")
+        if isinstance(residual, Mapping):
+            value, lag = (np.array(residual[key], dtype=float) for key in ("autocorrelation", "lag"))
+            if value.size > 1 and np.isfinite(value).all():
+                found[f"{name} force, structure"] = (lag, value)
     return found
 
 
@@ -257,7 +254,7 @@ def _widened(results: Results) -> str:
 def _of_every_run(results: Results, draw: Draw) -> dict[str, Any]:
     """What the template shows of any run: input data, structure, provenance."""
     summary = results.summary
-    vehicle, notes = summary.get("vehicle"), summary.get("notes")
+    notes = summary.get("notes")
     return {
         "title": str(summary.get("title") or "Parachute identification"),
         "heading": re.sub(r"(?<=\w)-(?=\w)", "\u2011", str(summary.get("title") or "Parachute identification")),
@@ -271,14 +268,12 @@ def _of_every_run(results: Results, draw: Draw) -> dict[str, Any]:
         "preparation": record_tables.preparation_table(results),
         "noise": summary_tables.noise_table(results),
         "latent": summary.get("noise_model", "latent") == "latent",
-        "vehicle": summary_tables.plain_table(vehicle, "Vehicle", "") if isinstance(vehicle, Mapping) else None,
-        "vehicle_name": vehicle if isinstance(vehicle, str) else None,
+        "vehicle": summary.get("vehicle"),
         "records": _record_pictures(results, results.folder / "figures"),
         "structure": structure_view(results, draw),
         "notes": [str(n) for n in notes] if isinstance(notes, list) else [],
         "absent": results.absent,
         "seed": summary.get("seed"),
-        "finished": summary.get("finished") or summary.get("created"),
         "provenance": trust_tables.provenance_tables(results),
     }
 
@@ -316,7 +311,6 @@ def _context(results: Results) -> dict[str, Any]:
         "warnings": trust_tables.warnings_of(results),
         "output_error": summary_tables.output_error_table(results),
         "posterior": summary_tables.posterior_table(results),
-        "uninformed": sentences.uninformed(results),
         "posterior_pictures": posterior,
         "aerodynamics": _aerodynamics(results, folder),
         "identifiability": {

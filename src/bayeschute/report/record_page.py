@@ -1,4 +1,4 @@
-"""Records before any fit, on one self-contained page: what the laws of plausibility say, and what they compare."""
+"""Plausibility of records before any fit, on one self-contained page: broken laws and compared channels."""
 
 from __future__ import annotations
 

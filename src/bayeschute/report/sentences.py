@@ -11,7 +11,6 @@ from bayeschute.calibration.label import has_level as label_has_level
 from bayeschute.report.run_results import Results, entries, mappings
 from bayeschute.report.wording import counted, is_number, listed, number, percent, probability, quantity, quantity_name
 
-_LEAST = 0.1  # contraction below which a parameter is named as uninformed
 NO_LABEL = "not checked: the summary contains no label"
 
 
@@ -96,7 +95,7 @@ def risk_sentence(results: Results) -> str:
             f"The requirement “{worst.get('name', 'unnamed')}”, {requirement_limit(worst)}, is met with probability "
             f"{probability(worst['probability_met'])}{where}"
         )
-        simulations = worst.get("simulations") or worst.get("draws")
+        simulations = worst.get("simulations")
         if is_number(worst.get("simulation_low")) and is_number(simulations):
             text += (
                 f" (Monte Carlo limits from {simulations:,.0f} simulated flights, 90 %: "
@@ -171,11 +170,7 @@ def structure_sentences(facts: Mapping[str, Any]) -> list[str]:
     text = f"{counted(len(selected), 'term')} selected" + (
         f" out of {counted(len(candidates), 'candidate')}" if candidates else ""
     )
-    ranking = mappings(facts.get("ranking"))
     explained = facts.get("r2")
-    if not is_number(explained) and selected and len(ranking) >= len(selected):
-        last = ranking[len(selected) - 1].get("r2")
-        explained = float(last) / 100.0 if is_number(last) else None
     if selected and is_number(explained):
         verb = "it explains" if len(selected) == 1 else "they explain"
         text += f"; {verb} {percent(explained, 1)} of the variation"
@@ -196,16 +191,4 @@ def structure_sentences(facts: Mapping[str, Any]) -> list[str]:
             f"Largest correlation between two selected terms: {number(collinearity['max_correlation'], 2)}{between}; "
             f"largest variance inflation factor: {number(collinearity.get('max_vif'), 2)}; {flagged}."
         )
-    for name, check in entries(facts.get("check")).items():
-        if is_number(check.get("rms_ratio")) and "rms" not in check:
-            found.append(
-                f"On {name}, which was not fitted, the residual is {number(check['rms_ratio'], 2)} times that of the "
-                "fit."
-            )
     return found
-
-
-def uninformed(results: Results) -> list[str]:
-    """Parameters whose posterior variance is hardly smaller than their prior variance."""
-    shares = {name: facts.get("contraction") for name, facts in entries(results.part("parameters")).items()}
-    return [name for name, share in shares.items() if is_number(share) and share < _LEAST]

@@ -43,16 +43,8 @@ def _synthetic(results: Results) -> dict[str, Any] | None:
         }
         for name, facts in entries(found["coefficients"]).items()
     ]
-    return {
-        "source": found.get("source"),
-        "reading": found.get("reading"),
-        "flight": found.get("flight"),
-        "canopy": found.get("canopy"),
-        "time_constant": found.get("time_constant"),
-        "replicates": found.get("replicates"),
-        "targets": structure_tables.target_table(found),
-        "parts": parts,
-    }
+    said = {key: found.get(key) for key in ("source", "reading", "flight", "canopy", "time_constant", "replicates")}
+    return said | {"targets": structure_tables.target_table(found), "parts": parts}
 
 
 def structure_view(results: Results, draw: Draw) -> dict[str, Any]:

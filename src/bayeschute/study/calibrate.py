@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from functools import partial
 from importlib.metadata import version
@@ -13,11 +12,11 @@ from bayeschute.calibration.campaign import run
 from bayeschute.calibration.coverage_tables import summarise
 from bayeschute.calibration.domain import domain
 from bayeschute.core.errors import Fault, InputError
-from bayeschute.core.files import write_whole
 from bayeschute.study.evidence.conditions import stored_conditions
 from bayeschute.study.evidence.identity import configuration, identity, with_noise
 from bayeschute.study.evidence.provenance import provenance
 from bayeschute.study.evidence.scenarios import SCENARIOS
+from bayeschute.study.job import write_json
 from bayeschute.study.load import load_study
 from bayeschute.study.replicate import replicate
 from bayeschute.study.run.log import NAME as LOG
@@ -113,7 +112,7 @@ def calibrate(
         "hash": configuration(study, quick),
         **provenance(_command(study.path, replicates, disturbance, noise, quick)),
     }
-    write_whole(folder / f"{name}.json", lambda p: p.write_text(json.dumps(result, indent=1) + "\n", "utf-8"))
+    write_json(folder / f"{name}.json", result)
     return result
 
 

@@ -48,11 +48,16 @@ class Job:
 
     def save(self, name: str, value: Any) -> None:
         """Write JSON, whole or not at all."""
-        write_whole(self.out / name, lambda path: path.write_text(json.dumps(value, indent=1) + "\n"))
+        write_json(self.out / name, value)
 
     def load(self, name: str) -> Any:
         """Read JSON that a stage left."""
         return json.loads((self.out / name).read_text())
+
+
+def write_json(path: Path, value: Any) -> None:
+    """Write JSON, whole or not at all."""
+    write_whole(path, lambda aside: aside.write_text(json.dumps(value, indent=1) + "\n", encoding="utf-8"))
 
 
 def load_flight(job: Job, name: str) -> xr.Dataset:

@@ -14,9 +14,9 @@ from functools import partial
 from pathlib import Path
 
 from bayeschute.core.files import write_whole
-from bayeschute.study.load import load_study, study_hash
+from bayeschute.study.load import load_study
 from bayeschute.study.schema.sidecar import DATA, data_folder
-from bayeschute.study.study import Study
+from bayeschute.study.study import Study, study_hash
 
 FOLDER = "inputs"
 """Of a run's folder, with the files that its study names."""

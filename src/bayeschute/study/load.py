@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
-from pydantic import TypeAdapter, ValidationError
+from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.records.descent_window import DescentWindow
@@ -19,7 +19,7 @@ from bayeschute.study.plausible import judge, told, warned, window_used
 from bayeschute.study.schema.columns import check_columns
 from bayeschute.study.schema.crosscheck import check_span, check_vehicles, crosscheck
 from bayeschute.study.schema.draft import Draft
-from bayeschute.study.schema.schema_faults import faults_of
+from bayeschute.study.schema.schema_faults import validated
 from bayeschute.study.schema.sidecar import context
 from bayeschute.study.schema.study_files import read_toml, record_paths
 from bayeschute.study.schema.study_schema import (
@@ -31,7 +31,8 @@ from bayeschute.study.schema.study_schema import (
     predictable,
 )
 from bayeschute.study.schema.vehicle_schema import NOT_FLOWN, Vehicle
-from bayeschute.study.study import Flight, Study, canonical, file_hash, study_hash
+from bayeschute.study.study import Flight, Study
+from bayeschute.study.study import study_hash as study_hash
 from bayeschute.study.templates import template
 
 if TYPE_CHECKING:
@@ -42,20 +43,6 @@ _SENSED = (
     "canopy_position", "capsule_velocity", "capsule_attitude", "capsule_rate", "capsule_specific_force",
     "riser_tension", "swing_angle", "descent_rate",
 )  # fmt: skip
-__all__ = [
-    "Flight",
-    "Study",
-    "canonical",
-    "check_study",
-    "examine_study",
-    "load_flights",
-    "file_hash",
-    "load_study",
-    "load_study_or_vehicle",
-    "load_vehicle",
-    "study_hash",
-    "usual_study",
-]
 
 
 class _Reading(NamedTuple):
@@ -234,16 +221,12 @@ def load_flights(path: Path | str, study: Study, data_dir: Path | str | None = N
     """
     path = Path(path)
     raw, _, faults = read_toml(path)
-    here = context(path.parent, data_dir)
     if raw is None:
         raise InputError(faults)
     listed = raw.get("flight")
     with_roles = [{"roles": ["predict"], **one} if isinstance(one, dict) else one for one in listed or ()]
     said = {**raw, "flight": with_roles} if isinstance(listed, list) else raw
-    try:
-        found = FlightsFile.model_validate(said, context=here)
-    except ValidationError as error:
-        raise InputError([*faults, *faults_of(str(path), FlightsFile, error, said)]) from None
+    found = validated(FlightsFile, str(path), said, context(path.parent, data_dir))
     vehicle = study.vehicle
     if found.vehicle is not None and study.model != "descent":
         vehicle, _, more = _read_vehicle(Path(os.path.normpath(path.parent / found.vehicle)), data_dir)
@@ -305,9 +288,9 @@ def _read_vehicle(path: Path, data_dir: Path | str | None = None) -> tuple[Vehic
     if raw is None:
         return None, text, faults
     try:
-        return Vehicle.model_validate(raw, context=context(path.parent, data_dir)), text, []
-    except ValidationError as error:
-        return None, text, faults_of(str(path), Vehicle, error, raw)
+        return validated(Vehicle, str(path), raw, context(path.parent, data_dir)), text, []
+    except InputError as error:
+        return None, text, list(error.faults)
 
 
 def _own_vehicles(
@@ -329,11 +312,10 @@ def _read_study(path: Path, data_dir: Path | str | None) -> _Reading:
     whole: StudyFile | None
     here = context(path.parent, data_dir)
     try:
-        whole = StudyFile.model_validate(raw, context=here)
+        whole = validated(StudyFile, str(path), raw, here)
         tables, flights = {key: getattr(whole, key) for key in raw}, dict(enumerate(whole.flight))
-    except ValidationError as error:
-        whole = None
-        faults = faults_of(str(path), StudyFile, error, raw)
+    except InputError as error:
+        whole, faults = None, list(error.faults)
         tables, flights = _sound_tables(raw, here)
     vehicle_path, vehicle, vehicle_text = None, None, ""
     if isinstance(raw.get("vehicle"), str) and tables.get("model") != "descent":
@@ -347,31 +329,26 @@ def _read_study(path: Path, data_dir: Path | str | None) -> _Reading:
     faults += [*crosscheck(draft), *check_columns(draft), *path_faults]
     if whole is None:
         return _Reading(None, faults, draft, paths)
-    study = Study(
-        path=path,
-        title=whole.title,
-        model=whole.model,
-        seed=whole.seed,
-        flights=tuple(
+    quantities = predictable(whole.model, vehicle, whole.predict.quantities)
+    changed = {
+        "path": path,
+        "flights": tuple(
             _flight(table, paths.get(index), whole.columns, whole.conventions, own.get(index))
             for index, table in flights.items()
         ),
-        priors=whole.priors,
-        noise=whole.noise,
-        sampler=whole.sampler,
-        predict=whole.predict.model_copy(
-            update={"quantities": predictable(whole.model, vehicle, whole.predict.quantities)}
-        ),
-        requirements=whole.requirement,
-        structure=whole.structure,
-        synthetic=whole.synthetic,
-        knowledge=whole.knowledge,
-        vehicle=vehicle,
-        vehicle_path=vehicle_path,
-        text=text,
-        vehicle_text=vehicle_text,
-    )
-    return _Reading(study, faults, draft, paths)
+        "predict": whole.predict.model_copy(update={"quantities": quantities}),
+        "requirements": whole.requirement,
+        "vehicle": vehicle,
+        "vehicle_path": vehicle_path,
+        "text": text,
+        "vehicle_text": vehicle_text,
+    }
+    return _Reading(Study(**_same(whole, Study) | changed), faults, draft, paths)
+
+
+def _same(table: BaseModel, kind: type) -> dict[str, Any]:
+    """Values of a table that a dataclass has under the same names."""
+    return {one.name: getattr(table, one.name) for one in fields(kind) if one.name in type(table).model_fields}
 
 
 def _sound_tables(raw: Mapping[str, Any], here: Mapping[str, str]) -> tuple[dict[str, Any], dict[int, FlightTable]]:
@@ -405,21 +382,10 @@ def _flight(
     vehicle: Vehicle | None,
 ) -> Flight:
     own = table.columns if table.columns is not None else columns
-    return Flight(
-        name=table.name,
-        roles=table.roles,
-        path=path,
-        virtual=table.virtual,
-        columns=dict(own or {}) if table.file is not None else {},
-        conventions=(table.conventions or conventions) if table.file is not None else None,
-        window=table.window,
-        rate=table.rate,
-        vehicle=vehicle,
-        capsule_mass=table.capsule_mass,
-        skip_first=table.skip_first,
-        identify_until=table.identify_until,
-        remove_velocity_bias=table.remove_velocity_bias,
-        wind_profile=table.wind_profile,
-        accept_implausible=table.accept_implausible,
-        simulated_by=table.simulated_by,
-    )
+    changed = {
+        "path": path,
+        "columns": dict(own or {}) if table.file is not None else {},
+        "conventions": (table.conventions or conventions) if table.file is not None else None,
+        "vehicle": vehicle,
+    }
+    return Flight(**_same(table, Flight) | changed)

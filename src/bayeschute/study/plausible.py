@@ -1,4 +1,4 @@
-"""A study's flights and their vehicle as the laws of plausibility see them. Nothing here imports JAX."""
+"""Plausibility of a study's flights: the laws applied to their records and vehicle. Nothing here imports JAX."""
 
 from __future__ import annotations
 

@@ -22,17 +22,16 @@ from bayeschute.calibration import simulation_based as sbc
 from bayeschute.calibration.campaign import run
 from bayeschute.calibration.rank_tables import summarise_ranks
 from bayeschute.core.errors import Fault, InputError
-from bayeschute.core.files import write_whole
 from bayeschute.posterior.noise_evidence import NoisePrior
 from bayeschute.prediction.bands import quantities_of_states
 from bayeschute.study.assembly import assemble
 from bayeschute.study.assembly.fits import data_of, groups
 from bayeschute.study.evidence.numerics_hash import numerics
 from bayeschute.study.evidence.provenance import provenance
-from bayeschute.study.job import Job
-from bayeschute.study.load import load_study, study_hash
+from bayeschute.study.job import Job, write_json
+from bayeschute.study.load import load_study
 from bayeschute.study.run import stage_list
-from bayeschute.study.study import Study
+from bayeschute.study.study import Study, study_hash
 
 FIRST_SEED = 50_000
 LEVELS = 99
@@ -144,8 +143,7 @@ def rank_tests(
         "study": study.path.stem, "noise": study.noise.model, "truths": truths,
         **summarise_ranks(rows, LEVELS, SHIFT), **provenance(command),
     }  # fmt: skip
-    text = json.dumps(result, indent=1) + "\n"
-    write_whole(Path(out) / f"ranks.{truths}.json", lambda place: place.write_text(text, "utf-8"))
+    write_json(Path(out) / f"ranks.{truths}.json", result)
     return result
 
 

@@ -21,25 +21,13 @@ from bayeschute.study.schema.wind_schema import ProfileTable
 
 @dataclass(frozen=True)
 class Flight:
-    """A flight, ready to be read or flown.
+    """A flight, ready to be read or flown: `FlightTable` with what its file and its study say.
 
     Attributes:
-        name: Unique within the study; good as a file name.
-        roles: Of ``structure``, ``identify``, ``predict``.
         path: The record; None for a virtual drop.
-        virtual: The drop to fly; None for a record.
         columns: Column and unit by variable; empty for a virtual drop or a record in the schema's own names.
         conventions: Axes, senses and clock of the record; None: those of the schema.
-        window: First and last time used [s]; None: all.
-        rate: Sampling rate to which the record is resampled [Hz]; None: that of the record.
-        capsule_mass: Replaces the vehicle's [kg]; None: the vehicle's.
-        skip_first: Left out at the start of the window [s].
-        identify_until: Begin of the held-out part; None: all is fitted.
-        remove_velocity_bias: Whether constant biases of the recorded velocity are removed.
-        wind_profile: Wind by altitude; None: canopies meet the capsule's wind.
         vehicle: Its vehicle, where that is not the study's.
-        accept_implausible: Laws of plausibility, or groups of them, that its record may break.
-        simulated_by: The other program that simulated the flight of `path`; None: a record, or a virtual drop.
     """
 
     name: str
@@ -62,26 +50,17 @@ class Flight:
 
 @dataclass(frozen=True)
 class Study:
-    """A study whose files are valid; all numbers in SI.
+    """A study whose files are valid; all numbers in SI: `StudyFile` with its vehicle and the files as read.
 
     Attributes:
         path: The study file.
-        title: For the report.
-        model: ``cluster`` or ``descent``.
-        seed: Of every random number.
         flights: In the order of the file.
-        priors: Priors.
-        noise: Noise.
-        sampler: Sampler.
         predict: Predictions; `quantities` is never None here.
-        requirements: Requirements.
         structure: Selection of the structure; None in the descent model.
-        synthetic: Data made from published terms; None: none are made.
         vehicle: The vehicle; None in the descent model.
         vehicle_path: The vehicle file.
         text: The study file as read.
         vehicle_text: The vehicle file as read.
-        knowledge: What others know about coefficients and curves.
     """
 
     path: Path

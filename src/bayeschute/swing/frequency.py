@@ -205,7 +205,7 @@ def _noise(residual: np.ndarray) -> np.ndarray:
 
 
 def _sensitivity(outputs: Callable[[np.ndarray], np.ndarray | None], theta: np.ndarray, size: np.ndarray) -> np.ndarray:
-    """Central differences (M, n, p); zero where the model can't be simulated."""
+    """Central differences (M, n, p); refused where the model can't be simulated nearby."""
     columns = []
     for j in range(theta.size):
         step = np.zeros_like(theta)

@@ -15,7 +15,7 @@ from bayeschute.verification.sets import FOOT, T71, Array, ParameterSet
 from bayeschute.verification.vertical_descent import centre_velocity
 
 LEAN = 0.3  # initial swing angle [rad]
-EARLY, SETTLED, END = 30.0, 150.0, 300.0  # [s]
+EARLY, SETTLED = 30.0, 150.0  # [s]
 
 
 class Cycle(NamedTuple):

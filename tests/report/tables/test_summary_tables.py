@@ -96,18 +96,6 @@ def test_posterior_says_where_truth_and_record_stand(results):
     weak = {row[0].text: row[6].kind for row in table.rows}
     assert weak["riser_stiffness"] == "weak" and weak["axial[1]"] == ""
     assert column(table, "mean")[0].text.startswith("0.9")
-    assert "riser_stiffness" in sentences.uninformed(results)
-
-
-def test_repairs_come_from_the_record_when_the_summary_has_none(results):
-    record = results.flights["cdt-3-11"]
-    repairs = record_tables.repairs_of({}, record)
-    assert [r["kind"] for r in repairs] == ["gap", "outlier", "jump", *["gap"] * 8, "resampled"]
-    assert len(record_tables.faults_of(repairs)) == 11
-    assert record_tables.repairs_of({"repairs": []}, record) == []
-    broken = record.copy()
-    broken.attrs["repairs"] = "{"
-    assert record_tables.repairs_of({}, broken)[0]["kind"] == "unreadable"
 
 
 def test_faults_that_are_alike_become_one_row(results):

@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bayeschute.study.load import canonical, load_study
+from bayeschute.study.load import load_study
 from bayeschute.study.run import several_starts
 from bayeschute.study.run.stages import run_study
+from bayeschute.study.study import canonical
 
 
 @pytest.fixture

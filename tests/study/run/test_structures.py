@@ -17,8 +17,9 @@ from bayeschute.posterior.fit.joint_fit import JointFit
 from bayeschute.posterior.joint_mode import Optimum
 from bayeschute.posterior.sampling.protocol import Draws
 from bayeschute.study.assembly.fits import Group
-from bayeschute.study.load import canonical, check_study, load_study
+from bayeschute.study.load import check_study, load_study
 from bayeschute.study.run import checkpoint, structures
+from bayeschute.study.study import canonical
 
 RNG = np.random.default_rng(5)
 HYPER = NoiseParameters(Noise(*RNG.random((3, 2))), (RNG.random(2),))

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from bayeschute.study.archive import study_from_plain, study_to_plain
-from bayeschute.study.load import canonical, check_study, load_study, study_hash
+from bayeschute.study.load import check_study, load_study
 from bayeschute.study.stage_keys import stage_keys
+from bayeschute.study.study import canonical, study_hash
 
 COEFFICIENT = """
 [[knowledge]]

@@ -25,8 +25,6 @@ from bayeschute.report.figures.landing_figures import design_figure, drivers_fig
 from bayeschute.study.job import Progress
 from bayeschute.study.landing_campaign.campaign_file import load_campaign
 
-QUESTIONS = ("shares", "rare", "placard", "design")
-
 
 class LandingOptions(NamedTuple):
     """What a call of the command wants beside landings.
@@ -35,7 +33,7 @@ class LandingOptions(NamedTuple):
         landings: At most so many; None: as the campaign says.
         workers: Local processes.
         address: Of a Dask scheduler.
-        also: Questions of `QUESTIONS`.
+        also: Of ``shares``, ``rare``, ``placard``, ``design``.
     """
 
     landings: int | None = None

@@ -1,8 +1,7 @@
-"""Files of landings for people and for other programs, and the dictionary that says what every column is."""
+"""Files of landings for people and for other programs, and the data dictionary of their columns."""
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -85,11 +84,7 @@ def write_for_others(known: Posterior, plan: CampaignPlan, folder: Path) -> None
 
 def write_csv(table: pd.DataFrame, path: Path) -> None:
     """Write a frame as CSV with every digit."""
-    write_whole(path, partial(_csv, table))
-
-
-def _csv(table: pd.DataFrame, path: Path) -> None:
-    table.to_csv(path, index=False)
+    write_whole(path, lambda part: table.to_csv(part, index=False))
 
 
 def _limited(made: Landings) -> list[str]:

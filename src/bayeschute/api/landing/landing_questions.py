@@ -168,7 +168,7 @@ def wind_placard(done: FlownCampaign) -> list[Cell]:
 
 
 def drop_ranking(done: FlownCampaign, spec: Study, files: Files, data: Path | str | None = None) -> pd.DataFrame:
-    """Candidate drops of the campaign's ``[design]``, the most telling about the first requirement first.
+    """Candidate drops of the campaign's ``[design]``, the most informative about the first requirement first.
 
     Where the table says ``interval``, those come first that leave least of that parameter's interval.
 

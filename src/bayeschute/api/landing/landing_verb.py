@@ -8,11 +8,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ValidationError
 
 from bayeschute.api.landing.landings import Landings, stopping
 from bayeschute.api.workspace import Files, workspace
-from bayeschute.core.errors import InputError
 from bayeschute.dynamics.cluster_flight import LOGARITHMIC
 from bayeschute.landing.campaign_plan import CampaignPlan, Parameters
 from bayeschute.study.job import Progress
@@ -20,7 +18,7 @@ from bayeschute.study.landing_campaign.campaign_file import Campaign
 from bayeschute.study.landing_campaign.campaign_schema import CampaignFile
 from bayeschute.study.landing_campaign.landing_plan import identity_of, plan_of, requirements_of
 from bayeschute.study.landing_campaign.landing_rows import fly_campaign
-from bayeschute.study.schema.schema_faults import faults_of
+from bayeschute.study.schema.schema_faults import validated
 from bayeschute.study.schema.vehicle_schema import Vehicle
 from bayeschute.study.schema.wind_schema import ProfileTable
 from bayeschute.study.study import Study
@@ -58,10 +56,7 @@ def campaign_of(
         winds = {"profile": list(winds)}
     said = {"title": "landings", "seed": seed, "landings": draws, "start": {**USUAL_START, **(start or {})}, **tables}
     said |= {"wind": dict(winds)} if winds is not None else {}
-    try:
-        return Campaign(Path("landings"), CampaignFile.model_validate(said, context={"folder": "."}), vehicle)
-    except ValidationError as error:
-        raise InputError(faults_of("land", CampaignFile, error, said)) from None
+    return Campaign(Path("landings"), validated(CampaignFile, "land", said, {"folder": "."}), vehicle)
 
 
 def drawn_from(campaign: Campaign, spec: Study, files: Files) -> CampaignPlan:

@@ -1,4 +1,4 @@
-"""Whether a flight's record can be true: what `Flight.plausibility` returns."""
+"""Physical plausibility of a record: what `Flight.plausibility` returns."""
 
 from __future__ import annotations
 

@@ -83,6 +83,3 @@ def rank_test(
     with shown(progress) as tell:
         say = None if tell is None else partial(tell, "ranks")
         return RankTest(rank_tests(study.spec, folder, replicates, truths, workers, None, say))
-
-
-__all__ = ["RankTest", "rank_test"]

@@ -1,1 +1,1 @@
-"""What landings tell: how likely limits are kept and how sure that is, what drives it, what to test next."""
+"""Decisions from landings: probability of meeting limits and its uncertainty, sensitivity, the next test."""

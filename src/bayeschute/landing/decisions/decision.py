@@ -1,4 +1,4 @@
-"""P(met) with its spreads kept apart, and what may be decided by it.
+"""P(met) with epistemic, aleatory and Monte Carlo uncertainty kept apart, and the decision that follows.
 
 Of every draw k of the parameters, m_k of M_k landings meet a requirement. The probabilities of the draws are taken as
 p_k = Phi(mu + s z_k), z_k standard normal: exact where a margin is linear in Gaussian parameters and scatters normally
@@ -78,8 +78,8 @@ class Verdict:
         reached: Posterior probability that P(met) is at least the wanted one.
         more_draws: About how many times as many draws and landings would make the Monte Carlo error small enough; 1
             where it is, None where no number of them would tell.
-        more_drops: About how many more drops as telling as those fitted would tell, if P(met) is what it seems; 0 where
-            none is needed.
+        more_drops: About how many more drops as informative as those fitted would decide it, if P(met) is as estimated;
+            0 where none is needed.
         why: A sentence.
     """
 

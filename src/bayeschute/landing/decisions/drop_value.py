@@ -1,4 +1,4 @@
-"""What another drop would be worth: by how much the spread of P(met) is expected to shrink.
+"""Value of a further drop: the expected reduction of the spread of P(met).
 
 Of every candidate the covariance of the parameters is known that its record would leave (from the linearised flight,
 start and disturbances integrated out). P(met | theta) = Phi(c + b' theta) is fitted to the landings of the draws; then
@@ -75,7 +75,7 @@ def spread(at_mean: float, now: float, after: float) -> float:
 def ranking(
     slope: Slope, covariance: Array, after: Mapping[str, Array], names: Sequence[str], chosen: str | None = None
 ) -> pd.DataFrame:
-    """Candidates, the most telling first.
+    """Candidates, the most informative first.
 
     Args:
         slope: Of P(met).

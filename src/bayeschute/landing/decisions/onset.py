@@ -1,4 +1,4 @@
-"""When a cluster swings: probability of the pendulum against shear and payload, and a placard for the day."""
+"""Onset of the pendulum: its probability by wind shear and payload, and a placard of go and no-go."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Probabilities too small to be counted: subset simulation in standard normal space.
+"""Small failure probabilities by subset simulation in standard normal space.
 
 Au and Beck (Probab. Eng. Mech. 16, 2001, 263): P(F) as a product of conditional probabilities of nested events, each
 large enough to be counted; samples of an event begin chains that stay in it. The chains' moves are those of

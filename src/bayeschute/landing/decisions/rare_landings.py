@@ -1,4 +1,4 @@
-"""How likely landings fail that fail too rarely to be counted, over parameters, winds, starts and gusts together."""
+"""Probability of rare failures of landings, over parameters, winds, starts and gusts together."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Limits that landings keep or don't, alone or together; probabilities that they are exceeded."""
+"""Requirements on landings: limits, alone or together, and exceedance probabilities."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What drives a quantity: shares of its variance by groups of inputs (Sobol), and by correlated parameters (Shapley).
+"""Sensitivity: shares of a variance by groups of inputs (Sobol) and by correlated parameters (Shapley).
 
 Groups of inputs are independent of each other, so their shares are Sobol's: Saltelli's design (Comput. Phys. Commun.
 181, 2010, 259) of two base samples and mixtures of them, with Jansen's estimators (1999). Parameters of a posterior

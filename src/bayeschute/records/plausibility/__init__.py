@@ -1,1 +1,1 @@
-"""Whether a record can be true: laws between its channels and its vehicle, and the mistake behind a breach."""
+"""Physical plausibility of a record: laws between its channels and its vehicle, and likely mistakes behind a breach."""

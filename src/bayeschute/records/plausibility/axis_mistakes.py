@@ -1,4 +1,4 @@
-"""Axes that were taken for others: earth axes of vectors, winds, and attitudes."""
+"""Mistaken axes: earth axes of vectors, winds, and attitudes."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from bayeschute.records.plausibility.evidence import Array, Evidence, conjugate, continuous, product, turned
-from bayeschute.records.plausibility.mistake import Mistake, Undo, changed, turned_axes
+from bayeschute.records.foreign.attitudes import product
+from bayeschute.records.plausibility.evidence import Array, Evidence, conjugate, continuous, turned
+from bayeschute.records.plausibility.mistake import Mistake, Undo, changed, turned_attitude, turned_axes
 
 _VECTORS = ("position", "velocity", "canopies", "wind")
 _UP = np.diag([1.0, 1.0, -1.0])
@@ -52,18 +53,12 @@ def axis_mistakes() -> Iterator[Mistake]:
             )
     for matrix, turn, told in ((_ENU, _NED_OF_ENU, "ENU"), (_NWU, _NED_OF_NWU, "NWU")):
         words = "east, north, up" if told == "ENU" else "north, west, up"
+        only = turned_attitude(turn)
 
-        def whole(e: Evidence, matrix: Array = matrix, turn: Array = turn) -> Evidence | None:
+        def whole(e: Evidence, matrix: Array = matrix, only: Undo = only) -> Evidence | None:
             names = tuple(n for n in _VECTORS if getattr(e, n) is not None)
             made = turned_axes(e, names, matrix)
-            if made is None or made.attitude is None:
-                return made
-            return replace(made, attitude=product(np.broadcast_to(turn, made.attitude.shape), made.attitude))
-
-        def only(e: Evidence, turn: Array = turn) -> Evidence | None:
-            if e.attitude is None:
-                return None
-            return replace(e, attitude=product(np.broadcast_to(turn, e.attitude.shape), e.attitude))
+            return made if made is None or made.attitude is None else only(made)
 
         yield Mistake(f"all of it is {words}, read as north, east, down", f"Say axes = '{told}'.", whole)
         yield Mistake(

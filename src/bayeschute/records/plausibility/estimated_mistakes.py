@@ -1,4 +1,4 @@
-"""Mistakes whose size the record must tell first: clocks that are apart, a heading that is turned, gains, masses."""
+"""Mistakes of estimated size: clock offsets, a rotated heading, gains, masses."""
 
 from __future__ import annotations
 
@@ -10,18 +10,9 @@ from typing import Any
 import numpy as np
 
 from bayeschute.atmosphere.standard import STANDARD_GRAVITY
-from bayeschute.records.plausibility.evidence import (
-    Array,
-    Evidence,
-    boxcar,
-    product,
-    slope,
-    smoothed,
-    turned,
-    typical,
-)
-from bayeschute.records.plausibility.mistake import Mistake
-from bayeschute.records.plausibility.vehicle_laws import air
+from bayeschute.records.plausibility.evidence import Array, Evidence, boxcar, slope, smoothed, turned, typical
+from bayeschute.records.plausibility.mistake import Mistake, of_vehicle, scaled, turned_attitude, turned_axes
+from bayeschute.records.plausibility.vehicle_laws import air, attached
 
 Score = Callable[[Evidence], float]
 
@@ -108,13 +99,7 @@ def _heading(e: Evidence) -> Mistake | None:
     angle = _angle(said, shown)
     if abs(angle) < np.deg2rad(3.0):
         return None
-    turn = np.array([np.cos(0.5 * angle), 0.0, 0.0, np.sin(0.5 * angle)])
-
-    def undo(x: Evidence) -> Evidence | None:
-        if x.attitude is None:
-            return None
-        return replace(x, attitude=product(np.broadcast_to(turn, x.attitude.shape), x.attitude))
-
+    undo = turned_attitude(np.array([np.cos(0.5 * angle), 0.0, 0.0, np.sin(0.5 * angle)]))
     words = f"the heading of the attitude is off by {np.rad2deg(-angle):.0f} deg: magnetic north, or another grid"
     return Mistake(words, f"Turn it about the vertical by {np.rad2deg(angle):.0f} deg.", undo, _DOUBT)
 
@@ -129,12 +114,7 @@ def _wind_heading(e: Evidence) -> Mistake | None:
     if abs(angle) < np.deg2rad(10.0):
         return None
     c, s = np.cos(angle), np.sin(angle)
-    matrix = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-
-    def undo(x: Evidence) -> Evidence | None:
-        names = [n for n in ("wind", "profile", "shear") if getattr(x, n) is not None]
-        return replace(x, **{n: getattr(x, n) @ matrix.T for n in names}) if names else None
-
+    undo = partial(turned_axes, names=("wind",), matrix=np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]))
     words = f"the wind is turned by {np.rad2deg(-angle):.0f} deg: another north"
     return Mistake(words, f"Turn it by {np.rad2deg(angle):.0f} deg.", undo, _DOUBT + 0.2)
 
@@ -149,33 +129,24 @@ def _gains(e: Evidence) -> list[Mistake | None]:
             words = f"part of the payload is missing in the capsule's mass: load cells say {pulled:.4g} kg"
             if pulled < v.mass:
                 words = f"the capsule's mass is too great: load cells say {pulled:.4g} kg"
-            mass = Mistake(words, "Check the mass.", lambda x: _mass(x, pulled), _DOUBT)
+            mass = Mistake(words, "Check the mass.", of_vehicle(lambda _: {"mass": pulled}), _DOUBT)
             gain = v.mass * STANDARD_GRAVITY / typical(e.tension.sum(axis=1))
             cells = Mistake(
                 f"the gain of the load cells is off: {1.0 / gain:.3g} of the weight",
                 "Check unit and gain of the load cells.",
-                lambda x: None if x.tension is None else replace(x, tension=gain * x.tension),
+                partial(scaled, names=("tension",), factor=gain),
                 _DOUBT,
             )
             found += [mass, cells]
-    if v is not None and e.canopies is not None and e.position is not None:
-        apart = e.canopies - e.position[:, None]
-        if e.attitude is not None:
-            apart = apart - turned(e.attitude, v.attach_b)[:, None]
+    if v is not None and (apart := attached(e)) is not None:
         length = typical(np.linalg.norm(apart, axis=2))
         if np.isfinite(length):
             found.append(
                 Mistake(
                     f"the risers are {length:.3g} m long, not {v.riser_length:.3g} m",
                     "Check their length, suspension lines included.",
-                    lambda x: (
-                        None if x.vehicle is None else replace(x, vehicle=replace(x.vehicle, riser_length=length))
-                    ),
+                    of_vehicle(lambda _: {"riser_length": length}),
                     _DOUBT,
                 )
             )
     return found
-
-
-def _mass(e: Evidence, mass: float) -> Evidence | None:
-    return None if e.vehicle is None else replace(e, vehicle=replace(e.vehicle, mass=mass))

@@ -1,6 +1,6 @@
-"""A flight as its laws see it: all channels on one coarse clock, beside the vehicle's nominal numbers. Pure NumPy.
+"""A flight as the plausibility laws use it: all channels on one coarse clock, and the vehicle's nominal numbers.
 
-Nothing is cleaned here, since cleaning would hide mistakes: laws use statistics that a few outliers don't move.
+Pure NumPy. Nothing is cleaned, since cleaning would hide mistakes: laws use statistics that outliers don't move.
 """
 
 from __future__ import annotations
@@ -267,10 +267,3 @@ def turned(q: Array, v_b: Array) -> Array:
 def conjugate(q: Array) -> Array:
     """The opposite rotation (..., 4)."""
     return np.asarray(q * np.array([1.0, -1.0, -1.0, -1.0]))
-
-
-def product(a: Array, b: Array) -> Array:
-    """Product of quaternions, scalar first (..., 4)."""
-    w, v = a[..., :1], a[..., 1:]
-    u, q = b[..., :1], b[..., 1:]
-    return np.concatenate([w * u - np.sum(v * q, axis=-1, keepdims=True), w * q + u * v + np.cross(v, q)], axis=-1)

@@ -1,4 +1,4 @@
-"""Signs, order and meaning of what instruments write: gyros, accelerometers, canopies, load cells."""
+"""Mistaken signs, order and meaning of instrument channels: gyros, accelerometers, canopies, load cells."""
 
 from __future__ import annotations
 
@@ -10,20 +10,15 @@ import numpy as np
 
 from bayeschute.atmosphere.standard import STANDARD_GRAVITY
 from bayeschute.records.plausibility.evidence import Evidence, conjugate, turned
-from bayeschute.records.plausibility.mistake import Mistake, changed
+from bayeschute.records.plausibility.mistake import Mistake, Undo, changed
 
 
 def instrument_mistakes() -> Iterator[Mistake]:
     """Signs and axes of gyros and accelerometers, and gravity in the specific force."""
     for name, words in (("rate", "angular rate"), ("force", "specific force")):
-        for j, axis in enumerate("xyz"):
-            sign = np.ones(3)
-            sign[j] = -1.0
-            yield Mistake(
-                f"body axis {axis} of the {words} is inverted",
-                f"Give the column of {name} {axis} scale = -1.",
-                changed((name,), partial(np.multiply, sign)),
-            )
+        for axis, inverted in _inverted((name,)).items():
+            do = f"Give the column of {name} {axis} scale = -1."
+            yield Mistake(f"body axis {axis} of the {words} is inverted", do, inverted)
         for a, b in ((0, 1), (0, 2), (1, 2)):
             order = [0, 1, 2]
             order[a], order[b] = b, a
@@ -34,15 +29,9 @@ def instrument_mistakes() -> Iterator[Mistake]:
                 changed((name,), partial(np.take, indices=order, axis=1)),
                 0.2,
             )
-    for j, axis in enumerate("xyz"):
-        sign = np.ones(3)
-        sign[j] = -1.0
-        yield Mistake(
-            f"body axis {axis} is inverted in angular rate and specific force",
-            f"Give the columns of {axis} scale = -1.",
-            changed(("rate", "force"), partial(np.multiply, sign)),
-            0.2,
-        )
+    for axis, inverted in _inverted(("rate", "force")).items():
+        words, do = "is inverted in angular rate and specific force", f"Give the columns of {axis} scale = -1."
+        yield Mistake(f"body axis {axis} {words}", do, inverted, 0.2)
     yield Mistake(
         "angular rates have the opposite sign",
         "Give their columns scale = -1.",
@@ -75,6 +64,12 @@ def instrument_mistakes() -> Iterator[Mistake]:
             partial(_from_earth, name=name),
             0.2,
         )
+
+
+def _inverted(names: tuple[str, ...]) -> dict[str, Undo]:
+    """Inverses of an inverted body axis, by axis."""
+    signs = np.ones((3, 3)) - 2.0 * np.eye(3)
+    return {axis: changed(names, partial(np.multiply, sign)) for axis, sign in zip("xyz", signs, strict=True)}
 
 
 def _from_earth(e: Evidence, name: str) -> Evidence | None:

@@ -1,12 +1,15 @@
-"""A mistake that records are made with, its inverse, and the small changes that inverses are made of."""
+"""A mistake made with records, its inverse, and the changes that inverses are composed of."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from bayeschute.records.plausibility.evidence import Array, Evidence
+import numpy as np
+
+from bayeschute.records.foreign.attitudes import product
+from bayeschute.records.plausibility.evidence import Array, Evidence, Nominal
 
 Undo = Callable[[Evidence], Evidence | None]
 
@@ -30,10 +33,7 @@ class Mistake:
 
 def scaled(e: Evidence, names: tuple[str, ...], factor: float) -> Evidence | None:
     """Channels times a factor; the wind takes its profile along."""
-    found = {name: factor * getattr(e, name) for name in names if getattr(e, name) is not None}
-    if len(found) < len(names):
-        return None
-    return replace(e, **found)
+    return changed(names, lambda values: factor * values)(e)
 
 
 def with_profile(names: tuple[str, ...], e: Evidence) -> tuple[str, ...]:
@@ -48,8 +48,12 @@ def with_profile(names: tuple[str, ...], e: Evidence) -> tuple[str, ...]:
 def turned_axes(e: Evidence, names: tuple[str, ...], matrix: Array) -> Evidence | None:
     """Vectors along other earth axes; None where one isn't there."""
     names = with_profile(names, e)
-    found = {n: getattr(e, n) @ matrix.T for n in names if getattr(e, n) is not None}
-    return replace(e, **found) if found and len(found) == len(names) else None
+    return changed(names, lambda values: values @ matrix.T)(e) if names else None
+
+
+def turned_attitude(turn: Array) -> Undo:
+    """An inverse that turns the earth axes of the attitude by a quaternion (4,)."""
+    return changed(("attitude",), lambda q: product(np.broadcast_to(turn, q.shape), q))
 
 
 def changed(names: tuple[str, ...], change: Callable[[Array], Array]) -> Undo:
@@ -58,5 +62,15 @@ def changed(names: tuple[str, ...], change: Callable[[Array], Array]) -> Undo:
     def undo(e: Evidence) -> Evidence | None:
         found: dict[str, Any] = {n: change(getattr(e, n)) for n in names if getattr(e, n) is not None}
         return replace(e, **found) if len(found) == len(names) else None
+
+    return undo
+
+
+def of_vehicle(change: Callable[[Nominal], Mapping[str, Any] | None]) -> Undo:
+    """An inverse that changes numbers of the vehicle; None where there is none, or where `change` gives none."""
+
+    def undo(e: Evidence) -> Evidence | None:
+        made = None if e.vehicle is None else change(e.vehicle)
+        return None if e.vehicle is None or made is None else replace(e, vehicle=replace(e.vehicle, **made))
 
     return undo

@@ -1,4 +1,4 @@
-"""Mistakes that records are made with: units, axes, signs, order; each with its inverse, by which it is tried.
+"""Known mistakes made with records: units, axes, signs, order; each with its inverse, by which it is tried.
 
 A mistake is tried by undoing it and looking whether the laws then hold. So the right one is found by evidence, not by a
 rule per symptom. Those whose size must be estimated first are in `bayeschute.records.plausibility.estimated_mistakes`.

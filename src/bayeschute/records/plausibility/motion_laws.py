@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from bayeschute.atmosphere.standard import STANDARD_GRAVITY
+from bayeschute.records.foreign.attitudes import product
 from bayeschute.records.plausibility.evidence import (
     Array,
     Evidence,
     boxcar,
     conjugate,
     mean,
-    product,
     slope,
     spread,
     turned,
@@ -146,29 +146,27 @@ def hanging(e: Evidence) -> list[Reading]:
     out = []
     if e.vehicle is not None:
         reach, size = e.vehicle.attach_b, float(np.linalg.norm(e.vehicle.attach_b))
-        limit = 1.0 - np.cos(np.deg2rad(50.0))
         if e.force is not None and size > 0.0:
             f = np.array([typical(x) for x in e.force.T])
-            cosine = float(f @ reach / (np.linalg.norm(f) * size + 1e-12))
-            got = f"{np.rad2deg(np.arccos(np.clip(cosine, -1, 1))):.0f} deg"
             tests = "direction of the mean specific force against the attach point, body axes"
-            out.append(Reading("hanging.force", tests, (1.0 - cosine) / limit, got, "below 50 deg"))
+            out += _leaning("hanging.force", tests, float(f @ reach / (np.linalg.norm(f) * size + 1e-12)))
         if e.attitude is not None and size > 0.0:
             up = -turned(e.attitude, reach / size)[:, 2]
-            cosine = typical(up)
-            got = f"{np.rad2deg(np.arccos(np.clip(cosine, -1, 1))):.0f} deg"
-            tests = "attach point, turned by the attitude, against up"
-            if np.isfinite(cosine):
-                out.append(Reading("hanging.attitude", tests, (1.0 - cosine) / limit, got, "below 50 deg"))
+            out += _leaning("hanging.attitude", "attach point, turned by the attitude, against up", typical(up))
     if e.canopies is not None and e.position is not None:
         apart = mean(e.canopies, 1) - e.position
         cosine = typical(-apart[:, 2] / np.linalg.norm(apart, axis=1))
-        if np.isfinite(cosine):
-            got = f"{np.rad2deg(np.arccos(np.clip(cosine, -1, 1))):.0f} deg off the vertical"
-            limit = 1.0 - np.cos(np.deg2rad(50.0))
-            tests = "canopies above the capsule"
-            out.append(Reading("hanging.canopies", tests, (1.0 - cosine) / limit, got, "below 50 deg"))
+        out += _leaning("hanging.canopies", "canopies above the capsule", cosine, " off the vertical")
     return out
+
+
+def _leaning(law: str, tests: str, cosine: float, off: str = "") -> list[Reading]:
+    """A reading of the angle between two directions that should be near each other."""
+    if not np.isfinite(cosine):
+        return []
+    excess = (1.0 - cosine) / (1.0 - np.cos(np.deg2rad(50.0)))
+    got = f"{np.rad2deg(np.arccos(np.clip(cosine, -1, 1))):.0f} deg{off}"
+    return [Reading(law, tests, excess, got, "below 50 deg")]
 
 
 LAWS = (clock, velocity, falling, altitude, attitude, specific_force, hanging)

@@ -1,4 +1,4 @@
-"""What a law says of a record: how far it is from being kept, in units of what is still possible."""
+"""Result of a law for a record: its statistic relative to the limit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Units that were taken for others: of lengths, speeds, rates, forces, air, loads and clocks."""
+"""Mistaken units: of lengths, speeds, rates, forces, air, loads and clocks."""
 
 from __future__ import annotations
 
@@ -34,18 +34,12 @@ def unit_mistakes() -> Iterator[Mistake]:
         for unit in units:
             factor = factor_to_si(unit, si)[0]
             shown, read = (_UNIT_WORDS.get(u, u) for u in (unit, si))
-            several = (name,)
-
-            def into(e: Evidence, names: tuple[str, ...] = several, factor: float = factor) -> Evidence | None:
-                return scaled(e, with_profile(names, e), factor) if with_profile(names, e) else None
-
-            def back(e: Evidence, names: tuple[str, ...] = several, factor: float = factor) -> Evidence | None:
-                return scaled(e, with_profile(names, e), 1.0 / factor) if with_profile(names, e) else None
-
-            do = f"Give their unit as '{unit}'."
-            yield Mistake(f"{words} are in {shown}, read as {read}", do, into)
-            do = f"Give their unit as '{si}'."
-            yield Mistake(f"{words} are in {read} already, converted as if in {shown}", do, back, 0.3)
+            for told, do, by, doubt in (
+                (f"{shown}, read as {read}", unit, factor, 0.1),
+                (f"{read} already, converted as if in {shown}", si, 1.0 / factor, 0.3),
+            ):
+                undo = partial(_rescaled, name=name, factor=by)
+                yield Mistake(f"{words} are in {told}", f"Give their unit as '{do}'.", undo, doubt)
     foot = factor_to_si("ft", "m")[0]
     for names, words in ((("position", "canopies"), "positions"), (("position", "canopies", "velocity"), "lengths")):
         told = "positions" if words == "positions" else "positions and velocities"
@@ -76,14 +70,13 @@ def unit_mistakes() -> Iterator[Mistake]:
     )
 
 
-_UNIT_WORDS = {
-    "ft": "feet",
-    "m": "metres",
-    "knot": "knots",
-    "yd": "yards",
-    "g_0": "g",
-    "m/s^2": "m/s^2",
-}
+def _rescaled(e: Evidence, name: str, factor: float) -> Evidence | None:
+    """A channel times a factor; where it is the wind, with its profile."""
+    names = with_profile((name,), e)
+    return scaled(e, names, factor) if names else None
+
+
+_UNIT_WORDS = {"ft": "feet", "m": "metres", "knot": "knots", "yd": "yards", "g_0": "g"}
 
 
 def clock_mistakes() -> Iterator[Mistake]:

@@ -52,17 +52,17 @@ def sizes(e: Evidence) -> list[Reading]:
     return out + reading("size.riser", tests, thick, 1.3, "a factor exp({:+.2f})", "0.4 to 6 diameters")
 
 
-def _risers(e: Evidence) -> Array | None:
-    """From the attach point to every canopy, NED (T, n, 3) [m]."""
-    if e.canopies is None or e.position is None or e.vehicle is None:
+def attached(e: Evidence) -> Array | None:
+    """From the attach point, or the capsule where that is not known, to every canopy, NED (T, n, 3) [m]."""
+    if e.canopies is None or e.position is None:
         return None
-    attach = turned(e.attitude, e.vehicle.attach_b) if e.attitude is not None else 0.0
+    attach = 0.0 if e.attitude is None or e.vehicle is None else turned(e.attitude, e.vehicle.attach_b)
     return np.asarray(e.canopies - (e.position + attach)[:, None])
 
 
 def risers(e: Evidence) -> list[Reading]:
     """Distance of attach point and canopies is the length of the risers, at all times."""
-    r = _risers(e)
+    r = attached(e)
     if r is None or e.vehicle is None:
         return []
     length = np.linalg.norm(r, axis=2)
@@ -81,7 +81,7 @@ def risers(e: Evidence) -> list[Reading]:
 
 def pull(e: Evidence) -> list[Reading]:
     """The capsule is pulled along its risers; load cells say how strongly."""
-    r, f = _risers(e), earth_force(e)
+    r, f = attached(e), earth_force(e)
     v = e.vehicle
     if r is None or f is None or v is None:
         return []

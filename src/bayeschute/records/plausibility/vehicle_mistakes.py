@@ -1,4 +1,4 @@
-"""Numbers of the vehicle that were told wrongly: masses, sizes, counts."""
+"""Wrong numbers of the vehicle file: masses, sizes, counts."""
 
 from __future__ import annotations
 
@@ -7,16 +7,11 @@ from dataclasses import replace
 
 from bayeschute.core.units import factor_to_si
 from bayeschute.records.plausibility.evidence import Evidence
-from bayeschute.records.plausibility.mistake import Mistake, Undo
+from bayeschute.records.plausibility.mistake import Mistake, Undo, of_vehicle
 
 
 def _factors(**factors: float) -> Undo:
-    def undo(e: Evidence) -> Evidence | None:
-        if e.vehicle is None:
-            return None
-        return replace(e, vehicle=replace(e.vehicle, **{k: x * getattr(e.vehicle, k) for k, x in factors.items()}))
-
-    return undo
+    return of_vehicle(lambda vehicle: {k: x * getattr(vehicle, k) for k, x in factors.items()})
 
 
 def vehicle_mistakes() -> Iterator[Mistake]:
@@ -52,19 +47,11 @@ def vehicle_mistakes() -> Iterator[Mistake]:
         ("the canopies' diameter is a radius", "Give twice of it.", 1.0, 2.0, 1.0),
         ("the canopies' volume is in cubic feet, read as cubic metres", "Give it in 'ft^3'.", 1.0, 1.0, foot**3),
     ):  # fmt: skip
-        yield Mistake(
-            words,
-            do,
-            _factors(area=area, diameter=diameter, volume=volume),
-        )
+        yield Mistake(words, do, _factors(area=area, diameter=diameter, volume=volume))
     yield Mistake(
         "the canopies' area is that of all canopies together",
         "Give that of one canopy.",
-        lambda e: (
-            None
-            if e.vehicle is None or e.vehicle.canopies < 2
-            else replace(e, vehicle=replace(e.vehicle, area=e.vehicle.area / e.vehicle.canopies))
-        ),
+        of_vehicle(lambda v: {"area": v.area / v.canopies} if v.canopies > 1 else None),
     )
     yield Mistake(
         "the attach point is on the wrong side of the centre of mass",

@@ -58,8 +58,7 @@ def phase_portrait(axes: Axes, angle: Array, rate: Array, name: str) -> Axes:
     axes.plot(_DEG * angle[0], _DEG * rate[0], "s", color=ORANGE, ms=5.0, zorder=3, label="start")
     tail = slice(-min(len(angle), 600), None)
     axes.plot(_DEG * angle[tail], _DEG * rate[tail], color=INK, lw=1.5, zorder=2, label="last minute")
-    axes.set_xlabel(f"{name} [deg]")
-    axes.set_ylabel(f"rate of {name} [deg/s]")
+    axes.set(xlabel=f"{name} [deg]", ylabel=f"rate of {name} [deg/s]")
     return axes
 
 
@@ -67,8 +66,7 @@ def phase_portrait(axes: Axes, angle: Array, rate: Array, name: str) -> Axes:
 def swing(axes: Axes, time: Array, angle: Array, color: str = BLUE) -> Axes:
     """Swing angle (time,) [rad] over time [s]."""
     axes.plot(time, _DEG * angle, color=color, lw=1.1)
-    axes.set_xlabel("time [s]")
-    axes.set_ylabel("swing angle [deg]")
+    axes.set(xlabel="time [s]", ylabel="swing angle [deg]")
     axes.margins(x=0)
     return axes
 
@@ -130,8 +128,7 @@ def curves_figure(unstable: PlanarAero, stable: PlanarAero) -> Figure:
         right.plot(_DEG * alpha, np.asarray(aero.axial(alpha)), color=color, lw=1.4)
     left.axhline(0.0, color=LINE, lw=0.8)
     for axes, title in ((left, "Normal force coefficient"), (right, "Axial force coefficient")):
-        axes.set_title(title)
-        axes.set_xlabel("angle of attack [deg]")
+        axes.set(title=title, xlabel="angle of attack [deg]")
         axes.margins(x=0)
     legend_of([left])
     return figure
@@ -150,8 +147,7 @@ def bistability(axes: Axes, found: Bistability) -> Axes:
             label=f"{_DEG * angle:.0f} deg",
         )  # fmt: skip
     axes.axvline(found.threshold, color=INK, lw=1.0, ls=(0, (5, 3)), label="linear threshold")
-    axes.set_title("Final amplitude of a disturbed glide")
-    axes.set_xlabel(r"$C_{N\dot\alpha}$ [s/rad]")
+    axes.set(title="Final amplitude of a disturbed glide", xlabel=r"$C_{N\dot\alpha}$ [s/rad]")
     axes.set_ylabel("swing angle [deg]")
     return axes
 
@@ -179,10 +175,8 @@ def onset_figure(found: Onset, shown: Sequence[tuple[int, int]] = ()) -> Figure:
         label = f"{thickness:.0f} m thick"
         left.plot(found.change, _DEG * found.amplitude[:, j], "o-", color=color, ms=3.5, lw=1.1, label=label)
         right.plot(found.change, found.onset[:, j], "o", color=color, ms=4.0)
-    left.set_title("Final amplitude")
-    left.set_ylabel("swing angle [deg]")
-    right.set_title(f"Time until the swing passes {_DEG * found.angle:.0f} deg")
-    right.set_ylabel("time [s]")
+    left.set(title="Final amplitude", ylabel="swing angle [deg]")
+    right.set(title=f"Time until the swing passes {_DEG * found.angle:.0f} deg", ylabel="time [s]")
     for axes in (left, right):
         axes.set_xlabel("change of the wind through the layer [m/s]")
     for axes, (i, j), color in zip(all_axes[2:], shown, (GREEN, VERMILION), strict=False):
@@ -205,8 +199,7 @@ def pivot_figure(found: PivotSensitivity) -> Figure:
     for axes, (title, unit, values) in zip(all_axes, panels, strict=True):
         for name, curve, color in zip(QUANTITIES, values, SERIES, strict=False):
             axes.plot(found.factor, curve, "o-", color=color, ms=3.5, lw=1.1, label=name)
-        axes.set_title(title)
-        axes.set_ylabel(unit)
+        axes.set(title=title, ylabel=unit)
     for axes, unit in zip(all_axes, ("ft", "ft/s"), strict=False):
         feet_axis(axes, unit)
     for axes in all_axes[2:]:

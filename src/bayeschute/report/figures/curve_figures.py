@@ -1,4 +1,4 @@
-"""Aerodynamic curves: what was known before, what was found, and what others know, over the range that was flown.
+"""Aerodynamic curves: prior and posterior bands with external knowledge, over the range that was flown.
 
 A function that takes axes draws one panel on them and returns them.
 """

@@ -42,8 +42,7 @@ def predicted_error(axes: Axes, name: str, facts: Mapping[str, Any]) -> Axes:
     if 0 < kept <= len(pse):
         axes.plot(kept, math.sqrt(pse[kept - 1]), "o", ms=11, mfc="none", mec=VERMILION, mew=1.6, label="selected")
     axes.set_yscale("log")
-    axes.set_title(f"{name.capitalize()} coefficient")
-    axes.set_xlabel("number of terms")
+    axes.set(title=f"{name.capitalize()} coefficient", xlabel="number of terms")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.legend(loc="best")
     return axes
@@ -65,8 +64,7 @@ def autocorrelation(axes: Axes, name: str, lag: np.ndarray, value: np.ndarray) -
     axes.fill_between(lag, 0, value, color=BLUE, alpha=0.22, lw=0)
     axes.plot(lag, value, color=BLUE, lw=1.2)
     axes.axhline(0, color=SOFT, lw=0.8)
-    axes.set_title(name.replace("_", " ").capitalize())
-    axes.set_xlabel("lag [s]")
+    axes.set(title=name.replace("_", " ").capitalize(), xlabel="lag [s]")
     axes.set_ylim(min(-0.35, float(np.nanmin(value)) - 0.05), 1.02)
     axes.margins(x=0)
     return axes

@@ -1,4 +1,4 @@
-"""Landings in pictures; every function that takes axes draws on them and gives them back."""
+"""Figures of landings; a function that takes axes draws on them and returns them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A record before any fit: what its laws compare, panel by panel, and how far each law is from its limit.
+"""Plausibility of a record before any fit: channels compared by each law, and statistics relative to their limits.
 
 A function that takes axes draws one panel on them and returns them.
 """
@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 from bayeschute.atmosphere.standard import HIGHEST, LOWEST, STANDARD_GRAVITY, standard_density
 from bayeschute.records.plausibility.evidence import Evidence, evidence_of, slope, turned
 from bayeschute.records.plausibility.reading import FAULT, WARNING, Reading
+from bayeschute.records.plausibility.vehicle_laws import attached
 from bayeschute.records.plausibility.verdict import Verdict
 from bayeschute.report.figures.canvas import BLUE, GREEN, INK, ORANGE, PURPLE, SHADE, SKY, VERMILION, sheet, styled
 
@@ -97,12 +98,9 @@ def _heights(e: Evidence) -> list[Panel]:
 
 
 def _distances(e: Evidence) -> list[Panel]:
-    if e.canopies is None or e.position is None:
+    if (apart := attached(e)) is None:
         return []
-    attach = np.zeros(3)
-    if e.attitude is not None and e.vehicle is not None:
-        attach = turned(e.attitude, e.vehicle.attach_b)
-    length = np.linalg.norm(e.canopies - (e.position + attach)[:, None], axis=2)
+    length = np.linalg.norm(apart, axis=2)
     colors = (BLUE, ORANGE, GREEN, PURPLE, SKY, VERMILION)
     curves = [Curve(f"canopy {i + 1}", e.time, x, colors[i % 6]) for i, x in enumerate(length.T)]
     if e.vehicle is not None:
@@ -218,8 +216,7 @@ def channel(axes: Axes, panel: Panel, window: tuple[float, float] | None = None)
             if end > start:
                 axes.axvspan(start, end, color=SHADE, lw=0, zorder=0)
         axes.set_xlim(low, high)
-    axes.set_title(panel.title)
-    axes.set_ylabel(f"[{panel.unit}]")
+    axes.set(title=panel.title, ylabel=f"[{panel.unit}]")
     if len(panel.curves) > 1:
         axes.legend(loc="best", fontsize=7)
     return axes

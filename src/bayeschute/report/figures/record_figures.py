@@ -124,8 +124,7 @@ def band(axes: Axes, bands: xr.Dataset, name: str, limit: float | None = None) -
     if is_number(limit):
         axes.axhline(scale * limit, color=INK, lw=1.0, ls=(0, (5, 3)), label="required limit")
     _shade_held_out(axes, bands)
-    axes.set_title(quantity_name(name).capitalize())
-    axes.set_ylabel(f"[{unit}]")
+    axes.set(title=quantity_name(name).capitalize(), ylabel=f"[{unit}]")
     _focus(axes, np.concatenate([low, high]))
     axes.margins(x=0)
     if si == "m/s":
@@ -217,8 +216,7 @@ def recorded(axes: Axes, time: np.ndarray, shown: Channel, repairs: Sequence[Map
             axes.axvspan(*ends, color=PURPLE, alpha=0.28, lw=0.8)
     if (count := len(shown.curves)) > 1:
         axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=count, borderaxespad=0.1)
-    axes.set_title(shown.title)
-    axes.set_ylabel(f"[{shown.unit}]")
+    axes.set(title=shown.title, ylabel=f"[{shown.unit}]")
     axes.margins(x=0)
     if shown.unit == "m/s":
         feet_axis(axes)
@@ -308,8 +306,7 @@ def exceedance(axes: Axes, table: pd.DataFrame, limits: Sequence[float] = ()) ->
     axes.set_yscale("log")
     axes.set_ylim(max(0.3 / float(table["draws"].max()), 1e-5), 1.3)
     words = statistic_name(str(first["quantity"]), str(first["statistic"]))
-    axes.set_title(words[0].upper() + words[1:].replace(", ", ",\n", 1))
-    axes.set_xlabel(f"threshold [{unit}]")
+    axes.set(title=words[0].upper() + words[1:].replace(", ", ",\n", 1), xlabel=f"threshold [{unit}]")
     axes.margins(x=0)
     return axes
 

@@ -1,4 +1,4 @@
-"""What others know beside what was found, terms that latent forces ask for, and what the flights taught."""
+"""External knowledge beside the posterior, proposed terms, and the information gained from the flights."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 from bayeschute.aero.coefficient import Coefficient
 from bayeschute.report.run_results import Results, mappings
-from bayeschute.report.tables.summary_tables import Cell, Table, cells, columns_of
+from bayeschute.report.tables.summary_tables import Cell, Table, cells, table_of
 from bayeschute.report.wording import MISSING, is_number, listed, number, percent
 
 ASKED, WORTH = 0.05, 0.01  # chance of any candidate below which, share of the force from which a term is proposed
@@ -62,15 +62,12 @@ def knowledge_table(results: Results) -> Table | None:
                 Cell(verdict, _KIND.get(verdict, "")),
             )
         )  # fmt: skip
-    if not rows:
-        return None
     caption = (
         "Known and found (with standard deviations) where they differ most, their difference over its standard "
         "deviation, and the p-value of all differences together. What was used as prior was taken out of the posterior "
         "for this comparison."
     )
-    head = columns_of("knowledge:text|of:code|use:text|known:num|found:num|z:num|p:num|verdict:text")
-    return Table(head, tuple(rows), caption)
+    return table_of("knowledge:text|of:code|use:text|known:num|found:num|z:num|p:num|verdict:text", rows, caption)
 
 
 def proposal_sentence(results: Results) -> str:
@@ -106,18 +103,16 @@ def proposal_table(results: Results) -> Table | None:
         )
         for one in mappings(results.summary.get("proposals"))
     ]  # fmt: skip
-    if not rows:
-        return None
     caption = (
         "Share of the latent force's variance that a term the model lacks explains, beyond what its own terms could; "
         "z: its coefficient (of the relative change, for the axial force) over its standard error, which allows for "
         "autocorrelation; p: of this term by itself; p of any: that the best of all candidates reaches this by chance."
     )
-    return Table(columns_of("term:code|share:num|coefficient:num|z:num|p:num|p of any:num"), tuple(rows), caption)
+    return table_of("term:code|share:num|coefficient:num|z:num|p:num|p of any:num", rows, caption)
 
 
 def taught_table(results: Results) -> Table | None:
-    """What the flights taught about every parameter, in nats."""
+    """Information gained about every parameter from the flights [nats]."""
     told = results.part("taught")
     rows = [
         cells(
@@ -127,14 +122,10 @@ def taught_table(results: Results) -> Table | None:
         )
         for one in mappings(told.get("parameters"))
     ]  # fmt: skip
-    if not rows:
-        return None
     flights = listed([str(f) for f in told.get("flights") or ()])
     caption = (
         f"What {flights} taught: standard deviations before and after, shift of the mean in standard deviations of the "
         "prior, and information gained about each parameter by itself; about all of them together "
         f"{number(told.get('joint'), 3)} nats."
     )
-    return Table(
-        columns_of("parameter:code|prior sd:num|posterior sd:num|shift:num|gain [nats]:num"), tuple(rows), caption
-    )
+    return table_of("parameter:code|prior sd:num|posterior sd:num|shift:num|gain [nats]:num", rows, caption)

@@ -15,7 +15,7 @@ from bayeschute.posterior.assess.identifiability_result import (
 )
 from bayeschute.report.run_results import Results, entries
 from bayeschute.report.sentences import plain
-from bayeschute.report.tables.summary_tables import Cell, Table, cells, columns_of
+from bayeschute.report.tables.summary_tables import Cell, Table, cells, table_of
 from bayeschute.report.wording import MISSING, counted, is_number, listed, number, percent, shown_unit
 
 INFORMED = 0.5  # contraction from which a parameter counts as determined by the data
@@ -236,7 +236,7 @@ def identifiability_table(results: Results) -> Table | None:
                 Cell(_diagnosis(facts), "wrap"),
             )
         )
-    columns = columns_of(
+    columns = (
         "Parameter:code|Contraction:num|Shift:num|Share:num|Correlation:num|Prior:num|Likelihood:num|Diagnosis:text"
     )
     groups = (("", 3), ("Noise parameters", 2), ("Power-scaling sensitivity", 3))
@@ -246,7 +246,7 @@ def identifiability_table(results: Results) -> Table | None:
         "uncertainty, and the one most correlated with the parameter. Sensitivity: change of the posterior when prior "
         "or likelihood is raised to a power near 1; values from 0.05 matter."
     )
-    return Table(columns, tuple(rows), caption, groups, style="dense") if rows else None
+    return table_of(columns, rows, caption, groups=groups, style="dense")
 
 
 def _sensitivity(value: float | None) -> str:
@@ -261,6 +261,6 @@ def direction_table(results: Results) -> Table | None:
         for d, removed in every[:LEAST] if len(every) > 1 else ():
             left = (1.0 - removed) ** 0.5 if removed <= 1.0 else None
             rows.append(cells(Cell(_shown(d), "code wrap", name if several else ""), _share(removed), number(left, 2)))
-    columns = columns_of("Combination:code|Contraction:num|Posterior / prior sd:num")
     caption = "Combinations of parameters scaled by their prior standard deviations, the least determined first; small "
-    return Table(columns, tuple(rows), caption + "weights are omitted.", style="narrow") if rows else None
+    columns = "Combination:code|Contraction:num|Posterior / prior sd:num"
+    return table_of(columns, rows, caption + "weights are omitted.", style="narrow")

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from bayeschute.report.run_results import Results, mappings
-from bayeschute.report.tables.summary_tables import Cell, Table, cells, columns_of
+from bayeschute.report.tables.summary_tables import Cell, Table, cells, table_of
 from bayeschute.report.wording import is_number, number
 
 SHOWN = 10
@@ -37,5 +37,5 @@ def predictive_table(results: Results) -> Table | None:
         "(Bonferroni) the record is not one that the model makes. Innovations: standardised one-step prediction "
         "errors. Disturbances: draws of the standardised process noise, given the record."
     )
-    columns = columns_of("Flight:text|Of:text|Statistic:text|Value:num|Expected:num|p-value:num")
-    return Table(columns, tuple(rows), caption, style="dense") if rows else None
+    columns = "Flight:text|Of:text|Statistic:text|Value:num|Expected:num|p-value:num"
+    return table_of(columns, rows, caption, style="dense")

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import xarray as xr
-
 from bayeschute.report.run_results import Results, entries, mappings
 from bayeschute.report.sentences import plain
-from bayeschute.report.tables.summary_tables import Cell, Table, cells, columns_of
+from bayeschute.report.tables.summary_tables import Cell, Table, cells, table_of
 from bayeschute.report.wording import MISSING, ROLES, is_number, listed, short, whole
 
 PREPARATION = ("resampled", "derived", "assumed")  # kinds that are steps of the work and no faults of a record
@@ -18,16 +15,6 @@ MOST_ROWS = 60
 MOST_ALIKE = 3  # more faults of one kind in one variable become one row
 
 Repairs = Sequence[Mapping[str, Any]]
-
-
-def repairs_of(facts: Mapping[str, Any], record: xr.Dataset | None) -> list[Mapping[str, Any]]:
-    """The repairs of a flight: from the summary, or from the record itself."""
-    if "repairs" in facts or record is None:
-        return mappings(facts.get("repairs"))
-    try:
-        return mappings(json.loads(record.attrs.get("repairs", "[]")))
-    except (TypeError, ValueError):
-        return [{"kind": "unreadable", "detail": "the record's list of repairs is no JSON"}]
 
 
 def faults_of(repairs: Repairs) -> list[Mapping[str, Any]]:
@@ -38,7 +25,7 @@ def faults_of(repairs: Repairs) -> list[Mapping[str, Any]]:
 def _flights(results: Results) -> dict[str, tuple[Mapping[str, Any], list[Mapping[str, Any]]]]:
     """Flight name to its facts and its repairs."""
     names, named = dict.fromkeys([*results.part("flights"), *results.flights]), entries(results.part("flights"))
-    return {n: (named.get(n, {}), repairs_of(named.get(n, {}), results.flights.get(n))) for n in names}
+    return {n: (facts := named.get(n, {}), mappings(facts.get("repairs"))) for n in names}
 
 
 def flight_table(results: Results) -> Table | None:
@@ -56,8 +43,7 @@ def flight_table(results: Results) -> Table | None:
                 str(len(faults_of(repairs))),
             )
         )
-    columns = columns_of("Flight:text|Used for:text|Samples:num|Length [s]:num|Faults found:num")
-    return Table(columns, tuple(rows)) if rows else None
+    return table_of("Flight:text|Used for:text|Samples:num|Length [s]:num|Faults found:num", rows)
 
 
 def _length(repair: Mapping[str, Any]) -> float:
@@ -123,10 +109,10 @@ def _rows(results: Results, preparation: bool) -> list[tuple[Cell, ...]]:
 
 def _table(rows: list[tuple[Cell, ...]], label: str) -> Table | None:
     """A table of repairs; the number of rows that were omitted is in the caption."""
-    columns = columns_of(f"Flight:text|{label}:text|Variable:code|From [s]:num|To [s]:num|Samples:num|Detail:text")
+    columns = f"Flight:text|{label}:text|Variable:code|From [s]:num|To [s]:num|Samples:num|Detail:text"
     more = len(rows) - MOST_ROWS
     caption = f"The first {MOST_ROWS}; {more} more are listed in the records under flights/." if more > 0 else ""
-    return Table(columns, tuple(rows[:MOST_ROWS]), caption) if rows else None
+    return table_of(columns, rows[:MOST_ROWS], caption)
 
 
 def repair_table(results: Results) -> Table | None:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from bayeschute.report.run_results import entries, mappings
-from bayeschute.report.tables.summary_tables import Cell, Table, cells, columns_of
+from bayeschute.report.tables.summary_tables import Cell, Table, cells, table_of
 from bayeschute.report.wording import MISSING, at_precision, is_number, number, percent
 
 _MOST_ROWS = 14
@@ -40,7 +40,7 @@ def stability_table(facts: Mapping[str, Any]) -> Table | None:
             )
         )
     heads = "".join(f"|{c:g} ×:num" for c in ceilings)
-    columns = columns_of(
+    columns = (
         f"Term:code|Selected:num{heads}|Colored:num|Bootstrap:num|Differentiation:num|Confusable (probability):code"
     )
     groups = (("", 1), ("Share of bootstrap replicates, by ceiling", 1 + len(ceilings)), ("Standard error", 3), ("", 1))
@@ -50,7 +50,7 @@ def stability_table(facts: Mapping[str, Any]) -> Table | None:
         "through numerical differentiation. Confusable: the candidate that noise is most likely to put in the "
         "term's place, and the probability."
     )
-    return Table(columns, tuple(rows), caption, groups=groups, marked=frozenset(marked)) if rows else None
+    return table_of(columns, rows, caption, groups=groups, marked=frozenset(marked))
 
 
 def structures_table(facts: Mapping[str, Any]) -> Table | None:
@@ -62,9 +62,8 @@ def structures_table(facts: Mapping[str, Any]) -> Table | None:
             f"{at_precision(value, error)} {term}" for term, value, error in zip(terms, estimates, errors, strict=False)
         )
         rows.append(cells(percent(found.get("share")), Cell(words, "code wrap"), number(found.get("rms"), 3)))
-    columns = columns_of("Share:num|Terms, each with its estimate:code|Residual:num")
     caption = "Sets of terms selected most often over moving-block bootstrap replicates, each fitted to the record."
-    return Table(columns, tuple(rows), caption, style="narrow") if rows else None
+    return table_of("Share:num|Terms, each with its estimate:code|Residual:num", rows, caption, style="narrow")
 
 
 def prediction_table(facts: Mapping[str, Any]) -> Table | None:
@@ -86,7 +85,7 @@ def prediction_table(facts: Mapping[str, Any]) -> Table | None:
                     Cell(_spared(check.get("without")), "code wrap"),
                 )
             )
-    columns = columns_of(
+    columns = (
         "Data not fitted:text|Predicted:num|Refitted:num|Expected:num|True:num|R2:num|Theil:num|Bias:num"
         "|Extrapolated:num|Better without:code"
     )
@@ -98,7 +97,7 @@ def prediction_table(facts: Mapping[str, Any]) -> Table | None:
         "coefficient. Extrapolated: share of samples outside the range of the fitted data. Better without: the term "
         "whose omission lowers the error most, and the ratio then."
     )
-    return Table(columns, tuple(rows), caption, style="narrow", groups=groups) if rows else None
+    return table_of(columns, rows, caption, style="narrow", groups=groups)
 
 
 def _spared(without: Any) -> str:
@@ -127,12 +126,12 @@ def known_table(facts: Mapping[str, Any]) -> Table | None:
                 Cell(rival if term.get("rival") else "", "code wrap"),
             )
         )
-    columns = columns_of(
+    columns = (
         "Term:code|True:num|Mean:num|Sample sd:num|Colored:num|White:num|Colored:num|White:num|Final:num"
         "|Before exchange:num|Most confusable: correlation, probability:code"
     )
     groups = (("", 3), ("Standard error", 3), ("90 % interval coverage", 2), ("Selected in replicates", 2), ("", 1))
-    return Table(columns, tuple(rows), groups=groups) if rows else None
+    return table_of(columns, rows, groups=groups)
 
 
 def false_table(facts: Mapping[str, Any]) -> Table | None:
@@ -141,8 +140,7 @@ def false_table(facts: Mapping[str, Any]) -> Table | None:
         cells(Cell(str(term.get("term")), "code"), percent(term.get("share")), percent(term.get("ranked")))
         for term in mappings(facts.get("false"))
     ]
-    columns = columns_of("False term:code|Selected:num|Before exchange:num")
-    return Table(columns, tuple(rows), style="narrow") if rows else None
+    return table_of("False term:code|Selected:num|Before exchange:num", rows, style="narrow")
 
 
 def target_table(synthetic: Mapping[str, Any]) -> Table | None:
@@ -154,8 +152,7 @@ def target_table(synthetic: Mapping[str, Any]) -> Table | None:
         white = f" (as if white: {number(check.get('white'), 3)})" if is_number(check.get("white")) else ""
         verdict = Cell("passed", "good") if check.get("passed") is True else Cell("failed", "bad")
         rows.append(cells(name, f"{number(check.get('value'), 3)}{white}", " to ".join(limits), verdict))
-    columns = columns_of("Criterion:text|Value:num|Bound:num|Result:text")
-    return Table(columns, tuple(rows), style="narrow") if rows else None
+    return table_of("Criterion:text|Value:num|Bound:num|Result:text", rows, style="narrow")
 
 
 def synthetic_sentences(name: str, facts: Mapping[str, Any]) -> list[str]:

@@ -15,7 +15,6 @@ from bayeschute.report.wording import (
     is_number,
     number,
     parameter_meaning,
-    quantity,
     scaled,
     short,
     shown_unit,
@@ -59,16 +58,18 @@ def cells(*texts: str | Cell) -> tuple[Cell, ...]:
     return tuple(t if isinstance(t, Cell) else Cell(t) for t in texts)
 
 
+def table_of(columns: str, rows: Iterable[tuple[Cell, ...]], caption: str = "", **look: Any) -> Table | None:
+    """A table with the columns of `columns_of`; None without rows."""
+    made = tuple(rows)
+    return Table(columns_of(columns), made, caption, **look) if made else None
+
+
 def _flat(mapping: Mapping[str, Any], prefix: str = "") -> Iterable[tuple[str, str]]:
-    """Name and text of every value of a nested mapping; {value, unit} pairs become quantities."""
+    """Name and text of every value of a nested mapping."""
     for key, value in mapping.items():
         name = f"{prefix}{plain(str(key))}"
-        if isinstance(value, Mapping) and "value" in value:
-            yield name, quantity(value["value"], str(value.get("unit", "1")), 5)
-        elif isinstance(value, Mapping):
+        if isinstance(value, Mapping):
             yield from _flat(value, f"{name}, ")
-        elif isinstance(value, list | tuple):
-            yield name, ", ".join(short(v) for v in value)
         else:
             yield name, short(value, 5)
 
@@ -90,15 +91,13 @@ def noise_table(results: Results) -> Table | None:
         sizes = [number(scaled(facts, key, scale)) for key in ("white", "correlated")]
         rest = [number(facts.get(key), 3) for key in keys]
         rows.append(cells(plain(name), *sizes, *rest, Cell(shown, "muted")))
-    columns = columns_of(
-        "|".join(["Channel:text", "White:num", "Correlated:num", *(f"{labels[k]}:num" for k in keys), "Unit:text"])
-    )
+    columns = ["Channel:text", "White:num", "Correlated:num", *(f"{labels[k]}:num" for k in keys), "Unit:text"]
     caption = (
         "Estimated standard deviations (white and autocorrelated part) and time constants; frequency and damping ratio "
         "of oscillators. Wind, forces, roll and breathing are latent disturbances that the fit infers; the others are "
         "channels."
     )
-    return Table(columns, tuple(rows), caption, style="narrow") if rows else None
+    return table_of("|".join(columns), rows, caption, style="narrow")
 
 
 def selected_table(facts: Mapping[str, Any]) -> Table | None:
@@ -118,10 +117,10 @@ def selected_table(facts: Mapping[str, Any]) -> Table | None:
                 Cell("" if unit == "1" else unit, "muted"),
             )
         )
-    columns = columns_of("Term:code|Estimate:num|Standard error:num|White-noise s.e.:num|White / colored:num|Unit:text")
+    columns = "Term:code|Estimate:num|Standard error:num|White-noise s.e.:num|White / colored:num"
     if not any(line[-1].text for line in rows):
-        columns, rows = columns[:-1], [line[:-1] for line in rows]
-    return Table(columns, tuple(rows)) if rows else None
+        return table_of(columns, (line[:-1] for line in rows))
+    return table_of(f"{columns}|Unit:text", rows)
 
 
 def ranking_table(facts: Mapping[str, Any]) -> Table | None:
@@ -144,11 +143,11 @@ def ranking_table(facts: Mapping[str, Any]) -> Table | None:
                 f"{f_ratio:.2f}" if is_number(f_ratio) else MISSING,
             )
         )
-    columns = columns_of("o.f.:num|# index:num|term:code|sqrt(mse):num|dmse:num|perr:num|R2:num|pe:num|n:num|F:num")
+    columns = "o.f.:num|# index:num|term:code|sqrt(mse):num|dmse:num|perr:num|R2:num|pe:num|n:num|F:num"
     least = facts.get("pse_minimum_at")
     kept = int(least) if is_number(least) else len(mappings(facts.get("selected")))
     marked = frozenset({kept - 1}) if 0 < kept <= len(rows) else frozenset()
-    return Table(columns, tuple(rows), marked=marked, style="print") if rows else None
+    return table_of(columns, rows, marked=marked, style="print")
 
 
 def ceiling_table(facts: Mapping[str, Any]) -> Table | None:
@@ -162,11 +161,9 @@ def ceiling_table(facts: Mapping[str, Any]) -> Table | None:
         low, high = step.get("low"), step.get("high")
         if is_number(used) and is_number(low) and low <= used and (high is None or used < high):
             marked.add(i)
-        elif is_number(used) and low is None and is_number(ceiling) and abs(ceiling - used) <= 1e-9 * abs(used):
-            marked.add(i)
         rows.append(cells(root, str(len(terms)), Cell(", ".join(terms) or MISSING, "code wrap")))
-    columns = columns_of("Noise ceiling σ_max:num|Terms:num|Selected:code")
-    return Table(columns, tuple(rows), marked=frozenset(marked), style="narrow") if rows else None
+    columns = "Noise ceiling σ_max:num|Terms:num|Selected:code"
+    return table_of(columns, rows, marked=frozenset(marked), style="narrow")
 
 
 def _posterior_row(name: str, facts: Mapping[str, Any], with_truth: bool, most_rhat: float) -> tuple[Cell, ...]:
@@ -205,19 +202,17 @@ def _rhat_bound(results: Results) -> float:
 def posterior_table(results: Results) -> Table | None:
     """Prior and posterior of every parameter, convergence diagnostics, and the true value where it is known."""
     parameters = entries(results.part("parameters"))
-    if not parameters:
-        return None
     with_truth = any(is_number(p.get("truth")) for p in parameters.values())
     most_rhat = _rhat_bound(results)
-    rows = tuple(_posterior_row(name, facts, with_truth, most_rhat) for name, facts in parameters.items())
-    columns = columns_of(
+    rows = (_posterior_row(name, facts, with_truth, most_rhat) for name, facts in parameters.items())
+    columns = (
         "Parameter:text|mean:num|sd:num|mean:num|sd:num|90 % interval:num|contraction:num|R-hat:num|ESS bulk / tail:num"
     )
     groups: tuple[tuple[str, int], ...] = (("", 1), ("Prior", 2), ("Posterior", 4), ("Chains", 2))
     if with_truth:
-        columns += columns_of("value:num")
+        columns += "|value:num"
         groups += (("Truth", 1),)
-    return Table(columns, rows, groups=groups, style="dense")
+    return table_of(columns, rows, groups=groups, style="dense")
 
 
 def output_error_table(results: Results) -> Table | None:
@@ -226,19 +221,12 @@ def output_error_table(results: Results) -> Table | None:
     for facts in mappings(results.summary.get("output_error")):
         scale, shown = shown_unit(str(facts.get("unit") or "1"))
         estimate, raw, corrected = (scaled(facts, key, scale) for key in ("estimate", "raw_sd", "corrected_sd"))
-        name = Cell(str(facts.get("parameter", MISSING)), "code")
-        rows.append(
-            cells(
-                name,
-                Cell(at_precision(estimate, corrected), "strong"),
-                number(raw, 2),
-                number(corrected, 2),
-                Cell(shown, "muted"),
-            )
-        )
-    columns = columns_of("Parameter:text|Estimate:num|Raw s.e.:num|Corrected s.e.:num|Unit:text")
+        name, best = Cell(str(facts.get("parameter", MISSING)), "code"), at_precision(estimate, corrected)
+        errors = number(raw, 2), number(corrected, 2)
+        rows.append(cells(name, Cell(best, "strong"), *errors, Cell(shown, "muted")))
+    columns = "Parameter:text|Estimate:num|Raw s.e.:num|Corrected s.e.:num|Unit:text"
     caption = (
         "Classical output error. Raw: Cramer-Rao bound for white residuals. Corrected: for colored (autocorrelated) "
         "residuals. In the form of table 7.1-2 of NASA/TM-2019-220410; priors included."
     )
-    return Table(columns, tuple(rows), caption, style="narrow") if rows else None
+    return table_of(columns, rows, caption, style="narrow")

@@ -10,7 +10,7 @@ from bayeschute.prediction.marginal_fits import NO_EVIDENCE
 from bayeschute.report.check_words import wanted
 from bayeschute.report.run_results import Results, entries
 from bayeschute.report.sentences import plain, requirement_limit, requirements
-from bayeschute.report.tables.summary_tables import Cell, Table, cells, columns_of, plain_table
+from bayeschute.report.tables.summary_tables import Cell, Table, cells, plain_table, table_of
 from bayeschute.report.wording import (
     MISSING,
     counted,
@@ -50,12 +50,12 @@ def coverage_table(results: Results, half: Mapping[tuple[str, str], float]) -> T
             words = f"{failed} of {flown + failed} simulations failed" if is_number(flown) and failed else ""
             none = [Cell("none", "bad")] * 3 if flown == 0 else texts
             rows.append(cells(flight, Cell(quantity_name(name), "", words), *none))
-    columns = columns_of("Flight:text|Quantity:text|Truth in 90 % band:num|Record in 90 % band:num|In 50 % band:num")
+    columns = "Flight:text|Quantity:text|Truth in 90 % band:num|Record in 90 % band:num|In 50 % band:num"
     caption = (
         "The bands are of the true motion; a record also contains sensor noise, so a smaller share of it may lie "
         "inside. 50 % band: share of the truth where it is known, else of the record."
     )
-    return Table(columns, tuple(rows), caption) if rows else None
+    return table_of(columns, rows, caption)
 
 
 def check_table(results: Results) -> Table | None:
@@ -66,17 +66,9 @@ def check_table(results: Results) -> Table | None:
         words = {True: ("passed", "good"), False: ("failed", "bad")}
         verdict = words.get(passed, ("not judged", "weak")) if isinstance(passed, bool) else ("not judged", "weak")
         bound = wanted(name, check["bound"]) if is_number(check.get("bound")) else MISSING
-        rows.append(
-            cells(
-                Cell(plain(name), "strong"),
-                Cell(str(check.get("detail") or ""), "wrap"),
-                short(check.get("value")),
-                bound,
-                Cell(*verdict),
-            )
-        )
-    columns = columns_of("Check:text|Question:text|Value:num|Wanted:num|Result:text")
-    return Table(columns, tuple(rows)) if rows else None
+        question = Cell(str(check.get("detail") or ""), "wrap")
+        rows.append(cells(Cell(plain(name), "strong"), question, short(check.get("value")), bound, Cell(*verdict)))
+    return table_of("Check:text|Question:text|Value:num|Wanted:num|Result:text", rows)
 
 
 def requirement_table(results: Results) -> Table | None:
@@ -90,7 +82,6 @@ def requirement_table(results: Results) -> Table | None:
         edges = [number(scaled(r, key, scale)) for key in ("q05", "median", "q95")]
         small = statistic_name(str(r.get("quantity", "")), str(r.get("statistic") or ""))
         small += f", {r['run']}" if r.get("run") else ""
-        simulations = r.get("simulations", r.get("draws"))
         failed = r.get("failed")
         rows.append(
             cells(
@@ -100,15 +91,14 @@ def requirement_table(results: Results) -> Table | None:
                 Cell(probability(r.get("probability_met")), "big"),
                 simulation if is_number(r.get("simulation_low")) else MISSING,
                 posterior if is_number(r.get("posterior_q05")) else MISSING,
-                Cell(whole(simulations), "", f"{failed} failed" if failed else ""),
+                Cell(whole(r.get("simulations")), "", f"{failed} failed" if failed else ""),
             )
         )
-    columns = columns_of(
+    columns = (
         "Requirement:text|Limit:text|Predicted:num|P(met):num|Monte Carlo (Clopper-Pearson):num"
         "|over the posterior:num|Simulations:num"
     )
-    groups = (("", 4), ("90 % limits of P(met)", 2), ("", 1))
-    return Table(columns, tuple(rows), groups=groups) if rows else None
+    return table_of(columns, rows, groups=(("", 4), ("90 % limits of P(met)", 2), ("", 1)))
 
 
 def shown_statistics(results: Results, table: pd.DataFrame) -> pd.DataFrame:
@@ -148,7 +138,7 @@ def tolerance_report(results: Results) -> Table | None:
                 Cell(limit if limit != MISSING else "none: failed simulations", "" if len(enough) else "weak"),
             )
         )
-    columns = columns_of(
+    columns = (
         "Flight:text|Quantity:text|Share / confidence [%]:num|Draws needed:num|Failures allowed:num|Upper limit:num"
     )
     caption = (
@@ -156,7 +146,7 @@ def tolerance_report(results: Results) -> Table | None:
         "stated share of flights lies below the limit. Failures allowed: draws that may lie above it. All quantities "
         "and statistics are in risk/tolerance.csv."
     )
-    return Table(columns, tuple(rows), caption)
+    return table_of(columns, rows, caption)
 
 
 def marginal_report(results: Results) -> Table | None:
@@ -169,9 +159,7 @@ def marginal_report(results: Results) -> Table | None:
     rows = []
     for row in table.to_dict("records"):
         unit = "" if row["unit"] in ("1", 1) else str(row["unit"])
-        values = [
-            number(float(row[k]), 4) for k in ("location", "scale", "q00135", "q05", "q50", "q95", "q99865") if k in row
-        ]
+        values = [number(float(row[k]), 4) for k in ("location", "scale", "q00135", "q05", "q50", "q95", "q99865")]
         rows.append(
             cells(
                 Cell(str(row["parameter"]), "code"),
@@ -182,12 +170,12 @@ def marginal_report(results: Results) -> Table | None:
             )
         )
     heads = "".join(f"|{k}:num" for k in ("0.135 %", "5 %", "50 %", "95 %", "99.865 %"))
-    columns = columns_of(f"Parameter:code|Unit:text|Family:text|location:num|scale:num{heads}|K-S:num")
+    columns = f"Parameter:code|Unit:text|Family:text|location:num|scale:num{heads}|K-S:num"
     caption = (
         "The first of normal, lognormal, truncated normal and Student-t whose Akaike criterion per independent draw "
         f"lies within {NO_EVIDENCE:g} of the smallest; K-S: Kolmogorov-Smirnov distance from the draws. SI units."
     )
-    return Table(columns, tuple(rows), caption, style="dense")
+    return table_of(columns, rows, caption, style="dense")
 
 
 def sampling_table(results: Results) -> Table | None:
@@ -203,14 +191,9 @@ def sampling_table(results: Results) -> Table | None:
 
 def provenance_tables(results: Results) -> Sequence[Table]:
     """Seed, versions and hashes."""
-    found = []
-    versions, hashes = results.part("versions"), results.part("hashes")
-    if versions:
-        found.append(plain_table(versions, "Package", "Version"))
-    if hashes:
-        rows = tuple(cells(str(k), Cell(str(v), "code wrap")) for k, v in hashes.items())
-        found.append(Table(columns_of("Input:text|Hash:code"), rows, style="narrow"))
-    return [t for t in found if t is not None]
+    rows = [cells(str(k), Cell(str(v), "code wrap")) for k, v in results.part("hashes").items()]
+    hashes = table_of("Input:text|Hash:code", rows, style="narrow")
+    return [t for t in (plain_table(results.part("versions"), "Package", "Version"), hashes) if t is not None]
 
 
 def warnings_of(results: Results) -> list[str]:

@@ -1,1 +1,1 @@
-"""Aerodynamic curves of a fit, what others know of them, and what its latent forces follow."""
+"""Aerodynamic curves of a fit, external knowledge of them, and terms proposed from the latent forces."""

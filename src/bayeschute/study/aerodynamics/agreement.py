@@ -1,4 +1,4 @@
-"""Whether what others know agrees with what the flights say (the report's F-5), in numbers."""
+"""Agreement of external knowledge with the posterior (the report's F-5), in numbers."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayeschute.aero.coefficient import Coefficient
+from bayeschute.aero.curve_names import CURVES
 from bayeschute.likelihood.knowledge import conflict, without
 from bayeschute.posterior.combine.sequential import moments
-from bayeschute.study.aerodynamics.known import axis_of, observed, points
+from bayeschute.study.aerodynamics.known import observed, points
 from bayeschute.study.schema.knowledge.knowledge_schema import KnowledgeTable
 from bayeschute.study.study import Study
 
@@ -59,7 +60,7 @@ def _entry(
         "target": table.target,
         "use": table.use,
         "at": points(study, table).at.tolist(),
-        "unit": axis_of(table),
+        "unit": CURVES[table.target].unit if table.kind == "curve" else "",
         "values": known.values.tolist(),
         "sd": np.sqrt(np.diag(known.covariance)).tolist(),
         "found": (known.design @ mean).tolist(),

@@ -1,4 +1,4 @@
-"""What fitted flights flew: the airflow along their paths, and the ranges that curves may be read over.
+"""Airflow along the fitted paths, and the ranges over which curves are supported by data.
 
 Ranges are of the fitted paths, not of records differentiated twice: noise of the sensors would widen them. They are the
 central 99 % of all samples of all canopies and flights: beyond, a curve is extrapolated (the report's F-11, F-12).

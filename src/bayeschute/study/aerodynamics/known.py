@@ -1,4 +1,4 @@
-"""What a study says that others know, as Gaussian observations of the coefficients; priors that hold it."""
+"""External knowledge in a study as Gaussian observations of the coefficients, and priors that include it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayeschute.aero.coefficient import terms_of
-from bayeschute.aero.curve_names import CURVES
 from bayeschute.aero.curves import regressors
 from bayeschute.aero.published import load_published
 from bayeschute.aero.published_curve import planar_curve, usual_angles
@@ -94,8 +93,3 @@ def informed(study: Study, priors: Sequence[Prior]) -> list[Prior]:
                 for p, here in zip(conditioned(made, known), part, strict=True)
             ]
     return made
-
-
-def axis_of(table: KnowledgeTable) -> str:
-    """SI unit of what a curve is over; empty of a coefficient."""
-    return CURVES[table.target].unit if table.kind == "curve" else ""

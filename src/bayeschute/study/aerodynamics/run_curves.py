@@ -1,13 +1,11 @@
-"""What a run says of its aerodynamics beside parameters: ``curves.csv``, knowledge of others, proposals for terms."""
+"""Aerodynamic results of a run beside its parameters: ``curves.csv``, external knowledge, proposals for terms."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import partial
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from bayeschute.aero.curve_names import CURVES
@@ -41,14 +39,10 @@ def told_curves(job: Job, draws: Mapping[str, Array], prior: Mapping[str, Array]
     known, over = agreement(job.study, draws), ranges(flights)
     made = table(draws, prior, over, _reach(known), _truth(job))
     if not made.empty:
-        write_whole(job.out / FILE, partial(_write, made))
+        write_whole(job.out / FILE, lambda path: made.to_csv(path, index=False))
     names = list(dict.fromkeys(made["curve"])) if not made.empty else []
     curves = {"words": {name: CURVES[name].words for name in names}, "flown": {k: list(v) for k, v in over.items()}}
     return {"curves": curves, "knowledge": known, "proposals": as_rows(proposed_terms(flights))}
-
-
-def _write(made: pd.DataFrame, path: Any) -> None:
-    made.to_csv(path, index=False)
 
 
 def _reach(known: list[dict[str, Any]]) -> dict[str, float]:

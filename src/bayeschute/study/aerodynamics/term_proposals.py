@@ -1,4 +1,4 @@
-"""Terms that the latent forces of a fit ask for: candidates that its structure lacks."""
+"""Proposals for terms: candidates missing from the structure that the latent forces of a fit correlate with."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a run may claim of its intervals: stored replicates, their domain, held-out shares, and its own checks."""
+"""Calibration status of a run: stored replicates, their domain, held-out shares, and its own checks."""
 
 from __future__ import annotations
 

@@ -28,13 +28,13 @@ def conditions(job: Job) -> Conditions:
     """Conditions of a run whose fit is done: its flights, the noise found, and which sampler drew."""
     numbers: dict[str, list[float]] = {}
     units: dict[str, str] = {}
-    for role, word in _ROLES.items():
-        for flight in job.study.with_role(role):
-            for name, value, unit in _of_flight(job, flight):
-                key = f"{name} of {word} flights"
-                numbers.setdefault(key, []).append(float(value))
-                units[key] = unit
-    for name, value, unit in _of_noise(job):
+    of_flights = (
+        (f"{name} of {word} flights", value, unit)
+        for role, word in _ROLES.items()
+        for flight in job.study.with_role(role)
+        for name, value, unit in _of_flight(job, flight)
+    )
+    for name, value, unit in (*of_flights, *_of_noise(job)):
         numbers.setdefault(name, []).append(float(value))
         units[name] = unit
     names = {

@@ -1,4 +1,4 @@
-"""Predicted flights that swing further than any that was fitted."""
+"""Extrapolation: predicted flights that swing further than any that was fitted."""
 
 from __future__ import annotations
 

@@ -8,7 +8,6 @@ direct comparisons with the numerics in use count; a chain of small changes may 
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
@@ -108,8 +107,7 @@ def comparisons(place: Path | None = None) -> list[Comparison]:
         pydantic.ValidationError: If a file is no comparison.
     """
     folder = shipped(STORED) if place is None else place
-    files = sorted(folder.glob("*.json"))
-    return [Comparison.model_validate(json.loads(file.read_text(encoding="utf-8"))) for file in files]
+    return [Comparison.model_validate_json(file.read_bytes()) for file in sorted(folder.glob("*.json"))]
 
 
 def same_as(hash_of_numerics: str, configuration: str, found: Sequence[Comparison]) -> frozenset[str]:

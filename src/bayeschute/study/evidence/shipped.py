@@ -1,4 +1,4 @@
-"""Where results that come with the program are stored."""
+"""Location of results that are shipped with the program."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Campaigns of landings: their file, the draws of the posterior that they take, and their rows as they come."""
+"""Campaigns of landings: their file, the posterior draws that they use, and their rows."""

@@ -9,14 +9,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from pydantic import ValidationError
 
 from bayeschute.core.errors import InputError
 from bayeschute.landing.turbulence import Turbulence
 from bayeschute.landing.wind_plan import Event, Profile, WindPlan
 from bayeschute.study.landing_campaign.campaign_schema import CampaignFile, EventTable, WindTable
 from bayeschute.study.load import load_vehicle
-from bayeschute.study.schema.schema_faults import faults_of
+from bayeschute.study.schema.schema_faults import validated
 from bayeschute.study.schema.sidecar import context
 from bayeschute.study.schema.study_files import read_toml
 from bayeschute.study.schema.vehicle_schema import Vehicle
@@ -69,11 +68,10 @@ def load_campaign(path: Path | str, data_dir: Path | str | None = None) -> Campa
             vehicle = load_vehicle(os.path.normpath(path.parent / raw["vehicle"]))
         except InputError as error:
             faults += error.faults
-    here = context(path.parent, data_dir)
     try:
-        tables = CampaignFile.model_validate(raw, context=here)
-    except ValidationError as error:
-        raise InputError([*faults_of(str(path), CampaignFile, error, raw), *faults]) from None
+        tables = validated(CampaignFile, str(path), raw, context(path.parent, data_dir))
+    except InputError as error:
+        raise InputError([*error.faults, *faults]) from None
     if faults:
         raise InputError(faults)
     return Campaign(path, tables, vehicle)

@@ -5,10 +5,10 @@ Nothing here imports JAX.
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import AfterValidator, BeforeValidator, ValidationInfo, field_validator, model_validator
+from pydantic import AfterValidator, BeforeValidator, ValidationInfo, model_validator
 
 from bayeschute.landing.measures import MEASURES
 from bayeschute.study.schema.quantities import (
@@ -19,6 +19,7 @@ from bayeschute.study.schema.quantities import (
     Azimuth,
     Bounds,
     Label,
+    Limited,
     Mass,
     Name,
     NoiseAngle,
@@ -29,7 +30,6 @@ from bayeschute.study.schema.quantities import (
     Speed,
     Strict,
     Text,
-    exactly_one_limit,
     number,
     one_of,
     read_quantity,
@@ -209,30 +209,14 @@ class WindTable(Strict):
     turbulence: TurbulenceTable | None = None
 
 
-class LimitTable(Strict):
-    """A limit on one number of a landing.
+class LimitTable(Limited):
+    """A limit on one number of a landing, see `landing.decisions.requirements.Limit`."""
 
-    Attributes:
-        quantity: One of `landing.measures.MEASURES`.
-        at_most: Upper limit [SI]; this or `at_least`.
-        at_least: Lower limit [SI].
-    """
+    UNITS_OF: ClassVar = {name: (unit, f"10 {unit}") for name, (unit, _) in MEASURES.items()}
 
     quantity: Annotated[str, one_of(*MEASURES)]
     at_most: float | None = None
     at_least: float | None = None
-
-    @field_validator("at_most", "at_least", mode="before")
-    @classmethod
-    def _is_of_the_quantity(cls, value: object, info: ValidationInfo) -> object:
-        """Read the limit in the unit of the quantity; a wrong quantity has its own fault."""
-        known = info.data.get("quantity")
-        return read_quantity(value, MEASURES[known][0], f"10 {MEASURES[known][0]}") if known else None
-
-    @model_validator(mode="after")
-    def _has_one_limit(self) -> LimitTable:
-        exactly_one_limit(self.at_most, self.at_least)
-        return self
 
 
 def _some(limits: tuple[LimitTable, ...]) -> tuple[LimitTable, ...]:
@@ -240,14 +224,7 @@ def _some(limits: tuple[LimitTable, ...]) -> tuple[LimitTable, ...]:
 
 
 class RequirementTable(Strict):
-    """What a landing must meet, all limits together, and how surely.
-
-    Attributes:
-        name: For tables and figures.
-        limits: All must be kept by the same landing.
-        probability: Least probability of that [1].
-        confidence: With which the posterior must say so [1].
-    """
+    """What a landing must meet, see `landing.decisions.requirements.Requirement`."""
 
     name: Label
     limits: Annotated[tuple[LimitTable, ...], AfterValidator(_some)]
@@ -256,15 +233,10 @@ class RequirementTable(Strict):
 
 
 class PlacardTable(Strict):
-    """A table of winds and payloads by which a day is judged.
+    """Winds and payloads by which a day is judged, see `landing.decisions.onset.PlacardPlan`.
 
     Attributes:
-        shear: Changes of the wind across the layer [m/s].
         capsule_mass: Payloads [kg]; none: the vehicle's.
-        middle: Altitude of the layer over the ground [m].
-        thickness: Of the layer [m].
-        landings: Of every cell.
-        amplitude: Of the swing at touchdown from which on it counts as a pendulum [rad].
     """
 
     shear: tuple[Speed, ...]

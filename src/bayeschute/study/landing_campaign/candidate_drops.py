@@ -1,4 +1,4 @@
-"""What candidate drops would leave open of the parameters: flown virtually, and seen as a record would be."""
+"""Expected posterior covariance after candidate drops, from virtual flights and their records."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A campaign and a posterior to what landings are drawn from, and its identity."""
+"""From a campaign and a posterior to the plan of its landings, and the identity of that."""
 
 from __future__ import annotations
 

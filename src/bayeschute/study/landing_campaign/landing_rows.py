@@ -1,4 +1,4 @@
-"""Landings of a campaign, batch by batch: in this process or over Dask, kept as they come, whoever flew them."""
+"""Landings of a campaign, batch by batch, in this process or over Dask; finished batches are kept."""
 
 from __future__ import annotations
 

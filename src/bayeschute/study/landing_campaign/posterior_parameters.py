@@ -1,4 +1,4 @@
-"""Draws of a finished fit's parameters as landings take them, each with noise parameters of its own."""
+"""Posterior draws of a finished fit for landings, each with noise parameters of its own."""
 
 from __future__ import annotations
 

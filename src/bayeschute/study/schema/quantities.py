@@ -7,11 +7,19 @@ to do; `bayeschute.study.schema.schema_faults` turns it into a `Fault`.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, NoReturn, TypeVar
+from typing import Annotated, Any, ClassVar, NoReturn, Self, TypeVar
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
 from pydantic_core import PydanticCustomError
 
 from bayeschute.core.units import to_si
@@ -52,12 +60,6 @@ def each(check: Callable[[str], str | None], wanted: str, none: str = "") -> Aft
         return terms
 
     return AfterValidator(checked)
-
-
-def exactly_one_limit(at_most: float | None, at_least: float | None) -> None:
-    """Refuse a requirement with no limit, or with one to both sides."""
-    if (at_most is None) == (at_least is None):
-        refuse("exactly one of at_most and at_least", "neither" if at_most is None else "both")
 
 
 @dataclass(frozen=True)
@@ -117,6 +119,30 @@ def read_quantity(value: Any, unit: str, example: str, bounds: Bounds = Bounds()
     if not bounds.hold(number_si):
         refuse(wanted)
     return number_si
+
+
+class Limited(Strict):
+    """A table whose ``quantity`` has one limit, ``at_most`` or ``at_least``, read in the unit of that quantity.
+
+    Attributes:
+        UNITS_OF: SI unit and an example of a limit, by quantity.
+    """
+
+    UNITS_OF: ClassVar[Mapping[str, tuple[str, str]]]
+
+    @field_validator("at_most", "at_least", mode="before", check_fields=False)
+    @classmethod
+    def _is_of_the_quantity(cls, value: object, info: ValidationInfo) -> object:
+        """An unknown quantity has its own fault."""
+        known = info.data.get("quantity")
+        return read_quantity(value, *cls.UNITS_OF[known]) if known else None
+
+    @model_validator(mode="after")
+    def _has_one_limit(self) -> Self:
+        given = [name for name in ("at_most", "at_least") if getattr(self, name) is not None]
+        if len(given) != 1:
+            refuse("exactly one of at_most and at_least", "both" if given else "neither")
+        return self
 
 
 def quantity(unit: str, example: str, bounds: Bounds = Bounds()) -> BeforeValidator:

@@ -6,14 +6,15 @@ import difflib
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
-from typing import Any, get_args
+from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from bayeschute.core.errors import Fault
+from bayeschute.core.errors import Fault, InputError
 
 Loc = Sequence[int | str]
+Table = TypeVar("Table", bound=BaseModel)
 _WANTED = {  # by pydantic's type of error, for errors that no validator of ours raised
     "tuple_type": "a list",
     "dict_type": "a table",
@@ -135,6 +136,24 @@ def faults_of(file: str, model: type[BaseModel], error: ValidationError, raw: ob
     """
     details = error.errors(include_url=False)[:_WORST]
     return [_fault(file, model, detail, raw) for detail in details]
+
+
+def validated(model: type[Table], file: str, raw: Any, context: Mapping[str, str] | None = None) -> Table:
+    """The content of a file as its pydantic model.
+
+    Args:
+        model: The model.
+        file: Path of the file, as given by the user.
+        raw: The content.
+        context: For validators, see `sidecar.context`.
+
+    Raises:
+        InputError: With every fault.
+    """
+    try:
+        return model.model_validate(raw, context=context)
+    except ValidationError as error:
+        raise InputError(faults_of(file, model, error, raw)) from None
 
 
 def fault_of_toml(file: str, error: tomllib.TOMLDecodeError) -> Fault:

@@ -6,9 +6,9 @@ Checks across tables and files are in `bayeschute.study.schema.crosscheck`.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
-from pydantic import AfterValidator, ValidationInfo, field_validator, model_validator
+from pydantic import AfterValidator, model_validator
 
 from bayeschute.records.foreign.conventions import Conventions
 from bayeschute.records.plausibility.reading import NAMES
@@ -18,6 +18,7 @@ from bayeschute.study.schema.knowledge.knowledge_schema import KnowledgeTable
 from bayeschute.study.schema.quantities import (
     Bounds,
     Label,
+    Limited,
     Mass,
     Name,
     NotNegativeTime,
@@ -26,10 +27,8 @@ from bayeschute.study.schema.quantities import (
     Text,
     Time,
     Until,
-    exactly_one_limit,
     number,
     one_of,
-    read_quantity,
     refuse,
     whole,
 )
@@ -199,7 +198,7 @@ class PredictTable(Strict):
     recalibrate: Literal["replicates"] | None = None
 
 
-class RequirementTable(Strict):
+class RequirementTable(Limited):
     """A requirement on a statistic of a predicted quantity over the window.
 
     Attributes:
@@ -210,23 +209,13 @@ class RequirementTable(Strict):
         at_least: Lower limit [SI unit of the quantity].
     """
 
+    UNITS_OF: ClassVar = UNITS
+
     name: Label
     quantity: Quantity
     statistic: Statistic
     at_most: float | None = None
     at_least: float | None = None
-
-    @field_validator("at_most", "at_least", mode="before")
-    @classmethod
-    def _is_of_the_quantity(cls, value: object, info: ValidationInfo) -> object:
-        """Read the limit in the unit of the quantity; an unknown quantity is reported elsewhere."""
-        known = info.data.get("quantity")
-        return read_quantity(value, *UNITS[known]) if known else None
-
-    @model_validator(mode="after")
-    def _has_one_limit(self) -> RequirementTable:
-        exactly_one_limit(self.at_most, self.at_least)
-        return self
 
 
 def _some(flights: tuple[FlightTable, ...]) -> tuple[FlightTable, ...]:

@@ -9,6 +9,7 @@ from pydantic import model_validator
 
 from bayeschute.aero.coefficient import coefficient_names
 from bayeschute.aero.term_names import check_axial, check_transverse, rate_factors
+from bayeschute.atmosphere.standard import SEA_LEVEL_DENSITY, STANDARD_GRAVITY
 from bayeschute.study.schema.capsule_schema import CapsuleAeroTable
 from bayeschute.study.schema.quantities import (
     Area,
@@ -32,8 +33,6 @@ from bayeschute.study.schema.quantities import (
     whole,
 )
 
-_GRAVITY = 9.80665  # [m/s^2]
-_SEA_LEVEL_DENSITY = 1.225  # [kg/m^3], US Standard Atmosphere 1976
 Rotation = Literal["riser", "airflow"]
 _COEFFICIENTS = ("axial_force", "normal_force_slope", "pitch_moment_slope")
 _AXIAL = each(check_axial, "at least one term of the axial coefficient, such as '1' or 'alpha^2'", none="no term")
@@ -219,8 +218,8 @@ class Vehicle(Strict):
     def _is_well_posed(self) -> Vehicle:
         """The airflow rate acts as an apparent mass rho S l C_rate/4; with the canopy's own it must stay above zero."""
         k, damping = self.canopies, self.aero.transverse.get("rate", 0.0)
-        inertia = k.dry_mass + _SEA_LEVEL_DENSITY * k.enclosed_volume
-        apparent = 0.25 * _SEA_LEVEL_DENSITY * k.reference_area * k.reference_length * damping
+        inertia = k.dry_mass + SEA_LEVEL_DENSITY * k.enclosed_volume
+        apparent = 0.25 * SEA_LEVEL_DENSITY * k.reference_area * k.reference_length * damping
         if self.aero.rate == "airflow" and inertia + apparent <= 0.0:
             wanted = f"a coefficient of 'rate' whose apparent mass stays above -{inertia:.0f} kg, or rate = 'riser'"
             refuse(wanted, f"{damping:g}, which gives {apparent:.0f} kg")
@@ -229,7 +228,7 @@ class Vehicle(Strict):
     @model_validator(mode="after")
     def _hangs_taut(self) -> Vehicle:
         """Risers are fully engaged in the static equilibrium of the hanging capsule."""
-        stretch = self.capsule.mass * _GRAVITY / (self.canopies.number * self.risers.stiffness)
+        stretch = self.capsule.mass * STANDARD_GRAVITY / (self.canopies.number * self.risers.stiffness)
         engagement = self.risers.engagement
         if engagement is not None and engagement > stretch:
             wanted = f"an engagement of risers up to {stretch:.3g} m, to which the capsule's weight stretches them"

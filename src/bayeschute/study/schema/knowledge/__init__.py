@@ -1,1 +1,1 @@
-"""Tables of a study on what others know about its coefficients and curves."""
+"""Tables of a study on external knowledge of its coefficients and curves."""

@@ -1,4 +1,4 @@
-"""``[[knowledge]]`` of a study: what a wind tunnel, a handbook or another program says of a coefficient or a curve."""
+"""``[[knowledge]]`` of a study: external knowledge of a coefficient or curve (wind tunnel, handbook, program)."""
 
 from __future__ import annotations
 
