@@ -7,15 +7,17 @@ nothing is changed but one unused name per module: a test file that fails there 
 from __future__ import annotations
 
 import importlib.util
+import math
 import os
 import queue
+import resource
 import shutil
 import signal
 import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from threading import Lock
@@ -28,6 +30,7 @@ LEFT_OUT = {
 }  # fmt: skip
 """Folders that no copy needs."""
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS", "NPROC")
+MEMORY = 16 * 2**30  # of a process [B]
 OPTIONS = ["-x", "-q", "-p", "no:cacheprovider"]
 if importlib.util.find_spec("hypothesis"):
     OPTIONS.append("--hypothesis-seed=0")  # the same examples every time
@@ -107,7 +110,7 @@ class Trials:
         for path in (self.unchanged / "src").rglob("*.py"):
             path.write_text(path.read_text(encoding="utf-8") + UNUSED, encoding="utf-8")
         self.lock, self.locks = Lock(), dict[str, Lock]()
-        self.sound_files = {row["baseline"]: bool(row["sound"]) for row in known}
+        self.unchanged_took = {row["baseline"]: row["seconds"] if row["sound"] else math.inf for row in known}
         self.running, self.ended = set[subprocess.Popen[bytes]](), False
 
     def _copy(self, to: Path) -> Path:
@@ -116,17 +119,22 @@ class Trials:
 
         return Path(shutil.copytree(self.root, to, ignore=left_out, symlinks=True))
 
-    def trusted(self, test: str) -> bool:
-        """Whether a test file passes where nothing is changed, in half of the time that is allowed. Tried once."""
+    def trusted(self, test: str, late: bool) -> bool:
+        """Whether a test file passes where nothing is changed, which is tried once.
+
+        Args:
+            test: The file.
+            late: It was too late with a change, so half of the time has to do for it without one.
+        """
         with self.lock:
             lock = self.locks.setdefault(test, Lock())
         with lock:
-            if test not in self.sound_files:
+            if test not in self.unchanged_took:
                 tried = self.run(self.unchanged, test)
-                good = tried.outcome == "passed" and tried.seconds <= self.limit / 2.0
-                self.keep({"baseline": test, "sound": good} | tried._asdict())
-                self.sound_files[test] = good
-            return self.sound_files[test]
+                sound = tried.outcome == "passed"
+                self.keep({"baseline": test, "sound": sound} | tried._asdict())
+                self.unchanged_took[test] = tried.seconds if sound else math.inf
+        return self.unchanged_took[test] <= self.limit / (2.0 if late else 1.0)
 
     def judge(self, mutant: Mutant, tests: Sequence[tuple[str, bool]], most: int) -> dict[str, Any]:
         """Try a change: its row.
@@ -142,12 +150,12 @@ class Trials:
             for test, mirrors in tests:
                 if others == most and not mirrors:
                     break
-                if not self.sound_files.get(test, True):
+                if math.isinf(self.unchanged_took.get(test, 0.0)):
                     continue
                 tried = self.run(place, test)
-                if tried.outcome in ("failed", "timeout") and self.trusted(test):
-                    result = "timeout" if tried.outcome == "timeout" else "caught"
-                    found = {"result": result, "by": test, "said": tried.said}
+                late = tried.outcome == "timeout"
+                if tried.outcome in ("failed", "timeout") and self.trusted(test, late):
+                    found = {"result": "timeout" if late else "caught", "by": test, "said": tried.said}
                     break
                 if tried.outcome == "passed":
                     passed.append(test)
@@ -173,7 +181,7 @@ class Trials:
         others = [one for one in os.environ.get("PYTHONPATH", "").split(os.pathsep) if one]
         kept = [one for one in others if not Path(one).resolve().is_relative_to(self.root.resolve())]
         paths = os.pathsep.join([str(place / "src"), str(place), *kept])
-        environment = os.environ | dict.fromkeys(THREADS, "1") | {"PYTHONPATH": paths}
+        environment = {"JAX_PLATFORMS": "cpu"} | os.environ | dict.fromkeys(THREADS, "1") | {"PYTHONPATH": paths}
         start = perf_counter()
         if self.ended:
             raise InterruptedError("no test is run any more")
@@ -183,6 +191,9 @@ class Trials:
                 start_new_session=True,
             )  # fmt: skip
             self.running.add(process)
+            if sys.platform == "linux":  # a wrong size may ask for all memory there is
+                with suppress(ProcessLookupError):
+                    resource.prlimit(process.pid, resource.RLIMIT_DATA, (MEMORY, MEMORY))
             try:
                 status: int | None = process.wait(self.limit)
             except subprocess.TimeoutExpired:
