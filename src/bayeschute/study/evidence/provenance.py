@@ -10,9 +10,10 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from bayeschute.core.version import __version__
 from bayeschute.study.evidence.numerics_hash import numerics
 
-_PACKAGES = ("bayeschute", "jax", "numpy", "scipy")
+_PACKAGES = ("jax", "numpy", "scipy")
 
 
 def provenance(command: str) -> dict[str, Any]:
@@ -25,12 +26,13 @@ def provenance(command: str) -> dict[str, Any]:
         ``command``; ``commit`` of the checkout, marked where files were changed, None outside of a checkout; ``date``
         (UTC); ``machine`` (processor, cores, system); ``versions``; ``numerics``, their hash.
     """
+    python = platform.python_version()
     return {
         "command": command,
         "commit": commit(),
         "date": datetime.now(UTC).strftime("%Y-%m-%d"),
         "machine": f"{platform.machine()}, {os.cpu_count()} cores, {platform.system()}",
-        "versions": {name: version(name) for name in _PACKAGES} | {"python": platform.python_version()},
+        "versions": {"bayeschute": __version__, **{name: version(name) for name in _PACKAGES}, "python": python},
         "numerics": numerics(),
     }
 
