@@ -36,6 +36,7 @@ REFUSED = {
     "No space left on device": RuntimeError(HDF5),
     "the memory is used up": MemoryError(),
     "The memory is used up": RuntimeError("RESOURCE_EXHAUSTED: Out of memory allocating 8 bytes"),
+    "THE MEMORY is used up": ImportError("_backend_agg.so: failed to map segment from shared object"),
 }
 
 
@@ -49,7 +50,13 @@ def test_what_the_system_refuses_is_a_line_that_says_how_to_go_on(capsys, why):
 
 
 @pytest.mark.parametrize(
-    "error", [ZeroDivisionError(), FileNotFoundError(errno.ENOENT, "No such file", "a"), RuntimeError("errno = none")]
+    "error",
+    [
+        ZeroDivisionError(),
+        FileNotFoundError(errno.ENOENT, "No such file", "a"),
+        RuntimeError("errno = none"),
+        ImportError("a"),
+    ],
 )
 def test_what_is_no_fault_of_the_input_is_not_hidden(error):
     with pytest.raises(type(error)), reporting_faults():

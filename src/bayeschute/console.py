@@ -25,7 +25,10 @@ _EVERY = 20.0  # between lines of progress where there is no terminal [s]
 _REFUSALS = ("ENOSPC", "EDQUOT", "EFBIG", "EROFS", "EACCES", "EPERM", "EIO", "ENOMEM", "EMFILE", "ENFILE")
 _OF_SYSTEM = {getattr(errno, name) for name in _REFUSALS if hasattr(errno, name)}
 _NUMBER = re.compile(r"\berrno = (\d+)")  # as HDF5 tells it when a file can't be closed
-_NO_MEMORY = ("RESOURCE_EXHAUSTED", "Unable to allocate", "can't start new thread")  # of libraries
+_NO_MEMORY = (  # of libraries
+    "RESOURCE_EXHAUSTED", "Unable to allocate", "can't start new thread", "failed to map segment",
+    "Cannot allocate memory",
+)  # fmt: skip
 
 
 def say(text: str = "", error: bool = False) -> None:
@@ -52,7 +55,7 @@ def reporting_faults(when_stopped: str = "") -> Iterator[None]:
     except KeyboardInterrupt as stop:
         say(f"Stopped. {when_stopped}".strip(), error=True)
         raise typer.Exit(130) from stop
-    except (OSError, RuntimeError, MemoryError) as error:
+    except (OSError, RuntimeError, MemoryError, ImportError) as error:
         why = refused(error)
         if not why:
             raise
