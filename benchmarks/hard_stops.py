@@ -129,18 +129,26 @@ def add(path: Path, row: Row) -> None:
         file.write(json.dumps(row, ensure_ascii=False).encode() + b"\n")
 
 
-def referred(place: Place, rows: Sequence[Row]) -> Row:
-    """The row of the reference: that of an earlier command, or of a run that is made now."""
+def referred(place: Place, rows: Sequence[Row], workers: int) -> Row:
+    """The row of the reference: that of an earlier command, or of a run that is made now.
+
+    As many as there are workers run at once, for the sake of the time that a run takes beside others.
+    """
     for row in rows:
         if row["what"] == "reference" and (place.reference / "report.html").exists():
             return row
-    shutil.rmtree(place.reference, ignore_errors=True)
+    beside = [place.work / f"beside-{i}" for i in range(1, workers)]
+    for folder in (place.reference, *beside):
+        shutil.rmtree(folder, ignore_errors=True)
     print("reference: begins", flush=True)
-    ended = place.begin(place.reference).end()
-    if ended.code or not (place.reference / "predictions.nc").exists():
-        raise SystemExit(f"the reference has not come to its end (exit code {ended.code}): {ended.said}")
+    every = [place.begin(folder) for folder in (place.reference, *beside)]
+    ends = [run.end() for run in every]
+    for folder in beside:
+        shutil.rmtree(folder, ignore_errors=True)
+    if ends[0].code or not (place.reference / "predictions.nc").exists():
+        raise SystemExit(f"the reference has not come to its end (exit code {ends[0].code}): {ends[0].said}")
     size = sum(path.stat().st_size for path in place.reference.rglob("*") if path.is_file())
-    return {"what": "reference", "number": 0, "seconds": ended.seconds, "size": size, "traceback": ended.traceback}
+    return {"what": "reference", "number": 0, "seconds": ends[0].seconds, "size": size, "at_once": workers}
 
 
 def tried(place: Place, todo: Sequence[tuple[str, int]], seed: int, workers: int) -> Iterator[Row]:
@@ -214,7 +222,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     identity = hashlib.sha256(inputs.encode()).hexdigest()[:16]
     place = Place(study, work / identity)
     rows = known(given.out, identity)
-    reference = referred(place, rows)
+    reference = referred(place, rows, given.workers)
     if reference not in rows:
         rows = [row for row in rows if row["what"] != "reference"]
         reference |= {"identity": identity, "study": study.name} | provenance("benchmarks/hard_stops.py")
@@ -241,4 +249,5 @@ if __name__ == "__main__":
     try:
         main()
     except KeyboardInterrupt:
+        end_all()
         raise SystemExit("Stopped. The same command goes on.") from None

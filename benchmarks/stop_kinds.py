@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -22,6 +23,8 @@ AGAIN = 0.25  # share of kills that are followed by another one
 YEARS = 10 * 365.25 * 86400.0  # by which files are dated ahead or back [s]
 AHEAD, BACK = "Etc/GMT-14", "Etc/GMT+12"  # 26 hours apart
 MARGIN = 64e6  # of memory that is left at most [bytes]
+FINISHED = "it had finished"
+MOST_AGAIN = 5  # tries to kill a run before its end
 REFUSED = (0, 3)  # exit codes where the system refuses something; 0 where the run needed it no more
 PATIENCE = 3600.0  # for a run to end [s]
 
@@ -165,7 +168,19 @@ def _killed(place: Place, out: Path, moment: float, *options: str, zone: str | N
     run = place.begin(out, *options, zone=zone)
     goes_on = run.until(moment)
     run.send(signal.SIGKILL)
-    return Stopped(out, moment, under_way(out), run.end(), "signal 9" if goes_on else "it had finished")
+    return Stopped(out, moment, under_way(out), run.end(), "signal 9" if goes_on else FINISHED)
+
+
+def _surely_killed(place: Place, out: Path, share: float, zone: str | None = None) -> Stopped:
+    """A run that is killed after a share of its time; one that was faster than thought and ended is made again."""
+    seconds = place.seconds
+    for _ in range(MOST_AGAIN):
+        made = _killed(place, out, share * seconds, zone=zone)
+        if made.how != FINISHED:
+            break
+        seconds = min(made.ended.seconds, seconds)
+        shutil.rmtree(out)
+    return made
 
 
 @contextmanager
@@ -178,10 +193,10 @@ def none(place: Place, folder: Path, number: int, rng: np.random.Generator) -> I
 @contextmanager
 def kill(place: Place, folder: Path, number: int, rng: np.random.Generator) -> Iterator[Stopped]:
     """Signal 9, sometimes twice."""
-    first, second, again = place.seconds * rng.random(), rng.random(), rng.random() < AGAIN
-    made = _killed(place, folder / "run", first)
+    first, second, again = rng.random(), rng.random(), rng.random() < AGAIN
+    made = _surely_killed(place, folder / "run", first)
     if again:
-        later = _killed(place, made.out, second * (place.seconds - first), "--resume")
+        later = _killed(place, made.out, second * (1.0 - first) * place.seconds, "--resume")
         where = f"{made.stage}; resumed, {later.stage}"
         made = replace(made, stage=where, how=f"{made.how}, again after {later.moment:.1f} s", ended=later.ended)
     yield made
@@ -197,7 +212,7 @@ def ctrl_c(place: Place, folder: Path, number: int, rng: np.random.Generator) ->
     run.send(signal.SIGINT)
     ended = run.end()
     sound = ended.code in (130, -signal.SIGINT) or (ended.code == 0 and (not goes_on or stage.startswith("report 100")))
-    yield Stopped(out, moment, stage, ended, "signal 2" if goes_on else "it had finished", sound)
+    yield Stopped(out, moment, stage, ended, "signal 2" if goes_on else FINISHED, sound)
 
 
 @contextmanager
@@ -264,7 +279,7 @@ def memory(place: Place, folder: Path, number: int, rng: np.random.Generator) ->
         raise NotTriedError("no /proc or no prlimit: the memory of a process that runs can't be limited")
     out, moment = folder / "run", place.seconds * rng.random()
     run = place.begin(out)
-    goes_on, stage, how = run.until(moment), under_way(out), "it had finished"
+    goes_on, stage, how = run.until(moment), under_way(out), FINISHED
     if goes_on:
         left = MARGIN * rng.random()
         held = int(Path(f"/proc/{run.process.pid}/statm").read_text().split()[0]) * resource.getpagesize()
@@ -276,7 +291,7 @@ def memory(place: Place, folder: Path, number: int, rng: np.random.Generator) ->
 @contextmanager
 def clock(place: Place, folder: Path, number: int, rng: np.random.Generator) -> Iterator[Stopped]:
     """Killed, then resumed at an earlier hour, with files dated ahead (even numbers) or back."""
-    made = _killed(place, folder / "run", place.seconds * rng.random(), zone=AHEAD)
+    made = _surely_killed(place, folder / "run", rng.random(), zone=AHEAD)
     when = time.time() + (YEARS if number % 2 == 0 else -YEARS)
     for path in sorted(made.out.rglob("*")):
         os.utime(path, (when, when))
