@@ -98,7 +98,7 @@ def test_run_hands_everything_on(stages: types.ModuleType, tmp_path: Path):
 
     def run_study(path: Path, out: Path, **options: Any) -> dict[str, Any]:
         seen.update(path=path, out=out, **options)
-        out.mkdir()
+        out.mkdir(exist_ok=True)
         (out / "report.html").touch()
         options["progress"]("fit", 1.0, "done")
         return {}

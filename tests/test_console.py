@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 from pathlib import Path
 
@@ -28,9 +29,38 @@ def test_a_stop_says_how_to_go_on(capsys):
     assert "Stopped. The same command continues." in capsys.readouterr().err
 
 
-def test_what_is_no_fault_of_the_input_is_not_hidden():
-    with pytest.raises(ZeroDivisionError), reporting_faults():
-        raise ZeroDivisionError
+HDF5 = "Can't decrement id ref count (file write failed: time = Mon, errno = 28, error message = 'No space left')"
+REFUSED = {
+    "No space left on device: runs/a.nc": OSError(errno.ENOSPC, "No space left on device", "runs/a.nc"),
+    "Permission denied: runs/b": OSError(errno.EACCES, "Permission denied", b"runs/b"),
+    "No space left on device": RuntimeError(HDF5),
+    "the memory is used up": MemoryError(),
+    "The memory is used up": RuntimeError("RESOURCE_EXHAUSTED: Out of memory allocating 8 bytes"),
+    "THE MEMORY is used up": ImportError("_backend_agg.so: failed to map segment from shared object"),
+}
+
+
+@pytest.mark.parametrize("why", REFUSED)
+def test_what_the_system_refuses_is_a_line_that_says_how_to_go_on(capsys, why):
+    with pytest.raises(typer.Exit) as stopped, reporting_faults("The same command continues."):
+        raise REFUSED[why]
+    assert stopped.value.exit_code == 3
+    line = f"Stopped by the system: {why}. The same command continues.\n"
+    assert capsys.readouterr().err.lower() == line.lower()
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        ZeroDivisionError(),
+        FileNotFoundError(errno.ENOENT, "No such file", "a"),
+        RuntimeError("errno = none"),
+        ImportError("a"),
+    ],
+)
+def test_what_is_no_fault_of_the_input_is_not_hidden(error):
+    with pytest.raises(type(error)), reporting_faults():
+        raise error
 
 
 @pytest.fixture

@@ -1,7 +1,8 @@
 """Command line: thin commands on public functions.
 
-Exit codes: 0 success, 1 a check of the result or the fit failed, 2 invalid input, 130 stopped by the user. Packages
-that are slow to import are imported inside the commands, so that `--help` and `check` are quick.
+Exit codes: 0 success, 1 a check of the result or the fit failed, 2 invalid input, 3 the system refused (a full disk,
+rights, memory), 130 stopped by the user. Packages that are slow to import are imported inside the commands, so that
+`--help` and `check` are quick.
 """
 
 from __future__ import annotations
@@ -108,10 +109,11 @@ def run(
     with reporting_faults(again):
         _free_folder(folder)
         _sound(study, data)  # before anything slow is imported, and before anything is written
+        from bayeschute.study.folder_lock import alone_in
         from bayeschute.study.run.stages import run_study
 
         last = until.value if until else None
-        with Bars() as bars:
+        with alone_in(folder), Bars() as bars:
             summary = run_study(
                 study, folder, until=last, resume=resume, quick=quick, data_dir=data, seed=seed, progress=bars,
                 workers=workers, address=dask, force=force,

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import errno
+import os
+import re
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -19,6 +22,13 @@ if TYPE_CHECKING:
 
 
 _EVERY = 20.0  # between lines of progress where there is no terminal [s]
+_REFUSALS = ("ENOSPC", "EDQUOT", "EFBIG", "EROFS", "EACCES", "EPERM", "EIO", "ENOMEM", "EMFILE", "ENFILE")
+_OF_SYSTEM = {getattr(errno, name) for name in _REFUSALS if hasattr(errno, name)}
+_NUMBER = re.compile(r"\berrno = (\d+)")  # as HDF5 tells it when a file can't be closed
+_NO_MEMORY = (  # of libraries
+    "RESOURCE_EXHAUSTED", "Unable to allocate", "can't start new thread", "failed to map segment",
+    "Cannot allocate memory",
+)  # fmt: skip
 
 
 def say(text: str = "", error: bool = False) -> None:
@@ -28,7 +38,14 @@ def say(text: str = "", error: bool = False) -> None:
 
 @contextmanager
 def reporting_faults(when_stopped: str = "") -> Iterator[None]:
-    """Turn invalid input into one line per fault and exit code 2, and Ctrl-C into exit code 130."""
+    """Turn invalid input into one line per fault and exit code 2, Ctrl-C into 130, what the system refuses into 3.
+
+    Args:
+        when_stopped: How a command that was stopped goes on.
+
+    Raises:
+        typer.Exit: In their place; every other error passes.
+    """
     try:
         yield
     except InputError as error:
@@ -38,6 +55,29 @@ def reporting_faults(when_stopped: str = "") -> Iterator[None]:
     except KeyboardInterrupt as stop:
         say(f"Stopped. {when_stopped}".strip(), error=True)
         raise typer.Exit(130) from stop
+    except (OSError, RuntimeError, MemoryError, ImportError) as error:
+        why = refused(error)
+        if not why:
+            raise
+        say(f"Stopped by the system: {why}. {when_stopped}".strip(), error=True)
+        raise typer.Exit(3) from error
+
+
+def refused(error: BaseException) -> str:
+    """What the system refused, in words: room on a disk, rights, memory; empty where an error is another one's fault.
+
+    Args:
+        error: As it was raised; libraries hide the system's number in their text.
+    """
+    text = " ".join(str(error).split())
+    if isinstance(error, MemoryError) or any(words in text for words in _NO_MEMORY):
+        return "the memory is used up"
+    hidden = _NUMBER.search(text)
+    number = error.errno if isinstance(error, OSError) and error.errno else int(hidden[1]) if hidden else 0
+    if number not in _OF_SYSTEM:
+        return ""
+    where = error.filename if isinstance(error, OSError) else None
+    return os.strerror(number) + (f": {os.fsdecode(where)}" if isinstance(where, str | bytes) else "")
 
 
 class Bars:

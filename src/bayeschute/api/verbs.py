@@ -202,7 +202,8 @@ def run(
         force: Start again in the folder of an earlier run; its results are removed first.
 
     Raises:
-        InputError: If `folder` contains something else, or an earlier run and neither `resume` nor `force` is given.
+        InputError: If `folder` contains something else, or an earlier run and neither `resume` nor `force` is given;
+            if another run is under way in it.
 
     Example:
         >>> run = bc.run(study, folder / "until-priors", until="priors")
@@ -210,9 +211,10 @@ def run(
         True
     """
     from bayeschute.study.assembly.assemble import smaller
+    from bayeschute.study.folder_lock import alone_in
     from bayeschute.study.run.stages import run_study
 
-    with shown(progress) as tell:
+    with alone_in(folder), shown(progress) as tell:
         run_study(study.spec, folder, until, resume, quick, progress=tell, workers=workers, force=force)
     return Run(Path(folder), Study(smaller(study.spec)) if quick else study)
 
