@@ -76,7 +76,7 @@ def bent(straight, monkeypatch):
         def lacking(marginal, points):
             return right(points) - np.asarray(marginal.correction.at(points.T))
 
-        monkeypatch.setattr(laplace, "lacking", lacking)
+        monkeypatch.setattr(laplace, "density_errors", lacking)
         return straight
 
     return put
@@ -124,7 +124,7 @@ def test_a_correction_read_near_the_mode_is_replaced_where_it_fails_far_from_it(
     got = fitted(made, np.random.default_rng(1), lambda share, words: said.append((share, words)))
     assert got.before > 0.2 > got.shift and got.points > correction_fit._FIRST
     fresh = np.random.default_rng(2).standard_normal((2000, size))
-    left, before = laplace.lacking(got.marginal, fresh), laplace.lacking(made, fresh)
+    left, before = laplace.density_errors(got.marginal, fresh), laplace.density_errors(made, fresh)
     assert np.std(left) < 0.1 * np.std(before) and np.std(left) < 2.0 * got.error < 0.2 * np.std(before)
     assert implied(fresh, left) < 0.1 and implied(fresh, before) > 0.2
     assert [share for share, _ in said] == sorted(share for share, _ in said)

@@ -16,7 +16,7 @@ from bayeschute.likelihood.simulation_smoother import normals
 from bayeschute.posterior import laplace
 from bayeschute.posterior.along_record import approached
 from bayeschute.posterior.joint_mode import fit
-from bayeschute.posterior.laplace import at, corrected, lack, lacking
+from bayeschute.posterior.laplace import at, corrected, density_errors, linear_errors
 from bayeschute.posterior.marginal import Quadratic, draw_flights, log_density, marginalise, place_at, shifted
 from bayeschute.posterior.numpyro_model import log_likelihood
 
@@ -50,7 +50,7 @@ def test_the_information_in_covariances_is_fishers(gusty):
         return 2.0 * np.log(np.asarray(found.gains.root)[:, 0, 0])
 
     slope = (log_variance(h) - log_variance(-h)) / (2.0 * h)
-    found = lack(made, h).information[0, 0]
+    found = linear_errors(made, h).information[0, 0]
     assert found == pytest.approx(0.5 * slope @ slope, rel=0.01) and found > 0.01
 
 
@@ -79,7 +79,7 @@ def test_it_is_the_dense_marginal_density_where_all_is_linear(linear, straight):
 
 
 def test_nothing_is_lacking_where_all_is_linear(straight):
-    np.testing.assert_allclose(lack(straight).slope, 0.0, atol=1e-6)
+    np.testing.assert_allclose(linear_errors(straight).slope, 0.0, atol=1e-6)
     made, ahead = corrected(straight)
     np.testing.assert_allclose(ahead.step(), 0.0, atol=1e-6)
     assert ahead.has_mode
@@ -87,7 +87,7 @@ def test_nothing_is_lacking_where_all_is_linear(straight):
         np.testing.assert_allclose(part, 0.0, atol=1e-6)
     for part in jax.tree.leaves(made.along[0].aside):
         np.testing.assert_allclose(part, 0.0, atol=1e-7)
-    np.testing.assert_allclose(lacking(made, np.array([POINT, -POINT])), 0.0, atol=1e-5)
+    np.testing.assert_allclose(density_errors(made, np.array([POINT, -POINT])), 0.0, atol=1e-5)
     xi = np.random.default_rng(0).standard_normal((2, 6))
     np.testing.assert_allclose(log_density(made, xi), log_density(straight, xi), atol=1e-5)
 
@@ -138,8 +138,8 @@ def test_what_lacks_slopes_as_the_polynomials_do(which, request):
     made, h = request.getfixturevalue(which), 0.2
     made = made[-1] if which == "gusty" else made
     rest = corrected(made, h)[0].correction
-    assert lack(made, h).slope[0] == pytest.approx(rest.slope[0] + 0.5 * h * rest.curvature[0, 0], abs=0.01)
-    assert lack(made, -h).slope[0] == pytest.approx(rest.slope[0] - 0.5 * h * rest.curvature[0, 0], abs=0.01)
+    assert linear_errors(made, h).slope[0] == pytest.approx(rest.slope[0] + 0.5 * h * rest.curvature[0, 0], abs=0.01)
+    assert linear_errors(made, -h).slope[0] == pytest.approx(rest.slope[0] - 0.5 * h * rest.curvature[0, 0], abs=0.01)
 
 
 def test_the_way_ahead_leads_to_the_mode(falling):
@@ -231,13 +231,13 @@ def _limited(monkeypatch, least, most):
 
 
 def test_the_slope_is_taken_to_the_side_on_which_flights_fly(falling, monkeypatch):
-    down = lack(falling, -0.4)
+    down = linear_errors(falling, -0.4)
     _limited(monkeypatch, -1.0, 0.1)
-    for found, wanted in zip(lack(falling), down, strict=True):
+    for found, wanted in zip(linear_errors(falling), down, strict=True):
         np.testing.assert_allclose(found, wanted, rtol=1e-9)
     _limited(monkeypatch, -0.1, 0.1)
     with pytest.raises(FloatingPointError, match="both sides"):
-        lack(falling)
+        linear_errors(falling)
 
 
 def test_the_step_is_shorter_where_flights_fail(falling, monkeypatch):
@@ -279,7 +279,7 @@ def test_the_polynomials_have_products_of_axes(straight, monkeypatch, fails, kno
         failed = any((xi == corner).all() for corner in fails)
         return np.nan if failed else slope @ xi + 0.5 * xi @ curvature @ xi
 
-    def lacking(marginal, xi, places=None):
+    def density_errors(marginal, xi, places=None):
         exact = real(marginal, xi)
         if places is not None:
             for found, wanted in zip(places, exact.flights, strict=True):  # linear: two steps together are exact
@@ -313,7 +313,7 @@ def test_what_the_polynomials_leave_is_told(which, request):
     for one in (made, _plain(made)):
         ours = np.asarray(log_density(one, np.concatenate([np.zeros((1, 1)), xi]).T))
         left = exact[1:] - exact[0] - ours[1:] + ours[0]
-        np.testing.assert_allclose(lacking(one, xi), -left, rtol=1e-6, atol=1e-7)
+        np.testing.assert_allclose(density_errors(one, xi), -left, rtol=1e-6, atol=1e-7)
         found.append(np.sqrt(np.mean(left**2)))
     assert found[0] < 0.3 * found[1] and found[1] > 0.02, found
 

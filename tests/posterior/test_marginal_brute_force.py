@@ -33,7 +33,7 @@ def made(short):
 def test_a_descent_against_brute_force_integration(short, made, quadrature):
     """The integral over six unknowns; without the determinant the marginal is visibly wrong, with it right."""
     flight, hyper, priors = short
-    tilt = replace(made, determinant=Quadratic(laplace.lack(made).slope, np.zeros((1, 1))))
+    tilt = replace(made, determinant=Quadratic(laplace.linear_errors(made).slope, np.zeros((1, 1))))
     right, _ = laplace.corrected(made)
     grid = np.linspace(-2.0, 2.0, 5)
     theta = np.asarray(made.theta(grid[None]))
@@ -47,7 +47,9 @@ def test_a_descent_against_brute_force_integration(short, made, quadrature):
     assert np.ptp(wanted) > 1.5  # it isn't flat
     # What its polynomials leave is told.
     xi = np.random.default_rng(0).standard_normal((8, 1))
-    assert np.abs(laplace.lacking(right, xi)).max() < 0.02 and np.abs(laplace.lacking(made, xi)).max() > 0.1
+    assert (
+        np.abs(laplace.density_errors(right, xi)).max() < 0.02 and np.abs(laplace.density_errors(made, xi)).max() > 0.1
+    )
 
 
 def test_the_gap_is_what_the_exact_hessian_adds_to_that_of_a_linear_model(bent, quadrature, monkeypatch):

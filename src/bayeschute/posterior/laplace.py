@@ -6,8 +6,8 @@ costs hundreds of times as much: the sum of squared innovations and the log dete
 Because the residuals are noise and not small, the conditional mode is a curved function of theta where the derivatives
 change with theta (residual-curvature term); without it the marginal density is too narrow, by a fifth and more for
 parameters that determine the response to gusts. And the squares are weighed by covariances that change with theta: on
-average the curvatures of this and of the log determinant add up to the Fisher information in the covariances (`lack`),
-and the second alone is negative. Both are evaluated on either side along every axis and at corners
+average the curvatures of this and of the log determinant add up to the Fisher information in the covariances
+(`linear_errors`), and the second alone is negative. Both are evaluated on either side along every axis and at corners
 between them, and two quadratic polynomials correct the linearised marginal: one for the squares, one for the log
 determinant.
 """
@@ -166,8 +166,8 @@ class Expansion(NamedTuple):
         return least_within(self.slope, self.curvature, radius)
 
 
-class Lack(NamedTuple):
-    """What the linear models lack of the marginal log density at theta_0, in standard coordinates.
+class LinearErrors(NamedTuple):
+    """What linear models leave out of the marginal log density at theta_0, in standard coordinates.
 
     Attributes:
         slope: Of minus the log density (P,).
@@ -180,7 +180,7 @@ class Lack(NamedTuple):
     information: Array
 
 
-def lack(marginal: Marginal, step: float = 0.4) -> Lack:
+def linear_errors(marginal: Marginal, step: float = 0.4) -> LinearErrors:
     """Gradient of the correction to the linear models, and the information in covariances, by one-sided differences.
 
     Where a flight near the optimum fails, the difference is taken to the other side.
@@ -205,7 +205,7 @@ def lack(marginal: Marginal, step: float = 0.4) -> Lack:
         slope[lost], change[lost] = slopes(-step * axes[lost], -step)
     if not np.isfinite(slope).all():
         raise FloatingPointError("flights to both sides of the optimum fail: the log density has no slope there")
-    return Lack(slope, 0.5 * change @ change.T)
+    return LinearErrors(slope, 0.5 * change @ change.T)
 
 
 class Sides(NamedTuple):
@@ -363,7 +363,7 @@ def least_within(slope: Array, curvature: Array, radius: float = _FARTHEST) -> A
     return np.asarray(axes @ made)
 
 
-def _lacking(marginal: Marginal, here: Laplace, points: Array, there: Sequence[Laplace]) -> Array:
+def _beyond_linear(marginal: Marginal, here: Laplace, points: Array, there: Sequence[Laplace]) -> Array:
     """What squares are more than the linear models', and the log determinant, at points (N, P), less here (N, 2)."""
     more = _more(here, there)
     more[:, 0] -= _own(marginal, points)
@@ -373,7 +373,7 @@ def _lacking(marginal: Marginal, here: Laplace, points: Array, there: Sequence[L
 def _changes(marginal: Marginal, near: Sides) -> tuple[Array, Array]:
     """Likewise to both sides along every axis (P, 2)."""
     axes = np.diag(near.steps)
-    return _lacking(marginal, near.here, axes, near.up), _lacking(marginal, near.here, -axes, near.down)
+    return _beyond_linear(marginal, near.here, axes, near.up), _beyond_linear(marginal, near.here, -axes, near.down)
 
 
 def _polynomials(marginal: Marginal, near: Sides) -> tuple[Quadratic, Quadratic]:
@@ -395,7 +395,7 @@ def _polynomials(marginal: Marginal, near: Sides) -> tuple[Quadratic, Quadratic]
 
         with ThreadPoolExecutor(processors()) as pool:
             there = list(pool.map(corner, points, left))
-        mixed = _lacking(marginal, here, points, there) - change[i] - change[j]
+        mixed = _beyond_linear(marginal, here, points, there) - change[i] - change[j]
         mixed /= (h[i] * h[j])[:, None]
         known = np.isfinite(mixed).all(axis=1)
         curvature[:, i[known], j[known]] = curvature[:, j[known], i[known]] = mixed[known].T
@@ -436,7 +436,7 @@ def _followed(marginal: Marginal, near: Sides) -> Marginal:
     return replace(marginal, along=tuple(made))
 
 
-def lacking(marginal: Marginal, points: Array) -> Array:
+def density_errors(marginal: Marginal, points: Array) -> Array:
     """What minus the log density lacks of Laplace's approximation at points (N, P), less that at the centre (N,).
 
     Not finite where a flight fails.

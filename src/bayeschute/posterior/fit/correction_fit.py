@@ -78,23 +78,24 @@ def fitted(
         progress: Called with a share done and words.
     """
     size = np.size(marginal.centre)
-    points, lacking = np.zeros((0, size)), np.zeros(0)
+    points, missing = np.zeros((0, size)), np.zeros(0)
     while True:
         xi = rng.standard_normal((max(_FIRST, _BATCH * size) if len(points) else _FIRST, size))
-        points, lacking = np.vstack([points, xi]), np.append(lacking, laplace.lacking(marginal, xi))
-        known = np.isfinite(lacking)
+        points, missing = np.vstack([points, xi]), np.append(missing, laplace.density_errors(marginal, xi))
+        known = np.isfinite(missing)
         if known.mean() < _FINITE:
             return Fitted(marginal, np.nan, np.nan, np.nan, len(points))
-        made, errors, before = marginal, lacking[known], implied(points[known], lacking[known])
+        made, errors, before = marginal, missing[known], implied(points[known], missing[known])
         if len(points) > _FIRST:
-            better = change(marginal.correction, points[known], lacking[known])
+            better = change(marginal.correction, points[known], missing[known])
             if np.std(better.errors) < _BETTER * np.std(errors):
                 bend = Quadratic(*(a + b for a, b in zip(marginal.bend, better.polynomial, strict=True)))
                 made, errors = replace(marginal, bend=bend), better.errors
         error, shift = float(np.std(errors)), implied(points[known], errors)
         if progress is not None:
             words = (
-                f"log density over the posterior, {len(points)} points: off by {error:.2g}, which shifts by {shift:.2g}"
+                f"log density over the posterior, {len(points)} points: off by {error:.2g}, "
+                f"which shifts means by {shift:.2g} standard deviations"
             )
             progress(min(len(points) / (_MOST * size), 1.0), words)
         if error / np.sqrt(known.sum()) < _KNOWN or len(points) >= _MOST * size:
@@ -119,7 +120,7 @@ def implied(points: Array, errors: Array) -> float:
     return float(max(np.max(np.abs(weighed - mean) / sd), np.max(np.abs(spread / sd - 1.0))))
 
 
-def change(expected: Quadratic, points: Array, lacking: Array) -> Change:
+def change(expected: Quadratic, points: Array, missing: Array) -> Change:
     """What is to be added to a quadratic polynomial, by Bayesian linear regression.
 
     A share of its curvature along the axes and one of that between them may be taken back, where differences near the
@@ -128,7 +129,7 @@ def change(expected: Quadratic, points: Array, lacking: Array) -> Change:
     Args:
         expected: The polynomial.
         points: Standard coordinates (N, P).
-        lacking: What it lacks there, up to a constant (N,).
+        missing: What it lacks there, up to a constant (N,).
     """
     size = points.shape[1]
     i, j = np.triu_indices(size)
@@ -142,7 +143,7 @@ def change(expected: Quadratic, points: Array, lacking: Array) -> Change:
         spread = np.repeat([_CONSTANT, 1.0, _SLOPE, bend], [1, 2, size, len(i)])
         wide = spread[:, None] * columns
         inverse = np.linalg.inv(np.linalg.cholesky(wide.T @ wide + error**2 * np.eye(len(points))))
-        unit = inverse @ lacking
+        unit = inverse @ missing
         evidence = -0.5 * float(unit @ unit) + float(np.log(np.diag(inverse)).sum())
         if evidence > best:
             weights = inverse.T @ unit

@@ -29,8 +29,8 @@ _TELLING = 0.5  # standard deviations a step must be long for its change of the 
 _SAME_SLOPE = 0.5  # standard deviations within which the slope of what linear models lack is taken for linear
 
 
-class _Lacking(NamedTuple):
-    """What the linear models about a point lack (`laplace.Lack`), by theta.
+class _LinearErrors(NamedTuple):
+    """What the linear models about a point lack (`laplace.LinearErrors`), by theta.
 
     Attributes:
         theta: The point (P,).
@@ -43,10 +43,10 @@ class _Lacking(NamedTuple):
     information: Array
 
     @classmethod
-    def at(cls, made: Marginal) -> _Lacking:
+    def at(cls, made: Marginal) -> _LinearErrors:
         """At the centre of a posterior."""
-        lack, inverse = laplace.lack(made), np.linalg.inv(np.asarray(made.scale))
-        return cls(np.asarray(made.centre), inverse.T @ lack.slope, inverse.T @ lack.information @ inverse)
+        errors, inverse = laplace.linear_errors(made), np.linalg.inv(np.asarray(made.scale))
+        return cls(np.asarray(made.centre), inverse.T @ errors.slope, inverse.T @ errors.information @ inverse)
 
     def slope_at(self, theta: Array) -> Array:
         """The slope near the point (P,), as its information has it: secants of it must see the same curvature."""
@@ -106,7 +106,7 @@ def marginal_mode(
     theta, places, covariance = begun.theta, begun.flights, begun.covariance
     bends: list[tuple[Array, Array]] = []
     last: tuple[Array, Array] | None = None
-    lacking: _Lacking | None = None
+    linear: _LinearErrors | None = None
     before: _Placed | None = None
     turn = halvings = 0
     while turn < most:
@@ -121,8 +121,8 @@ def marginal_mode(
             covariance = scipy.linalg.inv(conditional.matrix)
             best = replace(begun, theta=theta, flights=conditional.flights, covariance=covariance)
             made = marginalise(flights, hyper, priors, best)
-            if lacking is None or length(theta - lacking.theta, covariance) > _SAME_SLOPE:
-                lacking = _Lacking.at(made)
+            if linear is None or length(theta - linear.theta, covariance) > _SAME_SLOPE:
+                linear = _LinearErrors.at(made)
         except FloatingPointError:
             if before is None or halvings == _HALVINGS:
                 raise
@@ -130,9 +130,9 @@ def marginal_mode(
             theta, places = before.onward(flights, hyper)
             continue
         turn, halvings = turn + 1, 0
-        covariance = scipy.linalg.inv(conditional.matrix + lacking.information)
+        covariance = scipy.linalg.inv(conditional.matrix + linear.information)
         correction = mean_correction_slope(made)
-        slope = conditional.gradient + lacking.slope_at(theta) + correction
+        slope = conditional.gradient + linear.slope_at(theta) + correction
         if last is not None and length(theta - last[0], covariance) > _TELLING:
             bends.append((theta - last[0], slope - last[1]))
         step, last = secant_step(slope, covariance, bends), (theta, slope)
