@@ -158,7 +158,7 @@ def improved(found: LaplaceFit, before: Following, weighed: Weighed) -> Followin
 
 
 class Model(NamedTuple):
-    """What `cross_determinant` needs of a linearised flight: `statespace.Gains` without the filter."""
+    """What `cross_determinant` needs of a linearised flight: `kalman.Gains` without the filter."""
 
     transition: jax.Array
     output: jax.Array
