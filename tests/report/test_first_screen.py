@@ -3,12 +3,14 @@ from __future__ import annotations
 import json
 import re
 from dataclasses import replace
+from urllib.parse import unquote
 
 import numpy as np
 import pytest
+from jinja2 import Environment
 
 from bayeschute.report import first_screen, sentences
-from bayeschute.report.figures.canvas import lighter
+from bayeschute.report.figures.canvas import data_uri, lighter
 from bayeschute.report.page import build_report
 from bayeschute.report.run_results import read_results
 
@@ -110,3 +112,12 @@ def test_coordinates_are_rounded_and_scales_are_not():
     svg = '<g transform="scale(0.015625)"><path id="a" d="M 1.234567 2.5 \nL -0.004321 10" style="stroke-width: 0.123456"/>'
     kept = '<g transform="scale(0.015625)"><path id="a" d="M 1.23 2.5\nL -0.00 10" style="stroke-width: 0.123456"/>'
     assert lighter(svg) == kept
+
+
+def test_a_picture_can_neither_end_its_attribute_nor_lose_a_character():
+    svg = '<svg id="a">\n <!-- it\'s 5 % of <b> & "c" -->\n <use href="#a"/>\n</svg>'
+    page = Environment(autoescape=True).from_string('<img src="{{ uri }}">').render(uri=data_uri(svg))
+    uri = re.fullmatch('<img src="([^"]*)">', page)[1]
+    assert "&" not in uri and "#" not in uri
+    shown = unquote(uri.removeprefix("data:image/svg+xml,")).replace("'", '"').replace("&apos;", "'")
+    assert shown.split() == svg.split()

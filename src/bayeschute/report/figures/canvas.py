@@ -13,6 +13,7 @@ from urllib.parse import quote
 
 import matplotlib as mpl
 import numpy as np
+from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
@@ -144,6 +145,7 @@ def literal(text: str) -> str:
 
 _GEOMETRY = re.compile(r'(?<= )(?:d|x|y)="[^"]*"')
 _DECIMALS = re.compile(r"\d+\.\d{3,}")
+_LINE_ENDS = re.compile(r"\s*\n\s*")
 
 
 def lighter(svg: str) -> str:
@@ -175,9 +177,14 @@ def svg_of(figure: Figure) -> str:
     return lighter(drawn.getvalue())
 
 
-def data_uri(svg: str) -> str:
-    """An SVG as a data URI; percent-encoded, which is a fifth shorter than base64."""
-    return "data:image/svg+xml," + quote(svg.replace("\n", " "), safe=" /=,;()-+.?@!$*[]{}")
+def data_uri(svg: str) -> Markup:
+    """An SVG as a data URI for an attribute in double quotes; a third shorter than base64.
+
+    Only what would end the attribute or mean something in HTML or in a URI is percent-encoded. Attributes of the SVG
+    get single quotes, which matplotlib doesn't write.
+    """
+    plain = _LINE_ENDS.sub(" ", svg).replace("'", "&apos;").replace('"', "'")
+    return Markup("data:image/svg+xml," + quote(plain, safe=" /=,;()-+.?@!$*[]{}<>:'"))
 
 
 def save(figure: Figure, folder: Path, name: str) -> Path:

@@ -120,7 +120,7 @@ def marginal(
         low, high = max(min(low, edges[0]), centre - 10 * sd), min(max(high, edges[1]), centre + 10 * sd)
     if is_number(truth):
         low, high = min(low, scale * truth - sd), max(high, scale * truth + sd)
-    grid = np.linspace(low, high, 151)
+    grid = np.linspace(low, high, 101)
     if before.size:
         curve = _density(before, grid)
         axes.fill_between(grid, curve, color=SOFT, alpha=0.16, lw=0)
@@ -220,7 +220,7 @@ def rank_counts(draws: np.ndarray, bins: int = RANK_BINS) -> np.ndarray:
 @styled
 def trace(axes: Axes, draws: np.ndarray) -> Axes:
     """Draws of each chain (chain, draw) one after the other, thinned to what a panel can show."""
-    step = max(1, draws.shape[1] // 125)  # panels are some 250 pixels wide
+    step = max(1, draws.shape[1] // 100)  # panels are some 250 pixels wide
     for chain, values in enumerate(draws):
         color = SERIES[chain % len(SERIES)]
         axes.plot(np.arange(0, draws.shape[1], step), values[::step], color=color, lw=0.5, alpha=0.85)
