@@ -25,7 +25,7 @@ from typing import Any, NamedTuple
 
 from command import parser_of
 
-from bayeschute.calibration.rows import read_rows
+from bayeschute.calibration.replicate_rows import read_rows
 
 ROOT = Path(__file__).parents[1]
 STUDY = ROOT / "models" / "studies" / "cdt-3-11.toml"

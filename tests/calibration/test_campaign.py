@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 
 from bayeschute.calibration.campaign import run
-from bayeschute.calibration.rows import read_rows
+from bayeschute.calibration.replicate_rows import read_rows
 from bayeschute.core.errors import InputError
 
 SEEDS = range(40, 48)

@@ -73,10 +73,10 @@ def bent(straight, monkeypatch):
     """A posterior in place of whose flights a function is: minus the log density that is right, at points (N, P)."""
 
     def put(right):
-        def lacking(marginal, points):
+        def errors(marginal, points):
             return right(points) - np.asarray(marginal.correction.at(points.T))
 
-        monkeypatch.setattr(laplace, "density_errors", lacking)
+        monkeypatch.setattr(laplace, "density_errors", errors)
         return straight
 
     return put
@@ -89,14 +89,14 @@ def test_errors_are_those_of_leaving_a_point_out(world, monkeypatch):
     rng, expected, values = world
     wanted = Quadratic(np.zeros(SIZE), _symmetric(rng, 0.1))
     points = rng.standard_normal((25, SIZE))
-    lacking = values(wanted, points, 0.1)
-    found = change(expected, points, lacking)
+    missing = values(wanted, points, 0.1)
+    found = change(expected, points, missing)
     for n in (0, 7, 24):
         others = np.delete(np.arange(25), n)
-        part = change(expected, points[others], lacking[others]).polynomial
+        part = change(expected, points[others], missing[others]).polynomial
         # The constant isn't returned: differences of two points left out, by the mean of what the others lack.
-        constant = np.mean(lacking[others] - np.asarray(part.at(points[others].T)))
-        left = lacking[n] - float(part.at(points[n])) - constant
+        constant = np.mean(missing[others] - np.asarray(part.at(points[others].T)))
+        left = missing[n] - float(part.at(points[n])) - constant
         assert found.errors[n] == pytest.approx(left, abs=0.05)
 
 

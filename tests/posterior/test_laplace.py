@@ -78,7 +78,7 @@ def test_it_is_the_dense_marginal_density_where_all_is_linear(linear, straight):
         np.testing.assert_allclose(found, mean[2:] + gain @ (theta - mean[:2]), atol=1e-8)
 
 
-def test_nothing_is_lacking_where_all_is_linear(straight):
+def test_no_error_is_found_where_all_is_linear(straight):
     np.testing.assert_allclose(linear_errors(straight).slope, 0.0, atol=1e-6)
     made, ahead = corrected(straight)
     np.testing.assert_allclose(ahead.step(), 0.0, atol=1e-6)
@@ -279,7 +279,7 @@ def test_the_polynomials_have_products_of_axes(straight, monkeypatch, fails, kno
         failed = any((xi == corner).all() for corner in fails)
         return np.nan if failed else slope @ xi + 0.5 * xi @ curvature @ xi
 
-    def density_errors(marginal, xi, places=None):
+    def bent(marginal, xi, places=None):
         exact = real(marginal, xi)
         if places is not None:
             for found, wanted in zip(places, exact.flights, strict=True):  # linear: two steps together are exact
@@ -287,7 +287,7 @@ def test_the_polynomials_have_products_of_axes(straight, monkeypatch, fails, kno
             begun.append(tuple(xi.tolist()))
         return exact._replace(square=exact.square - 2.0 * value(xi), determinant=7.0 + value(xi))
 
-    monkeypatch.setattr(laplace, "at", lacking)
+    monkeypatch.setattr(laplace, "at", bent)
     made, product = corrected(straight)[0], 0.3 * known
     assert begun == [(1.0, 1.0), (-1.0, -1.0)][: 1 + bool(fails)]
     for part, factor in ((made.determinant, 1.0), (made.bend, -2.0)):

@@ -12,7 +12,7 @@ import scipy.linalg
 from bayeschute.likelihood import kalman_gradient
 from bayeschute.posterior import noise_uncertainty
 from bayeschute.posterior.joint_mode import fit
-from bayeschute.posterior.laplace import lack
+from bayeschute.posterior.laplace import linear_errors
 from bayeschute.posterior.marginal import marginalise
 from bayeschute.posterior.noise_uncertainty import (
     NoiseEffect,
@@ -46,7 +46,7 @@ def covariance():
 def _mode(descent, hyper, theta):
     """The mode of the marginal posterior of two descents."""
     best = fit(descent.flights, hyper, descent.priors, theta, tolerance=1e-4)
-    slope = lack(marginalise(descent.flights, hyper, descent.priors, best)).slope
+    slope = linear_errors(marginalise(descent.flights, hyper, descent.priors, best)).slope
     tilt = np.linalg.solve(np.linalg.cholesky(best.covariance).T, slope)
     return fit(descent.flights, hyper, descent.priors, best.theta, best.unknowns, tolerance=1e-4, tilt=tilt)
 

@@ -1,6 +1,6 @@
 """Simulation campaign: one row of results per replicate, stored as it is computed, resumable and reproducible.
 
-Rows are stored one by one (`bayeschute.calibration.rows`). A campaign that was stopped continues where it was; rows of
+Rows are stored one by one (`bayeschute.calibration.replicate_rows`). A campaign that was stopped continues where it was; rows of
 another campaign are refused. Replicates run in this process, in local processes, or on a Dask cluster; the replicate of
 a worker that dies is lost, or run again by Dask on another worker.
 """
@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from bayeschute.calibration.rows import Row, read_rows, write_row
+from bayeschute.calibration.replicate_rows import Row, read_rows, write_row
 from bayeschute.calibration.workers import Lost, client_of, finished
 
 Task = Callable[[int], Row]

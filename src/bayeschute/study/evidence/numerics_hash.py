@@ -24,7 +24,7 @@ NO_NUMBERS = (
     "core/errors.py", "core/pace.py", "core/version.py", "prediction/data_dictionary.py", "study/run/log.py",
     "study/run/stage_report.py", "study/run/failure.py", "study/run/stages.py", "calibration/label.py",
     "calibration/domain.py", "calibration/promises.py", "calibration/campaign.py", "calibration/workers.py",
-    "calibration/rows.py", "records/plausibility",
+    "calibration/replicate_rows.py", "records/plausibility",
 )  # fmt: skip
 """Files and folders of these without numerics of a fit or a prediction."""
 ENGINE = ("jax", "numpy", "scipy")

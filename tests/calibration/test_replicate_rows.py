@@ -11,7 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from bayeschute.calibration.rows import entries, read_rows, row_of, write_row
+from bayeschute.calibration.replicate_rows import entries, read_rows, row_of, write_row
 from bayeschute.core.errors import InputError
 
 
