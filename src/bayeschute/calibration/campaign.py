@@ -1,8 +1,8 @@
 """Simulation campaign: one row of results per replicate, stored as it is computed, resumable and reproducible.
 
-Rows are stored one by one (`bayeschute.calibration.replicate_rows`). A campaign that was stopped continues where it was; rows of
-another campaign are refused. Replicates run in this process, in local processes, or on a Dask cluster; the replicate of
-a worker that dies is lost, or run again by Dask on another worker.
+Rows are stored one by one (`bayeschute.calibration.replicate_rows`). A campaign that was stopped continues where it
+was; rows of another campaign are refused. Replicates run in this process, in local processes, or on a Dask cluster; the
+replicate of a worker that dies is lost, or run again by Dask on another worker.
 """
 
 from __future__ import annotations
