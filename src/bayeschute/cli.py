@@ -109,11 +109,10 @@ def run(
     with reporting_faults(again):
         _free_folder(folder)
         _sound(study, data)  # before anything slow is imported, and before anything is written
-        from bayeschute.study.folder_lock import alone_in
         from bayeschute.study.run.stages import run_study
 
         last = until.value if until else None
-        with alone_in(folder), Bars() as bars:
+        with Bars() as bars:
             summary = run_study(
                 study, folder, until=last, resume=resume, quick=quick, data_dir=data, seed=seed, progress=bars,
                 workers=workers, address=dask, force=force,

@@ -211,10 +211,9 @@ def run(
         True
     """
     from bayeschute.study.assembly.assemble import smaller
-    from bayeschute.study.folder_lock import alone_in
     from bayeschute.study.run.stages import run_study
 
-    with alone_in(folder), shown(progress) as tell:
+    with shown(progress) as tell:
         run_study(study.spec, folder, until, resume, quick, progress=tell, workers=workers, force=force)
     return Run(Path(folder), Study(smaller(study.spec)) if quick else study)
 

@@ -25,7 +25,8 @@ def faults_of(repairs: Repairs) -> list[Mapping[str, Any]]:
 def _flights(results: Results) -> dict[str, tuple[Mapping[str, Any], list[Mapping[str, Any]]]]:
     """Flight name to its facts and its repairs."""
     names, named = dict.fromkeys([*results.part("flights"), *results.flights]), entries(results.part("flights"))
-    return {n: (facts := named.get(n, {}), mappings(facts.get("repairs"))) for n in names}
+    facts = {name: named.get(name, {}) for name in names}
+    return {name: (said, mappings(said.get("repairs"))) for name, said in facts.items()}
 
 
 def flight_table(results: Results) -> Table | None:

@@ -22,6 +22,7 @@ from bayeschute.core.version import __version__
 from bayeschute.study import kept_inputs
 from bayeschute.study.evidence.identity import places, stored
 from bayeschute.study.evidence.recalibrate import NAME as RECALIBRATION
+from bayeschute.study.folder_lock import alone_in
 from bayeschute.study.job import Job, Progress
 from bayeschute.study.load import Study, load_study, study_hash
 from bayeschute.study.run.log import NAME as LOG
@@ -76,8 +77,8 @@ def run_study(
 
     Raises:
         InputError: If the study, its files or `until` are not sound; if `out` holds something else, or an earlier run
-            and neither `resume` nor `force` is given, or both are; if Dask is wanted and not there; if bands are to be
-            recalibrated and no stored calibration gives the factors.
+            and neither `resume` nor `force` is given, or both are; if another run is under way in it; if Dask is wanted
+            and not there; if bands are to be recalibrated and no stored calibration gives the factors.
     """
     from bayeschute.study.assembly import assemble
     from bayeschute.study.evidence.recalibrate import widening
@@ -90,19 +91,20 @@ def run_study(
     whole, folder = study, Path(out)
     if quick:
         study = assemble.smaller(study)
-    _check_folder(folder, resume, force)
-    job = Job(study, folder, quick, "", progress or (lambda *_: None), resume, workers, address)
-    learned = widening(job)  # fails before anything slow if it is missing
-    if force:
-        _remove(folder)
-    (folder / ".stages").mkdir(parents=True, exist_ok=True)
-    lacking = kept_inputs.keep(whole, folder, _heading(job), data_dir)
-    with Log(folder / LOG) as log, warnings_to(log):
-        log.line(f"bayeschute {__version__}, seed {study.seed}, {study.path.name}: {study.title}")
-        if lacking:
-            log.line(f"this run can't be made again from its folder: {lacking}")
-        by = None if learned is None else learned._asdict()
-        _run_stages(replace(job, progress=log.beside(progress)), until, by)
+    with alone_in(folder):
+        _check_folder(folder, resume, force)
+        job = Job(study, folder, quick, "", progress or (lambda *_: None), resume, workers, address)
+        learned = widening(job)  # fails before anything slow if it is missing
+        if force:
+            _remove(folder)
+        (folder / ".stages").mkdir(parents=True, exist_ok=True)
+        missing = kept_inputs.keep(whole, folder, _heading(job), data_dir)
+        with Log(folder / LOG) as log, warnings_to(log):
+            log.line(f"bayeschute {__version__}, seed {study.seed}, {study.path.name}: {study.title}")
+            if missing:
+                log.line(f"this run can't be made again from its folder: {missing}")
+            by = None if learned is None else learned._asdict()
+            _run_stages(replace(job, progress=log.beside(progress)), until, by)
     summary = folder / "summary.json"
     return dict(json.loads(summary.read_text())) if summary.exists() else {}
 
