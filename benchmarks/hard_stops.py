@@ -35,7 +35,8 @@ from stop_kinds import STOPS, NotTriedError, Place, Stopped, end_all
 from bayeschute.atmosphere.standard import standard_density
 from bayeschute.study.evidence.numerics_hash import numerics
 from bayeschute.study.evidence.provenance import provenance
-from bayeschute.study.load import load_study, study_hash
+from bayeschute.study.load import load_study
+from bayeschute.study.study import study_hash
 from bayeschute.study.templates import template
 
 Row = dict[str, Any]

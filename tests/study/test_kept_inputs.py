@@ -11,8 +11,9 @@ import pytest
 import xarray as xr
 
 from bayeschute.study.kept_inputs import FOLDER, keep
-from bayeschute.study.load import load_study, study_hash
+from bayeschute.study.load import load_study
 from bayeschute.study.run.stages import run_study
+from bayeschute.study.study import study_hash
 from bayeschute.study.templates import template
 
 WIND = "h,n,e\n0,1,2\n3000,3,4\n"

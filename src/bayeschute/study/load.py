@@ -32,7 +32,6 @@ from bayeschute.study.schema.study_schema import (
 )
 from bayeschute.study.schema.vehicle_schema import NOT_FLOWN, Vehicle
 from bayeschute.study.study import Flight, Study
-from bayeschute.study.study import study_hash as study_hash
 from bayeschute.study.templates import template
 
 if TYPE_CHECKING:

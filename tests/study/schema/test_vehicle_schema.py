@@ -14,8 +14,9 @@ from bayeschute.core.vectors import Vec3
 from bayeschute.dynamics.parameters import STANDARD_GRAVITY, engagement_length
 from bayeschute.study import kept_inputs
 from bayeschute.study.assembly import assemble
-from bayeschute.study.load import check_study, load_flights, load_study, load_study_or_vehicle, load_vehicle, study_hash
+from bayeschute.study.load import check_study, load_flights, load_study, load_study_or_vehicle, load_vehicle
 from bayeschute.study.schema.vehicle_schema import NOT_FLOWN
+from bayeschute.study.study import study_hash
 from bayeschute.virtual.drop import start_of
 
 PRODUCTS = 'inertia_products = ["250 kg m^2", "-1500 kg m^2", "100 kg m^2"]'

@@ -24,10 +24,11 @@ from bayeschute.study.evidence.identity import places, stored
 from bayeschute.study.evidence.recalibrate import NAME as RECALIBRATION
 from bayeschute.study.folder_lock import alone_in
 from bayeschute.study.job import Job, Progress
-from bayeschute.study.load import Study, load_study, study_hash
+from bayeschute.study.load import load_study
 from bayeschute.study.run.log import NAME as LOG
 from bayeschute.study.run.log import Log, warnings_to
 from bayeschute.study.stage_keys import STAGES, readers, stage_keys
+from bayeschute.study.study import Study, study_hash
 
 RESULTS = (
     "flights", "fit", "risk", "figures", "structure.json", "structure.txt", "priors.json", "posterior.nc",
