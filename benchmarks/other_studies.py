@@ -10,6 +10,7 @@ says. Only what depends on the vehicle is put in its place, by one rule for all,
 | reference speed | terminal speed of the nominal weight in sea-level air, with a drag coefficient of 0.85 |
 | prior of the risers | medians nominal, log sd as in the default; length nominal, sd 0.6 % of it or 0.2 m, the larger |
 | prior of the canopies' pitching moment | mean 0, sd 0.3 of C_m_alpha and C_mq |
+| prior of the air that moves with a canopy | what the meta file says that it encloses, log sd 0.5 |
 | noise of channels | white part: scatter of the record's own samples; correlated: as many times that as by default |
 | breathing | frequency times reference speed over diameter, over that of the default vehicle |
 | rate | 10 Hz, or that of the canopies' samples where they are fewer |
@@ -38,6 +39,7 @@ RATE = 10.0  # [Hz]
 BEGIN, END = 5.0, 2.0  # left out at the ends of the flight that is identified [s]
 NOMINAL_DRAG = 0.85  # of a canopy
 MOMENT = 0.3  # sd of a canopy's C_m_alpha and C_mq
+AIR_LOG_SD = 0.5  # of the air that moves with a canopy, over what it encloses: no meta file tells it
 LENGTH_SHARE, LENGTH_LEAST = 0.006, 0.2  # sd of a riser's length: share of it, and [m]
 _KINDS = ("axial", "transverse")
 _UNITS = {"canopy_position": "m", "capsule_velocity": "m/s", "capsule_attitude": "rad"}
@@ -158,6 +160,7 @@ def _given(default: Mapping[str, Any], meta: Mapping[str, Any]) -> dict[str, Any
     length = meta["line_length_unstretched_m"]
     sd = max(LENGTH_SHARE * length, LENGTH_LEAST)
     made |= {f"canopy_{of}": {"mean": 0.0, "sd": MOMENT} for of in ("pitch_moment_slope", "pitch_damping")}
+    made |= {"enclosed_air_factor": {"median": 1.0, "log_sd": AIR_LOG_SD}}
     return made | {"riser_length": {"mean": _si(length, "m"), "sd": _si(sd, "m")}}
 
 

@@ -116,7 +116,9 @@ def test_maximise_recovers_the_noise(descent):
     best, value = noise_evidence.maximise(evidence, off, prior)
     made, true = noise_evidence.to_vector(best), noise_evidence.to_vector(descent.hyper)
     # 190 samples tell white noise and the wind error; drift of the sensor, beside that of the wind, they don't.
-    se = np.sqrt(np.diag(noise_evidence.noise_parameter_covariance(evidence, best, prior, np.zeros((1, 5)))))
+    se = np.sqrt(
+        np.diag(noise_evidence.noise_parameter_covariance(evidence, best, prior, np.zeros((1, 5)), np.zeros((1, 1))))
+    )
     assert (np.abs(made - true) < 3.0 * se).all()
     assert (se[[0, 3, 4]] < [0.2, 0.3, 0.6]).all() and (np.abs(made - true)[[0, 3, 4]] < [0.35, 0.5, 1.0]).all()
     again, _ = noise_evidence.maximise(evidence, descent.hyper, prior)
@@ -142,7 +144,7 @@ def test_law_covariance_is_the_inverse_curvature_and_never_wider_than_the_prior(
     prior = NoisePrior(linear.hyper, LOG_SD)
     evidence = noise_evidence.function_of([linear.flight], lin, linear.priors, prior)
     best = noise_evidence.maximise(evidence, linear.hyper, prior)[0]
-    made = noise_evidence.noise_parameter_covariance(evidence, best, prior, np.zeros((2, 11)))
+    made = noise_evidence.noise_parameter_covariance(evidence, best, prior, np.zeros((2, 11)), np.zeros((2, 2)))
     assert made.shape == (11, 11)
     np.testing.assert_allclose(made, made.T, atol=1e-12)
     values, vectors = np.linalg.eigh(made)
@@ -155,8 +157,36 @@ def test_law_covariance_is_the_inverse_curvature_and_never_wider_than_the_prior(
         assert value == pytest.approx(1.0 / curvature, rel=0.05)
     # Parameters that follow the noise parameters take their part off the curvature.
     follow = 0.5 * np.outer([1.0, 0.0], vectors[:, 0]) / np.sqrt(values[0])
-    freed = noise_evidence.noise_parameter_covariance(evidence, best, prior, follow)
+    freed = noise_evidence.noise_parameter_covariance(evidence, best, prior, follow, np.zeros((2, 2)))
     assert vectors[:, 0] @ freed @ vectors[:, 0] == pytest.approx(values[0] / 0.75, rel=1e-6)
+
+
+def test_law_a_parameter_that_follows_noise_parameters_is_no_less_certain_than_by_its_prior(monkeypatch):
+    """A Gaussian: the exact covariance where its curvature is right, and the prior's bound where rounding has spoiled it."""
+    rng = np.random.default_rng(7)
+    prior_sd = np.array([0.4, 5.0])
+    data = rng.standard_normal((6, 5))
+    data[:, 0] *= 10.0  # the data tell the first parameter for held noise parameters, and else its sum with those
+    data[:, 2:] += 3.0 * data[:, :1]
+    joint = data.T @ data + np.diag([*prior_sd**-2.0, *np.full(3, LOG_SD**-2.0)])
+    scale = np.linalg.inv(np.linalg.cholesky(joint[:2, :2])).T
+    slope = -scale.T @ joint[:2, 2:]
+    before = scale.T @ np.diag(prior_sd**-2.0) @ scale
+    monkeypatch.setattr(noise_evidence, "to_vector", lambda hyper: hyper)
+    prior = NoisePrior(None, LOG_SD)
+
+    def spread(curvature):
+        evidence, _ = _quadratic(curvature)
+        made = noise_evidence.noise_parameter_covariance(evidence, np.zeros(3), prior, slope, before)
+        return made, np.sqrt(np.diag(scale @ (np.eye(2) + slope @ made @ slope.T) @ scale.T))
+
+    made, sd = spread(joint[2:, 2:])
+    np.testing.assert_allclose(made, np.linalg.inv(joint)[2:, 2:], rtol=1e-6)
+    np.testing.assert_allclose(sd, np.sqrt(np.diag(np.linalg.inv(joint))[:2]), rtol=1e-6)
+    _, spoiled = spread(slope.T @ slope)
+    assert sd[0] < spoiled[0] <= prior_sd[0] * (1.0 + 1e-9)
+    free = slope @ (LOG_SD**2 * np.eye(3)) @ slope.T  # what the prior of the noise parameters alone allows
+    assert np.sqrt((scale @ (np.eye(2) + free) @ scale.T)[0, 0]) > 1.1 * prior_sd[0]
 
 
 def _quadratic(curvature):

@@ -30,6 +30,7 @@ _seen = jax.jit(as_seen)
 Evidence = Callable[[Array], tuple[float, Array]]
 """Minus a log evidence and its gradient (V,) at the logarithms of the noise parameters (V,): see `function_of`."""
 _FARTHEST = 5.0  # standard deviations of its prior that a noise parameter may be away from the median
+_MOST_PRIOR = 0.95  # largest share of the prior in a precision; beyond it what data tell is lost in rounding
 _TOLD = 0.1  # along axes with a smaller standard deviation the skewness is negligible
 
 
@@ -140,24 +141,34 @@ def maximise(
     return jax.tree.map(np.asarray, from_vector(unit * found.x, prior.median)), float(found.fun)
 
 
-def noise_parameter_covariance(evidence: Evidence, hyper: NoiseParameters, prior: NoisePrior, slope: Array) -> Array:
+def noise_parameter_covariance(
+    evidence: Evidence, hyper: NoiseParameters, prior: NoisePrior, slope: Array, known_before: Array
+) -> Array:
     """Laplace covariance of the logarithms of all noise parameters, by differences of the gradient.
 
-    That is the gradient for held parameters; those follow the noise parameters by `slope`, which takes
-    ``slope' slope`` off the curvature.
+    That is the gradient for held parameters; those follow the noise parameters by `slope` S, which takes ``S' S`` off
+    the curvature. What is left may be a small difference of large numbers. But data only add information to the priors:
+    with the priors' share K of the parameters' precision I, the Schur complement of the data's share is positive, so
+    what is left is at least the prior precision of the noise parameters and ``S' ((I - K)^-1 - I) S``. So no parameter
+    follows the noise parameters farther than its prior lets it.
 
     Args:
         evidence: From `function_of`.
         hyper: Noise parameters of greatest evidence.
         prior: Priors of the noise parameters.
         slope: From `noise_effect.noise_parameter_slope` (P, V).
+        known_before: Prior precision of the parameters in the same standard coordinates (P, P).
 
     Returns:
         (V, V), in the order of `to_vector`; never wider than the prior.
     """
     curvature = _curvature(evidence, to_vector(hyper))
-    values, vectors = np.linalg.eigh(0.5 * (curvature + curvature.T) - slope.T @ slope)
-    return np.asarray((vectors / np.maximum(values, 1.0 / prior.log_sd**2)) @ vectors.T)
+    share, axes = np.linalg.eigh(known_before)
+    share = np.clip(share, 0.0, _MOST_PRIOR)
+    along = np.sqrt(share / (1.0 - share))[:, None] * (axes.T @ slope)
+    least = np.eye(len(curvature)) / prior.log_sd**2 + along.T @ along
+    values, vectors = np.linalg.eigh(0.5 * (curvature + curvature.T) - slope.T @ slope - least)
+    return np.asarray(np.linalg.inv(least + (vectors * np.maximum(values, 0.0)) @ vectors.T))
 
 
 def mean_less_mode(evidence: Evidence, hyper: NoiseParameters, covariance: Array) -> Array:

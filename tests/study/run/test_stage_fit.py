@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -80,8 +81,8 @@ def run(tmp_path, monkeypatch):
     return made
 
 
-def _settled(run):
-    group = Group("all", FLIGHTS, PRIORS)
+def _settled(run, priors=PRIORS):
+    group = Group("all", FLIGHTS, priors)
     return stage_fit._settled(run.job, group, None, lambda share, words: run.told.append((share, words)))
 
 
@@ -99,6 +100,15 @@ def test_the_library_is_fitted_once_then_what_it_asks_for(run):
     assert second.flights == [("one", tuple(names)), ("two", tuple(names))]
     shares = [share for share, _ in run.told]
     assert shares == sorted(shares) and shares[-1] == 1.0
+
+
+def test_the_air_that_moves_with_a_canopy_is_held_until_the_terms_are_chosen(run):
+    air = Prior("enclosed_air_factor", 0.0, 0.5, True, "1", "given")
+    group, *_ = _settled(run, (*PRIORS[:4], air))
+    library, chosen = run.settled
+    assert library.priors[:4] == PRIORS[:4] and library.priors[4] == replace(air, scale=stage_fit._HELD_SD)
+    assert group.priors == chosen.priors and group.priors[-1] == air
+    assert json.loads((run.folder / "fit" / "priors.json").read_text(encoding="utf-8"))[-1]["scale"] == 0.5
 
 
 def test_the_smallest_model_has_the_core_and_what_canopies_do_to_each_other(run):

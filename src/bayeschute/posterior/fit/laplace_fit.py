@@ -106,9 +106,10 @@ def marginal_fit(
     say(0.5, "uncertainty of the noise parameters")
     slope = noise_parameter_slope(made)
     evidence = _evidence(made, priors, prior)
-    known = noise_evidence.noise_parameter_covariance(evidence, hyper, prior, slope)
-    moved = noise_evidence.mean_less_mode(evidence, hyper, known)
     scale = np.asarray(made.scale)
+    before = np.linalg.solve(np.asarray(made.prior_factor), scale)
+    known = noise_evidence.noise_parameter_covariance(evidence, hyper, prior, slope, before.T @ before)
+    moved = noise_evidence.mean_less_mode(evidence, hyper, known)
     candidates = [("most probable noise parameters", hyper)]
     if np.max(np.abs(scale @ slope @ moved) / np.linalg.norm(scale, axis=1)) <= _FAR:
         mean = jax.tree.map(np.asarray, noise_evidence.from_vector(noise_evidence.to_vector(hyper) + moved, hyper))

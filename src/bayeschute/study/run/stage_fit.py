@@ -41,6 +41,7 @@ from bayeschute.study.job import Job, load_flight
 from bayeschute.study.run import checkpoint, several_starts, structures
 
 Array = NDArray[np.float64]
+_AIR, _HELD_SD = "enclosed_air_factor", 0.02  # its prior's standard deviation until terms are chosen
 _LIBRARY_NEAR = 1.0  # standard deviations of the last step to the library's mode: terms are weighed there
 SCORE = 4.0  # standard errors from zero at which a term that was left out is added
 
@@ -365,10 +366,16 @@ def _searched(
 ) -> tuple[Group, JointFit, dict[str, float]]:
     """Joint optimum of a group with the terms of the library that its flights support (Bayes factors).
 
+    Motion tells forces over masses: with the air that moves with a canopy all coefficients of transverse forces grow,
+    and a descent that begins far off follows that ridge to where it has no way back. So the air is held until the terms
+    are chosen.
+
     Returns:
         The group with the priors that were used, its optimum, and the log evidence for every term that may be left out.
     """
     assert job.study.structure is not None
+    own = {p.name: p for p in group.priors if p.name == _AIR}
+    group = replace(group, priors=tuple(replace(p, scale=_HELD_SD) if p.name in own else p for p in group.priors))
     flights = [data_of(job, f, group.priors) for f in group.flights]
     core = set(job.study.structure.core)
     may_go = [p.name for p in group.priors if is_coefficient(p.name) and shared_name(p.name) not in core]
@@ -381,7 +388,7 @@ def _searched(
     mode = marginal_mode(flights, group.priors, begin_mode, tell(0.5, 0.6), near=_LIBRARY_NEAR)
     chosen = choose(group.priors, mode.theta, mode.covariance, may_go)
     say(0.6, f"{int(chosen.kept.sum())} of {chosen.kept.size} parameters selected")
-    smaller = replace(group, priors=chosen.priors)
+    smaller = replace(group, priors=tuple(own.get(p.name, p) for p in chosen.priors))
     settled: JointFit | None = None
     if job.study.sampler.starts is None:
         some = [data_of(job, f, smaller.priors) for f in smaller.flights]
@@ -390,7 +397,7 @@ def _searched(
     if settled is None:
         begin = (chosen.theta, mode.flights, library.hyper)
         settled = _joint(job, smaller, prior, lambda s, w: say(0.6 + 0.4 * s, w), begin)
-    _revise(job, chosen.priors)
+    _revise(job, smaller.priors)
     return smaller, settled, chosen.evidence
 
 
