@@ -215,6 +215,17 @@ def _of_members(study: Study, flown: dict[str, float]) -> dict[str, float]:
     return made
 
 
+def air_taken_as_known(study: Study) -> list[str]:
+    """What that means where the study says it of flights that were flown; none where the air is fitted."""
+    if study.priors.given.enclosed_air_factor is not None or all(one.virtual is not None for one in study.flights):
+        return []
+    return [
+        "The air that moves with a canopy is taken as known: what the vehicle file says that it encloses. Coefficients "
+        "of transverse force scale with its mass, and it sets the period of the swing: where it is not known to a few "
+        "per cent, bands are too narrow without enclosed_air_factor in [priors.given]."
+    ]
+
+
 def _notes(job: Job) -> list[str]:
     """Approximations and assumptions that a reader of the numbers must know."""
     notes = [
@@ -238,6 +249,7 @@ def _notes(job: Job) -> list[str]:
         f"Predictions of a flight use the first {OPENING:g} s of its record (for the initial state) and its recorded "
         "wind; bands are scored after that."
     )
+    notes += air_taken_as_known(study)
     if study.priors.vary_canopies:
         notes.append(
             f"Hierarchical model over canopies for {', '.join(study.priors.vary_canopies)}: the name alone is the "
