@@ -26,7 +26,7 @@ from bayeschute.study.job import Job, load_flight, load_priors
 from bayeschute.study.run import structures
 from bayeschute.study.run.forecasts import OPENING
 from bayeschute.study.schema.belief_schema import NOISE_UNITS
-from bayeschute.study.study import Flight, Study, study_hash
+from bayeschute.study.study import Flight, Study, air_taken_as_known, study_hash
 
 Array = NDArray[np.float64]
 _PROGRAMS = ("bayeschute", "jax", "numpyro", "emcee", "arviz-base", "numpy", "scipy")
@@ -213,17 +213,6 @@ def _of_members(study: Study, flown: dict[str, float]) -> dict[str, float]:
             assert common is not None
             made |= {str(common.of(flight.name, i + 1)): float(v) for i, v in enumerate(every)}
     return made
-
-
-def air_taken_as_known(study: Study) -> list[str]:
-    """What that means where the study says it of flights that were flown; none where the air is fitted."""
-    if study.priors.given.enclosed_air_factor is not None or all(one.virtual is not None for one in study.flights):
-        return []
-    return [
-        "The air that moves with a canopy is taken as known: what the vehicle file says that it encloses. Coefficients "
-        "of transverse force scale with its mass, and it sets the period of the swing: where it is not known to a few "
-        "per cent, bands are too narrow without enclosed_air_factor in [priors.given]."
-    ]
 
 
 def _notes(job: Job) -> list[str]:

@@ -1,4 +1,4 @@
-"""What a report says of a study's assumptions."""
+"""What a study takes as known."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from bayeschute.study.load import load_study
-from bayeschute.study.run.stage_report import air_taken_as_known
+from bayeschute.study.study import air_taken_as_known
 from bayeschute.study.templates import template
 
 
