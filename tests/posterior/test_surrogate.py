@@ -7,15 +7,22 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from bayeschute.posterior.marginal import Quadratic
+from bayeschute.posterior.marginal import Quadratic, twice_price
 from bayeschute.posterior.surrogate import Surrogate, build, monomials
 
 FLAT = Quadratic.none(2)
 
 
 def _quadratic(rng, p, rows=40):
+    """Residuals, and minus half their squares and the price of what their second degree makes."""
     c = rng.standard_normal((rows, 1 + p + p * (p + 1) // 2))
-    return lambda xi: c @ np.asarray(monomials(jnp.asarray(xi)))
+
+    def density(xi):
+        terms = np.asarray(monomials(jnp.asarray(xi)))
+        bent = np.sum((c[:, 1 + p :] @ terms[1 + p :]) ** 2, axis=0)
+        return -0.5 * (np.sum((c @ terms) ** 2, axis=0) + np.asarray(twice_price(bent, jnp.asarray(xi))))
+
+    return lambda xi: c @ np.asarray(monomials(jnp.asarray(xi))), density
 
 
 def test_monomials():
@@ -25,16 +32,12 @@ def test_monomials():
 @pytest.mark.parametrize("p", [1, 3])
 def test_exact_for_quadratic_residuals(p):
     rng = np.random.default_rng(p)
-    residuals = _quadratic(rng, p)
+    residuals, density = _quadratic(rng, p)
     determinant = Quadratic(rng.standard_normal(p), np.diag(rng.standard_normal(p)))
     made, failed = build(residuals, determinant, rng)
     xi = 2.0 * rng.standard_normal((p, 20))
     assert failed == 0
-    wanted = (
-        -0.5 * np.sum(residuals(xi) ** 2, axis=0)
-        - determinant.slope @ xi
-        - 0.5 * np.diag(determinant.curvature) @ xi**2
-    )
+    wanted = density(xi) - determinant.slope @ xi - 0.5 * np.diag(determinant.curvature) @ xi**2
     np.testing.assert_allclose(made.log_density(jnp.asarray(xi)), wanted, rtol=1e-9)
     assert float(made.log_density(jnp.asarray(xi[:, 3]))) == pytest.approx(wanted[3], rel=1e-9)
     gradient = jax.grad(lambda x: made.log_density(x))(jnp.asarray(xi[:, 0]))
@@ -45,11 +48,22 @@ def test_exact_for_quadratic_residuals(p):
 
 def test_failed_simulations_are_counted_and_left_out():
     rng = np.random.default_rng(3)
-    residuals = _quadratic(rng, 2)
+    residuals, density = _quadratic(rng, 2)
     made, failed = build(lambda xi: np.where(xi[0] > 1.5, np.nan, residuals(xi)), FLAT, rng)
     assert failed > 0 and isinstance(made, Surrogate)
     xi = np.array([[0.3], [-1.0]])
-    np.testing.assert_allclose(made.log_density(jnp.asarray(xi)), -0.5 * np.sum(residuals(xi) ** 2, axis=0), rtol=1e-9)
+    np.testing.assert_allclose(made.log_density(jnp.asarray(xi)), density(xi), rtol=1e-9)
+
+
+def test_law_it_has_no_mode_where_the_second_degree_cancels_the_first():
+    """Squares alone are zero at 20 again, four hundred times dearer to reach for a density that is Gaussian nearby."""
+    made, _ = build(lambda xi: xi - 0.05 * xi**2, Quadratic.none(1), np.random.default_rng(6))
+    at = np.linspace(-6.0, 24.0, 301)[None]
+    value = np.asarray(made.log_density(jnp.asarray(at)))
+    assert value[np.isclose(at[0], 20.0)] < -100.0
+    assert np.argmax(value) == np.flatnonzero(np.isclose(at[0], 0.0))
+    near = np.abs(at[0]) < 3.0  # 0.05 x^2 is less than a fifth of x: no price
+    np.testing.assert_allclose(value[near], -0.5 * (at[0, near] - 0.05 * at[0, near] ** 2) ** 2, atol=1e-9)
 
 
 def test_too_many_failures_are_refused():

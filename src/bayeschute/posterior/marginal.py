@@ -218,10 +218,13 @@ def out_of_range(along: Linearisation, unit: jax.Array, shift: jax.Array, xi: ja
     such places are made dear.
     """
     straight = along.unit[..., 1:] @ shift
-    bent = jnp.sum((unit - along.unit[..., :1] + straight) ** 2, axis=(0, 1))
-    excess = bent - _MOST_BENT * (jnp.sum(xi**2, axis=0) + _ROUNDING)
-    inside = excess <= 0.0
-    return jnp.where(inside, 0.0, jnp.sqrt(_PRICE * jnp.where(inside, 1.0, excess)))
+    twice = twice_price(jnp.sum((unit - along.unit[..., :1] + straight) ** 2, axis=(0, 1)), xi)
+    return jnp.where(twice > 0.0, jnp.sqrt(jnp.where(twice > 0.0, twice, 1.0)), 0.0)
+
+
+def twice_price(bent: jax.Array, xi: jax.Array) -> jax.Array:
+    """Twice the price (...) of squared departures (...) from a straight line at standard coordinates (P, ...)."""
+    return _PRICE * jnp.maximum(bent - _MOST_BENT * (jnp.sum(xi**2, axis=0) + _ROUNDING), 0.0)
 
 
 def linear_residuals(marginal: Marginal, xi: Component) -> tuple[jax.Array, jax.Array]:

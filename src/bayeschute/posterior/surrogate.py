@@ -3,7 +3,8 @@
 The marginal log density is ``-1/2 |r(xi)|^2 - rest`` with r nearly linear in xi and the rest a polynomial.
 Fit ``r(xi) ~ C m(xi)``, m all monomials up to degree two, to simulations around the optimum, and compress: with
 ``C = Q R`` the first part is ``-1/2 |R m(xi)|^2``, a product with a triangular matrix of as many rows as monomials. It
-costs microseconds and has a gradient.
+costs microseconds and has a gradient. Far off, where the residuals' second degree cancels their first, the squares are
+small again; the density has its price there (`marginal.out_of_range`), and the surrogate by its own second degree.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayeschute.core.vectors import Component
-from bayeschute.posterior.marginal import Quadratic
+from bayeschute.posterior.marginal import Quadratic, twice_price
 
 Array = NDArray[np.float64]
 
@@ -25,7 +26,7 @@ Array = NDArray[np.float64]
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Surrogate:
-    """``log density = -(1/2 |factor @ monomials(xi)|^2 + rest) / temperature``.
+    """``log density = -(1/2 |factor @ monomials(xi)|^2 + price + rest) / temperature``.
 
     Attributes:
         factor: (M, M), M = 1 + P + P (P + 1)/2.
@@ -40,8 +41,10 @@ class Surrogate:
 
     def log_density(self, xi: jax.Array) -> jax.Array:
         """Surrogate log density at standard coordinates (P, ...), up to a constant."""
-        squares = 0.5 * jnp.sum((self.factor @ monomials(xi)) ** 2, axis=0)
-        return -(squares + self.correction.at(xi)) / self.temperature
+        terms, second = monomials(xi), 1 + xi.shape[0]
+        squares = jnp.sum((self.factor @ terms) ** 2, axis=0)
+        bent = jnp.sum((self.factor[:, second:] @ terms[second:]) ** 2, axis=0)
+        return -(0.5 * (squares + twice_price(bent, xi)) + self.correction.at(xi)) / self.temperature
 
 
 def monomials(xi: jax.Array) -> jax.Array:

@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from itertools import combinations
 
 import numpy as np
+import scipy.signal
 import xarray as xr
 from numpy.typing import NDArray
 
@@ -16,7 +17,6 @@ from bayeschute.regression.collinearity import HIGH_CORRELATION
 
 Array = NDArray[np.float64]
 LOW_SNR = 3.0  # signal over noise (report, 6.3.5)
-PENDULUM_PERIOD = 14.5  # [s], 0.069 Hz (report, 7.1)
 _LEVELS = (0.02, 0.98)  # quantiles that are given as a range
 _WORDS = {
     "speed": "airspeed",
@@ -37,15 +37,16 @@ def record_sentences(name: str, motion: xr.Dataset) -> list[str]:
         motion: Motion by `bayeschute.records.reconstruct`.
 
     Returns:
-        Sentences: range of the angle of attack, length, airspeed, distance of the canopies.
+        Sentences: range of the angle of attack, length and period, airspeed, distance of the canopies.
     """
     low, high = np.rad2deg(np.nanquantile(motion["alpha_T"].values, _LEVELS))
     duration = float(motion["time"][-1] - motion["time"][0])
+    period = swing_period(motion["time"].values, motion["riser_direction"].values)
     spread = float(np.nanstd(motion["airspeed"].values) / np.nanmean(motion["airspeed"].values))
     said = [
         f"{name}: total angle of attack between {low:.0f} and {high:.0f} deg; "
         "there is no information on the aerodynamics outside this range.",
-        f"{name}: {duration:.0f} s, about {duration / PENDULUM_PERIOD:.0f} pendulum periods of {PENDULUM_PERIOD:g} s.",
+        f"{name}: {duration:.0f} s, about {duration / period:.0f} periods of the swing of {period:.3g} s each.",
     ]
     if low > 5.0:
         said.append(
@@ -65,6 +66,23 @@ def record_sentences(name: str, motion: xr.Dataset) -> list[str]:
             "a spline term with its knot outside this range is linear here."
         )
     return said
+
+
+def swing_period(time: Array, direction: Array) -> float:
+    """Period at which the mean riser swings most: peak of the spectrum of its horizontal components.
+
+    Args:
+        time: Evenly spaced (T,) [s].
+        direction: Unit vectors of the risers (T, N, 3); NaN where unknown.
+
+    Returns:
+        The period [s]; at most the length of the record.
+    """
+    seen = np.isfinite(direction).all(axis=(1, 2))
+    mean = direction[seen, :, :2].mean(axis=1)
+    sideways = np.stack([np.interp(time, time[seen], column) for column in mean.T], axis=1)
+    frequency, power = scipy.signal.periodogram(sideways, 1.0 / (time[1] - time[0]), "hann", detrend="linear", axis=0)
+    return float(1.0 / frequency[1:][np.argmax(power[1:].sum(axis=1))])
 
 
 def variable_sentences(name: str, values: Mapping[str, Array]) -> list[str]:
