@@ -10,7 +10,7 @@ says. Only what depends on the vehicle is put in its place, by one rule for all,
 | reference speed | terminal speed of the nominal weight in sea-level air, with a drag coefficient of 0.85 |
 | prior of the risers | medians nominal, log sd as in the default; length nominal, sd 0.6 % of it or 0.2 m, the larger |
 | prior of the canopies' pitching moment | mean 0, sd 0.3 of C_m_alpha and C_mq |
-| prior of the air that moves with a canopy | what the meta file says that it encloses, log sd 0.5 |
+| prior of the canopies' apparent mass | median: air of the enclosed volume of the meta file; log sd 0.5 |
 | noise of channels | white part: scatter of the record's own samples; correlated: as many times that as by default |
 | breathing | frequency times reference speed over diameter, over that of the default vehicle |
 | rate | 10 Hz, or that of the canopies' samples where they are fewer |
@@ -39,7 +39,7 @@ RATE = 10.0  # [Hz]
 BEGIN, END = 5.0, 2.0  # left out at the ends of the flight that is identified [s]
 NOMINAL_DRAG = 0.85  # of a canopy
 MOMENT = 0.3  # sd of a canopy's C_m_alpha and C_mq
-AIR_LOG_SD = 0.5  # of the air that moves with a canopy, over what it encloses: no meta file tells it
+AIR_LOG_SD = 0.5  # of a canopy's apparent mass, which no meta file gives, over that of its enclosed air
 LENGTH_SHARE, LENGTH_LEAST = 0.006, 0.2  # sd of a riser's length: share of it, and [m]
 _KINDS = ("axial", "transverse")
 _UNITS = {"canopy_position": "m", "capsule_velocity": "m/s", "capsule_attitude": "rad"}

@@ -48,7 +48,7 @@ def test_a_sound_record_passes(study):
     found = examine_study(study())
     assert found.faults == [] and len(found.verdicts["drop"].readings) > 25
     (only,) = found.warnings  # the study of virtual flights, told of a record
-    assert "air that moves with a canopy is taken as known" in only
+    assert "apparent mass of a canopy" in only and "is taken as known" in only
     said = found.said["drop"]
     assert (
         "at 10 Hz; fitted: canopy_position, capsule_velocity" in said and "laws tried, the nearest to its limit" in said

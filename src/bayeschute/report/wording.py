@@ -44,7 +44,7 @@ _PARAMETERS = {
     "capsule_pitch_damping": "pitch damping of the capsule",
     "canopy_pitch_moment_slope": "slope of a canopy's pitching moment",
     "canopy_pitch_damping": "pitch damping of a canopy",
-    "enclosed_air_factor": "factor on the enclosed air",
+    "enclosed_air_factor": "factor on the apparent mass (enclosed air)",
     "canopy_mass": "dry mass of a canopy",
     "cds_over_mass": "drag area over mass, C_D S / m",
     "population_mean": "population: mean of log(C_D S / m)",

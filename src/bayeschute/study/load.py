@@ -31,7 +31,7 @@ from bayeschute.study.schema.study_schema import (
     predictable,
 )
 from bayeschute.study.schema.vehicle_schema import NOT_FLOWN, Vehicle
-from bayeschute.study.study import Flight, Study, air_taken_as_known
+from bayeschute.study.study import Flight, Study, apparent_mass_taken_as_known
 from bayeschute.study.templates import template
 
 if TYPE_CHECKING:
@@ -112,7 +112,7 @@ def examine_study(path: Path | str, data_dir: Path | str | None = None) -> Exami
         data_dir: What ``${DATA}`` stands for; default: the environment variable BAYESCHUTE_DATA.
     """
     study, faults, draft, paths = _read_study(Path(path), data_dir)
-    assumed = air_taken_as_known(study) if study is not None else []
+    assumed = apparent_mass_taken_as_known(study) if study is not None else []
     found = Examined(faults, assumed, {}, {}, study, {}, {})
     if draft is not None:
         for index, record in paths.items():

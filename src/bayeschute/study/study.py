@@ -92,15 +92,15 @@ class Study:
         return vehicle
 
 
-def air_taken_as_known(study: Study) -> list[str]:
-    """What it means to fit recorded flights without the air that moves with a canopy; empty where it is fitted."""
+def apparent_mass_taken_as_known(study: Study) -> list[str]:
+    """What it means to fit recorded flights without the canopies' apparent mass; empty where it is fitted."""
     flown = [one for one in study.with_role("identify") if one.virtual is None]
     if study.model != "cluster" or study.priors.given.enclosed_air_factor is not None or not flown:
         return []
     return [
-        "The air that moves with a canopy is taken as known: what the vehicle file says that it encloses. Coefficients "
-        "of transverse force scale with its mass, and it sets the period of the swing: where it is not known to a few "
-        "per cent, bands are too narrow without enclosed_air_factor in [priors.given]."
+        "The apparent mass of a canopy, of the air that moves with it, is taken as known: density times the vehicle "
+        "file's enclosed_volume. Coefficients of transverse force scale with it, and it sets the period of the swing: "
+        "where it is not known to a few per cent, bands are too narrow without enclosed_air_factor in [priors.given]."
     ]
 
 

@@ -366,8 +366,8 @@ def _searched(
 ) -> tuple[Group, JointFit, dict[str, float]]:
     """Joint optimum of a group with the terms of the library that its flights support (Bayes factors).
 
-    Motion tells forces over masses: with the air that moves with a canopy all coefficients of transverse forces grow,
-    and a descent that begins far off follows that ridge to where it has no way back. So the air is held until the terms
+    Motion tells forces over masses: with a canopy's apparent mass all coefficients of transverse force grow, and an
+    optimisation that starts far off follows that ridge to a lower maximum. So the apparent mass is held until the terms
     are chosen.
 
     Returns:

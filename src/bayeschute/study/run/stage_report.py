@@ -26,7 +26,7 @@ from bayeschute.study.job import Job, load_flight, load_priors
 from bayeschute.study.run import structures
 from bayeschute.study.run.forecasts import OPENING
 from bayeschute.study.schema.belief_schema import NOISE_UNITS
-from bayeschute.study.study import Flight, Study, air_taken_as_known, study_hash
+from bayeschute.study.study import Flight, Study, apparent_mass_taken_as_known, study_hash
 
 Array = NDArray[np.float64]
 _PROGRAMS = ("bayeschute", "jax", "numpyro", "emcee", "arviz-base", "numpy", "scipy")
@@ -238,7 +238,7 @@ def _notes(job: Job) -> list[str]:
         f"Predictions of a flight use the first {OPENING:g} s of its record (for the initial state) and its recorded "
         "wind; bands are scored after that."
     )
-    notes += air_taken_as_known(study)
+    notes += apparent_mass_taken_as_known(study)
     if study.priors.vary_canopies:
         notes.append(
             f"Hierarchical model over canopies for {', '.join(study.priors.vary_canopies)}: the name alone is the "
