@@ -11,6 +11,7 @@ from tests.twins import small_cluster as small
 
 from bayeschute.core.vectors import Vec3
 from bayeschute.dynamics.cluster_flight import with_parameters
+from bayeschute.likelihood.priors import Prior, values
 
 BASE = small.cluster()
 
@@ -47,6 +48,18 @@ def test_a_canopys_moment_is_added_where_there_was_none(name, field):
     assert getattr(BASE.canopies, field) is None
     assert float(getattr(changed.canopies, field)) == -0.1
     assert len(jax.tree.leaves(changed)) == len(jax.tree.leaves(BASE)) + 1
+
+
+def test_the_simulator_flies_the_values_that_priors_tell():
+    """Coefficients at the vehicle's apparent mass, and a factor on that."""
+    names, shares = ("transverse[e]", "axial[1]", "enclosed_air_factor"), (0.8, 0.0, 0.0)
+    theta = np.array([-0.2, 0.9, np.log(0.6)])
+    flown = with_parameters(BASE, small.TWO, names, theta, shares)
+    law = [Prior(n, 0.0, 1.0, n == names[2], "1", "", air_share=s) for n, s in zip(names, shares, strict=True)]
+    told = [float(flown.transverse[0]), float(flown.axial[0]), float(flown.canopies.enclosed_volume) / 3969.0]
+    np.testing.assert_allclose(told, values(law, theta))
+    held = with_parameters(BASE, small.TWO, names[:2], theta[:2], shares[:2])
+    assert float(held.transverse[0]) == -0.2
 
 
 @pytest.mark.parametrize("name", ["axial[q]", "transverse[1]"])

@@ -12,9 +12,12 @@ from bayeschute.likelihood.priors import (
     covariance,
     factor,
     from_equation_error,
+    of_values,
+    own_coordinates,
     precision,
     standard,
     values,
+    values_and_sds,
     working,
 )
 
@@ -120,3 +123,32 @@ def test_what_is_not_finite_stays_so(four):
     made, centre, _ = four
     for value in (np.nan, np.inf):
         assert not np.isfinite(standard(made, np.where(np.arange(4) == 1, value, centre))).all()
+
+
+FORCE = Prior("transverse[e]", -0.2, 0.1, False, "1", "", air_share=0.8)
+AIR = Prior("enclosed_air_factor", 0.0, 0.5, True, "1", "")
+
+
+def test_a_coefficient_at_the_vehicles_apparent_mass_grows_with_that_of_the_fit():
+    theta = np.array([[-0.2, 0.3, np.log(1.5)], [-0.1, 0.3, 0.0]])
+    made = values([FORCE, PLAIN, AIR], theta)
+    np.testing.assert_allclose(made, [[-0.2 * (1.0 + 0.8 * 0.5), 0.3, 1.5], [-0.1, 0.3, 1.0]])
+    np.testing.assert_allclose(values([FORCE, PLAIN], theta[:, :2]), theta[:, :2])  # the factor is no parameter
+
+
+def test_values_lead_back_to_working_coordinates():
+    priors = [LOG, FORCE, PLAIN, AIR]
+    theta = np.random.default_rng(3).standard_normal((2, 5, 4))
+    np.testing.assert_allclose(of_values(priors, values(priors, theta)), theta, atol=1e-12)
+    own = own_coordinates(priors, theta)
+    np.testing.assert_allclose(own[..., [0, 2, 3]], theta[..., [0, 2, 3]], atol=1e-12)
+    np.testing.assert_allclose(own[..., 1], values(priors, theta)[..., 1])
+
+
+def test_standard_deviations_of_values_are_those_of_narrow_draws():
+    priors, rng = [LOG, FORCE, PLAIN, AIR], np.random.default_rng(4)
+    theta, root = np.array([0.7, -0.2, 1.0, np.log(0.5)]), 1e-4 * np.tril(rng.standard_normal((4, 4)))
+    made, sd = values_and_sds(priors, theta, root @ root.T)
+    np.testing.assert_allclose(made, values(priors, theta))
+    drawn = values(priors, theta + rng.standard_normal((200_000, 4)) @ root.T)
+    np.testing.assert_allclose(sd, drawn.std(axis=0), rtol=0.02)

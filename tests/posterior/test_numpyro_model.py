@@ -14,7 +14,7 @@ from numpyro.infer.util import potential_energy
 from scipy.stats import multivariate_normal
 
 from bayeschute.core.errors import InputError
-from bayeschute.likelihood.priors import correlated, factor
+from bayeschute.likelihood.priors import correlated, factor, values
 from bayeschute.posterior import sampler
 from bayeschute.posterior.marginal import log_density
 from bayeschute.posterior.numpyro_model import SITE, log_likelihood, model, start
@@ -58,13 +58,29 @@ def test_correlated_priors_are_one_normal_law(straight, linear, logarithmic):
     priors = correlated([linear.priors[0], replace(linear.priors[1], logarithmic=logarithmic)], centre, law)
     made = replace(straight, prior_centre=centre, prior_factor=factor(priors))
     for theta in centre + np.random.default_rng(4).standard_normal((3, 2)):
-        values = {p.name: p.value(t) for p, t in zip(priors, theta, strict=True)}
-        total, _ = numpyro_log_density(model(made, priors), (), {}, values)
+        sites = {p.name: p.value(t) for p, t in zip(priors, theta, strict=True)}
+        total, _ = numpyro_log_density(model(made, priors), (), {}, sites)
         wanted = multivariate_normal(centre, law).logpdf(theta) - (theta[1] if logarithmic else 0.0)
         told = float(log_likelihood(made)(jnp.asarray(theta)))
         assert float(total) - told == pytest.approx(wanted, abs=1e-9 * abs(told))
     with pytest.raises(InputError, match="priors"):
         model(made, [replace(p, correlation={}) for p in priors])
+
+
+def test_a_coefficient_that_grows_with_the_apparent_mass_has_the_same_law(straight, linear):
+    """Whichever comes first: the site is the value, so the density differs by the Jacobian."""
+    centre, law = np.array([0.5, -0.3]), np.array([[0.36, -0.3], [-0.3, 0.64]])
+    force = replace(linear.priors[0], air_share=0.8)
+    air = replace(linear.priors[1], name="enclosed_air_factor", logarithmic=True)
+    priors = correlated([force, air], centre, law)
+    made = replace(straight, prior_centre=centre, prior_factor=factor(priors))
+    for theta in centre + np.random.default_rng(4).standard_normal((3, 2)):
+        sites = dict(zip([p.name for p in priors], values(priors, theta), strict=True))
+        total, _ = numpyro_log_density(model(made, priors), (), {}, sites)
+        grown = 1.0 + 0.8 * (np.exp(theta[1]) - 1.0)
+        wanted = multivariate_normal(centre, law).logpdf(theta) - theta[1] - np.log(grown)
+        told = float(log_likelihood(made)(jnp.asarray(theta)))
+        assert float(total) - told == pytest.approx(wanted, abs=1e-9 * abs(told))
 
 
 def test_density_under_correlated_priors_is_the_marginal_one(straight, linear):

@@ -9,8 +9,6 @@ import jax.numpy as jnp
 
 from bayeschute.core.vectors import Component, Vec3, dot, norm, perpendicular
 
-SEA_LEVEL_DENSITY = 1.225  # [kg/m^3], US Standard Atmosphere 1976
-
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)

@@ -8,6 +8,8 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 KINDS = ("axial", "transverse")
+APPARENT_MASS = "enclosed_air_factor"
+"""The parameter that is a canopy's apparent mass over that of the air that the vehicle's canopies enclose."""
 _NAME = re.compile(
     rf"(?P<kind>{'|'.join(KINDS)})\[(?P<term>[^\[\]]*)\](?:@(?P<flight>.+?))?(?:\.canopy(?P<canopy>[1-9]\d*))?"
 )

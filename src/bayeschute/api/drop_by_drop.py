@@ -36,7 +36,7 @@ def priors_of(spec: StudySpec, priors: Sequence[Prior], draws: Mapping[str, Arra
     Raises:
         InputError: If parameters are those of populations or of several bodies.
     """
-    theta = working_draws(priors, draws)
+    theta = working_draws([replace(p, air_share=0.0) for p in priors], draws)  # values, as another vehicle has them
     if theta is None:
         got = "a posterior of populations, or of several bodies"
         do = "Fit all drops together (`vary`, `vary_canopies`), or each body by itself."

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
 import pandas as pd
 
 from bayeschute.api import html
 from bayeschute.api.workspace import Files
 from bayeschute.likelihood.joint import NoiseParameters
+from bayeschute.likelihood.priors import values_and_sds
 from bayeschute.report.wording import counted
 from bayeschute.study.run.stage_fit import Fitted
 from bayeschute.study.study import Study as StudySpec
@@ -45,11 +45,9 @@ class Fit:
         """Mode and standard deviation of every parameter by Laplace's approximation, in its unit."""
         rows = []
         for one in self.groups:
-            sds = np.sqrt(np.diag(one.found.optimum.covariance))
-            for prior, at, sd in zip(one.group.priors, one.found.optimum.theta, sds, strict=True):
-                value = float(prior.value(at))
-                spread = float(sd) * (abs(value) if prior.logarithmic else 1.0)
-                rows.append({"parameter": prior.name, "mode": value, "sd": spread, "unit": prior.unit})
+            best, priors = one.found.optimum, one.group.priors
+            for prior, mode, sd in zip(priors, *values_and_sds(priors, best.theta, best.covariance), strict=True):
+                rows.append({"parameter": prior.name, "mode": float(mode), "sd": float(sd), "unit": prior.unit})
         return pd.DataFrame(rows).set_index("parameter")
 
     @property

@@ -10,7 +10,7 @@ from bayeschute.core.errors import Fault, InputError
 Array = NDArray[np.float64]
 
 STANDARD_GRAVITY = 9.80665  # [m/s^2]
-SEA_LEVEL_DENSITY = 1.225  # [kg/m^3]
+SEA_LEVEL_DENSITY = 1.225  # [kg/m^3], US Standard Atmosphere 1976
 SEA_LEVEL_PRESSURE = 101325.0  # [Pa]
 GAS_CONSTANT_DRY_AIR = 287.05287  # [J/(kg K)], 8314.32 / 28.9644 of the 1976 standard
 LOWEST, HIGHEST = -5000.0, 32000.0  # geometric altitudes covered [m]

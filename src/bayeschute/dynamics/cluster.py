@@ -8,7 +8,6 @@ import jax
 import jax.numpy as jnp
 
 from bayeschute.aero.airflow import (
-    SEA_LEVEL_DENSITY,
     CanopyFlow,
     axis_rate,
     neighbours,
@@ -19,6 +18,7 @@ from bayeschute.aero.airflow import (
 from bayeschute.aero.capsule_rates import angle_rates
 from bayeschute.aero.capsule_table import table_coefficients
 from bayeschute.aero.terms import axial_coefficient, transverse_coefficient
+from bayeschute.atmosphere.standard import SEA_LEVEL_DENSITY
 from bayeschute.core.vectors import Component, Vec3, cross, dot, norm, perpendicular
 from bayeschute.dynamics.parameters import Capsule, Cluster, Risers, Structure
 from bayeschute.dynamics.riser import riser_tension, taut_share

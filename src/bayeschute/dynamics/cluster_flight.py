@@ -9,8 +9,8 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from bayeschute.aero.airflow import SEA_LEVEL_DENSITY
-from bayeschute.aero.coefficient import Coefficient
+from bayeschute.aero.coefficient import APPARENT_MASS, Coefficient
+from bayeschute.atmosphere.standard import SEA_LEVEL_DENSITY
 from bayeschute.atmosphere.wind_field import WindField
 from bayeschute.compiler.integrate import rk4
 from bayeschute.core.vectors import Component, Quaternion, Vec3, dot, norm, quaternion, vec3
@@ -19,7 +19,7 @@ from bayeschute.dynamics.initial_state import Start, initial_state
 from bayeschute.dynamics.parameters import Cluster, Structure
 from bayeschute.dynamics.state import ClusterState, pack, unpack
 
-LOGARITHMIC = ("riser_stiffness", "riser_damping", "enclosed_air_factor")
+LOGARITHMIC = ("riser_stiffness", "riser_damping", APPARENT_MASS)
 OF_CAPSULE = {
     "capsule_mass": "mass",
     "capsule_axial_force": "axial_force",
@@ -42,7 +42,9 @@ CHANNELS = (
 )
 
 
-def with_parameters(base: Cluster, structure: Structure, names: Sequence[str], theta: Component) -> Cluster:
+def with_parameters(
+    base: Cluster, structure: Structure, names: Sequence[str], theta: Component, air_shares: Sequence[float] = ()
+) -> Cluster:
     """A cluster with some parameters replaced.
 
     Args:
@@ -51,6 +53,7 @@ def with_parameters(base: Cluster, structure: Structure, names: Sequence[str], t
         names: Names of the entries of `theta`; an empty name: the entry replaces nothing. ``axial[...]`` is that of
             every canopy, ``axial[...].canopy2`` that of the second alone.
         theta: Working coordinates (P, ...): logarithms for `LOGARITHMIC`, SI values otherwise.
+        air_shares: By entry, see `likelihood.priors.Prior.air_share`; empty: no value depends on the apparent mass.
 
     Returns:
         The cluster.
@@ -60,8 +63,11 @@ def with_parameters(base: Cluster, structure: Structure, names: Sequence[str], t
     """
     aero = {"axial": list(base.axial), "transverse": list(base.transverse)}
     risers, capsule, canopies = base.risers, base.capsule, base.canopies
+    more_air = jnp.exp(theta[names.index(APPARENT_MASS)]) - 1.0 if air_shares and APPARENT_MASS in names else None
     for i, name in enumerate(names):
         value = jnp.exp(theta[i]) if name in LOGARITHMIC else theta[i]
+        if more_air is not None and air_shares[i]:
+            value = value * (1.0 + air_shares[i] * more_air)
         found = Coefficient.parse(name)
         if found is not None and found.flight is None:
             place, canopy = getattr(structure, found.kind).index(found.term), found.canopy
@@ -75,7 +81,7 @@ def with_parameters(base: Cluster, structure: Structure, names: Sequence[str], t
             capsule = replace(capsule, **new_of_capsule)
         elif name in OF_CANOPIES:
             canopies = replace(canopies, **{OF_CANOPIES[name]: value})
-        elif name == "enclosed_air_factor":
+        elif name == APPARENT_MASS:
             canopies = replace(canopies, enclosed_volume=canopies.enclosed_volume * value)
         elif name:
             raise KeyError(f"{name!r} is no parameter of the cluster")
@@ -126,6 +132,7 @@ class ClusterFlight:
             ``swing_angle`` (1) [rad] and ``descent_rate`` (1) [m/s] as of `quantity`.
         substeps: Runge-Kutta steps per sample.
         wind_field: Wind by altitude added to the record's, at every body's altitude; None: all have the record's.
+        air_shares: By parameter, as of `with_parameters`.
     """
 
     base: Cluster
@@ -138,6 +145,7 @@ class ClusterFlight:
     channels: tuple[str, ...] = field(metadata={"static": True})
     substeps: int = field(default=4, metadata={"static": True})
     wind_field: WindField | None = None
+    air_shares: tuple[float, ...] = field(default=(), metadata={"static": True})
 
     def inputs(self) -> ClusterInputs:
         """The record's inputs."""
@@ -145,7 +153,7 @@ class ClusterFlight:
 
     def numbers(self, theta: jax.Array) -> Cluster:
         """The cluster with these parameters."""
-        return with_parameters(self.base, self.structure, self.names, theta)
+        return with_parameters(self.base, self.structure, self.names, theta, self.air_shares)
 
     def initial(self, numbers: Cluster, start: jax.Array) -> jax.Array:
         """State at the first sample (13 + 6 n, ...)."""

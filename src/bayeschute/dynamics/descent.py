@@ -8,7 +8,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from bayeschute.aero.airflow import SEA_LEVEL_DENSITY
+from bayeschute.atmosphere.standard import SEA_LEVEL_DENSITY
 from bayeschute.compiler.integrate import rk4
 from bayeschute.core.vectors import Component
 from bayeschute.dynamics.parameters import STANDARD_GRAVITY

@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from bayeschute.aero.coefficient import APPARENT_MASS
 from bayeschute.compiler.integrate import FlightModel
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.core.vectors import Component, Quaternion, Vec3, quaternion
@@ -165,9 +166,13 @@ def cluster_data(
     inputs = ClusterInputs(wind, filled(record["density"].values, "density"), np.ones((samples, n)), attitude)
     used = fitted_channels(record, channels)
     names = tuple(p.name for p in priors) if names is None else tuple(names)
-    flight = ClusterFlight(base, start, tangent_basis(start.direction), inputs, dt, structure, names, used)
+    shares = tuple(p.air_share for p in priors)
+    flight = ClusterFlight(
+        base, start, tangent_basis(start.direction), inputs, dt, structure, names, used,
+        air_shares=shares if any(shares) else (),
+    )  # fmt: skip
     # Stiff lines and light canopies make the fastest pole.
-    tail = {name: -3.0 if name == "enclosed_air_factor" else 3.0 for name in LOGARITHMIC}
+    tail = {name: -3.0 if name == APPARENT_MASS else 3.0 for name in LOGARITHMIC}
     stiff = np.array([p.centre + tail.get(p.name, 0.0) * p.scale for p in priors])
     flight = replace(flight, substeps=substeps(fastest_pole(flight, stiff, 9 + 4 * n), dt))
 

@@ -3,6 +3,11 @@
 Equation error determines sums of terms best: the mean force is known to a few per cent where none of its terms is. So
 priors include the correlations of their estimates, by name; correlations with absent parameters are ignored, which
 gives the marginal distribution of those present.
+
+A record tells forces by the motion of the masses that they move. What is not known of a canopy's apparent mass makes
+all its coefficients of transverse force larger alike: a ridge, and a curved one where their working coordinates are the
+values. So these may be the values at the vehicle's own apparent mass (`Prior.air_share`), along which it is straight,
+and which are what equation error estimates.
 """
 
 from __future__ import annotations
@@ -13,6 +18,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
+
+from bayeschute.aero.coefficient import APPARENT_MASS
 
 
 @dataclass(frozen=True)
@@ -27,6 +34,8 @@ class Prior:
         unit: Unit of the value.
         source: Where it comes from, in words.
         correlation: With other parameters, by name.
+        air_share: Share s of the vehicle's apparent mass in what a canopy moves [1]: where a factor f on it is a
+            parameter too, the value is the working coordinate times 1 + s (f - 1). Zero: it does not depend on it.
     """
 
     name: str
@@ -36,9 +45,10 @@ class Prior:
     unit: str
     source: str
     correlation: Mapping[str, float] = field(default_factory=dict)
+    air_share: float = 0.0
 
     def value(self, working: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The value from the working coordinate."""
+        """The value from the working coordinate, at the vehicle's apparent mass."""
         return np.exp(working) if self.logarithmic else np.asarray(working)
 
     def moments(self) -> tuple[float, float]:
@@ -149,6 +159,48 @@ def given_zero(priors: Sequence[Prior], zero: Sequence[str]) -> list[Prior]:
     return correlated(left, centre[~out] - gain @ centre[out], 0.5 * (after + after.T))
 
 
+def growth(priors: Sequence[Prior], air: NDArray[np.float64] | None) -> NDArray[np.float64]:
+    """What values are over those at the vehicle's apparent mass (..., P), at factors on that (...); None: one."""
+    share = np.array([p.air_share for p in priors])
+    return np.ones(len(priors)) if air is None else 1.0 + share * (np.asarray(air)[..., None] - 1.0)
+
+
 def values(priors: Sequence[Prior], theta: NDArray[np.float64]) -> NDArray[np.float64]:
     """Values of working coordinates whose last axis is the parameter."""
-    return np.stack([p.value(theta[..., i]) for i, p in enumerate(priors)], axis=-1)
+    made = np.stack([p.value(theta[..., i]) for i, p in enumerate(priors)], axis=-1)
+    return made * growth(priors, _air(priors, made))
+
+
+def values_and_sds(
+    priors: Sequence[Prior], theta: NDArray[np.float64], joint_covariance: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Values at working coordinates (P,) and, by the delta method, their standard deviations (P,).
+
+    Args:
+        priors: Of the parameters.
+        theta: Working coordinates.
+        joint_covariance: Of these (P, P).
+    """
+    made = values(priors, theta)
+    slope = np.diag(np.where([p.logarithmic for p in priors], made, growth(priors, _air(priors, made))))
+    for i, p in enumerate(priors):
+        if p.name == APPARENT_MASS:
+            slope[:, i] += [q.air_share * float(q.value(t)) * made[i] for q, t in zip(priors, theta, strict=True)]
+    return made, np.sqrt(np.einsum("ij,jk,ik->i", slope, joint_covariance, slope))
+
+
+def of_values(priors: Sequence[Prior], given: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Working coordinates of values whose last axis is the parameter: the inverse of `values`."""
+    held = given / growth(priors, _air(priors, given))
+    return np.stack([np.log(held[..., i]) if p.logarithmic else held[..., i] for i, p in enumerate(priors)], axis=-1)
+
+
+def own_coordinates(priors: Sequence[Prior], theta: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Working coordinates of the same values where none depends on the apparent mass (..., P): values or logarithms."""
+    return of_values([replace(p, air_share=0.0) for p in priors], values(priors, theta))
+
+
+def _air(priors: Sequence[Prior], made: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """Among values (..., P) the factor on the apparent mass (...), if it is a parameter."""
+    place = [i for i, p in enumerate(priors) if p.name == APPARENT_MASS]
+    return made[..., place[0]] if place else None

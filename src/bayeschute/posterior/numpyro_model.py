@@ -17,11 +17,12 @@ import numpyro
 import numpyro.distributions as dist
 from numpy.typing import NDArray
 
+from bayeschute.aero.coefficient import APPARENT_MASS
 from bayeschute.compiler.differentiable import differentiable_steps
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.likelihood.joint import FlightData, LatentPath, jax_stepped
 from bayeschute.likelihood.kalman import innovations
-from bayeschute.likelihood.priors import Prior, factor, working
+from bayeschute.likelihood.priors import Prior, factor, values, working
 from bayeschute.posterior.marginal import Linearisation, Marginal, latent_path_at, out_of_range, seen_along
 
 Array = NDArray[np.float64]
@@ -96,18 +97,25 @@ def model(marginal: Marginal, priors: Sequence[Prior]) -> Callable[[], None]:
     if len({*names, SITE}) != len(names) + 1:
         raise InputError(Fault("priors of a numpyro model", ", ".join(names), f"different names, none {SITE!r}"))
     likelihood = log_likelihood(marginal)
+    order = np.argsort([p.air_share != 0.0 for p in priors], kind="stable")  # after what they grow with
+    back, some = np.argsort(order), [priors[i] for i in order]
+    some_root = factor(some)
 
     def made() -> None:
         theta: list[jax.Array] = []
         standard: list[jax.Array] = []
-        for p, row in zip(priors, root, strict=True):  # each given those before it
+        more_air: jax.Array | float = 0.0
+        for p, row in zip(some, some_root, strict=True):  # each given those before it
             k = len(theta)
             mean = p.centre + sum((row[j] * standard[j] for j in range(k) if row[j]), 0.0)
-            distribution = dist.LogNormal(mean, row[k]) if p.logarithmic else dist.Normal(mean, row[k])
+            grown = 1.0 + p.air_share * more_air
+            distribution = dist.LogNormal(mean, row[k]) if p.logarithmic else dist.Normal(grown * mean, grown * row[k])
             value = numpyro.sample(p.name, distribution)
-            theta.append(jnp.log(value) if p.logarithmic else value)
+            theta.append(jnp.log(value) if p.logarithmic else value / grown)
             standard.append((theta[-1] - mean) / row[k])
-        told = likelihood(jnp.stack(theta))
+            if p.name == APPARENT_MASS:
+                more_air = value - 1.0
+        told = likelihood(jnp.stack([theta[place] for place in back]))
         numpyro.factor(SITE, jnp.where(jnp.isnan(told), -jnp.inf, told))
 
     return made
@@ -115,5 +123,4 @@ def model(marginal: Marginal, priors: Sequence[Prior]) -> Callable[[], None]:
 
 def start(marginal: Marginal, priors: Sequence[Prior]) -> dict[str, Array]:
     """Values of the sites at the centre of the posterior, for `numpyro.infer.init_to_value`."""
-    centre = np.asarray(marginal.centre)
-    return {p.name: np.asarray(p.value(centre[i])) for i, p in enumerate(priors)}
+    return dict(zip([p.name for p in priors], values(priors, np.asarray(marginal.centre)), strict=True))

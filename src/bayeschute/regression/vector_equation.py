@@ -14,8 +14,9 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from bayeschute.aero.airflow import SEA_LEVEL_DENSITY, CanopyFlow, neighbours, squared_angle
+from bayeschute.aero.airflow import CanopyFlow, neighbours, squared_angle
 from bayeschute.aero.terms import axial_term, transverse_term
+from bayeschute.atmosphere.standard import SEA_LEVEL_DENSITY
 from bayeschute.core.vectors import Vec3, dot
 from bayeschute.regression.stacked import Stack, stack_components
 

@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import permutations
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+import bayeschute as bc
 from bayeschute.likelihood.priors import Prior, covariance, working
-from bayeschute.study.assembly.fitted_terms import ADDED, in_order, of_library, of_selected, terms_left_out, with_terms
+from bayeschute.study.assembly.fitted_terms import (
+    ADDED,
+    at_own_apparent_mass,
+    in_order,
+    of_library,
+    of_selected,
+    terms_left_out,
+    with_terms,
+)
 
 
 def _job(model="cluster"):
@@ -19,6 +29,8 @@ def _job(model="cluster"):
     }
     study = SimpleNamespace(
         model=model,
+        vehicle=None,
+        knowledge=(),
         priors=SimpleNamespace(inflation=6.0, floor=0.05),
         with_role=lambda role: (SimpleNamespace(name="one"),),
     )
@@ -35,6 +47,23 @@ def test_priors_come_from_the_fit_of_all_candidates():
 
 def test_a_descent_has_none():
     assert terms_left_out(_job("descent")) == []
+
+
+CLUSTER = bc.Study.example().spec
+
+
+def test_priors_of_transverse_terms_are_at_the_vehicles_own_apparent_mass():
+    """Where nobody else knows the coefficients, and no population or classical noise needs them as they are."""
+    some, canopies = _priors("axial[1]", "transverse[e]", "riser_length"), CLUSTER.vehicle.canopies
+    air = 1.225 * canopies.enclosed_volume
+    wanted = [0.0, air / (air + canopies.dry_mass), 0.0]
+    assert [p.air_share for p in at_own_apparent_mass(CLUSTER, some)] == pytest.approx(wanted)
+    known = replace(CLUSTER, knowledge=(SimpleNamespace(use="prior"),))
+    other = replace(CLUSTER, knowledge=(SimpleNamespace(use="compare"),))
+    classical = replace(CLUSTER, noise=CLUSTER.noise.model_copy(update={"model": "white"}))
+    assert [p.air_share for p in at_own_apparent_mass(other, some)] == pytest.approx(wanted)
+    for study in (known, classical):
+        assert at_own_apparent_mass(study, some) == some
 
 
 STUDY = SimpleNamespace(

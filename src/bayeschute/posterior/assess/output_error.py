@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.likelihood.joint import FlightData, Linear, NoiseParameters
 from bayeschute.likelihood.kalman import response
-from bayeschute.likelihood.priors import Prior, factor, precision, values
+from bayeschute.likelihood.priors import Prior, factor, precision, values_and_sds
 from bayeschute.posterior.joint_mode import Optimum
 from bayeschute.posterior.sampling.protocol import Draws
 from bayeschute.regression.colored_errors import residual_noise
@@ -145,9 +145,7 @@ def table(made: Bounds, priors: Sequence[Prior]) -> list[Row]:
 
     A parameter whose working coordinate is its logarithm has its standard errors by the delta method.
     """
-    estimates = values(priors, made.theta)
-    slope = np.where([p.logarithmic for p in priors], estimates, 1.0)
-    raw, corrected = (slope * np.sqrt(np.diag(c)) for c in (made.raw, made.corrected))
+    (estimates, raw), (_, corrected) = (values_and_sds(priors, made.theta, c) for c in (made.raw, made.corrected))
     return [
         Row(p.name, float(e), float(r), float(c), p.unit)
         for p, e, r, c in zip(priors, estimates, raw, corrected, strict=True)

@@ -89,7 +89,7 @@ def profile(
     density, likelihood = -cost, -cost + 0.5 * z**2
     return Profile(
         priors[parameter].name,
-        np.asarray(priors[parameter].value(theta[:, parameter])),
+        values(priors, theta)[:, parameter],
         theta[:, parameter],
         density - np.nanmax(density),
         likelihood - np.nanmax(likelihood),

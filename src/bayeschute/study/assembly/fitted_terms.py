@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayeschute.aero.coefficient import Coefficient, coefficient_names, shared_name
+from bayeschute.atmosphere.standard import SEA_LEVEL_DENSITY
 from bayeschute.likelihood.priors import Prior, correlated, from_equation_error
 from bayeschute.study.job import Job
 from bayeschute.study.study import Study
@@ -88,6 +89,30 @@ def of_library(study: Study, kind: str, entry: Mapping[str, Any], flight: str) -
     return correlated(blank, both @ known @ centre, 0.5 * (both + both.T))
 
 
+def at_own_apparent_mass(study: Study, priors: Sequence[Prior]) -> list[Prior]:
+    """Priors by equation error as what they are: of coefficients at the vehicle's own apparent mass.
+
+    Equation error takes forces from the motion of the masses that the vehicle has. Where a fit finds another apparent
+    mass, its coefficients of transverse force are larger or smaller alike (`Prior.air_share`). Not so where others know
+    these coefficients as they are; nor in a population, or without latent disturbances.
+
+    Args:
+        study: For the vehicle.
+        priors: From equation error.
+    """
+    told = any(table.use == "prior" for table in study.knowledge)
+    if not priors or study.vehicle is None or told or study.priors.hierarchical or study.noise.model != "latent":
+        return list(priors)
+    canopies = study.vehicle_of(study.with_role("structure")[0]).canopies
+    air = SEA_LEVEL_DENSITY * canopies.enclosed_volume
+    share = air / (canopies.dry_mass + air)
+    parsed = [Coefficient.parse(p.name) for p in priors]
+    return [
+        replace(p, air_share=share) if one is not None and one.kind == "transverse" else p
+        for p, one in zip(priors, parsed, strict=True)
+    ]
+
+
 def terms_left_out(job: Job) -> list[Prior]:
     """Priors of the terms that equation error did not select, from the fit of all candidates together.
 
@@ -105,7 +130,7 @@ def terms_left_out(job: Job) -> list[Prior]:
             name, table = str(Coefficient(kind, term["term"])), study.priors
             one = from_equation_error(name, term["estimate"], term["se"], table.inflation, table.floor, flight=flight)
             made.append(replace(one, source=f"{one.source}; {ADDED}"))
-    return made
+    return at_own_apparent_mass(study, made)
 
 
 def in_order(study: Study, priors: Sequence[Prior]) -> list[Prior]:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bayeschute.likelihood.priors import Prior
+from bayeschute.likelihood.priors import Prior, of_values
 from bayeschute.posterior.combine.sequential import moments, taught
 
 Array = NDArray[np.float64]
@@ -23,8 +23,7 @@ def working_draws(priors: Sequence[Prior], draws: Mapping[str, Array]) -> Array 
     """
     if {p.name for p in priors} != set(draws):
         return None
-    parts = [np.log(draws[p.name]) if p.logarithmic else np.asarray(draws[p.name]) for p in priors]
-    return np.stack(parts, axis=-1)
+    return of_values(priors, np.stack([np.asarray(draws[p.name]) for p in priors], axis=-1))
 
 
 def lessons(priors: Sequence[Prior], draws: Mapping[str, Array], flights: Sequence[str]) -> dict[str, Any]:

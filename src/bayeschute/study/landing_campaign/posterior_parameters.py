@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.core.random import stream
 from bayeschute.landing.campaign_plan import Parameters
+from bayeschute.likelihood.priors import own_coordinates
 from bayeschute.prediction import bands
 from bayeschute.study.assembly import assemble, canopies
 from bayeschute.study.assembly.fits import Group, Stored, groups, load_fit, structure_of
@@ -71,6 +72,6 @@ def _of(
     own = ("capsule_mass",) if capsule_mass is not None or vehicle is not None else ()
     names = canopies.in_flight([p.name for p in group.priors], flight.name)
     return Parameters(
-        blank, structure, tuple("" if name in own else name for name in names), theta,
+        blank, structure, tuple("" if name in own else name for name in names), own_coordinates(group.priors, theta),
         assemble.latent(study, n), rows,
     )  # fmt: skip

@@ -24,7 +24,7 @@ from bayeschute.records.record import Repair, repairs, with_repairs, write_recor
 from bayeschute.study.aerodynamics.known import informed
 from bayeschute.study.assembly import assemble, canopies
 from bayeschute.study.assembly.canopy_wind import with_wind
-from bayeschute.study.assembly.fitted_terms import in_order, of_library, of_selected
+from bayeschute.study.assembly.fitted_terms import at_own_apparent_mass, in_order, of_library, of_selected
 from bayeschute.study.job import Job
 from bayeschute.study.load import Study
 from bayeschute.study.plausible import refuse_implausible, window_used
@@ -172,7 +172,7 @@ def of_structure(study: Study, found: Mapping[str, Any]) -> list[Prior]:
     source = ", ".join(f.name for f in study.with_role("structure"))
     whole = study.structure is not None and study.structure.fit != "selected"
     made = of_library if whole else of_selected
-    return [prior for kind, entry in found.items() for prior in made(study, kind, entry, source)]
+    return at_own_apparent_mass(study, [p for kind, entry in found.items() for p in made(study, kind, entry, source)])
 
 
 def given_priors(study: Study) -> list[Prior]:

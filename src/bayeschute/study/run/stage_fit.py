@@ -13,14 +13,14 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from bayeschute.aero.coefficient import Coefficient, is_coefficient, shared_name
+from bayeschute.aero.coefficient import APPARENT_MASS, Coefficient, is_coefficient, shared_name
 from bayeschute.aero.terms import is_pairwise
 from bayeschute.core.errors import FitError
 from bayeschute.core.files import write_whole
 from bayeschute.core.random import seed_of, stream
 from bayeschute.dynamics.cluster_flight import output_names
 from bayeschute.likelihood.joint import FlightData, linearise
-from bayeschute.likelihood.priors import Prior, given_zero
+from bayeschute.likelihood.priors import Prior, given_zero, values_and_sds
 from bayeschute.posterior.assess import output_error
 from bayeschute.posterior.assess.score_test import scores
 from bayeschute.posterior.best_path import BestPath
@@ -41,7 +41,7 @@ from bayeschute.study.job import Job, load_flight
 from bayeschute.study.run import checkpoint, several_starts, structures
 
 Array = NDArray[np.float64]
-_AIR, _HELD_SD = "enclosed_air_factor", 0.02  # its prior's standard deviation until terms are chosen
+_HELD_SD = 0.02  # of the prior of the apparent mass until terms are chosen, at most
 _LIBRARY_NEAR = 1.0  # standard deviations of the last step to the library's mode: terms are weighed there
 SCORE = 4.0  # standard errors from zero at which a term that was left out is added
 
@@ -226,11 +226,8 @@ def _with_paths(job: Job, group: Group, error: FitError) -> FitError:
         residual = np.where(np.asarray(data.present), np.asarray(made.residual), np.nan)
         sd = np.hypot(np.asarray(noise.white), np.asarray(noise.correlated))
         paths.append(BestPath(flight.name, time, names, residual, sd, defect))
-    sd = np.sqrt(np.diag(best.covariance))
-    rows = zip(group.priors, best.theta, sd, strict=True)
-    parameters = [
-        (p.name, float(p.value(x)), float(s * p.value(x) if p.logarithmic else s), p.unit) for p, x, s in rows
-    ]
+    rows = zip(group.priors, *values_and_sds(group.priors, best.theta, best.covariance), strict=True)
+    parameters = [(p.name, float(value), float(sd), p.unit) for p, value, sd in rows]
     return FitError(f"fit of {group.name}: {error.reason}", error.tried, paths, parameters)
 
 
@@ -374,8 +371,9 @@ def _searched(
         The group with the priors that were used, its optimum, and the log evidence for every term that may be left out.
     """
     assert job.study.structure is not None
-    own = {p.name: p for p in group.priors if p.name == _AIR}
-    group = replace(group, priors=tuple(replace(p, scale=_HELD_SD) if p.name in own else p for p in group.priors))
+    own = {p.name: p for p in group.priors if p.name == APPARENT_MASS}
+    held = tuple(replace(p, scale=min(p.scale, _HELD_SD)) if p.name in own else p for p in group.priors)
+    group = replace(group, priors=held)
     flights = [data_of(job, f, group.priors) for f in group.flights]
     core = set(job.study.structure.core)
     may_go = [p.name for p in group.priors if is_coefficient(p.name) and shared_name(p.name) not in core]
