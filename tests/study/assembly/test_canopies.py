@@ -101,7 +101,7 @@ def test_what_is_no_coefficient_does_not_differ_between_canopies():
     given = SimpleNamespace(**dict.fromkeys(stage_data._GIVEN))
     given.riser_length = SimpleNamespace(log_normal=False, mean=70.0, sd=1.0)
     priors = SimpleNamespace(vary=("q",), vary_canopies=("riser_length",), given=given, inflation=1.0, floor=0.1)
-    study = SimpleNamespace(priors=priors, structure=None, knowledge=(), with_role=lambda role: ())
+    study = SimpleNamespace(priors=priors, structure=None, vehicle=None, knowledge=(), with_role=lambda role: ())
     selected = {"coefficients": {"axial": {"selected": [{"term": "1", "estimate": 1.0, "se": 0.1}]}}}
     with pytest.raises(InputError) as told:
         stage_data.priors(SimpleNamespace(study=study, load=lambda name: selected))

@@ -139,7 +139,7 @@ def test_parameters_keep_their_correlation_in_the_draws_that_foretell(case, join
 def test_names_that_no_parameter_has_are_told_before_the_fit():
     given = SimpleNamespace(**dict.fromkeys(stage_data._GIVEN))
     priors = SimpleNamespace(vary=("axial[1]", "q"), vary_canopies=None, given=given, inflation=1.0, floor=0.1)
-    study = SimpleNamespace(priors=priors, structure=None, knowledge=(), with_role=lambda role: ())
+    study = SimpleNamespace(priors=priors, structure=None, vehicle=None, knowledge=(), with_role=lambda role: ())
     selected = {"coefficients": {"axial": {"selected": [{"term": "1", "estimate": 1.0, "se": 0.1}]}}}
     with pytest.raises(InputError, match=r"\[priors\] vary: got q; wanted .*axial\[1\]"):
         stage_data.priors(SimpleNamespace(study=study, load=lambda name: selected))

@@ -101,7 +101,7 @@ def at_own_apparent_mass(study: Study, priors: Sequence[Prior]) -> list[Prior]:
         priors: From equation error.
     """
     told = any(table.use == "prior" for table in study.knowledge)
-    if not priors or study.vehicle is None or told or study.priors.hierarchical or study.noise.model != "latent":
+    if study.vehicle is None or told or study.priors.hierarchical or study.noise.model != "latent":
         return list(priors)
     canopies = study.vehicle_of(study.with_role("structure")[0]).canopies
     air = SEA_LEVEL_DENSITY * canopies.enclosed_volume
