@@ -289,8 +289,12 @@ def test_a_flight_is_changed_by_what_it_is_made_by(sondes):
     assert other.vehicle == flight.vehicle and flight.changed().spec == flight.spec
     with pytest.raises(bc.InputError, match="one of name, roles"):
         flight.changed(mass="9 t")
-    with pytest.raises(bc.InputError, match="a quantity convertible to kg"):
-        flight.changed(capsule_mass="9 m")
+    with pytest.raises(bc.InputError, match="a quantity in kg") as told:
+        flight.changed(capsule_mass="9 m", rate=-2.0, window=(60.0, 5.0))
+    assert len(told.value.faults) == 2  # the order of the window's ends is asked once its numbers are sound
+    for values in ({"capsule_mass": -9000.0}, {"rate": np.nan}, {"window": (60.0, 5.0)}, {"roles": ("fit",)}):
+        with pytest.raises(bc.InputError, match=f"flight.*{next(iter(values))}"):
+            flight.changed(**values)
 
 
 def test_repairs_are_told_line_by_line(sondes):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -10,16 +10,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
-from pydantic import TypeAdapter, ValidationError
+from pydantic import ValidationError
 
 from bayeschute.api import html
-from bayeschute.api.quantity import si
 from bayeschute.api.workspace import workspace
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.records.record import Repair, repairs
 from bayeschute.study.job import load_truth
 from bayeschute.study.load import usual_study
-from bayeschute.study.schema.quantities import Cut, Until
+from bayeschute.study.schema.schema_faults import faults_of
+from bayeschute.study.schema.study_schema import FlightTable
 from bayeschute.study.schema.vehicle_schema import NOT_FLOWN, Vehicle
 from bayeschute.study.schema.wind_schema import ProfileTable
 from bayeschute.study.study import Flight as FlightSpec
@@ -253,31 +253,31 @@ class Flight:
         return html.table(self.name, ("channel", "shape", "unit", "meaning"), rows, note)
 
 
-def _cut(text: str) -> Cut:
-    try:
-        return TypeAdapter(Until).validate_python(text)
-    except ValidationError as error:
-        raise InputError(Fault("identify_until", repr(text), str(error.errors()[0]["msg"]))) from None
+_UNITS = {"window": "s", "rate": "Hz", "capsule_mass": "kg", "skip_first": "s"}  # of plain numbers
+_ARGUMENTS = ("name", "roles", "accept_implausible", "wind", *_UNITS, "identify_until")
 
 
 def _fields(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Fields of a flight's table from arguments of `Flight`, in SI."""
-    read: dict[str, Callable[[Any], Any]] = {
-        "name": str,
-        "roles": tuple,
-        "accept_implausible": tuple,
-        "wind": lambda profile: profile,
-        "window": lambda ends: (si("window", ends[0], "s"), si("window", ends[1], "s")),
-        "rate": lambda value: si("rate", value, "Hz"),
-        "capsule_mass": lambda value: si("capsule_mass", value, "kg"),
-        "skip_first": lambda value: si("skip_first", value, "s"),
-        "identify_until": _cut,
-    }
-    unknown = sorted(set(given) - set(read))
+    """Fields of a flight's table from arguments of `Flight`: what a study file takes, or plain numbers in SI."""
+    unknown = sorted(set(given) - set(_ARGUMENTS))
     if unknown:
-        raise InputError([Fault("flight", name, f"one of {', '.join(read)}") for name in unknown])
-    made = {name: None if value is None else read[name](value) for name, value in given.items()}
-    return {"wind_profile" if name == "wind" else name: value for name, value in made.items()}
+        raise InputError([Fault("flight", name, f"one of {', '.join(_ARGUMENTS)}") for name in unknown])
+    own = {"wind_profile" if key == "wind" else key: given[key] for key in ("name", "wind") if key in given}
+    values = {key: value for key, value in given.items() if key not in ("name", "wind")}
+    raw: dict[str, Any] = {"name": "flight", "roles": ("predict",), "file": "record"}
+    raw |= {key: _with_unit(value, _UNITS.get(key, "")) for key, value in values.items() if value not in (None, ())}
+    try:
+        read = FlightTable.model_validate(raw)
+    except ValidationError as error:
+        raise InputError(faults_of("flight", FlightTable, error, raw)) from None
+    return own | {key: getattr(read, key) if key in raw else value for key, value in values.items()}
+
+
+def _with_unit(value: Any, unit: str) -> Any:
+    """Plain numbers as quantities of a study file."""
+    if isinstance(value, tuple | list) and unit:
+        return tuple(_with_unit(one, unit) for one in value)
+    return f"{float(value)!r} {unit}" if unit and isinstance(value, int | float | np.number) else value
 
 
 def _with(flights: tuple[FlightSpec, ...], spec: FlightSpec) -> tuple[FlightSpec, ...]:
