@@ -18,8 +18,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
+from scipy.special import chdtri
 
 from bayeschute.aero.coefficient import APPARENT_MASS
+
+_FREEDOM = 4.0  # nu, degrees of freedom of a heavy-tailed prior
+_CONFLICT = 0.01  # p-value of a distance from the centre beyond which it counts (Evans and Moshonov 2006)
 
 
 @dataclass(frozen=True)
@@ -36,6 +40,7 @@ class Prior:
         correlation: With other parameters, by name.
         air_share: Share s of the vehicle's apparent mass in what a canopy moves [1]: where a factor f on it is a
             parameter too, the value is the working coordinate times 1 + s (f - 1). Zero: it does not depend on it.
+        widened: By how much `scale` is larger than its source says, since the flights contradict it (`heavier`) [1].
     """
 
     name: str
@@ -46,6 +51,7 @@ class Prior:
     source: str
     correlation: Mapping[str, float] = field(default_factory=dict)
     air_share: float = 0.0
+    widened: float = 1.0
 
     def value(self, working: NDArray[np.float64]) -> NDArray[np.float64]:
         """The value from the working coordinate, at the vehicle's apparent mass."""
@@ -169,6 +175,31 @@ def values(priors: Sequence[Prior], theta: NDArray[np.float64]) -> NDArray[np.fl
     """Values of working coordinates whose last axis is the parameter."""
     made = np.stack([p.value(theta[..., i]) for i, p in enumerate(priors)], axis=-1)
     return made * growth(priors, _air(priors, made))
+
+
+def heavier(priors: Sequence[Prior], theta: NDArray[np.float64], names: Sequence[str]) -> float:
+    """By how much a heavy-tailed prior of some parameters is wider than the Gaussian, at a place in conflict with it.
+
+    A multivariate t distribution has, near a place, the shape of a Gaussian whose covariance is
+    ``(nu + d^2) / (nu + r)`` times its own, d the distance from its centre in standard deviations and r the number of
+    parameters (Lange, Little and Taylor 1989): the farther the data lead, the less the prior holds them.
+
+    Args:
+        priors: Of all parameters.
+        theta: Where the data lead, working coordinates (P,).
+        names: Of the parameters that share the t distribution.
+
+    Returns:
+        The factor on their covariance; 1 where a Gaussian leads that far with a probability of `_CONFLICT` or more.
+    """
+    here = [i for i, p in enumerate(priors) if p.name in set(names)]
+    if not here:
+        return 1.0
+    some = [priors[i] for i in here]
+    distance = float(np.sum(standard(some, np.asarray(theta)[here]) ** 2))
+    if distance < chdtri(len(here), _CONFLICT):
+        return 1.0
+    return (_FREEDOM + distance) / (_FREEDOM + len(here))
 
 
 def values_and_sds(

@@ -13,14 +13,14 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from bayeschute.aero.coefficient import APPARENT_MASS, Coefficient, is_coefficient, shared_name
+from bayeschute.aero.coefficient import APPARENT_MASS, KINDS, Coefficient, is_coefficient, shared_name
 from bayeschute.aero.terms import is_pairwise
 from bayeschute.core.errors import FitError
 from bayeschute.core.files import write_whole
 from bayeschute.core.random import seed_of, stream
 from bayeschute.dynamics.cluster_flight import output_names
 from bayeschute.likelihood.joint import FlightData, linearise
-from bayeschute.likelihood.priors import Prior, given_zero, values_and_sds
+from bayeschute.likelihood.priors import Prior, given_zero, heavier, values_and_sds
 from bayeschute.posterior.assess import output_error
 from bayeschute.posterior.assess.score_test import scores
 from bayeschute.posterior.best_path import BestPath
@@ -42,6 +42,7 @@ from bayeschute.study.run import checkpoint, several_starts, structures
 
 Array = NDArray[np.float64]
 _HELD_SD = 0.02  # of the prior of the apparent mass until terms are chosen, at most
+_WIDENINGS, _WIDER = 3, 1.2  # most times that priors are widened; least factor on their standard deviations
 _LIBRARY_NEAR = 1.0  # standard deviations of the last step to the library's mode: terms are weighed there
 SCORE = 4.0  # standard errors from zero at which a term that was left out is added
 
@@ -162,6 +163,13 @@ def fit_group(job: Job, group: Group, say: Say) -> Fitted:
 def _notes(one: Fitted, widened: bool) -> list[str]:
     """On corrections of the posterior that could not be computed, and on parts of the records that disagree."""
     made = [f"Omitted from the posterior of {one.group.name}: {lost}." for lost in one.found.lost]
+    for kind in KINDS:
+        more = max((p.widened for p in one.group.priors if p.name.startswith(f"{kind}[")), default=1.0)
+        if more > 1.0:
+            made.append(
+                f"{one.group.name}: the flights contradict equation error on the {kind} force; its prior is {more:.2g} "
+                "times as wide as that says."
+            )
     if one.found.dispersion.widens:
         made.append(told_in_words(one.found.dispersion, [flight.name for flight in one.group.flights], widened))
     return made
@@ -384,6 +392,14 @@ def _searched(
     library = _joint(job, group, prior, tell(0.0, 0.4))
     begin_mode = beside_smaller(flights, group.priors, prior, library, _fewest(job, group, may_go), tell(0.4, 0.5))
     mode = marginal_mode(flights, group.priors, begin_mode, tell(0.5, 0.6), near=_LIBRARY_NEAR)
+    told = group.priors
+    for _ in range(_WIDENINGS):
+        wider = _wider(job, group.priors, told, mode.theta)
+        if wider == told:
+            break
+        told = wider
+        mode = marginal_mode(flights, told, begin_mode._replace(optimum=mode), tell(0.5, 0.6), near=_LIBRARY_NEAR)
+    group = replace(group, priors=told)
     chosen = choose(group.priors, mode.theta, mode.covariance, may_go)
     say(0.6, f"{int(chosen.kept.sum())} of {chosen.kept.size} parameters selected")
     smaller = replace(group, priors=tuple(own.get(p.name, p) for p in chosen.priors))
@@ -397,6 +413,31 @@ def _searched(
         settled = _joint(job, smaller, prior, lambda s, w: say(0.6 + 0.4 * s, w), begin)
     _revise(job, smaller.priors)
     return smaller, settled, chosen.evidence
+
+
+def _wider(job: Job, priors: tuple[Prior, ...], told: tuple[Prior, ...], theta: Array) -> tuple[Prior, ...]:
+    """Priors whose coefficients of a kind of force are wider where the flights contradict equation error.
+
+    Equation error takes the recorded wind for exact. Where the angle of attack is small, its error draws all powers of
+    it towards zero, and the standard errors, which tell of scatter, do not know.
+
+    Args:
+        job: The run.
+        priors: By equation error.
+        told: What was used so far.
+        theta: Where that led (P,).
+    """
+    if any(table.use == "prior" for table in job.study.knowledge):
+        return told
+    made = list(priors)
+    for kind in KINDS:
+        names = [p.name for p in priors if p.name.startswith(f"{kind}[")]
+        factor = heavier(priors, theta, names)
+        if factor > 1.0:
+            more = factor**0.5
+            made = [replace(p, scale=more * p.scale, widened=more) if p.name in names else p for p in made]
+    far = any(new.scale > _WIDER * old.scale for new, old in zip(made, told, strict=True))
+    return tuple(made) if far else told
 
 
 def _fewest(job: Job, group: Group, may_go: Sequence[str]) -> Smaller:
