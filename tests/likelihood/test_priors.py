@@ -12,6 +12,7 @@ from bayeschute.likelihood.priors import (
     covariance,
     factor,
     from_equation_error,
+    heavier,
     of_values,
     own_coordinates,
     precision,
@@ -152,3 +153,16 @@ def test_standard_deviations_of_values_are_those_of_narrow_draws():
     np.testing.assert_allclose(made, values(priors, theta))
     drawn = values(priors, theta + rng.standard_normal((200_000, 4)) @ root.T)
     np.testing.assert_allclose(sd, drawn.std(axis=0), rtol=0.02)
+
+
+def test_a_prior_in_conflict_is_the_gaussian_that_a_t_distribution_has_there(four):
+    """The same slope of the log density, by differences; nothing happens where a Gaussian leads as far."""
+    priors, centre, scale = four
+    names, law = [p.name for p in priors], scipy.stats.multivariate_t(centre, scale, df=4.0)
+    theta = centre + 8.0 * np.sqrt(np.diag(scale)) * np.array([1.0, -0.5, 0.3, 0.8])
+    factor = heavier(priors, theta, names)
+    step = 1e-5 * np.eye(4)
+    slope = np.array([(law.logpdf(theta + h) - law.logpdf(theta - h)) / 2e-5 for h in step])
+    np.testing.assert_allclose(slope, -np.linalg.solve(factor * scale, theta - centre), rtol=1e-4)
+    assert factor > 3.0 and heavier(priors, centre + 0.1, names) == 1.0 == heavier(priors, theta, ["another"])
+    assert heavier(priors, theta, names[:2]) != factor

@@ -27,6 +27,7 @@ MODE = np.array([0.9, 0.001, 0.4, -0.5, 71.0])
 LAW = 1e-4 * (np.eye(5) + 0.3)
 CORE = ("axial[1]", "transverse[e]")
 HYPER = NoiseParameters(Noise(*np.full((3, 1), 0.1)), ())
+CALM = SimpleNamespace(widens=False)
 FLIGHTS = (SimpleNamespace(name="one"), SimpleNamespace(name="two"))
 PLACES = tuple(
     Lifted(Unknowns(np.full(1, i), np.zeros((3, 0))), np.zeros((3, 0)), np.full((3, 2), i)) for i in (0.0, 1.0)
@@ -73,6 +74,7 @@ def run(tmp_path, monkeypatch):
     study = SimpleNamespace(
         structure=SimpleNamespace(fit="search", core=CORE), noise=SimpleNamespace(model="latent"),
         priors=SimpleNamespace(hierarchical=False, vary=None), sampler=SimpleNamespace(starts=None), model="cluster",
+        knowledge=(),
     )  # fmt: skip
     job = SimpleNamespace(
         study=study, save=lambda name, value: (tmp_path / name).write_text(json.dumps(value), encoding="utf-8")
@@ -109,6 +111,24 @@ def test_the_air_that_moves_with_a_canopy_is_held_until_the_terms_are_chosen(run
     assert library.priors[:4] == PRIORS[:4] and library.priors[4] == replace(air, scale=stage_fit._HELD_SD)
     assert group.priors == chosen.priors and group.priors[-1] == air
     assert json.loads((run.folder / "fit" / "priors.json").read_text(encoding="utf-8"))[-1]["scale"] == 0.5
+
+
+@pytest.mark.parametrize("known", [(), (SimpleNamespace(use="prior"),)])
+def test_a_prior_that_the_flights_contradict_is_wider_and_told(run, known):
+    """By a t distribution of four degrees of freedom; axial coefficients are where theirs says, so these keep it.
+
+    What others know is in the prior too, where the study says so: it stays as it is.
+    """
+    run.job.study.knowledge = known
+    priors = (*PRIORS[:2], *(replace(p, scale=0.05) for p in PRIORS[2:4]), PRIORS[4])
+    group, *_ = _settled(run, priors)
+    more = 1.0 if known else np.sqrt((4.0 + 4.0**2 + 16.0**2) / (4.0 + 2.0))
+    told = {p.name: (p.scale, p.widened) for p in group.priors}
+    assert told["transverse[e]"] == told["transverse[c]"] == pytest.approx((0.05 * more, more))
+    assert told["axial[1]"] == (1.0, 1.0)
+    notes = stage_fit._notes(SimpleNamespace(found=SimpleNamespace(lost=(), dispersion=CALM), group=group), True)
+    assert len(notes) == (not known)
+    assert all("equation error on the transverse force" in note and f"{more:.2g} times" in note for note in notes)
 
 
 def test_the_smallest_model_has_the_core_and_what_canopies_do_to_each_other(run):
