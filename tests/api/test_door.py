@@ -287,6 +287,8 @@ def test_a_flight_is_changed_by_what_it_is_made_by(sondes):
     other = flight.changed(name="other", rate="2 Hz", capsule_mass="9 t", window=("5 s", 60.0), identify_until="65 %")
     assert (other.spec.rate, other.spec.capsule_mass, other.spec.window) == (2.0, 9000.0, (5.0, 60.0))
     assert other.vehicle == flight.vehicle and flight.changed().spec == flight.spec
+    numbers = flight.changed(window=np.array([5.0, 60.0]), rate=np.float64(2.0), accept_implausible=[])
+    assert (numbers.spec.window, numbers.spec.rate) == ((5.0, 60.0), 2.0) and not numbers.spec.accept_implausible
     with pytest.raises(bc.InputError, match="one of name, roles"):
         flight.changed(mass="9 t")
     with pytest.raises(bc.InputError, match="a quantity in kg") as told:

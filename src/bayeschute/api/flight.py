@@ -265,7 +265,9 @@ def _fields(given: Mapping[str, Any]) -> dict[str, Any]:
     own = {"wind_profile" if key == "wind" else key: given[key] for key in ("name", "wind") if key in given}
     values = {key: value for key, value in given.items() if key not in ("name", "wind")}
     raw: dict[str, Any] = {"name": "flight", "roles": ("predict",), "file": "record"}
-    raw |= {key: _with_unit(value, _UNITS.get(key, "")) for key, value in values.items() if value not in (None, ())}
+    raw |= {key: _with_unit(value, _UNITS.get(key, "")) for key, value in values.items() if value is not None}
+    if not raw.get("accept_implausible"):  # a study file leaves out what names no law
+        raw.pop("accept_implausible", None)
     try:
         read = FlightTable.model_validate(raw)
     except ValidationError as error:
@@ -275,7 +277,7 @@ def _fields(given: Mapping[str, Any]) -> dict[str, Any]:
 
 def _with_unit(value: Any, unit: str) -> Any:
     """Plain numbers as quantities of a study file."""
-    if isinstance(value, tuple | list) and unit:
+    if unit and isinstance(value, tuple | list | np.ndarray):
         return tuple(_with_unit(one, unit) for one in value)
     return f"{float(value)!r} {unit}" if unit and isinstance(value, int | float | np.number) else value
 

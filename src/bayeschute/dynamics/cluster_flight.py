@@ -53,7 +53,8 @@ def with_parameters(
         names: Names of the entries of `theta`; an empty name: the entry replaces nothing. ``axial[...]`` is that of
             every canopy, ``axial[...].canopy2`` that of the second alone.
         theta: Working coordinates (P, ...): logarithms for `LOGARITHMIC`, SI values otherwise.
-        air_shares: By entry, see `likelihood.priors.Prior.air_share`; empty: no value depends on the apparent mass.
+        air_shares: By entry, the share s of the apparent mass in what a canopy moves: with a factor f on that among the
+            parameters, the value is that of theta times 1 + s (f - 1). Empty: no value depends on it.
 
     Returns:
         The cluster.
