@@ -85,10 +85,10 @@ def next_priors(made: Priors, spec: StudySpec, taught: Sequence[str], flights: S
 
 
 def taught_table(history: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
-    """Information gained, a row a drop and parameter, in working coordinates (the value, or its logarithm).
+    """Information gained, a row a drop and parameter, in working coordinates: column ``coordinate``.
 
     Args:
-        history: From `lessons`, in the order of the drops.
+        history: From `what_flights_taught`, in the order of the drops.
 
     Returns:
         Columns of `posterior.combine.sequential.Taught`; ``attrs["joint"]``: information about all parameters together

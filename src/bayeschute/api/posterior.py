@@ -36,9 +36,9 @@ from bayeschute.study.aerodynamics.agreement import agreement
 from bayeschute.study.aerodynamics.flown import flown, ranges
 from bayeschute.study.aerodynamics.term_proposals import as_rows, proposed_terms
 from bayeschute.study.assembly.fits import groups, load_fit
-from bayeschute.study.assembly.lessons import lessons
 from bayeschute.study.evidence.calibration_status import status
 from bayeschute.study.job import Progress
+from bayeschute.study.run.stage_report import what_flights_taught
 from bayeschute.study.schema.belief_schema import NoiseTable
 from bayeschute.study.schema.vehicle_schema import Vehicle
 from bayeschute.study.study import Study as StudySpec
@@ -201,7 +201,7 @@ class Posterior:
     @cached_property
     def _history(self) -> list[dict[str, Any]]:
         flights = [f.name for f in self.spec.with_role("identify")]
-        own = lessons(self._priors, self._draws("posterior"), flights)
+        own = what_flights_taught(self._priors, self._draws("posterior"), flights)
         return [*(self._json(HISTORY) or []), *([own] if own else [])]
 
     def as_priors(self) -> Priors:

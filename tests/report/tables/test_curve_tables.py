@@ -72,6 +72,14 @@ def test_a_run_without_any_of_it_says_nothing(results):
 def test_what_flights_taught_is_in_nats(results):
     rows = [{"name": "axial[1]", "prior_sd": 0.5, "sd": 0.1, "shift": -0.3, "gain": 1.17, "logarithmic": False}]
     made = curve_tables.taught_table(_with(results, taught={"flights": ["a", "b"], "parameters": rows, "joint": 1.5}))
+    for coordinate, detail in (
+        ("logarithm", "of its logarithm"),
+        ("value", ""),
+        ("at the apparent mass", "at the apparent mass"),
+    ):
+        rows[0]["coordinate"] = coordinate
+        other = curve_tables.taught_table(_with(results, taught={"flights": ["a"], "parameters": rows, "joint": 1.5}))
+        assert other.rows[0][0].small == detail
     assert _words(made)[0][0] == "axial[1]" and "a and b taught" in made.caption and "1.50 nats" in made.caption
 
 

@@ -111,12 +111,18 @@ def proposal_table(results: Results) -> Table | None:
     return table_of("term:code|share:num|coefficient:num|z:num|p:num|p of any:num", rows, caption)
 
 
+def _coordinate(row: Mapping[str, Any]) -> str:
+    """What a parameter's standard deviations are of, where that is not its value."""
+    known = str(row.get("coordinate") or ("logarithm" if row.get("logarithmic") else "value"))
+    return {"logarithm": "of its logarithm", "value": ""}.get(known, known)
+
+
 def taught_table(results: Results) -> Table | None:
     """Information gained about every parameter from the flights [nats]."""
     told = results.part("taught")
     rows = [
         cells(
-            Cell(str(one.get("name")), "", "of its logarithm" if one.get("logarithmic") else ""),
+            Cell(str(one.get("name")), "", _coordinate(one)),
             number(one.get("prior_sd"), 3), number(one.get("sd"), 3), number(one.get("shift"), 2),
             number(one.get("gain"), 2),
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import platform
+from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from typing import Any
 
@@ -10,7 +11,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from bayeschute.aero.coefficient import Coefficient, is_coefficient
+from bayeschute.aero.coefficient import APPARENT_MASS, Coefficient, is_coefficient
+from bayeschute.likelihood.priors import Prior
 from bayeschute.posterior.term_search import PENALTY
 from bayeschute.records.record import repairs
 from bayeschute.study import formulation
@@ -125,8 +127,26 @@ def _prior_and_divergences(job: Job) -> tuple[dict[str, Array], int]:
 
 def _taught(job: Job, draws: dict[str, Array]) -> dict[str, Any]:
     """What the fitted flights taught; nothing of populations, whose members are no parameters of one fit."""
-    told = lessons(load_priors(job), draws, [f.name for f in job.study.with_role("identify")])
+    told = what_flights_taught(load_priors(job), draws, [f.name for f in job.study.with_role("identify")])
     return {"taught": told} if told else {}
+
+
+def what_flights_taught(priors: Sequence[Prior], draws: Mapping[str, Array], flights: Sequence[str]) -> dict[str, Any]:
+    """What flights taught, and which coordinate of every parameter that is about.
+
+    Args:
+        priors: Before the flights.
+        draws: After them, by parameter (chain, draw).
+        flights: Their names.
+
+    Returns:
+        As `lessons`, every parameter with its ``coordinate``, in words.
+    """
+    told, fitted = lessons(priors, draws, flights), any(p.name == APPARENT_MASS for p in priors)
+    for row, p in zip(told.get("parameters", ()), priors, strict=False):
+        at_own = "at the vehicle's apparent mass" if fitted and p.air_share else "value"
+        row["coordinate"] = "logarithm" if p.logarithmic else at_own
+    return told
 
 
 def _disturbances(job: Job) -> dict[str, Any]:
