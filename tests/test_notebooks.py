@@ -110,6 +110,17 @@ def test_quick_start_on_a_cluster(small, tmp_path: Path):
     assert found["shares"]["wind"] > found["shares"]["initial state"] and found["terms"] == 8
 
 
+def test_landings(small, tmp_path: Path):
+    expression = """dict(
+        met=[chance.low, chance.met, chance.high], failed=landings.failed, cells=len(placard.cells),
+        drops=ranking.table.set_index("candidate")[["shrinking", "information"]].T.to_dict(), share=float(first.share),
+    )"""
+    found = _values("landings.py", expression, tmp_path)
+    assert found["failed"] == 0 and 0.0 <= found["met"][0] <= found["met"][1] <= found["met"][2] <= 1.0
+    assert found["cells"] == 2 and 0.0 < found["share"] < 1.2 and set(found["drops"]) == {"calm-light", "swinging-long"}
+    assert all(0.0 < drop["shrinking"] < 1.0 and drop["information"] > 0.0 for drop in found["drops"].values())
+
+
 def test_own_record(small, tmp_path: Path):
     expression = """dict(
         faults=faults, shift=shift, size=report.stat().st_size, kinds=[r.kind for r in flight.repairs],

@@ -508,7 +508,7 @@ def report(folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of
 def init(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder for the files.", show_default=False)],
 ) -> None:
-    """Copy a vehicle and example studies into DIR as a starting point."""
+    """Copy a vehicle, example studies and a campaign of landings into DIR as a starting point."""
     with reporting_faults():
         from bayeschute.study.templates import copy_templates
 

@@ -243,8 +243,9 @@ def test_a_run_opens_as_posterior_and_forecasts(finished, descents):
     )
 
 
-def test_the_whole_way_on_a_cluster(tmp_path):
+def test_the_whole_way_on_a_cluster(tmp_path, monkeypatch):
     """The example of the documentation, on half a minute of a virtual drop and few candidates."""
+    monkeypatch.setattr("bayeschute.study.landing_campaign.candidate_drops.FLOWN", 1)
     study = bc.Study.example()
     flight = study.flights["cdt-3-11"].changed(window=(0.0, 25.0))
     motion = bc.reconstruct(flight)
@@ -280,6 +281,47 @@ def test_the_whole_way_on_a_cluster(tmp_path):
     assert forecast.check()["inside 90 %"].notna().all() and forecast.plot().axes
     assert 0.0 <= forecast.probability(rate, statistic="mean", at_most="33 ft/s").met <= 1.0
     assert callable(bc.numpyro_model(fit)) and callable(bc.numpyro_model(back))
+    requirement = [{"name": "soft", "limits": [{"quantity": "vertical_speed", "at_most": "9.5 m/s"}]}]
+    landings = back.land(draws=64, start={"altitude": "150 m"}, requirement=requirement, ground={"altitude": "0 m"})
+    assert landings.failed == 0 and landings.judgements()[0].requirement.name == "soft"
+    drops = landings.rank_drops(candidate_drops(tmp_path)).table.set_index("candidate")
+    assert (drops["spread_expected"] < drops["spread_now"]).all() and (drops["information"] > 0.0).all()
+    told = drops["information"]
+    assert told["blind"] < told["plain"] < told["load-cells"] and (drops["probit_sd_left"] < 1.0).all()
+
+
+def candidate_drops(folder):
+    """A drop as the study records it, with load cells beside, and with a wind that nobody knows."""
+    virtual = """
+duration = "12 s"
+rate = "10 Hz"
+altitude = "6500 ft"
+swing = "12 deg"
+swing_azimuth = "0 deg"
+swing_rate = "0 deg/s"
+flyout = "9 deg"
+flyout_azimuth = "90 deg"
+wind = { altitude = ["0 ft", "8000 ft"], north = ["0 ft/s", "0 ft/s"], east = ["0 ft/s", "0 ft/s"] }
+"""
+    tension = 'riser_tension = { white = "100 lbf", kind = "white" }'
+    blind = 'wind = { horizontal = "9 m/s", vertical = "9 m/s", time_constant = "5 s" }'
+    seen = """
+canopy_position = { white = "0.15 m" }
+capsule_velocity = { white = "0.1 m/s" }
+capsule_attitude = { white = "0.1 deg" }
+wind = { correlated = "1 ft/s", time_constant = "20 s" }
+"""
+    text = ""
+    for name, noise, sensors in (
+        ("plain", "", ""), ("load-cells", f"noise = {{ {tension} }}\n", 'riser_tension = { white = "100 lbf" }'),
+        ("blind", f"noise = {{ {blind} }}\n", ""),
+    ):  # fmt: skip
+        text += (
+            f'[[flight]]\nname = "{name}"\n{noise}[flight.virtual]{virtual}[flight.virtual.sensors]{seen}{sensors}\n'
+        )
+    path = folder / "candidates.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
 
 
 def test_a_flight_is_changed_by_what_it_is_made_by(sondes):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import doctest
 from dataclasses import replace
+from functools import partial
 from importlib import import_module
 from types import SimpleNamespace
 
@@ -14,24 +15,20 @@ import xarray as xr
 from tests.landing.plans import ROOT, small_plan
 
 import bayeschute as bc
+from bayeschute.api.landing.landing_answers import DropRanking
 from bayeschute.api.landing.landing_files import dictionary, write_landings
-from bayeschute.api.landing.landing_questions import (
-    FlownCampaign,
-    check_questions,
-    drop_ranking,
-    rare_failures,
-    sensitivity,
-    wind_placard,
-)
-from bayeschute.api.landing.landing_verb import campaign_of, drawn_from, drawn_values, land
+from bayeschute.api.landing.landing_questions import check_questions
+from bayeschute.api.landing.landing_source import LandingSource
+from bayeschute.api.landing.landing_verb import campaign_of, land, source_of
 from bayeschute.api.landing.landings import in_words
 from bayeschute.core.errors import InputError
 from bayeschute.landing.aero_table import aero_table
-from bayeschute.landing.decisions.onset import placard_table
 from bayeschute.landing.measures import MEASURES
-from bayeschute.report.figures.landing_figures import design_figure, drivers_figure, placard_figure
+from bayeschute.study.landing_campaign.posterior_parameters import drawn_values
 from bayeschute.study.load import load_study, usual_study
 
+SPEC = load_study(ROOT / "models/studies/cdt-3-11.toml")
+CANDIDATES = ROOT / "models/campaigns/candidate-drops.toml"
 TABLES = {
     "requirement": [
         {"name": "soft", "limits": [{"quantity": "vertical_speed", "at_most": "12 m/s"}], "probability": 0.5},
@@ -42,14 +39,15 @@ TABLES = {
 
 
 @pytest.fixture(scope="module")
-def flown():
+def landings():
     plan, campaign = small_plan(), campaign_of(None, None, 96, None, 1, **TABLES)
-    return FlownCampaign(campaign, plan, land(campaign, plan))
+    return land(LandingSource(campaign, plan, SPEC, {}))
 
 
-@pytest.fixture(scope="module")
-def landings(flown):
-    return flown.landings
+def by_plan(landings, **tables):
+    """Landings of another campaign with the same plan."""
+    campaign = campaign_of(None, None, 96, None, 1, **tables)
+    return land(LandingSource(campaign, landings.source.plan, SPEC, {}))
 
 
 def test_the_table(landings):
@@ -110,7 +108,7 @@ def test_a_flight_lands_with_its_payload_in_its_wind(monkeypatch):
     """As if they were said one by one; winds that are given go before its own."""
     module, asked = import_module("bayeschute.api.posterior"), []
     monkeypatch.setattr(module, "campaign_of", lambda *given, **tables: asked.append((given, tables)))
-    monkeypatch.setattr(module, "drawn_from", lambda *given: None)
+    monkeypatch.setattr(module, "source_of", lambda *given, **named: None)
     monkeypatch.setattr(module, "land", lambda *given, **named: None)
     study, wind = bc.Study.example(), bc.wind_profile([0.0, 2000.0], [1.0, 2.0], [0.0, 0.0])
     of = SimpleNamespace(spec=study.spec, files=None, failed_checks=())
@@ -125,11 +123,11 @@ def test_a_flight_lands_with_its_payload_in_its_wind(monkeypatch):
     assert asked[3][0][0] == other.vehicle != study.vehicle
 
 
-def test_files_and_their_dictionary(flown, landings, tmp_path):
+def test_files_and_their_dictionary(landings, tmp_path):
     lines = write_landings(landings, tmp_path)
     assert any("soft: met" in line for line in lines)
     known = dictionary(landings).groupby("file")["column"].agg(set).to_dict()
-    aero = aero_table(flown.plan.models[0])
+    aero = aero_table(landings.source.plan.models[0])
     assert set(aero.columns) == known["aero_tables.csv"]
     for path in tmp_path.glob("*.csv"):
         if path.name != "data_dictionary.csv":
@@ -138,60 +136,89 @@ def test_files_and_their_dictionary(flown, landings, tmp_path):
     assert (tmp_path / "landings-vertical_speed.png").stat().st_size > 10_000
 
 
-def test_what_drives_it(flown):
-    table = sensitivity(flown, samples=48)
+def test_what_drives_it(landings):
+    found = landings.sensitivity(samples=48)
+    table = found.table
     kinds = table.groupby("kind")["source"].agg(set)
     assert kinds["total"] == {"parameters", "winds", "start", "gusts", "canopies"}
-    assert kinds["shapley"] == set(drawn_values(flown.plan.models))
+    assert kinds["shapley"] == set(drawn_values(landings.source.plan.models))
     assert set(table["quantity"]) == {"vertical_speed", "hang_angle", "fails: soft", "fails: upright"}
     canopies = table[(table["source"] == "canopies") & (table["quantity"] == "hang_angle")]
     np.testing.assert_allclose(canopies[canopies["kind"] == "total"]["share"], 0.0, atol=1e-9)  # canopy_sd is zero
-    assert drivers_figure(table).axes
+    assert len(found.figure().axes) == 8 and len(found.words) == 4
+    assert len(found.plot("hang_angle").patches) == 5 and "total shares: " in repr(found)
+    assert len(found.plot("hang_angle", "shapley").patches) == len(kinds["shapley"])
+    for bad in (("speed",), ("hang_angle", "second")):
+        with pytest.raises(bc.InputError, match="one of vertical_speed, hang_angle"):
+            found.plot(*bad)
 
 
-def test_rare_failures_agree_with_counting(flown):
-    campaign = campaign_of(None, None, 96, None, 1, requirement=[
-        {"name": "r", "limits": [{"quantity": "vertical_speed", "at_most": "10 m/s"}]}])  # fmt: skip
-    made = FlownCampaign(campaign, flown.plan, land(campaign, flown.plan))
-    found = rare_failures(made, samples=200)["r"]
-    counted = 1.0 - landings_met(made)
-    assert found.probability == pytest.approx(counted, abs=0.15) and found.evaluations >= 200
+def test_rare_failures_agree_with_counting(landings):
+    limits = [{"quantity": "vertical_speed", "at_most": "10 m/s"}]
+    made = by_plan(landings, requirement=[{"name": "r", "limits": limits}])
+    found = made.rare_failures(samples=200)
+    (one,) = made.requirements
+    (row,) = found.table.itertuples()
+    counted = 1.0 - one.met(made.rows).mean()
+    assert row.probability_not_met == pytest.approx(counted, abs=0.15) and row.landings >= 200
+    assert found.words[0].startswith("r: P(not met) ") and found.figure() is None
 
 
-def landings_met(flown):
-    (one,) = flown.landings.requirements
-    return one.met(flown.landings.rows).mean()
+def test_the_placard(landings):
+    found = landings.placard()
+    assert len(found.table) == 2 and set(found.table["verdict"]) <= {"go", "no-go", "can't tell"}
+    assert found.figure().axes and len(found.plot().patches) == 2
+    other = landings.placard(shear=["3 m/s"], landings=64)
+    assert other.table["shear_m_per_s"].tolist() == [3.0] and "shear 3 m/s, payload" in repr(other)
+    with pytest.raises(bc.InputError, match="shear"):
+        landings.placard(shear=["3 kg"])
 
 
-def test_the_placard(flown):
-    cells = wind_placard(flown)
-    table = placard_table(cells)
-    assert len(table) == 2 and set(table["verdict"]) <= {"go", "no-go", "can't tell"}
-    assert placard_figure(cells).axes
-    assert design_figure(pd.DataFrame({"candidate": ["a", "b"], "shrinking": [0.2, 0.4]})).axes
-
-
-def test_a_placard_needs_no_requirement(flown):
-    campaign = campaign_of(None, None, 96, None, 1, placard={"shear": ["3 m/s"], "landings": 64})
-    (cell,) = wind_placard(FlownCampaign(campaign, flown.plan, land(campaign, flown.plan)))
+def test_a_placard_needs_no_requirement(landings):
+    (cell,) = by_plan(landings, placard={"shear": ["3 m/s"], "landings": 64}).placard().cells
     assert cell.judged == () and cell.word == "can't tell" and 0.0 <= cell.pendulum.met <= 1.0
 
 
-def test_an_interval_to_shrink_is_one_of_the_parameters(flown):
-    design = {"candidates": str(ROOT / "models/campaigns/candidate-drops.toml"), "interval": "axial[7]"}
-    campaign = campaign_of(None, None, 96, None, 1, design=design, requirement=TABLES["requirement"])
-    done = FlownCampaign(campaign, flown.plan, flown.landings)
+def test_an_interval_to_shrink_is_one_of_the_parameters(landings):
     with pytest.raises(bc.InputError, match=r"\[design\] interval: got 'axial\[7\]'; wanted one of"):
-        drop_ranking(done, load_study(ROOT / "models/studies/cdt-3-11.toml"), {})
+        landings.rank_drops(CANDIDATES, interval="axial[7]")
+
+
+def test_a_ranking_in_words_and_as_a_figure():
+    table = pd.DataFrame({
+        "candidate": ["a", "b"], "spread_now": 0.1, "spread_expected": [0.06, 0.08], "shrinking": [0.4, 0.2],
+        "sd left of axial[1]": [0.9, 0.5],
+    })  # fmt: skip
+    by_spread, by_sd = DropRanking(table), DropRanking(table, "axial[1]", {"c": "it does not fly"})
+    assert by_spread.words[0] == "a: spread of P(met) 0.100 now, 0.060 expected after it"
+    assert by_sd.words[1].endswith("50 % of the sd of axial[1] left")
+    assert by_sd.words[2] == "c: can't be judged: it does not fly"
+    widths = [[bar.get_width() for bar in one.plot().patches] for one in (by_spread, by_sd)]
+    np.testing.assert_allclose(widths, [[0.2, 0.4], [0.1, 0.5]])
+    assert by_sd.figure().axes[0].get_xlabel() == "expected shrinking of the sd of axial[1] [1]"
+    assert by_sd._repr_html_().count("<tr") == 3
+
+
+def test_questions_need_landings_that_were_flown(landings, tmp_path):
+    back = bc.Landings.load(landings.save(tmp_path / "landings.nc"))
+    for question in (back.sensitivity, back.rare_failures, back.placard, back.rank_drops):
+        with pytest.raises(bc.InputError, match="landings read from a file"):
+            question()
+    bare = by_plan(landings)
+    for question, word in (
+        (bare.sensitivity, "no requirement"), (bare.rare_failures, "no requirement"), (bare.placard, "no placard"),
+        (bare.rank_drops, "no design"), (partial(bare.rank_drops, CANDIDATES), "no requirement"),
+    ):  # fmt: skip
+        with pytest.raises(bc.InputError, match=word):
+            question()
 
 
 def test_questions_without_their_tables_are_refused_at_once():
-    study = load_study(ROOT / "models/studies/cdt-3-11.toml")
     bare = campaign_of(None, None, 64, None, 1)
     with pytest.raises(bc.InputError) as caught:
-        check_questions(bare, ("shares", "placard", "design"), study)
+        check_questions(bare, ("shares", "placard", "design"), SPEC)
     assert [fault.got for fault in caught.value.faults] == ["no requirement", "no placard", "no design"]
-    check_questions(bare, (), study)
+    check_questions(bare, (), SPEC)
 
 
 def test_tables_from_python_have_their_faults_told():
@@ -211,4 +238,4 @@ def test_examples_of_the_docstrings_run(landings, tmp_path):
 def test_a_posterior_of_a_point_mass_has_no_landings():
     study = usual_study("descent")
     with pytest.raises(bc.InputError, match="model 'cluster'"):
-        drawn_from(campaign_of(None, None, 64, None, 1), study, {})
+        source_of(campaign_of(None, None, 64, None, 1), study, {})

@@ -16,10 +16,12 @@ def _content(path: Path) -> dict[str, object]:
     return tomllib.loads(path.read_text(encoding="utf-8"))
 
 
-def test_the_shipped_vehicle_and_drop_are_those_of_the_models_folder():
+def test_shipped_files_are_those_of_the_models_folder():
     assert _content(template("vehicle.toml")) == _content(MODELS / "vehicles/cpas-two-mains.toml")
     shipped, default = _content(template("virtual.toml")), _content(MODELS / "studies/cdt-3-11.toml")
     assert shipped | {"vehicle": ""} == default | {"vehicle": ""}
+    for name, model in (("landing.toml", "cdt-3-11-landing.toml"), ("candidate-drops.toml", "candidate-drops.toml")):
+        assert template(name).read_text(encoding="utf-8") == (MODELS / "campaigns" / model).read_text(encoding="utf-8")
 
 
 def test_copies_lack_nothing_but_the_reader_s_records(tmp_path: Path):

@@ -21,7 +21,7 @@ from bayeschute.api.fitting import chosen, drawn, fitted_flights, sampling
 from bayeschute.api.flight import Flight
 from bayeschute.api.forecast import Forecast, forecast
 from bayeschute.api.inputs import Study
-from bayeschute.api.landing.landing_verb import Winds, campaign_of, drawn_from, land
+from bayeschute.api.landing.landing_verb import Winds, campaign_of, land, source_of
 from bayeschute.api.landing.landings import Landings
 from bayeschute.api.posterior_file import posterior_of_run, read_posterior, write_posterior
 from bayeschute.api.views.curve import Curve, curve
@@ -390,9 +390,8 @@ class Posterior:
             tables |= {"capsule_mass": f"{own.capsule_mass!r} kg"} if own.capsule_mass is not None else {}
             vehicle = vehicle.vehicle if vehicle.vehicle != self.spec.vehicle else None
         campaign = campaign_of(vehicle, winds, draws, start, self.spec.seed if seed is None else seed, **tables)
-        plan = drawn_from(campaign, self.spec, self.files)
-        place = None if folder is None else Path(folder)
-        return land(campaign, plan, place, workers, progress=progress, failed_checks=self.failed_checks)
+        source = source_of(campaign, self.spec, self.files, self.failed_checks, workers, progress=progress)
+        return land(source, None if folder is None else Path(folder))
 
     def __repr__(self) -> str:
         """Flights, parameters and draws."""

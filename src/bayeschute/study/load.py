@@ -6,7 +6,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeVar
 
 import numpy as np
 from pydantic import BaseModel, TypeAdapter, ValidationError
@@ -16,6 +16,7 @@ from bayeschute.records.descent_window import DescentWindow
 from bayeschute.records.foreign.conventions import Conventions
 from bayeschute.records.plausibility.verdict import Verdict
 from bayeschute.study.plausible import judge, told, warned, window_used
+from bayeschute.study.schema.belief_schema import NoiseTable
 from bayeschute.study.schema.columns import check_columns
 from bayeschute.study.schema.crosscheck import check_span, check_vehicles, crosscheck
 from bayeschute.study.schema.draft import Draft
@@ -23,6 +24,7 @@ from bayeschute.study.schema.schema_faults import validated
 from bayeschute.study.schema.sidecar import context
 from bayeschute.study.schema.study_files import read_toml, record_paths
 from bayeschute.study.schema.study_schema import (
+    CandidatesFile,
     Column,
     ConventionsTable,
     FlightsFile,
@@ -42,6 +44,9 @@ _SENSED = (
     "canopy_position", "capsule_velocity", "capsule_attitude", "capsule_rate", "capsule_specific_force",
     "riser_tension", "swing_angle", "descent_rate",
 )  # fmt: skip
+
+
+Flights = TypeVar("Flights", bound=FlightsFile)
 
 
 class _Reading(NamedTuple):
@@ -219,14 +224,43 @@ def load_flights(path: Path | str, study: Study, data_dir: Path | str | None = N
     Raises:
         InputError: With every fault of the file, and of records that aren't there.
     """
-    path = Path(path)
+    return _read_flights(Path(path), study, data_dir, FlightsFile)[0]
+
+
+def load_candidates(
+    path: Path | str, study: Study, data_dir: Path | str | None = None
+) -> tuple[Study, dict[str, NoiseTable]]:
+    """Read a file of drops that might be flown next.
+
+    Args:
+        path: As of `load_flights`; ``noise`` of a flight has what is not as in the study's ``[noise]``.
+        study: That the posterior is of.
+        data_dir: Folder that replaces ``${DATA}``.
+
+    Returns:
+        The study with these flights instead of its own, and the whole noise of each, by name.
+
+    Raises:
+        InputError: As of `load_flights`.
+    """
+    made, found = _read_flights(Path(path), study, data_dir, CandidatesFile)
+    noise = {}
+    for one in found.flight:
+        own = one.noise or NoiseTable()
+        noise[one.name] = study.noise.model_copy(update={n: getattr(own, n) for n in own.model_fields_set})
+    return made, noise
+
+
+def _read_flights(
+    path: Path, study: Study, data_dir: Path | str | None, schema: type[Flights]
+) -> tuple[Study, Flights]:
     raw, _, faults = read_toml(path)
     if raw is None:
         raise InputError(faults)
     listed = raw.get("flight")
     with_roles = [{"roles": ["predict"], **one} if isinstance(one, dict) else one for one in listed or ()]
     said = {**raw, "flight": with_roles} if isinstance(listed, list) else raw
-    found = validated(FlightsFile, str(path), said, context(path.parent, data_dir))
+    found = validated(schema, str(path), said, context(path.parent, data_dir))
     vehicle = study.vehicle
     if found.vehicle is not None and study.model != "descent":
         vehicle, _, more = _read_vehicle(Path(os.path.normpath(path.parent / found.vehicle)), data_dir)
@@ -248,7 +282,8 @@ def load_flights(path: Path | str, study: Study, data_dir: Path | str | None = N
         for i, table in enumerate(found.flight)
     )
     flights = tuple(replace(flight, roles=("predict",)) for flight in flights)
-    return replace(study, flights=flights, vehicle=vehicle, predict=predict, requirements=found.requirement)
+    made = replace(study, flights=flights, vehicle=vehicle, predict=predict, requirements=found.requirement)
+    return made, found
 
 
 def usual_study(model: str, vehicle: Vehicle | None = None) -> Study:

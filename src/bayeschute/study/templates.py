@@ -1,4 +1,4 @@
-"""Template files for a first study: a vehicle and commented studies, shipped with the package."""
+"""Template files to begin with: a vehicle, commented studies and a campaign of landings, shipped with the package."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 from bayeschute.core.errors import Fault, InputError
 
-NAMES = ("vehicle.toml", "virtual.toml", "cluster.toml", "descent.toml")
+NAMES = ("vehicle.toml", "virtual.toml", "cluster.toml", "descent.toml", "landing.toml", "candidate-drops.toml")
 
 
 def template(name: str) -> Path:

@@ -6,18 +6,15 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from bayeschute.api.landing.landing_source import LandingSource
 from bayeschute.api.landing.landings import Landings, stopping
 from bayeschute.api.workspace import Files, workspace
-from bayeschute.dynamics.cluster_flight import LOGARITHMIC
-from bayeschute.landing.campaign_plan import CampaignPlan, Parameters
 from bayeschute.study.job import Progress
 from bayeschute.study.landing_campaign.campaign_file import Campaign
 from bayeschute.study.landing_campaign.campaign_schema import CampaignFile
 from bayeschute.study.landing_campaign.landing_plan import identity_of, plan_of, requirements_of
 from bayeschute.study.landing_campaign.landing_rows import fly_campaign
+from bayeschute.study.landing_campaign.posterior_parameters import drawn_values
 from bayeschute.study.schema.schema_faults import validated
 from bayeschute.study.schema.vehicle_schema import Vehicle
 from bayeschute.study.schema.wind_schema import ProfileTable
@@ -59,45 +56,32 @@ def campaign_of(
     return Campaign(Path("landings"), validated(CampaignFile, "land", said, {"folder": "."}), vehicle)
 
 
-def drawn_from(campaign: Campaign, spec: Study, files: Files) -> CampaignPlan:
-    """What the landings of a campaign are drawn from, by a posterior."""
-    with workspace(spec, files) as job:
-        return plan_of(campaign, job)
-
-
-def land(
+def source_of(
     campaign: Campaign,
-    plan: CampaignPlan,
-    folder: Path | None = None,
+    spec: Study,
+    files: Files,
+    failed_checks: tuple[str, ...] = (),
     workers: int = 1,
     address: str | None = None,
     progress: Progress | None = None,
-    failed_checks: tuple[str, ...] = (),
-) -> Landings:
+) -> LandingSource:
+    """How the landings of a campaign are flown by a posterior: arguments as of `LandingSource`."""
+    with workspace(spec, files) as job:
+        plan = plan_of(campaign, job)
+    return LandingSource(campaign, plan, spec, files, failed_checks, workers, address, progress)
+
+
+def land(source: LandingSource, folder: Path | None = None) -> Landings:
     """Fly the landings of a campaign until its requirements are decided, or all of them.
 
     Args:
-        campaign: The campaign.
-        plan: From `drawn_from`.
+        source: How they are flown.
         folder: Where batches are kept as they come.
-        workers: Local processes.
-        address: Of a Dask scheduler.
-        progress: Called with a name, the share done and words.
-        failed_checks: Of the posterior.
     """
-    wanted = requirements_of(campaign)
+    campaign, plan, wanted = source.campaign, source.plan, requirements_of(source.campaign)
     rows = fly_campaign(
-        plan, campaign.tables.landings, folder, identity_of(campaign, plan.models), workers, address, progress,
-        stopping(wanted) if wanted else None,
+        plan, campaign.tables.landings, folder, identity_of(campaign, plan.models), source.workers, source.address,
+        source.progress, stopping(wanted) if wanted else None,
     )  # fmt: skip
-    return Landings(campaign.tables.name, rows, wanted, drawn_values(plan.models), failed_checks)
-
-
-def drawn_values(models: Sequence[Parameters]) -> dict[str, NDArray[np.float64]]:
-    """Draws of the parameters by name in their own units; those that not all models have are left out."""
-    shared = [name for name in models[0].names if name and all(name in one.names for one in models)]
-    made = {}
-    for name in shared:
-        values = np.concatenate([one.theta[:, one.names.index(name)] for one in models])
-        made[name] = np.exp(values) if name in LOGARITHMIC else values
-    return made
+    drawn = drawn_values(plan.models)
+    return Landings(campaign.tables.name, rows, wanted, drawn, source.failed_checks, source)

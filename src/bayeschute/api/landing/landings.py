@@ -23,10 +23,15 @@ from bayeschute.core.version import __version__
 from bayeschute.landing.decisions import requirements
 from bayeschute.landing.decisions.requirements import Judgement, Limit, Requirement, judge
 from bayeschute.landing.measures import IDS, LABELS, MEASURES, OUTCOMES, ROW
+from bayeschute.study.landing_campaign.campaign_schema import DesignTable, PlacardTable
+from bayeschute.study.schema.schema_faults import validated
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from bayeschute.api.landing.landing_answers import DropRanking, Placard, RareFailures, Sensitivity
+    from bayeschute.api.landing.landing_source import LandingSource
 
 Rows = NDArray[np.void]
 _FORMAT = 1
@@ -44,6 +49,7 @@ class Landings:
         requirements: What the campaign asks of them.
         parameters: Draws of the parameters (draw,) by name, in their own units.
         failed_checks: Of the posterior: with one or more, nothing that follows has a level of trust.
+        source: How further landings are flown; None: they were read from a file.
 
     Example:
         >>> found = landings.requirement(vertical_speed="40 ft/s", probability=0.5)
@@ -58,6 +64,7 @@ class Landings:
     requirements: tuple[Requirement, ...]
     parameters: Mapping[str, NDArray[np.float64]]
     failed_checks: tuple[str, ...] = ()
+    source: LandingSource | None = None
 
     @cached_property
     def table(self) -> xr.Dataset:
@@ -179,6 +186,81 @@ class Landings:
 
         table = self.exceedance(quantity)
         return exceedance_curve(axes_or_new(ax), table, quantity, self._limits)
+
+    @property
+    def _source(self) -> LandingSource:
+        if self.source is None:
+            do = "Fly them again by `Posterior.land`; with the same `folder` they are read from there."
+            raise InputError(Fault("landings", "landings read from a file", "those that `Posterior.land` returned", do))
+        return self.source
+
+    def sensitivity(self, samples: int = 512) -> Sensitivity:
+        """What drives landings: shares of the variance of limited quantities and of failing; flies `samples` x 7 more.
+
+        Sobol's shares of parameters, winds, start, gusts and canopies (Saltelli's design, Jansen's estimators) and
+        Shapley shares of single parameters, by a linear model.
+
+        Args:
+            samples: Of each base sample of the design.
+
+        Raises:
+            InputError: If the campaign has no requirement.
+
+        Example:
+            >>> sorted(set(landings.sensitivity(64).table["kind"]))
+            ['first', 'shapley', 'total']
+        """
+        from bayeschute.api.landing.landing_questions import sensitivity
+
+        return sensitivity(self._source, self.rows, samples)
+
+    def rare_failures(self, samples: int = 1000) -> RareFailures:
+        """P(a requirement is not met) down to 1e-5, by subset simulation (Au and Beck 2001).
+
+        Args:
+            samples: Of each level.
+
+        Raises:
+            InputError: If the campaign has no requirement.
+        """
+        from bayeschute.api.landing.landing_questions import rare_failures
+
+        return rare_failures(self._source, samples)
+
+    def placard(self, **table: Any) -> Placard:
+        """P(pendulum) and go, no-go or can't tell by shear and payload, all with the same draws, winds and starts.
+
+        Args:
+            **table: Entries of ``[placard]`` of a campaign file, such as ``shear=["0 m/s", "6 m/s"]``,
+                ``capsule_mass=["9000 kg"]``; none: the campaign's own.
+
+        Raises:
+            InputError: With every fault, or if there is no shear.
+        """
+        from bayeschute.api.landing.landing_questions import wind_placard
+
+        return wind_placard(self._source, validated(PlacardTable, "placard", table) if table else None)
+
+    def rank_drops(self, candidates: Path | str | None = None, *, interval: str | None = None) -> DropRanking:
+        """Drops that might be flown next, by how much each would shrink the spread of the first requirement's P(met).
+
+        Each is flown once virtually; its record is linearised, with the posterior as prior.
+
+        Args:
+            candidates: TOML of ``[[flight]]`` tables with virtual drops, see docs/landing.md; None: the campaign's.
+            interval: A parameter whose standard deviation is to shrink, in place of that spread.
+
+        Raises:
+            InputError: If there is no requirement, no such parameter, no candidate, or their file has faults.
+        """
+        from bayeschute.api.landing.landing_questions import drop_ranking
+
+        table = self._source.campaign.tables.design
+        if candidates is not None:
+            table = DesignTable(candidates=str(Path(candidates).resolve()), interval=interval)
+        elif table is not None and interval is not None:
+            table = table.model_copy(update={"interval": interval})
+        return drop_ranking(self._source, self.rows, table)
 
     @property
     def _limits(self) -> list[Limit]:

@@ -86,8 +86,9 @@ def ranking(
 
     Returns:
         Columns candidate, spread_now, spread_expected (standard deviations of P(met) over the posterior), shrinking
-        (1 - their ratio), information (half the fall of the log determinant [nat]), and for each parameter the share
-        of its standard deviation that would be left.
+        (1 - their ratio), probit_sd_left (share of the probit's standard deviation that would be left), information
+        (half the fall of the log determinant [nat]), and for each parameter the share of its standard deviation that
+        would be left.
     """
     now = float(np.sqrt(slope.slope @ covariance @ slope.slope))
     present = spread(slope.at_mean, now, now)
@@ -97,6 +98,7 @@ def ranking(
         expected = spread(slope.at_mean, now, then)
         row = {"candidate": name, "spread_now": present, "spread_expected": expected}
         row |= {"shrinking": 1.0 - expected / present if present > 0.0 else 0.0}
+        row |= {"probit_sd_left": then / now if now > 0.0 else 1.0}
         row |= {"information": 0.5 * float(np.linalg.slogdet(covariance)[1] - np.linalg.slogdet(left)[1])}
         row |= {f"sd left of {p}": np.sqrt(left[i, i] / covariance[i, i]) for i, p in enumerate(names)}
         rows.append(row)

@@ -90,18 +90,21 @@ def exceedance_curve(ax: Axes, table: pd.DataFrame, quantity: str, limits: Seque
 
 
 @styled
-def tornado(ax: Axes, shares: Mapping[str, float], errors: Mapping[str, float] | None = None) -> Axes:
+def tornado(
+    ax: Axes, shares: Mapping[str, float], errors: Mapping[str, float] | None = None, title: str = "What drives it"
+) -> Axes:
     """Shares of a variance, the greatest on top.
 
     Args:
         ax: Where to draw.
         shares: Share by source [1].
         errors: Standard error of each [1].
+        title: Of the axes.
     """
     names = sorted(shares, key=lambda name: shares[name])
     spread = [(errors or {}).get(name, 0.0) for name in names]
     ax.barh(names, [shares[name] for name in names], xerr=spread, color=BLUE, height=0.6, ecolor=SOFT)
-    ax.set(xlabel="share of the variance [1]", title="What drives it")
+    ax.set(xlabel="share of the variance [1]", title=literal(title))
     return ax
 
 
@@ -158,17 +161,28 @@ def drivers_figure(table: pd.DataFrame) -> Figure:
     for i, name in enumerate(names):
         for ax, kind in zip(axes[2 * i : 2 * i + 2], ("total", "shapley"), strict=True):
             part = table[(table["quantity"] == name) & (table["kind"] == kind)].set_index("source")
-            tornado(ax, part["share"].to_dict(), part["standard_error"].fillna(0.0).to_dict())
-            ax.set_title(
-                f"{literal(name).replace('_', ' ')}: " + ("groups, total" if kind == "total" else "parameters")
-            )
+            title = f"{name.replace('_', ' ')}: " + ("groups, total" if kind == "total" else "parameters")
+            tornado(ax, part["share"].to_dict(), part["standard_error"].fillna(0.0).to_dict(), title)
     return figure
 
 
 @styled
-def design_figure(table: pd.DataFrame) -> Figure:
-    """Candidate drops by the expected shrinking of P(met)'s spread."""
-    figure, axes = sheet(1.2 + 0.35 * len(table))
-    tornado(axes[0], dict(zip(table["candidate"], table["shrinking"], strict=True)))
-    axes[0].set(xlabel="expected shrinking of the spread of P(met) [1]", title="Next drop")
+def drop_values(ax: Axes, values: Mapping[str, float], what: str) -> Axes:
+    """Candidate drops by what they are expected to teach, the best on top.
+
+    Args:
+        ax: Where to draw.
+        values: Expected shrinking by candidate [1].
+        what: That shrinks.
+    """
+    tornado(ax, values, title="Next drop")
+    ax.set(xlabel=f"expected shrinking of the {literal(what)} [1]")
+    return ax
+
+
+@styled
+def design_figure(values: Mapping[str, float], what: str) -> Figure:
+    """Candidate drops on a sheet of their own."""
+    figure, axes = sheet(1.2 + 0.35 * len(values))
+    drop_values(axes[0], values, what)
     return figure

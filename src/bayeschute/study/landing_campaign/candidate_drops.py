@@ -2,82 +2,154 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bayeschute.core.errors import Fault, InputError
-from bayeschute.posterior.fit.joint_fit import NoFitError, joint
+from bayeschute.core.random import seed_of
+from bayeschute.likelihood.joint import FlightData
+from bayeschute.likelihood.priors import Prior, own_coordinates
+from bayeschute.posterior import noise_evidence
+from bayeschute.posterior.fit.joint_fit import NoFitError, joint_fit
+from bayeschute.posterior.marginal import marginalise
+from bayeschute.posterior.noise_evidence import NoisePrior
+from bayeschute.posterior.noise_uncertainty import (
+    NoiseEffect,
+    joint_covariance,
+    noise_parameter_slope,
+    noise_parameter_spread,
+)
+from bayeschute.study.assembly import assemble
 from bayeschute.study.assembly.fits import data_of, gaussian_summary, groups, load_fit
 from bayeschute.study.job import Job
-from bayeschute.study.load import load_flights
+from bayeschute.study.load import load_candidates
 from bayeschute.study.run.stage_data import ingest_flight
+from bayeschute.study.schema.belief_schema import NoiseTable
 from bayeschute.study.study import Study
 
 Array = NDArray[np.float64]
 
 
-def candidates(path: Path | str, study: Study, data: Path | str | None = None) -> Study:
-    """A posterior's study with the drops of a file to be predicted.
+FLOWN = 3
+"""Records of each candidate: what one teaches depends on its gusts."""
+
+
+class Candidates(NamedTuple):
+    """Drops that might be flown next.
+
+    Attributes:
+        study: The posterior's, with the drops to be predicted.
+        noise: Of each drop's record, by name: the study's but where the drop states another, as for a load cell.
+    """
+
+    study: Study
+    noise: Mapping[str, NoiseTable]
+
+
+class Expected(NamedTuple):
+    """Covariances of the parameters: values, or logarithms of those that are positive, as landings have them.
+
+    Attributes:
+        now: (P, P).
+        after: After each candidate, by name.
+        lost: Why other candidates have none, by name.
+    """
+
+    now: Array
+    after: dict[str, Array]
+    lost: dict[str, str]
+
+
+def candidates(path: Path | str, study: Study, data: Path | str | None = None) -> Candidates:
+    """Read the candidates of a posterior.
 
     Args:
-        path: TOML of ``[[flight]]`` tables with virtual drops.
+        path: TOML of ``[[flight]]`` tables with virtual drops; ``noise`` of a flight has the tables of ``[noise]`` that
+            are not as in the study: a channel of its own, or the wind's error as another sounding leaves it.
         study: Of the posterior.
         data: What ``${DATA}`` stands for.
 
     Raises:
-        InputError: With every fault of the file; or if a drop is a record, or has the name of a fitted flight.
+        InputError: With every fault of the file; or if a drop is a record, has the name of a fitted flight, or does not
+            record a channel whose noise it states.
     """
-    read = load_flights(path, study, data)
+    read, noise = load_candidates(path, study, data)
     taken = {flight.name for flight in study.flights}
     faults = []
     for flight in read.flights:
-        if flight.virtual is None:
-            faults.append(
-                Fault(f"{path} [[flight]] {flight.name}", "a record", "a drop that may be flown: [flight.virtual]")
-            )
+        where = f"{path} [[flight]] {flight.name}"
         if flight.name in taken:
-            faults.append(Fault(f"{path} [[flight]] {flight.name}", "the name of a fitted flight", "a name of its own"))
+            faults.append(Fault(where, "the name of a fitted flight", "a name of its own"))
+        if flight.virtual is None:
+            faults.append(Fault(where, "a record", "a drop that may be flown: [flight.virtual]"))
+            continue
+        for channel in noise[flight.name].channels():
+            if getattr(flight.virtual.sensors, channel) is None:
+                do = f"Add {channel} to [flight.virtual.sensors]."
+                faults.append(Fault(f"{where} noise", f"{channel}, which it does not record", "recorded channels", do))
+        if noise[flight.name].model != study.noise.model:
+            got = f"model {noise[flight.name].model!r}"
+            faults.append(Fault(f"{where} noise", got, f"the posterior's: {study.noise.model!r}"))
     if faults:
         raise InputError(faults)
     vehicle = read.vehicle if read.vehicle != study.vehicle else None
     own = tuple(replace(flight, vehicle=flight.vehicle or vehicle) for flight in read.flights)
-    return replace(study, flights=(*study.flights, *own))
+    return Candidates(replace(study, flights=(*study.flights, *own)), noise)
 
 
 def covariances(
-    job: Job, progress: Callable[[float, str], None] | None = None
-) -> tuple[Array, dict[str, Array], dict[str, str]]:
-    """Covariance of the parameters now, after each candidate, and why others have none.
+    job: Job, noise: Mapping[str, NoiseTable], progress: Callable[[float, str], None] | None = None
+) -> Expected:
+    """Covariance of the parameters now, and as expected after each candidate.
 
-    A candidate is flown once, by its vehicle file's aerodynamics, with its gusts and sensors; its record is linearised
-    about the best flight, start and disturbances integrated out, with the posterior as the prior.
+    A candidate is flown `FLOWN` times by its vehicle file's aerodynamics, with its gusts and sensors. Every record is
+    fitted with the posterior as the prior and noise parameters of its own; the covariance there, start and disturbances
+    integrated out and the noise parameters' uncertainty included, is averaged over the records.
 
     Args:
         job: A finished fit whose study names the candidates as flights to be predicted.
+        noise: Of each candidate, from `candidates`.
         progress: Called with the share done and words.
-
-    Returns:
-        (P, P) in working coordinates; the same by candidate; reasons by candidate.
     """
     group = groups(job)[0]
     stored = load_fit(job, group)
-    prior = gaussian_summary(group.priors, stored.theta)
-    flat = stored.theta.reshape(-1, stored.theta.shape[-1])
+    theta = own_coordinates(group.priors, stored.theta)
+    priors = [replace(p, air_share=0.0) for p in group.priors]
+    known = gaussian_summary(priors, theta)
     after, lost = {}, {}
     todo = job.study.with_role("predict")
     for i, flight in enumerate(todo):
-        if progress is not None:
-            progress(i / len(todo), flight.name)
-        ingest_flight(job, flight)
-        data = data_of(job, flight, group.priors, like=group.flights[0])
-        try:
-            found = joint([data], stored.hyper, prior, flat.mean(axis=0))
-        except (NoFitError, FloatingPointError) as error:
-            lost[flight.name] = " ".join(str(error).split())
-            continue
-        after[flight.name] = np.asarray(found.covariance)
-    return np.cov(flat, rowvar=False).reshape(len(prior), -1), after, lost
+        found: list[Array] = []
+        for number in range(FLOWN):
+            if progress is not None:
+                progress((i + number / FLOWN) / len(todo), f"{flight.name} {number + 1} of {FLOWN}")
+            seed = seed_of(job.study.seed, "candidate drop", number)
+            drop = replace(job, study=replace(job.study, noise=noise[flight.name], seed=seed))
+            ingest_flight(drop, flight)
+            data = data_of(drop, flight, priors, like=group.flights[0])
+            try:
+                found.append(_covariance(data, known, NoisePrior(assemble.hyper(drop.study))))
+            except (NoFitError, FloatingPointError) as error:
+                lost[flight.name] = " ".join(str(error).split())
+        if found:
+            after[flight.name] = np.mean(found, axis=0)
+    flat = theta.reshape(-1, theta.shape[-1])
+    gone = {name: why for name, why in lost.items() if name not in after}
+    return Expected(np.cov(flat, rowvar=False).reshape(len(known), -1), after, gone)
+
+
+def _covariance(data: FlightData, known: Sequence[Prior], prior: NoisePrior) -> Array:
+    """Of the parameters (P, P), after one record; at its joint mode, with uncertain noise parameters."""
+    best, hyper, _ = joint_fit([data], known, prior)
+    made = marginalise([data], hyper, known, best)
+    slope, scale = noise_parameter_slope(made), np.asarray(made.scale)
+    linear, corrections = [along.linear for along in made.along], [along.mean_correction for along in made.along]
+    evidence = noise_evidence.function_of(made.flights, linear, known, prior, corrections)
+    before = np.linalg.solve(np.asarray(made.prior_factor), scale)
+    spread_of = noise_evidence.noise_parameter_covariance(evidence, hyper, prior, slope, before.T @ before)
+    return joint_covariance(scale, NoiseEffect(slope, *noise_parameter_spread(made, spread_of)), spread_of)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.core.random import stream
+from bayeschute.dynamics.cluster_flight import LOGARITHMIC
 from bayeschute.landing.campaign_plan import Parameters
 from bayeschute.likelihood.priors import own_coordinates
 from bayeschute.prediction import bands
@@ -75,3 +77,13 @@ def _of(
         blank, structure, tuple("" if name in own else name for name in names), own_coordinates(group.priors, theta),
         assemble.latent(study, n), rows,
     )  # fmt: skip
+
+
+def drawn_values(models: Sequence[Parameters]) -> dict[str, Array]:
+    """Draws of the parameters by name in their own units; those that not all models have are left out."""
+    shared = [name for name in models[0].names if name and all(name in one.names for one in models)]
+    made = {}
+    for name in shared:
+        values = np.concatenate([one.theta[:, one.names.index(name)] for one in models])
+        made[name] = np.exp(values) if name in LOGARITHMIC else values
+    return made

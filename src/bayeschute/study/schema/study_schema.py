@@ -278,3 +278,19 @@ class FlightsFile(Strict):
     flight: Annotated[tuple[FlightTable, ...], AfterValidator(_some)]
     predict: PredictTable | None = None
     requirement: tuple[RequirementTable, ...] = ()
+
+
+class CandidateTable(FlightTable):
+    """A drop that might be flown next.
+
+    Attributes:
+        noise: Tables of ``[noise]`` that differ from the study's, as for a load cell or another wind sounding.
+    """
+
+    noise: NoiseTable | None = None
+
+
+class CandidatesFile(FlightsFile):
+    """A file of drops that might be flown next: as flights to be predicted, and how each would be recorded."""
+
+    flight: Annotated[tuple[CandidateTable, ...], AfterValidator(_some)]
