@@ -95,9 +95,9 @@ placard.plot()
 # %% [markdown]
 # ## Which drop next?
 #
-# Six candidates: longer, shorter, calm and light, in rough air, with load cells in the risers, with a second wind
-# sounding. The file says how each would be flown and recorded. Each is flown virtually, and its record analysed with
-# today's posterior as the prior.
+# Six candidates: longer, shorter, calm and light, in rough air, with finer positions of the canopies, with a second
+# wind sounding. The file says how each would be flown and recorded. Each is flown virtually, and its record analysed
+# with today's posterior as the prior.
 
 # %%
 folder = Path(mkdtemp())

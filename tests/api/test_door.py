@@ -379,6 +379,23 @@ def test_virtual_flights_are_simulated_by_their_study(tmp_path):
     assert drops.failed == {} and sorted(one.name for one in drops.files) == ["cdt-3-11.nc", "cdt-3-11.truth.nc"]
 
 
+def test_priors_are_given_as_in_a_study():
+    """The same as the study's own table, whatever the units; faults by the name of the parameter."""
+    study = bc.Study.example()
+    tables = {
+        "riser_stiffness": {"median": "15000 lbf/ft", "log_sd": 0.2},
+        "riser_length": {"mean": "71.3232 m", "sd": "1 ft"},
+    }
+    made = bc.Priors.given(**tables, source="drawing")
+    for one in made.parameters:
+        other = next(p for p in study.priors.parameters if p.name == one.name)
+        assert (one.centre, one.scale) == pytest.approx((other.centre, other.scale)) and one.source == "drawing"
+        assert one.logarithmic == other.logarithmic and one.unit == other.unit
+    with pytest.raises(bc.InputError) as caught:
+        bc.Priors.given(riser_length={"mean": "234 kg", "sd": "1 ft"}, risers={"mean": 1.0, "sd": 2.0})
+    assert len(caught.value.faults) == 2 and "[riser_length] mean" in str(caught.value)
+
+
 def test_sizes_of_the_sampler_out_of_range_are_a_fault(fitted):
     with pytest.raises(bc.InputError, match="draws: got 8; wanted a whole number from 50"):
         bc.sample(fitted, draws=16, chains=2)

@@ -110,8 +110,25 @@ def bare_text(tmp_path):
 
 def test_coordinates_are_rounded_and_scales_are_not():
     svg = '<g transform="scale(0.015625)"><path id="a" d="M 1.234567 2.5 \nL -0.004321 10" style="stroke-width: 0.123456"/>'
-    kept = '<g transform="scale(0.015625)"><path id="a" d="M 1.23 2.5\nL -0.00 10" style="stroke-width: 0.123456"/>'
+    kept = '<g transform="scale(0.015625)"><path id="a" d="M1.23 2.5l-1.23 7.5" style="stroke-width: 0.123456"/>'
     assert lighter(svg) == kept
+    curve = '<path d="M 1 2 \nQ 3.004 4 5 6.129 \nz"/>'
+    assert lighter(curve) == '<path d="M 1 2 Q 3.00 4 5 6.13 z"/>'
+
+
+def test_lines_told_from_point_to_point_do_not_drift():
+    """Points of thousands of steps, summed up again, are those that were drawn, and a part that is closed ends there."""
+    points = 500.0 + 300.0 * np.random.default_rng(3).standard_normal((2, 3000, 2))
+    parts = [" \n".join(f"{'ML'[i > 0]} {x:.6f} {y:.6f}" for i, (x, y) in enumerate(part)) for part in points]
+    path = lighter(f'<path d="{parts[0]} \nz \n{parts[1]} "/>')
+    found = re.findall(r"([Ml]| )(-?[\d.]+) (-?[\d.]+)|(z)", path.split('"')[1])
+    at, seen = np.zeros(2), []
+    for letter, x, y, closed in found:
+        if not closed:
+            at = np.array([float(x), float(y)]) + (0.0 if letter == "M" else at)
+            seen.append(at)
+    assert [i for i, one in enumerate(found) if one[3]] == [3000]
+    np.testing.assert_allclose(seen, points.reshape(-1, 2), atol=0.00501)
 
 
 def test_a_picture_can_neither_end_its_attribute_nor_lose_a_character():

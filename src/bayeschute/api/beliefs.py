@@ -11,8 +11,10 @@ import pandas as pd
 
 from bayeschute.api import html
 from bayeschute.likelihood.priors import Prior
-from bayeschute.study.schema.belief_schema import PriorsTable
+from bayeschute.study.load import usual_study
+from bayeschute.study.schema.belief_schema import GivenTable, PriorsTable
 from bayeschute.study.schema.knowledge.knowledge_schema import KnowledgeTable
+from bayeschute.study.schema.schema_faults import validated
 from bayeschute.study.schema.structure_schema import StructureTable
 from bayeschute.study.study import Study as StudySpec
 
@@ -128,6 +130,28 @@ class Priors:
             ('cds_over_mass',)
         """
         return cls(parameters, PriorsTable())
+
+    @classmethod
+    def given(cls, *, source: str = "given", **parameters: Mapping[str, str | float]) -> Priors:
+        """Priors in the units of their sources, as ``[priors.given]`` of a study file has them.
+
+        Args:
+            source: Where they come from, for tables and the report.
+            **parameters: By name ``mean`` and ``sd``, or ``median`` and ``log_sd`` of a log-normal distribution, with
+                their units. What must be positive and has a mean gets the log-normal distribution of these moments.
+
+        Raises:
+            InputError: With every fault.
+
+        Example:
+            >>> bc.Priors.given(cds_over_mass={"median": "0.13 m^2/kg", "log_sd": 0.4})
+            cds_over_mass: 0.13 (0.06733 to 0.251) m^2/kg
+        """
+        from bayeschute.study.run.stage_data import given_priors
+
+        table = PriorsTable(given=validated(GivenTable, "priors", parameters))
+        made = given_priors(replace(usual_study("cluster"), priors=table))
+        return cls(tuple(replace(p, source=source) for p in made), PriorsTable())
 
     @property
     def names(self) -> tuple[str, ...]:

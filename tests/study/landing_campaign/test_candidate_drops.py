@@ -17,10 +17,11 @@ def test_noise_that_a_drop_does_not_state_is_the_study_s():
     shipped = candidates(SHIPPED, STUDY)
     assert list(shipped.noise) == [f.name for f in shipped.study.flights if f not in STUDY.flights]
     assert shipped.noise["short"] == STUDY.noise
-    cells = shipped.noise["load-cells"]
-    assert list(cells.channels()) == [*STUDY.noise.channels(), "riser_tension"]
-    assert cells.riser_tension.white == pytest.approx(150.0 * 4.4482216152605)
-    assert cells.model_copy(update={"riser_tension": None}) == STUDY.noise
+    fine = shipped.noise["fine-positions"]
+    assert (
+        fine.canopy_position.white == 0.05
+        and fine.model_copy(update={"canopy_position": STUDY.noise.canopy_position}) == STUDY.noise
+    )
     sounded = shipped.noise["second-sounding"]
     assert sounded.slow_wind.horizontal == pytest.approx(0.3 * 0.3048) and sounded.wind == STUDY.noise.wind
 
@@ -29,7 +30,10 @@ def test_noise_that_a_drop_does_not_state_is_the_study_s():
     ("old", "new", "words"),
     [
         ('name = "short"', 'name = "cdt-3-11"', "name of a fitted flight"),
-        ('riser_tension = { white = "150 lbf" }\n', "", "riser_tension, which it does not record"),
+        (
+            'name = "short"', 'name = "short"\nnoise = { riser_tension = { white = "1 kN", kind = "white" } }',
+            "riser_tension, which it does not record",
+        ),
         ('name = "short"', 'name = "short"\nnoise = { model = "white" }', "wanted the posterior's: 'latent'"),
         ('name = "short"', 'name = "short"\nnoise = { gusts = "2 m/s" }', "gusts"),
         ('name = "short"', 'name = "short"\nfile = "drop.csv"', "virtual"),

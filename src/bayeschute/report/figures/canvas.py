@@ -148,16 +148,37 @@ _DECIMALS = re.compile(r"\d+\.\d{3,}")
 _LINE_ENDS = re.compile(r"\s*\n\s*")
 
 
+_POLYGONS = re.compile(r'(?<= d=")(?:M [-\d. ]+(?:L [-\d. ]+)*(?:z ?)?)+(?=")')
+_COMMAND = re.compile(r"([MLz])([^MLz]*)")
+
+
 def lighter(svg: str) -> str:
     """The same SVG with coordinates to a hundredth of a point, which is less than is seen in print.
 
-    Matplotlib writes six decimals. Scale factors of glyphs (``transform``) are left as they are.
+    Matplotlib writes six decimals, and every point of a line by itself; here each is told from the one before it.
+    Scale factors of glyphs (``transform``) are left as they are.
     """
 
     def rounded(found: re.Match[str]) -> str:
-        return _DECIMALS.sub(lambda number: f"{float(number[0]):.2f}", found[0]).replace(" \n", "\n")
+        return _LINE_ENDS.sub(" ", _DECIMALS.sub(lambda number: f"{float(number[0]):.2f}", found[0]))
 
-    return _GEOMETRY.sub(rounded, svg)
+    return _POLYGONS.sub(_relative, _GEOMETRY.sub(rounded, svg))
+
+
+def _relative(found: re.Match[str]) -> str:
+    """Straight lines of a path, points after the first relative to the one before; in whole hundredths, so exactly."""
+    made, at, before = list[str](), (0, 0), ""
+    for command, numbers in _COMMAND.findall(found[0]):
+        values = [round(100.0 * float(one)) for one in numbers.split()]
+        for x, y in zip(values[::2], values[1::2], strict=True):
+            to = (x, y) if command == "M" else (x - at[0], y - at[1])
+            letter = {"M": "M", "L": "l"}[command]
+            made.append(f"{' ' if letter == before == 'l' else letter}{to[0] / 100:g} {to[1] / 100:g}")
+            at, before = (x, y), letter
+        if command == "z":
+            made.append("z")
+            before = "z"
+    return "".join(made)
 
 
 def _laid_out(figure: Figure) -> Figure:
