@@ -3,9 +3,11 @@
 For each of the two, drops are flown whose parameters are drawn from the posterior (so that it is the truth's prior),
 with gusts and sensors of their own; the posterior is updated by each record. What is left of the spread of P(met) of
 the campaign's first requirement, through the same probit, and of each parameter's standard deviation, is averaged over
-the drops and compared with the promise. Rows are kept; the same command goes on.
+the drops and compared with the promise. Rows are kept; the same command goes on. ``--page`` writes docs/next-drop.md
+from what is stored, without flying anything.
 
-    python benchmarks/next_drop.py POSTERIOR [--campaign FILE] [--drops 8] [--out DIR] [--store] [--json]
+    python benchmarks/next_drop.py POSTERIOR [--campaign FILE] [--drops 12] [--out DIR] [--store] [--json]
+    python benchmarks/next_drop.py --page
 """
 
 from __future__ import annotations
@@ -19,6 +21,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from calibration_page import _table as table
 from command import parser_of, print_result
 from numpy.typing import NDArray
 from scipy.special import ndtr
@@ -40,6 +43,7 @@ Array = NDArray[np.float64]
 ROOT = Path(__file__).parents[1]
 CAMPAIGN = ROOT / "models" / "campaigns" / "cdt-3-11-landing.toml"
 STORED = ROOT / "models" / "reference" / "next-drop.json"
+PAGE = ROOT / "docs" / "next-drop.md"
 SEED = 80_000
 WITHIN = 0.25
 """Of the promised shrinking."""
@@ -118,15 +122,53 @@ def told(name: str, rows: list[dict[str, Any]], row: Any) -> dict[str, Any]:
     return {"candidate": name, "drops": len(good), "failed": len(rows) - len(good), "distance": off, **made}
 
 
+def page(result: dict[str, Any]) -> str:
+    """The page, from a stored result."""
+    parts = []
+    for one in result["candidates"]:
+        rows = []
+        for name, left in one["left"].items():
+            promise, error = one["promised"][name], one["standard_error"][name]
+            told = {"spread": "spread of P(met)", "probit": "sd of its probit"}.get(name, f"sd of `{name}`")
+            rows.append((told, f"{promise:.2f}", f"{left:.2f} ± {error:.2f}", f"{(1.0 - left) / (1.0 - promise):.2f}"))
+        words = f"{one['drops']} drops were flown and fitted, {one['failed']} fits failed"
+        lines = table(("share left of", "promised", "found", "shrinking"), rows)
+        parts.append("\n".join([f"## {one['candidate']}", "", f"{words}.", "", *lines]))
+    ranked = [
+        (row["candidate"], f"{row['spread_expected']:.4f}", f"{row['shrinking']:.2f}", f"{row['probit_sd_left']:.2f}")
+        for row in result["promised"]
+    ]
+    ranking = "\n".join(table(("candidate", "spread of P(met) expected", "shrinking", "sd of its probit left"), ranked))
+    order, within = "as promised" if result["order"] else "not as promised", "" if result["within"] else "not "
+    return f"""# What the next drop teaches: promised and found
+
+Written by `python benchmarks/next_drop.py --page`; do not edit. Numbers: `models/reference/next-drop.json`, made by
+`{result["command"]}`, commit {result["commit"][:12]}, {result["date"][:10]}.
+
+The ranking of candidate drops ([landings](landing.md)) by the posterior of the default study. Drops of the best and
+of the worst were flown with parameters drawn from it, and the posterior was updated by each record. *Shrinking*
+is the share of the promised shrinking that was found; wanted is within {100 * WITHIN:.0f} % of one. Order: {order};
+sizes: {within}within.
+
+{ranking}
+
+{chr(10).join(parts)}
+"""
+
+
 def main() -> None:
     """Rank, fly the best and the worst, compare, and store the result with its provenance."""
     parser = parser_of(__doc__)
-    parser.add_argument("posterior", type=Path, help="from `Posterior.save`")
+    parser.add_argument("posterior", type=Path, nargs="?", help="from `Posterior.save`")
     parser.add_argument("--campaign", type=Path, default=CAMPAIGN)
-    parser.add_argument("--drops", type=int, default=8, help="of each of the two")
+    parser.add_argument("--drops", type=int, default=12, help="of each of the two")
     parser.add_argument("--out", type=Path, default=Path("runs/next-drop"), help="for rows and landings")
     parser.add_argument("--store", action="store_true", help=f"keep the result as {STORED.relative_to(ROOT)}")
+    parser.add_argument("--page", action="store_true", help="only write the page")
     given = parser.parse_args()
+    if given.page or given.posterior is None:
+        PAGE.write_text(page(json.loads(STORED.read_text(encoding="utf-8"))), encoding="utf-8")
+        return
     posterior, campaign = bc.Posterior.load(given.posterior), load_campaign(given.campaign)
     known, table = promised(campaign, posterior, given.out)
     print(table[["candidate", "spread_now", "spread_expected", "shrinking", "information"]].to_string(index=False))
@@ -152,7 +194,9 @@ def main() -> None:
     result = {"candidates": found, "order": order, "within": within, "promised": table.to_dict("records")}
     if given.store:
         command = "python benchmarks/next_drop.py " + " ".join(sys.argv[1:])
-        STORED.write_text(json.dumps(result | provenance(command), indent=1) + "\n", encoding="utf-8")
+        whole = json.dumps(result | provenance(command), indent=1)
+        STORED.write_text(whole + "\n", encoding="utf-8")
+        PAGE.write_text(page(json.loads(whole)), encoding="utf-8")
     print_result(given, ratios, result)
 
 
