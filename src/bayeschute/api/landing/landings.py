@@ -222,6 +222,10 @@ class Landings:
 
         Raises:
             InputError: If the campaign has no requirement.
+
+        Example:
+            >>> landings.rare_failures(64).table["requirement"].tolist()
+            ['soft', 'upright']
         """
         from bayeschute.api.landing.landing_questions import rare_failures
 
@@ -236,6 +240,10 @@ class Landings:
 
         Raises:
             InputError: With every fault, or if there is no shear.
+
+        Example:
+            >>> landings.placard(shear=["3 m/s"], landings=64).table["shear_m_per_s"].tolist()
+            [3.0]
         """
         from bayeschute.api.landing.landing_questions import wind_placard
 
@@ -252,6 +260,9 @@ class Landings:
 
         Raises:
             InputError: If there is no requirement, no such parameter, no candidate, or their file has faults.
+
+        Example:
+            >>> landings.rank_drops("candidate-drops.toml").plot()  # doctest: +SKIP
         """
         from bayeschute.api.landing.landing_questions import drop_ranking
 
