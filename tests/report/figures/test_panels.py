@@ -10,6 +10,7 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 import xarray as xr
+from IPython.core.formatters import DisplayFormatter
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -73,4 +74,6 @@ def test_axes_of_your_own_are_kept_and_new_ones_have_a_sheet_of_their_own():
     mine = Figure().add_subplot()
     assert canvas.axes_or_new(mine) is mine
     made = canvas.axes_or_new(None, 5.0, 4.0)
+    shown, _ = DisplayFormatter().format(made)
+    assert shown["image/png"].startswith(b"\x89PNG"), "a notebook would show its name only"
     assert isinstance(made, Axes) and list(made.figure.get_size_inches()) == [5.0, 4.0]

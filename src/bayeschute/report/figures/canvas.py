@@ -92,11 +92,24 @@ def sheet(height: float, rows: int = 1, columns: int = 1, **kwargs: Any) -> tupl
 
 
 def axes_or_new(axes: Axes | None, width: float = 6.0, height: float = 3.2) -> Axes:
-    """Axes to draw on: those given, or else new ones in the style of the report on a sheet of their own."""
+    """Axes to draw on: those given, or else new ones in the style of the report on a sheet of their own.
+
+    A notebook shows figures, and of axes their name only; new ones show their sheet.
+    """
     if axes is not None:
         return axes
     with mpl.rc_context(STYLE):
-        return sheet(height, width=width)[1][0]
+        figure, (made,) = sheet(height, width=width)
+    setattr(made, "_repr_png_", partial(png_of, figure))  # noqa: B010 - IPython asks for it, matplotlib has none
+    return made
+
+
+def png_of(figure: Figure) -> bytes:
+    """The figure as a PNG."""
+    drawn = io.BytesIO()
+    with mpl.rc_context(STYLE):
+        FigureCanvasAgg(_laid_out(figure)).print_png(drawn)
+    return drawn.getvalue()
 
 
 def panels(count: int, most: int, head: float, each: float, **kwargs: Any) -> tuple[Figure, list[Axes]]:
