@@ -15,7 +15,6 @@ from __future__ import annotations
 import hashlib
 import json
 import sys
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -29,15 +28,13 @@ from scipy.special import ndtr
 import bayeschute as bc
 from bayeschute.api.landing.landing_verb import land, source_of
 from bayeschute.calibration.campaign import run
-from bayeschute.dynamics.cluster_flight import LOGARITHMIC, with_parameters
+from bayeschute.dynamics.cluster_flight import LOGARITHMIC
 from bayeschute.landing.campaign_plan import Parameters
 from bayeschute.landing.decisions.drop_value import Slope, probit_slope
-from bayeschute.study.assembly import assemble
 from bayeschute.study.evidence.numerics_hash import numerics
 from bayeschute.study.evidence.provenance import provenance
 from bayeschute.study.landing_campaign.campaign_file import Campaign, load_campaign
-from bayeschute.study.landing_campaign.candidate_drops import Candidates, candidates
-from bayeschute.virtual.drop import fly
+from bayeschute.study.landing_campaign.candidate_drops import Candidates, candidates, fly_candidate
 
 Array = NDArray[np.float64]
 ROOT = Path(__file__).parents[1]
@@ -66,16 +63,11 @@ def spread(slope: Slope, centre: Array, theta: Array) -> float:
 def one(seed: int, known: Known, name: str) -> dict[str, Any]:
     """A drop flown with parameters drawn from the posterior, and what is left after it."""
     flight = next(f for f in known.drops.study.flights if f.name == name)
-    assert flight.virtual is not None
-    vehicle, theta = known.drops.study.vehicle_of(flight), known.model.theta
+    theta, spec = known.model.theta, known.drops.study
     truth = theta[np.random.default_rng(seed).integers(len(theta))]
-    model, structure = assemble.cluster(vehicle, flight.capsule_mass)
-    blank = replace(model, axial=known.model.base.axial, transverse=known.model.base.transverse)
-    structure = replace(structure, axial=known.model.structure.axial, transverse=known.model.structure.transverse)
-    record, _ = fly(
-        assemble.drop(flight.virtual), with_parameters(blank, structure, known.model.names, truth), structure, seed
-    )
-    drop = bc.Flight(record, vehicle, name=f"{name} {seed}", capsule_mass=flight.capsule_mass)
+    like, priors = spec.with_role("identify")[0], known.posterior.as_priors().parameters
+    record = fly_candidate(spec, flight, priors, like, truth, seed)
+    drop = bc.Flight(record, spec.vehicle_of(flight), name=f"{name} {seed}", capsule_mass=flight.capsule_mass)
     try:
         after = known.posterior.update(drop, noise=known.drops.noise[name], draws=1000, chains=4, seed=seed)
     except bc.FitError as error:

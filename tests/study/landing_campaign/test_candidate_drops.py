@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 from tests.landing.plans import ROOT
 
 from bayeschute.core.errors import InputError
-from bayeschute.study.landing_campaign.candidate_drops import candidates
+from bayeschute.dynamics.cluster_flight import with_parameters
+from bayeschute.likelihood.priors import Prior
+from bayeschute.study.assembly import assemble
+from bayeschute.study.landing_campaign.candidate_drops import candidates, fly_candidate
 from bayeschute.study.load import load_study
+from bayeschute.study.schema.vehicle_schema import NOT_FLOWN
+from bayeschute.virtual.drop import fly
 
 STUDY = load_study(ROOT / "models/studies/cdt-3-11.toml")
 SHIPPED = ROOT / "models/campaigns/candidate-drops.toml"
@@ -53,3 +61,24 @@ def test_a_study_s_flights_have_no_noise_of_their_own(tmp_path):
 
     with pytest.raises(InputError, match="noise"):
         load_flights(SHIPPED, STUDY)
+
+
+def test_a_vehicle_without_aerodynamics_flies_candidates_by_the_posterior(tmp_path):
+    """A record's vehicle has none; with the coefficients of one that has them, the same record comes out."""
+    path = tmp_path / "drops.toml"
+    path.write_text(SHIPPED.read_text(encoding="utf-8").replace('"25 s"', '"6 s"'), encoding="utf-8")
+    bare = replace(STUDY, vehicle=STUDY.vehicle.model_copy(update={"aero": NOT_FLOWN}))
+    with_it, without = candidates(path, STUDY).study, candidates(path, bare).study
+    assert [f.name for f in without.flights] == [f.name for f in with_it.flights]
+    values = {**STUDY.vehicle.aero.coefficients(), "riser_length": 71.0, "enclosed_air_factor": 1.2}
+    priors = [Prior(n, x, 0.1, n == "enclosed_air_factor", "1", "test") for n, x in values.items()]
+    theta = np.array([np.log(x) if p.logarithmic else x for p, x in zip(priors, values.values(), strict=True)])
+    (flight,) = [f for f in without.flights if f.name == "short"]
+    found = fly_candidate(without, flight, priors, STUDY.flights[0], theta, seed=3)
+    model, structure = assemble.cluster(STUDY.vehicle)
+    model = with_parameters(model, structure, ("riser_length", "enclosed_air_factor"), theta[-2:])
+    wanted, _ = fly(assemble.drop(flight.virtual), model, structure, 3)
+    for name in ("canopy_position", "capsule_velocity", "wind"):
+        np.testing.assert_array_equal(found[name].values, wanted[name].values)
+    stretched = fly_candidate(without, flight, priors, STUDY.flights[0], theta + np.eye(theta.size)[-2], seed=3)
+    assert np.abs(stretched["canopy_position"].values - found["canopy_position"].values).max() > 0.5

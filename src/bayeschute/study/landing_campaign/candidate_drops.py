@@ -8,10 +8,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import xarray as xr
 from numpy.typing import NDArray
 
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.core.random import seed_of
+from bayeschute.dynamics.cluster_flight import with_parameters
 from bayeschute.likelihood.joint import FlightData
 from bayeschute.likelihood.priors import Prior, own_coordinates
 from bayeschute.posterior import noise_evidence
@@ -24,13 +26,15 @@ from bayeschute.posterior.noise_uncertainty import (
     noise_parameter_slope,
     noise_parameter_spread,
 )
-from bayeschute.study.assembly import assemble
-from bayeschute.study.assembly.fits import data_of, gaussian_summary, groups, load_fit
+from bayeschute.study.assembly import assemble, canopies
+from bayeschute.study.assembly.fits import data_of, gaussian_summary, groups, load_fit, structure_of
 from bayeschute.study.job import Job
 from bayeschute.study.load import load_candidates
 from bayeschute.study.run.stage_data import ingest_flight
 from bayeschute.study.schema.belief_schema import NoiseTable
-from bayeschute.study.study import Study
+from bayeschute.study.schema.vehicle_schema import NOT_FLOWN
+from bayeschute.study.study import Flight, Study
+from bayeschute.virtual.drop import fly
 
 Array = NDArray[np.float64]
 
@@ -78,7 +82,10 @@ def candidates(path: Path | str, study: Study, data: Path | str | None = None) -
         InputError: With every fault of the file; or if a drop is a record, has the name of a fitted flight, or does not
             record a channel whose noise it states.
     """
-    read, noise = load_candidates(path, study, data)
+    known = study.vehicle
+    if known is not None and known.aero == NOT_FLOWN:  # drops fly by the posterior's coefficients
+        known = known.model_copy(update={"aero": NOT_FLOWN.model_copy(update={"source": "the posterior"})})
+    read, noise = load_candidates(path, replace(study, vehicle=known), data)
     taken = {flight.name for flight in study.flights}
     faults = []
     for flight in read.flights:
@@ -97,7 +104,7 @@ def candidates(path: Path | str, study: Study, data: Path | str | None = None) -
             faults.append(Fault(f"{where} noise", got, f"the posterior's: {study.noise.model!r}"))
     if faults:
         raise InputError(faults)
-    vehicle = read.vehicle if read.vehicle != study.vehicle else None
+    vehicle = read.vehicle if read.vehicle != known else None
     own = tuple(replace(flight, vehicle=flight.vehicle or vehicle) for flight in read.flights)
     return Candidates(replace(study, flights=(*study.flights, *own)), noise)
 
@@ -107,9 +114,9 @@ def covariances(
 ) -> Expected:
     """Covariance of the parameters now, and as expected after each candidate.
 
-    A candidate is flown `FLOWN` times by its vehicle file's aerodynamics, with its gusts and sensors. Every record is
-    fitted with the posterior as the prior and noise parameters of its own; the covariance there, start and disturbances
-    integrated out and the noise parameters' uncertainty included, is averaged over the records.
+    A candidate is flown `FLOWN` times by the posterior's mean, with its gusts and sensors. Every record is fitted with
+    the posterior as the prior and noise parameters of its own; the covariance there, start and disturbances integrated
+    out and the noise parameters' uncertainty included, is averaged over the records.
 
     Args:
         job: A finished fit whose study names the candidates as flights to be predicted.
@@ -120,7 +127,7 @@ def covariances(
     stored = load_fit(job, group)
     theta = own_coordinates(group.priors, stored.theta)
     priors = [replace(p, air_share=0.0) for p in group.priors]
-    known = gaussian_summary(priors, theta)
+    known, flat = gaussian_summary(priors, theta), theta.reshape(-1, theta.shape[-1])
     after, lost = {}, {}
     todo = job.study.with_role("predict")
     for i, flight in enumerate(todo):
@@ -130,17 +137,43 @@ def covariances(
                 progress((i + number / FLOWN) / len(todo), f"{flight.name} {number + 1} of {FLOWN}")
             seed = seed_of(job.study.seed, "candidate drop", number)
             drop = replace(job, study=replace(job.study, noise=noise[flight.name], seed=seed))
-            ingest_flight(drop, flight)
-            data = data_of(drop, flight, priors, like=group.flights[0])
             try:
+                record = fly_candidate(job.study, flight, priors, group.flights[0], flat.mean(axis=0), seed)
+                ingest_flight(drop, replace(flight, virtual=None), record)
+                data = data_of(drop, flight, priors, like=group.flights[0])
                 found.append(_covariance(data, known, NoisePrior(assemble.hyper(drop.study))))
             except (NoFitError, FloatingPointError) as error:
                 lost[flight.name] = " ".join(str(error).split())
         if found:
             after[flight.name] = np.mean(found, axis=0)
-    flat = theta.reshape(-1, theta.shape[-1])
     gone = {name: why for name, why in lost.items() if name not in after}
     return Expected(np.cov(flat, rowvar=False).reshape(len(known), -1), after, gone)
+
+
+def fly_candidate(
+    study: Study, flight: Flight, priors: Sequence[Prior], like: Flight, theta: Array, seed: int
+) -> xr.Dataset:
+    """The record of a candidate that flies with parameters of a posterior.
+
+    Args:
+        study: Of the candidates.
+        flight: The candidate.
+        priors: Of the parameters.
+        like: The fitted flight whose canopies' parameters it has.
+        theta: Working coordinates, as landings have them (P,).
+        seed: Of gusts and sensors.
+
+    Raises:
+        FloatingPointError: If the flight is not finite.
+    """
+    assert flight.virtual is not None
+    vehicle = study.vehicle_of(flight)
+    structure = structure_of(priors, vehicle.canopies.number)
+    base, _ = assemble.cluster(vehicle, flight.capsule_mass)
+    base = replace(base, axial=(0.0,) * len(structure.axial), transverse=(0.0,) * len(structure.transverse))
+    own = () if flight.capsule_mass is None else ("capsule_mass",)
+    names = ["" if name in own else name for name in canopies.in_flight([p.name for p in priors], like.name)]
+    return fly(assemble.drop(flight.virtual), with_parameters(base, structure, names, theta), structure, seed)[0]
 
 
 def _covariance(data: FlightData, known: Sequence[Prior], prior: NoisePrior) -> Array:
