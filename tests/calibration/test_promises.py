@@ -68,6 +68,16 @@ def test_few_or_failed_replicates_support_no_verdict(count, failed, word):
     assert verdict(summary(count, failed), "axial[1]") == word
 
 
+def test_a_term_that_few_replicates_fitted_is_judged_by_none():
+    """One miss of one is no evidence; a term that flies and is left out counts as fitted, and as missed."""
+    rare, known = {"replicates": 2, "left_out": 0}, {"replicates": 60, "left_out": 40}
+    made = summary() | {"parameters": {"axial[closing]": rare, "axial[1]": known}}
+    made["coverage"] = made["coverage"] | {"axial[closing]": 0.0, "axial[1]": 0.55}
+    made["standard_error"] = made["standard_error"] | {"axial[closing]": 0.33}
+    assert verdict(made, "axial[closing]") == "fitted by too few replicates"
+    assert verdict(made, "axial[1]") == "too narrow"
+
+
 def test_results_stored_before_statistics_were_scored_are_read():
     old = {key: value for key, value in summary().items() if key not in ("statistics", "modes")}
     assert "axial[1]" in promises(old) and "a/mean descent_rate" not in promised(old)

@@ -3,7 +3,8 @@
 A nominal 90 % interval is ``kept`` where its coverage is shown to be sufficient: the one-sided 95 % lower confidence
 limit of its share lies above the lower bound, and the share is not clearly above the upper one. It is ``too narrow``
 or ``too wide`` where the opposite limit lies outside. In between the replicates do not decide, and nothing is promised.
-(A true coverage of 82 % is called kept with 100 replicates about one time in a hundred.)
+(A true coverage of 82 % is called kept with 100 replicates about one time in a hundred.) A term that less than half of
+the replicates fitted, since the search seldom keeps it, is judged by none: whoever keeps it has no promise about it.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ MOST_FAILED = 0.05
 ONE_SIDED = 1.645
 """Standard errors of a one-sided confidence limit of 95 %."""
 KEPT, NARROW, WIDE, OPEN = "kept", "too narrow", "too wide", "undecided"
+SELDOM = "fitted by too few replicates"
 
 
 class Promise(NamedTuple):
@@ -64,7 +66,9 @@ def enough(summary: Mapping[str, Any]) -> str:
 
 def verdict(summary: Mapping[str, Any], name: str) -> str:
     """Verdict on the coverage of a name of `promised`, or why the campaign supports none."""
-    entry = _tables(summary)[name]
+    entry, made = _tables(summary)[name], int(summary["replicates"])
+    if name in summary["parameters"] and 2 * (entry.get("replicates", made) + entry.get("left_out", 0)) < made:
+        return SELDOM
     return enough(summary) or judge(entry["share"], entry["standard_error"])
 
 
