@@ -127,14 +127,14 @@ def test_an_older_misspecification_alone_checks_nothing(found):
 def test_results_of_versions_without_a_hash_of_their_numerics_are_older_ones(found):
     old = stored() | {
         "hash": "0" * 64,
-        "study": "s",
+        "title": STUDY.title,
         "noise": "latent",
         "quick": False,
         "versions": {"bayeschute": "0.1.0"},
     }
     del old["numerics"]
     assert "not checked with these numerics" in found(old).claim.label
-    assert found(old | {"study": "another"}).claim.lacking[0].startswith("no calibration of this configuration")
+    assert found(old | {"title": "another"}).claim.lacking[0].startswith("no calibration of this configuration")
 
 
 def test_a_calibration_without_a_domain_gives_no_level(found):

@@ -60,7 +60,7 @@ def stored(study: Study, quick: bool, places: Sequence[Path]) -> Stored:
     """The calibrations of a study's configuration.
 
     Results without a hash of their numerics have a configuration's hash that contained the version; they are older
-    ones of this configuration if study and noise model have the same names.
+    ones of this configuration if the study's title and the noise model are the same, wherever its file lies.
 
     Args:
         study: The study.
@@ -78,8 +78,8 @@ def stored(study: Study, quick: bool, places: Sequence[Path]) -> Stored:
             continue  # not a result: folders of users hold other files
         if not isinstance(result, dict) or not {"hash", "disturbance", "replicates", "coverage"} <= set(result):
             continue
-        named = (result.get("study"), result.get("noise"), bool(result.get("quick")))
-        same = named == (study.path.stem, study.noise.model, quick) if "numerics" not in result else False
+        named = (result.get("title"), result.get("noise"), bool(result.get("quick")))
+        same = "numerics" not in result and named == (study.title, study.noise.model, quick)
         if result["hash"] != wanted and not same:
             continue
         found, scenario = current if result.get("numerics") in now else older, str(result["disturbance"])
