@@ -15,7 +15,7 @@ from bayeschute import __version__
 from bayeschute.cli import app
 from bayeschute.console import Bars
 from bayeschute.core.errors import Fault, InputError
-from bayeschute.study.templates import copy_templates
+from bayeschute.study.templates import NAMES, copy_templates
 
 ROOT = Path(__file__).parents[1]
 STUDY = ROOT / "models/studies/cdt-3-11.toml"
@@ -247,7 +247,7 @@ def test_init_then_init_again(tmp_path: Path):
     assert CliRunner().invoke(app, ["init", str(tmp_path)]).exit_code == 0
     again = CliRunner().invoke(app, ["init", str(tmp_path)])
     assert again.exit_code == 2
-    assert len(again.stderr.splitlines()) == 4
+    assert len(again.stderr.splitlines()) == len(NAMES)
 
 
 def test_report_of_no_run(tmp_path: Path):
