@@ -262,7 +262,7 @@ def not_promised(job: Job, held: Mapping[str, Promise]) -> list[str]:
             made.append(shown(name))
         elif one.verdict != KEPT:
             made.append(f"{shown(name)} ({one.words}, {one.verdict})")
-    return [*made, _LANDINGS]
+    return [*dict.fromkeys(made), _LANDINGS]
 
 
 def _revised(job: Job) -> bool:
