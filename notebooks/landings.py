@@ -72,8 +72,8 @@ landings.plot("sea_level_vertical_speed")
 # %% [markdown]
 # ## What drives it?
 #
-# Shares of the variance of the touchdown speed. What comes from the parameters a drop can reduce; the rest is the air
-# and the start.
+# Total shares of the variance of the touchdown speed: what would vanish on average if all but that were known. They
+# overlap. A swinging capsule lands at some phase of its swing, and parameters, gusts and start decide on that together.
 
 # %%
 driven = landings.sensitivity(32 if SMALL else 256)
@@ -117,9 +117,13 @@ ranking
 
 # %%
 chance, best = judged.chance, ranking.table.iloc[0]
-total = driven.table[(driven.table["kind"] == "total") & (driven.table["quantity"] == "sea_level_vertical_speed")]
-first = total.sort_values("share", ascending=False).iloc[0]
+shares = driven.table[driven.table["quantity"] == "sea_level_vertical_speed"].pivot(
+    index="source", columns="kind", values="share"
+)
+alone, together = shares.loc["parameters", ["first", "total"]]
 interval = f"{chance.low:.3f} to {chance.high:.3f} over the posterior"
 print(f"P(soft enough) = {chance.met:.3f}, {interval}: {judged.verdict.verdict}.")
-print(f"Most of the scatter of the touchdown speed is from {first.source} ({first.share:.0%}).")
+print(
+    f"Of the touchdown speed's variance the parameters make {alone:.0%} alone, {together:.0%} with what they act with."
+)
 print(f"The next drop to fly is {best.candidate!r}: it would shrink our doubt about P by {best.shrinking:.0%}.")

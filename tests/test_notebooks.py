@@ -113,7 +113,7 @@ def test_quick_start_on_a_cluster(small, tmp_path: Path):
 def test_landings(small, tmp_path: Path):
     expression = """dict(
         met=[chance.low, chance.met, chance.high], failed=landings.failed, cells=len(placard.cells),
-        drops=ranking.table.set_index("candidate")[["shrinking", "information"]].T.to_dict(), share=float(first.share),
+        drops=ranking.table.set_index("candidate")[["shrinking", "information"]].T.to_dict(), share=float(together),
     )"""
     found = _values("landings.py", expression, tmp_path)
     assert found["failed"] == 0 and 0.0 <= found["met"][0] <= found["met"][1] <= found["met"][2] <= 1.0
