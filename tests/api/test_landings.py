@@ -196,7 +196,16 @@ def test_a_ranking_in_words_and_as_a_figure():
     widths = [[bar.get_width() for bar in one.plot().patches] for one in (by_spread, by_sd)]
     np.testing.assert_allclose(widths, [[0.2, 0.4], [0.1, 0.5]])
     assert by_sd.figure().axes[0].get_xlabel() == "expected shrinking of the sd of axial[1] [1]"
-    assert by_sd._repr_html_().count("<tr") == 3
+    assert by_sd._repr_html_().count("<tr") == 3 and "trust" not in repr(by_sd) + by_sd._repr_html_()
+
+
+def test_an_answer_from_a_posterior_with_failed_checks_says_so(landings):
+    doubted = replace(landings.source, failed_checks=("rhat", "predictive"))
+    found = replace(landings, source=doubted).placard(shear=["3 m/s"], landings=64)
+    assert repr(found).endswith("no level of trust, failed checks: rhat, predictive")
+    assert (
+        "no level of trust, failed checks: rhat, predictive" in found._repr_html_() and "trust" not in found.words[-1]
+    )
 
 
 def test_questions_need_landings_that_were_flown(landings, tmp_path):

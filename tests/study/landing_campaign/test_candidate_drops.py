@@ -45,6 +45,7 @@ def test_noise_that_a_drop_does_not_state_is_the_study_s():
         ('name = "short"', 'name = "short"\nnoise = { model = "white" }', "wanted the posterior's: 'latent'"),
         ('name = "short"', 'name = "short"\nnoise = { gusts = "2 m/s" }', "gusts"),
         ('name = "short"', 'name = "short"\nfile = "drop.csv"', "virtual"),
+        ('duration = "25 s"', 'duration = "25 s"\ncanopy_sd = { "axial[1]" = 0.02 }', "canopies that differ"),
     ],
 )  # fmt: skip
 def test_faults_of_a_file_of_candidates(tmp_path, old, new, words):

@@ -5,10 +5,12 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from html import escape
 from typing import TYPE_CHECKING
 
 import pandas as pd
 
+from bayeschute.calibration.label import without_level
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.landing.decisions.onset import Cell, placard_table
 from bayeschute.landing.decisions.rare import Rare
@@ -20,9 +22,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, repr=False, eq=False)
 class Answer(ABC):
-    """A table; sentences as its ``repr``."""
+    """A table; sentences as its ``repr``, with what the posterior lacks.
+
+    Attributes:
+        table: The answer.
+        failed_checks: Of the posterior: with one or more, nothing here has a level of trust.
+    """
 
     table: pd.DataFrame
+    failed_checks: tuple[str, ...] = field(default=(), kw_only=True)
 
     @property
     @abstractmethod
@@ -35,11 +43,13 @@ class Answer(ABC):
 
     def __repr__(self) -> str:
         """All sentences, a line each."""
-        return "\n".join(self.words)
+        return "\n".join(filter(None, (*self.words, without_level(self.failed_checks))))
 
     def _repr_html_(self) -> str:
         """The table."""
-        return str(self.table.to_html(index=False, float_format=lambda x: f"{x:.3g}"))
+        doubt = without_level(self.failed_checks)
+        table = self.table.to_html(index=False, float_format=lambda x: f"{x:.3g}")
+        return f"{table}<p>{escape(doubt)}</p>" if doubt else str(table)
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -106,10 +116,11 @@ class RareFailures(Answer):
     found: Mapping[str, Rare]
 
     @classmethod
-    def of(cls, found: Mapping[str, Rare]) -> RareFailures:
+    def of(cls, found: Mapping[str, Rare], failed_checks: tuple[str, ...] = ()) -> RareFailures:
         """From simulations by requirement."""
         rows = [(name, one.probability, one.variation, one.evaluations) for name, one in found.items()]
-        return cls(pd.DataFrame(rows, columns=["requirement", "probability_not_met", "variation", "landings"]), found)
+        table = pd.DataFrame(rows, columns=["requirement", "probability_not_met", "variation", "landings"])
+        return cls(table, found, failed_checks=failed_checks)
 
     @property
     def words(self) -> list[str]:
@@ -130,9 +141,9 @@ class Placard(Answer):
     cells: tuple[Cell, ...]
 
     @classmethod
-    def of(cls, cells: Sequence[Cell]) -> Placard:
+    def of(cls, cells: Sequence[Cell], failed_checks: tuple[str, ...] = ()) -> Placard:
         """From cells."""
-        return cls(placard_table(cells), tuple(cells))
+        return cls(placard_table(cells), tuple(cells), failed_checks=failed_checks)
 
     @property
     def words(self) -> list[str]:

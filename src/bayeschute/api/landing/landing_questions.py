@@ -95,7 +95,8 @@ def sensitivity(source: LandingSource, flown: Rows, samples: int = 512) -> Sensi
             by = shapley(inputs[flown["draw"][fine]], seen[name][fine], list(known))
             made += [(name, "shapley", part, share, np.nan) for part, share in by.items()]
     source.say("shares")(1.0, f"{len(rows)} landings")
-    return Sensitivity(pd.DataFrame(made, columns=["quantity", "kind", "source", "share", "standard_error"]))
+    table = pd.DataFrame(made, columns=["quantity", "kind", "source", "share", "standard_error"])
+    return Sensitivity(table, failed_checks=source.failed_checks)
 
 
 def rare_failures(source: LandingSource, samples: int = 1000) -> RareFailures:
@@ -110,7 +111,7 @@ def rare_failures(source: LandingSource, samples: int = 1000) -> RareFailures:
         source.say("rare")(i / len(wanted), one.name)
         found[one.name] = failure(source.plan, one, samples)
     source.say("rare")(1.0, f"{len(found)} requirements")
-    return RareFailures.of(found)
+    return RareFailures.of(found, source.failed_checks)
 
 
 def wind_placard(source: LandingSource, table: PlacardTable | None = None) -> Placard:
@@ -134,7 +135,7 @@ def wind_placard(source: LandingSource, table: PlacardTable | None = None) -> Pl
 
     made = placard(source.plan, cells, requirements_of(source.campaign), fly_draws, source.say("placard"))
     source.say("placard")(1.0, f"{len(made)} cells")
-    return Placard.of(made)
+    return Placard.of(made, source.failed_checks)
 
 
 def drop_ranking(
@@ -158,11 +159,8 @@ def drop_ranking(
         raise InputError(_missing(source.campaign, "design"))
     if len(source.plan.models) > 1:
         raise InputError(Fault("design", "a posterior that mixes models", "one model", "Fit the heaviest alone."))
-    drops, wanted, one = (
-        _candidates(source.campaign, table, source.spec, data),
-        _wanted(source)[0],
-        source.plan.models[0],
-    )
+    drops = _candidates(source.campaign, table, source.spec, data)
+    wanted, one = _wanted(source)[0], source.plan.models[0]
     known = [name for name in one.names if name]
     if table.interval is not None and table.interval not in known:
         raise InputError(Fault("[design] interval", repr(table.interval), f"one of {', '.join(known)}"))
@@ -175,7 +173,8 @@ def drop_ranking(
     slope = probit_slope(one.theta, flown["draw"], wanted.met(flown))
     source.say("design")(1.0, f"{len(after)} candidates" + (f", {len(lost)} can't be judged" if lost else ""))
     names = [name or f"parameter {i}" for i, name in enumerate(one.names)]
-    return DropRanking(ranking(slope, now, after, names, table.interval), table.interval, lost)
+    ranked = ranking(slope, now, after, names, table.interval)
+    return DropRanking(ranked, table.interval, lost, failed_checks=source.failed_checks)
 
 
 def _candidates(campaign: Campaign, table: DesignTable, spec: Study, data: Path | str | None) -> Candidates:

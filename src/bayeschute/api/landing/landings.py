@@ -252,7 +252,7 @@ class Landings:
     def rank_drops(self, candidates: Path | str | None = None, *, interval: str | None = None) -> DropRanking:
         """Drops that might be flown next, by how much each would shrink the spread of the first requirement's P(met).
 
-        Each is flown once virtually; its record is linearised, with the posterior as prior.
+        Each is flown three times by the posterior's mean, and its records are fitted with the posterior as prior.
 
         Args:
             candidates: TOML of ``[[flight]]`` tables with virtual drops, see docs/landing.md; None: the campaign's.

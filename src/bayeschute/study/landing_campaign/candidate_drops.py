@@ -37,8 +37,6 @@ from bayeschute.study.study import Flight, Study
 from bayeschute.virtual.drop import fly
 
 Array = NDArray[np.float64]
-
-
 FLOWN = 3
 """Records of each candidate: what one teaches depends on its gusts."""
 
@@ -79,8 +77,8 @@ def candidates(path: Path | str, study: Study, data: Path | str | None = None) -
         data: What ``${DATA}`` stands for.
 
     Raises:
-        InputError: With every fault of the file; or if a drop is a record, has the name of a fitted flight, or does not
-            record a channel whose noise it states.
+        InputError: With every fault of the file; or if a drop is a record, has the name of a fitted flight, does not
+            record a channel whose noise it states, or has canopies that differ.
     """
     known = study.vehicle
     if known is not None and known.aero == NOT_FLOWN:  # drops fly by the posterior's coefficients
@@ -95,6 +93,9 @@ def candidates(path: Path | str, study: Study, data: Path | str | None = None) -
         if flight.virtual is None:
             faults.append(Fault(where, "a record", "a drop that may be flown: [flight.virtual]"))
             continue
+        if flight.virtual.canopy_sd:
+            do = "Leave it out: all canopies fly by the posterior's mean."
+            faults.append(Fault(f"{where} canopy_sd", "canopies that differ", "canopies that are alike", do))
         for channel in noise[flight.name].channels():
             if getattr(flight.virtual.sensors, channel) is None:
                 do = f"Add {channel} to [flight.virtual.sensors]."
