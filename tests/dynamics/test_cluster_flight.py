@@ -282,6 +282,12 @@ def _risers(x):
     return np.asarray(made.length), np.asarray(made.stretch_rate)
 
 
+def moved(x, step, change=None):
+    """`x` a step away, the parameters by `change`, if any."""
+    theta = jnp.asarray(THETA)
+    return MODEL.retract(jnp.asarray(x), jnp.asarray(step), theta, 0.0 * theta if change is None else change)
+
+
 def test_the_derivative_of_a_retraction_is_the_identity(states):
     """In every direction, also that in which the quaternion of the attitude becomes longer, whatever its size."""
     x = np.array(states)
@@ -290,7 +296,7 @@ def test_the_derivative_of_a_retraction_is_the_identity(states):
         np.random.default_rng(10).standard_normal(x.shape),
         np.where(np.isin(np.arange(25), range(6, 10)), x, 0.0),
     ):
-        there, moving = jax.jvp(lambda step: MODEL.retract(jnp.asarray(x), step), (np.zeros_like(x),), (away,))
+        there, moving = jax.jvp(lambda step: moved(x, step), (np.zeros_like(x),), (away,))
         np.testing.assert_allclose(there, x, atol=1e-12)
         np.testing.assert_allclose(moving, away, atol=1e-11)
 
@@ -300,7 +306,7 @@ def test_a_retracted_step_changes_the_size_of_a_quaternion_as_the_linear_one_say
     x[:, 6:10] *= 1.1
     q = x[:, 6:10]
     size = np.linalg.norm(q, axis=1)
-    there = np.asarray(MODEL.retract(jnp.asarray(x), jnp.asarray(0.1 * step)))
+    there = np.asarray(moved(x, 0.1 * step))
     wanted = size + 0.1 * np.sum(q * step[:, 6:10], axis=1) / size
     np.testing.assert_allclose(np.linalg.norm(there[:, 6:10], axis=1), wanted, rtol=1e-12)
 
@@ -313,10 +319,10 @@ def test_a_retracted_step_is_the_step_to_first_order(states):
     step[:, 6:10] -= q * np.sum(q * step[:, 6:10], axis=1, keepdims=True)
     left = []
     for size in (1e-2, 1e-3):
-        moved = np.asarray(MODEL.retract(jnp.asarray(x), jnp.asarray(size * step)))
-        np.testing.assert_allclose(np.linalg.norm(moved[:, 6:10], axis=1), 1.0, atol=1e-12)
-        np.testing.assert_allclose(moved[:, :6], x[:, :6] + size * step[:, :6], atol=1e-12)
-        left.append(np.abs(moved - x - size * step).max())
+        there = np.asarray(moved(x, size * step))
+        np.testing.assert_allclose(np.linalg.norm(there[:, 6:10], axis=1), 1.0, atol=1e-12)
+        np.testing.assert_allclose(there[:, :6], x[:, :6] + size * step[:, :6], atol=1e-12)
+        left.append(np.abs(there - x - size * step).max())
     assert 50.0 < left[0] / left[1] < 200.0
 
 
@@ -324,10 +330,54 @@ def test_a_retracted_step_changes_risers_as_the_linear_one_says(states):
     """Two metres sideways stretch a straight move by three centimetres, some 6 kN of a stiff riser."""
     x, step = np.array(states), np.zeros((len(states), 25))
     step[:, 13:19] = 2.0 * np.random.default_rng(9).standard_normal((len(states), 6))
-    there = np.asarray(MODEL.retract(jnp.asarray(x), jnp.asarray(step)))
+    there = np.asarray(moved(x, step))
     h = 1e-6
     slopes = [(up - down) / (2.0 * h) for up, down in zip(_risers(x + h * step), _risers(x - h * step), strict=True)]
     for before, slope, after in zip(_risers(x), slopes, _risers(there), strict=True):
         np.testing.assert_allclose(after, before + slope, atol=1e-6)
     straight = _risers(x + step)[0] - _risers(x)[0] - slopes[0]
     assert np.abs(straight).max() > 0.01
+
+
+def test_a_retracted_step_with_other_parameters_is_the_step_to_first_order(states):
+    x, step = np.array(states), np.random.default_rng(12).standard_normal((len(states), 25))
+    x[:, 6:10] /= np.linalg.norm(x[:, 6:10], axis=1, keepdims=True)
+    change = jnp.array([0.4, 0.2, 50.0, 5.0])
+    there, moving = jax.jvp(lambda h: moved(x, h * step, h * change), (0.0,), (1.0,))
+    np.testing.assert_allclose(there, x, atol=1e-12)
+    np.testing.assert_allclose(moving, step, atol=1e-10)
+    both = (jnp.stack(pair, axis=-1) for pair in ([x, x], [step, 0.0 * step]))
+    many = MODEL.retract(*both, THETA[:, None], jnp.stack([change, 0.0 * change], axis=1))
+    np.testing.assert_allclose(many[..., 0], moved(x, step, change), atol=1e-10)
+    np.testing.assert_allclose(many[..., 1], x, atol=1e-10)
+
+
+def test_a_riser_of_other_stiffness_and_damping_keeps_its_tension(states):
+    """Were its stretch led in a straight line it would lose 1.6 % of its load; a slack one is led so."""
+    x, change = np.array(states), jnp.array([0.18, -0.3, 0.0, 0.0, 0.0])
+    damped = replace(MODEL, names=("riser_stiffness", "riser_damping", *NAMES[1:]))
+    theta = jnp.asarray(np.insert(THETA, 1, np.log(1.0e5)))
+    x[0, 13:19:2] -= 2.0 * np.asarray(geometry(unpack(x[0, :, None], 2), MODEL.base.capsule).direction.stack())[:, 0, 0]
+    length, rate = _risers(x)
+    stretch, taut = length - THETA[1], length > THETA[1]
+    assert taut.any() and not taut.all()
+    along = geometry(unpack(jnp.asarray(x).T, 2), MODEL.base.capsule).direction.stack()
+    step = np.zeros_like(x)
+    for place, value, more in ((slice(13, 19), stretch, change[0]), (slice(19, 25), rate, change[1])):
+        step[:, place] = np.reshape(-more * np.where(taut, value, 0.0) * along, (6, -1)).T
+    there = _risers(damped.retract(jnp.asarray(x), jnp.asarray(step), theta, change))
+    for before, after, more in zip((stretch, rate), (there[0] - THETA[1], there[1]), change[:2], strict=True):
+        np.testing.assert_allclose(after, before * np.where(taut, np.exp(-more), 1.0), atol=1e-9)
+
+
+def test_risers_without_damping_are_led_too(states):
+    """Their stretch rate, which pulls nothing, in a straight line."""
+    x, step = np.array(states), np.random.default_rng(13).standard_normal((len(states), 25))
+    base = replace(MODEL.base, risers=replace(MODEL.base.risers, damping=0.0))
+    there, moving = jax.jvp(
+        lambda h: replace(MODEL, base=base).retract(jnp.asarray(x), h * step, jnp.asarray(THETA), h * jnp.ones(4)),
+        (0.0,),
+        (1.0,),
+    )
+    np.testing.assert_allclose(there, x, atol=1e-9)
+    np.testing.assert_allclose(_risers(there + 1e-6 * moving)[1], _risers(x + 1e-6 * step)[1], atol=1e-9)

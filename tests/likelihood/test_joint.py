@@ -321,15 +321,16 @@ def test_a_path_is_moved_by_its_change_or_as_its_model_retracts(linear):
     """A model that keeps something has the last word."""
     rng = np.random.default_rng(9)
     path, by = rng.standard_normal((2, 60, 2, 3))
-    np.testing.assert_array_equal(moved(linear.flight, path, by), path + by)
+    theta = jnp.zeros((2, 3))
+    np.testing.assert_array_equal(moved(linear.flight, path, by, theta, theta), path + by)
 
     @jax.tree_util.register_dataclass
     @dataclass(frozen=True)
     class Kept(type(linear.flight.model)):
-        def retract(self, x, step):
-            return jnp.stack([x[:, 0] + step[:, 0], x[:, 1]], axis=1)
+        def retract(self, x, step, theta, change):
+            return jnp.stack([x[:, 0] + step[:, 0], x[:, 1] + change[0]], axis=1)
 
-    kept = moved(replace(linear.flight, model=Kept(linear.flight.model.drive)), path, by)
+    kept = moved(replace(linear.flight, model=Kept(linear.flight.model.drive)), path, by, theta, theta)
     np.testing.assert_array_equal(kept[:, 1], path[:, 1])
     np.testing.assert_array_equal(kept[:, 0], path[:, 0] + by[:, 0])
 

@@ -427,7 +427,7 @@ def test_at_rest_a_linear_flight_is_at_its_dense_conditional_mean(broken, linear
     total = optimum.total_cost([broken], linear.hyper, linear.priors, theta, [at.unknowns])
     assert found.cost == pytest.approx(total, rel=1e-9) and found.defect < 1e-8
     # A step onward is exact, whatever its length.
-    (there,) = onward([broken], linear.hyper, found, mean[:2] - theta)
+    (there,) = onward([broken], linear.hyper, theta, found, mean[:2] - theta)
     got = np.concatenate([there.unknowns.start, np.asarray(there.error).ravel()])
     np.testing.assert_allclose(got, mean[2:], atol=1e-8)
     own = flown(broken, linear.hyper, mean[:2], there.unknowns)
@@ -453,7 +453,7 @@ def test_at_rest_a_descent_s_slope_is_that_of_its_least_cost(descent, flown):
     again = conditional_optimum(*given, theta, found.flights)
     assert abs(again.cost - found.cost) < 0.05 and abs(again.gradient - found.gradient)[0] < 0.05 / sd
     step = np.array([0.5 * sd])
-    ends, near = onward(*given[:2], again, step), conditional_optimum(*given, theta + step, again.flights)
+    ends, near = onward(*given[:2], theta, again, step), conditional_optimum(*given, theta + step, again.flights)
     for end, at in zip(ends, near.flights, strict=True):
         np.testing.assert_allclose(end.path, at.path, atol=0.05 * np.abs(at.path).max())
         np.testing.assert_allclose(end.unknowns.process_noise, at.unknowns.process_noise, atol=0.1)

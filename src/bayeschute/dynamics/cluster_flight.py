@@ -188,17 +188,21 @@ class ClusterFlight:
         air = air_between(now, then, error_now, error_then, share, self.dt)
         return air if self.wind_field is None else blown(air, self.wind_field, unpack(x, self.structure.canopies))
 
-    def retract(self, x: jax.Array, step: jax.Array) -> jax.Array:
-        """States a step away, risers as long, and growing as fast, as the linear step says.
+    def retract(self, x: jax.Array, step: jax.Array, theta: jax.Array, change: jax.Array) -> jax.Array:
+        """States a step away, risers pulling as the linear step says.
 
         A canopy that moves across its riser in a straight line stretches it by the square of that move, and a stiff
-        riser answers with more than its load. So what the step does to length and rate of every riser is taken from its
-        derivative, and the canopies are put there along the new direction (a retraction; Absil, Mahony & Sepulchre
-        2008). So is the size of the quaternion of the attitude.
+        riser answers with more than its load. So does one whose stiffness changes by a fifth while its stretch follows
+        in a straight line, where the load is what it was. So what the step does to both parts of the tension of every
+        riser, stiffness times stretch and damping times stretch rate, is taken from its derivative, and the canopies
+        are put there along the new direction (a retraction; Absil, Mahony & Sepulchre 2008). While slack, length and
+        rate are taken in place of tensions. So is the size of the quaternion of the attitude.
 
         Args:
             x: States (T, X, ...).
             step: Change of the states (T, X, ...).
+            theta: Parameters (P, ...).
+            change: Change of the parameters (P, ...).
         """
         n, capsule = self.structure.canopies, self.base.capsule
 
@@ -210,8 +214,21 @@ class ClusterFlight:
             geo = geometry(state, capsule)
             return size(state.attitude), geo.length, geo.stretch_rate
 
-        before, change = jax.jvp(kept, (jnp.moveaxis(x, 1, 0),), (jnp.moveaxis(step, 1, 0),))
-        turned, length, rate = jax.tree.map(jnp.add, before, change)
+        def risers(theta: jax.Array) -> tuple[Component, Component, Component]:
+            given = self.numbers(theta).risers
+            return given.length, given.stiffness, given.damping
+
+        (turned, length, rate), by = jax.jvp(kept, (jnp.moveaxis(x, 1, 0),), (jnp.moveaxis(step, 1, 0),))
+        theta = jnp.broadcast_to(theta, jnp.shape(change))
+        (slack, *given), (longer, *more) = jax.jvp(risers, (theta,), (change,))
+        new_slack, *new = risers(theta + change)
+
+        def pulled(i: int, value: jax.Array, by: jax.Array) -> jax.Array:
+            pulls = (length > slack) & (new[i] > 0.0)
+            return jnp.where(pulls, (given[i] * (value + by) + more[i] * value) / new[i], value + by)
+
+        turned, stretch, rate = turned + by[0], pulled(0, length - slack, by[1] - longer), pulled(1, rate, by[2])
+        length = new_slack + stretch
         there = unpack(jnp.moveaxis(x + step, 1, 0), n)
         q, share = there.attitude, turned / size(there.attitude)
         there = replace(there, attitude=Quaternion(q.w * share, q.x * share, q.y * share, q.z * share))

@@ -161,10 +161,18 @@ def states(data: FlightData, theta: Component, latent_path: LatentPath, known: C
 
 
 @jax.jit
-def moved(data: FlightData, path: jax.Array, by: jax.Array) -> jax.Array:
-    """A trajectory (T, X, ...) moved by a change of its states; a model with `retract` keeps stiff modes in balance."""
+def moved(data: FlightData, path: jax.Array, by: jax.Array, theta: jax.Array, change: jax.Array) -> jax.Array:
+    """A trajectory moved by a change of its states; a model with `retract` keeps stiff modes in balance.
+
+    Args:
+        data: The flight.
+        path: States (T, X, ...).
+        by: Their change.
+        theta: Parameters there (P, ...).
+        change: That of the parameters (P, ...), zero where they are held.
+    """
     model: Any = data.model
-    return model.retract(path, by) if hasattr(model, "retract") else path + by
+    return model.retract(path, by, theta, change) if hasattr(model, "retract") else path + by
 
 
 @jax.jit

@@ -75,7 +75,7 @@ def mean(
             for m, d in zip(latent_path[:2], by[:2], strict=True)
         )
         away = share * jnp.concatenate([off.states, -off.states], axis=-1)
-        residual, defects = stepped(flight, wide, LatentPath(start, error, moved(flight, path, away)))
+        residual, defects = stepped(flight, wide, LatentPath(start, error, moved(flight, path, away, wide, 0.0 * wide)))
         both = [np.asarray(a) - b for a, b in zip((residual, defects), still, strict=True)]
         by_pair = [0.5 * (a[..., :pairs] + a[..., pairs:]) for a in both]
         farthest = np.max(np.abs(np.asarray(away)), axis=(0, 2))[:, None]

@@ -241,10 +241,10 @@ def _disturbances(flight: FlightData, hyper: NoiseParameters, unknowns: Unknowns
 
 
 @jax.jit
-def shortened(flight: FlightData, at: Lifted, there: Lifted, share: float) -> Lifted:
-    """A fraction of a linear step."""
+def shortened(flight: FlightData, at: Lifted, there: Lifted, share: float, theta: jax.Array, step: jax.Array) -> Lifted:
+    """A fraction of a linear step of flight and parameters (P,)."""
     there = jax.tree.map(lambda a, b: a + share * (b - a), at, there)
-    return there._replace(path=moved(flight, at.path, there.path - at.path))
+    return there._replace(path=moved(flight, at.path, there.path - at.path, theta, share * step))
 
 
 class _Relaxed(NamedTuple):
@@ -433,7 +433,11 @@ def approached(
     level = _Level(flights, hyper, (), 0.0, by_theta=False)
     here, relaxed = _resting(level, level.point(theta, at), _NEARLY)
     five = zip(flights, here.flights, here.along, relaxed.ends, relaxed.filters, strict=True)
-    return [LinearOptimum(shortened(f, at, end, 1.0), made.without_theta(), one) for f, at, made, end, one in five]
+    held = np.zeros_like(theta)
+    return [
+        LinearOptimum(shortened(f, at, end, 1.0, theta, held), made.without_theta(), one)
+        for f, at, made, end, one in five
+    ]
 
 
 def _resettled(level: _Level, here: _Point) -> _Point:
@@ -495,12 +499,12 @@ def _consistent(flight: FlightData, hyper: NoiseParameters, at: Lifted) -> bool:
 
 
 def onward(
-    flights: Sequence[FlightData], hyper: NoiseParameters, here: ConditionalOptimum, step: Array
+    flights: Sequence[FlightData], hyper: NoiseParameters, theta: Array, here: ConditionalOptimum, step: Array
 ) -> tuple[Lifted, ...]:
-    """Flights after a step of the parameters (P,) from a conditional mode."""
+    """Flights after a step of the parameters (P,) from the conditional mode at theta (P,)."""
     ends = []
     for flight, at, solved in zip(flights, here.flights, here.onward, strict=True):
-        ends.append(shortened(flight, at, led(flight, hyper, at, solved, jnp.asarray(step)), 1.0))
+        ends.append(shortened(flight, at, led(flight, hyper, at, solved, jnp.asarray(step)), 1.0, theta, step))
     return tuple(ends)
 
 
@@ -512,8 +516,8 @@ class _Step(NamedTuple):
 
 
 def _tried(level: _Level, here: _Point, ends: Sequence[Lifted], step: Array, share: float) -> _Point:
-    trio = zip(level.records, here.flights, ends, strict=True)
-    return level.point(here.theta + share * step, [shortened(f, a, b, share) for f, a, b in trio])
+    trio, theta = zip(level.records, here.flights, ends, strict=True), here.theta
+    return level.point(theta + share * step, [shortened(f, a, b, share, theta, step) for f, a, b in trio])
 
 
 def _point(level: _Level, here: _Point, ends: Sequence[Lifted], step: Array, share: float) -> _Point:

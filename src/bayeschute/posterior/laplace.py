@@ -390,7 +390,8 @@ def _polynomials(marginal: Marginal, near: Sides) -> tuple[Quadratic, Quadratic]
 
         def corner(point: Array, pair: Array, ends: Sequence[Laplace] = ends) -> Laplace:
             trio = zip(marginal.flights, *(one.flights for one in (here, ends[pair[0]], ends[pair[1]])), strict=True)
-            found = at(marginal, point, [_beyond(*four) for four in trio])
+            _, change = shifted(marginal, point)
+            found = at(marginal, point, [_beyond(*four, jnp.asarray(marginal.centre), change) for four in trio])
             return found._replace(flights=(), roots=())
 
         with ThreadPoolExecutor(processors()) as pool:
@@ -405,10 +406,12 @@ def _polynomials(marginal: Marginal, near: Sides) -> tuple[Quadratic, Quadratic]
 
 
 @jax.jit
-def _beyond(flight: FlightData, here: Lifted, one: Lifted, other: Lifted) -> Lifted:
-    """Where two steps lead together."""
+def _beyond(
+    flight: FlightData, here: Lifted, one: Lifted, other: Lifted, theta: jax.Array, change: jax.Array
+) -> Lifted:
+    """Where two steps lead together, from theta (P,) with a change (P,)."""
     both = jax.tree.map(lambda a, b, c: b + c - a, here, one, other)
-    return both._replace(path=moved(flight, jnp.asarray(here.path), both.path - here.path))
+    return both._replace(path=moved(flight, jnp.asarray(here.path), both.path - here.path, theta, change))
 
 
 def _expansion(marginal: Marginal, h: Array) -> tuple[Array, Array]:

@@ -52,7 +52,8 @@ class Linearisation(NamedTuple):
     """A flight about the conditional optimum of its path.
 
     Attributes:
-        at: The optimum at theta_0.
+        theta: theta_0 (P,).
+        at: The optimum there.
         slope: Its derivatives by theta in the linear model, last axis.
         aside: Difference of these from the derivatives of the exact conditional mode.
         known: Linear contribution of start and disturbances to every step at theta_0 (T, X).
@@ -65,6 +66,7 @@ class Linearisation(NamedTuple):
         unit: Innovations at theta_0, and minus their derivatives by theta (T, C, 1 + P).
     """
 
+    theta: Component
     at: Lifted
     slope: Lifted
     aside: Lifted
@@ -151,7 +153,7 @@ def _along(flight: FlightData, hyper: NoiseParameters, theta: Array, at: Lifted,
     rough, _ = mean_correction.mean(flight, hyper, made, theta, linear.latent_path, rough=True)
     known = disturbed(linear.steps, linear.latent_path)
     unit = innovations(made, *as_seen(linear).less(mean))
-    return Linearisation(at, slope, aside, known, known_slope, mean, rough, lost, linear, made, unit)
+    return Linearisation(theta, at, slope, aside, known, known_slope, mean, rough, lost, linear, made, unit)
 
 
 def marginalise(
@@ -173,17 +175,18 @@ def mean_correction_slope(marginal: Marginal) -> Array:
 
 
 @jax.jit
-def _place(flight: FlightData, at: Lifted, slope: Lifted, shift: jax.Array) -> Lifted:
+def _place(flight: FlightData, theta: jax.Array, at: Lifted, slope: Lifted, shift: jax.Array) -> Lifted:
     many = (1,) * (jnp.ndim(shift) - 1)
     by = jax.tree.map(lambda a: jnp.tensordot(a, shift, axes=1), slope)
     wide = jax.tree.map(lambda a, b: jnp.broadcast_to(jnp.reshape(a, (*jnp.shape(a), *many)), b.shape), at, by)
     both = jax.tree.map(jnp.add, wide, by)
-    return Lifted(both.unknowns, both.error, moved(flight, wide.path, by.path))
+    theta = jnp.reshape(theta, (-1, *many))
+    return Lifted(both.unknowns, both.error, moved(flight, wide.path, by.path, theta, shift))
 
 
 def place_at(flight: FlightData, along: Linearisation, shift: jax.Array) -> Lifted:
     """Start, process noise and trajectory at ``theta_0 + shift`` (P, ...), followed linearly."""
-    return _place(flight, along.at, along.slope, shift)
+    return _place(flight, along.theta, along.at, along.slope, shift)
 
 
 def latent_path_at(flight: FlightData, along: Linearisation, shift: jax.Array) -> LatentPath:
@@ -326,7 +329,8 @@ def draw_flights(
         free, away = drawn(
             flight, noise_parameters, made, seen_along(along, *stepped(flight, theta, latent_path), shift), z
         )
-        path = moved(flight, latent_path.path, away + aside_path)
+        held = jnp.zeros_like(theta)
+        path = moved(flight, latent_path.path, away + aside_path, theta, held)
         for _ in range(_CORRECTIONS):
             latent_path = latent_path_of(flight, noise_parameters, jax.tree.map(jnp.add, free, aside))._replace(
                 path=path
@@ -337,7 +341,7 @@ def draw_flights(
                 defects - _disturbed(along.linear, latent_path_of(flight, noise_parameters, free)),
             )
             again, away = drawn(flight, noise_parameters, made, seen, z)
-            free, path = _where_small(free, path, again, moved(flight, path, away))
+            free, path = _where_small(free, path, again, moved(flight, path, away, theta, held))
         unknowns = jax.tree.map(jnp.add, free, aside)
         found.append(Lifted(unknowns, latent_path_of(flight, noise_parameters, unknowns).error, path))
     return tuple(found)

@@ -63,7 +63,7 @@ class _Placed(NamedTuple):
 
     def onward(self, flights: Sequence[FlightData], hyper: NoiseParameters) -> tuple[Array, tuple[Lifted, ...]]:
         """Parameters and flights at the end of the step."""
-        return self.theta + self.step, along_record.onward(flights, hyper, self.conditional, self.step)
+        return self.theta + self.step, along_record.onward(flights, hyper, self.theta, self.conditional, self.step)
 
     def rise(self, theta: Array, conditional: along_record.ConditionalOptimum) -> float:
         """By how much minus the marginal log density is greater at another point, the mean correction linear."""
