@@ -139,6 +139,14 @@ def test_corrections_that_are_good_stay_and_flights_that_fail_are_told(bent):
     assert np.isnan(lost.error) and np.isnan(lost.shift) and lost.points == correction_fit._FIRST
 
 
+def test_points_are_added_while_what_the_error_implies_is_not_small(bent, monkeypatch):
+    made = bent(lambda points: 0.05 * points[:, 0] ** 3)
+    first = fitted(made, np.random.default_rng(1))
+    monkeypatch.setattr(correction_fit, "MOST_SHIFT", 0.5 * first.shift)
+    more = fitted(made, np.random.default_rng(1))
+    assert more.points == correction_fit._MOST * np.size(made.centre) > first.points == correction_fit._FIRST
+
+
 def test_the_search_ends_where_no_polynomial_will_do(bent):
     made = bent(lambda points: 3.0 * np.sin(40.0 * points[:, 0]))
     got = fitted(made, np.random.default_rng(1))

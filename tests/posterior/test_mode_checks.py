@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import jax.numpy as jnp
@@ -80,6 +81,20 @@ def _told(*rows):
 def test_one_axis_decides(row, mode):
     assert _told(GAUSSIAN, row, GAUSSIAN).is_mode == mode
     assert _told(row[::-1]).is_mode == mode
+
+
+@pytest.mark.parametrize(
+    ("row", "words"),
+    [
+        (GAUSSIAN, "^$"),
+        ([2.0, np.nan, 0.5, 2.0], "flights fail"),
+        ([2.0, -0.3, 0.5, 2.0], "rises by 0.3 along some axis"),
+        ([9.0, 5.5, 0.5, 2.0], "falls by 5.5 along some axis, where about 0.5 is expected"),
+        ([2.0, 0.5, 0.5, 0.4], "two standard deviations away .* higher than at one"),
+    ],
+)
+def test_what_is_no_mode_says_why(row, words):
+    assert re.search(words, _told(GAUSSIAN, row).why_not)
 
 
 def test_the_worst_is_the_least_that_is_known():

@@ -43,18 +43,26 @@ class Profile(NamedTuple):
     @property
     def is_mode(self) -> bool:
         """Whether the density falls to both sides along every axis, on and on, and nowhere like a cliff."""
+        return not self.why_not
+
+    @property
+    def why_not(self) -> str:
+        """Why this is no mode, in words; empty if it is one."""
         by_place = dict(zip(PLACES, self.fall.T, strict=True))
-        for sign in (-1.0, 1.0):
-            near, far = by_place[sign], by_place[2.0 * sign]
-            known = np.isfinite(near)
-            if (
-                not known.all()
-                or (near <= 0.0).any()
-                or (near > _STEEPEST).any()
-                or (far[np.isfinite(far)] <= near[np.isfinite(far)]).any()
-            ):
-                return False
-        return True
+        near = np.array([by_place[-1.0], by_place[1.0]])
+        far = np.array([by_place[-2.0], by_place[2.0]])
+        if not np.isfinite(near).all():
+            return "one standard deviation away from it flights fail"
+        if (near <= 0.0).any():
+            return f"one standard deviation away from it the log density rises by {-np.min(near):.3g} along some axis"
+        if (near > _STEEPEST).any():
+            return (
+                f"one standard deviation away from it the log density falls by {np.max(near):.3g} along some axis, "
+                "where about 0.5 is expected"
+            )
+        if (far <= near).any():  # not where flights fail
+            return "two standard deviations away from it the log density is higher than at one, along some axis"
+        return ""
 
 
 def profile(marginal: Marginal, middle: Array | None = None, more: Sequence[Array] = ()) -> Profile:

@@ -25,7 +25,7 @@ from bayeschute.posterior.marginal import (
 )
 from bayeschute.posterior.sampling import delayed_acceptance, ensemble, independence
 from bayeschute.posterior.sampling.protocol import Draws
-from bayeschute.posterior.sampling.sampler_checks import why_not_trusted
+from bayeschute.posterior.sampling.sampler_checks import mixes_slowly, why_not_trusted
 from bayeschute.posterior.surrogate import Surrogate, build
 
 Array = NDArray[np.float64]
@@ -34,6 +34,7 @@ WIDENED = "unconditional: the sampler's own, widened by the uncertainty of the n
 _TEMPERATURES = (1.1, 1.3)  # of the surrogate that proposes, tried in turn
 EMCEE_DREW, INDEPENDENCE_DREW = "emcee drew instead", "an independence sampler drew instead"
 """Last words of the note on draws that are not those of the sampler asked for."""
+_LONGER = 4  # times as long a walk where one mixes slowly
 _LAST_STEPS = 1000  # of emcee's ensembles where all else failed: hours would not make such draws good
 
 
@@ -45,9 +46,9 @@ def sample(
     Args:
         marginal: The posterior.
         kind: ``"nuts"`` (numpyro's NUTS on a quadratic surrogate, corrected exactly by delayed acceptance) or
-            ``"emcee"`` (ensembles on the same density). Where NUTS' draws fail their own check (`why_not_trusted`), an
-            independence sampler (`posterior.sampling.independence`) draws, and where its draws fail it too, emcee; a
-            note says why.
+            ``"emcee"`` (ensembles on the same density). Where NUTS' walk mixes slowly a longer one is made. Where its
+            draws fail their own check (`why_not_trusted`), an independence sampler (`posterior.sampling.independence`)
+            draws, and where its draws fail it too, emcee; a note says why.
         chains: Chains.
         warmup: Warm-up steps.
         draws: Draws per chain.
@@ -108,9 +109,10 @@ def sample(
 
     for temperature in _TEMPERATURES:
         density = jax.tree_util.Partial(Surrogate.log_density, replace(surrogate, temperature=temperature))
-        tried.append(
-            delayed_acceptance.corrected(exact, density, parameters, chains, warmup, draws, seed, progress=tell(kind))
-        )
+        given = exact, density, parameters, chains, warmup, draws, seed
+        tried.append(delayed_acceptance.corrected(*given, progress=tell(kind)))
+        if mixes_slowly(tried[-1]):
+            tried.append(delayed_acceptance.corrected(*given, _LONGER, progress=tell(f"{kind}, longer")))
         reasons.append(why_not_trusted(tried[-1]))
         if not reasons[-1]:
             return with_all(tried[-1])

@@ -16,6 +16,7 @@ from bayeschute.posterior.sampling.sampler_checks import (
     MOST_K,
     MOST_RHAT,
     judge_rhat,
+    mixes_slowly,
     pareto_k,
     rhat_bound,
     rhat_of,
@@ -91,6 +92,32 @@ def test_doubt_says_why():
     assert "Pareto k" in both and "R-hat" in both
     xi[..., 2] = 1.0  # never moved
     assert "R-hat" in why_not_trusted(_made(xi))
+
+
+def test_a_walk_mixes_slowly_where_its_chains_hardly_agree_though_proposals_are_good():
+    rng = np.random.default_rng(6)
+    xi = rng.standard_normal((4, 500, 3))
+    assert not mixes_slowly(_made(xi))
+    xi[1, :, 2] += 0.5
+    assert mixes_slowly(_made(xi))
+    assert not mixes_slowly(_made(xi, -1.0 * np.log(rng.random((4, 500)))))  # more of the same would not help
+
+
+def test_a_thinned_walk_has_as_many_draws_and_less_of_their_correlation():
+    """On a surrogate twice as wide as the density three of four proposals in two dimensions are refused."""
+    exact = lambda x: -0.5 * (x**2).sum(axis=0)  # noqa: E731
+    given = exact, Partial(_normal, 2.0), 2, 4, 300, 600, 5
+    short, long = delayed_acceptance.corrected(*given), delayed_acceptance.corrected(*given, 4)
+    assert short.xi.shape == long.xi.shape == (4, 600, 2)
+    assert long.stats["log_ratio"].shape == short.stats["log_ratio"].shape
+    assert 3.0 * short.evaluations < long.evaluations < 4.0 * short.evaluations
+
+    def stays(made):
+        return np.mean(np.all(np.diff(made.xi[:, :150], axis=1) == 0.0, axis=-1))
+
+    assert stays(long) < 0.5 * stays(short)
+    np.testing.assert_allclose(long.log_density, exact(np.moveaxis(long.xi, -1, 0)), atol=1e-12)
+    assert np.std(long.xi) == pytest.approx(1.0, abs=0.06)
 
 
 def _normal(width, x):

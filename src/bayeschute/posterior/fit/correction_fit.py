@@ -6,10 +6,10 @@ where its values are known to a tenth only, what is read from differences near t
 of the log density on some flights. So the density is compared with Laplace's approximation at standard normal points.
 
 What counts is not the error itself but what it does to means and standard deviations: points weighed by the exponential
-of their error tell (`implied`). Points are added until that is known well enough. If the corrections can be improved
-they are, by Bayesian linear regression (MacKay 1992): the expansion about the mode is what is expected, and how far it
-may be left, and how exact the values are, is what makes the points most probable. Its errors are those of leaving out
-one point after the other.
+of their error tell (`implied`). Points are added until that is known well enough, and small. If the corrections can be
+improved they are, by Bayesian linear regression (MacKay 1992): the expansion about the mode is what is expected, and
+how far it may be left, and how exact the values are, is what makes the points most probable. Its errors are those of
+leaving out one point after the other.
 """
 
 from __future__ import annotations
@@ -27,6 +27,8 @@ from bayeschute.posterior.marginal import Marginal, Quadratic
 
 Array = NDArray[np.float64]
 _FIRST, _BATCH, _MOST = 8, 2, 16  # points at first, and of each batch; of each batch, and of all, per parameter
+MOST_SHIFT = 0.2
+"""Change of a mean, in standard deviations, or relative of one of these, by the density's error, that will do."""
 _KNOWN = 0.05  # standard error of what the density's error implies that will do [standard deviations]
 _FINITE = 0.75  # least share of the points at which flights must not fail
 _BETTER = 0.8  # of the error without a fit, below which a fit is taken
@@ -98,7 +100,8 @@ def fitted(
                 f"which shifts means by {shift:.2g} standard deviations"
             )
             progress(min(len(points) / (_MOST * size), 1.0), words)
-        if error / np.sqrt(known.sum()) < _KNOWN or len(points) >= _MOST * size:
+        good = error / np.sqrt(known.sum()) < _KNOWN and shift < MOST_SHIFT
+        if good or len(points) >= _MOST * size:
             return Fitted(made, error, shift, before, len(points))
 
 

@@ -272,7 +272,7 @@ def _last(
             f"after {len(found)} steps towards it the mode is still off by {place.away:.2g} standard deviations, root "
             f"mean square of all axes, and less than {_BESIDE_MODE:g} is wanted"
             if seen.is_mode
-            else f"one standard deviation away from it the log density falls by {seen.worst:.3g}, about 0.5 is expected"
+            else seen.why_not
         )
         ended, reason = best, f"the search for the mode of the marginal posterior did not end at one: {why}"
         lengths = ", ".join(f"{one.away:.2g}" for one in found)

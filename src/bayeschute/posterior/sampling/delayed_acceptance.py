@@ -67,6 +67,7 @@ def corrected(
     warmup: int,
     draws: int,
     seed: int,
+    thinning: int = 1,
     streams: int = 16,
     progress: Progress | None = None,
 ) -> Draws:
@@ -84,6 +85,7 @@ def corrected(
         warmup: Steps that adapt NUTS on the surrogate; a quarter of them also warms the exact walk up.
         draws: Draws per chain.
         seed: Seed.
+        thinning: Steps per draw kept.
         streams: Walks in one batch; a multiple of `chains`.
         progress: Called with exact evaluations done and wanted.
 
@@ -110,7 +112,8 @@ def corrected(
         "diverging": [],
         "log_ratio": [],
     }
-    for step in range(settle + length):
+    last = settle + length * thinning
+    for step in range(last):
         proposed = _advance(function, state, _TRANSITIONS, warmup)
         at = counted(np.asarray(proposed.z).T)
         with np.errstate(
@@ -121,14 +124,14 @@ def corrected(
         taken = np.log(rng.random(streams)) < gain
         exact = np.where(taken, at, exact)
         state = _take(taken, proposed, state)
-        if step >= settle:
+        if step >= settle and (step - settle) % thinning == thinning - 1:
             rows["xi"].append(np.asarray(state.z))
             rows["log_density"].append(exact)
             rows["acceptance_rate"].append(np.exp(np.minimum(gain, 0.0)))
             rows["diverging"].append(np.asarray(proposed.diverging))
             rows["log_ratio"].append(at + np.asarray(proposed.potential_energy))
         if progress is not None:
-            progress(step + 1, settle + length)
+            progress(step + 1, last)
 
     def chained(row: list[Array]) -> Array:
         stacked = np.stack(row, axis=1)  # (stream, step, ...)

@@ -23,6 +23,7 @@ MOST_K = 0.7
 MOST_RHAT = 1.01
 _EQUAL = 0.05  # spread of log ratios up to which weights are all but the same: they cost less than 0.1 % of the draws
 _LEAST = 25  # ratios of which a tail can be fitted: ArviZ takes a fifth of few, and wants five
+_SLOW = 0.9  # of the bound on R-hat less one; what is added for the noise parameters moves it a little
 _FALSE_ALARM = 1e-3  # chance that independent draws, as many as there are, are refused by R-hat
 
 
@@ -95,11 +96,21 @@ def rhat_bound(chains: int, draws: int, parameters: int) -> float:
     return max(MOST_RHAT, float(np.sqrt(1.0 + 2.0 * max(spread - 1.0, 0.0) / draws)))
 
 
+def mixes_slowly(draws: Draws) -> bool:
+    """Whether a longer walk by delayed acceptance would do: its proposals cover the density, its chains hardly agree.
+
+    Args:
+        draws: As of `why_not_trusted`.
+    """
+    rhat = judge_rhat(rhat_of(draws.xi), *draws.xi.shape[:2])
+    return pareto_k(draws.stats["log_ratio"]) < MOST_K and rhat.largest - 1.0 > _SLOW * (rhat.bound - 1.0)
+
+
 def why_not_trusted(draws: Draws) -> str:
     """Why draws by delayed acceptance are not reliable, in words; empty if they are.
 
     Args:
-        draws: Of `nuts.corrected`, with ``log_ratio`` among their numbers.
+        draws: Of `delayed_acceptance.corrected`, with ``log_ratio`` among their numbers.
     """
     reasons = []
     k = pareto_k(draws.stats["log_ratio"])

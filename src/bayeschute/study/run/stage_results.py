@@ -17,6 +17,7 @@ from bayeschute.core.trees import load_tree, save_tree
 from bayeschute.likelihood.joint import FlightData, as_seen, stepped
 from bayeschute.likelihood.kalman import Seen, innovations
 from bayeschute.posterior.assess.identifiability_result import FitIdentifiability
+from bayeschute.posterior.fit.correction_fit import MOST_SHIFT
 from bayeschute.posterior.marginal import Linearisation
 from bayeschute.posterior.sampling.sampler_checks import MOST_K, judge_rhat
 from bayeschute.posterior.score_dispersion import Dispersion, dispersion, parts_of
@@ -40,7 +41,6 @@ Array = NDArray[np.float64]
 
 
 STATISTICS = "fit/statistics.npz"
-_MOST_ERROR = 0.2  # change of a mean, in standard deviations, or relative of one of these, by the density's error
 _FAR_DRAWS = 2.0  # standard deviations: farther off, draws are not about the mode that was found
 
 
@@ -213,8 +213,8 @@ def check(job: Job, identify: bool = True) -> str:
     add(
         "log_determinant",
         max(fits.determinant_errors),
-        _MOST_ERROR,
-        max(fits.determinant_errors) < _MOST_ERROR,
+        MOST_SHIFT,
+        max(fits.determinant_errors) < MOST_SHIFT,
         "largest change of a mean, in standard deviations, or relative of a standard deviation, that the error of the "
         "log density implies: against Laplace's approximation at points of the posterior, by importance weights",
     )
