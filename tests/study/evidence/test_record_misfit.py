@@ -46,3 +46,13 @@ def test_draws_that_were_widened_are_no_further_from_the_prior(distances):
     narrow, wide = (distances(np.array([-0.6, np.log(2.0)]), np.array([0.15, 0.1]), by) for by in (1.0, 3.3))
     np.testing.assert_allclose(wide, narrow, atol=0.05)
     assert narrow[0] == pytest.approx(-0.9 / np.sqrt(0.5**2 - 0.15**2), abs=0.05)
+
+
+def test_a_disturbance_is_named_by_the_axis_or_canopy_it_acts_on():
+    """The rows of two canopies as `dynamics.air_between` reads them."""
+    names = [record_misfit.place_of(row, 2) for row in range(10)]
+    assert names == [
+        "north", "east", "down", "of canopy 1", "of canopy 2",
+        "north of canopy 1", "north of canopy 2", "east of canopy 1", "east of canopy 2", "",
+    ]  # fmt: skip
+    assert record_misfit.place_of(5, 3) == "of canopy 3"

@@ -40,6 +40,7 @@ STATED = 1.5
 SIMULATED = 400
 """Disturbances simulated as stated."""
 _AXES = ("north", "east", "down")
+_ALONG = ("", "north ", "east ")  # a canopy's force along its axis, and across towards
 DRAWS = 16
 """Of the process noise, of each fit."""
 LOG_SD = 0.7
@@ -146,10 +147,21 @@ def disturbance_rows(job: Job, flight: FlightData) -> dict[int, str]:
     """Names of the disturbances of a flight, by row."""
     groups = assemble.noise_parameter_names(job.study)
     made: dict[int, str] = {}
+    model: Any = flight.model
     for row, group in flight.latent.processes:
-        where = f" {_AXES[row]}" if "wind" in groups[group] and job.study.model == "cluster" else f" {row}"
-        made[row] = f"{groups[group].split(',')[0].removeprefix('slow ')}{where}"
+        where = place_of(row, model.structure.canopies) if job.study.model == "cluster" else "down"
+        made[row] = f"{groups[group].split(',')[0].removeprefix('slow ')} {where}".strip()
     return made
+
+
+def place_of(row: int, n: int) -> str:
+    """Axis or canopy that a disturbance of a cluster of `n` canopies acts on, by row (`dynamics.air_between`)."""
+    if row < len(_AXES):
+        return _AXES[row]
+    axis, canopy = divmod(row - len(_AXES), n)
+    if axis < len(_ALONG):
+        return f"{_ALONG[axis]}of canopy {canopy + 1}"
+    return ""
 
 
 def _of_priors(job: Job, group: Group, one: Stored) -> Iterator[Check]:
