@@ -16,6 +16,7 @@ from bayeschute.posterior import along_record, joint_mode, laplace, noise_eviden
 from bayeschute.posterior.fit import continuation, joint_fit, laplace_fit, marginal_mode
 from bayeschute.posterior.joint_mode import Optimum
 from bayeschute.posterior.marginal import Quadratic, log_density
+from bayeschute.posterior.mode_checks import Profile
 from bayeschute.posterior.noise_evidence import NoisePrior
 
 
@@ -596,7 +597,7 @@ def test_noise_parameters_without_a_mode_give_way_to_the_next(found, descent, mo
 
     def told(made, *middle):
         seen.extend([made.hyper] if made.hyper not in seen[-1:] else [])
-        return usual(made, *middle) if made.hyper is right else SimpleNamespace(is_mode=False, worst=-0.3)
+        return usual(made, *middle) if made.hyper is right else Profile(np.eye(1), np.array([[2.0, -0.3, 0.5, 2.0]]))
 
     monkeypatch.setattr(laplace_fit, "profile", told)
     other = joint_fit._looser(right)
@@ -604,10 +605,10 @@ def test_noise_parameters_without_a_mode_give_way_to_the_next(found, descent, mo
         descent.flights, descent.priors, settled, [("mean", other), ("mode", right)]
     )
     assert hyper is right and made.hyper is right and seen == [other, right] and laplace_fit._LOST_MEAN in lost
-    with pytest.raises(joint_fit.NoFitError, match=r"falls by -0\.3, about") as told_of:
+    with pytest.raises(joint_fit.NoFitError, match=r"rises by 0\.3 along") as told_of:
         laplace_fit._last(descent.flights, descent.priors, settled, [("mean", other)])
     (line,) = told_of.value.tried
-    assert line.startswith("mean: steps left from") and "falls by -0.3" in line
+    assert line.startswith("mean: steps left from") and "rises by 0.3" in line
     assert told_of.value.hyper is other and np.isfinite(told_of.value.best.theta).all()
 
 
