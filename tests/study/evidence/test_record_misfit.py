@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from bayeschute.dynamics.cluster_flight import air_between
 from bayeschute.likelihood.priors import Prior
 from bayeschute.study.evidence import record_misfit
 
@@ -48,11 +49,20 @@ def test_draws_that_were_widened_are_no_further_from_the_prior(distances):
     assert narrow[0] == pytest.approx(-0.9 / np.sqrt(0.5**2 - 0.15**2), abs=0.05)
 
 
-def test_a_disturbance_is_named_by_the_axis_or_canopy_it_acts_on():
-    """The rows of two canopies as `dynamics.air_between` reads them."""
-    names = [record_misfit.place_of(row, 2) for row in range(10)]
-    assert names == [
-        "north", "east", "down", "of canopy 1", "of canopy 2",
-        "north of canopy 1", "north of canopy 2", "east of canopy 1", "east of canopy 2", "",
-    ]  # fmt: skip
-    assert record_misfit.place_of(5, 3) == "of canopy 3"
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_a_disturbance_is_named_by_the_axis_or_canopy_it_acts_on(n):
+    """Each alone, a unit from the first sample on, against what the air has that the equations of motion take."""
+    given = SimpleNamespace(wind=np.zeros(3), axial_factor=np.ones(n), density=1.0)
+    for row in range(4 + 3 * n):
+        error = np.zeros(4 + 3 * n)
+        error[row] = 1.0
+        air = air_between(given, given, error, error, 0.0, 0.1)
+        north, east = air.push
+        moved = dict(zip(("north", "east", "down"), air.wind.stack(), strict=True)) | {"": air.roll}
+        for i in range(n):
+            moved |= {
+                f"of canopy {i + 1}": air.axial_factor[i] - 1.0,
+                f"north of canopy {i + 1}": north[i],
+                f"east of canopy {i + 1}": east[i],
+            }
+        assert [name for name, value in moved.items() if value != 0.0] == [record_misfit.place_of(row, n)]

@@ -155,7 +155,7 @@ def disturbance_rows(job: Job, flight: FlightData) -> dict[int, str]:
 
 
 def place_of(row: int, n: int) -> str:
-    """Axis or canopy that a disturbance of a cluster of `n` canopies acts on, by row (`dynamics.air_between`)."""
+    """Axis or canopy that a disturbance of a cluster of `n` canopies acts on, by row (`cluster_flight.air_between`)."""
     if row < len(_AXES):
         return _AXES[row]
     axis, canopy = divmod(row - len(_AXES), n)
