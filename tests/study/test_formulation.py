@@ -12,9 +12,10 @@ import xarray as xr
 from bayeschute.core.errors import InputError
 from bayeschute.likelihood.disturbances import Latent
 from bayeschute.study.assembly import assemble
-from bayeschute.study.formulation import label, noise_medians, notes
+from bayeschute.study.formulation import label, noise_medians, notes, unused_of
 from bayeschute.study.load import load_study
 from bayeschute.study.run.stages import run_study
+from bayeschute.study.schema.belief_schema import ChannelNoise
 
 MODELS = ("ar1", "ar1+white", "white", "sandwich")
 
@@ -120,3 +121,16 @@ def test_ar1_fits_without_latent_disturbances_and_leaves_no_table_of_output_erro
         assert "latent.1" not in tree["constant_data"]
     # its interval is no longer that of white noise
     assert draws.std() > 1.3 * sandwich[1]["output_error"][0]["raw_sd"]
+
+
+@pytest.mark.parametrize(
+    ("stated", "model", "without"),
+    [
+        ({"white": 1.0, "correlated": 2.0, "time_constant": "3 s"}, "latent", ()),
+        ({"white": 1.0, "kind": "white"}, "latent", ("correlated", "time_constant")),
+        ({"correlated": 2.0, "time_constant": "3 s", "kind": "ar1"}, "latent", ("white",)),
+        ({"white": 1.0, "kind": "white"}, "ar1", ("white",)),  # there its size is that of the correlated part
+    ],
+)
+def test_parts_of_a_channel_s_noise_that_it_has_not_are_known(stated, model, without):
+    assert unused_of(ChannelNoise[float](**stated), model) == without

@@ -44,6 +44,12 @@ def unused(model: str) -> tuple[str, ...]:
     return _UNUSED.get(model, ())
 
 
+def unused_of(channel: ChannelNoise[float], model: str) -> tuple[str, ...]:
+    """Those of one channel, which may have a white or a correlated part alone."""
+    stated = {name: getattr(channel, name) for name in ("white", "correlated", "time_constant")}
+    return unused(model) or tuple(name for name, value in stated.items() if value is None)
+
+
 def label(model: str) -> str:
     """Beginning of the label of a result; empty for the default."""
     return _LABELS.get(model, "")

@@ -159,8 +159,8 @@ def _disturbances(job: Job) -> dict[str, Any]:
             "time_constant": hyper.noise.time_constant[i],
             "unit": NOISE_UNITS[name],
         }
-        | dict.fromkeys(formulation.unused(job.study.noise.model))
-        for i, name in enumerate(job.study.noise.channels())
+        | dict.fromkeys(formulation.unused_of(channel, job.study.noise.model))
+        for i, (name, channel) in enumerate(job.study.noise.channels().items())
     }
     for name, parameters in zip(assemble.noise_parameter_names(job.study), hyper.disturbance_parameters, strict=True):
         facts = {"white": None, "correlated": parameters[0], "unit": "m/s" if "wind" in name else "1"}
