@@ -52,7 +52,9 @@ class Question(StrEnum):
 
 
 StudyPath = Annotated[Path, typer.Argument(metavar="STUDY", help="Study file (TOML).", show_default=False)]
-PosteriorPath = Annotated[Path, typer.Argument(metavar="POSTERIOR", help="From `bayeschute fit`.", show_default=False)]
+PosteriorPath = Annotated[
+    Path, typer.Argument(metavar="POSTERIOR", help="From `bayeschute fit`, or a run's folder.", show_default=False)
+]
 DataDir = Annotated[
     Path | None, typer.Option("--data", metavar="DIR", help="Folder that replaces ${DATA} in the study.")
 ]
@@ -150,7 +152,7 @@ def fit(
     seed: Seed = None,
     prior: Annotated[
         Path | None,
-        typer.Option(metavar="POSTERIOR", help="Posterior of earlier drops, from `fit`: the prior of this study's."),
+        typer.Option(metavar="POSTERIOR", help="Posterior of earlier drops, as for `predict`: this study's prior."),
     ] = None,
 ) -> None:
     """Fit the records of a study and sample the posterior, into one file from which other flights can be predicted."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import random
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from bayeschute.api import posterior_file
 from bayeschute.api.posterior_file import posterior_of_run, read_posterior, write_posterior
 from bayeschute.core.errors import InputError
 from bayeschute.study.load import load_study
+from bayeschute.study.study import study_hash
 
 
 @pytest.fixture(scope="module")
@@ -32,6 +34,24 @@ def test_what_was_written_is_read(content, stored):
     assert set(data.children) == set(content[1].children)
     for name, node in content[1].children.items():
         xr.testing.assert_identical(data[name].to_dataset(), node.to_dataset())
+
+
+@pytest.mark.parametrize("given", [".", "posterior.nc"])
+def test_a_run_is_read_by_its_folder_or_its_draws(content, finished, given):
+    study, data, files = read_posterior(finished.folder / given)
+    assert study_hash(study) == study_hash(content[0]) and files == content[2]
+    for name, node in content[1].children.items():
+        xr.testing.assert_identical(data[name].to_dataset(), node.to_dataset())
+
+
+def test_a_run_that_was_not_fitted_and_a_folder_without_one_are_told(finished, tmp_path):
+    with pytest.raises(InputError, match="a folder that holds no run"):
+        read_posterior(tmp_path)
+    run = tmp_path / "run"
+    shutil.copytree(finished.folder, run)
+    (run / "posterior.nc").unlink()
+    with pytest.raises(InputError, match=r"no posterior\.nc.*--resume"):
+        read_posterior(run)
 
 
 def _cut(raw: bytearray, rng: random.Random) -> bytearray:

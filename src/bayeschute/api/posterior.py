@@ -296,10 +296,13 @@ class Posterior:
 
     @classmethod
     def load(cls, path: Path | str) -> Posterior:
-        """Read a posterior that `save` wrote.
+        """Read a posterior that `save` wrote, or that of a finished run.
+
+        Args:
+            path: A file of `save` or `bayeschute fit`, or the folder of a run that keeps its study.
 
         Raises:
-            InputError: If the file is not one, or a later version wrote it.
+            InputError: If the file is not one, or a later version wrote it; if the run was not fitted.
         """
         return cls(*read_posterior(Path(path)))
 

@@ -19,13 +19,15 @@ from bayeschute.core.errors import Fault, InputError
 from bayeschute.core.files import write_whole
 from bayeschute.core.version import __version__
 from bayeschute.study.archive import study_from_plain, study_to_plain
+from bayeschute.study.load import load_study
 from bayeschute.study.stage_keys import ARTEFACT_VERSION
 from bayeschute.study.study import Study
 
 _GROUP, _STUDY, _FILE = "bayeschute", "study", "file "
+_RUN_DRAWS = "posterior.nc"  # of a run, whose records and fits lie beside it
 _SEAL = b"\nbayeschute sha256 "
 _END = len(_SEAL) + 2 * hashlib.sha256().digest_size
-_WANTED = "a posterior written by `Posterior.save` or `bayeschute fit`"
+_WANTED = "a posterior written by `Posterior.save` or `bayeschute fit`, or the folder of a run"
 Content = tuple[Study, xr.DataTree, Files]
 """The study that was fitted, the draws, and files of records and fits."""
 
@@ -79,13 +81,18 @@ def _check_whole(path: Path) -> None:
 
 
 def read_posterior(path: Path) -> Content:
-    """Read what `write_posterior` wrote.
+    """Read what `write_posterior` wrote, or the posterior of a run: its folder, or the posterior.nc in it.
 
     Raises:
-        InputError: If the file is not one, was damaged or changed since, or is another version's.
+        InputError: If the file is not one, was damaged or changed since, or is another version's; if a run was not
+            fitted.
     """
+    folder = path if path.is_dir() else path.parent
+    if (path == folder or path.name == _RUN_DRAWS) and (folder / "study.toml").is_file():
+        return posterior_of_run(folder, load_study(folder / "study.toml"))
     if not path.is_file():
-        raise InputError(Fault(str(path), "no such file", _WANTED))
+        got = "a folder that holds no run" if path.is_dir() else "no such file"
+        raise InputError(Fault(str(path), got, _WANTED))
     _check_whole(path)
     try:
         tree = _loaded(path)
@@ -111,13 +118,14 @@ def posterior_of_run(folder: Path, study: Study) -> Content:
     Raises:
         InputError: If the run has none.
     """
-    if not (folder / "posterior.nc").is_file():
-        raise InputError(Fault(str(folder), "no posterior.nc", "the folder of a run that was fitted"))
+    if not (folder / _RUN_DRAWS).is_file():
+        do = "Let the run finish: `bayeschute run STUDY --out DIR --resume`."
+        raise InputError(Fault(str(folder), f"no {_RUN_DRAWS}", "the folder of a run that was fitted", do))
     fitted = tuple(f for f in study.flights if {"identify", "structure"} & set(f.roles))
     records = {f"flights/{f.name}{ending}" for f in fitted for ending in (".nc", ".truth.nc")}
     kept = collected(folder, KEPT).items()
     files = {name: held for name, held in kept if not name.startswith("flights/") or name in records}
-    return replace(study, flights=fitted, requirements=()), _loaded(folder / "posterior.nc"), files
+    return replace(study, flights=fitted, requirements=()), _loaded(folder / _RUN_DRAWS), files
 
 
 def _loaded(path: Path) -> xr.DataTree:
