@@ -161,6 +161,24 @@ def test_machine_code_gives_the_same_outputs_and_derivatives():
             assert np.abs((np.asarray(got) - np.asarray(exact)) / size).max() < 1e-9
 
 
+def test_a_scale_of_positions_changes_them_and_nothing_else():
+    """Machine code, too: motion and other channels are the same, positions and their derivatives are as many times."""
+    pytest.importorskip("llvmlite")
+    scaled = replace(MODEL, names=(*NAMES, "canopy_position_scale"))
+    start, error, by = 0.02 * np.random.default_rng(2).normal(size=17), np.zeros((6, 3)), 1.03
+    states = np.asarray(kernel.states(MODEL, THETA, start, error))
+    with_scale = np.array([*THETA, by])
+    assert kernel.why_not_compiled(scaled, with_scale, start, error) is None
+    np.testing.assert_array_equal(kernel.states(scaled, with_scale, start, error), states)
+    y, _, steps = kernel.along_path(MODEL, THETA, start, error, states)
+    got, _, scaled_steps = kernel.along_path(scaled, with_scale, start, error, states)
+    factor = np.where(np.isin(np.arange(16), PLACES["canopy_position"]), by, 1.0)
+    np.testing.assert_allclose(got, factor * y, rtol=1e-13)
+    np.testing.assert_allclose(scaled_steps.out_state, factor[:, None] * np.asarray(steps.out_state), rtol=1e-12)
+    slope = np.asarray(scaled_steps.out_theta)[..., -1]
+    np.testing.assert_allclose(slope, np.where(factor == by, y, 0.0), rtol=1e-12)
+
+
 EACH = replace(
     MODEL,
     names=("axial[1]", "axial[1].canopy2", "transverse[e].canopy1"),

@@ -32,6 +32,7 @@ OF_CANOPIES = {
     "canopy_pitch_moment_slope": "moment_slope",
     "canopy_pitch_damping": "pitch_damping",
 }
+POSITION_SCALE = "canopy_position_scale"
 CHANNELS = (
     "canopy_position",
     "capsule_velocity",
@@ -63,7 +64,7 @@ def with_parameters(
         KeyError: If a name is no parameter of this structure.
     """
     aero = {"axial": list(base.axial), "transverse": list(base.transverse)}
-    risers, capsule, canopies = base.risers, base.capsule, base.canopies
+    risers, capsule, canopies, scale = base.risers, base.capsule, base.canopies, base.position_scale
     more_air = jnp.exp(theta[names.index(APPARENT_MASS)]) - 1.0 if air_shares and APPARENT_MASS in names else None
     for i, name in enumerate(names):
         value = jnp.exp(theta[i]) if name in LOGARITHMIC else theta[i]
@@ -84,10 +85,13 @@ def with_parameters(
             canopies = replace(canopies, **{OF_CANOPIES[name]: value})
         elif name == APPARENT_MASS:
             canopies = replace(canopies, enclosed_volume=canopies.enclosed_volume * value)
+        elif name == POSITION_SCALE:
+            scale = value
         elif name:
             raise KeyError(f"{name!r} is no parameter of the cluster")
     axial, transverse = (tuple(aero[kind]) for kind in ("axial", "transverse"))
-    return replace(base, risers=risers, capsule=capsule, canopies=canopies, axial=axial, transverse=transverse)
+    bodies = replace(base, risers=risers, capsule=capsule, canopies=canopies, position_scale=scale)
+    return replace(bodies, axial=axial, transverse=transverse)
 
 
 def _with_canopy(old: Component, canopy: int, value: Component, count: int) -> Component:
@@ -128,9 +132,9 @@ class ClusterFlight:
         dt: Sample interval [s].
         structure: Terms and options.
         names: Parameters, in the order of theta.
-        channels: Outputs: any of ``canopy_position`` (relative to the capsule, 3 n), ``capsule_velocity`` (3),
-            ``capsule_attitude`` (rotation vector from the recorded attitude, 3), ``riser_tension`` (n) [N],
-            ``swing_angle`` (1) [rad] and ``descent_rate`` (1) [m/s] as of `quantity`.
+        channels: Outputs: any of ``canopy_position`` (relative to the capsule, times the scale of positions, 3 n),
+            ``capsule_velocity`` (3), ``capsule_attitude`` (rotation vector from the recorded attitude, 3),
+            ``riser_tension`` (n) [N], ``swing_angle`` (1) [rad] and ``descent_rate`` (1) [m/s] as of `quantity`.
         substeps: Runge-Kutta steps per sample.
         wind_field: Wind by altitude added to the record's, at every body's altitude; None: all have the record's.
         air_shares: By parameter, as of `with_parameters`.
@@ -245,6 +249,8 @@ class ClusterFlight:
         for channel in self.channels:
             if channel == "canopy_position":
                 apart = state.canopy_position - state.position
+                if numbers.position_scale is not None:
+                    apart = apart * numbers.position_scale
                 rows.append(jnp.stack([c[i] for i in range(n) for c in (apart.x, apart.y, apart.z)]))
             elif channel == "capsule_velocity":
                 rows.append(state.velocity.stack())

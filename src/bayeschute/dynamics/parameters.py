@@ -159,7 +159,8 @@ class Cluster:
     """All numbers of the cluster.
 
     `axial` and `transverse` are the coefficients of the structure's terms, one for all canopies or (canopy, ...);
-    `breathing` serves one that breathes.
+    `breathing` serves one that breathes. `position_scale` is of the instrument that sees the canopies: recorded over
+    true distance between them and the capsule; None: one.
     """
 
     capsule: Capsule
@@ -169,6 +170,7 @@ class Cluster:
     transverse: tuple[Component, ...]
     gravity: Component = STANDARD_GRAVITY
     breathing: Breathing | None = None
+    position_scale: Component | None = None
 
 
 @dataclass(frozen=True)

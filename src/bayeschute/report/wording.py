@@ -44,6 +44,7 @@ _PARAMETERS = {
     "capsule_pitch_damping": "pitch damping of the capsule",
     "canopy_pitch_moment_slope": "slope of a canopy's pitching moment",
     "canopy_pitch_damping": "pitch damping of a canopy",
+    "canopy_position_scale": "scale of the recorded canopy positions",
     "enclosed_air_factor": "factor on the apparent mass (enclosed air)",
     "canopy_mass": "dry mass of a canopy",
     "cds_over_mass": "drag area over mass, C_D S / m",

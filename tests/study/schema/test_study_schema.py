@@ -133,6 +133,7 @@ DESCENT = [
     (r'^roles = \["identify", "predict"\]', 'roles = ["predict"]', "[flight]", "no flight with the role", "one at least"),
     (r"^cds_over_mass = .*", "", "[priors.given] cds_over_mass", "nothing", "median and log_sd"),
     (r"^(?=cds_over_mass = )", "canopy_pitch_damping = { mean = -0.1, sd = 0.1 }\n", "[priors.given] canopy_pitch_damping", "no use", "Remove"),
+    (r"^(?=cds_over_mass = )", "canopy_position_scale = { mean = 1.0, sd = 0.01 }\n", "[priors.given] canopy_position_scale", "no use", "Remove"),
     (r"^(?=cds_over_mass = )", "enclosed_air_factor = { median = 1.0, log_sd = 0.1 }\n", "[priors.given] enclosed_air_factor", "no use", "Remove"),
     (r'^vertical = "0.5 m/s"', 'vertical = "0.5 m/s"\nhorizontal = "1 m/s"', "[noise.wind] horizontal", "no use", "Remove"),
     (r"^\[sampler\]", '[noise.breathing]\nsd = 0.1\nfrequency = "1 Hz"\ndamping_ratio = 0.1\n[sampler]', "[noise] breathing", "no use", "Remove"),

@@ -206,6 +206,7 @@ _GIVEN = {
     "enclosed_air_factor": "1",
     "canopy_pitch_moment_slope": "1",
     "canopy_pitch_damping": "1",
+    "canopy_position_scale": "1",
     "capsule_mass": "kg",
     "canopy_mass": "kg",
     "cds_over_mass": "m^2/kg",

@@ -209,7 +209,8 @@ def true_values(job: Job) -> dict[str, float]:
         return {}
     risers, capsule, canopies = study.vehicle.risers, study.vehicle.capsule, study.vehicle.canopies
     flown = flown_terms(study)
-    flown |= {"capsule_mass": capsule.mass, "canopy_mass": canopies.dry_mass, "enclosed_air_factor": 1.0}
+    flown |= {"capsule_mass": capsule.mass, "canopy_mass": canopies.dry_mass}
+    flown |= {"enclosed_air_factor": 1.0, "canopy_position_scale": 1.0}
     for name in ("axial_force", "normal_force_slope", "pitch_moment_slope", "pitch_damping"):
         flown[f"capsule_{name}"] = getattr(capsule, name) or 0.0
     for name in ("pitch_moment_slope", "pitch_damping"):

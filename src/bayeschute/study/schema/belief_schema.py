@@ -75,6 +75,7 @@ class GivenTable(Strict):
         enclosed_air_factor: Times the enclosed air of the vehicle's canopies [1].
         canopy_pitch_moment_slope: C_m_alpha of a canopy about its reference point [1/rad]; see `CanopiesTable`.
         canopy_pitch_damping: C_mq of a canopy [1].
+        canopy_position_scale: Recorded over true distance between canopies and capsule [1].
         capsule_mass: Of the vehicle's capsule [kg]; not used for a flight with its own mass.
         canopy_mass: Dry mass of one canopy, the same for all [kg].
         cds_over_mass: C_D S/m of a descent [m^2/kg].
@@ -90,6 +91,7 @@ class GivenTable(Strict):
     enclosed_air_factor: Prior[PositiveNumber] | None = None
     canopy_pitch_moment_slope: Prior[Number] | None = None
     canopy_pitch_damping: Prior[Number] | None = None
+    canopy_position_scale: Prior[PositiveNumber] | None = None
     capsule_mass: Prior[Mass] | None = None
     canopy_mass: Prior[Mass] | None = None
     cds_over_mass: Prior[AreaPerMass] | None = None
