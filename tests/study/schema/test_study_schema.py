@@ -168,6 +168,15 @@ def test_the_wind_of_the_cluster_model_has_a_horizontal_part(cluster: Path, spoi
     assert "[noise.wind] horizontal: got nothing" in only_fault(cluster)
 
 
+def test_a_scale_of_positions_is_of_no_use_where_none_is_fitted(cluster: Path, spoil):
+    spoil(cluster, r"^# canopy_position_scale", "canopy_position_scale")
+    assert check_study(cluster) == []
+    head, noise = cluster.read_text(encoding="utf-8").rsplit("canopy_position = ", 1)
+    cluster.write_text(head + noise.split("\n", 1)[1], encoding="utf-8")
+    told = only_fault(cluster)
+    assert "[priors.given] canopy_position_scale" in told and "no use" in told and "Remove" in told
+
+
 def test_one_canopy_has_no_flyout_angle(cluster: Path, spoil):
     from bayeschute.study.schema.study_schema import predictable
 
