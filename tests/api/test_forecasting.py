@@ -13,6 +13,7 @@ import bayeschute as bc
 from bayeschute.api.forecasting import predict_file
 from bayeschute.cli import app
 from bayeschute.study.load import load_flights
+from bayeschute.study.schema.study_schema import ConventionsTable
 
 RUN = CliRunner()
 FLIGHTS = """
@@ -91,6 +92,35 @@ def test_every_fault_of_a_flight_file_is_told_before_anything_is_drawn(stored, a
     with pytest.raises(bc.InputError, match=words):
         predict_file(stored, asked, tmp_path / "none")
     assert not (tmp_path / "none").exists()
+
+
+def test_flights_take_columns_and_conventions_of_the_posterior_unless_they_have_their_own(stored, asked):
+    study = bc.Posterior.load(stored).spec
+    plain = FLIGHTS[FLIGHTS.index("[[flight]]") :]
+    asked.write_text(FLIGHTS, encoding="utf-8")
+    want = load_flights(asked, study).flights[0]
+    asked.write_text(plain, encoding="utf-8")
+    assert load_flights(asked, study).flights == (want,)
+    meant = ConventionsTable(axes="ENU")
+    east = replace(study, flights=tuple(replace(f, conventions=meant) for f in study.flights))
+    assert load_flights(asked, east).flights[0].conventions == meant
+    asked.write_text(FLIGHTS, encoding="utf-8")  # columns of its own are of axes of its own
+    assert load_flights(asked, east).flights[0].conventions is None
+    asked.write_text(plain, encoding="utf-8")
+    unlike = replace(east, flights=(study.flights[0], *east.flights[1:]))
+    with pytest.raises(bc.InputError, match="the columns of this record"):
+        load_flights(asked, unlike)
+
+
+def test_a_name_is_no_flight_and_a_probability_has_one_limit(stored, descents):
+    known, flight = bc.Posterior.load(stored), bc.Study.load(descents.study).flights["high"]
+    with pytest.raises(bc.InputError, match="flight: got 'high'; wanted a Flight.*study.flights"):
+        known.predict("high")
+    forecast = known.predict(flight, draws=16)
+    with pytest.raises(bc.InputError, match="probability of descent_rate: got no limit; wanted at_most or at_least"):
+        forecast.probability("descent_rate")
+    with pytest.raises(bc.InputError, match="got at_most='9 m/s' and at_least=1.0"):
+        forecast.probability("descent_rate", at_most="9 m/s", at_least=1.0)
 
 
 def test_flights_take_the_vehicle_of_the_study_unless_they_have_their_own(tmp_path):

@@ -217,6 +217,9 @@ class Forecast:
         Raises:
             InputError: If quantity, statistic or limit are none that can be.
         """
+        if (at_most is None) == (at_least is None):
+            got = "no limit" if at_most is None else f"at_most={at_most!r} and at_least={at_least!r}"
+            raise InputError(Fault(f"probability of {quantity}", got, "at_most or at_least, such as at_most='33 ft/s'"))
         samples, unit = self.statistic(quantity, statistic).values, self.draws[quantity].attrs["units"]
         most = None if at_most is None else si("at_most", at_most, unit)
         least = None if at_least is None else si("at_least", at_least, unit)
@@ -355,13 +358,17 @@ def forecast_of(job: Job, flight: FlightSpec) -> Forecast:
 
 
 def forecast(
-    spec: Study, files: Files, flight: Flight, draws: int | None, seed: int | None, like: str | None
+    spec: Study, files: Files, flight: object, draws: int | None, seed: int | None, like: str | None
 ) -> Forecast:
     """Forecast of a flight by a posterior's study and files; see `Posterior.predict`.
 
     Raises:
-        InputError: If another flight has the name of one that was fitted, or none of several bodies is named.
+        InputError: If what is to fly is no `Flight`, or has the name of one that was fitted, or none of several bodies
+            is named.
     """
+    if not isinstance(flight, Flight):
+        do = "Take one of a study, study.flights['name'], or make one of a record: Flight(record, name=...)."
+        raise InputError(Fault("flight", repr(flight)[:100], "a Flight", do))
     spec = spec if seed is None else replace(spec, seed=seed)
     if draws is not None:
         spec = replace(spec, predict=spec.predict.model_copy(update={"draws": int(draws)}))

@@ -213,8 +213,8 @@ def load_flights(path: Path | str, study: Study, data_dir: Path | str | None = N
     """Read a file of flights to be predicted by a posterior of a study.
 
     Args:
-        path: TOML with ``[[flight]]`` tables as in a study; ``vehicle``, ``[columns]``, ``[predict]`` and
-            ``[[requirement]]`` where they are not those of the study.
+        path: TOML with ``[[flight]]`` tables as in a study; ``vehicle``, ``[columns]`` with their ``[conventions]``,
+            ``[predict]`` and ``[[requirement]]`` where they are not those of the study.
         study: That the posterior is of.
         data_dir: Folder that replaces ``${DATA}``.
 
@@ -265,9 +265,11 @@ def _read_flights(
     if found.vehicle is not None and study.model != "descent":
         vehicle, _, more = _read_vehicle(Path(os.path.normpath(path.parent / found.vehicle)), data_dir)
         faults += more
+    columns, conventions = _format_of(study) if found.columns is None else (found.columns, None)
+    conventions = found.conventions or conventions
     predict = found.predict or study.predict
     predict = predict.model_copy(update={"quantities": predictable(study.model, vehicle, predict.quantities)})
-    tables = {"model": study.model, "noise": study.noise, "columns": found.columns, "predict": predict}
+    tables = {"model": study.model, "noise": study.noise, "columns": columns, "predict": predict}
     tables |= {"requirement": found.requirement}
     listed_flights = dict(enumerate(found.flight))
     own, more = _own_vehicles(listed_flights, path.parent, study.model, data_dir)
@@ -278,12 +280,18 @@ def _read_flights(
     if faults:
         raise InputError(faults)
     flights = tuple(
-        _flight(table, paths.get(i), found.columns, found.conventions, own.get(i))
+        _flight(table, paths.get(i), columns, conventions if table.columns is None else found.conventions, own.get(i))
         for i, table in enumerate(found.flight)
     )
     flights = tuple(replace(flight, roles=("predict",)) for flight in flights)
     made = replace(study, flights=flights, vehicle=vehicle, predict=predict, requirements=found.requirement)
     return made, found
+
+
+def _format_of(study: Study) -> tuple[Mapping[str, Column] | None, ConventionsTable | None]:
+    """Columns and conventions of a study's records; None where they differ or there are no records of files."""
+    formats = [(flight.columns, flight.conventions) for flight in study.flights if flight.columns]
+    return formats[0] if formats and all(one == formats[0] for one in formats) else (None, None)
 
 
 def usual_study(model: str, vehicle: Vehicle | None = None) -> Study:

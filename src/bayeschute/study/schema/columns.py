@@ -77,6 +77,7 @@ def check_columns(draft: Draft) -> list[Fault]:
     """
     faults: list[Fault] = []
     shared: Mapping[str, Column] | None = draft.tables.get("columns")
+    told = shared is not None or "columns" in draft.raw  # flights of a posterior have its columns
     if shared is not None:
         faults += _map_faults(draft, shared, ("columns",))
         if draft.model == "descent":
@@ -87,7 +88,7 @@ def check_columns(draft: Draft) -> list[Fault]:
             faults += _map_faults(draft, flight.columns, loc)
             if draft.model == "descent":
                 faults += _lacks_altitude(draft, flight.columns, loc)
-        elif flight.file is not None and "columns" not in draft.raw and not flight.file.endswith(_WITH_NAMES):
+        elif flight.file is not None and not told and not flight.file.endswith(_WITH_NAMES):
             wanted = "the columns of this record, here or for the whole study"
             faults.append(Fault(draft.at("flight", index, "columns", ""), "nothing", wanted, "Add a table [columns]."))
     return faults
