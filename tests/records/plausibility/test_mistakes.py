@@ -10,10 +10,12 @@ import numpy as np
 import pytest
 from other_records import flights_of, read_flight, record
 from other_studies import toml, vehicle
-from physical_mistakes import MADE, Case, judge
+from physical_mistakes import MADE, Case, Made, judge
 
 import bayeschute as bc
-from bayeschute.records.plausibility.evidence import Nominal
+from bayeschute.records.foreign.attitudes import in_schema, of_matrix, product
+from bayeschute.records.foreign.conventions import Conventions
+from bayeschute.records.plausibility.evidence import Nominal, conjugate
 from bayeschute.records.plausibility.reading import NAMES
 from bayeschute.study.load import load_vehicle
 from bayeschute.study.plausible import nominal
@@ -73,6 +75,25 @@ def test_a_virtual_flight_keeps_all_laws(virtual):
 )
 def test_mistakes_on_a_virtual_flight(virtual, made):
     outcome = judge(virtual, made)
+    assert outcome.named and outcome.right, outcome
+
+
+@pytest.mark.parametrize("axes", ["ENU", "NWU"])
+@pytest.mark.parametrize(
+    ("order", "signs", "cause"),
+    [([1, 2, 3, 0], 1.0, "scalar-last, read as scalar-first"), ([0, 1, 2, 3], [1.0, -1.0, -1.0, -1.0], "conjugated")],
+)
+def test_order_and_sense_are_named_where_the_axes_of_the_quaternion_were_said(virtual, axes, order, signs, cause):
+    """What was written along those axes in another order or sense, and read by `in_schema` as the study says."""
+    said = Conventions(axes=axes)
+
+    def make(case: Case) -> None:
+        attitude = case.record["capsule_attitude"]
+        whole = np.isfinite(attitude.values).all(axis=1)
+        along = product(np.broadcast_to(conjugate(of_matrix(said.earth())), (whole.sum(), 4)), attitude.values[whole])
+        attitude.values[whole] = in_schema((along * signs)[:, order], said)
+
+    outcome = judge(virtual, Made(cause, make, cause))
     assert outcome.named and outcome.right, outcome
 
 

@@ -101,34 +101,47 @@ def _winds_of(e: Evidence) -> bool:
 
 
 def attitude_mistakes() -> Iterator[Mistake]:
-    """Order, sense and body axes of the quaternion."""
+    """Order, sense and body axes of the quaternion; order and sense also where earth axes of its own were said."""
 
     def of_attitude(change: Callable[[Array], Array]) -> Undo:
         return changed(("attitude",), lambda q: continuous(change(q)))
 
-    last = np.array([3, 0, 1, 2])
-    yield Mistake(
-        "the quaternion is scalar-last, read as scalar-first",
-        "Give its fourth column as capsule_attitude.w.",
-        of_attitude(lambda q: q[:, last]),
+    last, first = np.array([3, 0, 1, 2]), np.array([1, 2, 3, 0])
+    orders: tuple[tuple[str, str, Callable[[Array], Array], float], ...] = (
+        (
+            "the quaternion is scalar-last, read as scalar-first",
+            "Give its fourth column as capsule_attitude.w.",
+            lambda q: q[:, last],
+            0.1,
+        ),
+        (
+            "the quaternion is scalar-first, read as scalar-last",
+            "Give its first column as capsule_attitude.w.",
+            lambda q: q[:, first],
+            0.15,
+        ),
+        (
+            "the quaternion is conjugated: it turns body onto earth axes, not earth onto body axes",
+            "Say attitude = 'earth to body'.",
+            conjugate,
+            0.1,
+        ),
+        (
+            "the quaternion is scalar-last and conjugated",
+            "Give its fourth column as capsule_attitude.w; say attitude = 'earth to body'.",
+            lambda q: conjugate(q[:, last]),
+            0.25,
+        ),
     )
-    yield Mistake(
-        "the quaternion is scalar-first, read as scalar-last",
-        "Give its first column as capsule_attitude.w.",
-        of_attitude(lambda q: q[:, [1, 2, 3, 0]]),
-        0.15,
-    )
-    yield Mistake(
-        "the quaternion is conjugated: it turns body onto earth axes, not earth onto body axes",
-        "Say attitude = 'earth to body'.",
-        of_attitude(conjugate),
-    )
-    yield Mistake(
-        "the quaternion is scalar-last and conjugated",
-        "Give its fourth column as capsule_attitude.w; say attitude = 'earth to body'.",
-        of_attitude(lambda q: conjugate(q[:, last])),
-        0.25,
-    )
+    for told, do, change, doubt in orders:
+        yield Mistake(told, do, of_attitude(change), doubt)
+        for earth in (_NED_OF_ENU, _NED_OF_NWU):
+
+            def as_said(q: Array, earth: Array = earth, change: Callable[[Array], Array] = change) -> Array:
+                axes = np.broadcast_to(earth, q.shape)
+                return product(axes, change(product(conjugate(axes), q)))
+
+            yield Mistake(told, do, of_attitude(as_said), doubt + 0.05)
     yield Mistake(
         "the quaternion is not of norm one",
         "Divide it by its norm.",
