@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import xarray as xr
 from typer.testing import CliRunner
@@ -107,9 +108,33 @@ def test_flights_take_columns_and_conventions_of_the_posterior_unless_they_have_
     asked.write_text(FLIGHTS, encoding="utf-8")  # columns of its own are of axes of its own
     assert load_flights(asked, east).flights[0].conventions is None
     asked.write_text(plain, encoding="utf-8")
+    named = plain.replace("high.csv", "high.nc")  # such a file may name its columns
+    (asked.parent / "high.nc").write_bytes(b"not opened here")
+    asked.write_text(named, encoding="utf-8")
+    assert (
+        load_flights(asked, east).flights[0].columns == {} and load_flights(asked, east).flights[0].conventions is None
+    )
+    asked.write_text(plain, encoding="utf-8")
     unlike = replace(east, flights=(study.flights[0], *east.flights[1:]))
     with pytest.raises(bc.InputError, match="the columns of this record"):
         load_flights(asked, unlike)
+
+
+def test_lost_simulations_are_told_by_python_and_the_shell(stored, asked, tmp_path, monkeypatch):
+    from bayeschute.prediction import bands
+
+    honest = bands._simulate
+
+    def lost(flight, *rest):
+        found = tuple(np.array(part, dtype=float) for part in honest(flight, *rest))
+        for part in found:
+            part[..., :2] = np.nan
+        return found
+
+    monkeypatch.setattr(bands, "_simulate", lost)
+    lines = predict_file(stored, asked, tmp_path / "out", draws=16, like="high")
+    words = [line for line in lines if "simulations of tomorrow failed" in line]
+    assert words and words[0].endswith("its bands are of the others") and "bands" in lines[-1]
 
 
 def test_a_name_is_no_flight_and_a_probability_has_one_limit(stored, descents):

@@ -52,6 +52,18 @@ def test_a_run_that_was_not_fitted_and_a_folder_without_one_are_told(finished, t
     (run / "posterior.nc").unlink()
     with pytest.raises(InputError, match=r"no posterior\.nc.*--resume"):
         read_posterior(run)
+    (run / "posterior.nc").write_bytes((finished.folder / "posterior.nc").read_bytes()[:-2000])
+    with pytest.raises(InputError, match="can't be read"):
+        read_posterior(run)
+
+
+def test_a_stored_posterior_is_itself_whatever_its_name_and_the_files_beside_it(content, finished, tmp_path):
+    shutil.copy(finished.folder / "study.toml", tmp_path)
+    path = write_posterior(tmp_path / "posterior.nc", *content)
+    assert read_posterior(path)[2] == content[2]
+    path.write_bytes(path.read_bytes()[:-1])
+    with pytest.raises(InputError, match="checksum"):
+        read_posterior(path)
 
 
 def _cut(raw: bytearray, rng: random.Random) -> bytearray:
@@ -120,7 +132,7 @@ def test_a_sealed_file_that_is_no_posterior_is_told(tmp_path, monkeypatch, conte
     monkeypatch.setattr(posterior_file, "_STUDY", "something")
     path: Path = write_posterior(tmp_path / "x.nc", *content)
     monkeypatch.undo()
-    with pytest.raises(InputError, match="can't be read"):
+    with pytest.raises(InputError, match="without what a posterior has"):
         read_posterior(path)
 
 

@@ -15,7 +15,7 @@ from bayeschute.api import html
 from bayeschute.api.flight import Flight
 from bayeschute.api.quantity import central, si
 from bayeschute.api.workspace import Files, workspace
-from bayeschute.calibration.label import without_level
+from bayeschute.calibration.label import lost_simulations, without_level
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.prediction import bands
 from bayeschute.prediction.flight_statistics import REDUCTIONS
@@ -48,7 +48,7 @@ class Probability:
         confidence: Of that interval, two-sided.
         draws: How many draws.
         failed: Simulations that failed.
-        failed_checks: Of the posterior: with one or more, the number has no level of trust.
+        failed_checks: Of the forecast: with one or more, the number has no level of trust.
 
     Example:
         >>> found = forecast.probability("descent_rate", at_most="100 m/s")
@@ -87,7 +87,8 @@ class Forecast:
         recorded_with: Noise of the instrument, by quantity that one channel records: standard deviations of the white
             and the correlated part [unit of the quantity], time constant of the latter [s].
         seed: Of that noise in `as_recorded`.
-        failed_checks: Of the posterior: with one or more, the bands have no level of trust.
+        failed_checks: Of the posterior, and ``bands`` where too many of these simulations failed: with one or more, the
+            bands have no level of trust.
 
     Example:
         >>> band = forecast.band("descent_rate", 0.9)
@@ -122,6 +123,8 @@ class Forecast:
         checks = job.load("checks.json")
         independent = int(min(*checks["ess_bulk"].values(), made.sizes["draw"]))  # as the stage `risk` counts
         failed = tuple(name for name, check in checks["checks"].items() if not check["passed"])
+        if lost_simulations(foreseen.flight.name, one.failed, made.sizes["draw"]):
+            failed = (*failed, "bands")
         return cls(
             foreseen.flight.name, made, foreseen.held_out, recorded, foreseen.truth, one.shares, independent, noise,
             foreseen.seed, failed,

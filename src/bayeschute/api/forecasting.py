@@ -8,7 +8,7 @@ import xarray as xr
 
 from bayeschute.api.flight import Flight
 from bayeschute.api.posterior import Posterior
-from bayeschute.calibration.label import without_level
+from bayeschute.calibration.label import lost_simulations, without_level
 from bayeschute.core.files import write_whole
 from bayeschute.report.figures.canvas import save
 from bayeschute.study.job import Progress, write_json
@@ -45,13 +45,15 @@ def predict_file(
     """
     asked, folder = Posterior.load(posterior), Path(folder)
     study = load_flights(flights, asked.spec, data)
-    bands, rows, lines = {}, [], []
+    bands, rows, lines, failed = {}, [], list[str](), dict[str, None]()
     for i, spec in enumerate(study.flights):
         if progress is not None:
             progress("predict", i / len(study.flights), spec.name)
         one = asked.predict(Flight.of_study(study, spec), draws or study.predict.draws, seed, like=like)
         bands[f"/{spec.name}"] = one.to_dataset()
         save(one.plot(), folder, f"bands-{spec.name}")
+        failed |= dict.fromkeys(one.failed_checks)
+        lines += filter(None, [lost_simulations(spec.name, one.draws.attrs["failed"], one.draws.sizes["draw"])])
         for name in one.quantities:
             spread, unit = one.statistic(name), one.draws[name].attrs["units"]
             low, middle, high = (float(q) for q in spread.quantile([0.05, 0.5, 0.95]))
@@ -68,4 +70,4 @@ def predict_file(
     write_json(folder / "requirements.json", rows)
     if progress is not None:
         progress("predict", 1.0, f"{len(bands)} flights")
-    return [*lines, *filter(None, [without_level(asked.failed_checks)])]
+    return [*lines, *filter(None, [without_level(tuple(failed))])]

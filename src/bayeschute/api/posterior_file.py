@@ -65,15 +65,22 @@ def _sha256(path: Path, length: int) -> str:
     return made.hexdigest()
 
 
+def _end_of(path: Path) -> bytes:
+    with path.open("rb") as file:
+        file.seek(max(path.stat().st_size - _END, 0))
+        return file.read()
+
+
+def _sealed(path: Path) -> bool:
+    """Whether a file ends as `write_posterior` ends one."""
+    return _end_of(path).startswith(_SEAL)
+
+
 def _check_whole(path: Path) -> None:
     """Raise an `InputError` unless the file ends with the hash of what goes before."""
-    length = max(path.stat().st_size - _END, 0)
-    with path.open("rb") as file:
-        file.seek(length)
-        end = file.read()
-    if not end.startswith(_SEAL):
+    if not _sealed(path):
         got = "no checksum at its end: no posterior, cut short, changed by another program, or of an earlier version"
-    elif end != _SEAL + _sha256(path, length).encode():
+    elif _end_of(path) != _SEAL + _sha256(path, path.stat().st_size - _END).encode():
         got = "content that is not that of its checksum: it was damaged, or changed by another program"
     else:
         return
@@ -87,20 +94,20 @@ def read_posterior(path: Path) -> Content:
         InputError: If the file is not one, was damaged or changed since, or is another version's; if a run was not
             fitted.
     """
-    folder = path if path.is_dir() else path.parent
-    if (path == folder or path.name == _RUN_DRAWS) and (folder / "study.toml").is_file():
+    folder = _run_of(path)
+    if folder is not None:
         return posterior_of_run(folder, load_study(folder / "study.toml"))
     if not path.is_file():
         got = "a folder that holds no run" if path.is_dir() else "no such file"
         raise InputError(Fault(str(path), got, _WANTED))
     _check_whole(path)
+    tree = _loaded(path)
     try:
-        tree = _loaded(path)
         stored = tree[_GROUP].to_dataset()
         content = {one.attrs["name"]: one.values.astype(np.uint8).tobytes() for one in stored.data_vars.values()}
         header = json.loads(content[_STUDY])
-    except (OSError, KeyError, ValueError) as error:
-        raise InputError(Fault(str(path), f"a file that can't be read ({error})"[:200], _WANTED)) from None
+    except (KeyError, ValueError) as error:
+        raise InputError(Fault(str(path), f"a file without what a posterior has ({error})"[:200], _WANTED)) from None
     if header.get("format") != ARTEFACT_VERSION:
         got = f"format {header.get('format')} of version {header.get('version')}"
         raise InputError(Fault(str(path), got, f"format {ARTEFACT_VERSION}", "Use the version that wrote it."))
@@ -110,6 +117,15 @@ def read_posterior(path: Path) -> Content:
             raise InputError(Fault(str(path), f"a file named {name!r}", _WANTED, "Don't use it: it is not ours."))
     groups = {name: node.to_dataset() for name, node in tree.children.items() if name != _GROUP}
     return study_from_plain(header[_STUDY]), xr.DataTree.from_dict(groups), files
+
+
+def _run_of(path: Path) -> Path | None:
+    """Folder of the run that is meant by a folder, or by its draws; None where a path means none."""
+    draws = path.name == _RUN_DRAWS and path.is_file() and not _sealed(path)
+    folder = path if path.is_dir() else path.parent if draws else None
+    if folder is None or not (folder / "study.toml").is_file():
+        return None
+    return folder if path.is_dir() or (folder / "fit").is_dir() else None
 
 
 def posterior_of_run(folder: Path, study: Study) -> Content:
@@ -129,5 +145,8 @@ def posterior_of_run(folder: Path, study: Study) -> Content:
 
 
 def _loaded(path: Path) -> xr.DataTree:
-    with xr.open_datatree(path, engine="h5netcdf") as opened:
-        return opened.load()
+    try:
+        with xr.open_datatree(path, engine="h5netcdf") as opened:
+            return opened.load()
+    except (OSError, KeyError, ValueError) as error:
+        raise InputError(Fault(str(path), f"a file that can't be read ({error})"[:200], _WANTED)) from None

@@ -161,6 +161,18 @@ def claim(
     return Claim(level, evidence, tuple(lacking), tuple(contradicted), misspecification, tuple(not_promised))
 
 
+MOST_LOST = 0.02
+"""Share of a flight's predicted simulations that may fail: were all outside, a 90 % band would hold 88 %."""
+
+
+def lost_simulations(flight: str, failed: int, drawn: int) -> str:
+    """What is said of a flight of whose `drawn` simulations more than `MOST_LOST` failed; empty where fewer did."""
+    if failed <= MOST_LOST * drawn:
+        return ""
+    bands = "it has no bands" if failed == drawn else "its bands are of the others"
+    return f"{failed:,} of {drawn:,} simulations of {flight} failed: {bands}"
+
+
 def without_level(failed: Sequence[str]) -> str:
     """What is said beside numbers of a posterior with failed checks; empty where none failed."""
     return f"no level of trust, failed checks: {', '.join(failed)}" if failed else ""

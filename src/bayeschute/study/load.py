@@ -17,7 +17,7 @@ from bayeschute.records.foreign.conventions import Conventions
 from bayeschute.records.plausibility.verdict import Verdict
 from bayeschute.study.plausible import judge, told, warned, window_used
 from bayeschute.study.schema.belief_schema import NoiseTable
-from bayeschute.study.schema.columns import check_columns
+from bayeschute.study.schema.columns import check_columns, tells_columns
 from bayeschute.study.schema.crosscheck import check_span, check_vehicles, crosscheck
 from bayeschute.study.schema.draft import Draft
 from bayeschute.study.schema.schema_faults import validated
@@ -265,11 +265,11 @@ def _read_flights(
     if found.vehicle is not None and study.model != "descent":
         vehicle, _, more = _read_vehicle(Path(os.path.normpath(path.parent / found.vehicle)), data_dir)
         faults += more
-    columns, conventions = _format_of(study) if found.columns is None else (found.columns, None)
-    conventions = found.conventions or conventions
+    stated = found.columns, found.conventions
+    usual = _format_of(study, found.conventions) if found.columns is None else stated
     predict = found.predict or study.predict
     predict = predict.model_copy(update={"quantities": predictable(study.model, vehicle, predict.quantities)})
-    tables = {"model": study.model, "noise": study.noise, "columns": columns, "predict": predict}
+    tables = {"model": study.model, "noise": study.noise, "columns": usual[0], "predict": predict}
     tables |= {"requirement": found.requirement}
     listed_flights = dict(enumerate(found.flight))
     own, more = _own_vehicles(listed_flights, path.parent, study.model, data_dir)
@@ -280,7 +280,7 @@ def _read_flights(
     if faults:
         raise InputError(faults)
     flights = tuple(
-        _flight(table, paths.get(i), columns, conventions if table.columns is None else found.conventions, own.get(i))
+        _flight(table, paths.get(i), *(stated if tells_columns(table) else usual), own.get(i))
         for i, table in enumerate(found.flight)
     )
     flights = tuple(replace(flight, roles=("predict",)) for flight in flights)
@@ -288,10 +288,15 @@ def _read_flights(
     return made, found
 
 
-def _format_of(study: Study) -> tuple[Mapping[str, Column] | None, ConventionsTable | None]:
-    """Columns and conventions of a study's records; None where they differ or there are no records of files."""
+def _format_of(
+    study: Study, stated: ConventionsTable | None
+) -> tuple[Mapping[str, Column] | None, ConventionsTable | None]:
+    """Columns of a study's records, with their conventions where no other are stated; none where records differ."""
     formats = [(flight.columns, flight.conventions) for flight in study.flights if flight.columns]
-    return formats[0] if formats and all(one == formats[0] for one in formats) else (None, None)
+    if not formats or any(one != formats[0] for one in formats):
+        return None, stated
+    columns, conventions = formats[0]
+    return columns, stated or conventions
 
 
 def usual_study(model: str, vehicle: Vehicle | None = None) -> Study:

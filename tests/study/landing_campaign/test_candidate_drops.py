@@ -81,5 +81,13 @@ def test_a_vehicle_without_aerodynamics_flies_candidates_by_the_posterior(tmp_pa
     wanted, _ = fly(assemble.drop(flight.virtual), model, structure, 3)
     for name in ("canopy_position", "capsule_velocity", "wind"):
         np.testing.assert_array_equal(found[name].values, wanted[name].values)
+    names = (*[p.name for p in priors], "canopy_position_scale")
+    seen = [
+        replace(priors[0], name=n) if n == names[-1] else p for n, p in zip(names, [*priors, priors[0]], strict=True)
+    ]
+    scaled = fly_candidate(without, flight, seen, STUDY.flights[0], np.append(theta, 1.02), seed=3)
+    apart, wide = (x["canopy_position"] - x["capsule_position"] for x in (found, scaled))
+    np.testing.assert_allclose(wide.values, 1.02 * apart.values, rtol=1e-9)
+    np.testing.assert_array_equal(scaled["capsule_velocity"].values, found["capsule_velocity"].values)
     stretched = fly_candidate(without, flight, priors, STUDY.flights[0], theta + np.eye(theta.size)[-2], seed=3)
     assert np.abs(stretched["canopy_position"].values - found["canopy_position"].values).max() > 0.5

@@ -100,52 +100,60 @@ def _winds_of(e: Evidence) -> bool:
     return e.wind is not None or e.profile is not None
 
 
-def attitude_mistakes() -> Iterator[Mistake]:
-    """Order, sense and body axes of the quaternion; order and sense also where earth axes of its own were said."""
+_LAST, _FIRST = [3, 0, 1, 2], [1, 2, 3, 0]
+_ORDERS: tuple[tuple[str, str, Callable[[Array], Array], float], ...] = (
+    (
+        "the quaternion is scalar-last, read as scalar-first",
+        "Give its fourth column as capsule_attitude.w.",
+        lambda q: q[:, _LAST],
+        0.1,
+    ),
+    (
+        "the quaternion is scalar-first, read as scalar-last",
+        "Give its first column as capsule_attitude.w.",
+        lambda q: q[:, _FIRST],
+        0.15,
+    ),
+    (
+        "the quaternion is conjugated: it turns body onto earth axes, not earth onto body axes",
+        "Say attitude = 'earth to body'.",
+        conjugate,
+        0.1,
+    ),
+    (
+        "the quaternion is scalar-last and conjugated",
+        "Give its fourth column as capsule_attitude.w; say attitude = 'earth to body'.",
+        lambda q: conjugate(q[:, _LAST]),
+        0.25,
+    ),
+)
+_SAID = 0.05  # doubt more where earth axes of the quaternion's own were said
 
-    def of_attitude(change: Callable[[Array], Array]) -> Undo:
-        return changed(("attitude",), lambda q: continuous(change(q)))
 
-    last, first = np.array([3, 0, 1, 2]), np.array([1, 2, 3, 0])
-    orders: tuple[tuple[str, str, Callable[[Array], Array], float], ...] = (
-        (
-            "the quaternion is scalar-last, read as scalar-first",
-            "Give its fourth column as capsule_attitude.w.",
-            lambda q: q[:, last],
-            0.1,
-        ),
-        (
-            "the quaternion is scalar-first, read as scalar-last",
-            "Give its first column as capsule_attitude.w.",
-            lambda q: q[:, first],
-            0.15,
-        ),
-        (
-            "the quaternion is conjugated: it turns body onto earth axes, not earth onto body axes",
-            "Say attitude = 'earth to body'.",
-            conjugate,
-            0.1,
-        ),
-        (
-            "the quaternion is scalar-last and conjugated",
-            "Give its fourth column as capsule_attitude.w; say attitude = 'earth to body'.",
-            lambda q: conjugate(q[:, last]),
-            0.25,
-        ),
-    )
-    for told, do, change, doubt in orders:
-        yield Mistake(told, do, of_attitude(change), doubt)
+def _of_attitude(change: Callable[[Array], Array]) -> Undo:
+    return changed(("attitude",), lambda q: continuous(change(q)))
+
+
+def _order_mistakes() -> Iterator[Mistake]:
+    """Order and sense of the quaternion, along the schema's earth axes and along those that a study may have said."""
+    for told, do, change, doubt in _ORDERS:
+        yield Mistake(told, do, _of_attitude(change), doubt)
         for earth in (_NED_OF_ENU, _NED_OF_NWU):
 
             def as_said(q: Array, earth: Array = earth, change: Callable[[Array], Array] = change) -> Array:
                 axes = np.broadcast_to(earth, q.shape)
                 return product(axes, change(product(conjugate(axes), q)))
 
-            yield Mistake(told, do, of_attitude(as_said), doubt + 0.05)
+            yield Mistake(told, do, _of_attitude(as_said), doubt + _SAID)
+
+
+def attitude_mistakes() -> Iterator[Mistake]:
+    """Order, sense, norm and body axes of the quaternion."""
+    yield from _order_mistakes()
     yield Mistake(
         "the quaternion is not of norm one",
         "Divide it by its norm.",
-        of_attitude(lambda q: q / np.linalg.norm(q, axis=1, keepdims=True)),
+        _of_attitude(lambda q: q / np.linalg.norm(q, axis=1, keepdims=True)),
         0.3,
     )
     turns = {

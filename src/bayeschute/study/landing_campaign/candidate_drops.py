@@ -154,7 +154,7 @@ def covariances(
 def fly_candidate(
     study: Study, flight: Flight, priors: Sequence[Prior], like: Flight, theta: Array, seed: int
 ) -> xr.Dataset:
-    """The record of a candidate that flies with parameters of a posterior.
+    """The record of a candidate that flies with a posterior's parameters, its canopies seen at the posterior's scale.
 
     Args:
         study: Of the candidates.
@@ -174,7 +174,12 @@ def fly_candidate(
     base = replace(base, axial=(0.0,) * len(structure.axial), transverse=(0.0,) * len(structure.transverse))
     own = () if flight.capsule_mass is None else ("capsule_mass",)
     names = ["" if name in own else name for name in canopies.in_flight([p.name for p in priors], like.name)]
-    return fly(assemble.drop(flight.virtual), with_parameters(base, structure, names, theta), structure, seed)[0]
+    numbers = with_parameters(base, structure, names, theta)
+    record, _ = fly(assemble.drop(flight.virtual), numbers, structure, seed)
+    if numbers.position_scale is not None:
+        seen = record["canopy_position"]
+        seen.values += (float(numbers.position_scale) - 1.0) * (seen - record["capsule_position"]).values
+    return record
 
 
 def _covariance(data: FlightData, known: Sequence[Prior], prior: NoisePrior) -> Array:

@@ -12,6 +12,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from bayeschute.aero.coefficient import APPARENT_MASS, Coefficient, is_coefficient
+from bayeschute.calibration.label import MOST_LOST, lost_simulations
 from bayeschute.likelihood.priors import Prior
 from bayeschute.posterior.term_search import PENALTY
 from bayeschute.records.record import repairs
@@ -32,7 +33,6 @@ from bayeschute.study.study import Flight, Study, apparent_mass_taken_as_known, 
 
 Array = NDArray[np.float64]
 _PROGRAMS = ("bayeschute", "jax", "numpyro", "emcee", "arviz-base", "numpy", "scipy")
-_MOST_FAILED = 0.02  # share of a flight's predicted simulations: were all outside, a 90 % band would hold 88 %
 
 
 def report(job: Job) -> str:
@@ -95,24 +95,16 @@ def origin(job: Job) -> dict[str, Any]:
 
 
 def bands_check(coverage: dict[str, Any]) -> dict[str, dict[str, Any]]:
-    """The check `bands`, of a run with flights of which more than a fiftieth of the predicted simulations failed.
-
-    Bands, and everything that is counted of them, are those of the simulations that did not fail; where none is left
-    there are no bands. A run without such flights has no such check.
-    """
-    lost: dict[str, float] = {}
-    told: list[str] = []
+    """The check `bands`, of a run with flights that lost more than `MOST_LOST` of their simulations alone."""
+    share, told = 0.0, list[str]()
     for name, table in coverage.items():
-        failed = max((entry.get("failed") or 0 for entry in table.values()), default=0)
-        left = min((entry["draws"] for entry in table.values() if entry.get("draws") is not None), default=0)
-        share = failed / (failed + left) if failed + left else 0.0
-        if share > _MOST_FAILED:
-            lost[name] = share
-            bands = "its bands are of the others" if left else "it has no bands"
-            told.append(f"{failed:,} of {failed + left:,} simulations of {name} failed: {bands}")
-    if not lost:
+        failed, drawn = max(((one["failed"], one["failed"] + one["draws"]) for one in table.values()), default=(0, 0))
+        if words := lost_simulations(name, failed, drawn):
+            share = max(share, failed / drawn)
+            told.append(words)
+    if not told:
         return {}
-    return {"bands": {"passed": False, "value": max(lost.values()), "bound": _MOST_FAILED, "detail": "; ".join(told)}}
+    return {"bands": {"passed": False, "value": share, "bound": MOST_LOST, "detail": "; ".join(told)}}
 
 
 def _parameters(

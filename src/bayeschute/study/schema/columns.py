@@ -11,9 +11,14 @@ from bayeschute.records.foreign.translate import foreign_unit
 from bayeschute.records.record import LABELS, VARIABLES, nearest
 from bayeschute.study.schema.draft import Draft
 from bayeschute.study.schema.schema_faults import show
-from bayeschute.study.schema.study_schema import Column
+from bayeschute.study.schema.study_schema import Column, FlightTable
 
 _WITH_NAMES = (".nc", ".nc4", ".netcdf", ".h5")  # files that may contain the names and units of the schema
+
+
+def tells_columns(flight: FlightTable) -> bool:
+    """Whether a flight has columns of its own, or a file that may name them."""
+    return flight.columns is not None or (flight.file is not None and flight.file.endswith(_WITH_NAMES))
 
 
 def _components(name: str) -> list[str]:
@@ -88,7 +93,7 @@ def check_columns(draft: Draft) -> list[Fault]:
             faults += _map_faults(draft, flight.columns, loc)
             if draft.model == "descent":
                 faults += _lacks_altitude(draft, flight.columns, loc)
-        elif flight.file is not None and not told and not flight.file.endswith(_WITH_NAMES):
+        elif flight.file is not None and not told and not tells_columns(flight):
             wanted = "the columns of this record, here or for the whole study"
             faults.append(Fault(draft.at("flight", index, "columns", ""), "nothing", wanted, "Add a table [columns]."))
     return faults
