@@ -222,7 +222,8 @@ class Forecast:
         """
         if (at_most is None) == (at_least is None):
             got = "no limit" if at_most is None else f"at_most={at_most!r} and at_least={at_least!r}"
-            raise InputError(Fault(f"probability of {quantity}", got, "at_most or at_least, such as at_most='33 ft/s'"))
+            wanted = "at_most or at_least, exactly one of the two, such as at_most='33 ft/s'"
+            raise InputError(Fault(f"probability of {quantity}", got, wanted))
         samples, unit = self.statistic(quantity, statistic).values, self.draws[quantity].attrs["units"]
         most = None if at_most is None else si("at_most", at_most, unit)
         least = None if at_least is None else si("at_least", at_least, unit)
