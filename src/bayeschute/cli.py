@@ -241,6 +241,9 @@ def land_command(
             "(placard), which drop next (design); may be given again."
         ),
     ] = None,
+    jsbsim_draws: Annotated[
+        int, typer.Option(min=0, help="Aerodynamics for JSBSim of so many draws, a file each, beside their mean's.")
+    ] = 0,
     data: DataDir = None,
     workers: Workers = 1,
     dask: DaskAddress = None,
@@ -254,7 +257,9 @@ def land_command(
         load_campaign(campaign, data)  # before anything slow is imported
         from bayeschute.api.landing.landing_command import LandingOptions, land_file
 
-        wanted = LandingOptions(landings, workers, dask, tuple(dict.fromkeys(one.value for one in also or ())))
+        wanted = LandingOptions(
+            landings, workers, dask, tuple(dict.fromkeys(one.value for one in also or ())), jsbsim_draws
+        )
         with Bars() as bars:
             made = land_file(posterior, campaign, folder, wanted, data, bars)
         for line in made:

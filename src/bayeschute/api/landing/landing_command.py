@@ -31,12 +31,14 @@ class LandingOptions(NamedTuple):
         workers: Local processes.
         address: Of a Dask scheduler.
         also: Of ``shares``, ``rare``, ``placard``, ``design``.
+        jsbsim_draws: Draws of the parameters that get a file of JSBSim each.
     """
 
     landings: int | None = None
     workers: int = 1
     address: str | None = None
     also: tuple[str, ...] = ()
+    jsbsim_draws: int = 0
 
 
 def land_file(
@@ -71,7 +73,7 @@ def land_file(
     source = source_of(read, known.spec, known.files, known.failed_checks, wanted.workers, wanted.address, progress)
     made = land(source, folder)
     lines = write_landings(made, folder)
-    write_for_others(known, source.plan, folder)
+    lines += write_for_others(known, source.plan, folder, made.name, wanted.jsbsim_draws)
     questions: dict[str, Callable[[], Answer]] = {
         "shares": partial(sensitivity, source, made.rows),
         "rare": partial(rare_failures, source),

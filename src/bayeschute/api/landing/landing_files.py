@@ -8,11 +8,13 @@ import numpy as np
 import pandas as pd
 
 from bayeschute.api.landing.landings import Landings, in_words, requirement_table
+from bayeschute.api.landing.other_programs_files import write_other_programs
 from bayeschute.api.posterior import Posterior
 from bayeschute.core.files import write_whole
 from bayeschute.landing import aero_table
 from bayeschute.landing.campaign_plan import CampaignPlan
 from bayeschute.landing.measures import IDS, MEASURES
+from bayeschute.landing.other_programs import rocketpy_parachutes
 from bayeschute.prediction.risk_files import write_risk
 from bayeschute.report.figures.canvas import save
 
@@ -67,10 +69,23 @@ def write_landings(made: Landings, folder: Path) -> list[str]:
     return in_words(made, judged)
 
 
-def write_for_others(known: Posterior, plan: CampaignPlan, folder: Path) -> None:
-    """A row per parameter as a model memo has it, correlations, joint draws, and aero tables of the campaign's draws.
+def write_for_others(
+    known: Posterior, plan: CampaignPlan, folder: Path, name: str = "canopies", jsbsim_draws: int = 0
+) -> list[str]:
+    """A row per parameter as a model memo has it, correlations, joint draws, and canopies of the campaign's draws.
 
-    The first three are of the whole posterior, in ``parameters/``; ``aero_tables.csv`` has the draws that landed.
+    The first three are of the whole posterior, in ``parameters/``; ``aero_tables.csv``, ``jsbsim_canopies.xml`` and
+    ``rocketpy_parachutes.json`` are of the draws that landed.
+
+    Args:
+        known: The posterior.
+        plan: With the draws.
+        folder: Where to.
+        name: Of the campaign.
+        jsbsim_draws: Number of draws that get a file of JSBSim each, in ``jsbsim/``.
+
+    Returns:
+        Why a file was not written, line by line.
     """
     draws = {name: np.asarray(known[name].values) for name in known.names}
     units = {name: str(known[name].attrs.get("units", "1")) for name in known.names}
@@ -80,6 +95,7 @@ def write_for_others(known: Posterior, plan: CampaignPlan, folder: Path) -> None
         tables.append(aero_table.aero_table(one, first))
         first += len(one.theta)
     write_csv(pd.concat(tables, ignore_index=True), folder / "aero_tables.csv")
+    return write_other_programs(plan, name, folder, jsbsim_draws)
 
 
 def write_csv(table: pd.DataFrame, path: Path) -> None:
@@ -94,9 +110,10 @@ def _limited(made: Landings) -> list[str]:
 
 
 def dictionary(made: Landings) -> pd.DataFrame:
-    """File, column, unit and meaning of everything that `write_landings` and the aero tables hold."""
+    """File, column, unit and meaning of everything that `write_landings` and the files for other programs hold."""
     files = {"landings.parquet": _OF_LANDINGS | MEASURES, "requirements.csv": _OF_REQUIREMENTS}
     files |= {f"exceedance-{quantity}.csv": _OF_EXCEEDANCE for quantity in _limited(made)}
     files["aero_tables.csv"] = aero_table.COLUMNS
+    files[rocketpy_parachutes.DATA] = rocketpy_parachutes.ENTRIES
     rows = [(file, name, *said) for file, columns in files.items() for name, said in columns.items()]
     return pd.DataFrame(rows, columns=["file", "column", "unit", "meaning"])

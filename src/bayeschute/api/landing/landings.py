@@ -273,6 +273,53 @@ class Landings:
             table = table.model_copy(update={"interval": interval})
         return drop_ranking(self._source, self.rows, table)
 
+    def to_jsbsim(self, path: Path | str, draw: int | None = None) -> Path:
+        """Write the canopies as an ``<aerodynamics>`` section of JSBSim: tables over the total angle of attack.
+
+        All canopies are one rigid body at their steady fly-out angle. What that can't hold, and where the force acts,
+        is said in the file and in docs/landing.md.
+
+        Args:
+            path: Where to; ``.xml``.
+            draw: Number of a draw of the parameters, as in the table's ``draw``; None: means over all draws. A
+                Monte Carlo study takes a file for each.
+
+        Raises:
+            InputError: If there is no such draw, the name is not one of an XML file, the canopies have no steady
+                fly-out angle, or the landings were read from a file.
+
+        Example:
+            >>> landings.to_jsbsim(folder / "canopies.xml").read_text().count("<tableData>")
+            3
+        """
+        from bayeschute.api.landing.other_programs_files import write_jsbsim
+
+        return write_jsbsim(self._source.plan, self.name, Path(path), draw)
+
+    def to_rocketpy(self, folder: Path | str) -> Path:
+        """Write parachutes for RocketPy: numbers of all draws (JSON), and a module that makes parachutes of them.
+
+        The module needs no bayeschute: ``rocket.add_parachute(**rocketpy_parachutes.arguments(draw=17))``. What
+        RocketPy's point of mass can't hold is said in docs/landing.md.
+
+        Args:
+            folder: Where to; made if missing.
+
+        Returns:
+            The module, ``rocketpy_parachutes.py``.
+
+        Raises:
+            InputError: If the canopies have no steady fly-out angle, or the landings were read from a file.
+
+        Example:
+            >>> module = landings.to_rocketpy(folder)
+            >>> module.with_suffix(".json").exists()
+            True
+        """
+        from bayeschute.api.landing.other_programs_files import write_rocketpy
+
+        return write_rocketpy(self._source.plan, self.name, Path(folder))
+
     @property
     def _limits(self) -> list[Limit]:
         """Limits of the campaign's requirements."""
