@@ -225,8 +225,10 @@ def test_a_step_that_leads_to_where_flights_fail_is_halved(descent, settled, mon
         marginal_mode.marginal_mode(descent.flights, descent.priors, settled)
 
 
-def test_a_turn_of_noise_parameters_that_leads_astray_is_not_kept(descent, monkeypatch):
-    """The first turn ends at its mode, the second four standard deviations beside it."""
+@pytest.mark.parametrize("spoiled", [1, 3])
+def test_a_turn_of_noise_parameters_that_leads_astray_is_shortened_and_at_last_not_kept(descent, monkeypatch, spoiled):
+    """The first turn ends at its mode; so many tries of the second end far beside theirs."""
+    sds, steps = {3: (4.0, 24), 1: (12.0, 2)}[spoiled]  # two steps leave something to gain
     prior = NoisePrior(descent.hyper, 0.4)
     settled = joint_fit.joint_fit(descent.flights, descent.priors, prior)
     begin = settled._replace(hyper=joint_fit._looser(descent.hyper))
@@ -234,8 +236,8 @@ def test_a_turn_of_noise_parameters_that_leads_astray_is_not_kept(descent, monke
 
     def astray(flights, priors, place, **most):
         best = usual(flights, priors, place, **most)
-        if ended:
-            aside = best.theta + 4.0 * np.sqrt(np.diag(best.covariance))
+        if 1 <= len(ended) <= spoiled:
+            aside = best.theta + sds * np.sqrt(np.diag(best.covariance))
             rest = along_record.conditional_optimum(flights, place.hyper, priors, aside, best.flights)
             best = replace(best, theta=aside, flights=rest.flights)
         ended.append((best, place.hyper))
@@ -244,13 +246,22 @@ def test_a_turn_of_noise_parameters_that_leads_astray_is_not_kept(descent, monke
     monkeypatch.setattr(laplace_fit, "marginal_mode", astray)
     monkeypatch.setattr(laplace_fit, "_SETTLED", 0.0)
     monkeypatch.setattr(laplace_fit, "_GAINED", -np.inf)
+    monkeypatch.setattr(laplace_fit, "_TURNS", 2)
+    monkeypatch.setattr(laplace_fit, "_NOISE_STEPS", steps)
     best, hyper, _ = laplace_fit._by_turns(
         descent.flights, descent.priors, prior, begin, lambda share, words: said.append(words)
     )
-    assert len(ended) == 2 and best is ended[0][0] and hyper is ended[0][1]
-    first, second = (float(words.split()[8].rstrip(",")) for words in said)
-    assert said[1].endswith("not kept")
-    assert first > 10.0 and second == pytest.approx(-8.0, abs=0.5)  # half of four squared
+    assert [words.split(": ")[0].split("share ")[1] for words in said] == ["1", "1", "0.3", "0.1"][: 1 + len(said[1:])]
+    gained = [float(words.removesuffix(", not kept").split()[-1]) for words in said]
+    assert [words.endswith("not kept") for words in said[1 : 1 + spoiled]] == [True] * spoiled
+    assert gained[0] > 1.0
+    if spoiled == 3:
+        assert gained[1:] == pytest.approx([-8.0] * 3, abs=0.5)  # half of four squared
+        assert len(said) == 4 and best is ended[0][0] and hyper is ended[0][1]
+    else:
+        way = [to_vector(one) - to_vector(ended[0][1]) for _, one in ended[1:]]
+        np.testing.assert_allclose(way[1], 0.3 * way[0], atol=1e-9)
+        assert len(said) == 3 and gained[2] > 0.0 and best is ended[2][0] and hyper is ended[2][1]
 
 
 @pytest.mark.parametrize(("far", "held"), [(0.1, False), (50.0, True)])

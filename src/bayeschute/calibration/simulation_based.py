@@ -181,7 +181,7 @@ def derived(template: Template, found: LaplaceFit, xi: Array, seed: int) -> dict
         pick = np.minimum(np.arange(start, start + _GROUP), len(xi) - 1)
         moved = root @ rng.standard_normal(at.size)
         noise_parameters = from_vector(at + moved, found.hyper)
-        shifted = jnp.asarray(found.noise_effect.carried(xi[pick], moved).T)
+        shifted = found.noise_effect.carried(xi[pick], moved).T
         numbers = tuple(normals(f, _GROUP, rng) for f in marginal.flights)
         x = np.asarray(draw_flights(marginal, shifted, numbers, noise_parameters)[-1].path)
         parts.append({k: v[: len(xi) - start] for k, v in template.quantities(flight, x).items()})

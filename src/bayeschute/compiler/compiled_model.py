@@ -13,7 +13,6 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from bayeschute.compiler import integrate
@@ -49,7 +48,7 @@ def why_not_compiled(model: FlightModel, theta: Any, start: Any, error: Any) -> 
     return found if isinstance(found, str) else None
 
 
-def states(model: FlightModel, theta: Any, start: Any, error: Any, given: Any = None) -> jax.Array | None:
+def states(model: FlightModel, theta: Any, start: Any, error: Any, given: Any = None) -> Array | None:
     """States at every sample, as `integrate.trajectory`.
 
     Args:
@@ -68,7 +67,7 @@ def states(model: FlightModel, theta: Any, start: Any, error: Any, given: Any = 
     made, first = _states(programs, model, theta, start, error, given), given
     if first is not None:
         made[: len(first)] = np.asarray(first)
-    return jnp.asarray(made)
+    return made
 
 
 def reached(model: FlightModel, theta: Any, start: Any, error: Any, path: Any) -> integrate.Reached | None:
@@ -88,12 +87,12 @@ def reached(model: FlightModel, theta: Any, start: Any, error: Any, path: Any) -
     if isinstance(programs, str):
         return None
     made = _states(programs, model, theta, start, error, path)
-    return integrate.Reached(jnp.asarray(made[0]), jnp.asarray(made[1:]))
+    return integrate.Reached(made[0], made[1:])
 
 
 def along_path(
     model: FlightModel, theta: Any, start: Any, error: Any, path: Any, by_theta: bool = True
-) -> tuple[jax.Array, integrate.Reached, Steps] | None:
+) -> tuple[Array, integrate.Reached, Steps] | None:
     """Outputs, where every step leads and all derivatives along a given path, as `integrate.along_path`.
 
     Args:
@@ -114,7 +113,7 @@ def along_path(
     if isinstance(programs, str) or np.ndim(theta) != 1:
         return None
     made = arrays_along(programs, model, theta, start, error, path, by_theta=by_theta)
-    y, reached, steps = jax.tree.map(jnp.asarray, made)
+    y, reached, steps = made
     return y, integrate.Reached(reached[0], reached[1:]), steps
 
 

@@ -125,8 +125,8 @@ class Reached(NamedTuple):
     They equal the path's own states where it obeys the equations of motion.
     """
 
-    first: jax.Array
-    steps: jax.Array
+    first: Any
+    steps: Any
 
 
 def reached(model: FlightModel, theta: jax.Array, start: jax.Array, error: jax.Array, path: jax.Array) -> Reached:

@@ -75,7 +75,7 @@ def simulate(model: FlightModel, theta: Component, start: Component, error: Comp
     return examine(model, theta, start, error, _flown(model, theta, start, error))
 
 
-def examine(model: FlightModel, theta: Component, start: Component, error: Component, states: jax.Array) -> Simulation:
+def examine(model: FlightModel, theta: Component, start: Component, error: Component, states: Component) -> Simulation:
     """Outcome and error of simulated states: the part of `simulate` after the first simulation.
 
     Steps too long for a riser don't make a flight diverge: its tension can't push, so they shake it between slack and
@@ -90,10 +90,10 @@ def examine(model: FlightModel, theta: Component, start: Component, error: Compo
     """
     coarse: Any = model  # every flight model is a dataclass with substeps, which its protocol does not contain
     finer = replace(coarse, substeps=2 * coarse.substeps)
-    return _examined(model, jnp.asarray(theta), jnp.asarray(states), _flown(finer, theta, start, error))
+    return _examined(model, theta, states, _flown(finer, theta, start, error))
 
 
-def _flown(model: FlightModel, theta: Component, start: Component, error: Component) -> jax.Array:
+def _flown(model: FlightModel, theta: Component, start: Component, error: Component) -> Component:
     """States (T, X, ...); machine code is made for models that have outputs."""
     made = kernel.states(model, theta, start, error) if getattr(model, "channels", True) else None
     return trajectory_compiled(model, theta, start, error) if made is None else made

@@ -14,7 +14,8 @@ _MARGIN = 0.85
 
 
 @jax.jit
-def _local_jacobian(flight: ClusterFlight, x: jax.Array, theta: jax.Array) -> jax.Array:
+def _local_jacobian(flight: ClusterFlight, theta: jax.Array, still: jax.Array) -> jax.Array:
+    x = flight.initial(flight.numbers(theta), still)
     now = jax.tree.map(lambda a: a[0], flight.record)
     zero = jnp.zeros(3)
     air = air_between(now, now, zero, zero, 0.0, flight.dt)
@@ -29,8 +30,8 @@ def fastest_pole(flight: ClusterFlight, theta: np.ndarray, deviations: int) -> f
         theta: Parameters in working coordinates (P,).
         deviations: Number of initial deviations, all zero here.
     """
-    x = flight.initial(flight.numbers(jnp.asarray(theta)), jnp.zeros(deviations))
-    return float(np.max(np.abs(np.linalg.eigvals(np.asarray(_local_jacobian(flight, x, theta))))))
+    jacobian = np.asarray(_local_jacobian(flight, theta, np.zeros(deviations)))
+    return float(np.max(np.abs(np.linalg.eigvals(jacobian))))
 
 
 def substeps(pole: float, dt: float, least: int = 3) -> int:

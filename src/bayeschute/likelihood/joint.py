@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from bayeschute.compiler import compiled_model as kernel
 from bayeschute.compiler import integrate
@@ -62,7 +63,7 @@ class FlightData:
 
     def still(self) -> Unknowns:
         """Unknowns at their prior means."""
-        return Unknowns(jnp.zeros(self.starts), jnp.zeros((self.samples, self.latent.size)))
+        return Unknowns(np.zeros(self.starts), np.zeros((self.samples, self.latent.size)))
 
 
 class Unknowns(NamedTuple):
@@ -127,8 +128,8 @@ class Lifted(NamedTuple):
 
     def latent_path(self, data: FlightData, trailing: int = 0) -> LatentPath:
         """The latent path, in physical units; arrays may have trailing axes."""
-        scale = jnp.reshape(jnp.asarray(data.start_scale), (-1, *(1,) * trailing))
-        return LatentPath(scale * jnp.asarray(self.unknowns.start), self.error, self.path)
+        scale = data.start_scale.reshape(-1, *(1,) * trailing)
+        return LatentPath(scale * self.unknowns.start, self.error, self.path)
 
 
 @jax.jit
@@ -147,7 +148,7 @@ def jax_states(
     return trajectory(data.model, theta, latent_path.start, latent_path.error, known)
 
 
-def states(data: FlightData, theta: Component, latent_path: LatentPath, known: Component | None = None) -> jax.Array:
+def states(data: FlightData, theta: Component, latent_path: LatentPath, known: Component | None = None) -> Component:
     """Simulated states (T, X, ...), by machine code where `kernel.flight` has it, else by JAX.
 
     Args:
@@ -263,7 +264,6 @@ def linearise(data: FlightData, theta: Component, latent_path: LatentPath, by_th
         latent_path: Where.
         by_theta: Whether derivatives by the parameters are wanted: cheaper without, P = 0.
     """
-    theta = jnp.asarray(theta)
     if latent_path.path is None:
         latent_path = latent_path._replace(path=states(data, theta, latent_path))
     made = kernel.along_path(data.model, theta, latent_path.start, latent_path.error, latent_path.path, by_theta)
@@ -296,7 +296,7 @@ def filter_gains(data: FlightData, hyper: NoiseParameters, linear: Linear, slack
         slack: Standard deviations of the states' defects (X,); None: none are left.
     """
     steps, (latent, noise) = linear.without_theta().steps, statespace(data, hyper)
-    return gains(steps, data.start_scale, latent, noise, data.dt, jnp.asarray(data.present), slack)
+    return gains(steps, data.start_scale, latent, noise, data.dt, data.present, slack)
 
 
 @jax.jit

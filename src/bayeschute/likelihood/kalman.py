@@ -75,8 +75,10 @@ class Gains(NamedTuple):
         return f, h, g
 
     @property
-    def log_determinant(self) -> jax.Array:
+    def log_determinant(self) -> Component:
         """Half the log determinant of the data's covariance, up to a constant."""
+        if isinstance(self.root, np.ndarray):
+            return np.sum(np.log(np.diagonal(self.root, axis1=1, axis2=2)))
         return jnp.sum(jnp.log(jnp.diagonal(self.root, axis1=1, axis2=2)))
 
 
@@ -113,7 +115,7 @@ def covariances(
     here: Component,
     slack: Component | None = None,
     score: bool = False,
-) -> tuple[Gains, jax.Array, jax.Array]:
+) -> tuple[Gains, Component, Component]:
     """`gains`, and the filtered covariances that the gradient by the noise parameters needs.
 
     By machine code where nothing is being traced, else by JAX.
@@ -136,10 +138,10 @@ def covariances(
     if not passes.served(steps, start_scale, latent, noise, dt, here, slack) or not steps.by_state.shape[0]:
         return _covariances(steps, start, first, latent, noise, dt, here, slack)
     given = steps, np.asarray(start), np.asarray(first), latent, noise, float(dt), here, slack, score
-    made = {name: jnp.asarray(a) for name, a in passes.covariances(*given).items()}
-    none = jnp.zeros((0, *made["gain"].shape[1:]))
+    made = passes.covariances(*given)
+    none = np.zeros((0, *made["gain"].shape[1:]))
     latents, noises, spread = (made.pop(name, none) for name in ("latents", "noises", "spread"))
-    fixed = (jnp.asarray(steps.by_state), latent.transition, latent.noise_gain, slack, start, first, spread)
+    fixed = (steps.by_state, latent.transition, latent.noise_gain, slack, start, first, spread)
     names = ("by_state", "transition", "noise_gain", "slack", "start", "first", "spread")
     return Gains(**made, **dict(zip(names, fixed, strict=True))), latents, noises
 
@@ -230,8 +232,8 @@ class Seen(NamedTuple):
         inputs: Input to the first state, then to every step (T, X, M).
     """
 
-    series: jax.Array
-    inputs: jax.Array
+    series: Component
+    inputs: Component
 
     def column(self, which: int) -> Seen:
         """One of the columns, alone."""
@@ -239,8 +241,7 @@ class Seen(NamedTuple):
 
     def less(self, mean_correction: MeanCorrection) -> Seen:
         """The first column with the mean correction: subtracted from the data, added to the inputs of the states."""
-        outputs, inputs = (jnp.asarray(a) for a in mean_correction)
-        return Seen(self.series.at[..., 0].add(-outputs), self.inputs.at[..., 0].add(inputs))
+        return _less(self, mean_correction)
 
 
 class MeanCorrection(NamedTuple):
@@ -253,14 +254,20 @@ class MeanCorrection(NamedTuple):
     inputs: Component
 
 
-def innovations(made: Gains, series: jax.Array, inputs: jax.Array | None = None) -> jax.Array:
+@jax.jit
+def _less(seen: Seen, mean_correction: MeanCorrection) -> Seen:
+    outputs, inputs = mean_correction
+    return Seen(seen.series.at[..., 0].add(-outputs), seen.inputs.at[..., 0].add(inputs))
+
+
+def innovations(made: Gains, series: Component, inputs: Component | None = None) -> Component:
     """Standardised innovations (T, C, ...) of series (T, C, ...): data, or columns of derivatives; see `Seen`."""
     return forward(made, series, inputs, 0)[0]
 
 
 def forward(
-    made: Gains, series: jax.Array, inputs: jax.Array | None = None, told: int | None = None
-) -> tuple[jax.Array, jax.Array, jax.Array]:
+    made: Gains, series: Component, inputs: Component | None = None, told: int | None = None
+) -> tuple[Component, Component, Component]:
     """The filter's means along series (T, C, ...), whose trailing axes become one, M.
 
     By machine code where nothing is being traced, else by JAX; so does `backward`.
@@ -307,7 +314,7 @@ def _forward(made: Gains, wide: jax.Array, inputs: jax.Array | None, told: int) 
     return unit, jnp.swapaxes(made.inverse, 1, 2) @ unit, predicted
 
 
-def backward(made: Gains, weighted: jax.Array, predicted: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
+def backward(made: Gains, weighted: Component, predicted: Component) -> tuple[Component, Component, Component]:
     """The smoother: expected standardised initial deviations (D, M), process noise (T, W, M), and own states (T, X, M).
 
     Args:
@@ -317,16 +324,10 @@ def backward(made: Gains, weighted: jax.Array, predicted: jax.Array) -> tuple[ja
     """
     if passes.served(made, weighted, predicted) and made.by_state.shape[0]:
         adjoint, process_noise, states = passes.backward(made, weighted, predicted)
-    else:
-        adjoint, process_noise, states = _backward(made, weighted, predicted)
-    return *_unknowns(made.start, made.first, adjoint, process_noise), states
-
-
-@jax.jit
-def _unknowns(
-    start: jax.Array, first: jax.Array, adjoint: jax.Array, process_noise: jax.Array
-) -> tuple[jax.Array, jax.Array]:
-    return start.T @ adjoint, process_noise.at[0].set(first.T @ adjoint)
+        process_noise[0] = np.asarray(made.first).T @ adjoint
+        return np.asarray(made.start).T @ adjoint, process_noise, states
+    adjoint, process_noise, states = _backward(made, weighted, predicted)
+    return made.start.T @ adjoint, process_noise.at[0].set(made.first.T @ adjoint), states
 
 
 @jax.jit
@@ -365,10 +366,10 @@ class Smoothed(NamedTuple):
         states: Likewise of the flight's own states (T, X, M).
     """
 
-    innovations: jax.Array
-    start: jax.Array
-    process_noise: jax.Array
-    states: jax.Array
+    innovations: Component
+    start: Component
+    process_noise: Component
+    states: Component
 
 
 def smooth_driven(made: Gains, seen: Seen) -> Smoothed:

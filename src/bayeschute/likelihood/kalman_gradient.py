@@ -61,11 +61,11 @@ class Pass(NamedTuple):
     """
 
     gains: Gains
-    latents: jax.Array
-    noises: jax.Array
-    unit: jax.Array
-    weighted: jax.Array
-    predicted: jax.Array
+    latents: Component
+    noises: Component
+    unit: Component
+    weighted: Component
+    predicted: Component
 
 
 def to_vector(hyper: NoiseParameters) -> Array:
@@ -90,20 +90,20 @@ def parts(flight: FlightData, hyper: NoiseParameters) -> Parts:
 def run(flight: FlightData, hyper: NoiseParameters, linear: Linear, seen: Seen) -> Pass:
     """Run a linearised flight's filter."""
     steps, (latent, noise) = linear.without_theta().steps, statespace(flight, hyper)
-    here = jnp.asarray(flight.present)
-    made, latents, noises = covariances(steps, flight.start_scale, latent, noise, flight.dt, here, score=True)
+    present = flight.present
+    made, latents, noises = covariances(steps, flight.start_scale, latent, noise, flight.dt, present, score=True)
     return Pass(made, latents, noises, *forward(made, *seen))
 
 
 class Sums(NamedTuple):
     """Derivatives by matrices of the steps, summed along a flight, and the adjoint of the first covariance (S, S)."""
 
-    transition: jax.Array
-    noise_gain: jax.Array
-    kept: jax.Array
-    drift: jax.Array
-    white: jax.Array
-    adjoint: jax.Array
+    transition: Component
+    noise_gain: Component
+    kept: Component
+    drift: Component
+    white: Component
+    adjoint: Component
 
 
 class _Series(NamedTuple):
@@ -123,7 +123,7 @@ class _Series(NamedTuple):
     way: jax.Array
 
 
-def slope(flight: FlightData, hyper: NoiseParameters, linear: Linear, done: Pass, mix: jax.Array) -> Parts:
+def slope(flight: FlightData, hyper: NoiseParameters, linear: Linear, done: Pass, mix: Component) -> Parts:
     """Derivatives of ``1/2 |innovations of series @ mix|^2 + log det`` of a flight by `Parts`.
 
     By machine code where nothing is being traced, else by JAX.
@@ -222,7 +222,7 @@ def pull(flight: FlightData, vector: jax.Array, like: NoiseParameters, by: Parts
 
 
 def conditional_score(
-    vector: jax.Array, like: NoiseParameters, flight: FlightData, linear: Linear, seen: Seen
+    vector: Component, like: NoiseParameters, flight: FlightData, linear: Linear, seen: Seen
 ) -> jax.Array:
     """Gradient (V,) of a flight's ``1/2 |innovations|^2 + log det``, parameters held.
 
@@ -235,17 +235,17 @@ def conditional_score(
     """
     hyper = from_vector(vector, like)
     done = run(flight, hyper, linear, seen)
-    return pull(flight, vector, like, slope(flight, hyper, linear, done, jnp.eye(1)))
+    return pull(flight, vector, like, slope(flight, hyper, linear, done, np.eye(1)))
 
 
 def evidence_score(
-    vector: jax.Array,
+    vector: Component,
     median: NoiseParameters,
     log_sd: float,
     flights: tuple[FlightData, ...],
     linear: tuple[Linear, ...],
     seen: tuple[Seen, ...],
-    prior_precision: jax.Array,
+    prior_precision: Component,
 ) -> tuple[jax.Array, jax.Array]:
     """Minus the log evidence and the log prior, up to a constant, and its gradient.
 

@@ -9,7 +9,6 @@ It is the term by which a second-order filter differs from an extended Kalman fi
 from __future__ import annotations
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from bayeschute.core.random import stream
@@ -62,35 +61,39 @@ def mean(
     """
     pairs, shares = (_FEW, _SHARES[2:]) if rough else (_PAIRS, _SHARES)
     (samples, states), outputs = np.shape(latent_path.path), np.shape(flight.observed)[1]
-    blank = Seen(jnp.zeros((samples, outputs, pairs)), jnp.zeros((samples, states, pairs)))
+    blank = Seen(np.zeros((samples, outputs, pairs)), np.zeros((samples, states, pairs)))
     z = normals(flight, pairs, stream(0, "pairs of the mean flight"))
     off = drawn(flight, hyper, made, blank, z)
     by = latent_path_of(flight, hyper, off.unknowns)
-    wide, lost = jnp.repeat(jnp.asarray(theta)[:, None], 2 * pairs, axis=1), 0
-    path = jnp.repeat(jnp.asarray(latent_path.path)[..., None], 2 * pairs, axis=2)
-    still = [np.asarray(a)[..., None] for a in stepped(flight, jnp.asarray(theta), latent_path)]
+    wide, lost = np.repeat(np.asarray(theta)[:, None], 2 * pairs, axis=1), 0
+    path = np.repeat(np.asarray(latent_path.path)[..., None], 2 * pairs, axis=2)
+    still = [np.asarray(a)[..., None] for a in stepped(flight, theta, latent_path)]
     for share in shares:
         start, error = (
-            jnp.concatenate([m[..., None] + share * d, m[..., None] - share * d], axis=-1)
-            for m, d in zip(latent_path[:2], by[:2], strict=True)
+            np.concatenate([m[..., None] + share * d, m[..., None] - share * d], axis=-1)
+            for m, d in zip(map(np.asarray, latent_path[:2]), map(np.asarray, by[:2]), strict=True)
         )
-        away = share * jnp.concatenate([off.states, -off.states], axis=-1)
+        away = share * np.concatenate([off.states, -off.states], axis=-1)
         residual, defects = stepped(flight, wide, LatentPath(start, error, moved(flight, path, away, wide, 0.0 * wide)))
         both = [np.asarray(a) - b for a, b in zip((residual, defects), still, strict=True)]
         by_pair = [0.5 * (a[..., :pairs] + a[..., pairs:]) for a in both]
-        farthest = np.max(np.abs(np.asarray(away)), axis=(0, 2))[:, None]
+        farthest = np.max(np.abs(away), axis=(0, 2))[:, None]
         good = np.isfinite(by_pair[0]).all(axis=1) & (np.abs(by_pair[1]) <= farthest + 1e-9).all(axis=1)
         lost = lost or int((~good.all(axis=0)).sum())
         if (2 * good.sum(axis=1) >= pairs).all():
             less, more = (np.mean(a, axis=-1, where=good[:, None, :]) / share**2 for a in by_pair)
-            return MeanCorrection(jnp.asarray(-less), jnp.asarray(more)), lost
+            return MeanCorrection(-less, more), lost
     raise FloatingPointError("steps under most drawn disturbances about the optimum fail")
 
 
 def slope(linear: Linear, made: Gains, mean_correction: MeanCorrection) -> jax.Array:
     """Contribution of the correction to the gradient of minus the log density by theta (P,), at the linearisation."""
-    seen = as_seen(linear)
-    alone = Seen(*(part.at[..., 0].set(0.0) for part in seen)).less(mean_correction)
-    unit = innovations(made, *alone)
+    unit = innovations(made, *_corrected_alone(as_seen(linear), mean_correction))
     unit = unit.reshape(-1, unit.shape[2])
     return -unit[:, 1:].T @ unit[:, 0]
+
+
+@jax.jit
+def _corrected_alone(seen: Seen, mean_correction: MeanCorrection) -> Seen:
+    """The mean correction in place of the data, beside their derivatives."""
+    return Seen(*(part.at[..., 0].set(0.0) for part in seen)).less(mean_correction)

@@ -33,7 +33,7 @@ from bayeschute.likelihood.joint import (
     linearise,
     moved,
 )
-from bayeschute.likelihood.kalman import Gains, Seen, smooth_driven
+from bayeschute.likelihood.kalman import Gains, Seen, Smoothed, smooth_driven
 from bayeschute.likelihood.noise import whiten
 from bayeschute.likelihood.priors import Prior, precision, standard, working
 from bayeschute.posterior.quasi_newton import secant_step
@@ -101,11 +101,11 @@ class Solved(NamedTuple):
         determinant: Log determinant of the innovations.
     """
 
-    gram: jax.Array
-    start: jax.Array
-    process_noise: jax.Array
-    states: jax.Array
-    determinant: jax.Array
+    gram: Component
+    start: Component
+    process_noise: Component
+    states: Component
+    determinant: Component
 
 
 class Row(NamedTuple):
@@ -196,17 +196,8 @@ def solve(flight: FlightData, hyper: NoiseParameters, slack: Component | None, m
     filtered = filter_gains(flight, hyper, made, slack)
     got = smooth_driven(filtered, as_seen(made))
     process_noise = got.process_noise[:, : flight.latent.size]
-    return Solved(_gram(got.innovations), got.start, process_noise, got.states, _log_determinant(filtered)), filtered
-
-
-@jax.jit
-def _gram(unit: jax.Array) -> jax.Array:
-    """Products of columns of innovations (T, C, M)."""
-    flat = unit.reshape(-1, unit.shape[2])
-    return flat.T @ flat
-
-
-_log_determinant = jax.jit(lambda made: made.log_determinant)
+    flat = np.reshape(got.innovations, (-1, got.innovations.shape[2]))
+    return Solved(flat.T @ flat, got.start, process_noise, got.states, filtered.log_determinant), filtered
 
 
 @jax.jit
@@ -230,14 +221,16 @@ def closed(flight: FlightData, hyper: NoiseParameters, at: Lifted, made: Linear)
         made: The flight linearised along it.
     """
     filtered = filter_gains(flight, hyper, made)
-    got = smooth_driven(filtered, Seen(jnp.zeros_like(made.residual)[..., None], made.defects[..., None]))
-    unknowns = Unknowns(at.unknowns.start + got.start[:, 0], at.unknowns.process_noise + got.process_noise[..., 0])
-    return Lifted(unknowns, _disturbances(flight, hyper, unknowns), at.path + got.states[..., 0])
+    got = smooth_driven(filtered, Seen(np.zeros((*np.shape(made.residual), 1)), made.defects[..., None]))
+    return _beside(flight, hyper, at, got)
 
 
 @jax.jit
-def _disturbances(flight: FlightData, hyper: NoiseParameters, unknowns: Unknowns) -> jax.Array:
-    return disturbances(hyper.dynamics(flight), unknowns.process_noise)
+def _beside(flight: FlightData, hyper: NoiseParameters, at: Lifted, got: Smoothed) -> Lifted:
+    """Start, process noise and trajectory after a change that was smoothed."""
+    process_noise = at.unknowns.process_noise + got.process_noise[..., 0]
+    unknowns = Unknowns(at.unknowns.start + got.start[:, 0], process_noise)
+    return Lifted(unknowns, disturbances(hyper.dynamics(flight), process_noise), at.path + got.states[..., 0])
 
 
 @jax.jit
@@ -484,7 +477,7 @@ def _accelerated(tried: Sequence[tuple[Sequence[Lifted], Sequence[Lifted]]]) -> 
         weights = np.linalg.lstsq(changes.T, steps[-1])[0]
         ends = [end for _, end in pairs]
         shares = np.append(weights, 1.0) - np.append(0.0, weights)
-        made.append(jax.tree.map(lambda *ends, c=shares: jnp.tensordot(c, jnp.stack(ends), axes=1), *ends))
+        made.append(jax.tree.map(lambda *ends, c=shares: np.tensordot(c, np.stack(ends), axes=1), *ends))
     return made
 
 
@@ -504,7 +497,7 @@ def onward(
     """Flights after a step of the parameters (P,) from the conditional mode at theta (P,)."""
     ends = []
     for flight, at, solved in zip(flights, here.flights, here.onward, strict=True):
-        ends.append(shortened(flight, at, led(flight, hyper, at, solved, jnp.asarray(step)), 1.0, theta, step))
+        ends.append(shortened(flight, at, led(flight, hyper, at, solved, step), 1.0, theta, step))
     return tuple(ends)
 
 

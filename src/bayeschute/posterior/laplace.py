@@ -71,10 +71,10 @@ class Laplace(NamedTuple):
     roots: tuple[Array, ...]
 
 
-def _squares(made: Gains, linear: Linear, mean_correction: MeanCorrection) -> jax.Array:
+def _squares(made: Gains, linear: Linear, mean_correction: MeanCorrection) -> float:
     """Half the squares of innovations."""
     unit = innovations(made, *as_seen(linear).less(mean_correction))
-    return 0.5 * jnp.sum(unit**2)
+    return 0.5 * float(np.sum(np.asarray(unit) ** 2))
 
 
 def _mean_correction(
@@ -89,7 +89,7 @@ def _mean_correction(
     try:
         few, _ = mean_correction.mean(flight, hyper, made, theta, latent_path, rough=True)
     except FloatingPointError:
-        return jax.tree.map(lambda a: jnp.full(jnp.shape(a), jnp.nan), along.mean_correction)
+        return jax.tree.map(lambda a: np.full(np.shape(a), np.nan), along.mean_correction)
     return MeanCorrection(*(a + b - c for a, b, c in zip(along.mean_correction, few, along.rough, strict=True)))
 
 
@@ -108,7 +108,7 @@ def at(marginal: Marginal, xi: Array, places: Sequence[Lifted] | None = None) ->
         xi: Standard coordinates (P,).
         places: By flight, where its conditional optimum is sought from; None: from where the linear model puts it.
     """
-    theta, shift = shifted(marginal, jnp.asarray(xi))
+    theta, shift = shifted(marginal, xi)
     if places is None:
         pairs = zip(marginal.flights, marginal.along, strict=True)
         places = [_place(flight, along, shift) for flight, along in pairs]
@@ -117,7 +117,7 @@ def at(marginal: Marginal, xi: Array, places: Sequence[Lifted] | None = None) ->
     found = approached(marginal.flights, marginal.hyper, np.asarray(theta), places)
     for flight, along, (_, linear, made) in zip(marginal.flights, marginal.along, found, strict=True):
         there = _mean_correction(flight, marginal.hyper, along, theta, made, linear.latent_path)
-        square += float(_squares(made, linear, there))
+        square += _squares(made, linear, there)
         determinant += float(made.log_determinant)
         roots.append(np.asarray(made.root))
     return Laplace(square, determinant, tuple(one.flight for one in found), tuple(roots))
@@ -137,7 +137,7 @@ def _more(here: Laplace, there: Sequence[Laplace]) -> Array:
 def _own(marginal: Marginal, points: Array) -> Array:
     """Minus the log density of the linear models (N,) at points (N, P), less that at theta_0."""
     places = np.vstack([0.0 * points[:1], points])
-    squares = in_batches(lambda part: jnp.sum(linear_residuals(marginal, part)[0] ** 2, axis=0), places.T)
+    squares = in_batches(lambda part: np.sum(linear_residuals(marginal, part)[0] ** 2, axis=0), places.T)
     return 0.5 * np.asarray(squares[1:] - squares[0])
 
 
@@ -391,7 +391,7 @@ def _polynomials(marginal: Marginal, near: Sides) -> tuple[Quadratic, Quadratic]
         def corner(point: Array, pair: Array, ends: Sequence[Laplace] = ends) -> Laplace:
             trio = zip(marginal.flights, *(one.flights for one in (here, ends[pair[0]], ends[pair[1]])), strict=True)
             _, change = shifted(marginal, point)
-            found = at(marginal, point, [_beyond(*four, jnp.asarray(marginal.centre), change) for four in trio])
+            found = at(marginal, point, [_beyond(*four, marginal.centre, change) for four in trio])
             return found._replace(flights=(), roots=())
 
         with ThreadPoolExecutor(processors()) as pool:
@@ -431,7 +431,7 @@ def _followed(marginal: Marginal, near: Sides) -> Marginal:
     for number, along in enumerate(marginal.along):
         up, down = ([end.flights[number] for end in side] for side in (near.up, near.down))
         slopes = [
-            jax.tree.map(lambda a, b, h=h: (a - b) / (2.0 * h), *pair)
+            jax.tree.map(lambda a, b, h=h: (np.asarray(a) - np.asarray(b)) / (2.0 * h), *pair)
             for *pair, h in zip(up, down, near.steps, strict=True)
         ]
         exact = jax.tree.map(lambda *columns: np.stack(columns, axis=-1) @ inverse, *slopes)
@@ -449,5 +449,5 @@ def density_errors(marginal: Marginal, points: Array) -> Array:
         points: Standard coordinates.
     """
     here, *there = _at_all(marginal, points)
-    ours = _own(marginal, points) + np.asarray(marginal.correction.at(jnp.asarray(points.T)))
+    ours = _own(marginal, points) + np.asarray(marginal.correction.at(points.T))
     return np.asarray(_more(here, there).sum(axis=1) - ours)

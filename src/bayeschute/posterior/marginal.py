@@ -13,12 +13,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
 
 from bayeschute.core.vectors import Component
 from bayeschute.likelihood import mean_correction
@@ -93,8 +95,13 @@ class Quadratic(NamedTuple):
 
     def at(self, xi: Component) -> jax.Array:
         """Values (...) at (P, ...)."""
-        bent = jnp.tensordot(self.curvature, xi, axes=1)
-        return jnp.tensordot(self.slope, xi, axes=1) + 0.5 * jnp.sum(xi * bent, axis=0)
+        return _quadratic(self, xi)
+
+
+@jax.jit
+def _quadratic(form: Quadratic, xi: jax.Array) -> jax.Array:
+    bent = jnp.tensordot(form.curvature, xi, axes=1)
+    return jnp.tensordot(form.slope, xi, axes=1) + 0.5 * jnp.sum(xi * bent, axis=0)
 
 
 @jax.tree_util.register_dataclass
@@ -132,14 +139,13 @@ class Marginal:
 
     def theta(self, xi: Component) -> Component:
         """Parameters (P, ...) of standard coordinates (P, ...)."""
-        rank = jnp.ndim(xi) - 1
-        return self.centre.reshape(-1, *(1,) * rank) + jnp.tensordot(self.scale, xi, axes=1)
+        return _shifted(self.centre, self.scale, xi)[0]
 
 
 def _about(flight: FlightData, hyper: NoiseParameters, linear: Linear) -> tuple[Lifted, jax.Array, Gains]:
     """Derivatives of the conditional optimum, those of `Linearisation.known`, and the filter."""
     given = conditional(flight, hyper, linear)
-    by_theta = jax.tree.map(jnp.negative, given.slope)
+    by_theta = jax.tree.map(np.negative, given.slope)
     slope = Lifted(by_theta, latent_path_of(flight, hyper, by_theta).error, -given.states[..., 1:])
     known = disturbed(linear.steps, slope.latent_path(flight, 1))
     return slope, known, given.gains
@@ -148,7 +154,7 @@ def _about(flight: FlightData, hyper: NoiseParameters, linear: Linear) -> tuple[
 def _along(flight: FlightData, hyper: NoiseParameters, theta: Array, at: Lifted, linear: Linear) -> Linearisation:
     """A flight about its conditional optimum."""
     slope, known_slope, made = _about(flight, hyper, linear)
-    aside = jax.tree.map(jnp.zeros_like, slope)
+    aside = jax.tree.map(lambda a: np.zeros(np.shape(a)), slope)
     mean, lost = mean_correction.mean(flight, hyper, made, theta, linear.latent_path)
     rough, _ = mean_correction.mean(flight, hyper, made, theta, linear.latent_path, rough=True)
     known = disturbed(linear.steps, linear.latent_path)
@@ -196,8 +202,14 @@ def latent_path_at(flight: FlightData, along: Linearisation, shift: jax.Array) -
 
 def shifted(marginal: Marginal, xi: Component) -> tuple[jax.Array, jax.Array]:
     """Parameters at standard coordinates (P, ...), and their difference from the centre."""
-    theta = marginal.theta(jnp.asarray(xi))
-    return theta, theta - jnp.reshape(marginal.centre, (-1, *(1,) * (theta.ndim - 1)))
+    return _shifted(marginal.centre, marginal.scale, xi)
+
+
+@jax.jit
+def _shifted(centre: jax.Array, scale: jax.Array, xi: jax.Array) -> tuple[jax.Array, jax.Array]:
+    middle = jnp.reshape(centre, (-1, *(1,) * (jnp.ndim(xi) - 1)))
+    theta = middle + jnp.tensordot(scale, xi, axes=1)
+    return theta, theta - middle
 
 
 @jax.jit
@@ -230,7 +242,7 @@ def twice_price(bent: jax.Array, xi: jax.Array) -> jax.Array:
     return _PRICE * jnp.maximum(bent - _MOST_BENT * (jnp.sum(xi**2, axis=0) + _ROUNDING), 0.0)
 
 
-def linear_residuals(marginal: Marginal, xi: Component) -> tuple[jax.Array, jax.Array]:
+def linear_residuals(marginal: Marginal, xi: Component) -> tuple[Array, Array]:
     """Residuals of the linear models at standard coordinates (P, B), and the penalty outside their range of validity.
 
     Returns:
@@ -240,21 +252,22 @@ def linear_residuals(marginal: Marginal, xi: Component) -> tuple[jax.Array, jax.
     rows, prices = [], []
     for flight, along in zip(marginal.flights, marginal.along, strict=True):
         unit = innovations(along.gains, *_seen(flight, along, theta, shift))
-        rows.append(unit.reshape(-1, xi.shape[1]))
-        prices.append(out_of_range(along, unit, shift, jnp.asarray(xi)))
-    away = theta - jnp.asarray(marginal.prior_centre)[:, None]
-    rows.append(jax.scipy.linalg.solve_triangular(jnp.asarray(marginal.prior_factor), away, lower=True))
-    return jnp.concatenate(rows), jnp.stack(prices)
+        rows.append(np.reshape(unit, (-1, xi.shape[1])))
+        prices.append(np.asarray(out_of_range(along, unit, shift, xi)))
+    away = np.asarray(theta) - np.asarray(marginal.prior_centre)[:, None]
+    rows.append(solve_triangular(np.asarray(marginal.prior_factor), away, lower=True))
+    return np.concatenate(rows), np.stack(prices)
 
 
-def projected_residuals(marginal: Marginal, xi: Component) -> jax.Array:
+def projected_residuals(marginal: Marginal, xi: Component) -> Array:
     """The vector (N, B) whose ``-1/2 |.|^2`` is the marginal log density at (P, B) but `correction` and a constant."""
-    return jnp.concatenate(linear_residuals(marginal, xi))
+    return np.concatenate(linear_residuals(marginal, xi))
 
 
-def log_density(marginal: Marginal, xi: Component) -> jax.Array:
+def log_density(marginal: Marginal, xi: Component) -> Array:
     """Marginal log density (B,) up to a constant at standard coordinates (P, B); NaN where a step fails."""
-    return -0.5 * jnp.sum(projected_residuals(marginal, xi) ** 2, axis=0) - marginal.correction.at(jnp.asarray(xi))
+    squares = np.sum(projected_residuals(marginal, xi) ** 2, axis=0)
+    return np.asarray(-0.5 * squares - np.asarray(marginal.correction.at(xi)))
 
 
 def one_step_errors(marginal: Marginal, xi: Component) -> tuple[jax.Array, ...]:
@@ -283,9 +296,8 @@ def sample_log_likelihoods(marginal: Marginal, xi: Component) -> tuple[jax.Array
     Returns:
         (T, B) per flight, zero where nothing was recorded.
     """
-    xi = jnp.asarray(xi)
     _, shift = shifted(marginal, xi)
-    each = marginal.correction.at(xi) / sum(np.sum(flight.present) for flight in marginal.flights)
+    each = np.asarray(marginal.correction.at(xi)) / sum(np.sum(flight.present) for flight in marginal.flights)
     rows = zip(marginal.flights, marginal.along, one_step_errors(marginal, xi), strict=True)
     return tuple(_log_likelihoods(flight, along, unit, shift, xi, each) for flight, along, unit in rows)
 
@@ -324,27 +336,31 @@ def draw_flights(
     noise_parameters, found = hyper or marginal.hyper, []
     for flight, along, z in zip(marginal.flights, marginal.along, numbers, strict=True):
         made = along.gains if hyper is None else filter_gains(flight, hyper, along.linear)
-        aside, _, aside_path = jax.tree.map(lambda a: jnp.tensordot(a, shift, axes=1), along.aside)
+        aside, _, aside_path = jax.tree.map(partial(_followed, np.asarray(shift)), along.aside)
         latent_path = latent_path_at(flight, along, shift)
         free, away = drawn(
             flight, noise_parameters, made, seen_along(along, *stepped(flight, theta, latent_path), shift), z
         )
-        held = jnp.zeros_like(theta)
+        held = np.zeros(np.shape(theta))
         path = moved(flight, latent_path.path, away + aside_path, theta, held)
         for _ in range(_CORRECTIONS):
-            latent_path = latent_path_of(flight, noise_parameters, jax.tree.map(jnp.add, free, aside))._replace(
+            latent_path = latent_path_of(flight, noise_parameters, jax.tree.map(np.add, free, aside))._replace(
                 path=path
             )
             residual, defects = stepped(flight, theta, latent_path)
             seen = Seen(  # the linear model has no correction here
-                residual + jnp.asarray(along.linear.steps.out_state) @ aside_path,
-                defects - _disturbed(along.linear, latent_path_of(flight, noise_parameters, free)),
+                residual + np.asarray(along.linear.steps.out_state) @ aside_path,
+                np.asarray(defects) - _disturbed(along.linear, latent_path_of(flight, noise_parameters, free)),
             )
             again, away = drawn(flight, noise_parameters, made, seen, z)
             free, path = _where_small(free, path, again, moved(flight, path, away, theta, held))
-        unknowns = jax.tree.map(jnp.add, free, aside)
+        unknowns = jax.tree.map(np.add, free, aside)
         found.append(Lifted(unknowns, latent_path_of(flight, noise_parameters, unknowns).error, path))
     return tuple(found)
+
+
+def _followed(shift: Array, slope: Component) -> Array:
+    return np.tensordot(slope, shift, axes=1)
 
 
 @jax.jit

@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
@@ -82,5 +81,5 @@ def profile(marginal: Marginal, middle: Array | None = None, more: Sequence[Arra
     direction = np.array(found)
     points = np.concatenate([np.zeros((size, 1)), *(place * direction.T for place in PLACES)], axis=1)
     points = points if middle is None else points + middle[:, None]
-    value = np.asarray(log_density(marginal, jnp.asarray(points)))
+    value = np.asarray(log_density(marginal, points))
     return Profile(direction, (value[0] - value[1:]).reshape(len(PLACES), len(direction)).T)

@@ -12,7 +12,6 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import scipy.optimize
 from numpy.typing import NDArray
@@ -61,16 +60,14 @@ def function_of(
     Returns:
         From (V,), in the order of `to_vector`, to value and gradient (V,); 1e300 and zeros where it is not finite.
     """
-    median = jax.tree.map(lambda a: jnp.asarray(a, float), prior.median)
+    median = jax.tree.map(lambda a: np.asarray(a, float), prior.median)
     seen = tuple(_seen(lin) for lin in linear)
     if mean_corrections is not None:
         seen = tuple(s.less(mean_correction) for s, mean_correction in zip(seen, mean_corrections, strict=True))
-    before = jnp.asarray(precision(priors))
+    before = precision(priors)
 
     def objective(vector: Array) -> tuple[float, Array]:
-        value, gradient = evidence_score(
-            jnp.asarray(vector), median, prior.log_sd, tuple(flights), tuple(linear), seen, before
-        )
+        value, gradient = evidence_score(vector, median, prior.log_sd, tuple(flights), tuple(linear), seen, before)
         if not np.isfinite(value):
             return 1e300, np.zeros_like(vector)
         return float(value), np.asarray(gradient)

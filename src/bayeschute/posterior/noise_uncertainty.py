@@ -15,7 +15,6 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
@@ -89,11 +88,11 @@ def noise_parameter_slope(marginal: Marginal, step: float = 0.5) -> Array:
     Raises:
         FloatingPointError: If flights fail along an axis, however short a way is gone.
     """
-    at = jnp.asarray(to_vector(marginal.hyper))
-    like = jax.tree.map(lambda a: jnp.asarray(a, float), marginal.hyper)
+    at = to_vector(marginal.hyper)
+    like = jax.tree.map(lambda a: np.asarray(a, float), marginal.hyper)
 
     def gradient(xi: Array) -> Array:
-        theta, shift = shifted(marginal, jnp.asarray(xi))
+        theta, shift = shifted(marginal, xi)
         total: Array = np.zeros(at.size)
         for flight, along in zip(marginal.flights, marginal.along, strict=True):
             linear = linearise(flight, theta, latent_path_at(flight, along, shift))

@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 from arviz_base import from_dict
@@ -65,10 +64,10 @@ def sample(
             return np.asarray(log_density(marginal, xi))
         return np.asarray(in_batches(lambda part: log_density(marginal, part), xi))
 
-    def in_range(xi: Array) -> jax.Array:
+    def in_range(xi: Array) -> Array:
         """Residuals for the surrogate; NaN outside the range of validity, where the penalty would add a kink."""
         rows, prices = linear_residuals(marginal, xi)
-        return jnp.where(jnp.any(prices > 0.0, axis=0), jnp.nan, rows)
+        return np.where(np.any(prices > 0.0, axis=0), np.nan, rows)
 
     def tell(name: str) -> Callable[[int, int], None]:
         return lambda done, wanted: progress(done / wanted, f"{name}: {done} of {wanted}") if progress else None

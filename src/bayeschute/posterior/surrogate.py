@@ -54,6 +54,9 @@ def monomials(xi: jax.Array) -> jax.Array:
     return jnp.concatenate([jnp.ones_like(xi[:1]), xi, xi[i] * xi[j]])
 
 
+_monomials = jax.jit(monomials)
+
+
 def build(
     residuals: Callable[[Array], Array],
     correction: Quadratic,
@@ -86,7 +89,7 @@ def build(
     good = np.isfinite(values).all(axis=0)
     if good.sum() < count:
         raise FloatingPointError(f"{(~good).sum()} of {good.size} simulations around the optimum failed")
-    design = np.asarray(monomials(jnp.asarray(points[:, good])))
+    design = np.asarray(_monomials(points[:, good]))
     weight = np.exp(-0.25 * np.sum(points[:, good] ** 2, axis=0) * (1.0 - 1.0 / spread**2))
     coefficients = np.linalg.lstsq((design * weight).T, (values[:, good] * weight).T, rcond=None)[0].T
     return Surrogate(np.linalg.qr(coefficients, mode="r"), correction), int((~good).sum())

@@ -188,9 +188,9 @@ def predict(
 
     def latent_path(xi: Array, numbers: tuple[Normals, ...], later: Array, hyper: NoiseParameters) -> LatentPath:
         known = draw_flights(marginal, xi, numbers, hyper)[index]
-        process_noise = jnp.concatenate([known.unknowns.process_noise[:kept], later])
+        process_noise = np.concatenate([np.asarray(known.unknowns.process_noise)[:kept], later])
         return latent_path_of(flight, hyper, Unknowns(known.unknowns.start, process_noise))._replace(
-            path=known.path[:kept]
+            path=np.asarray(known.path)[:kept]
         )
 
     rows, lasts = [], []
@@ -204,7 +204,7 @@ def predict(
         first = first or given
         if groups is not None and i not in groups:
             continue  # only its random numbers are taken
-        quantities, last = _simulate(flight, marginal.theta(jnp.asarray(xi[:, pick])), latent_path(*given))
+        quantities, last = _simulate(flight, marginal.theta(xi[:, pick]), latent_path(*given))
         rows.append(np.asarray(quantities)[..., :keep])
         lasts.append(np.asarray(last)[:, :keep])
         if progress is not None:
@@ -241,7 +241,7 @@ def _shares(
         cases[str(source)] = (0.0 * xi, LatentPath(middle.start, error))
     variance = {}
     for source, (x, latent_path) in cases.items():
-        quantities, _ = _simulate(flight, marginal.theta(jnp.asarray(x)), latent_path)
+        quantities, _ = _simulate(flight, marginal.theta(x), latent_path)
         made = np.asarray(quantities)
         variance[source] = np.full(len(made), np.nan)
         if np.isfinite(made).any():

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
@@ -70,7 +69,7 @@ def covariances(
     return made | {"kept": kept, "seen": seen}
 
 
-def forward(made: Any, series: Any, inputs: Any, told: int) -> tuple[jax.Array, ...]:
+def forward(made: Any, series: Any, inputs: Any, told: int) -> tuple[Array, ...]:
     """`kalman.forward` of series (T, C, M)."""
     driven = 0 if inputs is None else np.shape(inputs)[1]
     found = []
@@ -85,7 +84,7 @@ def forward(made: Any, series: Any, inputs: Any, told: int) -> tuple[jax.Array, 
     return _joined(found)
 
 
-def backward(made: Any, weighted: Any, predicted: Any) -> tuple[jax.Array, ...]:
+def backward(made: Any, weighted: Any, predicted: Any) -> tuple[Array, ...]:
     """`kalman.backward`: adjoint vectors of the first sample, process noise but the first, and states."""
     found = []
     slack = _array([] if made.slack is None else made.slack)
@@ -102,7 +101,7 @@ def backward(made: Any, weighted: Any, predicted: Any) -> tuple[jax.Array, ...]:
     return adjoint[0], process_noise, states
 
 
-def score(made: Any, series: Any, latents: Any, noises: Any) -> tuple[jax.Array, ...]:
+def score(made: Any, series: Any, latents: Any, noises: Any) -> tuple[Array, ...]:
     """Sums of `kalman_gradient.slope` along its `_Series`, and the adjoint of the first covariance."""
     samples, _, columns = np.shape(series.weighted)
     sizes = _sizes(made, columns)
@@ -111,7 +110,7 @@ def score(made: Any, series: Any, latents: Any, noises: Any) -> tuple[jax.Array,
     results = [aligned(*shape) for shape in shapes]
     given = (*_system(made), series.inner, series.weighted, latents, noises, series.means, series.way)
     _run(score_pass(sizes), given, results, samples)
-    return tuple(map(jnp.asarray, results))
+    return tuple(results)
 
 
 def _sizes(made: Any, columns: int, driven: int = 0) -> MeanSizes:
@@ -128,8 +127,8 @@ def _in_parts(columns: int) -> list[slice]:
     return [slice(first, first + count) for first, count in parts(padded(columns))]
 
 
-def _joined(found: list[list[Array]]) -> tuple[jax.Array, ...]:
-    return tuple(jnp.asarray(a[0] if len(a) == 1 else np.concatenate(a, axis=2)) for a in zip(*found, strict=True))
+def _joined(found: list[list[Array]]) -> tuple[Array, ...]:
+    return tuple(a[0] if len(a) == 1 else np.concatenate(a, axis=2) for a in zip(*found, strict=True))
 
 
 def _run(program: Program, given: Sequence[Any], results: Sequence[Array], samples: int) -> None:

@@ -12,12 +12,12 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
 from bayeschute.core.errors import Fault, InputError
+from bayeschute.core.vectors import Component
 from bayeschute.dynamics.cluster_flight import ClusterFlight, output_names
 from bayeschute.dynamics.descent import DescentFlight
 from bayeschute.likelihood.joint import FlightData, NoiseParameters, Unknowns, compared, latent_path_of, states
@@ -179,11 +179,16 @@ def flight_groups(
     }
 
 
-def _read(flight: FlightData, hyper: NoiseParameters, theta: jax.Array, path: jax.Array, z: Normals) -> Single:
+def _read(flight: FlightData, hyper: NoiseParameters, theta: Component, path: Component, z: Normals) -> Single:
     """Data (T, C, B) read on paths (T, X, B) with noise; NaN where nothing was recorded."""
     off = np.asarray(compared(flight, theta, path))
-    noise = np.asarray(colour(hyper.outputs(flight), flight.dt, jnp.asarray(z.drift), jnp.asarray(z.white)))
+    noise = np.asarray(_noise(flight, hyper, z))
     return _seen(flight, np.asarray(flight.observed)[..., None] - off + noise)
+
+
+@jax.jit
+def _noise(flight: FlightData, hyper: NoiseParameters, z: Normals) -> jax.Array:
+    return colour(hyper.outputs(flight), flight.dt, z.drift, z.white)
 
 
 def _seen(flight: FlightData, made: Array) -> Single:
@@ -194,8 +199,8 @@ def _seen(flight: FlightData, made: Array) -> Single:
 def _smoothed(marginal: Marginal, xi: Array, rng: np.random.Generator) -> tuple[Single, ...]:
     """Records (T, C, B) on paths given the whole record, per flight."""
     flights, hyper, many = marginal.flights, marginal.hyper, xi.shape[1]
-    theta = marginal.theta(jnp.asarray(xi))
-    drawn = draw_flights(marginal, jnp.asarray(xi), tuple(normals(flight, many, rng) for flight in flights))
+    theta = marginal.theta(xi)
+    drawn = draw_flights(marginal, xi, tuple(normals(flight, many, rng) for flight in flights))
     return tuple(
         _read(flight, hyper, theta, one.path, normals(flight, many, rng))
         for flight, one in zip(flights, drawn, strict=True)
@@ -213,12 +218,11 @@ def _one_step(marginal: Marginal, xi: Array, rng: np.random.Generator) -> tuple[
 
 def _from_prior(flight: FlightData, hyper: NoiseParameters, theta: Array, rng: np.random.Generator) -> Single:
     """Records (1, N, T, C) of flights of the parameters (N, P), NaN where the simulation fails."""
-    z, parameters = normals(flight, len(theta), rng), jnp.asarray(theta.T)
-    path = states(
-        flight, parameters, latent_path_of(flight, hyper, Unknowns(jnp.asarray(z.start), jnp.asarray(z.process_noise)))
-    )
-    flew = jnp.all(jnp.abs(path) < _FAR, axis=(0, 1))  # of NaN that is false
-    return np.moveaxis(_read(flight, hyper, parameters, jnp.where(flew, path, jnp.nan), z), -1, 0)[None]
+    z, parameters = normals(flight, len(theta), rng), theta.T
+    unknowns = Unknowns(z.start, z.process_noise)
+    path = np.asarray(states(flight, parameters, latent_path_of(flight, hyper, unknowns)))
+    flew = np.all(np.abs(path) < _FAR, axis=(0, 1))  # of NaN that is false
+    return np.moveaxis(_read(flight, hyper, parameters, np.where(flew, path, np.nan), z), -1, 0)[None]
 
 
 def for_loo_pit(tree: xr.DataTree, flight: str, channel: str | None = None) -> xr.DataTree:

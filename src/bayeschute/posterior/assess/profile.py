@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 import scipy.linalg
 import scipy.stats
@@ -99,12 +98,12 @@ def profile(
 
 
 def _residuals(marginal: Marginal, xi: Array) -> Array:
-    return np.asarray(in_batches(lambda part: projected_residuals(marginal, jnp.asarray(part)), xi))
+    return np.asarray(in_batches(lambda part: projected_residuals(marginal, part), xi))
 
 
 def _costs(marginal: Marginal, xi: Array) -> Array:
     """Minus the log density (K,) at (P, K); NaN where a simulation fails."""
-    correction = np.asarray(marginal.correction.at(jnp.asarray(xi)))
+    correction = np.asarray(marginal.correction.at(xi))
     return np.asarray(0.5 * np.sum(_residuals(marginal, xi) ** 2, axis=0) + correction)
 
 

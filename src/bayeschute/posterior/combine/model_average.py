@@ -78,7 +78,7 @@ def terms(marginal: Marginal, step: float = 1.0) -> list[Terms]:
     scale = np.asarray(marginal.scale)
 
     def determinants(xi: Array) -> Array:
-        theta, shift = shifted(marginal, jnp.asarray(xi))
+        theta, shift = shifted(marginal, xi)
         found = []
         for flight, along in zip(marginal.flights, marginal.along, strict=True):
             linear = linearise(flight, theta, latent_path_at(flight, along, shift))

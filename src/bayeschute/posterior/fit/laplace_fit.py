@@ -33,6 +33,7 @@ _TURNS = 6  # most turns of noise parameters and mode
 _SETTLED, _GAINED = 0.4, 3.0  # step of the mode, and gain of the log evidence, after which there is no other turn
 _NOISE_STEPS = 24  # most of the noise parameters in each of them
 _MODE_TURN = 2  # most steps of the mode in each of them
+_SHARES = (1.0, 0.3, 0.1)  # of the way to the noise parameters of greatest evidence that are tried
 _BESIDE, _NEARER = 1.0, 0.3  # steps [standard deviations] to where Laplace's approximation is taken; where flights fail
 _LOST_BEND = "part of the corrections' curvature, which along some axis outweighs the density"
 _LOST_MEAN = "the shift of the noise parameters from their mode to their mean, where no mode was found"
@@ -132,8 +133,8 @@ def _by_turns(
     """Noise parameters of greatest evidence at a mode, and the mode under these, until either stays.
 
     The evidence of a linearised flight promises more than there is where the next mode lies far off. So every turn is
-    judged at its end, by Laplace's approximation there, and one after which the noise parameters with their mode are
-    less probable is not kept.
+    judged at its end, by Laplace's approximation there. One after which the noise parameters with their mode are less
+    probable is not kept: a part of the way is tried, and where that is no better either, they stay.
     """
     scale: Array | None = None
     least = _minus_log_evidence(flights, priors, prior, place)
@@ -142,20 +143,31 @@ def _by_turns(
         evidence = _evidence(marginalise(flights, hyper, priors, best), priors, prior)
         if scale is None:
             scale = noise_evidence.scales(evidence, hyper, prior)
-        hyper, value = noise_evidence.maximise(evidence, hyper, prior, _NOISE_STEPS, scale)
-        start = JointFit(best, hyper, value)
-        bar = _prior_of_noise(hyper, prior) - 0.5 * float(np.linalg.slogdet(best.covariance)[1]) - least
-        found = start._replace(optimum=marginal_mode(flights, priors, start, most=_MODE_TURN, least=bar))
-        there = _minus_log_evidence(flights, priors, prior, found)
-        words = f"noise parameters at the mode {turn + 1}: log evidence {least - there:+.2f}"
-        say((turn + 1) / _TURNS, words if there < least else f"{words}, not kept")
-        if not there < least:
+        end = noise_evidence.maximise(evidence, hyper, prior, _NOISE_STEPS, scale)[0]
+        for share in _SHARES:
+            start = _part_of_the_way(evidence, place, end, share)
+            bar = _prior_of_noise(start.hyper, prior) - 0.5 * float(np.linalg.slogdet(best.covariance)[1]) - least
+            found = start._replace(optimum=marginal_mode(flights, priors, start, most=_MODE_TURN, least=bar))
+            there = _minus_log_evidence(flights, priors, prior, found)
+            words = f"noise parameters at the mode {turn + 1}, share {share:g}: log evidence {least - there:+.2f}"
+            say((turn + 1) / _TURNS, words if there < least else f"{words}, not kept")
+            if there < least:
+                break
+        else:
             break
         gain, moved = least - there, length(found.optimum.theta - best.theta, best.covariance)
         place, least = found, there
         if gain < _GAINED or moved < _SETTLED:
             break
     return place
+
+
+def _part_of_the_way(evidence: Evidence, place: JointFit, end: NoiseParameters, share: float) -> JointFit:
+    """A place with noise parameters that go a share of the way to others, by their logarithms."""
+    begin, last = (noise_evidence.to_vector(hyper) for hyper in (place.hyper, end))
+    vector = begin + share * (last - begin)
+    hyper = jax.tree.map(np.asarray, noise_evidence.from_vector(vector, end))
+    return JointFit(place.optimum, hyper, evidence(vector)[0])
 
 
 def _minus_log_evidence(

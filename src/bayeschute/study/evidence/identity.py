@@ -24,7 +24,7 @@ def configuration(study: Study, quick: bool = False) -> str:
 
     The program is no part of it: see `numerics_hash.numerics`.
     """
-    said = canonical(study)
+    said = canonical(replace(study, flights=()))
     told = {key: said[key] for key in ("model", "vehicle", "structure", "priors", "noise", "sampler", "predict")}
     known = [table for table in said.get("knowledge", ()) if table["use"] == "prior"]
     told |= {"knowledge": known} if known else {}

@@ -6,7 +6,6 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import arviz_stats
-import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
@@ -258,8 +257,8 @@ def _step_error(flight: FlightData, theta: Array, along: Linearisation) -> float
     model: Any = flight.model
     finer = replace(flight, model=replace(model, substeps=2 * model.substeps))
     latent_path = along.at.latent_path(flight)
-    coarse, fine = (stepped(one, jnp.asarray(theta), latent_path)[1] for one in (flight, finer))
-    change = Seen(jnp.zeros((*np.shape(flight.observed), 1)), (fine - coarse)[..., None])
+    coarse, fine = (np.asarray(stepped(one, theta, latent_path)[1]) for one in (flight, finer))
+    change = Seen(np.zeros((*np.shape(flight.observed), 1)), (fine - coarse)[..., None])
     return float(np.max(np.abs(np.asarray(innovations(along.gains, *change)))))
 
 
