@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from bayeschute.api.flight import Flight, Flights, wind_profile
     from bayeschute.api.forecast import Forecast, Probability
     from bayeschute.api.inputs import Study, noise
+    from bayeschute.api.landing.landing_winds import wind_climatology
     from bayeschute.api.landing.landings import Landings
     from bayeschute.api.posterior import Posterior
     from bayeschute.api.run_folder import Run
@@ -53,6 +54,7 @@ _PLACES = {
     "api.flight": ("Flight", "Flights", "wind_profile"),
     "api.inputs": ("Study", "noise"),
     "api.fitted": ("Fit",),
+    "api.landing.landing_winds": ("wind_climatology",),
     "api.landing.landings": ("Landings",),
     "api.forecast": ("Forecast", "Probability"),
     "api.posterior": ("Posterior",),
@@ -113,6 +115,7 @@ __all__ = [
     "select_structure",
     "simulate_study",
     "verify",
+    "wind_climatology",
     "wind_profile",
 ]
 

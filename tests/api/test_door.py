@@ -12,8 +12,10 @@ from importlib import import_module
 import numpy as np
 import pytest
 import xarray as xr
+from typer.testing import CliRunner
 
 import bayeschute as bc
+from bayeschute.cli import app
 
 
 def test_every_public_name_is_there_and_documented():
@@ -289,6 +291,53 @@ def test_the_whole_way_on_a_cluster(tmp_path, monkeypatch):
     told = drops["information"]
     assert told["coarse"] < told["plain"] and told["load-cells"] > 0.9 * told["plain"]
     assert (drops["probit_sd_left"] < 1.0).all()
+    landed_by_the_command(tmp_path / "cdt-3-11.posterior.nc", tmp_path)
+
+
+def landed_by_the_command(stored, folder):
+    """A campaign file with a climatology of two months over the sea, by `bayeschute land`."""
+    rows = [f"{month},{h},{3 + month},1,1,2" for month in (6, 7, 12) for h in (0, 400)]
+    (folder / "winds.csv").write_text("\n".join(["month,h,v,u,sv,su", *rows]) + "\n")
+    columns = "".join(
+        f'{name} = {{ column = "{column}", unit = "{unit}" }}\n'
+        for name, column, unit in (
+            ("altitude", "h", "m"), ("north", "v", "m/s"), ("east", "u", "m/s"), ("north_sd", "sv", "m/s"),
+            ("east_sd", "su", "m/s"),
+        )
+    )  # fmt: skip
+    (folder / "sea.toml").write_text(f"""title = "at sea"
+seed = 3
+[start]
+altitude = "150 m"
+[ground.waves]
+significant_height = "2 m"
+mean_period = "6 s"
+[wind.climatology]
+length = "1 km"
+[wind.climatology.statistics]
+file = "winds.csv"
+month = "month"
+months = [6, 7]
+{columns}
+[[requirement]]
+name = "water"
+limits = [
+  {{ quantity = "normal_speed", at_most = "14 m/s" }},
+  {{ quantity = "tangential_speed", at_most = "20 m/s" }},
+  {{ quantity = "surface_angle", at_most = "40 deg" }},
+]
+""")
+    out = folder / "at-sea"
+    said = CliRunner().invoke(
+        app, ["land", str(stored), str(folder / "sea.toml"), "--out", str(out), "--landings", "64"]
+    )
+    assert said.exit_code == 0, said.output
+    rows = bc.Landings.load(out / "landings.nc").rows
+    assert (rows["outcome"] == 0).all() and set(rows["profile"]) == {0, 1} and len(set(rows["surface_rise"])) == 64
+    assert np.std(rows["surface_rise"]) == pytest.approx(np.pi / 6.0, rel=0.3)  # omega H_s / 4
+    assert np.std(rows["normal_speed"] - rows["vertical_speed"]) == pytest.approx(np.pi / 6.0, rel=0.5)
+    assert {"exceedance-normal_speed.csv", "landings-surface_angle.png"} <= {path.name for path in out.iterdir()}
+    assert (out / "requirements.csv").read_text().splitlines()[1].startswith("water,")
 
 
 def candidate_drops(folder):

@@ -17,13 +17,15 @@ from tests.landing.plans import ROOT, small_plan
 import bayeschute as bc
 from bayeschute.api.landing.landing_answers import DropRanking
 from bayeschute.api.landing.landing_files import dictionary, write_landings
-from bayeschute.api.landing.landing_questions import check_questions
+from bayeschute.api.landing.landing_questions import check_questions, rare_failures, sensitivity
 from bayeschute.api.landing.landing_source import LandingSource
 from bayeschute.api.landing.landing_verb import campaign_of, land, source_of
 from bayeschute.api.landing.landings import in_words
 from bayeschute.core.errors import InputError
 from bayeschute.landing.aero_table import aero_table
-from bayeschute.landing.measures import MEASURES
+from bayeschute.landing.decisions.shares import SOURCES
+from bayeschute.landing.measures import MEASURES, ON_LEVEL_GROUND
+from bayeschute.landing.surface import SurfacePlan
 from bayeschute.study.landing_campaign.posterior_parameters import drawn_values
 from bayeschute.study.load import load_study, usual_study
 
@@ -153,6 +155,33 @@ def test_what_drives_it(landings):
             found.plot(*bad)
 
 
+def test_a_surface_that_is_drawn_has_its_share(landings):
+    """Of the speed along the slope's normal; of the vertical speed it has none."""
+    steep = replace(landings.source.plan, surface=SurfacePlan((0.1, 0.1)))
+    limits = [{"quantity": name, "at_most": "12 m/s"} for name in ("normal_speed", "vertical_speed")]
+    campaign = campaign_of(None, None, 96, None, 1, requirement=[{"name": "r", "limits": limits}])
+    source = LandingSource(campaign, steep, SPEC, {})
+    table = sensitivity(source, land(source).rows, 48).table
+    total = table[(table["kind"] == "total") & (table["source"] == "surface")].set_index("quantity")["share"]
+    assert total["normal_speed"] > 0.01 and total["vertical_speed"] == pytest.approx(0.0, abs=1e-9)
+    assert set(table[table["kind"] == "first"]["source"]) == set(SOURCES.values())
+    rare = rare_failures(source, 64).table
+    assert 0.0 <= rare["probability_not_met"][0] < 1.0
+
+
+def test_landings_that_were_stored_before_there_were_surfaces_are_read(landings, tmp_path):
+    path = landings.save(tmp_path / "landings.nc")
+    held = xr.load_dataset(path, engine="h5netcdf")
+    gone = ["surface", *ON_LEVEL_GROUND, "surface_slope", "surface_slope_direction", "surface_rise"]
+    held.drop_vars(gone).to_netcdf(path, engine="h5netcdf")
+    back = bc.Landings.load(path).rows
+    for name in back.dtype.names:
+        np.testing.assert_allclose(back[name], landings.rows[name], rtol=1e-12, atol=1e-14)
+    held.drop_vars([*gone, "hang_angle"]).to_netcdf(path, engine="h5netcdf")
+    with pytest.raises(bc.InputError, match="can't be read"):
+        bc.Landings.load(path)
+
+
 def test_rare_failures_agree_with_counting(landings):
     limits = [{"quantity": "vertical_speed", "at_most": "10 m/s"}]
     made = by_plan(landings, requirement=[{"name": "r", "limits": limits}])
@@ -236,12 +265,20 @@ def test_tables_from_python_have_their_faults_told():
     assert len(campaign_of(None, wind, 64, None, 1).tables.wind.profile) == 1
     with pytest.raises(bc.InputError, match="altitude"):
         campaign_of(None, None, 64, {"altitude": 3.0}, 1)
+    given = {"altitude": [0.0, 900.0], "north": [1.0, 2.0], "east": [0.0, 0.0], "east_sd": [1.0, 2.0], "length": 800.0}
+    june = bc.wind_climatology(north_sd=[2.0, 3.0], correlation=[0.1, 0.2], **given)
+    table = campaign_of(None, june, 64, None, 1).tables.wind.climatology
+    assert table == june and table.rows()[0][1][1].tolist() == [900.0, 2.0, 0.0, 3.0, 2.0, 0.2]
+    with pytest.raises(bc.InputError) as caught:
+        bc.wind_climatology(north_sd=[2.0, -3.0], correlation=[0.1, 2.0], **given)
+    assert len(caught.value.faults) == 2 and "wind_climatology [correlation]" in str(caught.value)
 
 
 def test_examples_of_the_docstrings_run(landings, tmp_path):
     told = {"bc": bc, "folder": tmp_path, "landings": landings}
-    result = doctest.testmod(import_module("bayeschute.api.landing.landings"), extraglobs=told)
-    assert result.failed == 0 and result.attempted >= 4
+    for name, least in (("landings", 4), ("landing_winds", 3)):
+        result = doctest.testmod(import_module(f"bayeschute.api.landing.{name}"), extraglobs=told)
+        assert result.failed == 0 and result.attempted >= least
 
 
 def test_a_posterior_of_a_point_mass_has_no_landings():

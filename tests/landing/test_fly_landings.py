@@ -121,7 +121,7 @@ def test_a_landing_is_the_same_in_another_batch_and_order(plan, landed):
 
 
 def test_landings_that_share_all_but_one_differ_by_that(plan):
-    ids = np.array([[0, 1, 1, 1, 1], [0, 1, 1, 2, 1], [1, 1, 1, 1, 1]])
+    ids = np.array([[0, 1, 1, 1, 1, 1], [0, 1, 1, 2, 1, 1], [1, 1, 1, 1, 1, 1]])
     made = fly(plan, ids)
     assert (made["start_altitude"][0] == made["start_altitude"]).all()
     assert (made["wind_shear"][0] == made["wind_shear"]).all()

@@ -373,8 +373,9 @@ class Posterior:
         Args:
             vehicle: That lands; a flight: its vehicle with its own payload, through its own wind profile unless `winds`
                 are given; None: that of the posterior.
-            winds: Winds by altitude from `wind_profile`, one or many, each as likely as any other; or the entries of
-                ``[wind]`` of a campaign file. None: calm, with gusts as the posterior knows them.
+            winds: Winds by altitude from `wind_profile`, one or many, each as likely as any other; or their statistics
+                from `wind_climatology`; or the entries of ``[wind]`` of a campaign file. None: calm, with gusts as the
+                posterior knows them.
             draws: Landings; they take 200 draws of the parameters in turn, unless `tables` says ``draws``.
             start: Entries of ``[start]`` of a campaign file that differ from a steady descent from 1200 m.
             seed: Of all random numbers; the study's where None.

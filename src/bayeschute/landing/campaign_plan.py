@@ -1,8 +1,9 @@
 """A campaign of landings as numbers: what they are drawn from, which of them, and how they are flown.
 
-A landing is five whole numbers: its draw of the parameters, its wind, start, gusts and canopies. Each begins a stream
-of random numbers of its own, so a landing is the same in whatever process or order it is flown (in another batch to
-the last digits, as sums are vectorised otherwise), and landings that share some of the five differ in the others alone.
+A landing is six whole numbers: its draw of the parameters, its wind, start, gusts, canopies and the surface that it
+touches. Each begins a stream of random numbers of its own, so a landing is the same in whatever process or order it is
+flown (in another batch to the last digits, as sums are vectorised otherwise), and landings that share some of the six
+differ in the others alone.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from bayeschute.dynamics.step_size import fastest_pole, substeps
 from bayeschute.landing.descend import SAMPLE, SECOND
 from bayeschute.landing.landing_model import LandingFlight, density_law
 from bayeschute.landing.start_plan import StartPlan
+from bayeschute.landing.surface import SurfacePlan
 from bayeschute.landing.wind_plan import STEP, WindPlan
 from bayeschute.likelihood.disturbances import Latent
 
@@ -61,6 +63,7 @@ class CampaignPlan:
         contact: Height of the capsule's centre of mass over the ground at touchdown [m].
         canopy_sd: Relative standard deviation of a canopy's axial coefficient about the draw's [1].
         seed: Of all random numbers.
+        surface: Of the ground or the water.
     """
 
     models: tuple[Parameters, ...]
@@ -70,6 +73,7 @@ class CampaignPlan:
     contact: float = 0.0
     canopy_sd: float = 0.0
     seed: int = 0
+    surface: SurfacePlan = SurfacePlan()
 
     @property
     def draws(self) -> int:

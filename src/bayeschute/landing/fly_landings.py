@@ -10,12 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayeschute.core.random import stream
+from bayeschute.core.vectors import Vec3, quaternion
 from bayeschute.landing import measures, start_plan, touchdown
 from bayeschute.landing.campaign_plan import CampaignPlan, Parameters, flight_model
 from bayeschute.landing.descend import SAMPLE, SECOND, Landed, Weather, descend
 from bayeschute.landing.landing_model import LandingFlight
 from bayeschute.landing.latent_draws import latent_rows, without_wind
 from bayeschute.landing.motion_label import motion
+from bayeschute.landing.surface import Surface, against
 from bayeschute.landing.wind_plan import shear_of
 from bayeschute.likelihood.disturbances import Latent
 
@@ -23,6 +25,7 @@ Array = NDArray[np.float64]
 Ids = NDArray[np.int64]
 BATCH = 1024
 """Landings that are flown side by side, and kept in one file."""
+_STREAMS = ("winds", "starts", "gusts", "canopies", "surfaces")
 _SLOWEST, _SPARE = 0.6, 30.0  # share of the steady speed, and time [s] on top, that a way down may take
 
 
@@ -34,12 +37,13 @@ class Normals:
     start: Array
     gust: Array
     canopies: Array
+    surface: Array
 
 
 def nested(draws: int, landings: int, first: int = 0) -> Ids:
-    """Landings (N, 5) that take the draws in turn, each with a wind, a start, gusts and canopies of its own."""
+    """Landings (N, 6) that take the draws in turn, each with all else of its own."""
     each = np.arange(first, first + landings)
-    return np.stack([each % draws, each, each, each, each], axis=1)
+    return np.stack([each % draws, *(each,) * (len(measures.IDS) - 1)], axis=1)
 
 
 def fly(plan: CampaignPlan, ids: Ids) -> NDArray[np.void]:
@@ -47,7 +51,7 @@ def fly(plan: CampaignPlan, ids: Ids) -> NDArray[np.void]:
 
     Args:
         plan: What they are drawn from.
-        ids: (N, 5), in the order of `measures.IDS`.
+        ids: (N, 6), in the order of `measures.IDS`.
 
     Returns:
         Rows (N,) of `measures.ROW`.
@@ -67,18 +71,18 @@ def _batch(plan: CampaignPlan, number: int, ids: Ids, local: Ids) -> NDArray[np.
     """Rows of landings of one model, `local` being their draws of it."""
     one = plan.models[number]
     sizes = normal_sizes(plan, number)
-    streams = (partial(stream, plan.seed, f"{what} of landings") for what in ("winds", "starts", "gusts", "canopies"))
+    streams = (partial(stream, plan.seed, f"{what} of landings") for what in _STREAMS)
     given = [_each(*each) for each in zip(streams, ids[:, 1:].T, sizes, strict=True)]
     laws = [law[local].T for law in one.laws]
     return fly_normals(plan, number, one.theta[local].T, laws, Normals(*given), ids)
 
 
-def normal_sizes(plan: CampaignPlan, number: int) -> tuple[int, int, int, int]:
+def normal_sizes(plan: CampaignPlan, number: int) -> tuple[int, int, int, int, int]:
     """Numbers of one landing in `Normals`, in its order."""
     one, winds = plan.models[number], plan.winds
     shape = winds.gust_shape(float(np.ptp(plan.altitudes)))
     gusts = shape[0] * shape[1] + _samples(plan, flight_model(plan, number), one) * _latent(plan, one).size
-    return winds.size, start_plan.SIZE, gusts, one.structure.canopies
+    return winds.size, start_plan.SIZE, gusts, one.structure.canopies, plan.surface.size
 
 
 def fly_normals(
@@ -92,7 +96,7 @@ def fly_normals(
         theta: Parameters (P, B), working coordinates.
         laws: Parameters of every group of disturbances (number, B).
         given: Standard normal numbers.
-        ids: What the rows are called (B, 5).
+        ids: What the rows are called (B, 6).
     """
     one, model, winds = plan.models[number], flight_model(plan, number), plan.winds
     wind = winds.by_altitude(given.wind, plan.altitudes)
@@ -102,7 +106,7 @@ def fly_normals(
     rows = np.interp(plan.start.altitudes(given.start), plan.altitudes, np.arange(len(plan.altitudes))).astype(int)
     x = start_plan.begin(plan.start, model, theta, given.start, wind[rows, :, np.arange(len(ids))].T)
     landed = descend(model, theta, x, weather, plan.floor)
-    made = _rows(model, theta, x, landed, ids, shear)
+    made = _rows(model, theta, x, landed, ids, shear, plan.surface.drawn(given.surface))
     made["profile"] = winds.member(given.wind)
     return made
 
@@ -141,13 +145,17 @@ def _each(stream_of: Callable[[int], np.random.Generator], ids: Ids, size: int) 
     return np.stack(drawn, axis=1).take(back, axis=1)
 
 
-def _rows(model: LandingFlight, theta: Array, x: Array, landed: Landed, ids: Ids, shear: Array) -> NDArray[np.void]:
+def _rows(
+    model: LandingFlight, theta: Array, x: Array, landed: Landed, ids: Ids, shear: Array, surface: Surface
+) -> NDArray[np.void]:
     made = np.zeros(len(ids), measures.ROW)
     for i, name in enumerate(measures.IDS):
         made[name] = ids[:, i]
     with np.errstate(invalid="ignore"):
         numbers = touchdown.at_ground(model, theta, landed.states)
         moving = motion(landed.across, landed.path, SAMPLE)
+        up = quaternion(landed.states[6:10]).to_ned(Vec3(1.0, 0.0, 0.0))
+        numbers |= against(surface, landed.states[3:6], np.stack([up.x, up.y, up.z]))
     numbers |= {
         "time": landed.time,
         "swing_amplitude": moving.amplitude,

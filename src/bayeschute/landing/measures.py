@@ -7,7 +7,7 @@ import numpy as np
 LABELS = ("steady", "glide", "pendulum", "cone", "flyout", "maypole")
 """What a cluster does in the last seconds before touchdown."""
 
-IDS = ("draw", "wind", "start", "gust", "canopies")
+IDS = ("draw", "wind", "start", "gust", "canopies", "surface")
 """What a landing is made of: numbers by which its parameters, its wind and so on are drawn again."""
 
 MEASURES = {
@@ -23,6 +23,9 @@ MEASURES = {
     ),
     "flyout_angle": ("rad", "half of the angle between two risers, mean over pairs"),
     "hang_angle": ("rad", "of the capsule's axis off the vertical"),
+    "normal_speed": ("m/s", "of the capsule into the surface, along its normal, relative to the water if it is water"),
+    "tangential_speed": ("m/s", "of the capsule along the surface, relative to the water if it is water"),
+    "surface_angle": ("rad", "between the capsule's axis and the surface's normal, 0: heat shield flat on the surface"),
     "incidence": ("rad", "between the capsule's velocity over the ground and its axis, 0: heat shield first"),
     "incidence_direction": ("rad", "about the axis, from body z towards body y: where that velocity comes to"),
     "velocity_x": ("m/s", "over the ground along body x, towards the risers"),
@@ -34,6 +37,9 @@ MEASURES = {
     "drift_east": ("m", "from the start to touchdown"),
     "surface_wind_north": ("m/s", "at touchdown, gusts included"),
     "surface_wind_east": ("m/s", "at touchdown, gusts included"),
+    "surface_slope": ("rad", "of the surface that is touched, along its steepest descent"),
+    "surface_slope_direction": ("rad", "azimuth of that descent, 0 where it is level"),
+    "surface_rise": ("m/s", "upwards, rate of the surface's height where it is touched"),
     "wind_shear": ("m/s", "greatest change of the horizontal wind over 100 m of altitude on the way down, gusts aside"),
     "start_altitude": ("m", "of the capsule above the sea"),
     "start_swing": ("rad", "swing angle at the start"),
@@ -41,6 +47,13 @@ MEASURES = {
     "glide_angle": ("rad", "of the mean path of the canopies through the air off the vertical in the last seconds"),
 }
 """Unit and meaning of every number of a landing."""
+
+ON_LEVEL_GROUND = {
+    "normal_speed": "vertical_speed",
+    "tangential_speed": "horizontal_speed",
+    "surface_angle": "hang_angle",
+}
+"""What measures against the surface are on level ground at rest."""
 
 ROW = np.dtype(
     [(name, np.int64) for name in IDS]

@@ -1,4 +1,4 @@
-"""Winds of landings: members of an ensemble, errors of a forecast, layers of shear, gusts, turbulence."""
+"""Winds of landings: an ensemble, a climatology, errors of a forecast, layers of shear, gusts, turbulence."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from bayeschute.landing.climatology import NODES, Scatter, even_walk, walk
 from bayeschute.landing.turbulence import Turbulence, field, field_size
 
 Array = NDArray[np.float64]
 STEP = 2.0  # [m] between the altitudes at which winds are held
-_NODES = 24  # of the error of a forecast, from the ground to the top
 
 
 @dataclass(frozen=True)
@@ -54,13 +54,16 @@ class WindPlan:
     """What winds are drawn from.
 
     Attributes:
-        profiles: Members, equally likely; none: calm.
+        profiles: Members, or means of months; none: calm.
         scale_sd: Standard deviation of the logarithm of a factor on a member's wind [1].
         any_direction: Whether a member is turned to any azimuth, events with it.
         error_sd: Standard deviation of each horizontal component of a member's error [m/s].
         error_length: Its length of correlation in altitude [m].
         events: Shears and gusts.
         turbulence: Gusts; None: those that the posterior knows, of the drops it is from.
+        weights: How likely each profile is, in proportion; none: all equally.
+        scatter: Of a wind about each profile; none: members are winds themselves.
+        scatter_length: Its length of correlation in altitude [m].
     """
 
     profiles: tuple[Profile, ...] = ()
@@ -70,15 +73,26 @@ class WindPlan:
     error_length: float = 500.0
     events: tuple[Event, ...] = ()
     turbulence: Turbulence | None = None
+    weights: tuple[float, ...] = ()
+    scatter: tuple[Scatter, ...] = ()
+    scatter_length: float = 1000.0
 
     @property
     def size(self) -> int:
-        """Standard normal numbers of one wind: member, factor, azimuth, error, events."""
-        return 3 + 2 * _NODES + 2 * len(self.events)
+        """Standard normal numbers of one wind: member, factor, azimuth, error, scatter, events."""
+        return self._before_events + 2 * len(self.events)
+
+    @property
+    def _before_events(self) -> int:
+        return 3 + (4 if self.scatter else 2) * NODES
 
     def member(self, u: Array) -> NDArray[np.int64]:
         """Which profile winds (size, B) follow; 0 where there is none."""
-        return np.minimum((ndtr(u[0]) * len(self.profiles)).astype(int), max(len(self.profiles) - 1, 0))
+        last = max(len(self.profiles) - 1, 0)
+        if self.weights:
+            upto = np.cumsum(self.weights) / np.sum(self.weights)
+            return np.minimum(np.searchsorted(upto, ndtr(u[0]), side="right"), last)
+        return np.minimum((ndtr(u[0]) * len(self.profiles)).astype(int), last)
 
     def by_altitude(self, u: Array, altitude: Array) -> Array:
         """Winds without turbulence.
@@ -97,10 +111,13 @@ class WindPlan:
                 [np.stack([np.interp(altitude, p.altitude, v) for v in p.wind.T], axis=1) for p in self.profiles]
             )
             made += np.moveaxis(each[self.member(u)], 0, 2) * np.exp(self.scale_sd * u[1])
+        if self.scatter:
+            made[:, :2] += self._scattered(u, altitude) * np.exp(self.scale_sd * u[1])
         if self.error_sd > 0.0:
-            made[:, :2] += self._error(u[3 : 3 + 2 * _NODES].reshape(_NODES, 2, count), altitude)
+            z = u[3 : 3 + 2 * NODES].reshape(NODES, 2, count)
+            made[:, :2] += walk(z, altitude, self.error_length, self.error_sd)
         for i, event in enumerate(self.events):
-            place, chance = u[3 + 2 * _NODES + 2 * i], ndtr(u[4 + 2 * _NODES + 2 * i])
+            place, chance = u[self._before_events + 2 * i], ndtr(u[self._before_events + 2 * i + 1])
             share = event.at(altitude, event.middle + event.middle_sd * place) * (chance <= event.probability)
             made += share[:, None] * np.array(event.change)[:, None]
         if self.any_direction:
@@ -110,18 +127,11 @@ class WindPlan:
             made[:, 0], made[:, 1] = c * north - s * east, s * north + c * east
         return made
 
-    def _error(self, z: Array, altitude: Array) -> Array:
-        """Error of a member (K, 2, B): Ornstein-Uhlenbeck through `_NODES` altitudes, linear between [m/s]."""
-        nodes = np.linspace(altitude[0], altitude[-1], _NODES)
-        keep = np.exp(-(nodes[1] - nodes[0]) / self.error_length)
-        rows = [z[0]]
-        for row in z[1:]:
-            rows.append(keep * rows[-1] + np.sqrt(1.0 - keep**2) * row)
-        values = self.error_sd * np.stack(rows)
-        place = (altitude - nodes[0]) / (nodes[1] - nodes[0])
-        at = np.minimum(place.astype(int), _NODES - 2)
-        within = (place - at)[:, None, None]
-        return (1.0 - within) * values[at] + within * values[at + 1]
+    def _scattered(self, u: Array, altitude: Array) -> Array:
+        """Deviation of winds (size, B) from their members (K, 2, B) [m/s]."""
+        z = u[3 + 2 * NODES : self._before_events].reshape(NODES, 2, -1)
+        roots = np.stack([one.roots(altitude) for one in self.scatter])
+        return np.einsum("bkij,kjb->kib", roots[self.member(u)], even_walk(z, altitude, self.scatter_length))
 
     def gust_shape(self, span: float) -> tuple[int, int]:
         """Shape of the standard normal numbers of one landing's turbulence over a span [m]; (0, 0) without."""

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from bayeschute.landing.decisions.shares import by_groups, design, jansen, shapley
+from bayeschute.landing.measures import IDS
 
 
 def ishigami(u):
@@ -34,18 +35,19 @@ def test_no_landing_of_the_design_meets_its_own_draw_again_and_all_draws_are_use
     assert (first != second).all() and set(first) == set(second) == set(range(draws))
 
 
-def test_groups_of_landings_by_a_known_sum():
-    ids = design(50, 8000)
-    sd = np.array([1.0, 0.5, 0.7, 1.2, 0.0])
-    normal = np.random.default_rng(0).standard_normal((5, 16_000))
-    values = sum(sd[i] * normal[i, ids[:, i]] for i in range(5))
-    found = by_groups(values)
+@pytest.mark.parametrize("varied", [IDS[:-1], IDS])
+def test_groups_of_landings_by_a_known_sum(varied):
+    ids = design(50, 8000, varied)
+    sd = np.array([1.0, 0.5, 0.7, 1.2, 0.0, 0.6])[: len(varied)]
+    normal = np.random.default_rng(0).standard_normal((len(varied), 16_000))
+    values = sum(sd[i] * normal[i, ids[:, i]] for i in range(len(varied)))
+    found = by_groups(values, varied)
     exact = np.array([(sd[0] * normal[0, :50]).var(), *sd[1:] ** 2])
     np.testing.assert_allclose(found.first, exact / exact.sum(), atol=0.05)
     np.testing.assert_allclose(found.total, exact / exact.sum(), atol=0.05)
-    assert found.names[0] == "parameters"
+    assert found.names[0] == "parameters" and (found.names[-1] == "surface") == (varied == IDS)
     values[3] = np.nan  # a landing that failed takes its row along
-    assert np.isfinite(by_groups(values).total).all()
+    assert np.isfinite(by_groups(values, varied).total).all()
 
 
 @pytest.mark.parametrize("many", [2, 14])

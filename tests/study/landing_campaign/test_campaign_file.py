@@ -12,7 +12,7 @@ import pytest
 from tests.landing.plans import small_plan
 
 from bayeschute.core.errors import InputError
-from bayeschute.study.landing_campaign.campaign_file import load_campaign, wind_plan
+from bayeschute.study.landing_campaign.campaign_file import load_campaign, surface_plan, wind_plan
 from bayeschute.study.landing_campaign.landing_plan import identity_of, requirements_of, start_plan
 
 ROOT = Path(__file__).parents[3]
@@ -35,6 +35,26 @@ def test_the_example():
     soft, upright = requirements_of(campaign)
     assert soft.limits[0].at_most == pytest.approx(36 * 0.3048) and len(upright.limits) == 3
     assert load_campaign(EXAMPLE).identity == campaign.identity == campaign.with_landings(7).identity
+
+
+def test_what_the_example_has_in_comments(tmp_path):
+    """Its climatology, waves and slope, without the marks of comments."""
+    text = EXAMPLE.read_text(encoding="utf-8")
+    start, end = text.index("# [wind.climatology]"), text.index("[[wind.shear]]")
+    table = text[start:end].replace("# ", "", 1).replace("\n# ", "\n")
+    profiles = text.index("[[wind.profile]]")
+    text = text[:profiles] + table + text[end:]
+    (tmp_path / "statistics.csv").write_text(
+        "month,h,v,u,v_sd,u_sd,r\n" + "".join(f"{m},{h},1,2,3,4,0.5\n" for m in (6, 7, 8) for h in (0, 999))
+    )
+    sea = text.replace("# [ground.waves]", "[ground.waves]").replace("# significant_height", "significant_height")
+    sea = sea.replace("# mean_period", "mean_period").replace("# direction", "direction")
+    tables = load_campaign(written(tmp_path, sea)).tables
+    assert len(wind_plan(tables.wind).scatter) == 3 and surface_plan(tables.ground).waves.period == 6.0
+    land = text.replace("# slope", "slope")
+    assert surface_plan(load_campaign(written(tmp_path, land)).tables.ground).slope == pytest.approx(
+        np.deg2rad([3.0, 1.0])
+    )
 
 
 def test_winds_of_an_ensemble_and_turbulence(tmp_path):

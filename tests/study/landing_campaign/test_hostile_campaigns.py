@@ -12,7 +12,7 @@ import pytest
 from tests.damages import outcomes
 
 from bayeschute.core.errors import InputError
-from bayeschute.study.landing_campaign.campaign_file import load_campaign, wind_plan
+from bayeschute.study.landing_campaign.campaign_file import load_campaign, surface_plan, wind_plan
 from bayeschute.study.landing_campaign.landing_plan import requirements_of, start_plan
 
 MODELS = Path(__file__).parents[3] / "models"
@@ -23,6 +23,13 @@ PROFILE = (
 ENSEMBLE = (
     '[wind.ensemble]\nfile = "many.csv"\nmember = "member"\naltitude = { column = "h", unit = "km" }\n'
     'north = { column = "v", unit = "m/s" }\neast = { column = "u", unit = "m/s" }\n'
+)
+CLIMATOLOGY = (
+    '[wind.climatology]\nlength = "1 km"\n[wind.climatology.statistics]\nfile = "stats.csv"\nmonth = "month"\nmonths = [6, 7]\n'
+    'altitude = { column = "h", unit = "km" }\nnorth = { column = "v", unit = "m/s" }\ncorrelation = "r"\n'
+    'east = { column = "u", unit = "m/s" }\nnorth_sd = { column = "sv", unit = "m/s" }\n'
+    'east_sd = { column = "su", unit = "km/h" }\n'
+    '[ground]\ncontact_height = "2 m"\n[ground.waves]\nsignificant_height = "2 m"\npeak_period = "8 s"\n'
 )
 LEAST = 'title = "t"\nseed = 1\n[start]\naltitude = "1000 m"\n'
 
@@ -65,6 +72,34 @@ def test_damaged_campaigns_are_told_or_harmless(campaign):
     count = _outcomes(campaign, 120, seed=1)
     assert count["value", "told"] > 0 and count["value", "clean"] > 0 and count["NUL", "told"] > 0
     assert not count["depth", "clean"] and not count["NUL", "clean"] and not count["byte order mark", "told"]
+
+
+def _of_months(folder: Path, number: int, seed: int) -> Counter[tuple[str, str]]:
+    """As `_outcomes`, of a climatology over the sea and its file."""
+    path, beside = folder / "months.toml", folder / "stats.csv"
+    path.write_text(LEAST + CLIMATOLOGY)
+    rows = [f"{day},{h},{h},1,2,3,0.{h}\n" for day in ("2020-06-01", "2021-07-09", "8") for h in range(3)]
+    beside.write_text("month,h,v,u,sv,su,r\n" + "".join(rows))
+
+    def read() -> bool:
+        tables = load_campaign(path).tables
+        winds = wind_plan(tables.wind)
+        made = winds.by_altitude(np.zeros((winds.size, 2)), np.arange(0.0, 900.0, 2.0))
+        assert np.isfinite(made).all() and (np.abs(made) <= 2000.0).all()
+        assert np.isfinite(surface_plan(tables.ground).drawn(np.ones((3, 2))).gradient).all()
+        return False
+
+    return outcomes([(path, read), (beside, read)], number, seed)
+
+
+def test_damaged_climatologies_are_told_or_harmless(tmp_path):
+    count = _of_months(tmp_path, 120, seed=3)
+    assert count["value", "told"] > 0 and count["value", "clean"] > 0 and not count["NUL", "clean"]
+
+
+@pytest.mark.slow
+def test_many_damaged_climatologies_are_told_or_harmless(tmp_path):
+    assert sum(_of_months(tmp_path, 5000, seed=4).values()) == 5000
 
 
 @pytest.mark.slow

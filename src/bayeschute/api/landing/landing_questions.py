@@ -20,6 +20,7 @@ from bayeschute.landing.decisions.rare_landings import failure
 from bayeschute.landing.decisions.requirements import Requirement
 from bayeschute.landing.decisions.shares import by_groups, design, shapley
 from bayeschute.landing.fly_landings import nested
+from bayeschute.landing.measures import IDS
 from bayeschute.study.landing_campaign.campaign_file import Campaign
 from bayeschute.study.landing_campaign.campaign_schema import DesignTable, PlacardTable
 from bayeschute.study.landing_campaign.candidate_drops import Candidates, candidates, covariances
@@ -71,11 +72,13 @@ def sensitivity(source: LandingSource, flown: Rows, samples: int = 512) -> Sensi
     Args:
         source: Of the landings.
         flown: Landings.
-        samples: Of each base sample of the design; seven times as many landings are flown.
+        samples: Of each base sample of the design; seven times as many landings are flown, eight where the surface is
+            drawn.
     """
     wanted = _wanted(source)
-    source.say("shares")(0.0, f"{7 * samples} landings")
-    rows = source.fly(source.plan, design(source.plan.draws, samples))
+    varied = IDS if source.plan.surface.size else IDS[:-1]
+    source.say("shares")(0.0, f"{(len(varied) + 2) * samples} landings")
+    rows = source.fly(source.plan, design(source.plan.draws, samples, varied))
     names = dict.fromkeys(limit.quantity for one in wanted for limit in one.limits)
     values = {name: rows[name] for name in names}
     values |= {f"fails: {one.name}": 1.0 - one.met(rows) for one in wanted}
@@ -84,7 +87,7 @@ def sensitivity(source: LandingSource, flown: Rows, samples: int = 512) -> Sensi
     inputs = np.stack(list(known.values()), axis=1) if known else np.zeros((1, 0))
     made = []
     for name, x in values.items():
-        found = by_groups(x)
+        found = by_groups(x, varied)
         for kind, shares, errors in (
             ("first", found.first, found.first_error),
             ("total", found.total, found.total_error),

@@ -10,6 +10,7 @@ from bayeschute.api.landing.landing_source import LandingSource
 from bayeschute.api.landing.landings import Landings, stopping
 from bayeschute.api.workspace import Files, workspace
 from bayeschute.study.job import Progress
+from bayeschute.study.landing_campaign.campaign_climatology import ClimatologyTable
 from bayeschute.study.landing_campaign.campaign_file import Campaign
 from bayeschute.study.landing_campaign.campaign_schema import CampaignFile
 from bayeschute.study.landing_campaign.landing_plan import identity_of, plan_of, requirements_of
@@ -20,7 +21,7 @@ from bayeschute.study.schema.vehicle_schema import Vehicle
 from bayeschute.study.schema.wind_schema import ProfileTable
 from bayeschute.study.study import Study
 
-Winds = Mapping[str, Any] | ProfileTable | Sequence[ProfileTable] | None
+Winds = Mapping[str, Any] | ProfileTable | Sequence[ProfileTable] | ClimatologyTable | None
 USUAL_START = {
     "altitude": "1200 m",
     "swing": {"mean": "0 deg", "sd": "6 deg"},
@@ -49,6 +50,8 @@ def campaign_of(
     """
     if isinstance(winds, ProfileTable):
         winds = {"profile": [winds]}
+    elif isinstance(winds, ClimatologyTable):
+        winds = {"climatology": winds}
     elif winds is not None and not isinstance(winds, Mapping):
         winds = {"profile": list(winds)}
     said = {"title": "landings", "seed": seed, "landings": draws, "start": {**USUAL_START, **(start or {})}, **tables}

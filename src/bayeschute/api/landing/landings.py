@@ -22,7 +22,7 @@ from bayeschute.core.files import write_whole
 from bayeschute.core.version import __version__
 from bayeschute.landing.decisions import requirements
 from bayeschute.landing.decisions.requirements import Judgement, Limit, Requirement, judge
-from bayeschute.landing.measures import IDS, LABELS, MEASURES, OUTCOMES, ROW
+from bayeschute.landing.measures import IDS, LABELS, MEASURES, ON_LEVEL_GROUND, OUTCOMES, ROW
 from bayeschute.study.landing_campaign.campaign_schema import DesignTable, PlacardTable
 from bayeschute.study.schema.schema_faults import validated
 
@@ -195,10 +195,11 @@ class Landings:
         return self.source
 
     def sensitivity(self, samples: int = 512) -> Sensitivity:
-        """What drives landings: shares of the variance of limited quantities and of failing; flies `samples` x 7 more.
+        """What drives landings: shares of the variance of limited quantities and of failing.
 
-        Sobol's shares of parameters, winds, start, gusts and canopies (Saltelli's design, Jansen's estimators) and
-        Shapley shares of single parameters, by a linear model.
+        Sobol's shares of parameters, winds, start, gusts, canopies and, where it is drawn, the surface (Saltelli's
+        design, Jansen's estimators), by `samples` x 7 or 8 more landings; and Shapley shares of single parameters, by a
+        linear model.
 
         Args:
             samples: Of each base sample of the design.
@@ -365,8 +366,9 @@ class Landings:
             if said["format"] != _FORMAT:
                 raise ValueError(f"format {said['format']}")
             rows = np.zeros(held.sizes["landing"], ROW)
+            old = "surface" not in held  # written when all ground was level: rows then had no measures against it
             for name in ROW.names or ():
-                rows[name] = held[name].values
+                rows[name] = _of_level_ground(held, name) if old and name not in held else held[name].values
         except (OSError, KeyError, ValueError) as error:
             raise InputError(Fault(str(path), f"a file that can't be read ({error})"[:200], wanted)) from None
         asked = tuple(
@@ -385,6 +387,17 @@ class Landings:
     def _repr_html_(self) -> str:
         """Medians and 90 % intervals as a table."""
         return html.summary(repr(self), "at touchdown", self.summary().loc[list(_SHOWN)])
+
+
+def _of_level_ground(held: xr.Dataset, name: str) -> Any:
+    """A measure against the surface, of landings that were written without."""
+    if name == "surface":
+        return held["wind"].values  # landings of a campaign have one number
+    if name in ON_LEVEL_GROUND:
+        return held[ON_LEVEL_GROUND[name]].values
+    if name.startswith("surface_"):
+        return np.where(held["outcome"].values == 0, 0.0, np.nan)
+    raise KeyError(name)
 
 
 def requirement_table(judged: Sequence[Judgement]) -> pd.DataFrame:

@@ -1,4 +1,4 @@
-"""Probability of rare failures of landings, over parameters, winds, starts and gusts together."""
+"""Probability of rare failures of landings, over parameters, winds, starts, gusts and surfaces together."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from bayeschute.landing.campaign_plan import CampaignPlan
 from bayeschute.landing.decisions.rare import Rare, subset_simulation
 from bayeschute.landing.decisions.requirements import Requirement
 from bayeschute.landing.fly_landings import BATCH, Normals, fly_normals, normal_sizes
+from bayeschute.landing.measures import IDS
 
 Array = NDArray[np.float64]
 
@@ -38,7 +39,7 @@ def failure(plan: CampaignPlan, requirement: Requirement, samples: int = 1000) -
         for at in range(0, len(u), BATCH):
             theta, pick, *rest = np.split(u[at : at + BATCH].T, parts[:-1])
             draw = np.minimum((ndtr(pick[0]) * len(one.theta)).astype(int), len(one.theta) - 1)
-            ids = np.zeros((theta.shape[1], 5), np.int64)
+            ids = np.zeros((theta.shape[1], len(IDS)), np.int64)
             laws = [law[draw].T for law in one.laws]
             rows = fly_normals(plan, number, mean[:, None] + root @ theta, laws, Normals(*rest), ids)
             made.append(margin(requirement, rows, scale))
@@ -65,5 +66,5 @@ def _scales(plan: CampaignPlan, number: int, requirement: Requirement, sizes: tu
     given = Normals(*(rng.standard_normal((size, count)) for size in sizes))
     theta = np.repeat(one.theta.mean(axis=0)[:, None], count, axis=1)
     laws = [np.repeat(law[:1].T, count, axis=1) for law in one.laws]
-    rows = fly_normals(plan, number, theta, laws, given, np.zeros((count, 5), np.int64))
+    rows = fly_normals(plan, number, theta, laws, given, np.zeros((count, len(IDS)), np.int64))
     return np.array([max(float(np.nanstd(rows[limit.quantity])), 1e-9) for limit in requirement.limits])

@@ -20,6 +20,8 @@ from bayeschute.core.random import stream
 from bayeschute.landing.measures import IDS
 
 Array = NDArray[np.float64]
+SOURCES = dict(zip(IDS, ("parameters", "winds", "start", "gusts", "canopies", "surface"), strict=True))
+"""What shares of landings are called, by what landings are made of."""
 _MOST_EXACT = 12  # parameters up to which all subsets are looked at
 _ORDERS = 400  # random orders beyond
 
@@ -65,33 +67,38 @@ def jansen(a: Array, b: Array, mixed: Array, seed: int = 0, resamples: int = 200
     return first, errors[0], total, errors[1]
 
 
-def design(draws: int, samples: int) -> NDArray[np.int64]:
-    """Landings of Saltelli's design, groups being what landings are made of: ids ((groups + 2) N, 5).
+def design(draws: int, samples: int, varied: Sequence[str] = IDS) -> NDArray[np.int64]:
+    """Landings of Saltelli's design, groups being what landings are made of: ids ((groups + 2) N, 6).
 
-    Base samples are landings of their own in all five numbers. Draws are taken in turn by both samples, those of the
+    Base samples are landings of their own in all six numbers. Draws are taken in turn by both samples, those of the
     second so many places on, one more in every round, that no landing meets its own draw again (of two or more draws).
+
+    Args:
+        draws: Of the parameters.
+        samples: N.
+        varied: Groups whose shares are wanted, of `measures.IDS`.
     """
     each = np.arange(samples)
     apart = 1 + (draws // 2 + each // draws) % max(draws - 1, 1)
-    a = np.stack([each % draws, each, each, each, each], axis=1)
-    b = np.stack([(each + apart) % draws, *(each + samples,) * 4], axis=1)
+    a = np.stack([each % draws, *(each,) * (len(IDS) - 1)], axis=1)
+    b = np.stack([(each + apart) % draws, *(each + samples,) * (len(IDS) - 1)], axis=1)
     blocks = [a, b]
-    for i in range(len(IDS)):
+    for i in map(IDS.index, varied):
         point = a.copy()
         point[:, i] = b[:, i]
         blocks.append(point)
     return np.concatenate(blocks)
 
 
-def by_groups(values: ArrayLike) -> Shares:
+def by_groups(values: ArrayLike, varied: Sequence[str] = IDS) -> Shares:
     """Shares by what landings are made of, from values of the landings of `design`.
 
-    Rows of the design in which a landing failed are left out.
+    Rows of the design in which a landing failed are left out; groups as of `design`.
     """
-    blocks = np.asarray(values, float).reshape(len(IDS) + 2, -1)
+    blocks = np.asarray(values, float).reshape(len(varied) + 2, -1)
     blocks = blocks[:, np.isfinite(blocks).all(axis=0)]
     first, e1, total, e2 = jansen(blocks[0], blocks[1], blocks[2:])
-    return Shares(("parameters", "winds", "start", "gusts", "canopies"), first, e1, total, e2)
+    return Shares(tuple(SOURCES[name] for name in varied), first, e1, total, e2)
 
 
 def shapley(inputs: Array, values: ArrayLike, names: Sequence[str]) -> dict[str, float]:

@@ -5,17 +5,16 @@ Nothing here imports JAX.
 
 from __future__ import annotations
 
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, ClassVar
 
-import numpy as np
-from pydantic import AfterValidator, BeforeValidator, ValidationInfo, model_validator
+from pydantic import AfterValidator, BeforeValidator, model_validator
 
 from bayeschute.landing.measures import MEASURES
+from bayeschute.study.landing_campaign.campaign_ground import GroundTable
+from bayeschute.study.landing_campaign.campaign_winds import WindTable
+from bayeschute.study.landing_campaign.drawn_quantities import Altitudes, Angles, Rates, Shares, Speeds
 from bayeschute.study.schema.quantities import (
-    HIGHEST,
-    LOWEST,
     NOT_NEGATIVE,
-    Altitude,
     Azimuth,
     Bounds,
     Label,
@@ -24,8 +23,6 @@ from bayeschute.study.schema.quantities import (
     Name,
     NoiseAngle,
     NoiseAngularRate,
-    NoiseLength,
-    NoiseSpeed,
     PositiveLength,
     Speed,
     Strict,
@@ -36,48 +33,8 @@ from bayeschute.study.schema.quantities import (
     refuse,
     whole,
 )
-from bayeschute.study.schema.sidecar import Wanted, read_beside
-from bayeschute.study.schema.wind_schema import FASTEST, ProfileTable, SeriesColumn, check_winds
 
-MOST_MEMBERS = 1000
-_SHARE = Bounds(above=0.0, most=1.0)
 _INSIDE = Annotated[float, number(Bounds(above=0.0, most=0.999999), "a probability")]
-
-
-def _spread(unit: str, example: str, most: float, least: float | None = None) -> BeforeValidator:
-    """Validator of a quantity, or of ``{ mean = .., sd = .. }`` of one: mean and standard deviation in SI.
-
-    The mean is at least `least`, or minus `most`.
-    """
-    bounds = Bounds(least=-most if least is None else least, most=most)
-
-    def read(value: Any) -> tuple[float, float]:
-        if not isinstance(value, dict):
-            return read_quantity(value, unit, example, bounds), 0.0
-        if not {"mean", "sd"} >= set(value) or "mean" not in value:
-            refuse("a quantity, or a table of mean and sd", f"a table of {', '.join(map(str, value)) or 'nothing'}")
-        spread = read_quantity(value["sd"], unit, example, Bounds(least=0.0, most=most)) if "sd" in value else 0.0
-        return read_quantity(value["mean"], unit, example, bounds), spread
-
-    return BeforeValidator(read)
-
-
-def _pure(value: Any) -> tuple[float, float]:
-    wanted = "a number >= 0, or a table of mean and sd of one"
-    if isinstance(value, dict) and not {"mean", "sd"} >= set(value):
-        refuse(wanted, f"a table of {', '.join(map(str, value))}"[:200])
-    parts: tuple[Any, Any] = (value.get("mean"), value.get("sd", 0.0)) if isinstance(value, dict) else (value, 0.0)
-    if not all(isinstance(p, int | float) and not isinstance(p, bool) and 0.0 <= p <= 1e6 for p in parts):
-        refuse(wanted)
-    return float(parts[0]), float(parts[1])
-
-
-Pair = tuple[float, float]
-Altitudes = Annotated[Pair, _spread("m", "4000 ft", HIGHEST, LOWEST)]
-Angles = Annotated[Pair, _spread("rad", "5 deg", 2.0 * np.pi)]
-Rates = Annotated[Pair, _spread("rad/s", "1 deg/s", 20.0)]
-Speeds = Annotated[Pair, _spread("m/s", "5 ft/s", FASTEST)]
-Shares = Annotated[Pair, BeforeValidator(_pure)]
 
 
 class StartTable(Strict):
@@ -94,119 +51,6 @@ class StartTable(Strict):
     body_rate: NoiseAngularRate = 0.0
     speed: Shares = (1.0, 0.0)
     horizontal: Speeds = (0.0, 0.0)
-
-
-class GroundTable(Strict):
-    """The ground: its altitude, and the height of the capsule's centre of mass over it at touchdown [m]."""
-
-    altitude: Altitude = 0.0
-    contact_height: NoiseLength = 0.0
-
-
-class TurbulenceTable(Strict):
-    """Gusts along the way down, in place of those that the posterior knows.
-
-    Attributes:
-        kind: ou, dryden or von-karman.
-        horizontal: Standard deviation of each horizontal component [m/s].
-        vertical: Of the vertical one [m/s].
-        length: Scale of the horizontal components, and of the vertical one unless that is given [m].
-        vertical_length: Scale of the vertical component [m].
-    """
-
-    kind: Literal["ou", "dryden", "von-karman"]
-    horizontal: NoiseSpeed
-    vertical: NoiseSpeed
-    length: PositiveLength
-    vertical_length: PositiveLength | None = None
-
-
-class EventTable(Strict):
-    """A layer of shear, or a gust, met at an altitude that is drawn.
-
-    Attributes:
-        middle: Mean altitude of its middle [m].
-        middle_sd: Standard deviation of that [m].
-        thickness: [m].
-        north: Change of the wind to the north [m/s].
-        east: To the east [m/s].
-        down: Downwards [m/s].
-        probability: That a landing meets it [1].
-    """
-
-    middle: Altitude
-    middle_sd: NoiseLength = 0.0
-    thickness: PositiveLength
-    north: Speed = 0.0
-    east: Speed = 0.0
-    down: Speed = 0.0
-    probability: Annotated[float, number(_SHARE, "a probability")] = 1.0
-
-
-class EnsembleTable(Strict):
-    """Many winds by altitude in one file of comma-separated values: a column tells which member a row is of.
-
-    Attributes:
-        file: Path of the file, from the campaign.
-        member: Name of the column with the members' numbers.
-        altitude: Column of the altitude.
-        north: Column of the velocity to the north.
-        east: To the east.
-        members: What the file says: a table of altitude, north, east [SI] for each; not to be given.
-    """
-
-    file: Text
-    member: Text
-    altitude: SeriesColumn
-    north: SeriesColumn
-    east: SeriesColumn
-    members: tuple[tuple[tuple[float, ...], ...], ...] = ()
-
-    @model_validator(mode="after")
-    def _is_read(self, info: ValidationInfo) -> EnsembleTable:
-        if "members" in self.model_fields_set:
-            refuse("file, member, altitude and columns of the wind", "members, which come from the file")
-        wanted = {"member": Wanted(self.member, "1", "")}
-        for name, si in (("altitude", "m"), ("north", "m/s"), ("east", "m/s")):
-            wanted[name] = getattr(self, name).wanted(name, si)
-        found = read_beside(self.file, wanted, info)
-        check_winds(found, self.file)
-        made = []
-        for member in np.unique(found["member"]):
-            rows = np.stack([found[name][found["member"] == member] for name in ("altitude", "north", "east")], axis=1)
-            rows = rows[np.argsort(rows[:, 0], kind="stable")]
-            if (np.diff(rows[:, 0]) <= 0.0).any():
-                refuse("altitudes that differ within a member", f"one twice in member {member:g} of {self.file!r}")
-            made.append(tuple(map(tuple, rows.tolist())))
-        if len(made) > MOST_MEMBERS:
-            refuse(f"at most {MOST_MEMBERS} members", f"{len(made)} in {self.file!r}")
-        return self.model_copy(update={"members": tuple(made)})
-
-
-class WindTable(Strict):
-    """Winds of a campaign: a landing takes one profile or member, and what else is given adds up.
-
-    Attributes:
-        profile: Winds by altitude, each as likely as any other; none: calm.
-        ensemble: More of them from one file.
-        scale_sd: Standard deviation of the logarithm of a factor on a profile [1].
-        any_direction: Whether winds are turned to any azimuth.
-        error_sd: Of each horizontal component about the profile: how far a forecast may be off [m/s].
-        error_length: Length over which that error is correlated in altitude [m].
-        shear: Layers of shear.
-        gust: Gusts.
-        turbulence: None: gusts as the posterior knows them from the drops it is of.
-    """
-
-    profile: tuple[ProfileTable, ...] = ()
-    ensemble: EnsembleTable | None = None
-    scale_sd: Annotated[float, number(Bounds(least=0.0, most=2.0))] = 0.0
-    any_direction: bool = False
-    error_sd: NoiseSpeed = 0.0
-    error_length: PositiveLength = 500.0
-    shear: tuple[EventTable, ...] = ()
-    gust: tuple[EventTable, ...] = ()
-    turbulence: TurbulenceTable | None = None
 
 
 class LimitTable(Limited):

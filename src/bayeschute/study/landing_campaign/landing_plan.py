@@ -12,7 +12,7 @@ from bayeschute.landing.campaign_plan import CampaignPlan, Parameters
 from bayeschute.landing.decisions.requirements import Limit, Requirement
 from bayeschute.landing.start_plan import StartPlan
 from bayeschute.study.job import Job
-from bayeschute.study.landing_campaign.campaign_file import Campaign, wind_plan
+from bayeschute.study.landing_campaign.campaign_file import Campaign, surface_plan, wind_plan
 from bayeschute.study.landing_campaign.campaign_schema import StartTable
 from bayeschute.study.landing_campaign.posterior_parameters import parameters_of
 
@@ -23,7 +23,7 @@ def plan_of(campaign: Campaign, job: Job) -> CampaignPlan:
     return CampaignPlan(
         parameters_of(job, campaign.vehicle, tables.capsule_mass, tables.draws),
         start_plan(tables.start), wind_plan(tables.wind), tables.ground.altitude, tables.ground.contact_height,
-        tables.canopy_sd, tables.seed,
+        tables.canopy_sd, tables.seed, surface_plan(tables.ground),
     )  # fmt: skip
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 MOST_ROWS = 100_000
+MONTH = "month"
+"""Unit of a column of months: whole numbers from 1 to 12, or dates of which the month is taken."""
 DATA, DATA_VARIABLE = "${DATA}", "BAYESCHUTE_DATA"
 
 
@@ -72,8 +75,11 @@ def read_beside(name: str, wanted: Mapping[str, Wanted], info: ValidationInfo) -
     for key, spec in wanted.items():
         where = f"{path} column {spec.column!r}"
         if spec.column in table.names:
-            values, wrong = _complete(table, spec.column, where)
+            values, wrong = (_months if spec.si == MONTH else _complete)(table, spec.column, where)
             faults += wrong
+            if spec.si == MONTH:
+                found[key] = values
+                continue
             scale, zero = factor_to_si(spec.unit, spec.si)
             with np.errstate(over="ignore"):
                 found[key] = scale * values + zero
@@ -108,6 +114,23 @@ def _complete(table: Table, column: str, where: str) -> tuple[Array, list[Fault]
         row = int(table.frame.index[missing[0]]) + table.first_row
         wrong = [Fault(where, f"no number in row {row} ({missing.size} such rows)", "a number in every row")]
     return values, wrong
+
+
+def _months(table: Table, column: str, where: str) -> tuple[Array, list[Fault]]:
+    """Months of a column of numbers from 1 to 12, or of dates such as 2024-06-30 or 20240630, and its faults."""
+    import pandas as pd
+
+    text = pd.Series([re.sub(r"\.0$", "", str(value).strip()) for value in table.frame[column]], dtype=object)
+    plain = text.str.fullmatch(r"0?[1-9]|1[0-2]", flags=re.ASCII)
+    dates = pd.to_datetime(text.where(~plain), utc=True, errors="coerce", format="ISO8601").dt.month
+    dated = text.str.match(r"\d{4}-\d\d|\d{8}(?!\d)", flags=re.ASCII)  # neither a lone year nor a month without one
+    months = pd.to_numeric(text.where(plain)).fillna(dates.where(dated)).to_numpy(float)
+    bad = np.flatnonzero(np.isnan(months))
+    if bad.size:
+        row = int(table.frame.index[bad[0]]) + table.first_row
+        got = f"{text[bad[0]][:60]!r} in row {row} ({bad.size} such rows)"
+        return months, [Fault(where, got, "months from 1 to 12, or dates such as 2024-06-30")]
+    return months, []
 
 
 def refuse_all(faults: Sequence[Fault]) -> NoReturn:
