@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from other_records import G0, SEA_LEVEL_DENSITY, OtherFlight, first_seen, read_flight, record
 
-from bayeschute.aero.terms import is_pairwise
+from bayeschute.aero.term_names import is_pairwise
 
 MODELS = Path(__file__).parents[1] / "models"
 STUDY = MODELS / "studies" / "cdt-3-11.toml"

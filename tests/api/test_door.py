@@ -159,6 +159,13 @@ def test_rougher_air_widens_the_bands_of_another_flight_and_wrong_spreads_are_re
             posterior.predict(flight, disturbance_log_sd=wrong)
 
 
+def test_more_draws_than_the_posterior_has_are_refused(posterior, sondes):
+    held = posterior.data["posterior"].sizes
+    most, flight = held["chain"] * held["draw"], sondes.flights["high"].changed(name="other")
+    with pytest.raises(bc.InputError, match=f"draws: got {most + 1}; wanted at most {most}, draws of the posterior"):
+        posterior.predict(flight, draws=most + 1)
+
+
 def test_a_probability_shows_as_many_digits_as_its_draws_tell(forecast):
     shown = repr(forecast.probability("descent_rate", at_most="100 m/s"))
     assert shown.startswith("P(met) = 1.000, 0.954 to 1.000 for the number of draws (90 %), 64 draws")

@@ -44,6 +44,22 @@ def test_widened_draws_are_the_posterior_and_the_samplers_own_are_kept(found, dr
     assert "conditional" not in tree
 
 
+def test_noise_parameters_stand_by_name(found, draws, descent, tree):
+    hyper = found.marginal.hyper
+    channels, groups = len(np.asarray(hyper.noise.white)), [np.asarray(g) for g in hyper.disturbance_parameters]
+    names = [f"sensor {i}" for i in range(channels)], [f"gusts {i}" for i in range(len(groups))]
+    made = sampler.data_tree(found.marginal, descent.priors, draws, 1, NAMES, predictions=False, noise_names=names)
+    told = made["constant_data"].ds
+    assert list(told.data_vars) == [*names[0], *names[1]]
+    assert set(tree["constant_data"].ds.data_vars) >= {"channel 1"}
+    for key in ("white", "correlated", "time_constant"):
+        got = [float(told[name].sel(noise_parameter=key)) for name in names[0]]
+        np.testing.assert_array_equal(got, getattr(hyper.noise, key))
+    for name, group in zip(names[1], groups, strict=True):
+        assert float(told[name].sel(noise_parameter="correlated")) == group[0]
+        np.testing.assert_array_equal(told[name].values[np.isfinite(told[name].values)], group)
+
+
 def test_draws_are_nearly_standard(draws):
     assert draws.xi.shape == (CHAINS, DRAWS, 1) and draws.failed == 0
     assert abs(draws.xi.mean()) < 0.35 and draws.xi.std() == pytest.approx(1.0, abs=0.2)

@@ -17,6 +17,7 @@ SCALAR_FACTORS = (
     r"\(e\.c\)",
     r"\(c\.rate\)",
 )
+_PAIRWISE = ("proximity(", "closing", "repulsion(", "(e.c)", "(c.rate)")
 _VECTOR = re.compile("|".join(f"(?:{p})" for p in VECTOR_FACTORS))
 _SCALAR = re.compile("|".join(f"(?:{p})" for p in SCALAR_FACTORS))
 
@@ -38,6 +39,11 @@ def parse_term(name: str) -> tuple[str, ...]:
         if factor != "side" and not _VECTOR.fullmatch(factor) and not _SCALAR.fullmatch(factor):
             raise ValueError(f"{factor!r} in {name!r} is no factor of an aerodynamic term")
     return factors
+
+
+def is_pairwise(name: str) -> bool:
+    """Whether a term tells of two canopies: of their distance, direction or closing."""
+    return any(f == "c" or f.startswith(_PAIRWISE) for f in parse_term(name))
 
 
 def rate_factors(name: str) -> int:

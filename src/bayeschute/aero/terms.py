@@ -32,7 +32,7 @@ from functools import cache
 import jax.numpy as jnp
 
 from bayeschute.aero.airflow import CanopyFlow, Neighbour
-from bayeschute.aero.term_names import parse_term
+from bayeschute.aero.term_names import is_pairwise, parse_term
 from bayeschute.core.vectors import Component, Vec3, cross, dot
 
 _TINY = 1e-12
@@ -97,16 +97,10 @@ def _vector(factor: str, flow: CanopyFlow, other: Neighbour | None) -> Vec3:
 
 
 _VECTORS = ("e", "angle", "rate", "c")
-_PAIRWISE = ("proximity(", "closing", "repulsion(", "(e.c)", "(c.rate)")
 
 
 def _is_vector(factor: str) -> bool:
     return factor in _VECTORS or factor.startswith("repulsion(")
-
-
-def is_pairwise(name: str) -> bool:
-    """Whether a term tells of two canopies: of their distance, direction or closing."""
-    return any(f == "c" or f.startswith(_PAIRWISE) for f in _split(name))
 
 
 def axial_term(name: str, flow: CanopyFlow) -> Component:

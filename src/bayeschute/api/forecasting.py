@@ -7,7 +7,7 @@ from pathlib import Path
 import xarray as xr
 
 from bayeschute.api.flight import Flight
-from bayeschute.api.posterior import Posterior
+from bayeschute.api.posterior import Posterior, draws_held
 from bayeschute.calibration.label import lost_simulations, without_level
 from bayeschute.core.files import write_whole
 from bayeschute.report.figures.canvas import save
@@ -45,11 +45,12 @@ def predict_file(
     """
     asked, folder = Posterior.load(posterior), Path(folder)
     study = load_flights(flights, asked.spec, data)
+    count = draws or min(study.predict.draws, draws_held(asked))
     bands, rows, lines, failed = {}, [], list[str](), dict[str, None]()
     for i, spec in enumerate(study.flights):
         if progress is not None:
             progress("predict", i / len(study.flights), spec.name)
-        one = asked.predict(Flight.of_study(study, spec), draws or study.predict.draws, seed, like=like)
+        one = asked.predict(Flight.of_study(study, spec), count, seed, like=like)
         bands[f"/{spec.name}"] = one.to_dataset()
         save(one.plot(), folder, f"bands-{spec.name}")
         failed |= dict.fromkeys(one.failed_checks)

@@ -347,7 +347,10 @@ class Posterior:
             >>> forecast.draws.sizes["draw"]
             64
         """
-        spec = self.spec
+        spec, most = self.spec, draws_held(self)
+        if draws is not None and draws > most:
+            do = "Predict with fewer, or sample more: bc.sample(..., draws=...), or [sampler] draws."
+            raise InputError(Fault("draws", f"{draws}", f"at most {most}, draws of the posterior", do))
         if disturbance_log_sd is not None:
             if not 0.0 <= disturbance_log_sd <= 3.0:
                 raise InputError(Fault("disturbance_log_sd", repr(disturbance_log_sd), "a number from 0 to 3"))
@@ -418,3 +421,9 @@ class Posterior:
         """The marginal posteriors that were sampled, one per set of flights; see `numpyro_model`."""
         with workspace(self.spec, self.files) as job:
             return tuple((load_fit(job, group).marginal, group.priors) for group in groups(job))
+
+
+def draws_held(posterior: Posterior) -> int:
+    """Draws of a posterior, all chains together."""
+    sizes = posterior.data["posterior"].sizes
+    return int(sizes["chain"] * sizes["draw"])

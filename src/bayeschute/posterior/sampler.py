@@ -13,6 +13,7 @@ from arviz_base import from_dict
 from numpy.typing import NDArray
 
 from bayeschute.core.random import stream
+from bayeschute.likelihood.joint import NoiseParameters
 from bayeschute.likelihood.priors import Prior, factor, standard, values, working
 from bayeschute.posterior.assess.flight_groups import HELD, flight_groups
 from bayeschute.posterior.marginal import (
@@ -30,6 +31,7 @@ from bayeschute.posterior.surrogate import Surrogate, build
 Array = NDArray[np.float64]
 Progress = Callable[[float, str], None]
 WIDENED = "unconditional: the sampler's own, widened by the uncertainty of the noise parameters"
+_NOISE = ("white", "correlated", "time_constant", "frequency", "damping_ratio")
 _TEMPERATURES = (1.1, 1.3)  # of the surrogate that proposes, tried in turn
 EMCEE_DREW, INDEPENDENCE_DREW = "emcee drew instead", "an independence sampler drew instead"
 """Last words of the note on draws that are not those of the sampler asked for."""
@@ -137,6 +139,7 @@ def data_tree(
     wide: Array | None = None,
     times: Sequence[Array] | None = None,
     predictions: bool = True,
+    noise_names: tuple[Sequence[str], Sequence[str]] | None = None,
 ) -> xr.DataTree:
     """Everything about a posterior in one ArviZ DataTree.
 
@@ -157,6 +160,7 @@ def data_tree(
             ``conditional`` then holds the sampler's own.
         times: Times of the samples of every flight (T,) [s]; from zero where None.
         predictions: Whether posterior, one-step and prior predictions are made; they cost simulations.
+        noise_names: Of the channels, and of the groups of disturbances; numbers where None.
 
     Returns:
         Groups posterior, prior, sample_stats, log_prior, constant_data, those of `flight_groups`, and conditional where
@@ -175,13 +179,6 @@ def data_tree(
         "prior": _named(priors, values(priors, prior_draws)),
         "sample_stats": {"lp": draws.log_density, **draws.stats},
         "log_prior": _named(priors, log_prior),
-        "constant_data": {
-            **{f"noise.{k}": np.asarray(v) for k, v in marginal.hyper.noise.__dict__.items()},
-            **{
-                f"latent.{i + 1}": np.asarray(parameters)
-                for i, parameters in enumerate(marginal.hyper.disturbance_parameters)
-            },
-        },
     }
     said = {name: {"draws": HELD} for name in ("posterior", "sample_stats", "log_prior")}
     said["log_prior"]["entry"] = "log density of a parameter's working coordinate given the parameters before it"
@@ -189,6 +186,7 @@ def data_tree(
         groups["conditional"] = _named(priors, values(priors, held))
         said |= {"conditional": {"draws": HELD}, "posterior": {"draws": WIDENED}}
     tree = from_dict(groups, attrs=said)
+    tree["constant_data"] = xr.DataTree(_noise_parameters(marginal.hyper, noise_names))
     for name, dataset in of_flights.items():
         tree[name] = xr.DataTree(dataset)
     total = sum(row.values.sum(axis=-1) for row in of_flights["log_likelihood"].data_vars.values())
@@ -198,6 +196,24 @@ def data_tree(
         for p in priors:
             tree[group][p.name].attrs["units"] = p.unit
     return tree
+
+
+def _noise_parameters(hyper: NoiseParameters, names: tuple[Sequence[str], Sequence[str]] | None) -> xr.Dataset:
+    """Noise parameters by channel and group of disturbances, NaN where one has no such number."""
+    groups = [np.asarray(group) for group in hyper.disturbance_parameters]
+    own = np.transpose([np.asarray(getattr(hyper.noise, key)) for key in _NOISE[:3]])
+    channels, processes = names or (
+        [f"channel {i + 1}" for i in range(len(own))],
+        [f"disturbance {i + 1}" for i in range(len(groups))],
+    )
+    rows = {name: dict(zip(_NOISE[:3], row, strict=True)) for name, row in zip(channels, own, strict=True)}
+    for name, row in zip(processes, groups, strict=True):
+        rows[name] = dict(zip(("correlated", *(_NOISE[3:] if row.size == 3 else _NOISE[2:3])), row, strict=True))
+    table = {name: ("noise_parameter", [float(row.get(key, np.nan)) for key in _NOISE]) for name, row in rows.items()}
+    said = {
+        "entry": "standard deviations, time constant [s] and frequency [Hz] at their estimate; units of the channel"
+    }
+    return xr.Dataset(table, {"noise_parameter": list(_NOISE)}, said)
 
 
 def _named(priors: Sequence[Prior], array: Array) -> dict[str, Array]:

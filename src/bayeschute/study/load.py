@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeVar
 import numpy as np
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
+from bayeschute.aero.term_names import is_pairwise
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.records.descent_window import DescentWindow
 from bayeschute.records.foreign.conventions import Conventions
@@ -314,8 +315,6 @@ def usual_study(model: str, vehicle: Vehicle | None = None) -> Study:
 
 def _of_vehicle(study: Study, vehicle: Vehicle) -> Study:
     """The study with the priors and candidate terms that suit a vehicle."""
-    from bayeschute.aero.terms import is_pairwise  # imports JAX, which reading a study does without
-
     given, risers, structure = study.priors.given, vehicle.risers, study.structure
     told: dict[str, Any] = {
         "riser_stiffness": {"median": risers.stiffness},

@@ -134,6 +134,7 @@ def test_published_sets_that_do_not_fit_and_names_used_twice(cluster: Path, text
 def test_what_can_not_be_a_prior_is_told(cluster: Path, spoil):
     study = _with(cluster, CURVE.replace('kind = "curve"', 'kind = "curve"\nuse = "prior"'))
     spoil(study, r"^\[priors\]", '[priors]\nvary_canopies = ["axial[1]"]')
+    spoil(study, r'^fit = "search"', 'fit = "pool"')
     (fault,) = check_study(study)
     assert "use" in fault.where and "beside vary or vary_canopies" in fault.wanted
 

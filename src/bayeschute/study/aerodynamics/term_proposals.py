@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayeschute.aero.airflow import CanopyFlow
-from bayeschute.aero.terms import axial_term, is_pairwise, transverse_term
+from bayeschute.aero.term_names import is_pairwise
+from bayeschute.aero.terms import axial_term, transverse_term
 from bayeschute.posterior.assess.latent_terms import Proposal, proposals
 from bayeschute.study.aerodynamics.flown import FlownFlight
 

@@ -14,7 +14,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from bayeschute.aero.coefficient import APPARENT_MASS, KINDS, Coefficient, is_coefficient, shared_name
-from bayeschute.aero.terms import is_pairwise
+from bayeschute.aero.term_names import is_pairwise
 from bayeschute.core.errors import FitError
 from bayeschute.core.files import write_whole
 from bayeschute.core.random import seed_of, stream
@@ -206,7 +206,7 @@ def draw_group(job: Job, fitted: Fitted, say: Say, predictions: bool = True) -> 
         wide = widened(draws.xi, found.noise_effect, found.noise_parameter_covariance, seed)
         tree = data_tree(
             found.marginal, group.priors, draws, seed, flights, lambda s, w: say(0.5 + 0.5 * s, w), wide, times,
-            predictions,
+            predictions, (list(study.noise.channels()), assemble.noise_parameter_names(study)),
         )  # fmt: skip
         if results:
             write_whole(job.out / f"posterior.{kind}.nc", partial(_write_tree, tree))

@@ -9,7 +9,13 @@ from bayeschute.study.schema.belief_schema import FORCES, GivenTable, NoiseTable
 from bayeschute.study.schema.draft import Draft
 from bayeschute.study.schema.knowledge.knowledge_crosscheck import check_knowledge
 from bayeschute.study.schema.schema_faults import show
-from bayeschute.study.schema.structure_crosscheck import check_core, check_polar, check_stack, check_synthetic
+from bayeschute.study.schema.structure_crosscheck import (
+    check_core,
+    check_polar,
+    check_stack,
+    check_synthetic,
+    check_terms,
+)
 from bayeschute.study.schema.study_schema import QUANTITIES, PredictTable, RequirementTable, predictable
 from bayeschute.study.schema.vehicle_schema import NOT_FLOWN
 
@@ -294,5 +300,6 @@ def crosscheck(draft: Draft) -> list[Fault]:
     if draft.model is not None:
         checks.append(by_model[draft.model])
     checks += [check_canopies, check_vehicles, check_shape, check_canopy_sd, check_polar, check_core, check_stack]
+    checks += [check_terms]
     checks += [check_synthetic, check_times, check_predictions, check_knowledge]
     return [fault for check in checks for fault in check(draft)]

@@ -6,10 +6,11 @@ from collections.abc import Iterator
 
 from bayeschute.aero.coefficient import coefficient_names
 from bayeschute.aero.published import load_published
+from bayeschute.aero.term_names import is_pairwise
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.records.record import nearest
 from bayeschute.structure.polar_names import canonical
-from bayeschute.study.schema.belief_schema import NoiseTable
+from bayeschute.study.schema.belief_schema import NoiseTable, PriorsTable
 from bayeschute.study.schema.draft import Draft
 from bayeschute.study.schema.schema_faults import show
 from bayeschute.study.schema.structure_schema import StructureTable, SyntheticTable
@@ -27,6 +28,27 @@ def check_polar(draft: Draft) -> Iterator[Fault]:
             if any(word in variable for word in _OF_PROXIMITY):
                 where = draft.at("structure", "polar", name, "variables", item)
                 yield Fault(where, show(variable), "variables of a single canopy: the vehicle has no other")
+
+
+def check_terms(draft: Draft) -> Iterator[Fault]:
+    """Terms of two canopies need a second one, and a search has one set of terms for all canopies and drops."""
+    structure: StructureTable | None = draft.tables.get("structure")
+    if structure is None:
+        return
+    priors: PriorsTable | None = draft.tables.get("priors")
+    if structure.fit == "search" and priors is not None and priors.hierarchical:
+        got = "'search' together with [priors] vary or vary_canopies"
+        wanted = "'selected' or 'pool': what varies is a coefficient of terms that are in the model"
+        yield Fault(draft.at("structure", "fit"), got, wanted, "Search without them first, then list the terms found.")
+    fitted = [i for i, flight in draft.flights.items() if {"structure", "identify"} & set(flight.roles)]
+    flown = [draft.vehicle_of(i) for i in fitted] or [draft.vehicle]
+    if any(vehicle is None or vehicle.canopies.number > 1 for vehicle in flown):
+        return
+    for kind in ("axial", "transverse"):
+        for item, term in enumerate(getattr(structure, kind)):
+            if is_pairwise(term):
+                wanted = "a term of a canopy alone: no flight that is fitted has a second one"
+                yield Fault(draft.at("structure", kind, item), show(term), wanted)
 
 
 def check_stack(draft: Draft) -> Iterator[Fault]:

@@ -1,0 +1,45 @@
+"""Faults between the candidate terms, the vehicle and the priors, as `check` names them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from bayeschute.study.load import check_study
+
+MODELS = Path(__file__).parents[3] / "models"
+
+
+def faults(folder: Path, canopies: int = 2, *changes: tuple[str, str]) -> list[str]:
+    vehicle = (MODELS / "vehicles" / "cpas-two-mains.toml").read_text(encoding="utf-8")
+    assert "number = 2" in vehicle
+    (folder / "vehicle.toml").write_text(vehicle.replace("number = 2", f"number = {canopies}", 1), encoding="utf-8")
+    text = (MODELS / "studies" / "cdt-3-11.toml").read_text(encoding="utf-8")
+    for old, new in (("../vehicles/cpas-two-mains.toml", "vehicle.toml"), *changes):
+        assert old in text
+        text = text.replace(old, new, 1)
+    (folder / "study.toml").write_text(text, encoding="utf-8")
+    return [str(fault) for fault in check_study(folder / "study.toml")]
+
+
+def test_terms_of_two_canopies_need_a_second_one(tmp_path):
+    named = [fault for fault in faults(tmp_path, 1) if "a term of a canopy alone" in fault]
+    assert {fault.split("got ")[1].split(";")[0] for fault in named} == {
+        "'proximity(0.8)'", "'closing'", "'repulsion(0.8)'", "'c'",
+    }  # fmt: skip
+    assert all("structure" in fault and "second one" in fault for fault in named)
+    assert not any("canopy alone" in fault for fault in faults(tmp_path))
+
+
+@pytest.mark.parametrize("fit", ["pool", "selected", "search"])
+def test_a_search_has_one_set_of_terms_for_all_canopies(tmp_path, fit):
+    found = faults(
+        tmp_path,
+        2,
+        ("inflation = 10.0", 'vary_canopies = ["axial[1]"]\ninflation = 10.0'),
+        ('fit = "search"', f'fit = "{fit}"'),
+    )
+    assert len(found) == (fit == "search")
+    if found:
+        assert "'search' together with [priors] vary or vary_canopies" in found[0] and "'pool'" in found[0]
