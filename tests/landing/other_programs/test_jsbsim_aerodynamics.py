@@ -54,14 +54,19 @@ class Section:
         return np.array([found[name] * POUND for name in ("AXIAL", "SIDE", "NORMAL")])
 
 
-def properties(velocity, q=0.0, r=0.0, arm=0.0, density=1.225):
-    """What JSBSim knows of a body: velocity through the air (3,) [m/s], rates [rad/s], arm of AERORP [m]."""
-    u, v, w = np.asarray(velocity) / FOOT
-    return {
-        "velocities/u-aero-fps": u, "velocities/v-aero-fps": v, "velocities/w-aero-fps": w,
-        "velocities/q-aero-rad_sec": q, "velocities/r-aero-rad_sec": r, "inertia/cg-x-in": 100.0,
-        "metrics/aero-rp-x-in": 100.0 + 12.0 * arm / FOOT, "atmosphere/rho-slugs_ft3": density / SLUG_PER_CUBIC_FOOT,
-    }  # fmt: skip
+def properties(velocity, rates=(0.0, 0.0, 0.0), to=(0.0, 0.0, 0.0), density=1.225):
+    """What JSBSim knows of a body: velocity through the air (3,) [m/s], rates (3,) [rad/s], way from CG to AERORP [m].
+
+    Its structural frame has x aft, y right, z up; body axes x forward, y right, z down.
+    """
+    inches = np.array([-1.0, 1.0, -1.0]) * to / FOOT * 12.0
+    centre = np.array([100.0, 3.0, -7.0])
+    said = {"atmosphere/rho-slugs_ft3": density / SLUG_PER_CUBIC_FOOT}
+    for i, axis in enumerate("xyz"):
+        said[f"inertia/cg-{axis}-in"], said[f"metrics/aero-rp-{axis}-in"] = centre[i], centre[i] + inches[i]
+        said[f"velocities/{'uvw'[i]}-aero-fps"] = velocity[i] / FOOT
+        said[f"velocities/{'pqr'[i]}-aero-rad_sec"] = rates[i]
+    return said
 
 
 def written(tmp_path, coefficients, angles=ANGLES, name="canopies"):
@@ -96,10 +101,23 @@ def test_turning_is_damped_and_moves_the_canopies(tmp_path, q, r):
     load, alpha = 0.5 * 1.225 * V**2 * AREA, np.arctan2(lateral, speed)
     y = -slope * alpha * at_canopies[1] / lateral + damping * r * LENGTH / (2.0 * V)
     z = -slope * alpha * at_canopies[2] / lateral - damping * q * LENGTH / (2.0 * V)
-    made = Section(path, properties((speed, 0.0, 0.0), q, r, arm)).forces()
+    made = Section(path, properties((speed, 0.0, 0.0), (0.0, q, r), (-arm, 0.0, 0.0))).forces()
     np.testing.assert_allclose(made, load * np.array([1.0, y, -z]), rtol=1e-9)
     moment = np.cross([-arm, 0.0, 0.0], [-made[0], made[1], -made[2]])
     assert moment[1] * q + moment[2] * r < 0.0  # both parts oppose the turning
+
+
+def test_the_airflow_is_that_of_the_reference_point_wherever_it_is(tmp_path):
+    """Off the axis through the centre of gravity, too: omega x the way from there."""
+    path = written(tmp_path, np.zeros((3, ANGLES.size)))
+    velocity, rates, to = np.array([9.0, 0.4, -0.7]), np.array([0.3, -0.05, 0.08]), np.array([-70.0, 0.5, -1.5])
+    known = Section(path, properties(velocity, rates, to)).known
+    made = [known[f"aero/canopies/{axis}-fps"] * FOOT for axis in "uvw"]
+    want = velocity + np.cross(rates, to)
+    np.testing.assert_allclose(made, want, rtol=1e-12)
+    assert known["aero/canopies/speed-fps"] * FOOT == pytest.approx(np.linalg.norm(want), rel=1e-12)
+    alpha = np.rad2deg(np.arctan2(np.hypot(*want[1:]), want[0]))
+    assert known["aero/canopies/alpha-total-deg"] == pytest.approx(alpha, rel=1e-12)
 
 
 def test_tables_are_read_back(plan, tmp_path):

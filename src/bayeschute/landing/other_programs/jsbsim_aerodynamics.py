@@ -4,7 +4,7 @@ Format, properties and axes are those of JSBSim's reference manual and of its cl
 FGTable. Forces are AXIAL (aft), SIDE (right) and NORMAL (up), in pounds; JSBSim lets them act at the aerodynamic
 reference point (AERORP) and holds a table's last value beyond its ends. JSBSim's body x axis points forward: from the
 canopies to the capsule, which is the axis of a canopy here. With u, v, w the velocity of the reference point through
-the air and V its size,
+the air, which is that of the centre of gravity and omega x the way from there, and V its size,
 
     alpha_T = atan2(sqrt(v^2 + w^2), u)
     AXIAL   =  rho/2 V^2 S C_A
@@ -34,8 +34,9 @@ _TABLES = {
     "rate-coefficient": "derivative of C_N by the rate of the angle of attack times l/(2V), damping positive",
 }
 _COMMENT = """
-  Include it in an aircraft by <aerodynamics file="THIS FILE"/>. An aircraft has one such section: the capsule's own
-  forces, which are not here, belong into the same axis elements, and its moments beside them.
+  Include it in an aircraft by <aerodynamics file="THIS FILE"/>. The capsule's own forces are not here. An aircraft has
+  one such section, all of whose forces act at AERORP: add the capsule's drag along x to the AXIAL element, and put what
+  acts across x into external_reactions, where a force has a location of its own, or add the moment that it lacks.
 
   Axes: body x points forward, from the canopies to the capsule; in a steady descent it points down. AXIAL acts aft
   along it, SIDE along y, NORMAL against z. Angles of attack are total, off the x axis, to any side [deg]; beyond the
@@ -110,22 +111,30 @@ def write(tree: ElementTree.ElementTree, path: Path) -> None:
 
 def _airflow(root: ElementTree.Element) -> None:
     """Velocity of the reference point through the air, its size, and the total angle of attack."""
-    arm = _function(root, f"{_OF}arm-ft", "from the centre of gravity aft to AERORP")
-    quotient = ElementTree.SubElement(arm, "quotient")
-    _leaves(ElementTree.SubElement(quotient, "difference"), "metrics/aero-rp-x-in", "inertia/cg-x-in")
-    _leaves(quotient, 12.0)
-    for axis, rate, sign in (("v", "velocities/r-aero-rad_sec", -1.0), ("w", "velocities/q-aero-rad_sec", 1.0)):
+    for axis, sign in (("x", -1.0), ("y", 1.0), ("z", -1.0)):  # JSBSim's structural frame has x aft, z up
+        way = _function(root, f"{_OF}to-{axis}-ft", f"from the centre of gravity to AERORP, along body {axis}")
+        quotient = ElementTree.SubElement(way, "quotient")
+        difference = ElementTree.SubElement(quotient, "difference")
+        _leaves(difference, f"metrics/aero-rp-{axis}-in", f"inertia/cg-{axis}-in")
+        _leaves(quotient, sign * 12.0)
+    for axis, (first, to_first), (second, to_second) in (
+        ("u", ("q", "z"), ("r", "y")),
+        ("v", ("r", "x"), ("p", "z")),
+        ("w", ("p", "y"), ("q", "x")),
+    ):
         there = _function(root, f"{_OF}{axis}-fps", f"velocity of AERORP through the air, {axis}")
         total = ElementTree.SubElement(there, "sum")
         _leaves(total, f"velocities/{axis}-aero-fps")
-        _leaves(ElementTree.SubElement(total, "product"), sign, f"{_OF}arm-ft", rate)
+        for sign, rate, to in ((1.0, first, to_first), (-1.0, second, to_second)):
+            product = ElementTree.SubElement(total, "product")
+            _leaves(product, sign, f"velocities/{rate}-aero-rad_sec", f"{_OF}to-{to}-ft")
     _length(_function(root, f"{_OF}lateral-fps", "its part across the axis"), f"{_OF}v-fps", f"{_OF}w-fps")
-    _length(_function(root, f"{_OF}speed-fps", "its size"), "velocities/u-aero-fps", f"{_OF}lateral-fps")
+    _length(_function(root, f"{_OF}speed-fps", "its size"), f"{_OF}u-fps", f"{_OF}lateral-fps")
     angle = _function(root, f"{_OF}alpha-total-deg", "total angle of attack")
     _leaves(
         ElementTree.SubElement(ElementTree.SubElement(angle, "todegrees"), "atan2"),
         f"{_OF}lateral-fps",
-        "velocities/u-aero-fps",
+        f"{_OF}u-fps",
     )
 
 

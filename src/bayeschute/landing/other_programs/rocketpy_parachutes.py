@@ -47,8 +47,11 @@ _MODULE = '''"""Parachutes of a bayeschute posterior for RocketPy; their numbers
     rocket.add_parachute(**chutes.arguments(draw=17))             # by a draw: a Monte Carlo study takes one a flight
     stochastic_rocket.add_parachute(chutes.stochastic(trigger="apogee"))
 
-Under the parachute RocketPy takes the rocket's dry mass: give the rocket `mass(draw)` [kg] for the descent rate to be
-that of the posterior. The drag area has the capsule's part. Nothing swings: RocketPy's body is a point then.
+Under the parachute RocketPy takes the dry mass of rocket and motor: let that be `mass(draw)` [kg] for the descent rate
+to be that of the posterior. The drag area has the capsule's part. Nothing swings: RocketPy's body is a point then.
+
+A StochasticRocket of RocketPy 1.13.0 and before makes its parachutes without radius, height and porosity (RocketPy's
+issue 1094), so with another added mass: its descents settle at the same rate, but not as soon. `arguments` keeps them.
 """
 
 import json
