@@ -15,8 +15,7 @@ import other_scores
 import other_studies
 import pytest
 
-from bayeschute.aero.term_names import check_axial, check_transverse
-from bayeschute.aero.term_names import is_pairwise
+from bayeschute.aero.term_names import check_axial, check_transverse, is_pairwise
 from bayeschute.core.vectors import Vec3
 from bayeschute.records.foreign.attitudes import rate_of_attitude
 from bayeschute.records.foreign.conventions import Conventions

@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 _seen = jax.jit(as_seen)
 Evidence = Callable[[Array], tuple[float, Array]]
 """Minus a log evidence and its gradient (V,) at the logarithms of the noise parameters (V,): see `function_of`."""
-FARTHEST = 5.0  # standard deviations of its prior that a noise parameter may be away from the median
+_FARTHEST = 5.0  # standard deviations of its prior that a noise parameter may be away from the median
 _MOST_PRIOR = 0.95  # largest share of the prior in a precision; beyond it what data tell is lost in rounding
 _TOLD = 0.1  # along axes with a smaller standard deviation the skewness is negligible
 
@@ -98,12 +98,7 @@ def _curvature(evidence: Evidence, at: Array, step: float = 1e-3) -> Array:
 
 
 def maximise(
-    evidence: Evidence,
-    hyper: NoiseParameters,
-    prior: NoisePrior,
-    most: int = 60,
-    scale: Array | None = None,
-    farthest: float = FARTHEST,
+    evidence: Evidence, hyper: NoiseParameters, prior: NoisePrior, most: int = 60, scale: Array | None = None
 ) -> tuple[NoiseParameters, float]:
     """Noise parameters of greatest evidence at a linearisation.
 
@@ -116,7 +111,6 @@ def maximise(
         prior: Priors of the noise parameters.
         most: Most iterations of L-BFGS.
         scale: Of its coordinates (V,), from `scales`; those at the start where None.
-        farthest: Standard deviations of its prior that a parameter may be away from the median.
 
     Returns:
         The noise parameters and minus the log evidence up to a constant.
@@ -125,7 +119,7 @@ def maximise(
         FloatingPointError: If the evidence is not finite anywhere.
     """
     unit = scales(evidence, hyper, prior) if scale is None else scale
-    middle, away = to_vector(prior.median), farthest * prior.log_sd
+    middle, farthest = to_vector(prior.median), _FARTHEST * prior.log_sd
 
     def scaled(z: Array) -> tuple[float, Array]:
         value, gradient = evidence(unit * z)
@@ -136,7 +130,7 @@ def maximise(
         to_vector(hyper) / unit,
         jac=True,
         method="L-BFGS-B",
-        bounds=list(zip((middle - away) / unit, (middle + away) / unit, strict=True)),
+        bounds=list(zip((middle - farthest) / unit, (middle + farthest) / unit, strict=True)),
         options={"maxiter": most, "ftol": 1e-7},
     )
     if not found.fun < 1e299:

@@ -28,8 +28,6 @@ _TURN_NEAR = along_record.Near(20.0, np.inf, 0.05, _FALL)  # end of a turn
 _LAST_NEAR = along_record.Near(1.0, 0.5, FEW_DEFECTS, _FALL)  # and of the last: the marginal mode is sought from there
 _JOINT_NEAR = along_record.Near(0.1, 0.1, FEW_DEFECTS)  # where joint optima are compared
 _NOISE_STEPS = (4, 20)  # most steps of the noise parameters, turn by turn: the first are of too loose a path
-_NOISE_FARTHEST = 2.0  # prior standard deviations that they may go until the marginal mode is found: a path that is not
-# yet the model's has slow errors, which a disturbance with a time constant far off would take for its own
 _LOOSE = 3.0  # times the prior medians of all standard deviations, until noise parameters are found
 _BREAKS = "no flight of the model follows the record: steps along the best path break the equations of motion"
 
@@ -226,7 +224,7 @@ def _settle_along(
             there = evidence(best)
             if scale is None:
                 scale = noise_evidence.scales(there, hyper, prior)
-            hyper, value = noise_evidence.maximise(there, hyper, prior, _NOISE_STEPS[turn], scale, _NOISE_FARTHEST)
+            hyper, value = noise_evidence.maximise(there, hyper, prior, _NOISE_STEPS[turn], scale)
             say((turn + 0.9) / (turns + 1), f"noise parameters: log evidence {-value:.1f}")
     return JointFit(best, hyper, value_at(best))
 
