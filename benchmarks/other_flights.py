@@ -52,7 +52,7 @@ QUANTITIES = {  # name here: name in a truth file, factor from the unit of predi
 }
 SIZES = {  # columns of a fitted channel, in order: so many, and so many a canopy
     "canopy_position": (0, 3), "capsule_velocity": (3, 0), "capsule_attitude": (3, 0), "descent_rate": (1, 0),
-    "swing_angle": (1, 0), "riser_tension": (0, 1),
+    "swing_angle": (1, 0), "riser_tension": (0, 1), "canopy_velocity": (0, 3),
 }  # fmt: skip
 _GROUPS = ("observed_data", "posterior_predictive")
 KINDS = ("axial[", "transverse[")

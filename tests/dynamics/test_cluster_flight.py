@@ -15,7 +15,7 @@ from bayeschute.compiler import compiled_model as kernel
 from bayeschute.compiler.integrate import trajectory_compiled
 from bayeschute.core.vectors import Vec3
 from bayeschute.dynamics.cluster import geometry, state_rate
-from bayeschute.dynamics.cluster_flight import CHANNELS, air_between, blown, channel_sizes, quantity
+from bayeschute.dynamics.cluster_flight import CHANNELS, air_between, blown, channel_sizes, output_names, quantity
 from bayeschute.dynamics.parameters import Structure
 from bayeschute.dynamics.state import unpack
 from bayeschute.records.angles import swing_angle as recorded_swing
@@ -28,7 +28,7 @@ MODEL = small.flight(
     samples=6, substeps=4, names=NAMES, channels=CHANNELS,
 )  # fmt: skip
 NOW = jax.tree.map(lambda a: a[0], MODEL.record)
-PLACES = dict(zip(CHANNELS, np.split(np.arange(16), np.cumsum([6, 3, 3, 2, 1])), strict=True))
+PLACES = dict(zip(CHANNELS, np.split(np.arange(22), np.cumsum([6, 3, 3, 2, 1, 1])), strict=True))
 
 
 @jax.jit
@@ -74,6 +74,34 @@ def test_swing_angle_is_that_of_a_reconstruction(states):
         line = np.asarray(state.canopy_position.stack()).T - place
         got = np.asarray(observe(x, THETA))[PLACES["swing_angle"]]
         np.testing.assert_allclose(got, recorded_swing(line[None]), rtol=1e-12)
+
+
+def test_canopy_velocity_is_that_of_the_state_canopy_by_canopy(states):
+    """In the order of its names, and the rate at which the model moves the canopies."""
+    names = output_names(("canopy_velocity",), 2)
+    assert names[:3] == ("canopy_velocity.1.north", "canopy_velocity.1.east", "canopy_velocity.1.down")
+    assert (
+        names[5] == "canopy_velocity.2.down" and len(names) == channel_sizes(("canopy_velocity",), 2)["canopy_velocity"]
+    )
+    numbers = MODEL.numbers(jnp.asarray(THETA))
+    for x in states:
+        got = np.asarray(observe(x, THETA))[PLACES["canopy_velocity"]]
+        np.testing.assert_array_equal(got.reshape(2, 3).T, x[19:25].reshape(3, 2))
+        rate = np.asarray(MODEL.rate(jnp.asarray(x), numbers, NOW, NOW, jnp.zeros(3), jnp.zeros(3), 0.0))
+        np.testing.assert_array_equal(got.reshape(2, 3).T, rate[13:19].reshape(3, 2))
+
+
+def test_a_further_channel_leaves_the_outputs_of_the_others():
+    """Machine code too: to the last bit."""
+    start, error = 0.02 * np.random.default_rng(2).normal(size=17), np.zeros((6, 3))
+    without = replace(MODEL, channels=CHANNELS[:-1])
+    states = kernel.states(MODEL, THETA, start, error)
+    np.testing.assert_array_equal(kernel.states(without, THETA, start, error), states)
+    y, few = (kernel.along_path(model, THETA, start, error, states)[0] for model in (MODEL, without))
+    np.testing.assert_array_equal(np.asarray(y)[:, :16], few)
+    np.testing.assert_array_equal(
+        np.asarray(y)[:, 16:].reshape(6, 2, 3), np.moveaxis(np.asarray(states)[:, 19:25].reshape(6, 3, 2), 1, 2)
+    )
 
 
 def test_tension_is_spring_and_damper_along_the_riser(states):
@@ -172,7 +200,7 @@ def test_a_scale_of_positions_changes_them_and_nothing_else():
     np.testing.assert_array_equal(kernel.states(scaled, with_scale, start, error), states)
     y, _, steps = kernel.along_path(MODEL, THETA, start, error, states)
     got, _, scaled_steps = kernel.along_path(scaled, with_scale, start, error, states)
-    factor = np.where(np.isin(np.arange(16), PLACES["canopy_position"]), by, 1.0)
+    factor = np.where(np.isin(np.arange(22), PLACES["canopy_position"]), by, 1.0)
     np.testing.assert_allclose(got, factor * y, rtol=1e-13)
     np.testing.assert_allclose(scaled_steps.out_state, factor[:, None] * np.asarray(steps.out_state), rtol=1e-12)
     slope = np.asarray(scaled_steps.out_theta)[..., -1]

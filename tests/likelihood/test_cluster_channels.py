@@ -26,7 +26,7 @@ from bayeschute.virtual.drop import Turbulence, VirtualDrop, fly
 
 FEW = Structure(("1", "alpha^2"), ("e", "rate"), 2, "riser")
 MODEL = small.cluster((0.95, -0.8), (-0.1, 0.3))
-WHITE = dict(zip(CHANNELS, (0.1, 0.05, 0.002, 500.0, 0.003, 0.05), strict=True))  # m, m/s, rad, N, rad, m/s
+WHITE = dict(zip(CHANNELS, (0.1, 0.05, 0.002, 500.0, 0.003, 0.05, 0.05), strict=True))  # m, m/s, rad, N, rad, m/s, m/s
 DROP = VirtualDrop(
     duration=8.0, dt=0.1, altitude=1500.0, swing=0.2, swing_azimuth=0.5, flyout=0.15, turbulence=Turbulence(0.3, 0.2, 2.0),
     sensors={name: SensorNoise(white) for name, white in WHITE.items()},
@@ -82,7 +82,7 @@ def test_tensions_count_when_the_start_is_forgotten(flown):
 
 def test_a_virtual_record_has_the_noise_asked_for(flown):
     record, truth = flown
-    for name in ("riser_tension", "swing_angle", "descent_rate"):
+    for name in ("riser_tension", "swing_angle", "descent_rate", "canopy_velocity"):
         assert record[name].dims == truth[name].dims and record[name].attrs["units"] == truth[name].attrs["units"]
         off = (record[name] - truth[name]).values
         assert off.std() == pytest.approx(WHITE[name], rel=0.3) and abs(off.mean()) < 0.5 * WHITE[name]
@@ -105,6 +105,21 @@ def test_interpolated_positions_are_no_data(flown):
     np.testing.assert_array_equal(absent, wanted)
 
 
+def test_velocities_of_canopies_are_measured_where_their_own_instrument_was(flown):
+    """Not where the capsule's position is, to which only positions are related; and one canopy may carry none."""
+    time, record = flown[0]["time"].values, flown[0].copy(deep=True)
+    record["canopy_velocity"][:, 1] = np.nan
+    bridged = [
+        Repair("interpolated", "canopy_velocity.1", time[10], time[14], 3),
+        Repair("interpolated", "capsule_position", time[20], time[22], 1),
+    ]
+    made = data(with_repairs(record, bridged), ("capsule_velocity", "canopy_velocity"))
+    absent = np.zeros((81, 9), bool)
+    absent[11:14, 3:6], absent[:, 6:] = True, True
+    np.testing.assert_array_equal(~made.present, absent)
+    np.testing.assert_array_equal(made.observed[15:, 3:6], record["canopy_velocity"].values[15:, 0])
+
+
 def test_gaps_and_what_is_held_out_are_absent(flown):
     record = flown[0].copy(deep=True)
     record["riser_tension"][25:29, 1] = np.nan
@@ -121,10 +136,12 @@ def test_channels_that_a_record_lacks_are_left_out(flown):
     record = flown[0].drop_vars("riser_tension")
     record["swing_angle"] = record["swing_angle"] * np.nan
     made = data(record, CHANNELS)
-    assert made.model.channels == ("canopy_position", "capsule_velocity", "capsule_attitude", "descent_rate")
+    assert made.model.channels == (
+        "canopy_position", "capsule_velocity", "capsule_attitude", "descent_rate", "canopy_velocity"
+    )  # fmt: skip
     # Noise parameters keep the numbers of the channels that were wanted.
-    assert made.channel == tuple(np.repeat([0, 1, 2, 5], [6, 3, 3, 1]))
-    assert list(channel_sizes(CHANNELS, 2).values()) == [6, 3, 3, 2, 1, 1]
+    assert made.channel == tuple(np.repeat([0, 1, 2, 5, 6], [6, 3, 3, 1, 6]))
+    assert list(channel_sizes(CHANNELS, 2).values()) == [6, 3, 3, 2, 1, 1, 6]
     with pytest.raises(InputError, match="one channel at least"):
         data(record, ("riser_tension", "swing_angle"))
 
@@ -164,3 +181,18 @@ def test_riser_tension_tells_the_mass_of_the_capsule(flown):
     assert told < 20.0 < 150.0 < untold
     assert abs(found[0].theta[4] - small.CAPSULE.mass) < 2.6 * told  # 99 %
     assert abs(found[1].theta[4] - small.CAPSULE.mass) < 2.6 * untold
+
+
+def test_canopy_velocities_narrow_the_coefficients(flown):
+    """The same record with and without them: no parameter is known less well, the canopies' damping much better."""
+    seen = ("canopy_position", "capsule_velocity", "canopy_velocity")
+    whole = data(flown[0], seen)
+    blind = replace(whole, present=whole.present & (np.array(whole.channel) != 2))
+    noise = Noise(np.array([WHITE[c] for c in seen]), np.full(3, 1e-6), np.ones(3))
+    hyper = NoiseParameters(noise, (np.array([0.3, 2.0]), np.array([0.2, 2.0])))
+    found = [optimum.fit([d], hyper, PRIORS, np.array([p.centre for p in PRIORS])) for d in (whole, blind)]
+    told, untold = (np.sqrt(np.diag(f.covariance)) for f in found)
+    assert found[0].converged and found[1].converged
+    assert (told <= untold * (1.0 + 1e-6)).all() and told[2] < 0.9 * untold[2], told / untold
+    truth = np.array([0.95, -0.1, 0.3, small.cluster().risers.length, small.CAPSULE.mass])
+    assert (np.abs(found[0].theta - truth)[:3] < 3.3 * told[:3]).all()

@@ -11,6 +11,7 @@ import pytest
 import xarray as xr
 
 from bayeschute.core.errors import InputError
+from bayeschute.records.foreign.conventions import Conventions
 from bayeschute.records.netcdf import try_netcdf
 from bayeschute.records.read import ColumnSpec, read_record
 from bayeschute.records.record import load_record, make_record, repairs, write_record
@@ -80,6 +81,33 @@ def test_components_land_in_their_places(tmp_path):
     np.testing.assert_allclose(ds["riser_tension"][0].values, np.array([10, 11]) * 4.4482216152605)
     np.testing.assert_allclose(ds["wind"][0].values, np.array([13, 12, 0]) * 1852 / 3600)
     assert [(r.kind, r.variable) for r in repairs(ds)] == [("assumed", "wind")]
+
+
+def test_velocities_of_canopies_in_other_axes_and_of_one_canopy_only(tmp_path):
+    """ENU and upward columns, feet per second; the second canopy carries no instrument; and what a map may not say."""
+    names = [f"canopy_velocity.1.{a}" for a in ("east", "north", "up")]
+    table = pd.DataFrame({"t": T, **{n: float(i + 1) + T for i, n in enumerate(names)}})
+    columns = {"time": ColumnSpec("t", "s"), **{n: ColumnSpec(n, "ft/s") for n in names}}
+    lacks = tuple(f"canopy_velocity.2.{a}" for a in ("north", "east", "down"))
+    path = save(tmp_path, text(table))
+    found = read_record(path, columns, conventions=Conventions(lacks=lacks))["canopy_velocity"]
+    assert found.dims == ("time", "canopy", "axis") and found.attrs["units"] == "m/s"
+    np.testing.assert_allclose(found[0, 0].values, 0.3048 * np.array([2.0, 1.0, -3.0]))
+    assert np.isnan(found[:, 1].values).all()
+    turned = {f"canopy_velocity.1.{a}": columns[n] for a, n in zip("xyz", names, strict=True)} | {
+        "time": columns["time"]
+    }
+    alone = read_record(path, turned, conventions=Conventions(axes="ENU"))["canopy_velocity"]
+    np.testing.assert_array_equal(alone[:, 0].values, found[:, 0].values)
+    for bad, words in (
+        ({"canopy_velocity.1.up": ColumnSpec(names[2], "m")}, "a unit of m/s"),
+        ({"canopy_velocity.north": ColumnSpec(names[1], "m/s")}, "canopy_velocity.<number>.<north|east|down>"),
+        ({"canopy_speed.1.north": ColumnSpec(names[1], "m/s")}, "Did you mean 'canopy_velocity'"),
+        ({"canopy_velocity.2.north": ColumnSpec(names[1], "m/s")}, "no canopy_velocity.2.east"),
+    ):
+        with pytest.raises(InputError) as error:
+            read_record(path, columns | bad)
+        assert words in str(error.value)
 
 
 def test_missing_values_stay_missing(tmp_path):

@@ -9,7 +9,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bayeschute.records.record import repairs
+import bayeschute as bc
+from bayeschute.records.read import read_record
+from bayeschute.records.record import repairs, write_record
 from bayeschute.study.assembly import assemble
 from bayeschute.study.assembly.fits import data_of
 from bayeschute.study.evidence.identity import configuration, study_hash
@@ -98,6 +100,26 @@ def test_from_the_study_to_what_is_fitted(asked: Path, tmp_path: Path):
     assert float(second.model.numbers(theta).canopies.dry_mass) == pytest.approx(149.0 * np.exp(0.005))
 
 
+def test_velocities_of_canopies_from_a_virtual_drop_to_check(cluster: Path, spoil, tmp_path: Path):
+    """A virtual drop's record goes to a file, is read again and passes its laws."""
+    imu = 'canopy_velocity = { white = "0.05 m/s", correlated = "0.15 m/s", time_constant = "1 s" }\n'
+    spoil(cluster, SENSORS, imu)
+    spoil(cluster, NOISE, imu)
+    study = load_study(cluster)
+    assert list(study.noise.channels()).index("canopy_velocity") == 3
+    flight = bc.Study.load(cluster).flights[0]
+    assert flight.truth is not None and flight.truth["canopy_velocity"].shape == flight.record["canopy_velocity"].shape
+    write_record(flight.record, tmp_path / "drop.nc")
+    again = read_record(tmp_path / "drop.nc")
+    np.testing.assert_array_equal(again["canopy_velocity"].values, flight.record["canopy_velocity"].values)
+    found = flight.plausibility()
+    laws = {r.law: r.excess for r in found.verdict.readings}
+    assert found.ok and max(laws["canopy_velocity.horizontal"], laws["canopy_velocity.down"]) < 0.7
+    assert "Velocity of the canopies down" in [
+        axes.get_title(loc) for axes in found.plot().axes for loc in ("left", "center")
+    ]
+
+
 def test_a_fitted_flight_has_one_mass(asked: Path, spoil):
     spoil(asked, r'^roles = \["structure", "identify"\]', 'roles = ["structure", "identify"]\ncapsule_mass = "9000 kg"')
     faults = check_study(asked)
@@ -109,6 +131,11 @@ def test_a_fitted_flight_has_one_mass(asked: Path, spoil):
     "pattern, new, where",
     [
         (r"^(?=descent_rate = \{)", 'riser_tension = { white = "1 N", kind = "white" }\n', "[noise] riser_tension"),
+        (
+            r"^(?=descent_rate = \{)",
+            'canopy_velocity = { white = "1 m/s", kind = "white" }\n',
+            "[noise] canopy_velocity",
+        ),
         (r"^(?=descent_rate = \{)", 'swing_angle = { white = "1 deg", kind = "white" }\n', "[noise] swing_angle"),
         (r"^(?=cds_over_mass = )", 'capsule_mass = { mean = "9 kg", sd = "1 kg" }\n', "[priors.given] capsule_mass"),
     ],

@@ -85,6 +85,21 @@ def test_truth_and_record_tell_the_same_flight(flown):
     np.testing.assert_allclose(felt[5:-5], np.linalg.norm(lifted, axis=1)[5:-5], atol=0.5)
 
 
+def test_canopy_velocities_are_recorded_on_request_and_change_nothing_of_the_flight(flown):
+    record, truth = flown
+    assert "canopy_velocity" not in record and "canopy_velocity" not in truth
+    noise = SensorNoise(0.05, 0.1, 1.0)
+    seen, true = go(replace(DROP, sensors={**DROP.sensors, "canopy_velocity": noise}))
+    assert {name: values for name, values in raw(true).items() if name != "canopy_velocity"} == raw(truth)
+    assert (
+        seen["canopy_velocity"].dims == ("time", "canopy", "axis") and seen["canopy_velocity"].attrs["units"] == "m/s"
+    )
+    error = (seen["canopy_velocity"] - true["canopy_velocity"]).values
+    assert error.std() == pytest.approx(np.hypot(0.05, 0.1), rel=0.2)
+    rate = np.gradient(true["canopy_position"].values, small.DT, axis=0)
+    np.testing.assert_allclose(rate[5:-5], true["canopy_velocity"].values[5:-5], atol=0.1)
+
+
 def test_the_start_leans_swings_and_flies_out_as_told():
     drop = replace(DROP, swing=0.3, swing_azimuth=0.5, flyout=0.2, swing_rate=0.1)
     start = start_of(drop, MODEL, 2)

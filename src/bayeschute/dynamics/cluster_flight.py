@@ -40,6 +40,7 @@ CHANNELS = (
     "riser_tension",
     "swing_angle",
     "descent_rate",
+    "canopy_velocity",
 )
 
 
@@ -134,7 +135,8 @@ class ClusterFlight:
         names: Parameters, in the order of theta.
         channels: Outputs: any of ``canopy_position`` (relative to the capsule, times the scale of positions, 3 n),
             ``capsule_velocity`` (3), ``capsule_attitude`` (rotation vector from the recorded attitude, 3),
-            ``riser_tension`` (n) [N], ``swing_angle`` (1) [rad] and ``descent_rate`` (1) [m/s] as of `quantity`.
+            ``riser_tension`` (n) [N], ``swing_angle`` (1) [rad] and ``descent_rate`` (1) [m/s] as of `quantity`,
+            ``canopy_velocity`` (over ground, of each canopy's reference point, 3 n) [m/s].
         substeps: Runge-Kutta steps per sample.
         wind_field: Wind by altitude added to the record's, at every body's altitude; None: all have the record's.
         air_shares: By parameter, as of `with_parameters`.
@@ -251,7 +253,9 @@ class ClusterFlight:
                 apart = state.canopy_position - state.position
                 if numbers.position_scale is not None:
                     apart = apart * numbers.position_scale
-                rows.append(jnp.stack([c[i] for i in range(n) for c in (apart.x, apart.y, apart.z)]))
+                rows.append(_by_canopy(apart, n))
+            elif channel == "canopy_velocity":
+                rows.append(_by_canopy(state.canopy_velocity, n))
             elif channel == "capsule_velocity":
                 rows.append(state.velocity.stack())
             elif channel == "capsule_attitude":
@@ -269,9 +273,14 @@ class ClusterFlight:
         return jnp.concatenate(rows)
 
 
+def _by_canopy(vector: Vec3, n: int) -> jax.Array:
+    """Components of the vectors of `n` canopies in the order of `output_names` (3 n, ...)."""
+    return jnp.stack([c[i] for i in range(n) for c in (vector.x, vector.y, vector.z)])
+
+
 def channel_sizes(channels: Sequence[str], n: int) -> dict[str, int]:
     """Number of outputs of each channel with `n` canopies."""
-    sizes = dict(zip(CHANNELS, (3 * n, 3, 3, n, 1, 1), strict=True))
+    sizes = dict(zip(CHANNELS, (3 * n, 3, 3, n, 1, 1, 3 * n), strict=True))
     return {channel: sizes[channel] for channel in channels}
 
 
@@ -283,6 +292,7 @@ def output_names(channels: Sequence[str], n: int) -> tuple[str, ...]:
         "capsule_velocity": [f".{a}" for a in axes],
         "capsule_attitude": [f".{a}" for a in "xyz"],
         "riser_tension": [f".{i}" for i in each],
+        "canopy_velocity": [f".{i}.{a}" for i in each for a in axes],
     }
     return tuple(channel + part for channel in channels for part in parts.get(channel, [""]))
 

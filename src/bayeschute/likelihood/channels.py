@@ -196,12 +196,17 @@ def cluster_data(
 
 
 def _measured(record: xr.Dataset, channel: str, n: int) -> NDArray[np.bool_]:
-    """Which samples of a channel are measurements (T, C); of the canopies' positions, where the capsule's are too."""
+    """Which samples of a channel are measurements (T, C); of the canopies' positions, where the capsule's are too.
+
+    Positions are fitted relative to the capsule; velocities of canopies over ground need nothing of it.
+    """
     dims = VARIABLES[channel].dims
     if "canopy" not in dims:
         return measured(record, channel)[:, None]
     each = np.stack([measured(record, f"{channel}.{i + 1}") for i in range(n)], axis=1)
-    return np.repeat(each & measured(record, "capsule_position")[:, None], 3, axis=1) if "axis" in dims else each
+    if channel == "canopy_position":
+        each &= measured(record, "capsule_position")[:, None]
+    return np.repeat(each, 3, axis=1) if "axis" in dims else each
 
 
 def flight_data(

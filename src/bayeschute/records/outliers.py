@@ -51,6 +51,7 @@ SMOOTH = {
     "latitude": Scale(20.0 / _EARTH_RADIUS, 5.0 / _EARTH_RADIUS),
     "longitude": Scale(20.0 / _EARTH_RADIUS, 5.0 / _EARTH_RADIUS),
     "capsule_velocity": Scale(3.0, 5.0),
+    "canopy_velocity": Scale(3.0, 6.0),
     "descent_rate": Scale(3.0, 5.0),
     "pressure": Scale(100.0, 50.0),
     "temperature": Scale(2.0, 0.5),

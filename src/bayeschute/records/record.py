@@ -63,6 +63,9 @@ VARIABLES: Mapping[str, Variable] = MappingProxyType(
         "canopy_position": Variable(
             ("time", "canopy", "axis"), "m", "centre of each canopy, NED, same origin as capsule_position", -1e7, 1e7
         ),
+        "canopy_velocity": Variable(
+            ("time", "canopy", "axis"), "m/s", "velocity over ground of the centre of each canopy, NED", -3000.0, 3000.0
+        ),
         "riser_tension": Variable(("time", "canopy"), "N", "pull of each riser", -1e3, 1e8),
         "wind": Variable(("time", "axis"), "m/s", "velocity of the air, NED", -200.0, 200.0),
         "density": Variable(_T, "kg/m^3", "density of the air", 1e-6, 3.0),

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 _LENGTH_SHARE, _LENGTH_LEAST = 0.006, 0.2  # sd of a riser's length where nobody tells it: share of it, and [m]
 _SENSED = (
     "canopy_position", "capsule_velocity", "capsule_attitude", "capsule_rate", "capsule_specific_force",
-    "riser_tension", "swing_angle", "descent_rate",
+    "riser_tension", "swing_angle", "descent_rate", "canopy_velocity",
 )  # fmt: skip
 
 

@@ -21,7 +21,7 @@ from bayeschute.dynamics.cluster_flight import QUANTITIES, ClusterFlight, Cluste
 from bayeschute.dynamics.initial_state import Start, tangent_basis
 from bayeschute.dynamics.outcome import attributes, examine
 from bayeschute.dynamics.parameters import Cluster, Structure
-from bayeschute.dynamics.state import unpack
+from bayeschute.dynamics.state import CAPSULE_SIZE, unpack
 from bayeschute.records.record import make_record
 from bayeschute.records.sensors import Dropouts, SensorNoise, ornstein_uhlenbeck, record_of
 from bayeschute.virtual.virtual_wind import Gust, WindHistory, WindProfile
@@ -74,8 +74,8 @@ class VirtualDrop:
         shape: eta of the canopies at the first sample, where the structure breathes; empty: zero.
         turbulence: Unknown to an identification.
         breathing: Likewise.
-        sensors: Noise by record variable. ``riser_tension``, ``swing_angle`` and ``descent_rate`` are recorded only
-            where they are named here; the other variables always.
+        sensors: Noise by record variable. ``riser_tension``, ``swing_angle``, ``descent_rate`` and ``canopy_velocity``
+            are recorded only where they are named here; the other variables always.
         dropouts: Of the canopies' positions.
     """
 
@@ -205,6 +205,8 @@ def fly(
     truth = _truth(time, states, flight, steady).assign_attrs(verdict)
     if "riser_tension" in drop.sensors:
         truth["riser_tension"] = (("time", "canopy"), np.asarray(_tensions(flight, states)), {"units": "N"})
+    if "canopy_velocity" in drop.sensors:
+        truth["canopy_velocity"] = (("time", "canopy", "axis"), _canopies(states, 1, n), {"units": "m/s"})
     recorded = [*_RECORDED, *(name for name in _ON_REQUEST if name in drop.sensors)]
     record = record_of(truth[recorded], drop.sensors, drop.dropouts, rng)
     return record, truth.assign(turbulence=(("time", "axis"), turbulence, {"units": "m/s"}))
@@ -221,13 +223,12 @@ _RECORDED = (
     "density",
     "altitude",
 )
-_ON_REQUEST = ("riser_tension", "swing_angle", "descent_rate")
+_ON_REQUEST = ("riser_tension", "swing_angle", "descent_rate", "canopy_velocity")
 
 
 def _truth(time: Array, states: Array, flight: ClusterFlight, steady: Array) -> xr.Dataset:
     """The flight as a record without noise, with the quantities of interest."""
     n = flight.structure.canopies
-    split = 13 + 3 * n
     inputs = flight.record
     specific_force, quantities = (np.asarray(a) for a in _seen(flight, states))
     truth = make_record(
@@ -237,7 +238,7 @@ def _truth(time: Array, states: Array, flight: ClusterFlight, steady: Array) -> 
         capsule_attitude=states[:, 6:10],
         capsule_rate=states[:, 10:13],
         capsule_specific_force=specific_force,
-        canopy_position=np.moveaxis(states[:, 13:split].reshape(-1, 3, n), 1, 2),
+        canopy_position=_canopies(states, 0, n),
         wind=steady,
         density=np.asarray(inputs.density),
         altitude=-states[:, 2],
@@ -245,6 +246,12 @@ def _truth(time: Array, states: Array, flight: ClusterFlight, steady: Array) -> 
     for name, values in zip(QUANTITIES, quantities.T, strict=True):
         truth[name] = ("time", values, {"units": "rad" if name.endswith("angle") else "m/s"})
     return truth
+
+
+def _canopies(states: Array, place: int, n: int) -> Array:
+    """Positions (place 0) or velocities (place 1) of the canopies in states (T, 13 + 6 n), as (T, n, 3)."""
+    first = CAPSULE_SIZE + 3 * n * place
+    return np.moveaxis(states[:, first : first + 3 * n].reshape(-1, 3, n), 1, 2)
 
 
 @jax.jit

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from other_records import flights_of, read_flight, record
 from other_studies import toml, vehicle
-from physical_mistakes import MADE, Case, Made, judge
+from physical_mistakes import FOOT, KNOT, MADE, Case, Made, _along, _axis, _late, _times, judge
 
 import bayeschute as bc
 from bayeschute.records.foreign.attitudes import in_schema, of_matrix, product
@@ -94,6 +94,65 @@ def test_order_and_sense_are_named_where_the_axes_of_the_quaternion_were_said(vi
         attitude.values[whole] = in_schema((along * signs)[:, order], said)
 
     outcome = judge(virtual, Made(cause, make, cause))
+    assert outcome.named and outcome.right, outcome
+
+
+@pytest.fixture(scope="module")
+def with_imus(virtual) -> Case:
+    """The same drop with IMUs in the canopies: true motion and noise."""
+    truth = bc.Study.example().flights[0].truth
+    assert truth is not None
+    step = float(np.diff(truth["time"].values[:2])[0])
+    moving = np.gradient(truth["canopy_position"].transpose("time", "canopy", "axis").values, step, axis=0)
+    seen = moving + 0.1 * np.random.default_rng(1).normal(size=moving.shape)
+    record = virtual.record.assign(canopy_velocity=(("time", "canopy", "axis"), seen, {"units": "m/s"}))
+    return Case(record, virtual.vehicle)
+
+
+def test_velocities_of_canopies_keep_their_laws(with_imus):
+    found = with_imus.verdict()
+    assert found.findings == () and {"canopy_velocity.horizontal", "canopy_velocity.down"} <= {
+        r.law for r in found.readings
+    }
+
+
+def _over_capsule(*names):
+    def make(case: Case) -> None:
+        for name in names:
+            case.record[f"canopy_{name}"].values -= case.record[f"capsule_{name}"].values[:, None]
+
+    return make
+
+
+def _other_canopy(case: Case) -> None:
+    case.record["canopy_velocity"].values = case.record["canopy_velocity"].values[:, ::-1]
+
+
+_ENU = [[0, 1, 0], [1, 0, 0], [0, 0, -1]]
+_SWAPPED = [[0, 1, 0], [1, 0, 0], [0, 0, 1]]
+OF_IMUS = (
+    Made("canopy velocities up", _axis(2, "canopy_velocity"), r"^canopy velocities: z points up"),
+    Made("both velocities up", _axis(2, "canopy_velocity", "capsule_velocity"),
+         r"^velocities of capsule and canopies: z points up"),
+    Made("canopy velocities in ENU", _along(_ENU, "canopy_velocity"), r"^canopy velocities are east, north, up"),
+    Made("canopy velocities swapped", _along(_SWAPPED, "canopy_velocity"), r"swapped in canopy velocities"),
+    Made("canopy velocities in feet", _times(1 / FOOT, "canopy_velocity"), r"^canopy velocities are in ft/s, read"),
+    Made("canopy velocities in knots", _times(1 / KNOT, "canopy_velocity"), r"^canopy velocities are in knots, read"),
+    Made("both velocities in feet", _times(1 / FOOT, "canopy_velocity", "capsule_velocity"),
+         r"^velocities of capsule and canopies are in ft/s, read"),
+    Made("all lengths in feet", _times(1 / FOOT, "canopy_velocity", "capsule_velocity", "canopy_position", "capsule_position"),
+         r"^positions and velocities of capsule and canopies are in feet, read"),
+    Made("over the capsule", _over_capsule("velocity"), r"^canopy velocities are relative to the capsule"),
+    Made("all of the canopies over the capsule", _over_capsule("velocity", "position"),
+         r"^canopy positions and velocities are relative to the capsule"),
+    Made("the other canopy's", _other_canopy, r"^order of the canopies differs in positions and velocities"),
+    Made("late", _late(3.0, "canopy_velocity"), r"^canopy velocities are (2\.9|3\.[01]) s late"),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("made", OF_IMUS, ids=lambda made: made.name)
+def test_mistakes_with_velocities_of_canopies(with_imus, made):
+    outcome = judge(with_imus, made)
     assert outcome.named and outcome.right, outcome
 
 

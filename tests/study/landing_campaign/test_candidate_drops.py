@@ -34,6 +34,32 @@ def test_noise_that_a_drop_does_not_state_is_the_study_s():
     assert sounded.slow_wind.horizontal == pytest.approx(0.3 * 0.3048) and sounded.wind == STUDY.noise.wind
 
 
+def uncommented() -> str:
+    """The shipped file with its commented drop."""
+    head, rest = SHIPPED.read_text(encoding="utf-8").split("# [[flight]]", 1)
+    return head + "\n".join(line.removeprefix("# ") for line in f"# [[flight]]{rest}".splitlines())
+
+
+def test_the_commented_drop_carries_imus_in_its_canopies(tmp_path):
+    path, text = tmp_path / "drops.toml", uncommented()
+    path.write_text(text, encoding="utf-8")
+    found, shipped = candidates(path, STUDY), candidates(SHIPPED, STUDY)
+    assert list(found.noise) == [*shipped.noise, "canopy-imu"]  # after the others, which are as they were
+    assert found.study.flights[: len(shipped.study.flights)] == shipped.study.flights
+    noise, flight = found.noise["canopy-imu"], found.study.flights[-1]
+    assert noise.canopy_velocity is not None and noise.model_copy(update={"canopy_velocity": None}) == STUDY.noise
+    sensor = flight.virtual.sensors.canopy_velocity
+    assert (sensor.white, sensor.correlated, sensor.time_constant) == (0.05, 0.15, 1.0)
+    assert (ROOT / "src/bayeschute/templates/candidate-drops.toml").read_text(encoding="utf-8") == SHIPPED.read_text(
+        encoding="utf-8"
+    )
+    sensor = 'canopy_velocity = { white = "0.05 m/s", correlated = "0.15 m/s", time_constant = "1 s" }\ncapsule'
+    assert sensor in text
+    path.write_text(text.replace(sensor, "capsule"), encoding="utf-8")
+    with pytest.raises(InputError, match="canopy_velocity, which it does not record"):
+        candidates(path, STUDY)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [

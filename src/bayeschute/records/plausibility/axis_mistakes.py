@@ -13,7 +13,7 @@ from bayeschute.records.foreign.attitudes import product
 from bayeschute.records.plausibility.evidence import Array, Evidence, conjugate, continuous, turned
 from bayeschute.records.plausibility.mistake import Mistake, Undo, changed, turned_attitude, turned_axes
 
-_VECTORS = ("position", "velocity", "canopies", "wind")
+_VECTORS = ("position", "velocity", "canopies", "canopy_velocity", "wind")
 _UP = np.diag([1.0, 1.0, -1.0])
 _ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 _SWAP = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
@@ -26,10 +26,15 @@ _GROUPS = (
     (("position",), "capsule positions", 0.1),
     (("velocity",), "capsule velocities", 0.1),
     (("canopies",), "canopy positions", 0.1),
+    (("canopy_velocity",), "canopy velocities", 0.1),
+    (("velocity", "canopy_velocity"), "velocities of capsule and canopies", 0.15),
+    (("canopies", "canopy_velocity"), "canopy positions and velocities", 0.15),
     (("position", "velocity"), "capsule positions and velocities", 0.15),
     (("position", "canopies"), "positions of capsule and canopies", 0.15),
     (("position", "velocity", "canopies"), "positions and velocities of capsule and canopies", 0.1),
+    (("position", "velocity", "canopies", "canopy_velocity"), "all positions and velocities", 0.1),
     (("position", "velocity", "canopies", "wind"), "positions, velocities and winds", 0.1),
+    (("position", "velocity", "canopies", "canopy_velocity", "wind"), "all positions, velocities and winds", 0.1),
 )
 
 

@@ -21,6 +21,8 @@ _FARTHEST = 8.0  # clocks are apart by less [s]
 _SHIFTED = {
     "canopy positions are": ("canopies",),
     "capsule velocities are": ("velocity",),
+    "canopy velocities are": ("canopy_velocity",),
+    "canopy positions and velocities are": ("canopies", "canopy_velocity"),
     "the attitude is": ("attitude",),
     "angular rates and specific forces are": ("rate", "force"),
     "the attitude, angular rates and specific forces are": ("attitude", "rate", "force"),

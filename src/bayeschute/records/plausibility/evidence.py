@@ -27,6 +27,7 @@ CHANNELS = {  # of the evidence, by variable of the record
     "rate": "capsule_rate",
     "force": "capsule_specific_force",
     "canopies": "canopy_position",
+    "canopy_velocity": "canopy_velocity",
     "tension": "riser_tension",
     "wind": "wind",
     "density": "density",
@@ -84,6 +85,7 @@ class Evidence:
         rate: Body axes (T, 3) [rad/s].
         force: Specific force, body axes (T, 3) [m/s^2].
         canopies: NED (T, n, 3) [m].
+        canopy_velocity: NED (T, n, 3) [m/s].
         tension: (T, n) [N].
         wind: Recorded, NED (T, 3) [m/s].
         density: (T,) [kg/m^3].
@@ -103,6 +105,7 @@ class Evidence:
     rate: Array | None = None
     force: Array | None = None
     canopies: Array | None = None
+    canopy_velocity: Array | None = None
     tension: Array | None = None
     wind: Array | None = None
     density: Array | None = None

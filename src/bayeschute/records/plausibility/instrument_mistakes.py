@@ -79,7 +79,7 @@ def _from_earth(e: Evidence, name: str) -> Evidence | None:
 
 
 def canopy_mistakes() -> Iterator[Mistake]:
-    """Origin and order of the canopies."""
+    """Origin, frame of reference and order of the canopies."""
     yield Mistake(
         "canopy positions are relative to the capsule",
         "Add the position of the capsule to them.",
@@ -96,6 +96,38 @@ def canopy_mistakes() -> Iterator[Mistake]:
             else replace(e, canopies=e.canopies * [1.0, 1.0, -1.0] + e.position[:, None])
         ),
         0.2,
+    )
+    yield Mistake(
+        "canopy velocities are relative to the capsule",
+        "Add the velocity of the capsule to them.",
+        lambda e: (
+            None
+            if e.canopy_velocity is None or e.velocity is None
+            else replace(e, canopy_velocity=e.canopy_velocity + e.velocity[:, None])
+        ),
+    )
+    yield Mistake(
+        "canopy positions and velocities are relative to the capsule",
+        "Add position and velocity of the capsule to them.",
+        lambda e: (
+            None
+            if e.canopies is None or e.canopy_velocity is None or e.position is None or e.velocity is None
+            else replace(
+                e,
+                canopies=e.canopies + e.position[:, None],
+                canopy_velocity=e.canopy_velocity + e.velocity[:, None],
+            )
+        ),
+        0.15,
+    )
+    yield Mistake(
+        "order of the canopies differs in positions and velocities (1 and 2 are swapped)",
+        "Swap the columns of the velocities, or of the positions.",
+        lambda e: (
+            None
+            if e.canopy_velocity is None or e.canopy_velocity.shape[1] != 2
+            else replace(e, canopy_velocity=e.canopy_velocity[:, ::-1])
+        ),
     )
     yield Mistake(
         "order of the canopies and of the load cells differs (1 and 2 are swapped)",

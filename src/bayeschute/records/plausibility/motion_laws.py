@@ -21,6 +21,7 @@ from bayeschute.records.plausibility.reading import Reading, reading
 
 _LAG, _SHORT = 2.0, 1.5  # over which displacements, and turns, are compared [s]
 _BIAS = 0.03  # of a gyro [rad/s]
+_UNLIKE = 0.2  # velocities of canopies that differ by less don't tell one from the other [m/s]
 _DOWN = np.array([0.0, 0.0, 1.0])
 _FASTEST, _SLOWEST = 150.0, 0.5  # vertical speeds of a descent [m/s]
 
@@ -36,12 +37,38 @@ def velocity(e: Evidence) -> list[Reading]:
     """Displacements are the integral of velocity."""
     if e.position is None or e.velocity is None:
         return []
+    return _moving(e, e.position, e.velocity, "velocity", "d(position)/dt against velocity")
+
+
+def canopy_velocity(e: Evidence) -> list[Reading]:
+    """Displacements of every canopy are the integral of its velocity, and of two canopies that of its own."""
+    if e.canopies is None or e.canopy_velocity is None:
+        return []
+    tests = "d(canopy position)/dt against canopy velocity"
+    out = _moving(e, e.canopies, e.canopy_velocity, "canopy_velocity", tests)
+    if e.canopies.shape[1] != 2:
+        return out
     k = e.samples(_LAG)
-    moved, said = slope(e.position, k, e.step), boxcar(e.velocity, k)
-    out, tests = [], "d(position)/dt against velocity"
-    for name, part in (("velocity.horizontal", slice(0, 2)), ("velocity.down", slice(2, 3))):
-        speed = min(spread(moved[:, part]), spread(said[:, part]))
-        out += reading(name, tests, spread(moved[:, part] - said[:, part]), 0.7 + 0.1 * speed, "{:.2g} m/s apart")
+    moved, said = slope(e.canopies, k, e.step), boxcar(e.canopy_velocity, k)
+    unlike, told = (np.diff(x[..., :2], axis=1)[:, 0] for x in (moved, said))
+    both = np.isfinite(unlike).all(axis=1) & np.isfinite(told).all(axis=1)
+    if both.sum() > 50 and min(spread(unlike[both]), spread(told[both])) > _UNLIKE:
+        likeness = float(np.corrcoef(unlike[both].ravel(), told[both].ravel())[0, 1])
+        tests = "difference of the canopies' velocities against that of d(position)/dt"
+        got, excess = f"a correlation of {likeness:.2f}", max(0.0, -likeness / 0.3)
+        out.append(Reading("canopy_velocity.order", tests, excess, got, "a positive one"))
+    return out
+
+
+def _moving(e: Evidence, place: Array, moving: Array, law: str, tests: str) -> list[Reading]:
+    """Readings, horizontal and down, of positions against velocities (T, ..., 3)."""
+    k = e.samples(_LAG)
+    moved, said = slope(place, k, e.step), boxcar(moving, k)
+    out = []
+    for name, part in ((f"{law}.horizontal", slice(0, 2)), (f"{law}.down", slice(2, 3))):
+        speed = min(spread(moved[..., part]), spread(said[..., part]))
+        far = spread(moved[..., part] - said[..., part])
+        out += reading(name, tests, far, 0.7 + 0.1 * speed, "{:.2g} m/s apart")
     return out
 
 
@@ -169,7 +196,7 @@ def _leaning(law: str, tests: str, cosine: float, off: str = "") -> list[Reading
     return [Reading(law, tests, excess, got, "below 50 deg")]
 
 
-LAWS = (clock, velocity, falling, altitude, attitude, specific_force, hanging)
+LAWS = (clock, velocity, canopy_velocity, falling, altitude, attitude, specific_force, hanging)
 
 
 def earth_force(e: Evidence) -> Array | None:

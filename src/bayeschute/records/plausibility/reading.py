@@ -7,13 +7,14 @@ from typing import NamedTuple
 import numpy as np
 
 NAMES = (  # of all laws
-    "clock", "velocity.horizontal", "velocity.down", "falling.position", "falling.altitude", "falling.velocity",
-    "falling.descent_rate", "altitude.rate", "altitude.datum", "altitude.descent_rate", "attitude.norm",
-    "attitude.rate.x", "attitude.rate.y", "attitude.rate.z", "force.size", "force.horizontal", "force.turn",
-    "force.down", "hanging.force", "hanging.attitude", "hanging.canopies", "count.canopies", "count.load_cells",
-    "size.area", "size.volume", "size.inertia", "size.riser", "riser.length", "riser.scatter", "pull.direction",
-    "pull.size", "pull.order", "balance.drag", "wind.present", "wind.profile", "wind.drift", "wind.share",
-    "density.gas", "density.level", "density.slope", "pressure.altitude",
+    "clock", "velocity.horizontal", "velocity.down", "canopy_velocity.horizontal", "canopy_velocity.down",
+    "canopy_velocity.order", "falling.position", "falling.altitude", "falling.velocity", "falling.descent_rate",
+    "altitude.rate", "altitude.datum", "altitude.descent_rate", "attitude.norm", "attitude.rate.x", "attitude.rate.y",
+    "attitude.rate.z", "force.size", "force.horizontal", "force.turn", "force.down", "hanging.force",
+    "hanging.attitude", "hanging.canopies", "count.canopies", "count.load_cells", "size.area", "size.volume",
+    "size.inertia", "size.riser", "riser.length", "riser.scatter", "pull.direction", "pull.size", "pull.order",
+    "balance.drag", "wind.present", "wind.profile", "wind.drift", "wind.share", "density.gas", "density.level",
+    "density.slope", "pressure.altitude",
 )  # fmt: skip
 FAULT, WARNING = 1.0, 0.7  # excess from which a law is broken, and from which it is looked at
 

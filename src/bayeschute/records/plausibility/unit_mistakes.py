@@ -17,6 +17,7 @@ _OF_UNITS = {  # by channel: what it is called, units it may be in, its SI unit
     "position": ("capsule positions", ("ft", "km", "yd"), "m"),
     "canopies": ("canopy positions", ("ft", "km", "yd"), "m"),
     "velocity": ("capsule velocities", ("ft/s", "knot", "km/h"), "m/s"),
+    "canopy_velocity": ("canopy velocities", ("ft/s", "knot", "km/h"), "m/s"),
     "wind": ("winds", ("knot", "ft/s", "km/h"), "m/s"),
     "altitude": ("altitudes", ("ft", "km"), "m"),
     "descent_rate": ("descent rates", ("ft/s", "knot", "km/h", "ft/min"), "m/s"),
@@ -41,8 +42,11 @@ def unit_mistakes() -> Iterator[Mistake]:
                 undo = partial(_rescaled, name=name, factor=by)
                 yield Mistake(f"{words} are in {told}", f"Give their unit as '{do}'.", undo, doubt)
     foot = factor_to_si("ft", "m")[0]
-    for names, words in ((("position", "canopies"), "positions"), (("position", "canopies", "velocity"), "lengths")):
-        told = "positions" if words == "positions" else "positions and velocities"
+    for names, told in (
+        (("position", "canopies"), "positions"),
+        (("position", "canopies", "velocity"), "positions and velocities"),
+        (("position", "canopies", "velocity", "canopy_velocity"), "positions and velocities of capsule and canopies"),
+    ):
         for unit, power, doubt in (
             ("feet, read as metres", 1, 0.1),
             ("metres already, converted as if in feet", -1, 0.3),
@@ -50,6 +54,10 @@ def unit_mistakes() -> Iterator[Mistake]:
             do = f"Give their unit as '{'ft' if power > 0 else 'm'}'."
             factor = foot**power
             yield Mistake(f"{told} are in {unit}", do, partial(scaled, names=names, factor=factor), doubt)
+    for unit in ("ft/s", "knot", "km/h"):
+        told = f"velocities of capsule and canopies are in {_UNIT_WORDS.get(unit, unit)}, read as m/s"
+        undo = partial(scaled, names=("velocity", "canopy_velocity"), factor=factor_to_si(unit, "m/s")[0])
+        yield Mistake(told, f"Give their unit as '{unit}'.", undo)
     for target in ("wind", "profile"):  # one of the two only
         for unit in ("knot", "ft/s"):
             factor = factor_to_si(unit, "m/s")[0]

@@ -5,7 +5,7 @@ A function that takes axes draws one panel on them and returns them.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import NamedTuple
 
@@ -23,6 +23,7 @@ from bayeschute.report.figures.canvas import BLUE, GREEN, INK, ORANGE, PURPLE, S
 
 _LAG = 1.0  # over which a derivative is taken [s]
 _AXES = ("north", "east", "down")
+_COLORS = (BLUE, ORANGE, GREEN, PURPLE, SKY, VERMILION)  # of canopies
 
 
 class Curve(NamedTuple):
@@ -57,6 +58,21 @@ def _velocities(e: Evidence, used: Evidence) -> list[Panel]:
         elif used.profile is not None and j < 2:
             curves.append(Curve("wind by altitude", used.time, used.profile[:, j], GREEN))
         found.append(Panel(f"Velocity {axis}", "m/s", curves))
+    return found
+
+
+def _canopy_velocities(e: Evidence) -> list[Panel]:
+    if e.canopy_velocity is None:
+        return []
+    k, found = e.samples(_LAG), []
+    for j, axis in enumerate(_AXES):
+        curves = []
+        for i, color in zip(range(e.canopy_velocity.shape[1]), _COLORS * 3, strict=False):
+            curves.append(Curve(f"canopy {i + 1}", e.time, e.canopy_velocity[:, i, j], color))
+            if e.canopies is not None:
+                middle, moved = e.time[:-k] + 0.5 * k * e.step, slope(e.canopies[:, i, j], k, e.step)
+                curves.append(Curve("d(position)/dt", middle, moved, color, True))
+        found.append(Panel(f"Velocity of the canopies {axis}", "m/s", curves))
     return found
 
 
@@ -101,8 +117,7 @@ def _distances(e: Evidence) -> list[Panel]:
     if (apart := attached(e)) is None:
         return []
     length = np.linalg.norm(apart, axis=2)
-    colors = (BLUE, ORANGE, GREEN, PURPLE, SKY, VERMILION)
-    curves = [Curve(f"canopy {i + 1}", e.time, x, colors[i % 6]) for i, x in enumerate(length.T)]
+    curves = [Curve(f"canopy {i + 1}", e.time, x, _COLORS[i % 6]) for i, x in enumerate(length.T)]
     if e.vehicle is not None:
         curves.append(Curve("risers", e.time[[0, -1]], np.full(2, e.vehicle.riser_length), INK, True))
     return [Panel("Distance of the canopies", "m", curves)]
@@ -149,7 +164,16 @@ def _cells(e: Evidence) -> list[Panel]:
 def panels(e: Evidence, used: Evidence) -> list[Panel]:
     """What a record allows to be drawn: all of it, and the wind by altitude over the times used."""
     with np.errstate(invalid="ignore"):
-        kinds = (_heights, partial(_velocities, used=used), _forces, _rates, _distances, _cells, _densities)
+        kinds: tuple[Callable[[Evidence], list[Panel]], ...] = (
+            _heights,
+            partial(_velocities, used=used),
+            _canopy_velocities,
+            _forces,
+            _rates,
+            _distances,
+            _cells,
+            _densities,
+        )
         return [panel for kind in kinds for panel in kind(e)]
 
 

@@ -209,7 +209,7 @@ FORCES = ("canopy_force", "transverse_force", "roll", "breathing")
 _LATENT = ("wind", "slow_wind", *FORCES)
 NOISE_UNITS = {
     "canopy_position": "m", "capsule_velocity": "m/s", "capsule_attitude": "rad", "descent_rate": "m/s",
-    "swing_angle": "rad", "riser_tension": "N", "wind": "m/s", "slow_wind": "m/s",
+    "swing_angle": "rad", "riser_tension": "N", "canopy_velocity": "m/s", "wind": "m/s", "slow_wind": "m/s",
 }  # fmt: skip
 
 
@@ -235,6 +235,7 @@ class NoiseTable(Strict):
     descent_rate: ChannelNoise[PositiveSpeed] | None = None
     swing_angle: ChannelNoise[PositiveAngle] | None = None
     riser_tension: ChannelNoise[PositiveForce] | None = None
+    canopy_velocity: ChannelNoise[PositiveSpeed] | None = None
     wind: WindNoise | None = None
     slow_wind: WindNoise | None = None
     canopy_force: ForceNoise | None = None

@@ -23,7 +23,9 @@ _CLUSTER_PRIORS = ("riser_stiffness", "riser_damping", "riser_length")
 _OF_DESCENT = "cds_over_mass"
 _OF_POSITIONS = "canopy_position_scale"
 _OF_NO_TABLE = ("capsule_axial_force", "capsule_normal_force_slope", "capsule_pitch_moment_slope")
-_CLUSTER_ONLY = ("canopy_position", "capsule_velocity", "capsule_attitude", "swing_angle", "riser_tension")
+_CLUSTER_ONLY = (
+    "canopy_position", "capsule_velocity", "capsule_attitude", "swing_angle", "riser_tension", "canopy_velocity"
+)  # fmt: skip
 _CLUSTER_CHANNELS = (*_CLUSTER_ONLY, "descent_rate")
 
 

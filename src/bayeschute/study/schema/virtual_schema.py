@@ -82,7 +82,8 @@ class DropoutsTable(Strict):
 class SensorsTable(Strict):
     """Sensor model of a virtual record; a channel left out is recorded without error.
 
-    Riser tensions, swing angle and descent rate follow from the others: left out, they are not recorded at all.
+    Riser tensions, swing angle, descent rate and canopies' velocities follow from the others: left out, they are not
+    recorded at all.
     """
 
     canopy_position: Sensor[NoiseLength] = Sensor()
@@ -95,6 +96,7 @@ class SensorsTable(Strict):
     riser_tension: Sensor[NoiseForce] | None = None
     swing_angle: Sensor[NoiseAngle] | None = None
     descent_rate: Sensor[NoiseSpeed] | None = None
+    canopy_velocity: Sensor[NoiseSpeed] | None = None
     dropouts: DropoutsTable | None = None
 
 
