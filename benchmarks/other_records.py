@@ -10,7 +10,6 @@ from __future__ import annotations
 import json
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
-from math import comb
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -19,6 +18,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from bayeschute.records.foreign.conventions import Conventions
+from bayeschute.records.plausibility.scatter import scatter, without_jumps
 from bayeschute.records.reconstruct import to_ned
 from bayeschute.records.record import VARIABLES
 
@@ -29,7 +29,6 @@ Array = NDArray[np.float64]
 
 G0, DEGREE = 9.80665, np.pi / 180.0
 SEA_LEVEL_DENSITY = 1.225  # [kg/m^3]
-_ORDER = 4  # of the differences that tell a channel's scatter
 _NED, _BODY, _QUATERNION = "north east down", "x y z", "w x y z"
 
 
@@ -240,21 +239,6 @@ class OtherFlight:
         found = {name: float(np.median([scatter(x) for x in values.T])) for name, values in each.items()}
         turn = 2.0 * np.sqrt(sum(scatter(x) ** 2 for x in self.attitude.T) / 3.0)
         return found | {"capsule_attitude": float(turn)}
-
-
-def without_jumps(q: Array) -> Array:
-    """Unit quaternions (T, 4) whose signs go on from sample to sample; gaps stay gaps."""
-    made, known = np.array(q), np.isfinite(q).all(axis=1)
-    x = made[known] / np.linalg.norm(made[known], axis=1, keepdims=True)
-    flips = np.where(np.sum(x[1:] * x[:-1], axis=1) < 0.0, -1.0, 1.0)
-    made[known] = x * np.concatenate([[1.0], np.cumprod(flips)])[:, None]
-    return made
-
-
-def scatter(x: Array) -> float:
-    """Standard deviation of the white part of a series, from the median of its fourth differences."""
-    difference = np.diff(x[np.isfinite(x)], _ORDER)
-    return float(np.median(np.abs(difference)) / 0.6745 / np.sqrt(comb(2 * _ORDER, _ORDER)))
 
 
 def _profile(path: Path, layout: Layout) -> Array:

@@ -203,6 +203,7 @@ def predict(
         Path | None,
         typer.Option(metavar="DIR", help="Folder for the results.  [default: runs/NAME of the flight file]"),
     ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite predictions that are there.")] = False,
     draws: Annotated[int | None, typer.Option(min=16, max=1_000_000, help="Posterior draws per flight.")] = None,
     like: Annotated[
         str | None,
@@ -215,6 +216,9 @@ def predict(
     folder = out or Path("runs") / flights.stem
     with reporting_faults():
         _free_folder(folder)
+        if (folder / "predictions.nc").exists() and not force:
+            do = "Choose another folder, or --force to overwrite them."
+            raise InputError(Fault(f"--out {folder}", "a folder with predictions", "one without predictions.nc", do))
         from bayeschute.api.forecasting import predict_file
 
         with Bars() as bars:

@@ -159,6 +159,13 @@ def test_rougher_air_widens_the_bands_of_another_flight_and_wrong_spreads_are_re
             posterior.predict(flight, disturbance_log_sd=wrong)
 
 
+def test_a_posterior_has_its_level_where_its_records_are_not(posterior, tmp_path):
+    """A colleague got the file alone."""
+    gone = tuple(replace(flight, path=tmp_path / "gone.csv") for flight in posterior.spec.flights)
+    alone = replace(posterior, spec=replace(posterior.spec, flights=gone))
+    assert repr(alone.trust) == repr(posterior.trust) and alone._repr_html_()
+
+
 def test_more_draws_than_the_posterior_has_are_refused(posterior, sondes):
     held = posterior.data["posterior"].sizes
     most, flight = held["chain"] * held["draw"], sondes.flights["high"].changed(name="other")

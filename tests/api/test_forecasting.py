@@ -70,6 +70,12 @@ def test_flights_of_a_file_are_predicted_and_judged(stored, asked, tmp_path):
     with xr.open_datatree(out / "predictions.nc", engine="h5netcdf") as tree:
         assert list(tree.children) == ["tomorrow"] and "descent_rate" in tree["tomorrow"].data_vars
     assert list(out.glob("bands-tomorrow.*"))
+    again = ["predict", str(stored), str(asked), "--out", str(out), "--draws", "16", "--like", "high"]
+    refused = RUN.invoke(app, again)
+    assert refused.exit_code == 2 and "--force" in refused.output
+    assert json.loads((out / "requirements.json").read_text()) == rows
+    assert RUN.invoke(app, [*again, "--force"]).exit_code == 0
+    assert {row["draws"] for row in json.loads((out / "requirements.json").read_text())} == {16}
 
 
 def test_another_limit_needs_no_refit(stored, asked, tmp_path):

@@ -196,15 +196,6 @@ def test_a_flight_with_a_canopy_lost_stands_alone(other, tmp_path):
     assert other.flights.by_posterior(DATA, tmp_path, "R_3") is None
 
 
-class TestScatter:
-    def test_scatter_is_that_of_the_white_part(self, other):
-        rng = np.random.default_rng(1)
-        t = np.arange(0.0, 200.0, 0.1)
-        assert other.records.scatter(30.0 * np.sin(0.4 * t) + rng.normal(0.0, 0.2, t.size)) == pytest.approx(
-            0.2, rel=0.1
-        )
-
-
 class TestScores:
     def test_against_naive_values(self, other):
         s, rng = other.scores, np.random.default_rng(2)

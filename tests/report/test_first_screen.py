@@ -47,6 +47,10 @@ def test_words_follow_the_probability(results, share, said):
     against = {"claim": {"level": "not checked", "contradicted": ["the record is not one that the model makes"]}}
     (first, *_) = first_screen.answers(replace(told, summary={**told.summary, **against}))
     assert first[1] == f"{said}, says a model that its own data contradict"
+    evidence = {
+        question: said for question, said, _ in first_screen.answers(replace(told, summary={**told.summary, **against}))
+    }
+    assert evidence["On what evidence?"] == "Contradicted by its own data"
 
 
 @pytest.mark.parametrize(

@@ -116,3 +116,16 @@ def test_columns_and_conventions_of_a_study(flown, tmp_path, study):
     assert any('wind is "from"' in str(fault) for fault in faults)
     faults = examine_study(study(file="drop.csv", columns=written, conventions={"axes": "NEE"})).faults
     assert len(faults) == 1 and "conventions] axes" in faults[0].where
+
+
+def test_a_record_whose_scatter_the_study_did_not_expect_is_told(study):
+    """A fit begins at the study's noise: far from the record's it may take noise for motion."""
+    sound = study()
+    text = sound.read_text(encoding="utf-8")
+    table = tomllib.loads(text)["noise"]["capsule_velocity"]
+    assert table["white"] == "0.06 m/s"
+    sound.write_text(text.replace('white = "0.06 m/s"', 'white = "0.6 m/s"', 1), encoding="utf-8")
+    found = examine_study(sound)
+    (line,) = [one for one in found.warnings if "scatter" in one]
+    assert found.faults == [] and "scatter of capsule_velocity from sample to sample: got 0.06" in line
+    assert "[noise] says, white = 0.6 m/s. Say white = '0.06" in line

@@ -70,7 +70,8 @@ def _evidence(results: Results) -> tuple[str, str, str]:
     """Calibration, checks, and flights that the estimate rests on."""
     flights = entries(results.part("flights"))
     fitted = [name for name, facts in flights.items() if "identify" in (facts.get("roles") or ())]
-    said = _level(results).capitalize()
+    against = results.part("claim").get("contradicted")
+    said = "Contradicted by its own data" if against else _level(results).capitalize()
     about = f"{counted(len(fitted), 'flight')} fitted ({listed(fitted)})" if fitted else "no flight was fitted"
     return "On what evidence?", said, f"{about}; {sentences.checks_sentence(results)}"
 

@@ -16,7 +16,7 @@ from bayeschute.core.errors import Fault, InputError
 from bayeschute.records.descent_window import DescentWindow
 from bayeschute.records.foreign.conventions import Conventions
 from bayeschute.records.plausibility.verdict import Verdict
-from bayeschute.study.plausible import judge, told, warned, window_used
+from bayeschute.study.plausible import judge, noise_told, told, warned, window_used
 from bayeschute.study.schema.belief_schema import NoiseTable
 from bayeschute.study.schema.columns import check_columns, tells_columns
 from bayeschute.study.schema.crosscheck import check_span, check_vehicles, crosscheck
@@ -162,6 +162,8 @@ def _examine_record(draft: Draft, index: int, path: Path, found: Examined) -> No
     found.verdicts[flight.name] = verdict
     found.faults.extend(told(verdict, where, accepted))
     found.warnings.extend(warned(verdict, where, accepted))
+    if "identify" in flight.roles and draft.tables.get("noise") is not None:
+        found.warnings.extend(noise_told(record, draft.tables["noise"], where))
     if verdict.readings:
         near = max(verdict.readings, key=lambda one: one.excess)
         closest = f"the nearest to its limit {near.law} ({100.0 * near.excess:.0f} % of it)"

@@ -13,7 +13,9 @@ from bayeschute.core.errors import Fault, InputError
 from bayeschute.records.descent_window import DescentWindow, descent_window
 from bayeschute.records.plausibility.evidence import Nominal, evidence_of
 from bayeschute.records.plausibility.reading import accepts
+from bayeschute.records.plausibility.scatter import scatter_of_channels
 from bayeschute.records.plausibility.verdict import Finding, Verdict, verdict
+from bayeschute.study.schema.belief_schema import NOISE_UNITS, NoiseTable
 from bayeschute.study.schema.vehicle_schema import Vehicle
 from bayeschute.study.schema.wind_schema import ProfileTable
 
@@ -23,6 +25,7 @@ if TYPE_CHECKING:
     from bayeschute.study.study import Flight, Study
 
 Array = NDArray[np.float64]
+_FAR = np.log(3.0)  # of a scatter from what a study says, where a fit may be led astray
 
 
 def nominal(vehicle: Vehicle, capsule_mass: float | None = None) -> Nominal:
@@ -125,6 +128,29 @@ def warned(found: Verdict, where: str, accepted: tuple[str, ...] = ()) -> list[s
     return [*lines, *(f"{where}: accepted as the study says ({one.law}): {one.tests}, {one.got}" for one in kept)]
 
 
+def noise_told(record: xr.Dataset, noise: NoiseTable, where: str) -> list[str]:
+    """Warnings where the scatter of a record's samples is far from the white noise that a study says.
+
+    A fit finds the noise, but it begins at what the study says, and far from there it may take noise for motion.
+
+    Args:
+        record: As read.
+        noise: The study's ``[noise]``.
+        where: The flight, as messages name it.
+    """
+    seen, lines = scatter_of_channels(record), []
+    for name, table in noise.channels().items():
+        if name in seen and table.white and abs(np.log(seen[name] / table.white)) > _FAR:
+            unit = NOISE_UNITS[name]
+            got, do = (
+                f"{seen[name]:.2g} {unit}",
+                f"Say white = '{seen[name]:.2g} {unit}', and correlated in proportion.",
+            )
+            usual = f"what [noise] says, white = {table.white:.2g} {unit}"
+            lines.append(f"{where}, scatter of {name} from sample to sample: got {got}; usual is {usual}. {do}")
+    return lines
+
+
 def _by_cause(findings: tuple[Finding, ...], accepted: tuple[str, ...]) -> list[list[Finding]]:
     """Findings that are not accepted, by their likeliest cause, the worst of each first."""
     groups: dict[str, list[Finding]] = {}
@@ -170,4 +196,5 @@ def refuse_implausible(study: Study, flight: Flight, raw: xr.Dataset) -> list[st
     faults = told(found, where, flight.accept_implausible)
     if faults:
         raise InputError(faults)
-    return warned(found, where, flight.accept_implausible)
+    lines = warned(found, where, flight.accept_implausible)
+    return lines + (noise_told(raw, study.noise, where) if "identify" in flight.roles else [])
