@@ -105,6 +105,7 @@ def tornado(
     spread = [(errors or {}).get(name, 0.0) for name in names]
     ax.barh(names, [shares[name] for name in names], xerr=spread, color=BLUE, height=0.6, ecolor=SOFT)
     ax.set(xlabel="share of the variance [1]", title=literal(title))
+    ax.locator_params(axis="x", nbins=5)  # small shares have long labels
     return ax
 
 
