@@ -17,8 +17,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from bayeschute.records.angles import unit
 from bayeschute.records.foreign.conventions import Conventions
-from bayeschute.records.plausibility.scatter import scatter, without_jumps
+from bayeschute.records.plausibility.evidence import continuous
+from bayeschute.records.plausibility.scatter import scatter
 from bayeschute.records.reconstruct import to_ned
 from bayeschute.records.record import VARIABLES
 
@@ -284,7 +286,7 @@ def read_flight(data: Path, name: str) -> OtherFlight:
         time=found["time"].values,
         position=position,
         velocity=found["capsule_velocity"].values,
-        attitude=without_jumps(found["capsule_attitude"].values),
+        attitude=continuous(unit(found["capsule_attitude"].values)),
         rate=found["capsule_rate"].values,
         force=found["capsule_specific_force"].values,
         canopies=found["canopy_position"].values,

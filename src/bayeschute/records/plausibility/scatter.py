@@ -8,9 +8,13 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from bayeschute.records.angles import unit
+from bayeschute.records.plausibility.evidence import continuous
+
 Array = NDArray[np.float64]
 _ORDER = 4  # of the differences: what a cluster does between samples has next to no part in them
 _FEWEST = 50  # samples that tell a scatter
+_CHANNELS = ("canopy_position", "capsule_velocity", "riser_tension", "canopy_velocity", "swing_angle", "descent_rate")
 
 
 def scatter(x: Array) -> float:
@@ -28,15 +32,6 @@ def scatter(x: Array) -> float:
     return float(np.median(np.abs(np.diff(known, _ORDER))) / 0.6745 / np.sqrt(comb(2 * _ORDER, _ORDER)))
 
 
-def without_jumps(q: Array) -> Array:
-    """Unit quaternions (T, 4) whose signs go on from sample to sample; gaps stay gaps."""
-    made, known = np.array(q), np.isfinite(q).all(axis=1)
-    x = made[known] / np.linalg.norm(made[known], axis=1, keepdims=True)
-    flips = np.where(np.sum(x[1:] * x[:-1], axis=1) < 0.0, -1.0, 1.0)
-    made[known] = x * np.concatenate([[1.0], np.cumprod(flips)])[:, None]
-    return made
-
-
 def scatter_of_channels(record: xr.Dataset) -> dict[str, float]:
     """White noise of the channels that can be fitted, the median over their components, in SI.
 
@@ -48,7 +43,7 @@ def scatter_of_channels(record: xr.Dataset) -> dict[str, float]:
     Returns:
         By channel; none of channels that tell no scatter (rounded to few steps, or short).
     """
-    series = {name: record[name].values for name in _VECTORS if name in record}
+    series = {name: record[name].values for name in _CHANNELS if name in record}
     if "canopy_position" in series and "capsule_position" in record:
         series["canopy_position"] = series["canopy_position"] - record["capsule_position"].values[:, None]
     found = {}
@@ -56,9 +51,6 @@ def scatter_of_channels(record: xr.Dataset) -> dict[str, float]:
         each = [one for one in map(scatter, values.reshape(len(values), -1).T) if np.isfinite(one)]
         found[name] = float(np.median(each)) if each else np.nan
     if "capsule_attitude" in record:
-        parts = [scatter(x) for x in without_jumps(record["capsule_attitude"].values).T]
+        parts = [scatter(x) for x in continuous(unit(record["capsule_attitude"].values)).T]
         found["capsule_attitude"] = float(2.0 * np.sqrt(np.sum(np.square(parts)) / 3.0))
     return {name: value for name, value in found.items() if np.isfinite(value) and value > 0.0}
-
-
-_VECTORS = ("canopy_position", "capsule_velocity", "riser_tension", "canopy_velocity", "swing_angle", "descent_rate")

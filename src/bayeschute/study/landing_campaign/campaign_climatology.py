@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
@@ -72,14 +71,9 @@ class ByMonth(Strict):
         held = sorted({int(month) for month in found})
         lacking = [month for month in self.months if month not in held]
         if lacking:
-            got = f"no row of month {listed(lacking)}; it has {listed(held)}"
+            got = f"no row of month {', '.join(map(str, lacking))}; it has {', '.join(map(str, held))}"
             return (), [Fault(self.file, got, "rows of every month in months")]
         return self.months or tuple(held), []
-
-
-def listed(months: Sequence[int]) -> str:
-    """Months as a text."""
-    return ", ".join(map(str, months))
 
 
 class StatisticsFile(ByMonth):

@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import ValidationInfo, field_validator, model_validator
 
 from bayeschute.core.errors import Fault
-from bayeschute.study.landing_campaign.campaign_climatology import ByMonth, ClimatologyTable, Rows, listed
+from bayeschute.study.landing_campaign.campaign_climatology import ByMonth, ClimatologyTable, Rows
 from bayeschute.study.schema.quantities import (
     Altitude,
     Bounds,
@@ -105,7 +105,7 @@ class EnsembleTable(ByMonth):
             if self.month is not None:
                 own = np.unique(found["month"][here]).astype(int).tolist()
                 if len(own) > 1:
-                    got = f"member {member:g} in months {listed(own)}"
+                    got = f"member {member:g} in months {', '.join(map(str, own))}"
                     faults.append(Fault(self.file, got, "one month for each member"))
                 if own[0] not in months:
                     continue

@@ -302,6 +302,5 @@ def crosscheck(draft: Draft) -> list[Fault]:
     if draft.model is not None:
         checks.append(by_model[draft.model])
     checks += [check_canopies, check_vehicles, check_shape, check_canopy_sd, check_polar, check_core, check_stack]
-    checks += [check_terms]
-    checks += [check_synthetic, check_times, check_predictions, check_knowledge]
+    checks += [check_terms, check_synthetic, check_times, check_predictions, check_knowledge]
     return [fault for check in checks for fault in check(draft)]
