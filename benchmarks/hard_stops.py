@@ -31,6 +31,7 @@ from typing import Any
 import numpy as np
 from run_differences import differences, unfinished
 from stop_kinds import STOPS, NotTriedError, Place, Stopped, end_all
+from stops_page import kept_stops
 
 from bayeschute.atmosphere.standard import standard_density
 from bayeschute.study.evidence.numerics_hash import numerics
@@ -214,6 +215,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--workers", type=int, default=1, help="runs at once")
     parser.add_argument("--out", type=Path, default=Path("runs/hard-stops.jsonl"), metavar="FILE")
     parser.add_argument("--json", action="store_true", help="print all rows as the last line")
+    parser.add_argument("--store", type=Path, metavar="FILE", help="keep the totals of each kind of stop there")
     given = parser.parse_args(arguments)
     if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # of a shell's background, which runs would inherit
         signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -240,6 +242,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print(told(row), flush=True)
     final = [had[pair] for pair in wanted]
     print("\n" + "\n".join(table(final, given.stops)))
+    if given.store:
+        kept_stops(given.store, reference, final)
     if given.json:
         print(json.dumps({"reference": reference, "rows": final}, ensure_ascii=False))
     if any(row["ok"] is False for row in final):

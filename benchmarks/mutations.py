@@ -131,8 +131,11 @@ class Rows:
             self._append(json.dumps(what))
 
     def keep(self, row: dict[str, Any]) -> None:
-        """Add a row; of two about the same, the later counts."""
+        """Add a row; of two about the same the later counts, and tells what the first one found."""
         with self.lock:
+            before = self.done.get(row.get("number"))
+            if before is not None:
+                row["at_first"] = before.get("at_first", before["result"])
             self._append(json.dumps(row, ensure_ascii=False))
             if "baseline" in row:
                 self.baseline[row["baseline"]] = row
@@ -248,6 +251,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--made-at", metavar="COMMIT", help="where there is no git to ask")
     parser.add_argument("--list", action="store_true", help="print the sample and run nothing")
     parser.add_argument("--json", action="store_true")
+    parser.add_argument("--store", type=Path, metavar="FILE", help="keep rows, harmless numbers and provenance there")
     given = parser.parse_args(arguments)
     sampled = sample(ROOT, given.rooms, max(given.changes, *(given.only or [0])), given.seed)
     if given.only:
@@ -265,6 +269,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     made = [rows.done[one.number] for one in sampled]
     failing = sorted(name for name, row in rows.baseline.items() if not row["sound"])
     totals = report(made, given.harmless, failing)
+    if given.store:
+        kept = {"provenance": told, "sample": what, "harmless": sorted(given.harmless), "rows": made}
+        given.store.write_text(json.dumps(kept, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
     if given.json:
         print(json.dumps(totals | {"sample": what, "rows": made} | told, ensure_ascii=False))
 
