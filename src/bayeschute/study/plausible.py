@@ -15,6 +15,7 @@ from bayeschute.records.plausibility.evidence import Nominal, evidence_of
 from bayeschute.records.plausibility.reading import accepts
 from bayeschute.records.plausibility.scatter import scatter_of_channels
 from bayeschute.records.plausibility.verdict import Finding, Verdict, verdict
+from bayeschute.report.wording import shown_unit
 from bayeschute.study.schema.belief_schema import NOISE_UNITS, NoiseTable
 from bayeschute.study.schema.vehicle_schema import CapsuleTable, Vehicle
 from bayeschute.study.schema.wind_schema import ProfileTable
@@ -164,12 +165,10 @@ def noise_told(record: xr.Dataset, noise: NoiseTable, where: str) -> list[str]:
     seen, lines = scatter_of_channels(record), []
     for name, table in noise.channels().items():
         if name in seen and table.white and abs(np.log(seen[name] / table.white)) > _FAR:
-            unit = NOISE_UNITS[name]
-            got, do = (
-                f"{seen[name]:.2g} {unit}",
-                f"Say white = '{seen[name]:.2g} {unit}', and correlated in proportion.",
-            )
-            usual = f"what [noise] says, white = {table.white:.2g} {unit}"
+            scale, unit = shown_unit(NOISE_UNITS[name])
+            got = f"{scale * seen[name]:.2g} {unit}".rstrip()
+            usual = f"what [noise] says, white = {scale * table.white:.2g} {unit}".rstrip()
+            do = f"Say white = '{got}', and correlated in proportion."
             lines.append(f"{where}, scatter of {name} from sample to sample: got {got}; usual is {usual}. {do}")
     return lines
 

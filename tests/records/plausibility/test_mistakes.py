@@ -66,6 +66,7 @@ def test_a_virtual_flight_keeps_all_laws(virtual):
     found = virtual.verdict()
     assert found.findings == () and found.causes == ()
     assert {r.law for r in found.readings} <= set(NAMES) and len(found.readings) > 25
+    assert not any(" rad" in r.got + r.wanted for r in found.readings)  # people read deg
 
 
 @pytest.mark.parametrize(
