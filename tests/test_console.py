@@ -78,19 +78,40 @@ def test_bars_keep_the_last_words_of_a_stage(capsys, terminal):
     assert "2 fits" in capsys.readouterr().err
 
 
-def test_a_bar_never_goes_back_and_tells_the_time_left(capsys, monkeypatch, terminal):
+def test_a_bar_never_goes_back_and_tells_the_time_left_of_a_steady_pace(capsys, monkeypatch, terminal):
     now = [0.0]
     monkeypatch.setattr("bayeschute.core.pace.time.perf_counter", lambda: now[0])
+
+    def shown() -> str:
+        return str(bars._progress.columns[-1].render(task))
+
     with Bars() as bars:
-        bars("fit", 0.0, "begins")
-        now[0] = 240.0
-        bars("fit", 0.5, "along the record")
-        bars("fit", 0.3, "noise parameters")
+        for step in range(101):
+            now[0] = 2.4 * step
+            bars("fit", 0.005 * step, "along the record")
         task = bars._progress.tasks[0]
-        assert task.completed == 0.5 and task.fields["words"] == "about 4 min left: noise parameters"
+        assert shown() == "about 3 to 6 min left: along the record"
+        bars("fit", 0.3, "noise parameters")
+        assert task.completed == 0.5 and shown() == "about 3 to 6 min left: noise parameters"
+        now[0] += 60.0
+        assert shown() == "noise parameters"
         bars("fit", 1.0, "2 fits")
-        assert task.fields["words"] == "2 fits"
+        assert shown() == "2 fits"
     assert "2 fits" in capsys.readouterr().err
+
+
+def test_lines_tell_the_time_that_passed_where_shares_jump(capsys, monkeypatch):
+    for name in ("FORCE_COLOR", "TTY_COMPATIBLE"):
+        monkeypatch.delenv(name, raising=False)
+    now = [0.0]
+    for clock in ("bayeschute.core.pace.time.perf_counter", "bayeschute.console.time.monotonic"):
+        monkeypatch.setattr(clock, lambda: now[0])
+    with Bars() as bars:
+        for seconds, share in [(0.0, 0.0), (24.0, 0.03), (107.0, 0.23), (231.0, 0.3), (1300.0, 0.33), (1400.0, 1.0)]:
+            now[0] = seconds
+            bars("fit", share, "mode")
+    told = [" ".join(line.split()[3:]) for line in capsys.readouterr().err.splitlines()]
+    assert told == ["mode", "mode", "1 min so far: mode", "3 min so far: mode", "21 min so far: mode", "mode"]
 
 
 def test_in_a_file_progress_is_told_in_lines_now_and_then(capsys, monkeypatch):

@@ -18,7 +18,7 @@ from bayeschute.core.errors import Fault, InputError, harmless
 from bayeschute.core.pace import Pace
 
 if TYPE_CHECKING:
-    from rich.progress import Progress, TaskID
+    from rich.progress import Progress, ProgressColumn, Task, TaskID
 
 
 _EVERY = 20.0  # between lines of progress where there is no terminal [s]
@@ -84,8 +84,9 @@ class Bars:
     """Progress bars, one per stage; an instance is the progress callback of long computations.
 
     Call it with the stage's name, the share that is done (0 to 1), and a few words; the words given with 1 remain on
-    the terminal as the summary of the stage. A bar never goes back; once it has come some way it tells about how long
-    the stage still takes. Where standard error is a file or a pipe, lines take the place of bars, some a minute.
+    the terminal as the summary of the stage. A bar never goes back; where the stage goes on at a steady pace it tells
+    about how long it still takes, and nothing about that where it doesn't. Where standard error is a file or a pipe,
+    lines take the place of bars, some a minute; they tell the time that passed where that left is not known.
     """
 
     def __init__(self) -> None:
@@ -98,11 +99,8 @@ class Bars:
     def __enter__(self) -> Bars:
         from rich.console import Console
         from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-        from rich.table import Column
 
-        stage = TextColumn("{task.description:<10}", markup=False)
-        rest = Column(ratio=1, no_wrap=True, overflow="ellipsis")  # on a narrow screen words are cut, not the bar
-        words = TextColumn("{task.fields[words]}", markup=False, table_column=rest)
+        stage, words = TextColumn("{task.description:<10}", markup=False), _words_column(self._pace)
         bar, console = BarColumn(bar_width=16), Console(stderr=True)
         if not (console.is_terminal or console.is_jupyter):
             self._in_lines = True
@@ -122,8 +120,8 @@ class Bars:
         if self._progress is None and not self._in_lines:
             return
         words, done = harmless(words), self._pace.at(stage, done)
-        told = ": ".join(part for part in (self._pace.left(stage), words) if part)
         if self._progress is None:
+            told = ": ".join(part for part in (self._pace.told(stage), words) if part)
             line, now = f"{stage:<10} {100.0 * done:3.0f} % {told}".rstrip(), time.monotonic()
             if line != self._last_line and (done >= 1.0 or now - self._last_time >= _EVERY):
                 say(line, error=True)
@@ -131,7 +129,21 @@ class Bars:
             return
         if stage not in self._tasks:
             self._tasks[stage] = self._progress.add_task(stage, total=1.0, words="")
-        self._progress.update(self._tasks[stage], completed=done, words=told)
+        self._progress.update(self._tasks[stage], completed=done, words=words)
+
+
+def _words_column(pace: Pace) -> ProgressColumn:
+    """The column of words, with the time left in front: as it is now, also where no step has ended for long."""
+    from rich.progress import ProgressColumn
+    from rich.table import Column
+    from rich.text import Text
+
+    class Words(ProgressColumn):
+        def render(self, task: Task) -> Text:
+            parts = (pace.left(task.description), task.fields["words"])
+            return Text(": ".join(part for part in parts if part))
+
+    return Words(Column(ratio=1, no_wrap=True, overflow="ellipsis"))  # on a narrow screen words are cut, not the bar
 
 
 def place_for_json(where: str | None) -> None:

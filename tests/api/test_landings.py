@@ -66,6 +66,9 @@ def test_the_summary_is_of_landings_that_did_not_fail(landings):
     ends = np.quantile(landings.rows["vertical_speed"], [0.1, 0.5, 0.9])
     np.testing.assert_allclose(row[["low", "median", "high"]].to_numpy(float), ends)
     assert list(told.index) == list(MEASURES) and row["unit"] == "m/s"
+    angle = told.loc["hang_angle"]
+    assert angle["unit"] == "deg" and told.loc["turning", "unit"] == "deg/s"
+    assert angle["median"] == pytest.approx(np.rad2deg(np.median(landings.rows["hang_angle"])))
     rows = landings.rows.copy()
     rows["outcome"][:5], rows["vertical_speed"][:5] = 1, np.nan
     some = replace(landings, rows=rows).summary()

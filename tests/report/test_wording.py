@@ -69,9 +69,12 @@ def test_probability_is_never_rounded_to_certainty():
 def test_units_are_those_of_the_reader():
     assert wording.quantity(math.pi, "rad") == "180 deg"
     assert wording.quantity(10.0584, "m/s") == "10.1 m/s (33.0 ft/s)"
-    assert wording.quantity(218_909.0, "N/m") == "219 kN/m"
+    assert wording.quantity(218_909.0, "N/m") == "219 kN/m (15,000 lbf/ft)"
+    assert wording.quantity(71.3, "m") == "71.3 m (234 ft)" and wording.quantity(9463.0, "kg") == "9,460 kg (20,900 lb)"
     assert wording.quantity(2.0, "1") == "2.00"
     assert wording.shown_unit("m^2/kg") == (1.0, "m^2/kg")
+    assert wording.also([9.0, 10.0], "m/s") == "29.5 … 32.8 ft/s"
+    assert wording.also(0.3, "rad") == wording.also(None, "m") == wording.also([1.0, None], "m") == ""
 
 
 def test_parameters_in_words():

@@ -13,6 +13,9 @@ import bayeschute as bc
 from bayeschute.cli import app
 from bayeschute.records.record import write_record
 from bayeschute.study.load import examine_study
+from bayeschute.study.plausible import judge
+from bayeschute.study.schema.quantities import part_of
+from bayeschute.study.schema.vehicle_schema import Vehicle
 from bayeschute.study.templates import template
 
 
@@ -129,3 +132,64 @@ def test_a_record_whose_scatter_the_study_did_not_expect_is_told(study):
     (line,) = [one for one in found.warnings if "scatter" in one]
     assert found.faults == [] and "scatter of capsule_velocity from sample to sample: got 0.06" in line
     assert "[noise] says, white = 0.6 m/s. Say white = '0.06" in line
+
+
+def test_faults_of_study_vehicle_and_record_are_told_at_once(study):
+    """Those between values, and those of the record by the laws, beside those of single values."""
+    path = study(_scalar_last, accept_implausible=["winds"], window=["60 s", "20 s"])
+    text = path.read_text(encoding="utf-8")
+    path.write_text(text.replace("[noise.wind]", "[noise.winds]"), encoding="utf-8")
+    file = path.parent / "vehicle.toml"
+    text = file.read_text(encoding="utf-8")
+    for before, after in (
+        ('mass = "648.44 slug"', "mass = 9463"),  # a single value
+        ('["25000 kg m^2", ', '["-25000 kg m^2", '),
+        ("number = 2", "nummer = 2"),
+        ('# engagement = "0.04 m"', 'engagement = "4 m"'),  # too long whatever the mass? that is not known
+        ("roll_damping = -0.1", 'roll_damping = -0.1\ninertia_products = ["0 kg m^2", "90000 kg m^2", "0 kg m^2"]'),
+        ('rate = "riser"', 'rate = "airflow"\nweight = 3'),
+        ('"rate" = -0.545', '"rate" = -0.545\n"rate*(e.rate)" = 0.1'),
+    ):
+        assert before in text, before
+        text = text.replace(before, after, 1)
+    file.write_text(text, encoding="utf-8")
+    told = [str(fault) for fault in examine_study(path).faults]
+    for words in (
+        "[capsule] mass: got a bare number",
+        "nummer",
+        "weight",
+        "'winds'",
+        "[noise] winds",
+        "inertia, item 1",
+    ):
+        assert any(words in line for line in told), (words, told)
+    assert any("hold the rate once" in line for line in told)  # a rule of a table with an unknown key
+    assert not any("engagement of risers" in line for line in told)  # one that asks for the mass
+    assert len(told) == len(set(told))
+
+
+def test_a_record_is_tried_by_what_is_known_of_a_vehicle_with_faults(study):
+    path = study(_scalar_last)
+    file = path.parent / "vehicle.toml"
+    text = file.read_text(encoding="utf-8")
+    file.write_text(text.replace('mass = "648.44 slug"', 'mass = "648.44 slugs and a bit"', 1), encoding="utf-8")
+    told = [str(fault) for fault in examine_study(path).faults]
+    assert len(told) == 2 and "vehicle.toml [capsule] mass" in told[0] and "scalar-last" in told[1]
+    file.write_text(text.replace("[capsule]", "[capsule", 1), encoding="utf-8")
+    told = [str(fault) for fault in examine_study(path).faults]
+    assert "TOML that can't be read" in told[0] and any("scalar-last" in line for line in told[1:])
+    file.write_text(text.replace('length = "234 ft"', 'length = "234 m"', 1).replace('name = "', 'nam = "', 1))
+    told = [str(fault) for fault in examine_study(path).faults]
+    assert any("risers' length is in feet" not in line and "'nam'" in line for line in told)
+
+
+@pytest.mark.parametrize("gone", ["capsule", "canopies", "risers", "canopies.number", "capsule.attach_point"])
+def test_laws_say_nothing_of_what_is_not_known(flown, gone):
+    table, _, key = gone.partition(".")
+    raw = tomllib.loads(template("vehicle.toml").read_text(encoding="utf-8"))
+    if key:
+        del raw[table][key]
+    else:
+        del raw[table]
+    found = judge(flown, part_of(Vehicle, raw))
+    assert found.findings == () and len(found.readings) > 15

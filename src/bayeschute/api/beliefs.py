@@ -11,6 +11,7 @@ import pandas as pd
 
 from bayeschute.api import html
 from bayeschute.likelihood.priors import Prior
+from bayeschute.report.wording import shown_unit
 from bayeschute.study.load import usual_study
 from bayeschute.study.schema.belief_schema import GivenTable, PriorsTable
 from bayeschute.study.schema.knowledge.knowledge_schema import KnowledgeTable
@@ -173,8 +174,10 @@ class Priors:
     def _rows(self) -> list[tuple[str, str, str, str]]:
         rows = []
         for p in self.parameters:
-            low, middle, high = (float(p.value(np.asarray(p.centre + k * p.scale))) for k in (-1.645, 0.0, 1.645))
-            rows.append((p.name, html.number(middle), f"{html.number(low)} to {html.number(high)}", p.unit))
+            scale, unit = shown_unit(p.unit)
+            ends = (float(p.value(np.asarray(p.centre + k * p.scale))) for k in (-1.645, 0.0, 1.645))
+            low, middle, high = (html.number(scale * end) for end in ends)
+            rows.append((p.name, middle, f"{low} to {high}", unit or "1"))
         return rows
 
     def __repr__(self) -> str:

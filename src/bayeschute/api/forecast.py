@@ -20,6 +20,7 @@ from bayeschute.core.errors import Fault, InputError
 from bayeschute.prediction import bands
 from bayeschute.prediction.flight_statistics import REDUCTIONS
 from bayeschute.prediction.requirement import requirement_check
+from bayeschute.report.wording import shown_unit
 from bayeschute.study.evidence.recalibrate import widening
 from bayeschute.study.job import Job, load_flight
 from bayeschute.study.run.forecasts import FlightForecast, forecast_flight, widened
@@ -172,7 +173,7 @@ class Forecast:
             level: Probability in the interval [1].
 
         Returns:
-            A row per quantity, indexed by it: ``low``, ``median``, ``high``, ``unit``.
+            A row per quantity, indexed by it: ``low``, ``median``, ``high``, ``unit``; angles in deg, as in figures.
 
         Example:
             >>> forecast.summary("maximum").loc["descent_rate", "unit"]
@@ -180,8 +181,9 @@ class Forecast:
         """
         rows = {}
         for name in self.quantities:
-            low, middle, high = _central(self.statistic(name, statistic).values[:, None], level)[:, 0]
-            rows[name] = {"low": low, "median": middle, "high": high, "unit": self.draws[name].attrs["units"]}
+            scale, unit = shown_unit(self.draws[name].attrs["units"])
+            low, middle, high = scale * _central(self.statistic(name, statistic).values[:, None], level)[:, 0]
+            rows[name] = {"low": low, "median": middle, "high": high, "unit": unit or "1"}
         return pd.DataFrame.from_dict(rows, orient="index").rename_axis("quantity")
 
     def band(self, quantity: str, level: float = 0.9) -> xr.Dataset:

@@ -11,6 +11,7 @@ from bayeschute.api.posterior import Posterior, draws_held
 from bayeschute.calibration.label import lost_simulations, without_level
 from bayeschute.core.files import write_whole
 from bayeschute.report.figures.canvas import save
+from bayeschute.report.wording import quantity
 from bayeschute.study.job import Progress, write_json
 from bayeschute.study.load import load_flights
 
@@ -56,9 +57,9 @@ def predict_file(
         failed |= dict.fromkeys(one.failed_checks)
         lines += filter(None, [lost_simulations(spec.name, one.draws.attrs["failed"], one.draws.sizes["draw"])])
         for name in one.quantities:
-            spread, unit = one.statistic(name), one.draws[name].attrs["units"]
-            low, middle, high = (float(q) for q in spread.quantile([0.05, 0.5, 0.95]))
-            lines.append(f"{spec.name}: mean {name} {middle:.4g} {unit}, central 90 % {low:.4g} to {high:.4g}")
+            unit, ends = one.draws[name].attrs["units"], one.statistic(name).quantile([0.05, 0.5, 0.95])
+            low, middle, high = (quantity(float(end), unit, 4) for end in ends)
+            lines.append(f"{spec.name}: mean {name} {middle}, central 90 % {low} to {high}")
         for wanted in study.requirements:
             met = one.probability(
                 wanted.quantity, statistic=wanted.statistic, at_most=wanted.at_most, at_least=wanted.at_least

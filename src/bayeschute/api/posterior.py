@@ -31,12 +31,13 @@ from bayeschute.core.errors import Fault, InputError
 from bayeschute.likelihood.priors import Prior
 from bayeschute.posterior.assess.flight_groups import for_loo_pit
 from bayeschute.report.check_words import wanted
-from bayeschute.report.wording import counted
+from bayeschute.report.wording import counted, shown_unit
 from bayeschute.study.aerodynamics.agreement import agreement
 from bayeschute.study.aerodynamics.flown import flown, ranges
 from bayeschute.study.aerodynamics.term_proposals import as_rows, proposed_terms
 from bayeschute.study.assembly.fits import groups, load_fit
 from bayeschute.study.evidence.calibration_status import status
+from bayeschute.study.evidence.divergent_transitions import divergences_check
 from bayeschute.study.job import Progress
 from bayeschute.study.run.stage_report import what_flights_taught
 from bayeschute.study.schema.belief_schema import NoiseTable
@@ -106,10 +107,15 @@ class Posterior:
             A row for each: ``passed``, ``value``, ``bound``, ``detail`` (what it measures), ``wanted`` (the bound with
             its sense, such as "at most 1.01"). Empty before the checks were made.
         """
-        found = self._json("checks.json").get("checks", {})
         return pd.DataFrame.from_dict(
-            {n: one | {"wanted": wanted(n, one["bound"])} for n, one in found.items()}, "index"
+            {n: one | {"wanted": wanted(n, one["bound"])} for n, one in self._checks.items()}, "index"
         )
+
+    @property
+    def _checks(self) -> dict[str, Any]:
+        """Checks that were stored, and that of the populations' draws; none before they were made."""
+        found = self._json("checks.json").get("checks", {})
+        return found | divergences_check(self._draws("sample_stats")) if found else {}
 
     def identifiability(self) -> pd.DataFrame:
         """What the records tell of each parameter beyond its prior; columns as in ``identifiability.json``."""
@@ -143,7 +149,7 @@ class Posterior:
             True
         """
         with workspace(self.spec, self.files) as job:
-            return status(job, self._json("checks.json").get("checks", {}), {}).claim
+            return status(job, self._checks, {}).claim
 
     @cached_property
     def _flown(self) -> list[Any]:
@@ -356,7 +362,8 @@ class Posterior:
                 raise InputError(Fault("disturbance_log_sd", repr(disturbance_log_sd), "a number from 0 to 3"))
             table = spec.predict.model_copy(update={"disturbance_log_sd": float(disturbance_log_sd)})
             spec = replace(spec, predict=table)
-        return forecast(spec, self.files, flight, draws, seed, like)
+        made = forecast(spec, self.files, flight, draws, seed, like)
+        return replace(made, failed_checks=tuple(dict.fromkeys((*self.failed_checks, *made.failed_checks))))
 
     def land(
         self,
@@ -409,11 +416,13 @@ class Posterior:
         return f"Posterior of {names}: {of}, {sizes['chain']} chains of {sizes['draw']} draws; {checked}"
 
     def _repr_html_(self) -> str:
-        """Means and intervals as a table."""
+        """Medians and intervals as a table, in the units of the report."""
         rows = []
         for name in self.names:
-            low, middle, high = (html.number(float(q)) for q in np.quantile(self[name].values, (0.05, 0.5, 0.95)))
-            rows.append((name, middle, f"{low} to {high}", self[name].attrs.get("units", "1")))
+            scale, unit = shown_unit(self[name].attrs.get("units", "1"))
+            ends = scale * np.quantile(self[name].values, (0.05, 0.5, 0.95))
+            low, middle, high = (html.number(float(q)) for q in ends)
+            rows.append((name, middle, f"{low} to {high}", unit or "1"))
         return html.table(repr(self), ("parameter", "median", "central 90 %", "unit"), rows)
 
     @cached_property

@@ -21,6 +21,7 @@ from bayeschute.report.structure_view import Draw
 from bayeschute.report.tables.summary_tables import Cell, Table, cells, table_of
 from bayeschute.report.wording import (
     MISSING,
+    also,
     at_precision,
     counted,
     is_number,
@@ -83,8 +84,9 @@ def residual_table(results: Results) -> Table | None:
     """Residuals of every output, compared with the sensor noise."""
     rows = []
     for flight, output, facts in _residuals(results):
-        scale, unit = shown_unit(_UNITS.get(_channel(output), "1"))
-        rms, noise = (number(scaled(facts, key, scale), 2) for key in ("rms", "noise"))
+        si = _UNITS.get(_channel(output), "1")
+        scale, unit = shown_unit(si)
+        rms, noise = (Cell(number(scaled(facts, k, scale), 2), "", also(facts.get(k), si, 2)) for k in ("rms", "noise"))
         ratio = _ratio(facts)
         wide = "bad" if ratio is not None and ratio > _WIDE else ""
         name, samples = Cell(output, "code"), whole(facts.get("samples"))
@@ -97,16 +99,17 @@ def parameter_table(facts: Mapping[str, Any]) -> Table | None:
     """Parameters at the point where the search stopped, and their priors."""
     rows = []
     for row in mappings(facts.get("parameters")):
-        scale, unit = shown_unit(str(row.get("unit") or "1"))
+        si = str(row.get("unit") or "1")
+        scale, unit = shown_unit(si)
         value, se, mean, sd = (scaled(row, key, scale) for key in ("value", "standard_error", "prior_mean", "prior_sd"))
         name = str(row.get("name", MISSING))
         rows.append(
             cells(
                 Cell(name, "code", parameter_meaning(name)),
-                Cell(at_precision(value, se), "strong"),
-                number(se, 2),
-                Cell(at_precision(mean, sd), "muted"),
-                Cell(number(sd, 2), "muted"),
+                Cell(at_precision(value, se), "strong", also(row.get("value"), si)),
+                Cell(number(se, 2), "", also(row.get("standard_error"), si, 2)),
+                Cell(at_precision(mean, sd), "muted", also(row.get("prior_mean"), si)),
+                Cell(number(sd, 2), "muted", also(row.get("prior_sd"), si, 2)),
                 Cell(unit, "muted"),
             )
         )

@@ -20,6 +20,20 @@ SHOWN_IN = {  # SI unit: unit of the report
     "N*s/m": "kN s/m",
     "N": "kN",
 }
+ALSO_IN = {  # SI unit: US unit beside it
+    "m": "ft",
+    "m/s": "ft/s",
+    "m/s^2": "ft/s^2",
+    "m^2": "ft^2",
+    "m^3": "ft^3",
+    "kg": "lb",
+    "kg/m^3": "slug/ft^3",
+    "m^2/kg": "ft^2/lb",
+    "N": "lbf",
+    "N/m": "lbf/ft",
+    "N s/m": "lbf s/ft",
+    "N*s/m": "lbf s/ft",
+}
 QUANTITIES = {
     "swing_angle": "swing angle",
     "descent_rate": "descent rate",
@@ -149,13 +163,30 @@ def feet_per_metre() -> float:
     return 1.0 / factor_to_si("ft", "m")[0]
 
 
+@cache
+def us_unit(unit: str) -> tuple[float, str]:
+    """Factor from an SI unit to the US unit that the report shows beside it, and its name; empty where both agree."""
+    return (
+        (1.0 / factor_to_si(ALSO_IN[unit], unit.replace("*", " "))[0], ALSO_IN[unit]) if unit in ALSO_IN else (1.0, "")
+    )
+
+
+def also(values: Any, unit: str, digits: int = 3) -> str:
+    """A value in SI, or several of a range, in US units with their unit; empty where these agree or one is missing."""
+    several = values if isinstance(values, list | tuple) else (values,)
+    scale, name = us_unit(unit)
+    if not name or not all(is_number(value) for value in several):
+        return ""
+    return f"{' … '.join(number(scale * value, digits) for value in several)} {name}"
+
+
 def quantity(value: Any, unit: str, digits: int = 3) -> str:
-    """A value with its unit as shown; speeds also in ft/s."""
+    """A value with its unit as shown, and in US units."""
     if not is_number(value):
         return MISSING
     scale, name = shown_unit(unit)
-    text = f"{number(scale * value, digits)} {name}".rstrip()
-    return f"{text} ({number(value * feet_per_metre(), digits)} ft/s)" if unit == "m/s" else text
+    text, beside = f"{number(scale * value, digits)} {name}".rstrip(), also(value, unit, digits)
+    return f"{text} ({beside})" if beside else text
 
 
 def scaled(facts: Mapping[str, Any], key: str, scale: float) -> float | None:

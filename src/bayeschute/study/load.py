@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeVar
@@ -19,8 +20,9 @@ from bayeschute.records.plausibility.verdict import Verdict
 from bayeschute.study.plausible import judge, noise_told, told, warned, window_used
 from bayeschute.study.schema.belief_schema import NoiseTable
 from bayeschute.study.schema.columns import check_columns, tells_columns
-from bayeschute.study.schema.crosscheck import check_span, check_vehicles, crosscheck
+from bayeschute.study.schema.crosscheck import check_span, check_vehicles, crosscheck, known
 from bayeschute.study.schema.draft import Draft
+from bayeschute.study.schema.quantities import UnknownValueError, part_of
 from bayeschute.study.schema.schema_faults import validated
 from bayeschute.study.schema.sidecar import context
 from bayeschute.study.schema.study_files import read_toml, record_paths
@@ -78,6 +80,15 @@ def load_study(path: Path | str, data_dir: Path | str | None = None) -> Study:
     return reading.study
 
 
+class _VehicleFile(NamedTuple):
+    """A vehicle file: the vehicle if it is valid, the text, every fault, and the vehicle as far as it is sound."""
+
+    whole: Vehicle | None
+    text: str
+    faults: list[Fault]
+    known: Vehicle | None
+
+
 class Examined(NamedTuple):
     """What an examination of a study with its records found.
 
@@ -122,7 +133,8 @@ def examine_study(path: Path | str, data_dir: Path | str | None = None) -> Exami
     found = Examined(faults, assumed, {}, {}, study, {}, {})
     if draft is not None:
         for index, record in paths.items():
-            _examine_record(draft, index, record, found)
+            with suppress(UnknownValueError):  # its columns or its window have faults, which are told already
+                _examine_record(draft, index, record, found)
     faults = list({(fault.where, fault.got): fault for fault in reversed(found.faults)}.values())[::-1]
     return found._replace(faults=faults)
 
@@ -155,8 +167,6 @@ def _examine_record(draft: Draft, index: int, path: Path, found: Examined) -> No
     found.said[flight.name] = f"flight {flight.name!r}: {_understood(draft, index, record, used)}"
     found.records[flight.name] = record
     vehicle = draft.vehicle_of(index)
-    if vehicle is None and draft.model != "descent":
-        return  # its faults are told already
     verdict = judge(record, vehicle, flight.capsule_mass, (used.start, used.end), flight.wind_profile)
     where, accepted = f"{draft.file} flight {flight.name!r}", flight.accept_implausible
     found.verdicts[flight.name] = verdict
@@ -190,10 +200,10 @@ def load_vehicle(path: Path | str) -> Vehicle:
     Raises:
         InputError: With every fault of the file.
     """
-    vehicle, _, faults = _read_vehicle(Path(path))
-    if vehicle is None:
-        raise InputError(faults)
-    return vehicle
+    read = _read_vehicle(Path(path))
+    if read.whole is None:
+        raise InputError(read.faults)
+    return read.whole
 
 
 def load_study_or_vehicle(path: Path | str) -> Study:
@@ -263,31 +273,34 @@ def _read_flights(
     listed = raw.get("flight")
     with_roles = [{"roles": ["predict"], **one} if isinstance(one, dict) else one for one in listed or ()]
     said = {**raw, "flight": with_roles} if isinstance(listed, list) else raw
-    found = validated(schema, str(path), said, context(path.parent, data_dir))
-    vehicle = study.vehicle
-    if found.vehicle is not None and study.model != "descent":
-        vehicle, _, more = _read_vehicle(Path(os.path.normpath(path.parent / found.vehicle)), data_dir)
-        faults += more
+    named, read = raw.get("vehicle"), _VehicleFile(study.vehicle, "", [], study.vehicle)
+    if isinstance(named, str) and study.model != "descent":
+        read = _read_vehicle(Path(os.path.normpath(path.parent / named)), data_dir)
+        faults += read.faults
+    try:
+        found = validated(schema, str(path), said, context(path.parent, data_dir))
+    except InputError as error:
+        raise InputError([*error.faults, *faults]) from None
     stated = found.columns, found.conventions
     usual = _format_of(study, found.conventions) if found.columns is None else stated
     predict = found.predict or study.predict
-    predict = predict.model_copy(update={"quantities": predictable(study.model, vehicle, predict.quantities)})
+    predict = predict.model_copy(update={"quantities": predictable(study.model, read.whole, predict.quantities)})
     tables = {"model": study.model, "noise": study.noise, "columns": usual[0], "predict": predict}
     tables |= {"requirement": found.requirement}
     listed_flights = dict(enumerate(found.flight))
-    own, more = _own_vehicles(listed_flights, path.parent, study.model, data_dir)
-    faults += more
-    draft = Draft(str(path), said, tables, listed_flights, vehicle, own)
+    own = _own_vehicles(listed_flights, path.parent, study.model, data_dir)
+    faults = [*faults, *(one for one in _faults_of(own.values()) if one not in faults)]
+    draft = Draft(str(path), said, tables, listed_flights, read.known, _known(own))
     paths, path_faults = record_paths(draft, path.parent, data_dir)
-    faults += [*check_vehicles(draft), *check_columns(draft), *path_faults]
+    faults += [*known(check_vehicles(draft)), *check_columns(draft), *path_faults]
     if faults:
         raise InputError(faults)
     flights = tuple(
-        _flight(table, paths.get(i), *(stated if tells_columns(table) else usual), own.get(i))
+        _flight(table, paths.get(i), *(stated if tells_columns(table) else usual), own[i].whole if i in own else None)
         for i, table in enumerate(found.flight)
     )
     flights = tuple(replace(flight, roles=("predict",)) for flight in flights)
-    made = replace(study, flights=flights, vehicle=vehicle, predict=predict, requirements=found.requirement)
+    made = replace(study, flights=flights, vehicle=read.whole, predict=predict, requirements=found.requirement)
     return made, found
 
 
@@ -332,26 +345,36 @@ def _of_vehicle(study: Study, vehicle: Vehicle) -> Study:
     return replace(study, priors=table, structure=structure)
 
 
-def _read_vehicle(path: Path, data_dir: Path | str | None = None) -> tuple[Vehicle | None, str, list[Fault]]:
+def _read_vehicle(path: Path, data_dir: Path | str | None = None) -> _VehicleFile:
     raw, text, faults = read_toml(path)
     if raw is None:
-        return None, text, faults
+        return _VehicleFile(None, text, faults, None)
+    here = context(path.parent, data_dir)
     try:
-        return validated(Vehicle, str(path), raw, context(path.parent, data_dir)), text, []
+        whole = validated(Vehicle, str(path), raw, here)
     except InputError as error:
-        return None, text, list(error.faults)
+        return _VehicleFile(None, text, list(error.faults), part_of(Vehicle, raw, here))
+    return _VehicleFile(whole, text, [], whole)
 
 
 def _own_vehicles(
     flights: Mapping[int, FlightTable], folder: Path, model: str | None, data_dir: Path | str | None
-) -> tuple[dict[int, Vehicle], list[Fault]]:
-    """Vehicles of single flights by their position, those that could be read, and every fault of their files."""
-    named = {i: one.vehicle for i, one in flights.items() if one.vehicle is not None and model != "descent"}
+) -> dict[int, _VehicleFile]:
+    """Vehicle files of single flights by their position."""
+    named = {i: name for i, one in flights.items() if (name := getattr(one, "vehicle", None)) and model != "descent"}
     read = {
         name: _read_vehicle(Path(os.path.normpath(folder / name)), data_dir) for name in dict.fromkeys(named.values())
     }
-    found = {i: vehicle for i, name in named.items() if (vehicle := read[name][0]) is not None}
-    return found, [fault for *_, faults in read.values() for fault in faults]
+    return {i: read[name] for i, name in named.items()}
+
+
+def _faults_of(files: Iterable[_VehicleFile]) -> list[Fault]:
+    """Faults of vehicle files, of each file once."""
+    return list(dict.fromkeys(fault for one in files for fault in one.faults))
+
+
+def _known(files: Mapping[int, _VehicleFile]) -> dict[int, Vehicle]:
+    return {i: one.known for i, one in files.items() if one.known is not None}
 
 
 def _read_study(path: Path, data_dir: Path | str | None) -> _Reading:
@@ -366,31 +389,32 @@ def _read_study(path: Path, data_dir: Path | str | None) -> _Reading:
     except InputError as error:
         whole, faults = None, list(error.faults)
         tables, flights = _sound_tables(raw, here)
-    vehicle_path, vehicle, vehicle_text = None, None, ""
+    vehicle_path, read = None, _VehicleFile(None, "", [], None)
     if isinstance(raw.get("vehicle"), str) and tables.get("model") != "descent":
         vehicle_path = Path(os.path.normpath(path.parent / raw["vehicle"]))
-        vehicle, vehicle_text, vehicle_faults = _read_vehicle(vehicle_path, data_dir)
-        faults += vehicle_faults
-    own, vehicle_faults = _own_vehicles(flights, path.parent, tables.get("model"), data_dir)
-    faults += vehicle_faults
-    draft = Draft(str(path), raw, tables, flights, vehicle, own)
+        read = _read_vehicle(vehicle_path, data_dir)
+    own = _own_vehicles(flights, path.parent, tables.get("model"), data_dir)
+    faults += _faults_of((read, *own.values()))
+    draft = Draft(str(path), raw, tables, flights, read.known, _known(own))
     paths, path_faults = record_paths(draft, path.parent, data_dir)
     faults += [*crosscheck(draft), *check_columns(draft), *path_faults]
     if whole is None:
         return _Reading(None, faults, draft, paths)
-    quantities = predictable(whole.model, vehicle, whole.predict.quantities)
+    quantities = predictable(whole.model, read.whole, whole.predict.quantities)
     changed = {
         "path": path,
         "flights": tuple(
-            _flight(table, paths.get(index), whole.columns, whole.conventions, own.get(index))
+            _flight(
+                table, paths.get(index), whole.columns, whole.conventions, own[index].whole if index in own else None
+            )
             for index, table in flights.items()
         ),
         "predict": whole.predict.model_copy(update={"quantities": quantities}),
         "requirements": whole.requirement,
-        "vehicle": vehicle,
+        "vehicle": read.whole,
         "vehicle_path": vehicle_path,
         "text": text,
-        "vehicle_text": vehicle_text,
+        "vehicle_text": read.text,
     }
     return _Reading(Study(**_same(whole, Study) | changed), faults, draft, paths)
 
@@ -411,8 +435,9 @@ def _sound_tables(raw: Mapping[str, Any], here: Mapping[str, str]) -> tuple[dict
                 tables[key] = sound
     listed = raw.get("flight")
     listed = listed if isinstance(listed, list) else []
-    flights = {index: _sound(FlightTable, flight, here) for index, flight in enumerate(listed)}
-    return tables, {index: flight for index, flight in flights.items() if flight is not None}
+    return tables, {
+        i: part_of(FlightTable, flight, here) for i, flight in enumerate(listed) if isinstance(flight, dict)
+    }
 
 
 def _sound(annotation: Any, value: Any, here: Mapping[str, str]) -> Any:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +15,9 @@ from bayeschute.records.plausibility.evidence import Nominal, evidence_of
 from bayeschute.records.plausibility.reading import accepts
 from bayeschute.records.plausibility.scatter import scatter_of_channels
 from bayeschute.records.plausibility.verdict import Finding, Verdict, verdict
+from bayeschute.report.wording import shown_unit
 from bayeschute.study.schema.belief_schema import NOISE_UNITS, NoiseTable
-from bayeschute.study.schema.vehicle_schema import Vehicle
+from bayeschute.study.schema.vehicle_schema import CapsuleTable, Vehicle
 from bayeschute.study.schema.wind_schema import ProfileTable
 
 if TYPE_CHECKING:
@@ -32,29 +33,46 @@ def nominal(vehicle: Vehicle, capsule_mass: float | None = None) -> Nominal:
     """What laws need of a vehicle.
 
     Args:
-        vehicle: The vehicle.
+        vehicle: The vehicle, which may be one in part.
         capsule_mass: Replaces the vehicle's [kg].
     """
-    c, k = vehicle.capsule, vehicle.canopies
-    x, y, z = (float(a - b) for a, b in zip(c.attach_point, c.centre_of_mass, strict=True))
-    drag = abs(c.axial_force or 0.0)
-    if c.table is not None:
-        drag = float(abs(np.mean(c.table.arrays().get("C_A", np.zeros((1, 1)))[-1])))
+    c, k, r = (getattr(vehicle, name, None) for name in ("capsule", "canopies", "risers"))
+    mass = _known(c, "mass") if capsule_mass is None else capsule_mass
     return Nominal(
-        mass=c.mass if capsule_mass is None else capsule_mass,
-        attach_b=np.array([-x, y, -z]),  # x and z of the structural frame reverse
-        inertia=np.array(c.inertia),
-        capsule_length=c.reference_length,
-        capsule_area=c.reference_area,
-        capsule_drag=drag,
-        canopies=k.number,
-        area=k.reference_area,
-        diameter=k.reference_length,
-        dry_mass=k.dry_mass,
-        volume=k.enclosed_volume,
-        riser_length=vehicle.risers.length,
-        stiffness=vehicle.risers.stiffness,
+        mass=mass,
+        attach_b=_attach(c),
+        inertia=np.asarray(_known(c, "inertia", (np.nan,) * 3)),
+        capsule_length=_known(c, "reference_length"),
+        capsule_area=_known(c, "reference_area"),
+        capsule_drag=_drag(c),
+        canopies=_known(k, "number"),
+        area=_known(k, "reference_area"),
+        diameter=_known(k, "reference_length"),
+        dry_mass=_known(k, "dry_mass"),
+        volume=_known(k, "enclosed_volume"),
+        riser_length=_known(r, "length"),
+        stiffness=_known(r, "stiffness"),
     )
+
+
+def _known(table: object, name: str, unknown: Any = np.nan) -> Any:
+    """A value of a table in part; NaN, of which no law says anything, where it is not known."""
+    return getattr(table, name, unknown)
+
+
+def _attach(capsule: CapsuleTable | None) -> Array:
+    """Attach point from the centre of mass, body axes (3,) [m]; x and z of the structural frame reverse."""
+    none = (np.nan,) * 3
+    attach, centre = _known(capsule, "attach_point", none), _known(capsule, "centre_of_mass", none)
+    return np.asarray([-1.0, 1.0, -1.0] * (np.asarray(attach) - np.asarray(centre)))
+
+
+def _drag(capsule: CapsuleTable | None) -> float:
+    """Drag coefficient of a capsule [1]."""
+    table = _known(capsule, "table", None)
+    if table is not None:
+        return float(abs(np.mean(table.arrays().get("C_A", np.zeros((1, 1)))[-1])))
+    return abs(_known(capsule, "axial_force") or 0.0)
 
 
 def wind_by_altitude(table: ProfileTable) -> Callable[[Array], Array]:
@@ -109,21 +127,27 @@ def window_used(
 
 
 def told(found: Verdict, where: str, accepted: tuple[str, ...] = ()) -> list[Fault]:
-    """Faults of a record that can't be true, one for each cause.
+    """Faults of a record that can't be true, one for each cause; the one that explains most first.
+
+    Causes after it were sought with it undone, and what no mistake explains may be its doing, so they say so.
 
     Args:
         found: What the laws say.
         where: The flight, as messages name it.
         accepted: Laws, or groups of them, whose breach the study accepts.
     """
-    return [_fault(group, where) for group in _by_cause(found.faults, accepted)]
+    groups = _by_cause(found.faults, accepted, found.causes)
+    first = groups[0][0].likely if groups else ""
+    return [_fault(group, where, first) for group in groups]
 
 
 def warned(found: Verdict, where: str, accepted: tuple[str, ...] = ()) -> list[str]:
-    """Warnings of a record: what is nearly out of bounds, and faults that the study accepts."""
-    lines = [
-        str(_fault(group, where)).replace("; wanted", "; usual is", 1) for group in _by_cause(found.warnings, accepted)
-    ]
+    """Warnings of a record: what is nearly out of bounds, and faults that the study accepts.
+
+    What is nearly out of bounds is told where nothing is a fault: else it may well be its consequence.
+    """
+    groups = _by_cause(found.warnings, accepted, found.causes) if not told(found, where, accepted) else []
+    lines = [str(_fault(group, where)).replace("; wanted", "; usual is", 1) for group in groups]
     kept = [one for one in found.faults if accepts(accepted, one.law)]
     return [*lines, *(f"{where}: accepted as the study says ({one.law}): {one.tests}, {one.got}" for one in kept)]
 
@@ -141,38 +165,43 @@ def noise_told(record: xr.Dataset, noise: NoiseTable, where: str) -> list[str]:
     seen, lines = scatter_of_channels(record), []
     for name, table in noise.channels().items():
         if name in seen and table.white and abs(np.log(seen[name] / table.white)) > _FAR:
-            unit = NOISE_UNITS[name]
-            got, do = (
-                f"{seen[name]:.2g} {unit}",
-                f"Say white = '{seen[name]:.2g} {unit}', and correlated in proportion.",
-            )
-            usual = f"what [noise] says, white = {table.white:.2g} {unit}"
+            scale, unit = shown_unit(NOISE_UNITS[name])
+            got = f"{scale * seen[name]:.2g} {unit}".rstrip()
+            usual = f"what [noise] says, white = {scale * table.white:.2g} {unit}".rstrip()
+            do = f"Say white = '{got}', and correlated in proportion."
             lines.append(f"{where}, scatter of {name} from sample to sample: got {got}; usual is {usual}. {do}")
     return lines
 
 
-def _by_cause(findings: tuple[Finding, ...], accepted: tuple[str, ...]) -> list[list[Finding]]:
-    """Findings that are not accepted, by their likeliest cause, the worst of each first."""
-    groups: dict[str, list[Finding]] = {}
+def _by_cause(findings: tuple[Finding, ...], accepted: tuple[str, ...], causes: tuple[str, ...]) -> list[list[Finding]]:
+    """Findings that are not accepted, by their likeliest cause, in the order of these; the worst of each first."""
+    groups: dict[str, list[Finding]] = {cause: [] for cause in (*causes, "")}
     for one in findings:
         if not accepts(accepted, one.law):
             groups.setdefault(one.likely, []).append(one)
-    return [sorted(group, key=lambda one: -one.excess) for group in groups.values()]
+    return [sorted(group, key=lambda one: -one.excess) for group in groups.values() if group]
 
 
-def _fault(group: list[Finding], where: str) -> Fault:
+def _fault(group: list[Finding], where: str, first: str = "") -> Fault:
+    """A fault of findings of one cause.
+
+    Args:
+        group: The findings, the worst first.
+        where: The flight, as messages name it.
+        first: Cause told before it; empty: none.
+    """
     worst = group[0]
     laws = ", ".join(one.law for one in group)
-    more = f" ({laws})"
     if not worst.causes:
-        do = "No single known mistake explains it."
+        do = "Also, perhaps a consequence of the first cause." if first else "No single known mistake explains it."
     else:
-        do = f"Likely cause: {worst.likely}. {worst.do}"
+        later = first and worst.likely != first
+        do = f"{'With the first cause mended, likely is' if later else 'Likely cause'}: {worst.likely}. {worst.do}"
         others = worst.causes[1:]
         do += f" Or: {'; '.join(others)}." if others else ""
     if worst.severity == "fault":
         do += f" If it is true all the same: accept_implausible = {json.dumps([one.law for one in group])}."
-    return Fault(f"{where}, {worst.tests}", f"{worst.got}{more}", worst.wanted, do)
+    return Fault(f"{where}, {worst.tests}", f"{worst.got} ({laws})", worst.wanted, do)
 
 
 def refuse_implausible(study: Study, flight: Flight, raw: xr.Dataset) -> list[str]:

@@ -45,9 +45,9 @@ def test_a_curve_is_that_of_every_draw(draws):
 
 def test_the_table_says_what_was_flown(draws):
     table = asked(draws, over=(0.0, 0.8), prior=draws).to_frame()
-    assert list(table) == ["alpha", "low", "median", "high", "flown", "prior_low", "prior_high"]
-    np.testing.assert_array_equal(table["flown"], table["alpha"].between(0.1 - 1e-9, 0.4 + 1e-9))
-    assert table.attrs == {"curve": "C_A", "level": 0.9, "unit": "rad"}
+    assert list(table) == ["alpha [deg]", "low", "median", "high", "flown", "prior_low", "prior_high"]
+    np.testing.assert_array_equal(table["flown"], np.deg2rad(table["alpha [deg]"]).between(0.1 - 1e-9, 0.4 + 1e-9))
+    assert table.attrs == {"curve": "C_A", "level": 0.9, "unit": "deg"}
 
 
 def test_a_curve_draws_itself_with_what_others_know(draws):
@@ -56,7 +56,7 @@ def test_a_curve_draws_itself_with_what_others_know(draws):
     assert {"tunnel, 90 %", "prior, 90 %", "posterior, 90 %", "median", "range flown"} == set(labels)
     assert "angle of attack [deg]" in ax.get_xlabel()
     assert asked(draws, "C_N").plot(ax) is ax
-    assert asked(draws)._repr_html_().count("<tr>") >= 6 and "flown 0.1 to 0.4" in repr(asked(draws))
+    assert asked(draws)._repr_html_().count("<tr>") >= 6 and "deg (flown 5.73 to 22.92)" in repr(asked(draws))
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ from bayeschute.records.foreign.conventions import Conventions
 from bayeschute.records.plausibility.evidence import Nominal, conjugate
 from bayeschute.records.plausibility.reading import NAMES
 from bayeschute.study.load import load_vehicle
-from bayeschute.study.plausible import nominal
+from bayeschute.study.plausible import nominal, told, warned
 
 ROOT = Path(__file__).parents[3]
 
@@ -66,6 +66,7 @@ def test_a_virtual_flight_keeps_all_laws(virtual):
     found = virtual.verdict()
     assert found.findings == () and found.causes == ()
     assert {r.law for r in found.readings} <= set(NAMES) and len(found.readings) > 25
+    assert not any(" rad" in r.got + r.wanted for r in found.readings)  # people read deg
 
 
 @pytest.mark.parametrize(
@@ -192,3 +193,60 @@ def test_a_point_mass_needs_no_vehicle():
 
 def _none() -> Nominal:
     return None  # type: ignore[return-value]
+
+
+def _reordered(order: list[int], *names: str):
+    def make(case: Case) -> None:
+        for name in names:
+            case.record[name].values = case.record[name].values[..., order]
+
+    return make
+
+
+_YZ, _XZ = [0, 2, 1], [2, 1, 0]
+AXES = {  # whose wind by altitude is looked up at wrong heights
+    "capsule positions: z points up": _axis(2, "capsule_position"),
+    "canopy positions: z points up": _axis(2, "canopy_position"),
+    "capsule positions and velocities: z points up": _axis(2, "capsule_position", "capsule_velocity"),
+    "capsule positions are in feet": _times(1 / FOOT, "capsule_position"),
+    "east and down are swapped in capsule velocities": _reordered(_YZ, "capsule_velocity"),
+    "east and down are swapped in canopy positions": _reordered(_YZ, "canopy_position"),
+    "east and down are swapped in capsule positions": _reordered(_YZ, "capsule_position"),
+    "North and down are swapped in capsule velocities": _reordered(_XZ, "capsule_velocity"),
+}
+
+
+@pytest.fixture(scope="module")
+def aloft(virtual) -> Case:
+    """The virtual drop with its wind by altitude beside the recorded one."""
+    height, wind = -virtual.record["capsule_position"].values[:, 2], virtual.record["wind"].values
+    seen = np.isfinite(height) & np.isfinite(wind).all(axis=1)
+    order = np.argsort(height[seen])
+    at, blows = height[seen][order], wind[seen][order]
+
+    def profile(h):
+        return np.stack([np.interp(h, at, x) for x in blows.T], axis=1)
+
+    return Case(virtual.record, virtual.vehicle, None, profile)
+
+
+@pytest.mark.parametrize("cause", AXES)
+def test_one_wrong_axis_is_the_only_cause_and_the_wind_is_not_blamed(aloft, cause):
+    assert aloft.verdict().findings == ()
+    spoilt = Case(aloft.record.copy(deep=True), aloft.vehicle, None, aloft.profile)
+    AXES[cause](spoilt)
+    found = spoilt.verdict()
+    (only,) = found.causes
+    assert only.startswith(cause) and all(one.likely == only for one in found.faults)
+    (line,) = told(found, "flight 'a'")
+    assert cause in str(line) and "wind is" not in str(line) and warned(found, "flight 'a'") == []
+
+
+def test_a_second_mistake_is_told_after_the_first_and_says_so(aloft):
+    spoilt = Case(aloft.record.copy(deep=True), aloft.vehicle, None, aloft.profile)
+    _axis(2, "capsule_position")(spoilt)
+    spoilt.record["capsule_attitude"].values = spoilt.record["capsule_attitude"].values[:, [1, 2, 3, 0]]
+    first, *others = [str(fault) for fault in told(spoilt.verdict(), "flight 'a'")]
+    assert "Likely cause: " in first and len(others) == 1
+    assert "With the first cause mended, likely is: " in others[0]
+    assert "z points up" in first + others[0] and "scalar-last" in first + others[0]

@@ -53,7 +53,7 @@ def test_sentences_name_what_the_data_determine_and_what_not(results):
     assert "Prior and data both determine riser_length, and they agree." in text
     assert "The posterior of the other 6 is insensitive to the prior." in text
     assert "the profile likelihood does not bound riser_stiffness and riser_damping" in text
-    assert "riser_length between 71.12 and 71.48 m" in text
+    assert "riser_length between 71.12 m (233.3 ft) and 71.48 m (234.5 ft)" in text
 
 
 def test_a_mean_that_moved_far_is_a_conflict(results):

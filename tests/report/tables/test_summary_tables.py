@@ -169,3 +169,13 @@ def test_r_hat_is_marked_by_the_bound_of_the_run_s_check(results):
 def test_no_family_is_said_to_have_the_least_criterion_that_need_not_have_it(results):
     table = trust_tables.marginal_report(results)
     assert "within 2 of the smallest" in table.caption and "with the smallest" not in table.caption
+
+
+def test_parameters_have_both_systems_of_units(results):
+    table = summary_tables.posterior_table(results)
+    assert table is not None
+    rows = {row[0].text: row for row in table.rows}
+    length, stiffness = rows["riser_length"], rows["riser_stiffness"]
+    assert length[3].small.endswith(" ft") and length[5].small.count(" … ") == 1
+    assert stiffness[3].small.endswith(" lbf/ft") and "[kN/m]" in stiffness[0].small
+    assert rows["axial[1]"][3].small == ""

@@ -64,21 +64,26 @@ def test_words_are_written_when_they_change(tmp_path: Path, monkeypatch):
     assert len(said) == 4 + len(counts) and len(heard) == 1 + 51 + 20 + 3
 
 
-def test_shares_never_fall_and_the_time_left_is_told(tmp_path: Path, monkeypatch):
+def test_shares_never_fall_and_the_time_left_of_a_steady_pace_is_told(tmp_path: Path, monkeypatch):
     now = [0.0]
     monkeypatch.setattr(module.time, "perf_counter", lambda: now[0])
     heard = []
     with Log(tmp_path / "log.txt") as log:
         tell = log.beside(lambda *said: heard.append(said))
-        for seconds, share, words in [(0.0, 0.0, ""), (300.0, 0.5, "a"), (360.0, 0.4, "b"), (700.0, 1.0, "c")]:
+        for step in range(101):
+            now[0] = 3.0 * step
+            tell("fit", 0.005 * step, "a" if step else "")
+        for seconds, share, words in [(305.0, 0.5, "b"), (306.0, 0.4, "c"), (900.0, 0.55, "d"), (990.0, 1.0, "e")]:
             now[0] = seconds
             tell("fit", share, words)
-    assert [share for _, share, _ in heard] == [0.0, 0.5, 0.5, 1.0]
+    assert [share for _, share, _ in heard][-5:] == [0.5, 0.5, 0.5, 0.55, 1.0]
     assert _said(tmp_path / "log.txt") == [
         "fit 0 % begins",
-        "fit 50 % a (about 5 min left)",
-        "fit 50 % b (about 6 min left)",
-        "fit 100 % c",
+        "fit 0 % a",
+        "fit 50 % b (about 4 to 8 min left)",
+        "fit 50 % c (about 4 to 8 min left)",
+        "fit 55 % d",
+        "fit 100 % e",
     ]
 
 

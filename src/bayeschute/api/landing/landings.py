@@ -23,6 +23,7 @@ from bayeschute.core.version import __version__
 from bayeschute.landing.decisions import requirements
 from bayeschute.landing.decisions.requirements import Judgement, Limit, Requirement, judge
 from bayeschute.landing.measures import IDS, LABELS, MEASURES, ON_LEVEL_GROUND, OUTCOMES, ROW
+from bayeschute.report.wording import shown_unit
 from bayeschute.study.landing_campaign.campaign_schema import DesignTable, PlacardTable
 from bayeschute.study.schema.schema_faults import validated
 
@@ -95,7 +96,7 @@ class Landings:
             level: Probability in the interval [1].
 
         Returns:
-            A row per measure, indexed by it: ``low``, ``median``, ``high``, ``unit``.
+            A row per measure, indexed by it: ``low``, ``median``, ``high``, ``unit``; angles in deg, as in figures.
 
         Example:
             >>> landings.summary().loc["vertical_speed", "unit"]
@@ -104,7 +105,9 @@ class Landings:
         fine = self.rows[self.rows["outcome"] == 0]
         made = pd.DataFrame({name: fine[name] for name in MEASURES}).quantile(list(central(level))).T
         made.columns = pd.Index(("low", "median", "high"))
-        return made.assign(unit=[unit for unit, _ in MEASURES.values()]).rename_axis("measure")
+        shown = [shown_unit(unit) for unit, _ in MEASURES.values()]
+        made = made.mul([scale for scale, _ in shown], axis=0)
+        return made.assign(unit=[unit or "1" for _, unit in shown]).rename_axis("measure")
 
     def requirement(
         self, *, probability: float = 0.95, confidence: float = 0.9, name: str = "", **at_most: str | float

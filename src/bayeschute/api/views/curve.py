@@ -14,6 +14,7 @@ from bayeschute.aero.curve_names import CURVES
 from bayeschute.api import html
 from bayeschute.api.quantity import central
 from bayeschute.core.errors import Fault, InputError
+from bayeschute.report.wording import shown_unit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -45,7 +46,7 @@ class Curve:
         >>> curve.median
         array([0.95, 0.8 ])
         >>> curve
-        Curve C_A over alpha from 0.1 to 0.3 rad (flown 0.1 to 0.3): 2 points, 2 draws
+        Curve C_A over alpha from 5.73 to 17.19 deg (flown 5.73 to 17.19): 2 points, 2 draws
     """
 
     name: str
@@ -82,13 +83,16 @@ class Curve:
         return replace(self, level=level)
 
     def to_frame(self) -> pd.DataFrame:
-        """Grid, median, band and prior band as a table; a row a point."""
+        """Grid, median, band and prior band as a table; a row a point. Angles in deg, and their column says so."""
         low, high = self.band
+        scale, unit = shown_unit(self.unit)
         inside = (self.grid >= self.flown[0] - 1e-12) & (self.grid <= self.flown[1] + 1e-12)
-        made = pd.DataFrame({self.symbol: self.grid, "low": low, "median": self.median, "high": high, "flown": inside})
+        made = pd.DataFrame(
+            {self._over: scale * self.grid, "low": low, "median": self.median, "high": high, "flown": inside}
+        )
         if (before := self.prior_band) is not None:
             made = made.assign(prior_low=before[0], prior_high=before[1])
-        made.attrs = {"curve": self.name, "level": self.level, "unit": self.unit}
+        made.attrs = {"curve": self.name, "level": self.level, "unit": unit or "1"}
         return made
 
     def plot(self, ax: Axes | None = None) -> Axes:
@@ -109,11 +113,18 @@ class Curve:
         drawn.legend(loc="best")
         return drawn
 
+    @property
+    def _over(self) -> str:
+        """What it is over, with the unit as shown."""
+        unit = shown_unit(self.unit)[1]
+        return f"{self.symbol} [{unit}]" if unit else self.symbol
+
     def __repr__(self) -> str:
         """Curve, range and sizes."""
-        low, high = (html.number(float(end)) for end in (self.grid[0], self.grid[-1]))
-        flown = " to ".join(html.number(end) for end in self.flown)
-        unit = "" if self.unit == "1" else f" {self.unit}"
+        scale, name = shown_unit(self.unit)
+        low, high = (html.number(scale * float(end)) for end in (self.grid[0], self.grid[-1]))
+        flown = " to ".join(html.number(scale * end) for end in self.flown)
+        unit = f" {name}" if name else ""
         sizes = f"{self.grid.size} points, {len(self.draws)} draws"
         return f"Curve {self.name} over {self.symbol} from {low} to {high}{unit} (flown {flown}): {sizes}"
 
@@ -123,7 +134,7 @@ class Curve:
             (html.number(r.iloc[0]), html.number(r["median"]), f"{html.number(r['low'])} to {html.number(r['high'])}")
             for _, r in self.to_frame().iloc[:: max(1, self.grid.size // 6)].iterrows()
         ]
-        head = (f"{self.symbol} [{self.unit}]", "median", f"central {100 * self.level:g} %")
+        head = (self._over, "median", f"central {100 * self.level:g} %")
         return html.table(repr(self), head, rows)
 
 

@@ -17,6 +17,7 @@ _VECTORS = ("position", "velocity", "canopies", "canopy_velocity", "wind")
 _UP = np.diag([1.0, 1.0, -1.0])
 _ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 _SWAP = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+_SECOND_THIRD, _FIRST_THIRD = np.eye(3)[[0, 2, 1]], np.eye(3)[[2, 1, 0]]
 _NWU = np.diag([1.0, -1.0, -1.0])
 _WEST, _SOUTH, _BACK = np.diag([1.0, -1.0, 1.0]), np.diag([-1.0, 1.0, 1.0]), np.diag([-1.0, -1.0, 1.0])
 _HALF = float(np.sqrt(0.5))
@@ -48,6 +49,8 @@ def axis_mistakes() -> Iterator[Mistake]:
             (_NWU, "{} are north, west, up, read as north, east, down", "Say axes = 'NWU'.", 0.1),
             (_WEST, "{}: the second axis points west, not east", "Give it as 'west'.", 0.2),
             (_SOUTH, "{}: the first axis points south, not north", "Give it as 'south'.", 0.2),
+            (_SECOND_THIRD, "east and down are swapped in {}", "Swap their columns.", 0.1),
+            (_FIRST_THIRD, "north and down are swapped in {}", "Swap their columns.", 0.1),
         ):
             cause = told.format(words)
             yield Mistake(
@@ -90,7 +93,7 @@ def wind_mistakes() -> Iterator[Mistake]:
                     return None
                 if target == "wind":
                     return replace(e, wind=e.wind @ m.T)
-                return replace(e, profile=e.profile @ m.T, shear=e.shear @ m.T)
+                return changed(("profile", "shear"), lambda values: values @ m.T)(e)
 
             words = "recorded wind" if target == "wind" else "wind by altitude"
             yield Mistake(told.replace("wind", words, 1), do, one, doubt + 0.05)

@@ -6,8 +6,8 @@ Pure NumPy. Nothing is cleaned, since cleaning would hide mistakes: laws use sta
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,7 +40,7 @@ CHANNELS = {  # of the evidence, by variable of the record
 
 @dataclass(frozen=True)
 class Nominal:
-    """What is known of a vehicle before its record is looked at; SI.
+    """What is known of a vehicle before its record is looked at; SI. NaN where a number is not known.
 
     Attributes:
         mass: Of the capsule [kg].
@@ -96,6 +96,7 @@ class Evidence:
         profile: Wind of the profile at the capsule, NED (T, 3) [m/s].
         shear: Wind of the profile at the canopies less that at the capsule, NED (T, 3) [m/s].
         vehicle: None: a point mass.
+        aloft: Wind by altitude [m], NED [m/s], that `profile` and `shear` are of.
     """
 
     time: Array
@@ -116,6 +117,7 @@ class Evidence:
     profile: Array | None = None
     shear: Array | None = None
     vehicle: Nominal | None = None
+    aloft: Callable[[Array], Array] | None = None
 
     @property
     def step(self) -> float:
@@ -131,6 +133,18 @@ class Evidence:
         if self.altitude is not None:
             return self.altitude
         return None if self.position is None else -self.position[:, 2]
+
+    def with_winds(self) -> Evidence:
+        """The same with the wind by altitude at the heights that its positions say; as it is where there is none."""
+        height = self.height()
+        if self.aloft is None or height is None:
+            return self
+        here = self.aloft(height)
+        above = height * 0.0
+        if self.canopies is not None and self.position is not None:
+            above = self.position[:, 2] - mean(self.canopies, 1)[:, 2]
+        aloft = np.nan_to_num(self.aloft(height + np.nan_to_num(above, nan=0.0)) - here)
+        return replace(self, profile=here, shear=aloft)
 
 
 def evidence_of(
@@ -149,7 +163,7 @@ def evidence_of(
     """
     time: Array = np.asarray(record["time"].values, np.float64)
     start, end = window or (float(time[0]), float(time[-1]))
-    found: dict[str, Array] = {}
+    found: dict[str, Any] = {}
     arrays = {key: np.asarray(record[name].values, np.float64) for key, name in CHANNELS.items() if name in record}
     own = [_interval(time, a) for key, a in arrays.items() if key in ("position", "velocity", "altitude")]
     step = max([float(np.median(np.diff(time))), *own, (end - start) / _MOST])
@@ -159,15 +173,7 @@ def evidence_of(
         if np.isfinite(laid).any():
             found[key] = laid
     made = Evidence(time=grid, vehicle=vehicle, **found)
-    height = made.height()
-    if profile is None or height is None:
-        return made
-    here = profile(height)
-    aloft = np.zeros_like(here)
-    if made.canopies is not None and made.position is not None:
-        above = made.position[:, 2] - mean(made.canopies, 1)[:, 2]
-        aloft = np.nan_to_num(profile(height + np.nan_to_num(above, nan=0.0)) - here)
-    return Evidence(**{**vars(made), "profile": here, "shear": aloft})
+    return replace(made, aloft=profile).with_winds()
 
 
 def _interval(time: Array, values: Array) -> float:

@@ -30,6 +30,15 @@ class Mistake:
     undo: Undo
     doubt: float = 0.1
 
+    def undone(self, e: Evidence) -> Evidence | None:
+        """The evidence without it, and the wind by altitude at the heights that its positions then say."""
+        made = self.undo(e)
+        if made is None or all(
+            getattr(made, name) is getattr(e, name) for name in ("position", "canopies", "altitude")
+        ):
+            return made
+        return made.with_winds()
+
 
 def scaled(e: Evidence, names: tuple[str, ...], factor: float) -> Evidence | None:
     """Channels times a factor; the wind takes its profile along."""
@@ -61,7 +70,12 @@ def changed(names: tuple[str, ...], change: Callable[[Array], Array]) -> Undo:
 
     def undo(e: Evidence) -> Evidence | None:
         found: dict[str, Any] = {n: change(getattr(e, n)) for n in names if getattr(e, n) is not None}
-        return replace(e, **found) if len(found) == len(names) else None
+        if len(found) < len(names):
+            return None
+        aloft = e.aloft
+        if "profile" in found and aloft is not None:
+            found["aloft"] = lambda height: change(aloft(height))
+        return replace(e, **found)
 
     return undo
 

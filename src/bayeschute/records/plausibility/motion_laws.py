@@ -22,6 +22,7 @@ from bayeschute.records.plausibility.reading import Reading, reading
 _LAG, _SHORT = 2.0, 1.5  # over which displacements, and turns, are compared [s]
 _BIAS = 0.03  # of a gyro [rad/s]
 _UNLIKE = 0.2  # velocities of canopies that differ by less don't tell one from the other [m/s]
+_DEG = float(np.rad2deg(1.0))
 _DOWN = np.array([0.0, 0.0, 1.0])
 _FASTEST, _SLOWEST = 150.0, 0.5  # vertical speeds of a descent [m/s]
 
@@ -135,7 +136,7 @@ def attitude(e: Evidence) -> list[Reading]:
         tests = f"d(attitude)/dt against angular rate about {axis}"
         apart = shown[:, j] - said[:, j]
         apart = apart - np.clip(typical(apart), -_BIAS, _BIAS)
-        out += reading(f"attitude.rate.{axis}", tests, spread(apart), scale, "{:.2g} rad/s apart")
+        out += reading(f"attitude.rate.{axis}", tests, _DEG * spread(apart), _DEG * scale, "{:.2g} deg/s apart")
     return out
 
 

@@ -84,9 +84,9 @@ class Verdict:
 
 
 def readings(e: Evidence) -> dict[str, Reading]:
-    """Every law that the channels allow, by name."""
+    """Every law that the channels, and what is known of the vehicle, allow, by name."""
     with np.errstate(all="ignore"):
-        return {found.law: found for law in LAWS for found in law(e)}
+        return {found.law: found for law in LAWS for found in law(e) if not np.isnan(found.excess)}
 
 
 def misfit(found: dict[str, Reading], of: Sequence[str]) -> float:
@@ -114,7 +114,7 @@ def _tried(e: Evidence, laws: Sequence[str]) -> list[_Tried]:
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore", RuntimeWarning)  # means of nothing: a law that can't be tried is none
         for mistake in (*known_mistakes(), *estimated_mistakes(e, score)):
-            made = mistake.undo(e)
+            made = mistake.undone(e)
             if made is not None:
                 after = readings(made)
                 out.append(_Tried(mistake, misfit(after, laws) + mistake.doubt, after, made))

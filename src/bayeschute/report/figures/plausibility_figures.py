@@ -126,12 +126,8 @@ def _distances(e: Evidence) -> list[Panel]:
 def _rates(e: Evidence) -> list[Panel]:
     if e.rate is None:
         return []
-    colors = (BLUE, ORANGE, GREEN)
-    return [
-        Panel(
-            "Angular rate, body axes", "rad/s", [Curve(a, e.time, e.rate[:, j], colors[j]) for j, a in enumerate("xyz")]
-        )
-    ]
+    rates = zip("xyz", np.rad2deg(e.rate).T, (BLUE, ORANGE, GREEN), strict=True)
+    return [Panel("Angular rate, body axes", "deg/s", [Curve(axis, e.time, x, color) for axis, x, color in rates])]
 
 
 def _densities(e: Evidence) -> list[Panel]:

@@ -16,7 +16,7 @@ from bayeschute.posterior.assess.identifiability_result import (
 from bayeschute.report.run_results import Results, entries
 from bayeschute.report.sentences import plain
 from bayeschute.report.tables.summary_tables import Cell, Table, cells, table_of
-from bayeschute.report.wording import MISSING, counted, is_number, listed, number, percent, shown_unit
+from bayeschute.report.wording import MISSING, counted, is_number, listed, number, percent, quantity
 
 INFORMED = 0.5  # contraction from which a parameter counts as determined by the data
 UNINFORMED = 0.1  # contraction below which the posterior counts as the prior
@@ -192,13 +192,12 @@ def _intervals(results: Results) -> list[str]:
         if ends is None:
             continue
         low, high = ends.low, ends.high
-        scale, unit = shown_unit(ends.unit)
         if low is not None and high is not None:
-            bound.append(f"{name} between {number(scale * low, 4)} and {number(scale * high, 4)} {unit}".rstrip())
+            bound.append(f"{name} between {quantity(low, ends.unit, 4)} and {quantity(high, ends.unit, 4)}")
         elif low is not None:
-            bound.append(f"{name} only above {number(scale * low, 4)} {unit}".rstrip())
+            bound.append(f"{name} only above {quantity(low, ends.unit, 4)}")
         elif high is not None:
-            bound.append(f"{name} only below {number(scale * high, 4)} {unit}".rstrip())
+            bound.append(f"{name} only below {quantity(high, ends.unit, 4)}")
         else:
             unbound.append(name)
     found = []

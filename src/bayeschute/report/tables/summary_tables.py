@@ -11,6 +11,7 @@ from bayeschute.report.sentences import plain, truth_inside
 from bayeschute.report.structure_text import MOST_RANKED
 from bayeschute.report.wording import (
     MISSING,
+    also,
     at_precision,
     is_number,
     number,
@@ -88,7 +89,8 @@ def noise_table(results: Results) -> Table | None:
     rows = []
     for name, facts in known.items():
         scale, shown = shown_unit(str(facts.get("unit") or "1"))
-        sizes = [number(scaled(facts, key, scale)) for key in ("white", "correlated")]
+        si = str(facts.get("unit") or "1")
+        sizes = [Cell(number(scaled(facts, k, scale)), "", also(facts.get(k), si)) for k in ("white", "correlated")]
         rest = [number(facts.get(key), 3) for key in keys]
         rows.append(cells(plain(name), *sizes, *rest, Cell(shown, "muted")))
     columns = ["Channel:text", "White:num", "Correlated:num", *(f"{labels[k]}:num" for k in keys), "Unit:text"]
@@ -168,7 +170,8 @@ def ceiling_table(facts: Mapping[str, Any]) -> Table | None:
 
 def _posterior_row(name: str, facts: Mapping[str, Any], with_truth: bool, most_rhat: float) -> tuple[Cell, ...]:
     """One row of the posterior table; R-hat that is not below `most_rhat` is marked."""
-    scale, unit = shown_unit(str(facts.get("unit") or "1"))
+    si = str(facts.get("unit") or "1")
+    scale, unit = shown_unit(si)
 
     def shown(key: str, sd_key: str) -> str:
         return at_precision(scaled(facts, key, scale), scaled(facts, sd_key, scale))
@@ -177,11 +180,11 @@ def _posterior_row(name: str, facts: Mapping[str, Any], with_truth: bool, most_r
     weak = is_number(contraction) and contraction < 0.1
     row = [
         Cell(name, "code", parameter_meaning(name) + (f" [{unit}]" if unit else "")),
-        Cell(shown("prior_mean", "prior_sd"), "muted"),
-        Cell(number(scaled(facts, "prior_sd", scale), 2), "muted"),
-        Cell(shown("mean", "sd"), "strong"),
-        Cell(number(scaled(facts, "sd", scale), 2)),
-        Cell(f"{shown('q05', 'sd')} … {shown('q95', 'sd')}"),
+        Cell(shown("prior_mean", "prior_sd"), "muted", also(facts.get("prior_mean"), si)),
+        Cell(number(scaled(facts, "prior_sd", scale), 2), "muted", also(facts.get("prior_sd"), si, 2)),
+        Cell(shown("mean", "sd"), "strong", also(facts.get("mean"), si)),
+        Cell(number(scaled(facts, "sd", scale), 2), "", also(facts.get("sd"), si, 2)),
+        Cell(f"{shown('q05', 'sd')} … {shown('q95', 'sd')}", "", also([facts.get("q05"), facts.get("q95")], si)),
         Cell(f"{contraction:.2f}" if is_number(contraction) else MISSING, "weak" if weak else ""),
         Cell(f"{rhat:.3f}" if is_number(rhat) else MISSING, "bad" if is_number(rhat) and rhat >= most_rhat else ""),
         Cell(" / ".join(f"{facts[k]:,.0f}" if is_number(facts.get(k)) else MISSING for k in ("ess_bulk", "ess_tail"))),
@@ -219,11 +222,15 @@ def output_error_table(results: Results) -> Table | None:
     """Estimates of output error with raw and corrected standard errors (the report's table 7.1-2)."""
     rows = []
     for facts in mappings(results.summary.get("output_error")):
-        scale, shown = shown_unit(str(facts.get("unit") or "1"))
+        si = str(facts.get("unit") or "1")
+        scale, shown = shown_unit(si)
         estimate, raw, corrected = (scaled(facts, key, scale) for key in ("estimate", "raw_sd", "corrected_sd"))
         name, best = Cell(str(facts.get("parameter", MISSING)), "code"), at_precision(estimate, corrected)
-        errors = number(raw, 2), number(corrected, 2)
-        rows.append(cells(name, Cell(best, "strong"), *errors, Cell(shown, "muted")))
+        errors = [
+            Cell(number(one, 2), "", also(facts.get(key), si, 2))
+            for key, one in (("raw_sd", raw), ("corrected_sd", corrected))
+        ]
+        rows.append(cells(name, Cell(best, "strong", also(facts.get("estimate"), si)), *errors, Cell(shown, "muted")))
     columns = "Parameter:text|Estimate:num|Raw s.e.:num|Corrected s.e.:num|Unit:text"
     caption = (
         "Classical output error. Raw: Cramer-Rao bound for white residuals. Corrected: for colored (autocorrelated) "

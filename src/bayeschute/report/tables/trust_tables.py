@@ -13,6 +13,7 @@ from bayeschute.report.sentences import plain, requirement_limit, requirements
 from bayeschute.report.tables.summary_tables import Cell, Table, cells, plain_table, table_of
 from bayeschute.report.wording import (
     MISSING,
+    also,
     counted,
     is_number,
     number,
@@ -80,6 +81,7 @@ def requirement_table(results: Results) -> Table | None:
         posterior = f"{probability(r.get('posterior_q05'))} … {probability(r.get('posterior_q95'))}"
         scale, shown = shown_unit(unit)
         edges = [number(scaled(r, key, scale)) for key in ("q05", "median", "q95")]
+        beside = also([r.get(key) for key in ("q05", "median", "q95")], unit)
         small = statistic_name(str(r.get("quantity", "")), str(r.get("statistic") or ""))
         small += f", {r['run']}" if r.get("run") else ""
         failed = r.get("failed")
@@ -87,7 +89,7 @@ def requirement_table(results: Results) -> Table | None:
             cells(
                 Cell(str(r.get("name", MISSING)), "wrap strong", small),
                 Cell(requirement_limit(r), "wrap"),
-                Cell(f"{edges[1]} {shown}", "", f"90 %: {edges[0]} … {edges[2]}"),
+                Cell(f"{edges[1]} {shown}", "", f"90 %: {edges[0]} … {edges[2]}{beside and f'; {beside}'}"),
                 Cell(probability(r.get("probability_met")), "big"),
                 simulation if is_number(r.get("simulation_low")) else MISSING,
                 posterior if is_number(r.get("posterior_q05")) else MISSING,
@@ -197,11 +199,12 @@ def provenance_tables(results: Results) -> Sequence[Table]:
 
 
 def warnings_of(results: Results) -> list[str]:
-    """What a reader must not miss: flights without bands, and counts of the sampling."""
-    sampling, bands = results.part("sampling"), entries(results.part("checks")).get("bands")
-    found = [] if bands is None else [f"Failed check: {bands.get('detail')}."]
+    """What a reader must not miss: flights without bands, and counts of the sampling that no failed check tells."""
+    sampling, checks = results.part("sampling"), entries(results.part("checks"))
+    failed = [one for name in ("bands", "divergences") if (one := checks.get(name)) and one.get("passed") is False]
+    found = [f"Failed check: {one.get('detail')}." for one in failed]
     for key, noun, verb in (("divergences", "transition", "diverged"), ("failed_solves", "simulation", "failed")):
         count = sampling.get(key)
-        if is_number(count) and count > 0:
+        if is_number(count) and count > 0 and (key == "failed_solves" or key not in checks):
             found.append(f"{counted(int(count), noun)} of the sampling {verb}; see “Checks and diagnostics”.")
     return found

@@ -29,8 +29,8 @@ Progress = Callable[[str, float, str], None]
 class Log:
     """A file that is written and flushed line by line; a later run appends to it.
 
-    A line contains date and time, seconds since the log was opened, and text: of a stage, how much of it is done and
-    about how long it still takes.
+    A line contains date and time, seconds since the log was opened, and text: of a stage, how much of it is done and,
+    where its pace tells that, about how long it still takes.
     """
 
     def __init__(self, path: Path) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Generic, Literal, TypeVar
 
-from pydantic import AfterValidator, field_validator, model_validator
+from pydantic import AfterValidator, field_validator
 
 from bayeschute.study.schema.quantities import (
     NOT_NEGATIVE,
@@ -26,6 +26,7 @@ from bayeschute.study.schema.quantities import (
     number,
     quantity,
     refuse,
+    rule,
 )
 from bayeschute.study.schema.structure_schema import distinct
 
@@ -44,8 +45,8 @@ class Prior(Strict, Generic[Q]):
     median: Q | None = None
     log_sd: Annotated[float, number(Bounds(above=0.0, most=5.0))] | None = None
 
-    @model_validator(mode="after")
-    def _is_one_law(self) -> Prior[Q]:
+    @rule
+    def _is_one_law(self) -> None:
         given = {key for key in ("mean", "sd", "median", "log_sd") if getattr(self, key) is not None}
         if given not in ({"mean", "sd"}, {"median", "log_sd"}):
             refuse("either mean and sd, or median and log_sd", " and ".join(sorted(given)) or "an empty table")
@@ -53,7 +54,6 @@ class Prior(Strict, Generic[Q]):
             value = getattr(self, key)
             if value is not None and value <= 0.0:
                 refuse(f"a positive {key}", f"{value:g}")
-        return self
 
     @property
     def log_normal(self) -> bool:
@@ -150,8 +150,8 @@ class ChannelNoise(Strict, Generic[Q]):
     time_constant: PositiveTime | None = None
     kind: NoiseKind = "ar1+white"
 
-    @model_validator(mode="after")
-    def _is_its_kind(self) -> ChannelNoise[Q]:
+    @rule
+    def _is_its_kind(self) -> None:
         wanted = {
             "ar1+white": {"white", "correlated", "time_constant"},
             "ar1": {"correlated", "time_constant"},
@@ -161,7 +161,6 @@ class ChannelNoise(Strict, Generic[Q]):
         if given != wanted:
             got = ", ".join(sorted(given)) or "an empty table"
             refuse(f"{', '.join(sorted(wanted))} and nothing else for the kind {self.kind!r}", got)
-        return self
 
 
 class WindNoise(Strict):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 
 from bayeschute.core.errors import Fault
 from bayeschute.core.units import factor_to_si
@@ -10,6 +11,7 @@ from bayeschute.records.foreign.clocks import ISO
 from bayeschute.records.foreign.translate import foreign_unit
 from bayeschute.records.record import LABELS, VARIABLES, nearest
 from bayeschute.study.schema.draft import Draft
+from bayeschute.study.schema.quantities import UnknownValueError
 from bayeschute.study.schema.schema_faults import show
 from bayeschute.study.schema.study_schema import Column, FlightTable
 
@@ -88,15 +90,21 @@ def check_columns(draft: Draft) -> list[Fault]:
         if draft.model == "descent":
             faults += _lacks_altitude(draft, shared, ("columns",))
     for index, flight in draft.flights.items():
-        if flight.columns is not None:
-            loc = ("flight", index, "columns")
-            faults += _map_faults(draft, flight.columns, loc)
-            if draft.model == "descent":
-                faults += _lacks_altitude(draft, flight.columns, loc)
-        elif flight.file is not None and not told and not tells_columns(flight):
-            wanted = "the columns of this record, here or for the whole study"
-            faults.append(Fault(draft.at("flight", index, "columns", ""), "nothing", wanted, "Add a table [columns]."))
+        with suppress(UnknownValueError):
+            faults += _of_flight(draft, index, flight, told)
     return faults
+
+
+def _of_flight(draft: Draft, index: int, flight: FlightTable, told: bool) -> list[Fault]:
+    """Faults of a flight's own columns, or that it has none where the study has none either."""
+    loc = ("flight", index, "columns")
+    if flight.columns is not None:
+        lacks = _lacks_altitude(draft, flight.columns, loc) if draft.model == "descent" else []
+        return [*_map_faults(draft, flight.columns, loc), *lacks]
+    if flight.file is None or told or tells_columns(flight):
+        return []
+    wanted = "the columns of this record, here or for the whole study"
+    return [Fault(draft.at(*loc, ""), "nothing", wanted, "Add a table [columns].")]
 
 
 def _lacks_altitude(draft: Draft, columns: Mapping[str, Column], loc: tuple[int | str, ...]) -> list[Fault]:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 
 from bayeschute.core.errors import Fault
 from bayeschute.study.schema.belief_schema import FORCES, GivenTable, NoiseTable, PriorsTable
 from bayeschute.study.schema.draft import Draft
 from bayeschute.study.schema.knowledge.knowledge_crosscheck import check_knowledge
+from bayeschute.study.schema.quantities import UnknownValueError
 from bayeschute.study.schema.schema_faults import show
 from bayeschute.study.schema.structure_crosscheck import (
     check_core,
@@ -303,4 +305,10 @@ def crosscheck(draft: Draft) -> list[Fault]:
         checks.append(by_model[draft.model])
     checks += [check_canopies, check_vehicles, check_shape, check_canopy_sd, check_polar, check_core, check_stack]
     checks += [check_terms, check_synthetic, check_times, check_predictions, check_knowledge]
-    return [fault for check in checks for fault in check(draft)]
+    return [fault for check in checks for fault in known(check(draft))]
+
+
+def known(faults: Iterator[Fault]) -> Iterator[Fault]:
+    """Faults of a check as far as it can be made: it ends where it asks for a value that could not be read."""
+    with suppress(UnknownValueError):
+        yield from faults

@@ -19,9 +19,11 @@ class Draft:
         file: Path of the study file, as given by the user.
         raw: Its content.
         tables: Its valid tables by key, except flights.
-        flights: Its valid flights by their position in the file.
-        vehicle: The vehicle, if it could be read.
+        flights: Its flights by their position in the file, as far as they are valid.
+        vehicle: The vehicle as far as its file is valid; None where that could not be read.
         own_vehicles: Those of single flights, likewise, by their position.
+
+    A flight or a vehicle in part raises `UnknownValueError` of `quantities` where it is asked for what is not valid.
     """
 
     file: str
@@ -46,6 +48,6 @@ class Draft:
 
     @property
     def flights_complete(self) -> bool:
-        """Whether every flight of the file is valid."""
+        """Whether every flight of the file is there, at least in part."""
         listed = self.raw.get("flight")
         return isinstance(listed, list) and len(listed) == len(self.flights)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import comb
 from typing import Annotated, Literal, TypeVar
 
-from pydantic import AfterValidator, model_validator
+from pydantic import AfterValidator
 
 from bayeschute.aero.published import COEFFICIENTS, published_names
 from bayeschute.aero.term_names import check_axial, check_transverse
@@ -20,6 +20,7 @@ from bayeschute.study.schema.quantities import (
     each,
     one_of,
     refuse,
+    rule,
     whole,
 )
 
@@ -65,8 +66,8 @@ class PolarPoolTable(Strict):
     extra: PolarTerms = ()
     first: PolarTerms = ()
 
-    @model_validator(mode="after")
-    def _is_a_pool(self) -> PolarPoolTable:
+    @rule
+    def _is_a_pool(self) -> None:
         count = comb(len(self.variables) + self.order, self.order) + len(self.extra)
         if count > MOST_CANDIDATES:
             got = f"{count:,} candidates"
@@ -78,7 +79,6 @@ class PolarPoolTable(Strict):
         doubled = [term for term in self.extra if canonical(term) in set(list(known)[: count - len(self.extra)])]
         if doubled:
             refuse("extra terms that the products don't hold already", f"{doubled}")
-        return self
 
     def candidates(self) -> dict[tuple[tuple[str, int], ...], str]:
         """Names of all candidates by their canonical form."""
@@ -149,14 +149,13 @@ class StructureTable(Strict):
     stack: Annotated[int, whole(2, 20)] | None = None
     polar: PolarTable = PolarTable()
 
-    @model_validator(mode="after")
-    def _can_stack(self) -> StructureTable:
+    @rule
+    def _can_stack(self) -> None:
         if self.stack is not None and self.fit != "selected":
             do = 'Say fit = "selected", or remove stack.'
             refuse("a stack of selected structures", f'stack together with fit = "{self.fit}", one structure', do)
         if self.stack is not None and self.replicates == 0:
             refuse("replicates, which select the structures of the stack", "stack together with replicates = 0")
-        return self
 
 
 class SnrTable(Strict):
@@ -166,11 +165,10 @@ class SnrTable(Strict):
     C_Y: PositiveNumber | None = None
     C_N: PositiveNumber | None = None
 
-    @model_validator(mode="after")
-    def _has_one(self) -> SnrTable:
+    @rule
+    def _has_one(self) -> None:
         if not self.by_name():
             refuse("one at least of C_A, C_Y, C_N", "an empty table")
-        return self
 
     def by_name(self) -> dict[str, float]:
         """Ratios by coefficient."""

@@ -50,7 +50,9 @@ def record_paths(draft: Draft, folder: Path, data_dir: Path | str | None) -> tup
     data = data_folder(data_dir)
     paths: dict[int, Path] = {}
     faults: list[Fault] = []
-    files = {index: flight.file for index, flight in draft.flights.items() if flight.file is not None}
+    files = {
+        index: file for index, flight in draft.flights.items() if (file := getattr(flight, "file", None)) is not None
+    }
     asks_for_data = [index for index, file in files.items() if DATA in file]
     how = f"Give it as --data DIR or in the environment variable {DATA_VARIABLE}."
     if asks_for_data and not data:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import AfterValidator, model_validator
+from pydantic import AfterValidator
 
 from bayeschute.records.foreign.conventions import Conventions
 from bayeschute.records.plausibility.reading import NAMES
@@ -30,6 +30,7 @@ from bayeschute.study.schema.quantities import (
     number,
     one_of,
     refuse,
+    rule,
     whole,
 )
 from bayeschute.study.schema.structure_schema import StructureTable, SyntheticTable, distinct
@@ -147,19 +148,24 @@ class FlightTable(Strict):
     accept_implausible: Annotated[tuple[Text, ...], AfterValidator(_laws)] = ()
     simulated_by: Text | None = None
 
-    @model_validator(mode="after")
-    def _comes_from_somewhere(self) -> FlightTable:
+    @rule
+    def _comes_from_somewhere(self) -> None:
         if self.file is None and self.virtual is None:
             refuse("either a file or a [flight.virtual] table", "neither")
         if self.file is not None and self.virtual is not None:
             refuse("either a file or a [flight.virtual] table", "both")
+
+    @rule
+    def _says_nothing_of_a_record_there_is_none_of(self) -> None:
         if self.virtual is not None:
             for key in ("columns", "conventions", "rate", "simulated_by", "vehicle"):
                 if getattr(self, key) is not None:
                     refuse(f"no {key} together with [flight.virtual]", f"{key} of a virtual flight")
+
+    @rule
+    def _has_a_window_that_lasts(self) -> None:
         if self.window is not None and not self.window[0] < self.window[1]:
             refuse("a window whose start is before its end", "window of {:g} s to {:g} s".format(*self.window))
-        return self
 
 
 class SamplerTable(Strict):

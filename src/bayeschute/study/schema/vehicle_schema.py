@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import model_validator
 
 from bayeschute.aero.coefficient import coefficient_names
 from bayeschute.aero.term_names import check_axial, check_transverse, rate_factors
@@ -30,6 +29,7 @@ from bayeschute.study.schema.quantities import (
     each,
     number,
     refuse,
+    rule,
     whole,
 )
 
@@ -80,18 +80,17 @@ class CapsuleTable(Strict):
     pitch_rate_damping: Number | None = None
     yaw_rate_damping: Number | None = None
 
-    @model_validator(mode="after")
-    def _is_a_body(self) -> CapsuleTable:
+    @rule
+    def _is_a_body(self) -> None:
         xy, xz, yz = self.inertia_products or (0.0, 0.0, 0.0)
         x, y, z = self.inertia
         least = float(np.linalg.eigvalsh([[x, xy, xz], [xy, y, yz], [xz, yz, z]])[0])
         if least <= 0.0:
             do = "Give elements of the tensor (minus the integrals of products), about the centre of mass."
             refuse("an inertia tensor that is positive definite", f"a principal moment of {least:.4g} kg m^2", do)
-        return self
 
-    @model_validator(mode="after")
-    def _has_coefficients(self) -> CapsuleTable:
+    @rule
+    def _has_coefficients(self) -> None:
         present = [name for name in _COEFFICIENTS if getattr(self, name) is not None]
         if self.table is None and len(present) < len(_COEFFICIENTS):
             missing = ", ".join(name for name in _COEFFICIENTS if name not in present)
@@ -102,7 +101,6 @@ class CapsuleTable(Strict):
                 f"both a table and {', '.join(present)}",
                 "Remove one of them.",
             )
-        return self
 
 
 class BreathingTable(Strict):
@@ -182,15 +180,14 @@ class AeroTable(Strict):
         """All coefficients by the name of their parameter, axial ones first."""
         return dict(zip(coefficient_names(self), (*self.axial.values(), *self.transverse.values()), strict=True))
 
-    @model_validator(mode="after")
-    def _is_linear_in_the_rate(self) -> AeroTable:
+    @rule
+    def _is_linear_in_the_rate(self) -> None:
         twice = [t for t in (*self.axial, *self.transverse) if rate_factors(t) > 1]
         if self.rate == "airflow" and twice:
             wanted = (
                 "terms that hold the rate once where rate is 'airflow': the canopy's acceleration is solved from them"
             )
             refuse(wanted, ", ".join(repr(t) for t in twice))
-        return self
 
 
 NOT_FLOWN = AeroTable(source="none: no virtual drop is flown", rate="riser", axial={"1": 1.0}, transverse={"e": 0.0})
@@ -214,8 +211,8 @@ class Vehicle(Strict):
     risers: RisersTable
     aero: AeroTable = NOT_FLOWN
 
-    @model_validator(mode="after")
-    def _is_well_posed(self) -> Vehicle:
+    @rule
+    def _is_well_posed(self) -> None:
         """The airflow rate acts as an apparent mass rho S l C_rate/4; with the canopy's own it must stay above zero."""
         k, damping = self.canopies, self.aero.transverse.get("rate", 0.0)
         inertia = k.dry_mass + SEA_LEVEL_DENSITY * k.enclosed_volume
@@ -223,14 +220,12 @@ class Vehicle(Strict):
         if self.aero.rate == "airflow" and inertia + apparent <= 0.0:
             wanted = f"a coefficient of 'rate' whose apparent mass stays above -{inertia:.0f} kg, or rate = 'riser'"
             refuse(wanted, f"{damping:g}, which gives {apparent:.0f} kg")
-        return self
 
-    @model_validator(mode="after")
-    def _hangs_taut(self) -> Vehicle:
+    @rule
+    def _hangs_taut(self) -> None:
         """Risers are fully engaged in the static equilibrium of the hanging capsule."""
         stretch = self.capsule.mass * STANDARD_GRAVITY / (self.canopies.number * self.risers.stiffness)
         engagement = self.risers.engagement
         if engagement is not None and engagement > stretch:
             wanted = f"an engagement of risers up to {stretch:.3g} m, to which the capsule's weight stretches them"
             refuse(wanted, f"{engagement:.3g} m")
-        return self

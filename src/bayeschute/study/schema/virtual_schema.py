@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Annotated, Generic, TypeVar
 
-from pydantic import model_validator
-
 from bayeschute.study.schema.quantities import (
     NOT_NEGATIVE,
     Altitude,
@@ -29,6 +27,7 @@ from bayeschute.study.schema.quantities import (
     Tilt,
     number,
     refuse,
+    rule,
 )
 from bayeschute.study.schema.wind_schema import WindTable
 
@@ -65,11 +64,10 @@ class Sensor(Strict, Generic[Q]):
     correlated: Q = 0.0  # type: ignore[assignment]
     time_constant: PositiveTime | None = None
 
-    @model_validator(mode="after")
-    def _has_time_constant(self) -> Sensor[Q]:
+    @rule
+    def _has_time_constant(self) -> None:
         if self.correlated and self.time_constant is None:
             refuse("a time_constant together with a correlated error", "no time_constant")
-        return self
 
 
 class DropoutsTable(Strict):
@@ -136,9 +134,8 @@ class VirtualFlight(Strict):
     canopy_sd: dict[str, Annotated[float, number(NOT_NEGATIVE)]] | None = None
     sensors: SensorsTable = SensorsTable()
 
-    @model_validator(mode="after")
-    def _has_samples(self) -> VirtualFlight:
+    @rule
+    def _has_samples(self) -> None:
         samples = self.duration * self.rate
         if not FEWEST_SAMPLES <= samples <= MOST_SAMPLES:
             refuse(f"{FEWEST_SAMPLES} to {MOST_SAMPLES:,} samples", f"duration times rate of {samples:.3g} samples")
-        return self

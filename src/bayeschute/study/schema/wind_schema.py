@@ -21,6 +21,7 @@ from bayeschute.study.schema.quantities import (
     Strict,
     Text,
     refuse,
+    rule,
 )
 from bayeschute.study.schema.sidecar import Wanted, read_beside
 
@@ -192,8 +193,8 @@ class _ByAltitude(Strict):
     down: tuple[Speed, ...] | None = None
     profile: ProfileFile | None = None
 
-    @model_validator(mode="after")
-    def _is_given_once(self) -> Self:
+    @rule
+    def _is_given_once(self) -> None:
         sizes = [len(self.altitude), len(self.north), len(self.east)]
         if len(set(sizes)) > 1:
             got = "altitude, north and east of {}, {} and {} values".format(*sizes)
@@ -204,17 +205,15 @@ class _ByAltitude(Strict):
             refuse("altitudes that increase", "altitudes that don't increase")
         if self.altitude and self.profile:
             refuse("altitude, north and east, or a profile", "both", "Remove one of them.")
-        return self
 
 
 class ProfileTable(_ByAltitude):
     """Wind by altitude alone."""
 
-    @model_validator(mode="after")
-    def _is_by_altitude(self) -> ProfileTable:
+    @rule
+    def _is_by_altitude(self) -> None:
         if not (self.altitude or self.profile):
             refuse("altitude, north and east, or a profile", "no wind")
-        return self
 
     def rows(self) -> NDArray[np.float64]:
         """Rows of altitude [m], north, east, down [m/s], upwards (K, 4)."""
@@ -240,10 +239,9 @@ class WindTable(_ByAltitude):
     gust: tuple[GustTable, ...] = ()
     every_body: Annotated[bool, BeforeValidator(_yes_or_no)] = False
 
-    @model_validator(mode="after")
-    def _is_a_table(self) -> WindTable:
+    @rule
+    def _is_a_table(self) -> None:
         if max(len(self.layer), len(self.gust)) > MOST_PARTS:
             refuse(f"up to {MOST_PARTS} layers and as many gusts", f"{len(self.layer)} and {len(self.gust)}")
         if not (self.altitude or self.profile or self.history or self.layer or self.gust):
             refuse("altitude, north and east; or a profile, a history, a layer or a gust", "no wind")
-        return self
