@@ -59,6 +59,17 @@ def test_altitude_from_pressure_is_hypsometric(warm):
     assert out["altitude"].values[-1] == pytest.approx(Z[-1], abs=1e-3)
 
 
+@pytest.mark.parametrize("upward", [False, True])
+def test_altitude_of_one_temperature_is_the_closed_form(upward):
+    """z - z_0 = (R T/g) ln(p_0/p), sample by sample, from the lowest one on: whichever way a record goes."""
+    p, warm = standard_pressure(Z), 300.0
+    p = p[::-1] if upward else p
+    out = derive(make_record(time=T, pressure=p, temperature=np.full(T.size, warm)))["altitude"].values
+    wanted = Z[-1] + 287.053 * warm / 9.80665 * np.log(p.max() / p)
+    np.testing.assert_allclose(out, wanted, atol=2e-2)
+    np.testing.assert_allclose(np.sign(np.diff(out)), 1.0 if upward else -1.0)
+
+
 def test_recorded_variables_are_not_replaced():
     record = make_record(time=T, altitude=Z, density=np.full(T.size, 0.5), descent_rate=np.full(T.size, 7.0))
     out = derive(record)
