@@ -128,11 +128,13 @@ def _cleaned(t, rate, **arrays):
     return derive(clean(make_record(time=t, **arrays), rate))
 
 
-def test_what_was_bridged_is_no_measurement():
+@pytest.mark.parametrize("zero", [0.0, 3e5])
+def test_what_was_bridged_is_no_measurement(zero):
+    """Whenever the clock began."""
     t = np.arange(200) * 0.1
     canopies = np.tile(np.stack([0.3 * t, 0.1 * t, -8.0 * t], axis=1)[:, None], (1, 2, 1))
     canopies[50:53, 0] = np.nan
-    record = _cleaned(t, 10.0, canopy_position=canopies)
+    record = _cleaned(zero + t, 10.0, canopy_position=canopies)
     assert np.isfinite(record["canopy_position"].values).all()
     first, second = (measured(record, f"canopy_position.{i}") for i in (1, 2))
     np.testing.assert_array_equal(np.flatnonzero(~first), [50, 51, 52])
