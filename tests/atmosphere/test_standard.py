@@ -3,7 +3,13 @@
 import numpy as np
 import pytest
 
-from bayeschute.atmosphere.standard import pressure_altitude, standard_density, standard_pressure, standard_temperature
+from bayeschute.atmosphere.standard import (
+    SEA_LEVEL_DENSITY,
+    pressure_altitude,
+    standard_density,
+    standard_pressure,
+    standard_temperature,
+)
 from bayeschute.core.errors import InputError
 
 # Geometric altitude [m], temperature [K], pressure [Pa], density [kg/m^3], from table I of the 1976 standard.
@@ -53,3 +59,8 @@ def test_altitudes_beyond_the_standard_are_refused(altitude):
 def test_pressures_beyond_the_standard_are_refused():
     with pytest.raises(InputError, match="pressure altitude"):
         pressure_altitude([1e6])
+
+
+def test_the_density_at_sea_level_is_that_of_the_table():
+    assert SEA_LEVEL_DENSITY == pytest.approx(TABLE[0, 3], rel=1e-4)
+    assert SEA_LEVEL_DENSITY == pytest.approx(float(standard_density(np.array(0.0))), rel=1e-5)

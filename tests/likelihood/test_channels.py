@@ -62,6 +62,15 @@ def test_descent_data():
     assert made.still().start.shape == (1,) and made.still().process_noise.shape == (60, 1)
 
 
+def test_the_zero_of_the_clock_does_not_matter():
+    record = _record()
+    late = record.assign_coords(time=record["time"] + 300.0)
+    one, other = descent_data(record, GUSTS, until=20.0), descent_data(late, GUSTS, until=320.0)
+    assert float(other.dt) == float(other.model.dt) == 0.5 and other.model.substeps == one.model.substeps == 2
+    for name in ("observed", "present"):
+        np.testing.assert_array_equal(getattr(other, name), getattr(one, name))
+
+
 def test_a_slow_series_on_a_fast_clock_tells_no_more_than_on_its_own():
     """Descent rates two seconds apart, white noise: the same interval on their own clock and on one four times as fast."""
     rng, slow = np.random.default_rng(3), 2.0 * np.arange(31)

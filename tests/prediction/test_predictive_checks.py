@@ -87,6 +87,18 @@ def test_draws_of_sound_disturbances_are_seldom_off_and_offset_ones_are():
     assert first.statistic == "mean" and first.p < 1e-6
 
 
+def test_checks_of_draws_are_the_means_of_the_checks_of_each():
+    """Twice the mean p-value, at most one; of normal numbers that are drawn, the distribution is not asked about."""
+    draws = np.random.default_rng(9).standard_normal((900, 5)) + [0.0, 0.0, 0.05, 0.1, 0.0]
+    made = {c.statistic: c for c in draws_checks("a", "wind", draws, DT, FREQUENCIES)}
+    each = [{c.statistic: c for c in series_checks("a", "wind", z, DT, FREQUENCIES)} for z in draws.T]
+    assert set(made) == set(each[0]) - {"PIT distance"} and len(made) == 5
+    for name, check in made.items():
+        assert check.p == pytest.approx(min(1.0, 2.0 * np.mean([one[name].p for one in each])))
+        assert check.value == pytest.approx(np.mean([one[name].value for one in each]))
+        assert (check.flight, check.what) == ("a", "wind")
+
+
 def test_the_distance_from_a_prior_is_two_sided():
     assert prior_check("a", "x", 2.0).p == prior_check("a", "x", -2.0).p == pytest.approx(0.0455, abs=1e-4)
 

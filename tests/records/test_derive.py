@@ -59,6 +59,17 @@ def test_altitude_from_pressure_is_hypsometric(warm):
     assert out["altitude"].values[-1] == pytest.approx(Z[-1], abs=1e-3)
 
 
+@pytest.mark.parametrize("upward", [False, True])
+def test_altitude_of_one_temperature_is_the_closed_form(upward):
+    """z - z_0 = (R T/g) ln(p_0/p), sample by sample, from the lowest one on: whichever way a record goes."""
+    p, warm = standard_pressure(Z), 300.0
+    p = p[::-1] if upward else p
+    out = derive(make_record(time=T, pressure=p, temperature=np.full(T.size, warm)))["altitude"].values
+    wanted = Z[-1] + 287.053 * warm / 9.80665 * np.log(p.max() / p)
+    np.testing.assert_allclose(out, wanted, atol=2e-2)
+    np.testing.assert_allclose(np.sign(np.diff(out)), 1.0 if upward else -1.0)
+
+
 def test_recorded_variables_are_not_replaced():
     record = make_record(time=T, altitude=Z, density=np.full(T.size, 0.5), descent_rate=np.full(T.size, 7.0))
     out = derive(record)
@@ -117,11 +128,13 @@ def _cleaned(t, rate, **arrays):
     return derive(clean(make_record(time=t, **arrays), rate))
 
 
-def test_what_was_bridged_is_no_measurement():
+@pytest.mark.parametrize("zero", [0.0, 3e5])
+def test_what_was_bridged_is_no_measurement(zero):
+    """Whenever the clock began."""
     t = np.arange(200) * 0.1
     canopies = np.tile(np.stack([0.3 * t, 0.1 * t, -8.0 * t], axis=1)[:, None], (1, 2, 1))
     canopies[50:53, 0] = np.nan
-    record = _cleaned(t, 10.0, canopy_position=canopies)
+    record = _cleaned(zero + t, 10.0, canopy_position=canopies)
     assert np.isfinite(record["canopy_position"].values).all()
     first, second = (measured(record, f"canopy_position.{i}") for i in (1, 2))
     np.testing.assert_array_equal(np.flatnonzero(~first), [50, 51, 52])

@@ -82,3 +82,17 @@ def test_seeds_reproduce():
     one, two, three = (record_of(truth(50), SENSORS, Dropouts(0.2), np.random.default_rng(s)) for s in (5, 5, 6))
     xr.testing.assert_identical(one, two)
     assert not one.equals(three)
+
+
+def test_the_zero_of_the_clock_does_not_matter():
+    """Time constants of noise and lengths of dropouts are in seconds of the sample interval."""
+    time, still = DT * np.arange(300), np.zeros((300, 3))
+    made = [
+        record_of(
+            make_record(time=zero + time, capsule_position=still, canopy_position=np.zeros((300, 1, 3))),
+            {"capsule_position": SensorNoise(0.1, 0.4, 3.0)}, Dropouts(0.2, 1.0), np.random.default_rng(5),
+        )
+        for zero in (0.0, 500.0)
+    ]  # fmt: skip
+    for name in ("capsule_position", "canopy_position"):
+        np.testing.assert_allclose(made[1][name].values, made[0][name].values, atol=1e-9)

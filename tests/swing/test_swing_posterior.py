@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 from tests.twins import damped_swing as twin
 
 from bayeschute.swing import swing_posterior
@@ -80,3 +81,49 @@ def test_a_nuisance_that_repeats_the_swing_gains_nothing(problem):
     rows = np.stack([row(replace(BASE, frequency=f, damping_ratio=1e-9)) for f in np.linspace(1.2, 1.4, 21)])
     density = solve(one, rows).log_density
     assert density[10] < density[5] + 3.0
+
+
+def test_the_prior_is_that_of_its_description(problem):
+    """Parameter by parameter against scales that are written out here: above, the density's own prior is taken off."""
+
+    def gained(place, values):
+        rows = np.tile(row(BASE), (len(values) + 1, 1))
+        rows[1:, place] = values
+        made = swing_posterior._log_prior(problem, rows)
+        return made[1:] - made[0]
+
+    start, size, f = row(BASE), problem.scale, problem.frequency
+    logs = np.log([1e-7, 0.02, 0.3, 1.0, 40.0, 1e7])
+    forced = 0.3 * size * np.sqrt(2.0 * f)
+    for place, scale, density in (
+        (2, forced, lambda s: s**2 / (1.0 + s**2) ** 2),  # of the standard deviation; rises as the square
+        (3, 0.5 * size, lambda s: s / (1.0 + s**2) ** 1.5),  # flat in the variance
+        (5, 0.1 * size, lambda s: s / (1.0 + s**2) ** 1.5),
+    ):
+        at, there = np.exp(logs) / scale, np.exp(start[place]) / scale
+        wanted = np.log(at * density(at)) - np.log(there * density(there))
+        np.testing.assert_allclose(gained(place, logs), wanted, rtol=1e-9, atol=1e-9)
+    tau = norm(np.log(0.3 / f), 1.0)
+    np.testing.assert_allclose(gained(4, logs), tau.logpdf(logs) - tau.logpdf(start[4]), rtol=1e-9, atol=1e-9)
+    inside, twice = np.log(2.0 * np.pi * np.array([0.31, 1.2, 1.9])), np.log(2.0 * np.pi * np.array([0.15, 4.0]))
+    np.testing.assert_allclose(gained(0, inside), 0.0, atol=1e-12)
+    np.testing.assert_allclose(gained(0, twice), -0.5 * (np.log(2.0) / 0.05) ** 2, rtol=1e-9)
+
+
+def test_the_prior_of_damping_is_the_energy_of_the_motion(problem):
+    """It falls as 1/b, ends softly where b is the damped frequency, and growing swings get no more than a steady one."""
+    long = replace(problem, data=np.zeros((40_000, 2)))
+    omega = np.exp(row(BASE)[0])
+    rows = np.tile(row(BASE), (6, 1))
+    rows[:, 1] = omega * np.array([0.1, 0.2, 0.4, 1.1, -1e-6, -0.4])
+    p = swing_posterior._log_prior(long, rows)
+    np.testing.assert_allclose(np.diff(p[:3]), -np.log(2.0), rtol=1e-2)
+    assert p[3] - p[2] == pytest.approx(-np.log(1.1 / 0.4) - 0.5 * (0.1 / 0.05) ** 2, rel=1e-2)
+    assert p[4] < p[5] < p[4] + 1.0
+
+
+def test_without_forcing_its_prior_says_nothing(problem):
+    still = replace(problem, forcing=False)
+    rows = np.tile(row(BASE), (2, 1))
+    rows[1, 2] = swing_posterior.LEAST_FORCING
+    assert np.diff(swing_posterior._log_prior(still, rows)) == 0.0
