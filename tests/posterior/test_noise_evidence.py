@@ -208,14 +208,16 @@ def test_law_scales_are_the_widths_of_a_gaussian_along_the_axes_and_no_wider_tha
     np.testing.assert_allclose(made, [0.005, 0.5, LOG_SD], rtol=1e-6)
 
 
-def test_noise_parameters_known_unequally_well_are_found_in_few_steps(monkeypatch):
+def test_noise_parameters_known_unequally_well_are_found_in_few_steps():
     """As a record knows a sensor's noise by thousands of samples and a correlation time by a few."""
     rng = np.random.default_rng(4)
     size, mixed = np.logspace(4.5, 0.0, 20), np.linalg.qr(np.eye(20) + 0.01 * rng.standard_normal((20, 20)))[0]
-    monkeypatch.setattr(noise_evidence, "to_vector", lambda hyper: np.asarray(hyper))
-    monkeypatch.setattr(noise_evidence, "from_vector", lambda x, like: x)
     evidence, asked = _quadratic(mixed @ np.diag(size) @ mixed.T)
-    prior, start = NoisePrior(np.zeros(20), 2.0), rng.uniform(0.5, 1.0, 20)
+    none = np.zeros(0)
+    prior, start = (
+        NoiseParameters(Noise(np.exp(x), none, none), ()) for x in (np.zeros(20), rng.uniform(0.5, 1.0, 20))
+    )
+    prior = NoisePrior(prior, 2.0)
     _, value = noise_evidence.maximise(evidence, start, prior)
     assert value < 0.01
     assert len(asked) < 21 + 50
@@ -280,3 +282,32 @@ def test_axes_at_whose_ends_the_evidence_is_not_finite_are_left_out(monkeypatch)
     monkeypatch.setattr(noise_evidence, "to_vector", lambda hyper: hyper)
     moved = noise_evidence.mean_less_mode(evidence, np.zeros(2), np.diag([0.09, 0.16]))
     np.testing.assert_allclose(moved, [-0.5 * 0.09 * 0.09, 0.0], atol=1e-12)
+
+
+def test_an_oscillator_stays_one_near_its_frequency():
+    """Far from a light oscillation near its frequency a process is another one; others are as free as before."""
+    noise = Noise(*(np.array([0.1, 0.3, 2.0]) for _ in range(3)))
+    processes = (np.array([0.5, 5.0]), np.array([0.02, 0.25, 0.1]), np.array([0.3, 20.0]))
+    median = NoiseParameters(noise, processes)
+    middle, (low, high) = noise_evidence.to_vector(median), NoisePrior(median, 0.7).limits()
+    wide = np.full(len(middle), 5.0 * 0.7)
+    oscillator = slice(9 + 2, 9 + 5)
+    expected = wide.copy()
+    expected[oscillator] = [3.5, np.log(2.0), np.log(3.0)]
+    np.testing.assert_allclose(high - middle, expected, rtol=1e-12)
+    expected[oscillator] = [3.5, np.log(2.0), 3.5]
+    np.testing.assert_allclose(middle - low, expected, rtol=1e-12)
+    damped = replace(median, disturbance_parameters=(np.array([0.02, 0.25, 0.4]),))
+    assert np.exp(NoisePrior(damped).limits()[1][-1]) == pytest.approx(0.8)
+
+
+def test_no_oscillator_is_sought_as_a_slow_force(linear):
+    """An evidence that falls towards a heavily damped oscillation ends at the limit."""
+    median = replace(linear.hyper, disturbance_parameters=(np.array([0.02, 0.25, 0.1]),))
+    size = len(noise_evidence.to_vector(median))
+
+    def evidence(vector):
+        return -float(vector[-1]), -np.eye(size)[-1]
+
+    best, _ = noise_evidence.maximise(evidence, median, NoisePrior(median), scale=np.ones(size))
+    np.testing.assert_allclose(best.disturbance_parameters[0], [0.02, 0.25, 0.3], rtol=1e-6)

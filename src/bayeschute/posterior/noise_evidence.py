@@ -17,6 +17,7 @@ import scipy.optimize
 from numpy.typing import NDArray
 
 from bayeschute.core.numerics import processors
+from bayeschute.likelihood.disturbances import KINDS
 from bayeschute.likelihood.joint import FlightData, Linear, NoiseParameters, as_seen
 from bayeschute.likelihood.kalman import MeanCorrection
 from bayeschute.likelihood.kalman_gradient import evidence_score
@@ -29,6 +30,8 @@ _seen = jax.jit(as_seen)
 Evidence = Callable[[Array], tuple[float, Array]]
 """Minus a log evidence and its gradient (V,) at the logarithms of the noise parameters (V,): see `function_of`."""
 _FARTHEST = 5.0  # standard deviations of its prior that a noise parameter may be away from the median
+_DETUNED = 2.0  # frequency of an oscillator over its median, or the other way round, at most
+_DAMPED = 0.3  # greatest damping ratio of an oscillator, or twice its median
 _MOST_PRIOR = 0.95  # largest share of the prior in a precision; beyond it what data tell is lost in rounding
 _TOLD = 0.1  # along axes with a smaller standard deviation the skewness is negligible
 
@@ -39,6 +42,22 @@ class NoisePrior:
 
     median: NoiseParameters
     log_sd: float = 0.7
+
+    def limits(self) -> tuple[Array, Array]:
+        """Least and greatest logarithms of the noise parameters that are sought (V,), in the order of `to_vector`.
+
+        An oscillator is near the frequency that is believed, and lightly damped. Else what breathes may end as a slow
+        force on every canopy, which stands for the terms between canopies that a model then lacks.
+        """
+        middle = to_vector(self.median)
+        low, high = middle - _FARTHEST * self.log_sd, middle + _FARTHEST * self.log_sd
+        place = len(middle) - sum(len(one) for one in self.median.disturbance_parameters)
+        for one in self.median.disturbance_parameters:
+            if len(one) == KINDS["oscillator"]:
+                low[place + 1], high[place + 1] = middle[place + 1] + np.log([1.0 / _DETUNED, _DETUNED])
+                high[place + 2] = np.log(max(_DAMPED, 2.0 * one[2]))
+            place += len(one)
+        return low, high
 
 
 def function_of(
@@ -119,7 +138,7 @@ def maximise(
         FloatingPointError: If the evidence is not finite anywhere.
     """
     unit = scales(evidence, hyper, prior) if scale is None else scale
-    middle, farthest = to_vector(prior.median), _FARTHEST * prior.log_sd
+    low, high = prior.limits()
 
     def scaled(z: Array) -> tuple[float, Array]:
         value, gradient = evidence(unit * z)
@@ -127,10 +146,10 @@ def maximise(
 
     found = scipy.optimize.minimize(
         scaled,
-        to_vector(hyper) / unit,
+        np.clip(to_vector(hyper), low, high) / unit,
         jac=True,
         method="L-BFGS-B",
-        bounds=list(zip((middle - farthest) / unit, (middle + farthest) / unit, strict=True)),
+        bounds=list(zip(low / unit, high / unit, strict=True)),
         options={"maxiter": most, "ftol": 1e-7},
     )
     if not found.fun < 1e299:
