@@ -1,6 +1,6 @@
 """What a user would pick instead: aeroid, PINTS, numpyro with diffrax, emcee with SciPy, RocketPy, on the same records.
 
-    python benchmarks/rivals.py [--python PYTHON] [--cases swing-gusts ...] [--seeds 1 2 3] [--limit 40] [--store FOLDER]
+    python benchmarks/rivals.py [--python PYTHON] [--cases swing-gusts ...] [--seeds 1 2 3] [--limit 40] [--store PLACE]
 
 Makes records by bayeschute's virtual flights (`rivals_records.py`), lets every script of ``benchmarks/rivals`` find
 parameters and predict, each in a process of its own, and scores them against the truth (`rivals_scores.py`). PYTHON is

@@ -10,6 +10,7 @@ problem = exchange.read()
 names, (centre, width) = list(problem.priors), np.array(list(problem.priors.values())).T
 record, start_mean = problem.record, np.array(problem.start)
 data = np.stack([record["swing_angle"], record["along"], record["down"]], axis=1)
+start_sd = np.array(problem.start_sd)[:, None]
 sizes = np.array(problem.noise)  # medians of the three residuals
 
 
@@ -48,7 +49,7 @@ def log_density(x):
     """Of unknowns (N, 12), in prior standard deviations: coefficients, start, logarithms of the noise."""
     theta, start = (
         centre[:, None] + width[:, None] * x[:, :5].T,
-        start_mean[:, None] + problem.start_sd_column * x[:, 5:9].T,
+        start_mean[:, None] + start_sd * x[:, 5:9].T,
     )
     sigma = sizes[:, None] * np.exp(problem.noise_log_sd * x[:, 9:].T)
     with np.errstate(all="ignore"):
@@ -57,22 +58,27 @@ def log_density(x):
     return np.where(np.isfinite(value), value, -np.inf)
 
 
-problem.start_sd_column = np.array(problem.start_sd)[:, None]
+def residuals(x, seen):
+    """For the start (M, N), by the medians of the noise, of coefficients and start (N, 9)."""
+    theta, start = centre[:, None] + width[:, None] * x[:, :5].T, start_mean[:, None] + start_sd * x[:, 5:].T
+    made = (data[:, :, None] - simulate(theta, start, record, problem.body)) / sizes[:, None]
+    return np.concatenate([made[:seen].reshape(-1, len(x)), x.T])
 
 
-def residuals(x):
-    """For the start: of coefficients and start, by the medians of the noise."""
-    made = simulate(
-        (centre + width * x[:5])[:, None],
-        (start_mean + problem.start_sd_column[:, 0] * x[5:])[:, None],
-        record,
-        problem.body,
-    )
-    return np.concatenate([((data - made[:, :, 0]) / sizes).ravel(), x])
+def value(x, seen):
+    return residuals(x[None], seen)[:, 0]
 
 
-best = least_squares(residuals, np.zeros(9), diff_step=1e-4, max_nfev=30)
-noise = np.log(residuals(best.x)[:-9].reshape(data.shape).std(axis=0)) / problem.noise_log_sd
+def slope(x, seen):
+    made = residuals(np.concatenate([x + 1e-3 * np.eye(9), x - 1e-3 * np.eye(9)]), seen)
+    return (made[:, :9] - made[:, 9:]) / 2e-3
+
+
+x = np.zeros(9)
+for share in (0.15, 0.3, 0.6, 1.0):  # of the record, longer and longer: a whole swing has many optima
+    best = least_squares(value, x, slope, max_nfev=30, args=(int(share * len(data)),))
+    x = best.x
+noise = np.log(best.fun[:-9].reshape(data.shape).std(axis=0)) / problem.noise_log_sd
 spread = np.linalg.cholesky(np.linalg.inv(best.jac.T @ best.jac)) * np.exp(problem.noise_log_sd * noise.mean())
 rng = np.random.default_rng(problem.seed)
 walkers = 32

@@ -72,14 +72,18 @@ def model():
         numpyro.sample("all", dist.Normal(mean, sigma), obs=data)
 
 
-def residuals(x):
+def residuals(x, seen):
     """For the start, by the medians of the noise."""
     theta, start, sigma, _ = parts(jnp.concatenate([x, jnp.zeros(3)]))
     made = simulate(theta, start, record, problem.body)
-    return jnp.concatenate([((data - made) / sigma).ravel(), x])
+    return jnp.concatenate([(seen[:, None] * (data - made) / sigma).ravel(), x])
 
 
-best = least_squares(jax.jit(residuals), np.zeros(9), jax.jit(jax.jacfwd(residuals)), max_nfev=50)
+x, value, slope = np.zeros(9), jax.jit(residuals), jax.jit(jax.jacfwd(residuals))
+for share in (0.15, 0.3, 0.6, 1.0):  # of the record, longer and longer: a whole swing has many optima
+    seen = 1.0 * (np.arange(len(data)) < share * len(data))
+    best = least_squares(value, x, slope, max_nfev=50, args=(seen,))
+    x = best.x
 spread = np.asarray(best.fun[:-9]).reshape(data.shape).std(axis=0)
 free = 0.05 * np.eye(15 if ar1 else 12)
 free[:9, :9] = np.linalg.inv(best.jac.T @ best.jac) * spread.mean() ** 2
