@@ -176,13 +176,16 @@ def _table(record: xr.Dataset) -> dict[str, Array]:
     }  # fmt: skip
 
 
-def _swing_files(folder: Path, seed: int, wide: bool, flights: list[tuple[xr.Dataset, Dumbbell]]) -> dict[str, Array]:
+def _swing_files(
+    folder: Path, seed: int, wide: bool, flights: list[tuple[xr.Dataset, Dumbbell]], start: list[float]
+) -> dict[str, Array]:
+    """Write both flights; the second begins at a start that all programs are told."""
     (first, base), (second, other) = flights
     problem = {
         "model": "swing", "seed": seed, "priors": priors(seed, wide), "noise": list(SWING_NOISE),
         "noise_log_sd": LOG_SD,
         "start": _first(first), "start_sd": list(START_SD), "body": body(base), "next_body": body(other),
-        "next_start": _first(second),
+        "next_start": start,
     }  # fmt: skip
     seen = _table(second)
     _write(folder, problem, _table(first), {k: seen[k] for k in ("time", "wind_along", "wind_down", "density")})
@@ -195,7 +198,8 @@ def _swing(air: str, seed: int, folder: Path) -> Truth:
     second = SwingDrop(60.0, 0.2, 7000.0 * FT, 12.0 * DEGREE, 0.0, WINDS[1], gusts, sensors)
     record, _ = fly_swing(first, BASE, AERO, seed)
     following, truth = fly_swing(second, LIGHTER, AERO, 1000 + seed)
-    seen = _swing_files(folder, seed, air == "wide", [(record, BASE), (following, LIGHTER)])
+    start = [second.swing, second.swing_rate, *map(float, truth["capsule_velocity"].values[0])]
+    seen = _swing_files(folder, seed, air == "wide", [(record, BASE), (following, LIGHTER)], start)
     motion = {"swing_angle": truth["swing_angle"].values, "descent_rate": truth["capsule_velocity"].values[:, 1]}
     recorded = {"swing_angle": seen["swing_angle"], "descent_rate": seen["down"]}
     return Truth(TABLE.estimates(), seen["time"], motion, recorded)
@@ -218,7 +222,7 @@ def _cluster(seed: int, folder: Path) -> Truth:
     study = bc.Study.load(Path(__file__).parents[1] / "models/studies/cdt-3-11.toml")
     first, second = study.flights["cdt-3-11"], study.flights["cdt-3-12"]
     pairs = [(planar(f, a * DEGREE, b), b) for f, a, b in ((first, 40.0, BASE), (second, -60.0, LIGHTER))]
-    seen = _swing_files(folder, seed, False, pairs)
+    seen = _swing_files(folder, seed, False, pairs, _first(pairs[1][0]))
     truth = second.truth
     assert truth is not None
     truth = truth.isel(time=slice(None, None, 2))
