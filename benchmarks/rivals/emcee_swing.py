@@ -83,7 +83,8 @@ spread = np.linalg.cholesky(np.linalg.inv(best.jac.T @ best.jac)) * np.exp(probl
 rng = np.random.default_rng(problem.seed)
 walkers = 32
 begin = np.concatenate(
-    [best.x + rng.standard_normal((walkers, 9)) @ spread.T, noise + 0.03 * rng.standard_normal((walkers, 3))], axis=1
+    [best.x + 0.1 * rng.standard_normal((walkers, 9)) @ spread.T, noise + 0.03 * rng.standard_normal((walkers, 3))],
+    axis=1,
 )
 sampler = emcee.EnsembleSampler(
     walkers, 12, log_density, vectorize=True, moves=[(emcee.moves.DEMove(), 0.9), (emcee.moves.StretchMove(), 0.1)]
