@@ -34,15 +34,15 @@ WORDS = {
     "knows of, and sensors whose noise remembers. Another capsule in another wind is predicted from its true start.",
     "swing-calm": "The same in still air, with white noise.",
     "swing-wide": "As in gusts, but priors several times as wide, centred 10 to 50 % off.",
-    "cluster": "The drop of the default study, two canopies in three dimensions. The others see it as a planar dumbbell "
-    "in the plane of its first swing, the most that a user would write; bayeschute runs its study. The look-alike is "
+    "cluster": "The drop of the default study, two canopies in three dimensions. The others see it as a planar "
+    "dumbbell in the plane of its first swing, the most that a user would write; bayeschute runs its study. The look-alike is "
     "predicted: its swing angle to any side, and its descent rate. There are no true coefficients of a dumbbell.",
 }
 _HEAD = """\
 # What a user would pick instead
 
-Written by `python benchmarks/rivals_page.py`; do not edit. Numbers behind it, with command, commit, machine and versions:
-`models/reference/rivals/*.json`. One command makes an environment with the others, makes the records, runs all and
+Written by `python benchmarks/rivals_page.py`; do not edit. Numbers behind it, with command, commit, machine and
+versions: `models/reference/rivals/*.json`. One command makes an environment with the others, makes the records, runs all and
 scores them:
 
 ```sh
@@ -56,7 +56,8 @@ program has a script of its own in `benchmarks/rivals/`, with the same priors an
 tools offer them, and where the name says so an AR(1) likelihood. bayeschute's descent and cluster use its public door;
 its dumbbell has none, and its script imports inner modules.
 
-- *lines*: of the script, without blanks, comments and docstrings, model and prediction included, reading and writing not.
+- *lines*: of the script, without blanks, comments and docstrings; model and prediction are included, reading and
+  writing of the files is not.
 - *failed*: records without a result. All other columns are means over the rest, so a program that fails on hard records
   looks better than it is.
 - *processor*: seconds of the script's process, imports and compilation included. A script that ran out of its limit has
