@@ -35,15 +35,15 @@ WORDS = {
     "swing-calm": "The same in still air, with white noise.",
     "swing-wide": "As in gusts, but priors several times as wide, centred 10 to 50 % off.",
     "cluster": "The drop of the default study, two canopies in three dimensions. The others see it as a planar "
-    "dumbbell in the plane of its first swing, the most that a user would write; bayeschute runs its study. The look-alike is "
-    "predicted: its swing angle to any side, and its descent rate. There are no true coefficients of a dumbbell.",
+    "dumbbell in the plane of its first swing, the most that a user would write; bayeschute runs its study. The "
+    "look-alike is predicted: its swing angle to any side, and its descent rate. There are no true coefficients of a dumbbell.",
 }
 _HEAD = """\
 # What a user would pick instead
 
 Written by `python benchmarks/rivals_page.py`; do not edit. Numbers behind it, with command, commit, machine and
-versions: `models/reference/rivals/*.json`. One command makes an environment with the others, makes the records, runs all and
-scores them:
+versions: `models/reference/rivals/*.json`. One command makes an environment with the others, makes the
+records, runs all and scores them:
 
 ```sh
 python benchmarks/rivals.py --seeds 1 2 3 --store models/reference/rivals
