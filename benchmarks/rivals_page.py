@@ -36,7 +36,8 @@ WORDS = {
     "swing-wide": "As in gusts, but priors several times as wide, centred 10 to 50 % off.",
     "cluster": "The drop of the default study, two canopies in three dimensions. The others see it as a planar "
     "dumbbell in the plane of its first swing, the most that a user would write; bayeschute runs its study. The "
-    "look-alike is predicted: its swing angle to any side, and its descent rate. There are no true coefficients of a dumbbell.",
+    "look-alike is predicted: its swing angle to any side, and its descent rate. There are no true coefficients "
+    "of a dumbbell.",
 }
 _HEAD = """\
 # What a user would pick instead

@@ -45,6 +45,7 @@ def model():
     numpyro.sample("seen", dist.Normal(made, sigma), obs=jnp.asarray(problem.record["descent_rate"]))
 
 
+numpyro.enable_validation(False)  # of draws far out, which do not fall
 kernel = NUTS(model, forward_mode_differentiation=True)
 mcmc = MCMC(kernel, num_warmup=200, num_samples=300, num_chains=2, chain_method="vectorized", progress_bar=False)
 mcmc.run(jax.random.key(problem.seed))
