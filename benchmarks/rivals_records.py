@@ -78,14 +78,12 @@ class Truth:
         parameters: By name; none where the rivals' model is not that of the record.
         time: Of the predicted flight (T,) [s].
         motion: Its true quantities (T,) [rad, m/s].
-        recorded: The same as recorded, where they are.
         absolute: Whether a model's swing counts by its size.
     """
 
     parameters: dict[str, float]
     time: Array
     motion: dict[str, Array]
-    recorded: dict[str, Array]
     absolute: bool = False
 
 
@@ -140,7 +138,7 @@ def _descent(gusts: bool, seed: int, folder: Path) -> Truth:
     )
     whole = np.column_stack([time, altitude, seen])
     np.savetxt(folder / "whole.csv", whole, delimiter=",", header="time,altitude,descent_rate", comments="", fmt="%.9g")
-    return Truth({"log_cds_over_mass": drag}, time[after], {"descent_rate": rate[after]}, {"descent_rate": seen[after]})
+    return Truth({"log_cds_over_mass": drag}, time[after], {"descent_rate": rate[after]})
 
 
 def priors(seed: int, wide: bool) -> dict[str, list[float]]:
@@ -201,8 +199,7 @@ def _swing(air: str, seed: int, folder: Path) -> Truth:
     start = [second.swing, second.swing_rate, *map(float, truth["capsule_velocity"].values[0])]
     seen = _swing_files(folder, seed, air == "wide", [(record, BASE), (following, LIGHTER)], start)
     motion = {"swing_angle": truth["swing_angle"].values, "descent_rate": truth["capsule_velocity"].values[:, 1]}
-    recorded = {"swing_angle": seen["swing_angle"], "descent_rate": seen["down"]}
-    return Truth(TABLE.estimates(), seen["time"], motion, recorded)
+    return Truth(TABLE.estimates(), seen["time"], motion)
 
 
 def planar(flight: bc.Flight, azimuth: float, base: Dumbbell) -> xr.Dataset:
@@ -227,4 +224,4 @@ def _cluster(seed: int, folder: Path) -> Truth:
     assert truth is not None
     truth = truth.isel(time=slice(None, None, 2))
     motion = {k: truth[k].values for k in ("swing_angle", "descent_rate")}
-    return Truth({}, seen["time"], motion, {}, absolute=True)
+    return Truth({}, seen["time"], motion, absolute=True)
