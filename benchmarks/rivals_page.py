@@ -66,8 +66,9 @@ its dumbbell has none, and its script imports inner modules.
 - *error*: root mean square of posterior mean less truth over truth (of a logarithm, the difference).
 - *held*: true values in the nominal 90 % intervals, of all. Few records: a count, no measured coverage.
 - *swing*, *descent*: percent of the true samples of the predicted motion inside the nominal 90 % band, the band's mean
-  width, and the weighted interval score (lower is better). *with noise*: percent inside the band to which the fit's
-  residual noise is added, as users of white residuals would draw it; bayeschute's band has no measuring noise.
+  width, and the weighted interval score (lower is better). *with noise*: the same of the band to which the fit's
+  residual noise is added, as users of white residuals would draw it; bayeschute's band has no measuring noise. Of both
+  bands the better one counts below.
 """
 _QUANTITIES = (("swing_angle", "swing", 57.29577951308232, "deg"), ("descent_rate", "descent", 1.0, "m/s"))
 
@@ -95,7 +96,7 @@ def case_table(one: Result) -> list[str]:
     shown = [q for q in _QUANTITIES if any(q[0] in p["summary"] for p in one["programs"].values())]
     head = ["program", "lines", "records", "failed", "processor, s", "R-hat", "error, %", "held"]
     for _, words, _, unit in shown:
-        head += [f"{words}: inside, %", f"width, {unit}", "score", "with noise, %"]
+        head += [f"{words}: inside, %", f"width, {unit}", "score", "with noise, %", "score"]
     rows = []
     for name, program in one["programs"].items():
         s = program["summary"]
@@ -111,12 +112,14 @@ def case_table(one: Result) -> list[str]:
             band, noisy = s.get(key), s.get(f"{key}.with_noise")
             row += [_number(band and band["held"], ".0f", 100.0), _number(band and band["width"], ".2f", factor)]
             row += [_number(band and band["wis"], ".3f", factor), _number(noisy and noisy["held"], ".0f", 100.0)]
+            row.append(_number(noisy and noisy["wis"], ".3f", factor))
         rows.append(row)
     return table(head, rows)
 
 
-def _band(key: str, what: str) -> Callable[[Result], float | None]:
-    return lambda s: s[key][what] if key in s else None
+def _score(key: str) -> Callable[[Result], float | None]:
+    """Of the band of the motion, or of that with noise where it is better."""
+    return lambda s: min((s[k]["wis"] for k in (key, f"{key}.with_noise") if k in s), default=None)
 
 
 def _share(s: Result) -> float | None:
@@ -127,16 +130,16 @@ MEASURES: tuple[tuple[str, Callable[[Result], float | None]], ...] = (
     ("processor time", lambda s: s["processor_s"]),
     ("error of the parameters", lambda s: s["error"]),
     ("intervals that hold the truth, by distance from 90 %", _share),
-    ("score of the predicted swing", _band("swing_angle", "wis")),
-    ("score of the predicted descent rate", _band("descent_rate", "wis")),
+    ("score of the predicted swing", _score("swing_angle")),
+    ("score of the predicted descent rate", _score("descent_rate")),
 )
 
 
 def winners(one: Result) -> Iterator[tuple[str, str, bool]]:
     """Measure, who is best in it, and whether that is another than bayeschute or beside it.
 
-    A program counts where it has a result for every record that any program has one for, and its draws converged;
-    bayeschute counts wherever it has one. RocketPy, which identifies nothing, does not.
+    A program counts where it has as many results as any, and its draws converged; bayeschute by the same rule.
+    RocketPy, which identifies nothing, does not.
 
     Args:
         one: A case as stored.
