@@ -63,7 +63,8 @@ its dumbbell has none, and its script imports inner modules.
   looks better than it is.
 - *processor*: seconds of the script's process, imports and compilation included. A script that ran out of its limit has
   an *R-hat* (the worst, over chains or walkers) above 1.05, and its other numbers are of draws that have not converged.
-- *error*: root mean square of posterior mean less truth over truth (of a logarithm, the difference).
+- *error*: root mean square of posterior mean less truth over truth (of a logarithm, the difference); *sd*: that of
+  the posterior's standard deviations.
 - *held*: true values in the nominal 90 % intervals, of all. Few records: a count, no measured coverage.
 - *swing*, *descent*: percent of the true samples of the predicted motion inside the nominal 90 % band, the band's mean
   width, and the weighted interval score (lower is better). *with noise*: the same of the band to which the fit's
@@ -87,6 +88,13 @@ def _number(value: float | None, form: str, factor: float = 1.0) -> str:
     return NOTHING if value is None else format(factor * value, form)
 
 
+def _spread(program: Result) -> float | None:
+    """Root mean square of the posterior's standard deviations over the true values, of a logarithm as they are."""
+    rows = [(n, p) for a in program["seeds"].values() for n, p in a.get("parameters", {}).items()]
+    squares = [(p["sd"] / (1.0 if n.startswith("log_") else abs(p["truth"]))) ** 2 for n, p in rows]
+    return (sum(squares) / len(squares)) ** 0.5 if squares else None
+
+
 def case_table(one: Result) -> list[str]:
     """Table of a case.
 
@@ -94,7 +102,7 @@ def case_table(one: Result) -> list[str]:
         one: As stored.
     """
     shown = [q for q in _QUANTITIES if any(q[0] in p["summary"] for p in one["programs"].values())]
-    head = ["program", "lines", "records", "failed", "processor, s", "R-hat", "error, %", "held"]
+    head = ["program", "lines", "records", "failed", "processor, s", "R-hat", "error, %", "sd, %", "held"]
     for _, words, _, unit in shown:
         head += [f"{words}: inside, %", f"width, {unit}", "score", "with noise, %", "score"]
     rows = []
@@ -102,12 +110,8 @@ def case_table(one: Result) -> list[str]:
         s = program["summary"]
         held = f"{s['intervals_held']} of {s['intervals']}" if s["intervals"] else NOTHING
         row = [name, str(program["lines"]), str(s["records"]), str(s["failed"])]
-        row += [
-            _number(s["processor_s"], ".0f"),
-            _number(s["worst_rhat"], ".2f"),
-            _number(s["error"], ".1f", 100.0),
-            held,
-        ]
+        row += [_number(s["processor_s"], ".0f"), _number(s["worst_rhat"], ".2f"), _number(s["error"], ".1f", 100.0)]
+        row += [_number(_spread(program), ".1f", 100.0), held]
         for key, _, factor, _ in shown:
             band, noisy = s.get(key), s.get(f"{key}.with_noise")
             row += [_number(band and band["held"], ".0f", 100.0), _number(band and band["width"], ".2f", factor)]
