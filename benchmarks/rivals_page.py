@@ -18,6 +18,7 @@ STORED = ROOT / "models/reference/rivals"
 PAGE = ROOT / "docs/rivals.md"
 NOTHING = "–"
 OURS = "bayeschute"
+CONVERGED = 1.1  # R-hat of draws that count
 CASES = {
     "descent-gusts": "Descent in gusts",
     "descent-calm": "Descent in still air",
@@ -50,6 +51,8 @@ records, runs all and scores them:
 python benchmarks/rivals.py --seeds 1 2 3 --store models/reference/rivals
 python benchmarks/rivals_page.py
 ```
+
+One to three records a case show which way it goes; they measure no coverage. `--seeds` and `--limit` give more of both.
 
 Records are virtual flights by this program's simulator, which helps no one with the model, as all have the true one
 (but for the last case), and helps bayeschute with the noise: its disturbances are of the kind that was flown. Every
@@ -153,7 +156,9 @@ def winners(one: Result) -> Iterator[tuple[str, str, bool]]:
     counted = {
         name: s
         for name, s in programs.items()
-        if s["records"] - s["failed"] == most and (s["worst_rhat"] or 1.0) < 1.1 and not name.startswith("RocketPy")
+        if s["records"] - s["failed"] == most
+        and (s["worst_rhat"] or 1.0) < CONVERGED
+        and not name.startswith("RocketPy")
     }
     for words, measure in MEASURES:
         values = {name: v for name, s in counted.items() if (v := measure(s)) is not None}
@@ -165,6 +170,21 @@ def winners(one: Result) -> Iterator[tuple[str, str, bool]]:
     if lines:
         best = min(lines, key=lambda name: lines[name])
         yield "lines to write", best, best != OURS
+
+
+def ahead(one: Result) -> Iterator[tuple[str, str]]:
+    """Measure and programs that are ahead of bayeschute with draws that have not converged.
+
+    Args:
+        one: A case as stored.
+    """
+    programs = {name: p["summary"] for name, p in one["programs"].items()}
+    for words, measure in MEASURES[1:]:
+        ours = measure(programs[OURS])
+        found = {name: measure(s) for name, s in programs.items() if (s["worst_rhat"] or 1.0) >= CONVERGED}
+        best = [name for name, v in found.items() if v is not None and ours is not None and v < 0.98 * ours]
+        if best:
+            yield words, ", ".join(best)
 
 
 def failures(one: Result) -> Iterator[str]:
@@ -199,6 +219,9 @@ def page(cases: Sequence[Result]) -> str:
         "",
     ]
     text += table(["case", "in", "best"], rows)
+    rows = [[CASES[one["case"]], w, who] for one in cases for w, who in ahead(one)]
+    if rows:
+        text += ["Ahead of bayeschute with draws that have not converged:", "", *table(["case", "in", "ahead"], rows)]
     rows = [[CASES[one["case"]], w, who] for one in cases for w, who, other in winners(one) if not other]
     text += ["## Where bayeschute is best, or as good", "", *table(["case", "in", "best"], rows)]
     for one in cases:
