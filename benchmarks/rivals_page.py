@@ -173,12 +173,16 @@ def winners(one: Result) -> Iterator[tuple[str, str, bool]]:
 
 
 def ahead(one: Result) -> Iterator[tuple[str, str]]:
-    """Measure and programs that are ahead of bayeschute with draws that have not converged.
+    """Measure and programs that are ahead of bayeschute with draws that have not converged, or that answer at all.
 
     Args:
         one: A case as stored.
     """
     programs = {name: p["summary"] for name, p in one["programs"].items()}
+    lost = programs[OURS]["failed"]
+    fewer = [name for name, s in programs.items() if s["failed"] < lost and not name.startswith("RocketPy")]
+    if fewer:
+        yield f"an answer at all, where bayeschute failed on {lost} of {programs[OURS]['records']}", ", ".join(fewer)
     for words, measure in MEASURES[1:]:
         ours = measure(programs[OURS])
         found = {name: measure(s) for name, s in programs.items() if (s["worst_rhat"] or 1.0) >= CONVERGED}
@@ -221,7 +225,11 @@ def page(cases: Sequence[Result]) -> str:
     text += table(["case", "in", "best"], rows)
     rows = [[CASES[one["case"]], w, who] for one in cases for w, who in ahead(one)]
     if rows:
-        text += ["Ahead of bayeschute with draws that have not converged:", "", *table(["case", "in", "ahead"], rows)]
+        text += [
+            "Ahead of bayeschute by an answer alone, or with draws that have not converged:",
+            "",
+            *table(["case", "in", "ahead"], rows),
+        ]
     rows = [[CASES[one["case"]], w, who] for one in cases for w, who, other in winners(one) if not other]
     text += ["## Where bayeschute is best, or as good", "", *table(["case", "in", "best"], rows)]
     for one in cases:

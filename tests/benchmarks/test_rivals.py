@@ -147,6 +147,15 @@ def test_a_rival_that_is_better_is_said_to_be():
     assert found["lines to write"] == ("bayeschute", False)
 
 
+def test_an_answer_where_ours_failed_is_told_and_so_are_better_numbers_of_draws_that_have_not_converged():
+    lost = {"records": 2, "failed": 1, "worst_rhat": 1.0, "intervals": 5, "intervals_held": 4, "error": 0.2}
+    wild = {"records": 2, "failed": 0, "worst_rhat": 3.0, "intervals": 10, "intervals_held": 2, "error": 0.1}
+    programs = {"bayeschute": {"summary": lost}, "wild": {"summary": wild}}
+    assert list(rivals_page.ahead({"programs": programs})) == [
+        ("an answer at all, where bayeschute failed on 1 of 2", "wild"), ("error of the parameters", "wild"),
+    ]  # fmt: skip
+
+
 def test_the_page_is_linked():
     root = Path(__file__).parents[2]
     assert "rivals.md" in (root / "mkdocs.yml").read_text(encoding="utf-8")
