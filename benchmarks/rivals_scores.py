@@ -52,9 +52,9 @@ def parameter_scores(names: Iterable[str], chains: Array, truth: Mapping[str, fl
         chains: Draws (chain, draw, parameter).
         truth: By name.
     """
-    flat = chains.reshape(-1, chains.shape[-1])
-    if not len(flat):
+    if not chains.size:
         return {}
+    flat = chains.reshape(-1, chains.shape[-1])
     made = {}
     for name, x in zip(names, flat.T, strict=True):
         if name in truth:
