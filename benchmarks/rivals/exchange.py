@@ -20,6 +20,7 @@ import numpy as np
 
 WANTED = 1.05  # R-hat
 MOTIONS = 200  # draws of the next flight
+MOST = 600  # processor seconds after which a script is ended
 
 
 def read() -> SimpleNamespace:
@@ -27,6 +28,7 @@ def read() -> SimpleNamespace:
 
     ``limit`` are the processor seconds that the script may spend, its imports included.
     """
+    resource.setrlimit(resource.RLIMIT_CPU, (MOST, MOST + 5))
     folder = Path(sys.argv[1])
     told = json.loads((folder / "problem.json").read_text(encoding="utf-8"))
     made = SimpleNamespace(folder=folder, limit=float(sys.argv[2]), **told)
