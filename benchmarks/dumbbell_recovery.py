@@ -24,8 +24,10 @@ from bayeschute.dynamics.parameters import Canopies
 from bayeschute.likelihood.joint import NoiseParameters
 from bayeschute.likelihood.noise import Noise
 from bayeschute.likelihood.priors import Prior
-from bayeschute.posterior import fit, sampler
+from bayeschute.posterior import sampler
 from bayeschute.posterior.assess import output_error
+from bayeschute.posterior.fit.joint_fit import joint_fit
+from bayeschute.posterior.fit.laplace_fit import find
 from bayeschute.posterior.noise_evidence import NoisePrior
 from bayeschute.posterior.noise_uncertainty import widened
 from bayeschute.records.sensors import SensorNoise
@@ -117,9 +119,9 @@ def one(seed: int) -> dict[str, Any]:
     priors = priors_off(seed)
     rows: dict[str, dict[str, float]] = {}
     flights = [dumbbell_data(record, BASE, AERO, priors, STILL)]
-    settled = fit.joint_fit(flights, priors, NoisePrior(WHITE))
+    settled = joint_fit(flights, priors, NoisePrior(WHITE))
     bounds = output_error.bounds(flights, settled.hyper, priors, settled.optimum)
-    found = fit.find([dumbbell_data(record, BASE, AERO, priors, WIND)], priors, NoisePrior(COLORED))
+    found = find([dumbbell_data(record, BASE, AERO, priors, WIND)], priors, NoisePrior(COLORED))
     marginal = found.marginal
     xi = sampler.sample(marginal, "nuts", 4, 300, 500, seed).xi
     wide = widened(xi, found.noise_effect, found.noise_parameter_covariance, seed).reshape(-1, len(priors))
