@@ -134,6 +134,17 @@ def test_a_record_whose_scatter_the_study_did_not_expect_is_told(study):
     assert "[noise] says, white = 0.6 m/s. Say white = '0.06" in line
 
 
+def test_breathing_far_from_what_canopies_of_their_size_do_is_told(study):
+    """It is sought within a factor of two of what the study says, so a small canopy's would never be found."""
+    sound = study()
+    assert not [one for one in examine_study(sound).warnings if "breathing" in one]
+    text = sound.read_text(encoding="utf-8")
+    assert 'frequency = "0.25 Hz"' in text
+    sound.write_text(text.replace('frequency = "0.25 Hz"', 'frequency = "1.5 Hz"'), encoding="utf-8")
+    (line,) = [one for one in examine_study(sound).warnings if "breathing" in one]
+    assert "got 1.5 Hz in [noise.breathing]; usual is 0.9 times" in line and "Say frequency = '0.25 Hz'" in line
+
+
 def test_faults_of_study_vehicle_and_record_are_told_at_once(study):
     """Those between values, and those of the record by the laws, beside those of single values."""
     path = study(_scalar_last, accept_implausible=["winds"], window=["60 s", "20 s"])

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 _FAR = np.log(3.0)  # of a scatter from what a study says, where a fit may be led astray
+_BREATHING, _DETUNED = 0.9, np.log(1.6)  # its frequency times diameter over speed; how far from that it is told
 
 
 def nominal(vehicle: Vehicle, capsule_mass: float | None = None) -> Nominal:
@@ -152,14 +153,16 @@ def warned(found: Verdict, where: str, accepted: tuple[str, ...] = ()) -> list[s
     return [*lines, *(f"{where}: accepted as the study says ({one.law}): {one.tests}, {one.got}" for one in kept)]
 
 
-def noise_told(record: xr.Dataset, noise: NoiseTable, where: str) -> list[str]:
-    """Warnings where the scatter of a record's samples is far from the white noise that a study says.
+def noise_told(record: xr.Dataset, noise: NoiseTable, vehicle: Vehicle | None, where: str) -> list[str]:
+    """Warnings where the scatter of a record's samples, or breathing, is far from what a study says.
 
     A fit finds the noise, but it begins at what the study says, and far from there it may take noise for motion.
+    Frequencies of breathing are sought within a factor of two; that of CPAS canopies is scaled by speed over diameter.
 
     Args:
         record: As read.
         noise: The study's ``[noise]``.
+        vehicle: That flew, which may be one in part.
         where: The flight, as messages name it.
     """
     seen, lines = scatter_of_channels(record), []
@@ -170,6 +173,13 @@ def noise_told(record: xr.Dataset, noise: NoiseTable, where: str) -> list[str]:
             usual = f"what [noise] says, white = {scale * table.white:.2g} {unit}".rstrip()
             do = f"Say white = '{got}', and correlated in proportion."
             lines.append(f"{where}, scatter of {name} from sample to sample: got {got}; usual is {usual}. {do}")
+    canopies = getattr(vehicle, "canopies", None)
+    usual = _BREATHING * _known(canopies, "reference_speed") / _known(canopies, "reference_length")
+    if noise.breathing is not None and abs(np.log(noise.breathing.frequency / usual)) > _DETUNED:
+        got = f"{noise.breathing.frequency:.2g} Hz in [noise.breathing]"
+        rule = f"{_BREATHING:g} times the canopies' reference speed over their diameter, {usual:.2g} Hz"
+        do = f"Say frequency = '{usual:.2g} Hz', unless more is known: it is sought within a factor of two."
+        lines.append(f"{where}, frequency of breathing: got {got}; usual is {rule}. {do}")
     return lines
 
 
@@ -226,4 +236,4 @@ def refuse_implausible(study: Study, flight: Flight, raw: xr.Dataset) -> list[st
     if faults:
         raise InputError(faults)
     lines = warned(found, where, flight.accept_implausible)
-    return lines + (noise_told(raw, study.noise, where) if "identify" in flight.roles else [])
+    return lines + (noise_told(raw, study.noise, vehicle, where) if "identify" in flight.roles else [])

@@ -195,8 +195,8 @@ class BreathingNoise(Strict):
 
     Attributes:
         sd: Standard deviation of the relative change [1].
-        frequency: Undamped frequency [Hz].
-        damping_ratio: Share of critical damping [1].
+        frequency: Undamped frequency, sought within a factor of two [Hz].
+        damping_ratio: Share of critical damping, sought up to 0.3 or twice this [1].
     """
 
     sd: Annotated[float, number(Bounds(above=0.0, most=0.5))]
