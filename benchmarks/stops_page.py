@@ -137,7 +137,9 @@ def page(stops: Mapping[str, Result] | None, changes: Mapping[str, Any] | None) 
     text: Sequence[str] = [_STOPS, *(stops_table(stops) if stops else ["None are stored.", ""]), _CHANGES]
     if changes is None:
         return "\n".join([*text, "None are stored."]) + "\n"
-    text = [*text, f"Made by {_made(changes['provenance'])}.", "", *changes_table(changes), *survivors(changes)]
+    note = changes.get("note", "")
+    text = [*text, f"Made by {_made(changes['provenance'])}. {note}".rstrip(), ""]
+    text = [*text, *changes_table(changes), *survivors(changes)]
     return "\n".join(text).rstrip() + "\n"
 
 
