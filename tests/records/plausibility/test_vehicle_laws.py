@@ -143,6 +143,23 @@ def test_the_drag_that_holds_the_weight(factor):
     assert read("balance", blown)["balance.drag"].excess == pytest.approx(0.0, abs=1e-9)
 
 
+def test_the_balance_asks_for_no_recorded_density():
+    """That of pressure and temperature, or of the standard atmosphere, does where none is recorded: a mass in pounds shows."""
+    gas = GOOD.density * vehicle_laws.GAS_CONSTANT_DRY_AIR * 280.0
+    measured = replace(GOOD, density=None, pressure=gas, temperature=np.full(T.size, 280.0))
+    exact = read("balance", GOOD)["balance.drag"].excess
+    assert read("balance", measured)["balance.drag"].excess == pytest.approx(exact, abs=1e-9)
+    standard = replace(GOOD, density=None, pressure=None, temperature=None)
+    assert read("balance", standard)["balance.drag"].excess < 1.0
+    heavy = replace(VEHICLE, mass=VEHICLE.mass / 0.45359237)
+    assert read("balance", replace(measured, vehicle=heavy))["balance.drag"].excess > 1.0
+    assert (
+        read("balance", replace(standard, vehicle=replace(VEHICLE, mass=9.0 * VEHICLE.mass)))["balance.drag"].excess
+        > 1.0
+    )
+    assert read("balance", replace(standard, altitude=None, position=None)) == {}
+
+
 def test_a_wind_that_comes_from_where_it_should_go():
     found = read("drift", replace(GOOD, wind=-GOOD.wind))
     assert found["wind.share"].got.endswith("turned by 180 deg")

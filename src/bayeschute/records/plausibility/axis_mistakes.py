@@ -44,9 +44,9 @@ def axis_mistakes() -> Iterator[Mistake]:
     for names, words, doubt in _GROUPS:
         for matrix, told, do, more in (
             (_UP, "{}: z points up, not down", "Give their third axis as 'up'.", 0.0),
-            (_ENU, "{} are east, north, up, read as north, east, down", "Say axes = 'ENU'.", 0.0),
+            (_ENU, "{} are east, north, up, read as north, east, down", "Say axes = 'ENU', or take it back.", 0.0),
             (_SWAP, "north and east are swapped in {}", "Swap their columns.", 0.05),
-            (_NWU, "{} are north, west, up, read as north, east, down", "Say axes = 'NWU'.", 0.1),
+            (_NWU, "{} are north, west, up, read as north, east, down", "Say axes = 'NWU', or take it back.", 0.1),
             (_WEST, "{}: the second axis points west, not east", "Give it as 'west'.", 0.2),
             (_SOUTH, "{}: the first axis points south, not north", "Give it as 'south'.", 0.2),
             (_SECOND_THIRD, "east and down are swapped in {}", "Swap their columns.", 0.1),
@@ -68,18 +68,22 @@ def axis_mistakes() -> Iterator[Mistake]:
             made = turned_axes(e, names, matrix)
             return made if made is None or made.attitude is None else only(made)
 
-        yield Mistake(f"all of it is {words}, read as north, east, down", f"Say axes = '{told}'.", whole)
         yield Mistake(
-            f"the quaternion is of axes {words}, read as of north, east, down", f"Say axes = '{told}' for it.", only
+            f"all of it is {words}, read as north, east, down", f"Say axes = '{told}', or take it back.", whole
+        )
+        yield Mistake(
+            f"the quaternion is of axes {words}, read as of north, east, down",
+            f"Say axes = '{told}' for it, or take it back.",
+            only,
         )
 
 
 def wind_mistakes() -> Iterator[Mistake]:
     """Sense and axes of the wind, recorded or by altitude."""
     for matrix, told, do in (
-        (_BACK, 'wind is "from", read as "towards"', "Say wind_is = 'from'."),
+        (_BACK, 'wind is "from", read as "towards"', "Say wind_is = 'from', or take it back."),
         (_SWAP, "north and east are swapped in the wind", "Swap its columns."),
-        (_ENU, "wind is east, north, up, read as north, east, down", "Say axes = 'ENU' for it."),
+        (_ENU, "wind is east, north, up, read as north, east, down", "Say axes = 'ENU' for it, or take it back."),
         (-_SWAP, 'north and east are swapped in the wind, and it is "from"', "Swap its columns; say wind_is = 'from'."),
         (_WEST, "wind: the second axis points west, not east", "Give it as 'west'."),
         (_SOUTH, "wind: the first axis points south, not north", "Give it as 'south'."),

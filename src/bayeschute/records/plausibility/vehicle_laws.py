@@ -127,17 +127,27 @@ def pull(e: Evidence) -> list[Reading]:
 def balance(e: Evidence) -> list[Reading]:
     """Drag holds the weight: the coefficient of the canopies that follows is one that canopies have."""
     v = e.vehicle
-    velocity = e.velocity
-    if v is None or velocity is None or e.density is None:
+    velocity, known = e.velocity, _density_of_air(e)
+    if v is None or velocity is None or known is None:
         return []
     wind = air(e)
     relative = velocity if wind is None else velocity - np.nan_to_num(wind)
-    pressure = 0.5 * e.density * np.sum(relative**2, axis=1)
+    pressure = 0.5 * known * np.sum(relative**2, axis=1)
     weight = STANDARD_GRAVITY * (v.mass + v.canopies * v.dry_mass)
     ratio = (weight - typical(pressure) * v.capsule_drag * v.capsule_area) / (typical(pressure) * v.canopies * v.area)
     tests = "drag coefficient of the canopies by the vertical balance"
     excess = abs(np.log(max(ratio, 1e-9) / _DRAG)) / np.log(1.9)
     return [Reading("balance.drag", tests, float(excess), f"C_A of about {ratio:.3g}", "0.4 to 1.4")]
+
+
+def _density_of_air(e: Evidence) -> Array | None:
+    """As recorded, else of the recorded pressure and temperature, else of the standard atmosphere (T,) [kg/m^3]."""
+    height = e.height()
+    if e.density is not None:
+        return e.density
+    if e.pressure is not None and e.temperature is not None:
+        return e.pressure / (GAS_CONSTANT_DRY_AIR * e.temperature)
+    return None if height is None else np.asarray(standard_density(np.clip(height, LOWEST, HIGHEST)))
 
 
 def air(e: Evidence) -> Array | None:
