@@ -398,6 +398,12 @@ def test_a_flight_is_changed_by_what_it_is_made_by(sondes):
     for values in ({"capsule_mass": -9000.0}, {"rate": np.nan}, {"window": (60.0, 5.0)}, {"roles": ("fit",)}):
         with pytest.raises(bc.InputError, match=f"flight.*{next(iter(values))}"):
             flight.changed(**values)
+    with pytest.raises(bc.InputError, match="from bc.wind_profile"):
+        flight.changed(wind="5 m/s")
+    with pytest.raises(bc.InputError, match="Did you mean 'capsule_mass'"):
+        flight.changed(capsul_mass=9000.0)
+    with pytest.raises(bc.InputError, match="wanted altitudes that increase"):
+        bc.wind_profile([0.0, -5.0], [1.0, 2.0], [0.0, 0.0])
 
 
 def test_repairs_are_told_line_by_line(sondes):

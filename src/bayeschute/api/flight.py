@@ -15,7 +15,7 @@ from pydantic import ValidationError
 from bayeschute.api import html
 from bayeschute.api.workspace import workspace
 from bayeschute.core.errors import Fault, InputError
-from bayeschute.records.record import Repair, repairs
+from bayeschute.records.record import Repair, nearest, repairs
 from bayeschute.study.job import load_truth
 from bayeschute.study.load import usual_study
 from bayeschute.study.schema.schema_faults import faults_of
@@ -52,9 +52,8 @@ def wind_profile(altitude: ArrayLike, north: ArrayLike, east: ArrayLike, down: A
     written = {name: [f"{value!r} {unit[name]}" for value in values.tolist()] for name, values in rows.items()}
     try:
         return ProfileTable.model_validate(written)
-    except ValueError as error:
-        wanted = "increasing altitudes [m] and as many winds [m/s]"
-        raise InputError(Fault("wind_profile", str(error).splitlines()[0], wanted)) from None
+    except ValidationError as error:
+        raise InputError(faults_of("wind_profile", ProfileTable, error, written)) from None
 
 
 class Repairs(tuple[Repair, ...]):
@@ -261,7 +260,10 @@ def _fields(given: Mapping[str, Any]) -> dict[str, Any]:
     """Fields of a flight's table from arguments of `Flight`: what a study file takes, or plain numbers in SI."""
     unknown = sorted(set(given) - set(_ARGUMENTS))
     if unknown:
-        raise InputError([Fault("flight", name, f"one of {', '.join(_ARGUMENTS)}") for name in unknown])
+        wanted = f"one of {', '.join(_ARGUMENTS)}"
+        raise InputError([Fault("flight", name, wanted, nearest(name, _ARGUMENTS)) for name in unknown])
+    if not isinstance(given.get("wind"), ProfileTable | None):
+        raise InputError(Fault("flight wind", repr(given["wind"])[:60], "a wind by altitude, from bc.wind_profile"))
     own = {"wind_profile" if key == "wind" else key: given[key] for key in ("name", "wind") if key in given}
     values = {key: value for key, value in given.items() if key not in ("name", "wind")}
     raw: dict[str, Any] = {"name": "flight", "roles": ("predict",), "file": "record"}
