@@ -18,7 +18,7 @@ from bayeschute.records.record import VARIABLES
 from bayeschute.report.figures.canvas import INK, SERIES, SHADE, VERMILION, sheet, styled
 from bayeschute.report.run_results import Results, entries, json_object, mappings, try_read
 from bayeschute.report.structure_view import Draw
-from bayeschute.report.tables.summary_tables import Cell, Table, cells, table_of
+from bayeschute.report.tables.summary_tables import Cell, Table, cells, in_both_units, table_of
 from bayeschute.report.wording import (
     MISSING,
     also,
@@ -85,8 +85,7 @@ def residual_table(results: Results) -> Table | None:
     rows = []
     for flight, output, facts in _residuals(results):
         si = _UNITS.get(_channel(output), "1")
-        scale, unit = shown_unit(si)
-        rms, noise = (Cell(number(scaled(facts, k, scale), 2), "", also(facts.get(k), si, 2)) for k in ("rms", "noise"))
+        unit, (rms, noise) = shown_unit(si)[1], (in_both_units(facts, key, si, digits=2) for key in ("rms", "noise"))
         ratio = _ratio(facts)
         wide = "bad" if ratio is not None and ratio > _WIDE else ""
         name, samples = Cell(output, "code"), whole(facts.get("samples"))
@@ -107,9 +106,9 @@ def parameter_table(facts: Mapping[str, Any]) -> Table | None:
             cells(
                 Cell(name, "code", parameter_meaning(name)),
                 Cell(at_precision(value, se), "strong", also(row.get("value"), si)),
-                Cell(number(se, 2), "", also(row.get("standard_error"), si, 2)),
+                in_both_units(row, "standard_error", si, digits=2),
                 Cell(at_precision(mean, sd), "muted", also(row.get("prior_mean"), si)),
-                Cell(number(sd, 2), "muted", also(row.get("prior_sd"), si, 2)),
+                in_both_units(row, "prior_sd", si, "muted", 2),
                 Cell(unit, "muted"),
             )
         )

@@ -158,17 +158,10 @@ def shown_unit(unit: str) -> tuple[float, str]:
 
 
 @cache
-def feet_per_metre() -> float:
-    """Feet in a metre."""
-    return 1.0 / factor_to_si("ft", "m")[0]
-
-
-@cache
 def us_unit(unit: str) -> tuple[float, str]:
     """Factor from an SI unit to the US unit that the report shows beside it, and its name; empty where both agree."""
-    return (
-        (1.0 / factor_to_si(ALSO_IN[unit], unit.replace("*", " "))[0], ALSO_IN[unit]) if unit in ALSO_IN else (1.0, "")
-    )
+    name = ALSO_IN.get(unit, "")
+    return (1.0 / factor_to_si(name, unit.replace("*", " "))[0], name) if name else (1.0, "")
 
 
 def also(values: Any, unit: str, digits: int = 3) -> str:

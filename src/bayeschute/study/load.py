@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import fields, replace
 from pathlib import Path
@@ -20,7 +20,7 @@ from bayeschute.records.plausibility.verdict import Verdict
 from bayeschute.study.plausible import judge, noise_told, told, warned, window_used
 from bayeschute.study.schema.belief_schema import NoiseTable
 from bayeschute.study.schema.columns import check_columns, tells_columns
-from bayeschute.study.schema.crosscheck import check_span, check_vehicles, crosscheck, known
+from bayeschute.study.schema.crosscheck import as_far_as_known, check_span, check_vehicles, crosscheck
 from bayeschute.study.schema.draft import Draft
 from bayeschute.study.schema.quantities import UnknownValueError, part_of
 from bayeschute.study.schema.schema_faults import validated
@@ -86,7 +86,7 @@ class _VehicleFile(NamedTuple):
     whole: Vehicle | None
     text: str
     faults: list[Fault]
-    known: Vehicle | None
+    sound: Vehicle | None
 
 
 class Examined(NamedTuple):
@@ -288,15 +288,15 @@ def _read_flights(
     tables = {"model": study.model, "noise": study.noise, "columns": usual[0], "predict": predict}
     tables |= {"requirement": found.requirement}
     listed_flights = dict(enumerate(found.flight))
-    own = _own_vehicles(listed_flights, path.parent, study.model, data_dir)
-    faults = [*faults, *(one for one in _faults_of(own.values()) if one not in faults)]
-    draft = Draft(str(path), said, tables, listed_flights, read.known, _known(own))
+    own, sound, more = _own_vehicles(listed_flights, path.parent, study.model, data_dir)
+    faults = [*faults, *(one for one in more if one not in faults)]
+    draft = Draft(str(path), said, tables, listed_flights, read.sound, sound)
     paths, path_faults = record_paths(draft, path.parent, data_dir)
-    faults += [*known(check_vehicles(draft)), *check_columns(draft), *path_faults]
+    faults += [*as_far_as_known(check_vehicles(draft)), *check_columns(draft), *path_faults]
     if faults:
         raise InputError(faults)
     flights = tuple(
-        _flight(table, paths.get(i), *(stated if tells_columns(table) else usual), own[i].whole if i in own else None)
+        _flight(table, paths.get(i), *(stated if tells_columns(table) else usual), own.get(i))
         for i, table in enumerate(found.flight)
     )
     flights = tuple(replace(flight, roles=("predict",)) for flight in flights)
@@ -359,22 +359,15 @@ def _read_vehicle(path: Path, data_dir: Path | str | None = None) -> _VehicleFil
 
 def _own_vehicles(
     flights: Mapping[int, FlightTable], folder: Path, model: str | None, data_dir: Path | str | None
-) -> dict[int, _VehicleFile]:
-    """Vehicle files of single flights by their position."""
+) -> tuple[dict[int, Vehicle], dict[int, Vehicle], list[Fault]]:
+    """Vehicles of single flights by position, valid ones and as far as sound, and the faults of each file once."""
     named = {i: name for i, one in flights.items() if (name := getattr(one, "vehicle", None)) and model != "descent"}
     read = {
         name: _read_vehicle(Path(os.path.normpath(folder / name)), data_dir) for name in dict.fromkeys(named.values())
     }
-    return {i: read[name] for i, name in named.items()}
-
-
-def _faults_of(files: Iterable[_VehicleFile]) -> list[Fault]:
-    """Faults of vehicle files, of each file once."""
-    return list(dict.fromkeys(fault for one in files for fault in one.faults))
-
-
-def _known(files: Mapping[int, _VehicleFile]) -> dict[int, Vehicle]:
-    return {i: one.known for i, one in files.items() if one.known is not None}
+    whole = {i: vehicle for i, name in named.items() if (vehicle := read[name].whole) is not None}
+    sound = {i: vehicle for i, name in named.items() if (vehicle := read[name].sound) is not None}
+    return whole, sound, [fault for one in read.values() for fault in one.faults]
 
 
 def _read_study(path: Path, data_dir: Path | str | None) -> _Reading:
@@ -393,9 +386,9 @@ def _read_study(path: Path, data_dir: Path | str | None) -> _Reading:
     if isinstance(raw.get("vehicle"), str) and tables.get("model") != "descent":
         vehicle_path = Path(os.path.normpath(path.parent / raw["vehicle"]))
         read = _read_vehicle(vehicle_path, data_dir)
-    own = _own_vehicles(flights, path.parent, tables.get("model"), data_dir)
-    faults += _faults_of((read, *own.values()))
-    draft = Draft(str(path), raw, tables, flights, read.known, _known(own))
+    own, sound, more = _own_vehicles(flights, path.parent, tables.get("model"), data_dir)
+    faults += dict.fromkeys((*read.faults, *more))
+    draft = Draft(str(path), raw, tables, flights, read.sound, sound)
     paths, path_faults = record_paths(draft, path.parent, data_dir)
     faults += [*crosscheck(draft), *check_columns(draft), *path_faults]
     if whole is None:
@@ -404,9 +397,7 @@ def _read_study(path: Path, data_dir: Path | str | None) -> _Reading:
     changed = {
         "path": path,
         "flights": tuple(
-            _flight(
-                table, paths.get(index), whole.columns, whole.conventions, own[index].whole if index in own else None
-            )
+            _flight(table, paths.get(index), whole.columns, whole.conventions, own.get(index))
             for index, table in flights.items()
         ),
         "predict": whole.predict.model_copy(update={"quantities": quantities}),

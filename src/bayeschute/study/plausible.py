@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -157,7 +157,6 @@ def noise_told(record: xr.Dataset, noise: NoiseTable, vehicle: Vehicle | None, w
     """Warnings where the scatter of a record's samples, or breathing, is far from what a study says.
 
     A fit finds the noise, but it begins at what the study says, and far from there it may take noise for motion.
-    Frequencies of breathing are sought within a factor of two; that of CPAS canopies is scaled by speed over diameter.
 
     Args:
         record: As read.
@@ -165,22 +164,29 @@ def noise_told(record: xr.Dataset, noise: NoiseTable, vehicle: Vehicle | None, w
         vehicle: That flew, which may be one in part.
         where: The flight, as messages name it.
     """
-    seen, lines = scatter_of_channels(record), []
+    return [f"{where}, {one}" for one in (*_scatter_told(record, noise), *_breathing_told(vehicle, noise))]
+
+
+def _scatter_told(record: xr.Dataset, noise: NoiseTable) -> Iterator[str]:
+    seen = scatter_of_channels(record)
     for name, table in noise.channels().items():
         if name in seen and table.white and abs(np.log(seen[name] / table.white)) > _FAR:
             scale, unit = shown_unit(NOISE_UNITS[name])
             got = f"{scale * seen[name]:.2g} {unit}".rstrip()
             usual = f"what [noise] says, white = {scale * table.white:.2g} {unit}".rstrip()
             do = f"Say white = '{got}', and correlated in proportion."
-            lines.append(f"{where}, scatter of {name} from sample to sample: got {got}; usual is {usual}. {do}")
+            yield f"scatter of {name} from sample to sample: got {got}; usual is {usual}. {do}"
+
+
+def _breathing_told(vehicle: Vehicle | None, noise: NoiseTable) -> Iterator[str]:
+    """Its frequency is sought within a factor of two; that of the CPAS canopies is scaled by speed over diameter."""
     canopies = getattr(vehicle, "canopies", None)
     usual = _BREATHING * _known(canopies, "reference_speed") / _known(canopies, "reference_length")
     if noise.breathing is not None and abs(np.log(noise.breathing.frequency / usual)) > _DETUNED:
         got = f"{noise.breathing.frequency:.2g} Hz in [noise.breathing]"
         rule = f"{_BREATHING:g} times the canopies' reference speed over their diameter, {usual:.2g} Hz"
         do = f"Say frequency = '{usual:.2g} Hz', unless more is known: it is sought within a factor of two."
-        lines.append(f"{where}, frequency of breathing: got {got}; usual is {rule}. {do}")
-    return lines
+        yield f"frequency of breathing: got {got}; usual is {rule}. {do}"
 
 
 def _by_cause(findings: tuple[Finding, ...], accepted: tuple[str, ...], causes: tuple[str, ...]) -> list[list[Finding]]:

@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from bayeschute.core.files import write_whole
-from bayeschute.report.wording import feet_per_metre
+from bayeschute.report.wording import us_unit
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -145,7 +145,7 @@ def legend_of(axes: Sequence[Axes], **kwargs: Any) -> None:
 
 def feet_axis(axes: Axes, unit: str = "ft/s") -> None:
     """A second axis in feet, of one in metres."""
-    factor = feet_per_metre()
+    factor = us_unit("m")[0]
     axes.secondary_yaxis(
         "right", functions=(lambda v: np.asarray(v) * factor, lambda v: np.asarray(v) / factor)
     ).set_ylabel(f"[{unit}]")

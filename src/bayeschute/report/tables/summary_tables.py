@@ -30,6 +30,11 @@ class Cell(NamedTuple):
     small: str = ""
 
 
+def in_both_units(facts: Mapping[str, Any], key: str, si: str, kind: str = "", digits: int = 3) -> Cell:
+    """A value in its unit of the report, and in US units in small print."""
+    return Cell(number(scaled(facts, key, shown_unit(si)[0]), digits), kind, also(facts.get(key), si, digits))
+
+
 class Column(NamedTuple):
     """A column: its heading and whether it holds text, code or numbers ("text", "code", "num")."""
 
@@ -88,9 +93,8 @@ def noise_table(results: Results) -> Table | None:
     keys = [key for key in labels if any(is_number(facts.get(key)) for facts in known.values())]
     rows = []
     for name, facts in known.items():
-        scale, shown = shown_unit(str(facts.get("unit") or "1"))
         si = str(facts.get("unit") or "1")
-        sizes = [Cell(number(scaled(facts, k, scale)), "", also(facts.get(k), si)) for k in ("white", "correlated")]
+        shown, sizes = shown_unit(si)[1], [in_both_units(facts, key, si) for key in ("white", "correlated")]
         rest = [number(facts.get(key), 3) for key in keys]
         rows.append(cells(plain(name), *sizes, *rest, Cell(shown, "muted")))
     columns = ["Channel:text", "White:num", "Correlated:num", *(f"{labels[k]}:num" for k in keys), "Unit:text"]
@@ -181,9 +185,9 @@ def _posterior_row(name: str, facts: Mapping[str, Any], with_truth: bool, most_r
     row = [
         Cell(name, "code", parameter_meaning(name) + (f" [{unit}]" if unit else "")),
         Cell(shown("prior_mean", "prior_sd"), "muted", also(facts.get("prior_mean"), si)),
-        Cell(number(scaled(facts, "prior_sd", scale), 2), "muted", also(facts.get("prior_sd"), si, 2)),
+        in_both_units(facts, "prior_sd", si, "muted", 2),
         Cell(shown("mean", "sd"), "strong", also(facts.get("mean"), si)),
-        Cell(number(scaled(facts, "sd", scale), 2), "", also(facts.get("sd"), si, 2)),
+        in_both_units(facts, "sd", si, digits=2),
         Cell(f"{shown('q05', 'sd')} … {shown('q95', 'sd')}", "", also([facts.get("q05"), facts.get("q95")], si)),
         Cell(f"{contraction:.2f}" if is_number(contraction) else MISSING, "weak" if weak else ""),
         Cell(f"{rhat:.3f}" if is_number(rhat) else MISSING, "bad" if is_number(rhat) and rhat >= most_rhat else ""),
@@ -224,12 +228,9 @@ def output_error_table(results: Results) -> Table | None:
     for facts in mappings(results.summary.get("output_error")):
         si = str(facts.get("unit") or "1")
         scale, shown = shown_unit(si)
-        estimate, raw, corrected = (scaled(facts, key, scale) for key in ("estimate", "raw_sd", "corrected_sd"))
+        estimate, corrected = (scaled(facts, key, scale) for key in ("estimate", "corrected_sd"))
         name, best = Cell(str(facts.get("parameter", MISSING)), "code"), at_precision(estimate, corrected)
-        errors = [
-            Cell(number(one, 2), "", also(facts.get(key), si, 2))
-            for key, one in (("raw_sd", raw), ("corrected_sd", corrected))
-        ]
+        errors = [in_both_units(facts, key, si, digits=2) for key in ("raw_sd", "corrected_sd")]
         rows.append(cells(name, Cell(best, "strong", also(facts.get("estimate"), si)), *errors, Cell(shown, "muted")))
     columns = "Parameter:text|Estimate:num|Raw s.e.:num|Corrected s.e.:num|Unit:text"
     caption = (

@@ -305,10 +305,10 @@ def crosscheck(draft: Draft) -> list[Fault]:
         checks.append(by_model[draft.model])
     checks += [check_canopies, check_vehicles, check_shape, check_canopy_sd, check_polar, check_core, check_stack]
     checks += [check_terms, check_synthetic, check_times, check_predictions, check_knowledge]
-    return [fault for check in checks for fault in known(check(draft))]
+    return [fault for check in checks for fault in as_far_as_known(check(draft))]
 
 
-def known(faults: Iterator[Fault]) -> Iterator[Fault]:
+def as_far_as_known(faults: Iterator[Fault]) -> Iterator[Fault]:
     """Faults of a check as far as it can be made: it ends where it asks for a value that could not be read."""
     with suppress(UnknownValueError):
         yield from faults
