@@ -91,6 +91,8 @@ def main() -> int:
         print(json.dumps(look(given.pages[0], given.out, width, scheme, given.axe, first)))
         return 0
     serious = 0
+    if missing := [str(page) for page in given.pages if not page.is_file()]:
+        raise SystemExit(f"no such page: {', '.join(missing)}")
     for page in given.pages:
         for width in WIDTHS:
             for scheme in SCHEMES:

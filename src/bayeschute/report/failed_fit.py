@@ -18,17 +18,23 @@ from bayeschute.records.record import VARIABLES
 from bayeschute.report.figures.canvas import INK, SERIES, SHADE, VERMILION, sheet, styled
 from bayeschute.report.run_results import Results, entries, json_object, mappings, try_read
 from bayeschute.report.structure_view import Draw
-from bayeschute.report.tables.summary_tables import Cell, Table, cells, in_both_units, table_of
+from bayeschute.report.tables.summary_tables import (
+    Cell,
+    Table,
+    cells,
+    digits_of,
+    in_both_units,
+    precision_of,
+    table_of,
+    unit_cell,
+)
 from bayeschute.report.wording import (
     MISSING,
-    also,
-    at_precision,
     counted,
     is_number,
     listed,
     number,
     parameter_meaning,
-    scaled,
     shown_unit,
     whole,
 )
@@ -85,11 +91,11 @@ def residual_table(results: Results) -> Table | None:
     rows = []
     for flight, output, facts in _residuals(results):
         si = _UNITS.get(_channel(output), "1")
-        unit, (rms, noise) = shown_unit(si)[1], (in_both_units(facts, key, si, digits=2) for key in ("rms", "noise"))
+        rms, noise = (in_both_units(si, digits_of(facts, key)) for key in ("rms", "noise"))
         ratio = _ratio(facts)
         wide = "bad" if ratio is not None and ratio > _WIDE else ""
         name, samples = Cell(output, "code"), whole(facts.get("samples"))
-        rows.append(cells(flight, name, samples, rms, noise, Cell(number(ratio, 2), wide), Cell(unit, "muted")))
+        rows.append(cells(flight, name, samples, rms, noise, Cell(number(ratio, 2), wide), unit_cell(si)))
     columns = "Flight:text|Output:code|Samples:num|Residual, rms:num|Sensor noise, sd:num|Ratio:num|Unit:text"
     return table_of(columns, rows)
 
@@ -99,17 +105,15 @@ def parameter_table(facts: Mapping[str, Any]) -> Table | None:
     rows = []
     for row in mappings(facts.get("parameters")):
         si = str(row.get("unit") or "1")
-        scale, unit = shown_unit(si)
-        value, se, mean, sd = (scaled(row, key, scale) for key in ("value", "standard_error", "prior_mean", "prior_sd"))
         name = str(row.get("name", MISSING))
         rows.append(
             cells(
                 Cell(name, "code", parameter_meaning(name)),
-                Cell(at_precision(value, se), "strong", also(row.get("value"), si)),
-                in_both_units(row, "standard_error", si, digits=2),
-                Cell(at_precision(mean, sd), "muted", also(row.get("prior_mean"), si)),
-                in_both_units(row, "prior_sd", si, "muted", 2),
-                Cell(unit, "muted"),
+                in_both_units(si, precision_of(row, "value", "standard_error"), "strong"),
+                in_both_units(si, digits_of(row, "standard_error")),
+                in_both_units(si, precision_of(row, "prior_mean", "prior_sd"), "muted"),
+                in_both_units(si, digits_of(row, "prior_sd"), "muted"),
+                unit_cell(si),
             )
         )
     return table_of("Parameter:text|Value:num|Standard error:num|Prior mean:num|Prior sd:num|Unit:text", rows)

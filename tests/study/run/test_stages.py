@@ -100,6 +100,19 @@ def test_resume_writes_the_report_anew_where_replicates_were_stored_since(finish
     assert "3 replicates, 0 failed: at least 100" in summary["label"] and "3 repl" not in finished.summary["label"]
 
 
+def test_resume_makes_a_result_again_that_was_removed(finished, descents, tmp_path: Path):
+    folder = Path(shutil.copytree(finished.folder, tmp_path / "run"))
+    for name, kept in (("report.html", STAGES[:-1]), ("checks.json", STAGES[: STAGES.index("check")])):
+        before = (folder / "posterior.nc").read_bytes()
+        (folder / name).unlink()
+        told, listen = _listen()
+        summary = run_study(descents.study, folder, resume=True, progress=listen)
+        assert (folder / name).is_file() and (folder / "report.html").is_file()
+        assert [stage for stage, _, words in told if words == KEPT][: len(kept)] == list(kept)
+        assert (folder / "posterior.nc").read_bytes() == before
+        assert summary["parameters"] == finished.summary["parameters"]
+
+
 def test_resume_goes_on_where_a_stage_is_not_marked(begun: Path, sondes: Path):
     before = _markers(begun)
     (begun / ".stages" / "priors").unlink()
@@ -194,13 +207,23 @@ CHANGES = {
 }
 
 
+def _stages_that_do_nothing(monkeypatch):
+    """But leave the file without which a stage is not done."""
+
+    def did(job, stage):
+        if stage in stages._ALWAYS:
+            (job.out / stages._ALWAYS[stage]).touch()
+        return f"{stage} done"
+
+    for stage in STAGES:
+        monkeypatch.setattr(stage_list, stage, lambda job, stage=stage: did(job, stage))
+
+
 @pytest.mark.parametrize("change", sorted(CHANGES))
 def test_a_stage_is_done_again_where_it_reads_what_has_changed(
     sondes: Path, tmp_path: Path, spoil, monkeypatch, change: str
 ):
-    """The stages themselves do nothing here."""
-    for stage in STAGES:
-        monkeypatch.setattr(stage_list, stage, lambda job, stage=stage: f"{stage} done")
+    _stages_that_do_nothing(monkeypatch)
     run_study(sondes, tmp_path / "run")
     old, new, again = CHANGES[change]
     spoil(sondes, old, new)
@@ -211,8 +234,7 @@ def test_a_stage_is_done_again_where_it_reads_what_has_changed(
 
 
 def test_a_stage_stopped_after_a_change_costs_nothing_else(sondes: Path, tmp_path: Path, spoil, monkeypatch):
-    for stage in STAGES:
-        monkeypatch.setattr(stage_list, stage, lambda job, stage=stage: f"{stage} done")
+    _stages_that_do_nothing(monkeypatch)
     run_study(sondes, tmp_path / "run")
 
     def stopped(job: object) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
 from bayeschute.report.run_results import Results, entries, mappings
@@ -11,7 +11,6 @@ from bayeschute.report.sentences import plain, truth_inside
 from bayeschute.report.structure_text import MOST_RANKED
 from bayeschute.report.wording import (
     MISSING,
-    also,
     at_precision,
     is_number,
     number,
@@ -19,6 +18,7 @@ from bayeschute.report.wording import (
     scaled,
     short,
     shown_unit,
+    us_unit,
 )
 
 
@@ -30,9 +30,32 @@ class Cell(NamedTuple):
     small: str = ""
 
 
-def in_both_units(facts: Mapping[str, Any], key: str, si: str, kind: str = "", digits: int = 3) -> Cell:
-    """A value in its unit of the report, and in US units in small print."""
-    return Cell(number(scaled(facts, key, shown_unit(si)[0]), digits), kind, also(facts.get(key), si, digits))
+def in_both_units(si: str, text: Callable[[float], str], kind: str = "") -> Cell:
+    """Values in their unit of the report, and in small print in US units.
+
+    Args:
+        si: Their unit.
+        text: Writes them, given the factor from that unit.
+        kind: Class of the style sheet.
+    """
+    factor, name = us_unit(si)
+    small = text(factor) if name else ""
+    return Cell(text(shown_unit(si)[0]), kind, small if any(map(str.isdigit, small)) else "")
+
+
+def unit_cell(si: str) -> Cell:
+    """The unit of a row of such cells, and that of their small print."""
+    return Cell(shown_unit(si)[1], "muted", us_unit(si)[1])
+
+
+def digits_of(facts: Mapping[str, Any], key: str, digits: int = 2) -> Callable[[float], str]:
+    """Writes a value to significant digits, given the factor of its unit."""
+    return lambda scale: number(scaled(facts, key, scale), digits)
+
+
+def precision_of(facts: Mapping[str, Any], key: str, sd_key: str) -> Callable[[float], str]:
+    """Writes a value to the decimals that its standard deviation justifies, given the factor of its unit."""
+    return lambda scale: at_precision(scaled(facts, key, scale), scaled(facts, sd_key, scale))
 
 
 class Column(NamedTuple):
@@ -94,9 +117,9 @@ def noise_table(results: Results) -> Table | None:
     rows = []
     for name, facts in known.items():
         si = str(facts.get("unit") or "1")
-        shown, sizes = shown_unit(si)[1], [in_both_units(facts, key, si) for key in ("white", "correlated")]
+        sizes = [in_both_units(si, digits_of(facts, key, 3)) for key in ("white", "correlated")]
         rest = [number(facts.get(key), 3) for key in keys]
-        rows.append(cells(plain(name), *sizes, *rest, Cell(shown, "muted")))
+        rows.append(cells(plain(name), *sizes, *rest, unit_cell(si)))
     columns = ["Channel:text", "White:num", "Correlated:num", *(f"{labels[k]}:num" for k in keys), "Unit:text"]
     caption = (
         "Estimated standard deviations (white and autocorrelated part) and time constants; frequency and damping ratio "
@@ -175,20 +198,17 @@ def ceiling_table(facts: Mapping[str, Any]) -> Table | None:
 def _posterior_row(name: str, facts: Mapping[str, Any], with_truth: bool, most_rhat: float) -> tuple[Cell, ...]:
     """One row of the posterior table; R-hat that is not below `most_rhat` is marked."""
     si = str(facts.get("unit") or "1")
-    scale, unit = shown_unit(si)
-
-    def shown(key: str, sd_key: str) -> str:
-        return at_precision(scaled(facts, key, scale), scaled(facts, sd_key, scale))
-
+    unit = ", small print ".join(filter(None, (shown_unit(si)[1], us_unit(si)[1])))
+    low, high = precision_of(facts, "q05", "sd"), precision_of(facts, "q95", "sd")
     rhat, contraction = facts.get("rhat"), facts.get("contraction")
     weak = is_number(contraction) and contraction < 0.1
     row = [
         Cell(name, "code", parameter_meaning(name) + (f" [{unit}]" if unit else "")),
-        Cell(shown("prior_mean", "prior_sd"), "muted", also(facts.get("prior_mean"), si)),
-        in_both_units(facts, "prior_sd", si, "muted", 2),
-        Cell(shown("mean", "sd"), "strong", also(facts.get("mean"), si)),
-        in_both_units(facts, "sd", si, digits=2),
-        Cell(f"{shown('q05', 'sd')} … {shown('q95', 'sd')}", "", also([facts.get("q05"), facts.get("q95")], si)),
+        in_both_units(si, precision_of(facts, "prior_mean", "prior_sd"), "muted"),
+        in_both_units(si, digits_of(facts, "prior_sd"), "muted"),
+        in_both_units(si, precision_of(facts, "mean", "sd"), "strong"),
+        in_both_units(si, digits_of(facts, "sd")),
+        in_both_units(si, lambda scale: f"{low(scale)} … {high(scale)}"),
         Cell(f"{contraction:.2f}" if is_number(contraction) else MISSING, "weak" if weak else ""),
         Cell(f"{rhat:.3f}" if is_number(rhat) else MISSING, "bad" if is_number(rhat) and rhat >= most_rhat else ""),
         Cell(" / ".join(f"{facts[k]:,.0f}" if is_number(facts.get(k)) else MISSING for k in ("ess_bulk", "ess_tail"))),
@@ -196,7 +216,8 @@ def _posterior_row(name: str, facts: Mapping[str, Any], with_truth: bool, most_r
     if with_truth:
         inside = truth_inside(facts)
         place = {True: "inside", False: "outside", None: ""}[inside]
-        row.append(Cell(shown("truth", "sd"), "outside" if inside is False else "", place))
+        known = precision_of(facts, "truth", "sd")(shown_unit(si)[0])
+        row.append(Cell(known, "outside" if inside is False else "", place))
     return tuple(row)
 
 
@@ -227,11 +248,9 @@ def output_error_table(results: Results) -> Table | None:
     rows = []
     for facts in mappings(results.summary.get("output_error")):
         si = str(facts.get("unit") or "1")
-        scale, shown = shown_unit(si)
-        estimate, corrected = (scaled(facts, key, scale) for key in ("estimate", "corrected_sd"))
-        name, best = Cell(str(facts.get("parameter", MISSING)), "code"), at_precision(estimate, corrected)
-        errors = [in_both_units(facts, key, si, digits=2) for key in ("raw_sd", "corrected_sd")]
-        rows.append(cells(name, Cell(best, "strong", also(facts.get("estimate"), si)), *errors, Cell(shown, "muted")))
+        best = in_both_units(si, precision_of(facts, "estimate", "corrected_sd"), "strong")
+        errors = [in_both_units(si, digits_of(facts, key)) for key in ("raw_sd", "corrected_sd")]
+        rows.append(cells(Cell(str(facts.get("parameter", MISSING)), "code"), best, *errors, unit_cell(si)))
     columns = "Parameter:text|Estimate:num|Raw s.e.:num|Corrected s.e.:num|Unit:text"
     caption = (
         "Classical output error. Raw: Cramer-Rao bound for white residuals. Corrected: for colored (autocorrelated) "

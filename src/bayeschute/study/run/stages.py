@@ -1,8 +1,8 @@
 """The run: stages in order, each cached by the hash of its inputs and resumable.
 
 ``ingest -> structure -> priors -> fit -> check -> predict -> risk -> report``. A stage reads what earlier ones wrote;
-it counts as finished while its marker contains its key (`bayeschute.study.stage_keys`), whether or not a stage before
-it was run again because of inputs that it does not read.
+it counts as finished while its marker contains its key (`bayeschute.study.stage_keys`) and its result is there, whether
+or not a stage before it was run again because of inputs that it does not read.
 Files are written to a temporary name and moved into place, so a run killed at any moment leaves whole files only. A fit
 that fails ends the run with a summary and a report of the results that need no fit; ``log.txt`` is the log.
 """
@@ -38,6 +38,9 @@ RESULTS = (
 )  # fmt: skip
 """All that a run writes into its folder and ``--force`` removes. Markers of finished stages, and ``inputs``, which the
 study to be run may itself name, are brought up to date instead."""
+
+
+_ALWAYS = {"fit": "posterior.nc", "check": "checks.json", "report": "report.html"}  # of a stage, whatever the study
 
 
 def _marker(job: Job, stage: str) -> Path:
@@ -165,9 +168,9 @@ def _run_stages(job: Job, until: str | None, learned: Any) -> None:
 
 
 def _is_done(job: Job, stage: str, key: str) -> bool:
-    """Whether a stage has finished with its present inputs."""
-    marker = _marker(job, stage)
-    return marker.exists() and marker.read_text() == key
+    """Whether a stage has finished with its present inputs, and its result was not removed since."""
+    marker, result = _marker(job, stage), _ALWAYS.get(stage)
+    return marker.exists() and marker.read_text() == key and (result is None or (job.out / result).exists())
 
 
 def _forget(job: Job, stage: str) -> None:
