@@ -163,6 +163,12 @@ def key_sentences(results: Results) -> list[str]:
     return [risk_sentence(results), prediction_sentence(results), trust_sentence(results)]
 
 
+_NULL_MODELS = {
+    "constant": "a constant alone",
+    "constant force": "a force that is constant (weight over dynamic pressure, no aerodynamics)",
+}
+
+
 def structure_sentences(facts: Mapping[str, Any]) -> list[str]:
     """Result of the structure selection for one coefficient."""
     selected = facts.get("selected") or []
@@ -179,9 +185,8 @@ def structure_sentences(facts: Mapping[str, Any]) -> list[str]:
     found = [text + "."]
     null = facts.get("null_model")
     if isinstance(null, Mapping) and is_number(null.get("r2")):
-        found.append(
-            f"For comparison: {plain(str(null.get('name', 'a null model')))} alone explains {percent(null['r2'])}."
-        )
+        name = str(null.get("name", "a null model"))
+        found.append(f"For comparison: {_NULL_MODELS.get(name, plain(name))} explains {percent(null['r2'])}.")
     collinearity = facts.get("collinearity")
     pair = collinearity.get("pair") if isinstance(collinearity, Mapping) else None
     if isinstance(collinearity, Mapping) and isinstance(pair, list | tuple) and any(pair):  # else the constant, and one
