@@ -37,7 +37,7 @@ file half-written under its own name, none left over, no traceback, exit code 0;
 the whole run.
 """
 _CHANGES = """\
-## Random changes in the code
+## Mutation tests: random changes in the code
 
 Lines of the numerics, records, prediction and study are changed at random, one at a time (`benchmarks/mutations.py`);
 the test file that mirrors the module and the four nearest that import it must notice. *harmless*: survivors that change
