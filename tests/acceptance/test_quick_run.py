@@ -80,6 +80,9 @@ def test_the_posterior_has_every_group(finished):
         assert set(map(str, tree["posterior"].data_vars)) == names == set(map(str, tree["prior"].data_vars))
         assert dict(tree["posterior"].sizes) == {"chain": 2, "draw": 100}
         assert tree["posterior"]["cds_over_mass[low]"].attrs["units"] == "m^2/kg"
+        diverged = float(tree["sample_stats"]["population_diverging"].mean())
+    check = finished.summary["checks"]["divergences"]
+    assert check["value"] == diverged and check["passed"]
 
 
 def test_bands_cover_the_part_that_was_held_out(finished):

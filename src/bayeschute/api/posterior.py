@@ -37,6 +37,7 @@ from bayeschute.study.aerodynamics.flown import flown, ranges
 from bayeschute.study.aerodynamics.term_proposals import as_rows, proposed_terms
 from bayeschute.study.assembly.fits import groups, load_fit
 from bayeschute.study.evidence.calibration_status import status
+from bayeschute.study.evidence.divergent_transitions import divergences_check
 from bayeschute.study.job import Progress
 from bayeschute.study.run.stage_report import what_flights_taught
 from bayeschute.study.schema.belief_schema import NoiseTable
@@ -106,10 +107,15 @@ class Posterior:
             A row for each: ``passed``, ``value``, ``bound``, ``detail`` (what it measures), ``wanted`` (the bound with
             its sense, such as "at most 1.01"). Empty before the checks were made.
         """
-        found = self._json("checks.json").get("checks", {})
         return pd.DataFrame.from_dict(
-            {n: one | {"wanted": wanted(n, one["bound"])} for n, one in found.items()}, "index"
+            {n: one | {"wanted": wanted(n, one["bound"])} for n, one in self._checks.items()}, "index"
         )
+
+    @property
+    def _checks(self) -> dict[str, Any]:
+        """Checks that were stored, and that of the populations' draws; none before they were made."""
+        found = self._json("checks.json").get("checks", {})
+        return found | divergences_check(self._draws("sample_stats")) if found else {}
 
     def identifiability(self) -> pd.DataFrame:
         """What the records tell of each parameter beyond its prior; columns as in ``identifiability.json``."""
@@ -143,7 +149,7 @@ class Posterior:
             True
         """
         with workspace(self.spec, self.files) as job:
-            return status(job, self._json("checks.json").get("checks", {}), {}).claim
+            return status(job, self._checks, {}).claim
 
     @cached_property
     def _flown(self) -> list[Any]:
@@ -356,7 +362,8 @@ class Posterior:
                 raise InputError(Fault("disturbance_log_sd", repr(disturbance_log_sd), "a number from 0 to 3"))
             table = spec.predict.model_copy(update={"disturbance_log_sd": float(disturbance_log_sd)})
             spec = replace(spec, predict=table)
-        return forecast(spec, self.files, flight, draws, seed, like)
+        made = forecast(spec, self.files, flight, draws, seed, like)
+        return replace(made, failed_checks=tuple(dict.fromkeys((*self.failed_checks, *made.failed_checks))))
 
     def land(
         self,

@@ -9,6 +9,7 @@ _SENSES = {
     "step_error": "at most", "mode": "above", "draws_distance": "at most", "innovations": "near",
     "log_determinant": "at most", "score_dispersion": "at most", "predictive": "at least", "calibration": "at least",
     "pareto_k": "below", "optima": "at most", "structures": "at most", "bands": "at most",
+    "divergences": "at most",
 }  # fmt: skip
 
 

@@ -8,8 +8,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy import stats
 
-from bayeschute.posterior.combine import hierarchy, random_effects
+from bayeschute.posterior.combine import hierarchy
 from bayeschute.posterior.combine.hierarchy import Likelihood, fit, joint, likelihood_of, others
 
 CENTRE, SCALE = np.array([0.5, -0.3, 1.0, 0.2]), np.array([0.8, 0.5, 1.2, 0.6])
@@ -128,16 +129,23 @@ def test_draws_are_those_of_the_joint_hierarchical_posterior(case, grid):
     assert np.corrcoef(another[:, 0], another[:, 2])[0, 1] == pytest.approx(alike, abs=0.15)
 
 
-def test_without_shared_parameters_it_is_the_population(case):
-    """One parameter: the density is that of `population`."""
+def test_half_normal_numbers_are_those():
+    standard = stats.norm.ppf(np.linspace(1e-6, 1.0 - 1e-6, 101))
+    wanted = stats.halfnorm.ppf(stats.norm.cdf(standard))
+    np.testing.assert_allclose(hierarchy.half_normal(standard), wanted, rtol=1e-9)
+
+
+def test_without_shared_parameters_it_is_the_random_effects_model():
+    """One parameter: the members integrated out one by one, their mean on a grid."""
     mean, sd = np.array([0.2, 1.1, 0.6]), np.array([0.3, 0.2, 0.25])
     told = Likelihood(np.diag(sd**-2), mean / sd**2)
     law = hierarchy._Population(told, np.array([0.4]), np.array([0.9]), np.array([0.9]), np.zeros(3, dtype=int))
 
     def two_stage(x):
-        mu = jnp.linspace(-8.0, 8.0, 201)
-        rows = jax.vmap(lambda m: random_effects._log_density(mean, sd, 0.4, 0.9, jnp.array([m, x])))(mu)
-        return float(jnp.log(jnp.sum(jnp.exp(rows))))
+        mu = np.linspace(-8.0, 8.0, 201)[:, None]
+        wide = np.hypot(sd, 0.9 * stats.halfnorm.ppf(stats.norm.cdf(x)))
+        rows = stats.norm.logpdf(mean, mu, wide).sum(axis=1) + stats.norm.logpdf(mu[:, 0], 0.4, 0.9)
+        return np.log(np.sum(np.exp(rows))) + stats.norm.logpdf(x)
 
     at = (-2.0, -0.5, 0.3)
     made = np.array([float(hierarchy._log_density(law, jnp.array([x]))) for x in at])
@@ -149,17 +157,51 @@ def test_marginals_of_each_drop_alone_are_not_enough(case, grid):
     """With shared parameters the two-stage population is another law: its mean is a good deal less well known."""
     weight, _, laws = grid
     means, variances = np.array([law[1][2] for law in laws]), np.array([law[2][2, 2] for law in laws])
-    joint = np.sqrt(weight @ (variances + (means - weight @ means) ** 2))
+    together = np.sqrt(weight @ (variances + (means - weight @ means) ** 2))
     told = []
     for one in case.likelihoods:
         covariance = np.linalg.inv(one.precision + np.diag(1.0 / SCALE**2))
         posterior = covariance @ (one.shift + CENTRE / SCALE**2)
-        told.append(random_effects.likelihood_of(posterior[2], covariance[2, 2] ** 0.5, CENTRE[2], SCALE[2]))
-    alone = random_effects.fit(*np.array(told).T, (CENTRE[2], SCALE[2]), 2, 200, 500, seed=1)
-    assert alone.mean.std() > 1.1 * joint
+        told.append(likelihood_of(posterior[[2]], covariance[2:3, 2:3], CENTRE[[2]], SCALE[[2]]))
+    bodies = joint(told, [[d] for d in range(DROPS)], DROPS)
+    alone = fit(bodies, [DROPS], CENTRE[[2]], SCALE[[2]], SCALE[[2]], 2, 200, 500, seed=1)
+    assert alone.mean.std() > 1.1 * together
 
 
 @pytest.mark.parametrize("sizes", [(), (DROPS, 0), (DROPS,), (DROPS, DROPS, 2), (1,) * 12])
 def test_populations_have_members_that_are_told(case, sizes):
     with pytest.raises(ValueError, match="members of each"):
         fit(case.told, sizes, *KNOWN, 2, 50, 50, seed=1)
+
+
+def test_a_known_population_of_bodies_is_recovered():
+    rng = np.random.default_rng(0)
+    true_mean, true_sd, bodies = -1.5, 0.25, 60
+    sd = rng.uniform(0.05, 0.3, bodies)
+    seen = true_mean + true_sd * rng.standard_normal(bodies) + sd * rng.standard_normal(bodies)
+    told = Likelihood(np.diag(sd**-2), seen / sd**2)
+    made = fit(told, [bodies], np.array([-1.0]), np.array([1.0]), np.array([1.0]), 2, 300, 400, seed=1)
+    assert made.mean.shape == made.sd.shape == (2, 400, 1) and made.diverging.shape == (2, 400)
+    assert made.mean.mean() == pytest.approx(true_mean, abs=0.15)
+    assert made.sd.mean() == pytest.approx(true_sd, abs=0.1)
+    # Weak priors and many bodies: the spread of the mean is that of weighted averaging.
+    weighted = np.sum(1.0 / (true_sd**2 + sd**2)) ** -0.5
+    assert made.mean.std() == pytest.approx(weighted, rel=0.3)
+    # Against the exact posterior on a grid.
+    mu, spread = np.linspace(-2.2, -0.8, 141)[:, None, None], np.linspace(0.005, 0.8, 160)[None, :, None]
+    variance = sd**2 + spread**2
+    log_p = -0.5 * np.sum((seen - mu) ** 2 / variance + np.log(variance), axis=2)
+    log_p = log_p - 0.5 * (mu[..., 0] + 1.0) ** 2 - 0.5 * spread[..., 0] ** 2
+    p = np.exp(log_p - log_p.max())
+    p /= p.sum()
+    assert made.mean.mean() == pytest.approx(float(np.sum(p * mu[..., 0])), abs=0.01)
+    assert made.sd.mean() == pytest.approx(float(np.sum(p * spread[..., 0])), abs=0.012)
+
+
+@pytest.mark.parametrize(("bodies", "warmup"), [(2, 100), (2, 300), (3, 300), (6, 300)])
+def test_few_bodies_leave_no_neck_in_which_nuts_diverges(bodies, warmup):
+    """The mean integrated out and the spread in a coordinate without a long tail; known values far apart or as one."""
+    for seed, apart in ((1, 0.0), (2, 0.3), (3, 2.0)):
+        told = Likelihood(np.eye(bodies) * 50.0**2, 50.0**2 * apart * np.arange(bodies))
+        made = fit(told, [bodies], np.zeros(1), np.ones(1), np.ones(1), 4, warmup, 500, seed=seed)
+        assert made.diverging.mean() < 0.005

@@ -83,6 +83,12 @@ def test_every_parameter_has_the_name_of_what_it_is(case, joined):
     assert joined["log_likelihood"]["drop-2"].shape == (CHAINS, DRAWS, 7)
 
 
+def test_the_transitions_of_the_populations_draws_are_kept(joined):
+    diverged = joined["sample_stats"][populations.DIVERGING]
+    assert diverged.shape == (CHAINS, DRAWS) and diverged.dtype == bool and "populations" in diverged.attrs["draws"]
+    assert float(diverged.mean()) < 0.01  # three drops, well known: no neck of a funnel
+
+
 def test_draws_are_those_of_the_joined_fits(case, joined):
     """The same hierarchy, set up here with means and covariances that are known, has the same posterior."""
     centre, scale = np.array([p.centre for p in PRIORS]), np.array([p.scale for p in PRIORS])

@@ -7,8 +7,8 @@ half-normal. Given tau the joint distribution is Gaussian, from which phi, mu an
 form; tau is drawn with numpyro's NUTS, and the others from their distribution given tau. For Gaussian likelihoods this
 is the exact hierarchical posterior.
 
-`bayeschute.posterior.combine.random_effects` is the case without shared parameters. It must not be used where there are
-some: every member then informs the shared ones, and through their correlations the population (tests show by how much).
+Without shared parameters it is the random-effects model of bodies. Members must not be reduced to that where there are
+some: each informs the shared ones, and through their correlations the population (tests show by how much).
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.scipy.special import ndtr, ndtri
 from numpy.typing import NDArray
 
 from bayeschute.core.random import stream
@@ -44,6 +45,7 @@ class Hierarchy(NamedTuple):
         sd: Population standard deviations (chain, draw, K).
         members: Parameters of the members, one population after the other (chain, draw, M).
         failed: Evaluations that were not finite.
+        diverging: Whether the transition of NUTS to a draw diverged (chain, draw).
     """
 
     shared: Array
@@ -51,6 +53,7 @@ class Hierarchy(NamedTuple):
     sd: Array
     members: Array
     failed: int
+    diverging: Array
 
 
 class _Population(NamedTuple):
@@ -134,10 +137,19 @@ def _given(population: _Population, sd: Component) -> tuple[jax.Array, jax.Array
     return root, off, 0.5 * off @ off - jnp.sum(jnp.log(jnp.diagonal(root)))
 
 
+def half_normal(standard: Component) -> jax.Array:
+    """A half-normal number of scale one by a standard normal one (...), which rises with it.
+
+    Few members leave a population's standard deviation anywhere between nothing and its prior. In this coordinate its
+    density falls on both sides as a Gaussian does; in the logarithm it falls slowly on one side and steeply on the
+    other, and no step of the sampler suits both.
+    """
+    return -ndtri(0.5 * ndtr(-jnp.asarray(standard)))
+
+
 def _log_density(population: _Population, x: jax.Array) -> jax.Array:
-    """Log density of ``log(sd / spread)`` (K,)."""
-    unit = jnp.exp(x)
-    return _given(population, population.spread * unit)[2] + jnp.sum(x - 0.5 * unit**2)
+    """Log density of standard coordinates of the populations' standard deviations (K,); see `half_normal`."""
+    return _given(population, population.spread * half_normal(x))[2] - 0.5 * x @ x
 
 
 @jax.jit
@@ -186,12 +198,12 @@ def fit(
     made = delayed_acceptance.plain(
         jax.tree_util.Partial(_log_density, population), count, chains, warmup, draws, seed, thinning=3
     )
-    sd = np.asarray(spread) * np.exp(made.xi)
+    sd = np.asarray(spread) * np.asarray(half_normal(made.xi))
     flat = sd.reshape(-1, count)
     z = stream(seed, "shared parameters and members").standard_normal((len(flat), known + sum(sizes)))
     drawn = np.asarray(jax.vmap(_draw, (None, 0, 0))(population, flat, z)).reshape(chains, draws, -1)
     shared, mean, members = np.split(drawn, [known - count, known], axis=-1)
-    return Hierarchy(shared, mean, sd, members, made.failed)
+    return Hierarchy(shared, mean, sd, members, made.failed, made.stats["diverging"])
 
 
 def others(made: Hierarchy, of: Sequence[int], rng: np.random.Generator) -> Array:

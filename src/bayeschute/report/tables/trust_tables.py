@@ -199,11 +199,12 @@ def provenance_tables(results: Results) -> Sequence[Table]:
 
 
 def warnings_of(results: Results) -> list[str]:
-    """What a reader must not miss: flights without bands, and counts of the sampling."""
-    sampling, bands = results.part("sampling"), entries(results.part("checks")).get("bands")
-    found = [] if bands is None else [f"Failed check: {bands.get('detail')}."]
+    """What a reader must not miss: flights without bands, and counts of the sampling that no failed check tells."""
+    sampling, checks = results.part("sampling"), entries(results.part("checks"))
+    failed = [one for name in ("bands", "divergences") if (one := checks.get(name)) and one.get("passed") is False]
+    found = [f"Failed check: {one.get('detail')}." for one in failed]
     for key, noun, verb in (("divergences", "transition", "diverged"), ("failed_solves", "simulation", "failed")):
         count = sampling.get(key)
-        if is_number(count) and count > 0:
+        if is_number(count) and count > 0 and (key == "failed_solves" or key not in checks):
             found.append(f"{counted(int(count), noun)} of the sampling {verb}; see “Checks and diagnostics”.")
     return found

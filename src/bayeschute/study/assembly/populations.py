@@ -23,7 +23,7 @@ from bayeschute.core.random import stream
 from bayeschute.core.trees import load_tree, save_tree
 from bayeschute.likelihood.priors import Prior, working
 from bayeschute.posterior.assess import flight_groups
-from bayeschute.posterior.combine import hierarchy, random_effects
+from bayeschute.posterior.combine import hierarchy
 from bayeschute.posterior.combine.hierarchy import Hierarchy
 from bayeschute.posterior.noise_uncertainty import NoiseEffect
 from bayeschute.study.assembly import canopies
@@ -32,8 +32,11 @@ from bayeschute.study.job import Job, load_priors
 
 Array = NDArray[np.float64]
 FILE = "fit/members.npz"
+DIVERGING = "population_diverging"
+"""Variable of ``sample_stats``: whether the transition of NUTS to a draw of the populations diverged (chain, draw)."""
 _PRIOR_DRAWS = 2000
 _JOINED = "of the joined posterior; log_likelihood, log_prior and predictions are of each fit alone"
+_POPULATIONS = "of the populations: whether the transition of NUTS to a draw diverged"
 _ALONE = "the sampler's own, of each fit alone: noise parameters held at their estimate"
 
 
@@ -45,14 +48,16 @@ def joined(job: Job, todo: Sequence[Group], trees: Sequence[xr.DataTree]) -> xr.
 def _bodies(job: Job, todo: Sequence[Group], trees: Sequence[xr.DataTree]) -> xr.DataTree:
     """Several bodies' posteriors, with their population."""
     table, prior = job.study.sampler, load_priors(job)[0]
+    centre, scale = working([prior])
     own = [load_fit(job, group).theta for group in todo]
-    combined = [random_effects.likelihood_of(float(x.mean()), float(x.std()), prior.centre, prior.scale) for x in own]
-    mean, sd = np.array(combined).T
+    told = [hierarchy.likelihood_of(x.mean(keepdims=True).ravel(), np.atleast_2d(x.var()), centre, scale) for x in own]
+    combined = hierarchy.joint(told, [[i] for i in range(len(told))], len(told))
     sizes = (table.chains, table.warmup, table.draws, job.study.seed)
-    made = random_effects.fit(mean, sd, (prior.centre, prior.scale), *sizes)
+    made = hierarchy.fit(combined, [len(told)], centre, scale, scale, *sizes)
     rng = stream(job.study.seed, "prior of bodies")
     plain = _together(trees, ("posterior", "conditional", "prior", "log_prior"))
-    plain["posterior"] |= {"population_mean": made.mean, "population_sd": made.sd}
+    plain["posterior"] |= {"population_mean": made.mean[..., 0], "population_sd": made.sd[..., 0]}
+    plain["sample_stats"] = {DIVERGING: made.diverging}
     plain["prior"] |= {
         "population_mean": prior.centre + prior.scale * rng.standard_normal((1, _PRIOR_DRAWS)),
         "population_sd": np.abs(prior.scale * rng.standard_normal((1, _PRIOR_DRAWS))),
@@ -81,6 +86,7 @@ def _tree(plain: dict[str, dict[str, Array]], units: dict[str, str], trees: Sequ
             tree[name] = xr.DataTree(flight_groups.joined(parts))
     for name, unit in units.items():
         tree["posterior"][name].attrs["units"] = unit
+    tree["sample_stats"][DIVERGING].attrs["draws"] = _POPULATIONS
     return tree
 
 
@@ -147,6 +153,7 @@ def _joined_groups(job: Job, todo: Sequence[Group], trees: Sequence[xr.DataTree]
     made = hierarchy.fit(combined, sizes, centre, scale, spread, table.chains, table.warmup, table.draws, study.seed)
     save_tree(job.out / FILE, made)
     plain = _together(trees, ("sample_stats",) if len(todo) == 1 else ())
+    plain.setdefault("sample_stats", {})[DIVERGING] = made.diverging
     plain["posterior"] = _named(places, priors, made)
     plain["prior"] = _named(places, priors, _before(places, centre, scale, spread, study.seed))
     plain["conditional"] = {
@@ -181,7 +188,7 @@ def _before(places: _Places, centre: Array, scale: Array, spread: Array, seed: i
     rng, size, shared = stream(seed, "prior of the populations"), (1, _PRIOR_DRAWS), len(places.shared)
     both = centre + scale * rng.standard_normal((*size, centre.size))
     sd = np.abs(spread * rng.standard_normal((*size, spread.size)))
-    before = Hierarchy(both[..., :shared], both[..., shared:], sd, both[..., :0], 0)
+    before = Hierarchy(both[..., :shared], both[..., shared:], sd, both[..., :0], 0, np.zeros(sd.shape[:2], bool))
     return before._replace(members=hierarchy.others(before, places.of, rng))
 
 

@@ -22,7 +22,9 @@ from bayeschute.study.assembly import assemble, canopies
 from bayeschute.study.assembly.fits import groups, load_noise_parameters, summary_draws
 from bayeschute.study.assembly.fitted_terms import ADDED
 from bayeschute.study.assembly.lessons import lessons
+from bayeschute.study.assembly.populations import DIVERGING
 from bayeschute.study.evidence.calibration_status import status
+from bayeschute.study.evidence.divergent_transitions import divergences_check
 from bayeschute.study.evidence.recalibrate import applied_recalibration
 from bayeschute.study.evidence.record_misfit import NAME as PREDICTIVE
 from bayeschute.study.job import Job, load_flight, load_priors
@@ -47,11 +49,11 @@ def report(job: Job) -> str:
 def _summary(job: Job) -> dict[str, Any]:
     study, facts, checked = job.study, job.load("fit/facts.json"), job.load("checks.json")
     coverage = job.load("coverage.json")
-    checks = checked["checks"] | bands_check(coverage)
+    (draws, units), (prior, stats) = summary_draws(job), _prior_and_stats(job)
+    checks = checked["checks"] | divergences_check(stats) | bands_check(coverage)
     found = status(job, checks, coverage)
     calibration = found.check
     label = "; ".join(filter(None, (found.claim.label, formulation.label(study.noise.model))))
-    (draws, units), (prior, divergences) = summary_draws(job), _prior_and_divergences(job)
     some = next(iter(draws.values()))
     seconds = sum(v for k, v in facts["wall"].items() if k != "fit_s")
     return {
@@ -60,7 +62,8 @@ def _summary(job: Job) -> dict[str, Any]:
         "parameters": _parameters(job, draws, prior, units, checked),
         "sampling": {
             "sampler": formulation.sampler(study), "chains": some.shape[0], "draws": some.shape[1],
-            "divergences": divergences, "failed_solves": facts["failed"], "wall_s": seconds,
+            "divergences": sum(int(stats[name].sum()) for name in ("diverging", DIVERGING) if name in stats),
+            "failed_solves": facts["failed"], "wall_s": seconds,
             "wall": facts["wall"], "min_ess_per_s": min(checked["ess_bulk"].values()) / seconds,
         },
         **told_curves(job, draws, prior), **_taught(job, draws),
@@ -124,12 +127,12 @@ def _parameters(
     return parameters
 
 
-def _prior_and_divergences(job: Job) -> tuple[dict[str, Array], int]:
-    """Draws of the prior by parameter, and number of divergent transitions, 0 for samplers without them."""
+def _prior_and_stats(job: Job) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Draws of the prior by parameter, and what the sampler tells of its transitions (chain, draw)."""
     with xr.open_datatree(job.out / "posterior.nc", engine="h5netcdf") as tree:
         prior = {str(name): one.values for name, one in tree["prior"].data_vars.items()}
-        known = "sample_stats" in tree.children and "diverging" in tree["sample_stats"]
-        return prior, int(tree["sample_stats"]["diverging"].sum()) if known else 0
+        told = tree["sample_stats"].data_vars.items() if "sample_stats" in tree.children else ()
+        return prior, {str(name): one.values for name, one in told}
 
 
 def _taught(job: Job, draws: dict[str, Array]) -> dict[str, Any]:
