@@ -252,7 +252,7 @@ def test_where_a_fit_along_the_record_begins_does_not_matter(drop, shot, signs):
 def test_before_the_path_moves_parameters_fit_it_wherever_they_begin(drop, off):
     """Where the gradient of prior and squares of defects, by finite differences, vanishes."""
     centre, scale = (np.array([getattr(p, name) for p in drop.priors]) for name in ("centre", "scale"))
-    level = along_record._Level([drop.flight], drop.hyper, drop.priors, 3.0)
+    level = along_record.Level([drop.flight], drop.hyper, drop.priors, 3.0)
     slack = 3.0 * np.asarray(drop.flight.path.slack)
 
     def misfit(theta):
@@ -271,7 +271,7 @@ def test_before_the_path_moves_parameters_fit_it_wherever_they_begin(drop, off):
 
 
 def test_parameters_that_fit_the_path_already_stay(drop):
-    level = along_record._Level([drop.flight], drop.hyper, drop.priors, 3.0)
+    level = along_record.Level([drop.flight], drop.hyper, drop.priors, 3.0)
     fitted = level.on_the_path(level.point(np.array([p.centre for p in drop.priors]), [begin(drop.flight)]))
     assert np.max(np.abs(level.on_the_path(fitted).theta - fitted.theta)) < 1e-6
 
@@ -296,7 +296,7 @@ def test_what_a_level_lowers_is_what_it_says(drop, level):
 
     made = descend([drop.flight], drop.hyper, drop.priors, start, levels=(level,), most=6)
     gains = [row.gain for row in made.rows]
-    problem = along_record._Level([drop.flight], drop.hyper, drop.priors, level)
+    problem = along_record.Level([drop.flight], drop.hyper, drop.priors, level)
     first = problem.on_the_path(problem.point(start, [begin(drop.flight)]))
     fell = merit(first.theta, begin(drop.flight)) - merit(made.theta, made.flights[0])
     assert min(gains) > 0.0 and sum(gains) == pytest.approx(fell, rel=1e-9)
@@ -320,7 +320,7 @@ def test_a_fit_under_other_noise_parameters_goes_on_from_its_path(drop, shot):
 def test_a_fit_returns_to_where_the_marginal_density_was_greatest(drop, monkeypatch):
     """A log determinant made to rise by 30 a step: minus the density rises faster than any cost falls."""
     start, steps = np.array([p.centre for p in drop.priors]), [0]
-    usual = along_record._Level.solved
+    usual = along_record.Level.solved
 
     def steeper(level, here):
         solved, *rest = usual(level, here)
@@ -329,7 +329,7 @@ def test_a_fit_returns_to_where_the_marginal_density_was_greatest(drop, monkeypa
         return [one._replace(determinant=one.determinant + 30.0 * steps[0]) for one in solved], *rest
 
     held = descend([drop.flight], drop.hyper, drop.priors, start, near=TIGHT)
-    monkeypatch.setattr(along_record._Level, "solved", steeper)
+    monkeypatch.setattr(along_record.Level, "solved", steeper)
     near = TIGHT._replace(fall=10.0)
     made = descend([drop.flight], drop.hyper, drop.priors, start, near=near)
     *_, before, last = made.rows

@@ -46,7 +46,7 @@ _PRICE = 3.0  # of a defect of the last level's slack, in log density; more than
 _SHARES, _CLOSING = (1.0, 0.5, 0.2, 0.05), 5  # of steps; most that close the defects of one
 _NONE = np.zeros(0)  # no step of parameters
 _RESTING, _MOST_RESTING = 0.01, 12  # gain in log density at which a conditional optimum is reached; most steps to it
-_NEARLY = 1.0  # likewise where the linear problem about it is asked for its optimum: that is off by a hundredth
+NEARLY = 1.0  # likewise where the linear problem about it is asked for its optimum: that is off by a hundredth
 _MOST_ON_PATH = 6  # steps of the parameters before a path moves: where they begin far off the first is not the last
 _ANDERSON = 4  # earlier steps that tell of the next one to it
 _IDLE = 4  # steps that together gain next to nothing: however long the next would be, it leads nowhere
@@ -240,16 +240,31 @@ def shortened(flight: FlightData, at: Lifted, there: Lifted, share: float, theta
     return there._replace(path=moved(flight, at.path, there.path - at.path, theta, share * step))
 
 
-class _Relaxed(NamedTuple):
-    """The linear problems at an iterate, solved for fixed parameters: flights, filters, gain of the merit to there."""
+class Relaxed(NamedTuple):
+    """The linear problems at an iterate, solved for fixed parameters.
+
+    Attributes:
+        ends: Flights at their solutions.
+        filters: Filters of the linearised flights.
+        gain: By which the merit would fall on the way, were the problems linear.
+    """
 
     ends: list[Lifted]
     filters: list[Gains]
     gain: float
 
 
-class _Point(NamedTuple):
-    """An iterate of the fit: its linearised flights, and its cost."""
+class Point(NamedTuple):
+    """An iterate of the fit: its linearised flights, and its cost.
+
+    Attributes:
+        theta: Parameters, working coordinates (P,).
+        flights: Start, process noise and trajectory of every flight.
+        along: The flights linearised along them.
+        merit: What steps lower: the cost, and the squares or the price of the defects; infinite where not finite.
+        cost: Minus the log density, defects aside, up to constants.
+        defect: The largest, over the slack of the last level.
+    """
 
     theta: Array
     flights: tuple[Lifted, ...]
@@ -260,7 +275,7 @@ class _Point(NamedTuple):
 
 
 @dataclass(frozen=True)
-class _Level:
+class Level:
     """Objective at a level of slack; 0: the equations of motion hold, and defects are penalised.
 
     Attributes:
@@ -278,6 +293,7 @@ class _Level:
     by_theta: bool = True
 
     def slack(self, flight: FlightData, at: Lifted, level: float | None = None) -> Array:
+        """Standard deviations of a flight's defects (X,) at a level, this one where None; in units of the states."""
         if flight.path is None:  # as of a record that tells states to a hundredth of their size
             own = 1e-2 * np.sqrt(np.mean(np.asarray(at.path) ** 2, axis=0)) + 1e-9
         else:
@@ -287,7 +303,7 @@ class _Level:
     def _freedom(self, flight: FlightData, at: Lifted) -> Array | None:
         return self.slack(flight, at) if self.level else None
 
-    def point(self, theta: Array, flights: Sequence[Lifted]) -> _Point:
+    def point(self, theta: Array, flights: Sequence[Lifted]) -> Point:
         """A point; its merit is infinite where a step or an output is not finite."""
         cost = merit = 0.5 * float(np.sum(standard(self.priors, theta) ** 2)) if self.priors else 0.0
         made, defect, unit = [], 0.0, self.level or LEVELS[-1]
@@ -298,10 +314,10 @@ class _Level:
             merit += float(part.data) + (float(part.squares) if self.level else _PRICE * float(part.sizes))
             defect = max(defect, float(part.largest) * unit / LEVELS[-1])
         merit = merit if np.isfinite(merit) else np.inf
-        return _Point(theta, tuple(flights), tuple(made), merit, cost, defect)
+        return Point(theta, tuple(flights), tuple(made), merit, cost, defect)
 
-    def solved(self, here: _Point) -> tuple[list[Solved], Array, Array]:
-        """The flights' linear problems, and Gauss-Newton matrix and gradient of the parameters."""
+    def solved(self, here: Point) -> tuple[list[Solved], Array, Array]:
+        """The flights' linear problems, and Gauss-Newton matrix (P, P) and gradient (P,) of the parameters."""
         matrix, found = precision(self.priors), list[Solved]()
         gradient = matrix @ (here.theta - working(self.priors)[0])
         for flight, at, made in zip(self.records, here.flights, here.along, strict=True):
@@ -310,7 +326,7 @@ class _Level:
             matrix, gradient = matrix + gram[1:, 1:], gradient - gram[1:, 0]
         return found, matrix, gradient
 
-    def relaxed(self, here: _Point) -> _Relaxed:
+    def relaxed(self, here: Point) -> Relaxed:
         """Trajectory, start and process noise that minimise the linear problem for fixed parameters."""
         trio, ends, filters = zip(self.records, here.flights, here.along, strict=True), list[Lifted](), list[Gains]()
         least = 0.5 * float(np.sum(standard(self.priors, here.theta) ** 2)) if self.priors else 0.0
@@ -319,9 +335,9 @@ class _Level:
             ends.append(led(flight, self.hyper, at, solved, _NONE))
             filters.append(filtered)
             least += 0.5 * float(solved.gram[0, 0])
-        return _Relaxed(ends, filters, here.merit - least)
+        return Relaxed(ends, filters, here.merit - least)
 
-    def on_the_path(self, here: _Point) -> _Point:
+    def on_the_path(self, here: Point) -> Point:
         """The parameters of least defects along the present path: equation error by Gauss-Newton, priors included."""
         for _ in range(_MOST_ON_PATH):
             matrix = precision(self.priors)
@@ -341,13 +357,13 @@ class _Level:
                 break
         return here
 
-    def closed(self, here: _Point) -> _Point:
+    def closed(self, here: Point) -> Point:
         """The iterate without the defects of the linear problem, for fixed parameters."""
         trio = zip(self.records, here.flights, here.along, strict=True)
         ends = [closed(flight, self.hyper, at, made) for flight, at, made in trio]
-        return _tried(self, here, ends, np.zeros_like(here.theta), 1.0)
+        return stepped(self, here, ends, np.zeros_like(here.theta), 1.0)
 
-    def moved(self, here: _Point, solved: Sequence[Solved], step: Array) -> list[Lifted]:
+    def moved(self, here: Point, solved: Sequence[Solved], step: Array) -> list[Lifted]:
         """Flights at the end of a step of the parameters."""
         trio = zip(self.records, here.flights, solved, strict=True)
         return [led(f, self.hyper, at, one, step) for f, at, one in trio]
@@ -390,8 +406,8 @@ def conditional_optimum(
         theta: Parameters, working coordinates (P,).
         at: Where to begin.
     """
-    level = _Level(flights, hyper, priors, 0.0)
-    here, _ = _resting(level, level.point(theta, at))
+    level = Level(flights, hyper, priors, 0.0)
+    here, _ = resting(level, level.point(theta, at))
     solved, matrix, gradient = level.solved(here)
     if not (np.isfinite(here.merit) and np.isfinite(matrix).all() and np.isfinite(gradient).all()):
         return None
@@ -402,8 +418,8 @@ def brought(
     flights: Sequence[FlightData], hyper: NoiseParameters, theta: Array, at: Sequence[Lifted]
 ) -> list[tuple[Lifted, Linear]]:
     """Flights at their conditional modes for fixed parameters, linearised there; as `conditional_optimum`."""
-    level = _Level(flights, hyper, (), 0.0)
-    here, _ = _resting(level, level.point(theta, at))
+    level = Level(flights, hyper, (), 0.0)
+    here, _ = resting(level, level.point(theta, at))
     return list(zip(here.flights, here.along, strict=True))
 
 
@@ -423,8 +439,8 @@ def approached(
     Half as many linearisations as `brought`. Minus the log density at that mode, half the squares of innovations of the
     linear problem and the log determinant, is off by a hundredth at most.
     """
-    level = _Level(flights, hyper, (), 0.0, by_theta=False)
-    here, relaxed = _resting(level, level.point(theta, at), _NEARLY)
+    level = Level(flights, hyper, (), 0.0, by_theta=False)
+    here, relaxed = resting(level, level.point(theta, at), NEARLY)
     five = zip(flights, here.flights, here.along, relaxed.ends, relaxed.filters, strict=True)
     held = np.zeros_like(theta)
     return [
@@ -433,31 +449,39 @@ def approached(
     ]
 
 
-def _resettled(level: _Level, here: _Point) -> _Point:
+def _resettled(level: Level, here: Point) -> Point:
     """A place found under other noise parameters: its disturbances find theirs before parameters move."""
-    there = _tried(level, here, level.relaxed(here).ends, np.zeros_like(here.theta), 1.0)
+    there = stepped(level, here, level.relaxed(here).ends, np.zeros_like(here.theta), 1.0)
     return there if np.isfinite(there.merit) else here._replace(merit=np.inf)
 
 
-def _resting(level: _Level, here: _Point, near: float = _RESTING) -> tuple[_Point, _Relaxed]:
+def resting(level: Level, here: Point, near: float = _RESTING) -> tuple[Point, Relaxed]:
     """Steps of trajectories, start and process noise for fixed parameters, until they would gain next to nothing.
 
     Gauss-Newton steps, accelerated by Anderson's method (1965): where residuals bend they are too long or too short
     along a few directions, which the change of the steps over earlier ones tells. Where canopies were not seen for a
     while plain steps go up to five times too far, and take 60 linearisations to where these take 7 to 14.
+
+    Args:
+        level: Objective.
+        here: Where they begin.
+        near: Gain in log density of the next step at which they end.
+
+    Returns:
+        Where they lead, and the linear problems solved there.
     """
     held, tried = np.zeros_like(here.theta), list[tuple[Sequence[Lifted], Sequence[Lifted]]]()
     if not all(_consistent(f, level.hyper, at) for f, at in zip(level.records, here.flights, strict=True)):
-        here = _tried(level, here, level.relaxed(here).ends, held, 1.0)  # what it cost before says nothing
+        here = stepped(level, here, level.relaxed(here).ends, held, 1.0)  # what it cost before says nothing
     for left in range(_MOST_RESTING, -1, -1):
         relaxed = level.relaxed(here)
         if relaxed.gain < near or not left:
             break
         tried = [*tried[-_ANDERSON:], (here.flights, relaxed.ends)]
-        there = _point(level, here, _accelerated(tried), held, 1.0) if len(tried) > 1 else here
+        there = stepped_and_closed(level, here, _accelerated(tried), held, 1.0) if len(tried) > 1 else here
         if not there.merit < here.merit:
             tried = tried[-1:]
-            found = _lower(level, here, relaxed.ends, held)
+            found = lowered(level, here, relaxed.ends, held)
             if found is None:
                 break
             there = found.point
@@ -501,31 +525,40 @@ def onward(
     return tuple(ends)
 
 
-class _Step(NamedTuple):
+class Step(NamedTuple):
     """Where a step leads, and the share of it that was taken."""
 
-    point: _Point
+    point: Point
     share: float
 
 
-def _tried(level: _Level, here: _Point, ends: Sequence[Lifted], step: Array, share: float) -> _Point:
+def stepped(level: Level, here: Point, ends: Sequence[Lifted], step: Array, share: float) -> Point:
+    """Where a share of a step leads.
+
+    Args:
+        level: Objective.
+        here: Where it begins.
+        ends: Flights at the end of the whole step.
+        step: Of the parameters (P,).
+        share: Of the step.
+    """
     trio, theta = zip(level.records, here.flights, ends, strict=True), here.theta
     return level.point(theta + share * step, [shortened(f, a, b, share, theta, step) for f, a, b in trio])
 
 
-def _point(level: _Level, here: _Point, ends: Sequence[Lifted], step: Array, share: float) -> _Point:
+def stepped_and_closed(level: Level, here: Point, ends: Sequence[Lifted], step: Array, share: float) -> Point:
     """A share of a step; where the path obeys the equations of motion, with its defects closed if they make it dear.
 
     Products of the parameters' change with that of the path make defects that the linear problem does not know, and
     their price would hold every step back (Maratos 1978).
     """
-    point = _tried(level, here, ends, step, share)
+    point = stepped(level, here, ends, step, share)
     if level.level == 0.0 and here.merit < point.merit < np.inf:
         point = _closed(level, point, here.merit)
     return point
 
 
-def _closed(level: _Level, here: _Point, bound: float) -> _Point:
+def _closed(level: Level, here: Point, bound: float) -> Point:
     """An iterate whose defects are closed for fixed parameters, until its merit is below a bound and decreases no more.
 
     Given up where it won't come below at the pace of the last step.
@@ -540,31 +573,38 @@ def _closed(level: _Level, here: _Point, bound: float) -> _Point:
     return here
 
 
-def _lower(level: _Level, here: _Point, there: Sequence[Lifted], step: Array) -> _Step | None:
-    """The whole step where it lowers the merit, else a share of it."""
+def lowered(level: Level, here: Point, there: Sequence[Lifted], step: Array) -> Step | None:
+    """The whole step where it lowers the merit, else a share of it; None where no share does.
+
+    Args:
+        level: Objective.
+        here: Where the step begins.
+        there: Flights at its end.
+        step: Of the parameters (P,).
+    """
     for share in _SHARES:
-        point = _point(level, here, there, step, share)
+        point = stepped_and_closed(level, here, there, step, share)
         if point.merit < here.merit:
-            return _Step(point, share)
+            return Step(point, share)
     return None
 
 
 class _Passed(NamedTuple):
     """A place that a fit has passed, the parameters' covariance there, and minus the marginal log density."""
 
-    point: _Point
+    point: Point
     covariance: Array
     marginal: float
 
-    def return_from(self, there: _Point) -> Row:
+    def return_from(self, there: Point) -> Row:
         """The return from another place, for the log."""
         length = float(np.max(np.abs(there.theta - self.point.theta) / np.sqrt(np.diag(self.covariance))))
         return Row(0.0, self.point.cost, self.point.defect, there.merit - self.point.merit, length, 0.0)
 
 
 def _descend(
-    level: _Level, here: _Point, most: int, near: Near, say: Callable[[Row], None]
-) -> tuple[_Point, Array, list[Row], bool]:
+    level: Level, here: Point, most: int, near: Near, say: Callable[[Row], None]
+) -> tuple[Point, Array, list[Row], bool]:
     """Damped Gauss-Newton steps, shortened until the merit falls.
 
     Near the optimum of the cost the marginal density can be thousands of log units below that of places passed on the
@@ -597,11 +637,11 @@ def _descend(
             last = here.theta, gradient
         else:
             bends, last = [], None
-        found: _Step | None = None
+        found: Step | None = None
         while found is None and damping < _MOST_DAMPING:
             damped = matrix + damping * np.diag(np.diag(matrix))
             step = secant_step(gradient, np.asarray(np.linalg.inv(damped), np.float64), bends)
-            found = _lower(level, here, level.moved(here, solved, step), step)
+            found = lowered(level, here, level.moved(here, solved, step), step)
             if found is None:
                 bends, last = [], None
                 damping = max(10.0 * damping, _FIRST_DAMPING)
@@ -653,12 +693,12 @@ def descend(
     places = [begin(f) for f in flights] if at is None else list(at)
     covariance, converged = np.full((len(priors),) * 2, np.nan), False
     for number, level in enumerate(levels):
-        problem = _Level(flights, hyper, priors, level)
+        problem = Level(flights, hyper, priors, level)
         here = problem.point(theta, places)
         if number == 0:
             here = problem.on_the_path(here) if at is None else _resettled(problem, here)
             if at is not None and np.isfinite(near.fall):  # what the cost falls by at rest hides what the density does
-                here, _ = _resting(problem, here, _NEARLY)
+                here, _ = resting(problem, here, NEARLY)
         last = level == levels[-1]
         bounds = near if last else _NEAR_LEVEL
         here, covariance, made, converged = _descend(problem, here, _MOST if level else most, bounds, say)

@@ -101,7 +101,7 @@ def test_with_force_nothing_kept_is_used(descents, tmp_path, monkeypatch):
     monkeypatch.setattr(checkpoint, "get_settled", lambda job, name: used.append((tmp_path / "run/fit/kept").exists()))
     (tmp_path / "run/.stages").mkdir(parents=True)
     (tmp_path / "run/fit/kept").mkdir(parents=True)
-    monkeypatch.setattr(stage_fit, "_settled", lambda *given: (_ for _ in ()).throw(Killed))
+    monkeypatch.setattr(stage_fit, "settle", lambda *given: (_ for _ in ()).throw(Killed))
     with pytest.raises(Killed):
         run_study(descents.study, tmp_path / "run", until="fit", force=True)
     assert used == [False]

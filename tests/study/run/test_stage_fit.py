@@ -85,7 +85,7 @@ def run(tmp_path, monkeypatch):
 
 def _settled(run, priors=PRIORS):
     group = Group("all", FLIGHTS, priors)
-    return stage_fit._settled(run.job, group, None, lambda share, words: run.told.append((share, words)))
+    return stage_fit.settle(run.job, group, None, lambda share, words: run.told.append((share, words)))
 
 
 def test_the_library_is_fitted_once_then_what_it_asks_for(run):

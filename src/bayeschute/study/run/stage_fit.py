@@ -20,7 +20,7 @@ from bayeschute.core.files import write_whole
 from bayeschute.core.random import seed_of, stream
 from bayeschute.dynamics.cluster_flight import output_names
 from bayeschute.likelihood.joint import FlightData, linearise
-from bayeschute.likelihood.priors import Prior, given_zero, heavier, values_and_sds
+from bayeschute.likelihood.priors import Prior, conflict_variance_factor, given_zero, values_and_sds
 from bayeschute.posterior.assess import output_error
 from bayeschute.posterior.assess.score_test import scores
 from bayeschute.posterior.best_path import BestPath
@@ -88,9 +88,9 @@ def fit(job: Job, predictions: bool = True) -> str:
             job.say("fit")((i + share) / len(todo), f"{name}: {words}" if len(todo) > 1 else words)
 
         clock = time.perf_counter()
-        made.append(fit_group(job, group, _part(say, 0.0, 0.8)))
+        made.append(fit_group(job, group, part_of(say, 0.0, 0.8)))
         wall["optimum_s"] += time.perf_counter() - clock
-        drawn.append(draw_group(job, made[i], _part(say, 0.8, 1.0), predictions))
+        drawn.append(draw_group(job, made[i], part_of(say, 0.8, 1.0), predictions))
     for one in drawn:
         wall |= {name: wall.get(name, 0.0) + spent for name, spent in one.seconds.items()}
     failed = store(job, made, drawn, wall | {"fit_s": time.perf_counter() - began}, names)
@@ -134,7 +134,7 @@ def store(
     return failed
 
 
-def _part(say: Say, start: float, end: float) -> Say:
+def part_of(say: Say, start: float, end: float) -> Say:
     """Progress callback for a part of a longer task."""
     return lambda share, words: say(start + (end - start) * share, words)
 
@@ -286,26 +286,33 @@ def _found(
     """
     prior, kept = NoisePrior(assemble.hyper(job.study)), checkpoint.get_settled(job, group.name)
     if kept is None:
-        group, settled, z = _settled(job, group, prior, lambda s, w: say(s, w, 0.0, 0.6))
+        group, settled, z = settle(job, group, prior, lambda s, w: say(s, w, 0.0, 0.6))
         checkpoint.put_settled(job, group.name, group.priors, settled, z)
     else:
         priors, settled, z = kept
         if tuple(priors) != group.priors:
             group = replace(group, priors=tuple(priors))
-            _revise(job, priors)
+            revise(job, priors)
     flights = [data_of(job, f, group.priors) for f in group.flights]
     widen = job.study.noise.model == "latent"
     found = marginal_fit(flights, group.priors, prior, settled, lambda s, w: say(s, w, 0.6, 0.8), widen)
     return group, found, z
 
 
-def _settled(
+def settle(
     job: Job, group: Group, prior: NoisePrior, say: Callable[[float, str], None]
 ) -> tuple[Group, JointFit, dict[str, float]]:
     """Joint optimum of a group; left-out terms that pass the score test on the simulated flight are added.
 
     A fit without a necessary term converges to a different optimum. So the next one starts at the prior means and,
-    for comparison, there; the greater evidence is kept.
+    for comparison, there; the greater evidence is kept. Where the study searches in the fit, the terms are those of
+    the whole library that the flights support.
+
+    Args:
+        job: The run; priors that the fit changed are kept in its folder (`revise`).
+        group: Flights to be fitted, with their priors.
+        prior: Priors of the noise parameters.
+        say: Progress callback: share done and words.
 
     Returns:
         The group with the priors that were used, its optimum, and the last scores of left-out terms.
@@ -344,7 +351,7 @@ def _settled(
         begins = [None, (theta, settled.optimum.flights, settled.hyper)]
         left_out = [p for p in left_out if p not in asked]
         group = replace(group, priors=tuple(priors))
-        _revise(job, priors)
+        revise(job, priors)
     return group, settled, z
 
 
@@ -387,7 +394,7 @@ def _searched(
     may_go = [p.name for p in group.priors if is_coefficient(p.name) and shared_name(p.name) not in core]
 
     def tell(start: float, end: float) -> Say:
-        return _part(lambda share, words: say(share, f"full library of terms: {words}"), start, end)
+        return part_of(lambda share, words: say(share, f"full library of terms: {words}"), start, end)
 
     library = _joint(job, group, prior, tell(0.0, 0.4))
     begin_mode = beside_smaller(flights, group.priors, prior, library, _fewest(job, group, may_go), tell(0.4, 0.5))
@@ -411,7 +418,7 @@ def _searched(
     if settled is None:
         begin = (chosen.theta, mode.flights, library.hyper)
         settled = _joint(job, smaller, prior, lambda s, w: say(0.6 + 0.4 * s, w), begin)
-    _revise(job, smaller.priors)
+    revise(job, smaller.priors)
     return smaller, settled, chosen.evidence
 
 
@@ -432,7 +439,7 @@ def _wider(job: Job, priors: tuple[Prior, ...], told: tuple[Prior, ...], theta: 
     made = list(priors)
     for kind in KINDS:
         names = [p.name for p in priors if p.name.startswith(f"{kind}[")]
-        factor = heavier(priors, theta, names)
+        factor = conflict_variance_factor(priors, theta, names)
         if factor > 1.0:
             more = factor**0.5
             made = [replace(p, scale=more * p.scale, widened=more) if p.name in names else p for p in made]
@@ -460,7 +467,7 @@ def _joint(
     )
 
 
-def _revise(job: Job, priors: Sequence[Prior]) -> None:
+def revise(job: Job, priors: Sequence[Prior]) -> None:
     """Keep priors that the fit used in the place of those that the stage before it left."""
     job.save("fit/priors.json", [p.__dict__ for p in canopies.together(priors)])
 
