@@ -12,7 +12,7 @@ import pytest
 from bayeschute.likelihood.joint import Lifted, NoiseParameters, Unknowns
 from bayeschute.likelihood.noise import Noise
 from bayeschute.likelihood.priors import Prior, covariance, given_zero
-from bayeschute.posterior.along_record import LiftedFit, Row
+from bayeschute.posterior.along_record.lifted_fit import LiftedFit, Row
 from bayeschute.posterior.fit.joint_fit import JointFit, NoFitError
 from bayeschute.posterior.joint_mode import Optimum
 from bayeschute.posterior.term_search import choose
