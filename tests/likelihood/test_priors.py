@@ -8,11 +8,11 @@ import scipy.stats
 
 from bayeschute.likelihood.priors import (
     Prior,
+    conflict_variance_factor,
     correlated,
     covariance,
     factor,
     from_equation_error,
-    heavier,
     of_values,
     own_coordinates,
     precision,
@@ -160,9 +160,11 @@ def test_a_prior_in_conflict_is_the_gaussian_that_a_t_distribution_has_there(fou
     priors, centre, scale = four
     names, law = [p.name for p in priors], scipy.stats.multivariate_t(centre, scale, df=4.0)
     theta = centre + 8.0 * np.sqrt(np.diag(scale)) * np.array([1.0, -0.5, 0.3, 0.8])
-    factor = heavier(priors, theta, names)
+    factor = conflict_variance_factor(priors, theta, names)
     step = 1e-5 * np.eye(4)
     slope = np.array([(law.logpdf(theta + h) - law.logpdf(theta - h)) / 2e-5 for h in step])
     np.testing.assert_allclose(slope, -np.linalg.solve(factor * scale, theta - centre), rtol=1e-4)
-    assert factor > 3.0 and heavier(priors, centre + 0.1, names) == 1.0 == heavier(priors, theta, ["another"])
-    assert heavier(priors, theta, names[:2]) != factor
+    assert factor > 3.0 and conflict_variance_factor(priors, centre + 0.1, names) == 1.0 == conflict_variance_factor(
+        priors, theta, ["another"]
+    )
+    assert conflict_variance_factor(priors, theta, names[:2]) != factor

@@ -12,7 +12,9 @@ from scipy.optimize import brentq
 from bayeschute.core.errors import FitError
 from bayeschute.likelihood.joint import Lifted
 from bayeschute.likelihood.kalman_gradient import to_vector
-from bayeschute.posterior import along_record, joint_mode, laplace, noise_evidence
+from bayeschute.posterior import joint_mode, laplace, noise_evidence
+from bayeschute.posterior.along_record import conditional_mode, lifted_fit
+from bayeschute.posterior.along_record.slack_level import LEVELS, NEAR
 from bayeschute.posterior.fit import continuation, joint_fit, laplace_fit, marginal_mode
 from bayeschute.posterior.joint_mode import Optimum
 from bayeschute.posterior.marginal import Quadratic, log_density
@@ -195,7 +197,7 @@ def test_a_search_that_cannot_become_of_use_ends(descent, settled, monkeypatch, 
     off = replace(
         settled.optimum, theta=settled.optimum.theta + 6.0 * np.sqrt(settled.optimum.covariance[0]), converged=True
     )
-    begin = along_record.conditional_optimum(descent.flights, settled.hyper, descent.priors, off.theta, off.flights)
+    begin = conditional_mode.conditional_optimum(descent.flights, settled.hyper, descent.priors, off.theta, off.flights)
     said = []
     best = marginal_mode.marginal_mode(
         descent.flights, descent.priors, settled._replace(optimum=off), lambda share, words: said.append(words),
@@ -238,7 +240,7 @@ def test_a_turn_of_noise_parameters_that_leads_astray_is_shortened_and_at_last_n
         best = usual(flights, priors, place, **most)
         if 1 <= len(ended) <= spoiled:
             aside = best.theta + sds * np.sqrt(np.diag(best.covariance))
-            rest = along_record.conditional_optimum(flights, place.hyper, priors, aside, best.flights)
+            rest = conditional_mode.conditional_optimum(flights, place.hyper, priors, aside, best.flights)
             best = replace(best, theta=aside, flights=rest.flights)
         ended.append((best, place.hyper))
         return best
@@ -291,7 +293,7 @@ def _ways(hyper, at=None):
 
 
 def _row(defect, cost=12.0):
-    return along_record.Row(0.0, cost, defect, 1.0, 1.0, 1.0)
+    return lifted_fit.Row(0.0, cost, defect, 1.0, 1.0, 1.0)
 
 
 def test_what_is_fast_is_tried_first_then_what_gets_further(monkeypatch, descent):
@@ -300,15 +302,15 @@ def test_what_is_fast_is_tried_first_then_what_gets_further(monkeypatch, descent
 
     def late(flights, hyper, priors, theta, places, levels, near=None, progress=None):
         tried.append((places is not None, tuple(levels)))
-        return along_record.LiftedFit(theta, (at,), np.eye(1), (_row(1e-4 if len(tried) == 3 else 0.5),), True)
+        return lifted_fit.LiftedFit(theta, (at,), np.eye(1), (_row(1e-4 if len(tried) == 3 else 0.5),), True)
 
-    monkeypatch.setattr(along_record, "descend", late)
+    monkeypatch.setattr(lifted_fit, "descend", late)
     ways = _ways(descent.hyper, [at])
-    (made,) = joint_fit._along_record(descent.flights, descent.priors, np.zeros(1), [ways], along_record.NEAR, print)
+    (made,) = joint_fit._along_record(descent.flights, descent.priors, np.zeros(1), [ways], NEAR, print)
     assert made.cost == 12.0 and made.converged
     small = tried[-1][1]
-    assert tried == [(True, (0.0,)), (False, (*along_record.LEVELS, 0.0)), (False, small)]
-    assert len(small) > len(along_record.LEVELS) + 1 and small[-1] == 0.0 and sorted(small, reverse=True) == list(small)
+    assert tried == [(True, (0.0,)), (False, (*LEVELS, 0.0)), (False, small)]
+    assert len(small) > len(LEVELS) + 1 and small[-1] == 0.0 and sorted(small, reverse=True) == list(small)
 
 
 OWN, LOUD = pytest.approx(1.0), pytest.approx(3.0)
@@ -332,7 +334,7 @@ def test_the_second_turn_goes_on_where_the_evidence_is_greater(monkeypatch, desc
         asked.append((float(np.asarray(hyper.noise.white)[0]) / 0.05, places is not None, float(theta[0])))
         second = len(asked) > 1 and not (len(asked) > 3 and places is not None)
         lost = second and ("path" if places is not None else "anew") in fails
-        return along_record.LiftedFit(
+        return lifted_fit.LiftedFit(
             np.full(1, float(len(asked))), tuple(at), np.eye(1), (_row(0.5 if lost else 1e-4),), True
         )
 
@@ -340,7 +342,7 @@ def test_the_second_turn_goes_on_where_the_evidence_is_greater(monkeypatch, desc
         theta = linear[0]
         return lambda vector: (evidence[0] if theta == 2.0 else evidence[1], None)
 
-    monkeypatch.setattr(along_record, "descend", descended)
+    monkeypatch.setattr(lifted_fit, "descend", descended)
     monkeypatch.setattr(Optimum, "linear", lambda self, flights: [float(self.theta[0])])
     monkeypatch.setattr(noise_evidence, "function_of", told)
     _hold_noise(monkeypatch)
@@ -363,9 +365,9 @@ def test_a_fit_with_nothing_left_to_try_tells_all_that_was_tried(monkeypatch, de
     defects = iter((1e-4, 0.3, 0.9, 0.8))
 
     def descended(flights, hyper, priors, theta, places, levels, near=None, progress=None):
-        return along_record.LiftedFit(theta, at, np.eye(1), (_row(next(defects)),), True)
+        return lifted_fit.LiftedFit(theta, at, np.eye(1), (_row(next(defects)),), True)
 
-    monkeypatch.setattr(along_record, "descend", descended)
+    monkeypatch.setattr(lifted_fit, "descend", descended)
     monkeypatch.setattr(Optimum, "linear", lambda self, flights: [])
     _hold_noise(monkeypatch)
     with pytest.raises(joint_fit.NoFitError, match="no flight of the model follows the record") as told:
@@ -390,15 +392,13 @@ def test_a_record_that_no_flight_follows_is_told(monkeypatch, descent):
     defects = iter((0.9, 0.5, 0.7))
 
     def stuck(flights, hyper, priors, theta, places, levels, near=None, progress=None):
-        row = along_record.Row(0.0, 12.0, next(defects), 1.0, 1.0, 1.0)
-        return along_record.LiftedFit(theta, (at,), np.eye(len(priors)), (row,), False)
+        row = lifted_fit.Row(0.0, 12.0, next(defects), 1.0, 1.0, 1.0)
+        return lifted_fit.LiftedFit(theta, (at,), np.eye(len(priors)), (row,), False)
 
-    monkeypatch.setattr(along_record, "descend", stuck)
+    monkeypatch.setattr(lifted_fit, "descend", stuck)
     theta = np.zeros(len(descent.priors))
     with pytest.raises(joint_fit.NoFitError, match="no flight of the model follows the record") as told:
-        joint_fit._along_record(
-            descent.flights, descent.priors, theta, [_ways(descent.hyper, [at])], along_record.NEAR, print
-        )
+        joint_fit._along_record(descent.flights, descent.priors, theta, [_ways(descent.hyper, [at])], NEAR, print)
     assert len(told.value.tried) == 3 and "defect 0.5" in told.value.tried[1]
     assert told.value.best.rows[-1].defect == 0.5 and told.value.priors == tuple(descent.priors)
 
@@ -408,15 +408,13 @@ def test_a_fit_that_took_no_step_is_not_the_best(monkeypatch, descent):
 
     def seldom(flights, hyper, priors, theta, places, levels, near=None, progress=None):
         defect = next(rows)
-        made = () if defect is None else (along_record.Row(0.0, 12.0, defect, 1.0, 1.0, 1.0),)
-        return along_record.LiftedFit(theta, (at,), np.eye(len(priors)), made, False)
+        made = () if defect is None else (lifted_fit.Row(0.0, 12.0, defect, 1.0, 1.0, 1.0),)
+        return lifted_fit.LiftedFit(theta, (at,), np.eye(len(priors)), made, False)
 
-    monkeypatch.setattr(along_record, "descend", seldom)
+    monkeypatch.setattr(lifted_fit, "descend", seldom)
     theta = np.zeros(len(descent.priors))
     with pytest.raises(joint_fit.NoFitError, match="break the equations of motion") as told:
-        joint_fit._along_record(
-            descent.flights, descent.priors, theta, [_ways(descent.hyper, [at])], along_record.NEAR, print
-        )
+        joint_fit._along_record(descent.flights, descent.priors, theta, [_ways(descent.hyper, [at])], NEAR, print)
     assert told.value.best.rows[-1].defect == 0.9
 
 
@@ -428,14 +426,14 @@ def test_a_joint_optimum_goes_along_the_record_where_there_is_one(descent, monke
 
     def along(flights, hyper, priors, theta, places, levels, near, progress):
         told.append(("along", places))
-        rows = (along_record.Row(0.3, 9.0, 0.3, 1.0, 1.0, 1.0), along_record.Row(0.0, 7.0, 1e-4, 0.1, 0.2, 1.0))
-        return along_record.LiftedFit(theta + 1.0, tuple(at), np.eye(1), rows, True)
+        rows = (lifted_fit.Row(0.3, 9.0, 0.3, 1.0, 1.0, 1.0), lifted_fit.Row(0.0, 7.0, 1e-4, 0.1, 0.2, 1.0))
+        return lifted_fit.LiftedFit(theta + 1.0, tuple(at), np.eye(1), rows, True)
 
     def shot(flights, hyper, priors, theta, unknowns, tolerance):
         told.append(("shot", unknowns))
         return Optimum(theta + 1.0, tuple(at), np.eye(1), 7.0, True, 2, 0.2, (7.0,))
 
-    monkeypatch.setattr(along_record, "descend", along)
+    monkeypatch.setattr(lifted_fit, "descend", along)
     monkeypatch.setattr(joint_mode, "fit", shot)
     for begin in (None, at):
         made = joint_fit.joint(flights, descent.hyper, descent.priors, descent.theta, begin)

@@ -14,7 +14,7 @@ from bayeschute.likelihood.noise import Noise
 from bayeschute.likelihood.priors import Prior
 from bayeschute.likelihood.simulation_smoother import normals
 from bayeschute.posterior import laplace
-from bayeschute.posterior.along_record import approached
+from bayeschute.posterior.along_record.conditional_mode import approached
 from bayeschute.posterior.joint_mode import fit
 from bayeschute.posterior.laplace import at, corrected, density_errors, linear_errors
 from bayeschute.posterior.marginal import Quadratic, draw_flights, log_density, marginalise, place_at, shifted

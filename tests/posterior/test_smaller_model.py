@@ -13,7 +13,8 @@ import scipy.linalg
 from tests.fitting import LinearFlight
 
 from bayeschute.likelihood.priors import given_zero
-from bayeschute.posterior import along_record, joint_mode
+from bayeschute.posterior import joint_mode
+from bayeschute.posterior.along_record import conditional_mode
 from bayeschute.posterior.fit import smaller_model
 from bayeschute.posterior.fit.joint_fit import JointFit
 from bayeschute.posterior.fit.smaller_model import Smaller, beside_smaller, carried_over
@@ -23,7 +24,7 @@ from bayeschute.posterior.noise_evidence import NoisePrior
 def test_a_model_goes_on_where_another_one_led(descent, settled):
     prior, there = NoisePrior(descent.hyper), settled.optimum.theta + np.sqrt(np.diag(settled.optimum.covariance))
     made = carried_over(descent.flights, descent.priors, prior, settled, there, settled.optimum.flights)
-    rest = along_record.conditional_optimum(
+    rest = conditional_mode.conditional_optimum(
         descent.flights, settled.hyper, descent.priors, there, settled.optimum.flights
     )
     np.testing.assert_array_equal(made.optimum.theta, there)
@@ -66,7 +67,7 @@ def test_a_library_that_lies_below_its_small_model_goes_on_there(case, linear):
     wanted = joint_mode.fit(case.small.flights, linear.hyper, case.small.priors, np.zeros(1), tolerance=1e-6)
     assert made.optimum.theta[1] == 0.0  # its density has but one mode, the joint one: the determinant is constant
     assert abs(made.optimum.theta[0] - wanted.theta[0]) < 0.2 * np.sqrt(wanted.covariance[0, 0])
-    rest = along_record.conditional_optimum(
+    rest = conditional_mode.conditional_optimum(
         [linear.flight], linear.hyper, linear.priors, made.optimum.theta, made.optimum.flights
     )
     assert made.optimum.cost == pytest.approx(rest.cost) and made.optimum.cost < case.off.optimum.cost
@@ -97,7 +98,7 @@ def test_a_library_with_nothing_to_leave_out_is_its_own_small_model(case, linear
 
 def test_a_small_model_that_follows_no_record_is_told_and_left(case, monkeypatch):
     heard = []
-    monkeypatch.setattr(along_record, "conditional_optimum", lambda *_: None)
+    monkeypatch.setattr(conditional_mode, "conditional_optimum", lambda *_: None)
     assert case.beside(case.off, say=lambda share, words: heard.append(words)) is case.off
     assert heard[1:] == ["fewest terms: no flight follows the record from where the library led"]
 

@@ -40,7 +40,8 @@ class Prior:
         correlation: With other parameters, by name.
         air_share: Share s of the vehicle's apparent mass in what a canopy moves [1]: where a factor f on it is a
             parameter too, the value is the working coordinate times 1 + s (f - 1). Zero: it does not depend on it.
-        widened: By how much `scale` is larger than its source says, since the flights contradict it (`heavier`) [1].
+        widened: By how much `scale` is larger than its source says, since the flights contradict it [1]
+            (`conflict_variance_factor`).
     """
 
     name: str
@@ -177,7 +178,7 @@ def values(priors: Sequence[Prior], theta: NDArray[np.float64]) -> NDArray[np.fl
     return made * growth(priors, _air(priors, made))
 
 
-def heavier(priors: Sequence[Prior], theta: NDArray[np.float64], names: Sequence[str]) -> float:
+def conflict_variance_factor(priors: Sequence[Prior], theta: NDArray[np.float64], names: Sequence[str]) -> float:
     """By how much a heavy-tailed prior of some parameters is wider than the Gaussian, at a place in conflict with it.
 
     A multivariate t distribution has, near a place, the shape of a Gaussian whose covariance is

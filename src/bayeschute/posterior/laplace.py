@@ -37,7 +37,7 @@ from bayeschute.likelihood.joint import (
     moved,
 )
 from bayeschute.likelihood.kalman import Gains, MeanCorrection, innovations
-from bayeschute.posterior.along_record import approached
+from bayeschute.posterior.along_record.conditional_mode import approached
 from bayeschute.posterior.differences import beside
 from bayeschute.posterior.marginal import (
     Linearisation,

@@ -41,7 +41,7 @@ from bayeschute.likelihood.joint import (
 from bayeschute.likelihood.kalman import Gains, MeanCorrection, Seen, innovations
 from bayeschute.likelihood.priors import Prior, factor, working
 from bayeschute.likelihood.simulation_smoother import Normals, drawn
-from bayeschute.posterior.along_record import brought
+from bayeschute.posterior.along_record.conditional_mode import brought
 from bayeschute.posterior.joint_mode import Optimum, conditional
 
 Array = NDArray[np.float64]

@@ -16,6 +16,7 @@ from bayeschute.records.record import load_record
 from bayeschute.study.study import Study
 
 Progress = Callable[[str, float, str], None]
+Say = Callable[[float, str], None]
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,11 @@ class Job:
     def load(self, name: str) -> Any:
         """Read JSON that a stage left."""
         return json.loads((self.out / name).read_text())
+
+
+def part_of(say: Say, start: float, end: float) -> Say:
+    """Progress callback for a part of a longer task."""
+    return lambda share, words: say(start + (end - start) * share, words)
 
 
 def write_json(path: Path, value: Any) -> None:

@@ -12,9 +12,11 @@ from numpy.typing import NDArray
 from bayeschute.core.errors import FitError
 from bayeschute.likelihood.joint import FlightData, Lifted, NoiseParameters, Unknowns
 from bayeschute.likelihood.priors import Prior, working
-from bayeschute.posterior import along_record, noise_evidence
 from bayeschute.posterior import joint_mode as optimum
-from bayeschute.posterior.along_record import LiftedFit
+from bayeschute.posterior import noise_evidence
+from bayeschute.posterior.along_record import lifted_fit
+from bayeschute.posterior.along_record.lifted_fit import LiftedFit
+from bayeschute.posterior.along_record.slack_level import LEVELS, Near
 from bayeschute.posterior.fit.continuation import Progress, lengthened
 from bayeschute.posterior.joint_mode import Optimum
 from bayeschute.posterior.noise_evidence import Evidence, NoisePrior
@@ -24,9 +26,9 @@ _SMALL_LEVELS = (5.0, 3.0, 1.7, 1.0, 0.6, 0.3, 0.17, 0.1, 0.05, 0.02, 0.0)  # wh
 FEW_DEFECTS = 0.02
 """Defects over the last level's slack at which a path is a flight of the model: single shooting can go on from it."""
 _FALL = 10.0  # of the marginal log density, from where no optimum of the cost is worth a step
-_TURN_NEAR = along_record.Near(20.0, np.inf, 0.05, _FALL)  # end of a turn
-_LAST_NEAR = along_record.Near(1.0, 0.5, FEW_DEFECTS, _FALL)  # and of the last: the marginal mode is sought from there
-_JOINT_NEAR = along_record.Near(0.1, 0.1, FEW_DEFECTS)  # where joint optima are compared
+_TURN_NEAR = Near(20.0, np.inf, 0.05, _FALL)  # end of a turn
+_LAST_NEAR = Near(1.0, 0.5, FEW_DEFECTS, _FALL)  # and of the last: the marginal mode is sought from there
+_JOINT_NEAR = Near(0.1, 0.1, FEW_DEFECTS)  # where joint optima are compared
 _NOISE_STEPS = (4, 20)  # most steps of the noise parameters, turn by turn: the first are of too loose a path
 _LOOSE = 3.0  # times the prior medians of all standard deviations, until noise parameters are found
 _BREAKS = "no flight of the model follows the record: steps along the best path break the equations of motion"
@@ -142,7 +144,7 @@ def _from_record(hyper: NoiseParameters, also: str = "") -> list[_Way]:
     """What is fast first, then what gets further."""
     words = "from the path of the record"
     return [
-        _Way(words + also, hyper, None, (*along_record.LEVELS, 0.0)),
+        _Way(words + also, hyper, None, (*LEVELS, 0.0)),
         _Way(f"{words}, in smaller steps{also}", hyper, None, _SMALL_LEVELS),
     ]
 
@@ -152,8 +154,8 @@ def _along_record(
     priors: Sequence[Prior],
     theta: Array,
     several: Sequence[Sequence[_Way]],
-    near: along_record.Near,
-    tell: Callable[[along_record.Row], None],
+    near: Near,
+    tell: Callable[[lifted_fit.Row], None],
 ) -> list[Optimum]:
     """Where fits along the record lead: of every list of ways, the first that leaves no defects, if one does.
 
@@ -163,7 +165,7 @@ def _along_record(
     found, tried = list[Optimum](), list[tuple[_Way, LiftedFit]]()
     for ways in several:
         for way in ways:
-            made = along_record.descend(flights, way.hyper, priors, theta, way.at, way.levels, near=near, progress=tell)
+            made = lifted_fit.descend(flights, way.hyper, priors, theta, way.at, way.levels, near=near, progress=tell)
             tried.append((way, made))
             if made.rows and made.rows[-1].level == 0.0 and made.rows[-1].defect < max(near.defect, FEW_DEFECTS):
                 found.append(_optimum(made))
@@ -206,7 +208,7 @@ def _settle_along(
 
     for turn in range(turns + 1):
 
-        def tell(row: along_record.Row, turn: int = turn) -> None:
+        def tell(row: lifted_fit.Row, turn: int = turn) -> None:
             say((turn + 0.3) / (turns + 1), f"along the record {turn + 1}, {row}")
 
         near, anew = _LAST_NEAR if turn == turns else _TURN_NEAR, _from_record(hyper)

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from bayeschute.core.random import stream
 from bayeschute.likelihood.joint import FlightData, NoiseParameters
 from bayeschute.likelihood.priors import Prior
-from bayeschute.posterior import along_record, laplace, noise_evidence
+from bayeschute.posterior import laplace, noise_evidence
+from bayeschute.posterior.along_record import conditional_mode
 from bayeschute.posterior.fit import correction_fit
 from bayeschute.posterior.fit.continuation import Progress
 from bayeschute.posterior.fit.joint_fit import JointFit, NoFitError, joint_fit
@@ -175,7 +176,7 @@ def _minus_log_evidence(
 ) -> float:
     """Minus the log evidence of noise parameters by Laplace's method at the mode of theta, up to constants."""
     best, hyper, _ = place
-    rest = along_record.conditional_optimum(flights, hyper, priors, best.theta, best.flights)
+    rest = conditional_mode.conditional_optimum(flights, hyper, priors, best.theta, best.flights)
     if rest is None:
         return np.inf
     return rest.marginal + _prior_of_noise(hyper, prior) - 0.5 * float(np.linalg.slogdet(best.covariance)[1])

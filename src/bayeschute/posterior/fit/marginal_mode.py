@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from bayeschute.likelihood.joint import FlightData, Lifted, NoiseParameters
 from bayeschute.likelihood.priors import Prior
-from bayeschute.posterior import along_record, laplace
+from bayeschute.posterior import laplace
+from bayeschute.posterior.along_record import conditional_mode
 from bayeschute.posterior.fit.continuation import Progress
 from bayeschute.posterior.fit.joint_fit import JointFit
 from bayeschute.posterior.joint_mode import Optimum
@@ -57,15 +58,15 @@ class _Placed(NamedTuple):
     """A point at rest on the way to the marginal mode, what the mean correction adds to the slope, and the step on."""
 
     theta: Array
-    conditional: along_record.ConditionalOptimum
+    conditional: conditional_mode.ConditionalOptimum
     correction: Array
     step: Array
 
     def onward(self, flights: Sequence[FlightData], hyper: NoiseParameters) -> tuple[Array, tuple[Lifted, ...]]:
         """Parameters and flights at the end of the step."""
-        return self.theta + self.step, along_record.onward(flights, hyper, self.theta, self.conditional, self.step)
+        return self.theta + self.step, conditional_mode.onward(flights, hyper, self.theta, self.conditional, self.step)
 
-    def rise(self, theta: Array, conditional: along_record.ConditionalOptimum) -> float:
+    def rise(self, theta: Array, conditional: conditional_mode.ConditionalOptimum) -> float:
         """By how much minus the marginal log density is greater at another point, the mean correction linear."""
         return conditional.marginal - self.conditional.marginal + float(self.correction @ (theta - self.theta))
 
@@ -110,7 +111,7 @@ def marginal_mode(
     before: _Placed | None = None
     turn = halvings = 0
     while turn < most:
-        conditional = along_record.conditional_optimum(flights, hyper, priors, theta, places)
+        conditional = conditional_mode.conditional_optimum(flights, hyper, priors, theta, places)
         try:
             if conditional is None:
                 raise FloatingPointError(

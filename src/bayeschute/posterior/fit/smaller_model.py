@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from bayeschute.likelihood.joint import FlightData, Lifted
 from bayeschute.likelihood.priors import Prior
-from bayeschute.posterior import along_record, noise_evidence
+from bayeschute.posterior import noise_evidence
+from bayeschute.posterior.along_record import conditional_mode
 from bayeschute.posterior.fit.continuation import Progress
 from bayeschute.posterior.fit.joint_fit import FEW_DEFECTS, JointFit
 from bayeschute.posterior.fit.marginal_mode import marginal_mode
@@ -68,7 +69,7 @@ def carried_over(
     Returns:
         A place to seek the marginal mode from, no joint optimum; None where flights don't follow the record.
     """
-    rest = along_record.conditional_optimum(flights, other.hyper, priors, theta, at)
+    rest = conditional_mode.conditional_optimum(flights, other.hyper, priors, theta, at)
     if rest is None or not rest.defect < FEW_DEFECTS:
         return None
     covariance = scipy.linalg.inv(rest.matrix)
@@ -137,5 +138,5 @@ def beside_smaller(
 def _density(flights: Sequence[FlightData], priors: Sequence[Prior], place: JointFit) -> float:
     """Marginal log density of the parameters at a place by Laplace's approximation, up to constants."""
     best = place.optimum
-    rest = along_record.conditional_optimum(flights, place.hyper, priors, best.theta, best.flights)
+    rest = conditional_mode.conditional_optimum(flights, place.hyper, priors, best.theta, best.flights)
     return -rest.marginal if rest is not None else -np.inf

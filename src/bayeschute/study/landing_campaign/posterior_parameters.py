@@ -18,7 +18,7 @@ from bayeschute.study.assembly import assemble, canopies
 from bayeschute.study.assembly.fits import Group, Stored, groups, load_fit, structure_of
 from bayeschute.study.assembly.populations import by_members
 from bayeschute.study.job import Job
-from bayeschute.study.run import structures
+from bayeschute.study.run.fit import structures
 from bayeschute.study.schema.vehicle_schema import Vehicle
 
 Array = NDArray[np.float64]

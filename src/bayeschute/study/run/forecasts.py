@@ -27,7 +27,7 @@ from bayeschute.study.assembly.fits import Group, Stored, data_of, gaussian_summ
 from bayeschute.study.assembly.populations import by_members
 from bayeschute.study.evidence.recalibrate import Widening
 from bayeschute.study.job import Job, load_flight, load_truth
-from bayeschute.study.run import structures
+from bayeschute.study.run.fit import structures
 from bayeschute.study.study import Flight
 
 Array = NDArray[np.float64]

@@ -13,41 +13,28 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from bayeschute.aero.coefficient import APPARENT_MASS, KINDS, Coefficient, is_coefficient, shared_name
-from bayeschute.aero.term_names import is_pairwise
+from bayeschute.aero.coefficient import KINDS
 from bayeschute.core.errors import FitError
 from bayeschute.core.files import write_whole
 from bayeschute.core.random import seed_of, stream
 from bayeschute.dynamics.cluster_flight import output_names
-from bayeschute.likelihood.joint import FlightData, linearise
-from bayeschute.likelihood.priors import Prior, given_zero, heavier, values_and_sds
+from bayeschute.likelihood.joint import linearise
+from bayeschute.likelihood.priors import values_and_sds
 from bayeschute.posterior.assess import output_error
-from bayeschute.posterior.assess.score_test import scores
 from bayeschute.posterior.best_path import BestPath
-from bayeschute.posterior.fit.joint_fit import Begin, JointFit, NoFitError, joint_fit
+from bayeschute.posterior.fit.joint_fit import NoFitError
 from bayeschute.posterior.fit.laplace_fit import LaplaceFit, marginal_fit
-from bayeschute.posterior.fit.marginal_mode import marginal_mode
-from bayeschute.posterior.fit.smaller_model import Smaller, beside_smaller, carried_over
 from bayeschute.posterior.noise_evidence import NoisePrior
 from bayeschute.posterior.noise_uncertainty import NoiseEffect, widened
 from bayeschute.posterior.sampler import data_tree, sample
 from bayeschute.posterior.sampling.protocol import Draws
 from bayeschute.posterior.score_dispersion import told_in_words
-from bayeschute.posterior.term_search import choose
-from bayeschute.study.assembly import assemble, canopies, populations
+from bayeschute.study.assembly import assemble, populations
 from bayeschute.study.assembly.fits import Group, data_of, groups, save_fit
-from bayeschute.study.assembly.fitted_terms import terms_left_out, with_terms
-from bayeschute.study.job import Job, load_flight
-from bayeschute.study.run import checkpoint, several_starts, structures
+from bayeschute.study.job import Job, Say, load_flight, part_of
+from bayeschute.study.run.fit import checkpoint, settled_terms, several_starts, structures
 
 Array = NDArray[np.float64]
-_HELD_SD = 0.02  # of the prior of the apparent mass until terms are chosen, at most
-_WIDENINGS, _WIDER = 3, 1.2  # most times that priors are widened; least factor on their standard deviations
-_LIBRARY_NEAR = 1.0  # standard deviations of the last step to the library's mode: terms are weighed there
-SCORE = 4.0  # standard errors from zero at which a term that was left out is added
-
-
-Say = Callable[[float, str], None]
 
 
 class Fitted(NamedTuple):
@@ -88,9 +75,9 @@ def fit(job: Job, predictions: bool = True) -> str:
             job.say("fit")((i + share) / len(todo), f"{name}: {words}" if len(todo) > 1 else words)
 
         clock = time.perf_counter()
-        made.append(fit_group(job, group, _part(say, 0.0, 0.8)))
+        made.append(fit_group(job, group, part_of(say, 0.0, 0.8)))
         wall["optimum_s"] += time.perf_counter() - clock
-        drawn.append(draw_group(job, made[i], _part(say, 0.8, 1.0), predictions))
+        drawn.append(draw_group(job, made[i], part_of(say, 0.8, 1.0), predictions))
     for one in drawn:
         wall |= {name: wall.get(name, 0.0) + spent for name, spent in one.seconds.items()}
     failed = store(job, made, drawn, wall | {"fit_s": time.perf_counter() - began}, names)
@@ -132,11 +119,6 @@ def store(
         facts |= {"starts": starts, "notes": [*said, *several_starts.note(starts)]}
     job.save("fit/facts.json", facts)
     return failed
-
-
-def _part(say: Say, start: float, end: float) -> Say:
-    """Progress callback for a part of a longer task."""
-    return lambda share, words: say(start + (end - start) * share, words)
 
 
 def fit_structures(job: Job) -> list[str]:
@@ -286,183 +268,17 @@ def _found(
     """
     prior, kept = NoisePrior(assemble.hyper(job.study)), checkpoint.get_settled(job, group.name)
     if kept is None:
-        group, settled, z = _settled(job, group, prior, lambda s, w: say(s, w, 0.0, 0.6))
+        group, settled, z = settled_terms.settle(job, group, prior, lambda s, w: say(s, w, 0.0, 0.6))
         checkpoint.put_settled(job, group.name, group.priors, settled, z)
     else:
         priors, settled, z = kept
         if tuple(priors) != group.priors:
             group = replace(group, priors=tuple(priors))
-            _revise(job, priors)
+            settled_terms.revise(job, priors)
     flights = [data_of(job, f, group.priors) for f in group.flights]
     widen = job.study.noise.model == "latent"
     found = marginal_fit(flights, group.priors, prior, settled, lambda s, w: say(s, w, 0.6, 0.8), widen)
     return group, found, z
-
-
-def _settled(
-    job: Job, group: Group, prior: NoisePrior, say: Callable[[float, str], None]
-) -> tuple[Group, JointFit, dict[str, float]]:
-    """Joint optimum of a group; left-out terms that pass the score test on the simulated flight are added.
-
-    A fit without a necessary term converges to a different optimum. So the next one starts at the prior means and,
-    for comparison, there; the greater evidence is kept.
-
-    Returns:
-        The group with the priors that were used, its optimum, and the last scores of left-out terms.
-    """
-    table = job.study.structure
-    # A search takes what the noise model leaves to the residuals for evidence; drops that are joined share their terms.
-    if table is not None and table.fit == "search" and job.study.noise.model == "latent":
-        if not job.study.priors.hierarchical:
-            return _searched(job, group, prior, say)
-    # The score test of a term takes what the noise model leaves to the residuals for evidence: latent models only.
-    here = {p.name for p in group.priors}
-    latent = job.study.noise.model == "latent"
-    latent = latent and not job.study.priors.vary  # drops that are joined have the same parameters
-    left_out, z = [p for p in terms_left_out(job) if latent and p.name not in here], dict[str, float]()
-    begins: list[Begin | None] = [None]
-    while True:
-        if job.study.sampler.starts is None:
-            flights = [data_of(job, f, group.priors) for f in group.flights]
-            settled = _best(flights, group.priors, prior, begins, say)
-        else:
-            settled = several_starts.settled(job, group, prior, begins, say)
-        if not left_out:
-            break
-        whole, kept = with_terms(job.study, group.priors, left_out)
-        theta = np.zeros(len(whole))
-        theta[kept] = settled.optimum.theta
-        everything = [data_of(job, f, whole) for f in group.flights]
-        step, se = scores(everything, settled.hyper, whole, theta, settled.optimum.flights, kept)
-        z = {p.name: float(step[i] / se[i]) for i, p in enumerate(whole) if not kept[i]}
-        asked = [p for p in left_out if abs(z[p.name]) > SCORE]
-        if not asked:
-            break
-        priors, old = with_terms(job.study, group.priors, asked)
-        theta = np.zeros(len(priors))
-        theta[old] = settled.optimum.theta
-        begins = [None, (theta, settled.optimum.flights, settled.hyper)]
-        left_out = [p for p in left_out if p not in asked]
-        group = replace(group, priors=tuple(priors))
-        _revise(job, priors)
-    return group, settled, z
-
-
-def _best(
-    flights: Sequence[FlightData],
-    priors: Sequence[Prior],
-    prior: NoisePrior,
-    begins: Sequence[Begin | None],
-    say: Callable[[float, str], None],
-) -> JointFit:
-    """The optimum of greatest evidence from several begins; one that fails counts only where all do."""
-    found: list[JointFit] = []
-    for i, begin in enumerate(begins):
-        try:
-            found.append(joint_fit(flights, priors, prior, progress=say, begin=begin))
-        except FitError:
-            if i + 1 == len(begins) and not found:
-                raise
-    return min(found, key=lambda s: s.evidence)
-
-
-def _searched(
-    job: Job, group: Group, prior: NoisePrior, say: Callable[[float, str], None]
-) -> tuple[Group, JointFit, dict[str, float]]:
-    """Joint optimum of a group with the terms of the library that its flights support (Bayes factors).
-
-    Motion tells forces over masses: with a canopy's apparent mass all coefficients of transverse force grow, and an
-    optimisation that starts far off follows that ridge to a lower maximum. So the apparent mass is held until the terms
-    are chosen.
-
-    Returns:
-        The group with the priors that were used, its optimum, and the log evidence for every term that may be left out.
-    """
-    assert job.study.structure is not None
-    own = {p.name: p for p in group.priors if p.name == APPARENT_MASS}
-    held = tuple(replace(p, scale=min(p.scale, _HELD_SD)) if p.name in own else p for p in group.priors)
-    group = replace(group, priors=held)
-    flights = [data_of(job, f, group.priors) for f in group.flights]
-    core = set(job.study.structure.core)
-    may_go = [p.name for p in group.priors if is_coefficient(p.name) and shared_name(p.name) not in core]
-
-    def tell(start: float, end: float) -> Say:
-        return _part(lambda share, words: say(share, f"full library of terms: {words}"), start, end)
-
-    library = _joint(job, group, prior, tell(0.0, 0.4))
-    begin_mode = beside_smaller(flights, group.priors, prior, library, _fewest(job, group, may_go), tell(0.4, 0.5))
-    mode = marginal_mode(flights, group.priors, begin_mode, tell(0.5, 0.6), near=_LIBRARY_NEAR)
-    told = group.priors
-    for _ in range(_WIDENINGS):
-        wider = _wider(job, group.priors, told, mode.theta)
-        if wider == told:
-            break
-        told = wider
-        mode = marginal_mode(flights, told, begin_mode._replace(optimum=mode), tell(0.5, 0.6), near=_LIBRARY_NEAR)
-    group = replace(group, priors=told)
-    chosen = choose(group.priors, mode.theta, mode.covariance, may_go)
-    say(0.6, f"{int(chosen.kept.sum())} of {chosen.kept.size} parameters selected")
-    smaller = replace(group, priors=tuple(own.get(p.name, p) for p in chosen.priors))
-    settled: JointFit | None = None
-    if job.study.sampler.starts is None:
-        some = [data_of(job, f, smaller.priors) for f in smaller.flights]
-        settled = carried_over(some, smaller.priors, prior, library, chosen.theta, mode.flights)
-        say(1.0, "the chosen terms start where the full library led")
-    if settled is None:
-        begin = (chosen.theta, mode.flights, library.hyper)
-        settled = _joint(job, smaller, prior, lambda s, w: say(0.6 + 0.4 * s, w), begin)
-    _revise(job, smaller.priors)
-    return smaller, settled, chosen.evidence
-
-
-def _wider(job: Job, priors: tuple[Prior, ...], told: tuple[Prior, ...], theta: Array) -> tuple[Prior, ...]:
-    """Priors whose coefficients of a kind of force are wider where the flights contradict equation error.
-
-    Equation error takes the recorded wind for exact. Where the angle of attack is small, its error draws all powers of
-    it towards zero, and the standard errors, which tell of scatter, do not know.
-
-    Args:
-        job: The run.
-        priors: By equation error.
-        told: What was used so far.
-        theta: Where that led (P,).
-    """
-    if any(table.use == "prior" for table in job.study.knowledge):
-        return told
-    made = list(priors)
-    for kind in KINDS:
-        names = [p.name for p in priors if p.name.startswith(f"{kind}[")]
-        factor = heavier(priors, theta, names)
-        if factor > 1.0:
-            more = factor**0.5
-            made = [replace(p, scale=more * p.scale, widened=more) if p.name in names else p for p in made]
-    far = any(new.scale > _WIDER * old.scale for new, old in zip(made, told, strict=True))
-    return tuple(made) if far else told
-
-
-def _fewest(job: Job, group: Group, may_go: Sequence[str]) -> Smaller:
-    """The core, and what canopies do to each other: without that no cluster follows its record."""
-    terms = {name: found.term for name in may_go if (found := Coefficient.parse(name))}
-    gone = [name for name, term in terms.items() if not is_pairwise(term)]
-    priors = given_zero(group.priors, gone)
-    kept = np.array([p.name not in gone for p in group.priors])
-    return Smaller([data_of(job, f, priors) for f in group.flights], priors, kept)
-
-
-def _joint(
-    job: Job, group: Group, prior: NoisePrior, say: Callable[[float, str], None], begin: Begin | None = None
-) -> JointFit:
-    """Joint optimum of a group, from one start or several."""
-    if job.study.sampler.starts is not None:
-        return several_starts.settled(job, group, prior, [begin], say)
-    return joint_fit(
-        [data_of(job, f, group.priors) for f in group.flights], group.priors, prior, progress=say, begin=begin
-    )
-
-
-def _revise(job: Job, priors: Sequence[Prior]) -> None:
-    """Keep priors that the fit used in the place of those that the stage before it left."""
-    job.save("fit/priors.json", [p.__dict__ for p in canopies.together(priors)])
 
 
 def _write_tree(tree: xr.DataTree, path: Path) -> None:

@@ -28,7 +28,7 @@ from bayeschute.study.evidence.divergent_transitions import divergences_check
 from bayeschute.study.evidence.recalibrate import applied_recalibration
 from bayeschute.study.evidence.record_misfit import NAME as PREDICTIVE
 from bayeschute.study.job import Job, load_flight, load_priors
-from bayeschute.study.run import structures
+from bayeschute.study.run.fit import structures
 from bayeschute.study.run.forecasts import OPENING
 from bayeschute.study.schema.belief_schema import NOISE_UNITS
 from bayeschute.study.study import Flight, Study, apparent_mass_taken_as_known, study_hash

@@ -31,7 +31,7 @@ from bayeschute.study.evidence.recalibrate import applied_recalibration, widenin
 from bayeschute.study.evidence.record_misfit import NAME as PREDICTIVE
 from bayeschute.study.evidence.record_misfit import Misfit, as_document, misfit_of_fit
 from bayeschute.study.job import Job
-from bayeschute.study.run import several_starts, structures
+from bayeschute.study.run.fit import several_starts, structures
 from bayeschute.study.run.forecasts import FlightForecast, forecast_flights, widened
 from bayeschute.study.run.stage_identifiability import of_fit
 from bayeschute.study.study import Flight

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bayeschute.study.load import load_study
-from bayeschute.study.run import several_starts
+from bayeschute.study.run.fit import several_starts
 from bayeschute.study.run.stages import run_study
 from bayeschute.study.study import canonical
 

@@ -15,7 +15,8 @@ from bayeschute.likelihood.priors import Prior
 from bayeschute.posterior.fit.joint_fit import JointFit
 from bayeschute.posterior.joint_mode import Optimum
 from bayeschute.posterior.sampling.protocol import Draws
-from bayeschute.study.run import checkpoint, stage_fit
+from bayeschute.study.run import stage_fit
+from bayeschute.study.run.fit import checkpoint, settled_terms
 from bayeschute.study.run.stages import run_study
 
 RNG = np.random.default_rng(5)
@@ -66,7 +67,7 @@ class Killed(BaseException):
 
 def test_a_stopped_fit_goes_on_to_the_same_draws(descents, finished, tmp_path, monkeypatch):
     """Two descents; killed while the second is sampled. The first is not fitted again, the second not optimised again."""
-    sample, joint_fit, calls = stage_fit.sample, stage_fit.joint_fit, []
+    sample, joint_fit, calls = stage_fit.sample, settled_terms.joint_fit, []
 
     def killed(*given):
         calls.append("sample")
@@ -83,7 +84,7 @@ def test_a_stopped_fit_goes_on_to_the_same_draws(descents, finished, tmp_path, m
 
     calls.clear()
     monkeypatch.setattr(stage_fit, "sample", counted("sample", sample))
-    monkeypatch.setattr(stage_fit, "joint_fit", counted("settle", joint_fit))
+    monkeypatch.setattr(settled_terms, "joint_fit", counted("settle", joint_fit))
     run_study(descents.study, tmp_path / "run", until="fit", resume=True)
     assert calls == ["sample"]
     with (
@@ -101,7 +102,7 @@ def test_with_force_nothing_kept_is_used(descents, tmp_path, monkeypatch):
     monkeypatch.setattr(checkpoint, "get_settled", lambda job, name: used.append((tmp_path / "run/fit/kept").exists()))
     (tmp_path / "run/.stages").mkdir(parents=True)
     (tmp_path / "run/fit/kept").mkdir(parents=True)
-    monkeypatch.setattr(stage_fit, "_settled", lambda *given: (_ for _ in ()).throw(Killed))
+    monkeypatch.setattr(settled_terms, "settle", lambda *given: (_ for _ in ()).throw(Killed))
     with pytest.raises(Killed):
         run_study(descents.study, tmp_path / "run", until="fit", force=True)
     assert used == [False]

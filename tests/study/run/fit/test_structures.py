@@ -18,7 +18,7 @@ from bayeschute.posterior.joint_mode import Optimum
 from bayeschute.posterior.sampling.protocol import Draws
 from bayeschute.study.assembly.fits import Group
 from bayeschute.study.load import check_study, load_study
-from bayeschute.study.run import checkpoint, structures
+from bayeschute.study.run.fit import checkpoint, structures
 from bayeschute.study.study import canonical
 
 RNG = np.random.default_rng(5)

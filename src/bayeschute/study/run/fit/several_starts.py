@@ -12,7 +12,7 @@ from bayeschute.posterior.noise_evidence import NoisePrior
 from bayeschute.study.assembly import assemble
 from bayeschute.study.assembly.fits import Group, data_of
 from bayeschute.study.job import Job
-from bayeschute.study.run import checkpoint
+from bayeschute.study.run.fit import checkpoint
 
 
 def settled(

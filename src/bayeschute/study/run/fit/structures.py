@@ -23,7 +23,7 @@ from bayeschute.study.assembly import assemble
 from bayeschute.study.assembly.fits import Group, data_of, save_fit
 from bayeschute.study.assembly.fitted_terms import in_order
 from bayeschute.study.job import Job, load_priors
-from bayeschute.study.run import checkpoint, several_starts
+from bayeschute.study.run.fit import checkpoint, several_starts
 
 FILE = "fit/structures.json"
 COUNTS = 0.01  # weight from which a structure must have converged

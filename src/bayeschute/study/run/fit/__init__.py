@@ -1,0 +1,1 @@
+"""Parts of the stage `fit`: terms settled on, several starts and structures, checkpoints."""

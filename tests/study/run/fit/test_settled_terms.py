@@ -1,0 +1,199 @@
+"""A search for terms in the fit, with stand-ins for the flights: what it is asked, where it goes on, what it leaves."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from bayeschute.likelihood.joint import Lifted, NoiseParameters, Unknowns
+from bayeschute.likelihood.noise import Noise
+from bayeschute.likelihood.priors import Prior, covariance, given_zero
+from bayeschute.posterior.along_record.lifted_fit import LiftedFit, Row
+from bayeschute.posterior.fit.joint_fit import JointFit, NoFitError
+from bayeschute.posterior.joint_mode import Optimum
+from bayeschute.posterior.term_search import choose
+from bayeschute.study.assembly.fits import Group
+from bayeschute.study.run.fit import settled_terms
+
+PRIORS = tuple(
+    Prior(name, 0.1 * i, 1.0, False, "1", "x")
+    for i, name in enumerate(("axial[1]", "axial[q]", "transverse[e]", "transverse[c]", "riser_length"))
+)
+MODE = np.array([0.9, 0.001, 0.4, -0.5, 71.0])
+LAW = 1e-4 * (np.eye(5) + 0.3)
+CORE = ("axial[1]", "transverse[e]")
+HYPER = NoiseParameters(Noise(*np.full((3, 1), 0.1)), ())
+FLIGHTS = (SimpleNamespace(name="one"), SimpleNamespace(name="two"))
+PLACES = tuple(
+    Lifted(Unknowns(np.full(1, i), np.zeros((3, 0))), np.zeros((3, 0)), np.full((3, 2), i)) for i in (0.0, 1.0)
+)
+
+
+def _optimum(theta, law):
+    return Optimum(theta, PLACES, law, 1.0, True, 3, 0.01, (1.0,))
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch):
+    """A run of two flights whose fits are made up; `settled`: what they were asked."""
+    (tmp_path / "fit").mkdir()
+    asked = []
+
+    def joint_fit(flights, priors, prior, progress, begin=None):
+        progress(1.0, "settled")
+        asked.append(SimpleNamespace(flights=flights, priors=tuple(priors), begin=begin))
+        size = len(priors)
+        return JointFit(_optimum(np.full(size, 7.0), np.eye(size)), HYPER, -float(len(asked)))
+
+    def carried_over(flights, priors, prior, larger, theta, at):
+        asked.append(SimpleNamespace(flights=flights, priors=tuple(priors), begin=(theta, at, larger.hyper)))
+        return JointFit(_optimum(theta, np.eye(len(priors))), larger.hyper, -float(len(asked)))
+
+    small = []
+
+    def beside_smaller(flights, priors, prior, library, fewest, progress):
+        assert library.evidence == -1.0 and len(priors) == 5
+        small.append(fewest)
+        progress(1.0, "beside")
+        return library._replace(evidence=-9.0)
+
+    def mode(flights, priors, settled, progress=None, near=0.0):
+        assert settled.evidence == -9.0 and len(priors) == 5  # of the library, where the small model led
+        return _optimum(MODE, LAW)
+
+    monkeypatch.setattr(settled_terms, "joint_fit", joint_fit)
+    monkeypatch.setattr(settled_terms, "marginal_mode", mode)
+    monkeypatch.setattr(settled_terms, "carried_over", carried_over)
+    monkeypatch.setattr(settled_terms, "beside_smaller", beside_smaller)
+    monkeypatch.setattr(
+        settled_terms, "data_of", lambda job, flight, priors: (flight.name, tuple(p.name for p in priors))
+    )
+    study = SimpleNamespace(
+        structure=SimpleNamespace(fit="search", core=CORE), noise=SimpleNamespace(model="latent"),
+        priors=SimpleNamespace(hierarchical=False, vary=None), sampler=SimpleNamespace(starts=None), model="cluster",
+        knowledge=(),
+    )  # fmt: skip
+    job = SimpleNamespace(
+        study=study, save=lambda name, value: (tmp_path / name).write_text(json.dumps(value), encoding="utf-8")
+    )
+    made = SimpleNamespace(job=job, settled=asked, small=small, told=[], folder=tmp_path)
+    return made
+
+
+def _settled(run, priors=PRIORS):
+    group = Group("all", FLIGHTS, priors)
+    return settled_terms.settle(run.job, group, None, lambda share, words: run.told.append((share, words)))
+
+
+def test_the_library_is_fitted_once_then_what_it_asks_for(run):
+    group, settled, evidence = _settled(run)
+    first, second = run.settled
+    names = [p.name for p in group.priors]
+    assert names == ["axial[1]", "transverse[e]", "transverse[c]", "riser_length"]  # q is zero within its error
+    assert first.priors == PRIORS and first.begin is None and second.priors == group.priors
+    assert settled.evidence == -2.0
+    wanted = choose(PRIORS, MODE, LAW, ("axial[q]", "transverse[c]"))
+    assert evidence == wanted.evidence and set(evidence) == {"axial[q]", "transverse[c]"}
+    assert evidence["axial[q]"] < 0.0 < 2.0 < evidence["transverse[c]"]
+    np.testing.assert_allclose(covariance(group.priors), covariance(given_zero(PRIORS, ["axial[q]"])))
+    assert second.flights == [("one", tuple(names)), ("two", tuple(names))]
+    shares = [share for share, _ in run.told]
+    assert shares == sorted(shares) and shares[-1] == 1.0
+
+
+def test_the_air_that_moves_with_a_canopy_is_held_until_the_terms_are_chosen(run):
+    air = Prior("enclosed_air_factor", 0.0, 0.5, True, "1", "given")
+    group, *_ = _settled(run, (*PRIORS[:4], air))
+    library, chosen = run.settled
+    assert library.priors[:4] == PRIORS[:4] and library.priors[4] == replace(air, scale=settled_terms._HELD_SD)
+    assert group.priors == chosen.priors and group.priors[-1] == air
+    assert json.loads((run.folder / "fit" / "priors.json").read_text(encoding="utf-8"))[-1]["scale"] == 0.5
+
+
+@pytest.mark.parametrize("known", [(), (SimpleNamespace(use="prior"),)])
+def test_a_prior_that_the_flights_contradict_is_wider(run, known):
+    """By a t distribution of four degrees of freedom; axial coefficients are where theirs says, so these keep it.
+
+    What others know is in the prior too, where the study says so: it stays as it is.
+    """
+    run.job.study.knowledge = known
+    priors = (*PRIORS[:2], *(replace(p, scale=0.05) for p in PRIORS[2:4]), PRIORS[4])
+    group, *_ = _settled(run, priors)
+    more = 1.0 if known else np.sqrt((4.0 + 4.0**2 + 16.0**2) / (4.0 + 2.0))
+    told = {p.name: (p.scale, p.widened) for p in group.priors}
+    assert told["transverse[e]"] == told["transverse[c]"] == pytest.approx((0.05 * more, more))
+    assert told["axial[1]"] == (1.0, 1.0)
+
+
+def test_the_smallest_model_has_the_core_and_what_canopies_do_to_each_other(run):
+    _settled(run)
+    (fewest,) = run.small
+    wanted = ("axial[1]", "transverse[e]", "transverse[c]", "riser_length")
+    assert tuple(p.name for p in fewest.priors) == wanted and fewest.kept.tolist() == [True, False, True, True, True]
+    assert fewest.flights == [("one", wanted), ("two", wanted)]
+    np.testing.assert_allclose(covariance(fewest.priors), covariance(given_zero(PRIORS, ["axial[q]"])))
+
+
+def test_it_goes_on_from_the_library_s_flights(run):
+    group, *_ = _settled(run)
+    theta, places, hyper = run.settled[1].begin
+    np.testing.assert_allclose(theta, choose(PRIORS, MODE, LAW, ("axial[q]", "transverse[c]")).theta)
+    assert theta.size == len(group.priors) and hyper is HYPER
+    assert tuple(places) == PLACES
+
+
+def test_a_library_whose_paths_break_the_equations_of_motion_is_told(run, monkeypatch):
+    whole, row = settled_terms.joint_fit, Row(0.0, 1.0, 0.5, 0.1, 0.1, 1.0)
+    best = LiftedFit(MODE, PLACES, LAW, (row,), True)
+
+    def breaks(flights, priors, *rest, **more):
+        if len(priors) == len(PRIORS):
+            raise NoFitError("steps break the equations of motion", ["once"], best, priors, HYPER)
+        return whole(flights, priors, *rest, **more)
+
+    monkeypatch.setattr(settled_terms, "joint_fit", breaks)
+    with pytest.raises(NoFitError, match="break the equations of motion"):
+        _settled(run)
+
+
+def test_the_priors_that_were_used_are_kept(run):
+    group, *_ = _settled(run)
+    kept = json.loads((run.folder / "fit/priors.json").read_text(encoding="utf-8"))
+    assert tuple(Prior(**row) for row in kept) == group.priors
+
+
+def test_the_core_stays_whatever_the_evidence(run):
+    run.job.study.structure.core = (*CORE, "axial[q]")
+    group, _, evidence = _settled(run)
+    assert len(group.priors) == 5 and set(evidence) == {"transverse[c]"}
+
+
+def test_several_starts_are_told_where_the_library_led(run, monkeypatch):
+    asked = []
+
+    def several(job, group, prior, begins, say):
+        asked.append((len(group.priors), begins))
+        return JointFit(_optimum(np.zeros(len(group.priors)), np.eye(len(group.priors))), HYPER, -1.0)
+
+    monkeypatch.setattr(settled_terms.several_starts, "settled", several)
+    run.job.study.sampler.starts = 3
+    _settled(run)
+    assert [size for size, _ in asked] == [5, 4] and asked[0][1] == [None]
+    assert asked[1][1][0][0].size == 4 and run.settled == []
+
+
+@pytest.mark.parametrize("change", ["hierarchical", "white", "pool"])
+def test_where_there_is_no_search_the_whole_library_is_fitted(run, change, monkeypatch):
+    """Populations share their terms, output error has no evidence of the flight, a pool is fitted whole."""
+    study = run.job.study
+    study.priors.hierarchical = change == "hierarchical"
+    study.noise.model = "white" if change == "white" else "latent"
+    study.structure.fit = "pool" if change == "pool" else "search"
+    monkeypatch.setattr(settled_terms, "terms_left_out", lambda job: [PRIORS[0]])  # none that is not there already
+    group, settled, scores = _settled(run)
+    assert group.priors == PRIORS and scores == {} and settled.evidence == -1.0 and len(run.settled) == 1
+    assert not (run.folder / "fit/priors.json").exists()
