@@ -10,6 +10,7 @@ import pytest
 from bayeschute.posterior import laplace
 from bayeschute.posterior.fit import correction_fit
 from bayeschute.posterior.fit.correction_fit import change, fitted, implied
+from bayeschute.posterior.laplace import Compared
 from bayeschute.posterior.marginal import Quadratic
 
 SIZE = 6
@@ -72,11 +73,13 @@ def test_products_that_say_nothing_of_the_density_at_large_are_taken_back(world)
 def bent(straight, monkeypatch):
     """A posterior in place of whose flights a function is: minus the log density that is right, at points (N, P)."""
 
-    def put(right):
-        def errors(marginal, points):
-            return right(points) - np.asarray(marginal.correction.at(points.T))
+    def put(right, in_range=lambda points: np.ones(len(points), bool)):
+        def compared(marginal, points):
+            own = 0.5 * np.sum(points**2, axis=1) + np.asarray(marginal.correction.at(points.T))
+            broken = np.where(in_range(points), own, 1e4)
+            return Compared(broken, 0.5 * np.sum(points**2, axis=1) + right(points), in_range(points))
 
-        monkeypatch.setattr(laplace, "density_errors", errors)
+        monkeypatch.setattr(laplace, "compared", compared)
         return straight
 
     return put
@@ -100,35 +103,59 @@ def test_errors_are_those_of_leaving_a_point_out(world, monkeypatch):
         assert found.errors[n] == pytest.approx(left, abs=0.05)
 
 
-def test_what_an_error_implies_is_what_weighing_draws_by_it_does():
-    """Of Gaussians: an error linear in a coordinate shifts its mean by as much, a square one narrows it."""
+def test_what_an_error_implies_is_the_difference_of_two_densities():
+    """Of Gaussians: one linear in a coordinate shifts its mean by as much, a square one narrows it."""
     xi = np.random.default_rng(3).standard_normal((200_000, 2))
-    assert implied(xi, 0.3 * xi[:, 0] + 5.0) == pytest.approx(0.3, abs=0.01)
-    assert implied(xi, -0.3 * xi[:, 1]) == pytest.approx(0.3, abs=0.01)
-    assert implied(xi, 0.5 * 0.5 * xi[:, 0] ** 2) == pytest.approx(1.0 - 1.5**-0.5, abs=0.01)
-    assert implied(xi, np.zeros(len(xi))) == pytest.approx(0.0, abs=1e-12)
-    far = np.abs(implied(xi, 40.0 * np.sin(9.0 * xi[:, 0])))
-    assert np.isfinite(far)
+    own = 0.5 * np.sum(xi**2, axis=1)
+    assert implied(xi, own, own + 0.3 * xi[:, 0] + 5.0) == pytest.approx(0.3, abs=0.01)
+    assert implied(xi, own, own - 0.3 * xi[:, 1]) == pytest.approx(0.3, abs=0.01)
+    assert implied(xi, own, own + 0.5 * 0.5 * xi[:, 0] ** 2) == pytest.approx(1.5**0.5 - 1.0, abs=0.01)
+    assert implied(xi, own, own) == pytest.approx(0.0, abs=1e-12)
+    assert implied(xi, own + 0.5 * xi[:, 0], own + 0.5 * xi[:, 0] + 0.3 * xi[:, 1]) == pytest.approx(0.3, abs=0.02)
+    assert np.isfinite(implied(xi, own, own + 40.0 * np.sin(9.0 * xi[:, 0])))
+
+
+def test_a_hole_where_there_is_next_to_nothing_changes_next_to_nothing():
+    xi = np.random.default_rng(5).standard_normal((264, 16))
+    own = 0.5 * np.sum(xi**2, axis=1)
+    far = np.argsort(own)[-2:]
+    hole = np.where(np.isin(np.arange(264), far), own + 9.5e3, own)
+    assert 0.0 < implied(xi, hole, own) < 0.1
+    assert implied(xi, hole, own + 0.5 * xi[:, 3]) == pytest.approx(0.5, abs=0.2)
 
 
 def test_a_correction_read_near_the_mode_is_replaced_where_it_fails_far_from_it(bent):
     """The right one has a dent about the mode, which an expansion there extrapolates."""
 
     def right(points):
-        dent = 0.2 * np.exp(-8.0 * points**2)
-        return np.sum(0.5 * points**2 - dent, axis=1) + 0.5 * points[:, 0] * points[:, 1]
+        return 0.5 * points[:, 0] * points[:, 1] - np.sum(0.2 * np.exp(-8.0 * points**2), axis=1)
 
     size, said = 2, []
-    made = replace(bent(right), bend=Quadratic(np.zeros(size), np.array([[4.2, 0.5], [0.5, 4.2]])))
+    made = replace(bent(right), bend=Quadratic(np.zeros(size), np.array([[3.2, 0.5], [0.5, 3.2]])))
     made = replace(made, determinant=Quadratic.none(size))
     got = fitted(made, np.random.default_rng(1), lambda share, words: said.append((share, words)))
     assert got.before > 0.2 > got.shift and got.points > correction_fit._FIRST
     fresh = np.random.default_rng(2).standard_normal((2000, size))
-    left, before = laplace.density_errors(got.marginal, fresh), laplace.density_errors(made, fresh)
-    assert np.std(left) < 0.1 * np.std(before) and np.std(left) < 2.0 * got.error < 0.2 * np.std(before)
-    assert implied(fresh, left) < 0.1 and implied(fresh, before) > 0.2
+    left, before = laplace.compared(got.marginal, fresh), laplace.compared(made, fresh)
+    assert np.std(left.errors) < 0.1 * np.std(before.errors)
+    assert np.std(left.errors) < 2.0 * got.error < 0.2 * np.std(before.errors)
+    assert implied(fresh, *left[:2]) < 0.1 and implied(fresh, *before[:2]) > 0.2
     assert [share for share, _ in said] == sorted(share for share, _ in said)
     assert said[-1][1].startswith(f"log density over the posterior, {got.points} points: off by {got.error:.2g}")
+
+
+def test_places_that_the_linear_models_do_not_reach_leave_the_fit_alone(bent):
+    """A twentieth of the points, the outermost, where they say that there is nothing: the fit is that of the others."""
+
+    def right(points):
+        return 0.8 * points[:, 0] * points[:, 1]
+
+    whole = fitted(bent(right), np.random.default_rng(1))
+    holed = fitted(bent(right, lambda points: np.sum(points**2, axis=1) < 6.0), np.random.default_rng(1))
+    assert whole.before > 0.2 and holed.error < 0.05 and whole.shift < holed.shift < 0.2
+    np.testing.assert_allclose(holed.marginal.correction.curvature, whole.marginal.correction.curvature, atol=0.05)
+    lost = fitted(bent(right, lambda points: points[:, 0] < 0.0), np.random.default_rng(1))
+    assert np.isnan(lost.error)
 
 
 def test_corrections_that_are_good_stay_and_flights_that_fail_are_told(bent):

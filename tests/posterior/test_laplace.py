@@ -16,7 +16,7 @@ from bayeschute.likelihood.simulation_smoother import normals
 from bayeschute.posterior import laplace
 from bayeschute.posterior.along_record.conditional_mode import approached
 from bayeschute.posterior.joint_mode import fit
-from bayeschute.posterior.laplace import at, corrected, density_errors, linear_errors
+from bayeschute.posterior.laplace import at, compared, corrected, linear_errors
 from bayeschute.posterior.marginal import Quadratic, draw_flights, log_density, marginalise, place_at, shifted
 from bayeschute.posterior.numpyro_model import log_likelihood
 
@@ -87,7 +87,7 @@ def test_no_error_is_found_where_all_is_linear(straight):
         np.testing.assert_allclose(part, 0.0, atol=1e-6)
     for part in jax.tree.leaves(made.along[0].aside):
         np.testing.assert_allclose(part, 0.0, atol=1e-7)
-    np.testing.assert_allclose(density_errors(made, np.array([POINT, -POINT])), 0.0, atol=1e-5)
+    np.testing.assert_allclose(compared(made, np.array([POINT, -POINT])).errors, 0.0, atol=1e-5)
     xi = np.random.default_rng(0).standard_normal((2, 6))
     np.testing.assert_allclose(log_density(made, xi), log_density(straight, xi), atol=1e-5)
 
@@ -313,7 +313,7 @@ def test_what_the_polynomials_leave_is_told(which, request):
     for one in (made, _plain(made)):
         ours = np.asarray(log_density(one, np.concatenate([np.zeros((1, 1)), xi]).T))
         left = exact[1:] - exact[0] - ours[1:] + ours[0]
-        np.testing.assert_allclose(density_errors(one, xi), -left, rtol=1e-6, atol=1e-7)
+        np.testing.assert_allclose(compared(one, xi).errors, -left, rtol=1e-6, atol=1e-7)
         found.append(np.sqrt(np.mean(left**2)))
     assert found[0] < 0.3 * found[1] and found[1] > 0.02, found
 

@@ -48,7 +48,8 @@ def test_a_descent_against_brute_force_integration(short, made, quadrature):
     # What its polynomials leave is told.
     xi = np.random.default_rng(0).standard_normal((8, 1))
     assert (
-        np.abs(laplace.density_errors(right, xi)).max() < 0.02 and np.abs(laplace.density_errors(made, xi)).max() > 0.1
+        np.abs(laplace.compared(right, xi).errors).max() < 0.02
+        and np.abs(laplace.compared(made, xi).errors).max() > 0.1
     )
 
 

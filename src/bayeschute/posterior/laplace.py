@@ -40,12 +40,14 @@ from bayeschute.likelihood.kalman import Gains, MeanCorrection, innovations
 from bayeschute.posterior.along_record.conditional_mode import approached
 from bayeschute.posterior.differences import beside
 from bayeschute.posterior.marginal import (
+    DEAR,
     Linearisation,
     Marginal,
     Quadratic,
     in_batches,
     linear_residuals,
     place_at,
+    projected_residuals,
     shifted,
 )
 
@@ -137,7 +139,7 @@ def _more(here: Laplace, there: Sequence[Laplace]) -> Array:
 def _own(marginal: Marginal, points: Array) -> Array:
     """Minus the log density of the linear models (N,) at points (N, P), less that at theta_0."""
     places = np.vstack([0.0 * points[:1], points])
-    squares = in_batches(lambda part: np.sum(linear_residuals(marginal, part)[0] ** 2, axis=0), places.T)
+    squares = in_batches(lambda part: np.sum(projected_residuals(marginal, part) ** 2, axis=0), places.T)
     return 0.5 * np.asarray(squares[1:] - squares[0])
 
 
@@ -439,15 +441,38 @@ def _followed(marginal: Marginal, near: Sides) -> Marginal:
     return replace(marginal, along=tuple(made))
 
 
-def density_errors(marginal: Marginal, points: Array) -> Array:
-    """What minus the log density lacks of Laplace's approximation at points (N, P), less that at the centre (N,).
+class Compared(NamedTuple):
+    """Minus the log density at points less that at the centre, of a posterior and by Laplace's approximation there.
 
-    Not finite where a flight fails.
+    Attributes:
+        own: The posterior's (N,).
+        laplace: Laplace's (N,); neither is finite where a flight fails.
+        in_range: Whether the linear models tell anything there (N,).
+    """
+
+    own: Array
+    laplace: Array
+    in_range: NDArray[np.bool_]
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """Where no flight fails (N,)."""
+        return np.isfinite(self.own) & np.isfinite(self.laplace)
+
+    @property
+    def errors(self) -> Array:
+        """What the posterior's lacks (N,)."""
+        return self.laplace - self.own
+
+
+def compared(marginal: Marginal, points: Array) -> Compared:
+    """A posterior's density beside Laplace's approximation at points.
 
     Args:
         marginal: From `corrected`.
-        points: Standard coordinates.
+        points: Standard coordinates (N, P).
     """
     here, *there = _at_all(marginal, points)
-    ours = _own(marginal, points) + np.asarray(marginal.correction.at(points.T))
-    return np.asarray(_more(here, there).sum(axis=1) - ours)
+    price = in_batches(lambda part: 0.5 * np.sum(linear_residuals(marginal, part)[1] ** 2, axis=0), points.T)
+    own = _own(marginal, points) + np.asarray(marginal.correction.at(points.T))
+    return Compared(own, _more(here, there).sum(axis=1), price < DEAR)

@@ -46,7 +46,9 @@ from bayeschute.posterior.joint_mode import Optimum, conditional
 
 Array = NDArray[np.float64]
 _CORRECTIONS, _MOST_CORRECTED = 1, 0.5
-_MOST_BENT, _PRICE, _ROUNDING = 0.05, 100.0, 1e-3  # see `out_of_range`
+_BENT, _STEEPER, _ROUNDING = 0.05, 0.05, 1e-3  # see `twice_price`
+DEAR = 20.0
+"""Price of a place, in log density, beyond which the linear models say nothing of it."""
 BATCH = 64
 
 
@@ -227,10 +229,15 @@ def _seen(flight: FlightData, along: Linearisation, theta: jax.Array, shift: jax
 def out_of_range(along: Linearisation, unit: jax.Array, shift: jax.Array, xi: jax.Array) -> jax.Array:
     """Root of twice the price of innovations (T, C, B) that have bent too far (B,).
 
-    They bend with theta, as steps are taken with the full equations. Where they depart from a straight line by more
-    than a share of the step to that place (P, B) in standard deviations, derivatives taken at theta_0 say nothing any
-    more, and a linear model about a path that breaks the equations of motion may fit better than any flight can. So
-    such places are made dear.
+    They bend with theta, as steps are taken with the full equations. The farther they depart from a straight line, the
+    less derivatives taken at theta_0 tell, and far off a linear model about a path that breaks the equations of motion
+    may fit better than any flight can. So such places have a price: see `twice_price`.
+
+    Args:
+        along: The flight.
+        unit: Innovations.
+        shift: Parameters less theta_0 (P, B).
+        xi: The same in standard coordinates (P, B).
     """
     straight = along.unit[..., 1:] @ shift
     twice = twice_price(jnp.sum((unit - along.unit[..., :1] + straight) ** 2, axis=(0, 1)), xi)
@@ -238,15 +245,22 @@ def out_of_range(along: Linearisation, unit: jax.Array, shift: jax.Array, xi: ja
 
 
 def twice_price(bent: jax.Array, xi: jax.Array) -> jax.Array:
-    """Twice the price (...) of squared departures (...) from a straight line at standard coordinates (P, ...)."""
-    return _PRICE * jnp.maximum(bent - _MOST_BENT * (jnp.sum(xi**2, axis=0) + _ROUNDING), 0.0)
+    """Twice the price (...) of squared departures (...) from a straight line at standard coordinates (P, ...).
+
+    What minus the log density lacks of Laplace's approximation at points of a posterior grows as innovations bend, by
+    about the squared departure beyond a twentieth of the squared step. That is the price; far off it grows faster, as
+    the squares there may fall by more than a departure's own.
+    """
+    more = jnp.maximum(bent - _BENT * (jnp.sum(xi**2, axis=0) + _ROUNDING), 0.0)
+    return more * (2.0 + _STEEPER * more)
 
 
 def linear_residuals(marginal: Marginal, xi: Component) -> tuple[Array, Array]:
-    """Residuals of the linear models at standard coordinates (P, B), and the penalty outside their range of validity.
+    """Residuals of the linear models at standard coordinates (P, B), and the price of what bends.
 
     Returns:
-        (N, B): innovations of every flight, then theta under its prior; (F, B): what is `out_of_range` per flight.
+        (N, B): innovations of every flight, then theta under its prior; (F, B): what is `out_of_range` per flight,
+        roots of twice the price.
     """
     theta, shift = shifted(marginal, xi)
     rows, prices = [], []

@@ -18,6 +18,7 @@ from bayeschute.likelihood.priors import Prior, factor, standard, values, workin
 from bayeschute.posterior.assess.flight_groups import HELD, flight_groups
 from bayeschute.posterior.marginal import (
     BATCH,
+    DEAR,
     Marginal,
     in_batches,
     linear_residuals,
@@ -67,9 +68,9 @@ def sample(
         return np.asarray(in_batches(lambda part: log_density(marginal, part), xi))
 
     def in_range(xi: Array) -> Array:
-        """Residuals for the surrogate; NaN outside the range of validity, where the penalty would add a kink."""
+        """Residuals for the surrogate; NaN where the linear models tell nothing."""
         rows, prices = linear_residuals(marginal, xi)
-        return np.where(np.any(prices > 0.0, axis=0), np.nan, rows)
+        return np.where(0.5 * np.sum(prices**2, axis=0) < DEAR, rows, np.nan)
 
     def tell(name: str) -> Callable[[int, int], None]:
         return lambda done, wanted: progress(done / wanted, f"{name}: {done} of {wanted}") if progress else None

@@ -5,8 +5,8 @@ posterior of P parameters has its mass at root P standard deviations: where the 
 where its values are known to a tenth only, what is read from differences near the mode is wrong there, by several units
 of the log density on some flights. So the density is compared with Laplace's approximation at standard normal points.
 
-What counts is not the error itself but what it does to means and standard deviations: points weighed by the exponential
-of their error tell (`implied`). Points are added until that is known well enough, and small. If the corrections can be
+What counts is not the error itself but what it does to means and standard deviations: the same points weighed by either
+density tell (`implied`). Points are added until that is known well enough, and small. If the corrections can be
 improved they are, by Bayesian linear regression (MacKay 1992): the expansion about the mode is what is expected, and
 how far it may be left, and how exact the values are, is what makes the points most probable. Its errors are those of
 leaving out one point after the other.
@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayeschute.posterior import laplace
+from bayeschute.posterior.laplace import Compared
 from bayeschute.posterior.marginal import Marginal, Quadratic
 
 Array = NDArray[np.float64]
@@ -30,8 +31,8 @@ _FIRST, _BATCH, _MOST = 8, 2, 16  # points at first, and of each batch; of each 
 MOST_SHIFT = 0.2
 """Change of a mean, in standard deviations, or relative of one of these, by the density's error, that will do."""
 _KNOWN = 0.05  # standard error of what the density's error implies that will do [standard deviations]
-_FINITE = 0.75  # least share of the points at which flights must not fail
-_BETTER = 0.8  # of the error without a fit, below which a fit is taken
+_FINITE = 0.75  # least share of the points at which flights must not fail, nor the linear models
+_BETTER = 0.9  # of the error without a fit, below which a fit is taken
 _SLOPE = 0.3  # prior standard deviation of the slope's change
 _BENDS = (0.003, 0.01, 0.03, 0.06, 0.1, 0.2, 0.4)  # of the curvatures' change, one of
 _ERRORS = (0.02, 0.05, 0.1, 0.2, 0.4, 0.8, 1.6)  # standard deviation of a value about the polynomial, one of
@@ -43,8 +44,8 @@ class Fitted(NamedTuple):
 
     Attributes:
         marginal: The posterior.
-        error: Standard deviation of the error of its log density over the posterior; NaN where flights fail at many of
-            the points.
+        error: Standard deviation of the error of its log density over the posterior, where the linear models tell of
+            it; NaN where they don't, or flights fail, at many of the points.
         shift: What it does: see `implied`; NaN likewise.
         before: The same without a fit.
         points: At how many they were compared.
@@ -80,47 +81,60 @@ def fitted(
         progress: Called with a share done and words.
     """
     size = np.size(marginal.centre)
-    points, missing = np.zeros((0, size)), np.zeros(0)
+    points, seen = np.zeros((0, size)), Compared(np.zeros(0), np.zeros(0), np.zeros(0, bool))
     while True:
         xi = rng.standard_normal((max(_FIRST, _BATCH * size) if len(points) else _FIRST, size))
-        points, missing = np.vstack([points, xi]), np.append(missing, laplace.density_errors(marginal, xi))
-        known = np.isfinite(missing)
-        if known.mean() < _FINITE:
+        more = laplace.compared(marginal, xi)
+        points, seen = np.vstack([points, xi]), Compared(*(np.append(a, b) for a, b in zip(seen, more, strict=True)))
+        use = seen.known & seen.in_range
+        if use.mean() < _FINITE:
             return Fitted(marginal, np.nan, np.nan, np.nan, len(points))
-        made, errors, before = marginal, missing[known], implied(points[known], missing[known])
+        made, errors, own = marginal, seen.errors[use], seen.own
+        before = implied(points[seen.known], own[seen.known], seen.laplace[seen.known])
         if len(points) > _FIRST:
-            better = change(marginal.correction, points[known], missing[known])
+            better = change(marginal.correction, points[use], errors)
             if np.std(better.errors) < _BETTER * np.std(errors):
                 bend = Quadratic(*(a + b for a, b in zip(marginal.bend, better.polynomial, strict=True)))
                 made, errors = replace(marginal, bend=bend), better.errors
-        error, shift = float(np.std(errors)), implied(points[known], errors)
+                own = own + np.asarray(better.polynomial.at(points.T))
+                own[use] = seen.laplace[use] - errors
+        error = float(np.std(errors))
+        shift = implied(points[seen.known], own[seen.known], seen.laplace[seen.known])
         if progress is not None:
             words = (
                 f"log density over the posterior, {len(points)} points: off by {error:.2g}, "
                 f"which shifts means by {shift:.2g} standard deviations"
             )
             progress(min(len(points) / (_MOST * size), 1.0), words)
-        good = error / np.sqrt(known.sum()) < _KNOWN and shift < MOST_SHIFT
+        good = error / np.sqrt(use.sum()) < _KNOWN and shift < MOST_SHIFT
         if good or len(points) >= _MOST * size:
             return Fitted(made, error, shift, before, len(points))
 
 
-def implied(points: Array, errors: Array) -> float:
-    """Largest change by an error of the density: of a mean, in standard deviations, or relative of one of these.
+def implied(points: Array, own: Array, right: Array) -> float:
+    """Largest difference that a density's error makes: of a mean, in standard deviations, or relative of one of these.
 
-    By importance weights. At first order a mean is shifted by its covariance with the error; by an error of standard
-    deviation e at most by e (Cauchy-Schwarz).
+    Both densities are integrated by importance weights of the same standard normal points, so that the chance of these
+    cancels where the densities agree. Weights of each are bounded by root N times their mean (Ionides 2008). A place
+    that one of them holds to be impossible counts for as much as the other holds to be there.
 
     Args:
-        points: Points drawn from the density (N, P).
-        errors: What minus the log density lacks there, up to a constant (N,).
+        points: Standard normal points (N, P).
+        own: Minus the log density there, up to a constant (N,).
+        right: What that should be (N,).
     """
-    weights = np.exp(np.min(errors) - errors)
+    inside = 0.5 * np.sum(points**2, axis=1)
+    (mean, sd), (right_mean, right_sd) = _moments(points, inside - own), _moments(points, inside - right)
+    return float(max(np.max(np.abs(mean - right_mean) / right_sd), np.max(np.abs(sd / right_sd - 1.0))))
+
+
+def _moments(points: Array, log_weights: Array) -> tuple[Array, Array]:
+    """Means and standard deviations (P,) of weighted points, the weights bounded."""
+    weights = np.exp(log_weights - np.max(log_weights))
+    weights = np.minimum(weights, np.sqrt(len(weights)) * np.mean(weights))
     weights /= np.sum(weights)
-    mean, sd = np.mean(points, axis=0), np.std(points, axis=0)
-    weighed = weights @ points
-    spread = np.sqrt(weights @ (points - weighed) ** 2)
-    return float(max(np.max(np.abs(weighed - mean) / sd), np.max(np.abs(spread / sd - 1.0))))
+    mean = weights @ points
+    return mean, np.sqrt(weights @ (points - mean) ** 2)
 
 
 def change(expected: Quadratic, points: Array, missing: Array) -> Change:
