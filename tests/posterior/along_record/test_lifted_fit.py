@@ -172,4 +172,6 @@ def test_without_a_finite_linearisation_nothing_moves(broken, linear):
 
 def test_a_row_is_a_line_of_the_log():
     row = lifted_fit.Row(0.3, 1234.5678, 0.0123, 0.5, 0.0456, 0.2)
-    assert str(row) == "slack 0.3: cost 1234.57, gain 0.5, defect 0.012, step 0.046 standard errors, share 0.2"
+    whole = "slack 0.3: cost 1234.57, gain 0.5, defect 0.012, step 0.046 standard errors"
+    assert str(row) == f"{whole}, 0.2 of the whole" and str(row._replace(share=1.0)) == whole
+    assert str(row._replace(share=0.0)) == f"{whole}, back to an earlier place"

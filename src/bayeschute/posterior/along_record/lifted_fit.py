@@ -57,7 +57,13 @@ class Row(NamedTuple):
         """The row as a line of the log."""
         return (
             f"slack {self.level:g}: cost {self.cost:.2f}, gain {self.gain:.3g}, defect {self.defect:.2g}, "
-            f"step {self.step:.3f} standard errors, share {self.share:g}"
+            f"step {self.step:.3f} standard errors{self._part}"
+        )
+
+    @property
+    def _part(self) -> str:
+        return (
+            ", back to an earlier place" if self.share == 0.0 else f", {self.share:g} of the whole" * (self.share < 1.0)
         )
 
 

@@ -100,12 +100,12 @@ def marginal_fit(
         widen: Whether parts of the records that disagree widen the posterior; not what classical methods do.
     """
     say = progress or (lambda share, words: None)
-    best = marginal_mode(flights, priors, settled, lambda share, words: say(0.3 * share, words))
+    best = marginal_mode(flights, priors, settled, lambda share, words: say(0.15 * share, words))
     best, hyper, value = _by_turns(
-        flights, priors, prior, settled._replace(optimum=best), lambda share, words: say(0.3 + 0.2 * share, words)
+        flights, priors, prior, settled._replace(optimum=best), lambda share, words: say(0.15 + 0.2 * share, words)
     )
     made = marginalise(flights, hyper, priors, best)
-    say(0.5, "uncertainty of the noise parameters")
+    say(0.35, "uncertainty of the noise parameters")
     slope = noise_parameter_slope(made)
     evidence = _evidence(made, priors, prior)
     scale = np.asarray(made.scale)
@@ -118,9 +118,9 @@ def marginal_fit(
         candidates.insert(0, ("noise parameters at their mean", mean))
     began = JointFit(replace(best, converged=settled.optimum.converged), hyper, value)
     best, hyper, made, lost, seen = _last(
-        flights, priors, began, candidates, lambda share, words: say(0.8 + 0.15 * share, words)
+        flights, priors, began, candidates, lambda share, words: say(0.4 + 0.35 * share, words)
     )
-    made, seen, wrong = _over_the_posterior(made, seen, lambda share, words: say(0.95 + 0.05 * share, words))
+    made, seen, wrong = _over_the_posterior(made, seen, lambda share, words: say(0.75 + 0.25 * share, words))
     slope = scipy.linalg.solve_triangular(np.asarray(made.scale), scale @ slope, lower=True)
     spread, excess = noise_parameter_spread(made, known)
     agree = dispersion(*parts_of(made))
@@ -150,7 +150,8 @@ def _by_turns(
             bar = _prior_of_noise(start.hyper, prior) - 0.5 * float(np.linalg.slogdet(best.covariance)[1]) - least
             found = start._replace(optimum=marginal_mode(flights, priors, start, most=_MODE_TURN, least=bar))
             there = _minus_log_evidence(flights, priors, prior, found)
-            words = f"noise parameters at the mode {turn + 1}, share {share:g}: log evidence {least - there:+.2f}"
+            part = "" if share == 1.0 else f", {share:g} of the way"
+            words = f"noise parameters at the mode, turn {turn + 1}{part}: log evidence {least - there:+.2f}"
             say((turn + 1) / _TURNS, words if there < least else f"{words}, not kept")
             if there < least:
                 break

@@ -35,6 +35,8 @@ from bayeschute.study.job import Job, Say, load_flight, part_of
 from bayeschute.study.run.fit import checkpoint, settled_terms, several_starts, structures
 
 Array = NDArray[np.float64]
+_FITTED = 0.85  # share of the time after which draws begin, on clusters of other programs
+_SETTLED = 0.3  # of that, after which the terms are chosen
 
 
 class Fitted(NamedTuple):
@@ -75,9 +77,9 @@ def fit(job: Job, predictions: bool = True) -> str:
             job.say("fit")((i + share) / len(todo), f"{name}: {words}" if len(todo) > 1 else words)
 
         clock = time.perf_counter()
-        made.append(fit_group(job, group, part_of(say, 0.0, 0.8)))
+        made.append(fit_group(job, group, part_of(say, 0.0, _FITTED)))
         wall["optimum_s"] += time.perf_counter() - clock
-        drawn.append(draw_group(job, made[i], part_of(say, 0.8, 1.0), predictions))
+        drawn.append(draw_group(job, made[i], part_of(say, _FITTED, 1.0), predictions))
     for one in drawn:
         wall |= {name: wall.get(name, 0.0) + spent for name, spent in one.seconds.items()}
     failed = store(job, made, drawn, wall | {"fit_s": time.perf_counter() - began}, names)
@@ -134,7 +136,7 @@ def fit_group(job: Job, group: Group, say: Say) -> Fitted:
         FitError: If no flight of the model follows the records, or no mode is found.
     """
     try:
-        return Fitted(*_found(job, group, lambda s, w, a, b: say((a + (b - a) * s) / 0.8, w)))
+        return Fitted(*_found(job, group, say))
     except FitError as error:
         raise _with_paths(job, group, error) from error
     except FloatingPointError as error:
@@ -258,9 +260,7 @@ def _draws(
     return sample(marginal, kind, table.chains, table.warmup, table.draws, seed, say)
 
 
-def _found(
-    job: Job, group: Group, say: Callable[[float, str, float, float], None]
-) -> tuple[Group, LaplaceFit, dict[str, float]]:
+def _found(job: Job, group: Group, say: Say) -> tuple[Group, LaplaceFit, dict[str, float]]:
     """Fit a group, or continue from the checkpoint of an earlier run.
 
     Returns:
@@ -268,7 +268,7 @@ def _found(
     """
     prior, kept = NoisePrior(assemble.hyper(job.study)), checkpoint.get_settled(job, group.name)
     if kept is None:
-        group, settled, z = settled_terms.settle(job, group, prior, lambda s, w: say(s, w, 0.0, 0.6))
+        group, settled, z = settled_terms.settle(job, group, prior, part_of(say, 0.0, _SETTLED))
         checkpoint.put_settled(job, group.name, group.priors, settled, z)
     else:
         priors, settled, z = kept
@@ -277,7 +277,7 @@ def _found(
             settled_terms.revise(job, priors)
     flights = [data_of(job, f, group.priors) for f in group.flights]
     widen = job.study.noise.model == "latent"
-    found = marginal_fit(flights, group.priors, prior, settled, lambda s, w: say(s, w, 0.6, 0.8), widen)
+    found = marginal_fit(flights, group.priors, prior, settled, part_of(say, _SETTLED, 1.0), widen)
     return group, found, z
 
 

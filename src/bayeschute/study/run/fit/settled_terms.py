@@ -130,18 +130,18 @@ def _searched(
         return part_of(lambda share, words: say(share, f"full library of terms: {words}"), start, end)
 
     library = _joint(job, group, prior, tell(0.0, 0.4))
-    begin_mode = beside_smaller(flights, group.priors, prior, library, _fewest(job, group, may_go), tell(0.4, 0.5))
-    mode = marginal_mode(flights, group.priors, begin_mode, tell(0.5, 0.6), near=_LIBRARY_NEAR)
+    begin_mode = beside_smaller(flights, group.priors, prior, library, _fewest(job, group, may_go), tell(0.4, 0.6))
+    mode = marginal_mode(flights, group.priors, begin_mode, tell(0.6, 0.9), near=_LIBRARY_NEAR)
     told = group.priors
     for _ in range(_WIDENINGS):
         wider = _wider(job, group.priors, told, mode.theta)
         if wider == told:
             break
         told = wider
-        mode = marginal_mode(flights, told, begin_mode._replace(optimum=mode), tell(0.5, 0.6), near=_LIBRARY_NEAR)
+        mode = marginal_mode(flights, told, begin_mode._replace(optimum=mode), tell(0.6, 0.9), near=_LIBRARY_NEAR)
     group = replace(group, priors=told)
     chosen = choose(group.priors, mode.theta, mode.covariance, may_go)
-    say(0.6, f"{int(chosen.kept.sum())} of {chosen.kept.size} parameters selected")
+    say(0.9, f"{int(chosen.kept.sum())} of {chosen.kept.size} parameters selected")
     smaller = replace(group, priors=tuple(own.get(p.name, p) for p in chosen.priors))
     settled: JointFit | None = None
     if job.study.sampler.starts is None:
@@ -150,7 +150,7 @@ def _searched(
         say(1.0, "the chosen terms start where the full library led")
     if settled is None:
         begin = (chosen.theta, mode.flights, library.hyper)
-        settled = _joint(job, smaller, prior, lambda s, w: say(0.6 + 0.4 * s, w), begin)
+        settled = _joint(job, smaller, prior, part_of(say, 0.9, 1.0), begin)
     revise(job, smaller.priors)
     return smaller, settled, chosen.evidence
 
