@@ -183,7 +183,7 @@ def fit(
             _no_fit(error.reason, error.tried)
             raise typer.Exit(1) from None
         posterior.save(path)
-        say(str(posterior.summary()))
+        say(posterior.summary().to_string())
         if before is not None:
             lessons = posterior.taught()
             say(lessons[["prior_sd", "sd", "shift", "gain"]].to_string(float_format=lambda x: f"{x:.4g}"))

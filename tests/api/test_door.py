@@ -72,6 +72,13 @@ def test_every_noun_shows_itself(sondes, fitted, posterior, forecast):
     assert "low" in repr(posterior) and "other" in repr(forecast) and "&lt;" not in repr(flight)
 
 
+def test_a_posteriors_summary_has_units(posterior):
+    told = posterior.summary()
+    assert told.columns[0] == "unit" and list(told.index) == list(posterior.names)
+    assert [*told["unit"]] == [posterior[name].attrs["units"] for name in posterior.names]
+    assert isinstance(posterior.summary(fmt="xarray"), xr.Dataset)  # as ArviZ makes it
+
+
 def test_a_forecasts_summary_is_of_its_statistics(forecast):
     told = forecast.summary("maximum", 0.5)
     assert list(told.index) == list(forecast.quantities)

@@ -134,6 +134,27 @@ def test_a_record_whose_scatter_the_study_did_not_expect_is_told(study):
     assert "[noise] says, white = 0.6 m/s. Say white = '0.06" in line
 
 
+def test_plausibility_tells_the_noise_as_check_does(study, flown):
+    """Of a study's flight against its noise, of another against the one that is given, else what the record shows."""
+    path = study()
+    text = path.read_text(encoding="utf-8")
+    assert bc.Study.load(path).flights[0].plausibility().noise == ()
+    path.write_text(text.replace('white = "0.06 m/s"', 'white = "0.6 m/s"', 1), encoding="utf-8")
+    flight = bc.Study.load(path).flights[0]
+    looked = flight.plausibility()
+    (line,) = looked.noise
+    assert line in "".join(examine_study(path).warnings) and "Say white = '0.06" in repr(looked) and looked.ok
+    assert line.split(": got")[0] in looked._repr_html_()
+    assert flight.changed(roles=("predict",)).plausibility().noise == ()  # nothing is fitted to it
+    alone = bc.Flight(flown, flight.vehicle)
+    (shown,) = alone.plausibility().noise
+    assert "capsule_attitude white = '0.1" in shown and "capsule_velocity white = '0.06" in shown
+    table = {"white": "2 deg", "correlated": "0.1 deg", "time_constant": "2 s"}
+    wind = {"horizontal": "1 m/s", "vertical": "0.3 m/s", "time_constant": "2 s"}
+    (told,) = alone.plausibility(bc.noise({"capsule_attitude": table, "wind": wind})).noise
+    assert told.startswith("scatter of capsule_attitude") and "Say white = '0.1" in told and "flight" not in told
+
+
 def test_breathing_far_from_what_canopies_of_their_size_do_is_told(study):
     """It is sought within a factor of two of what the study says, so a small canopy's would never be found."""
     sound = study()

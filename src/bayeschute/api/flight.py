@@ -18,6 +18,7 @@ from bayeschute.core.errors import Fault, InputError
 from bayeschute.records.record import Repair, nearest, repairs
 from bayeschute.study.job import load_truth
 from bayeschute.study.load import usual_study
+from bayeschute.study.schema.belief_schema import NoiseTable
 from bayeschute.study.schema.schema_faults import faults_of
 from bayeschute.study.schema.study_schema import FlightTable
 from bayeschute.study.schema.vehicle_schema import NOT_FLOWN, Vehicle
@@ -209,15 +210,19 @@ class Flight:
         """Samples and variables that were dropped, interpolated, derived or assumed."""
         return Repairs(repairs(self.record))
 
-    def plausibility(self) -> Plausibility:
+    def plausibility(self, noise: NoiseTable | None = None) -> Plausibility:
         """What looks wrong about the record's axes, units, signs, clocks and sizes, before anything is fitted.
+
+        Args:
+            noise: From `noise`, with which it will be fitted: what is far from what the record shows is told, as by
+                `check`; None: that of its study file, or only what the record shows where there is none.
 
         Example:
             >>> bc.Study.example().flights[0].plausibility().ok
             True
         """
         from bayeschute.api.views.plausibility import Plausibility
-        from bayeschute.study.plausible import judge, window_used
+        from bayeschute.study.plausible import axes_said, judge, noise_shown, noise_told, window_used
         from bayeschute.study.run.stage_data import as_read
 
         spec = self.spec
@@ -226,8 +231,14 @@ class Flight:
         vehicle = self.vehicle if self.study.model == "cluster" else None
         used = window_used(record, spec.window, spec.skip_first, () if virtual else spec.roles)
         window = None if virtual else (used.start, used.end)
-        found = judge(record, vehicle, spec.capsule_mass, window, spec.wind_profile)
-        return Plausibility(self.name, found, record, spec.accept_implausible)
+        said = None if virtual else axes_said(record, spec.path, spec.conventions)
+        found = judge(record, vehicle, spec.capsule_mass, window, spec.wind_profile, said)
+        fitted = "identify" in spec.roles
+        if noise is None and fitted and self.study.text:
+            noise = self.study.noise
+        told = noise_shown(record) if fitted else []
+        told = told if noise is None else noise_told(record, noise, vehicle)
+        return Plausibility(self.name, found, record, spec.accept_implausible, tuple(told))
 
     def plot(self) -> Figure:
         """The record over time, one panel a channel; shaded where samples were missing, faulty or excluded."""

@@ -80,10 +80,22 @@ class Posterior:
         return tuple(map(str, self.data["posterior"].data_vars))
 
     def summary(self, **options: Any) -> pd.DataFrame:
-        """Mean, standard deviation, intervals and diagnostics of every parameter: `arviz_stats.summary`."""
+        """Mean, standard deviation, intervals and diagnostics of every parameter, with its unit.
+
+        Args:
+            **options: Of `arviz_stats.summary`, which makes the other columns.
+
+        Example:
+            >>> posterior.summary()["unit"].to_list()
+            ['m^2/kg']
+        """
         import arviz_stats
 
-        return arviz_stats.summary(self.data, **options)
+        told = arviz_stats.summary(self.data, **options)
+        units = {name: self[name].attrs.get("units", "1") for name in self.names}
+        if isinstance(told, pd.DataFrame) and {*told.index} <= {*units}:
+            told.insert(0, "unit", [units[name] for name in told.index])
+        return told
 
     def for_loo_pit(self, flight: str, channel: str | None = None) -> xr.DataTree:
         """What `arviz_stats.loo_pit` and `arviz_plots.plot_loo_pit` need; see `assess.flight_groups.for_loo_pit`.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.core.units import to_si
+from bayeschute.study.schema.quantities import unit_meant
 
 
 def si(where: str, value: str | float, unit: str) -> float:
@@ -22,7 +23,9 @@ def si(where: str, value: str | float, unit: str) -> float:
     try:
         return to_si(value, unit)
     except ValueError as error:
-        raise InputError(Fault(where, str(error), f"a quantity convertible to {unit}")) from None
+        raise InputError(
+            Fault(where, str(error), f"a quantity convertible to {unit}", unit_meant(value, unit))
+        ) from None
 
 
 def central(level: float) -> tuple[float, float, float]:

@@ -27,6 +27,7 @@ from bayeschute.records.read import ColumnSpec
 from bayeschute.records.read import read_record as read_columns
 from bayeschute.study.job import Progress
 from bayeschute.study.schema.belief_schema import NoiseTable
+from bayeschute.study.schema.columns import with_units_meant
 from bayeschute.study.schema.structure_schema import StructureTable
 
 if TYPE_CHECKING:
@@ -63,7 +64,13 @@ def read_record(path: Path | str, columns: Columns | None = None, **conventions:
         known = ", ".join(field.name for field in fields(Conventions))
         raise InputError([Fault("read_record", f"{name!r}", f"one of {known}") for name in unknown])
     specs = {k: ColumnSpec(*c) for k, c in columns.items()} if columns else None
-    return read_columns(path, specs, conventions=Conventions(**conventions))
+    said = Conventions(**conventions)
+    try:
+        record = read_columns(path, specs, conventions=said)
+    except InputError as error:
+        units = {name: spec.unit for name, spec in (specs or {}).items()}
+        raise InputError(with_units_meant(error.faults, units)) from None
+    return record.assign_attrs({} if str(path).endswith(".nc") else {"body_axes": said.body_axes})
 
 
 def reconstruct(flight: Flight) -> Motion:

@@ -17,7 +17,7 @@ from bayeschute.core.errors import Fault, InputError
 from bayeschute.records.descent_window import DescentWindow
 from bayeschute.records.foreign.conventions import Conventions
 from bayeschute.records.plausibility.verdict import Verdict
-from bayeschute.study.plausible import judge, noise_told, told, warned, window_used
+from bayeschute.study.plausible import axes_said, judge, noise_told, told, warned, window_used
 from bayeschute.study.schema.belief_schema import NoiseTable
 from bayeschute.study.schema.columns import check_columns, tells_columns
 from bayeschute.study.schema.crosscheck import as_far_as_known, check_span, check_vehicles, crosscheck
@@ -167,7 +167,8 @@ def _examine_record(draft: Draft, index: int, path: Path, found: Examined) -> No
     found.said[flight.name] = f"flight {flight.name!r}: {_understood(draft, index, record, used)}"
     found.records[flight.name] = record
     vehicle = draft.vehicle_of(index)
-    verdict = judge(record, vehicle, flight.capsule_mass, (used.start, used.end), flight.wind_profile)
+    turned = axes_said(record, path, said)
+    verdict = judge(record, vehicle, flight.capsule_mass, (used.start, used.end), flight.wind_profile, turned)
     where, accepted = f"{draft.file} flight {flight.name!r}", flight.accept_implausible
     found.verdicts[flight.name] = verdict
     found.faults.extend(told(verdict, where, accepted))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,7 +17,9 @@ from bayeschute.records.plausibility.reading import accepts
 from bayeschute.records.plausibility.scatter import scatter_of_channels
 from bayeschute.records.plausibility.verdict import Finding, Verdict, verdict
 from bayeschute.report.wording import shown_unit
+from bayeschute.study.body_axes import with_axes
 from bayeschute.study.schema.belief_schema import NOISE_UNITS, NoiseTable
+from bayeschute.study.schema.study_schema import ConventionsTable
 from bayeschute.study.schema.vehicle_schema import CapsuleTable, Vehicle
 from bayeschute.study.schema.wind_schema import ProfileTable
 
@@ -92,6 +95,7 @@ def judge(
     capsule_mass: float | None = None,
     window: tuple[float, float] | None = None,
     profile: ProfileTable | None = None,
+    body_axes: str | None = None,
 ) -> Verdict:
     """What the laws say of a record as read, and the mistakes that explain it.
 
@@ -101,9 +105,24 @@ def judge(
         capsule_mass: Replaces the vehicle's [kg].
         window: First and last time used [s]; None: all.
         profile: Wind by altitude; None: none.
+        body_axes: With which it was read (`axes_said`), for the advice on others; None: with none.
     """
     known = None if vehicle is None else nominal(vehicle, capsule_mass)
-    return verdict(evidence_of(record, known, window, None if profile is None else wind_by_altitude(profile)))
+    found = verdict(evidence_of(record, known, window, None if profile is None else wind_by_altitude(profile)))
+    return with_axes(found, body_axes)
+
+
+def axes_said(record: xr.Dataset, path: Path | None, conventions: ConventionsTable | None) -> str | None:
+    """`body_axes` with which a record was read; None: of a file in the schema, or of a record that doesn't tell.
+
+    Args:
+        record: As read.
+        path: Its file; None: in memory.
+        conventions: Of the file; None: the usual ones.
+    """
+    if path is None:
+        return record.attrs.get("body_axes")
+    return None if path.suffix == ".nc" else (conventions or ConventionsTable()).body_axes
 
 
 def window_used(
@@ -153,7 +172,7 @@ def warned(found: Verdict, where: str, accepted: tuple[str, ...] = ()) -> list[s
     return [*lines, *(f"{where}: accepted as the study says ({one.law}): {one.tests}, {one.got}" for one in kept)]
 
 
-def noise_told(record: xr.Dataset, noise: NoiseTable, vehicle: Vehicle | None, where: str) -> list[str]:
+def noise_told(record: xr.Dataset, noise: NoiseTable, vehicle: Vehicle | None, where: str = "") -> list[str]:
     """Warnings where the scatter of a record's samples, or breathing, is far from what a study says.
 
     A fit finds the noise, but it begins at what the study says, and far from there it may take noise for motion.
@@ -162,18 +181,33 @@ def noise_told(record: xr.Dataset, noise: NoiseTable, vehicle: Vehicle | None, w
         record: As read.
         noise: The study's ``[noise]``.
         vehicle: That flew, which may be one in part.
-        where: The flight, as messages name it.
+        where: The flight, as messages name it; empty: not named.
     """
-    return [f"{where}, {one}" for one in (*_scatter_told(record, noise), *_breathing_told(vehicle, noise))]
+    of = f"{where}, " if where else ""
+    return [f"{of}{one}" for one in (*_scatter_told(record, noise), *_breathing_told(vehicle, noise))]
+
+
+def noise_shown(record: xr.Dataset) -> list[str]:
+    """White noise that the samples of a record's channels show, as `[noise]` takes it; empty where none is told.
+
+    Args:
+        record: As read.
+    """
+    said = [f"{name} white = {_as_said(name, sd)!r}" for name, sd in scatter_of_channels(record).items()]
+    return [f"the samples scatter by {', '.join(said)}"] if said else []
+
+
+def _as_said(channel: str, sd: float) -> str:
+    scale, unit = shown_unit(NOISE_UNITS[channel])
+    return f"{scale * sd:.2g} {unit}".rstrip()
 
 
 def _scatter_told(record: xr.Dataset, noise: NoiseTable) -> Iterator[str]:
     seen = scatter_of_channels(record)
     for name, table in noise.channels().items():
         if name in seen and table.white and abs(np.log(seen[name] / table.white)) > _FAR:
-            scale, unit = shown_unit(NOISE_UNITS[name])
-            got = f"{scale * seen[name]:.2g} {unit}".rstrip()
-            usual = f"what [noise] says, white = {scale * table.white:.2g} {unit}".rstrip()
+            got = _as_said(name, seen[name])
+            usual = f"what [noise] says, white = {_as_said(name, table.white)}"
             do = f"Say white = '{got}', and correlated in proportion."
             yield f"scatter of {name} from sample to sample: got {got}; usual is {usual}. {do}"
 
@@ -236,7 +270,8 @@ def refuse_implausible(study: Study, flight: Flight, raw: xr.Dataset) -> list[st
     """
     vehicle = study.vehicle_of(flight) if study.model == "cluster" else None
     used = window_used(raw, flight.window, flight.skip_first, flight.roles)
-    found = judge(raw, vehicle, flight.capsule_mass, (used.start, used.end), flight.wind_profile)
+    said = axes_said(raw, flight.path, flight.conventions)
+    found = judge(raw, vehicle, flight.capsule_mass, (used.start, used.end), flight.wind_profile, said)
     where = f"flight {flight.name!r}"
     faults = told(found, where, flight.accept_implausible)
     if faults:

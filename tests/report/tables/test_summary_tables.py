@@ -181,3 +181,17 @@ def test_parameters_have_both_systems_of_units(results):
     assert low != high  # as many decimals as the standard deviation has in that unit
     assert "[m, small print ft]" in length[0].small and "[kN/m, small print lbf/ft]" in stiffness[0].small
     assert rows["axial[1]"][3].small == ""
+
+
+def test_quantiles_of_marginals_and_truths_have_both_systems_of_units(results):
+    table = trust_tables.marginal_report(results)
+    rows = {row[0].text: row for row in table.rows}
+    length, drag = rows["riser_length"], rows["axial[1]"]
+    assert (length[1].text, length[1].small) == ("m", "ft") and drag[1].small == ""
+    for si in length[5:10]:
+        assert float(si.small) == pytest.approx(float(si.text) / 0.3048, rel=1e-3)
+    assert [cell.small for cell in (*length[3:5], *drag[5:10])] == [""] * 7  # constants of a family are not of its unit
+    truths = {row[0].text: row[-1] for row in summary_tables.posterior_table(results).rows}
+    shown = truths["riser_length"]
+    us, place = shown.small.split(", ")
+    assert float(us) == pytest.approx(float(shown.text) / 0.3048, abs=0.05) and place in ("inside", "outside")

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from bayeschute.study.load import check_study
+from bayeschute.study.schema.structure_schema import StructureTable
 
 MODELS = Path(__file__).parents[3] / "models"
 
@@ -43,3 +44,21 @@ def test_a_search_has_one_set_of_terms_for_all_canopies(tmp_path, fit):
     assert len(found) == (fit == "search")
     if found:
         assert "'search' together with [priors] vary or vary_canopies" in found[0] and "'pool'" in found[0]
+
+
+def test_the_only_canopy_need_not_be_named(tmp_path):
+    """Of several, one says which the structure is found on, since the others test it."""
+    unsaid = ("canopies = [1]", "")
+    (told,) = faults(tmp_path, 2, unsaid)
+    assert "[structure] canopies: got nothing; wanted on which of the vehicle's 2 canopies" in told
+    assert "canopies = [1]" in told
+    assert not any("structure] canopies" in fault for fault in faults(tmp_path, 1, unsaid))
+    assert any(
+        "structure] canopies, item 1: got canopy 2" in f for f in faults(tmp_path, 1, (unsaid[0], "canopies = [2]"))
+    )
+    assert any("structure] canopie:" in f for f in faults(tmp_path, 1, (unsaid[0], "canopie = [1]")))
+
+
+def test_naming_the_only_canopy_changes_no_hash(tmp_path):
+    said = StructureTable.model_validate({"axial": ["1"], "transverse": ["e"], "canopies": [1]})
+    assert said.model_dump() == StructureTable.model_validate({"axial": ["1"], "transverse": ["e"]}).model_dump()

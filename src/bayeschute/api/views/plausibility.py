@@ -27,6 +27,8 @@ class Plausibility:
         verdict: Every law that could be tried, those that are broken, and the mistakes that explain it.
         record: The record that was judged, as read.
         accepted: Laws, or groups of them, that the flight may break.
+        noise: Where the noise that a fit would begin with is far from what the record shows, and what to say instead;
+            of a flight whose noise is not said yet, what the record shows.
 
     Example:
         >>> looked = bc.Study.example().flights[0].plausibility()
@@ -38,6 +40,7 @@ class Plausibility:
     verdict: Verdict
     record: xr.Dataset
     accepted: tuple[str, ...] = ()
+    noise: tuple[str, ...] = ()
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -72,19 +75,22 @@ class Plausibility:
         return plausibility_figure(self.verdict)
 
     def __repr__(self) -> str:
-        """What is wrong, in a line or two."""
+        """What is wrong, in a line or two, and what is told of the noise."""
+        noise = [f"  noise: {line}" for line in self.noise]
         if not self.findings:
-            return f"Plausibility of {self.name}: {len(self.verdict.readings)} laws kept"
+            return "\n".join([f"Plausibility of {self.name}: {len(self.verdict.readings)} laws kept", *noise])
         lines = [
             f"Plausibility of {self.name}: {len(self.verdict.faults)} faults, {len(self.verdict.warnings)} warnings"
         ]
-        lines += [f"  likely: {cause}" for cause in self.causes]
+        do = {one.likely: one.do for one in reversed(self.findings)}
+        lines += [f"  likely: {cause}. {do.get(cause, '')}".rstrip() for cause in self.causes]
         lines += [f"  {one.severity}: {one.tests}: {one.got}, wanted {one.wanted}" for one in self.findings]
-        return "\n".join(lines)
+        return "\n".join([*lines, *noise])
 
     def _repr_html_(self) -> str:
         """The laws as a table."""
         table = self.table.reset_index()
         rows = [[html.number(x) if isinstance(x, float) else x for x in row] for row in table.itertuples(index=False)]
         note = f"likely: {'; '.join(self.causes)}" if self.causes else ""
+        note = "; ".join(part for part in (note, *self.noise) if part)
         return html.table(f"Plausibility of {self.name}", list(table.columns), rows, note)

@@ -216,8 +216,8 @@ def _posterior_row(name: str, facts: Mapping[str, Any], with_truth: bool, most_r
     if with_truth:
         inside = truth_inside(facts)
         place = {True: "inside", False: "outside", None: ""}[inside]
-        known = precision_of(facts, "truth", "sd")(shown_unit(si)[0])
-        row.append(Cell(known, "outside" if inside is False else "", place))
+        known = in_both_units(si, precision_of(facts, "truth", "sd"), "outside" if inside is False else "")
+        row.append(known._replace(small=", ".join(filter(None, (known.small, place)))))
     return tuple(row)
 
 

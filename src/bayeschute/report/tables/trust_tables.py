@@ -25,6 +25,7 @@ from bayeschute.report.wording import (
     short,
     shown_unit,
     statistic_name,
+    us_unit,
     whole,
 )
 
@@ -161,12 +162,16 @@ def marginal_report(results: Results) -> Table | None:
     rows = []
     for row in table.to_dict("records"):
         unit = "" if row["unit"] in ("1", 1) else str(row["unit"])
-        values = [number(float(row[k]), 4) for k in ("location", "scale", "q00135", "q05", "q50", "q95", "q99865")]
+        factor, beside = us_unit(unit)
+        constants = [number(float(row[k]), 4) for k in ("location", "scale")]
+        ends = [float(row[k]) for k in ("q00135", "q05", "q50", "q95", "q99865")]
+        values = [Cell(number(x, 4), "", number(factor * x, 4) if beside else "") for x in ends]
         rows.append(
             cells(
                 Cell(str(row["parameter"]), "code"),
-                Cell(unit, "muted"),
+                Cell(unit, "muted", beside),
                 str(row["family"]),
+                *constants,
                 *values,
                 number(float(row["ks_distance"]), 2),
             )
@@ -175,7 +180,8 @@ def marginal_report(results: Results) -> Table | None:
     columns = f"Parameter:code|Unit:text|Family:text|location:num|scale:num{heads}|K-S:num"
     caption = (
         "The first of normal, lognormal, truncated normal and Student-t whose Akaike criterion per independent draw "
-        f"lies within {NO_EVIDENCE:g} of the smallest; K-S: Kolmogorov-Smirnov distance from the draws. SI units."
+        f"lies within {NO_EVIDENCE:g} of the smallest; K-S: Kolmogorov-Smirnov distance from the draws. SI units; "
+        "small print: quantiles in US units."
     )
     return table_of(columns, rows, caption, style="dense")
 

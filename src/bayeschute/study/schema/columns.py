@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
+from dataclasses import replace
 
 from bayeschute.core.errors import Fault
 from bayeschute.core.units import factor_to_si
@@ -11,7 +12,7 @@ from bayeschute.records.foreign.clocks import ISO
 from bayeschute.records.foreign.translate import foreign_unit
 from bayeschute.records.record import LABELS, VARIABLES, nearest
 from bayeschute.study.schema.draft import Draft
-from bayeschute.study.schema.quantities import UnknownValueError
+from bayeschute.study.schema.quantities import UnknownValueError, unit_meant
 from bayeschute.study.schema.schema_faults import show
 from bayeschute.study.schema.study_schema import Column, FlightTable
 
@@ -52,6 +53,21 @@ def _unit_of(name: str) -> str | None:
     return VARIABLES[parts[0]].unit
 
 
+def with_units_meant(faults: Iterable[Fault], units: Mapping[str, str]) -> list[Fault]:
+    """Faults of a record's column map, with advice on units that are none or of something else.
+
+    Args:
+        faults: As reading the record found them.
+        units: As written, by column.
+    """
+    advice = {
+        f"[columns.{name}] unit": do
+        for name, text in units.items()
+        if (unit := _unit_of(name)) is not None and (do := unit_meant(text, unit))
+    }
+    return [replace(one, do=advice.get(one.where, one.do)) for one in faults]
+
+
 def _map_faults(draft: Draft, columns: Mapping[str, Column], loc: tuple[int | str, ...]) -> Iterator[Fault]:
     """Faults of one column map, located at `loc`."""
     for name, spec in columns.items():
@@ -65,7 +81,8 @@ def _map_faults(draft: Draft, columns: Mapping[str, Column], loc: tuple[int | st
         try:
             factor_to_si(spec.unit, unit)
         except ValueError:
-            yield Fault(draft.at(*loc, name, "unit"), show(spec.unit), f"a unit convertible to {unit}")
+            do = unit_meant(spec.unit, unit)
+            yield Fault(draft.at(*loc, name, "unit"), show(spec.unit), f"a unit convertible to {unit}", do)
     by_place: dict[str, str] = {}
     for name, spec in columns.items():
         if spec.column in by_place:

@@ -197,10 +197,13 @@ def _check_given(draft: Draft, needed: tuple[str, ...], useless: tuple[str, ...]
 
 
 def check_canopies(draft: Draft) -> Iterator[Fault]:
-    """Canopies named in the study exist in the vehicle."""
+    """Canopies named in the study exist in the vehicle, and are named where there are several to choose from."""
     structure = draft.tables.get("structure")
     if structure is not None and draft.vehicle is not None:
         number = draft.vehicle.canopies.number
+        if number > 1 and "canopies" not in structure.model_fields_set:
+            wanted = f"on which of the vehicle's {number} canopies the structure is found; the others test it"
+            yield Fault(draft.at("structure", "canopies"), "nothing", wanted, "Say canopies = [1], or the best seen.")
         for index, canopy in enumerate(structure.canopies):
             if canopy > number:
                 where = draft.at("structure", "canopies", index)

@@ -116,7 +116,7 @@ class StructureTable(Strict):
     """Selection of the aerodynamic structure.
 
     Attributes:
-        canopies: Canopies it is identified on, from 1; the others check it.
+        canopies: Canopies it is identified on, from 1; the others check it. May be left out where there is only one.
         axial: Candidate terms of the axial coefficient.
         transverse: Candidate terms of the transverse coefficient.
         sigma_max: Noise ceiling sigma_max^2 of the predicted squared error, as a multiple of sigma^2.
@@ -135,7 +135,7 @@ class StructureTable(Strict):
         polar: Pools of the report's polar coefficients, searched besides.
     """
 
-    canopies: Annotated[tuple[Annotated[int, whole(1, 12)], ...], AfterValidator(distinct)]
+    canopies: Annotated[tuple[Annotated[int, whole(1, 12)], ...], AfterValidator(distinct)] = (1,)
     axial: Annotated[tuple[str, ...], _AXIAL, AfterValidator(distinct)]
     transverse: Annotated[tuple[str, ...], _TRANSVERSE, AfterValidator(distinct)]
     sigma_max: NoiseCeiling = 25.0

@@ -22,6 +22,7 @@ from bayeschute.study.schema.quantities import (
     Text,
     refuse,
     rule,
+    unit_meant,
 )
 from bayeschute.study.schema.sidecar import Wanted, read_beside
 
@@ -57,7 +58,7 @@ class SeriesColumn(Strict):
         try:
             factor_to_si(self.unit, si)
         except ValueError:
-            refuse(f"a unit convertible to {si}", f"{name} in {self.unit[:60]!r}")
+            refuse(f"a unit convertible to {si}", f"{name} in {self.unit[:60]!r}", unit_meant(self.unit[:60], si))
         return Wanted(self.column, self.unit, si)
 
 
