@@ -40,18 +40,19 @@ from bayeschute.likelihood.kalman import Gains, MeanCorrection, innovations
 from bayeschute.posterior.along_record.conditional_mode import approached
 from bayeschute.posterior.differences import beside
 from bayeschute.posterior.marginal import (
-    DEAR,
     Linearisation,
     Marginal,
     Quadratic,
+    half_squares,
     in_batches,
     linear_residuals,
     place_at,
-    projected_residuals,
     shifted,
+    told,
 )
 
 Array = NDArray[np.float64]
+_CURVATURES = 0.1, 1.0  # least and largest along an axis of points that are to cover a density
 _FARTHEST = 3.0  # standard deviations that a step to the mode may be long
 _FLATTEST = 0.2  # curvature of a Gaussian density in standard coordinates is one; the least that is left along an axis
 _LOOKS = 3  # most axes on which a curvature less than that is measured
@@ -139,8 +140,8 @@ def _more(here: Laplace, there: Sequence[Laplace]) -> Array:
 def _own(marginal: Marginal, points: Array) -> Array:
     """Minus the log density of the linear models (N,) at points (N, P), less that at theta_0."""
     places = np.vstack([0.0 * points[:1], points])
-    squares = in_batches(lambda part: np.sum(projected_residuals(marginal, part) ** 2, axis=0), places.T)
-    return 0.5 * np.asarray(squares[1:] - squares[0])
+    squares = in_batches(lambda part: half_squares(marginal, part), places.T)
+    return np.asarray(squares[1:] - squares[0])
 
 
 class Expansion(NamedTuple):
@@ -166,6 +167,15 @@ class Expansion(NamedTuple):
     def step(self, radius: float = _FARTHEST) -> Array:
         """From the centre to its least value within a sphere (P,)."""
         return least_within(self.slope, self.curvature, radius)
+
+    def root(self) -> Array:
+        """Of a covariance of points that cover the density (P, P): never narrower than the centre's coordinates say.
+
+        Along a direction that the data tell little of, a posterior may reach several times as far as the covariance of
+        the linear models, three times at most here.
+        """
+        values, axes = np.linalg.eigh(self.curvature)
+        return np.asarray(axes / np.sqrt(np.clip(values, *_CURVATURES)))
 
 
 class LinearErrors(NamedTuple):
@@ -473,6 +483,6 @@ def compared(marginal: Marginal, points: Array) -> Compared:
         points: Standard coordinates (N, P).
     """
     here, *there = _at_all(marginal, points)
-    price = in_batches(lambda part: 0.5 * np.sum(linear_residuals(marginal, part)[1] ** 2, axis=0), points.T)
+    in_range = in_batches(lambda part: told(linear_residuals(marginal, part)[1]), points.T)
     own = _own(marginal, points) + np.asarray(marginal.correction.at(points.T))
-    return Compared(own, _more(here, there).sum(axis=1), price < DEAR)
+    return Compared(own, _more(here, there).sum(axis=1), in_range)

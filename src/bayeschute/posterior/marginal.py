@@ -47,8 +47,7 @@ from bayeschute.posterior.joint_mode import Optimum, conditional
 Array = NDArray[np.float64]
 _CORRECTIONS, _MOST_CORRECTED = 1, 0.5
 _BENT, _STEEPER, _ROUNDING = 0.05, 0.05, 1e-3  # see `twice_price`
-DEAR = 20.0
-"""Price of a place, in log density, beyond which the linear models say nothing of it."""
+_DEAR = 20.0  # price of a place, in log density, beyond which the linear models say nothing of it
 BATCH = 64
 
 
@@ -273,6 +272,11 @@ def linear_residuals(marginal: Marginal, xi: Component) -> tuple[Array, Array]:
     return np.concatenate(rows), np.stack(prices)
 
 
+def told(prices: Array) -> NDArray[np.bool_]:
+    """Whether linear models tell anything of places (B,), by roots of twice their prices (F, B), one row per flight."""
+    return np.asarray(np.all(prices < np.sqrt(2.0 * _DEAR), axis=0))
+
+
 def projected_residuals(marginal: Marginal, xi: Component) -> Array:
     """The vector (N, B) whose ``-1/2 |.|^2`` is the marginal log density at (P, B) but `correction` and a constant."""
     return np.concatenate(linear_residuals(marginal, xi))
@@ -280,8 +284,13 @@ def projected_residuals(marginal: Marginal, xi: Component) -> Array:
 
 def log_density(marginal: Marginal, xi: Component) -> Array:
     """Marginal log density (B,) up to a constant at standard coordinates (P, B); NaN where a step fails."""
-    squares = np.sum(projected_residuals(marginal, xi) ** 2, axis=0)
-    return np.asarray(-0.5 * squares - np.asarray(marginal.correction.at(xi)))
+    return np.asarray(-half_squares(marginal, xi) - np.asarray(marginal.correction.at(xi)))
+
+
+def half_squares(marginal: Marginal, xi: Component) -> Array:
+    """Half the squares (B,) of `projected_residuals` at (P, B); infinite where the linear models break."""
+    with np.errstate(over="ignore"):
+        return np.asarray(0.5 * np.sum(projected_residuals(marginal, xi) ** 2, axis=0))
 
 
 def one_step_errors(marginal: Marginal, xi: Component) -> tuple[jax.Array, ...]:

@@ -53,7 +53,9 @@ class Profile(NamedTuple):
         if not np.isfinite(near).all():
             return "one standard deviation away from it flights fail"
         if (near <= 0.0).any():
-            return f"one standard deviation away from it the log density rises by {abs(np.min(near)):.3g} along some axis"
+            return (
+                f"one standard deviation away from it the log density rises by {abs(np.min(near)):.3g} along some axis"
+            )
         if (near > _STEEPEST).any():
             return (
                 f"one standard deviation away from it the log density falls by {np.max(near):.3g} along some axis, "

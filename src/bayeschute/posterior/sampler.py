@@ -15,14 +15,15 @@ from numpy.typing import NDArray
 from bayeschute.core.random import stream
 from bayeschute.likelihood.joint import NoiseParameters
 from bayeschute.likelihood.priors import Prior, factor, standard, values, working
+from bayeschute.posterior import laplace
 from bayeschute.posterior.assess.flight_groups import HELD, flight_groups
 from bayeschute.posterior.marginal import (
     BATCH,
-    DEAR,
     Marginal,
     in_batches,
     linear_residuals,
     log_density,
+    told,
 )
 from bayeschute.posterior.sampling import delayed_acceptance, ensemble, independence
 from bayeschute.posterior.sampling.protocol import Draws
@@ -70,7 +71,7 @@ def sample(
     def in_range(xi: Array) -> Array:
         """Residuals for the surrogate; NaN where the linear models tell nothing."""
         rows, prices = linear_residuals(marginal, xi)
-        return np.where(0.5 * np.sum(prices**2, axis=0) < DEAR, rows, np.nan)
+        return np.where(told(prices), rows, np.nan)
 
     def tell(name: str) -> Callable[[int, int], None]:
         return lambda done, wanted: progress(done / wanted, f"{name}: {done} of {wanted}") if progress else None
@@ -90,7 +91,9 @@ def sample(
     if kind == "emcee":
         return by_emcee()
     rng = stream(seed, "points of the surrogate")
-    surrogate, failed = build(lambda xi: in_batches(in_range, xi), marginal.correction, rng)
+    about = laplace.expansion(marginal)
+    covering = about.step(), about.root()
+    surrogate, failed = build(lambda xi: in_batches(in_range, xi), marginal.correction, rng, covering)
     tried: list[Draws] = []
     reasons: list[str] = []
     lost = sum(int(along.lost) for along in marginal.along)
