@@ -87,14 +87,16 @@ def test_good_draws_come_without_a_word(draws):
     assert why_not_trusted(draws) == ""
 
 
-def test_a_walk_that_mixes_slowly_is_made_longer(found, draws, monkeypatch):
-    verdicts, heard = iter((True,)), []
+@pytest.mark.parametrize("longest", [4, 16])
+def test_a_walk_that_mixes_slowly_is_made_longer(found, draws, longest, monkeypatch):
+    verdicts, heard = iter((True, longest == 16, False)), []
     monkeypatch.setattr(sampler, "mixes_slowly", lambda made: next(verdicts))
     other = sampler.sample(
         found.marginal, "nuts", CHAINS, 200, DRAWS, 2, lambda share, words: heard.append(words.split(":")[0])
     )
     assert other.notes == () and other.xi.shape == draws.xi.shape and why_not_trusted(other) == ""
-    assert sorted(set(heard)) == ["nuts", "nuts, longer"] and other.evaluations > 3 * draws.evaluations
+    assert list(dict.fromkeys(heard)) == ["nuts", *(f"nuts, {n} times as long" for n in (4, 16) if n <= longest)]
+    assert other.evaluations > 3 * draws.evaluations
     np.testing.assert_allclose(np.quantile(other.xi, [0.1, 0.5, 0.9]), np.quantile(draws.xi, [0.1, 0.5, 0.9]), atol=0.4)
 
 

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from bayeschute.core.random import stream
 from bayeschute.likelihood.joint import NoiseParameters
 from bayeschute.likelihood.priors import Prior, factor, standard, values, working
-from bayeschute.posterior import laplace
 from bayeschute.posterior.assess.flight_groups import HELD, flight_groups
 from bayeschute.posterior.marginal import (
     BATCH,
@@ -37,7 +36,7 @@ _NOISE = ("white", "correlated", "time_constant", "frequency", "damping_ratio")
 _TEMPERATURES = (1.1, 1.3)  # of the surrogate that proposes, tried in turn
 EMCEE_DREW, INDEPENDENCE_DREW = "emcee drew instead", "an independence sampler drew instead"
 """Last words of the note on draws that are not those of the sampler asked for."""
-_LONGER = 4  # times as long a walk where one mixes slowly
+_LONGER = (4, 16)  # times as long a walk where one mixes slowly, tried in turn
 _LAST_STEPS = 1000  # of emcee's ensembles where all else failed: hours would not make such draws good
 
 
@@ -49,7 +48,7 @@ def sample(
     Args:
         marginal: The posterior.
         kind: ``"nuts"`` (numpyro's NUTS on a quadratic surrogate, corrected exactly by delayed acceptance) or
-            ``"emcee"`` (ensembles on the same density). Where NUTS' walk mixes slowly a longer one is made. Where its
+            ``"emcee"`` (ensembles on the same density). Where NUTS' walk mixes slowly longer ones are made. Where its
             draws fail their own check (`why_not_trusted`), an independence sampler (`posterior.sampling.independence`)
             draws, and where its draws fail it too, emcee; a note says why.
         chains: Chains.
@@ -91,9 +90,7 @@ def sample(
     if kind == "emcee":
         return by_emcee()
     rng = stream(seed, "points of the surrogate")
-    about = laplace.expansion(marginal)
-    covering = about.step(), about.root()
-    surrogate, failed = build(lambda xi: in_batches(in_range, xi), marginal.correction, rng, covering)
+    surrogate, failed = build(lambda xi: in_batches(in_range, xi), marginal.correction, rng)
     tried: list[Draws] = []
     reasons: list[str] = []
     lost = sum(int(along.lost) for along in marginal.along)
@@ -116,8 +113,11 @@ def sample(
         density = jax.tree_util.Partial(Surrogate.log_density, replace(surrogate, temperature=temperature))
         given = exact, density, parameters, chains, warmup, draws, seed
         tried.append(delayed_acceptance.corrected(*given, progress=tell(kind)))
-        if mixes_slowly(tried[-1]):
-            tried.append(delayed_acceptance.corrected(*given, _LONGER, progress=tell(f"{kind}, longer")))
+        for longer in _LONGER:
+            if not mixes_slowly(tried[-1]):
+                break
+            words = f"{kind}, {longer} times as long"
+            tried.append(delayed_acceptance.corrected(*given, longer, progress=tell(words)))
         reasons.append(why_not_trusted(tried[-1]))
         if not reasons[-1]:
             return with_all(tried[-1])

@@ -61,18 +61,16 @@ def build(
     residuals: Callable[[Array], Array],
     correction: Quadratic,
     rng: np.random.Generator,
-    about: tuple[Array, Array] | None = None,
     spread: float = 1.3,
     factor: int = 3,
 ) -> tuple[Surrogate, int]:
-    """Fit the surrogate where a Gaussian approximation of the density has its mass.
+    """Fit the surrogate.
 
     Args:
         residuals: Projected residuals (N, B) at standard coordinates (P, B).
         correction: What the density is besides them, a polynomial already (`Marginal.correction`).
         rng: Source of the design points.
-        about: Mean of that Gaussian (P,), and a root of its covariance (P, P); None: standard normal.
-        spread: Of the design points, in its standard deviations.
+        spread: Standard deviation of the design points.
         factor: Design points per monomial.
 
     Returns:
@@ -83,10 +81,8 @@ def build(
     """
     parameters = int(np.size(correction.slope))
     count = 1 + parameters + parameters * (parameters + 1) // 2
-    standard = spread * rng.standard_normal((parameters, factor * count))
-    standard[:, 0] = 0.0
-    mean, root = (np.zeros(parameters), np.eye(parameters)) if about is None else about
-    points = mean[:, None] + root @ standard
+    points = spread * rng.standard_normal((parameters, factor * count))
+    points[:, 0] = 0.0
     values = np.concatenate(
         [residuals(part) for part in np.array_split(points, factor * count // 64 + 1, axis=1)], axis=1
     )
@@ -94,6 +90,6 @@ def build(
     if good.sum() < count:
         raise FloatingPointError(f"{(~good).sum()} of {good.size} simulations around the optimum failed")
     design = np.asarray(_monomials(points[:, good]))
-    weight = np.exp(-0.25 * np.sum(standard[:, good] ** 2, axis=0) * (1.0 - 1.0 / spread**2))
+    weight = np.exp(-0.25 * np.sum(points[:, good] ** 2, axis=0) * (1.0 - 1.0 / spread**2))
     coefficients = np.linalg.lstsq((design * weight).T, (values[:, good] * weight).T, rcond=None)[0].T
     return Surrogate(np.linalg.qr(coefficients, mode="r"), correction), int((~good).sum())
