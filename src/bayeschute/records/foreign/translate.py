@@ -18,7 +18,6 @@ EARTH_LABELS = ("north", "south", "east", "west", "up", "down", "x", "y", "z")
 EULER = ("yaw", "pitch", "roll")
 WIND_POLAR = ("speed", "direction")
 WEEK = "time.week"
-FOREIGN = {"axis": EARTH_LABELS, "body_axis": BODY_AXIS, "quaternion": (*QUATERNION, *EULER)}
 
 
 def foreign_unit(key: str) -> str | None:
