@@ -52,7 +52,6 @@ from bayeschute.posterior.marginal import (
 )
 
 Array = NDArray[np.float64]
-_CURVATURES = 0.1, 1.0  # least and largest along an axis of points that are to cover a density
 _FARTHEST = 3.0  # standard deviations that a step to the mode may be long
 _FLATTEST = 0.2  # curvature of a Gaussian density in standard coordinates is one; the least that is left along an axis
 _LOOKS = 3  # most axes on which a curvature less than that is measured
@@ -167,15 +166,6 @@ class Expansion(NamedTuple):
     def step(self, radius: float = _FARTHEST) -> Array:
         """From the centre to its least value within a sphere (P,)."""
         return least_within(self.slope, self.curvature, radius)
-
-    def root(self) -> Array:
-        """Of a covariance of points that cover the density (P, P): never narrower than the centre's coordinates say.
-
-        Along a direction that the data tell little of, a posterior may reach several times as far as the covariance of
-        the linear models, three times at most here.
-        """
-        values, axes = np.linalg.eigh(self.curvature)
-        return np.asarray(axes / np.sqrt(np.clip(values, *_CURVATURES)))
 
 
 class LinearErrors(NamedTuple):

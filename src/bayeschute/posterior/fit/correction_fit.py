@@ -3,7 +3,7 @@
 `laplace.corrected` expands what the linear models lack about the mode, from places one standard deviation away. The
 posterior of P parameters has its mass at root P standard deviations: where the density is no quadratic polynomial, or
 where its values are known to a tenth only, what is read from differences near the mode is wrong there, by several units
-of the log density on some flights. So the density is compared with Laplace's approximation at points of the posterior.
+of the log density on some flights. So the density is compared with Laplace's approximation at standard normal points.
 
 What counts is not the error itself but what it does to means and standard deviations: the same points weighed by either
 density tell (`implied`). Points are added until that is known well enough, and small. If the corrections can be
@@ -14,17 +14,16 @@ leaving out one point after the other.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import logsumexp
 
 from bayeschute.posterior import laplace
-from bayeschute.posterior.laplace import Compared, Expansion
+from bayeschute.posterior.laplace import Compared
 from bayeschute.posterior.marginal import Marginal, Quadratic
 
 Array = NDArray[np.float64]
@@ -71,26 +70,10 @@ class Change(NamedTuple):
     errors: Array
 
 
-class _Drawn(NamedTuple):
-    """A Gaussian that points were drawn from: mean (P,), a root of its covariance (P, P), and how many."""
-
-    mean: Array
-    root: Array
-    number: int
-
-    def log_density(self, points: Array) -> Array:
-        """At points (N, P), up to a constant that all have."""
-        away = np.linalg.solve(self.root, (points - self.mean).T)
-        return np.asarray(-0.5 * np.sum(away**2, axis=0) - np.linalg.slogdet(self.root)[1])
-
-
 def fitted(
     marginal: Marginal, rng: np.random.Generator, progress: Callable[[float, str], None] | None = None
 ) -> Fitted:
     """Compare the corrections with Laplace's approximation over the posterior, and fit them where that helps.
-
-    The first points are standard normal. Where they are not enough, the next are drawn from a Gaussian that covers what
-    was fitted so far (`Expansion.root`).
 
     Args:
         marginal: From `laplace.corrected`.
@@ -99,15 +82,14 @@ def fitted(
     """
     size = np.size(marginal.centre)
     points, seen = np.zeros((0, size)), Compared(np.zeros(0), np.zeros(0), np.zeros(0, bool))
-    drawn, about = [_Drawn(np.zeros(size), np.eye(size), _FIRST)], laplace.expansion(marginal)
     while True:
-        xi = drawn[-1].mean + rng.standard_normal((drawn[-1].number, size)) @ drawn[-1].root.T
+        xi = rng.standard_normal((max(_FIRST, _BATCH * size) if len(points) else _FIRST, size))
         more = laplace.compared(marginal, xi)
         points, seen = np.vstack([points, xi]), Compared(*(np.append(a, b) for a, b in zip(seen, more, strict=True)))
         use = seen.known & seen.in_range
         if use.mean() < _FINITE:
             return Fitted(marginal, np.nan, np.nan, np.nan, len(points))
-        made, errors, own, there = marginal, seen.errors[use], seen.own, about
+        made, errors, own = marginal, seen.errors[use], seen.own
         if len(points) > _FIRST:
             better = change(marginal.correction, points[use], errors)
             if np.std(better.errors) < _BETTER * np.std(errors):
@@ -115,9 +97,8 @@ def fitted(
                 made, errors = replace(marginal, bend=bend), better.errors
                 own = own + np.asarray(better.polynomial.at(points.T))
                 own[use] = seen.laplace[use] - errors
-                there = Expansion(*(a + np.asarray(b) for a, b in zip(about, better.polynomial, strict=True)))
-        known, by = seen.known, _log_drawn(drawn, points)
-        before, shift = (implied(points[known], by[known], one[known], seen.laplace[known]) for one in (seen.own, own))
+        known = seen.known
+        before, shift = (implied(points[known], one[known], seen.laplace[known]) for one in (seen.own, own))
         error = float(np.std(errors))
         if progress is not None:
             words = (
@@ -128,15 +109,9 @@ def fitted(
         good = error / np.sqrt(use.sum()) < _KNOWN and shift < MOST_SHIFT
         if good or len(points) >= _MOST * size:
             return Fitted(made, error, shift, before, len(points))
-        drawn.append(_Drawn(there.step(), there.root(), max(_FIRST, _BATCH * size)))
 
 
-def _log_drawn(drawn: Sequence[_Drawn], points: Array) -> Array:
-    """Log density (N,), up to a constant, of the mixture that all points (N, P) are of (Veach and Guibas 1995)."""
-    return np.asarray(logsumexp([np.log(one.number) + one.log_density(points) for one in drawn], axis=0))
-
-
-def implied(points: Array, by: Array, own: Array, right: Array) -> float:
+def implied(points: Array, own: Array, right: Array) -> float:
     """Largest difference that a density's error makes: of a mean, in standard deviations, or relative of one of these.
 
     Both densities are integrated by importance weights of the same points, so that the chance of these cancels where
@@ -144,12 +119,12 @@ def implied(points: Array, by: Array, own: Array, right: Array) -> float:
     holds to be impossible counts for as much as the other holds to be there.
 
     Args:
-        points: Points (N, P).
-        by: Log density that they were drawn from, up to a constant (N,).
+        points: Standard normal points (N, P).
         own: Minus the log density there, up to a constant (N,).
         right: What that should be (N,).
     """
-    (mean, sd), (right_mean, right_sd) = _moments(points, -own - by), _moments(points, -right - by)
+    inside = 0.5 * np.sum(points**2, axis=1)
+    (mean, sd), (right_mean, right_sd) = _moments(points, inside - own), _moments(points, inside - right)
     return float(max(np.max(np.abs(mean - right_mean) / right_sd), np.max(np.abs(sd / right_sd - 1.0))))
 
 
