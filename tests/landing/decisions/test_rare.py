@@ -49,6 +49,18 @@ def test_brute_force_at_one_in_ten_thousand():
     assert found == pytest.approx(counted, rel=0.3)
 
 
+@pytest.mark.parametrize("samples", [500, 997])
+def test_every_evaluation_of_the_limit_state_is_counted(samples):
+    made = []
+
+    def limit(u):
+        made.append(len(u))
+        return 3.5 - u[:, 0]
+
+    found = subset_simulation(limit, 3, samples, np.random.default_rng(1))
+    assert found.evaluations == sum(made) and len(found.levels) > 2
+
+
 def test_what_is_not_finite_has_failed():
     found = subset_simulation(lambda u: np.where(u[:, 0] > 1.0, np.nan, 1.0), 1, 1000, np.random.default_rng(0))
     assert found.probability == pytest.approx(ndtr(-1.0), abs=0.05)

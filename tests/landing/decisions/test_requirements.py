@@ -48,6 +48,7 @@ def test_what_failed_exceeds_every_threshold_and_columns_are_of_their_limits():
     rows["draw"], rows["vertical_speed"] = np.arange(400) % 20, rng.normal(8.0, 1.0, 400)
     rows["outcome"][:11], rows["vertical_speed"][10] = 2, np.nan
     rows["vertical_speed"][:10] = 0.0  # what a failed landing says is not looked at
+    rows["outcome"][10] = 0  # a landing without the quantity has failed, too
     table = exceedance(rows, "vertical_speed", [8.0, 1e6], confidence=0.8)
     x = np.where(np.arange(400) <= 10, np.inf, rows["vertical_speed"])
     for i, at in enumerate((8.0, 1e6)):

@@ -37,6 +37,9 @@ def test_names_of_vectors_canopies_and_quaternions():
     [
         ("canopy_position.3.north", "ft", None),
         ("riser_tension.0", "N", "unknown variable 'riser_tension.0'"),
+        ("canopy_position.0.north", "m", "unknown variable 'canopy_position.0.north'"),
+        ("canopy_position.q.x", "m", "unknown variable 'canopy_position.q.x'"),
+        ("canopy_position.2.up", "m", None),
         ("canopy_position.north", "m", "unknown variable"),
         ("altitud", "m", "Did you mean 'altitude'"),
         ("qqqq", "m", "Known are time, "),

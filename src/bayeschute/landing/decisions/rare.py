@@ -69,9 +69,8 @@ def subset_simulation(
         scatter += _variation(inside, chains)
         if last or share == 0.0:
             return Rare(chance, float(np.sqrt(scatter)), tuple(levels), count, u[inside])
-        made = _chains(values, u[inside], g[inside], threshold, samples, spread, rng)
-        u, g, chains, spread = made
-        count += samples - int(inside.sum())
+        u, g, chains, spread, more = _chains(values, u[inside], g[inside], threshold, samples, spread, rng)
+        count += more
     return Rare(0.0, np.inf, tuple(levels), count, u[:0])
 
 
@@ -88,8 +87,12 @@ def _variation(inside: NDArray[np.bool_], chains: NDArray[np.int64]) -> float:
 def _chains(
     values: Callable[[Array], Array], seeds: Array, g_seeds: Array, threshold: float, samples: int, spread: float,
     rng: np.random.Generator,
-) -> tuple[Array, Array, NDArray[np.int64], float]:  # fmt: skip
-    """Points of an event by chains from all seeds, side by side; with the chain of each, and the moves' spread."""
+) -> tuple[Array, Array, NDArray[np.int64], float, int]:  # fmt: skip
+    """Points of an event by chains from all seeds, side by side.
+
+    Returns:
+        Points, their limit states, the chain of each, the moves' spread, and evaluations of the limit state.
+    """
     count = len(seeds)
     order = rng.permutation(count)
     u, g = seeds[order], g_seeds[order]
@@ -107,4 +110,4 @@ def _chains(
         step += 1
         spread = float(np.clip(spread * np.exp((taken.mean() - _WANTED) / np.sqrt(step)), 0.05, 1.0))
     chain = np.concatenate(kept)[:samples]
-    return np.concatenate(kept_u)[:samples], np.concatenate(kept_g)[:samples], chain, spread
+    return np.concatenate(kept_u)[:samples], np.concatenate(kept_g)[:samples], chain, spread, step * count

@@ -92,9 +92,9 @@ def exceedance(
     Returns:
         Columns threshold, probability, posterior_low, posterior_high (over the parameters, Monte Carlo error
         included), clopper_pearson_low, clopper_pearson_high (of the mean, for the number of landings), failed.
-        Landings that failed exceed.
+        Landings that failed exceed, and those whose quantity is not a number.
     """
-    x = np.where(rows["outcome"] == 0, rows[quantity], np.inf)
+    x = np.where((rows["outcome"] == 0) & np.isfinite(rows[quantity]), rows[quantity], np.inf)
     seen = x[np.isfinite(x)]
     if thresholds is None:
         ends = np.quantile(seen, [0.005, 0.9995]) if seen.size else np.zeros(2)

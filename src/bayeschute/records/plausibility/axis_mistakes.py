@@ -84,7 +84,11 @@ def wind_mistakes() -> Iterator[Mistake]:
         (_BACK, 'wind is "from", read as "towards"', "Say wind_is = 'from', or take it back."),
         (_SWAP, "north and east are swapped in the wind", "Swap its columns."),
         (_ENU, "wind is east, north, up, read as north, east, down", "Say axes = 'ENU' for it, or take it back."),
-        (-_SWAP, 'north and east are swapped in the wind, and it is "from"', "Swap its columns; say wind_is = 'from'."),
+        (
+            _BACK @ _SWAP,
+            'north and east are swapped in the wind, and it is "from"',
+            "Swap its columns; say wind_is = 'from'.",
+        ),
         (_WEST, "wind: the second axis points west, not east", "Give it as 'west'."),
         (_SOUTH, "wind: the first axis points south, not north", "Give it as 'south'."),
     ):

@@ -43,10 +43,10 @@ def _unit_of(name: str) -> str | None:
     """SI unit of a column; None where its name is unknown."""
     if name == "time":
         return "s"
+    parts = name.split(".")
     foreign = foreign_unit(name)
     if foreign is not None:
-        return foreign
-    parts = name.split(".")
+        return foreign if len(parts) < 3 or (parts[1].isdecimal() and int(parts[1]) > 0) else None
     generic = ".".join("N" if part.isdecimal() and int(part) > 0 else part for part in parts)
     if parts[0] not in VARIABLES or generic not in _components(parts[0]):
         return None
