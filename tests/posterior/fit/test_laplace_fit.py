@@ -34,33 +34,12 @@ def test_a_share_of_the_way_is_a_share_of_every_factor():
 
 def test_the_prior_of_noise_is_the_log_normal_of_its_medians():
     prior = NoisePrior(noise(), 0.4)
-    law = stats.norm(np.log(to_vector(noise()) * 0 + 1.0), 0.4)
+    law = stats.norm(0.0, 0.4)
     for one in (noise(1.3), noise(0.7, 2.0)):
         away = to_vector(one) - to_vector(noise())
         want = -(law.logpdf(away) - law.logpdf(0.0)).sum()
         assert module._prior_of_noise(one, prior) == pytest.approx(want)
     assert module._prior_of_noise(noise(), prior) == 0.0
-
-
-@pytest.mark.parametrize(("fails", "asked"), [((), [0.4]), ((0.4,), [0.4, 0.1]), ((0.4, 0.1), [0.4, 0.1])])
-def test_where_flights_fail_beside_a_point_it_is_looked_at_nearer(monkeypatch, fails, asked):
-    monkeypatch.setattr(module, "_BESIDE", 0.4)
-    monkeypatch.setattr(module, "_NEARER", 0.1)
-    tried = []
-
-    def sides(made, step):
-        tried.append(step)
-        if step in fails:
-            raise FloatingPointError("lost")
-        return step
-
-    monkeypatch.setattr(module.laplace, "sides", sides)
-    if fails == tuple(asked):
-        with pytest.raises(FloatingPointError, match="lost"):
-            module._sides("made")
-    else:
-        assert module._sides("made") == asked[-1]
-    assert tried == asked
 
 
 @pytest.mark.parametrize(("is_mode", "kept"), [(True, "corrected"), (False, "made")])

@@ -15,7 +15,7 @@ def known(target, *at, kind="curve"):
 
 
 def test_curves_reach_the_least_and_the_greatest_of_all_that_is_known_of_them():
-    told = [known("C_A", 0.1, 0.4), known("C_A", 0.2, 0.9), known("C_N", 0.3), known("C_A", 7.0, kind="coefficient")]
+    told = [known("C_A", 0.1, 0.9), known("C_A", 0.2, 0.4), known("C_N", 0.3), known("C_A", 7.0, kind="coefficient")]
     assert module._reach(told) == {"C_A": 0.9, "C_A from": 0.1, "C_N": 0.3, "C_N from": 0.3}
 
 
