@@ -1,0 +1,71 @@
+"""`Run`: what a folder tells as far as the run went."""
+
+from __future__ import annotations
+
+import json
+from types import SimpleNamespace
+
+import pytest
+
+from bayeschute.api import run_folder as module
+from bayeschute.api.run_folder import Run
+from bayeschute.calibration.label import CONTRADICTED
+
+
+def flight(name, *roles):
+    return SimpleNamespace(name=name, roles=roles)
+
+
+@pytest.fixture
+def run(tmp_path):
+    flights = (flight("s", "structure"), flight("i", "structure", "identify"), flight("p", "predict"))
+    return Run(tmp_path, SimpleNamespace(spec=SimpleNamespace(flights=flights)))
+
+
+def told(run, name, value):
+    (run.folder / name).write_text(json.dumps(value), encoding="utf-8")
+    return run
+
+
+def test_a_run_that_did_not_end_says_so(run):
+    assert run.summary == {} and run.level == "not checked" and "not finished" in repr(run)
+    assert run.predictive_checks.empty and "p" in run.predictive_checks
+
+
+def test_a_contradicted_run_has_no_level_whatever_its_label_claims(run):
+    claim = {"level": "self-consistent", "contradicted": []}
+    assert told(run, "summary.json", {"claim": claim, "label": "l"}).level == "self-consistent" and ": l)" in repr(run)
+    assert told(run, "summary.json", {"claim": claim | {"contradicted": ["wind"]}}).level == CONTRADICTED
+    assert told(run, "summary.json", {"label": "l"}).level == "not checked"
+
+
+def test_the_least_probable_check_comes_first(run):
+    rows = [
+        {"flight": "i", "what": "w", "statistic": "s", "value": 1.0, "expected": 0.0, "p": p} for p in (0.5, 0.01, 0.2)
+    ]
+    table = told(run, "predictive.json", {"checks": rows}).predictive_checks
+    assert table["p"].tolist() == [0.01, 0.2, 0.5] and table.index.tolist() == [0, 1, 2]
+
+
+def test_flights_that_were_fitted_or_predicted_have_forecasts_each_made_once(run, monkeypatch):
+    made = []
+
+    class Workspace:
+        def __init__(self, *given):
+            self.given = given
+
+        def __enter__(self):
+            return "job"
+
+        def __exit__(self, *_):
+            return None
+
+    monkeypatch.setattr(module, "workspace", Workspace)
+    monkeypatch.setattr(module, "collected", lambda folder: {})
+    monkeypatch.setattr(module, "forecast_of", lambda job, one: made.append(one.name) or f"of {one.name}")
+    forecasts = run.forecasts
+    assert list(forecasts) == ["i", "p"] and len(forecasts) == 2 and "s" not in forecasts
+    assert [forecasts["p"], forecasts["p"], forecasts["i"]] == ["of p", "of p", "of i"] and made == ["p", "i"]
+    for none in ("s", "x"):
+        with pytest.raises(KeyError, match=none):
+            forecasts[none]

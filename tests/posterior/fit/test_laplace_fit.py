@@ -1,0 +1,63 @@
+"""Noise parameters between a mode and the next: by logarithms, with the density of their log-normal priors."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from bayeschute.likelihood.joint import NoiseParameters
+from bayeschute.likelihood.noise import Noise
+from bayeschute.posterior.fit import laplace_fit as module
+from bayeschute.posterior.fit.joint_fit import JointFit
+from bayeschute.posterior.noise_evidence import NoisePrior, to_vector
+
+
+def noise(factor=1.0, wind=1.0):
+    levels = Noise(*(factor * np.array([x]) for x in (0.05, 0.1, 2.0)))
+    return NoiseParameters(levels, (wind * np.array([0.4, 12.0]),))
+
+
+def test_a_share_of_the_way_is_a_share_of_every_factor():
+    begin, end = noise(), noise(16.0, 81.0)
+    place = JointFit("optimum", begin, np.nan)
+    asked = []
+    found = module._part_of_the_way(lambda vector: asked.append(vector) or (7.5, None), place, end, 0.25)
+    np.testing.assert_allclose(to_vector(found.hyper), to_vector(noise(2.0, 3.0)))
+    assert (found.optimum, found.evidence) == ("optimum", 7.5)
+    np.testing.assert_allclose(asked[0], to_vector(found.hyper))
+    whole = module._part_of_the_way(lambda vector: (0.0, None), place, end, 1.0)
+    np.testing.assert_allclose(to_vector(whole.hyper), to_vector(end))
+
+
+def test_the_prior_of_noise_is_the_log_normal_of_its_medians():
+    prior = NoisePrior(noise(), 0.4)
+    law = stats.norm(0.0, 0.4)
+    for one in (noise(1.3), noise(0.7, 2.0)):
+        away = to_vector(one) - to_vector(noise())
+        want = -(law.logpdf(away) - law.logpdf(0.0)).sum()
+        assert module._prior_of_noise(one, prior) == pytest.approx(want)
+    assert module._prior_of_noise(noise(), prior) == 0.0
+
+
+@pytest.mark.parametrize(("is_mode", "kept"), [(True, "corrected"), (False, "made")])
+def test_corrections_under_which_there_is_no_mode_are_not_taken(monkeypatch, is_mode, kept):
+    fit = SimpleNamespace(marginal="corrected", shift=0.1, before=0.7)
+    seen = SimpleNamespace(is_mode=is_mode)
+    monkeypatch.setattr(module.correction_fit, "fitted", lambda made, rng, say: fit)
+    monkeypatch.setattr(module.laplace, "expansion", lambda made: SimpleNamespace(step=lambda: np.zeros(1)))
+    monkeypatch.setattr(module, "_seen", lambda made, step: seen)
+    made, profile, shift = module._over_the_posterior("made", "before", lambda *_: None)
+    assert made == kept and profile is (seen if is_mode else "before") and shift == (0.1 if is_mode else 0.7)
+
+
+def test_a_density_is_looked_at_from_where_it_shows_a_mode(monkeypatch):
+    looks = {(): (False, 0.9), ("step",): (True, 0.1)}
+    monkeypatch.setattr(
+        module, "profile", lambda made, *step: SimpleNamespace(is_mode=looks[step][0], worst=looks[step][1])
+    )
+    assert module._seen("made", "step").worst == 0.1
+    looks[()] = (True, 0.9)
+    assert module._seen("made", "step").worst == 0.9
