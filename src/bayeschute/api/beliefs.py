@@ -139,7 +139,8 @@ class Priors:
         Args:
             source: Where they come from, for tables and the report.
             **parameters: By name ``mean`` and ``sd``, or ``median`` and ``log_sd`` of a log-normal distribution, with
-                their units. What must be positive and has a mean gets the log-normal distribution of these moments.
+                their units. Riser stiffness and damping, `enclosed_air_factor` and `cds_over_mass` are log-normal with
+                these moments, all others normal.
 
         Raises:
             InputError: With every fault.
