@@ -253,7 +253,8 @@ def test_a_turn_of_noise_parameters_that_leads_astray_is_shortened_and_at_last_n
     best, hyper, _ = laplace_fit._by_turns(
         descent.flights, descent.priors, prior, begin, lambda share, words: said.append(words)
     )
-    assert [words.split(": ")[0].split("share ")[1] for words in said] == ["1", "1", "0.3", "0.1"][: 1 + len(said[1:])]
+    told = ["turn 1", "turn 2", "turn 2, 0.3 of the way", "turn 2, 0.1 of the way"]
+    assert [words.split(": ")[0].split("at the mode, ")[1] for words in said] == told[: len(said)]
     gained = [float(words.removesuffix(", not kept").split()[-1]) for words in said]
     assert [words.endswith("not kept") for words in said[1 : 1 + spoiled]] == [True] * spoiled
     assert gained[0] > 1.0
