@@ -39,7 +39,6 @@ STATED = 1.5
 """Factor within which a stated standard deviation of a disturbance is taken to be right."""
 SIMULATED = 400
 """Disturbances simulated as stated."""
-_LEAST_TOLD = 0.2  # of the prior's variance, that an estimate may have before the data
 _AXES = ("north", "east", "down")
 _ALONG = ("", "north ", "east ")  # a canopy's force along its axis, and across towards
 DRAWS = 16
@@ -168,18 +167,15 @@ def place_of(row: int, n: int) -> str:
 def _of_priors(job: Job, group: Group, one: Stored) -> Iterator[Check]:
     """Distances of estimates from their priors, in standard deviations that the distance has before the data.
 
-    Before the data the posterior mean has the prior's variance less the posterior's, its mean over records. A single
-    record's differs from that by a tenth or two where the model is not linear, so that of a parameter of which the data
-    tell little the difference is not known: it counts for a fifth of the prior's variance at least. The posterior is
-    the model's own: one that was widened since parts of the record disagree is as wide as the prior, and any distance
-    would seem absurd.
+    Before the data the posterior mean has the prior's variance less the posterior's. That is the model's own posterior:
+    one that was widened since parts of the record disagree is as wide as the prior, and any distance would seem absurd.
     """
     where = " and ".join(flight.name for flight in group.flights)
     centre, scale = working(group.priors)
     variance, own = scale**2, one.held.reshape(-1, centre.size)
     after, mean = np.var(own, axis=0), np.mean(own, axis=0)
     for i, prior in enumerate(group.priors):
-        spread = np.sqrt(max(variance[i] - after[i], _LEAST_TOLD * variance[i]))
+        spread = np.sqrt(max(variance[i] - after[i], 0.05 * variance[i]))
         yield prior_check(where, prior.name, (mean[i] - centre[i]) / spread)
     for name, z in noise_distances(job, one).items():
         yield prior_check(where, name, z)
