@@ -41,6 +41,13 @@ def test_no_link_is_dead(page):
     assert dead_links(page, ROOT) == []
 
 
+def test_no_page_keeps_both_sides_of_a_merge():
+    mark = re.compile(r"^(<{7}|={7}|>{7})( |$)", re.M)
+    assert mark.search("a\n<<<<<<< HEAD\nb") and not mark.search("=========\n <<<<<<< \n")
+    pages = [*ROOT.glob("*.md"), *PAGES, *(ROOT / "notebooks").glob("*.py"), *(ROOT / "models").rglob("*.toml")]
+    assert [page for page in pages if mark.search(page.read_text(encoding="utf-8"))] == []
+
+
 def test_every_public_name_has_a_page():
     told = "\n".join(page.read_text(encoding="utf-8") for page in (DOCS / "reference").glob("*.md"))
     assert set(re.findall(r"^::: bayeschute\.(\w+)$", told, re.M)) == set(bc.__all__) - {"__version__"}

@@ -14,7 +14,7 @@ from bayeschute.cli import app
 from bayeschute.records.record import write_record
 from bayeschute.study.load import examine_study
 from bayeschute.study.plausible import judge
-from bayeschute.study.schema.quantities import part_of
+from bayeschute.study.schema.reading.strict import part_of
 from bayeschute.study.schema.vehicle_schema import Vehicle
 from bayeschute.study.templates import template
 

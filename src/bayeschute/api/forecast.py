@@ -153,6 +153,38 @@ class Forecast:
         values: Array = self.draws[quantity].values
         return values
 
+    def between(self, start: str | float | None = None, end: str | float | None = None) -> Forecast:
+        """The same draws over a part of the time, for statistics, probabilities and checks of that part.
+
+        Args:
+            start: On the clock of the record, such as ``"120 s"`` or a number in s; the first sample where None.
+            end: Likewise, included; the last sample where None.
+
+        Raises:
+            InputError: If fewer than two samples lie between.
+
+        Example:
+            >>> last = forecast.between(forecast.draws["time"].values[-1] - 10.0)
+            >>> bool(last.statistic("descent_rate").median() < 100.0)
+            True
+        """
+        time = self.draws["time"].values
+        first, last = (
+            float(time[place]) if given is None else si(name, given, "s")
+            for name, given, place in (("start", start, 0), ("end", end, -1))
+        )
+        some = (time >= first) & (time <= last)
+        if some.sum() < 2:
+            wanted = f"two samples or more of {time[0]:g} to {time[-1]:g} s between them"
+            raise InputError(Fault(f"forecast of {self.name}", f"start={start!r}, end={end!r}", wanted))
+        return replace(
+            self,
+            draws=self.draws.isel(time=some),
+            held_out=self.held_out[some],
+            record={name: row[some] for name, row in self.record.items()},
+            truth=None if self.truth is None else self.truth.isel(time=some),
+        )
+
     def statistic(self, quantity: str, statistic: str = "mean") -> xr.DataArray:
         """A statistic of a quantity over the samples that were not seen, one value a draw.
 

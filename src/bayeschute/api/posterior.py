@@ -37,7 +37,6 @@ from bayeschute.study.aerodynamics.flown import flown, ranges
 from bayeschute.study.aerodynamics.term_proposals import as_rows, proposed_terms
 from bayeschute.study.assembly.fits import groups, load_fit
 from bayeschute.study.evidence.calibration_status import status
-from bayeschute.study.evidence.divergent_transitions import divergences_check
 from bayeschute.study.job import Progress
 from bayeschute.study.run.stage_report import what_flights_taught
 from bayeschute.study.schema.belief_schema import NoiseTable
@@ -125,9 +124,8 @@ class Posterior:
 
     @property
     def _checks(self) -> dict[str, Any]:
-        """Checks that were stored, and that of the populations' draws; none before they were made."""
-        found = self._json("checks.json").get("checks", {})
-        return found | divergences_check(self._draws("sample_stats")) if found else {}
+        """Checks that were stored; none before they were made."""
+        return dict(self._json("checks.json").get("checks", {}))
 
     def identifiability(self) -> pd.DataFrame:
         """What the records tell of each parameter beyond its prior; columns as in ``identifiability.json``."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.core.units import to_si
-from bayeschute.study.schema.quantities import unit_meant
+from bayeschute.study.schema.reading.unit_meant import unit_meant
 
 
 def si(where: str, value: str | float, unit: str) -> float:

@@ -17,6 +17,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -45,10 +46,10 @@ from bayeschute.posterior.marginal import (
     Quadratic,
     half_squares,
     in_batches,
+    in_range,
     linear_residuals,
     place_at,
     shifted,
-    told,
 )
 
 Array = NDArray[np.float64]
@@ -473,6 +474,8 @@ def compared(marginal: Marginal, points: Array) -> Compared:
         points: Standard coordinates (N, P).
     """
     here, *there = _at_all(marginal, points)
-    in_range = in_batches(lambda part: told(linear_residuals(marginal, part)[1]), points.T)
-    own = _own(marginal, points) + np.asarray(marginal.correction.at(points.T))
-    return Compared(own, _more(here, there).sum(axis=1), in_range)
+    rows, prices = in_batches(partial(linear_residuals, marginal), np.vstack([0.0 * points[:1], points]).T)
+    with np.errstate(over="ignore"):
+        squares = 0.5 * (np.sum(rows**2, axis=0) + np.sum(prices**2, axis=0))
+    own = squares[1:] - squares[0] + np.asarray(marginal.correction.at(points.T))
+    return Compared(own, _more(here, there).sum(axis=1), in_range(prices[:, 1:]))

@@ -272,8 +272,8 @@ def linear_residuals(marginal: Marginal, xi: Component) -> tuple[Array, Array]:
     return np.concatenate(rows), np.stack(prices)
 
 
-def told(prices: Array) -> NDArray[np.bool_]:
-    """Whether linear models tell anything of places (B,), by roots of twice their prices (F, B), one row per flight."""
+def in_range(prices: Array) -> NDArray[np.bool_]:
+    """Whether the linear models tell anything of places (B,), by `out_of_range` of every flight (F, B)."""
     return np.asarray(np.all(prices < np.sqrt(2.0 * _DEAR), axis=0))
 
 

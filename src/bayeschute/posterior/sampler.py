@@ -20,9 +20,9 @@ from bayeschute.posterior.marginal import (
     BATCH,
     Marginal,
     in_batches,
+    in_range,
     linear_residuals,
     log_density,
-    told,
 )
 from bayeschute.posterior.sampling import delayed_acceptance, ensemble, independence
 from bayeschute.posterior.sampling.protocol import Draws
@@ -67,10 +67,10 @@ def sample(
             return np.asarray(log_density(marginal, xi))
         return np.asarray(in_batches(lambda part: log_density(marginal, part), xi))
 
-    def in_range(xi: Array) -> Array:
+    def where_known(xi: Array) -> Array:
         """Residuals for the surrogate; NaN where the linear models tell nothing."""
         rows, prices = linear_residuals(marginal, xi)
-        return np.where(told(prices), rows, np.nan)
+        return np.where(in_range(prices), rows, np.nan)
 
     def tell(name: str) -> Callable[[int, int], None]:
         return lambda done, wanted: progress(done / wanted, f"{name}: {done} of {wanted}") if progress else None
@@ -90,7 +90,7 @@ def sample(
     if kind == "emcee":
         return by_emcee()
     rng = stream(seed, "points of the surrogate")
-    surrogate, failed = build(lambda xi: in_batches(in_range, xi), marginal.correction, rng)
+    surrogate, failed = build(lambda xi: in_batches(where_known, xi), marginal.correction, rng)
     tried: list[Draws] = []
     reasons: list[str] = []
     lost = sum(int(along.lost) for along in marginal.along)

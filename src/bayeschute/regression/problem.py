@@ -90,7 +90,8 @@ def group_variance(z: Float[np.ndarray, " n"], labels: np.ndarray) -> float:
     deviation = z - mean[labels]
     scale = float(np.max(np.abs(z)))
     variance = float(np.mean(deviation**2))
-    return 0.0 if variance <= (8.0 * np.finfo(float).eps * scale) ** 2 else variance
+    rounding = 8.0 * np.finfo(float).eps * np.sqrt(np.max(count)) * scale  # of a mean of so many rows
+    return 0.0 if variance <= rounding**2 else variance
 
 
 def row_labels(labels: Sequence[Hashable] | np.ndarray | None, rows: int, where: str) -> np.ndarray:

@@ -22,7 +22,7 @@ from bayeschute.study.schema.belief_schema import NoiseTable
 from bayeschute.study.schema.columns import check_columns, tells_columns
 from bayeschute.study.schema.crosscheck import as_far_as_known, check_span, check_vehicles, crosscheck
 from bayeschute.study.schema.draft import Draft
-from bayeschute.study.schema.quantities import UnknownValueError, part_of
+from bayeschute.study.schema.reading.strict import UnknownValueError, part_of
 from bayeschute.study.schema.schema_faults import validated
 from bayeschute.study.schema.sidecar import context
 from bayeschute.study.schema.study_files import read_toml, record_paths

@@ -11,7 +11,8 @@ from typing import Any
 
 from bayeschute.study.schema.belief_schema import NoiseTable, PriorsTable
 from bayeschute.study.schema.knowledge.knowledge_schema import KnowledgeTable
-from bayeschute.study.schema.quantities import Cut, Strict
+from bayeschute.study.schema.quantities import Cut
+from bayeschute.study.schema.reading.strict import Strict
 from bayeschute.study.schema.structure_schema import StructureTable, SyntheticTable
 from bayeschute.study.schema.study_schema import Column, ConventionsTable, PredictTable, RequirementTable, SamplerTable
 from bayeschute.study.schema.vehicle_schema import Vehicle

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
-import xarray as xr
 
 from bayeschute.report.run_results import Results
 from bayeschute.report.tables.trust_tables import check_table, warnings_of
@@ -16,12 +16,10 @@ from bayeschute.study.evidence.divergent_transitions import divergences_check
 
 @pytest.fixture
 def diverged(posterior):
-    """The same draws, of which a fifth of the transitions diverged."""
-    data = posterior.data.copy()
-    stats, sizes = data["sample_stats"].to_dataset(), data["posterior"].sizes
-    seen = np.arange(sizes["chain"] * sizes["draw"]).reshape(sizes["chain"], -1) % 5 == 0
-    data["sample_stats"] = xr.DataTree(stats.assign({DIVERGING: (("chain", "draw"), seen)}))
-    return replace(posterior, data=data)
+    """The same posterior with the check of draws of which a fifth of the transitions diverged."""
+    stored = json.loads(posterior.files["checks.json"])
+    stored["checks"] |= divergences_check({DIVERGING: np.arange(400) % 5 == 0})
+    return replace(posterior, files={**posterior.files, "checks.json": json.dumps(stored).encode()})
 
 
 def test_checks_trust_and_forecasts_know_it(posterior, diverged, sondes):

@@ -11,7 +11,8 @@ from bayeschute.study.schema import crosscheck as module
 from bayeschute.study.schema.belief_schema import PriorsTable
 from bayeschute.study.schema.crosscheck import as_far_as_known, crosscheck
 from bayeschute.study.schema.draft import Draft
-from bayeschute.study.schema.quantities import Cut, UnknownValueError
+from bayeschute.study.schema.quantities import Cut
+from bayeschute.study.schema.reading.strict import UnknownValueError
 from bayeschute.study.schema.study_schema import PredictTable
 
 USUAL: dict[str, Any] = dict(

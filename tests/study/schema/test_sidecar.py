@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError, ValidationInfo, model_validator
 
-from bayeschute.study.schema.quantities import Strict
+from bayeschute.study.schema.reading.strict import Strict
 from bayeschute.study.schema.sidecar import Wanted, context, read_beside
 
 WANTED = {"time": Wanted("t", "min", "s"), "height": Wanted("h", "ft", "m"), "more": Wanted("x", "", "", True)}

@@ -112,11 +112,7 @@ def fitted(
 
 
 def implied(points: Array, own: Array, right: Array) -> float:
-    """Largest difference that a density's error makes: of a mean, in standard deviations, or relative of one of these.
-
-    Both densities are integrated by importance weights of the same points, so that the chance of these cancels where
-    the densities agree. Weights of each are bounded by root N times their mean (Ionides 2008). A place that one of them
-    holds to be impossible counts for as much as the other holds to be there.
+    """Largest difference that a density's error makes: see `shifted`.
 
     Args:
         points: Standard normal points (N, P).
@@ -124,7 +120,22 @@ def implied(points: Array, own: Array, right: Array) -> float:
         right: What that should be (N,).
     """
     inside = 0.5 * np.sum(points**2, axis=1)
-    (mean, sd), (right_mean, right_sd) = _moments(points, inside - own), _moments(points, inside - right)
+    return shifted(points, inside - own, inside - right)
+
+
+def shifted(points: Array, own: Array, right: Array) -> float:
+    """Largest difference of two densities: of a mean, in standard deviations, or relative of one of these.
+
+    Both are integrated by importance weights of the same points, so that the chance of these cancels where the
+    densities agree. Weights of each are bounded by root N times their mean (Ionides 2008). A place that one of them
+    holds to be impossible counts for as much as the other holds to be there.
+
+    Args:
+        points: (N, P).
+        own: Log weights by one density, up to a constant (N,).
+        right: By the one that is right (N,).
+    """
+    (mean, sd), (right_mean, right_sd) = _moments(points, own), _moments(points, right)
     return float(max(np.max(np.abs(mean - right_mean) / right_sd), np.max(np.abs(sd / right_sd - 1.0))))
 
 

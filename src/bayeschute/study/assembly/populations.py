@@ -50,7 +50,7 @@ def _bodies(job: Job, todo: Sequence[Group], trees: Sequence[xr.DataTree]) -> xr
     table, prior = job.study.sampler, load_priors(job)[0]
     centre, scale = working([prior])
     own = [load_fit(job, group).theta for group in todo]
-    told = [hierarchy.likelihood_of(x.mean(keepdims=True).ravel(), np.atleast_2d(x.var()), centre, scale) for x in own]
+    told = [hierarchy.likelihood_of(np.array([x.mean()]), np.array([[x.var()]]), centre, scale) for x in own]
     combined = hierarchy.joint(told, [[i] for i in range(len(told))], len(told))
     sizes = (table.chains, table.warmup, table.draws, job.study.seed)
     made = hierarchy.fit(combined, [len(told)], centre, scale, scale, *sizes)

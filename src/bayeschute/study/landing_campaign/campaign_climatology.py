@@ -9,17 +9,8 @@ from numpy.typing import NDArray
 from pydantic import BeforeValidator, ValidationInfo, field_validator, model_validator
 
 from bayeschute.core.errors import Fault
-from bayeschute.study.schema.quantities import (
-    Altitude,
-    Bounds,
-    PositiveLength,
-    Speed,
-    Strict,
-    Text,
-    number,
-    quantity,
-    refuse,
-)
+from bayeschute.study.schema.quantities import Altitude, Bounds, PositiveLength, Speed, Text, number, quantity
+from bayeschute.study.schema.reading.strict import Strict, refuse
 from bayeschute.study.schema.sidecar import MONTH, Wanted, read_beside, refuse_all
 from bayeschute.study.schema.wind_schema import FASTEST, SeriesColumn, check_winds
 

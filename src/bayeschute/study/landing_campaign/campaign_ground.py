@@ -9,15 +9,8 @@ from pydantic import model_validator
 
 from bayeschute.landing.surface import STEEPEST, Waves
 from bayeschute.study.landing_campaign.drawn_quantities import Pair, spread
-from bayeschute.study.schema.quantities import (
-    Altitude,
-    Azimuth,
-    Bounds,
-    NoiseLength,
-    Strict,
-    quantity,
-    refuse,
-)
+from bayeschute.study.schema.quantities import Altitude, Azimuth, Bounds, NoiseLength, quantity
+from bayeschute.study.schema.reading.strict import Strict, refuse
 
 _BREAKING = 1.0 / 7.0  # height over length from which on a wave in deep water breaks (Michell 1893)
 

@@ -25,14 +25,13 @@ from bayeschute.study.schema.quantities import (
     NoiseAngularRate,
     PositiveLength,
     Speed,
-    Strict,
     Text,
     number,
     one_of,
     read_quantity,
-    refuse,
     whole,
 )
+from bayeschute.study.schema.reading.strict import Strict, refuse
 
 _INSIDE = Annotated[float, number(Bounds(above=0.0, most=0.999999), "a probability")]
 

@@ -16,11 +16,10 @@ from bayeschute.study.schema.quantities import (
     NoiseSpeed,
     PositiveLength,
     Speed,
-    Strict,
     Text,
     number,
-    refuse,
 )
+from bayeschute.study.schema.reading.strict import Strict, refuse
 from bayeschute.study.schema.sidecar import Wanted, read_beside, refuse_all
 from bayeschute.study.schema.wind_schema import ProfileTable, SeriesColumn, check_winds
 

@@ -7,7 +7,8 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BeforeValidator
 
-from bayeschute.study.schema.quantities import HIGHEST, LOWEST, Bounds, read_quantity, refuse
+from bayeschute.study.schema.quantities import HIGHEST, LOWEST, Bounds, read_quantity
+from bayeschute.study.schema.reading.strict import refuse
 from bayeschute.study.schema.wind_schema import FASTEST
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -22,8 +22,10 @@ from bayeschute.likelihood.joint import linearise
 from bayeschute.likelihood.priors import values_and_sds
 from bayeschute.posterior.assess import output_error
 from bayeschute.posterior.best_path import BestPath
+from bayeschute.posterior.fit.drawn_density import Sampled, sampled
 from bayeschute.posterior.fit.joint_fit import NoFitError
 from bayeschute.posterior.fit.laplace_fit import LaplaceFit, marginal_fit
+from bayeschute.posterior.marginal import Marginal
 from bayeschute.posterior.noise_evidence import NoisePrior
 from bayeschute.posterior.noise_uncertainty import NoiseEffect, widened
 from bayeschute.posterior.sampler import data_tree, sample
@@ -182,10 +184,11 @@ def draw_group(job: Job, fitted: Fitted, say: Say, predictions: bool = True) -> 
     seconds: dict[str, float] = {}
     for kind in kinds:
         clock = time.perf_counter()
-        draws = checkpoint.get_draws(job, group.name, kind)
-        if draws is None:
-            draws = _draws(job, seed, found, bounds, kind, lambda s, w: say(0.5 * s, w))
-            checkpoint.put_draws(job, group.name, kind, draws)
+        drawn = checkpoint.get_draws(job, group.name, kind)
+        if drawn is None:
+            drawn = _drawn(job, seed, found, bounds, kind, part_of(say, 0.0, 0.5))
+            checkpoint.put_draws(job, group.name, kind, drawn)
+        found, draws = drawn.of(found), drawn.draws
         seconds[f"{kind}_s"] = time.perf_counter() - clock
         wide = widened(draws.xi, found.noise_effect, found.noise_parameter_covariance, seed)
         tree = data_tree(
@@ -242,22 +245,20 @@ def _bounds(job: Job, group: Group, found: LaplaceFit) -> output_error.Bounds:
     return made
 
 
-def _draws(
-    job: Job,
-    seed: int,
-    found: LaplaceFit,
-    bounds: output_error.Bounds | None,
-    kind: str,
-    say: Callable[[float, str], None],
-) -> Draws:
+def _drawn(job: Job, seed: int, found: LaplaceFit, bounds: output_error.Bounds | None, kind: str, say: Say) -> Sampled:
     """Draws of the sampler, or about the estimates of output error."""
     table, marginal = job.study.sampler, found.marginal
     if kind == "sandwich":
         assert bounds is not None
         centre, scale = np.asarray(marginal.centre), np.asarray(marginal.scale)
         rng = stream(seed, "draws about output error")
-        return output_error.gaussian_draws(bounds, centre, scale, table.chains, table.draws, rng)
-    return sample(marginal, kind, table.chains, table.warmup, table.draws, seed, say)
+        about = output_error.gaussian_draws(bounds, centre, scale, table.chains, table.draws, rng)
+        return Sampled(about, marginal.bend, found.determinant_error)
+
+    def sampler(marginal: Marginal) -> Draws:
+        return sample(marginal, kind, table.chains, table.warmup, table.draws, seed, say)
+
+    return sampled(found, sampler, say)
 
 
 def _found(job: Job, group: Group, say: Say) -> tuple[Group, LaplaceFit, dict[str, float]]:

@@ -24,7 +24,6 @@ from bayeschute.study.assembly.fitted_terms import ADDED
 from bayeschute.study.assembly.lessons import lessons
 from bayeschute.study.assembly.populations import DIVERGING
 from bayeschute.study.evidence.calibration_status import status
-from bayeschute.study.evidence.divergent_transitions import divergences_check
 from bayeschute.study.evidence.recalibrate import applied_recalibration
 from bayeschute.study.evidence.record_misfit import NAME as PREDICTIVE
 from bayeschute.study.job import Job, load_flight, load_priors
@@ -50,7 +49,7 @@ def _summary(job: Job) -> dict[str, Any]:
     study, facts, checked = job.study, job.load("fit/facts.json"), job.load("checks.json")
     coverage = job.load("coverage.json")
     (draws, units), (prior, stats) = summary_draws(job), _prior_and_stats(job)
-    checks = checked["checks"] | divergences_check(stats) | bands_check(coverage)
+    checks = checked["checks"] | bands_check(coverage)
     found = status(job, checks, coverage)
     calibration = found.check
     label = "; ".join(filter(None, (found.claim.label, formulation.label(study.noise.model))))

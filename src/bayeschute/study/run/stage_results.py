@@ -26,6 +26,7 @@ from bayeschute.prediction.predictive_checks import verdict
 from bayeschute.records.reconstruct import reconstruct
 from bayeschute.study.assembly import assemble
 from bayeschute.study.assembly.fits import Stored, groups, load_fit, summary_draws
+from bayeschute.study.evidence.divergent_transitions import divergences_check
 from bayeschute.study.evidence.recalibrate import NAME as RECALIBRATION
 from bayeschute.study.evidence.recalibrate import applied_recalibration, widening
 from bayeschute.study.evidence.record_misfit import NAME as PREDICTIVE
@@ -146,6 +147,7 @@ def check(job: Job, identify: bool = True) -> str:
     tree = xr.open_datatree(job.out / "posterior.nc", engine="h5netcdf")
     # Of the sampler's own draws, where the uncertainty of the noise parameters was added to the posterior.
     posterior = tree["posterior"].ds.load().assign(tree["conditional"].ds.load().data_vars)
+    stats = {str(name): row.values for name, row in tree["sample_stats"].ds.data_vars.items()}
     tree.close()
     rhat, bulk, tail = (_over(posterior, f) for f in (arviz_stats.rhat, _ess_bulk, _ess_tail))
     chains = judge_rhat(list(rhat.values()), posterior.sizes["chain"], posterior.sizes["draw"])
@@ -164,6 +166,7 @@ def check(job: Job, identify: bool = True) -> str:
         min(tail.values()) > 400.0,
         "smallest tail effective sample size of any parameter",
     )
+    checks |= divergences_check(stats)
     fits = _of_fits(job, identify)
     add("optimum", float(not fits.converged), 0.0, fits.converged, "number of fits whose optimisation did not converge")
     if starts := job.load("fit/facts.json").get("starts"):
@@ -215,7 +218,8 @@ def check(job: Job, identify: bool = True) -> str:
         MOST_SHIFT,
         max(fits.determinant_errors) < MOST_SHIFT,
         "largest change of a mean, in standard deviations, or relative of a standard deviation, that the error of the "
-        "log density implies: against Laplace's approximation at points of the posterior, by importance weights",
+        "log density implies: against Laplace's approximation at points of the posterior, by importance weights, and "
+        "at draws, by a regression of the errors",
     )
     if fits.tails:
         detail = (

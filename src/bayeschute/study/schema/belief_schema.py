@@ -21,13 +21,11 @@ from bayeschute.study.schema.quantities import (
     PositiveSpeed,
     PositiveTime,
     Stiffness,
-    Strict,
     Text,
     number,
     quantity,
-    refuse,
-    rule,
 )
+from bayeschute.study.schema.reading.strict import Strict, refuse, rule
 from bayeschute.study.schema.structure_schema import distinct
 
 Q = TypeVar("Q")

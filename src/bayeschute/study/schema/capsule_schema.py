@@ -9,7 +9,8 @@ from pydantic import BeforeValidator, ValidationInfo, model_validator
 
 from bayeschute.aero.capsule_grid import COEFFICIENTS, grid_faults
 from bayeschute.core.units import factor_to_si
-from bayeschute.study.schema.quantities import Azimuth, Number, Strict, Text, refuse
+from bayeschute.study.schema.quantities import Azimuth, Number, Text
+from bayeschute.study.schema.reading.strict import Strict, refuse
 from bayeschute.study.schema.sidecar import Wanted, read_beside, refuse_all
 
 

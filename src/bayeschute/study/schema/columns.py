@@ -12,7 +12,8 @@ from bayeschute.records.foreign.clocks import ISO
 from bayeschute.records.foreign.translate import foreign_unit
 from bayeschute.records.record import LABELS, VARIABLES, nearest
 from bayeschute.study.schema.draft import Draft
-from bayeschute.study.schema.quantities import UnknownValueError, unit_meant
+from bayeschute.study.schema.reading.strict import UnknownValueError
+from bayeschute.study.schema.reading.unit_meant import unit_meant
 from bayeschute.study.schema.schema_faults import show
 from bayeschute.study.schema.study_schema import Column, FlightTable
 

@@ -9,7 +9,7 @@ from bayeschute.core.errors import Fault
 from bayeschute.study.schema.belief_schema import FORCES, GivenTable, NoiseTable, PriorsTable
 from bayeschute.study.schema.draft import Draft
 from bayeschute.study.schema.knowledge.knowledge_crosscheck import check_knowledge
-from bayeschute.study.schema.quantities import UnknownValueError
+from bayeschute.study.schema.reading.strict import UnknownValueError
 from bayeschute.study.schema.schema_faults import show
 from bayeschute.study.schema.structure_crosscheck import (
     check_core,

@@ -14,7 +14,7 @@ from pydantic import ValidationInfo
 
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.core.units import factor_to_si
-from bayeschute.study.schema.quantities import refuse
+from bayeschute.study.schema.reading.strict import refuse
 
 if TYPE_CHECKING:
     from bayeschute.records.text_table import Table

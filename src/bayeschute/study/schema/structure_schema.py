@@ -16,13 +16,11 @@ from bayeschute.study.schema.quantities import (
     NoiseCeiling,
     NotNegativeTime,
     PositiveNumber,
-    Strict,
     each,
     one_of,
-    refuse,
-    rule,
     whole,
 )
+from bayeschute.study.schema.reading.strict import Strict, refuse, rule
 
 T = TypeVar("T")
 MOST_CANDIDATES = 20_000

@@ -23,16 +23,14 @@ from bayeschute.study.schema.quantities import (
     Name,
     NotNegativeTime,
     Rate,
-    Strict,
     Text,
     Time,
     Until,
     number,
     one_of,
-    refuse,
-    rule,
     whole,
 )
+from bayeschute.study.schema.reading.strict import Strict, refuse, rule
 from bayeschute.study.schema.structure_schema import StructureTable, SyntheticTable, distinct
 from bayeschute.study.schema.vehicle_schema import Vehicle
 from bayeschute.study.schema.virtual_schema import VirtualFlight

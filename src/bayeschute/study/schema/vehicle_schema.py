@@ -23,15 +23,13 @@ from bayeschute.study.schema.quantities import (
     PositiveLength,
     PositiveSpeed,
     Stiffness,
-    Strict,
     Text,
     Volume,
     each,
     number,
-    refuse,
-    rule,
     whole,
 )
+from bayeschute.study.schema.reading.strict import Strict, refuse, rule
 
 Rotation = Literal["riser", "airflow"]
 _COEFFICIENTS = ("axial_force", "normal_force_slope", "pitch_moment_slope")

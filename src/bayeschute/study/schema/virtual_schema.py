@@ -23,12 +23,10 @@ from bayeschute.study.schema.quantities import (
     Number,
     PositiveTime,
     Rate,
-    Strict,
     Tilt,
     number,
-    refuse,
-    rule,
 )
+from bayeschute.study.schema.reading.strict import Strict, refuse, rule
 from bayeschute.study.schema.wind_schema import WindTable
 
 Q = TypeVar("Q")

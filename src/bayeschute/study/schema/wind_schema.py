@@ -18,12 +18,10 @@ from bayeschute.study.schema.quantities import (
     PositiveLength,
     PositiveTime,
     Speed,
-    Strict,
     Text,
-    refuse,
-    rule,
-    unit_meant,
 )
+from bayeschute.study.schema.reading.strict import Strict, refuse, rule
+from bayeschute.study.schema.reading.unit_meant import unit_meant
 from bayeschute.study.schema.sidecar import Wanted, read_beside
 
 AXES = ("north", "east", "down")

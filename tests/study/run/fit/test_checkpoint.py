@@ -12,8 +12,10 @@ import xarray as xr
 from bayeschute.likelihood.joint import Lifted, NoiseParameters, Unknowns
 from bayeschute.likelihood.noise import Noise
 from bayeschute.likelihood.priors import Prior
+from bayeschute.posterior.fit.drawn_density import Sampled
 from bayeschute.posterior.fit.joint_fit import JointFit
 from bayeschute.posterior.joint_mode import Optimum
+from bayeschute.posterior.marginal import Quadratic
 from bayeschute.posterior.sampling.protocol import Draws
 from bayeschute.study.run import stage_fit
 from bayeschute.study.run.fit import checkpoint, settled_terms
@@ -46,8 +48,11 @@ def test_an_optimum_comes_back_to_the_bit(tmp_path):
 
 def test_draws_come_back_to_the_bit(tmp_path):
     made = Draws(RNG.random((2, 3, 4)), RNG.random((2, 3)), {"diverging": np.zeros((2, 3), bool)}, 1, 99, ("a note",))
-    checkpoint.put_draws(job(tmp_path), "one", "nuts", made)
-    back = checkpoint.get_draws(job(tmp_path), "one", "nuts")
+    drawn = Sampled(made, Quadratic(RNG.random(4), RNG.random((4, 4))), 0.1)
+    checkpoint.put_draws(job(tmp_path), "one", "nuts", drawn)
+    back, bend, shift = checkpoint.get_draws(job(tmp_path), "one", "nuts")
+    assert shift == 0.1
+    jax.tree.map(np.testing.assert_array_equal, bend, drawn.bend)
     np.testing.assert_array_equal(back.xi, made.xi)
     assert back.stats["diverging"].dtype == bool and back.notes == made.notes
     assert (back.failed, back.evaluations) == (1, 99)

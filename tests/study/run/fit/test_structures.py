@@ -13,8 +13,10 @@ from bayeschute.core.errors import FitError
 from bayeschute.likelihood.joint import Lifted, NoiseParameters, Unknowns
 from bayeschute.likelihood.noise import Noise
 from bayeschute.likelihood.priors import Prior
+from bayeschute.posterior.fit.drawn_density import Sampled
 from bayeschute.posterior.fit.joint_fit import JointFit
 from bayeschute.posterior.joint_mode import Optimum
+from bayeschute.posterior.marginal import Quadratic
 from bayeschute.posterior.sampling.protocol import Draws
 from bayeschute.study.assembly.fits import Group
 from bayeschute.study.load import check_study, load_study
@@ -93,7 +95,8 @@ def _fitted(job, group, say):
     best = Optimum(np.full(size, float(size)), flights, np.eye(size), 1.0, True, 5, 0.01, (2.0,))
     later = (0.05 if "transverse[rate]" in names else 0.0) + 0.0 * np.arange(100.0)
     draws = Draws(np.full((2, 3, size), float(size)), np.zeros((2, 3)), {}, 0, 6, ())
-    return structures._Fitted(JointFit(best, HYPER, 0.0), draws, np.full(25, -1.0), later, True)
+    drawn = Sampled(draws, Quadratic.none(size), 0.0)
+    return structures._Fitted(JointFit(best, HYPER, 0.0), drawn, np.full(25, -1.0), later, True)
 
 
 def test_structures_are_weighed_the_best_is_kept_and_what_failed_is_told(job, monkeypatch):
@@ -107,7 +110,7 @@ def test_structures_are_weighed_the_best_is_kept_and_what_failed_is_told(job, mo
     assert rows[1]["behind"] == pytest.approx(-5.0) and rows[0]["log_evidence"] == pytest.approx(5.0 - 25.0)
     kept, settled, _ = checkpoint.get_settled(job, "all")
     assert tuple(kept) == tuple(PRIORS) and settled.optimum.theta[0] == 4.0
-    assert checkpoint.get_draws(job, "all", "nuts").xi.shape == (2, 3, 4)
+    assert checkpoint.get_draws(job, "all", "nuts").draws.xi.shape == (2, 3, 4)
     made = structures.members(job, group, 1000)
     assert [(one.name, draws) for one, draws in made] == [("structure-1", 993), ("structure-3", 7)]
     assert made[0][0].priors == tuple(PRIORS) and made[1][0].flights == group.flights

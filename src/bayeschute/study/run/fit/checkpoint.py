@@ -15,8 +15,8 @@ from typing import Any, NamedTuple, TypeVar
 
 from bayeschute.core.trees import load_tree, save_tree
 from bayeschute.likelihood.priors import Prior
+from bayeschute.posterior.fit.drawn_density import Sampled
 from bayeschute.posterior.fit.joint_fit import JointFit
-from bayeschute.posterior.sampling.protocol import Draws
 from bayeschute.study.job import Job
 
 T = TypeVar("T")
@@ -54,14 +54,14 @@ def get_settled(job: Job, name: str) -> tuple[list[Prior], JointFit, dict[str, f
     return None if kept is None else (list(kept.priors), kept.settled, kept.scores)
 
 
-def put_draws(job: Job, name: str, kind: str, draws: Draws) -> None:
-    """Keep the draws of a group by a sampler."""
-    _write(job, f"{name}.{kind}", draws)
+def put_draws(job: Job, name: str, kind: str, drawn: Sampled) -> None:
+    """Keep the draws of a group by a sampler, with their density."""
+    _write(job, f"{name}.{kind}", drawn)
 
 
-def get_draws(job: Job, name: str, kind: str) -> Draws | None:
+def get_draws(job: Job, name: str, kind: str) -> Sampled | None:
     """Draws as `put_draws` took them; None where this run has kept none."""
-    return _read(job, f"{name}.{kind}", Draws)
+    return _read(job, f"{name}.{kind}", Sampled)
 
 
 def put_said(job: Job, name: str, value: Any) -> None:

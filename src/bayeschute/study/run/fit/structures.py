@@ -13,8 +13,10 @@ from bayeschute.core.errors import FitError
 from bayeschute.core.random import seed_of, stream
 from bayeschute.likelihood.priors import Prior, from_equation_error
 from bayeschute.posterior.combine.model_average import TRAINING, counts, sequential_scores, weights
+from bayeschute.posterior.fit.drawn_density import Sampled, sampled
 from bayeschute.posterior.fit.joint_fit import JointFit, joint_fit
 from bayeschute.posterior.fit.laplace_fit import marginal_fit
+from bayeschute.posterior.marginal import Marginal
 from bayeschute.posterior.noise_evidence import NoisePrior
 from bayeschute.posterior.noise_uncertainty import widened
 from bayeschute.posterior.sampler import sample
@@ -22,7 +24,7 @@ from bayeschute.posterior.sampling.protocol import Draws
 from bayeschute.study.assembly import assemble
 from bayeschute.study.assembly.fits import Group, data_of, save_fit
 from bayeschute.study.assembly.fitted_terms import in_order
-from bayeschute.study.job import Job, load_priors
+from bayeschute.study.job import Job, load_priors, part_of
 from bayeschute.study.run.fit import checkpoint, several_starts
 
 FILE = "fit/structures.json"
@@ -109,7 +111,7 @@ class _Fitted(NamedTuple):
     """A fitted structure: optimum, draws, log scores of the first part and the rest of the flights."""
 
     settled: JointFit
-    draws: Draws
+    drawn: Sampled
     first: np.ndarray
     later: np.ndarray
     converged: bool
@@ -127,14 +129,19 @@ def _fitted(job: Job, group: Group, say: Say) -> _Fitted:
     widen = job.study.noise.model == "latent"
     found = marginal_fit(flights, group.priors, prior, settled, lambda s, w: say(0.6 + 0.2 * s, w), widen)
     seed = seed_of(job.study.seed, "draws of a structure", group.name)
-    draws = checkpoint.get_draws(job, group.name, _kind(job))
-    if draws is None:
-        sizes = (table.chains, table.warmup, table.draws, seed)
-        draws = sample(found.marginal, _kind(job), *sizes, lambda s, w: say(0.8 + 0.1 * s, w))
-        checkpoint.put_draws(job, group.name, _kind(job), draws)
+    drawn = checkpoint.get_draws(job, group.name, _kind(job))
+    if drawn is None:
+        tell = part_of(say, 0.8, 0.9)
+
+        def sampler(marginal: Marginal) -> Draws:
+            return sample(marginal, _kind(job), table.chains, table.warmup, table.draws, seed, tell)
+
+        drawn = sampled(found, sampler, tell)
+        checkpoint.put_draws(job, group.name, _kind(job), drawn)
+    found, draws = drawn.of(found), drawn.draws
     save_fit(job, group, found, draws, widened(draws.xi, found.noise_effect, found.noise_parameter_covariance, seed))
     say(0.9, "leave-future-out scores")
-    return _Fitted(settled, draws, *sequential_scores(found.marginal), found.optimum.converged)
+    return _Fitted(settled, drawn, *sequential_scores(found.marginal), found.optimum.converged)
 
 
 def fit_all(job: Job, group: Group, say: Say) -> list[str]:
@@ -188,7 +195,7 @@ def fit_all(job: Job, group: Group, say: Say) -> list[str]:
     job.save(FILE, [assemble.as_plain(r) | {"priors": r["priors"]} for r in rows])
     best = max(fitted, key=lambda i: made.weight[place[i]])
     checkpoint.put_settled(job, group.name, listed[best].priors, fitted[best].settled, {})
-    checkpoint.put_draws(job, group.name, _kind(job), fitted[best].draws)
+    checkpoint.put_draws(job, group.name, _kind(job), fitted[best].drawn)
     return names
 
 

@@ -14,12 +14,11 @@ from bayeschute.study.schema.quantities import (
     Label,
     Number,
     PositiveNumber,
-    Strict,
     Text,
     number,
     read_quantity,
-    refuse,
 )
+from bayeschute.study.schema.reading.strict import Strict, refuse
 from bayeschute.study.schema.sidecar import read_beside
 from bayeschute.study.schema.wind_schema import SeriesColumn
 
