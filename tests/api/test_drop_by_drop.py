@@ -14,7 +14,6 @@ from bayeschute.api.drop_by_drop import next_priors, taught_table
 from bayeschute.cli import app
 from bayeschute.likelihood.priors import Prior, correlated
 from bayeschute.study.assembly.lessons import lessons
-from bayeschute.study.run.stage_report import what_flights_taught
 
 
 @pytest.fixture(scope="module")
@@ -140,19 +139,3 @@ def test_drops_of_a_cluster_one_by_one_are_nearly_the_fit_of_both():
         a, b = one_by_one[name].values, both[name].values
         assert abs(a.mean() - b.mean()) < b.std() and 0.75 < a.std() / b.std() < 1.33, name
     assert one_by_one.taught().loc["cdt-3-12", "gain"].max() < one_by_one.taught().loc["cdt-3-11", "gain"].max()
-
-
-def test_every_row_says_which_coordinate_it_is_of():
-    """A fit with the apparent mass has coefficients of transverse force at the vehicle's own."""
-    force = Prior("transverse[e]", 0.1, 0.2, False, "1", "x", air_share=0.8)
-    stiff = Prior("riser_stiffness", 12.0, 0.2, True, "N/m", "x")
-    air = Prior("enclosed_air_factor", 0.0, 0.5, True, "1", "x")
-    rng = np.random.default_rng(1)
-    draws = {p.name: rng.lognormal(0.0, 0.1, (2, 50)) for p in (force, stiff, air)}
-
-    def said(*priors):
-        told = what_flights_taught(priors, {p.name: draws[p.name] for p in priors}, ["x"])
-        return taught_table([told])["coordinate"].tolist()
-
-    assert said(force, stiff) == ["value", "logarithm"]
-    assert said(force, stiff, air) == ["at the vehicle's apparent mass", "logarithm", "logarithm"]

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from bayeschute.landing.campaign_plan import CampaignPlan, Parameters
+from bayeschute.landing.landing_model import LandingFlight, density_law
 from bayeschute.landing.start_plan import StartPlan
 from bayeschute.landing.wind_plan import Profile, WindPlan
 from bayeschute.study.assembly import assemble
@@ -29,3 +30,16 @@ def small_plan() -> CampaignPlan:
     wind = Profile(np.array([0.0, 300.0, 900.0]), np.array([[2.0, 0.0, 0.0], [5.0, 1.0, 0.0], [6.0, -3.0, 0.0]]))
     start = StartPlan((700.0, 10.0), swing=(0.0, 0.1), swing_rate=(0.0, 0.02), tilt=0.03, body_rate=0.02)
     return CampaignPlan((model,), start, WindPlan((wind,), error_sd=0.5), ground=300.0, contact=2.0, seed=3)
+
+
+def small_model(one: Parameters) -> LandingFlight:
+    """The model of some draws between -500 m and 1500 m, 0.2 s between samples."""
+    law, middle, half = density_law(-500.0, 1500.0)
+    return LandingFlight(one.base, law, middle, half, 0.2 * np.arange(6), 0.2, one.structure, one.names, 6)
+
+
+def single(one: Parameters) -> Parameters:
+    """The draws with one canopy, which has no neighbour."""
+    structure = replace(one.structure, canopies=1, transverse=one.structure.transverse[:3])
+    blank = replace(one.base, transverse=one.base.transverse[:3])
+    return replace(one, structure=structure, base=blank, names=one.names[:5], theta=one.theta[:, :5])

@@ -10,7 +10,6 @@ from scipy import stats
 
 from bayeschute.core.errors import InputError
 from bayeschute.prediction import risk_files
-from bayeschute.prediction.data_dictionary import data_dictionary
 
 UNITS = {"axial[1]": "1", "riser_stiffness": "N/m"}
 
@@ -220,11 +219,6 @@ def test_the_dictionary_has_every_column_of_every_file(written):
     unit = table.set_index(["file", "column"]).unit
     assert unit["draws.csv", "riser_stiffness"] == "N/m" and unit["correlation.csv", "riser_stiffness"] == "1"
     assert unit["end_of_record.parquet", "descent_rate"] == "m/s"
-
-
-def test_a_column_that_nobody_explained_is_refused():
-    with pytest.raises(InputError, match="a column whose meaning is stated"):
-        data_dictionary({"tolerance.csv": ["limit", "mystery"]}, {})
 
 
 def test_without_flights_only_the_parameter_files(tmp_path, draws):

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.landing.plans import single
 
 from bayeschute.atmosphere.standard import SEA_LEVEL_DENSITY
 from bayeschute.core.errors import InputError
@@ -25,13 +26,6 @@ from bayeschute.landing.other_programs.steady_cluster import cluster_coefficient
 @pytest.fixture(scope="module")
 def steady(plan):
     return steady_clusters(plan.models)
-
-
-def alone(one):
-    """The draws with one canopy, which has no neighbour."""
-    structure = replace(one.structure, canopies=1, transverse=one.structure.transverse[:3])
-    blank = replace(one.base, transverse=one.base.transverse[:3])
-    return replace(one, structure=structure, base=blank, names=one.names[:5], theta=one.theta[:, :5])
 
 
 def placed(one, draw, steady):
@@ -56,7 +50,7 @@ def on_axis(plan):
 
 
 def test_one_canopy_falls_at_the_terminal_speed(plan):
-    one = alone(plan.models[0])
+    one = single(plan.models[0])
     made = steady_clusters([one])
     assert (made.flyout == 0.0).all()
     np.testing.assert_allclose(made.canopy_drag_area, one.base.canopies.area * one.theta[:, 0], rtol=1e-12)
@@ -115,7 +109,7 @@ def test_canopies_without_fly_out_have_the_table_of_one(plan):
     made = cluster_coefficients(one, np.zeros(12), np.full(12, one.base.canopies.speed))
     for values, column in zip(made, ("C_A_1", "C_N_1", "C_N_rate_1"), strict=True):
         np.testing.assert_allclose(values.T.ravel(), table[column], atol=1e-12)
-    np.testing.assert_allclose(cluster_coefficients(alone(one), np.zeros(12), np.full(12, 9.0)), made, atol=1e-12)
+    np.testing.assert_allclose(cluster_coefficients(single(one), np.zeros(12), np.full(12, 9.0)), made, atol=1e-12)
 
 
 def test_along_the_axis_the_coefficients_are_those_of_the_descent(plan, steady):

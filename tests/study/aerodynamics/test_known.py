@@ -1,48 +1,15 @@
-"""Knowledge of a study: how it enters priors, and whether conflict with what was found is told."""
+"""Knowledge of a study: what it says of the parameters, and how it enters priors."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.study.aerodynamics.knowledge_tables import NAMES, TRUTH, curve, table, told
 
 from bayeschute.aero.coefficient import terms_of
-from bayeschute.likelihood.priors import Prior, correlated, covariance, working
-from bayeschute.study.aerodynamics.agreement import agreement, verdict
 from bayeschute.study.aerodynamics.known import informed, observed, points
-from bayeschute.study.load import load_study
-from bayeschute.study.schema.knowledge.knowledge_schema import KnowledgeTable
-from bayeschute.study.templates import template
-
-NAMES = ("axial[1]", "axial[alpha^2]", "transverse[e]", "transverse[rate]", "riser_length")
-TRUTH = np.array([0.85, -0.5, 0.2, -0.4, 71.0])
-
-
-@pytest.fixture(scope="module")
-def study():
-    return load_study(Path(template("virtual.toml")))
-
-
-@pytest.fixture
-def priors():
-    law = np.diag([0.1, 0.5, 0.1, 0.2, 0.3]) ** 2
-    law[0, 1] = law[1, 0] = -0.03
-    return correlated([Prior(n, 0.0, 1.0, False, "1", "test") for n in NAMES], TRUTH, law)
-
-
-def table(**values):
-    said = {"name": "k", "source": "tunnel", **values}
-    return KnowledgeTable.model_validate(said)
-
-
-def curve(target, rows, **values):
-    return table(kind="curve", target=target, points=[[f"{a!r} rad", v, s] for a, v, s in rows], **values)
-
-
-def told(study, *tables):
-    return replace(study, knowledge=tables)
 
 
 def test_terms_are_found_among_parameters():
@@ -82,44 +49,6 @@ def test_what_is_only_compared_leaves_priors_as_they_are(study, priors):
     assert informed(told(study, curve("C_A", [(0.1, 0.5, 0.01)])), priors) == priors
 
 
-def test_a_term_that_the_model_lacks_is_left_out_and_said(study, priors):
+def test_a_term_that_the_model_lacks_moves_no_prior(study, priors):
     known = told(study, table(kind="coefficient", target="axial[alpha^4]", mean=1.0, sd=0.1, use="prior"))
     assert informed(known, priors) == priors
-    (entry,) = agreement(
-        known, {n: np.full((2, 50), t) + _jitter(i) for i, (n, t) in enumerate(zip(NAMES, TRUTH, strict=True))}
-    )
-    assert not entry["in_model"] and entry["z"][0] == pytest.approx(10.0)
-
-
-def _jitter(seed):
-    return 1e-3 * np.random.default_rng(seed).standard_normal((2, 50))
-
-
-def _draws(priors, seed=0):
-    drawn = np.random.default_rng(seed).multivariate_normal(working(priors)[0], covariance(priors), (4, 4000))
-    return {p.name: drawn[..., i] for i, p in enumerate(priors)}
-
-
-def test_knowledge_that_agrees_is_in_agreement_and_other_is_in_conflict(study, priors):
-    rows = [(a, float(0.85 - 0.5 * a**2), 0.02) for a in (0.1, 0.2, 0.3)]
-    good, bad = curve("C_A", rows), curve("C_A", [(a, v + 0.6, s) for a, v, s in rows])
-    found = agreement(told(study, good, bad), _draws(priors))
-    assert [f["verdict"] for f in found] == ["agreement", "conflict"]
-    assert found[0]["p_value"] > 0.9 and found[1]["p_value"] < 1e-6 and found[1]["z"][0] > 5.0
-    assert [verdict(p) for p in (0.2, 0.03, 0.001)] == ["agreement", "tension", "conflict"]
-
-
-def test_conflict_of_a_prior_is_judged_without_it(study, priors):
-    """As sharp as the data: judged with it inside, ten standard deviations would look like half of them."""
-    off = table(kind="coefficient", target="transverse[rate]", mean=-0.4 + 1.0, sd=0.1, use="prior")
-    sharp = [replace(p, scale=0.1) if p.name == "transverse[rate]" else p for p in priors]
-    held = informed(told(study, off), sharp)
-    (entry,) = agreement(told(study, off), _draws(held))
-    assert entry["z"][0] == pytest.approx(1.0 / np.hypot(0.1, 0.1), rel=0.06)
-    assert not entry["counted"] and entry["found"][0] == pytest.approx(-0.4, abs=0.02)
-
-
-def test_a_published_set_stands_beside_what_was_found(study, priors):
-    known = table(kind="curve", target="C_N_rate", published="table-7.1-2")
-    (entry,) = agreement(told(study, known), _draws(priors))
-    assert entry["values"][0] == pytest.approx(-0.545, abs=0.01) and entry["freedom"] >= 1 and entry["unit"] == "rad"

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from bayeschute.core.errors import InputError
 from bayeschute.likelihood.priors import Prior
 from bayeschute.study.assembly import canopies
 from bayeschute.study.assembly.assemble import cluster
 from bayeschute.study.assembly.fits import structure_of
 from bayeschute.study.load import check_study, load_study
-from bayeschute.study.run import stage_data
 from bayeschute.study.study import canonical
 
 STUDY = Path(__file__).parents[3] / "models" / "studies" / "cdt-3-11.toml"
@@ -95,18 +92,6 @@ def test_they_take_the_place_of_the_vehicle_s_in_the_cluster():
         rows = zip(getattr(structure, kind), getattr(model, kind), getattr(shared, kind), strict=True)
         for term, value, usual in rows:
             np.testing.assert_array_equal(value, own.get(f"{kind}[{term}]", usual))
-
-
-def test_what_is_no_coefficient_does_not_differ_between_canopies():
-    given = SimpleNamespace(**dict.fromkeys(stage_data._GIVEN))
-    given.riser_length = SimpleNamespace(log_normal=False, mean=70.0, sd=1.0)
-    priors = SimpleNamespace(vary=("q",), vary_canopies=("riser_length",), given=given, inflation=1.0, floor=0.1)
-    study = SimpleNamespace(priors=priors, structure=None, vehicle=None, knowledge=(), with_role=lambda role: ())
-    selected = {"coefficients": {"axial": {"selected": [{"term": "1", "estimate": 1.0, "se": 0.1}]}}}
-    with pytest.raises(InputError) as told:
-        stage_data.priors(SimpleNamespace(study=study, load=lambda name: selected))
-    assert "[priors] vary: got q" in str(told.value)
-    assert "[priors] vary_canopies: got riser_length; wanted coefficients of the fit: axial[1]" in str(told.value)
 
 
 def faults(folder: Path, *changes: tuple[str, str]) -> list[str]:

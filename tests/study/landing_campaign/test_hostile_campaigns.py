@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import shutil
 from collections import Counter
 from pathlib import Path
@@ -122,22 +121,6 @@ def test_winds_and_altitudes_that_cannot_be(tmp_path, table, file, rows, value):
     (tmp_path / file).write_text(rows.format(value))
     (tmp_path / "c.toml").write_text(LEAST + table)
     with pytest.raises(InputError, match="unit right"):
-        load_campaign(tmp_path / "c.toml")
-
-
-@pytest.mark.parametrize(
-    ("line", "word"),
-    [
-        ("speed = { mean = 1.0, sdd = 0.2 }", "a table of mean, sdd"),
-        ('swing = "1e300 deg"', "<= 6.28319 rad"),
-        ('swing = { mean = "1 deg", sd = "1e300 deg" }', "<= 6.28319 rad"),
-        ('horizontal = "1e9 m/s"', "<= 500 m/s"),
-        ('swing_rate = "1e9 deg/s"', "<= 20 rad/s"),
-    ],
-)
-def test_starts_that_cannot_be(tmp_path, line, word):
-    (tmp_path / "c.toml").write_text(LEAST + line + "\n")
-    with pytest.raises(InputError, match=re.escape(word)):
         load_campaign(tmp_path / "c.toml")
 
 

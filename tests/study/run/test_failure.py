@@ -17,7 +17,6 @@ from bayeschute.core.errors import FitError
 from bayeschute.core.trees import load_tree
 from bayeschute.posterior.best_path import BestPath
 from bayeschute.study.run import stage_fit, stage_list
-from bayeschute.study.run.stage_report import bands_check
 from bayeschute.study.run.stages import run_study
 
 REASON = "the flight of low did not come to rest within 40 steps; look at the wind."
@@ -181,18 +180,6 @@ def test_a_flight_whose_simulations_all_fail_has_no_bands(finished, descents, tm
     result = CliRunner().invoke(app, ["run", str(descents.study), "--out", str(folder), "--resume"])
     assert result.exit_code == 1
     assert lost in result.stderr
-
-
-@pytest.mark.parametrize(("failed", "told"), [(8, False), (9, True), (297, True)])
-def test_bands_of_the_simulations_that_are_left_fail_where_many_are_lost(failed, told):
-    entry = {"draws": 400 - failed, "failed": failed}
-    made = bands_check({"sound": {"swing_angle": {"draws": 400, "failed": 0}}, "new": {"swing_angle": entry}})
-    if not told:
-        assert made == {}
-        return
-    check = made["bands"]
-    assert check["passed"] is False and check["value"] == failed / 400 > check["bound"]
-    assert check["detail"] == f"{failed} of 400 simulations of new failed: its bands are of the others"
 
 
 def test_simulations_that_fail_in_part_are_counted(finished):

@@ -106,39 +106,3 @@ def test_faults_say_where_and_what_was_wanted(cluster: Path, table, old, new, wh
     assert old in table
     faults = check_study(_with(cluster, table.replace(old, new, 1)))
     assert any(where in f.where and wanted in f"{f.wanted} {f.do}" for f in faults), list(map(str, faults))
-
-
-def _published(target: str, name: str = "table-7.1-2") -> str:
-    return CURVE.replace("C_N", target).split("points")[0] + f'published = "{name}"\n'
-
-
-def test_published_sets_are_known_by_name(cluster: Path):
-    assert check_study(_with(cluster, _published("C_N_rate"))) == []
-
-
-@pytest.mark.parametrize(
-    ("text", "wanted"),
-    [
-        (_published("C_N", "table-7.3-1"), "a planar set"),
-        (_published("C_N", "table-9"), "one of table-7.1-2"),
-        (_published("proximity"), "one of C_A, C_N, C_N_rate"),
-        (_published("C_N") + "sd = 0.1\n", "no sd"),
-        (COEFFICIENT + COEFFICIENT, "a name used once only"),
-    ],
-)
-def test_published_sets_that_do_not_fit_and_names_used_twice(cluster: Path, text, wanted):
-    faults = check_study(_with(cluster, text))
-    assert any(wanted in f.wanted for f in faults), list(map(str, faults))
-
-
-def test_what_can_not_be_a_prior_is_told(cluster: Path, spoil):
-    study = _with(cluster, CURVE.replace('kind = "curve"', 'kind = "curve"\nuse = "prior"'))
-    spoil(study, r"^\[priors\]", '[priors]\nvary_canopies = ["axial[1]"]')
-    spoil(study, r'^fit = "search"', 'fit = "pool"')
-    (fault,) = check_study(study)
-    assert "use" in fault.where and "beside vary or vary_canopies" in fault.wanted
-
-
-def test_a_point_mass_has_no_use_for_it(descent: Path):
-    faults = check_study(_with(descent, COEFFICIENT))
-    assert any("point mass" in f.wanted for f in faults)
