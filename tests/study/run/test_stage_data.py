@@ -47,7 +47,11 @@ def test_a_log_normal_law_of_what_is_fitted_as_a_value_has_its_moments():
 
 def test_priors_from_outside_are_those_that_are_there_with_their_units():
     given = SimpleNamespace(**dict.fromkeys(module._GIVEN))
-    given.riser_length, given.capsule_mass, given.riser_damping = moments(70.0, 1.0), moments(9.0, 1.0), moments(5.0, 1.0)
+    given.riser_length, given.capsule_mass, given.riser_damping = (
+        moments(70.0, 1.0),
+        moments(9.0, 1.0),
+        moments(5.0, 1.0),
+    )
     made = module.given_priors(SimpleNamespace(priors=SimpleNamespace(given=given)))
     assert {p.name: p.unit for p in made} == {"riser_length": "m", "capsule_mass": "kg", "riser_damping": "N s/m"}
 

@@ -119,7 +119,9 @@ def test_every_canopy_has_its_own_truth_and_the_spread_is_known_where_drops_agre
     monkeypatch.setattr(module.canopies, "flown", lambda study, flight, seed: drawn[flight.name])
     monkeypatch.setattr(module.assemble, "flight_seed", lambda study, flight: 1)
     law = {"axial[1]": 0.1}
-    made = module._of_members(study(flight("a", law), flight("b", law), vary_canopies=("axial[1]",)), {"axial[1]": 0.85})
+    made = module._of_members(
+        study(flight("a", law), flight("b", law), vary_canopies=("axial[1]",)), {"axial[1]": 0.85}
+    )
     assert made.pop("sd(axial[1])") == 0.1
     assert made == {f"axial[1]@a.canopy{i + 1}": v for i, v in enumerate((0.7, 0.8, 0.9))} | {
         f"axial[1]@b.canopy{i}": 0.85 for i in (1, 2, 3)
@@ -131,7 +133,9 @@ def test_every_canopy_has_its_own_truth_and_the_spread_is_known_where_drops_agre
 
 def test_noise_as_found_is_told_by_its_kind(monkeypatch):
     """A process of three numbers is an oscillator, one of two a drift; winds are speeds, others shares."""
-    noise = SimpleNamespace(white=np.array([0.1, 0.2]), correlated=np.array([0.3, 0.4]), time_constant=np.array([5.0, 6.0]))
+    noise = SimpleNamespace(
+        white=np.array([0.1, 0.2]), correlated=np.array([0.3, 0.4]), time_constant=np.array([5.0, 6.0])
+    )
     processes = [np.array([1.0, 0.2, 0.3]), np.array([2.0, 9.0])]
     found = SimpleNamespace(noise=noise, disturbance_parameters=processes)
     monkeypatch.setattr(module, "load_noise_parameters", lambda job, group: found if group == "first" else None)
