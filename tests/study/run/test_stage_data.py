@@ -185,16 +185,18 @@ def test_a_drop_that_leaves_the_finite_numbers_is_told_with_its_name(drop, monke
 
 
 def test_a_truth_is_stored_at_the_times_of_the_record_and_without_its_notes(tmp_path, monkeypatch):
-    truth = record(a=np.arange(5.0)).assign_attrs(repairs="[]", outcome="ok")
-    kept = record(a=np.ones(5)).isel(time=[1, 3, 4]).assign_coords(time=[10.25, 10.875, 11.0 + 1e-9])
+    truth = record(altitude=np.arange(5.0)).assign_attrs(repairs="[]", outcome="ok")
+    kept = record(altitude=np.ones(5)).isel(time=[1, 3, 4]).assign_coords(time=[10.25, 10.875, 11.0 + 1e-9])
     monkeypatch.setattr(module, "flown", lambda study, flight, seed, quick: ("raw", truth))
     monkeypatch.setattr(module, "prepared", lambda study, flight, raw: kept)
     monkeypatch.setattr(module.assemble, "flight_seed", lambda study, flight: 1)
     (tmp_path / "flights").mkdir()
+    for one in (truth, kept):
+        one["altitude"].attrs["units"] = "m"
     job = SimpleNamespace(study=None, quick=False, out=tmp_path)
     assert module.ingest_flight(job, flight(virtual=1)) is kept
     stored = xr.load_dataset(tmp_path / "flights" / "f.truth.nc", engine="h5netcdf")
-    np.testing.assert_allclose(stored["a"], [1.0, 3.5, 4.0])
+    np.testing.assert_allclose(stored["altitude"], [1.0, 3.5, 4.0])
     np.testing.assert_array_equal(stored["time"], kept["time"])
     assert stored.attrs == {"outcome": "ok"} and (tmp_path / "flights" / "f.nc").exists()
     module.ingest_flight(job, flight(name="g"), "raw")
