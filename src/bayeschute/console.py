@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from bayeschute.core.errors import Fault, InputError, harmless
-from bayeschute.core.pace import Pace
+from bayeschute.core.pace import Pace, percent
 
 if TYPE_CHECKING:
     from rich.progress import Progress, ProgressColumn, Task, TaskID
@@ -122,7 +122,7 @@ class Bars:
         words, done = harmless(words), self._pace.at(stage, done)
         if self._progress is None:
             told = ": ".join(part for part in (self._pace.told(stage), words) if part)
-            line, now = f"{stage:<10} {100.0 * done:3.0f} % {told}".rstrip(), time.monotonic()
+            line, now = f"{stage:<10} {percent(done):3d} % {told}".rstrip(), time.monotonic()
             if line != self._last_line and (done >= 1.0 or now - self._last_time >= _EVERY):
                 say(line, error=True)
                 self._last_line, self._last_time = line, now

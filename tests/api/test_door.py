@@ -77,6 +77,21 @@ def test_a_posteriors_summary_has_units(posterior):
     assert told.columns[0] == "unit" and list(told.index) == list(posterior.names)
     assert [*told["unit"]] == [posterior[name].attrs["units"] for name in posterior.names]
     assert isinstance(posterior.summary(fmt="xarray"), xr.Dataset)  # as ArviZ makes it
+    (mean,), (sd,) = told["mean"], told["sd"]
+    (name,) = posterior.names
+    assert mean == pytest.approx(float(posterior[name].mean()), rel=5e-4) and mean == float(f"{mean:.4g}")
+    assert sd == pytest.approx(float(posterior[name].std()), rel=2e-3) and sd > 0.0  # not rounded away
+    assert {"eti90_lb", "eti90_ub"} <= {*told.columns} and "eti50_lb" in posterior.summary(ci_prob=0.5).columns
+
+
+def test_identifiability_has_contraction_and_the_diagnosis_of_the_report(posterior):
+    told = posterior.identifiability()
+    (name,) = told.index
+    prior = posterior.data["prior"][name].values
+    assert told.columns[0] == "contraction"
+    assert told.loc[name, "contraction"] == pytest.approx(1.0 - (float(posterior[name].std()) / prior.std()) ** 2)
+    assert told.loc[name, "diagnosis"] == "insensitive to the prior"
+    assert replace(posterior, files={}).identifiability().empty
 
 
 def test_a_forecasts_summary_is_of_its_statistics(forecast):

@@ -61,3 +61,10 @@ def test_what_is_not_promised_is_named():
     assert "Not promised by any calibration: landings, riser_length (100 ± 1 %, too wide)." in made.sentences
     assert "Nothing is promised: neither" in claim([], not_promised=["landings"]).sentences[1]
     assert made.plain()["level"] == "self-consistent" and made.plain()["rank"] == 1
+
+
+def test_what_to_do_is_said_where_a_run_contradicts_itself_and_only_there():
+    held = [Rung(Level.SELF_CONSISTENT, kept="40 replicates")]
+    told = claim(held, contradicted=["the record is not one that the model makes"]).sentences
+    assert "what to try" in told[1] and "no probabilities" in told[1]
+    assert not any("what to try" in one for one in claim(held).sentences)

@@ -7,7 +7,7 @@ import re
 import pytest
 
 from bayeschute.core import pace as module
-from bayeschute.core.pace import Pace
+from bayeschute.core.pace import Pace, percent
 
 
 @pytest.fixture
@@ -136,3 +136,7 @@ def test_each_stage_has_its_own_beginning(clock):
     clock[0] = 1000.0
     _steady(pace, clock, 120.0, 0.5)
     assert pace.left("fit") == "about 2 to 3 min left" and pace.left("check") == pace.left("report") == ""
+
+
+def test_all_is_done_only_when_all_is_done():
+    assert [percent(share) for share in (0.0, 0.004, 0.506, 0.994, 0.9999, 1.0)] == [0, 0, 51, 99, 99, 100]

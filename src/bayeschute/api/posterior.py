@@ -82,7 +82,8 @@ class Posterior:
         """Mean, standard deviation, intervals and diagnostics of every parameter, with its unit.
 
         Args:
-            **options: Of `arviz_stats.summary`, which makes the other columns.
+            **options: Of `arviz_stats.summary`, which makes the other columns: 90 % intervals, and four significant
+                digits, unless ``ci_prob`` and ``round_to`` say otherwise.
 
         Example:
             >>> posterior.summary()["unit"].to_list()
@@ -90,8 +91,10 @@ class Posterior:
         """
         import arviz_stats
 
-        told = arviz_stats.summary(self.data, **options)
+        told = arviz_stats.summary(self.data, **({"ci_prob": 0.9, "round_to": "none"} | options))
         units = {name: self[name].attrs.get("units", "1") for name in self.names}
+        if isinstance(told, pd.DataFrame) and "round_to" not in options:
+            told = told.map(lambda x: float(f"{x:.4g}") if isinstance(x, float) else x)
         if isinstance(told, pd.DataFrame) and {*told.index} <= {*units}:
             told.insert(0, "unit", [units[name] for name in told.index])
         return told
@@ -128,9 +131,36 @@ class Posterior:
         return dict(self._json("checks.json").get("checks", {}))
 
     def identifiability(self) -> pd.DataFrame:
-        """What the records tell of each parameter beyond its prior; columns as in ``identifiability.json``."""
+        """What the records tell of each parameter beyond its prior.
+
+        Returns:
+            A row per parameter: ``contraction``, the share of the prior's variance that the data remove, the other
+            columns as in ``identifiability.json``, and ``diagnosis`` as in the report. Empty before the analysis.
+
+        Example:
+            >>> bool(posterior.identifiability()["contraction"].iloc[0] > 0.9)
+            True
+        """
+        from bayeschute.report.run_results import identifiability_of
+        from bayeschute.report.tables.identifiability_tables import diagnosis
+
         told = self._json("identifiability.json")
         rows = {name: entry for group in told.values() for name, entry in group["parameters"].items()}
+        if not rows:
+            return pd.DataFrame()
+        prior, made = self._draws("prior"), self._draws("posterior")
+        share = {
+            name: 1.0 - (made[name].std() / prior[name].std()) ** 2 for name in rows if name in prior and name in made
+        }
+        facts = {
+            n: f
+            for fit in identifiability_of({"identifiability": told}, []).values()
+            for n, f in fit.parameters.items()
+        }
+        for name, row in rows.items():
+            rows[name] = {"contraction": share.get(name, np.nan)} | row
+            if name in facts:
+                rows[name]["diagnosis"] = diagnosis(facts[name], share.get(name))
         return pd.DataFrame.from_dict(rows, orient="index")
 
     @property

@@ -37,6 +37,10 @@ _WORDS = {
     Level.OTHER_PROGRAMS: "held on other programs' flights",
     Level.RECORDED: "held on recorded flights",
 }
+_WHAT_NOW = (
+    "Causes, and what to try, are told by statistic in the how-to of the documentation, under “Contradicted by its own "
+    "data”. Until then the bands may serve to compare flights; they are no probabilities."
+)
 _MEANINGS = {
     Level.NOT_CHECKED: "There is not enough evidence that the stated probabilities apply to this run.",
     Level.SELF_CONSISTENT: (
@@ -112,7 +116,7 @@ class Claim:
     @property
     def sentences(self) -> list[str]:
         """What a reader must know beside the label."""
-        made = [self.level.meaning]
+        made = [self.level.meaning, *([_WHAT_NOW] if self.contradicted else [])]
         if self.level is not Level.NOT_CHECKED and self.lacking:
             made.append(f"The level is not higher: {'; '.join(self.lacking)}.")
         if self.contradicted and self.lacking:

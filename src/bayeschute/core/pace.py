@@ -64,6 +64,16 @@ class _Stage:
         return self.most - (self.shares[before - 1] if before else 0.0)
 
 
+def percent(share: float) -> int:
+    """A share that is done in percent; 100 only where all is done, however little is left.
+
+    Example:
+        >>> [percent(share) for share in (0.0, 0.504, 0.999, 1.0)]
+        [0, 50, 99, 100]
+    """
+    return 100 if share >= 1.0 else min(round(100.0 * share), 99)
+
+
 class Pace:
     """Shares done that never fall, and the time left of a stage, as a range, where its pace is steady.
 

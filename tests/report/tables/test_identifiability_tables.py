@@ -49,15 +49,39 @@ def test_sentences_name_what_the_data_determine_and_what_not(results):
     assert "best determined direction is transverse[rate], nearly alone: 1.0 % of the prior standard deviation" in text
     assert "transverse[rate] (21 % of its variance; mostly “wind, horizontal, sd”, correlation 0.40)" in text
     assert "Of 2 noise parameters the data hardly determine “slow wind, vertical, time constant”" in text
-    assert "riser_stiffness and riser_damping are determined mostly by the prior." in text
+    assert "determined mostly by the prior" not in text  # of these two all was said
     assert "Prior and data both determine riser_length, and they agree." in text
     assert "The posterior of the other 6 is insensitive to the prior." in text
     assert "the profile likelihood does not bound riser_stiffness and riser_damping" in text
     assert "riser_length between 71.12 m (233.3 ft) and 71.48 m (234.5 ft)" in text
 
 
+def test_a_parameter_has_one_diagnosis_in_sentences_and_table(results):
+    """As of a wide posterior of a stiffness, which power scaling alone calls a conflict or an agreement."""
+    felt = {"prior_sensitivity": 0.2, "likelihood_sensitivity": 0.1, "shift": 0.3}
+    made = _changed(
+        results,
+        riser_stiffness=felt | {"contraction": -0.23},
+        riser_damping=felt | {"contraction": 0.3},
+        riser_length={"prior_sensitivity": 0.2, "likelihood_sensitivity": 0.0, "shift": 0.3, "contraction": 0.83},
+    )
+    text = " ".join(page.identifiability_sentences(made))
+    assert "about riser_stiffness: the posterior is the prior. That of riser_stiffness is wider than the prior" in text
+    assert "Prior and data both determine riser_damping, and they agree." in text
+    assert "The data determine riser_length, but not so well that the prior is not felt." in text
+    assert "mostly by the prior" not in text and "conflict" not in text
+    diagnoses = {row[0].text: row[-1].text for row in page.identifiability_table(made).rows}
+    assert [diagnoses[f"riser_{name}"] for name in ("stiffness", "damping", "length")] == [
+        page.UNTOLD,
+        page.AGREE,
+        page.FELT,
+    ]
+    moved = _changed(results, riser_stiffness=felt | {"contraction": 0.02, "shift": 1.2})
+    assert "may be in conflict for riser_stiffness" in " ".join(page.identifiability_sentences(moved))
+
+
 def test_a_mean_that_moved_far_is_a_conflict(results):
-    made = _changed(results, riser_length={"shift": -1.4})
+    made = _changed(results, riser_length={"shift": -1.4}, riser_damping={"contraction": 0.2})
     text = " ".join(page.identifiability_sentences(made))
     assert "may be in conflict for riser_length (shifted by −1.4 prior standard deviations)" in text
     assert "agree" not in text

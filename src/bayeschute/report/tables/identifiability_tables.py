@@ -24,7 +24,8 @@ NOISE_MATTERS = 0.05  # share of a parameter's variance due to uncertain noise p
 SENSITIVE = 0.05  # power-scaling sensitivity that matters: `FELT` of `posterior.assess.identifiability`
 CONFLICT = 1.0  # shift of the mean in prior standard deviations that, with both sensitivities, may be a conflict
 LEAST = 5  # combinations shown
-INSENSITIVE, PRIOR_ONLY = "insensitive to the prior", "determined by the prior"
+INSENSITIVE, PRIOR_ONLY, UNTOLD = "insensitive to the prior", "determined by the prior", "the posterior is the prior"
+FELT = "determined by the data, and the prior is felt"
 AGREE, MAY_CONFLICT = "prior and data both matter, and agree", "possible conflict of prior and data"
 MOST = 4  # names in a sentence
 
@@ -71,6 +72,8 @@ def _informed(results: Results) -> list[str]:
         text += f" They determine {_some(part)} in part."
     if none:
         text += f" They carry hardly any information about {_some(none)}: the posterior is the prior."
+    if wider := [name for name, share in shares.items() if share < -UNINFORMED]:
+        text += f" That of {_some(wider)} is wider than the prior, which says no more."
     return [text]
 
 
@@ -149,34 +152,52 @@ def _undetermined_noise(results: Results) -> list[str]:
     return [f"{text}{'; '.join(names)}: the posterior of these is the prior of the study."]
 
 
-def _diagnosis(facts: ParameterIdentifiability) -> str:
-    """Diagnosis from both sensitivities and the shift of the mean from the prior."""
+def diagnosis(facts: ParameterIdentifiability, contraction: float | None = None) -> str:
+    """What determines a parameter, in words; the same in report and Python.
+
+    Args:
+        facts: Its sensitivities to prior and likelihood, and the shift of its mean.
+        contraction: Share of the prior's variance that the data remove [1], where it is known: without one to speak
+            of, sensitivities are those of a prior. It is negative where the posterior is wider than the prior.
+
+    Examples:
+        >>> felt = ParameterIdentifiability(prior_sensitivity=0.2, likelihood_sensitivity=0.1, shift=0.3)
+        >>> diagnosis(felt, 0.4), diagnosis(felt, -0.2)
+        ('prior and data both matter, and agree', 'the posterior is the prior')
+    """
     if facts.prior_sensitivity is None:
         return MISSING
+    moved = facts.shift is not None and abs(facts.shift) >= CONFLICT
+    if contraction is not None and contraction < UNINFORMED and not moved:
+        return UNTOLD
     if facts.prior_sensitivity < SENSITIVE:
         return INSENSITIVE
     if facts.likelihood_sensitivity is None or facts.likelihood_sensitivity < SENSITIVE:
-        return PRIOR_ONLY
-    return MAY_CONFLICT if facts.shift is not None and abs(facts.shift) >= CONFLICT else AGREE
+        return FELT if contraction is not None and contraction >= INFORMED else PRIOR_ONLY
+    return MAY_CONFLICT if moved else AGREE
 
 
 def _prior(results: Results) -> list[str]:
     """Which posteriors are sensitive to the prior, and whether prior and data may conflict."""
     by_diagnosis: dict[str, list[str]] = {}
-    parameters = _parameters(results)
+    parameters, shares = _parameters(results), _contractions(results)
     for name, facts in parameters.items():
-        by_diagnosis.setdefault(_diagnosis(facts), []).append(name)
+        by_diagnosis.setdefault(diagnosis(facts, shares.get(name)), []).append(name)
     by_diagnosis.pop(MISSING, None)
+    hidden = by_diagnosis.pop(UNTOLD, [])  # which `_informed` names
     if not by_diagnosis:
         return []
     if set(by_diagnosis) == {INSENSITIVE}:
-        return ["No posterior is sensitive to the priors: a slightly stronger or weaker prior would hardly change it."]
-    alone, agree, conflict = (by_diagnosis.get(kind, []) for kind in (PRIOR_ONLY, AGREE, MAY_CONFLICT))
+        others = "No posterior" if not hidden else "No other posterior"
+        return [f"{others} is sensitive to the priors: a slightly stronger or weaker prior would hardly change it."]
+    alone, agree, felt, conflict = (by_diagnosis.get(kind, []) for kind in (PRIOR_ONLY, AGREE, FELT, MAY_CONFLICT))
     found = []
     if alone:
         found.append(f"{_some(alone)} {'is' if len(alone) == 1 else 'are'} determined mostly by the prior.")
     if agree:
         found.append(f"Prior and data both determine {_some(agree)}, and they agree.")
+    if felt:
+        found.append(f"The data determine {_some(felt)}, but not so well that the prior is not felt.")
     if conflict:
         moved = [f"{n} (shifted by {number(parameters[n].shift, 2)} prior standard deviations)" for n in conflict]
         found.append(f"Prior and data may be in conflict for {_some(moved)}: check the source of that prior.")
@@ -232,7 +253,7 @@ def identifiability_table(results: Results) -> Table | None:
                 number(facts.noise_correlation, 2),
                 _sensitivity(facts.prior_sensitivity),
                 _sensitivity(facts.likelihood_sensitivity),
-                Cell(_diagnosis(facts), "wrap"),
+                Cell(diagnosis(facts, contractions.get(name)), "wrap"),
             )
         )
     columns = (

@@ -15,7 +15,7 @@ from types import TracebackType
 from typing import TextIO
 
 from bayeschute.core.errors import harmless
-from bayeschute.core.pace import Pace
+from bayeschute.core.pace import Pace, percent
 
 NAME = "log.txt"
 """The file's name in a run's folder."""
@@ -77,7 +77,7 @@ class Log:
             return
         self._said[stage] = (share, words, now)
         left = self._pace.left(stage)
-        self.line(f"{stage:<9} {100.0 * share:3.0f} %  {words or 'begins'}{left and f' ({left})'}")
+        self.line(f"{stage:<9} {percent(share):3d} %  {words or 'begins'}{left and f' ({left})'}")
 
     def beside(self, progress: Progress | None) -> Progress:
         """A progress function that writes here and then calls another, both with shares that never fall."""
