@@ -269,6 +269,9 @@ def test_a_step_is_taken_where_the_density_rises_as_it_should(found, descent, fl
         np.testing.assert_allclose(at.path, own.path, atol=0.05 * np.ptp(own.path))
 
 
+NONE = laplace.Expansion(np.array([0.1]), -np.eye(1))
+
+
 def test_no_step_is_taken_where_the_density_does_not_rise(found, descent, monkeypatch):
     """The mode stays the mode, wherever the polynomial says it is."""
     away = laplace.Expansion(np.array([0.9]), np.eye(1))

@@ -17,6 +17,9 @@ from bayeschute.posterior.joint_mode import Optimum
 from bayeschute.posterior.noise_evidence import NoisePrior
 
 
+OWN, LOUD = pytest.approx(1.0), pytest.approx(3.0)
+
+
 def _ways(hyper, at=None):
     return [*([joint_fit._from_path(hyper, at)] if at else []), *joint_fit._from_record(hyper)]
 
