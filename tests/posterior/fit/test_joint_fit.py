@@ -16,7 +16,6 @@ from bayeschute.posterior.fit import joint_fit
 from bayeschute.posterior.joint_mode import Optimum
 from bayeschute.posterior.noise_evidence import NoisePrior
 
-
 OWN, LOUD = pytest.approx(1.0), pytest.approx(3.0)
 
 
