@@ -80,7 +80,7 @@ def test_a_posteriors_summary_has_units(posterior):
     (mean,), (sd,) = told["mean"], told["sd"]
     (name,) = posterior.names
     assert mean == pytest.approx(float(posterior[name].mean()), rel=5e-4) and mean == float(f"{mean:.4g}")
-    assert sd == pytest.approx(float(posterior[name].std()), rel=2e-3) and sd > 0.0  # not rounded away
+    assert sd == pytest.approx(float(posterior[name].std()), rel=5e-3) and sd > 0.0  # not rounded away
     assert {"eti90_lb", "eti90_ub"} <= {*told.columns} and "eti50_lb" in posterior.summary(ci_prob=0.5).columns
 
 
