@@ -6,35 +6,11 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from tests.study.schema.knowledge.written import COEFFICIENT, CURVE, with_text
 
 from bayeschute.study.load import check_study
 from bayeschute.study.schema.draft import Draft
 from bayeschute.study.schema.knowledge.knowledge_crosscheck import check_knowledge
-
-COEFFICIENT = """
-[[knowledge]]
-name = "handbook"
-source = "Knacke, table 5-1"
-kind = "coefficient"
-target = "axial[1]"
-mean = 0.85
-sd = 0.05
-use = "prior"
-"""
-CURVE = """
-[[knowledge]]
-name = "tunnel"
-source = "wind tunnel, 1/10 scale"
-kind = "curve"
-target = "C_N"
-points = [["20 deg", 0.03, 0.01], ["10 deg", -0.01, 0.01]]
-common_sd = 0.005
-"""
-
-
-def _with(study: Path, text: str) -> Path:
-    study.write_text(study.read_text(encoding="utf-8") + text, encoding="utf-8")
-    return study
 
 
 def _published(target: str, name: str = "table-7.1-2") -> str:
@@ -42,7 +18,7 @@ def _published(target: str, name: str = "table-7.1-2") -> str:
 
 
 def test_published_sets_are_known_by_name(cluster: Path):
-    assert check_study(_with(cluster, _published("C_N_rate"))) == []
+    assert check_study(with_text(cluster, _published("C_N_rate"))) == []
 
 
 @pytest.mark.parametrize(
@@ -56,12 +32,12 @@ def test_published_sets_are_known_by_name(cluster: Path):
     ],
 )
 def test_published_sets_that_do_not_fit_and_names_used_twice(cluster: Path, text, wanted):
-    faults = check_study(_with(cluster, text))
+    faults = check_study(with_text(cluster, text))
     assert any(wanted in f.wanted for f in faults), list(map(str, faults))
 
 
 def test_what_can_not_be_a_prior_is_told(cluster: Path, spoil):
-    study = _with(cluster, CURVE.replace('kind = "curve"', 'kind = "curve"\nuse = "prior"'))
+    study = with_text(cluster, CURVE.replace('kind = "curve"', 'kind = "curve"\nuse = "prior"'))
     spoil(study, r"^\[priors\]", '[priors]\nvary_canopies = ["axial[1]"]')
     spoil(study, r'^fit = "search"', 'fit = "pool"')
     (fault,) = check_study(study)
@@ -69,7 +45,7 @@ def test_what_can_not_be_a_prior_is_told(cluster: Path, spoil):
 
 
 def test_a_point_mass_has_no_use_for_it(descent: Path):
-    faults = check_study(_with(descent, COEFFICIENT))
+    faults = check_study(with_text(descent, COEFFICIENT))
     assert any("point mass" in f.wanted for f in faults)
 
 

@@ -7,40 +7,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.study.schema.knowledge.written import COEFFICIENT, CURVE, with_text
 
 from bayeschute.study.archive import study_from_plain, study_to_plain
 from bayeschute.study.load import check_study, load_study
 from bayeschute.study.stage_keys import stage_keys
 from bayeschute.study.study import canonical, study_hash
 
-COEFFICIENT = """
-[[knowledge]]
-name = "handbook"
-source = "Knacke, table 5-1"
-kind = "coefficient"
-target = "axial[1]"
-mean = 0.85
-sd = 0.05
-use = "prior"
-"""
-CURVE = """
-[[knowledge]]
-name = "tunnel"
-source = "wind tunnel, 1/10 scale"
-kind = "curve"
-target = "C_N"
-points = [["20 deg", 0.03, 0.01], ["10 deg", -0.01, 0.01]]
-common_sd = 0.005
-"""
-
-
-def _with(study: Path, text: str) -> Path:
-    study.write_text(study.read_text(encoding="utf-8") + text, encoding="utf-8")
-    return study
-
 
 def test_points_are_in_si_and_in_order(cluster: Path):
-    study = load_study(_with(cluster, COEFFICIENT + CURVE))
+    study = load_study(with_text(cluster, COEFFICIENT + CURVE))
     assert check_study(cluster) == []
     first, second = study.knowledge
     assert (first.mean, first.sd, first.use) == (0.85, 0.05, "prior") and second.use == "compare"
@@ -52,7 +28,7 @@ def test_a_file_says_the_same_as_points(cluster: Path):
     columns = """file = "tunnel.csv"
 columns = { at = { column = "a", unit = "deg" }, value = { column = "c", unit = "1" }, sd = { column = "s", unit = "1" } }"""
     rows = 'points = [["20 deg", 0.03, 0.01], ["10 deg", -0.01, 0.01]]'
-    by_points = load_study(_with(cluster, CURVE))
+    by_points = load_study(with_text(cluster, CURVE))
     cluster.write_text(cluster.read_text(encoding="utf-8").replace(rows, columns), encoding="utf-8")
     by_file = load_study(cluster)
     np.testing.assert_allclose(by_file.knowledge[0].samples, by_points.knowledge[0].samples, rtol=1e-12)
@@ -65,14 +41,14 @@ def test_what_is_not_said_changes_no_hash_and_what_is_only_compared_no_fit(clust
     before = load_study(cluster)
     assert "knowledge" not in canonical(before)
     plain = stage_keys(before, False, {})
-    compared = stage_keys(load_study(_with(cluster, CURVE)), False, {})
-    told = stage_keys(load_study(_with(cluster, COEFFICIENT)), False, {})
+    compared = stage_keys(load_study(with_text(cluster, CURVE)), False, {})
+    told = stage_keys(load_study(with_text(cluster, COEFFICIENT)), False, {})
     assert compared["fit"] == plain["fit"] and compared["report"] != plain["report"]
     assert told["priors"] != plain["priors"] and told["fit"] != plain["fit"] and told["structure"] == plain["structure"]
 
 
 def test_a_stored_study_comes_back_with_what_others_know(cluster: Path):
-    study = load_study(_with(cluster, COEFFICIENT + CURVE))
+    study = load_study(with_text(cluster, COEFFICIENT + CURVE))
     plain = json.loads(json.dumps(study_to_plain(study)))
     assert study_hash(study_from_plain(plain)) == study_hash(study)
     del plain["knowledge"]  # as a program stored it that knew of none
@@ -104,5 +80,5 @@ FAULTS = [
 @pytest.mark.parametrize(("table", "old", "new", "where", "wanted"), FAULTS)
 def test_faults_say_where_and_what_was_wanted(cluster: Path, table, old, new, where, wanted):
     assert old in table
-    faults = check_study(_with(cluster, table.replace(old, new, 1)))
+    faults = check_study(with_text(cluster, table.replace(old, new, 1)))
     assert any(where in f.where and wanted in f"{f.wanted} {f.do}" for f in faults), list(map(str, faults))
