@@ -159,7 +159,7 @@ class Posterior:
         }
         for name, row in rows.items():
             rows[name] = {"contraction": share.get(name, np.nan)} | row
-            if name in facts:
+            if name in facts and facts[name].prior_sensitivity is not None:
                 rows[name]["diagnosis"] = diagnosis(facts[name], share.get(name))
         return pd.DataFrame.from_dict(rows, orient="index")
 
