@@ -74,7 +74,7 @@ def bent(straight, monkeypatch):
     """A posterior in place of whose flights a function is: minus the log density that is right, at points (N, P)."""
 
     def put(right, in_range=lambda points: np.ones(len(points), bool)):
-        def compared(marginal, points):
+        def compared(marginal, points, progress=None):
             own = 0.5 * np.sum(points**2, axis=1) + np.asarray(marginal.correction.at(points.T))
             broken = np.where(in_range(points), own, 1e4)
             return Compared(broken, 0.5 * np.sum(points**2, axis=1) + right(points), in_range(points))

@@ -224,11 +224,11 @@ def test_noise_parameters_go_to_their_mean_unless_that_is_too_far(found, descent
 def test_the_density_is_looked_at_nearer_where_flights_fail(found, monkeypatch, fail, tried):
     usual, steps = laplace.sides, []
 
-    def sides(made, step):
+    def sides(made, step, progress):
         steps.append(step)
         if step in fail:
             raise FloatingPointError("flights beside the optimum fail")
-        return usual(made, step)
+        return usual(made, step, progress)
 
     monkeypatch.setattr(laplace, "sides", sides)
     np.testing.assert_array_equal(laplace_fit._sides(found.marginal).steps, tried[-1])
@@ -279,7 +279,7 @@ def test_no_step_is_taken_where_the_density_does_not_rise(found, descent, monkey
     assert laplace_fit._ahead(found.marginal, laplace_fit._Place(found.optimum, found.marginal, NONE)) is None
     begin = joint_fit.JointFit(found.optimum, found.hyper, found.evidence)
     usual = laplace.corrected
-    monkeypatch.setattr(laplace, "corrected", lambda made, near: (usual(made, near=near)[0], away))
+    monkeypatch.setattr(laplace, "corrected", lambda made, near, progress=None: (usual(made, near=near)[0], away))
     best, _, _, lost, seen = laplace_fit._last(descent.flights, descent.priors, begin, [("those", found.hyper)])
     assert lost == () and seen.is_mode
     assert abs(best.theta - found.optimum.theta)[0] < 0.3 * np.sqrt(found.optimum.covariance[0, 0])
@@ -300,13 +300,13 @@ def test_where_the_density_has_no_mode_the_search_goes_on(found, descent, monkey
     given = descent.flights, descent.priors, begin, [("those", found.hyper)]
     monkeypatch.setattr(laplace_fit, "marginal_mode", lambda *given: _beside(found, descent, 2.0)[0])
     monkeypatch.setattr(laplace, "expanded", lambda *given: laplace.Expansion(np.zeros(1), np.eye(1)))
-    monkeypatch.setattr(laplace, "corrected", lambda made, near: told(made, near, 1))
+    monkeypatch.setattr(laplace, "corrected", lambda made, near, progress=None: told(made, near, 1))
     best, _, made, lost, _ = laplace_fit._last(*given)
     assert lost == () and len(seen) >= 2 and made.centre is not seen[0].centre
     assert abs(best.theta - found.optimum.theta)[0] < 0.5 * np.sqrt(found.optimum.covariance[0, 0])
     seen.clear()
     monkeypatch.setattr(laplace_fit, "marginal_mode", lambda *given: found.optimum)
-    monkeypatch.setattr(laplace, "corrected", lambda made, near: told(made, near, 9))
+    monkeypatch.setattr(laplace, "corrected", lambda made, near, progress=None: told(made, near, 9))
     *_, made, lost, profile = laplace_fit._last(*given)
     assert lost == (laplace_fit._LOST_BEND,) and len(seen) == 1 and -1.0 < made.bend.curvature[0, 0] < -0.7
     assert profile.is_mode
@@ -318,7 +318,7 @@ def test_corrections_are_left_out_only_where_no_noise_parameters_lead_to_a_mode(
     begin, usual = joint_fit.JointFit(found.optimum, found.hyper, found.evidence), laplace.corrected
     other = joint_fit._looser(found.hyper)
 
-    def told(plain, near):
+    def told(plain, near, progress=None):
         made, about = usual(plain, near=near)
         if second and plain.hyper is found.hyper:
             return made, about
@@ -337,7 +337,7 @@ def test_a_way_on_that_leads_where_nothing_flies_ends_the_search_at_what_was_fou
     begin = joint_fit.JointFit(found.optimum, found.hyper, found.evidence)
     usual = laplace.corrected
 
-    def told(made, near):
+    def told(made, near, progress=None):
         return usual(made, near=near)[0], laplace.Expansion(np.array([-0.3]), np.eye(1))
 
     def nowhere(*given):
@@ -419,7 +419,7 @@ def test_a_search_whose_steps_stay_long_ended_beside_the_mode(found, descent, mo
 
     monkeypatch.setattr(laplace_fit, "marginal_mode", lambda *given: found.optimum)
     monkeypatch.setattr(laplace_fit, "marginalise", lambda *given: found.marginal)
-    monkeypatch.setattr(laplace, "corrected", lambda made, near: (made, about()))
+    monkeypatch.setattr(laplace, "corrected", lambda made, near, progress=None: (made, about()))
     monkeypatch.setattr(laplace_fit, "_ahead", lambda near, place: replace(place.optimum, cost=place.step[0]))
     monkeypatch.setattr(laplace_fit, "profile", lambda made, *middle: SimpleNamespace(is_mode=True, worst=0.5))
     with pytest.raises(FitError, match=r"after 6 steps towards it the mode is still off by 1\.2 standard deviations"):
@@ -440,7 +440,7 @@ def test_places_far_from_the_mode_are_passed_by_without_corners(found, descent, 
             raise FloatingPointError("a step fails")
         return usual(near, place)
 
-    def told(made, near):
+    def told(made, near, progress=None):
         whole.append(made)
         return corrected(made, near=near)
 

@@ -255,18 +255,18 @@ def _checks() -> dict[str, dict[str, object]]:
     }
 
 
-def _identifiability() -> dict[str, object]:
+def _identifiability(parameters: dict[str, dict[str, object]]) -> dict[str, object]:
     """One fit: stiffness and damping hang on their priors, length feels its own, a wind stands in for the damping."""
     told: dict[str, dict[str, object]] = {}
     for name in UNITS:
         facts: dict[str, object] = {"shift": 0.2, "noise_share": 0.02, "noise_partner": "wind, horizontal, sd"}
         facts |= {"noise_correlation": -0.1, "prior_sensitivity": 0.01, "likelihood_sensitivity": 0.09}
-        told[name] = facts | {"diagnosis": "the prior hardly matters"}
+        told[name] = facts | {"contraction": parameters[name]["contraction"]}
     told["transverse[rate]"] |= {"noise_share": 0.21, "noise_correlation": 0.4}
     for name in ("riser_stiffness", "riser_damping"):
-        told[name] |= {"prior_sensitivity": 0.13, "likelihood_sensitivity": 0.02, "diagnosis": "mostly the prior"}
+        told[name] |= {"prior_sensitivity": 0.13, "likelihood_sensitivity": 0.02}
         told[name]["likelihood_interval"] = {"level": 0.9, "low": None, "high": None, "unit": UNITS[name]}
-    told["riser_length"] |= {"prior_sensitivity": 0.06, "diagnosis": "prior and record may disagree"}
+    told["riser_length"] |= {"prior_sensitivity": 0.06}
     told["riser_length"]["likelihood_interval"] = {"level": 0.9, "low": 71.12, "high": 71.48, "unit": "m"}
     directions = [
         {"weights": {"riser_damping": 0.98}, "information": 0.01, "contraction": 0.0099, "words": "0.98 riser_damping"},
@@ -343,7 +343,7 @@ def build_run(
         },
         "coverage": {"cdt-3-11": covered, "cdt-3-12": covered},
         "checks": _checks(),
-        "identifiability": {"all": _identifiability()},
+        "identifiability": {"all": _identifiability(_parameters(posterior, prior))},
         "requirements": [requirement],
         "notes": ["The restoring force beyond 35 deg is not identified by this record; it is left out of the model."],
         "noise": {

@@ -134,33 +134,16 @@ class Posterior:
         """What the records tell of each parameter beyond its prior.
 
         Returns:
-            A row per parameter: ``contraction``, the share of the prior's variance that the data remove, the other
-            columns as in ``identifiability.json``, and ``diagnosis`` as in the report. Empty before the analysis.
+            A row per parameter, columns as in ``identifiability.json`` (`ParameterIdentifiability`): ``contraction``,
+            the share of the prior's variance that the data remove, ``diagnosis`` in words, and others. Empty before the
+            analysis.
 
         Example:
             >>> bool(posterior.identifiability()["contraction"].iloc[0] > 0.9)
             True
         """
-        from bayeschute.report.run_results import identifiability_of
-        from bayeschute.report.tables.identifiability_tables import diagnosis
-
         told = self._json("identifiability.json")
         rows = {name: entry for group in told.values() for name, entry in group["parameters"].items()}
-        if not rows:
-            return pd.DataFrame()
-        prior, made = self._draws("prior"), self._draws("posterior")
-        share = {
-            name: 1.0 - (made[name].std() / prior[name].std()) ** 2 for name in rows if name in prior and name in made
-        }
-        facts = {
-            n: f
-            for fit in identifiability_of({"identifiability": told}, []).values()
-            for n, f in fit.parameters.items()
-        }
-        for name, row in rows.items():
-            rows[name] = {"contraction": share.get(name, np.nan)} | row
-            if name in facts and facts[name].prior_sensitivity is not None:
-                rows[name]["diagnosis"] = diagnosis(facts[name], share.get(name))
         return pd.DataFrame.from_dict(rows, orient="index")
 
     @property

@@ -14,11 +14,11 @@ determinant.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -53,6 +53,8 @@ from bayeschute.posterior.marginal import (
 )
 
 Array = NDArray[np.float64]
+Progress = Callable[[int, int], None]
+"""Called with the points that are done and wanted."""
 _FARTHEST = 3.0  # standard deviations that a step to the mode may be long
 _FLATTEST = 0.2  # curvature of a Gaussian density in standard coordinates is one; the least that is left along an axis
 _LOOKS = 3  # most axes on which a curvature less than that is measured
@@ -126,10 +128,22 @@ def at(marginal: Marginal, xi: Array, places: Sequence[Lifted] | None = None) ->
     return Laplace(square, determinant, tuple(one.flight for one in found), tuple(roots))
 
 
-def _at_all(marginal: Marginal, points: Array) -> list[Laplace]:
-    """Laplace's approximation at theta_0 and at points (N, P)."""
+def _at_each(
+    at_one: Callable[..., Laplace], *given: Sequence[Any] | NDArray[Any], progress: Progress | None = None
+) -> list[Laplace]:
+    """Laplace's approximation at every point, in as many threads as there are processors."""
+    made = list[Laplace]()
     with ThreadPoolExecutor(processors()) as pool:
-        return list(pool.map(lambda xi: at(marginal, xi), [0.0 * points[0], *points]))
+        for one in pool.map(at_one, *given):
+            made.append(one)
+            if progress is not None:
+                progress(len(made), len(given[0]))
+    return made
+
+
+def _at_all(marginal: Marginal, points: Array, progress: Progress | None = None) -> list[Laplace]:
+    """Laplace's approximation at theta_0 and at points (N, P)."""
+    return _at_each(partial(at, marginal), [0.0 * points[0], *points], progress=progress)
 
 
 def _more(here: Laplace, there: Sequence[Laplace]) -> Array:
@@ -227,7 +241,7 @@ class Sides(NamedTuple):
     steps: Array
 
 
-def sides(marginal: Marginal, step: float = 1.0) -> Sides:
+def sides(marginal: Marginal, step: float = 1.0, progress: Progress | None = None) -> Sides:
     """Laplace's approximation beside theta_0.
 
     Along an axis on which a flight fails there, a half, a quarter or an eighth as far.
@@ -235,19 +249,19 @@ def sides(marginal: Marginal, step: float = 1.0) -> Sides:
     Args:
         marginal: The posterior.
         step: How far to look [standard deviations].
+        progress: See `Progress`.
 
     Raises:
         FloatingPointError: If a flight fails at an eighth of the step too.
     """
     count, ends = np.size(marginal.centre), dict[tuple[float, ...], Laplace]()
 
-    def told(xi: Array) -> Array:
-        found = at(marginal, xi)
-        ends[tuple(xi.tolist())] = found
-        return np.array([found.square, found.determinant])
+    def told(points: Array) -> Array:
+        found = _at_each(partial(at, marginal), points, progress=progress)
+        ends.update(zip(map(tuple, points.tolist()), found, strict=True))
+        return np.array([[one.square, one.determinant] for one in found])
 
-    with ThreadPoolExecutor(processors()) as pool:
-        *_, h = beside(lambda points: np.array(list(pool.map(told, points))), count, step, "the marginal log density")
+    *_, h = beside(told, count, step, "the marginal log density")
     up, down = ([ends[tuple(row.tolist())] for row in sign * h * np.eye(count)] for sign in (1.0, -1.0))
     return Sides(at(marginal, np.zeros(count)), up, down, h[:, 0])
 
@@ -268,7 +282,9 @@ def expanded(marginal: Marginal, near: Sides) -> Expansion:
     return Expansion(slope + (up - down) / (2.0 * near.steps), own + bend)
 
 
-def corrected(marginal: Marginal, step: float = 1.0, near: Sides | None = None) -> tuple[Marginal, Expansion]:
+def corrected(
+    marginal: Marginal, step: float = 1.0, near: Sides | None = None, progress: Progress | None = None
+) -> tuple[Marginal, Expansion]:
     """The posterior with corrections of its linear models, from Laplace's approximation to both sides along every axis.
 
     Starts, process noise and paths then follow theta as the exact optima do. The polynomials have the products of all
@@ -281,6 +297,7 @@ def corrected(marginal: Marginal, step: float = 1.0, near: Sides | None = None) 
         marginal: The posterior.
         step: How far to look [standard deviations].
         near: From `sides`; found here where None.
+        progress: Of the products of axes, see `Progress`.
 
     Returns:
         The posterior, and its expansion about the centre, which tells where the mode is.
@@ -289,7 +306,7 @@ def corrected(marginal: Marginal, step: float = 1.0, near: Sides | None = None) 
         FloatingPointError: If a flight fails at an eighth of the step too.
     """
     near = sides(marginal, step) if near is None else near
-    bend, determinant = _polynomials(marginal, near)
+    bend, determinant = _polynomials(marginal, near, progress)
     made = replace(_followed(marginal, near), determinant=determinant, bend=bend)
     return _measured(made, expansion(made, near.steps), near.here, float(np.min(near.steps)))
 
@@ -379,7 +396,7 @@ def _changes(marginal: Marginal, near: Sides) -> tuple[Array, Array]:
     return _beyond_linear(marginal, near.here, axes, near.up), _beyond_linear(marginal, near.here, -axes, near.down)
 
 
-def _polynomials(marginal: Marginal, near: Sides) -> tuple[Quadratic, Quadratic]:
+def _polynomials(marginal: Marginal, near: Sides, progress: Progress | None = None) -> tuple[Quadratic, Quadratic]:
     """What squares are more than the linear models', and the log determinant: along every axis, and at corners."""
     here, h, axes = near.here, near.steps, np.diag(near.steps)
     up, down = _changes(marginal, near)
@@ -397,8 +414,7 @@ def _polynomials(marginal: Marginal, near: Sides) -> tuple[Quadratic, Quadratic]
             found = at(marginal, point, [_beyond(*four, marginal.centre, change) for four in trio])
             return found._replace(flights=(), roots=())
 
-        with ThreadPoolExecutor(processors()) as pool:
-            there = list(pool.map(corner, points, left))
+        there = _at_each(corner, points, left, progress=progress)
         mixed = _beyond_linear(marginal, here, points, there) - change[i] - change[j]
         mixed /= (h[i] * h[j])[:, None]
         known = np.isfinite(mixed).all(axis=1)
@@ -466,14 +482,15 @@ class Compared(NamedTuple):
         return self.laplace - self.own
 
 
-def compared(marginal: Marginal, points: Array) -> Compared:
+def compared(marginal: Marginal, points: Array, progress: Progress | None = None) -> Compared:
     """A posterior's density beside Laplace's approximation at points.
 
     Args:
         marginal: From `corrected`.
         points: Standard coordinates (N, P).
+        progress: See `Progress`.
     """
-    here, *there = _at_all(marginal, points)
+    here, *there = _at_all(marginal, points, progress)
     rows, prices = in_batches(partial(linear_residuals, marginal), np.vstack([0.0 * points[:1], points]).T)
     with np.errstate(over="ignore"):
         squares = 0.5 * (np.sum(rows**2, axis=0) + np.sum(prices**2, axis=0))

@@ -55,7 +55,7 @@ def told(monkeypatch):
     asked, rng = [], np.random.default_rng(3)
 
     def set_to(right, noise=0.02, lost=0.0):
-        def compared(marginal, points):
+        def compared(marginal, points, progress=None):
             asked.append(points)
             own = 0.5 * np.sum(points**2, axis=1) + np.asarray(marginal.correction.at(points.T))
             laplace = 0.5 * np.sum(points**2, axis=1) + np.asarray(right.at(points.T))

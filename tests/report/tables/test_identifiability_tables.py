@@ -7,20 +7,16 @@ from dataclasses import replace
 
 import pytest
 
-from bayeschute.posterior.assess import identifiability
 from bayeschute.report.run_results import identifiability_of
 from bayeschute.report.tables import identifiability_tables as page
 from bayeschute.report.wording import MISSING
 
 
 def _changed(results, **parameters):
-    """The run with other facts of some parameters, and a contraction for each."""
+    """The run with other facts of some parameters."""
     summary = copy.deepcopy(dict(results.summary))
     for name, facts in parameters.items():
-        contraction = facts.pop("contraction", None)
         summary["identifiability"]["all"]["parameters"].setdefault(name, {}).update(facts)
-        if contraction is not None:
-            summary["parameters"].setdefault(name, {})["contraction"] = contraction
     return _with(results, summary)
 
 
@@ -31,10 +27,6 @@ def _with(results, summary):
 
 def _fit(parameters, **rest):
     return {"parameters": parameters, **rest}
-
-
-def test_the_bound_is_that_of_the_inference():
-    assert page.SENSITIVE == identifiability.FELT
 
 
 def test_sentences_name_what_the_data_determine_and_what_not(results):
@@ -114,10 +106,13 @@ def test_nothing_is_confounded_and_no_posterior_is_sensitive(results):
 
 def test_many_fits_are_counted_not_listed(results):
     fits = {
-        f"s{i}": _fit({f"drag[s{i}]": {"noise_share": 0.2, "noise_partner": "wind, sd"}}, noise={"wind, sd": 0.05})
+        f"s{i}": _fit(
+            {f"drag[s{i}]": {"contraction": 0.01, "noise_share": 0.2, "noise_partner": "wind, sd"}},
+            noise={"wind, sd": 0.05},
+        )
         for i in range(9)
     }
-    summary = {"identifiability": fits, "parameters": {f"drag[s{i}]": {"contraction": 0.01} for i in range(9)}}
+    summary = {"identifiability": fits}
     text = " ".join(page.identifiability_sentences(_with(results, summary)))
     assert text.count("drag[") == 2 * page.MOST and "5 others (see the table)" in text
     assert "“wind, sd” (in 9 of 9 fits)" in text
@@ -127,10 +122,8 @@ def test_many_fits_are_counted_not_listed(results):
 
 def test_a_sandwich_fit_has_contractions_only(results):
     directions = [{"weights": {"a": 1.0}, "information": 3.0, "contraction": 0.75, "words": "1.00 a"}]
-    summary = {
-        "identifiability": {"all": _fit({"a": {"shift": 0.4}}, directions=directions, noise={})},
-        "parameters": {"a": {"contraction": 0.75}},
-    }
+    facts = {"a": {"contraction": 0.75, "shift": 0.4}}
+    summary = {"identifiability": {"all": _fit(facts, directions=directions, noise={})}}
     made = _with(results, summary)
     assert page.identifiability_sentences(made) == [
         "The data determine 1 of 1 parameter: they remove more than half of the prior variance."

@@ -17,7 +17,6 @@ from bayeschute.posterior.assess.identifiability_result import Direction
 from bayeschute.posterior.noise_uncertainty import NoiseEffect, joint_covariance
 
 Array = NDArray[np.float64]
-FELT = 0.05  # power-scaling sensitivity from which a component matters (Kallioinen et al. 2024)
 _PARTS = {"drift": ("sd", "time constant"), "oscillator": ("sd", "frequency", "damping ratio")}
 
 
@@ -124,12 +123,6 @@ class Sensitivity(NamedTuple):
 
     prior: float
     likelihood: float
-
-    def diagnosis(self) -> str:
-        """The reading, in words (Kallioinen et al. 2024, section 4)."""
-        if self.prior < FELT:
-            return "the prior hardly matters" if self.likelihood >= FELT else "neither is felt"
-        return "prior and record may disagree" if self.likelihood >= FELT else "mostly the prior"
 
 
 def power_scaling(priors: Sequence[Prior], theta: Array, likelihood: Array) -> Mapping[str, Sensitivity]:

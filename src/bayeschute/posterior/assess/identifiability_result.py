@@ -5,6 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+SENSITIVE = 0.05
+"""Power-scaling sensitivity from which a component matters (Kallioinen et al. 2024)."""
+INFORMED = 0.5
+"""Contraction from which a parameter counts as determined by the data."""
+UNINFORMED = 0.1
+"""Contraction below which the posterior counts as the prior."""
+CONFLICT = 1.0
+"""Shift of the mean in prior standard deviations that, with both sensitivities, may be a conflict."""
+INSENSITIVE, PRIOR_ONLY, UNTOLD = "insensitive to the prior", "determined by the prior", "the posterior is the prior"
+FELT = "determined by the data, and the prior is felt"
+AGREE, MAY_CONFLICT = "prior and data both matter, and agree", "possible conflict of prior and data"
+
 
 @dataclass(frozen=True)
 class LikelihoodInterval:
@@ -28,16 +40,18 @@ class ParameterIdentifiability:
     """What the data say of one parameter beyond its prior; None: not known.
 
     Attributes:
+        contraction: Share of the prior's variance that the data remove [1]; negative where the posterior is wider.
         shift: Of the posterior mean from the prior mean [standard deviations of the prior].
         noise_share: Share of the posterior variance that is due to uncertain noise parameters [1].
         noise_partner: The noise parameter that it correlates with most.
         noise_correlation: That correlation [1].
         prior_sensitivity: Power-scaling sensitivity to the prior.
         likelihood_sensitivity: To the likelihood.
-        diagnosis: Of both, in words.
+        diagnosis: What determines it, in words.
         likelihood_interval: Of its profile likelihood, where the prior matters.
     """
 
+    contraction: float | None = None
     shift: float | None = None
     noise_share: float | None = None
     noise_partner: str | None = None
@@ -46,6 +60,28 @@ class ParameterIdentifiability:
     likelihood_sensitivity: float | None = None
     diagnosis: str | None = None
     likelihood_interval: LikelihoodInterval | None = None
+
+
+def diagnosis(facts: ParameterIdentifiability) -> str | None:
+    """What determines a parameter, in words; None where its sensitivities are not known.
+
+    Without a contraction to speak of, sensitivities are those of a prior.
+
+    Example:
+        >>> felt = ParameterIdentifiability(0.4, 0.3, prior_sensitivity=0.2, likelihood_sensitivity=0.1)
+        >>> diagnosis(felt), diagnosis(ParameterIdentifiability(-0.2, 0.3, prior_sensitivity=0.2))
+        ('prior and data both matter, and agree', 'the posterior is the prior')
+    """
+    if facts.prior_sensitivity is None:
+        return None
+    moved = facts.shift is not None and abs(facts.shift) >= CONFLICT
+    if facts.contraction is not None and facts.contraction < UNINFORMED and not moved:
+        return UNTOLD
+    if facts.prior_sensitivity < SENSITIVE:
+        return INSENSITIVE
+    if facts.likelihood_sensitivity is None or facts.likelihood_sensitivity < SENSITIVE:
+        return FELT if facts.contraction is not None and facts.contraction >= INFORMED else PRIOR_ONLY
+    return MAY_CONFLICT if moved else AGREE
 
 
 @dataclass(frozen=True)

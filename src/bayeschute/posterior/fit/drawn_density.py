@@ -85,12 +85,17 @@ def sampled(found: LaplaceFit, sampler: Callable[[Marginal], Draws], say: Progre
     tell, tried, marginal = say or (lambda share, words: None), list[Sampled](), found.marginal
     for turn in range(1 + _AGAIN):
         draws = sampler(marginal)
-        seen = judged(marginal, draws.xi)
+        share = (turn + 1) / (1 + _AGAIN)
+
+        def heard(count: int, share: float = share) -> None:
+            tell(share, f"log density at {count} draws")
+
+        seen = judged(marginal, draws.xi, heard)
         words = (
             f"log density at {seen.points} draws: off by {seen.error:.2g}, "
             f"which shifts means by {seen.shift:.2g} standard deviations"
         )
-        tell((turn + 1) / (1 + _AGAIN), words)
+        tell(share, words)
         shift = seen.shift if tried else float(np.maximum(seen.shift, found.determinant_error))
         tried.append(Sampled(draws, marginal.bend, shift))
         if not seen.shift >= MOST_SHIFT:
@@ -102,19 +107,25 @@ def sampled(found: LaplaceFit, sampler: Callable[[Marginal], Draws], say: Progre
     return min(tried, key=lambda one: np.nan_to_num(one.shift, nan=np.inf))
 
 
-def judged(marginal: Marginal, xi: Array) -> Judged:
+def judged(marginal: Marginal, xi: Array, progress: Callable[[int], None] | None = None) -> Judged:
     """Compare a density with Laplace's approximation at draws of it, as many as it takes.
 
     Args:
         marginal: The posterior.
         xi: Draws (chain, draw, P).
+        progress: Called with the number of draws that are compared.
     """
+    say = progress or (lambda count: None)
     size = xi.shape[-1]
     flat = xi.reshape(-1, size)
     order = stream(0, "draws that are compared").permutation(len(flat))[: _MOST * size]
     seen, errors = Compared(np.zeros(0), np.zeros(0), np.zeros(0, bool)), np.zeros(0)
     for batch in np.split(order, range(_BATCH * size, len(order), _BATCH * size)):
-        more = laplace.compared(marginal, flat[batch])
+
+        def heard(done: int, wanted: int, before: int = len(seen.own)) -> None:
+            say(before + done - 1)  # the first is the centre
+
+        more = laplace.compared(marginal, flat[batch], heard)
         seen = Compared(*(np.append(a, b) for a, b in zip(seen, more, strict=True)))
         errors = seen.errors[seen.known]
         if seen.known.mean() < _LEAST:

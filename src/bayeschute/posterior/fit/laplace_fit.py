@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -311,15 +312,16 @@ def _places(
         here = marginal_mode(flights, priors, start, lambda share, words: say(0.3 * share, words))
         for move in range(1 + _MOVES):
             near = marginalise(flights, start.hyper, priors, here)
-            say(0.3 + 0.5 * move / (1 + _MOVES), f"log determinant along the axes, place {move + 1}")
-            beside = _sides(near)
+            heard = partial(_heard, say, move)
+            beside = _sides(near, partial(heard, (0.0, 0.2), "along the axes"))
             passed.append((here, near, beside))
             place = _Place(here, near, laplace.expanded(near, beside))
             ahead = _ahead(near, place) if move < _MOVES and place.away > _BESIDE_MODE else None
             if ahead is not None:
                 here = ahead
                 continue
-            found.append(_Place(here, *laplace.corrected(near, near=beside)))
+            pairs = partial(heard, (0.2, 1.0), "along pairs of axes")
+            found.append(_Place(here, *laplace.corrected(near, near=beside, progress=pairs)))
             if found[-1].expansion.has_mode and found[-1].away < _AT_MODE:
                 break
             ahead = _ahead(near, found[-1])
@@ -333,6 +335,13 @@ def _places(
         here, near, beside = passed[-1]
         found.append(_Place(here, *laplace.corrected(near, near=beside)))
     return found, False
+
+
+def _heard(say: Progress, move: int, part: tuple[float, float], where: str, done: int, wanted: int) -> None:
+    """Progress of Laplace's approximation about a place; every further one is half as likely."""
+    begin, end = part
+    share = 1.0 - 0.5 ** (move + begin + (end - begin) * done / wanted)
+    say(0.3 + 0.7 * share, f"log density about place {move + 1}, {where}: {done} of {wanted} points")
 
 
 def _ahead(near: Marginal, place: _Place) -> Optimum | None:
@@ -354,16 +363,16 @@ def _ahead(near: Marginal, place: _Place) -> Optimum | None:
     return None
 
 
-def _sides(made: Marginal) -> Sides:
+def _sides(made: Marginal, progress: laplace.Progress | None = None) -> Sides:
     """Laplace's approximation beside a point.
 
     Raises:
         FloatingPointError: If flights fail there.
     """
     try:
-        return laplace.sides(made, _BESIDE)
+        return laplace.sides(made, _BESIDE, progress)
     except FloatingPointError:
-        return laplace.sides(made, _NEARER)
+        return laplace.sides(made, _NEARER, progress)
 
 
 def _flattened(place: _Place) -> _Place:

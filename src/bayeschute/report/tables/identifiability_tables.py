@@ -9,24 +9,26 @@ from __future__ import annotations
 from typing import Any
 
 from bayeschute.posterior.assess.identifiability_result import (
+    AGREE,
+    FELT,
+    INFORMED,
+    INSENSITIVE,
+    MAY_CONFLICT,
+    PRIOR_ONLY,
+    UNINFORMED,
+    UNTOLD,
     Direction,
     FitIdentifiability,
     ParameterIdentifiability,
+    diagnosis,
 )
-from bayeschute.report.run_results import Results, entries
+from bayeschute.report.run_results import Results
 from bayeschute.report.sentences import plain
 from bayeschute.report.tables.summary_tables import Cell, Table, cells, table_of
 from bayeschute.report.wording import MISSING, counted, is_number, listed, number, percent, quantity
 
-INFORMED = 0.5  # contraction from which a parameter counts as determined by the data
-UNINFORMED = 0.1  # contraction below which the posterior counts as the prior
 NOISE_MATTERS = 0.05  # share of a parameter's variance due to uncertain noise parameters, from which it is named
-SENSITIVE = 0.05  # power-scaling sensitivity that matters: `FELT` of `posterior.assess.identifiability`
-CONFLICT = 1.0  # shift of the mean in prior standard deviations that, with both sensitivities, may be a conflict
 LEAST = 5  # combinations shown
-INSENSITIVE, PRIOR_ONLY, UNTOLD = "insensitive to the prior", "determined by the prior", "the posterior is the prior"
-FELT = "determined by the data, and the prior is felt"
-AGREE, MAY_CONFLICT = "prior and data both matter, and agree", "possible conflict of prior and data"
 MOST = 4  # names in a sentence
 
 
@@ -42,9 +44,7 @@ def _known_directions(fit: FitIdentifiability) -> list[tuple[Direction, float]]:
 
 def _contractions(results: Results) -> dict[str, float]:
     """Contraction of every parameter of the fits [1]."""
-    summary = entries(results.part("parameters"))
-    shares = {name: summary[name].get("contraction") for name in _parameters(results) if name in summary}
-    return {name: float(share) for name, share in shares.items() if is_number(share)}
+    return {name: one.contraction for name, one in _parameters(results).items() if one.contraction is not None}
 
 
 def _some(items: list[str]) -> str:
@@ -152,38 +152,13 @@ def _undetermined_noise(results: Results) -> list[str]:
     return [f"{text}{'; '.join(names)}: the posterior of these is the prior of the study."]
 
 
-def diagnosis(facts: ParameterIdentifiability, contraction: float | None = None) -> str:
-    """What determines a parameter, in words; the same in report and Python.
-
-    Args:
-        facts: Its sensitivities to prior and likelihood, and the shift of its mean.
-        contraction: Share of the prior's variance that the data remove [1], where it is known: without one to speak
-            of, sensitivities are those of a prior. It is negative where the posterior is wider than the prior.
-
-    Examples:
-        >>> felt = ParameterIdentifiability(prior_sensitivity=0.2, likelihood_sensitivity=0.1, shift=0.3)
-        >>> diagnosis(felt, 0.4), diagnosis(felt, -0.2)
-        ('prior and data both matter, and agree', 'the posterior is the prior')
-    """
-    if facts.prior_sensitivity is None:
-        return MISSING
-    moved = facts.shift is not None and abs(facts.shift) >= CONFLICT
-    if contraction is not None and contraction < UNINFORMED and not moved:
-        return UNTOLD
-    if facts.prior_sensitivity < SENSITIVE:
-        return INSENSITIVE
-    if facts.likelihood_sensitivity is None or facts.likelihood_sensitivity < SENSITIVE:
-        return FELT if contraction is not None and contraction >= INFORMED else PRIOR_ONLY
-    return MAY_CONFLICT if moved else AGREE
-
-
 def _prior(results: Results) -> list[str]:
     """Which posteriors are sensitive to the prior, and whether prior and data may conflict."""
-    by_diagnosis: dict[str, list[str]] = {}
-    parameters, shares = _parameters(results), _contractions(results)
+    by_diagnosis: dict[str | None, list[str]] = {}
+    parameters = _parameters(results)
     for name, facts in parameters.items():
-        by_diagnosis.setdefault(diagnosis(facts, shares.get(name)), []).append(name)
-    by_diagnosis.pop(MISSING, None)
+        by_diagnosis.setdefault(diagnosis(facts), []).append(name)
+    by_diagnosis.pop(None, None)
     hidden = by_diagnosis.pop(UNTOLD, [])  # which `_informed` names
     if not by_diagnosis:
         return []
@@ -241,19 +216,19 @@ def identifiability_sentences(results: Results) -> list[str]:
 
 def identifiability_table(results: Results) -> Table | None:
     """Every parameter: contraction, share of variance from noise parameters, sensitivity to prior and likelihood."""
-    contractions, rows = _contractions(results), []
+    rows = []
     for name, facts in _parameters(results).items():
         by = Cell(_share(facts.noise_share), "", plain(facts.noise_partner) if facts.noise_partner else "")
         rows.append(
             cells(
                 Cell(name, "code"),
-                _share(contractions.get(name)),
+                _share(facts.contraction),
                 number(facts.shift, 2),
                 by,
                 number(facts.noise_correlation, 2),
                 _sensitivity(facts.prior_sensitivity),
                 _sensitivity(facts.likelihood_sensitivity),
-                Cell(diagnosis(facts, contractions.get(name)), "wrap"),
+                Cell(diagnosis(facts) or MISSING, "wrap"),
             )
         )
     columns = (

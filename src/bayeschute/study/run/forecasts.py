@@ -194,7 +194,8 @@ def forecast_flights(job: Job) -> Iterator[FlightForecast]:
             for j, order in enumerate(orders):
 
                 def share(done: float, before: float = i + j / len(orders), orders: int = len(orders)) -> None:
-                    say((before + done / orders) / len(flights), flights[int(before)].name)
+                    words = f"{flights[int(before)].name}: {done:.0%} of its draws"
+                    say((before + done / orders) / len(flights), words)
 
                 made.append(order.draw(share=share))
             yield tell(made)

@@ -155,7 +155,7 @@ def _below(bound: float, values: Sequence[float], detail: str) -> dict[str, Any]
 
 
 def _of_fits(job: Job, identify: bool) -> _Fits:
-    todo = groups(job)
+    todo, say = groups(job), job.say("check")
     stored, steps, shares, misfit = [], [], [], []
     identifiability: dict[str, FitIdentifiability] = {}
     for i, group in enumerate(todo):
@@ -163,11 +163,13 @@ def _of_fits(job: Job, identify: bool) -> _Fits:
         for flight, along in zip(one.marginal.flights, one.marginal.along, strict=True):
             steps.append(_step_error(flight, one.optimum.theta, along))
             shares.append(_innovation_share(flight, along))
+        say((i + 0.1) / len(todo), f"{group.name}: predictive checks")
         misfit.append(misfit_of_fit(job, group, one))
         if identify:
+            say((i + 0.4) / len(todo), f"{group.name}: identifiability")
             identifiability[group.name] = of_fit(job, group, one)
         stored.append(one)
-        job.say("check")((i + 1) / len(todo), group.name)
+        say((i + 1) / len(todo), group.name)
     return _Fits(
         all(one.optimum.converged for one in stored),
         sum(one.failed for one in stored),

@@ -14,12 +14,14 @@ from numpy.typing import NDArray
 
 from bayeschute.likelihood.priors import working
 from bayeschute.posterior.assess import identifiability
-from bayeschute.posterior.assess.identifiability import FELT, Confounding, Sensitivity
+from bayeschute.posterior.assess.identifiability import Confounding, Sensitivity
 from bayeschute.posterior.assess.identifiability_result import (
+    SENSITIVE,
     FitIdentifiability,
     LikelihoodInterval,
     NoiseCorrelations,
     ParameterIdentifiability,
+    diagnosis,
 )
 from bayeschute.posterior.assess.profile import likelihood_interval, profile
 from bayeschute.posterior.noise_evidence import NoisePrior
@@ -51,11 +53,22 @@ def of_fit(job: Job, group: Group, stored: Stored) -> FitIdentifiability:
     flat = stored.held.reshape(-1, centre.size)
     shift = (flat.mean(axis=0) - centre) / scale
     covariance = np.cov(flat, rowvar=False).reshape(scale.size, -1) if sandwich else stored.optimum.covariance
+    removed = _contractions(job)
     found = FitIdentifiability(
-        {p.name: ParameterIdentifiability(float(s)) for p, s in zip(group.priors, shift, strict=True)},
+        {
+            p.name: ParameterIdentifiability(removed.get(p.name), float(s))
+            for p, s in zip(group.priors, shift, strict=True)
+        },
         tuple(identifiability.directions(covariance, group.priors)),
     )
     return found if sandwich else _with_prior(job, group, stored, _with_noise(job, group, stored, found))
+
+
+def _contractions(job: Job) -> dict[str, float]:
+    """Share of the prior's variance that the data remove [1], by parameter."""
+    with xr.open_datatree(job.out / "posterior.nc", engine="h5netcdf") as tree:
+        before, after = (tree[group].ds.load() for group in ("prior", "posterior"))
+    return {str(name): 1.0 - float(after[name].std() / before[name].std()) ** 2 for name in before if name in after}
 
 
 def noise_labels(job: Job) -> tuple[list[str], NDArray[np.bool_]]:
@@ -100,16 +113,17 @@ def _with_prior(job: Job, group: Group, stored: Stored, found: FitIdentifiabilit
     for i, p in enumerate(group.priors):
         felt: Sensitivity = scaled[p.name]
         interval = None
-        if felt.prior >= FELT:
+        if felt.prior >= SENSITIVE:
             ends = likelihood_interval(profile(stored.marginal, group.priors, i, rounds=ROUNDS), LEVEL)
             interval = LikelihoodInterval(LEVEL, p.unit, ends.low, ends.high)
-        parameters[p.name] = replace(
+        prior, likelihood = (float(one) if np.isfinite(one) else None for one in felt)
+        facts = replace(
             parameters[p.name],
-            prior_sensitivity=felt.prior,
-            likelihood_sensitivity=felt.likelihood,
-            diagnosis=felt.diagnosis() if np.isfinite(felt).all() else None,
+            prior_sensitivity=prior,
+            likelihood_sensitivity=likelihood,
             likelihood_interval=interval,
         )
+        parameters[p.name] = replace(facts, diagnosis=diagnosis(facts))
     return replace(found, parameters=parameters)
 
 
