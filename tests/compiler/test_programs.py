@@ -87,11 +87,13 @@ def test_first_states_side_by_side(made, lanes):
 
 
 def test_slopes_of_the_first_state(made):
-    slopes, values, by_theta, by_start = made.begin_slopes(), aligned(2), aligned(2, 2), aligned(2, 2)
+    """Of one flight: nothing is written for others."""
+    slopes, (values, by_theta, by_start) = made.begin_slopes(), (aligned(2, *shape) for shape in ((2,), (2, 2), (2, 2)))
     slopes.call(first_given(), THETA, START, values, by_theta, by_start, aligned(slopes.scratch), 1, 0, 1)
-    np.testing.assert_allclose(values, FIRST, rtol=1e-14)
-    np.testing.assert_allclose(by_theta, [[1.0, 0.0], [0.0, 2.5 * 9.0]], rtol=1e-14)
-    np.testing.assert_allclose(by_start, [[2.0, 0.0], [0.0, -0.7 * 9.0]], rtol=1e-14)
+    np.testing.assert_allclose(values[0], FIRST, rtol=1e-14)
+    np.testing.assert_allclose(by_theta[0], [[1.0, 0.0], [0.0, 2.5 * 9.0]], rtol=1e-14)
+    np.testing.assert_allclose(by_start[0], [[2.0, 0.0], [0.0, -0.7 * 9.0]], rtol=1e-14)
+    assert not values[1].any() and not by_theta[1].any() and not by_start[1].any()
 
 
 def wanted_states():
@@ -153,7 +155,7 @@ def test_programs_say_what_memory_they_need(made):
 def test_every_program_is_made_once(monkeypatch, fresh):
     found = programs_of(RAMP, *SIZES)
     count, compile_ = [], programs.compiled
-    monkeypatch.setattr(programs, "compiled", lambda *given, **more: count.append(given) or compile_(*given, **more))
+    monkeypatch.setattr(programs, "compiled", lambda *given, **more: count.append(more) or compile_(*given, **more))
     asked = [
         lambda: found.simulate(1), lambda: found.simulate(LANES), lambda: found.begin(1), lambda: found.begin(LANES),
         lambda: found.observe(), lambda: found.begin_slopes(), lambda: found.differentiate(["theta"]),
@@ -161,6 +163,7 @@ def test_every_program_is_made_once(monkeypatch, fresh):
     ]  # fmt: skip
     first = [one() for one in asked]
     assert [one() for one in asked] == first and len(count) == len(asked) == len({id(one.call) for one in first})
+    assert [one.get("tuned", False) for one in count] == [True] + [False] * 7  # what flies alone is worth the time
 
 
 def test_making_a_program_leaves_the_expressions_as_they_are(fresh):

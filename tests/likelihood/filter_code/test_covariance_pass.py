@@ -48,26 +48,26 @@ def wide(matrix):
     return made
 
 
-def run(given, slack=False, score=False):
+def run(given, slack=False, score=False, steps=T - 1):
     sizes = Sizes(given.x, given.size, given.c, given.a, slack, score)
     program = covariance_pass(sizes)
     made = {name: aligned(*shape) for name, shape in sizes.results(T).items()}
     arrays = [getattr(given, name) for name in GIVEN]
     arrays = [wide(a) if name.startswith("latent") else np.ascontiguousarray(a) for name, a in zip(GIVEN, arrays, strict=True)]  # fmt: skip
     scratch = np.full(program.scratch + 8, UNTOUCHED)
-    compiled(program)(*arrays, *made.values(), scratch, T, T - 1)
+    compiled(program)(*arrays, *made.values(), scratch, T, steps)
     assert (scratch[program.scratch :] == UNTOUCHED).all()
     return made
 
 
-def dense(given, slack=False):
+def dense(given, slack=False, steps=T - 1):
     """Every result, from predicted covariances (S, S) that are filtered and taken on as one."""
     x, n, s, c = given.x, given.n, given.s, given.c
     p = np.zeros((s, s))
     p[:n, :n], p[n:, n:] = given.start, np.diag(given.stationary)
     found = []
     for t in range(T):
-        step = min(t, T - 2)
+        step = min(t, steps - 1)
         by_latent = given.by_now[step] @ given.latent + given.by_then[step] @ given.latent_then
         by_shock = given.by_then[step] @ given.latent_noise
         seen = given.seen[t]
@@ -99,6 +99,13 @@ def test_all_results_are_those_of_dense_matrices(given, slack, score):
     for name, a in made.items():
         assert a.shape == wanted[name].shape, name
         np.testing.assert_allclose(a, wanted[name], rtol=1e-9, atol=1e-11, err_msg=name)
+
+
+def test_the_last_step_is_held_where_there_are_fewer(given):
+    wanted = dense(given, steps=2)
+    for name, a in run(given, steps=2).items():
+        if name not in BY_STEP:
+            np.testing.assert_allclose(a, wanted[name], rtol=1e-9, atol=1e-11, err_msg=name)
 
 
 def test_slack_that_is_not_asked_for_does_nothing(given):

@@ -38,12 +38,12 @@ def given(request):
     return SimpleNamespace(**made, x=x, latent=latent, c=c, columns=columns, s=s, n=x + latent)
 
 
-def run(program, given, names, shapes):
+def run(program, given, names, shapes, steps=T - 1):
     made = [np.full(shape, UNTOUCHED) for shape in shapes]
     arrays = [np.ascontiguousarray(getattr(given, name)) for name in (*SYSTEM, *names)]
     scratch = aligned(program.scratch)
     scratch[:] = np.nan  # what is left from before is no matter
-    compiled(program)(*arrays, *made, scratch, T, T - 1)
+    compiled(program)(*arrays, *made, scratch, T, steps)
     return made
 
 
@@ -60,8 +60,8 @@ def seen_by(given, t):
     return np.concatenate([given.output[t], np.zeros((given.c, given.latent)), np.diag(given.seen[t])], axis=1)
 
 
-def filtered(given, driven):
-    """Off, scaled and weighted innovations, and predicted means, sample by sample."""
+def filtered(given, driven, steps=T - 1):
+    """Scaled and weighted innovations, and predicted means, sample by sample."""
     mean, found = np.zeros((given.s, given.columns)), []
     for t in range(T):
         mean[:driven] += given.inputs[t, :driven]
@@ -70,7 +70,7 @@ def filtered(given, driven):
         found.append((unit, given.inverse[t].T @ unit, mean.copy()))
         mean = mean + given.gain[t] @ off
         if t < T - 1:
-            mean = transition(given, t) @ mean
+            mean = transition(given, min(t, steps - 1)) @ mean
     return [np.stack(part) for part in zip(*found, strict=True)]
 
 
@@ -102,11 +102,11 @@ def test_what_is_missing_may_be_anything(given):
         np.testing.assert_array_equal(a, b)
 
 
-def smoothed(given, slack):
+def smoothed(given, slack, steps=T - 1):
     """Durbin and Koopman (2012), section 4.4, with the transition after each sample taken first."""
     adjoint, shocks, states = np.zeros((given.s, given.columns)), {}, {}
     for t in reversed(range(T)):
-        step, x, n = min(t, T - 2), given.x, given.n
+        step, x, n = min(t, steps - 1), given.x, given.n
         if t < T - 1:
             effect = np.concatenate([given.by_shock[step], given.noise_gain, np.zeros((given.c, given.latent))])
             shocks[t + 1] = effect.T @ adjoint
@@ -129,6 +129,21 @@ def test_the_smoother(given, slack):
     np.testing.assert_allclose(first, adjoint, rtol=1e-11, atol=1e-12)
     np.testing.assert_allclose(shocks[1:], np.stack([wanted[t] for t in range(1, T)]), rtol=1e-11, atol=1e-12)
     assert (shocks[0] == UNTOUCHED).all()  # that of the first sample is no part of it
+    np.testing.assert_allclose(states, means, rtol=1e-11, atol=1e-12)
+
+
+@pytest.mark.parametrize("steps", [1, 2])
+def test_the_last_step_is_held_where_there_are_fewer(given, steps):
+    sizes = MeanSizes(given.x, given.latent, given.c, given.columns, 0)
+    shapes = ((T, given.c, given.columns),) * 2 + ((T, given.s, given.columns),)
+    made = run(forward_pass(sizes, given.s), given, ("inverse", "series", "inputs"), shapes, steps)
+    for got, want in zip(made, filtered(given, 0, steps), strict=True):
+        np.testing.assert_allclose(got, want, rtol=1e-11, atol=1e-12)
+    shapes = ((given.s, given.columns), (T, given.latent, given.columns), (T, given.x, given.columns))
+    names = ("by_shock", "noise_gain", "slack", "spread", "weighted", "predicted")
+    first, _, states = run(backward_pass(sizes), given, names, shapes, steps)
+    adjoint, _, means = smoothed(given, False, steps)
+    np.testing.assert_allclose(first, adjoint, rtol=1e-11, atol=1e-12)
     np.testing.assert_allclose(states, means, rtol=1e-11, atol=1e-12)
 
 

@@ -43,19 +43,19 @@ def system(x, latent, c, columns):
     return SimpleNamespace(**made, x=x, latent=latent, c=c, columns=columns, n=n, s=s)
 
 
-def run(given):
+def run(given, steps=T - 1):
     sizes = MeanSizes(given.x, given.latent, given.c, given.columns)
     program, latent, c = score_pass(sizes), given.latent, given.c
     names = (*SYSTEM, "inner", "weighted", "latents", "noises", "means", "way")
     made = [aligned(*shape) for shape in ((latent, latent), (latent, latent), (c,), (c,), (c,), (given.s, given.s))]
     scratch = np.full(program.scratch + 8, UNTOUCHED)
     arrays = [np.ascontiguousarray(getattr(given, name)) for name in names]
-    compiled(program)(*arrays, *made, scratch, T, T - 1)
+    compiled(program)(*arrays, *made, scratch, T, steps)
     assert (scratch[program.scratch :] == UNTOUCHED).all()
     return made
 
 
-def dense(given):
+def dense(given, steps=T - 1):
     """Adjoints z of the predicted covariance and r of the mean: z = L' z L + H' (S^-1 - w w') H - H' w u' - u w' H.
 
     There L is the transition times one less gain times output, and u = L' r.
@@ -64,7 +64,7 @@ def dense(given):
     z, r = np.zeros((s, s)), np.zeros((s, given.columns))
     sums = [np.zeros((size, size)), np.zeros((size, size)), *(np.zeros(given.c) for _ in range(3))]
     for t in reversed(range(T)):
-        step, seen, w = min(t, T - 2), given.seen[t], given.weighted[t]
+        step, seen, w = min(t, steps - 1), given.seen[t], given.weighted[t]
         way = np.concatenate([given.way[step], np.eye(size)])  # of the latent processes into own and latent states
         sums[0] += way.T @ z[:n] @ given.latents[t] - way.T @ r[:n] @ given.means[t][:, :size]
         sums[1] += way.T @ z[:n, :n] @ way
@@ -86,6 +86,11 @@ def dense(given):
 def test_sums_and_adjoint_are_those_of_dense_matrices(given):
     for name, got, want in zip(("latent", "noise gain", "kept", "drift", "white", "adjoint"), run(given), dense(given), strict=True):  # fmt: skip
         np.testing.assert_allclose(got, want, rtol=1e-9, atol=1e-10 * (1.0 + np.abs(want).max(initial=0.0)), err_msg=name)
+
+
+def test_the_last_step_is_held_where_there_are_fewer(given):
+    for got, want in zip(run(given, 2), dense(given, 2), strict=True):
+        np.testing.assert_allclose(got, want, rtol=1e-9, atol=1e-10 * (1.0 + np.abs(want).max(initial=0.0)))
 
 
 def test_states_in_parts():
