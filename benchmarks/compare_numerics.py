@@ -6,7 +6,9 @@
 
 ``--made-at`` is the commit whose code made the earlier runs. The result is kept in ``models/reference/numerics``, named
 after both hashes. Of a configuration of which three studies or more are the same by
-`study.evidence.numerics_compared`, results that the earlier numerics have stored count for the present ones.
+`study.evidence.numerics_compared`, results that the earlier numerics have stored count for the present ones. Where the
+runs are of three configurations or more and the same to the last bit (code that was only written differently; small
+runs with ``--quick`` will do), all do.
 """
 
 from __future__ import annotations
@@ -50,6 +52,7 @@ def main() -> None:
         figures = " ".join(f"{getattr(row, name):7.3f}" for name in BOUNDS._fields)
         print(f"{row.study[:40]:40s} {figures} {row.seconds[0]:6.0f} -> {row.seconds[1]:5.0f}")
     print(f"{'bounds':40s} {' '.join(f'{bound:7.3f}' for bound in BOUNDS)}")
+    print(f"all configurations: {'identical' if made.identical else 'not identical, or too few kinds'}")
     for name in sorted({row.configuration for row in rows}):
         print(f"configuration {name[:8]}: {'the same' if made.same(name) else 'not the same, or too few studies'}")
     if given.json:
@@ -73,13 +76,13 @@ def compared(before: Path, after: Path) -> Figures:
         second = other["parameters"][name]
         means.append(abs(second["mean"] - first["mean"]) / first["sd"])
         sds.append(abs(np.log(second["sd"] / first["sd"])))
-    bands, widths = zip(*(_bands(a, b) for a, b in _quantiles(before, after)), strict=True)
+    differ = [_bands(a, b) for a, b in _quantiles(before, after)]
     seconds = tuple(float(run["sampling"]["wall"]["fit_s"]) for run in (one, other))
     return Figures(
         study=one["title"], hash=one["hashes"]["study"],
         configuration=configuration(load_study(before / "study.toml"), bool(one["quick"])),
-        mean=max(means), sd=max(sds), band=max(bands),
-        width=max(widths), seconds=(seconds[0], seconds[1]),
+        mean=max(means), sd=max(sds), band=max((band for band, _ in differ), default=0.0),
+        width=max((width for _, width in differ), default=0.0), seconds=(seconds[0], seconds[1]),
     )  # fmt: skip
 
 

@@ -15,6 +15,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from bayeschute.study.evidence.numerics_compared import comparisons, identical_to
 from bayeschute.study.evidence.numerics_hash import PACKAGE, engine, hash_of
 from bayeschute.study.evidence.provenance import provenance
 
@@ -101,14 +102,14 @@ def store(letter: str, folder: Path, stored: Path, commit: str | None = None) ->
 
 
 def present(made: Mapping[str, Any]) -> bool:
-    """Whether the code that made a result computes as the present code does, on the engine that it had.
+    """Whether the code that made a result computes as the present code does to the last bit, on the engine that it had.
 
     Args:
         made: Provenance of the result.
     """
-    return bool(_present_on(engine(made["versions"])) == made["numerics"])
+    return made["numerics"] in _present_on(engine(made["versions"]))
 
 
 @cache
-def _present_on(engine_of: str) -> str:
-    return hash_of(PACKAGE, engine_of)
+def _present_on(engine_of: str) -> frozenset[str]:
+    return identical_to(hash_of(PACKAGE, engine_of), comparisons())

@@ -142,10 +142,10 @@ def drawn(
         progress: As of `verbs.sample`.
         read: Makes a posterior of the folder and the study.
     """
-    from bayeschute.study.run import stage_fit, stage_results
+    from bayeschute.study.run import stage_check, stage_fit
 
     with shown(progress) as tell, workspace(spec, files, tell) as job:
         draws = [stage_fit.draw_group(job, one, job.say("fit")) for one in made]
         stage_fit.store(job, made, draws)
-        stage_results.check(job)
+        stage_check.check(job)
         return read(job.out, spec)

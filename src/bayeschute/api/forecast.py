@@ -25,8 +25,7 @@ from bayeschute.study.evidence.recalibrate import widening
 from bayeschute.study.job import Job, load_flight
 from bayeschute.study.run.forecasts import FlightForecast, forecast_flight, widened
 from bayeschute.study.run.stage_data import ingest_flight, read_and_judge
-from bayeschute.study.run.stage_results import _channel_noise as channel_noise
-from bayeschute.study.run.stage_results import recorded_quantities
+from bayeschute.study.run.stage_predict import channel_noise, recorded_quantities
 from bayeschute.study.study import Flight as FlightSpec
 from bayeschute.study.study import Study
 

@@ -54,7 +54,7 @@ class Posterior:
 
     Attributes:
         spec: The study that was fitted, with the fitted flights.
-        data: ArviZ DataTree; its groups are those of `posterior.sampler.data_tree`.
+        data: ArviZ DataTree; its groups are those of `posterior.assess.data_tree`.
         files: Records and fits.
 
     Example:

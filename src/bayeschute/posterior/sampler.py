@@ -1,29 +1,16 @@
-"""Sampling of the marginal posterior into one ArviZ DataTree."""
+"""Sampling of the marginal posterior, with other samplers to fall back on."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import jax
 import numpy as np
-import xarray as xr
-from arviz_base import from_dict
 from numpy.typing import NDArray
 
 from bayeschute.core.random import stream
-from bayeschute.likelihood.joint import NoiseParameters
-from bayeschute.likelihood.priors import Prior, factor, standard, values, working
-from bayeschute.posterior.assess.flight_groups import HELD, flight_groups
-from bayeschute.posterior.marginal import (
-    BATCH,
-    Marginal,
-    in_batches,
-    in_range,
-    linear_residuals,
-    log_density,
-)
+from bayeschute.posterior.marginal import BATCH, Marginal, in_batches, in_range, linear_residuals, log_density
 from bayeschute.posterior.sampling import delayed_acceptance, ensemble, independence
 from bayeschute.posterior.sampling.protocol import Draws
 from bayeschute.posterior.sampling.sampler_checks import mixes_slowly, why_not_trusted
@@ -31,8 +18,6 @@ from bayeschute.posterior.surrogate import Surrogate, build
 
 Array = NDArray[np.float64]
 Progress = Callable[[float, str], None]
-WIDENED = "unconditional: the sampler's own, widened by the uncertainty of the noise parameters"
-_NOISE = ("white", "correlated", "time_constant", "frequency", "damping_ratio")
 _TEMPERATURES = (1.1, 1.3)  # of the surrogate that proposes, tried in turn
 EMCEE_DREW, INDEPENDENCE_DREW = "emcee drew instead", "an independence sampler drew instead"
 """Last words of the note on draws that are not those of the sampler asked for."""
@@ -60,165 +45,100 @@ def sample(
     Returns:
         The draws.
     """
-    parameters = int(np.size(marginal.centre))
+    asked = _Asked(marginal, chains, warmup, draws, seed, progress)
+    if kind == "emcee":
+        return asked.by_emcee()
+    surrogate, notes = asked.surrogate()
+    tried, reasons = list[Draws](), list[str]()
+    for temperature in _TEMPERATURES:
+        tried += asked.by_walks(replace(surrogate, temperature=temperature), kind)
+        reasons.append(why_not_trusted(tried[-1]))
+        if not reasons[-1]:
+            return _last_of(tried, notes)
+    words = f"Draws by NUTS on a surrogate failed their check ({reasons[0]}; on a flatter one {reasons[1]}); "
+    other, why = asked.by_independence()
+    if other is not None:
+        tried.append(other)
+    if other is None or why:
+        words += f"so did those of an independence sampler ({why}); {EMCEE_DREW}"
+        tried.append(asked.by_emcee(_LAST_STEPS))
+    else:
+        words += INDEPENDENCE_DREW
+    return _last_of(tried, [*notes, words])
 
-    def exact(xi: Array) -> Array:
+
+def _last_of(tried: Sequence[Draws], notes: Sequence[str]) -> Draws:
+    """The last draws with what all samplers together have spent, and notes."""
+    failed, evaluations = sum(one.failed for one in tried), sum(one.evaluations for one in tried)
+    return replace(tried[-1], failed=failed, evaluations=evaluations, notes=(*tried[-1].notes, *notes))
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """A posterior, and what is to be drawn of it: see `sample`."""
+
+    marginal: Marginal
+    chains: int
+    warmup: int
+    draws: int
+    seed: int
+    progress: Progress | None
+
+    @property
+    def parameters(self) -> int:
+        """How many."""
+        return int(np.size(self.marginal.centre))
+
+    def exact(self, xi: Array) -> Array:
+        """Log density (B,) at standard coordinates (P, B)."""
         if xi.shape[1] in (16, BATCH // 2, BATCH):
-            return np.asarray(log_density(marginal, xi))
-        return np.asarray(in_batches(lambda part: log_density(marginal, part), xi))
+            return np.asarray(log_density(self.marginal, xi))
+        return np.asarray(in_batches(lambda part: log_density(self.marginal, part), xi))
 
-    def where_known(xi: Array) -> Array:
-        """Residuals for the surrogate; NaN where the linear models tell nothing."""
-        rows, prices = linear_residuals(marginal, xi)
+    def residuals(self, xi: Array) -> Array:
+        """Of the linear models, for the surrogate; NaN where these tell nothing."""
+        rows, prices = linear_residuals(self.marginal, xi)
         return np.where(in_range(prices), rows, np.nan)
 
-    def tell(name: str) -> Callable[[int, int], None]:
-        return lambda done, wanted: progress(done / wanted, f"{name}: {done} of {wanted}") if progress else None
+    def tell(self, name: str) -> Callable[[int, int], None]:
+        """Progress of a sampler."""
+        say = self.progress or (lambda share, words: None)
+        return lambda done, wanted: say(done / wanted, f"{name}: {done} of {wanted}")
 
-    def by_emcee(most: int = 20_000) -> Draws:
-        return ensemble.sample(exact, parameters, chains, draws, seed, BATCH, most, tell("emcee"))
+    def surrogate(self) -> tuple[Surrogate, list[str]]:
+        """That on which NUTS walks, and what is to be said of it."""
+        rng = stream(self.seed, "points of the surrogate")
+        made, failed = build(lambda xi: in_batches(self.residuals, xi), self.marginal.correction, rng)
+        lost = sum(int(along.lost) for along in self.marginal.along)
+        notes = [
+            f"{failed} of the places where the surrogate was fitted failed, or lie out of the linear models' range",
+            f"{lost} pairs of simulations under drawn disturbances are not in the mean correction where they failed",
+        ]
+        return made, [words for count, words in zip((failed, lost), notes, strict=True) if count]
 
-    def by_population() -> tuple[Draws | None, str]:
-        """Draws, and the reason if they are not reliable."""
+    def by_walks(self, surrogate: Surrogate, kind: str) -> list[Draws]:
+        """By NUTS on a surrogate, corrected: a walk, and longer ones where it mixes slowly."""
+        density = jax.tree_util.Partial(Surrogate.log_density, surrogate)
+        given = self.exact, density, self.parameters, self.chains, self.warmup, self.draws, self.seed
+        made = [delayed_acceptance.corrected(*given, progress=self.tell(kind))]
+        for longer in _LONGER:
+            if not mixes_slowly(made[-1]):
+                break
+            tell = self.tell(f"{kind}, {longer} times as long")
+            made.append(delayed_acceptance.corrected(*given, longer, progress=tell))
+        return made
+
+    def by_independence(self) -> tuple[Draws | None, str]:
+        """By an independence sampler, if it can, and the reason if its draws are not reliable."""
+        tell = self.tell("independence sampler")
         try:
-            made = independence.sample(exact, parameters, chains, draws, seed, progress=tell("independence sampler"))
+            made = independence.sample(self.exact, self.parameters, self.chains, self.draws, self.seed, progress=tell)
         except FloatingPointError as error:
             return None, str(error)
         kept = {name: row for name, row in made.stats.items() if name != "log_ratio"}  # not the surrogate's
         return replace(made, stats=kept), why_not_trusted(made)
 
-    if kind == "emcee":
-        return by_emcee()
-    rng = stream(seed, "points of the surrogate")
-    surrogate, failed = build(lambda xi: in_batches(where_known, xi), marginal.correction, rng)
-    tried: list[Draws] = []
-    reasons: list[str] = []
-    lost = sum(int(along.lost) for along in marginal.along)
-    notes = (
-        [f"{failed} of the places where the surrogate was fitted failed, or lie out of the linear models' range"]
-        if failed
-        else []
-    )
-    if lost:
-        notes.append(
-            f"{lost} pairs of simulations under drawn disturbances are not in the mean correction where they failed"
-        )
-
-    def with_all(made: Draws, *words: str) -> Draws:
-        """The draws with what all samplers together have spent, and notes."""
-        failures, evaluations = sum(one.failed for one in tried), sum(one.evaluations for one in tried)
-        return replace(made, failed=failures, evaluations=evaluations, notes=(*made.notes, *notes, *words))
-
-    for temperature in _TEMPERATURES:
-        density = jax.tree_util.Partial(Surrogate.log_density, replace(surrogate, temperature=temperature))
-        given = exact, density, parameters, chains, warmup, draws, seed
-        tried.append(delayed_acceptance.corrected(*given, progress=tell(kind)))
-        for longer in _LONGER:
-            if not mixes_slowly(tried[-1]):
-                break
-            words = f"{kind}, {longer} times as long"
-            tried.append(delayed_acceptance.corrected(*given, longer, progress=tell(words)))
-        reasons.append(why_not_trusted(tried[-1]))
-        if not reasons[-1]:
-            return with_all(tried[-1])
-    words = f"Draws by NUTS on a surrogate failed their check ({reasons[0]}; on a flatter one {reasons[1]}); "
-    other, why = by_population()
-    if other is not None:
-        tried.append(other)
-    if other is None or why:
-        words += f"so did those of an independence sampler ({why}); {EMCEE_DREW}"
-        tried.append(by_emcee(_LAST_STEPS))
-    else:
-        words += INDEPENDENCE_DREW
-    return with_all(tried[-1], words)
-
-
-def data_tree(
-    marginal: Marginal,
-    priors: Sequence[Prior],
-    draws: Draws,
-    seed: int,
-    flight_names: Sequence[str],
-    progress: Progress | None = None,
-    wide: Array | None = None,
-    times: Sequence[Array] | None = None,
-    predictions: bool = True,
-    noise_names: tuple[Sequence[str], Sequence[str]] | None = None,
-) -> xr.DataTree:
-    """Everything about a posterior in one ArviZ DataTree.
-
-    ``log_likelihood``, ``log_prior`` and ``lp`` (in ``sample_stats``) are of the same draws, the sampler's own. Summed
-    over samples, flights and parameters, the first two are ``lp`` up to a constant; the attribute ``lp_error`` of
-    ``log_likelihood`` is the largest departure from that. `arviz_stats.loo` leaves out a sample given all earlier
-    ones. The attribute ``draws`` of a group says which draws it is about; where these are not in the group
-    ``posterior``, ``tree.assign(posterior=tree["conditional"])`` is the tree of the sampler's own.
-
-    Args:
-        marginal: The posterior.
-        priors: Priors of the parameters.
-        draws: Draws in standard coordinates.
-        seed: Seed of prior draws, unknowns and predictions.
-        flight_names: Names of the flights, in order.
-        progress: Called with a share done and words.
-        wide: The draws widened by the uncertainty of the noise parameters, for the posterior; the group
-            ``conditional`` then holds the sampler's own.
-        times: Times of the samples of every flight (T,) [s]; from zero where None.
-        predictions: Whether posterior, one-step and prior predictions are made; they cost simulations.
-        noise_names: Of the channels, and of the groups of disturbances; numbers where None.
-
-    Returns:
-        Groups posterior, prior, sample_stats, log_prior, constant_data, those of `flight_groups`, and conditional where
-        draws are widened.
-    """
-    rng = stream(seed, "prior and predictive draws")
-    parameters = draws.xi.shape[-1]
-    held = np.asarray(marginal.centre) + draws.xi @ np.asarray(marginal.scale).T
-    theta = held if wide is None else np.asarray(marginal.centre) + wide @ np.asarray(marginal.scale).T
-    centre, root = working(priors)[0], factor(priors)
-    prior_draws = centre + rng.standard_normal((1, 2000, parameters)) @ root.T
-    log_prior = -0.5 * standard(priors, held) ** 2 - np.log(np.diag(root)) - 0.5 * np.log(2.0 * np.pi)
-    of_flights = flight_groups(marginal, draws.xi, prior_draws[0], flight_names, times, rng, progress, predictions)
-    groups: dict[str, Any] = {
-        "posterior": _named(priors, values(priors, theta)),
-        "prior": _named(priors, values(priors, prior_draws)),
-        "sample_stats": {"lp": draws.log_density, **draws.stats},
-        "log_prior": _named(priors, log_prior),
-    }
-    said = {name: {"draws": HELD} for name in ("posterior", "sample_stats", "log_prior")}
-    said["log_prior"]["entry"] = "log density of a parameter's working coordinate given the parameters before it"
-    if wide is not None:
-        groups["conditional"] = _named(priors, values(priors, held))
-        said |= {"conditional": {"draws": HELD}, "posterior": {"draws": WIDENED}}
-    tree = from_dict(groups, attrs=said)
-    tree["constant_data"] = xr.DataTree(_noise_parameters(marginal.hyper, noise_names))
-    for name, dataset in of_flights.items():
-        tree[name] = xr.DataTree(dataset)
-    total = sum(row.values.sum(axis=-1) for row in of_flights["log_likelihood"].data_vars.values())
-    off = total + log_prior.sum(axis=-1) - draws.log_density
-    tree["log_likelihood"].attrs["lp_error"] = float(np.max(np.abs(off - np.median(off))))
-    for group in {"posterior", "prior", "conditional"} & set(tree.children):
-        for p in priors:
-            tree[group][p.name].attrs["units"] = p.unit
-    return tree
-
-
-def _noise_parameters(hyper: NoiseParameters, names: tuple[Sequence[str], Sequence[str]] | None) -> xr.Dataset:
-    """Noise parameters by channel and group of disturbances, NaN where one has no such number."""
-    groups = [np.asarray(group) for group in hyper.disturbance_parameters]
-    own = np.transpose([np.asarray(getattr(hyper.noise, key)) for key in _NOISE[:3]])
-    channels, processes = names or (
-        [f"channel {i + 1}" for i in range(len(own))],
-        [f"disturbance {i + 1}" for i in range(len(groups))],
-    )
-    rows = {name: dict(zip(_NOISE[:3], row, strict=True)) for name, row in zip(channels, own, strict=True)}
-    for name, row in zip(processes, groups, strict=True):
-        rows[name] = dict(zip(("correlated", *(_NOISE[3:] if row.size == 3 else _NOISE[2:3])), row, strict=True))
-    table = {name: ("noise_parameter", [float(row.get(key, np.nan)) for key in _NOISE]) for name, row in rows.items()}
-    said = {
-        "entry": "standard deviations, time constant [s] and frequency [Hz] at their estimate; units of the channel"
-    }
-    return xr.Dataset(table, {"noise_parameter": list(_NOISE)}, said)
-
-
-def _named(priors: Sequence[Prior], array: Array) -> dict[str, Array]:
-    return {p.name: array[..., i] for i, p in enumerate(priors)}
+    def by_emcee(self, most: int = 20_000) -> Draws:
+        """By ensembles of walkers."""
+        tell = self.tell("emcee")
+        return ensemble.sample(self.exact, self.parameters, self.chains, self.draws, self.seed, BATCH, most, tell)

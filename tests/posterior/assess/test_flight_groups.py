@@ -15,6 +15,7 @@ from tests.twins import small_cluster
 from bayeschute.core.errors import InputError
 from bayeschute.posterior import sampler
 from bayeschute.posterior.assess import flight_groups
+from bayeschute.posterior.assess.data_tree import data_tree
 from bayeschute.posterior.assess.flight_groups import for_loo_pit, outputs_of
 from bayeschute.posterior.assess.identifiability import power_scaling
 from bayeschute.posterior.marginal import linear_residuals, log_density, sample_log_likelihoods
@@ -35,7 +36,7 @@ def stored(found, draws, descent, tmp_path_factory):
     wide = widened(draws.xi, found.noise_effect, found.noise_parameter_covariance, 1)
     times = [7.0 + 0.5 * np.arange(101), np.arange(101) / 2.0]
     path = tmp_path_factory.mktemp("stored") / "posterior.nc"
-    sampler.data_tree(found.marginal, descent.priors, draws, 1, NAMES, wide=wide, times=times).to_netcdf(
+    data_tree(found.marginal, descent.priors, draws, 1, NAMES, wide=wide, times=times).to_netcdf(
         path, engine="h5netcdf"
     )
     with xr.open_datatree(path, engine="h5netcdf") as tree:

@@ -234,7 +234,7 @@ def for_loo_pit(tree: xr.DataTree, flight: str, channel: str | None = None) -> x
     given the whole record know the datum already: their values would lie too close to 1/2.)
 
     Args:
-        tree: From `sampler.data_tree`, or ``posterior.nc``.
+        tree: From `data_tree`, or ``posterior.nc``.
         flight: Its name.
         channel: One of its outputs; all together where None.
 

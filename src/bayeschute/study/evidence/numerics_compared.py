@@ -4,6 +4,9 @@ The hash of the numerics changes with every line of them. Results stored by earl
 ones for a configuration (`identity.configuration`) of which several studies were run by both and differ by less than
 draws of one posterior do: see `Figures.same`. Flights of other kinds may take other paths through the same code. Only
 direct comparisons with the numerics in use count; a chain of small changes may add up.
+
+Code that was only written differently gives the same numbers to the last bit. Where runs of several kinds do, results
+of every kind count, and a chain of such changes does not add up: see `Comparison.identical`.
 """
 
 from __future__ import annotations
@@ -22,6 +25,8 @@ STORED = Path("reference", "numerics")
 """Where a folder of models, or the package, keeps comparisons."""
 LEAST_STUDIES = 3
 """Fewest studies of a configuration of which a comparison counts."""
+LEAST_KINDS = 3
+"""Fewest configurations whose runs are the same to the last bit, of numerics that are the same for all."""
 
 
 class Bounds(NamedTuple):
@@ -73,6 +78,11 @@ class Figures(BaseModel):
         """Whether they are as alike as draws of one posterior."""
         return all(getattr(self, name) <= bound for name, bound in BOUNDS._asdict().items())
 
+    @property
+    def identical(self) -> bool:
+        """Whether means, standard deviations and bands are the same to the last bit."""
+        return not any(getattr(self, name) for name in BOUNDS._fields)
+
 
 class Comparison(BaseModel):
     """Two numerics on the same studies.
@@ -96,6 +106,12 @@ class Comparison(BaseModel):
         told = [one for one in self.studies if one.configuration == configuration]
         return len({one.hash for one in told}) >= LEAST_STUDIES and all(one.same for one in told)
 
+    @property
+    def identical(self) -> bool:
+        """Whether results of one are those of the other, for every configuration."""
+        kinds = {one.configuration for one in self.studies}
+        return len(kinds) >= LEAST_KINDS and all(one.identical for one in self.studies)
+
 
 def comparisons(place: Path | None = None) -> list[Comparison]:
     """Stored comparisons.
@@ -110,16 +126,34 @@ def comparisons(place: Path | None = None) -> list[Comparison]:
     return [Comparison.model_validate_json(file.read_bytes()) for file in sorted(folder.glob("*.json"))]
 
 
+def identical_to(hash_of_numerics: str, found: Sequence[Comparison]) -> frozenset[str]:
+    """Numerics that are the same as some numerics to the last bit, they themselves among them.
+
+    Args:
+        hash_of_numerics: Their hash.
+        found: Comparisons.
+    """
+    alike, pairs = frozenset({hash_of_numerics}), [{one.before, one.after} for one in found if one.identical]
+    while more := frozenset().union(*(pair for pair in pairs if alike & pair)) - alike:
+        alike |= more
+    return alike
+
+
 def same_as(hash_of_numerics: str, configuration: str, found: Sequence[Comparison]) -> frozenset[str]:
-    """Numerics whose results count as those of some numerics: they themselves, and those compared with them.
+    """Numerics whose results of a configuration count as those of some numerics.
 
     Args:
         hash_of_numerics: Their hash.
         configuration: That the results are of.
         found: Comparisons.
+
+    Returns:
+        They themselves, those compared with them, and those identical to one of these.
     """
+    alike = identical_to(hash_of_numerics, found)
     pairs = [{one.before, one.after} for one in found if one.same(configuration)]
-    return frozenset({hash_of_numerics}).union(*(pair for pair in pairs if hash_of_numerics in pair))
+    compared = alike.union(*(pair for pair in pairs if alike & pair))
+    return frozenset().union(*(identical_to(one, found) for one in compared))
 
 
 @cache

@@ -21,6 +21,7 @@ from bayeschute.dynamics.cluster_flight import output_names
 from bayeschute.likelihood.joint import linearise
 from bayeschute.likelihood.priors import values_and_sds
 from bayeschute.posterior.assess import output_error
+from bayeschute.posterior.assess.data_tree import data_tree
 from bayeschute.posterior.best_path import BestPath
 from bayeschute.posterior.fit.drawn_density import Sampled, sampled
 from bayeschute.posterior.fit.joint_fit import NoFitError
@@ -28,7 +29,7 @@ from bayeschute.posterior.fit.laplace_fit import LaplaceFit, marginal_fit
 from bayeschute.posterior.marginal import Marginal
 from bayeschute.posterior.noise_evidence import NoisePrior
 from bayeschute.posterior.noise_uncertainty import NoiseEffect, widened
-from bayeschute.posterior.sampler import data_tree, sample
+from bayeschute.posterior.sampler import sample
 from bayeschute.posterior.sampling.protocol import Draws
 from bayeschute.posterior.score_dispersion import told_in_words
 from bayeschute.study.assembly import assemble, populations

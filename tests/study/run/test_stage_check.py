@@ -14,7 +14,7 @@ from bayeschute.posterior.marginal import projected_residuals
 from bayeschute.study.assembly.fits import groups, load_fit
 from bayeschute.study.job import Job
 from bayeschute.study.load import load_study
-from bayeschute.study.run.stage_results import _innovation_share, _InnovationShare, _step_error
+from bayeschute.study.run.stage_check import _innovation_share, _InnovationShare, _step_error
 
 
 @pytest.fixture(scope="module")
