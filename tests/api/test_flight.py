@@ -180,7 +180,8 @@ def test_a_virtual_drop_is_judged_as_flown_by_the_vehicles_laws(monkeypatch, dro
     flight = Flight.of_study(short, drop.spec)
     object.__setattr__(flight, "_prepared", (low.record, None))
     made, asked = judged(monkeypatch, flight)
-    assert made.record is low.record and asked["judge"] == (low.record, drop.vehicle, None, None, None, None)
+    mass = drop.spec.capsule_mass
+    assert made.record is low.record and asked["judge"] == (low.record, drop.vehicle, mass, None, None, None)
     assert asked["window"][3] == () and "axes" not in asked
     descent = Flight.of_study(replace(short, model="descent"), drop.spec)
     object.__setattr__(descent, "_prepared", (low.record, None))

@@ -59,6 +59,24 @@ def test_a_sound_record_passes(study):
     assert "read, not fitted: capsule_rate" in said
 
 
+def test_a_jump_of_a_fitted_channel_s_level_is_told(study):
+    """Within the window, in a channel that is fitted; no law is broken by two metres."""
+
+    def jump(record) -> None:
+        values = record["canopy_position"].values
+        values[record["time"].values > 60.0, 1] += [2.0, 0.0, 0.0]
+
+    found = examine_study(study(jump))
+    (said,) = [line for line in found.warnings if "level shifts" in line]
+    assert found.faults == [] and "flight 'drop', canopy_position.2 at 59.9 s: level shifts by +2" in said
+    assert "not corrected" in said and "leave the channel out of [noise]" in said
+    assert not any("level shifts" in line for line in examine_study(study(jump, window=["5 s", "50 s"])).warnings)
+    flight = bc.Study.load(study(jump)).flights[0]
+    assert any("canopy_position.2 at 59.9 s" in line for line in flight.plausibility().noise)
+    others = flight.study.noise.model_copy(update={"canopy_position": None})
+    assert not any("level shifts" in line for line in flight.plausibility(others).noise)
+
+
 def test_check_run_and_fit_refuse_and_name_the_cause(study, tmp_path):
     path = study(_scalar_last)
     for command in (["check"], ["run", "--out", str(tmp_path / "run")], ["fit", "--out", str(tmp_path / "p.nc")]):

@@ -237,7 +237,7 @@ class Flight:
         if noise is None and fitted and self.study.text:
             noise = self.study.noise
         told = noise_shown(record) if fitted else []
-        told = told if noise is None else noise_told(record, noise, vehicle)
+        told = told if noise is None else noise_told(record, noise, vehicle, window)
         return Plausibility(self.name, found, record, spec.accept_implausible, tuple(told))
 
     def plot(self) -> Figure:

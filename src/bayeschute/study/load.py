@@ -174,7 +174,7 @@ def _examine_record(draft: Draft, index: int, path: Path, found: Examined) -> No
     found.faults.extend(told(verdict, where, accepted))
     found.warnings.extend(warned(verdict, where, accepted))
     if "identify" in flight.roles and draft.tables.get("noise") is not None:
-        found.warnings.extend(noise_told(record, draft.tables["noise"], vehicle, where))
+        found.warnings.extend(noise_told(record, draft.tables["noise"], vehicle, (used.start, used.end), where))
     if verdict.readings:
         near = max(verdict.readings, key=lambda one: one.excess)
         closest = f"the nearest to its limit {near.law} ({100.0 * near.excess:.0f} % of it)"

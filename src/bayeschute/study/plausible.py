@@ -11,7 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayeschute.core.errors import Fault, InputError
+from bayeschute.records.clean import channels
 from bayeschute.records.descent_window import DescentWindow, descent_window
+from bayeschute.records.outliers import find_faulty
 from bayeschute.records.plausibility.evidence import Nominal, evidence_of
 from bayeschute.records.plausibility.reading import accepts
 from bayeschute.records.plausibility.scatter import scatter_of_channels
@@ -172,8 +174,14 @@ def warned(found: Verdict, where: str, accepted: tuple[str, ...] = ()) -> list[s
     return [*lines, *(f"{where}: accepted as the study says ({one.law}): {one.tests}, {one.got}" for one in kept)]
 
 
-def noise_told(record: xr.Dataset, noise: NoiseTable, vehicle: Vehicle | None, where: str = "") -> list[str]:
-    """Warnings where the scatter of a record's samples, or breathing, is far from what a study says.
+def noise_told(
+    record: xr.Dataset,
+    noise: NoiseTable,
+    vehicle: Vehicle | None,
+    window: tuple[float, float] | None = None,
+    where: str = "",
+) -> list[str]:
+    """Warnings where scatter or breathing is far from what a study says, and where a fitted channel's level jumps.
 
     A fit finds the noise, but it begins at what the study says, and far from there it may take noise for motion.
 
@@ -181,10 +189,11 @@ def noise_told(record: xr.Dataset, noise: NoiseTable, vehicle: Vehicle | None, w
         record: As read.
         noise: The study's ``[noise]``.
         vehicle: That flew, which may be one in part.
+        window: First and last time used [s]; None: all.
         where: The flight, as messages name it; empty: not named.
     """
-    of = f"{where}, " if where else ""
-    return [f"{of}{one}" for one in (*_scatter_told(record, noise), *_breathing_told(vehicle, noise))]
+    of, told = f"{where}, " if where else "", (_scatter_told(record, noise), _breathing_told(vehicle, noise))
+    return [f"{of}{one}" for one in (*told[0], *_shifts_told(record, noise, window), *told[1])]
 
 
 def noise_shown(record: xr.Dataset) -> list[str]:
@@ -210,6 +219,18 @@ def _scatter_told(record: xr.Dataset, noise: NoiseTable) -> Iterator[str]:
             usual = f"what [noise] says, white = {_as_said(name, table.white)}"
             do = f"Say white = '{got}', and correlated in proportion."
             yield f"scatter of {name} from sample to sample: got {got}; usual is {usual}. {do}"
+
+
+def _shifts_told(record: xr.Dataset, noise: NoiseTable, window: tuple[float, float] | None) -> Iterator[str]:
+    """Cleaning finds them, and leaves them: which of both levels is right it cannot know."""
+    start, end = window or (-np.inf, np.inf)
+    for channel in channels(record):
+        if channel.variable not in noise.channels():
+            continue
+        for one in find_faulty(channel)[1]:
+            if one.kind == "level_shift" and start <= one.end and one.start <= end:
+                do = "A fit takes it for motion or slow noise: leave the channel out of [noise], or end `window` there."
+                yield f"{one.variable} at {one.start:g} s: {one.detail}. {do}"
 
 
 def _breathing_told(vehicle: Vehicle | None, noise: NoiseTable) -> Iterator[str]:
@@ -277,4 +298,5 @@ def refuse_implausible(study: Study, flight: Flight, raw: xr.Dataset) -> list[st
     if faults:
         raise InputError(faults)
     lines = warned(found, where, flight.accept_implausible)
-    return lines + (noise_told(raw, study.noise, vehicle, where) if "identify" in flight.roles else [])
+    fitted = "identify" in flight.roles
+    return lines + (noise_told(raw, study.noise, vehicle, (used.start, used.end), where) if fitted else [])
