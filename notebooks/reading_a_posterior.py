@@ -52,8 +52,6 @@ posterior.checks()[["passed", "value", "bound"]]
 
 # %%
 told = posterior.identifiability()
-prior = posterior.data["prior"].to_dataset()
-told["contraction"] = [1.0 - float(posterior[n].var() / prior[n].var()) for n in told.index]
 told[["contraction", "noise_share", "diagnosis"]].sort_values("contraction", ascending=False)
 
 # %% [markdown]
