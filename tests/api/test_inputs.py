@@ -13,7 +13,9 @@ RATE = {"white": "0.3 m/s", "correlated": "1 ft/s", "time_constant": "3 s"}
 
 
 def test_noise_from_python_is_that_of_a_study_file(sondes):
-    made = noise({"descent_rate": RATE | {"correlated": "0.3 m/s"}, "wind": {"vertical": "0.5 m/s", "time_constant": "30 s"}})
+    made = noise(
+        {"descent_rate": RATE | {"correlated": "0.3 m/s"}, "wind": {"vertical": "0.5 m/s", "time_constant": "30 s"}}
+    )
     assert made == sondes.noise == sondes.spec.noise
     channel = noise({"descent_rate": RATE}).channels()["descent_rate"]
     assert (channel.white, channel.correlated, channel.time_constant) == pytest.approx((0.3, 0.3048, 3.0))

@@ -300,7 +300,9 @@ def test_a_program_says_what_it_takes():
     code.store(code.constant(1.0), "%made", 0)
     program = code.program("tried", ["made", "scratch"], ["samples"], 17)
     assert program[1:] == ("tried", ("made", "scratch"), ("samples",), 17)
-    assert program.text.startswith("define void @tried(ptr noalias %made, ptr noalias %scratch, i64 %samples) {\nentry:\n")
+    assert program.text.startswith(
+        "define void @tried(ptr noalias %made, ptr noalias %scratch, i64 %samples) {\nentry:\n"
+    )
     assert program.text.count("ret void\n}\n") == 1
 
 

@@ -129,7 +129,9 @@ def test_values_are_those_of_every_node_on_its_own(lanes):
             for i, node in enumerate(results):
                 code.store(names(node), out, i * lanes)
     made, scratch = np.zeros((samples, states, len(results), lanes)), aligned(memory.size)
-    program = code.program("tried", ("shared", "theta", "now", "error", "x", "share", "out", "scratch"), (), memory.size)
+    program = code.program(
+        "tried", ("shared", "theta", "now", "error", "x", "share", "out", "scratch"), (), memory.size
+    )
     compiled(program)(shared, theta, now, error, x, share, made, scratch)
     for t, s, lane in np.ndindex(samples, states, lanes):
         given = {"shared": shared, "theta": theta[:, lane], "now": now[t], "error_now": error[t, :, lane]}

@@ -106,7 +106,7 @@ def smoothed(given, slack, steps=T - 1):
     """Durbin and Koopman (2012), section 4.4, with the transition after each sample taken first."""
     adjoint, shocks, states = np.zeros((given.s, given.columns)), {}, {}
     for t in reversed(range(T)):
-        step, x, n = min(t, steps - 1), given.x, given.n
+        step, x = min(t, steps - 1), given.x
         if t < T - 1:
             effect = np.concatenate([given.by_shock[step], given.noise_gain, np.zeros((given.c, given.latent))])
             shocks[t + 1] = effect.T @ adjoint

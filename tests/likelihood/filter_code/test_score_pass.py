@@ -48,7 +48,8 @@ def run(given, steps=T - 1):
     program, latent, c = score_pass(sizes), given.latent, given.c
     names = (*SYSTEM, "inner", "weighted", "latents", "noises", "means", "way")
     made = [aligned(*shape) for shape in ((latent, latent), (latent, latent), (c,), (c,), (c,), (given.s, given.s))]
-    scratch = np.full(program.scratch + 8, UNTOUCHED)
+    scratch = np.full(program.scratch + 8, np.nan)  # what is left from before is no matter
+    scratch[program.scratch :] = UNTOUCHED
     arrays = [np.ascontiguousarray(getattr(given, name)) for name in names]
     compiled(program)(*arrays, *made, scratch, T, steps)
     assert (scratch[program.scratch :] == UNTOUCHED).all()
@@ -85,7 +86,9 @@ def dense(given, steps=T - 1):
 
 def test_sums_and_adjoint_are_those_of_dense_matrices(given):
     for name, got, want in zip(("latent", "noise gain", "kept", "drift", "white", "adjoint"), run(given), dense(given), strict=True):  # fmt: skip
-        np.testing.assert_allclose(got, want, rtol=1e-9, atol=1e-10 * (1.0 + np.abs(want).max(initial=0.0)), err_msg=name)
+        np.testing.assert_allclose(
+            got, want, rtol=1e-9, atol=1e-10 * (1.0 + np.abs(want).max(initial=0.0)), err_msg=name
+        )
 
 
 def test_the_last_step_is_held_where_there_are_fewer(given):
@@ -118,4 +121,6 @@ def test_derivatives_by_white_noise_are_of_data_that_exist():
 
 
 def test_a_pass_is_written_once():
-    assert score_pass(MeanSizes(2, 1, 1, 3)) is score_pass(MeanSizes(2, 1, 1, 3)) is not score_pass(MeanSizes(2, 1, 1, 4))
+    assert (
+        score_pass(MeanSizes(2, 1, 1, 3)) is score_pass(MeanSizes(2, 1, 1, 3)) is not score_pass(MeanSizes(2, 1, 1, 4))
+    )
