@@ -16,7 +16,7 @@ from bayeschute.api.fitting import chosen, drawn, fitted_flights, ingest, sampli
 from bayeschute.api.workspace import workspace
 from bayeschute.likelihood.priors import Prior
 from bayeschute.study.assembly import fits
-from bayeschute.study.run import stage_data, stage_fit, stage_results, stage_structure
+from bayeschute.study.run import stage_check, stage_data, stage_fit, stage_structure
 
 
 @pytest.fixture(scope="module")
@@ -203,7 +203,7 @@ def test_fits_are_drawn_from_stored_and_checked_before_they_are_read(sondes, mon
     called, told = [], []
     monkeypatch.setattr(stage_fit, "draw_group", lambda job, one, say: called.append(one) or say(0.25, one) or f"draws of {one}")  # fmt: skip
     monkeypatch.setattr(stage_fit, "store", lambda job, made, draws: called.append((made, draws)))
-    monkeypatch.setattr(stage_results, "check", lambda job: called.append("checked"))
+    monkeypatch.setattr(stage_check, "check", lambda job: called.append("checked"))
 
     def read(folder, spec):
         called.append("read")

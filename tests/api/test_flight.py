@@ -109,6 +109,29 @@ def test_a_change_is_of_what_is_said_and_nothing_else(low):
     assert "Did you mean 'rate'" in caught.value.faults[1].do
 
 
+@pytest.mark.parametrize(
+    "name", ["", "a/b", "../../a", "a\\b", ".hidden", "..", "a\nb", "a\0b", 61 * "x", None, 3]
+)  # fmt: skip
+def test_a_name_that_is_no_file_name_is_refused(raw, low, name):
+    """Records lie in files of their flights' names; others would be lost, or lie outside their folder."""
+    for make in (lambda: Flight(raw, name=name), lambda: low.changed(name=name)):
+        with pytest.raises(bc.InputError, match="flight name: got .* It becomes a file name"):
+            make()
+
+
+@pytest.mark.parametrize("name", ["drop 3", "drop.1", "Fallschirm-Ü", "<script>", 60 * "x"])
+def test_other_names_are_kept(raw, low, name):
+    assert Flight(raw, name=name).name == low.changed(name=name).name == name
+
+
+@pytest.mark.parametrize(
+    "values", [{"rate": True}, {"capsule_mass": True}, {"window": (True, 60.0)}, {"skip_first": False}]
+)
+def test_true_and_false_are_no_numbers(low, values):
+    with pytest.raises(bc.InputError, match=f"flight.*{next(iter(values))}"):
+        low.changed(**values)
+
+
 def test_a_virtual_drop_flies_another_vehicle_only_with_aerodynamics(drop, low):
     other = drop.vehicle.model_copy(update={"name": "other"})
     assert drop.changed(vehicle=other).vehicle == other and drop.changed(name="x").vehicle == drop.vehicle

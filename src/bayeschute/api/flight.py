@@ -111,7 +111,7 @@ class Flight:
         Args:
             record: From `read_record`.
             vehicle: From `load_vehicle`; None: a point mass, of which altitude or descent rate is enough.
-            name: Its name.
+            name: Its name, which becomes that of files: no slash, no dot first, at most 60 characters.
             wind: From `wind_profile`: how the wind changes with altitude, and the wind itself where none is recorded.
             window: First and last time used, such as ``("5 s", "95 s")``; bare numbers are seconds.
             rate: Sampling rate to which the record is resampled [Hz]; None: that of the record.
@@ -265,6 +265,7 @@ class Flight:
 
 _UNITS = {"window": "s", "rate": "Hz", "capsule_mass": "kg", "skip_first": "s"}  # of plain numbers
 _ARGUMENTS = ("name", "roles", "accept_implausible", "wind", *_UNITS, "identify_until")
+_LONGEST = 60  # name of a flight, as in a study file
 
 
 def _fields(given: Mapping[str, Any]) -> dict[str, Any]:
@@ -275,6 +276,9 @@ def _fields(given: Mapping[str, Any]) -> dict[str, Any]:
         raise InputError([Fault("flight", name, wanted, nearest(name, _ARGUMENTS)) for name in unknown])
     if not isinstance(given.get("wind"), ProfileTable | None):
         raise InputError(Fault("flight wind", repr(given["wind"])[:60], "a wind by altitude, from bc.wind_profile"))
+    if not _is_file_name(given.get("name", "flight")):
+        wanted = f"a text of at most {_LONGEST} characters without slashes and control characters, no dot first"
+        raise InputError(Fault("flight name", repr(given["name"])[:80], wanted, "It becomes a file name."))
     own = {"wind_profile" if key == "wind" else key: given[key] for key in ("name", "wind") if key in given}
     values = {key: value for key, value in given.items() if key not in ("name", "wind")}
     raw: dict[str, Any] = {"name": "flight", "roles": ("predict",), "file": "record"}
@@ -288,11 +292,19 @@ def _fields(given: Mapping[str, Any]) -> dict[str, Any]:
     return own | {key: getattr(read, key) if key in raw else value for key, value in values.items()}
 
 
+def _is_file_name(name: Any) -> bool:
+    """Whether records of a flight of this name lie in their folder, each in a file of its own."""
+    if not isinstance(name, str) or not 0 < len(name) <= _LONGEST or name.startswith("."):
+        return False
+    return name.isprintable() and not {"/", "\\"} & set(name)
+
+
 def _with_unit(value: Any, unit: str) -> Any:
     """Plain numbers as quantities of a study file."""
     if unit and isinstance(value, tuple | list | np.ndarray):
         return tuple(_with_unit(one, unit) for one in value)
-    return f"{float(value)!r} {unit}" if unit and isinstance(value, int | float | np.number) else value
+    plain = isinstance(value, int | float | np.number) and not isinstance(value, bool)
+    return f"{float(value)!r} {unit}" if unit and plain else value
 
 
 def _with(flights: tuple[FlightSpec, ...], spec: FlightSpec) -> tuple[FlightSpec, ...]:

@@ -54,7 +54,8 @@ def run(given, slack=False, score=False, steps=T - 1):
     made = {name: aligned(*shape) for name, shape in sizes.results(T).items()}
     arrays = [getattr(given, name) for name in GIVEN]
     arrays = [wide(a) if name.startswith("latent") else np.ascontiguousarray(a) for name, a in zip(GIVEN, arrays, strict=True)]  # fmt: skip
-    scratch = np.full(program.scratch + 8, UNTOUCHED)
+    scratch = np.full(program.scratch + 8, np.nan)  # what is left from before is no matter
+    scratch[program.scratch :] = UNTOUCHED
     compiled(program)(*arrays, *made.values(), scratch, T, steps)
     assert (scratch[program.scratch :] == UNTOUCHED).all()
     return made

@@ -48,7 +48,8 @@ def run(given, steps=T - 1):
     program, latent, c = score_pass(sizes), given.latent, given.c
     names = (*SYSTEM, "inner", "weighted", "latents", "noises", "means", "way")
     made = [aligned(*shape) for shape in ((latent, latent), (latent, latent), (c,), (c,), (c,), (given.s, given.s))]
-    scratch = np.full(program.scratch + 8, UNTOUCHED)
+    scratch = np.full(program.scratch + 8, np.nan)  # what is left from before is no matter
+    scratch[program.scratch :] = UNTOUCHED
     arrays = [np.ascontiguousarray(getattr(given, name)) for name in names]
     compiled(program)(*arrays, *made, scratch, T, steps)
     assert (scratch[program.scratch :] == UNTOUCHED).all()

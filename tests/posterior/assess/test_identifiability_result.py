@@ -54,6 +54,12 @@ def test_nothing_is_lost_in_a_file(without_none):
     assert through_json(FitIdentifiability({}), without_none=without_none) == FitIdentifiability({})
 
 
+def test_a_direction_may_be_of_unknown_information():
+    """As from draws that are no numbers: null in the file."""
+    found = replace(WHOLE, directions=(Direction({"mass": 1.0}, None, None, "mass"),))
+    assert through_json(found, without_none=False) == found
+
+
 def test_what_a_file_does_not_tell_is_not_known():
     """A sandwich has no confounding; a fit whose prior does not matter, no profile likelihood."""
     found = from_plain(FitIdentifiability, {"parameters": {"a": {"shift": 0.5}}}, "stored")
