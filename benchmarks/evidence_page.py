@@ -48,6 +48,11 @@ _FORETOLD = """\
   better.
 - Descent is the descent rate at sea level. The mean is over flights that have true histories, each counting alike.
 """
+_TURNED = """\
+## Turned round
+
+The same sets with another flight fitted and the first one predicted (`--identify 2`).
+"""
 _WINDOWS = """\
 ## Windows
 
@@ -104,18 +109,18 @@ def _cells(scores: Iterable[Result]) -> list[str]:
     return made
 
 
-def foretold(sets: Sequence[Result]) -> list[str]:
+def foretold(wholes: Sequence[Result]) -> list[str]:
     """Table of predicted flights, with the mean over those that have true histories.
 
     Args:
-        sets: As stored.
+        wholes: Results of whole flights.
     """
     rows, pooled = list[list[str]](), list[Result]()
-    for one in sets:
-        for flight, scores in one.get("whole", {}).get("flights", {}).items():
+    for whole in wholes:
+        for flight, scores in whole["flights"].items():
             against = next((s["against"] for s in scores.values()), "not predicted")
             cells = [cell for name in QUANTITIES for cell in _cells([scores[name]] if name in scores else [])]
-            rows.append([flight, against, *cells, *_made(one["whole"])])
+            rows.append([flight, against, *cells, *_made(whole)])
             if scores and all(s["true"] for s in scores.values()):
                 pooled.append(scores)
     if pooled:
@@ -174,9 +179,19 @@ def page(sets: Sequence[Result], starts: Sequence[Result], measured: Sequence[Re
         for length, w in sorted(one.get("windows", {}).items(), key=lambda item: float(item[0]))
     ]
     fits = [[name, *_fit(w), str(len(w["terms"])), *_made(w)] for name, w in wholes]
+    others = [
+        (f"{one['set']}_{number}", whole) for one in sets for number, whole in sorted(one.get("turned", {}).items())
+    ]
+    again = [[name, *_fit(w), str(len(w["terms"])), *_made(w)] for name, w in others]
     head = ["converged", "checks missed", "processor, s"]
     text = [_WORDS, "## Whole flights", "", *table(["set", *head, "terms", "made by", "numerics"], fits)]
-    text += [_FORETOLD, *foretold(sets)]
+    text += [_FORETOLD, *foretold([whole for _, whole in wholes])]
+    if others:
+        text += [
+            _TURNED,
+            *table(["fitted", *head, "terms", "made by", "numerics"], again),
+            *foretold([whole for _, whole in others]),
+        ]
     text += [_WINDOWS, *table(["set", "seconds", *head, "made by", "numerics"], windows)]
     text += [_STARTS, *starts_table(starts), _MEASURED, *measured_tables(measured)]
     return "\n".join(text).rstrip() + "\n"

@@ -7,13 +7,14 @@ altitude and the air's density. Bands are scored against true histories of the f
 there are none, against its own record, beside climatology: the constant band of what the identified record shows.
 
     python benchmarks/other_flights.py --data ../shared/otherflights [--sets P Q R S T U] [--windows 45 90 180]
-        [--only-windows] [--workdir DIR] [--resume] [--quick] [--json] [--store DIR [--made-at COMMIT]]
+        [--only-windows] [--identify 2] [--workdir DIR] [--resume] [--quick] [--json] [--store DIR [--made-at COMMIT]]
 
-``--windows`` also fits the first so many seconds of each flight, up to the checks. With ``--resume`` finished results
-that ``--workdir`` holds for the same studies are taken as they are. ``--prepare`` only writes the studies. Processor
-seconds are those of the command and its children. ``--store`` merges the results into one file per set, from which
-``evidence_page.py`` makes a page; with ``--made-at`` nothing is run and what ``--workdir`` holds is stored, results
-that do not tell what made them as of that commit.
+``--identify 2`` turns the sets round: their second flight is identified, and the first is one of those predicted; sets
+without a flight of that number are passed over. ``--windows`` also fits the first so many seconds of each flight, up to
+the checks. With ``--resume`` finished results that ``--workdir`` holds for the same studies are taken as they are.
+``--prepare`` only writes the studies. Processor seconds are those of the command and its children. ``--store`` merges
+the results into one file per set, from which ``evidence_page.py`` makes a page; with ``--made-at`` nothing is run and
+what ``--workdir`` holds is stored, results that do not tell what made them as of that commit.
 """
 
 from __future__ import annotations
@@ -228,6 +229,11 @@ def scored(data: Path, first: str, flight: str, bands: xr.Dataset | None) -> dic
     return made
 
 
+def turned(names: Sequence[str], number: int) -> list[str]:
+    """Flights of a set, that of a number first."""
+    return sorted(names, key=lambda name: (not name.endswith(f"_{number}"), name))
+
+
 def by_canopies(data: Path, names: Sequence[str]) -> tuple[list[str], list[str]]:
     """Flights with as many canopies as the first, which one study holds, and the others."""
     numbers = {name: read_flight(data, name).meta["n_canopies"] for name in names}
@@ -259,7 +265,7 @@ def whole_flights(
 
 def set_results(data: Path, letter: str, folder: Path, given: argparse.Namespace) -> dict[str, Any]:
     """All results of a set, kept as they come in ``results.json`` of its folder."""
-    kept, others = by_canopies(data, flights_of(data, letter))
+    kept, others = by_canopies(data, turned(flights_of(data, letter), given.identify))
     study, path = write_set(data, kept, folder), folder / "results.json"
     options = ["--quick"] if given.quick else []
     results = load(path) if given.resume else {}
@@ -267,14 +273,15 @@ def set_results(data: Path, letter: str, folder: Path, given: argparse.Namespace
     def get(name: str, of: Path, make: Any, length: str | None = None) -> dict[str, Any]:
         known, key = results.get(name, {}), key_of(folder, of, given.quick)
         if known.get("key") != key:
-            told = made_now(letter, length)  # before: files may be changed while it runs
+            told = made_now(letter, length, given.identify)  # before: files may be changed while it runs
             results[name] = known = make() | {"key": key, "provenance": told, "quick": given.quick}
             path.write_text(json.dumps(results, indent=1), encoding="utf-8")
         return dict(known)
 
     made: dict[str, Any] = {"windows": {}}
     if not given.only_windows:
-        made["whole"] = get("whole", study, lambda: whole_flights(data, study, kept, others, options))
+        name = "whole" if given.identify == 1 else f"from_{given.identify}"
+        made["whole"] = get(name, study, lambda: whole_flights(data, study, kept, others, options))
     for length in given.windows:
         part = write_window(data, kept[0], length, folder)
         if part is None:
@@ -389,6 +396,7 @@ def main() -> None:
     parser.add_argument("--sets", nargs="+", choices=list(LAYOUTS), default=list(LAYOUTS))
     parser.add_argument("--windows", type=float, nargs="*", default=[], metavar="S", help="lengths to be fitted too")
     parser.add_argument("--only-windows", action="store_true", help="leave the whole flights out")
+    parser.add_argument("--identify", type=int, default=1, metavar="N", help="number of the flight that is fitted")
     parser.add_argument("--workdir", type=Path, help="studies, runs and results  [default: a temporary folder]")
     parser.add_argument("--resume", action="store_true", help="take what the working folder holds")
     parser.add_argument("--prepare", action="store_true", help="write the studies and stop")
@@ -396,6 +404,8 @@ def main() -> None:
     parser.add_argument("--store", type=Path, metavar="DIR", help="keep the results there, a file per set")
     parser.add_argument("--made-at", metavar="COMMIT", help="run nothing: store what the working folder holds")
     given = parser.parse_args()
+    if given.windows and given.identify != 1:
+        sys.exit("--windows are of the first flight: leave --identify out")
     if given.store and given.quick:
         sys.exit("--store keeps no results of small sizes: leave --quick out")
     if given.made_at:
@@ -406,6 +416,9 @@ def main() -> None:
         return
     if not given.data.is_dir():
         sys.exit(f"{given.data}: no such folder; --data says where the flights are")
+    given.sets = [one for one in given.sets if f"{one}_{given.identify}" in flights_of(given.data, one)]
+    if not given.sets:
+        sys.exit(f"no set of {given.data} that was asked for has a flight of number {given.identify}")
     if given.prepare and given.workdir is None:
         sys.exit("--prepare writes into --workdir: name one")
     with tempfile.TemporaryDirectory() as temporary:
@@ -413,7 +426,8 @@ def main() -> None:
         results = {}
         for letter in given.sets:
             if given.prepare:
-                print(write_set(given.data, by_canopies(given.data, flights_of(given.data, letter))[0], place / letter))
+                names = turned(flights_of(given.data, letter), given.identify)
+                print(write_set(given.data, by_canopies(given.data, names)[0], place / letter))
                 continue
             results[letter] = made = set_results(given.data, letter, place / letter, given)
             print("\n".join(lines(letter, made)), flush=True)

@@ -23,18 +23,20 @@ ROOT = Path(__file__).parents[1]
 SCRIPT = "benchmarks/other_flights.py --data ../shared/otherflights"
 
 
-def made_now(letter: str, length: str | None) -> dict[str, Any]:
+def made_now(letter: str, length: str | None, identify: int = 1) -> dict[str, Any]:
     """Provenance of a result that the present code is about to make.
 
     Args:
         letter: Of the set.
         length: Of the window [s]; None for whole flights.
+        identify: Number of the flight that is fitted.
     """
     window = f" --only-windows --windows {length}" if length else ""
-    return provenance(f"{SCRIPT} --sets {letter}{window}")
+    which = f" --identify {identify}" if identify != 1 else ""
+    return provenance(f"{SCRIPT} --sets {letter}{window}{which}")
 
 
-def made_at(commit: str, letter: str, length: str | None, date: str) -> dict[str, Any]:
+def made_at(commit: str, letter: str, length: str | None, date: str, identify: int = 1) -> dict[str, Any]:
     """Provenance of a result that does not tell its own: made by a commit, on this machine with these versions.
 
     Args:
@@ -42,9 +44,10 @@ def made_at(commit: str, letter: str, length: str | None, date: str) -> dict[str
         letter: Of the set.
         length: Of the window [s]; None for whole flights.
         date: When.
+        identify: Number of the flight that is fitted.
     """
     code, whole = numerics_at(commit)
-    return made_now(letter, length) | {"commit": whole, "date": date, "numerics": code}
+    return made_now(letter, length, identify) | {"commit": whole, "date": date, "numerics": code}
 
 
 def numerics_at(commit: str) -> tuple[str, str]:
@@ -86,13 +89,16 @@ def store(letter: str, folder: Path, stored: Path, commit: str | None = None) ->
     for name, result in json.loads(text, parse_constant=lambda _: None).items():  # infinity is no JSON
         if result.pop("quick", False):
             continue
-        length = None if name == "whole" else name.split("_")[-1].removesuffix("s")
+        number = name.removeprefix("from_") if name.startswith("from_") else ""
+        length = None if number or name == "whole" else name.split("_")[-1].removesuffix("s")
         if "provenance" not in result:
             if commit is None:
                 raise SystemExit(f"{source}: {name} does not tell what made it: --made-at COMMIT says so")
-            result["provenance"] = made_at(commit, letter, length, date)
+            result["provenance"] = made_at(commit, letter, length, date, int(number or 1))
         kept = {key: value for key, value in result.items() if key != "key"}
-        if length is None:
+        if number:
+            held.setdefault("turned", {})[number] = kept
+        elif length is None:
             held["whole"] = kept
         else:
             held.setdefault("windows", {})[length] = kept

@@ -114,6 +114,23 @@ def test_windows_are_stored_beside_whole_flights_each_with_its_own_origin(made, 
     }
 
 
+def test_a_set_turned_round_stands_beside_the_set_as_it_is(made, tmp_path):
+    folder, kept = tmp_path / "S", tmp_path / "kept"
+    folder.mkdir()
+    now = made.stored.made_now("S", None, 2)
+    assert now["command"].endswith("--sets S --identify 2")
+    scores = {"against": "its own record", "true": False, "held": 0.72, "wis_over_climatology": 0.85}
+    whole = FIT | {"terms": ["axial[1]"], "flights": {"S_1": dict.fromkeys(made.page.QUANTITIES, scores)}}
+    for name, result in (("whole", whole | {"flights": {}}), ("from_2", whole)):
+        (folder / "results.json").write_text(json.dumps({name: result | {"provenance": now}}), encoding="utf-8")
+        path = made.stored.store("S", folder, kept)
+    held = json.loads(path.read_text(encoding="utf-8"))
+    assert set(held) == {"set", "whole", "turned"} and held["turned"]["2"]["flights"] == whole["flights"]
+    before, _, after = made.page.page([held], [], []).partition("## Turned round")
+    assert "| S_1 | its own record | 72 |" in after and "| S_2 | yes |" in after and "S_1" not in before
+    assert "Turned round" not in made.page.page([held | {"turned": {}}], [], [])
+
+
 def test_a_result_of_unknown_origin_is_refused(made, tmp_path):
     (tmp_path / "results.json").write_text(json.dumps({"whole": FIT}), encoding="utf-8")
     with pytest.raises(SystemExit, match="does not tell what made it"):

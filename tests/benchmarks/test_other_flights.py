@@ -266,6 +266,12 @@ class TestVerdicts:
         }  # fmt: skip
 
 
+def test_a_flight_of_any_number_is_identified_and_the_others_keep_their_order(other):
+    names = ["P_1", "P_2", "P_3"]
+    assert other.flights.turned(names, 1) == names
+    assert other.flights.turned(names, 3) == ["P_3", "P_1", "P_2"] and other.flights.turned(names, 4) == names
+
+
 def test_tables_are_read_back_as_they_were(other):
     table = {
         "a": 1.5,
