@@ -43,7 +43,7 @@ def written(landings, tmp_path_factory):
     folder, frames, figures = tmp_path_factory.mktemp("landed"), {}, []
     exceedance = bc.Landings.exceedance
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(bc.Landings, "exceedance", lambda self, q: frames.setdefault(q, exceedance(self, q)))
+        patch.setattr(bc.Landings, "exceedance", lambda self, q: frames.setdefault(q, exceedance(self, q, [0.3, 0.7])))
         patch.setattr(bc.Landings, "plot", lambda self, q: f"figure of {q}")
         patch.setattr(module, "save", lambda *given: figures.append(given))
         said = write_landings(landings, folder)

@@ -73,7 +73,7 @@ def test_other_tables_are_those_of_a_file():
     with pytest.raises(bc.InputError) as caught:
         campaign_of(None, None, 1, {"altitude": 3.0}, 1, speed="3 m/s", canopy_sd=-1.0)
     told = "\n".join(str(fault) for fault in caught.value.faults)
-    assert all(word in told for word in ("altitude", "landings", "speed", "canopy_sd")) and told.startswith("land")
+    assert all(word in told for word in ("altitude", "landings", "speed", "canopy_sd")) and told.startswith("land ")
 
 
 def test_a_source_has_the_plan_of_the_posterior(monkeypatch, sondes):
