@@ -16,7 +16,6 @@ import xarray as xr
 import bayeschute as bc
 from bayeschute.api.posterior import Posterior, draws_held
 from bayeschute.likelihood.priors import Prior
-from bayeschute.report.tables.identifiability_tables import diagnosis
 
 module = import_module("bayeschute.api.posterior")
 DRAG = Prior("cds_over_mass", np.log(0.12), 0.5, True, "m^2/kg", "given")
@@ -119,28 +118,18 @@ def test_it_shows_itself(known):
     assert "<td>1</td></tr>" in bare._repr_html_() and "1 parameter," in repr(bare)
 
 
-IDENTIFIABILITY = {
-    "low": {"parameters": {"cds_over_mass": {"shift": 0.5, "prior_sensitivity": 0.01, "likelihood_sensitivity": 0.2, "diagnosis": "stored"}}},
-    "rest": {"parameters": {"angle": {"shift": -0.5, "diagnosis": "stored"}, "gone": {"shift": 0.1}}},
-}  # fmt: skip
-
-
-def test_identifiability_is_what_was_stored_with_the_share_that_data_remove(known):
-    told = with_files(known, identifiability=IDENTIFIABILITY).identifiability()
-    assert told.index.to_list() == ["cds_over_mass", "angle", "gone"] and told.columns[0] == "contraction"
-    assert told["contraction"].iloc[:2].to_list() == pytest.approx([0.75, 0.75]) and np.isnan(
-        told.loc["gone", "contraction"]
-    )
-    assert told["shift"].to_list() == [0.5, -0.5, 0.1]
-    facts = SimpleNamespace(prior_sensitivity=0.01, likelihood_sensitivity=0.2, shift=0.5)
-    assert told.loc["cds_over_mass", "diagnosis"] == diagnosis(facts, 0.75) != "stored"
-    assert told.loc["angle", "diagnosis"] == "stored"  # sensitivities were not sought
+def test_identifiability_is_what_was_stored_of_all_fits(known):
+    """A row per parameter, whichever fit it is of; what is not known of one is empty."""
+    stored_fits = {
+        "low": {"parameters": {"cds_over_mass": {"contraction": 0.75, "shift": 0.5, "diagnosis": "seen"}}},
+        "rest": {"parameters": {"angle": {"shift": -0.5}, "mass": {"contraction": -0.1, "diagnosis": "unseen"}}},
+    }
+    told = with_files(known, identifiability=stored_fits).identifiability()
+    assert told.index.to_list() == ["cds_over_mass", "angle", "mass"] and told.columns[0] == "contraction"
+    assert told["contraction"].dropna().to_dict() == {"cds_over_mass": 0.75, "mass": -0.1}
+    assert told["shift"].dropna().to_dict() == {"cds_over_mass": 0.5, "angle": -0.5}
+    assert told["diagnosis"].dropna().to_dict() == {"cds_over_mass": "seen", "mass": "unseen"}
     assert known.identifiability().empty
-
-
-def test_identifiability_without_draws_of_the_prior_knows_no_share(known):
-    bare = replace(with_files(known, identifiability=IDENTIFIABILITY), data=tree(posterior=DRAWS))
-    assert bare.identifiability()["contraction"].isna().all()
 
 
 def test_what_leave_one_out_needs_is_of_its_data(known, monkeypatch):
