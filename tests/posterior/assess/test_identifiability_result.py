@@ -142,3 +142,25 @@ BELOW, MOVED = 1.0 - 1e-9, CONFLICT
 def test_words(contraction, shift, prior, likelihood, wanted):
     facts = ParameterIdentifiability(contraction, shift, prior_sensitivity=prior, likelihood_sensitivity=likelihood)
     assert diagnosis(facts) == wanted
+
+
+@pytest.mark.parametrize(
+    ("contraction", "shift", "prior", "likelihood", "wanted"),
+    [
+        (0.1, 0.0, 0.04, 0.2, "insensitive to the prior"),
+        (0.099, 0.99, 0.04, 0.2, "the posterior is the prior"),
+        (0.099, -0.99, 0.2, 0.2, "the posterior is the prior"),
+        (0.099, 1.0, 0.049, 0.2, "insensitive to the prior"),
+        (0.5, 0.0, 0.05, 0.049, "determined by the data, and the prior is felt"),
+        (0.499, 0.0, 0.05, 0.049, "determined by the prior"),
+        (0.5, 0.99, 0.05, 0.05, "prior and data both matter, and agree"),
+        (0.5, 1.0, 0.05, 0.05, "possible conflict of prior and data"),
+        (0.5, -1.0, 0.05, 0.05, "possible conflict of prior and data"),
+    ],
+)
+def test_words_change_at_the_published_bounds(contraction, shift, prior, likelihood, wanted):
+    """Sensitivities of 0.05, a contraction of a tenth and of a half, a shift of one standard deviation."""
+    facts = ParameterIdentifiability(
+        contraction, shift, prior_sensitivity=prior, likelihood_sensitivity=likelihood
+    )  # fmt: skip
+    assert diagnosis(facts) == wanted
