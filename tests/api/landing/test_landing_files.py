@@ -141,10 +141,10 @@ class Known(dict):
 
 @pytest.fixture(scope="module")
 def handed(tmp_path_factory):
-    """What other programs get, of twelve draws in two models; what was asked of their own files, which are not made."""
+    """What other programs get, of twelve draws in three models; what was asked of their own files, which are not made."""
     plan, rng, folder, asked = small_plan(), np.random.default_rng(1), tmp_path_factory.mktemp("others"), []
     (one,) = plan.models
-    plan = replace(plan, models=(replace(one, theta=one.theta[:5]), replace(one, theta=one.theta[5:])))
+    plan = replace(plan, models=tuple(replace(one, theta=some) for some in np.split(one.theta, [5, 8])))
     known = Known({
         "axial[1]": xr.DataArray(rng.normal(0.9, 0.1, (2, 100)), dims=("chain", "draw")),
         "riser_length": xr.DataArray(rng.normal(71.0, 0.1, (2, 100)), dims=("chain", "draw"), attrs={"units": "m"}),

@@ -69,7 +69,8 @@ def test_what_a_file_does_not_tell_is_not_known():
         0.5,
         *[None] * 7,
     ]
-    assert from_plain(ParameterIdentifiability, {}, "stored") == ParameterIdentifiability(*[None] * 9)
+    unknown = ParameterIdentifiability(*[None] * len(fields(ParameterIdentifiability)))
+    assert from_plain(ParameterIdentifiability, {}, "stored") == unknown
 
 
 def test_an_interval_without_an_end_is_open_there():
