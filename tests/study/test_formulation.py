@@ -86,7 +86,7 @@ def test_a_sandwich_runs_to_the_end_and_says_what_it_is(sandwich, descents):
     assert found["sd"] == pytest.approx(row["corrected_sd"], rel=0.2)
     assert abs(row["estimate"] - descents.truth["low"]) < 4.0 * row["corrected_sd"]
     told = summary["identifiability"]["low"]
-    assert set(told["parameters"]["cds_over_mass"]) == {"shift"} and told["noise"] == {}
+    assert set(told["parameters"]["cds_over_mass"]) == {"contraction", "shift"} and told["noise"] == {}
     assert told["directions"][0]["contraction"] == pytest.approx(found["contraction"], abs=0.03)
     page = (folder / "report.html").read_text(encoding="utf-8")
     assert "Corrected s.e." in page and "classical output error" in page

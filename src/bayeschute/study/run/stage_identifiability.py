@@ -40,8 +40,8 @@ _PARTS = {"white": "white noise", "correlated": "correlated noise", "time_consta
 def of_fit(job: Job, group: Group, stored: Stored) -> FitIdentifiability:
     """Identifiability of the parameters of one fit.
 
-    Draws of the sandwich come from no prior, no likelihood and no noise parameters: of those, only shifts and
-    directions are given.
+    Draws of the sandwich come from no prior, no likelihood and no noise parameters: of those, only contractions, shifts
+    and directions are given.
 
     Args:
         job: The run.
