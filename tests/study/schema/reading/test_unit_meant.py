@@ -15,6 +15,7 @@ MEANT = [
     ("degc", "K", "degC"), ("C", "K", "degC"), ("Celsius", "K", "degC"), ("deg C", "K", "degC"), ("F", "K", "degF"),
     ("dps", "rad/s", "deg/s"), ("FPS", "m/s", "fps"), ("kmh", "m/s", "km/h"), ("hpa", "Pa", "hPa"),
     ("mb", "Pa", "mbar"), ("FT", "m", "ft"), ("m/s2", "m/s^2", "m/s^2"), ("slug/ft3", "kg/m^3", "slug/ft^3"),
+    ("M", "m", "m"), ("S", "s", "s"), ("KT", "m/s", "kt"),
     ("lb", "N", "lbf"), ("lb s/ft", "N s/m", "lbf s/ft"),
 ]  # fmt: skip
 
@@ -30,7 +31,19 @@ def test_what_a_unit_was_meant_to_be(written, wanted, meant):
 
 @pytest.mark.parametrize(
     ("written", "wanted"),
-    [("ft", "s"), ("m", ""), ("m", "m"), ("0.3", "rad"), ("", "m"), ("1,5 m", "m"), ("x" * 5000, "m"), ("m^9^9", "m")],
+    [
+        ("Pa", "s"),
+        ("A", "s"),
+        ("kN", "s"),
+        ("ft", "s"),
+        ("m", ""),
+        ("m", "m"),
+        ("0.3", "rad"),
+        ("", "m"),
+        ("1,5 m", "m"),
+        ("x" * 5000, "m"),
+        ("m^9^9", "m"),
+    ],
 )
 def test_no_advice_where_nothing_of_the_kind_is_known(written, wanted):
     assert unit_meant(written, wanted) == ""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
-from bayeschute.core.units import to_si
+from bayeschute.core.units import factor_to_si, to_si
 
 _LONGEST = 100  # texts in which a unit is sought
 _WORDS = {  # of units as people write them, in small letters: what the program calls them
@@ -16,6 +16,7 @@ _WORDS = {  # of units as people write them, in small letters: what the program 
     "mb": "mbar", "hpa": "hPa", "kpa": "kPa", "pa": "Pa", "inhg": "inHg", "mmhg": "mmHg", "hz": "Hz",
     "lb": "lbf", "lbs": "lbf", "kn": "kN", "n": "N", "newtons": "N", "kgs": "kg",
 }  # fmt: skip
+_MISTYPED = ("m", "s")  # likely meant where they are written as M (molar) or S (siemens)
 _MEANING = {
     "g_0": "standard gravity",
     "millig_0": "thousandths of standard gravity",
@@ -36,8 +37,9 @@ def unit_meant(text: str, unit: str) -> str:
         A question such as ``"Did you mean 'g_0' (standard gravity)?"``; empty where nothing of the kind is known.
     """
     written = re.sub(r"^[-+.\d]+([eE][-+]?\d+)?\s*", "", text[:_LONGEST].strip())
+    rare = _is_unit(written) and written.lower() not in _MISTYPED  # 'Pa' is no 'pa', which would be years
     for tried in _spellings(written):
-        if tried == written:
+        if tried == written or (rare and tried == written.lower()):
             continue
         try:
             to_si(f"1 {tried}", unit)
@@ -46,6 +48,15 @@ def unit_meant(text: str, unit: str) -> str:
         meaning = f" ({_MEANING[tried]})" if tried in _MEANING else ""
         return f"Did you mean {tried!r}{meaning}?"
     return ""
+
+
+def _is_unit(text: str) -> bool:
+    """Whether a text is a unit of some kind as it stands."""
+    try:
+        factor_to_si(text, text)
+    except ValueError:
+        return False
+    return True
 
 
 def _spellings(text: str) -> Iterator[str]:
