@@ -1,6 +1,7 @@
 """Run notebooks and write them as ``.ipynb`` beside their sources: ``python docs/render.py [NAME ...]``, else all.
 
-They are part of the project; a test compares ``source_sha256`` of their metadata with their sources. What a notebook
+One that reads measured records is left as it is where BAYESCHUTE_DATA does not say where they lie: without them it would
+end with nothing found. They are part of the project; a test compares ``source_sha256`` of their metadata with their sources. What a notebook
 writes to the error stream (warnings, which name files of this machine) is printed here and left out.
 """
 
@@ -16,11 +17,17 @@ import nbformat
 from nbclient import NotebookClient
 
 NOTEBOOKS = Path(__file__).parents[1] / "notebooks"
+DATA = "BAYESCHUTE_DATA"
 
 
 def source_hash(source: Path) -> str:
     """SHA-256 of a notebook's source."""
     return hashlib.sha256(source.read_text(encoding="utf-8").encode()).hexdigest()
+
+
+def lacks_records(source: Path) -> bool:
+    """Whether a notebook reads measured records, and nothing says where they lie."""
+    return DATA in source.read_text(encoding="utf-8") and not os.environ.get(DATA)
 
 
 def render(source: Path, folder: Path | None = None) -> Path:
@@ -50,5 +57,9 @@ def render(source: Path, folder: Path | None = None) -> Path:
 
 if __name__ == "__main__":
     for name in sys.argv[1:] or sorted(path.stem for path in NOTEBOOKS.glob("*.py")):
-        path = render(NOTEBOOKS / f"{name}.py")
+        source = NOTEBOOKS / f"{name}.py"
+        if lacks_records(source):
+            print(f"{source}: left as it is; it reads measured records, {DATA} says where they lie", flush=True)
+            continue
+        path = render(source)
         print(f"{path}: {path.stat().st_size / 1024:.0f} kB", flush=True)

@@ -104,6 +104,18 @@ def test_a_block_of_the_gallery_draws_its_picture(tmp_path):
     assert path.read_text(encoding="utf-8").startswith("<?xml") and not list(tmp_path.glob("*.png"))
 
 
+def test_a_notebook_on_measured_records_is_not_rendered_without_them(monkeypatch):
+    """It would end with nothing found; the shipped one has found something."""
+    import render
+
+    about, other = (render.NOTEBOOKS / f"{name}.py" for name in ("population", "cluster"))
+    monkeypatch.delenv(render.DATA, raising=False)
+    assert render.lacks_records(about) and not render.lacks_records(other)
+    monkeypatch.setenv(render.DATA, "measured")
+    assert not render.lacks_records(about)
+    assert "8 records of dropsondes" in about.with_suffix(".ipynb").read_text(encoding="utf-8")
+
+
 def test_a_notebook_is_rendered_with_its_outputs(tmp_path):
     import render
 

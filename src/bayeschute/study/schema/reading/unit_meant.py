@@ -37,9 +37,9 @@ def unit_meant(text: str, unit: str) -> str:
         A question such as ``"Did you mean 'g_0' (standard gravity)?"``; empty where nothing of the kind is known.
     """
     written = re.sub(r"^[-+.\d]+([eE][-+]?\d+)?\s*", "", text[:_LONGEST].strip())
-    of_its_own = _is_unit(written) and written.lower() not in _MISTYPED  # 'Pa' is no 'pa', which would be years
+    known = _is_unit(written) and written.lower() not in _MISTYPED  # 'Pa' is no 'pa', which would be years
     for tried in _spellings(written):
-        if tried == written or (of_its_own and tried == written.lower()):
+        if tried == written or (known and tried == written.lower()):
             continue
         try:
             to_si(f"1 {tried}", unit)
