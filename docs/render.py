@@ -1,8 +1,9 @@
 """Run notebooks and write them as ``.ipynb`` beside their sources: ``python docs/render.py [NAME ...]``, else all.
 
-One that reads measured records is left as it is where BAYESCHUTE_DATA does not say where they lie: without them it would
-end with nothing found. They are part of the project; a test compares ``source_sha256`` of their metadata with their sources. What a notebook
-writes to the error stream (warnings, which name files of this machine) is printed here and left out.
+One that reads measured records is left as it is where BAYESCHUTE_DATA does not say where they lie: without them it
+would end with nothing found. They are part of the project; a test compares ``source_sha256`` of their metadata with
+their sources. What a notebook writes to the error stream (warnings, which name files of this machine) is printed here
+and left out.
 """
 
 from __future__ import annotations
