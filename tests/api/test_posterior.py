@@ -130,6 +130,9 @@ def test_identifiability_is_what_was_stored_of_all_fits(known):
     assert told["shift"].dropna().to_dict() == {"cds_over_mass": 0.5, "angle": -0.5}
     assert told["diagnosis"].dropna().to_dict() == {"cds_over_mass": "seen", "mass": "unseen"}
     assert known.identifiability().empty
+    earlier = {"all": {"parameters": {"mass": {"shift": 0.5, "diagnosis": "mostly the prior"}}}}
+    told = with_files(known, identifiability=earlier).identifiability()
+    assert told.loc["mass", "shift"] == 0.5 and np.isnan(told.loc["mass", "contraction"])
 
 
 def test_what_leave_one_out_needs_is_of_its_data(known, monkeypatch):

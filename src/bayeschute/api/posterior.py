@@ -135,8 +135,8 @@ class Posterior:
 
         Returns:
             A row per parameter, columns as in ``identifiability.json`` (`ParameterIdentifiability`): ``contraction``,
-            the share of the prior's variance that the data remove, ``diagnosis`` in words, and others. Empty before the
-            analysis.
+            the share of the prior's variance that the data remove (NaN of posteriors stored before it was),
+            ``diagnosis`` in words, and others. Empty before the analysis.
 
         Example:
             >>> bool(posterior.identifiability()["contraction"].iloc[0] > 0.9)
@@ -144,7 +144,8 @@ class Posterior:
         """
         told = self._json("identifiability.json")
         rows = {name: entry for group in told.values() for name, entry in group["parameters"].items()}
-        return pd.DataFrame.from_dict(rows, orient="index")
+        table = pd.DataFrame.from_dict(rows, orient="index")
+        return table if table.empty or "contraction" in table else table.assign(contraction=np.nan)
 
     @property
     def passed(self) -> bool:
