@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -30,7 +32,8 @@ def fastest_pole(flight: ClusterFlight, theta: np.ndarray, deviations: int) -> f
         theta: Parameters in working coordinates (P,).
         deviations: Number of initial deviations, all zero here.
     """
-    jacobian = np.asarray(_local_jacobian(flight, theta, np.zeros(deviations)))
+    begun = replace(flight, record=jax.tree.map(lambda a: a[:1], flight.record))  # compiled once for all lengths
+    jacobian = np.asarray(_local_jacobian(begun, theta, np.zeros(deviations)))
     return float(np.max(np.abs(np.linalg.eigvals(jacobian))))
 
 

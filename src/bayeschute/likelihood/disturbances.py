@@ -9,6 +9,7 @@ a fit. A disturbance may be the sum of several processes.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -80,6 +81,8 @@ def _block(kind: str, parameters: Component, dt: Component) -> tuple[Component, 
     return transition, sd * driven, sd * jnp.eye(2)
 
 
+# Compiled by itself: the matrix exponential takes seconds, and every length of a record has functions of its own.
+@partial(jax.jit, static_argnums=0)
 def dynamics(latent: Latent, disturbance_parameters: Sequence[Component], dt: Component) -> Dynamics:
     """State-space model of all processes.
 

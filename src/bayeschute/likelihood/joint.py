@@ -22,7 +22,7 @@ from bayeschute.core.vectors import Component
 from bayeschute.likelihood import disturbances as processes
 from bayeschute.likelihood.disturbances import Latent
 from bayeschute.likelihood.kalman import Gains, Seen, gains
-from bayeschute.likelihood.noise import Noise, whiten
+from bayeschute.likelihood.noise import Noise, of_outputs, whiten
 from bayeschute.likelihood.record_path import RecordPath
 
 
@@ -88,7 +88,7 @@ class NoiseParameters:
 
     def outputs(self, data: FlightData) -> Noise:
         """Measurement noise per output."""
-        return jax.tree.map(lambda a: jnp.asarray(a)[jnp.array(data.channel)], self.noise)
+        return of_outputs(self.noise, data.channel)
 
     def dynamics(self, data: FlightData) -> processes.Dynamics:
         """State-space model of the flight's latent processes."""
@@ -132,11 +132,15 @@ class Lifted(NamedTuple):
         return LatentPath(scale * self.unknowns.start, self.error, self.path)
 
 
-@jax.jit
 def latent_path_of(data: FlightData, hyper: NoiseParameters, unknowns: Unknowns) -> LatentPath:
     """Initial deviations and disturbances of standard unknowns."""
-    scale = jnp.reshape(data.start_scale, (-1, *(1,) * (unknowns.start.ndim - 1)))
-    return LatentPath(scale * unknowns.start, processes.disturbances(hyper.dynamics(data), unknowns.process_noise))
+    return _latent_path(data.start_scale, hyper.dynamics(data), unknowns)
+
+
+@jax.jit
+def _latent_path(start_scale: jax.Array, made: processes.Dynamics, unknowns: Unknowns) -> LatentPath:
+    scale = jnp.reshape(start_scale, (-1, *(1,) * (unknowns.start.ndim - 1)))
+    return LatentPath(scale * unknowns.start, processes.disturbances(made, unknowns.process_noise))
 
 
 # The simulation is compiled once per batch size: what is built on it is put together outside of compiled functions.
@@ -280,12 +284,6 @@ def _compared_along(data: FlightData, y: jax.Array, reached: Reached, path: jax.
     return jnp.where(data.present, data.observed - y, 0.0), defects
 
 
-@jax.jit
-def statespace(data: FlightData, hyper: NoiseParameters) -> tuple[processes.Dynamics, Noise]:
-    """State-space model of a flight's latent processes, and its measurement noise per output."""
-    return hyper.dynamics(data), hyper.outputs(data)
-
-
 def filter_gains(data: FlightData, hyper: NoiseParameters, linear: Linear, slack: Component | None = None) -> Gains:
     """Covariance pass of the filter of a linearised flight.
 
@@ -295,7 +293,7 @@ def filter_gains(data: FlightData, hyper: NoiseParameters, linear: Linear, slack
         linear: The flight linearised.
         slack: Standard deviations of the states' defects (X,); None: none are left.
     """
-    steps, (latent, noise) = linear.without_theta().steps, statespace(data, hyper)
+    steps, latent, noise = linear.without_theta().steps, hyper.dynamics(data), hyper.outputs(data)
     return gains(steps, data.start_scale, latent, noise, data.dt, data.present, slack)
 
 

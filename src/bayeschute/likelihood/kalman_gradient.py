@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from bayeschute.core.vectors import Component
 from bayeschute.likelihood.filter_code import passes
-from bayeschute.likelihood.joint import FlightData, Linear, NoiseParameters, statespace
+from bayeschute.likelihood.joint import FlightData, Linear, NoiseParameters
 from bayeschute.likelihood.kalman import Gains, Seen, covariances, forward
 
 Array = NDArray[np.float64]
@@ -89,7 +89,7 @@ def parts(flight: FlightData, hyper: NoiseParameters) -> Parts:
 
 def run(flight: FlightData, hyper: NoiseParameters, linear: Linear, seen: Seen) -> Pass:
     """Run a linearised flight's filter."""
-    steps, (latent, noise) = linear.without_theta().steps, statespace(flight, hyper)
+    steps, latent, noise = linear.without_theta().steps, hyper.dynamics(flight), hyper.outputs(flight)
     present = flight.present
     made, latents, noises = covariances(steps, flight.start_scale, latent, noise, flight.dt, present, score=True)
     return Pass(made, latents, noises, *forward(made, *seen))
@@ -138,8 +138,7 @@ def slope(flight: FlightData, hyper: NoiseParameters, linear: Linear, done: Pass
     Returns:
         The derivatives, in the form of the parts.
     """
-    latent, _ = statespace(flight, hyper)
-    series = _series(done, linear.steps.by_then, latent.output, mix)
+    series = _series(done, linear.steps.by_then, hyper.dynamics(flight).output, mix)
     if passes.served(done, mix) and done.gains.by_state.shape[0]:
         sums = Sums(*passes.score(done.gains, series, done.latents, done.noises))
     else:

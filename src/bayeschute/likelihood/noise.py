@@ -8,6 +8,7 @@ derivatives alike. Innovations at missing samples are zero.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -29,6 +30,12 @@ class Noise:
     white: Component
     correlated: Component
     time_constant: Component
+
+
+@partial(jax.jit, static_argnums=1)
+def of_outputs(noise: Noise, channel: tuple[int, ...]) -> Noise:
+    """Noise of outputs (C,) from that of channels (K,), given the channel of every output by number (C entries)."""
+    return jax.tree.map(lambda a: jnp.asarray(a)[jnp.array(channel)], noise)
 
 
 def gains(noise: Noise, dt: Component, present: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:

@@ -21,12 +21,12 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from bayeschute.core.numerics import processors
+from bayeschute.core.vectors import Component
 from bayeschute.likelihood import mean_correction
 from bayeschute.likelihood.joint import (
     FlightData,
@@ -98,10 +98,9 @@ def _mean_correction(
     return MeanCorrection(*(a + b - c for a, b, c in zip(along.mean_correction, few, along.rough, strict=True)))
 
 
-@jax.jit
 def _place(flight: FlightData, along: Linearisation, shift: jax.Array) -> Lifted:
     """Where a flight's conditional optimum is by its slopes, which `corrected` takes from optima on either side."""
-    followed = jax.tree.map(lambda a, b: jnp.asarray(a) + jnp.asarray(b), along.slope, along.aside)
+    followed = jax.tree.map(lambda a, b: np.asarray(a) + np.asarray(b), along.slope, along.aside)
     return place_at(flight, along._replace(slope=followed), shift)
 
 
@@ -409,9 +408,10 @@ def _polynomials(marginal: Marginal, near: Sides, progress: Progress | None = No
         points = sign * (axes[i] + axes[j])
 
         def corner(point: Array, pair: Array, ends: Sequence[Laplace] = ends) -> Laplace:
-            trio = zip(marginal.flights, *(one.flights for one in (here, ends[pair[0]], ends[pair[1]])), strict=True)
             _, change = shifted(marginal, point)
-            found = at(marginal, point, [_beyond(*four, marginal.centre, change) for four in trio])
+            trio = zip(here.flights, ends[pair[0]].flights, ends[pair[1]].flights, strict=True)
+            steps = zip(marginal.flights, trio, strict=True)
+            found = at(marginal, point, [_beyond(flight, *three, marginal.centre, change) for flight, three in steps])
             return found._replace(flights=(), roots=())
 
         there = _at_each(corner, points, left, progress=progress)
@@ -424,13 +424,13 @@ def _polynomials(marginal: Marginal, near: Sides, progress: Progress | None = No
     return Quadratic(slope[0], curvature[0]), Quadratic(slope[1], curvature[1])
 
 
-@jax.jit
 def _beyond(
-    flight: FlightData, here: Lifted, one: Lifted, other: Lifted, theta: jax.Array, change: jax.Array
+    flight: FlightData, here: Lifted, one: Lifted, other: Lifted, theta: Component, change: Component
 ) -> Lifted:
     """Where two steps lead together, from theta (P,) with a change (P,)."""
+    here, one, other = jax.tree.map(np.asarray, (here, one, other))
     both = jax.tree.map(lambda a, b, c: b + c - a, here, one, other)
-    return both._replace(path=moved(flight, jnp.asarray(here.path), both.path - here.path, theta, change))
+    return both._replace(path=moved(flight, here.path, both.path - here.path, theta, change))
 
 
 def _expansion(marginal: Marginal, h: Array) -> tuple[Array, Array]:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayeschute.core.vectors import Component
-from bayeschute.likelihood.disturbances import disturbances
+from bayeschute.likelihood.disturbances import Dynamics, disturbances
 from bayeschute.likelihood.joint import (
     FlightData,
     Lifted,
@@ -90,13 +90,17 @@ def solve(flight: FlightData, hyper: NoiseParameters, slack: Component | None, m
     return Solved(flat.T @ flat, got.start, process_noise, got.states, filtered.log_determinant), filtered
 
 
-@jax.jit
-def led(flight: FlightData, hyper: NoiseParameters, at: Lifted, solved: Solved, step: jax.Array) -> Lifted:
+def led(flight: FlightData, hyper: NoiseParameters, at: Lifted, solved: Solved, step: Component) -> Lifted:
     """Start, process noise and trajectory after a step of the parameters (P,) in the linear problem."""
+    return _led(hyper.dynamics(flight), at.path, solved, step)
+
+
+@jax.jit
+def _led(made: Dynamics, path: jax.Array, solved: Solved, step: jax.Array) -> Lifted:
     start, process_noise, away = (
         a[..., 0] - a[..., 1:] @ step for a in (solved.start, solved.process_noise, solved.states)
     )
-    return Lifted(Unknowns(start, process_noise), disturbances(hyper.dynamics(flight), process_noise), at.path + away)
+    return Lifted(Unknowns(start, process_noise), disturbances(made, process_noise), path + away)
 
 
 def closed(flight: FlightData, hyper: NoiseParameters, at: Lifted, made: Linear) -> Lifted:
@@ -112,19 +116,25 @@ def closed(flight: FlightData, hyper: NoiseParameters, at: Lifted, made: Linear)
     """
     filtered = filter_gains(flight, hyper, made)
     got = smooth_driven(filtered, Seen(np.zeros((*np.shape(made.residual), 1)), made.defects[..., None]))
-    return _beside(flight, hyper, at, got)
+    return _beside(hyper.dynamics(flight), at, got)
 
 
 @jax.jit
-def _beside(flight: FlightData, hyper: NoiseParameters, at: Lifted, got: Smoothed) -> Lifted:
+def _beside(made: Dynamics, at: Lifted, got: Smoothed) -> Lifted:
     """Start, process noise and trajectory after a change that was smoothed."""
     process_noise = at.unknowns.process_noise + got.process_noise[..., 0]
     unknowns = Unknowns(at.unknowns.start + got.start[:, 0], process_noise)
-    return Lifted(unknowns, disturbances(hyper.dynamics(flight), process_noise), at.path + got.states[..., 0])
+    return Lifted(unknowns, disturbances(made, process_noise), at.path + got.states[..., 0])
+
+
+def shortened(flight: FlightData, at: Lifted, there: Lifted, share: float, theta: Component, step: Component) -> Lifted:
+    """A fraction of a linear step of flight and parameters (P,)."""
+    there, by = _between(at, there, share)
+    return there._replace(path=moved(flight, at.path, by, theta, share * step))
 
 
 @jax.jit
-def shortened(flight: FlightData, at: Lifted, there: Lifted, share: float, theta: jax.Array, step: jax.Array) -> Lifted:
-    """A fraction of a linear step of flight and parameters (P,)."""
+def _between(at: Lifted, there: Lifted, share: float) -> tuple[Lifted, jax.Array]:
+    """A share of the way in a straight line, and how far the path moves on it."""
     there = jax.tree.map(lambda a, b: a + share * (b - a), at, there)
-    return there._replace(path=moved(flight, at.path, there.path - at.path, theta, share * step))
+    return there, there.path - at.path
