@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -250,6 +251,28 @@ def test_a_prediction_that_failed_altogether_has_no_shares(fitted, monkeypatch):
     time = np.arange(made.time.size)
     held = bands.dataset(made, made.time, ("descent_rate",), None, {}, time > 80, "identify")
     assert np.isnan(held["descent_rate"]).all() and held.attrs["failed"] == 4
+
+
+def test_shares_are_those_of_the_draws_that_do_not_fail(fitted, monkeypatch):
+    honest = bands._simulate
+
+    def partly(*given):
+        """The last flight of every batch leaves the finite numbers halfway."""
+        quantities, last = (np.array(part) for part in honest(*given))
+        quantities[:, quantities.shape[1] // 2 :, -1] = np.inf
+        return quantities, last
+
+    theta = np.asarray(fitted.centre) + np.random.default_rng(0).normal(size=(bands.GROUP, 1)) * fitted.scale[0, 0]
+    whole = bands.predict(fitted, 0, theta, [fitted.hyper], 3)
+    monkeypatch.setattr(bands, "_simulate", partly)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        made = bands.predict(fitted, 0, theta, [fitted.hyper], 3)
+    assert made.failed == 1 and np.isnan(made.draws["descent_rate"]).all(axis=1).sum() == 1
+    for name, share in made.shares.items():
+        assert sum(share.values()) == pytest.approx(1.0)
+        for source, value in share.items():
+            assert value == pytest.approx(whole.shares[name][source], abs=0.2)
 
 
 def _lost(honest):

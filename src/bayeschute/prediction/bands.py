@@ -242,9 +242,11 @@ def _shares(
     variance = {}
     for source, (x, latent_path) in cases.items():
         quantities, _ = _simulate(flight, marginal.theta(x), latent_path)
-        made = np.asarray(quantities)
+        made = np.array(quantities)
+        failed = ~np.isfinite(made).all(axis=(0, 1))
+        made[..., failed] = np.nan
         variance[source] = np.full(len(made), np.nan)
-        if np.isfinite(made).any():
+        if not failed.all():
             variance[source] = np.nanmean(np.nanvar(made, axis=-1), axis=-1)
     total = np.sum(list(variance.values()), axis=0)
     return {
