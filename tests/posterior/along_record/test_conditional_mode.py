@@ -8,13 +8,13 @@ import jax
 import numpy as np
 import pytest
 
-from bayeschute.likelihood.joint import Lifted, Unknowns, linearise
+from bayeschute.likelihood.joint import Lifted, Unknowns, filter_gains, linearise
 from bayeschute.posterior import joint_mode as optimum
 from bayeschute.posterior.along_record import conditional_mode
-from bayeschute.posterior.along_record.conditional_mode import conditional_optimum, onward
+from bayeschute.posterior.along_record.conditional_mode import approached, brought, conditional_optimum, onward
 from bayeschute.posterior.along_record.lifted_fit import begin, descend
 from bayeschute.posterior.along_record.linear_problem import terms
-from bayeschute.posterior.along_record.slack_level import LEVELS, Near
+from bayeschute.posterior.along_record.slack_level import LEVELS, Level, Near
 
 
 def _largest(flight, theta, at, hyper):
@@ -116,3 +116,27 @@ def test_at_rest_a_drop_obeys(drop, shot):
 def test_where_nothing_is_finite_nothing_rests(descent, flown):
     at = [flown(f, descent.hyper, descent.theta, f.still()) for f in descent.flights]
     assert conditional_optimum(descent.flights, descent.hyper, descent.priors, np.array([np.nan]), at) is None
+
+
+@pytest.mark.parametrize("share", [-1.0, 0.5, 1.0])
+def test_a_flight_is_at_rest_where_its_density_is_taken(drop, shot, monkeypatch, share):
+    """Else the log determinant, which is not stationary there, tells of the path that is left to go.
+
+    The marginal log density is that about the path at rest, from wherever the flight comes.
+    """
+    gains, given = [], ([drop.flight], drop.hyper)
+    relaxed = Level.relaxed
+
+    def heard(level, here):
+        made = relaxed(level, here)
+        gains.append(made.gain)
+        return made
+
+    theta = shot.theta + share * np.sqrt(np.diag(shot.covariance))
+    monkeypatch.setattr(Level, "relaxed", heard)
+    (got,) = approached(*given, theta, shot.flights)
+    assert gains[-1] < 0.01 < gains[0]
+    ((_, linear),) = brought(*given, theta, shot.flights)
+    want = filter_gains(drop.flight, drop.hyper, linear)
+    assert float(got.gains.log_determinant) == pytest.approx(float(want.log_determinant), abs=0.05)
+    assert got.linear.steps.by_theta.shape[-1] == 0

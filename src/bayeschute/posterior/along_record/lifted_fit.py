@@ -21,13 +21,14 @@ from numpy.typing import NDArray
 
 from bayeschute.likelihood.joint import FlightData, Lifted, NoiseParameters, Unknowns
 from bayeschute.likelihood.priors import Prior
-from bayeschute.posterior.along_record.conditional_mode import NEARLY, resting
+from bayeschute.posterior.along_record.conditional_mode import resting
 from bayeschute.posterior.along_record.slack_level import LEVELS, NEAR, Level, Near, Point, Step, lowered, stepped
 from bayeschute.posterior.quasi_newton import secant_step
 
 Array = NDArray[np.float64]
 _MOST, _MOST_HELD = 15, 40  # steps at a level, and where the path obeys the equations of motion
 _FEW_DEFECTS, _SECANTS = 0.2, 6  # of the last level's slack, at which earlier slopes tell of the next step; how many
+_NEARLY = 1.0  # gain in log density at which flights led here from elsewhere are near enough their conditional modes
 _IDLE = 4  # steps that together gain next to nothing: however long the next would be, it leads nowhere
 _FREE = 1e-2  # damping below which a step is as good as free
 _FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-3, 1e-9, 1e8
@@ -218,7 +219,7 @@ def descend(
         if number == 0:
             here = problem.on_the_path(here) if at is None else _resettled(problem, here)
             if at is not None and np.isfinite(near.fall):  # what the cost falls by at rest hides what the density does
-                here, _ = resting(problem, here, NEARLY)
+                here, _ = resting(problem, here, _NEARLY)
         last = level == levels[-1]
         bounds = near if last else _NEAR_LEVEL
         here, covariance, made, converged = _descend(problem, here, _MOST if level else most, bounds, say)
