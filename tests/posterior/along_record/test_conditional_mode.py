@@ -8,7 +8,8 @@ import jax
 import numpy as np
 import pytest
 
-from bayeschute.likelihood.joint import Lifted, Unknowns, filter_gains, linearise
+from bayeschute.likelihood.joint import Lifted, Unknowns, as_seen, filter_gains, linearise
+from bayeschute.likelihood.kalman import innovations
 from bayeschute.posterior import joint_mode as optimum
 from bayeschute.posterior.along_record import conditional_mode
 from bayeschute.posterior.along_record.conditional_mode import approached, brought, conditional_optimum, onward
@@ -120,10 +121,7 @@ def test_where_nothing_is_finite_nothing_rests(descent, flown):
 
 @pytest.mark.parametrize("share", [-1.0, 0.5, 1.0])
 def test_a_flight_is_at_rest_where_its_density_is_taken(drop, shot, monkeypatch, share):
-    """Else the log determinant, which is not stationary there, tells of the path that is left to go.
-
-    The marginal log density is that about the path at rest, from wherever the flight comes.
-    """
+    """Else the correction of the mean is that about another path. Squares and log determinant are those at rest."""
     gains, given = [], ([drop.flight], drop.hyper)
     relaxed = Level.relaxed
 
@@ -139,4 +137,6 @@ def test_a_flight_is_at_rest_where_its_density_is_taken(drop, shot, monkeypatch,
     ((_, linear),) = brought(*given, theta, shot.flights)
     want = filter_gains(drop.flight, drop.hyper, linear)
     assert float(got.gains.log_determinant) == pytest.approx(float(want.log_determinant), abs=0.05)
+    there, here = (innovations(made, *as_seen(one)) for made, one in ((got.gains, got.linear), (want, linear)))
+    assert 0.5 * np.sum(there[..., 0] ** 2) == pytest.approx(0.5 * np.sum(here[..., 0] ** 2), abs=0.02)
     assert got.linear.steps.by_theta.shape[-1] == 0

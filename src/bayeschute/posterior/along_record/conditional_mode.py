@@ -89,10 +89,10 @@ def approached(
 ) -> list[LinearOptimum]:
     """Flights at their conditional modes for fixed parameters, with the linear problems there.
 
-    As `brought`, with one linearisation fewer. Innovations and log determinant are those of the linear problem, so they
-    are as exact as the path is near its mode. The log determinant is not stationary there: on a flight whose path bends
-    much, a path that lacks half a unit of the log density, one standard deviation along some direction, had a marginal
-    log density 1.7 too high, and a path at the mode none: the density seemed to rise to all sides.
+    As `brought`, with one linearisation fewer. The linear problem's own mode has the cost to third order in what is
+    left of the way, but the correction of the mean (`likelihood.mean_correction`) is that about the path, and first
+    order matters: on a flight whose path bends much, paths that lacked up to one unit of the cost had marginal log
+    densities 1.1 too high on average, and the path at rest none, so that the density seemed to rise to all sides.
     """
     level = Level(flights, hyper, (), 0.0, by_theta=False)
     here, relaxed = resting(level, level.point(theta, at))
