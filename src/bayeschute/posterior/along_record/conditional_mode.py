@@ -89,10 +89,10 @@ def approached(
 ) -> list[LinearOptimum]:
     """Flights at their conditional modes for fixed parameters, with the linear problems there.
 
-    As `brought`, with one linearisation fewer. The linear problem's own mode has the cost to third order in what is
+    As `brought`, without derivatives by theta. The linear problem's own mode has the cost to third order in what is
     left of the way, but the correction of the mean (`likelihood.mean_correction`) is that about the path, and first
     order matters: on a flight whose path bends much, paths that lacked up to one unit of the cost had marginal log
-    densities 1.1 too high on average, and the path at rest none, so that the density seemed to rise to all sides.
+    densities 1.1 too high on average, that at rest had its own, and the density seemed to rise from there to all sides.
     """
     level = Level(flights, hyper, (), 0.0, by_theta=False)
     here, relaxed = resting(level, level.point(theta, at))
