@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from bayeschute.aero.coefficient import APPARENT_MASS, Coefficient
 from bayeschute.atmosphere.standard import SEA_LEVEL_DENSITY
@@ -16,7 +18,7 @@ from bayeschute.compiler.integrate import rk4
 from bayeschute.core.vectors import Component, Quaternion, Vec3, dot, norm, quaternion, vec3
 from bayeschute.dynamics.cluster import Air, geometry, state_rate, tension
 from bayeschute.dynamics.initial_state import Start, initial_state
-from bayeschute.dynamics.parameters import Cluster, Structure
+from bayeschute.dynamics.parameters import Capsule, Cluster, Risers, Structure
 from bayeschute.dynamics.state import ClusterState, pack, unpack
 
 LOGARITHMIC = ("riser_stiffness", "riser_damping", APPARENT_MASS)
@@ -33,6 +35,7 @@ OF_CANOPIES = {
     "canopy_pitch_damping": "pitch_damping",
 }
 POSITION_SCALE = "canopy_position_scale"
+_RISER = "riser_"
 CHANNELS = (
     "canopy_position",
     "capsule_velocity",
@@ -77,8 +80,8 @@ def with_parameters(
             old = aero[found.kind][place]
             new = value if canopy is None else _with_canopy(old, canopy, value, structure.canopies)
             aero[found.kind][place] = new
-        elif name.startswith("riser_"):
-            risers = replace(risers, **{name[6:]: value})
+        elif name.startswith(_RISER):
+            risers = replace(risers, **{name[len(_RISER) :]: value})
         elif name in OF_CAPSULE:
             new_of_capsule: dict[str, Any] = {OF_CAPSULE[name]: value}
             capsule = replace(capsule, **new_of_capsule)
@@ -194,7 +197,7 @@ class ClusterFlight:
         air = air_between(now, then, error_now, error_then, share, self.dt)
         return air if self.wind_field is None else blown(air, self.wind_field, unpack(x, self.structure.canopies))
 
-    def retract(self, x: jax.Array, step: jax.Array, theta: jax.Array, change: jax.Array) -> jax.Array:
+    def retract(self, x: Component, step: Component, theta: Component, change: Component) -> jax.Array:
         """States a step away, risers pulling as the linear step says.
 
         A canopy that moves across its riser in a straight line stretches it by the square of that move, and a stiff
@@ -210,38 +213,10 @@ class ClusterFlight:
             theta: Parameters (P, ...).
             change: Change of the parameters (P, ...).
         """
-        n, capsule = self.structure.canopies, self.base.capsule
-
-        def size(q: Quaternion) -> jax.Array:
-            return jnp.sqrt(q.w**2 + q.x**2 + q.y**2 + q.z**2)
-
-        def kept(x: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
-            state = unpack(x, n)
-            geo = geometry(state, capsule)
-            return size(state.attitude), geo.length, geo.stretch_rate
-
-        def risers(theta: jax.Array) -> tuple[Component, Component, Component]:
-            given = self.numbers(theta).risers
-            return given.length, given.stiffness, given.damping
-
-        (turned, length, rate), by = jax.jvp(kept, (jnp.moveaxis(x, 1, 0),), (jnp.moveaxis(step, 1, 0),))
-        theta = jnp.broadcast_to(theta, jnp.shape(change))
-        (slack, *given), (longer, *more) = jax.jvp(risers, (theta,), (change,))
-        new_slack, *new = risers(theta + change)
-
-        def pulled(i: int, value: jax.Array, by: jax.Array) -> jax.Array:
-            pulls = (length > slack) & (new[i] > 0.0)
-            return jnp.where(pulls, (given[i] * (value + by) + more[i] * value) / new[i], value + by)
-
-        turned, stretch, rate = turned + by[0], pulled(0, length - slack, by[1] - longer), pulled(1, rate, by[2])
-        length = new_slack + stretch
-        there = unpack(jnp.moveaxis(x + step, 1, 0), n)
-        q, share = there.attitude, turned / size(there.attitude)
-        there = replace(there, attitude=Quaternion(q.w * share, q.x * share, q.y * share, q.z * share))
-        geo = geometry(there, capsule)
-        place = there.canopy_position + geo.direction * (length - geo.length)
-        moving = there.canopy_velocity + geo.direction * (rate - geo.stretch_rate)
-        return jnp.moveaxis(pack(replace(there, canopy_position=place, canopy_velocity=moving)), 0, 1)
+        rows = np.array([i for i, name in enumerate(self.names) if name.startswith(_RISER)], dtype=int)
+        names = tuple(self.names[i][len(_RISER) :] for i in rows)
+        given = jnp.asarray(theta)[rows], jnp.asarray(change)[rows]
+        return _retracted(x, step, self.base.risers, self.base.capsule, *given, names, self.structure.canopies)
 
     def observe(self, x: jax.Array, numbers: Cluster, now: Any) -> jax.Array:
         """Outputs of `channels`, in order (C, ...)."""
@@ -271,6 +246,64 @@ class ClusterFlight:
             else:
                 raise KeyError(f"{channel!r} is no channel of the cluster")
         return jnp.concatenate(rows)
+
+
+@partial(jax.jit, static_argnames=("names", "n"))
+def _retracted(
+    x: jax.Array,
+    step: jax.Array,
+    known: Risers,
+    capsule: Capsule,
+    theta: jax.Array,
+    change: jax.Array,
+    names: tuple[str, ...],
+    n: int,
+) -> jax.Array:
+    """`ClusterFlight.retract` with what it needs of a flight, so that flights of any terms share a compiled function.
+
+    Args:
+        x: States (T, X, ...).
+        step: Their change (T, X, ...).
+        known: Risers, but for the parameters.
+        capsule: With the attach point.
+        theta: Parameters of the risers (R, ...).
+        change: Their change (R, ...).
+        names: Fields of the risers, in the order of theta.
+        n: Number of canopies.
+    """
+
+    def size(q: Quaternion) -> jax.Array:
+        return jnp.sqrt(q.w**2 + q.x**2 + q.y**2 + q.z**2)
+
+    def kept(x: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
+        state = unpack(x, n)
+        geo = geometry(state, capsule)
+        return size(state.attitude), geo.length, geo.stretch_rate
+
+    def risers(theta: jax.Array) -> tuple[Component, Component, Component]:
+        logarithmic = (_RISER + name in LOGARITHMIC for name in names)
+        values = (jnp.exp(row) if log else row for row, log in zip(theta, logarithmic, strict=True))
+        given = replace(known, **dict(zip(names, values, strict=True)))
+        return given.length, given.stiffness, given.damping
+
+    (turned, length, rate), by = jax.jvp(kept, (jnp.moveaxis(x, 1, 0),), (jnp.moveaxis(step, 1, 0),))
+    theta = jnp.broadcast_to(theta, jnp.shape(change))
+    (slack, *given), (longer, *more) = jax.jvp(risers, (theta,), (change,))
+    new_slack, *new = risers(theta + change)
+
+    def pulled(i: int, value: jax.Array, by: jax.Array) -> jax.Array:
+        pulls = (length > slack) & (new[i] > 0.0)
+        return jnp.where(pulls, (given[i] * (value + by) + more[i] * value) / new[i], value + by)
+
+    turned, stretch, rate = turned + by[0], pulled(0, length - slack, by[1] - longer), pulled(1, rate, by[2])
+    length = new_slack + stretch
+    there = unpack(jnp.moveaxis(x + step, 1, 0), n)
+    q, share = there.attitude, turned / size(there.attitude)
+    there = replace(there, attitude=Quaternion(q.w * share, q.x * share, q.y * share, q.z * share))
+    geo = geometry(there, capsule)
+    place = there.canopy_position + geo.direction * (length - geo.length)
+    moving = there.canopy_velocity + geo.direction * (rate - geo.stretch_rate)
+    return jnp.moveaxis(pack(replace(there, canopy_position=place, canopy_velocity=moving)), 0, 1)
 
 
 def _by_canopy(vector: Vec3, n: int) -> jax.Array:

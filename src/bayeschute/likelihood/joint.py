@@ -165,8 +165,7 @@ def states(data: FlightData, theta: Component, latent_path: LatentPath, known: C
     return jax_states(data, theta, latent_path, known) if made is None else made
 
 
-@jax.jit
-def moved(data: FlightData, path: jax.Array, by: jax.Array, theta: jax.Array, change: jax.Array) -> jax.Array:
+def moved(data: FlightData, path: Component, by: Component, theta: Component, change: Component) -> jax.Array:
     """A trajectory moved by a change of its states; a model with `retract` keeps stiff modes in balance.
 
     Args:

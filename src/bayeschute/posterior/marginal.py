@@ -182,13 +182,18 @@ def mean_correction_slope(marginal: Marginal) -> Array:
 
 
 @jax.jit
-def _place(flight: FlightData, theta: jax.Array, at: Lifted, slope: Lifted, shift: jax.Array) -> Lifted:
+def _led(at: Lifted, slope: Lifted, shift: jax.Array) -> tuple[Lifted, Lifted, Lifted]:
+    """An optimum as wide as `shift` (P, ...), its linear change, and their sum."""
     many = (1,) * (jnp.ndim(shift) - 1)
     by = jax.tree.map(lambda a: jnp.tensordot(a, shift, axes=1), slope)
     wide = jax.tree.map(lambda a, b: jnp.broadcast_to(jnp.reshape(a, (*jnp.shape(a), *many)), b.shape), at, by)
-    both = jax.tree.map(jnp.add, wide, by)
-    theta = jnp.reshape(theta, (-1, *many))
-    return Lifted(both.unknowns, both.error, moved(flight, wide.path, by.path, theta, shift))
+    return wide, by, jax.tree.map(jnp.add, wide, by)
+
+
+def _place(flight: FlightData, theta: jax.Array, at: Lifted, slope: Lifted, shift: jax.Array) -> Lifted:
+    wide, by, both = _led(at, slope, shift)
+    theta = jnp.reshape(theta, (-1, *(1,) * (jnp.ndim(shift) - 1)))
+    return both._replace(path=moved(flight, wide.path, by.path, theta, shift))
 
 
 def place_at(flight: FlightData, along: Linearisation, shift: jax.Array) -> Lifted:
