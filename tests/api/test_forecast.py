@@ -294,7 +294,7 @@ def foreseen(name="a", canopies=None, failed=0, draws=8):
     record = xr.Dataset() if canopies is None else xr.Dataset({"x": ("canopy", np.zeros(canopies))})
     return SimpleNamespace(
         flight=SimpleNamespace(name=name), prediction=prediction, record=record, time=np.arange(5.0), seed=3,
-        held_out=np.arange(5) > 2, truth="truth", stored="stored",
+        held_out=np.arange(5) > 2, truth="truth", hyper="hyper",
     )  # fmt: skip
 
 

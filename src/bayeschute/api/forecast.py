@@ -23,7 +23,7 @@ from bayeschute.prediction.requirement import requirement_check
 from bayeschute.report.wording import shown_unit
 from bayeschute.study.evidence.recalibrate import widening
 from bayeschute.study.job import Job, load_flight
-from bayeschute.study.run.forecasts import FlightForecast, forecast_flight, widened
+from bayeschute.study.run.forecasts import FlightForecast, forecast_flight, stored_forecast, widened
 from bayeschute.study.run.stage_data import ingest_flight, read_and_judge
 from bayeschute.study.run.stage_predict import channel_noise, recorded_quantities
 from bayeschute.study.study import Flight as FlightSpec
@@ -111,7 +111,7 @@ class Forecast:
     def of(cls, job: Job, foreseen: FlightForecast) -> Forecast:
         """From what the stages `predict` and `check` of a run make."""
         one, recorded = foreseen.prediction, recorded_quantities(job, foreseen.flight, foreseen.record)
-        noise = {name: n for name in one.draws if (n := channel_noise(job, foreseen.stored, name)) is not None}
+        noise = {name: n for name in one.draws if (n := channel_noise(job, foreseen.hyper, name)) is not None}
         alone = foreseen.record.sizes.get("canopy") == 1  # one canopy has no flyout angle
         values = {
             name: (("draw", "time"), x, {"units": bands.UNITS[name]})
@@ -392,6 +392,12 @@ def _led_by(spec: Study, flight: str, like: str | None) -> Study:
 def forecast_of(job: Job, flight: FlightSpec) -> Forecast:
     """Forecast of a flight whose record, fit and checks a job has."""
     return Forecast.of(job, widened(forecast_flight(job, flight), widening(job)))
+
+
+def stored_forecast_of(job: Job, flight: FlightSpec) -> Forecast | None:
+    """Forecast of a flight as a finished run has drawn it; None where it keeps no or not all draws."""
+    stored = stored_forecast(job, flight)
+    return None if stored is None else Forecast.of(job, stored)
 
 
 def forecast(

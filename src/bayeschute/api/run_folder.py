@@ -11,11 +11,12 @@ from typing import Any
 
 import pandas as pd
 
-from bayeschute.api.forecast import Forecast, forecast_of
+from bayeschute.api.forecast import Forecast, forecast_of, stored_forecast_of
 from bayeschute.api.inputs import Study
 from bayeschute.api.posterior import Posterior
 from bayeschute.api.workspace import collected, workspace
 from bayeschute.calibration.label import CONTRADICTED
+from bayeschute.study.job import Job
 
 
 @dataclass(frozen=True, eq=False, repr=False, init=False)
@@ -74,7 +75,10 @@ class Run:
 
     @cached_property
     def forecasts(self) -> Mapping[str, Forecast]:
-        """Forecasts of the flights that were fitted or predicted, drawn anew by name."""
+        """Forecasts of the flights that were fitted or predicted, by name: the run's own draws.
+
+        Where the run has not come so far, or keeps a part of its draws only, they are drawn anew.
+        """
         return _Forecasts(self)
 
     def report(self) -> Path:
@@ -89,7 +93,7 @@ class Run:
 
 
 class _Forecasts(Mapping[str, Forecast]):
-    """Forecasts of a run, made when asked for."""
+    """Forecasts of a run, read or made when asked for."""
 
     def __init__(self, run: Run) -> None:
         self._run = run
@@ -101,8 +105,12 @@ class _Forecasts(Mapping[str, Forecast]):
             flight = next((f for f in study.flights if f.name == name and f.name in set(self)), None)
             if flight is None:
                 raise KeyError(name)
-            with workspace(study, collected(self._run.folder)) as job:
-                self._made[name] = forecast_of(job, flight)
+            stored = stored_forecast_of(Job(study, self._run.folder, False, "", lambda *_: None), flight)
+            if stored is not None:
+                self._made[name] = stored
+            else:
+                with workspace(study, collected(self._run.folder)) as job:
+                    self._made[name] = forecast_of(job, flight)
         return self._made[name]
 
     def __iter__(self) -> Any:

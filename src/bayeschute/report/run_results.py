@@ -13,6 +13,7 @@ import pandas as pd
 import xarray as xr
 
 from bayeschute.core.errors import Fault, InputError
+from bayeschute.core.netcdf import load_groups
 from bayeschute.core.plain import from_plain
 from bayeschute.posterior.assess.identifiability_result import FitIdentifiability
 
@@ -110,6 +111,11 @@ def _tree(path: Path) -> dict[str, xr.Dataset]:
         return {str(name): node.to_dataset().load() for name, node in tree.children.items()}
 
 
+def _before_and_after(path: Path) -> tuple[xr.Dataset, ...]:
+    """Draws of the parameters before and after the data, of ``posterior.nc``."""
+    return load_groups(path, "prior", "posterior")
+
+
 def _dataset(path: Path) -> xr.Dataset:
     """One NetCDF file, in memory."""
     with xr.open_dataset(path, engine="h5netcdf") as data:
@@ -153,7 +159,7 @@ def read_results(run_dir: Path) -> Results:
     absent: list[str] = []
     structure = try_read(run_dir / "structure.json", json_object, absent, "no structure is shown") or {}
     loss = "no prior and posterior curves, correlations and chains are shown"
-    groups = try_read(run_dir / "posterior.nc", _tree, absent, loss) or {}
+    prior, posterior = try_read(run_dir / "posterior.nc", _before_and_after, absent, loss) or (None, None)
     predictions = try_read(run_dir / "predictions.nc", _tree, absent, "no bands are shown") or {}
     flights = {}
     for path in sorted((run_dir / "flights").glob("*.nc")):
@@ -177,8 +183,8 @@ def read_results(run_dir: Path) -> Results:
         folder=run_dir,
         summary=summary,
         structure=structure,
-        posterior=_scalars(groups.get("posterior")),
-        prior=_scalars(groups.get("prior")),
+        posterior=_scalars(posterior),
+        prior=_scalars(prior),
         predictions=predictions,
         flights=flights,
         risk=risk,

@@ -14,7 +14,7 @@ from bayeschute.prediction.bands import GROUP
 from bayeschute.study.job import Job
 from bayeschute.study.load import load_study
 from bayeschute.study.run import forecasts as module
-from bayeschute.study.run.forecasts import forecast_flights
+from bayeschute.study.run.forecasts import forecast_flights, stored_forecast
 
 
 @pytest.fixture(scope="module")
@@ -79,3 +79,31 @@ def test_many_draws_are_few_parts(job):
     many = replace(order, theta=np.repeat(order.theta, 2000, axis=0)).parts()
     assert len(many) <= module._MOST_PARTS
     assert [i for part in many for i in part] == list(range(200_000 // GROUP))
+
+
+def test_what_a_run_has_drawn_is_read_back(job, alone):
+    for want in alone:
+        one = stored_forecast(job, want.flight)
+        assert one.flight == want.flight and one.seed == want.seed and one.prediction.failed == want.prediction.failed
+        assert one.prediction.shares == want.prediction.shares and set(one.prediction.draws) == set(
+            want.prediction.draws
+        )
+        for name, drawn in want.prediction.draws.items():
+            np.testing.assert_allclose(one.prediction.draws[name], drawn, rtol=1e-6)
+        np.testing.assert_array_equal(one.counted, want.counted)
+        assert one.hyper.noise.white.tolist() == np.asarray(want.hyper.noise.white).tolist()
+
+
+def test_draws_that_a_run_has_not_or_not_all_are_none(job, alone, tmp_path, monkeypatch):
+    flight = alone[0].flight
+    assert stored_forecast(replace(job, out=tmp_path), flight) is None
+    assert stored_forecast(job, replace(flight, name="another")) is None
+    read = module.load_groups
+
+    def thinned(*asked):
+        (kept,) = read(*asked)
+        kept["descent_rate_draws"].attrs["thin"] = 2
+        return (kept,)
+
+    monkeypatch.setattr(module, "load_groups", thinned)
+    assert stored_forecast(job, flight) is None

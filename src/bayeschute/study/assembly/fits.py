@@ -12,6 +12,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from bayeschute.aero.coefficient import terms_of
+from bayeschute.core.netcdf import load_groups
 from bayeschute.core.trees import load_tree, save_tree
 from bayeschute.dynamics.parameters import Structure
 from bayeschute.likelihood.channels import cluster_data, descent_data
@@ -186,11 +187,14 @@ def load_fit(job: Job, group: Group) -> Stored:
     )  # fmt: skip
 
 
+def posterior_groups(job: Job, *names: str) -> tuple[xr.Dataset, ...]:
+    """Some groups of ``posterior.nc``, in memory; an empty one for a group that it does not have."""
+    return load_groups(job.out / "posterior.nc", *names)
+
+
 def summary_draws(job: Job) -> tuple[dict[str, Array], dict[str, str]]:
     """Draws of every parameter in its unit (chain, draw), and the units."""
-    tree = xr.open_datatree(job.out / "posterior.nc", engine="h5netcdf")
-    posterior = tree["posterior"].ds.load()
-    tree.close()
+    (posterior,) = posterior_groups(job, "posterior")
     draws = {str(name): posterior[name].values for name in posterior.data_vars}
     return draws, {str(name): str(posterior[name].attrs.get("units", "1")) for name in posterior.data_vars}
 

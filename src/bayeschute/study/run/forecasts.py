@@ -17,13 +17,22 @@ from numpy.typing import NDArray
 
 from bayeschute.calibration.workers import Lost, client_of, finished
 from bayeschute.core.errors import Fault, InputError
+from bayeschute.core.netcdf import load_groups
 from bayeschute.core.random import seed_of, stream
 from bayeschute.likelihood.joint import FlightData, NoiseParameters
 from bayeschute.likelihood.priors import Prior
 from bayeschute.posterior.marginal import Marginal
 from bayeschute.prediction import bands
 from bayeschute.prediction.mixture import mix
-from bayeschute.study.assembly.fits import Group, Stored, data_of, gaussian_summary, groups, load_fit
+from bayeschute.study.assembly.fits import (
+    Group,
+    Stored,
+    data_of,
+    gaussian_summary,
+    groups,
+    load_fit,
+    load_noise_parameters,
+)
 from bayeschute.study.assembly.populations import by_members
 from bayeschute.study.evidence.recalibrate import Widening
 from bayeschute.study.job import Job, load_flight, load_truth
@@ -43,7 +52,7 @@ class FlightForecast:
 
     Attributes:
         flight: The flight.
-        stored: The fit that gives its parameters.
+        hyper: Noise parameters of the fit that gives its parameters.
         prediction: Draws.
         time: Times of the record [s].
         held_out: Samples that the fit did not see.
@@ -54,7 +63,7 @@ class FlightForecast:
     """
 
     flight: Flight
-    stored: Stored
+    hyper: NoiseParameters
     prediction: bands.Prediction
     time: Array
     held_out: NDArray[np.bool_]
@@ -168,8 +177,12 @@ def _orders(job: Job, flight: Flight) -> tuple[list[_Order], Tell]:
     orders, time = [order for order, _ in made], made[0][1]
     record, truth = load_flight(job, flight.name), load_truth(job, flight.name)
     held_out = time > _until(flight, flown, time)
-    seed = seed_of(job.study.seed, "record of a flight", flight.name)
-    return orders, lambda made: FlightForecast(flight, stored, mix(made), time, held_out, record, truth, seed)
+    seed = _record_seed(job, flight)
+    return orders, lambda made: FlightForecast(flight, stored.hyper, mix(made), time, held_out, record, truth, seed)
+
+
+def _record_seed(job: Job, flight: Flight) -> int:
+    return seed_of(job.study.seed, "record of a flight", flight.name)
 
 
 def forecast_flights(job: Job) -> Iterator[FlightForecast]:
@@ -205,6 +218,28 @@ def forecast_flight(job: Job, flight: Flight) -> FlightForecast:
     """Draw the quantities of one flight of a job's study, in this process."""
     orders, tell = _orders(job, flight)
     return tell([order.draw() for order in orders])
+
+
+def stored_forecast(job: Job, flight: Flight) -> FlightForecast | None:
+    """Draws of a flight as the stage `predict` wrote them, recalibrated where these are; single precision.
+
+    Returns:
+        They, with the quantities that the study asks for; None where ``predictions.nc`` has none or not all of them.
+    """
+    path = job.out / "predictions.nc"
+    (kept,) = load_groups(path, flight.name) if path.is_file() else (xr.Dataset(),)
+    names = [str(name) for name in kept["quantity"].values] if "quantity" in kept else []
+    drawn = {name: kept[f"{name}_draws"] for name in names}
+    if not drawn or any(one.attrs["thin"] > 1 for one in drawn.values()):
+        return None
+    values, table = {name: one.values.astype(float) for name, one in drawn.items()}, kept["variance_share"]
+    shares = {name: table.sel(quantity=name).to_series().to_dict() for name in names}
+    last = np.full((kept.sizes["draw"], 3), np.nan)
+    made = bands.Prediction(kept["time"].values, values, last, int(kept.attrs["failed"]), shares)
+    hyper = load_noise_parameters(job, _group_of(job, flight))
+    record, truth = load_flight(job, flight.name), load_truth(job, flight.name)
+    held_out, seed = kept["held_out"].values.astype(bool), _record_seed(job, flight)
+    return FlightForecast(flight, hyper, made, kept["time"].values, held_out, record, truth, seed)
 
 
 def _drawn(part: tuple[int, _Order, range]) -> bands.Prediction:

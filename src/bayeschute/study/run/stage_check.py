@@ -21,7 +21,7 @@ from bayeschute.posterior.sampling.sampler_checks import MOST_K, judge_rhat
 from bayeschute.posterior.score_dispersion import Dispersion, dispersion, parts_of
 from bayeschute.prediction.predictive_checks import verdict
 from bayeschute.study.assembly import assemble
-from bayeschute.study.assembly.fits import Stored, groups, load_fit
+from bayeschute.study.assembly.fits import Stored, groups, load_fit, posterior_groups
 from bayeschute.study.evidence.divergent_transitions import divergences_check
 from bayeschute.study.evidence.record_misfit import NAME as PREDICTIVE
 from bayeschute.study.evidence.record_misfit import Misfit, as_document, misfit_of_fit
@@ -211,9 +211,9 @@ class _Mixing(NamedTuple):
 
 def _mixing(job: Job) -> _Mixing:
     """Of the sampler's own draws, where the uncertainty of the noise parameters was added to the posterior."""
-    with xr.open_datatree(job.out / "posterior.nc", engine="h5netcdf") as tree:
-        posterior = tree["posterior"].ds.load().assign(tree["conditional"].ds.load().data_vars)
-        stats = {str(name): row.values for name, row in tree["sample_stats"].ds.data_vars.items()}
+    posterior, conditional, told = posterior_groups(job, "posterior", "conditional", "sample_stats")
+    posterior = posterior.assign(conditional.data_vars)
+    stats = {str(name): row.values for name, row in told.data_vars.items()}
     rhat, bulk, tail = (_over(posterior, f) for f in (arviz_stats.rhat, _ess_bulk, _ess_tail))
     chains = judge_rhat(list(rhat.values()), posterior.sizes["chain"], posterior.sizes["draw"])
     checks = {"rhat": _check(chains.largest, chains.bound, chains.passed, "largest R-hat of any parameter")}

@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from bayeschute.likelihood.priors import working
@@ -28,7 +27,7 @@ from bayeschute.posterior.noise_evidence import NoisePrior
 from bayeschute.posterior.noise_uncertainty import NoiseEffect
 from bayeschute.study import formulation
 from bayeschute.study.assembly import assemble
-from bayeschute.study.assembly.fits import Group, Stored
+from bayeschute.study.assembly.fits import Group, Stored, posterior_groups
 from bayeschute.study.job import Job
 
 Array = NDArray[np.float64]
@@ -66,8 +65,7 @@ def of_fit(job: Job, group: Group, stored: Stored) -> FitIdentifiability:
 
 def _contractions(job: Job) -> dict[str, float]:
     """Share of the prior's variance that the data remove [1], by parameter."""
-    with xr.open_datatree(job.out / "posterior.nc", engine="h5netcdf") as tree:
-        before, after = (tree[group].ds.load() for group in ("prior", "posterior"))
+    before, after = posterior_groups(job, "prior", "posterior")
     return {str(name): 1.0 - float(after[name].std() / before[name].std()) ** 2 for name in before if name in after}
 
 
@@ -129,6 +127,6 @@ def _with_prior(job: Job, group: Group, stored: Stored, found: FitIdentifiabilit
 
 def log_likelihood(job: Job, group: Group) -> Array:
     """Log likelihood of the flights of a fit for the sampler's own draws (chain, draw), up to a constant."""
-    with xr.open_datatree(job.out / "posterior.nc", engine="h5netcdf") as tree:
-        rows = [np.asarray(tree["log_likelihood"][flight.name].values) for flight in group.flights]
+    (by_flight,) = posterior_groups(job, "log_likelihood")
+    rows = [by_flight[flight.name].values for flight in group.flights]
     return np.asarray(sum(row.sum(axis=-1) for row in rows))

@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from bayeschute.core.files import write_whole
 from bayeschute.core.trees import load_tree, save_tree
+from bayeschute.likelihood.joint import NoiseParameters
 from bayeschute.prediction import bands, risk_files
 from bayeschute.prediction.flight_statistics import flight_statistics
 from bayeschute.records.reconstruct import reconstruct
 from bayeschute.study.assembly import assemble
-from bayeschute.study.assembly.fits import Stored, summary_draws
+from bayeschute.study.assembly.fits import summary_draws
 from bayeschute.study.evidence.recalibrate import NAME as RECALIBRATION
 from bayeschute.study.evidence.recalibrate import applied_recalibration, widening
 from bayeschute.study.job import Job
@@ -73,20 +74,20 @@ def _record_coverage(job: Job, one: FlightForecast, quantity: str, recorded: dic
     A quantity derived from several channels has no noise model here: compared with the wide band of an unseen flight
     that is negligible; for the narrow one of a fitted flight it would mislead, so there it is omitted.
     """
-    noise = channel_noise(job, one.stored, quantity)
+    noise = channel_noise(job, one.hyper, quantity)
     if quantity not in recorded or (noise is None and not one.held_out.any()):
         return None
     seen = bands.recorded_draws(one.prediction, quantity, noise, one.seed)
     return bands.coverage(seen, recorded[quantity], one.counted)
 
 
-def channel_noise(job: Job, stored: Stored, quantity: str) -> tuple[float, float, float] | None:
+def channel_noise(job: Job, hyper: NoiseParameters, quantity: str) -> tuple[float, float, float] | None:
     """Residual noise of the channel that records a quantity directly; None where it is derived from several."""
     channel = {"descent_rate": "descent_rate" if job.study.model == "descent" else "capsule_velocity"}.get(quantity)
     names = list(job.study.noise.channels())
     if channel not in names:
         return None
-    noise, k = stored.hyper.noise, names.index(channel)
+    noise, k = hyper.noise, names.index(channel)
     return float(noise.white[k]), float(noise.correlated[k]), float(noise.time_constant[k])
 
 

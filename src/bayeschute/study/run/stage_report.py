@@ -8,7 +8,6 @@ from importlib.metadata import version
 from typing import Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from bayeschute.aero.coefficient import APPARENT_MASS, Coefficient, is_coefficient
@@ -19,7 +18,7 @@ from bayeschute.records.record import repairs
 from bayeschute.study import formulation
 from bayeschute.study.aerodynamics.run_curves import told_curves
 from bayeschute.study.assembly import assemble, canopies
-from bayeschute.study.assembly.fits import groups, load_noise_parameters, summary_draws
+from bayeschute.study.assembly.fits import groups, load_noise_parameters, posterior_groups, summary_draws
 from bayeschute.study.assembly.fitted_terms import ADDED
 from bayeschute.study.assembly.lessons import lessons
 from bayeschute.study.assembly.populations import DIVERGING
@@ -128,10 +127,8 @@ def _parameters(
 
 def _prior_and_stats(job: Job) -> tuple[dict[str, Array], dict[str, Array]]:
     """Draws of the prior by parameter, and what the sampler tells of its transitions (chain, draw)."""
-    with xr.open_datatree(job.out / "posterior.nc", engine="h5netcdf") as tree:
-        prior = {str(name): one.values for name, one in tree["prior"].data_vars.items()}
-        told = tree["sample_stats"].data_vars.items() if "sample_stats" in tree.children else ()
-        return prior, {str(name): one.values for name, one in told}
+    prior, told = ({str(k): v.values for k, v in one.items()} for one in posterior_groups(job, "prior", "sample_stats"))
+    return prior, told
 
 
 def _taught(job: Job, draws: dict[str, Array]) -> dict[str, Any]:
