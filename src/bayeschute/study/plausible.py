@@ -22,7 +22,7 @@ from bayeschute.report.wording import shown_unit
 from bayeschute.study.body_axes import with_axes
 from bayeschute.study.schema.belief_schema import NOISE_UNITS, NoiseTable
 from bayeschute.study.schema.study_schema import ConventionsTable
-from bayeschute.study.schema.vehicle_schema import CapsuleTable, Vehicle
+from bayeschute.study.schema.vehicle_schema import CapsuleTable, Vehicle, from_centre_of_mass
 from bayeschute.study.schema.wind_schema import ProfileTable
 
 if TYPE_CHECKING:
@@ -67,10 +67,10 @@ def _known(table: object, name: str, unknown: Any = np.nan) -> Any:
 
 
 def _attach(capsule: CapsuleTable | None) -> Array:
-    """Attach point from the centre of mass, body axes (3,) [m]; x and z of the structural frame reverse."""
+    """Attach point from the centre of mass, body axes (3,) [m]."""
     none = (np.nan,) * 3
     attach, centre = _known(capsule, "attach_point", none), _known(capsule, "centre_of_mass", none)
-    return np.asarray([-1.0, 1.0, -1.0] * (np.asarray(attach) - np.asarray(centre)))
+    return np.asarray(from_centre_of_mass(attach, centre, _known(capsule, "points_in", None)))
 
 
 def _drag(capsule: CapsuleTable | None) -> float:

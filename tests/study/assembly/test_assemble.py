@@ -14,6 +14,7 @@ import xarray as xr
 from bayeschute.likelihood.disturbances import KINDS, Latent
 from bayeschute.study.assembly import assemble
 from bayeschute.study.load import Study, load_study
+from bayeschute.study.plausible import nominal
 from bayeschute.study.schema.belief_schema import ForceNoise, WindNoise
 
 ROOT = Path(__file__).parents[3]
@@ -34,6 +35,20 @@ def test_places_turn_from_the_structural_frame_into_the_body_s(study: Study):
     assert model.capsule.attach_b.x == pytest.approx(1.90)
     assert (model.capsule.attach_b.y, model.capsule.attach_b.z) == (0.0, 0.0)
     assert assemble.geometry(study.vehicle).attach_b == pytest.approx((1.90, 0.0, 0.0))
+
+
+def test_places_in_body_axes_are_taken_as_they_are(study: Study):
+    assert study.vehicle is not None
+    capsule = study.vehicle.capsule
+    turned = {
+        name: tuple(s * x for s, x in zip((-1.0, 1.0, -1.0), getattr(capsule, name), strict=True))
+        for name in ("centre_of_mass", "attach_point", "reference_centre")
+    }
+    body = study.vehicle.model_copy(update={"capsule": capsule.model_copy(update={"points_in": "body"} | turned)})
+    one, other = assemble.cluster(study.vehicle)[0].capsule, assemble.cluster(body)[0].capsule
+    assert one.attach_b == other.attach_b and one.reference_centre_b == other.reference_centre_b
+    assert assemble.geometry(body).attach_b == assemble.geometry(study.vehicle).attach_b
+    assert nominal(body).attach_b == pytest.approx(nominal(study.vehicle).attach_b)
 
 
 def test_the_cluster_flies_with_the_vehicle_s_aerodynamics(study: Study):

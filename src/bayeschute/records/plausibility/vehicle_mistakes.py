@@ -55,7 +55,7 @@ def vehicle_mistakes() -> Iterator[Mistake]:
     )
     yield Mistake(
         "the attach point is on the wrong side of the centre of mass",
-        "Mind that x of the structural frame points aft.",
+        "Mind that x of the structural frame points aft; or say points_in = 'body'.",
         _factors(attach_b=-1.0),
         0.15,
     )

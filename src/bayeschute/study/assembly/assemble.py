@@ -22,18 +22,12 @@ from bayeschute.records.reconstruct import ClusterGeometry
 from bayeschute.records.sensors import Dropouts, SensorNoise
 from bayeschute.study.formulation import noise_medians
 from bayeschute.study.load import Study
-from bayeschute.study.schema.vehicle_schema import BreathingTable, CapsuleTable, Vehicle
+from bayeschute.study.schema.vehicle_schema import BreathingTable, CapsuleTable, Vehicle, from_centre_of_mass
 from bayeschute.study.schema.virtual_schema import VirtualFlight
 from bayeschute.study.schema.wind_schema import ProfileTable, WindTable
 from bayeschute.study.study import Flight
 from bayeschute.virtual.drop import Breathing, Turbulence, VirtualDrop
 from bayeschute.virtual.virtual_wind import Gust, ShearLayer, WindHistory, WindProfile
-
-
-def _offset_b(place: tuple[float, ...], centre: tuple[float, ...]) -> Vec3:
-    """A place from the centre of mass in body axes: x and z of the structural frame reverse (6.3.3-14b, -20b)."""
-    x, y, z = (float(a - b) for a, b in zip(place, centre, strict=True))
-    return Vec3(-x, y, -z)
 
 
 def cluster(
@@ -70,8 +64,8 @@ def _capsule(c: CapsuleTable, mass: float | None) -> Capsule:
     return Capsule(
         mass=c.mass if mass is None else mass,
         inertia=Vec3(*c.inertia),
-        attach_b=_offset_b(c.attach_point, c.centre_of_mass),
-        reference_centre_b=_offset_b(c.reference_centre, c.centre_of_mass),
+        attach_b=Vec3(*from_centre_of_mass(c.attach_point, c.centre_of_mass, c.points_in)),
+        reference_centre_b=Vec3(*from_centre_of_mass(c.reference_centre, c.centre_of_mass, c.points_in)),
         area=c.reference_area,
         length=c.reference_length,
         axial_force=c.axial_force or 0.0,
@@ -104,7 +98,6 @@ def _drag_coefficient(c: CapsuleTable) -> float:
 def geometry(vehicle: Vehicle, capsule_mass: float | None = None) -> ClusterGeometry:
     """Data of a vehicle that the reconstruction of a record needs."""
     c, k = vehicle.capsule, vehicle.canopies
-    attach = _offset_b(c.attach_point, c.centre_of_mass)
     return ClusterGeometry(
         reference_length=k.reference_length,
         reference_area=k.reference_area,
@@ -113,7 +106,7 @@ def geometry(vehicle: Vehicle, capsule_mass: float | None = None) -> ClusterGeom
         capsule_mass=c.mass if capsule_mass is None else capsule_mass,
         capsule_reference_area=c.reference_area,
         capsule_drag_coefficient=_drag_coefficient(c),
-        attach_b=(attach.x, attach.y, attach.z),
+        attach_b=from_centre_of_mass(c.attach_point, c.centre_of_mass, c.points_in),
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Annotated, Literal
 
 import numpy as np
@@ -32,13 +33,26 @@ from bayeschute.study.schema.quantities import (
 from bayeschute.study.schema.reading.strict import Strict, refuse, rule
 
 Rotation = Literal["riser", "airflow"]
+Frame = Literal["structural", "body"]
 _COEFFICIENTS = ("axial_force", "normal_force_slope", "pitch_moment_slope")
 _AXIAL = each(check_axial, "at least one term of the axial coefficient, such as '1' or 'alpha^2'", none="no term")
 _TRANSVERSE = each(check_transverse, "terms of the transverse coefficient, such as 'e' or 'e*alpha^2'")
 
 
+def from_centre_of_mass(place: Sequence[float], centre: Sequence[float], frame: Frame | None) -> tuple[float, float, float]:
+    """A place from the centre of mass in body axes [m]: x and z of the structural frame reverse (6.3.3-14b, -20b).
+
+    Args:
+        place: In the frame (3,) [m].
+        centre: The centre of mass, likewise.
+        frame: ``structural`` (x aft, z reversed; also None) or ``body`` (x towards the risers, as records are turned).
+    """
+    x, y, z = (float(a - b) for a, b in zip(place, centre, strict=True))
+    return (x, y, z) if frame == "body" else (-x, y, -z)
+
+
 class CapsuleTable(Strict):
-    """The payload: a rigid body; places in the structural frame (x aft, z reversed).
+    """The payload: a rigid body.
 
     Attributes:
         mass: [kg].
@@ -46,9 +60,10 @@ class CapsuleTable(Strict):
         inertia_products: The other elements of the inertia tensor in body axes: xy, xz, yz [kg m^2]; None: zero.
         reference_area: [m^2].
         reference_length: [m].
-        centre_of_mass: Structural frame [m].
-        attach_point: Where the risers end; structural frame [m].
-        reference_centre: Moment reference point of the coefficients; structural frame [m].
+        points_in: Frame of the next three points: ``body``, or the structural one (x aft, z reversed), also where None.
+        centre_of_mass: [m].
+        attach_point: Where the risers end [m].
+        reference_centre: Moment reference point of the coefficients [m].
         axial_force: C_A in the body frame (6.3.3-11).
         normal_force_slope: [1/rad].
         pitch_moment_slope: [1/rad].
@@ -65,6 +80,7 @@ class CapsuleTable(Strict):
     inertia_products: tuple[InertiaProduct, InertiaProduct, InertiaProduct] | None = None
     reference_area: Area
     reference_length: PositiveLength
+    points_in: Frame | None = None
     centre_of_mass: tuple[Length, Length, Length]
     attach_point: tuple[Length, Length, Length]
     reference_centre: tuple[Length, Length, Length]
