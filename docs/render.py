@@ -2,8 +2,8 @@
 
 One that reads measured records is left as it is where BAYESCHUTE_DATA does not say where they lie: without them it
 would end with nothing found. They are part of the project; a test compares ``source_sha256`` of their metadata with
-their sources. What a notebook writes to the error stream (warnings, which name files of this machine) is printed here
-and left out.
+their sources, and the last line names the code that made their numbers. What a notebook writes to the error stream
+(warnings, which name files of this machine) is printed here and left out.
 """
 
 from __future__ import annotations
@@ -11,11 +11,15 @@ from __future__ import annotations
 import hashlib
 import os
 import sys
+from datetime import UTC, datetime
 from pathlib import Path
 
 import jupytext
 import nbformat
 from nbclient import NotebookClient
+
+from bayeschute import __version__
+from bayeschute.study.evidence.numerics_hash import numerics
 
 NOTEBOOKS = Path(__file__).parents[1] / "notebooks"
 DATA = "BAYESCHUTE_DATA"
@@ -31,6 +35,12 @@ def lacks_records(source: Path) -> bool:
     return DATA in source.read_text(encoding="utf-8") and not os.environ.get(DATA)
 
 
+def made_by() -> str:
+    """Last line of a rendered notebook: when it was run, and by which code."""
+    today = datetime.now(UTC).date().isoformat()
+    return f"*Run on {today} by bayeschute {__version__}, numerics `{numerics()[:8]}` (`docs/render.py`).*"
+
+
 def render(source: Path, folder: Path | None = None) -> Path:
     """Run a notebook with the kernel of this environment; returns the path of what was written.
 
@@ -41,6 +51,7 @@ def render(source: Path, folder: Path | None = None) -> Path:
     notebook = jupytext.read(source)
     where = {"metadata": {"path": str(source.parent)}}
     NotebookClient(notebook, timeout=3600, kernel_name="python3", resources=where, record_timing=False).execute()
+    notebook.cells.append(nbformat.v4.new_markdown_cell(made_by()))
     for number, cell in enumerate(notebook.cells):
         cell["id"] = f"cell-{number}"
         for output in cell.get("outputs", []):

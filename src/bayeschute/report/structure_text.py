@@ -104,6 +104,8 @@ def _coefficient(name: str, entry: Entry) -> str:
         f"autocorrelation time {_number(noise['memory'], '.3g')} samples; null model {entry['null_model']['name']}: R2 "
         f"{_percent(entry['null_model']['r2'])}",
     ]
+    if entry["check"]:
+        lines.append("tested on canopies and flights that had no part in the choice of terms and teach no parameter here:")
     for label, check in entry["check"].items():
         lines.append(f"prediction of {label}: {_predicted(check)}")
     return "\n".join([*lines, *print_out(entry["ranking"], entry["pse_minimum_at"])])
