@@ -105,7 +105,9 @@ def _coefficient(name: str, entry: Entry) -> str:
         f"{_percent(entry['null_model']['r2'])}",
     ]
     if entry["check"]:
-        lines.append("tested on canopies and flights that had no part in the choice of terms and teach no parameter here:")
+        lines.append(
+            "tested on canopies and flights that had no part in the choice of terms and teach no parameter here:"
+        )
     for label, check in entry["check"].items():
         lines.append(f"prediction of {label}: {_predicted(check)}")
     return "\n".join([*lines, *print_out(entry["ranking"], entry["pse_minimum_at"])])

@@ -39,7 +39,9 @@ _AXIAL = each(check_axial, "at least one term of the axial coefficient, such as 
 _TRANSVERSE = each(check_transverse, "terms of the transverse coefficient, such as 'e' or 'e*alpha^2'")
 
 
-def from_centre_of_mass(place: Sequence[float], centre: Sequence[float], frame: Frame | None) -> tuple[float, float, float]:
+def from_centre_of_mass(
+    place: Sequence[float], centre: Sequence[float], frame: Frame | None
+) -> tuple[float, float, float]:
     """A place from the centre of mass in body axes [m]: x and z of the structural frame reverse (6.3.3-14b, -20b).
 
     Args:
