@@ -16,6 +16,7 @@ import draw
 import pytest
 
 import bayeschute as bc
+from bayeschute.study.evidence.numerics_hash import numerics
 from tests.pages import anchors, blocks, dead_links, faults_of_commands
 
 ROOT = Path(__file__).parents[1]
@@ -122,8 +123,9 @@ def test_a_notebook_is_rendered_with_its_outputs(tmp_path):
     source = tmp_path / "one.py"
     source.write_text("# %% [markdown]\n# # One\n\n# %%\n1 + 1\n", encoding="utf-8")
     told = json.loads(render.render(source).read_text(encoding="utf-8"))
-    assert [cell["cell_type"] for cell in told["cells"]] == ["markdown", "code"]
+    assert [cell["cell_type"] for cell in told["cells"]] == ["markdown", "code", "markdown"]
     assert told["cells"][1]["outputs"][0]["data"]["text/plain"] == ["2"]
+    assert f"numerics `{numerics()[:8]}`" in "".join(told["cells"][2]["source"])
 
 
 def test_every_file_and_function_of_the_report_index_exists():

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from bayeschute.core.netcdf import load_groups
+from bayeschute.core.netcdf_groups import load_groups
 
 
 @pytest.fixture
