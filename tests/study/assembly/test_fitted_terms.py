@@ -10,14 +10,11 @@ import numpy as np
 import pytest
 
 import bayeschute as bc
-from bayeschute.aero.coefficient import terms_of
-from bayeschute.aero.curves import regressors
 from bayeschute.likelihood.priors import Prior, covariance, working
 from bayeschute.study.assembly.fitted_terms import (
     ADDED,
     at_own_apparent_mass,
     in_order,
-    known_at_large_angles,
     of_library,
     of_selected,
     terms_left_out,
@@ -183,58 +180,3 @@ def test_a_regressor_that_is_zero_all_along_costs_the_others_nothing():
     found, plain = (covariance(of_library(TABLE, "axial", e, "one")) for e in (entry, _entry()))
     np.testing.assert_allclose(found[:3, :3], plain, rtol=1e-9)
     assert np.abs(found[3, :3]).max() == 0.0 and 1e3 < np.sqrt(found[3, 3]) < 1e4
-
-
-def _curve(priors, name, degrees):
-    """Mean and standard deviation of a curve under priors."""
-    axial, transverse, places = terms_of([p.name for p in priors])
-    row = np.zeros(len(priors))
-    row[places] = regressors(name, axial, transverse, np.deg2rad([degrees]))[0]
-    return row @ working(priors)[0], np.sqrt(row @ covariance(priors) @ row)
-
-
-def _unknown(kind, **terms):
-    return [Prior(f"{kind}[{term}]", 0.0, sd, False, "1", "x") for term, sd in terms.items()]
-
-
-AXIAL = {"1": 0.3, "alpha^2": 5.0, "alpha^4": 30.0, "closing": 1.0}
-STATIC = {"e": 0.3, "e*alpha^2": 5.0, "e*alpha^4": 30.0}
-DAMPING = {"rate": 1.0, "rate*alpha^2": 15.0, "e*(e.rate)": 15.0, "e*alpha^2*(e.rate)": 140.0}
-
-
-@pytest.mark.parametrize(
-    ("kind", "terms", "curve", "mean", "sd"),
-    [
-        ("axial", AXIAL, "C_A", 0.7, 0.4),
-        ("transverse", STATIC | DAMPING, "C_N", 0.5, 0.7),
-        ("transverse", STATIC | DAMPING, "C_N_rate", 0.0, 3.0),
-    ],
-)
-def test_far_beyond_the_range_flown_curves_are_those_of_canopies(kind, terms, curve, mean, sd):
-    """Where a record says nothing of 45 deg a curve is there what is known; where small angles are, as wide as before."""
-    before = _unknown(kind, **terms)
-    after = known_at_large_angles(before)
-    assert _curve(before, curve, 45.0)[1] > 5.0 * sd
-    found = _curve(after, curve, 45.0)
-    assert found[0] == pytest.approx(mean, abs=0.05 * sd) and found[1] == pytest.approx(sd, rel=0.03)
-    assert _curve(after, curve, 5.0)[1] == pytest.approx(_curve(before, curve, 5.0)[1], rel=0.05)
-
-
-def test_damping_across_the_plane_is_known_beside_that_along_it():
-    """The terms in (e.rate) have no part across; without them both are one, which is known once."""
-    isotropic = {name: sd for name, sd in DAMPING.items() if "(e.rate)" not in name}
-    before = _curve(_unknown("transverse", **isotropic), "C_N_rate", 45.0)[1]
-    known = (before**-2 + 3.0**-2) ** -0.5
-    across = [p for p in known_at_large_angles(_unknown("transverse", **DAMPING)) if "(e.rate)" not in p.name]
-    both = known_at_large_angles(_unknown("transverse", **isotropic))
-    for priors in (across, both):
-        assert _curve(priors, "C_N_rate", 45.0)[1] == pytest.approx(known, rel=0.01)
-
-
-def test_what_equation_error_knows_stays():
-    """A constant that is known to a hundredth moves by no more than that, and terms without a curve not at all."""
-    one, closing = known_at_large_angles(_unknown("axial", **{"1": 0.01, "closing": 1.0}))
-    assert abs(one.centre) < 0.01 and one.scale == pytest.approx(0.01, rel=0.01)
-    assert (closing.centre, closing.scale) == (0.0, 1.0)
-    alone = _unknown("axial", closing=1.0)
-    assert known_at_large_angles(alone) == alone and known_at_large_angles([]) == []

@@ -73,13 +73,11 @@ def test_coefficients_are_of_the_selected_terms_or_of_all(monkeypatch, fit, want
     for name in ("library", "selected"):
         monkeypatch.setattr(module, f"of_{name}", lambda study, kind, entry, source, n=name: [(n, kind, entry, source)])
     monkeypatch.setattr(module, "at_own_apparent_mass", lambda study, priors: priors)
-    monkeypatch.setattr(module, "known_at_large_angles", lambda priors: [("known far", *one) for one in priors])
     structure = None if fit is None else SimpleNamespace(fit=fit)
     flights = [SimpleNamespace(name="x"), SimpleNamespace(name="y")]
     study = SimpleNamespace(structure=structure, with_role=lambda role: flights if role == "structure" else [])
     found = {"axial": 1, "transverse": 2}
-    far = ("known far",) if want == "library" else ()  # what is known beyond the range flown is of a library's terms
-    assert module.of_structure(study, found) == [(*far, want, kind, entry, "x, y") for kind, entry in found.items()]
+    assert module.of_structure(study, found) == [(want, kind, entry, "x, y") for kind, entry in found.items()]
 
 
 def record(**values):

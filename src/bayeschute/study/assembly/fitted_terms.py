@@ -9,10 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bayeschute.aero.coefficient import Coefficient, coefficient_names, shared_name, terms_of
-from bayeschute.aero.curves import regressors
+from bayeschute.aero.coefficient import Coefficient, coefficient_names, shared_name
 from bayeschute.atmosphere.standard import SEA_LEVEL_DENSITY
-from bayeschute.likelihood.knowledge import Observed, conditioned
 from bayeschute.likelihood.priors import Prior, correlated, from_equation_error
 from bayeschute.study.job import Job
 from bayeschute.study.study import Study
@@ -25,15 +23,7 @@ Coefficients of axial force are near 0.9, of transverse force below 0.2 where ca
 small to separate collinear terms, this prior keeps each of them near zero, and their sum where equation error puts it.
 """
 
-_FAR = np.deg2rad(45.0)
-_KNOWN_FAR = {"C_A": (0.7, 0.4), "C_N": (0.5, 0.7), "C_N_rate": (0.0, 3.0)}
-"""Coefficients of axial force, normal force and damping of any canopy at 45 deg: mean and standard deviation.
 
-An assumption, wide on purpose: drag is of the size that it has at small angles, the normal force brings a canopy back
-(none flies at 45 deg for long), damping may have either sign. Powers of the angle that balance each other over the
-range flown run off against each other beyond it, and a simulated flight that gets there never comes back: a normal
-force that pulls outwards, an axial force that pushes.
-"""
 _UNSEEN = 1e-4
 """Least root mean square of a regressor: one that is zero all along carries no information on its coefficient."""
 
@@ -97,28 +87,6 @@ def of_library(study: Study, kind: str, entry: Mapping[str, Any], flight: str) -
     both = np.linalg.inv(known + np.diag(np.maximum(plausible, 1e-12)))
     blank = [Prior(str(Coefficient(kind, name)), 0.0, 1.0, False, "1", source) for name in names]
     return correlated(blank, both @ known @ centre, 0.5 * (both + both.T))
-
-
-def known_at_large_angles(priors: Sequence[Prior]) -> list[Prior]:
-    """Priors of coefficients given what any canopy does at an angle that hardly any flight reaches (`_KNOWN_FAR`).
-
-    Damping is known along the plane of the motion and across it, where terms in ``(e.rate)`` have no part.
-
-    Args:
-        priors: Of the coefficients of one kind of force, or of both.
-    """
-    axial, transverse, places = terms_of([p.name for p in priors])
-    rows = {name: regressors(name, axial, transverse, np.array([_FAR]))[0] for name in _KNOWN_FAR}
-    turned = np.array(["(e.rate)" in term for term in (*axial, *transverse)])
-    if turned.any():
-        rows["C_N_rate across"] = np.where(turned, 0.0, rows["C_N_rate"])
-    told = {name: row for name, row in rows.items() if np.any(row)}
-    if not told:
-        return list(priors)
-    design: NDArray[np.float64] = np.zeros((len(told), len(priors)))
-    design[:, places] = list(told.values())
-    values, sd = np.array([_KNOWN_FAR[name.split()[0]] for name in told]).T
-    return conditioned(priors, Observed(design, values, np.diag(sd**2)))
 
 
 def at_own_apparent_mass(study: Study, priors: Sequence[Prior]) -> list[Prior]:

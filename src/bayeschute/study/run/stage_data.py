@@ -24,13 +24,7 @@ from bayeschute.records.record import Repair, repairs, with_repairs, write_recor
 from bayeschute.study.aerodynamics.known import informed
 from bayeschute.study.assembly import assemble, canopies
 from bayeschute.study.assembly.canopy_wind import with_wind
-from bayeschute.study.assembly.fitted_terms import (
-    at_own_apparent_mass,
-    in_order,
-    known_at_large_angles,
-    of_library,
-    of_selected,
-)
+from bayeschute.study.assembly.fitted_terms import at_own_apparent_mass, in_order, of_library, of_selected
 from bayeschute.study.job import Job
 from bayeschute.study.load import Study
 from bayeschute.study.plausible import refuse_implausible, window_used
@@ -177,8 +171,8 @@ def of_structure(study: Study, found: Mapping[str, Any]) -> list[Prior]:
     """Priors of coefficients from ``coefficients`` of structure.json: of all candidates, or of the selected terms."""
     source = ", ".join(f.name for f in study.with_role("structure"))
     whole = study.structure is not None and study.structure.fit != "selected"
-    kinds = [(of_library if whole else of_selected)(study, kind, entry, source) for kind, entry in found.items()]
-    return at_own_apparent_mass(study, [p for one in kinds for p in (known_at_large_angles(one) if whole else one)])
+    made = of_library if whole else of_selected
+    return at_own_apparent_mass(study, [p for kind, entry in found.items() for p in made(study, kind, entry, source)])
 
 
 def given_priors(study: Study) -> list[Prior]:
