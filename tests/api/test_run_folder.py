@@ -63,7 +63,7 @@ def test_flights_that_were_fitted_or_predicted_have_forecasts_each_made_once(run
     monkeypatch.setattr(module, "workspace", Workspace)
     monkeypatch.setattr(module, "collected", lambda folder: {})
     monkeypatch.setattr(module, "forecast_of", lambda job, one: made.append(one.name) or f"of {one.name}")
-    monkeypatch.setattr(module, "stored_forecast_of", lambda job, one: None)
+    monkeypatch.setattr(module, "stored_forecast_of", lambda job, one: pytest.fail("stage predict has not ended"))
     forecasts = run.forecasts
     assert list(forecasts) == ["i", "p"] and len(forecasts) == 2 and "s" not in forecasts
     assert [forecasts["p"], forecasts["p"], forecasts["i"]] == ["of p", "of p", "of i"] and made == ["p", "i"]
@@ -75,4 +75,6 @@ def test_flights_that_were_fitted_or_predicted_have_forecasts_each_made_once(run
 def test_a_flight_that_the_run_has_drawn_is_not_drawn_again(run, monkeypatch):
     monkeypatch.setattr(module, "forecast_of", lambda *_: pytest.fail("drawn anew"))
     monkeypatch.setattr(module, "stored_forecast_of", lambda job, one: f"{one.name} of {job.out.name}")
+    (run.folder / ".stages").mkdir()
+    (run.folder / ".stages/predict").write_text("key", encoding="utf-8")
     assert run.forecasts["p"] == f"p of {run.folder.name}"

@@ -17,6 +17,8 @@ from bayeschute.api.posterior import Posterior
 from bayeschute.api.workspace import collected, workspace
 from bayeschute.calibration.label import CONTRADICTED
 from bayeschute.study.job import Job
+from bayeschute.study.run.stages import has_ended
+from bayeschute.study.study import Flight
 
 
 @dataclass(frozen=True, eq=False, repr=False, init=False)
@@ -105,13 +107,17 @@ class _Forecasts(Mapping[str, Forecast]):
             flight = next((f for f in study.flights if f.name == name and f.name in set(self)), None)
             if flight is None:
                 raise KeyError(name)
-            stored = stored_forecast_of(Job(study, self._run.folder, False, "", lambda *_: None), flight)
-            if stored is not None:
-                self._made[name] = stored
-            else:
-                with workspace(study, collected(self._run.folder)) as job:
-                    self._made[name] = forecast_of(job, flight)
+            self._made[name] = self._stored(flight) or self._drawn(flight)
         return self._made[name]
+
+    def _stored(self, flight: Flight) -> Forecast | None:
+        if not has_ended(self._run.folder, "predict"):  # what lies there may be of an earlier fit
+            return None
+        return stored_forecast_of(Job(self._run.study.spec, self._run.folder, False, "", lambda *_: None), flight)
+
+    def _drawn(self, flight: Flight) -> Forecast:
+        with workspace(self._run.study.spec, collected(self._run.folder)) as job:
+            return forecast_of(job, flight)
 
     def __iter__(self) -> Any:
         return iter([f.name for f in self._run.study.spec.flights if {"identify", "predict"} & set(f.roles)])

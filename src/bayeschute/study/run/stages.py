@@ -43,8 +43,13 @@ study to be run may itself name, are brought up to date instead."""
 _ALWAYS = {"fit": "posterior.nc", "check": "checks.json", "report": "report.html"}  # of a stage, whatever the study
 
 
-def _marker(job: Job, stage: str) -> Path:
-    return job.out / ".stages" / stage
+def _marker(folder: Path, stage: str) -> Path:
+    return folder / ".stages" / stage
+
+
+def has_ended(folder: Path, stage: str) -> bool:
+    """Whether a folder has the results of a stage, made from those of earlier stages that lie beside them."""
+    return _marker(folder, stage).is_file()
 
 
 def run_study(
@@ -145,7 +150,7 @@ def _run_stages(job: Job, until: str | None, learned: Any) -> None:
     held = stored(job.study, job.quick, places(job))
     keys = stage_keys(job.study, job.quick, {"predict": learned, "report": held})
     for stage in STAGES:  # results of other inputs must not remain next to new ones
-        if _marker(job, stage).exists() and not _is_done(job, stage, keys[stage]):
+        if _marker(job.out, stage).exists() and not _is_done(job, stage, keys[stage]):
             _forget(job, stage)
     for stage in STAGES:
         if _is_done(job, stage, keys[stage]):
@@ -161,7 +166,7 @@ def _run_stages(job: Job, until: str | None, learned: Any) -> None:
                     raise
                 job.progress(stage, 0.0, failure.keep(own, error))
                 return
-            write_whole(_marker(job, stage), partial(Path.write_text, data=keys[stage]))
+            write_whole(_marker(job.out, stage), partial(Path.write_text, data=keys[stage]))
             job.progress(stage, 1.0, words)
         if stage == until:
             return
@@ -169,7 +174,7 @@ def _run_stages(job: Job, until: str | None, learned: Any) -> None:
 
 def _is_done(job: Job, stage: str, key: str) -> bool:
     """Whether a stage has finished with its present inputs, and its result was not removed since."""
-    marker, result = _marker(job, stage), _ALWAYS.get(stage)
+    marker, result = _marker(job.out, stage), _ALWAYS.get(stage)
     return marker.exists() and marker.read_text() == key and (result is None or (job.out / result).exists())
 
 
@@ -179,7 +184,7 @@ def _forget(job: Job, stage: str) -> None:
 
     failure.forget(job)
     for later in readers(stage):
-        _marker(job, later).unlink(missing_ok=True)
+        _marker(job.out, later).unlink(missing_ok=True)
     for name in ("report.html", "summary.json"):
         (job.out / name).unlink(missing_ok=True)
 
