@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from pathlib import Path
 
@@ -92,6 +93,22 @@ def test_check_run_and_fit_refuse_and_name_the_cause(study, tmp_path):
         looked.verdict.faults
     )
     assert len(looked.plot().axes) > 5
+
+
+def test_a_misspelled_frame_is_not_blamed_on_the_record(study):
+    """Points in body axes, of a frame that is not valid: nothing is known of the attach point."""
+    path = study()
+    vehicle = path.with_name("vehicle.toml")
+    body = re.sub(
+        r"^(centre_of_mass|reference_centre|attach_point) = \[.*?\]",
+        lambda line: f'{line[1]} = ["{1.9 if line[1] == "attach_point" else 0.0} m", "0 m", "0 m"]',
+        vehicle.read_text(encoding="utf-8"),
+        flags=re.M,
+    )
+    for frame, wanted in (("body", 0), ("bodyy", 1)):
+        vehicle.write_text(body.replace("[capsule]", f'[capsule]\npoints_in = "{frame}"'), encoding="utf-8")
+        faults = [str(fault) for fault in examine_study(path).faults]
+        assert len(faults) == wanted and all("points_in: got 'bodyy'" in fault for fault in faults), faults
 
 
 def test_a_study_may_accept_it(study):

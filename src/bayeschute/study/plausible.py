@@ -67,10 +67,11 @@ def _known(table: object, name: str, unknown: Any = np.nan) -> Any:
 
 
 def _attach(capsule: CapsuleTable | None) -> Array:
-    """Attach point from the centre of mass, body axes (3,) [m]."""
-    none = (np.nan,) * 3
+    """Attach point from the centre of mass, body axes (3,) [m]; NaN too where the frame of the points is not valid."""
+    none, invalid = (np.nan,) * 3, object()
     attach, centre = _known(capsule, "attach_point", none), _known(capsule, "centre_of_mass", none)
-    return np.asarray(from_centre_of_mass(attach, centre, _known(capsule, "points_in", None)))
+    frame = _known(capsule, "points_in", invalid)
+    return np.asarray(none if frame is invalid else from_centre_of_mass(attach, centre, frame))
 
 
 def _drag(capsule: CapsuleTable | None) -> float:
