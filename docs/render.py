@@ -12,6 +12,7 @@ import hashlib
 import os
 import sys
 from datetime import UTC, datetime
+from importlib.metadata import version
 from pathlib import Path
 
 import jupytext
@@ -19,7 +20,7 @@ import nbformat
 from nbclient import NotebookClient
 
 from bayeschute import __version__
-from bayeschute.study.evidence.numerics_hash import numerics
+from bayeschute.study.evidence.numerics_hash import ENGINE, engine, numerics
 
 NOTEBOOKS = Path(__file__).parents[1] / "notebooks"
 DATA = "BAYESCHUTE_DATA"
@@ -36,9 +37,10 @@ def lacks_records(source: Path) -> bool:
 
 
 def made_by() -> str:
-    """Last line of a rendered notebook: when it was run, and by which code."""
-    today = datetime.now(UTC).date().isoformat()
-    return f"*Run on {today} by bayeschute {__version__}, numerics `{numerics()[:8]}` (`docs/render.py`).*"
+    """Last line of a rendered notebook: when it was run, and by which code on which libraries."""
+    today, on = datetime.now(UTC).date().isoformat(), engine({name: version(name) for name in ENGINE})
+    made = f"*Run on {today} by bayeschute {__version__}, numerics `{numerics()[:8]}`"
+    return f"{made} on {on} (`docs/render.py`).*"
 
 
 def render(source: Path, folder: Path | None = None) -> Path:

@@ -15,6 +15,9 @@ import nbformat
 import pytest
 from nbclient import NotebookClient
 
+from bayeschute.study.evidence.numerics_compared import comparisons, same_as
+from bayeschute.study.evidence.numerics_hash import PACKAGE, hash_of
+
 NOTEBOOKS = Path(__file__).parents[1] / "notebooks"
 DATA = Path(os.environ.get("BAYESCHUTE_DATA") or "no-such-folder")
 
@@ -101,6 +104,18 @@ def test_a_rendered_notebook_is_current(path):
     assert all(output.output_type != "error" and output.get("name") != "stderr" for output in outputs)
     said = [output.get("text", "") + json.dumps(output.get("data", {}).get("text/plain", "")) for output in outputs]
     assert not re.search(r"/(tmp|home|root|work|Users)/|site-packages", " ".join(said)), "a path of some machine"
+
+
+@pytest.mark.parametrize("path", sorted(NOTEBOOKS.glob("*.ipynb")), ids=lambda p: p.stem)
+def test_numbers_of_a_rendered_notebook_are_those_of_the_present_code(path):
+    """Or count as those by a stored comparison. On the libraries that it was run on, which may be others here."""
+    last = nbformat.read(path, as_version=4).cells[-1].source
+    told = re.search(r"^\*Run on \d{4}-\d\d-\d\d by .*, numerics `(\w{8})` on (.*) \(`docs/render.py`\)", last)
+    assert told, "no last line names the code that it was run by: make notebooks"
+    here, found = hash_of(PACKAGE, told[2]), comparisons()
+    kinds = {row.configuration for one in found for row in one.studies}
+    alike = {here}.union(*(same_as(here, kind, found) for kind in kinds))
+    assert told[1] in {one[:8] for one in alike}, f"{path.name} is of other numerics: make notebooks"
 
 
 def test_quick_start_on_a_cluster(small, tmp_path: Path):
