@@ -68,6 +68,7 @@ def test_verdicts():
     gap = 1.9 - ndtri(0.95)
     assert open_.verdict == "can't tell yet" and open_.more_draws is None
     assert open_.more_drops == pytest.approx((1.2816 * 0.6 / gap) ** 2 - 1.0, rel=0.6)
+    assert f"about {int(np.ceil(open_.more_drops))} more drops as telling" in open_.why
     few = decide(chance(*_met(2.2, 0.05, 8, 8, 0)), 0.95, 0.9)
     assert few.verdict == "can't tell yet" and (few.more_draws or 0.0) > 1.0
 

@@ -194,7 +194,6 @@ def decide(found: Chance, probability: float, confidence: float) -> Verdict:
     if drops > 1000.0:
         why = f"{wanted}: P(met) lies at the limit; no number of drops is likely to tell."
     else:
-        why = (
-            f"{wanted}: the parameters leave it open; about {drops:.1f} more drops as telling as those fitted may tell."
-        )
+        more = f"{max(int(np.ceil(drops)), 1)} more drop{'s' if drops > 1.0 else ''}"
+        why = f"{wanted}: the parameters leave it open; about {more} as telling as those fitted may tell."
     return Verdict("can't tell yet", reached, None, float(drops), why)
