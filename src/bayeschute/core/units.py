@@ -15,7 +15,10 @@ _QUANTITY = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?)\s*(.
 _UNIT = re.compile(r"(?:[A-Za-z_µμ°Ω%]+[0-9]?|\^-?[1-9]|\*\*-?[1-9]|[ */().]|1(?= ?/))+")
 _LONGEST = 60
 _SIGNS = str.maketrans({"²": "^2", "³": "^3", "·": "*"})
-_OF_THE_TRADE = ("psf = pound_force / foot ** 2", "lbm = pound")
+_OF_THE_TRADE = (
+    "psf = pound_force / foot ** 2", "lbm = pound", "fpm = foot / minute", "kmh = kilometer / hour",
+    "kmph = kilometer / hour",  # pint takes it for a thousand miles per hour
+)  # fmt: skip
 
 
 @cache
