@@ -167,7 +167,10 @@ def test_a_run_that_is_stopped_says_how_to_go_on(stages: types.ModuleType, tmp_p
     stages.run_study = run_study  # type: ignore[attr-defined]
     result = CliRunner().invoke(app, ["run", str(STUDY), "--out", str(tmp_path)])
     assert result.exit_code == 130
-    assert f"--out {tmp_path} --resume" in result.stderr
+    assert f"--out {tmp_path} --resume` goes on; it keeps finished stages" in result.stderr
+    options = ["--quick", "--until", "fit", "--seed", "3", "--workers", "2"]
+    result = CliRunner().invoke(app, ["run", str(STUDY), "--out", str(tmp_path), *options])
+    assert f"--out {tmp_path} --resume --quick --until fit --seed 3 --workers 2` goes on" in result.stderr
 
 
 def test_faults_found_late_are_told_line_by_line(stages: types.ModuleType, tmp_path: Path):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import json
+import signal
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,27 @@ import typer
 
 from bayeschute.console import Bars, place_for_json, reporting_faults, say, write_json
 from bayeschute.core.errors import Fault, InputError, harmless
+
+
+def test_a_stop_that_a_library_loses_is_heard_at_the_next_progress(capsys):
+    """As one that falls into a callback of the garbage collector, of which Python prints that it is ignored."""
+
+    class Lost:
+        def __del__(self) -> None:
+            signal.raise_signal(signal.SIGINT)
+
+    reached = []
+    with pytest.raises(typer.Exit) as stopped, reporting_faults("It goes on."):
+        bars = Bars()
+        bars("fit", 0.1)
+        Lost()
+        reached.append("after it")
+        bars("fit", 0.2)
+        reached.append("progress")
+    assert reached == ["after it"] and stopped.value.exit_code == 130
+    assert capsys.readouterr().err == "Stopped. It goes on.\n"
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    Bars()("fit", 0.3)  # nothing is left of it
 
 
 def test_every_fault_is_one_line_on_stderr(capsys):

@@ -106,14 +106,17 @@ def run(
     dask: DaskAddress = None,
 ) -> None:
     """Run a study: posterior, predictive bands, risk and report; --workers and --dask share out the predictions."""
-    folder = out or Path("runs") / study.stem
-    again = f"`bayeschute run {study} --out {folder} --resume` continues from the last finished stage."
+    folder, last = out or Path("runs") / study.stem, until.value if until else None
+    given = {"--until": last, "--data": data, "--seed": seed, "--workers": None if workers == 1 else workers}
+    options = [f"{name} {value}" for name, value in (given | {"--dask": dask}).items() if value is not None]
+    same = " ".join(["--resume", *(["--quick"] if quick else []), *options])
+    kept = "finished stages, and of a fit its terms with their optimum, and its draws"
+    again = f"`bayeschute run {study} --out {folder} {same}` goes on; it keeps {kept}."
     with reporting_faults(again):
         _free_folder(folder)
         _sound(study, data)  # before anything slow is imported, and before anything is written
         from bayeschute.study.run.stages import run_study
 
-        last = until.value if until else None
         with Bars() as bars:
             summary = run_study(
                 study, folder, until=last, resume=resume, quick=quick, data_dir=data, seed=seed, progress=bars,

@@ -5,11 +5,14 @@ from __future__ import annotations
 import errno
 import os
 import re
+import signal
+import sys
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from types import TracebackType
+from types import FrameType, TracebackType
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -31,6 +34,9 @@ _NO_MEMORY = (  # of libraries
 )  # fmt: skip
 
 
+_asked_to_stop = threading.Event()  # by Ctrl-C
+
+
 def say(text: str = "", error: bool = False) -> None:
     """Print a line, to stderr if it reports an error."""
     typer.echo(harmless(text), err=error)
@@ -47,7 +53,8 @@ def reporting_faults(when_stopped: str = "") -> Iterator[None]:
         typer.Exit: In their place; every other error passes.
     """
     try:
-        yield
+        with _hearing_every_stop():
+            yield
     except InputError as error:
         for fault in error.faults:
             say(" ".join(str(fault).split()), error=True)
@@ -61,6 +68,32 @@ def reporting_faults(when_stopped: str = "") -> Iterator[None]:
             raise
         say(f"Stopped by the system: {why}. {when_stopped}".strip(), error=True)
         raise typer.Exit(3) from error
+
+
+@contextmanager
+def _hearing_every_stop() -> Iterator[None]:
+    """Remember a Ctrl-C, for the next sign of progress: one that falls into a callback of a library is lost there."""
+    before, told = signal.getsignal(signal.SIGINT), sys.unraisablehook
+    if before is not signal.default_int_handler or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        _asked_to_stop.set()
+        raise KeyboardInterrupt
+
+    def tell(lost: sys.UnraisableHookArgs) -> None:
+        if not isinstance(lost.exc_value, KeyboardInterrupt):
+            told(lost)
+
+    signal.signal(signal.SIGINT, stop)
+    sys.unraisablehook = tell
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+        sys.unraisablehook = told
+        _asked_to_stop.clear()
 
 
 def refused(error: BaseException) -> str:
@@ -116,7 +149,10 @@ class Bars:
             self._progress.stop()
 
     def __call__(self, stage: str, done: float, words: str = "") -> None:
-        """Move the bar of a stage."""
+        """Move the bar of a stage; stop where that was asked for and is not done."""
+        if _asked_to_stop.is_set():
+            _asked_to_stop.clear()
+            raise KeyboardInterrupt
         if self._progress is None and not self._in_lines:
             return
         words, done = harmless(words), self._pace.at(stage, done)
