@@ -43,12 +43,12 @@ def axis_mistakes() -> Iterator[Mistake]:
     """Earth axes of vectors, one channel or several, or all of it."""
     for names, words, doubt in _GROUPS:
         for matrix, told, do, more in (
-            (_UP, "{}: z points up, not down", "Give their third axis as 'up'.", 0.0),
+            (_UP, "{}: z points up, not down", "Give their third axis as 'up', or take it back.", 0.0),
             (_ENU, "{} are east, north, up, read as north, east, down", "Say axes = 'ENU', or take it back.", 0.0),
             (_SWAP, "north and east are swapped in {}", "Swap their columns.", 0.05),
             (_NWU, "{} are north, west, up, read as north, east, down", "Say axes = 'NWU', or take it back.", 0.1),
-            (_WEST, "{}: the second axis points west, not east", "Give it as 'west'.", 0.2),
-            (_SOUTH, "{}: the first axis points south, not north", "Give it as 'south'.", 0.2),
+            (_WEST, "{}: the second axis points west, not east", "Give it as 'west', or take it back.", 0.2),
+            (_SOUTH, "{}: the first axis points south, not north", "Give it as 'south', or take it back.", 0.2),
             (_SECOND_THIRD, "east and down are swapped in {}", "Swap their columns.", 0.1),
             (_FIRST_THIRD, "north and down are swapped in {}", "Swap their columns.", 0.1),
         ):
@@ -89,8 +89,8 @@ def wind_mistakes() -> Iterator[Mistake]:
             'north and east are swapped in the wind, and it is "from"',
             "Swap its columns; say wind_is = 'from'.",
         ),
-        (_WEST, "wind: the second axis points west, not east", "Give it as 'west'."),
-        (_SOUTH, "wind: the first axis points south, not north", "Give it as 'south'."),
+        (_WEST, "wind: the second axis points west, not east", "Give it as 'west', or take it back."),
+        (_SOUTH, "wind: the first axis points south, not north", "Give it as 'south', or take it back."),
     ):
         doubt = 0.1 if do.startswith(("Say w", "Swap its columns.")) else 0.3
         yield Mistake(told, do, partial(turned_axes, names=("wind",), matrix=matrix), doubt)

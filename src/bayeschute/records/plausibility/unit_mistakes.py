@@ -40,7 +40,9 @@ def unit_mistakes() -> Iterator[Mistake]:
                 (f"{read} already, converted as if in {shown}", si, 1.0 / factor, 0.3),
             ):
                 undo = partial(_rescaled, name=name, factor=by)
-                yield Mistake(f"{words} are in {told}", f"Give their unit as '{do}'.", undo, doubt)
+                off = f"{by:.3g} times too small" if by > 1.0 else f"{1.0 / by:.3g} times too large"
+                advice = f"Give their unit as '{do}'; as it is given now they are {off}."
+                yield Mistake(f"{words} are in {told}", advice, undo, doubt)
     foot = factor_to_si("ft", "m")[0]
     for names, told in (
         (("position", "canopies"), "positions"),

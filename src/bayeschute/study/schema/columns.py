@@ -9,7 +9,7 @@ from dataclasses import replace
 from bayeschute.core.errors import Fault
 from bayeschute.core.units import factor_to_si
 from bayeschute.records.foreign.clocks import ISO
-from bayeschute.records.foreign.translate import foreign_unit
+from bayeschute.records.foreign.translate import EARTH_LABELS, EULER, WEEK, WIND_POLAR, foreign_unit
 from bayeschute.records.record import LABELS, VARIABLES, nearest
 from bayeschute.study.schema.draft import Draft
 from bayeschute.study.schema.reading.strict import UnknownValueError
@@ -38,6 +38,14 @@ def _components(name: str) -> list[str]:
 def known_columns() -> list[str]:
     """Every name a column map may have; ``N`` stands for the number of a canopy."""
     return ["time", *(column for name in VARIABLES for column in _components(name))]
+
+
+def _foreign_columns() -> list[str]:
+    """Names besides, of what is translated: Euler angles, directions of the earth, wind by speed and direction."""
+    firsts = [_components(name)[0] for name, variable in VARIABLES.items() if "axis" in variable.dims]
+    vectors = [f"{column.rpartition('.')[0]}.{label}" for column in firsts for label in EARTH_LABELS]
+    parts = {"capsule_attitude": EULER, "wind": WIND_POLAR}
+    return [*vectors, *(f"{name}.{part}" for name, labels in parts.items() for part in labels), WEEK]
 
 
 def _unit_of(name: str) -> str | None:
@@ -74,7 +82,10 @@ def _map_faults(draft: Draft, columns: Mapping[str, Column], loc: tuple[int | st
     for name, spec in columns.items():
         unit = _unit_of(name)
         if unit is None:
-            do = nearest(name, known_columns()) or f"Known are {', '.join(known_columns())}."
+            do = (
+                nearest(name, list(dict.fromkeys([*known_columns(), *_foreign_columns()])))
+                or f"Known are {', '.join(known_columns())}."
+            )
             yield Fault(draft.at(*loc, name, ""), f"the unknown variable {show(name)}", "a variable of a record", do)
             continue
         if name == "time" and spec.unit == ISO:
