@@ -217,11 +217,12 @@ def test_a_check_counts_samples_that_are_known_and_were_not_seen(slowing):
     truth[4] = np.nan
     made = replace(slowing, truth=xr.Dataset({"descent_rate": ("time", truth)}, {"time": TIME}))
     table = made.check((0.5, 0.9, 0.7)).set_index("reference")
-    assert list(table.columns) == ["quantity", "samples", "inside 50 %", "inside 90 %", "inside 70 %"]
+    assert list(table.columns) == ["quantity", "samples", "inside 50 %", "inside 90 %", "inside 70 %", "p"]
     row = table.loc["truth"]
     assert row["samples"] == 6 and row["inside 90 %"] == 1.0
     assert row["inside 50 %"] == pytest.approx(2 / 6) and row["inside 70 %"] == pytest.approx(2 / 6)
     assert table.loc["record", "samples"] == 7 and table.loc["record", "inside 90 %"] == 0.0
+    assert row["p"] == 1.0 and table.loc["record", "p"] == pytest.approx(11 / 102)  # ten of 101 draws are never inside
     edges = xr.Dataset({"descent_rate": ("time", rate + 0.5)}, {"time": TIME})
     assert replace(slowing, truth=edges, record={}).check((0.9001,))["inside 90.01 %"].to_list() == [1.0]
 
@@ -250,7 +251,28 @@ def test_draws_that_all_failed_hold_nothing(slowing):
     draws = slowing.draws * np.nan
     draws["descent_rate"].attrs, draws.attrs = {"units": "m/s"}, {"failed": 101, "flight": "a"}
     rows = replace(slowing, draws=draws).check((0.9,))
-    assert rows["inside 90 %"].isna().all() and rows["samples"].to_list() == [7, 7]
+    assert rows["inside 90 %"].isna().all() and rows["samples"].to_list() == [7, 7] and rows["p"].isna().all()
+
+
+def test_p_of_a_flight_drawn_from_the_forecast_is_uniform(slowing):
+    """Flights out of phase for long: shares inside scatter, p says how far. Too narrow bands have a small one."""
+    rng, time = np.random.default_rng(4), np.linspace(0.0, 60.0, 10)
+
+    def flights(count: int) -> np.ndarray:
+        return 5.0 * np.sin(time + rng.normal(0.0, 0.5, (count, 1)) * time / 10.0) + rng.normal(0.0, 0.3, (count, 10))
+
+    axes = {"draw": np.arange(400), "time": slowing.draws["time"]}
+    draws = xr.Dataset({"descent_rate": (("draw", "time"), flights(400), {"units": "m/s"})}, axes, slowing.draws.attrs)
+    wide = replace(slowing, draws=draws, record={}, held_out=np.ones(10, bool))
+
+    def told(truth: np.ndarray) -> float:
+        known = xr.Dataset({"descent_rate": ("time", truth)}, {"time": slowing.draws["time"]})
+        return replace(wide, truth=known).check((0.5, 0.9))["p"].item()
+
+    p = np.array([told(one) for one in flights(300)])
+    for share in (0.1, 0.3):  # not less often than it says; with ties more often
+        assert np.mean(p <= share) <= share + 3.0 * np.sqrt(share * (1.0 - share) / 300)
+    assert p.min() < 0.1 and told(np.full(10, 12.0)) < 0.05
 
 
 @pytest.fixture

@@ -292,7 +292,10 @@ class Forecast:
         is not known, and exceeds the narrow band of a fitted flight.
 
         Returns:
-            A row per quantity and reference: how many samples, and the share of them inside each band.
+            A row per quantity and reference: how many samples, the share of them inside each band, and ``p``, how often
+            a flight drawn from this forecast is no more of the time inside the widest of these bands. A swing that is
+            once out of phase stays so for long: the share of one flight scatters widely, and ``p`` tells whether it is
+            too small. Not a number without draws.
 
         Raises:
             InputError: If there is neither record nor truth.
@@ -311,6 +314,7 @@ class Forecast:
                     here = known & np.isfinite(low)
                     inside = (reference[name] >= low) & (reference[name] <= high)
                     row[f"inside {100 * level:g} %"] = float(inside[here].mean()) if here.any() else np.nan
+                row["p"] = _rarity(draws.values, reference[name], known, max(levels))
                 rows.append(row)
         if not rows:
             raise InputError(Fault(f"forecast of {self.name}", "no record", "a flight with a record to check by"))
@@ -372,6 +376,18 @@ class Forecast:
 def _central(draws: Array, level: float) -> Array:
     """Lower end, median and upper end (3, T) of the central band of draws (B, T)."""
     return bands.quantiles(draws, central(level))
+
+
+def _rarity(draws: Array, reference: Array, known: NDArray[np.bool_], level: float) -> float:
+    """Share of the draws (B, T) that are inside their own central band as seldom as a reference (T,), which counts."""
+    low, _, high = _central(draws, level)
+    here = known & np.isfinite(low)
+    flown = draws[np.isfinite(draws).all(axis=1)][:, here]
+    if not flown.size:
+        return float("nan")
+    inside = ((flown >= low[here]) & (flown <= high[here])).mean(axis=1)
+    share = ((reference[here] >= low[here]) & (reference[here] <= high[here])).mean()
+    return float((1 + np.sum(inside <= share)) / (1 + len(inside)))
 
 
 def _led_by(spec: Study, flight: str, like: str | None) -> Study:
