@@ -447,6 +447,18 @@ def test_a_run_is_opened_by_its_folder_alone(finished):
     run = bc.Run(str(finished.folder))
     assert [flight.name for flight in run.study.flights] == ["low", "high"]
     assert run.posterior.names == ("cds_over_mass[low]", "cds_over_mass[high]", *run.posterior.names[2:])
+    shown = run._repr_html_()
+    missed = [name for name, one in run.summary["checks"].items() if one["passed"] is False]
+    assert ": finished" in shown and run.level in shown and all(name in shown for name in missed)
+    for one in run.summary["requirements"]:
+        assert f"<td>{one['name']} on {one['run']}</td><td>P(met) = {one['probability_met']:.3f}</td>" in shown
+
+
+def test_keys_are_completed(finished):
+    run = bc.Run(str(finished.folder))
+    for keyed in (run.study.flights, run.forecasts, run.posterior):
+        names = keyed._ipython_key_completions_()
+        assert names and all(keyed[name] is not None for name in names)
 
 
 def test_records_of_names_with_dots_are_kept(descents, tmp_path):

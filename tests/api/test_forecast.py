@@ -254,6 +254,13 @@ def test_draws_that_all_failed_hold_nothing(slowing):
     assert rows["inside 90 %"].isna().all() and rows["samples"].to_list() == [7, 7] and rows["p"].isna().all()
 
 
+def test_a_probability_is_shown_with_its_limits_and_what_it_lacks():
+    found = bc.Probability(0.8, 0.71, 0.87, 0.9, 64, 2, ("bands",))
+    shown = found._repr_html_()
+    assert "<td>0.800</td>" in shown and "0.710 to 0.870 (90 %)" in shown and "<td>64, 2</td>" in shown
+    assert "bands" in shown and "bands" not in replace(found, failed_checks=())._repr_html_()
+
+
 def test_p_of_a_flight_drawn_from_the_forecast_is_uniform(slowing):
     """Flights out of phase for long: shares inside scatter, p says how far. Too narrow bands have a small one."""
     rng, time = np.random.default_rng(4), np.linspace(0.0, 60.0, 10)

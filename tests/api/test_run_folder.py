@@ -32,6 +32,16 @@ def test_a_run_that_did_not_end_says_so(run):
     assert run.predictive_checks.empty and "p" in run.predictive_checks
 
 
+def test_html_tells_missed_checks_and_requirements_without_markup_of_names(run):
+    assert "not finished" in run._repr_html_() and "not checked" in run._repr_html_()
+    checks = {"rhat": {"passed": True}, "bands": {"passed": False}, "loo": {"passed": None}}
+    wanted = [{"name": "<b>", "run": "p", "probability_met": 0.25}, {"name": "r", "run": "p", "probability_met": None}]
+    claim = {"level": "not checked", "contradicted": [], "sentences": ["Nothing is promised."]}
+    shown = told(run, "summary.json", {"claim": claim, "checks": checks, "requirements": wanted})._repr_html_()
+    assert "<td>checks</td><td>1 passed, missed: bands</td>" in shown and "Nothing is promised." in shown
+    assert "<td>&lt;b&gt; on p</td><td>P(met) = 0.250</td>" in shown and "r on p</td><td>P(met) is not known" in shown
+
+
 def test_a_contradicted_run_has_no_level_whatever_its_label_claims(run):
     claim = {"level": "self-consistent", "contradicted": []}
     assert told(run, "summary.json", {"claim": claim, "label": "l"}).level == "self-consistent" and ": l)" in repr(run)

@@ -341,6 +341,10 @@ class Flights(Sequence["Flight"]):
                 return flight
         raise KeyError(f"no flight {key!r}; there are {', '.join(f.name for f in self._flights)}")
 
+    def _ipython_key_completions_(self) -> list[str]:
+        """Names, for tab completion."""
+        return [flight.name for flight in self._flights]
+
     def __len__(self) -> int:
         """How many."""
         return len(self._flights)

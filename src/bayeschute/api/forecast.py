@@ -71,6 +71,13 @@ class Probability:
         told = f"P(met) = {self.met:.3f}, {between}, {self.draws:,} draws{failed}"
         return "; ".join(filter(None, (told, without_level(self.failed_checks))))
 
+    def _repr_html_(self) -> str:
+        """The same as a table."""
+        limits = f"{self.low:.3f} to {self.high:.3f} ({100.0 * self.confidence:.0f} %)"
+        rows = [("P(met)", f"{self.met:.3f}"), ("for the number of draws alone", limits)]
+        rows.append(("draws, of them failed", f"{self.draws:,}, {self.failed:,}"))
+        return html.table("Probability", ("of", "told"), rows, without_level(self.failed_checks))
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Forecast:

@@ -73,6 +73,10 @@ class Posterior:
         """Draws of a parameter (chain, draw) in its unit."""
         return self.data["posterior"].to_dataset()[name]
 
+    def _ipython_key_completions_(self) -> list[str]:
+        """Names of the parameters, for tab completion."""
+        return list(self.names)
+
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the parameters."""

@@ -11,6 +11,7 @@ from typing import Any
 
 import pandas as pd
 
+from bayeschute.api import html
 from bayeschute.api.forecast import Forecast, forecast_of, stored_forecast_of
 from bayeschute.api.inputs import Study
 from bayeschute.api.posterior import Posterior
@@ -93,6 +94,23 @@ class Run:
         """Folder and label."""
         return f"Run({str(self.folder)!r}: {self.summary.get('label', 'not finished')})"
 
+    def _repr_html_(self) -> str:
+        """Label, what was promised, checks and requirements as a table."""
+        told = self.summary
+        rows = [("level", self.level), *(("trust", text) for text in told.get("claim", {}).get("sentences", ()))]
+        passed = {name: one.get("passed") for name, one in told.get("checks", {}).items()}
+        missed = ", ".join(name for name, one in passed.items() if one is False)
+        if passed:
+            words = f"{sum(one is True for one in passed.values())} passed" + (f", missed: {missed}" if missed else "")
+            rows.append(("checks", words))
+        for one in told.get("requirements", ()):
+            met = one["probability_met"]
+            rows.append(
+                (f"{one['name']} on {one['run']}", "P(met) is not known" if met is None else f"P(met) = {met:.3f}")
+            )
+        finished = "finished" if told else "not finished"
+        return html.table(f"Run in {self.folder}: {finished}", ("of", "told"), rows)
+
 
 class _Forecasts(Mapping[str, Forecast]):
     """Forecasts of a run, read or made when asked for."""
@@ -118,6 +136,9 @@ class _Forecasts(Mapping[str, Forecast]):
     def _drawn(self, flight: Flight) -> Forecast:
         with workspace(self._run.study.spec, collected(self._run.folder)) as job:
             return forecast_of(job, flight)
+
+    def _ipython_key_completions_(self) -> list[str]:
+        return list(self)
 
     def __iter__(self) -> Any:
         return iter([f.name for f in self._run.study.spec.flights if {"identify", "predict"} & set(f.roles)])
