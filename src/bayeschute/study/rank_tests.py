@@ -151,7 +151,8 @@ def _sound(study: Study, truths: str, replicates: int) -> None:
     faults = []
     if study.model != "cluster" or any(f.virtual is None for f in study.with_role("identify")):
         wanted = "a cluster study whose fitted flights are virtual"
-        faults.append(Fault(str(study.path), f"a {study.model} study, or recorded flights", wanted))
+        got = "recorded flights that are fitted" if study.model == "cluster" else f"a {study.model} study"
+        faults.append(Fault(str(study.path), got, wanted, "True values are known of virtual flights only."))
     if study.priors.hierarchical:
         faults.append(Fault("[priors] vary", "a hierarchical model", "parameters that all canopies and drops share"))
     if study.noise.model == "sandwich":
