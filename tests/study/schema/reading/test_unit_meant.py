@@ -13,7 +13,7 @@ from bayeschute.study.schema.reading.unit_meant import unit_meant
 MEANT = [
     ("g", "m/s^2", "g_0"), ("G", "m/s^2", "g_0"), ("gs", "m/s^2", "g_0"), ("mg", "m/s^2", "millig_0"),
     ("degc", "K", "degC"), ("C", "K", "degC"), ("Celsius", "K", "degC"), ("deg C", "K", "degC"), ("F", "K", "degF"),
-    ("dps", "rad/s", "deg/s"), ("FPS", "m/s", "fps"), ("kmhr", "m/s", "km/h"), ("hpa", "Pa", "hPa"),
+    ("dps", "rad/s", "deg/s"), ("FPS", "m/s", "fps"), ("kmhr", "m/s", "km/h"), ("KMH", "m/s", "km/h"), ("hpa", "Pa", "hPa"),
     ("mb", "Pa", "mbar"), ("FT", "m", "ft"), ("m/s2", "m/s^2", "m/s^2"), ("slug/ft3", "kg/m^3", "slug/ft^3"),
     ("M", "m", "m"), ("S", "s", "s"), ("KT", "m/s", "kt"),
     ("lb", "N", "lbf"), ("lb s/ft", "N s/m", "lbf s/ft"),

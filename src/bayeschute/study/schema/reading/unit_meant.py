@@ -12,7 +12,8 @@ _WORDS = {  # of units as people write them, in small letters: what the program 
     "g": "g_0", "gs": "g_0", "gee": "g_0", "gn": "g_0", "mg": "millig_0",
     "c": "degC", "degc": "degC", "deg_c": "degC", "deg c": "degC", "celsius": "degC", "centigrade": "degC",
     "f": "degF", "degf": "degF", "deg_f": "degF", "deg f": "degF", "fahrenheit": "degF", "k": "K", "kelvin": "K",
-    "dps": "deg/s", "degps": "deg/s", "radps": "rad/s", "kmhr": "km/h", "mps": "m/s", "kmps": "km/s",
+    "dps": "deg/s", "degps": "deg/s", "radps": "rad/s", "kmh": "km/h", "kmhr": "km/h", "mps": "m/s",
+    "kmps": "km/s",
     "mb": "mbar", "hpa": "hPa", "kpa": "kPa", "pa": "Pa", "inhg": "inHg", "mmhg": "mmHg", "hz": "Hz",
     "lb": "lbf", "lbs": "lbf", "kn": "kN", "n": "N", "newtons": "N", "kgs": "kg",
 }  # fmt: skip
