@@ -7,6 +7,7 @@ rights, memory), 130 stopped by the user. Packages that are slow to import are i
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from enum import StrEnum
@@ -107,11 +108,11 @@ def run(
 ) -> None:
     """Run a study: posterior, predictive bands, risk and report; --workers and --dask share out the predictions."""
     folder, last = out or Path("runs") / study.stem, until.value if until else None
-    given = {"--until": last, "--data": data, "--seed": seed, "--workers": None if workers == 1 else workers}
-    options = [f"{name} {value}" for name, value in (given | {"--dask": dask}).items() if value is not None]
-    same = " ".join(["--resume", *(["--quick"] if quick else []), *options])
+    given = {"--until": last, "--data": data, "--seed": seed, "--workers": workers if workers > 1 else None}
+    options = [str(part) for item in (given | {"--dask": dask}).items() if item[1] is not None for part in item]
+    same = ["bayeschute", "run", study, "--out", folder, "--resume", *(["--quick"] if quick else []), *options]
     kept = "finished stages, and of a fit its terms with their optimum, and its draws"
-    again = f"`bayeschute run {study} --out {folder} {same}` goes on; it keeps {kept}."
+    again = f"`{shlex.join(map(str, same))}` goes on; it keeps {kept}."
     with reporting_faults(again):
         _free_folder(folder)
         _sound(study, data)  # before anything slow is imported, and before anything is written

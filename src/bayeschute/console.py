@@ -73,7 +73,7 @@ def reporting_faults(when_stopped: str = "") -> Iterator[None]:
 @contextmanager
 def _hearing_every_stop() -> Iterator[None]:
     """Remember a Ctrl-C, for the next sign of progress: one that falls into a callback of a library is lost there."""
-    before, told = signal.getsignal(signal.SIGINT), sys.unraisablehook
+    before, usual = signal.getsignal(signal.SIGINT), sys.unraisablehook
     if before is not signal.default_int_handler or threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -84,7 +84,7 @@ def _hearing_every_stop() -> Iterator[None]:
 
     def tell(lost: sys.UnraisableHookArgs) -> None:
         if not isinstance(lost.exc_value, KeyboardInterrupt):
-            told(lost)
+            usual(lost)
 
     signal.signal(signal.SIGINT, stop)
     sys.unraisablehook = tell
@@ -92,7 +92,7 @@ def _hearing_every_stop() -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGINT, before)
-        sys.unraisablehook = told
+        sys.unraisablehook = usual
         _asked_to_stop.clear()
 
 

@@ -317,10 +317,7 @@ class Forecast:
                 known = np.isfinite(reference[name]) & self.counted
                 row: dict[str, Any] = {"quantity": name, "reference": kind, "samples": int(known.sum())}
                 for level in levels:
-                    low, _, high = _central(draws.values, level)
-                    here = known & np.isfinite(low)
-                    inside = (reference[name] >= low) & (reference[name] <= high)
-                    row[f"inside {100 * level:g} %"] = float(inside[here].mean()) if here.any() else np.nan
+                    row[f"inside {100 * level:g} %"] = _inside(draws.values, reference[name], known, level)[0]
                 row["p"] = _rarity(draws.values, reference[name], known, max(levels))
                 rows.append(row)
         if not rows:
@@ -385,16 +382,19 @@ def _central(draws: Array, level: float) -> Array:
     return bands.quantiles(draws, central(level))
 
 
-def _rarity(draws: Array, reference: Array, known: NDArray[np.bool_], level: float) -> float:
-    """Share of the draws (B, T) that are inside their own central band as seldom as a reference (T,), which counts."""
+def _inside(draws: Array, motions: Array, known: NDArray[np.bool_], level: float) -> Array:
+    """Share of the known samples that each of motions (N, T) or (T,) has in the central band of draws (B, T), (N,)."""
     low, _, high = _central(draws, level)
     here = known & np.isfinite(low)
-    flown = draws[np.isfinite(draws).all(axis=1)][:, here]
-    if not flown.size:
-        return float("nan")
-    inside = ((flown >= low[here]) & (flown <= high[here])).mean(axis=1)
-    share = ((reference[here] >= low[here]) & (reference[here] <= high[here])).mean()
-    return float((1 + np.sum(inside <= share)) / (1 + len(inside)))
+    inside = (motions >= low) & (motions <= high)
+    return np.atleast_2d(inside)[:, here].mean(axis=1) if here.any() else np.full(len(np.atleast_2d(motions)), np.nan)
+
+
+def _rarity(draws: Array, reference: Array, known: NDArray[np.bool_], level: float) -> float:
+    """How often one of the draws (B, T) and the reference (T,) is in the band for no more of the time than that."""
+    flown = draws[np.isfinite(draws).all(axis=1)]
+    share, shares = _inside(draws, reference, known, level), _inside(draws, flown, known, level)
+    return float((1 + np.sum(shares <= share)) / (1 + len(flown))) if np.isfinite(share[0]) else float("nan")
 
 
 def _led_by(spec: Study, flight: str, like: str | None) -> Study:

@@ -53,12 +53,11 @@ def test_the_factor_is_that_of_the_unit_and_the_unit_to_write_is_told(one):
     factor, right = (IN_SI[unit], unit) if unit else (1.0 / IN_SI[other], si)
     for name in CHANNELS[channels]:
         np.testing.assert_allclose(getattr(made, name), factor * getattr(e, name), rtol=1e-6)
-    assert one.do.startswith(f"Give their unit as '{WRITTEN.get(right, right)}'")
-    if told := re.search(r"; as it is given now they are (\S+) times too (small|large)\.", one.do):
-        assert (
-            float(told[1]) == pytest.approx(factor if told[2] == "small" else 1.0 / factor, rel=5e-3) and factor != 1.0
-        )
-        assert float(told[1]) > 1.0
+    size, off = re.fullmatch(
+        rf"Give their unit as '{re.escape(WRITTEN.get(right, right))}'; as it is given now they are (\S+) times too (\w+)\.",
+        one.do,
+    ).groups()
+    assert float(size) == pytest.approx({"small": factor, "large": 1.0 / factor}[off], rel=5e-3) and float(size) > 1.0
     assert (read or si) not in IN_SI
 
 

@@ -40,9 +40,7 @@ def unit_mistakes() -> Iterator[Mistake]:
                 (f"{read} already, converted as if in {shown}", si, 1.0 / factor, 0.3),
             ):
                 undo = partial(_rescaled, name=name, factor=by)
-                off = f"{by:.3g} times too small" if by > 1.0 else f"{1.0 / by:.3g} times too large"
-                advice = f"Give their unit as '{do}'; as it is given now they are {off}."
-                yield Mistake(f"{words} are in {told}", advice, undo, doubt)
+                yield Mistake(f"{words} are in {told}", _advice(do, by), undo, doubt)
     foot = factor_to_si("ft", "m")[0]
     for names, told in (
         (("position", "canopies"), "positions"),
@@ -53,13 +51,14 @@ def unit_mistakes() -> Iterator[Mistake]:
             ("feet, read as metres", 1, 0.1),
             ("metres already, converted as if in feet", -1, 0.3),
         ):
-            do = f"Give their unit as '{'ft' if power > 0 else 'm'}'."
             factor = foot**power
+            do = _advice("ft" if power > 0 else "m", factor)
             yield Mistake(f"{told} are in {unit}", do, partial(scaled, names=names, factor=factor), doubt)
     for unit in ("ft/s", "knot", "km/h"):
         told = f"velocities of capsule and canopies are in {_UNIT_WORDS.get(unit, unit)}, read as m/s"
-        undo = partial(scaled, names=("velocity", "canopy_velocity"), factor=factor_to_si(unit, "m/s")[0])
-        yield Mistake(told, f"Give their unit as '{unit}'.", undo)
+        factor = factor_to_si(unit, "m/s")[0]
+        undo = partial(scaled, names=("velocity", "canopy_velocity"), factor=factor)
+        yield Mistake(told, _advice(unit, factor), undo)
     for target in ("wind", "profile"):  # one of the two only
         for unit in ("knot", "ft/s"):
             factor = factor_to_si(unit, "m/s")[0]
@@ -70,14 +69,19 @@ def unit_mistakes() -> Iterator[Mistake]:
                     return None
                 return scaled(e, (target,) if target == "wind" else ("profile", "shear"), factor)
 
-            yield Mistake(
-                f"{words} are in {_UNIT_WORDS.get(unit, unit)}, read as m/s", f"Give their unit as '{unit}'.", one, 0.2
-            )
+            told = f"{words} are in {_UNIT_WORDS.get(unit, unit)}, read as m/s"
+            yield Mistake(told, _advice(unit, factor), one, 0.2)
     yield Mistake(
         "temperatures are in degrees Celsius, read as kelvin",
         "Give their unit as 'degC'.",
         changed(("temperature",), partial(np.add, 273.15)),
     )
+
+
+def _advice(unit: str, factor: float) -> str:
+    """What to do about channels that become right by a factor: true of them whatever unit they were given in."""
+    off = f"{factor:.3g} times too small" if factor > 1.0 else f"{1.0 / factor:.3g} times too large"
+    return f"Give their unit as '{unit}'; as it is given now they are {off}."
 
 
 def _rescaled(e: Evidence, name: str, factor: float) -> Evidence | None:

@@ -40,8 +40,8 @@ def known_columns() -> list[str]:
     return ["time", *(column for name in VARIABLES for column in _components(name))]
 
 
-def _foreign_columns() -> list[str]:
-    """Names besides, of what is translated: Euler angles, directions of the earth, wind by speed and direction."""
+def _translated_columns() -> list[str]:
+    """Names of what is translated into those: directions of the earth, Euler angles, wind by speed and direction."""
     firsts = [_components(name)[0] for name, variable in VARIABLES.items() if "axis" in variable.dims]
     vectors = [f"{column.rpartition('.')[0]}.{label}" for column in firsts for label in EARTH_LABELS]
     parts = {"capsule_attitude": EULER, "wind": WIND_POLAR}
@@ -82,10 +82,8 @@ def _map_faults(draft: Draft, columns: Mapping[str, Column], loc: tuple[int | st
     for name, spec in columns.items():
         unit = _unit_of(name)
         if unit is None:
-            do = (
-                nearest(name, list(dict.fromkeys([*known_columns(), *_foreign_columns()])))
-                or f"Known are {', '.join(known_columns())}."
-            )
+            meant = dict.fromkeys([*known_columns(), *_translated_columns()])
+            do = nearest(name, list(meant)) or f"Known are {', '.join(known_columns())}."
             yield Fault(draft.at(*loc, name, ""), f"the unknown variable {show(name)}", "a variable of a record", do)
             continue
         if name == "time" and spec.unit == ISO:
