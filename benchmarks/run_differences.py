@@ -1,12 +1,16 @@
 """Where do two folders of runs differ? Every array, number and text of all their files, to the last bit.
 
-What is left out stands in `LEFT_OUT` and `TIMES`, with the reason.
+    python benchmarks/run_differences.py ONE OTHER [--json]
+
+A line for each difference, then their number; the exit code is 1 where there is any. What is left out stands in
+`LEFT_OUT` and `TIMES`, with the reason.
 """
 
 from __future__ import annotations
 
 import json
 import re
+import sys
 from collections.abc import Iterator
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -16,6 +20,7 @@ from zipfile import BadZipFile
 import numpy as np
 import pandas as pd
 import xarray as xr
+from command import parser_of
 
 LEFT_OUT = {"log.txt": "says what was done when; a run that was stopped has done more"}
 """Files that aren't compared, and why."""
@@ -32,6 +37,19 @@ TIMES = {
 """Values that aren't compared, by file and place: they say when something was done, or how long it took."""
 TIMED_ROWS = re.compile(r'<tr><td class="text ">(?:wall time|wall,|smallest effective sample size per second)[^\n]*')
 """Rows of the report that show the same."""
+
+
+def main() -> None:
+    """Print what differs; with ``--json`` a list of it in place of lines."""
+    parser = parser_of(__doc__)
+    parser.add_argument("runs", nargs=2, type=Path, metavar="RUN", help="folder of a finished run")
+    given = parser.parse_args()
+    for folder in given.runs:
+        if not (folder / "summary.json").is_file():
+            parser.error(f"{folder} has no summary.json: wanted the folder of a finished run")
+    found = list(differences(*given.runs))
+    print(json.dumps(found) if given.json else "\n".join([*found, f"{len(found)} differences"]))
+    sys.exit(1 if found else 0)
 
 
 def differences(one: Path, other: Path, partial: bool = False) -> Iterator[str]:
@@ -145,3 +163,7 @@ def _unlike(one: Any, other: Any) -> str:
     values = [repr(x.reshape(-1)[k].item() if not x.dtype.hasobject else x.reshape(-1)[k]) for x in (first, second)]
     many = f"{int((~alike).sum())} of {alike.size} values, first " if alike.size > 1 else ""
     return f"{many}{values[0][:60]}, here {values[1][:60]}"
+
+
+if __name__ == "__main__":
+    main()

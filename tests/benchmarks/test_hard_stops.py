@@ -138,3 +138,18 @@ def test_the_stage_under_way_is_the_last_one_that_the_log_tells_of(tmp_path):
     lines = (f"{when}  fit        40 %  low: draws (about 3 s left)", f"{when}  ended by OSError: no", "2026-01")
     (tmp_path / "log.txt").write_text("\n".join(lines), encoding="utf-8")
     assert stop_kinds.under_way(tmp_path) == "fit 40 % low: draws (about 3 s left)"
+
+
+def test_as_a_command_it_ends_with_one_where_runs_differ(whole, copy, tmp_path, monkeypatch, capsys):
+    def told(*given):
+        monkeypatch.setattr("sys.argv", ["run_differences.py", *map(str, given)])
+        with pytest.raises(SystemExit) as end:
+            run_differences.main()
+        return end.value.code, capsys.readouterr().out.splitlines()
+
+    assert told(whole, copy) == (0, ["0 differences"])
+    assert told(whole, copy, "--json") == (0, ["[]"])
+    _rewrite(copy / "summary.json", divergences=2)
+    code, (line, last) = told(whole, copy)
+    assert code == 1 and line.startswith("summary.json: sampling/divergences") and last == "1 differences"
+    assert told(whole, tmp_path / "none")[0] == 2
