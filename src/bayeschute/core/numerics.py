@@ -1,4 +1,4 @@
-"""Numerical settings of JAX: 64-bit precision, threads, and the cache of compiled functions."""
+"""Numerical settings: JAX's 64-bit precision, threads, and cache of compiled functions, and BLAS' one thread."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ import sys
 from pathlib import Path
 
 import jax
+
+from bayeschute.core import threads as threads  # BLAS
 
 CACHE_VARIABLE = "BAYESCHUTE_CACHE"
 THREADS_VARIABLE = "NPROC"
