@@ -195,13 +195,16 @@ def test_a_density_without_mode_keeps_the_corrections_that_leave_one(straight):
 
 def test_an_expansion_by_axes_is_the_whole_one_but_for_what_corners_tell(straight, monkeypatch):
     """The squares get a product of both axes, and a bend along one, that the linear models don't have."""
-    usual = laplace.at
 
-    def bent(marginal, xi, places=None):
-        found = usual(marginal, xi, places)
-        return found._replace(square=found.square + 0.3 * xi[0] * xi[1] + 0.1 * xi[1] ** 2)
+    def bent(usual):
+        def made(*given):
+            found, xi = usual(*given), given[-1]
+            return found._replace(square=found.square + 0.3 * xi[0] * xi[1] + 0.1 * xi[1] ** 2)
 
-    monkeypatch.setattr(laplace, "at", bent)
+        return made
+
+    for name in ("at", "at_corner"):
+        monkeypatch.setattr(laplace, name, bent(getattr(laplace, name)))
     by_axes, whole = laplace.expanded(straight, laplace.sides(straight)), corrected(straight)[1]
     np.testing.assert_allclose(by_axes.slope, whole.slope, atol=1e-6)
     np.testing.assert_allclose(whole.curvature, [[1.0, 0.3], [0.3, 1.2]], atol=1e-5)
@@ -255,9 +258,8 @@ def test_only_the_axis_on_which_flights_fail_gets_a_shorter_step(straight, monke
     """The second, to one side."""
     real, asked = laplace.at, []
 
-    def some(marginal, xi, places=None):
-        if places is None:
-            asked.append(tuple(xi.tolist()))
+    def some(marginal, xi):
+        asked.append(tuple(xi.tolist()))
         made = real(marginal, xi)
         return made._replace(determinant=np.nan) if xi[1] > 0.3 else made
 
@@ -273,21 +275,23 @@ def test_only_the_axis_on_which_flights_fail_gets_a_shorter_step(straight, monke
 def test_the_polynomials_have_products_of_axes(straight, monkeypatch, fails, known):
     """One corner is enough for a product; where flights fail at both it is left out."""
     slope, curvature = np.array([0.5, -0.2]), np.array([[0.2, 0.3], [0.3, -0.1]])
-    real, begun = laplace.at, []
+    real, at_corner, begun = laplace.at, laplace.at_corner, []
 
     def value(xi):
         failed = any((xi == corner).all() for corner in fails)
         return np.nan if failed else slope @ xi + 0.5 * xi @ curvature @ xi
 
-    def bent(marginal, xi, places=None):
-        exact = real(marginal, xi)
-        if places is not None:
-            for found, wanted in zip(places, exact.flights, strict=True):  # linear: two steps together are exact
-                jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, atol=1e-6), found, wanted)
-            begun.append(tuple(xi.tolist()))
+    def bent(exact, xi):
         return exact._replace(square=exact.square - 2.0 * value(xi), determinant=7.0 + value(xi))
 
-    monkeypatch.setattr(laplace, "at", bent)
+    def bent_corner(marginal, here, one, other, xi):
+        begun.append(tuple(xi.tolist()))
+        found, exact = at_corner(marginal, here, one, other, xi), real(marginal, xi)
+        assert found[:2] == pytest.approx(exact[:2], abs=1e-6)  # linear: two steps together are exact
+        return bent(found, xi)
+
+    monkeypatch.setattr(laplace, "at", lambda marginal, xi: bent(real(marginal, xi), xi))
+    monkeypatch.setattr(laplace, "at_corner", bent_corner)
     made, product = corrected(straight)[0], 0.3 * known
     assert begun == [(1.0, 1.0), (-1.0, -1.0)][: 1 + bool(fails)]
     for part, factor in ((made.determinant, 1.0), (made.bend, -2.0)):
@@ -295,12 +299,19 @@ def test_the_polynomials_have_products_of_axes(straight, monkeypatch, fails, kno
         np.testing.assert_allclose(part.curvature, factor * np.array([[0.2, product], [product, -0.1]]), atol=1e-6)
 
 
-def test_a_flight_is_the_same_from_wherever_it_is_sought(gusty):
-    made = gusty[-1]
-    here, there = at(made, np.zeros(1)), at(made, np.ones(1))
-    found = at(made, np.ones(1), here.flights)
-    assert found.determinant == pytest.approx(there.determinant, abs=1e-3)
-    assert found.square == pytest.approx(there.square, abs=1e-3)
+def test_two_steps_together_lead_to_what_is_found_there(falling):
+    """After Gauss-Newton steps; not from where neither led, nor with the mean correction of one of them only."""
+    half = np.array([0.5])
+    here, step, there = at(falling, 0.0 * half), at(falling, half), at(falling, 2.0 * half)
+
+    def error(one, other):
+        found = laplace.at_corner(falling, here, one, other, 2.0 * half)
+        return abs(found.square - there.square), abs(found.determinant - there.determinant)
+
+    square, determinant = error(step, step)
+    assert square < 2e-6 and determinant < 2e-6
+    assert error(here, here)[0] > 10.0 * square
+    assert error(step._replace(means=here.means), step)[0] > 10.0 * square
 
 
 @pytest.mark.parametrize("which", ["falling", "gusty"])

@@ -48,16 +48,20 @@ def test_good_draws_come_without_a_word(draws):
     assert why_not_trusted(draws) == ""
 
 
-@pytest.mark.parametrize("longest", [4, 16])
-def test_a_walk_that_mixes_slowly_is_made_longer(found, draws, longest, monkeypatch):
-    verdicts, heard = iter((True, longest == 16, False)), []
-    monkeypatch.setattr(sampler, "mixes_slowly", lambda made: next(verdicts))
+@pytest.mark.parametrize(
+    ("slow", "lengths"),
+    [((1.1, 0.9), (2,)), ((3.0, 0.9), (4,)), ((3.0, 1.2, 5.0), (4, 8)), ((40.0, 2.0), (16,))],
+)
+def test_a_walk_that_mixes_slowly_is_made_as_long_as_it_takes(found, draws, slow, lengths, monkeypatch):
+    verdicts, heard = iter(slow), []
+    monkeypatch.setattr(sampler, "slowness", lambda made: next(verdicts))
     other = sampler.sample(
         found.marginal, "nuts", CHAINS, 200, DRAWS, 2, lambda share, words: heard.append(words.split(":")[0])
     )
     assert other.notes == () and other.xi.shape == draws.xi.shape and why_not_trusted(other) == ""
-    assert list(dict.fromkeys(heard)) == ["nuts", *(f"nuts, {n} times as long" for n in (4, 16) if n <= longest)]
-    assert other.evaluations > 3 * draws.evaluations
+    assert list(dict.fromkeys(heard)) == ["nuts", *(f"nuts, {n} times as long" for n in lengths)]
+    more = [16 * (1 + 20 + n * DRAWS // (16 // CHAINS)) for n in lengths]  # 16 walks: their starts, warm-up and steps
+    assert other.evaluations == draws.evaluations + sum(more)
     np.testing.assert_allclose(np.quantile(other.xi, [0.1, 0.5, 0.9]), np.quantile(draws.xi, [0.1, 0.5, 0.9]), atol=0.4)
 
 

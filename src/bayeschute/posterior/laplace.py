@@ -38,7 +38,7 @@ from bayeschute.likelihood.joint import (
     moved,
 )
 from bayeschute.likelihood.kalman import Gains, MeanCorrection, innovations
-from bayeschute.posterior.along_record.conditional_mode import approached
+from bayeschute.posterior.along_record.conditional_mode import LinearOptimum, approached
 from bayeschute.posterior.differences import beside
 from bayeschute.posterior.marginal import (
     Linearisation,
@@ -57,6 +57,7 @@ Progress = Callable[[int, int], None]
 """Called with the points that are done and wanted."""
 _FARTHEST = 3.0  # standard deviations that a step to the mode may be long
 _FLATTEST = 0.2  # curvature of a Gaussian density in standard coordinates is one; the least that is left along an axis
+_CORNER_STEPS = 2  # to the conditional mode at a corner
 _LOOKS = 3  # most axes on which a curvature less than that is measured
 
 
@@ -67,12 +68,14 @@ class Laplace(NamedTuple):
         square: Half the squares of innovations and of theta under its prior.
         determinant: Log determinant.
         flights: Conditional optima.
+        means: The mean corrections there, by flight.
         roots: Factors of the innovations' covariances by sample (N, D, D), by flight.
     """
 
     square: float
     determinant: float
     flights: tuple[Lifted, ...]
+    means: tuple[MeanCorrection, ...]
     roots: tuple[Array, ...]
 
 
@@ -104,27 +107,49 @@ def _place(flight: FlightData, along: Linearisation, shift: jax.Array) -> Lifted
     return place_at(flight, along._replace(slope=followed), shift)
 
 
-def at(marginal: Marginal, xi: Array, places: Sequence[Lifted] | None = None) -> Laplace:
+def at(marginal: Marginal, xi: Array) -> Laplace:
     """Laplace's approximation at standard coordinates (P,); not finite where a step fails.
 
     Args:
         marginal: The posterior.
         xi: Standard coordinates (P,).
-        places: By flight, where its conditional optimum is sought from; None: from where the linear model puts it.
     """
     theta, shift = shifted(marginal, xi)
-    if places is None:
-        pairs = zip(marginal.flights, marginal.along, strict=True)
-        places = [_place(flight, along, shift) for flight, along in pairs]
-    away = np.linalg.solve(np.asarray(marginal.prior_factor), np.asarray(theta) - np.asarray(marginal.prior_centre))
-    square, determinant, roots = 0.5 * float(away @ away), 0.0, list[Array]()
-    found = approached(marginal.flights, marginal.hyper, np.asarray(theta), places)
-    for flight, along, (_, linear, made) in zip(marginal.flights, marginal.along, found, strict=True):
-        there = _mean_correction(flight, marginal.hyper, along, theta, made, linear.latent_path)
-        square += _squares(made, linear, there)
-        determinant += float(made.log_determinant)
-        roots.append(np.asarray(made.root))
-    return Laplace(square, determinant, tuple(one.flight for one in found), tuple(roots))
+    pairs = list(zip(marginal.flights, marginal.along, strict=True))
+    found = approached(marginal.flights, marginal.hyper, np.asarray(theta), [_place(*pair, shift) for pair in pairs])
+    means = [
+        _mean_correction(flight, marginal.hyper, along, theta, one.gains, one.linear.latent_path)
+        for (flight, along), one in zip(pairs, found, strict=True)
+    ]
+    return _told(marginal, np.asarray(theta), found, means)
+
+
+def _told(marginal: Marginal, theta: Array, found: Sequence[LinearOptimum], means: Sequence[MeanCorrection]) -> Laplace:
+    """Laplace's approximation at parameters (P,), of flights near their conditional modes and the mean corrections."""
+    away = np.linalg.solve(np.asarray(marginal.prior_factor), theta - np.asarray(marginal.prior_centre))
+    square = 0.5 * float(away @ away)
+    for one, mean in zip(found, means, strict=True):
+        square += _squares(one.gains, one.linear, mean)
+    determinant = sum(float(one.gains.log_determinant) for one in found)
+    flights, roots = tuple(one.flight for one in found), tuple(np.asarray(one.gains.root) for one in found)
+    return Laplace(square, determinant, flights, tuple(means), roots)
+
+
+def at_corner(marginal: Marginal, here: Laplace, one: Laplace, other: Laplace, xi: Array) -> Laplace:
+    """Laplace's approximation at standard coordinates (P,) to which two steps lead, from that at their ends.
+
+    Their changes of the conditional modes add up to a place so near the mode that one step brings a flight there, and
+    their changes of the mean correction, which is known to first order only off the mode, add up as well. Products of
+    axes then are those with flights brought to rest at the corners, within 1 % of their root mean square on the flights
+    where this was measured, for a fourth to a sixth of the time.
+    """
+    theta, change = shifted(marginal, xi)
+    four = zip(marginal.flights, here.flights, one.flights, other.flights, strict=True)
+    places = [_beyond(flight, a, b, c, marginal.centre, change) for flight, a, b, c in four]
+    found = approached(marginal.flights, marginal.hyper, np.asarray(theta), places, _CORNER_STEPS)
+    trio = zip(here.means, one.means, other.means, strict=True)
+    means = [jax.tree.map(lambda a, b, c: b + c - a, *three) for three in trio]
+    return _told(marginal, np.asarray(theta), found, means)._replace(flights=(), means=(), roots=())
 
 
 def _at_each(
@@ -408,11 +433,7 @@ def _polynomials(marginal: Marginal, near: Sides, progress: Progress | None = No
         points = sign * (axes[i] + axes[j])
 
         def corner(point: Array, pair: Array, ends: Sequence[Laplace] = ends) -> Laplace:
-            _, change = shifted(marginal, point)
-            trio = zip(here.flights, ends[pair[0]].flights, ends[pair[1]].flights, strict=True)
-            steps = zip(marginal.flights, trio, strict=True)
-            found = at(marginal, point, [_beyond(flight, *three, marginal.centre, change) for flight, three in steps])
-            return found._replace(flights=(), roots=())
+            return at_corner(marginal, here, ends[pair[0]], ends[pair[1]], point)
 
         there = _at_each(corner, points, left, progress=progress)
         mixed = _beyond_linear(marginal, here, points, there) - change[i] - change[j]

@@ -13,7 +13,7 @@ from bayeschute.core.random import stream
 from bayeschute.posterior.marginal import BATCH, Marginal, in_batches, in_range, linear_residuals, log_density
 from bayeschute.posterior.sampling import delayed_acceptance, ensemble, independence
 from bayeschute.posterior.sampling.protocol import Draws
-from bayeschute.posterior.sampling.sampler_checks import mixes_slowly, why_not_trusted
+from bayeschute.posterior.sampling.sampler_checks import slowness, why_not_trusted
 from bayeschute.posterior.surrogate import Surrogate, build
 
 Array = NDArray[np.float64]
@@ -21,7 +21,8 @@ Progress = Callable[[float, str], None]
 _TEMPERATURES = (1.1, 1.3)  # of the surrogate that proposes, tried in turn
 EMCEE_DREW, INDEPENDENCE_DREW = "emcee drew instead", "an independence sampler drew instead"
 """Last words of the note on draws that are not those of the sampler asked for."""
-_LONGER = (4, 16)  # times as long a walk where one mixes slowly, tried in turn
+_LONGER, _LONGEST = 2, 16  # longer walks that are tried where one mixes slowly, and how many times as long at most
+_SPARE = 1.3  # of the length at which chains would just agree
 _LAST_STEPS = 1000  # of emcee's ensembles where all else failed: hours would not make such draws good
 
 
@@ -120,10 +121,12 @@ class _Asked:
         """By NUTS on a surrogate, corrected: a walk, and longer ones where it mixes slowly."""
         density = jax.tree_util.Partial(Surrogate.log_density, surrogate)
         given = self.exact, density, self.parameters, self.chains, self.warmup, self.draws, self.seed
-        made = [delayed_acceptance.corrected(*given, progress=self.tell(kind))]
-        for longer in _LONGER:
-            if not mixes_slowly(made[-1]):
+        made, longer = [delayed_acceptance.corrected(*given, progress=self.tell(kind))], 1
+        for _ in range(_LONGER):
+            slow = slowness(made[-1])
+            if slow <= 1.0 or longer == _LONGEST:
                 break
+            longer = min(int(np.ceil(max(_SPARE * slow, 2.0) * longer)), _LONGEST)
             tell = self.tell(f"{kind}, {longer} times as long")
             made.append(delayed_acceptance.corrected(*given, longer, progress=tell))
         return made

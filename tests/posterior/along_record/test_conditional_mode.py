@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import jax
 import numpy as np
@@ -12,7 +13,7 @@ from bayeschute.likelihood.joint import Lifted, Unknowns, as_seen, filter_gains,
 from bayeschute.likelihood.kalman import innovations
 from bayeschute.posterior import joint_mode as optimum
 from bayeschute.posterior.along_record import conditional_mode
-from bayeschute.posterior.along_record.conditional_mode import approached, brought, conditional_optimum, onward
+from bayeschute.posterior.along_record.conditional_mode import approached, brought, conditional_optimum, onward, resting
 from bayeschute.posterior.along_record.lifted_fit import begin, descend
 from bayeschute.posterior.along_record.linear_problem import terms
 from bayeschute.posterior.along_record.slack_level import LEVELS, Level, Near
@@ -95,8 +96,7 @@ def test_accelerated_steps_come_to_rest_where_plain_ones_do(drop, shot, monkeypa
     given = [drop.flight], drop.hyper, drop.priors, theta, shot.flights
     found = conditional_optimum(*given)
     monkeypatch.setattr(conditional_mode, "_accelerated", lambda tried: tried[-1][1])
-    monkeypatch.setattr(conditional_mode, "_RESTING", 1e-6)
-    monkeypatch.setattr(conditional_mode, "_MOST_RESTING", 100)
+    monkeypatch.setattr(conditional_mode, "resting", partial(resting, near=1e-6, most=100))
     plain = conditional_optimum(*given)
     assert found.cost == pytest.approx(plain.cost, abs=2.0 * 0.01) and found.defect < 1e-3
     assert found.marginal == pytest.approx(plain.marginal, abs=0.05)

@@ -16,10 +16,10 @@ from bayeschute.posterior.sampling.sampler_checks import (
     MOST_K,
     MOST_RHAT,
     judge_rhat,
-    mixes_slowly,
     pareto_k,
     rhat_bound,
     rhat_of,
+    slowness,
     why_not_trusted,
 )
 
@@ -94,13 +94,31 @@ def test_doubt_says_why():
     assert "R-hat" in why_not_trusted(_made(xi))
 
 
-def test_a_walk_mixes_slowly_where_its_chains_hardly_agree_though_proposals_are_good():
+def test_a_walk_is_slow_where_its_chains_hardly_agree_though_proposals_are_good():
     rng = np.random.default_rng(6)
     xi = rng.standard_normal((4, 500, 3))
-    assert not mixes_slowly(_made(xi))
+    assert 0.0 < slowness(_made(xi)) < 1.0
     xi[1, :, 2] += 0.5
-    assert mixes_slowly(_made(xi))
-    assert not mixes_slowly(_made(xi, -1.0 * np.log(rng.random((4, 500)))))  # more of the same would not help
+    assert slowness(_made(xi)) > 1.0
+    assert slowness(_made(xi, -1.0 * np.log(rng.random((4, 500))))) == 0.0  # more of the same would not help
+    xi[..., 2] = 1.0  # never moved
+    assert slowness(_made(xi)) == 0.0
+
+
+def test_slowness_tells_how_many_times_as_long_a_walk_must_be():
+    """Chains whose draws stay alike for sixty steps; one that many times as long is about where they just agree."""
+    rng = np.random.default_rng(7)
+
+    def walk(thinning):
+        stay = np.exp(-thinning / 60.0)
+        xi = rng.standard_normal((4, 500, 4))
+        for i in range(1, 500):
+            xi[:, i] = stay * xi[:, i - 1] + np.sqrt(1.0 - stay**2) * xi[:, i]
+        return slowness(_made(xi))
+
+    first = np.median([walk(1) for _ in range(10)])
+    again = np.median([walk(first) for _ in range(10)])
+    assert first > 4.0 and 0.4 < again < 1.6
 
 
 def test_a_thinned_walk_has_as_many_draws_and_less_of_their_correlation():

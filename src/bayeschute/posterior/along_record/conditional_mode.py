@@ -18,7 +18,7 @@ from bayeschute.posterior.along_record.linear_problem import Solved, led, shorte
 from bayeschute.posterior.along_record.slack_level import Level, Point, Relaxed, lowered, stepped, stepped_and_closed
 
 Array = NDArray[np.float64]
-_RESTING, _MOST_RESTING = 0.01, 12  # gain in log density at which a conditional optimum is reached; most steps to it
+_RESTING, _MOST_RESTING = 1e-3, 20  # gain in log density at which a conditional optimum is reached; most steps to it
 _ANDERSON = 4  # earlier steps that tell of the next one to it
 
 
@@ -85,7 +85,11 @@ class LinearOptimum(NamedTuple):
 
 
 def approached(
-    flights: Sequence[FlightData], hyper: NoiseParameters, theta: Array, at: Sequence[Lifted]
+    flights: Sequence[FlightData],
+    hyper: NoiseParameters,
+    theta: Array,
+    at: Sequence[Lifted],
+    most: int = _MOST_RESTING,
 ) -> list[LinearOptimum]:
     """Flights at their conditional modes for fixed parameters, with the linear problems there.
 
@@ -93,9 +97,16 @@ def approached(
     left of the way, but the correction of the mean (`likelihood.mean_correction`) is that about the path, and first
     order matters: on a flight whose path bends much, paths that lacked up to one unit of the cost had marginal log
     densities 1.1 too high on average, that at rest had its own, and the density seemed to rise from there to all sides.
+
+    Args:
+        flights: Records.
+        hyper: Noise parameters.
+        theta: Parameters, working coordinates (P,).
+        at: Where to begin.
+        most: Most steps.
     """
     level = Level(flights, hyper, (), 0.0, by_theta=False)
-    here, relaxed = resting(level, level.point(theta, at))
+    here, relaxed = resting(level, level.point(theta, at), most=most)
     five = zip(flights, here.flights, here.along, relaxed.ends, relaxed.filters, strict=True)
     held = np.zeros_like(theta)
     return [
@@ -104,7 +115,7 @@ def approached(
     ]
 
 
-def resting(level: Level, here: Point, near: float = _RESTING) -> tuple[Point, Relaxed]:
+def resting(level: Level, here: Point, near: float = _RESTING, most: int = _MOST_RESTING) -> tuple[Point, Relaxed]:
     """Steps of trajectories, start and process noise for fixed parameters, until they would gain next to nothing.
 
     Gauss-Newton steps, accelerated by Anderson's method (1965): where residuals bend they are too long or too short
@@ -115,6 +126,7 @@ def resting(level: Level, here: Point, near: float = _RESTING) -> tuple[Point, R
         level: Objective.
         here: Where they begin.
         near: Gain in log density of the next step at which they end.
+        most: Most steps.
 
     Returns:
         Where they lead, and the linear problems solved there.
@@ -122,7 +134,7 @@ def resting(level: Level, here: Point, near: float = _RESTING) -> tuple[Point, R
     held, tried = np.zeros_like(here.theta), list[tuple[Sequence[Lifted], Sequence[Lifted]]]()
     if not all(_consistent(f, level.hyper, at) for f, at in zip(level.records, here.flights, strict=True)):
         here = stepped(level, here, level.relaxed(here).ends, held, 1.0)  # what it cost before says nothing
-    for left in range(_MOST_RESTING, -1, -1):
+    for left in range(most, -1, -1):
         relaxed = level.relaxed(here)
         if relaxed.gain < near or not left:
             break

@@ -96,14 +96,22 @@ def rhat_bound(chains: int, draws: int, parameters: int) -> float:
     return max(MOST_RHAT, float(np.sqrt(1.0 + 2.0 * max(spread - 1.0, 0.0) / draws)))
 
 
-def mixes_slowly(draws: Draws) -> bool:
-    """Whether a longer walk by delayed acceptance would do: its proposals cover the density, its chains hardly agree.
+def slowness(draws: Draws) -> float:
+    """How many times as long a walk by delayed acceptance would have to be for its chains to agree.
+
+    What R-hat exceeds one by falls as one over the length of a walk (Vehtari et al. 2021: its square is one plus the
+    inverse of the effective draws of a chain, nearly).
 
     Args:
         draws: As of `why_not_trusted`.
+
+    Returns:
+        At most one where chains agree; zero where proposals don't cover the density, which no length makes good.
     """
+    if not pareto_k(draws.stats["log_ratio"]) < MOST_K:
+        return 0.0
     rhat = judge_rhat(rhat_of(draws.xi), *draws.xi.shape[:2])
-    return pareto_k(draws.stats["log_ratio"]) < MOST_K and rhat.largest - 1.0 > _SLOW * (rhat.bound - 1.0)
+    return float(np.nan_to_num((rhat.largest - 1.0) / (_SLOW * (rhat.bound - 1.0)), nan=0.0))
 
 
 def why_not_trusted(draws: Draws) -> str:
