@@ -54,6 +54,23 @@ def test_words_follow_the_probability(results, share, said):
 
 
 @pytest.mark.parametrize(
+    ("left", "promised"),
+    [
+        (["mean descent rate of unseen flights (85 ± 4 %, undecided)", "landings"], True),
+        (["mean sea level descent rate of unseen flights (85 ± 4 %, undecided)"], False),
+        (["mean sea level descent rate of unseen flights"], False),
+    ],
+)
+def test_a_quantity_that_is_not_promised_is_said_to_be(results, left, promised):
+    given = _with(results, statistic="mean", quantity="sea_level_descent_rate")
+    claim = {"claim": {"level": "self-consistent", "not_promised": left}}
+    made = first_screen.answers(replace(given, summary={**given.summary, **claim}))
+    (told,) = [(said, about) for question, said, about in made if question == "On what evidence?"]
+    assert told[0] == "Self-consistent" + ("" if promised else ", which does not promise this quantity")
+    assert told[1].endswith(f"; not promised: {left[0]}") != promised
+
+
+@pytest.mark.parametrize(
     ("checks", "said"),
     [
         ({}, "no check was recorded"),

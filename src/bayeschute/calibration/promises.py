@@ -82,6 +82,13 @@ def _tables(summary: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
     return made | dict(summary.get("modes", {})) | dict(summary.get("statistics", {}))
 
 
+def shown(name: str) -> str:
+    """A name of `promised` in words."""
+    role, _, what = name.partition("/")
+    words = what.replace("_", " ")
+    return f"{words} of {'fitted' if role == 'identify' else 'unseen'} flights" if what else name
+
+
 def promised(summary: Mapping[str, Any]) -> list[str]:
     """Names of all intervals that a campaign judges: parameters, bands, modes and statistics of flights."""
     return list(_tables(summary))

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from bayeschute.calibration.label import Level
+from bayeschute.calibration.promises import shown
 from bayeschute.report import sentences
 from bayeschute.report.run_results import Results, entries
 from bayeschute.report.wording import counted, is_number, listed, percent, probability, quantity, quantity_name
@@ -34,7 +35,7 @@ def answers(results: Results) -> list[tuple[str, str, str]]:
     if not known:
         return []
     worst = min(known, key=lambda r: float(r["probability_met"]))
-    return [_met(results, worst, known), _sure(worst), _evidence(results), _change(results, worst)]
+    return [_met(results, worst, known), _sure(worst), _evidence(results, worst), _change(results, worst)]
 
 
 def _level(results: Results) -> str:
@@ -66,14 +67,21 @@ def _sure(worst: Mapping[str, Any]) -> tuple[str, str, str]:
     return "How sure?", said, "; ".join(parts)
 
 
-def _evidence(results: Results) -> tuple[str, str, str]:
-    """Calibration, checks, and flights that the estimate rests on."""
+def _evidence(results: Results, worst: Mapping[str, Any]) -> tuple[str, str, str]:
+    """Calibration, checks, and flights that the estimate rests on; whether it speaks for the requirement's quantity."""
     flights = entries(results.part("flights"))
     fitted = [name for name, facts in flights.items() if "identify" in (facts.get("roles") or ())]
-    against = results.part("claim").get("contradicted")
-    said = "Contradicted by its own data" if against else _level(results).capitalize()
+    claim = results.part("claim")
+    against, level = claim.get("contradicted"), _level(results)
+    said = "Contradicted by its own data" if against else level.capitalize()
     about = f"{counted(len(fitted), 'flight')} fitted ({listed(fitted)})" if fitted else "no flight was fitted"
-    return "On what evidence?", said, f"{about}; {sentences.checks_sentence(results)}"
+    about = f"{about}; {sentences.checks_sentence(results)}"
+    name = shown(f"predict/{worst.get('statistic')} {worst.get('quantity')}")
+    for left in map(str, claim.get("not_promised") or ()):
+        if not against and level != Level.NOT_CHECKED.words and (left == name or left.startswith(f"{name} (")):
+            said += ", which does not promise this quantity"
+            about += f"; not promised: {left}"
+    return "On what evidence?", said, about
 
 
 def _change(results: Results, worst: Mapping[str, Any]) -> tuple[str, str, str]:

@@ -23,6 +23,7 @@ from bayeschute.calibration.promises import (
     is_headline,
     judge,
     promises,
+    shown,
 )
 from bayeschute.study.evidence.conditions import ORIGIN, OTHER_PROGRAM, RECORD, VIRTUAL, conditions, origin
 from bayeschute.study.evidence.extrapolation import extrapolated
@@ -267,13 +268,6 @@ def not_promised(job: Job, held: Mapping[str, Promise]) -> list[str]:
 
 def _revised(job: Job) -> bool:
     return (job.out / "fit" / "priors.json").exists()
-
-
-def shown(name: str) -> str:
-    """A name of `promises` in words."""
-    role, _, what = name.partition("/")
-    words = what.replace("_", " ")
-    return f"{words} of {'fitted' if role == 'identify' else 'unseen'} flights" if what else name
 
 
 def hint(study: Study) -> str:
