@@ -161,6 +161,18 @@ def test_a_run_is_asked_as_the_command_asks_it(sondes, monkeypatch, tmp_path):
     assert quick.study.spec == smaller(sondes.spec) != sondes.spec
 
 
+def test_a_run_that_is_stopped_says_how_to_go_on(sondes, monkeypatch, tmp_path):
+    def stopped(*given, **named):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(stages, "run_study", stopped)
+    for named, more in (({}, ""), ({"quick": True, "until": "fit"}, ", quick=True, until='fit'")):
+        with pytest.raises(KeyboardInterrupt) as end:
+            bc.run(sondes, tmp_path, **named)
+        (note,) = end.value.__notes__
+        assert f"bc.run(study, '{tmp_path}', resume=True{more}) goes on" in note
+
+
 FOUND = {"replicates": 40, "coverage": {"a": 0.9, "b": 0.8}, "standard_error": {"a": 0.05, "b": 0.06}}
 
 

@@ -211,6 +211,7 @@ def run(
     Raises:
         InputError: If `folder` contains something else, or an earlier run and neither `resume` nor `force` is given;
             if another run is under way in it.
+        KeyboardInterrupt: If it is stopped; its note says how to go on.
 
     Example:
         >>> run = bc.run(study, folder / "until-priors", until="priors")
@@ -221,8 +222,20 @@ def run(
     from bayeschute.study.run.stages import run_study
 
     with shown(progress) as tell:
-        run_study(study.spec, folder, until, resume, quick, progress=tell, workers=workers, force=force)
+        try:
+            run_study(study.spec, folder, until, resume, quick, progress=tell, workers=workers, force=force)
+        except KeyboardInterrupt as stop:
+            same = "".join(f", {name}={value!r}" for name, value in _not_usual(quick, until, workers).items())
+            stop.add_note(f"What is finished is kept: bc.run(study, {str(folder)!r}, resume=True{same}) goes on.")
+            raise
     return Run(Path(folder), Study(smaller(study.spec)) if quick else study)
+
+
+def _not_usual(quick: bool, until: str | None, workers: int) -> dict[str, Any]:
+    """Options of a run that are not at their defaults."""
+    return {
+        k: v for k, v, usual in (("quick", quick, False), ("until", until, None), ("workers", workers, 1)) if v != usual
+    }
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -39,7 +39,8 @@ IN_SI = {  # NIST SP 811, appendix B.8
 }  # fmt: skip
 WRITTEN = {"feet": "ft", "yards": "yd", "knots": "knot", "g": "g_0", "metres": "m"}
 KELVIN = "temperatures are in degrees Celsius, read as kelvin"
-MISTAKES = [one for one in unit_mistakes() if one.cause != KELVIN]
+HEIGHTS = "altitudes of the wind profile"
+MISTAKES = [one for one in unit_mistakes() if one.cause != KELVIN and not one.cause.startswith(HEIGHTS)]
 
 
 @pytest.mark.parametrize("one", MISTAKES, ids=lambda one: one.cause)
@@ -110,3 +111,17 @@ def test_a_density_of_the_sea_is_mended_and_one_that_varies_is_none():
     assert one.undone(evidence(altitude=height, density=standard_density(height))) is None
     for lack in ({"density": None}, {"altitude": None, "position": None}):
         assert {one.undone(evidence(**lack)) for one in air_mistakes()} == {None}
+
+
+@pytest.mark.parametrize(("told", "factor"), [("feet, read as metres", 0.3048), ("metres already", 1.0 / 0.3048)])
+def test_a_profile_whose_altitudes_have_another_unit_is_read_at_other_heights(told, factor):
+    def aloft(height):
+        return np.stack([1e-5 * height**2, 0.02 * height, 0.0 * height], axis=1)
+
+    (one,) = [one for one in unit_mistakes() if one.cause.startswith(f"{HEIGHTS} are in {told}")]
+    e = evidence(aloft=aloft)
+    made = one.undone(e)
+    assert changed_channels(e, made) == {"profile", "shear"}
+    np.testing.assert_allclose(made.profile, aloft(e.height() / factor))
+    np.testing.assert_allclose(made.aloft(np.array([100.0 * factor])), aloft(np.array([100.0])))
+    assert one.undone(evidence()) is None

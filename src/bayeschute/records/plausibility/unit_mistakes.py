@@ -71,6 +71,13 @@ def unit_mistakes() -> Iterator[Mistake]:
 
             told = f"{words} are in {_UNIT_WORDS.get(unit, unit)}, read as m/s"
             yield Mistake(told, _advice(unit, factor), one, 0.2)
+    for unit, told, doubt in (
+        ("ft", "feet, read as metres", 0.1),
+        ("m", "metres already, converted as if in feet", 0.3),
+    ):
+        by = foot if unit == "ft" else 1.0 / foot
+        undo_heights = partial(_other_heights, factor=by)
+        yield Mistake(f"altitudes of the wind profile are in {told}", _advice(unit, by), undo_heights, doubt)
     yield Mistake(
         "temperatures are in degrees Celsius, read as kelvin",
         "Give their unit as 'degC'.",
@@ -88,6 +95,12 @@ def _rescaled(e: Evidence, name: str, factor: float) -> Evidence | None:
     """A channel times a factor; where it is the wind, with its profile."""
     names = with_profile((name,), e)
     return scaled(e, names, factor) if names else None
+
+
+def _other_heights(e: Evidence, factor: float) -> Evidence | None:
+    """The wind by altitude with its altitudes times a factor."""
+    aloft = e.aloft
+    return None if aloft is None else replace(e, aloft=lambda height: aloft(height / factor)).with_winds()
 
 
 _UNIT_WORDS = {"ft": "feet", "m": "metres", "knot": "knots", "yd": "yards", "g_0": "g"}
