@@ -138,10 +138,10 @@ def _told(marginal: Marginal, theta: Array, found: Sequence[LinearOptimum], mean
 def at_corner(marginal: Marginal, here: Laplace, one: Laplace, other: Laplace, xi: Array) -> Laplace:
     """Laplace's approximation at standard coordinates (P,) to which two steps lead, from that at their ends.
 
-    Their changes of the conditional modes add up to a place so near the mode that one step brings a flight there, and
-    their changes of the mean correction, which is known to first order only off the mode, add up as well. Products of
-    axes then are those with flights brought to rest at the corners, within 1 % of their root mean square on the flights
-    where this was measured, for a fourth to a sixth of the time.
+    Their changes of the conditional modes add up to a place so near the mode that two steps bring a flight there, and
+    their changes of the mean correction, which off the mode is known to first order only, add up as well. On a flight
+    in a limit cycle (set T) products of axes are within 0.03 of those with flights at rest to 1e-5 everywhere, as with
+    flights brought to rest at corners; on other flights standard deviations are the same within 0.7 %.
     """
     theta, change = shifted(marginal, xi)
     four = zip(marginal.flights, here.flights, one.flights, other.flights, strict=True)
