@@ -84,6 +84,16 @@ def test_a_right_density_is_judged_by_few_draws(told):
     assert np.isnan(sampled(replace(found, determinant_error=np.nan), draws).shift)
 
 
+def test_a_density_wrong_at_normal_points_is_corrected_by_its_draws(told):
+    """Though it would do there: what normal points say no longer holds once it is another density."""
+    told(polynomial(0.1, 0.1))
+    said = []
+    found = Found(Gaussian(Quadratic.none(SIZE)), MOST_SHIFT + 0.01)
+    made = sampled(found, draws, lambda share, words: said.append(words))
+    assert len(said) == 2 and made.shift < 0.05
+    assert made.bend.slope[1] == pytest.approx(0.1, abs=0.03)
+
+
 @pytest.mark.parametrize(("slope", "curvature"), [(0.0, 1.0), (0.4, 0.0), (0.5, 0.6)])
 def test_what_an_error_does_is_told_in_closed_form(told, slope, curvature):
     told(polynomial(slope, curvature))

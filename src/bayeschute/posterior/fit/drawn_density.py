@@ -98,7 +98,7 @@ def sampled(found: LaplaceFit, sampler: Callable[[Marginal], Draws], say: Progre
         tell(share, words)
         shift = seen.shift if tried else float(np.maximum(seen.shift, found.determinant_error))
         tried.append(Sampled(draws, marginal.bend, shift))
-        if not seen.shift >= MOST_SHIFT:
+        if not shift >= MOST_SHIFT:
             break
         bend = Quadratic(*(a + b for a, b in zip(marginal.bend, seen.missing, strict=True)))
         marginal = replace(marginal, bend=bend)
