@@ -18,7 +18,8 @@ from bayeschute.posterior.along_record.linear_problem import Solved, led, shorte
 from bayeschute.posterior.along_record.slack_level import Level, Point, Relaxed, lowered, stepped, stepped_and_closed
 
 Array = NDArray[np.float64]
-_RESTING, _MOST_RESTING = 1e-3, 20  # gain in log density at which a conditional optimum is reached; most steps to it
+_RESTING, _MOST_RESTING = 0.01, 12  # gain in log density at which a conditional optimum is reached; most steps to it
+_CLOSE, _MOST_CLOSE = 1e-3, 20  # the same where curvatures are taken from differences, or paths enter to first order
 _ANDERSON = 4  # earlier steps that tell of the next one to it
 
 
@@ -72,7 +73,7 @@ def brought(
 ) -> list[tuple[Lifted, Linear]]:
     """Flights at their conditional modes for fixed parameters, linearised there; as `conditional_optimum`."""
     level = Level(flights, hyper, (), 0.0)
-    here, _ = resting(level, level.point(theta, at))
+    here, _ = resting(level, level.point(theta, at), _CLOSE, _MOST_CLOSE)
     return list(zip(here.flights, here.along, strict=True))
 
 
@@ -89,7 +90,7 @@ def approached(
     hyper: NoiseParameters,
     theta: Array,
     at: Sequence[Lifted],
-    most: int = _MOST_RESTING,
+    most: int = _MOST_CLOSE,
 ) -> list[LinearOptimum]:
     """Flights at their conditional modes for fixed parameters, with the linear problems there.
 
@@ -106,7 +107,7 @@ def approached(
         most: Most steps.
     """
     level = Level(flights, hyper, (), 0.0, by_theta=False)
-    here, relaxed = resting(level, level.point(theta, at), most=most)
+    here, relaxed = resting(level, level.point(theta, at), _CLOSE, most)
     five = zip(flights, here.flights, here.along, relaxed.ends, relaxed.filters, strict=True)
     held = np.zeros_like(theta)
     return [

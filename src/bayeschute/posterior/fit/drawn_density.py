@@ -90,7 +90,7 @@ def sampled(found: LaplaceFit, sampler: Callable[[Marginal], Draws], say: Progre
         def heard(count: int, share: float = share) -> None:
             tell(share, f"log density at {count} draws")
 
-        seen = judged(marginal, draws.xi, heard)
+        seen = judged(marginal, draws.xi, heard, not tried and found.determinant_error >= MOST_SHIFT)
         words = (
             f"log density at {seen.points} draws: off by {seen.error:.2g}, "
             f"which shifts means by {seen.shift:.2g} standard deviations"
@@ -107,13 +107,16 @@ def sampled(found: LaplaceFit, sampler: Callable[[Marginal], Draws], say: Progre
     return min(tried, key=lambda one: np.nan_to_num(one.shift, nan=np.inf))
 
 
-def judged(marginal: Marginal, xi: Array, progress: Callable[[int], None] | None = None) -> Judged:
+def judged(
+    marginal: Marginal, xi: Array, progress: Callable[[int], None] | None = None, fitted: bool = False
+) -> Judged:
     """Compare a density with Laplace's approximation at draws of it, as many as it takes.
 
     Args:
         marginal: The posterior.
         xi: Draws (chain, draw, P).
         progress: Called with the number of draws that are compared.
+        fitted: Whether the corrections are to be changed by what is found: that takes as many draws as there may be.
     """
     say = progress or (lambda count: None)
     size = xi.shape[-1]
@@ -130,7 +133,7 @@ def judged(marginal: Marginal, xi: Array, progress: Callable[[int], None] | None
         errors = seen.errors[seen.known]
         if seen.known.mean() < _LEAST:
             return Judged(Quadratic.none(size), np.nan, np.nan, len(seen.own))
-        if np.std(errors) / np.sqrt(len(errors)) < _KNOWN:
+        if not fitted and np.std(errors) / np.sqrt(len(errors)) < _KNOWN:
             break
     at = flat[order[: len(seen.own)]]
     missing = change(marginal.correction, at[seen.known], errors).polynomial

@@ -86,8 +86,8 @@ def marginal_mode(
     Gauss-Newton matrix of the cost doesn't show: it contains neither the curvature of the determinant nor that of the
     residuals, and its steps become short long before the mode. So steps are corrected by the change of the gradient
     over earlier ones (`quasi_newton`), and the gradient is taken at the conditional mode of start and disturbances.
-    That over a short step is left out: conditional modes are at rest within 0.001 of the log density, so that gradients
-    are known to 0.05 standard deviations, and curvatures from steps of a few tenths are noise. A remaining distance
+    That over a short step is left out: conditional modes are at rest within 0.01 of the log density, so that gradients
+    are known to 0.14 standard deviations, and curvatures from steps of a few tenths are noise. A remaining distance
     below 0.2 standard deviations is left to the sampler, which is exact.
 
     Args:
