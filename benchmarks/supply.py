@@ -312,6 +312,8 @@ def main() -> None:
         case "install":
             with tempfile.TemporaryDirectory() as at:
                 wheel, sdist = build(Path(at))
+                for python in given.python:  # before anything long: uv would look for it on the internet
+                    _uv(["python", "find", "--quiet", "--no-python-downloads", python], stdout=subprocess.DEVNULL)
                 first = given.python[0]  # for which there are files of the oldest versions
                 asked = [(wheel, python, way) for python in given.python for way in ("declared", "locked")]
                 asked += [(wheel, first, "oldest"), (sdist, first, "declared")]
@@ -319,8 +321,8 @@ def main() -> None:
                     (folder := Path(at) / str(number)).mkdir()
                     rows.append(install(built, python, way, folder))
                     print({key: value for key, value in rows[-1].items() if key != "parameters"}, flush=True)
+                    _store("installs", rows, f"install --python {' '.join(given.python)}")
             bad = any("failed" in row for row in rows)
-            _store("installs", rows, f"install --python {' '.join(given.python)}")
         case "page":
             PAGE.write_text(page(stored("installs"), stored("licences")), encoding="utf-8")
     if given.json:
@@ -333,3 +335,5 @@ if __name__ == "__main__":
         main()
     except PackageNotFoundError as error:
         sys.exit(f"{error} is not installed: pip install -e . in this environment first")
+    except subprocess.CalledProcessError as error:
+        sys.exit(f"{' '.join(map(str, error.cmd))} ended with {error.returncode}")
