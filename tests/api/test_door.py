@@ -198,7 +198,9 @@ def test_more_draws_than_the_posterior_has_are_refused(posterior, sondes):
 def test_a_probability_shows_as_many_digits_as_its_draws_tell(forecast):
     shown = repr(forecast.probability("descent_rate", at_most="100 m/s"))
     assert shown.startswith("P(met) = 1.000, 0.954 to 1.000 for the number of draws (90 %), 64 draws")
-    assert repr(bc.Probability(0.5, 0.4, 0.6, 0.9, 1200, 3)).endswith("(90 %), 1,200 draws, 3 of them failed")
+    assert repr(bc.Probability(0.5, 0.4, 0.6, 0.9, 1200, 3)).endswith(
+        "(90 %), 1,200 draws, 3 of them failed to simulate and counted as not met"
+    )
 
 
 def test_what_follows_from_a_posterior_with_failed_checks_says_so(posterior, sondes):

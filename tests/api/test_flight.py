@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -130,6 +131,17 @@ def test_other_names_are_kept(raw, low, name):
 def test_true_and_false_are_no_numbers(low, values):
     with pytest.raises(bc.InputError, match=f"flight.*{next(iter(values))}"):
         low.changed(**values)
+
+
+def test_another_payload_than_that_of_the_record_is_told(raw, drop):
+    """Where a forecast starts from a record; a virtual drop starts with its own payload."""
+    flight = Flight(raw, name="a", capsule_mass="9 t")
+    with pytest.warns(UserWarning, match="'a' was flown with 9000 kg. A forecast with 10000 kg starts from the first"):
+        assert flight.changed(capsule_mass="10 t").spec.capsule_mass == 10_000.0
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        flight.changed(capsule_mass=9000.0, name="b")
+        drop.changed(capsule_mass=9000.0)
 
 
 def test_a_virtual_drop_flies_another_vehicle_only_with_aerodynamics(drop, low):

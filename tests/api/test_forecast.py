@@ -142,7 +142,9 @@ def test_failed_simulations_are_left_out_of_bands_and_meet_nothing(slowing):
     assert float(broken.band("descent_rate")["median"][0]) == pytest.approx(20.0 + 6.0)
     met = broken.probability("descent_rate", at_most=100.0)
     assert (met.met, met.draws, met.failed) == (pytest.approx(81 / 101), 101, 20)
-    assert repr(met).endswith("101 draws, 20 of them failed") and "20 failed" in repr(broken)
+    assert repr(met).endswith(
+        "101 draws, 20 of them failed to simulate and counted as not met"
+    ) and "20 failed" in repr(broken)
 
 
 @pytest.mark.parametrize("confidence", [0.9, 0.5])

@@ -78,7 +78,7 @@ def test_flights_that_were_fitted_or_predicted_have_forecasts_each_made_once(run
     assert list(forecasts) == ["i", "p"] and len(forecasts) == 2 and "s" not in forecasts
     assert [forecasts["p"], forecasts["p"], forecasts["i"]] == ["of p", "of p", "of i"] and made == ["p", "i"]
     for none in ("s", "x"):
-        with pytest.raises(KeyError, match=none):
+        with pytest.raises(KeyError, match=f"no forecast '{none}'; there are i, p"):
             forecasts[none]
 
 

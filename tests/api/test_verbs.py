@@ -15,6 +15,7 @@ import bayeschute as bc
 from bayeschute import console
 from bayeschute.api import verbs
 from bayeschute.api.verbs import Coverage
+from bayeschute.core.errors import InputError
 from bayeschute.records import reconstruct as records_reconstruct
 from bayeschute.study import calibrate as campaigns
 from bayeschute.study.assembly.assemble import smaller
@@ -159,6 +160,19 @@ def test_a_run_is_asked_as_the_command_asks_it(sondes, monkeypatch, tmp_path):
     quick = bc.run(sondes, tmp_path, quick=True)
     assert asked[1] == ((sondes.spec, tmp_path, None, False, True), {"progress": None, "workers": 1, "force": False})
     assert quick.study.spec == smaller(sondes.spec) != sondes.spec
+
+
+@pytest.mark.parametrize("one", ["t_ms", ("t_ms",), ("t_ms", 1.0), ("t_ms", "ms", "2"), ("t", "s", 1.0, 0.0, 0.0), 5])
+def test_a_column_without_its_unit_is_told(tmp_path, one):
+    with pytest.raises(InputError) as told:
+        bc.read_record(tmp_path / "none.csv", {"time": one, "altitude": ("h", "m")})
+    (fault,) = told.value.faults
+    assert fault.where == "columns 'time'" and "name and unit" in fault.wanted
+
+
+def test_conventions_are_texts(tmp_path):
+    with pytest.raises(InputError, match="body_axes: got .*'-z', 'y', 'x'.*; wanted a text"):
+        bc.read_record(tmp_path / "none.csv", {"time": ("t", "s")}, body_axes=["-z", "y", "x"])
 
 
 def test_a_run_that_is_stopped_says_how_to_go_on(sondes, monkeypatch, tmp_path):

@@ -53,6 +53,13 @@ def test_words_follow_the_probability(results, share, said):
     assert evidence["On what evidence?"] == "Contradicted by its own data"
 
 
+def test_simulations_that_failed_are_told_beside_the_probability(results):
+    (_, said, about), *_ = [one for one in first_screen.answers(_with(results, failed=3, draws=64)) if "sure" in one[0]]
+    assert about.startswith("3 simulations of 64 failed and count as if the limit were not met; ")
+    (_, _, about), *_ = [one for one in first_screen.answers(_with(results, failed=0)) if "sure" in one[0]]
+    assert "failed" not in about
+
+
 @pytest.mark.parametrize(
     ("left", "promised"),
     [

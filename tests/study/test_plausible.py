@@ -6,6 +6,7 @@ import re
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 from other_studies import toml
 from typer.testing import CliRunner
@@ -13,7 +14,7 @@ from typer.testing import CliRunner
 import bayeschute as bc
 from bayeschute.cli import app
 from bayeschute.records.record import write_record
-from bayeschute.study.load import examine_study
+from bayeschute.study.load import examine_study, load_study
 from bayeschute.study.plausible import judge
 from bayeschute.study.schema.reading.strict import part_of
 from bayeschute.study.schema.vehicle_schema import Vehicle
@@ -260,3 +261,54 @@ def test_laws_say_nothing_of_what_is_not_known(flown, gone):
         del raw[table]
     found = judge(flown, part_of(Vehicle, raw))
     assert found.findings == () and len(found.readings) > 15
+
+
+def _by_altitude(study, sign=1.0, of_profile=(), **flight):
+    """A study whose wind is known by altitude alone, from a file."""
+    aside = np.array([0.0, 1.0, 2.0, 3.0]) * 1000.0
+    rows = [f"{height},{sign * 4.0},{-sign * height / 500.0}" for height in aside]
+    profile = {"file": "wind.csv", **{k: {"column": c, "unit": u} for k, c, u in
+               (("altitude", "h", "m"), ("north", "n", "m/s"), ("east", "e", "m/s"))}, **dict(of_profile)}  # fmt: skip
+    path = study(wind_profile={"profile": profile}, **flight)
+    (path.parent / "wind.csv").write_text("\n".join(["h,n,e", *rows]) + "\n", encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("of_profile", "told"),
+    [
+        ({"file": "winds.csv"}, "no such file"),
+        ({"north": {"column": "north", "unit": "m/s"}}, "no such column among h, n, e"),
+        ({"scale": 2.0}, "unknown key 'scale'"),
+        ({"wind_is": "fro"}, "got 'fro'; wanted one of 'towards', 'from'"),
+    ],
+)
+def test_faults_of_a_profile_are_told_and_nothing_else(study, of_profile, told):
+    (fault,) = examine_study(_by_altitude(study, of_profile=of_profile)).faults
+    assert told in str(fault)
+
+
+def test_a_profile_in_the_study_whose_columns_differ_in_length_is_told(study):
+    table = {"altitude": ["0 m", "1 km"], "north": ["1 m/s"], "east": ["0 m/s", "0 m/s"]}
+    (fault,) = examine_study(study(wind_profile=table)).faults
+    assert "as many winds as altitudes" in str(fault)
+
+
+def test_a_profile_may_tell_where_its_winds_come_from(study):
+    towards = load_study(_by_altitude(study)).flights[0].wind_profile.rows()
+    came = load_study(_by_altitude(study, -1.0, {"wind_is": "from"})).flights[0].wind_profile.rows()
+    np.testing.assert_array_equal(came, towards)
+    assert towards[2].tolist() == [2000.0, 4.0, -4.0, 0.0]
+    assert load_study(_by_altitude(study, -1.0)).flights[0].wind_profile.rows()[2].tolist() == [2000.0, -4.0, 4.0, 0.0]
+
+
+def test_a_convention_of_winds_is_refused_where_no_column_has_one(study, flown, tmp_path):
+    import pandas as pd
+
+    pd.DataFrame({"t": flown["time"].values, "h": -flown["capsule_position"].values[:, 2]}).to_csv(
+        tmp_path / "drop.csv"
+    )
+    columns = {"time": {"column": "t", "unit": "s"}, "altitude": {"column": "h", "unit": "m"}}
+    path = _by_altitude(study, file="drop.csv", columns=columns, conventions={"wind_is": "from"})
+    told = [str(fault) for fault in examine_study(path).faults if "wind_is" in str(fault)]
+    assert len(told) == 1 and "say it in [flight.wind_profile.profile]" in told[0]

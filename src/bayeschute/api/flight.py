@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -153,6 +154,9 @@ class Flight:
             InputError: If an argument is none of these, or no quantity of its kind; or if a virtual drop gets a vehicle
                 that has no aerodynamics to fly with.
 
+        Warns:
+            UserWarning: If a recorded flight gets another payload: a forecast starts from the record's first seconds.
+
         Example:
             >>> heavy = study.flights["high"].changed(name="heavy", rate="2 Hz")
             >>> heavy.name, heavy.spec.rate
@@ -163,7 +167,23 @@ class Flight:
                 Fault("vehicle", f"{vehicle.name!r} without [aero]", "one that virtual drops can fly with")
             )
         spec = replace(self.spec, **_fields(values), vehicle=vehicle or self.spec.vehicle)
-        return Flight.of_study(self.study, spec, self.raw)
+        made = Flight.of_study(self.study, spec, self.raw)
+        before, after = self._payload, made._payload
+        if self.spec.virtual is None and before is not None and after is not None and before != after:
+            warnings.warn(
+                f"flight {self.name!r} was flown with {before:g} kg. A forecast with {after:g} kg starts from the "
+                "first seconds of its record, at that descent rate, and takes tens of seconds to come to its "
+                "own: judge it from then on, by forecast.between(start, end). check() would compare two payloads.",
+                stacklevel=2,
+            )
+        return made
+
+    @property
+    def _payload(self) -> float | None:
+        """Mass of the capsule [kg]; None of a point mass."""
+        if self.spec.capsule_mass is not None:
+            return self.spec.capsule_mass
+        return None if self.vehicle is None else self.vehicle.capsule.mass
 
     @property
     def name(self) -> str:

@@ -66,7 +66,7 @@ class Probability:
 
     def __repr__(self) -> str:
         """On one line, to as many digits as the draws tell."""
-        failed = f", {self.failed:,} of them failed" if self.failed else ""
+        failed = f", {self.failed:,} of them failed to simulate and counted as not met" if self.failed else ""
         between = f"{self.low:.3f} to {self.high:.3f} for the number of draws ({100.0 * self.confidence:.0f} %)"
         told = f"P(met) = {self.met:.3f}, {between}, {self.draws:,} draws{failed}"
         return "; ".join(filter(None, (told, without_level(self.failed_checks))))
@@ -75,7 +75,7 @@ class Probability:
         """The same as a table."""
         limits = f"{self.low:.3f} to {self.high:.3f} ({100.0 * self.confidence:.0f} %)"
         rows = [("P(met)", f"{self.met:.3f}"), ("for the number of draws alone", limits)]
-        rows.append(("draws, of them failed", f"{self.draws:,}, {self.failed:,}"))
+        rows.append(("draws, of them failed to simulate", f"{self.draws:,}, {self.failed:,}"))
         return html.table("Probability", ("of", "told"), rows, without_level(self.failed_checks))
 
 

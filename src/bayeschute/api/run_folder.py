@@ -124,7 +124,7 @@ class _Forecasts(Mapping[str, Forecast]):
             study = self._run.study.spec
             flight = next((f for f in study.flights if f.name == name and f.name in set(self)), None)
             if flight is None:
-                raise KeyError(name)
+                raise KeyError(f"no forecast {name!r}; there are {', '.join(self)}")
             self._made[name] = self._stored(flight) or self._drawn(flight)
         return self._made[name]
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import partial
+from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -63,7 +64,10 @@ def read_record(path: Path | str, columns: Columns | None = None, **conventions:
     if unknown:
         known = ", ".join(field.name for field in fields(Conventions))
         raise InputError([Fault("read_record", f"{name!r}", f"one of {known}") for name in unknown])
-    specs = {k: ColumnSpec(*c) for k, c in columns.items()} if columns else None
+    texts = [name for name, value in conventions.items() if name in _TEXTS and not isinstance(value, str | None)]
+    if texts:
+        raise InputError([Fault(f"read_record {name}", repr(conventions[name])[:60], "a text") for name in texts])
+    specs = _specs(columns) if columns else None
     said = Conventions(**conventions)
     try:
         record = read_columns(path, specs, conventions=said)
@@ -71,6 +75,29 @@ def read_record(path: Path | str, columns: Columns | None = None, **conventions:
         units = {name: spec.unit for name, spec in (specs or {}).items()}
         raise InputError(with_units_meant(error.faults, units)) from None
     return record.assign_attrs({} if str(path).endswith(".nc") else {"body_axes": said.body_axes})
+
+
+_TEXTS = ("axes", "body_axes", "attitude", "euler", "wind_is", "repeated_times")
+
+
+def _specs(columns: Columns) -> dict[str, ColumnSpec]:
+    """Columns as the reader takes them.
+
+    Raises:
+        InputError: For every column that is not a name and a unit, and numbers.
+    """
+    wanted = "name and unit, such as ('t_ms', 'ms'); gain and offset after them where needed"
+    wrong = {
+        name: one
+        for name, one in columns.items()
+        if not isinstance(one, tuple | list)
+        or not 2 <= len(one) <= 4
+        or not all(isinstance(text, str) for text in one[:2])
+        or not all(isinstance(number, Real) for number in one[2:])
+    }
+    if wrong:
+        raise InputError([Fault(f"columns {name!r}", repr(one)[:60], wanted) for name, one in wrong.items()])
+    return {name: ColumnSpec(*one) for name, one in columns.items()}
 
 
 def reconstruct(flight: Flight) -> Motion:

@@ -59,6 +59,9 @@ def _sure(worst: Mapping[str, Any]) -> tuple[str, str, str]:
     """The probability, its Monte Carlo error, and the margin."""
     said = f"P = {probability(worst['probability_met'])}"
     unit, parts = str(worst.get("unit") or "1"), []
+    if is_number(worst.get("failed")) and worst["failed"] > 0:
+        lost = counted(int(worst["failed"]), "simulation")
+        parts.append(f"{lost} of {worst.get('draws')} failed and count as if the limit were not met")
     if is_number(worst.get("simulation_low")) and is_number(worst.get("simulation_high")):
         low, high = probability(worst["simulation_low"]), probability(worst["simulation_high"])
         parts.append(f"90 % Monte Carlo limits {low} to {high} (finite number of simulated flights)")

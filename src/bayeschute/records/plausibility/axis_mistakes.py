@@ -19,6 +19,7 @@ _ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 _SWAP = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 _SECOND_THIRD, _FIRST_THIRD = np.eye(3)[[0, 2, 1]], np.eye(3)[[2, 1, 0]]
 _NWU = np.diag([1.0, -1.0, -1.0])
+_WHERE = " (in [conventions] for columns of the record, in the table of its file for a wind by altitude)"
 _WEST, _SOUTH, _BACK = np.diag([1.0, -1.0, 1.0]), np.diag([-1.0, 1.0, 1.0]), np.diag([-1.0, -1.0, 1.0])
 _HALF = float(np.sqrt(0.5))
 _NED_OF_ENU = np.array([0.0, _HALF, _HALF, 0.0])  # half a turn about north-east
@@ -81,13 +82,13 @@ def axis_mistakes() -> Iterator[Mistake]:
 def wind_mistakes() -> Iterator[Mistake]:
     """Sense and axes of the wind, recorded or by altitude."""
     for matrix, told, do in (
-        (_BACK, 'wind is "from", read as "towards"', "Say wind_is = 'from', or take it back."),
+        (_BACK, 'wind is "from", read as "towards"', f"Say wind_is = 'from'{_WHERE}, or take it back."),
         (_SWAP, "north and east are swapped in the wind", "Swap its columns."),
         (_ENU, "wind is east, north, up, read as north, east, down", "Say axes = 'ENU' for it, or take it back."),
         (
             _BACK @ _SWAP,
             'north and east are swapped in the wind, and it is "from"',
-            "Swap its columns; say wind_is = 'from'.",
+            f"Swap its columns; say wind_is = 'from'{_WHERE}.",
         ),
         (_WEST, "wind: the second axis points west, not east", "Give it as 'west', or take it back."),
         (_SOUTH, "wind: the first axis points south, not north", "Give it as 'south', or take it back."),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,6 +68,7 @@ class _WindFile(Strict):
         north: Column of the velocity to the north; None: none.
         east: To the east.
         down: Downwards.
+        wind_is: ``towards`` or ``from``, of north and east; None: towards.
         samples: Content of the file: rows of time [s] or altitude [m], upwards, north, east, down [m/s]; not to be
             given.
     """
@@ -79,6 +80,7 @@ class _WindFile(Strict):
     north: SeriesColumn | None = None
     east: SeriesColumn | None = None
     down: SeriesColumn | None = None
+    wind_is: Literal["towards", "from"] | None = None
     samples: tuple[tuple[float, ...], ...] = ()
 
     @model_validator(mode="after")
@@ -103,6 +105,8 @@ class _WindFile(Strict):
             refuse(f"{along}s that increase", got)
         zero = np.zeros_like(x)
         check_winds(found, file)
+        if self.wind_is == "from":  # a vertical wind is always told as where the air moves
+            found |= {axis: -found[axis] for axis in ("north", "east") if axis in found}
         rows = np.stack([x, *(found.get(axis, zero) for axis in AXES)], axis=1)
         return self.model_copy(update={"samples": tuple(map(tuple, rows.tolist()))})
 
@@ -213,6 +217,13 @@ class ProfileTable(_ByAltitude):
     def _is_by_altitude(self) -> None:
         if not (self.altitude or self.profile):
             refuse("altitude, north and east, or a profile", "no wind")
+
+    @property
+    def is_read(self) -> bool:
+        """Whether it has rows: a table whose file or columns have faults has none, or columns of several lengths."""
+        if self.profile is not None:
+            return bool(self.profile.samples)
+        return 0 < len(self.altitude) == len(self.north) == len(self.east) == len(self.down or self.altitude)
 
     def rows(self) -> NDArray[np.float64]:
         """Rows of altitude [m], north, east, down [m/s], upwards (K, 4)."""
