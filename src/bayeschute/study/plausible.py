@@ -108,10 +108,11 @@ def judge(
         capsule_mass: Replaces the vehicle's [kg].
         window: First and last time used [s]; None: all.
         profile: Wind by altitude; None: none.
-        body_axes: With which it was read (`axes_said`), for the advice on others; None: with none.
+        body_axes: With which it was read (`axes_said`); None: with none.
     """
     known = None if vehicle is None else nominal(vehicle, capsule_mass)
-    found = verdict(evidence_of(record, known, window, None if profile is None else wind_by_altitude(profile)))
+    aloft = None if profile is None else wind_by_altitude(profile)
+    found = verdict(evidence_of(record, known, window, aloft, body_axes))
     return with_axes(found, body_axes)
 
 

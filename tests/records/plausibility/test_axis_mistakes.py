@@ -9,7 +9,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 from tests.records.plausibility.made_up import alike, changed_channels, evidence
 
+from bayeschute.records.foreign.attitudes import of_matrix, product
+from bayeschute.records.foreign.conventions import Conventions
 from bayeschute.records.plausibility.axis_mistakes import attitude_mistakes, axis_mistakes, wind_mistakes
+from bayeschute.records.plausibility.evidence import conjugate
 
 GROUPS = {
     "capsule positions": "position",
@@ -163,3 +166,18 @@ def test_body_axes_come_back_of_all_or_of_the_quaternion_alone(words):
     assert whole.undone(blind) is None
     felt = whole.undone(replace(wrong, attitude=None))
     np.testing.assert_allclose(felt.force, e.force, atol=1e-12)
+
+
+@pytest.mark.parametrize("cause", ORDERS)
+@pytest.mark.parametrize("body_axes", ["-z y x", "y -x z"])
+def test_order_and_sense_are_those_before_the_body_axes_that_were_said_turned_it(cause, body_axes):
+    """What is read is what was written in another order, then turned from the file's body axes to the vehicle's."""
+    e = evidence()
+    turn = of_matrix(Conventions(body_axes=body_axes).body().T)
+    axes = np.broadcast_to(turn, e.attitude.shape)
+    written = ORDERS[cause](product(e.attitude, conjugate(axes)))
+    read = replace(e, attitude=product(written, axes), body_turn=turn)
+    plain = next(one for one in attitude_mistakes() if one.cause.startswith(cause))
+    assert alike(plain.undone(read), replace(e, body_turn=turn))
+    if not cause.endswith("conjugated"):  # whose order commutes with some turns
+        assert not alike(plain.undone(replace(read, body_turn=None)), e)

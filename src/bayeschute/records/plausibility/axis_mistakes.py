@@ -152,16 +152,31 @@ def _of_attitude(change: Callable[[Array], Array]) -> Undo:
 
 
 def _order_mistakes() -> Iterator[Mistake]:
-    """Order and sense of the quaternion, along the schema's earth axes and along those that a study may have said."""
+    """Order and sense of the quaternion, along the schema's earth axes and along those that a study may have said.
+
+    Body axes that were said turned it when it was read: they are turned back before, and again after.
+    """
     for told, do, change, doubt in _ORDERS:
-        yield Mistake(told, do, _of_attitude(change), doubt)
-        for earth in (_NED_OF_ENU, _NED_OF_NWU):
+        for earth in (None, _NED_OF_ENU, _NED_OF_NWU):
 
-            def as_said(q: Array, earth: Array = earth, change: Callable[[Array], Array] = change) -> Array:
-                axes = np.broadcast_to(earth, q.shape)
-                return product(axes, change(product(conjugate(axes), q)))
+            def undo(
+                e: Evidence, earth: Array | None = earth, change: Callable[[Array], Array] = change
+            ) -> Evidence | None:
+                if e.attitude is None:
+                    return None
+                raw = e.attitude if earth is None else _times(conjugate(earth[None])[0], e.attitude)
+                if e.body_turn is None:
+                    made = change(raw)
+                else:
+                    made = _times(change(_times(raw, conjugate(e.body_turn[None])[0])), e.body_turn)
+                return replace(e, attitude=continuous(made if earth is None else _times(earth, made)))
 
-            yield Mistake(told, do, _of_attitude(as_said), doubt + _SAID)
+            yield Mistake(told, do, undo, doubt if earth is None else doubt + _SAID)
+
+
+def _times(first: Array, second: Array) -> Array:
+    """Products of quaternions (T, 4), one of which may be a single one (4,)."""
+    return product(*np.broadcast_arrays(first, second))
 
 
 def attitude_mistakes() -> Iterator[Mistake]:

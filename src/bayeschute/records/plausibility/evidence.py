@@ -12,6 +12,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bayeschute.records.foreign.attitudes import of_matrix
+from bayeschute.records.foreign.conventions import USUAL, Conventions
+
 if TYPE_CHECKING:
     import xarray as xr
 
@@ -97,6 +100,8 @@ class Evidence:
         shear: Wind of the profile at the canopies less that at the capsule, NED (T, 3) [m/s].
         vehicle: None: a point mass.
         aloft: Wind by altitude [m], NED [m/s], that `profile` and `shear` are of.
+        body_turn: Quaternion (4,) from the body axes of the file to the vehicle's, by which the attitude was multiplied
+            from the right when it was read; None: those of the file are the vehicle's.
     """
 
     time: Array
@@ -118,6 +123,7 @@ class Evidence:
     shear: Array | None = None
     vehicle: Nominal | None = None
     aloft: Callable[[Array], Array] | None = None
+    body_turn: Array | None = None
 
     @property
     def step(self) -> float:
@@ -152,6 +158,7 @@ def evidence_of(
     vehicle: Nominal | None = None,
     window: tuple[float, float] | None = None,
     profile: Callable[[Array], Array] | None = None,
+    body_axes: str | None = None,
 ) -> Evidence:
     """A record as its laws see it.
 
@@ -160,6 +167,7 @@ def evidence_of(
         vehicle: Nominal numbers; None: a point mass.
         window: First and last time looked at [s]; None: all.
         profile: Wind by altitude [m], NED [m/s]; None: none.
+        body_axes: With which the file was read, as in `Conventions`; None: none.
     """
     time: Array = np.asarray(record["time"].values, np.float64)
     start, end = window or (float(time[0]), float(time[-1]))
@@ -172,7 +180,8 @@ def evidence_of(
         laid = on_clock(time, values, grid)
         if np.isfinite(laid).any():
             found[key] = laid
-    made = Evidence(time=grid, vehicle=vehicle, **found)
+    turn = None if body_axes in (None, USUAL.body_axes) else of_matrix(Conventions(body_axes=str(body_axes)).body().T)
+    made = Evidence(time=grid, vehicle=vehicle, body_turn=turn, **found)
     return replace(made, aloft=profile).with_winds()
 
 
