@@ -236,7 +236,9 @@ _INSTALLS = """\
 ## Installs in empty environments
 
 Wheel and source distribution, installed where there was nothing else (`benchmarks/supply.py install`); then `init`,
-`check` and `run --quick` work there. *versions*: {ways}. *quick run*: seconds, everything compiled anew.
+`check` and `run --quick` work there. *quick run*: seconds on the clock, beside other work. *versions*:
+
+{ways}
 """
 _APART = """\
 Means of the parameters of these quick runs, on other versions of Python and of libraries, differ by at most
@@ -261,7 +263,7 @@ def page(installs: Mapping[str, Any] | None, found: Mapping[str, Any] | None) ->
             )
             for row in installs["rows"]
         ]  # fmt: skip
-        ways = "; ".join(f"{name}, {words}" for name, words in _WAYS.items())
+        ways = "\n".join(f"- {name}: {words}" for name, words in _WAYS.items())
         made.append(_INSTALLS.format(ways=ways))
         made.append("\n".join(table(("Python", "of", "versions", "outcome", "quick run, s"), rows)))
         if np.isfinite(far := apart(installs["rows"])):
