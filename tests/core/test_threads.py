@@ -17,7 +17,7 @@ print(json.dumps([one["num_threads"] for one in threadpoolctl.threadpool_info() 
 """
 
 
-@pytest.mark.parametrize("module", ["bayeschute.records", "bayeschute.regression", "bayeschute.core.numerics"])
+@pytest.mark.parametrize("module", ["bayeschute.regression", "bayeschute.core.numerics"])
 def test_whatever_computes_first_limits_blas_to_one_thread(module):
     """Even where the environment asks for more."""
     given = {k: v for k, v in os.environ.items() if k != "OMP_NUM_THREADS"} | {"OPENBLAS_NUM_THREADS": "2"}
