@@ -50,7 +50,7 @@ def test_good_draws_come_without_a_word(draws):
 
 @pytest.mark.parametrize(
     ("slow", "lengths"),
-    [((1.1, 0.9), (2,)), ((3.0, 0.9), (4,)), ((3.0, 1.2, 5.0), (4, 8)), ((40.0, 2.0), (16,))],
+    [((1.1, 0.9), (2,)), ((3.0, 0.9), (4,)), ((3.0, 1.2, 5.0), (4, 8)), ((40.0, 2.0), (16,)), ((1.7e308, 0.0), (16,))],
 )
 def test_a_walk_that_mixes_slowly_is_made_as_long_as_it_takes(found, draws, slow, lengths, monkeypatch):
     verdicts, heard = iter(slow), []

@@ -142,6 +142,16 @@ def at_corner(marginal: Marginal, here: Laplace, one: Laplace, other: Laplace, x
     their changes of the mean correction, which off the mode is known to first order only, add up as well. On a flight
     in a limit cycle (set T) products of axes are within 0.03 of those with flights at rest to 1e-5 everywhere, as with
     flights brought to rest at corners; on other flights standard deviations are the same within 0.7 %.
+
+    Args:
+        marginal: The posterior.
+        here: At theta_0.
+        one: After the first step.
+        other: After the second.
+        xi: Standard coordinates (P,).
+
+    Returns:
+        Without flights, mean corrections and factors: there are many corners.
     """
     theta, change = shifted(marginal, xi)
     four = zip(marginal.flights, here.flights, one.flights, other.flights, strict=True)

@@ -126,7 +126,7 @@ class _Asked:
             slow = slowness(made[-1])
             if slow <= 1.0 or longer == _LONGEST:
                 break
-            longer = min(int(np.ceil(max(_SPARE * slow, 2.0) * longer)), _LONGEST)
+            longer = int(np.ceil(min(max(_SPARE * slow, 2.0) * longer, _LONGEST)))
             tell = self.tell(f"{kind}, {longer} times as long")
             made.append(delayed_acceptance.corrected(*given, longer, progress=tell))
         return made

@@ -80,10 +80,10 @@ def _evidence(results: Results, worst: Mapping[str, Any]) -> tuple[str, str, str
     about = f"{counted(len(fitted), 'flight')} fitted ({listed(fitted)})" if fitted else "no flight was fitted"
     about = f"{about}; {sentences.checks_sentence(results)}"
     name = shown(f"predict/{worst.get('statistic')} {worst.get('quantity')}")
-    for left in map(str, claim.get("not_promised") or ()):
-        if not against and level != Level.NOT_CHECKED.words and (left == name or left.startswith(f"{name} (")):
-            said += ", which does not promise this quantity"
-            about += f"; not promised: {left}"
+    left = next((one for one in map(str, claim.get("not_promised") or ()) if one.partition(" (")[0] == name), "")
+    if left and not against and level != Level.NOT_CHECKED.words:
+        said += ", which does not promise this quantity"
+        about += f"; not promised: {left}"
     return "On what evidence?", said, about
 
 

@@ -169,14 +169,6 @@ def _examine_record(draft: Draft, index: int, path: Path, found: Examined) -> No
     vehicle, profile = draft.vehicle_of(index), flight.wind_profile
     if profile is not None and not profile.is_read:  # its faults are told already
         return
-    winds = any(name.split(".")[0] == "wind" for name in specs)
-    if said is not None and said.wind_is is not None and specs and not winds:
-        of_flight = f"flight {flight.name!r}: " if flight.conventions else ""
-        where = "say it in [flight.wind_profile.profile]" if profile is not None else "leave it out"
-        got = f"{said.wind_is!r} of a record without columns of the wind"
-        found.faults.append(
-            Fault(f"{draft.file} {of_flight}[conventions] wind_is", got, "columns of the wind", f"Else {where}.")
-        )
     turned = axes_said(record, path, said)
     verdict = judge(record, vehicle, flight.capsule_mass, (used.start, used.end), profile, turned)
     where, accepted = f"{draft.file} flight {flight.name!r}", flight.accept_implausible

@@ -22,6 +22,7 @@ _NWU = np.diag([1.0, -1.0, -1.0])
 _WHERE = " (in [conventions] for columns of the record, in the table of its file for a wind by altitude)"
 _WEST, _SOUTH, _BACK = np.diag([1.0, -1.0, 1.0]), np.diag([-1.0, 1.0, 1.0]), np.diag([-1.0, -1.0, 1.0])
 _HALF = float(np.sqrt(0.5))
+_UNTURNED = np.array([1.0, 0.0, 0.0, 0.0])
 _NED_OF_ENU = np.array([0.0, _HALF, _HALF, 0.0])  # half a turn about north-east
 _NED_OF_NWU = np.array([0.0, 1.0, 0.0, 0.0])  # half a turn about north
 _GROUPS = (
@@ -157,21 +158,16 @@ def _order_mistakes() -> Iterator[Mistake]:
     Body axes that were said turned it when it was read: they are turned back before, and again after.
     """
     for told, do, change, doubt in _ORDERS:
-        for earth in (None, _NED_OF_ENU, _NED_OF_NWU):
+        for earth in (_UNTURNED, _NED_OF_ENU, _NED_OF_NWU):
 
-            def undo(
-                e: Evidence, earth: Array | None = earth, change: Callable[[Array], Array] = change
-            ) -> Evidence | None:
+            def undo(e: Evidence, earth: Array = earth, change: Callable[[Array], Array] = change) -> Evidence | None:
                 if e.attitude is None:
                     return None
-                raw = e.attitude if earth is None else _times(conjugate(earth[None])[0], e.attitude)
-                if e.body_turn is None:
-                    made = change(raw)
-                else:
-                    made = _times(change(_times(raw, conjugate(e.body_turn[None])[0])), e.body_turn)
-                return replace(e, attitude=continuous(made if earth is None else _times(earth, made)))
+                body = _UNTURNED if e.body_turn is None else e.body_turn
+                raw = _times(_times(conjugate(earth), e.attitude), conjugate(body))
+                return replace(e, attitude=continuous(_times(_times(earth, change(raw)), body)))
 
-            yield Mistake(told, do, undo, doubt if earth is None else doubt + _SAID)
+            yield Mistake(told, do, undo, doubt if earth is _UNTURNED else doubt + _SAID)
 
 
 def _times(first: Array, second: Array) -> Array:

@@ -118,8 +118,20 @@ def check_columns(draft: Draft) -> list[Fault]:
             faults += _lacks_altitude(draft, shared, ("columns",))
     for index, flight in draft.flights.items():
         with suppress(UnknownValueError):
-            faults += _of_flight(draft, index, flight, told)
-    return faults
+            faults += [*_of_flight(draft, index, flight, told), *_windless(draft, index, flight, shared)]
+    return list(dict.fromkeys(faults))  # one for conventions that flights share
+
+
+def _windless(draft: Draft, index: int, flight: FlightTable, shared: Mapping[str, Column] | None) -> Iterator[Fault]:
+    """Where winds come from, said of a record that has no column of the wind: it would change nothing."""
+    own = flight.conventions is not None
+    said = flight.conventions or draft.tables.get("conventions")
+    columns = flight.columns if flight.columns is not None else shared
+    if said is None or said.wind_is is None or not columns or any(name.split(".")[0] == "wind" for name in columns):
+        return
+    do = "Leave it out." if flight.wind_profile is None else "Say it in [flight.wind_profile.profile]."
+    at = draft.at("flight", index, "conventions", "wind_is") if own else draft.at("conventions", "wind_is")
+    yield Fault(at, f"{show(said.wind_is)} of a record without columns of the wind", "columns of the wind", do)
 
 
 def _of_flight(draft: Draft, index: int, flight: FlightTable, told: bool) -> list[Fault]:
