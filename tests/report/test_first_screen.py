@@ -53,6 +53,18 @@ def test_words_follow_the_probability(results, share, said):
     assert evidence["On what evidence?"] == "Contradicted by its own data"
 
 
+@pytest.mark.parametrize(
+    ("share", "low", "high", "said"),
+    [(1.0, 0.993, 1.0, "> 0.993"), (0.0, 0.0, 0.007, "< 0.007"), (0.5, 0.4, 0.6, "= 0.50"), (1.0, None, None, "= 1.000")],
+)  # fmt: skip
+def test_of_few_simulations_a_bound_is_told(results, share, low, high, said):
+    """All of them, or none, met the limit: that is no certainty."""
+    given = _with(results, probability_met=share, simulation_low=low, simulation_high=high)
+    (answer,) = [told for question, told, _ in first_screen.answers(given) if question == "How sure?"]
+    assert answer == f"P {said}"
+    assert f"is met with probability {said.removeprefix('= ')}" in sentences.risk_sentence(given)
+
+
 def test_simulations_that_failed_are_told_beside_the_probability(results):
     (_, said, about), *_ = [one for one in first_screen.answers(_with(results, failed=3, draws=64)) if "sure" in one[0]]
     assert about.startswith("3 simulations of 64 failed and count as if the limit were not met; ")

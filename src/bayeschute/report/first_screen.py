@@ -57,7 +57,7 @@ def _met(results: Results, worst: Mapping[str, Any], known: list[Mapping[str, An
 
 def _sure(worst: Mapping[str, Any]) -> tuple[str, str, str]:
     """The probability, its Monte Carlo error, and the margin."""
-    said = f"P = {probability(worst['probability_met'])}"
+    said = f"P {sentences.probability_met(worst)}"
     unit, parts = str(worst.get("unit") or "1"), []
     if is_number(worst.get("failed")) and worst["failed"] > 0:
         lost = counted(int(worst["failed"]), "simulation")

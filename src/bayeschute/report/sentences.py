@@ -85,6 +85,16 @@ def requirements(results: Results) -> list[Mapping[str, Any]]:
     return mappings(results.summary.get("requirements"))
 
 
+def probability_met(requirement: Mapping[str, Any]) -> str:
+    """Its probability, with ``=``; a bound where all simulated flights, or none, met it: more is not known of few."""
+    share, low, high = (requirement.get(key) for key in ("probability_met", "simulation_low", "simulation_high"))
+    if share == 1.0 and is_number(low):
+        return f"> {probability(low)}"
+    if share == 0.0 and is_number(high):
+        return f"< {probability(high)}"
+    return f"= {probability(share)}"
+
+
 def risk_sentence(results: Results) -> str:
     """The requirement that is least likely to be met; without any, the predicted descent rate."""
     known = [r for r in requirements(results) if is_number(r.get("probability_met"))]
@@ -93,7 +103,7 @@ def risk_sentence(results: Results) -> str:
         where = f" on {worst['run']}" if worst.get("run") else ""
         text = (
             f"The requirement “{worst.get('name', 'unnamed')}”, {requirement_limit(worst)}, is met with probability "
-            f"{probability(worst['probability_met'])}{where}"
+            f"{probability_met(worst).removeprefix('= ')}{where}"
         )
         simulations = worst.get("simulations")
         if is_number(worst.get("simulation_low")) and is_number(simulations):
