@@ -15,7 +15,7 @@ TIME, HEIGHT = Column(column="t", unit="s"), Column(column="h", unit="ft")
 
 
 def _flight(file="a.csv", columns=None):
-    return SimpleNamespace(file=file, columns=columns)
+    return SimpleNamespace(file=file, columns=columns, conventions=None, wind_profile=None)
 
 
 def _told(columns, model="descent", flights=None, raw=None):
