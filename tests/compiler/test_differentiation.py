@@ -10,7 +10,7 @@ import pytest
 from bayeschute.compiler.differentiation import Slopes, differentiation
 from bayeschute.compiler.graph import Graph
 from bayeschute.compiler.machine import aligned, compiled
-from bayeschute.compiler.simulation import STAGES, stage_plan
+from bayeschute.compiler.runge_kutta import CLASSICAL, stage_plan
 from bayeschute.compiler.trace import trace
 
 pytest.importorskip("llvmlite")
@@ -76,9 +76,9 @@ def run(flight, lanes, source, blocks, wanted=0, groups=DRIVEN, fill=0.0):
     tangents[:] = held.reshape(len(source), -1, lanes).swapaxes(0, 1)
     out, reached = np.full((stride, len(source), wide), fill), np.full((len(source), stride), fill)
     arrays = [np.ascontiguousarray(flight[name]) for name in ("shared", "theta", "record", "error")]
-    arrays += [stage_plan(H, SUBSTEPS), np.ascontiguousarray(flight["x"]), tangents, out, reached]
-    arrays += [aligned(table * SUBSTEPS), aligned(program.scratch)]
-    compiled(program)(*arrays, stride, *blocks, SUBSTEPS, wanted, wide // lanes)
+    arrays += [stage_plan(CLASSICAL, H * SUBSTEPS, SUBSTEPS), np.ascontiguousarray(flight["x"]), tangents, out, reached]
+    arrays += [aligned(table * SUBSTEPS * 4), aligned(program.scratch)]
+    compiled(program)(*arrays, stride, *blocks, SUBSTEPS, 4, wanted, wide // lanes)
     return out, reached
 
 
@@ -165,10 +165,10 @@ def test_columns_beyond_a_block_lie_in_the_next_one():
 
 
 @pytest.mark.parametrize("lanes", [2, 8])
-def test_the_table_is_told_by_step(lanes):
-    """Stages times samples of a block times what each of these holds."""
+def test_the_table_is_told_by_stage(lanes):
+    """Samples of a block times what each of these holds."""
     made = traced()
     slopes = Slopes(made.graph.copy(), made.result, made.rows, DRIVEN, lanes)
     program, table = differentiation(made.graph, made.result, made.rows, DRIVEN, lanes)
-    assert table == STAGES * lanes * slopes.size and program.name == "differentiate"
-    assert program.sizes == ("stride", "first", "last", "substeps", "wanted", "blocks")
+    assert table == lanes * slopes.size and program.name == "differentiate"
+    assert program.sizes == ("stride", "first", "last", "substeps", "stages", "wanted", "blocks")

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from tests.twins import small_cluster as small
 
-from bayeschute.compiler.integrate import along_path, outputs, rk4, trajectory, trajectory_compiled
+from bayeschute.compiler.integrate import along_path, outputs, trajectory, trajectory_compiled
 from bayeschute.dynamics.cluster_flight import channel_sizes
 from bayeschute.dynamics.parameters import Structure
 
@@ -162,12 +162,6 @@ def test_batch_axis_is_a_loop_over_singles(runs):
         error = WEIGHTS @ column[p + 13 :].reshape(KNOTS, 4)
         single = trajectory_compiled(FLIGHT, column[:p], column[p : p + 13], error)
         np.testing.assert_allclose(states[:, :, b], single, rtol=1e-11, atol=1e-10)
-
-
-def test_runge_kutta_has_order_four_and_sees_the_share_of_the_sample():
-    """x' = x + t from 1: x(1) = 2 e - 2."""
-    error = [abs(float(rk4(lambda x, s: x + s, jnp.array(1.0), 1.0, k)) - (2 * np.e - 2)) for k in (8, 16, 32)]
-    np.testing.assert_allclose(np.log2(np.array(error[:-1]) / error[1:]), 4.0, atol=0.15)
 
 
 def test_unknown_parameter_is_refused():

@@ -14,7 +14,7 @@ import pytest
 from bayeschute.compiler import programs
 from bayeschute.compiler.machine import aligned
 from bayeschute.compiler.programs import LANES, Compiled, Programs, opening, programs_of
-from bayeschute.compiler.simulation import stage_plan
+from bayeschute.compiler.runge_kutta import CLASSICAL, stage_plan
 
 pytest.importorskip("llvmlite")
 
@@ -109,8 +109,8 @@ def wanted_states():
 def test_simulation(made, lanes):
     simulate, states = made.simulate(lanes), aligned(3, 2, lanes)
     wide = [np.repeat(a[..., None], lanes, axis=-1) for a in (THETA, ERROR, np.array([FIRST]))]
-    given = np.array([0.5]), wide[0], RAMP.drive, wide[1], stage_plan(0.2, 2), wide[2], states
-    simulate.call(*given, aligned(simulate.scratch), 3, lanes, 0, 1, 2, 1)
+    given = np.array([0.5]), wide[0], RAMP.drive, wide[1], stage_plan(CLASSICAL, 0.4, 2), wide[2], states
+    simulate.call(*given, aligned(simulate.scratch), 3, lanes, 0, 1, 2, 4, 1)
     np.testing.assert_allclose(states[1:], np.repeat(wanted_states()[1:, :, None], lanes, axis=2), rtol=1e-13)
 
 
@@ -135,18 +135,18 @@ def test_tangents(made):
     record[:, :3], error[:, :3], states[:, :3] = RAMP.drive.T, ERROR.T, wanted_states().T
     source, out, reached = aligned(1, 2, LANES), aligned(LANES, 2, LANES), aligned(2, stride)
     source[0, :, 4:6] = np.eye(2)
-    memory = aligned(differentiate.table * 2), aligned(differentiate.scratch)
-    given = np.array([0.5]), THETA, record, error, stage_plan(0.2, 2), states, source, out, reached
-    differentiate.call(*given, *memory, stride, 0, 1, 2, 0, 1)
+    memory = aligned(differentiate.table * 2 * 4), aligned(differentiate.scratch)
+    given = np.array([0.5]), THETA, record, error, stage_plan(CLASSICAL, 0.4, 2), states, source, out, reached
+    differentiate.call(*given, *memory, stride, 0, 1, 2, 4, 0, 1)
     np.testing.assert_allclose(reached[:, :2], wanted_states()[1:].T, rtol=1e-13)
     slopes = [[0.4 * 0.5, 0.0, 40.0, 400.0, 1.0, 0.0], [0.0, 0.4 * 0.5, 0.0, 0.0, 0.0, 1.0]]
     np.testing.assert_allclose(out[0, :, :6], slopes, rtol=1e-13, atol=1e-15)
 
 
 def test_programs_say_what_memory_they_need(made):
-    """A table only those that carry tangents, by Runge-Kutta step."""
+    """A table only those that carry tangents, by Runge-Kutta stage."""
     one, none = made.differentiate(("theta",)), made.differentiate(())
-    assert one.table > 0 and one.table % (4 * LANES) == 0 and none.table % (4 * LANES) == 0
+    assert one.table > 0 and one.table % LANES == 0 and none.table % LANES == 0
     assert made.observe().table == made.simulate(1).table == made.begin(1).table == 0
     assert made.simulate(LANES).scratch >= LANES * made.simulate(1).scratch > 0
     assert all(isinstance(each, Compiled) for each in (one, none))

@@ -19,7 +19,7 @@ from bayeschute.compiler import integrate
 from bayeschute.compiler.integrate import FlightModel, Steps
 from bayeschute.compiler.machine import Array, aligned
 from bayeschute.compiler.programs import LANES, Programs, opening, programs_of
-from bayeschute.compiler.simulation import stage_plan
+from bayeschute.compiler.runge_kutta import stage_plan
 from bayeschute.compiler.trace import Traced
 from bayeschute.core.numerics import processors
 
@@ -211,10 +211,10 @@ def _states(programs: Programs, model: Any, theta: Any, start: Any, error: Any, 
     known = made[:1].copy() if path is None else np.reshape(np.asarray(path, float), (len(path), size, count))
     known = _padded(known, stride)
     simulate, shared, record = programs.simulate(lanes), _shared(model, programs.rate), _record(model)
-    plan = stage_plan(float(model.dt) / model.substeps, model.substeps)
+    plan = stage_plan(model.method, float(model.dt), model.substeps)
 
     def work(begin: int, end: int) -> None:
-        sizes = samples, stride, begin, end, model.substeps, len(known)
+        sizes = samples, stride, begin, end, model.substeps, plan.shape[1], len(known)
         simulate.call(shared, theta, record, error, plan, known, made, aligned(simulate.scratch), *sizes)
 
     _in_parts(blocks, work)
@@ -243,12 +243,12 @@ class _Along:
         blocks, wanted = len(source), 0 if by_theta else columns[0] // LANES
         out = aligned(self.blocks * LANES, size, blocks * LANES)
         shared = _shared(model, self.programs.rate)
-        plan = stage_plan(float(model.dt) / model.substeps, model.substeps)
+        plan = stage_plan(model.method, float(model.dt), model.substeps)
 
         def work(begin: int, end: int) -> None:
-            memory = aligned(made.table * model.substeps), aligned(made.scratch)
+            memory = aligned(made.table * model.substeps * plan.shape[1]), aligned(made.scratch)
             known = shared, self.theta, self.record, self.error, plan, self.states
-            sizes = self.stride, begin, end, model.substeps, wanted, blocks
+            sizes = self.stride, begin, end, model.substeps, plan.shape[1], wanted, blocks
             made.call(*known, source, out, self.reached, *memory, *sizes)
 
         _in_parts(self.blocks, work)

@@ -14,7 +14,7 @@ from bayeschute.compiler.elementary import written_out
 from bayeschute.compiler.emit import Code, Program
 from bayeschute.compiler.graph import FLOAT, Graph
 from bayeschute.compiler.sections import RUN, SAMPLE, STATE, Memory, Place, Sections
-from bayeschute.compiler.simulation import STAGES, Arrays, Stage, advance, arrays, begin, finish, stage_of
+from bayeschute.compiler.simulation import Arrays, Stage, advance, arrays, begin, finish, stage_of
 
 
 class Slopes:
@@ -83,8 +83,8 @@ def differentiation(
 
     Other arguments of the function: ``shared``; ``theta`` (P,); ``record`` (R, stride); ``error`` (A, stride);
     ``plan``; ``states`` (X, stride); ``table``; ``scratch``; then stride, first and last block of samples, substeps,
-    first block of columns that is wanted, blocks of columns. Rows of record, error and states must extend one sample
-    beyond the last block.
+    stages, first block of columns that is wanted, blocks of columns. Rows of record, error and states must extend one
+    sample beyond the last block.
 
     Args:
         graph: Expressions; grows.
@@ -94,7 +94,7 @@ def differentiation(
         lanes: Samples per block, and columns per block.
 
     Returns:
-        The program, and the doubles that ``table`` must hold for each substep.
+        The program, and the doubles that ``table`` must hold for each stage of each substep.
     """
     code, memory = Code(lanes), Memory(lanes)
     slopes = Slopes(graph, rates, rows, groups, lanes)
@@ -115,15 +115,17 @@ def differentiation(
             with code.loop("%blocks", slopes.blocks) as column:
                 _carry(code, slopes, sample, column, False, tangents, (out, width))
     pointers = "shared theta record error plan states source out reached table scratch".split()
-    program = code.program("differentiate", pointers, "stride first last substeps wanted blocks".split(), memory.size)
-    return program, STAGES * lanes * slopes.size
+    program = code.program(
+        "differentiate", pointers, "stride first last substeps stages wanted blocks".split(), memory.size
+    )
+    return program, lanes * slopes.size
 
 
 def _through_step(code: Code, slopes: Slopes, body: Callable[[Stage, str], None], size: int, held: Arrays) -> None:
     """Write `body`, which gets a stage and the address of its table, into the loops over substeps and stages."""
     with code.loop("%substeps") as step:
-        with code.loop(STAGES) as number:
-            count = code.integer("add", code.integer("mul", step, STAGES), number)
+        with code.loop("%stages") as number:
+            count = code.integer("add", code.integer("mul", step, "%stages"), number)
             table = code.address("%table", code.integer("mul", count, slopes.size * code.lanes))
             body(stage_of(code, step, number), table)
         finish(code, size, held)

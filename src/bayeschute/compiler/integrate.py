@@ -6,7 +6,6 @@ are taken of all steps at once along a known path, so their cost hardly depends 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol
 
 import jax
@@ -36,22 +35,6 @@ class FlightModel(Protocol):
 
     def observe(self, x: jax.Array, numbers: Any, now: Any) -> jax.Array:
         """Outputs at a sample (C, ...)."""
-
-
-def rk4(rate: Callable[[jax.Array, Any], jax.Array], x: jax.Array, dt: float, substeps: int) -> jax.Array:
-    """Classical Runge-Kutta steps across one sample; `rate(x, share)` sees the share of the sample that has passed."""
-    h = dt / substeps
-
-    def step(state: jax.Array, i: jax.Array) -> tuple[jax.Array, None]:
-        s = i / substeps
-        half = 0.5 / substeps
-        k1 = rate(state, s)
-        k2 = rate(state + (0.5 * h) * k1, s + half)
-        k3 = rate(state + (0.5 * h) * k2, s + half)
-        k4 = rate(state + h * k3, s + 2.0 * half)
-        return state + (h / 6.0) * (k1 + 2.0 * (k2 + k3) + k4), None
-
-    return jax.lax.scan(step, x, jnp.arange(substeps) * 1.0)[0]
 
 
 def _widen(tree: Any, rank: int) -> Any:

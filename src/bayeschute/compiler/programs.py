@@ -22,7 +22,7 @@ _known: dict[Any, Programs | str] = {}
 
 
 class Compiled(NamedTuple):
-    """A function in memory; what it needs [doubles]: scratch memory, and a table per Runge-Kutta step."""
+    """A function in memory; what it needs [doubles]: scratch memory, and a table per stage."""
 
     call: Callable[..., None]
     scratch: int

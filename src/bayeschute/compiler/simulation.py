@@ -5,21 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from bayeschute.compiler.elementary import written_out
 from bayeschute.compiler.emit import Code, Program
 from bayeschute.compiler.graph import FLOAT, Graph
 from bayeschute.compiler.sections import RUN, SAMPLE, STATE, Memory, Place, Sections
-
-STAGES = 4
-
-
-def stage_plan(h: float, substeps: int) -> NDArray[np.float64]:
-    """Classical Runge-Kutta by stage: way to the next stage's state, weight in the sum, place in the sample (3, 4)."""
-    half = 0.5 / substeps
-    return np.array([[0.5 * h, 0.5 * h, h, 0.0], [h / 6.0, h / 3.0, h / 3.0, h / 6.0], [0.0, half, half, 2.0 * half]])
 
 
 class Stage(NamedTuple):
@@ -45,7 +34,9 @@ def arrays(memory: Memory, size: int) -> Arrays:
 
 def stage_of(code: Code, step: str, number: str) -> Stage:
     """Read the plan for a stage."""
-    way, weight, within = (code.spread("%plan", code.integer("add", number, STAGES * row)) for row in range(3))
+    way, weight, within = (
+        code.spread("%plan", code.integer("add", number, code.integer("mul", "%stages", row))) for row in range(3)
+    )
     step, steps = (code.new(f"sitofp i64 {count} to double") for count in (step, "%substeps"))
     passed = code.everywhere(code.new(f"fdiv double {step}, {steps}"))
     return Stage(way, weight, code.operation("add", FLOAT, [passed, within]))
@@ -79,9 +70,9 @@ def simulation(graph: Graph, rates: Sequence[int], rows: Mapping[str, int], lane
     """Fly blocks of flights, the flights of a block side by side.
 
     Arguments of the function: ``shared``; ``theta`` (P, stride); ``record`` (T, R); ``error`` (T, A, stride); ``plan``
-    from `stage_plan`; ``path`` (given, X, stride), at whose states the first steps begin; ``states`` (T, X, stride),
-    where they lead; ``scratch``; then samples, stride, first and last block, substeps, and how many states are given,
-    at least one.
+    from `runge_kutta.stage_plan`; ``path`` (given, X, stride), at whose states the first steps begin; ``states``
+    (T, X, stride), where they lead; ``scratch``; then samples, stride, first and last block, substeps, stages, and how
+    many states are given, at least one.
 
     Args:
         graph: Expressions.
@@ -111,7 +102,7 @@ def simulation(graph: Graph, rates: Sequence[int], rows: Mapping[str, int], lane
                 places[f"error_{name}"] = Place(code.address(error, code.integer("mul", when, wide)), "%stride")
             sections.write(SAMPLE, places)
             with code.loop("%substeps") as step:
-                with code.loop(STAGES) as number:
+                with code.loop("%stages") as number:
                     stage = stage_of(code, step, number)
                     places["x"] = Place(code.address("%scratch", held.stage), str(lanes))
                     name_of = sections.write(STATE, places, stage.share)
@@ -122,4 +113,6 @@ def simulation(graph: Graph, rates: Sequence[int], rows: Mapping[str, int], lane
                 value = code.load("%scratch", held.total + i * lanes)
                 code.store(value, out, code.integer("mul", "%stride", i))
     pointers = ("shared", "theta", "record", "error", "plan", "path", "states", "scratch")
-    return code.program("simulate", pointers, ("samples", "stride", "first", "last", "substeps", "given"), memory.size)
+    return code.program(
+        "simulate", pointers, ("samples", "stride", "first", "last", "substeps", "stages", "given"), memory.size
+    )

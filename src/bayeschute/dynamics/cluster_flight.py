@@ -14,7 +14,7 @@ import numpy as np
 from bayeschute.aero.coefficient import APPARENT_MASS, Coefficient
 from bayeschute.atmosphere.standard import SEA_LEVEL_DENSITY
 from bayeschute.atmosphere.wind_field import WindField
-from bayeschute.compiler.integrate import rk4
+from bayeschute.compiler.runge_kutta import CLASSICAL, RungeKutta, advanced
 from bayeschute.core.vectors import Component, Quaternion, Vec3, dot, norm, quaternion, vec3
 from bayeschute.dynamics.cluster import Air, geometry, state_rate, tension
 from bayeschute.dynamics.initial_state import Start, initial_state
@@ -143,6 +143,7 @@ class ClusterFlight:
         substeps: Runge-Kutta steps per sample.
         wind_field: Wind by altitude added to the record's, at every body's altitude; None: all have the record's.
         air_shares: By parameter, as of `with_parameters`.
+        method: Of the steps.
     """
 
     base: Cluster
@@ -156,6 +157,7 @@ class ClusterFlight:
     substeps: int = field(default=4, metadata={"static": True})
     wind_field: WindField | None = None
     air_shares: tuple[float, ...] = field(default=(), metadata={"static": True})
+    method: RungeKutta = field(default=CLASSICAL, metadata={"static": True})
 
     def inputs(self) -> ClusterInputs:
         """The record's inputs."""
@@ -181,7 +183,7 @@ class ClusterFlight:
     ) -> jax.Array:
         """State one sample later."""
         given = numbers, now, then, error_now, error_then
-        return rk4(lambda state, share: self.rate(state, *given, share), x, self.dt, self.substeps)
+        return advanced(self.method, lambda state, share: self.rate(state, *given, share), x, self.dt, self.substeps)
 
     def rate(
         self, x: jax.Array, numbers: Cluster, now: Any, then: Any, error_now: Any, error_then: Any, share: Component

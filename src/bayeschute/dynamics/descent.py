@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from bayeschute.atmosphere.standard import SEA_LEVEL_DENSITY
-from bayeschute.compiler.integrate import rk4
+from bayeschute.compiler.runge_kutta import CLASSICAL, RungeKutta, advanced
 from bayeschute.core.vectors import Component
 from bayeschute.dynamics.parameters import STANDARD_GRAVITY
 
@@ -60,6 +60,7 @@ class DescentFlight:
         speed: Reference descent rate at the first sample [m/s].
         dt: Sample interval [s].
         substeps: Runge-Kutta steps per sample.
+        method: Of these steps.
     """
 
     air: DensityProfile
@@ -70,6 +71,7 @@ class DescentFlight:
     names: tuple[str, ...] = field(default=("cds_over_mass",), metadata={"static": True})
     channels: tuple[str, ...] = field(default=("descent_rate",), metadata={"static": True})
     substeps: int = field(default=4, metadata={"static": True})
+    method: RungeKutta = field(default=CLASSICAL, metadata={"static": True})
 
     def inputs(self) -> DescentInputs:
         """The record's inputs."""
@@ -86,7 +88,7 @@ class DescentFlight:
     def advance(self, x: jax.Array, numbers: Any, now: Any, then: Any, error_now: Any, error_then: Any) -> jax.Array:
         """State one sample later."""
         given = numbers, now, then, error_now, error_then
-        return rk4(lambda state, share: self.rate(state, *given, share), x, self.dt, self.substeps)
+        return advanced(self.method, lambda state, share: self.rate(state, *given, share), x, self.dt, self.substeps)
 
     def rate(
         self, x: jax.Array, numbers: Any, now: Any, then: Any, error_now: Any, error_then: Any, share: Component

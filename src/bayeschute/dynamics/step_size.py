@@ -1,18 +1,32 @@
-"""Number of Runge-Kutta steps per sample, from the stability limit that stiff risers set."""
+"""Runge-Kutta steps per sample, and their method, from the stability limit that stiff risers set."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from itertools import count
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from numpy.typing import NDArray
 
+from bayeschute.compiler.runge_kutta import CLASSICAL, EXTENDED, RungeKutta
 from bayeschute.dynamics.cluster import state_rate
 from bayeschute.dynamics.cluster_flight import ClusterFlight, air_between
 
-REAL_LIMIT = 2.785  # classical RK4 is stable on the negative real axis down to -2.785
 _MARGIN = 0.85
+_LEAST = ((CLASSICAL, 3), (EXTENDED, 2))  # steps per sample that accuracy wants anyway: both then err alike
+_ROUNDING = 1e-9
+_REACH = 9.0  # no method is stable farther from zero
+
+
+class Steps(NamedTuple):
+    """How a flight goes through a sample: its steps, and their method."""
+
+    substeps: int
+    method: RungeKutta
 
 
 @jax.jit
@@ -24,25 +38,54 @@ def _local_jacobian(flight: ClusterFlight, theta: jax.Array, still: jax.Array) -
     return jax.jacfwd(lambda s: state_rate(s, flight.numbers(theta), flight.structure, air))(x)
 
 
-def fastest_pole(flight: ClusterFlight, theta: np.ndarray, deviations: int) -> float:
-    """Largest magnitude of the poles at the start of a flight [1/s].
+def poles(flight: ClusterFlight, thetas: Sequence[np.ndarray], deviations: int) -> NDArray[np.complex128]:
+    """Poles at the start of a flight [1/s].
 
     Args:
         flight: The flight.
-        theta: Parameters in working coordinates (P,).
+        thetas: Parameters in working coordinates (P,), all together of interest.
         deviations: Number of initial deviations, all zero here.
     """
     begun = replace(flight, record=jax.tree.map(lambda a: a[:1], flight.record))  # compiled once for all lengths
-    jacobian = np.asarray(_local_jacobian(begun, theta, np.zeros(deviations)))
-    return float(np.max(np.abs(np.linalg.eigvals(jacobian))))
+    found = [np.linalg.eigvals(np.asarray(_local_jacobian(begun, theta, np.zeros(deviations)))) for theta in thetas]
+    return np.concatenate(found).astype(complex)
 
 
-def substeps(pole: float, dt: float, least: int = 3) -> int:
-    """Steps per sample that keep RK4 stable for a pole [1/s], with a margin of 15 %.
+def enough(method: RungeKutta, found: NDArray[np.complex128], dt: float, least: int = 1) -> int:
+    """The fewest steps per sample that keep all modes stable that decay, with a margin of 15 %.
+
+    A mode is looked at all the way from rest to its pole: where a riser is half taut it is slower.
 
     Args:
-        pole: Largest magnitude expected, priors' upper tails included.
+        method: Of the steps.
+        found: Poles expected [1/s] (N,), priors' upper tails included.
         dt: Sample interval [s].
         least: Steps that accuracy wants anyway.
+
+    Raises:
+        ValueError: If a pole is not finite.
     """
-    return max(least, int(np.ceil(pole * dt / (_MARGIN * REAL_LIMIT))))
+    if not np.isfinite(found).all():
+        raise ValueError("a flight whose poles are not finite has no stable step")
+    decaying = found[found.real <= 0.0] * dt / _MARGIN
+    way = np.linspace(0.0, 1.0, 101)[1:, None] * decaying
+    first = max(least, int(np.max(np.abs(decaying), initial=0.0) / _REACH))
+
+    def stable(substeps: int) -> bool:
+        return bool((np.abs(np.polyval(method.growth[::-1], way / substeps)) <= 1.0 + _ROUNDING).all())
+
+    return next(substeps for substeps in count(first) if stable(substeps))
+
+
+def steps(found: NDArray[np.complex128], dt: float) -> Steps:
+    """The method and its steps per sample with the fewest stages that are `enough`.
+
+    Args:
+        found: Poles expected [1/s] (N,).
+        dt: Sample interval [s].
+
+    Raises:
+        ValueError: If a pole is not finite.
+    """
+    choices = [Steps(enough(method, found, dt, least), method) for method, least in _LEAST]
+    return min(choices, key=lambda one: one.substeps * len(one.method.weights))

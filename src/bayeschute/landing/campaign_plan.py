@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from bayeschute.dynamics.cluster_flight import ClusterFlight, ClusterInputs
 from bayeschute.dynamics.initial_state import Start, tangent_basis
 from bayeschute.dynamics.parameters import Cluster, Structure
-from bayeschute.dynamics.step_size import fastest_pole, substeps
+from bayeschute.dynamics.step_size import Steps, poles, steps
 from bayeschute.landing.descend import SAMPLE, SECOND
 from bayeschute.landing.landing_model import LandingFlight, density_law
 from bayeschute.landing.start_plan import StartPlan
@@ -98,11 +98,11 @@ def flight_model(plan: CampaignPlan, number: int) -> LandingFlight:
     law, middle, half = density_law(low, high)
     clock = SAMPLE * np.arange(SECOND + 1)
     base = jax.tree.map(lambda a: np.asarray(a, float), one.base)
-    return LandingFlight(base, law, middle, half, clock, SAMPLE, one.structure, one.names, steps_per_sample(one))
+    return LandingFlight(base, law, middle, half, clock, SAMPLE, one.structure, one.names, *steps_per_sample(one))
 
 
-def steps_per_sample(one: Parameters) -> int:
-    """Runge-Kutta steps per sample that are stable for the stiffest of the draws, by their risers."""
+def steps_per_sample(one: Parameters) -> Steps:
+    """Runge-Kutta steps per sample that are stable for the stiffest risers of the draws, damped most and least."""
     n = one.structure.canopies
     up = np.array([np.sqrt(0.5), 0.0, np.sqrt(0.5), 0.0])
     lean = 0.15 if n > 1 else 0.0
@@ -112,8 +112,9 @@ def steps_per_sample(one: Parameters) -> int:
     start = Start(np.zeros(3), np.array([0.0, 0.0, 9.0]), up, np.zeros(3), direction, still)
     inputs = ClusterInputs(np.zeros((2, 3)), np.full(2, 1.0), np.ones((2, n)), np.zeros((2, 4)))
     flight = ClusterFlight(one.base, start, tangent_basis(direction), inputs, SAMPLE, one.structure, one.names, ())
-    stiffest = one.theta.max(axis=0) if len(one.theta) else one.theta
-    hard = [i for i, name in enumerate(one.names) if name in ("riser_stiffness", "riser_damping")]
-    theta = one.theta.mean(axis=0)
-    theta[hard] = stiffest[hard]
-    return substeps(fastest_pole(flight, theta, 9 + 4 * n), SAMPLE)
+    damped, hardly = one.theta.mean(axis=0), one.theta.mean(axis=0)
+    for i, name in enumerate(one.names):
+        if len(one.theta) and name in ("riser_stiffness", "riser_damping"):
+            damped[i] = one.theta[:, i].max()
+            hardly[i] = one.theta[:, i].min() if name == "riser_damping" else damped[i]
+    return steps(poles(flight, [damped, hardly], 9 + 4 * n), SAMPLE)

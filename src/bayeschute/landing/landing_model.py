@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from bayeschute.atmosphere.standard import standard_density
 from bayeschute.compiler import compiled_model as kernel
-from bayeschute.compiler.integrate import rk4, trajectory_compiled
+from bayeschute.compiler.integrate import trajectory_compiled
+from bayeschute.compiler.runge_kutta import RungeKutta, advanced
 from bayeschute.core.vectors import Component, Vec3, vec3
 from bayeschute.dynamics.cluster import Air, state_rate
 from bayeschute.dynamics.cluster_flight import with_parameters
@@ -50,6 +51,7 @@ class LandingFlight:
         structure: Terms and options.
         names: Parameters, in the order of theta.
         substeps: Runge-Kutta steps per sample.
+        method: Of these steps.
     """
 
     base: Cluster
@@ -61,6 +63,7 @@ class LandingFlight:
     structure: Structure = field(metadata={"static": True})
     names: tuple[str, ...] = field(metadata={"static": True})
     substeps: int = field(metadata={"static": True})
+    method: RungeKutta = field(metadata={"static": True})
 
     def inputs(self) -> Component:
         """Times; nothing else is the same for all landings."""
@@ -106,7 +109,7 @@ class LandingFlight:
     ) -> jax.Array:
         """State one sample later."""
         given = numbers, now, then, error_now, error_then
-        return rk4(lambda state, share: self.rate(state, *given, share), x, self.dt, self.substeps)
+        return advanced(self.method, lambda state, share: self.rate(state, *given, share), x, self.dt, self.substeps)
 
     def observe(self, x: jax.Array, numbers: Cluster, now: Any) -> jax.Array:
         """Altitude of the capsule [m]."""

@@ -18,7 +18,7 @@ from bayeschute.dynamics.cluster_flight import CHANNELS, LOGARITHMIC, ClusterFli
 from bayeschute.dynamics.descent import DensityProfile, DescentFlight, DescentInputs
 from bayeschute.dynamics.initial_state import Start, deviation_names, tangent_basis
 from bayeschute.dynamics.parameters import Cluster, Structure
-from bayeschute.dynamics.step_size import fastest_pole, substeps
+from bayeschute.dynamics.step_size import poles, steps
 from bayeschute.likelihood.disturbances import Latent
 from bayeschute.likelihood.joint import FlightData
 from bayeschute.likelihood.priors import Prior
@@ -171,10 +171,11 @@ def cluster_data(
         base, start, tangent_basis(start.direction), inputs, dt, structure, names, used,
         air_shares=shares if any(shares) else (),
     )  # fmt: skip
-    # Stiff lines and light canopies make the fastest pole.
+    # Stiff lines and light canopies make the fastest pole; where lines hardly damp, it swings.
     tail = {name: -3.0 if name == APPARENT_MASS else 3.0 for name in LOGARITHMIC}
-    stiff = np.array([p.centre + tail.get(p.name, 0.0) * p.scale for p in priors])
-    flight = replace(flight, substeps=substeps(fastest_pole(flight, stiff, 9 + 4 * n), dt))
+    tails = tail, tail | {"riser_damping": -3.0}
+    stiff = [np.array([p.centre + tail.get(p.name, 0.0) * p.scale for p in priors]) for tail in tails]
+    flight = replace(flight, **steps(poles(flight, stiff, 9 + 4 * n), dt)._asdict())
 
     columns = {"canopy_position": apart.reshape(samples, -1), "capsule_velocity": velocity}
     columns |= {c: record[c].values.reshape(samples, -1) for c in used if c not in (*columns, "capsule_attitude")}

@@ -13,7 +13,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from bayeschute.compiler.integrate import rk4
+from bayeschute.compiler.runge_kutta import CLASSICAL, RungeKutta, advanced
 from bayeschute.core.vectors import Component
 from bayeschute.dynamics.parameters import STANDARD_GRAVITY, Canopies
 from bayeschute.reduced.planar import PlanarAero
@@ -160,6 +160,7 @@ class DumbbellFlight:
         names: Parameters, in the order of theta: fields of `PlanarAero`, ``capsule_mass`` or ``length``.
         channels: Outputs, of `CHANNELS`.
         substeps: Runge-Kutta steps per sample.
+        method: Of these steps.
     """
 
     base: Dumbbell
@@ -170,6 +171,7 @@ class DumbbellFlight:
     names: tuple[str, ...] = field(default=(), metadata={"static": True})
     channels: tuple[str, ...] = field(default=("swing_angle", "air_velocity"), metadata={"static": True})
     substeps: int = field(default=2, metadata={"static": True})
+    method: RungeKutta = field(default=CLASSICAL, metadata={"static": True})
 
     def inputs(self) -> DumbbellInputs:
         """The record's inputs."""
@@ -190,7 +192,7 @@ class DumbbellFlight:
     ) -> jax.Array:
         """State one sample later; wind and density are linear between samples."""
         given = numbers, now, then, error_now, error_then
-        return rk4(lambda state, share: self.rate(state, *given, share), x, self.dt, self.substeps)
+        return advanced(self.method, lambda state, share: self.rate(state, *given, share), x, self.dt, self.substeps)
 
     def rate(
         self, x: jax.Array, numbers: Any, now: Any, then: Any, error_now: Any, error_then: Any, share: Component

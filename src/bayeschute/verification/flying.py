@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from bayeschute.compiler.integrate import rk4
+from bayeschute.compiler.runge_kutta import CLASSICAL, advanced
 from bayeschute.core.vectors import Component, Vec3
 from bayeschute.dynamics.cluster import Air, geometry, state_rate, tension
 from bayeschute.dynamics.parameters import Cluster, Structure
@@ -113,7 +113,7 @@ def _chunk(
             now = replace(model, canopies=replace(model.canopies, enclosed_volume=frozen))
             return state_rate(s, now, structure, air)
 
-        state = rk4(rate, state, dt, SUBSTEPS)
+        state = advanced(CLASSICAL, rate, state, dt, SUBSTEPS)
         return (state, t + dt), state
 
     return jax.lax.scan(sample, (x, time), None, length=_CHUNK)[1], time + _CHUNK * dt
