@@ -5,8 +5,9 @@ its impulse is taken exactly (an exponential of the small matrix that couples th
 a step after a Runge-Kutta step of all else (Strang's splitting). Printed for a virtual drop of 90 s, at the vehicle's
 damping and at five times it: errors of swing angle and descent rate against steps of 1/64 sample, rates, time.
 
-It does not pay, and less so since `compiler.runge_kutta.EXTENDED`: split steps stay stable at any length, but are of second order only. For a swing angle to 1e-3 deg they
-want 12 steps a sample where Runge-Kutta wants 3, and 48 where it wants 12 at five times the damping.
+It does not pay, the less beside `compiler.runge_kutta.EXTENDED`: split steps stay stable at any length, but are of
+second order only. For a swing angle to 1e-3 deg they want 12 steps a sample where Runge-Kutta wants 3, and 48 where it
+wants 12 at five times the damping.
 
     python benchmarks/riser_damper.py [vehicle.toml]
 """

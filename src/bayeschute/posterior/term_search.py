@@ -3,8 +3,10 @@
 The whole library is fitted to the flight once, under weakly informative priors, with start and disturbances integrated
 out. Its posterior is nearly Gaussian, and the Bayes factor of a model without some terms against the whole is the
 posterior density of these coefficients at zero divided by their prior density there (Dickey 1971). Terms are removed,
-or added again, one by one as long as the evidence, less a penalty for each term, grows. Equation error does the same
-with forces; here the error of the wind is part of the model.
+or added again, one by one as long as the evidence grows. So a term stays where the odds are for it: of the models of
+linear regression the one of such terms predicts best (Barbieri and Berger 2004), and dropping terms for which the
+evidence is all but even made predictions too sure (benchmarks/other_flights.py). Equation error does the same with
+forces; here the error of the wind is part of the model.
 """
 
 from __future__ import annotations
@@ -18,8 +20,6 @@ from numpy.typing import NDArray
 from bayeschute.likelihood.priors import Prior, covariance, given_zero, working
 
 Array = NDArray[np.float64]
-PENALTY = 2.0
-"""Least logarithm of the evidence, for a model with a term over one without, at which the term is kept."""
 
 
 class Chosen(NamedTuple):
@@ -69,17 +69,14 @@ def most_probable(mean: Array, posterior_covariance: Array, kept: NDArray[np.boo
     return np.asarray(mean[kept] - posterior_covariance[np.ix_(kept, out)] @ away)
 
 
-def choose(
-    priors: Sequence[Prior], mean: Array, posterior_covariance: Array, may_go: Collection[str], penalty: float = PENALTY
-) -> Chosen:
-    """Leave terms of a library out, and take back those that pay.
+def choose(priors: Sequence[Prior], mean: Array, posterior_covariance: Array, may_go: Collection[str]) -> Chosen:
+    """The model of greatest evidence that is found by leaving terms of a library out, and taking them back.
 
     Args:
         priors: Of all parameters.
         mean: Posterior mean of the library (P,), working coordinates.
         posterior_covariance: Its covariance (P, P).
         may_go: Names of the parameters that may be left out.
-        penalty: Least logarithm of the evidence at which a term is kept.
 
     Returns:
         The model.
@@ -88,7 +85,7 @@ def choose(
     out = np.zeros(len(priors), bool)
 
     def told(gone: NDArray[np.bool_]) -> float:
-        return log_evidence_without(priors, mean, posterior_covariance, gone) + penalty * int(gone.sum())
+        return log_evidence_without(priors, mean, posterior_covariance, gone)
 
     def toggled(i: int) -> NDArray[np.bool_]:
         other = out.copy()
@@ -102,10 +99,10 @@ def choose(
         if found[best] <= now:
             break
         out, now = toggled(best), found[best]
-    here = log_evidence_without(priors, mean, posterior_covariance, out)
+    here = told(out)
     gains = {}
     for i in map(int, np.flatnonzero(free)):
-        change = log_evidence_without(priors, mean, posterior_covariance, toggled(i)) - here
+        change = told(toggled(i)) - here
         gains[priors[i].name] = change if out[i] else -change
     kept = ~out
     theta = most_probable(mean, posterior_covariance, kept)
