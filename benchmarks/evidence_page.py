@@ -61,13 +61,13 @@ Fits of the first so many seconds of the first flight, up to the checks.
 _STARTS = """\
 ## Starts from the prior
 
-Whether a fit finds its optimum wherever it starts (`benchmarks/optimum.py`, studies by `other_flights.py --prepare`;
+Whether a fit finds its mode wherever it starts (`benchmarks/optimum.py`, studies by `other_flights.py --prepare`;
 numbers: `models/reference/starts/*.json`).
-The whole library of terms is fitted from the prior means and from draws of the whole prior, with the noise parameters
-found anew from each. *found*: starts that converge within 0.1 standard errors, in every parameter, of the optimum of
-greatest evidence; *not converged*: starts whose last step was longer than the tolerance; *farthest*: the largest
-distance of any start's end from that optimum [standard errors]; *cost*: the largest difference of minus the log density
-there. These are joint modes of parameters and disturbances; a run goes on from them to the mode of the parameters.
+The model that a run has fitted is fitted anew from the prior means and from draws of the whole prior, with the noise
+parameters found anew from each; then each start goes on to the mode of the marginal posterior under the run's noise
+parameters. *found*: starts whose search converged within 0.3 posterior standard deviations, in every parameter, of the
+run's mode; *not converged*: starts whose next step would be longer than 0.2 standard deviations; *farthest*: the
+largest distance of any start's end from the run's mode; *cost*: the largest difference of minus the log density.
 """
 _MEASURED = """\
 ## Measured descents

@@ -1,11 +1,12 @@
-"""Does a fit find its optimum wherever it starts? Many starts drawn from the prior on the records of a run.
+"""Does a fit find its mode wherever it starts? Many starts drawn from the prior on the records of a run.
 
-The whole library of terms of a cluster study is fitted to the records that its run has read, as `bayeschute fit` does,
-from the prior means (start 0) and from draws from the whole prior. Noise parameters are found anew from every start.
-Then all optima are compared as the product's multistart check does, under the noise parameters of the one of greatest
-evidence: a start counts as found where every parameter lies within 0.1 standard errors of that optimum.
+The model that a run has fitted is fitted to its records anew, as `bayeschute fit` does: from the prior means (start 0)
+and from draws from the whole prior, along the path of the record, with the noise parameters found anew from every
+start. From where that leads each goes on to the mode of the marginal posterior, all under the run's noise parameters,
+so that it is the mode of one density. A start counts as found where its search converged and every parameter lies
+within 0.3 posterior standard deviations of the run's mode: a search ends where its next step would be shorter than 0.2.
 
-    bayeschute run STUDY --until priors --out RUN
+    bayeschute run STUDY --until fit --out RUN
     python benchmarks/optimum.py STUDY RUN [--starts 20] [--seed 1] [--store models/reference/starts] [--json]
 
 ``--store`` keeps the result in a file named after the study, for `evidence_page.py`.
@@ -16,84 +17,143 @@ from __future__ import annotations
 import json
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import Any, NamedTuple
 
+import numpy as np
 from command import parser_of, print_result
 
 WANTED = 0.95  # share of starts
+NEAR = 0.3  # posterior standard deviations
 
 
-def problem(path: Path, folder: Path) -> tuple[list[Any], tuple[Any, ...], Any]:
-    """Flights, priors of the whole library and priors of the noise parameters of a study and its run."""
-    from bayeschute.likelihood.priors import Prior
+class Row(NamedTuple):
+    """Where a start led.
+
+    Attributes:
+        number: Of the start.
+        why: Reason of a failure; empty if there was none. The numbers below are then NaN.
+        converged: Whether the search for the mode ended with a short step.
+        evidence: Log evidence of the noise parameters that the start found, up to a constant.
+        away: Largest distance of its mode from the run's [posterior standard deviations].
+        parameter: The parameter that differs most.
+        worse: By how much the log density at its mode is less than at the run's.
+    """
+
+    number: int
+    why: str
+    converged: bool
+    evidence: float
+    away: float
+    parameter: str
+    worse: float
+
+    @property
+    def found(self) -> bool:
+        """Whether that is the run's mode."""
+        return self.converged and self.away <= NEAR
+
+
+class Problem(NamedTuple):
+    """Flights, priors of the parameters and of the noise parameters; noise parameters and mode of a run."""
+
+    flights: list[Any]
+    priors: tuple[Any, ...]
+    prior: Any
+    hyper: Any
+    optimum: Any
+
+
+def problem(path: Path, folder: Path) -> Problem:
+    """Of a study and its run, which has come to its fit."""
     from bayeschute.posterior.noise_evidence import NoisePrior
     from bayeschute.study.assembly import assemble
-    from bayeschute.study.assembly.fits import data_of
+    from bayeschute.study.assembly.fits import data_of, groups, load_noise_parameters, load_optimum
     from bayeschute.study.job import Job
     from bayeschute.study.load import load_study
 
     study = load_study(path)
     job = Job(study, folder, False, "", lambda *_: None)
-    priors = tuple(Prior(**entry) for entry in job.load("priors.json"))
-    flights = [data_of(job, flight, priors) for flight in study.with_role("identify")]
-    return flights, priors, NoisePrior(assemble.hyper(study))
+    (group,) = groups(job)
+    flights = [data_of(job, flight, group.priors) for flight in group.flights]
+    found = load_noise_parameters(job, group), load_optimum(job, group)
+    return Problem(flights, group.priors, NoisePrior(assemble.hyper(study)), *found)
 
 
-def kept(study: Path, starts: int, seed: int, best: int, rows: list[dict[str, Any]], share: float) -> dict[str, Any]:
+def modes(given: Problem, starts: int, seed: int) -> list[Row]:
+    """Where starts lead.
+
+    Args:
+        given: The problem.
+        starts: How many.
+        seed: Of the draws.
+    """
+    from bayeschute.posterior.along_record.conditional_mode import conditional_optimum
+    from bayeschute.posterior.assess.multistart import settle_from
+    from bayeschute.posterior.fit.joint_fit import JointFit
+    from bayeschute.posterior.fit.marginal_mode import marginal_mode
+
+    def mode(place: JointFit) -> tuple[Any, float]:
+        found = marginal_mode(given.flights, given.priors, place)
+        rest = conditional_optimum(given.flights, given.hyper, given.priors, found.theta, found.flights)
+        return found, np.nan if rest is None else rest.marginal
+
+    kept, least = mode(JointFit(given.optimum, given.hyper, np.nan))
+    scale = np.sqrt(np.diag(kept.covariance))
+    rows = []
+    for number in range(starts):
+        began = perf_counter()
+        start = settle_from(given.flights, given.priors, given.prior, number, seed, spread=1.0)
+        row = Row(number, start.why, False, np.nan, np.nan, "", np.nan)
+        if start.settled is not None:
+            try:
+                found, minus = mode(start.settled._replace(hyper=given.hyper))
+                off = np.abs(found.theta - kept.theta) / scale
+                far, evidence = int(np.argmax(off)), -start.settled.evidence
+                name = given.priors[far].name
+                row = Row(number, "", found.converged, evidence, float(off[far]), name, minus - least)
+            except FloatingPointError as error:
+                row = row._replace(why=str(error))
+        words = row.why or f"{row.away:.3f} standard deviations off in {row.parameter}, log density {-row.worse:+.3g}"
+        told = "" if row.converged else ", NOT CONVERGED"
+        print(f"start {number}: {words}{told}, {perf_counter() - began:.0f} s", flush=True)
+        rows.append(row)
+    return rows
+
+
+def kept(study: Path, seed: int, rows: list[Row]) -> dict[str, Any]:
     """The result as it is stored, with what made it.
 
     Args:
         study: Its file.
-        starts: How many.
         seed: Of the starts.
-        best: Number of the start whose optimum has the greatest evidence.
-        rows: Comparison of each other start's optimum with that.
-        share: Of starts that found it.
+        rows: One for each start.
     """
     from bayeschute.study.evidence.provenance import provenance
 
-    told = provenance(f"benchmarks/optimum.py {study.name} RUN --starts {starts} --seed {seed}")
-    made = {"study": study.stem, "starts": starts, "seed": seed, "best": best, "share_found": share, "rows": rows}
-    return made | {"provenance": told}
+    told = provenance(f"benchmarks/optimum.py {study.name} RUN --starts {len(rows)} --seed {seed}")
+    share = sum(row.found for row in rows) / len(rows)
+    made = {"study": study.stem, "starts": len(rows), "seed": seed, "near": NEAR, "share_found": share}
+    return made | {"rows": [row._asdict() for row in rows], "provenance": told}
 
 
 def main() -> None:
-    """Fit from all starts, print the table, and with ``--json`` one object as the last line."""
-    from bayeschute.posterior.assess.multistart import NEAR, best_of, compare, judge, settle_from
-
+    """Fit from all starts, print where each led, and with ``--json`` one object as the last line."""
     parser = parser_of(__doc__)
     parser.add_argument("study", type=Path)
-    parser.add_argument("run", type=Path, help="folder of a run that has come to its priors")
+    parser.add_argument("run", type=Path, help="folder of a run that has come to its fit")
     parser.add_argument("--starts", type=int, default=20)
     parser.add_argument("--seed", type=int, default=1, help="of the starts")
     parser.add_argument("--store", type=Path, metavar="DIR", help="keep the result there")
     given = parser.parse_args()
-    flights, priors, prior = problem(given.study, given.run)
-    tried = []
-    for number in range(given.starts):
-        began = perf_counter()
-        start = settle_from(flights, priors, prior, number, given.seed, spread=1.0)
-        told = start.why if start.settled is None else f"log evidence {-start.settled.evidence:.1f}"
-        print(f"start {number}: {told}, {perf_counter() - began:.0f} s", flush=True)
-        tried.append(start)
-    best = best_of(tried)
-    assert best.settled is not None
-    rows = compare(flights, priors, best, [start for start in tried if start is not best])
-    print(f"start {best.number}: greatest evidence")
-    for row in rows:
-        words = row.why or f"{row.away:.4f} standard errors off in {row.parameter}, cost {row.worse:+.3g}"
-        print(f"start {row.number}: {words}{'' if row.converged else ', NOT CONVERGED'}")
-    converged = best.settled.optimum.converged
-    share = (converged + sum(row.converged and row.away <= NEAR for row in rows)) / given.starts
-    print(judge(rows, converged).words)
-    print(f"{share:.0%} of {given.starts} starts found the optimum ({'reached' if share >= WANTED else 'MISSED'})")
-    plain = [row._asdict() for row in rows]
+    rows = modes(problem(given.study, given.run), given.starts, given.seed)
+    made = kept(given.study, given.seed, rows)
+    share = made["share_found"]
+    reached = "reached" if share >= WANTED else "MISSED"
+    print(f"{sum(row.found for row in rows)} of {given.starts} starts found the mode ({reached})")
     if given.store:
-        made = kept(given.study, given.starts, given.seed, best.number, plain, share)
         given.store.mkdir(parents=True, exist_ok=True)
         (given.store / f"{made['study']}.json").write_text(json.dumps(made, indent=1) + "\n", encoding="utf-8")
-    context = {"starts": given.starts, "seed": given.seed, "kept": best.number, "rows": plain}
-    print_result(given, {"share_found": share}, context)
+    print_result(given, {"share_found": share}, {key: made[key] for key in ("starts", "seed", "rows")})
 
 
 if __name__ == "__main__":

@@ -144,6 +144,7 @@ class ClusterFlight:
         wind_field: Wind by altitude added to the record's, at every body's altitude; None: all have the record's.
         air_shares: By parameter, as of `with_parameters`.
         method: Of the steps.
+        classical: As many classical ones are stable as well; None: nobody has asked.
     """
 
     base: Cluster
@@ -158,6 +159,13 @@ class ClusterFlight:
     wind_field: WindField | None = None
     air_shares: tuple[float, ...] = field(default=(), metadata={"static": True})
     method: RungeKutta = field(default=CLASSICAL, metadata={"static": True})
+    classical: int | None = field(default=None, metadata={"static": True})
+
+    def in_small_steps(self) -> ClusterFlight:
+        """The same flight in classical steps, which are shorter: for paths that jolt its risers."""
+        if self.method == CLASSICAL or self.classical is None:
+            return self
+        return replace(self, substeps=self.classical, method=CLASSICAL)
 
     def inputs(self) -> ClusterInputs:
         """The record's inputs."""

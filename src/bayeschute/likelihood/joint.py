@@ -8,7 +8,7 @@ where flights are combined.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import jax
@@ -60,6 +60,11 @@ class FlightData:
     def samples(self) -> int:
         """Number of samples."""
         return int(self.observed.shape[0])
+
+    def in_small_steps(self) -> FlightData:
+        """The same record with a model in steps that bear jolts, where the model knows any."""
+        small = getattr(self.model, "in_small_steps", None)
+        return self if small is None else replace(self, model=small())
 
     def still(self) -> Unknowns:
         """Unknowns at their prior means."""

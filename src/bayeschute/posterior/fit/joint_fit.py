@@ -159,9 +159,12 @@ def _along_record(
 ) -> list[Optimum]:
     """Where fits along the record lead: of every list of ways, the first that leaves no defects, if one does.
 
+    In small steps: along the path of a record risers jolt, and go slack where long steps overshoot.
+
     Raises:
         NoFitError: If all ways leave some.
     """
+    flights = [flight.in_small_steps() for flight in flights]
     found, tried = list[Optimum](), list[tuple[_Way, LiftedFit]]()
     for ways in several:
         for way in ways:
