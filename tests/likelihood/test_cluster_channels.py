@@ -10,6 +10,7 @@ import pytest
 from tests.twins import small_cluster as small
 
 from bayeschute.compiler.integrate import outputs
+from bayeschute.compiler.runge_kutta import CLASSICAL, EXTENDED
 from bayeschute.core.errors import InputError
 from bayeschute.dynamics.cluster_flight import CHANNELS, channel_sizes
 from bayeschute.dynamics.parameters import Structure
@@ -59,6 +60,27 @@ def test_data_are_the_record_s_columns(flown):
     want = np.column_stack([record[name].values for name in order])
     assert made.present[:, [0, 3, 4, 5, 6]].all() and made.present[22:, 1:3].all()
     np.testing.assert_array_equal(made.observed, np.where(made.present, want, 0.0))
+
+
+def test_steps_are_stable_for_the_stiffest_risers_of_the_priors_in_either_method(flown):
+    """At 10 Hz five classical steps, or two extended ones; a fit along the record has the shorter."""
+    log = [
+        Prior(f"riser_{name}", np.log(value), 0.15, True, "", "")
+        for name, value in (("stiffness", 2.19e5), ("damping", 1.46e5))
+    ]
+    made = cluster_data(flown[0], MODEL, FEW, [*PRIORS, *log], TENSE, GUSTS)
+    calm = cluster_data(
+        flown[0], MODEL, FEW, [replace(p, scale=0.0) if p in log else p for p in [*PRIORS, *log]], TENSE, GUSTS
+    )
+    assert (made.model.substeps, made.model.method) == (2, EXTENDED)
+    assert made.model.classical > calm.model.classical >= 3
+    small_steps = made.in_small_steps()
+    assert (small_steps.model.substeps, small_steps.model.method) == (made.model.classical, CLASSICAL)
+    assert small_steps.in_small_steps() == small_steps
+    np.testing.assert_array_equal(small_steps.observed, made.observed)
+    theta = np.array([p.centre for p in [*PRIORS, *log]])
+    still = LatentPath(np.zeros(17), np.zeros((81, 3)))
+    np.testing.assert_allclose(states(made, theta, still), states(small_steps, theta, still), atol=2e-3)
 
 
 def test_tensions_count_when_the_start_is_forgotten(flown):

@@ -27,6 +27,21 @@ def _row(defect, cost=12.0):
     return lifted_fit.Row(0.0, cost, defect, 1.0, 1.0, 1.0)
 
 
+def test_a_fit_along_the_record_takes_the_flight_s_small_steps(monkeypatch, descent):
+    """And where it led is a place of the flight as it was given."""
+    at, seen = Lifted(descent.flights[0].still(), np.zeros((1, 1)), np.zeros((1, 1))), []
+
+    def led(flights, hyper, priors, theta, places, levels, near=None, progress=None):
+        seen.append([flight.model for flight in flights])
+        return lifted_fit.LiftedFit(theta, (at,), np.eye(1), (_row(1e-4),), True)
+
+    monkeypatch.setattr(lifted_fit, "descend", led)
+    flights = [replace(f, model=SimpleNamespace(in_small_steps=lambda: "small")) for f in descent.flights]
+    ways = _ways(descent.hyper, [at])
+    joint_fit._along_record(flights, descent.priors, np.zeros(1), [ways], NEAR, print)
+    assert seen == [["small"] * len(flights)] and flights[0].model != "small"
+
+
 def test_what_is_fast_is_tried_first_then_what_gets_further(monkeypatch, descent):
     """The first that gets there is kept."""
     at, tried = Lifted(descent.flights[0].still(), np.zeros((1, 1)), np.zeros((1, 1))), []
