@@ -216,6 +216,7 @@ MADE = (
     Made("wind in feet per second", _wind(np.eye(3), 1 / FOOT), r"winds are in ft/s, read"),
     Made("wind missing", _no_wind, r"wind is missing"),
     Made("mass in pounds", _vehicle(mass=1 / POUND), r"mass is in pounds, read"),
+    Made("mass in grams", _vehicle(mass=1e3), r"mass is in grams, read"),
     Made("ten times the mass", _vehicle(mass=10.0), r"mass is ten times too great"),
     Made("a third of the payload omitted", _vehicle(mass=0.65), r"payload is missing"),
     Made("three canopies for two", _vehicle(canopies=3), r"number of canopies"),

@@ -264,3 +264,12 @@ def test_a_verb_shows_its_progress_where_it_is_asked(sondes, monkeypatch, tmp_pa
     bc.run(sondes, tmp_path, progress=True)
     bc.simulate_study(sondes, tmp_path, progress=True)
     assert seen == ["bars", "closed"] * 2
+
+
+def test_where_winds_come_from_is_refused_of_a_record_that_has_none(tmp_path):
+    """It would change nothing, and would be believed."""
+    columns = {"time": ("t", "s"), "altitude": ("h", "m")}
+    with pytest.raises(InputError, match="'from' of a record without columns of the wind"):
+        bc.read_record(tmp_path / "none.csv", columns, wind_is="from")
+    with pytest.raises(InputError, match=r"none\.csv"):  # that there is no file is told where there is a wind
+        bc.read_record(tmp_path / "none.csv", columns | {"wind.speed": ("v", "m/s")}, wind_is="from")

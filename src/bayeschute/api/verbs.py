@@ -69,6 +69,10 @@ def read_record(path: Path | str, columns: Columns | None = None, **conventions:
         raise InputError([Fault(f"read_record {name}", repr(conventions[name])[:60], "a text") for name in texts])
     specs = _specs(columns) if columns else None
     said = Conventions(**conventions)
+    if said.wind_is is not None and specs and not any(name.split(".")[0] == "wind" for name in specs):
+        do = "Leave it out, or name the columns; the winds of `bc.wind_profile` blow towards."
+        got = f"{said.wind_is!r} of a record without columns of the wind"
+        raise InputError(Fault("read_record wind_is", got, "columns of the wind", do))
     try:
         record = read_columns(path, specs, conventions=said)
     except InputError as error:

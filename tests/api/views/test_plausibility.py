@@ -45,7 +45,7 @@ def test_every_fault_must_be_accepted_by_its_name_or_its_group():
 def test_a_cause_is_told_with_what_to_do_of_the_first_finding_that_has_it():
     said = repr(looked(*FAULTS, NEAR, causes=("wrong unit", "unknown"), noise=("too small",))).splitlines()
     assert said == [
-        "Plausibility of a: 2 faults, 1 warnings",
+        "Plausibility of a: 2 faults, 1 warning",
         "  likely: wrong unit. Say ft.",
         "  likely: unknown.",
         "  fault: tests wind.drift: got 5.0, wanted wanted",

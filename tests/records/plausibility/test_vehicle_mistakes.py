@@ -15,6 +15,8 @@ WRITTEN = {  # by what the true number has to be multiplied to get the one that 
     "the capsule's mass is in pounds, read as kilograms": {"mass": 1 / POUND},
     "the capsule's mass is in kilograms, read as pounds": {"mass": POUND},
     "the capsule's mass is in slugs, read as kilograms": {"mass": 1 / SLUG},
+    "the capsule's mass is in grams, read as kilograms": {"mass": 1e3},
+    "the capsule's mass is in tonnes, read as kilograms": {"mass": 1e-3},
     "the capsule's mass is ten times too great": {"mass": 10.0},
     "the capsule's mass is ten times too small": {"mass": 0.1},
     "the risers' length is in feet, read as metres": {"riser_length": 1 / FOOT},

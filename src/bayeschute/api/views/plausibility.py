@@ -11,6 +11,7 @@ import xarray as xr
 from bayeschute.api import html
 from bayeschute.records.plausibility.reading import accepts
 from bayeschute.records.plausibility.verdict import Finding, Verdict
+from bayeschute.report.wording import counted
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -79,9 +80,8 @@ class Plausibility:
         noise = [f"  noise: {line}" for line in self.noise]
         if not self.findings:
             return "\n".join([f"Plausibility of {self.name}: {len(self.verdict.readings)} laws kept", *noise])
-        lines = [
-            f"Plausibility of {self.name}: {len(self.verdict.faults)} faults, {len(self.verdict.warnings)} warnings"
-        ]
+        faults, warnings = counted(len(self.verdict.faults), "fault"), counted(len(self.verdict.warnings), "warning")
+        lines = [f"Plausibility of {self.name}: {faults}, {warnings}"]
         do = {one.likely: one.do for one in reversed(self.findings)}
         lines += [f"  likely: {cause}. {do.get(cause, '')}".rstrip() for cause in self.causes]
         lines += [f"  {one.severity}: {one.tests}: {one.got}, wanted {one.wanted}" for one in self.findings]

@@ -22,6 +22,8 @@ def vehicle_mistakes() -> Iterator[Mistake]:
         ("the capsule's mass is in pounds, read as kilograms", "Give it in 'lb'.", pound),
         ("the capsule's mass is in kilograms, read as pounds", "Give it in 'kg'.", 1.0 / pound),
         ("the capsule's mass is in slugs, read as kilograms", "Give it in 'slug'.", slug),
+        ("the capsule's mass is in grams, read as kilograms", "Give it in 'g'.", 1e-3),
+        ("the capsule's mass is in tonnes, read as kilograms", "Give it in 't'.", 1e3),
         ("the capsule's mass is ten times too great", "Check its digits.", 0.1),
         ("the capsule's mass is ten times too small", "Check its digits.", 10.0),
     ):
