@@ -10,7 +10,7 @@ import pytest
 
 from bayeschute.likelihood.priors import Prior, correlated, covariance, given_zero, working
 from bayeschute.posterior import term_search
-from bayeschute.posterior.term_search import choose, log_evidence_without
+from bayeschute.posterior.term_search import PENALTY, choose, log_evidence_without
 
 NOISE = 0.5
 NAMES = tuple("abcdef")
@@ -93,7 +93,19 @@ def test_the_chosen_model_is_that_of_its_own_regression(case):
         columns = [i for i, n in enumerate(NAMES) if n not in other]
         there = _log_evidence(given_zero(priors, sorted(other)), x[:, columns], y)
         assert told == pytest.approx(there - here if name in gone else here - there, abs=1e-9)
-        assert told < 0.0 if name in gone else told >= 0.0
+        assert told < PENALTY if name in gone else told >= PENALTY
+
+
+@pytest.mark.parametrize("penalty", [0.0, 1e6])
+def test_the_penalty_is_the_price_of_a_term(case, penalty):
+    """Without one the best neighbour of the model is itself; beyond all evidence, only what must stay stays."""
+    priors, _, _, mean, law = case
+    chosen = choose(priors, mean, law, NAMES[1:], penalty)
+    if penalty:
+        np.testing.assert_array_equal(chosen.kept, [True, *[False] * 5])
+    else:
+        for i, name in enumerate(NAMES[1:], 1):
+            assert (chosen.evidence[name] > 0.0) == chosen.kept[i]
 
 
 def test_a_term_that_left_is_taken_back_where_it_pays(monkeypatch):
@@ -105,7 +117,7 @@ def test_a_term_that_left_is_taken_back_where_it_pays(monkeypatch):
 
     monkeypatch.setattr(term_search, "log_evidence_without", table)
     priors = [Prior(name, 0.0, 1.0, False, "1", "") for name in "abc"]
-    chosen = choose(priors, np.ones(3), np.eye(3), "abc")
+    chosen = choose(priors, np.ones(3), np.eye(3), "abc", penalty=0.0)
     np.testing.assert_array_equal(chosen.kept, [False, False, True])
     assert chosen.evidence == {"a": 1.0 - 9.0, "b": 1.0 - 9.0, "c": 9.0 - 7.0}
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from bayeschute.aero.coefficient import APPARENT_MASS, Coefficient, is_coefficient
 from bayeschute.calibration.label import MOST_LOST, lost_simulations
 from bayeschute.likelihood.priors import Prior
+from bayeschute.posterior.term_search import PENALTY
 from bayeschute.records.record import repairs
 from bayeschute.study import formulation
 from bayeschute.study.aerodynamics.run_curves import told_curves
@@ -302,6 +303,6 @@ def _search_note(job: Job) -> str:
     left = [f"{name} ({evidence[name]:+.1f})" for name in by_strength if name not in here]
     return (
         "Terms beyond the core that the search within the fit selected, each with the natural logarithm of its Bayes "
-        f"factor: {', '.join(kept) or 'none'}. Rejected, because the logarithm is negative: "
+        f"factor: {', '.join(kept) or 'none'}. Rejected, because the logarithm is below {PENALTY:g}: "
         f"{', '.join(left) or 'none'}."
     )
