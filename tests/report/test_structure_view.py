@@ -33,4 +33,4 @@ def test_only_coefficients_with_a_ranking_are_drawn_and_all_have_a_part(monkeypa
 
 def test_a_run_without_a_structure_draws_nothing():
     view = structure_view(results({}), lambda *given: 1 / 0)
-    assert view == {"parts": [], "polar": [], "synthetic": None, "pictures": [], "sufficiency": []}
+    assert view == {"fitted": {}, "parts": [], "polar": [], "synthetic": None, "pictures": [], "sufficiency": []}

@@ -179,6 +179,23 @@ _NULL_MODELS = {
 }
 
 
+def fitted_terms(found: Mapping[str, Any]) -> str:
+    """With which terms the simulated flight was fitted, and why with these.
+
+    Args:
+        found: `fitted_terms` of the summary.
+    """
+    begun = "The simulated flight was fitted with the following terms"
+    if is_number(threshold := found.get("threshold")):
+        return (
+            f"{begun}. All candidates were fitted once; beyond a core, a term stays where the natural logarithm of its "
+            f"Bayes factor is at least {number(threshold, 2)}. Parameters, curves and bands are of this model."
+        )
+    if found.get("how") == "selected":
+        return f"{begun}: those that equation error selects below, and those that the fitted flight then asked for."
+    return f"{begun}: all candidates."
+
+
 def structure_sentences(facts: Mapping[str, Any]) -> list[str]:
     """Result of the structure selection for one coefficient."""
     selected = facts.get("selected") or []

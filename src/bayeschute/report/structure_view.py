@@ -65,7 +65,10 @@ def structure_view(results: Results, draw: Draw) -> dict[str, Any]:
         )
         alt = f"Fit error and predicted error against the number of terms. {listed(kept)}."
         pictures.append(draw(inference_figures.pse_figure(ranked), "structure-pse", alt, caption))
+    fitted = results.part("fitted_terms")
     return {
+        "fitted": fitted
+        and {"text": sentences.fitted_terms(fitted), "table": summary_tables.fitted_terms_table(fitted)},
         "parts": [_part(name, facts) for name, facts in coefficients.items()],
         "polar": [_part(name, facts) for name, facts in entries(results.structure.get("polar")).items()],
         "synthetic": _synthetic(results),

@@ -195,3 +195,26 @@ def test_quantiles_of_marginals_and_truths_have_both_systems_of_units(results):
     shown = truths["riser_length"]
     us, place = shown.small.split(", ")
     assert float(us) == pytest.approx(float(shown.text) / 0.3048, abs=0.05) and place in ("inside", "outside")
+
+
+def test_fitted_terms_stand_with_their_evidence_the_core_first():
+    scores = {"transverse[e*alpha^4]": 0.5, "axial[alpha^4]": 12.0, "transverse[c]": -3.2}
+    found = {"terms": ["axial[1]", "axial[alpha^4]", "transverse[e]"], "how": "search", "log_bayes_factors": scores}
+    table = summary_tables.fitted_terms_table(found)
+    rows = [[cell.text for cell in row] for row in table.rows]
+    assert [row[0] for row in rows] == [
+        "axial[1]",
+        "transverse[e]",
+        "axial[alpha^4]",
+        "transverse[e*alpha^4]",
+        "transverse[c]",
+    ]
+    assert [row[2] for row in rows] == ["fitted", "fitted", "fitted", "left out", "left out"]
+    assert [row[3] for row in rows] == ["–", "–", "+12.0", "+0.5", "-3.2"]
+    assert "axial force" in rows[0][1]
+
+
+def test_fitted_terms_without_a_search_are_a_list():
+    table = summary_tables.fitted_terms_table({"terms": ["axial[1]"], "how": "pool"})
+    assert [column.label for column in table.columns] == ["Term", "Meaning"] and len(table.rows[0]) == 2
+    assert summary_tables.fitted_terms_table({"terms": []}) is None

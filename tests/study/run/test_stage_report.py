@@ -10,6 +10,7 @@ import pytest
 
 from bayeschute.api.drop_by_drop import taught_table
 from bayeschute.likelihood.priors import Prior
+from bayeschute.posterior.term_search import PENALTY
 from bayeschute.study.load import load_study
 from bayeschute.study.run import stage_report as module
 from bayeschute.study.run.stage_report import bands_check, flown_terms, true_values, what_flights_taught
@@ -155,13 +156,22 @@ def test_noise_as_found_is_told_by_its_kind(monkeypatch):
     assert made["noise"]["wind_aloft"] == {"white": None, "correlated": 2.0, "unit": "m/s", "time_constant": 9.0}
 
 
-def test_a_search_tells_its_terms_by_their_strength(monkeypatch):
-    monkeypatch.setattr(module, "load_priors", lambda job: [SimpleNamespace(name=n) for n in ("axial[1]", "b", "c")])
-    scores = {"a": -3.0, "b": 1.5, "c": 20.0, "d": None, "e": -1.0}
-    said = module._search_note(SimpleNamespace(load=lambda name: {"scores": scores}))
-    assert "factor: c (+20.0), b (+1.5). Rejected" in said and said.endswith(": e (-1.0), a (-3.0).")
-    said = module._search_note(SimpleNamespace(load=lambda name: {"scores": {}}))
-    assert "factor: none." in said and said.endswith("none.")
+@pytest.mark.parametrize("fit", ["search", "selected", "pool"])
+def test_terms_of_the_fit_are_told_with_the_evidence_of_a_search(monkeypatch, fit):
+    names = ("axial[1]", "transverse[e]", "riser_length")
+    monkeypatch.setattr(module, "load_priors", lambda job: [SimpleNamespace(name=n) for n in names])
+    scores = {"transverse[e]": 20.0, "axial[alpha^2]": None, "axial[alpha^4]": -1.0}
+    study = SimpleNamespace(structure=SimpleNamespace(fit=fit))
+    told = module._fitted_terms(SimpleNamespace(study=study, load=lambda name: {"scores": scores}))["fitted_terms"]
+    assert told["terms"] == ["axial[1]", "transverse[e]"] and told["how"] == fit
+    known = {"log_bayes_factors": {"transverse[e]": 20.0, "axial[alpha^4]": -1.0}, "threshold": PENALTY}
+    assert {k: told[k] for k in told if k not in ("terms", "how")} == (known if fit == "search" else {})
+
+
+def test_a_fit_without_terms_tells_none(monkeypatch):
+    monkeypatch.setattr(module, "load_priors", lambda job: [SimpleNamespace(name="cds_over_mass")])
+    for structure in (None, SimpleNamespace(fit="pool")):
+        assert module._fitted_terms(SimpleNamespace(study=SimpleNamespace(structure=structure))) == {}
 
 
 def test_a_file_that_no_stage_left_is_no_entry(tmp_path):

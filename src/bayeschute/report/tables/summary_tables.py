@@ -152,6 +152,22 @@ def selected_table(facts: Mapping[str, Any]) -> Table | None:
     return table_of(f"{columns}|Unit:text", rows)
 
 
+def fitted_terms_table(found: Mapping[str, Any]) -> Table | None:
+    """Terms of the simulated flight; where a search chose among candidates, these too, by the evidence for each."""
+    evidence = found.get("log_bayes_factors")
+    evidence = {name: x for name, x in evidence.items() if is_number(x)} if isinstance(evidence, Mapping) else {}
+    terms = [str(name) for name in found.get("terms") or ()]
+    core = [name for name in terms if name not in evidence]
+    rows = []
+    for name in [*core, *sorted(evidence, key=lambda name: -evidence[name])]:
+        of = f"{evidence[name]:+.1f}" if name in evidence else MISSING
+        kept = Cell("fitted", "strong") if name in terms else Cell("left out", "muted")
+        rows.append(cells(Cell(name, "code"), Cell(parameter_meaning(name), "muted"), kept, of))
+    if evidence:
+        return table_of("Term:code|Meaning:text|Status:text|Log Bayes factor:num", rows)
+    return table_of("Term:code|Meaning:text", (row[:2] for row in rows))
+
+
 def ranking_table(facts: Mapping[str, Any]) -> Table | None:
     """The ranking of the orthogonal functions in the form of the NASA report's print-out (section 7.3)."""
     ranking = mappings(facts.get("ranking"))[:MOST_RANKED]

@@ -68,7 +68,7 @@ def _summary(job: Job) -> dict[str, Any]:
         **_stored(job, "predictive", PREDICTIVE), **_disturbances(job),
         **_stored(job, "output_error", "fit/output_error.json"),
         **_stored(job, "identifiability", "identifiability.json"), **_recalibration(job),
-        **({"structures": stacked} if (stacked := structures.summary_rows(job)) else {}),
+        **_fitted_terms(job), **({"structures": stacked} if (stacked := structures.summary_rows(job)) else {}),
         "coverage": coverage,
         "checks": checks | {"calibration": calibration},
         "requirements": job.load("risk/requirements.json"),
@@ -286,23 +286,19 @@ def _notes(job: Job) -> list[str]:
         notes.append(
             f"Not selected by equation error, added by the score test of the fitted flight: {', '.join(added)}."
         )
-    if study.structure is not None and study.structure.fit == "search" and job.load("fit/facts.json")["scores"]:
-        notes.append(_search_note(job))
     missed = set(flown_terms(study)) - {p.name for p in load_priors(job) if is_coefficient(p.name)}
     if missed and study.flights[0].virtual is not None:
         notes.append("True terms of the virtual flight that were not selected: " + ", ".join(sorted(missed)) + ".")
     return notes
 
 
-def _search_note(job: Job) -> str:
-    """Terms that the search within the fit selected or rejected, with their log Bayes factors."""
-    evidence = {name: value for name, value in job.load("fit/facts.json")["scores"].items() if value is not None}
-    here = {p.name for p in load_priors(job)}
-    by_strength = sorted(evidence, key=lambda name: -evidence[name])
-    kept = [f"{name} ({evidence[name]:+.1f})" for name in by_strength if name in here]
-    left = [f"{name} ({evidence[name]:+.1f})" for name in by_strength if name not in here]
-    return (
-        "Terms beyond the core that the search within the fit selected, each with the natural logarithm of its Bayes "
-        f"factor: {', '.join(kept) or 'none'}. Rejected, because the logarithm is below {PENALTY:g}: "
-        f"{', '.join(left) or 'none'}."
-    )
+def _fitted_terms(job: Job) -> dict[str, Any]:
+    """Terms that the simulated flight was fitted with, and the evidence for each where a search chose them."""
+    table, here = job.study.structure, [p.name for p in load_priors(job) if is_coefficient(p.name)]
+    if table is None or not here:
+        return {}
+    searched = table.fit == "search"
+    evidence = job.load("fit/facts.json")["scores"] if searched else {}
+    known = {name: value for name, value in evidence.items() if value is not None}
+    told = {"log_bayes_factors": known, "threshold": PENALTY} if known else {}
+    return {"fitted_terms": {"terms": here, "how": table.fit, **told}}
