@@ -178,6 +178,9 @@ def test_values_of_the_wrong_kind_do_not_break_it(bare):
 def test_without_a_summary_there_is_a_plain_fault(tmp_path):
     with pytest.raises(InputError, match="no such file"):
         build_report(tmp_path)
+    (tmp_path / "log.txt").write_text("stopped in the fit")
+    with pytest.raises(InputError, match="has not come to its end.*--resume"):
+        build_report(tmp_path)
     (tmp_path / "summary.json").write_text("[]")
     with pytest.raises(InputError, match="JSON object"):
         build_report(tmp_path)

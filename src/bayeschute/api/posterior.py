@@ -85,6 +85,9 @@ class Posterior:
     def summary(self, **options: Any) -> pd.DataFrame:
         """Mean, standard deviation, intervals and diagnostics of every parameter, with its unit.
 
+        R-hat and effective draws of the report are those of the sampler's own draws, to which the uncertainty of the
+        noise parameters was not added yet: ``summary(group="conditional")`` has them.
+
         Args:
             **options: Of `arviz_stats.summary`, which makes the other columns: 90 % intervals, and four significant
                 digits, unless ``ci_prob`` and ``round_to`` say otherwise.

@@ -79,6 +79,9 @@ def _summary(path: Path) -> dict[str, Any]:
     try:
         return json_object(path)
     except FileNotFoundError:
+        if (path.parent / "log.txt").exists():
+            do = f"Let it finish: `bayeschute run STUDY --out {path.parent} --resume`."
+            raise InputError(Fault(str(path.parent), "a run that has not come to its end", wanted, do)) from None
         raise InputError(Fault(str(path), "no such file", wanted, "Run `bayeschute run` first.")) from None
     except ValueError as error:
         raise InputError(Fault(str(path), f"text that is no JSON object ({error})", wanted)) from None
