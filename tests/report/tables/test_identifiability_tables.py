@@ -157,3 +157,13 @@ def test_results_of_another_form_are_named():
     absent = []
     assert identifiability_of({"identifiability": {"all": {"parameters": {"a": {"shift": "far"}}}}}, absent) == {}
     assert len(absent) == 1 and "identifiability.all.parameters.a.shift" in absent[0] and "not shown" in absent[0]
+
+
+def test_a_posterior_as_wide_as_its_prior_and_elsewhere_is_not_called_the_prior(results):
+    """A coefficient at the edge: moved by 1.4 prior standard deviations, and no better known."""
+    edge = {"prior_sensitivity": 0.2, "likelihood_sensitivity": 0.1, "shift": -1.4, "contraction": -0.05}
+    made = _changed(results, riser_stiffness=edge, riser_damping={"contraction": 0.02, "shift": 0.1})
+    text = " ".join(page.identifiability_sentences(made))
+    assert "hardly any information about riser_damping: the posterior is the prior." in text
+    assert "They move riser_stiffness away from the prior and leave it no narrower." in text
+    assert "Prior and data may be in conflict for riser_stiffness (shifted by −1.4 prior" in text

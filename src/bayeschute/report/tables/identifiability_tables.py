@@ -10,6 +10,7 @@ from typing import Any
 
 from bayeschute.posterior.assess.identifiability_result import (
     AGREE,
+    CONFLICT,
     FELT,
     INFORMED,
     INSENSITIVE,
@@ -64,14 +65,19 @@ def _informed(results: Results) -> list[str]:
     if not shares:
         return []
     well = [name for name, share in shares.items() if share >= INFORMED]
-    none = [name for name, share in shares.items() if share < UNINFORMED]
-    part = [name for name in shares if name not in well and name not in none]
+    known = _parameters(results)
+    little = [name for name, share in shares.items() if share < UNINFORMED]
+    moved = [name for name in little if abs(known[name].shift or 0.0) >= CONFLICT]
+    none = [name for name in little if name not in moved]
+    part = [name for name in shares if name not in well and name not in little]
     text = f"The data determine {len(well)} of {counted(len(shares), 'parameter')}: they remove more than half of the "
     text += "prior variance."
     if part:
         text += f" They determine {_some(part)} in part."
     if none:
         text += f" They carry hardly any information about {_some(none)}: the posterior is the prior."
+    if moved:
+        text += f" They move {_some(moved)} away from the prior and leave it no narrower."
     if wider := [name for name, share in shares.items() if share < -UNINFORMED]:
         text += f" That of {_some(wider)} is wider than the prior, which says no more."
     return [text]
