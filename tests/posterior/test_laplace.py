@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
@@ -384,3 +385,35 @@ def test_numpyro_is_told_the_same(gusty):
     z = (np.asarray(right.theta(xi))[0] - 1.0) / 1.0
     ours = np.array([float(log_likelihood(right)(jnp.asarray(t))) for t in np.asarray(right.theta(xi)).T])
     np.testing.assert_allclose(ours - 0.5 * z**2 - (ours[1] - 0.5 * z[1] ** 2), whole - whole[1], atol=1e-8)
+
+
+def _torn(monkeypatch, up, down):
+    """Two axes of a flight of one output: relative covariances at the ends of the second, to either side."""
+
+    def at_all(marginal, points):
+        sign = np.sign(points.sum(axis=1))
+        second = np.abs(points[:, 1]) > 0.0
+        sizes = np.where(second, np.where(sign > 0, up, down), 1.1)
+        here = laplace.Laplace(0.0, 0.0, (), (), (np.ones((3, 1, 1)),))
+        there = [
+            here._replace(square=0.4 * s, roots=(np.sqrt(v) * np.ones((3, 1, 1)),))
+            for s, v in zip(sign, sizes, strict=True)
+        ]
+        return [here, *there]
+
+    monkeypatch.setattr(laplace, "_at_all", at_all)
+    monkeypatch.setattr(laplace, "_own", lambda marginal, points: np.zeros(len(points)))
+    return SimpleNamespace(centre=np.zeros(2))
+
+
+def test_covariances_that_are_torn_to_one_side_are_compared_to_the_other(monkeypatch):
+    """A riser that goes slack on one path alone: its difference is no derivative."""
+    found = laplace.linear_errors(_torn(monkeypatch, 1e6, 1.2))
+    np.testing.assert_allclose(found.slope, 1.0)
+    change = np.array([0.1, -0.2]) / 0.4  # of three samples
+    np.testing.assert_allclose(found.information, 1.5 * np.outer(change, change), rtol=1e-12)
+
+
+def test_covariances_that_are_torn_to_both_sides_are_told(monkeypatch):
+    with pytest.raises(FloatingPointError, match="torn to both sides"):
+        laplace.linear_errors(_torn(monkeypatch, 1e6, 1e7))
