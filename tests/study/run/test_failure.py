@@ -105,8 +105,9 @@ def test_a_fit_that_fails_takes_away_what_an_earlier_one_left(finished, descents
     assert not (folder / ".stages/report").exists()
 
 
-def test_simulations_that_are_not_finite_are_no_fault_of_the_input(descents, tmp_path: Path, monkeypatch):
-    monkeypatch.setattr(stage_fit, "_found", _raise(FloatingPointError("the simulation at the start is not finite")))
+@pytest.mark.parametrize("kind", [FloatingPointError, np.linalg.LinAlgError])
+def test_simulations_that_are_not_finite_are_no_fault_of_the_input(descents, tmp_path: Path, monkeypatch, kind):
+    monkeypatch.setattr(stage_fit, "_found", _raise(kind("the simulation at the start is not finite")))
     fit = run_study(descents.study, tmp_path / "run", until="fit")["fit"]
     assert fit["reason"].startswith("fit of low: the simulation at the start is not finite; look at priors.json")
     assert fit["tried"] == ["low: the simulation at the start is not finite"]

@@ -142,7 +142,7 @@ def fit_group(job: Job, group: Group, say: Say) -> Fitted:
         return Fitted(*_found(job, group, say))
     except FitError as error:
         raise _with_paths(job, group, error) from error
-    except FloatingPointError as error:
+    except (FloatingPointError, np.linalg.LinAlgError) as error:
         do = "look at priors.json and the vehicle (the model must fly from the prior means), or shorten the window"
         raise FitError(f"fit of {group.name}: {error}; {do}.", (f"{group.name}: {error}",)) from error
 
