@@ -11,6 +11,7 @@ import pytest
 import bayeschute as bc
 from bayeschute.api import flight as module
 from bayeschute.api.flight import Flight, Flights, Repairs, flight_rows, wind_profile
+from bayeschute.core.errors import InputError
 from bayeschute.records.record import Repair
 from bayeschute.study import plausible
 from bayeschute.study.load import usual_study
@@ -255,3 +256,12 @@ def test_flights_by_name_and_by_place(sondes):
     assert flight_rows([high]) == [("high", "identify, predict", "high.csv")]
     shown = flights._repr_html_()
     assert "<b>Flights</b>" in shown and shown.count("<td>high") == 2
+
+
+def test_a_vehicle_may_be_told_by_its_file(drop, raw, tmp_path):
+    bc.copy_templates(tmp_path)
+    path = tmp_path / "vehicle.toml"
+    assert drop.changed(vehicle=path).vehicle == drop.changed(vehicle=str(path)).vehicle == bc.load_vehicle(path)
+    assert Flight(raw, path).vehicle == bc.load_vehicle(path)
+    with pytest.raises(InputError, match=r"none\.toml"):
+        drop.changed(vehicle=tmp_path / "none.toml")

@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from bayeschute.api.workspace import workspace
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.records.record import Repair, nearest, repairs
 from bayeschute.study.job import load_truth
-from bayeschute.study.load import usual_study
+from bayeschute.study.load import load_vehicle, usual_study
 from bayeschute.study.schema.belief_schema import NoiseTable
 from bayeschute.study.schema.schema_faults import faults_of
 from bayeschute.study.schema.study_schema import FlightTable
@@ -31,6 +32,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from bayeschute.api.views.plausibility import Plausibility
+
+
+def _vehicle(told: Vehicle | Path | str | None) -> Vehicle | None:
+    """A vehicle, read where its file is told."""
+    return load_vehicle(told) if isinstance(told, Path | str) else told
 
 
 def wind_profile(altitude: ArrayLike, north: ArrayLike, east: ArrayLike, down: ArrayLike | None = None) -> ProfileTable:
@@ -96,7 +102,7 @@ class Flight:
     def __init__(
         self,
         record: xr.Dataset,
-        vehicle: Vehicle | None = None,
+        vehicle: Vehicle | Path | str | None = None,
         *,
         name: str = "flight",
         wind: ProfileTable | None = None,
@@ -111,7 +117,7 @@ class Flight:
 
         Args:
             record: From `read_record`.
-            vehicle: From `load_vehicle`; None: a point mass, of which altitude or descent rate is enough.
+            vehicle: From `load_vehicle`, or its file; None: a point mass, of which altitude or descent rate is enough.
             name: Its name, which becomes that of files: no slash, no dot first, at most 60 characters.
             wind: From `wind_profile`: how the wind changes with altitude, and the wind itself where none is recorded.
             window: First and last time used, such as ``("5 s", "95 s")``; bare numbers are seconds.
@@ -122,8 +128,9 @@ class Flight:
             accept_implausible: Laws of plausibility, or groups of them, that the record may break.
 
         Raises:
-            InputError: If an argument is no quantity of its kind.
+            InputError: If an argument is no quantity of its kind, or a vehicle's file has faults.
         """
+        vehicle = _vehicle(vehicle)
         usual = usual_study("cluster" if vehicle is not None else "descent", vehicle)
         spec = FlightSpec(**_fields({
             "name": name, "roles": roles, "wind": wind, "window": window, "rate": rate, "capsule_mass": capsule_mass,
@@ -142,17 +149,17 @@ class Flight:
         made._set(spec, study, raw)
         return made
 
-    def changed(self, *, vehicle: Vehicle | None = None, **values: Any) -> Flight:
+    def changed(self, *, vehicle: Vehicle | Path | str | None = None, **values: Any) -> Flight:
         """The flight with another vehicle, or with other values of the arguments by which a flight is made.
 
         Args:
-            vehicle: From `load_vehicle`; None: its own.
+            vehicle: From `load_vehicle`, or its file; None: its own.
             **values: ``name``, ``capsule_mass``, ``window``, ``wind``, ``rate``, ``identify_until``, ``roles``,
                 ``accept_implausible``, as a flight takes them; ``skip_first``, the time left out at its beginning.
 
         Raises:
-            InputError: If an argument is none of these, or no quantity of its kind; or if a virtual drop gets a vehicle
-                that has no aerodynamics to fly with.
+            InputError: If an argument is none of these, or no quantity of its kind; if a vehicle's file has faults, or
+                a virtual drop gets a vehicle that has no aerodynamics to fly with.
 
         Warns:
             UserWarning: If a recorded flight gets another payload: a forecast starts from the record's first seconds.
@@ -162,6 +169,7 @@ class Flight:
             >>> heavy.name, heavy.spec.rate
             ('heavy', 2.0)
         """
+        vehicle = _vehicle(vehicle)
         if self.spec.virtual is not None and vehicle is not None and vehicle.aero == NOT_FLOWN:
             raise InputError(
                 Fault("vehicle", f"{vehicle.name!r} without [aero]", "one that virtual drops can fly with")
