@@ -81,9 +81,9 @@ def enough(method: RungeKutta, found: NDArray[np.complex128], dt: float, least: 
 def steps(found: NDArray[np.complex128], dt: float) -> Steps:
     """The method and its steps per sample with the fewest stages that are `enough`.
 
-    Extended steps are stable at lengths at which they are wrong where gusts jolt a riser: touchdowns were off by 0.7 m/s
-    in steps of 0.1 s. Even in steps of 0.05 s a fit to a poor record of 5 Hz (set U) missed checks that it had passed in
-    classical steps. So samples longer than 0.1 s are gone through in these.
+    Extended steps are stable at lengths at which they are wrong where gusts jolt a riser: touchdowns were off by
+    0.7 m/s in steps of 0.1 s. Even in steps of 0.05 s a fit to a poor record of 5 Hz (set U) missed checks that it had
+    passed in classical steps. So samples longer than 0.1 s are gone through in these.
 
     Args:
         found: Poles expected [1/s] (N,).

@@ -24,6 +24,7 @@ _MOST_MISTAKES = 3  # made in one record
 _OTHERS = 3  # further causes that are told
 _NEAR = 1.0  # scores that lie this close to the best are told as other causes
 _LOST = 2.0  # score of a law that can't be tried any more
+_TIE = 3  # decimals of a misfit that tell two mistakes apart
 
 
 @dataclass(frozen=True)
@@ -104,7 +105,7 @@ class _Tried:
 
 
 def _tried(e: Evidence, laws: Sequence[str]) -> list[_Tried]:
-    """Every mistake, undone; the best first."""
+    """Every mistake, undone; the best first, and of those that explain alike the first of the catalogue."""
     import warnings
 
     def score(x: Evidence) -> float:
@@ -118,7 +119,7 @@ def _tried(e: Evidence, laws: Sequence[str]) -> list[_Tried]:
             if made is not None:
                 after = readings(made)
                 out.append(_Tried(mistake, misfit(after, laws) + mistake.doubt, after, made))
-    return sorted(out, key=lambda one: one.score)
+    return sorted(out, key=lambda one: round(one.score, _TIE))
 
 
 def verdict(e: Evidence) -> Verdict:
