@@ -99,7 +99,7 @@ class Flown:
         return np.asarray(tension(geometry(self.member(b)[1], model.capsule), model.risers))
 
 
-def _step(rate: Callable[[jax.Array, Component], jax.Array], x: jax.Array, h: Component, i: int) -> jax.Array:
+def _step(rate: Callable[[jax.Array, Component], jax.Array], x: jax.Array, h: Component, i: jax.Array) -> jax.Array:
     """The i-th classical Runge-Kutta step of a sample; the sum of the rates rounds less than a sum of states."""
     k1 = rate(x, i / SUBSTEPS)
     k2 = rate(x + (0.5 * h) * k1, (i + 0.5) / SUBSTEPS)
@@ -121,8 +121,10 @@ def _chunk(
             now = replace(model, canopies=replace(model.canopies, enclosed_volume=frozen))
             return state_rate(s, now, structure, air)
 
-        for i in range(SUBSTEPS):
-            state = _step(rate, state, dt / SUBSTEPS, i)
+        def step(x: jax.Array, i: jax.Array) -> tuple[jax.Array, None]:
+            return _step(rate, x, dt / SUBSTEPS, i), None
+
+        state = jax.lax.scan(step, state, jnp.arange(SUBSTEPS) * 1.0)[0]
         return (state, t + dt), state
 
     return jax.lax.scan(sample, (x, time), None, length=_CHUNK)[1], time + _CHUNK * dt
