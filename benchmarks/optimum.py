@@ -17,40 +17,21 @@ from __future__ import annotations
 import json
 from pathlib import Path
 from time import perf_counter
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from command import parser_of, print_result
+
+if TYPE_CHECKING:
+    from bayeschute.posterior.assess.multistart import Told
 
 WANTED = 0.95  # share of starts
 NEAR = 0.3  # posterior standard deviations
 
 
-class Row(NamedTuple):
-    """Where a start led.
-
-    Attributes:
-        number: Of the start.
-        why: Reason of a failure; empty if there was none. The numbers below are then NaN.
-        converged: Whether the search for the mode ended with a short step.
-        evidence: Log evidence of the noise parameters that the start found, up to a constant.
-        away: Largest distance of its mode from the run's [posterior standard deviations].
-        parameter: The parameter that differs most.
-        worse: By how much the log density at its mode is less than at the run's.
-    """
-
-    number: int
-    why: str
-    converged: bool
-    evidence: float
-    away: float
-    parameter: str
-    worse: float
-
-    @property
-    def found(self) -> bool:
-        """Whether that is the run's mode."""
-        return self.converged and self.away <= NEAR
+def found(row: Told) -> bool:
+    """Whether a start came to the run's mode."""
+    return row.converged and row.away <= NEAR
 
 
 class Problem(NamedTuple):
@@ -75,27 +56,31 @@ def problem(path: Path, folder: Path) -> Problem:
     job = Job(study, folder, False, "", lambda *_: None)
     (group,) = groups(job)
     flights = [data_of(job, flight, group.priors) for flight in group.flights]
-    found = load_noise_parameters(job, group), load_optimum(job, group)
-    return Problem(flights, group.priors, NoisePrior(assemble.hyper(study)), *found)
+    hyper, best = load_noise_parameters(job, group), load_optimum(job, group)
+    return Problem(flights, group.priors, NoisePrior(assemble.hyper(study)), hyper, best)
 
 
-def modes(given: Problem, starts: int, seed: int) -> list[Row]:
+def modes(given: Problem, starts: int, seed: int) -> list[Told]:
     """Where starts lead.
 
     Args:
         given: The problem.
         starts: How many.
         seed: Of the draws.
+
+    Returns:
+        Of every start its distance from the run's mode [posterior standard deviations], by how much the log density is
+        less there, and minus the log evidence of the noise parameters that it found.
     """
     from bayeschute.posterior.along_record.conditional_mode import conditional_optimum
-    from bayeschute.posterior.assess.multistart import settle_from
+    from bayeschute.posterior.assess.multistart import Told, settle_from
     from bayeschute.posterior.fit.joint_fit import JointFit
     from bayeschute.posterior.fit.marginal_mode import marginal_mode
 
     def mode(place: JointFit) -> tuple[Any, float]:
-        found = marginal_mode(given.flights, given.priors, place)
-        rest = conditional_optimum(given.flights, given.hyper, given.priors, found.theta, found.flights)
-        return found, np.nan if rest is None else rest.marginal
+        there = marginal_mode(given.flights, given.priors, place)
+        rest = conditional_optimum(given.flights, given.hyper, given.priors, there.theta, there.flights)
+        return there, np.nan if rest is None else rest.marginal
 
     kept, least = mode(JointFit(given.optimum, given.hyper, np.nan))
     scale = np.sqrt(np.diag(kept.covariance))
@@ -103,14 +88,14 @@ def modes(given: Problem, starts: int, seed: int) -> list[Row]:
     for number in range(starts):
         began = perf_counter()
         start = settle_from(given.flights, given.priors, given.prior, number, seed, spread=1.0)
-        row = Row(number, start.why, False, np.nan, np.nan, "", np.nan)
+        row = Told(number, start.why, False, np.nan, np.nan, "", np.nan)
         if start.settled is not None:
             try:
-                found, minus = mode(start.settled._replace(hyper=given.hyper))
-                off = np.abs(found.theta - kept.theta) / scale
-                far, evidence = int(np.argmax(off)), -start.settled.evidence
+                there, minus = mode(start.settled._replace(hyper=given.hyper))
+                off = np.abs(there.theta - kept.theta) / scale
+                far, evidence = int(np.argmax(off)), start.settled.evidence
                 name = given.priors[far].name
-                row = Row(number, "", found.converged, evidence, float(off[far]), name, minus - least)
+                row = Told(number, "", there.converged, evidence, float(off[far]), name, minus - least)
             except FloatingPointError as error:
                 row = row._replace(why=str(error))
         words = row.why or f"{row.away:.3f} standard deviations off in {row.parameter}, log density {-row.worse:+.3g}"
@@ -120,7 +105,7 @@ def modes(given: Problem, starts: int, seed: int) -> list[Row]:
     return rows
 
 
-def kept(study: Path, seed: int, rows: list[Row]) -> dict[str, Any]:
+def kept(study: Path, seed: int, rows: list[Told]) -> dict[str, Any]:
     """The result as it is stored, with what made it.
 
     Args:
@@ -131,7 +116,7 @@ def kept(study: Path, seed: int, rows: list[Row]) -> dict[str, Any]:
     from bayeschute.study.evidence.provenance import provenance
 
     told = provenance(f"benchmarks/optimum.py {study.name} RUN --starts {len(rows)} --seed {seed}")
-    share = sum(row.found for row in rows) / len(rows)
+    share = sum(map(found, rows)) / len(rows)
     made = {"study": study.stem, "starts": len(rows), "seed": seed, "near": NEAR, "share_found": share}
     return made | {"rows": [row._asdict() for row in rows], "provenance": told}
 
@@ -149,7 +134,7 @@ def main() -> None:
     made = kept(given.study, given.seed, rows)
     share = made["share_found"]
     reached = "reached" if share >= WANTED else "MISSED"
-    print(f"{sum(row.found for row in rows)} of {given.starts} starts found the mode ({reached})")
+    print(f"{sum(map(found, rows))} of {given.starts} starts found the mode ({reached})")
     if given.store:
         given.store.mkdir(parents=True, exist_ok=True)
         (given.store / f"{made['study']}.json").write_text(json.dumps(made, indent=1) + "\n", encoding="utf-8")

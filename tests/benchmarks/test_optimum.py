@@ -7,11 +7,11 @@ from types import SimpleNamespace
 import numpy as np
 import optimum
 import pytest
-from optimum import Problem, Row, kept, modes
+from optimum import Problem, found, kept, modes
 
 from bayeschute.posterior.along_record import conditional_mode
 from bayeschute.posterior.assess import multistart
-from bayeschute.posterior.assess.multistart import Start
+from bayeschute.posterior.assess.multistart import Start, Told
 from bayeschute.posterior.fit import marginal_mode
 from bayeschute.posterior.fit.joint_fit import JointFit
 
@@ -45,17 +45,17 @@ def led(monkeypatch):
 
 def test_a_start_is_found_where_its_mode_is_the_run_s(led, capsys):
     one, other, none = modes(led, 3, 7)
-    assert one == Row(0, "", True, 3.0, pytest.approx(0.05), "a", pytest.approx(0.0)) and one.found
-    assert other == Row(1, "", True, 3.0, pytest.approx(5.0), "b", pytest.approx(0.25)) and not other.found
-    assert none.why == "lost" and np.isnan(none.away) and not none.found and not none.converged
+    assert one == Told(0, "", True, -3.0, pytest.approx(0.05), "a", pytest.approx(0.0)) and found(one)
+    assert other == Told(1, "", True, -3.0, pytest.approx(5.0), "b", pytest.approx(0.25)) and not found(other)
+    assert none.why == "lost" and np.isnan(none.away) and not found(none) and not none.converged
     told = capsys.readouterr().out
     assert "start 1: 5.000 standard deviations off in b, log density -0.25" in told
     assert "start 2: lost, NOT CONVERGED" in told
 
 
 def test_a_search_that_did_not_end_is_not_found():
-    near = Row(0, "", True, 3.0, 0.1, "a", 0.0)
-    assert near.found and not near._replace(converged=False).found and not near._replace(away=0.31).found
+    near = Told(0, "", True, -3.0, 0.1, "a", 0.0)
+    assert found(near) and not found(near._replace(converged=False)) and not found(near._replace(away=0.31))
 
 
 def test_what_is_kept_tells_the_share_and_what_made_it(led, tmp_path):

@@ -75,10 +75,10 @@ def test_steps_keep_a_margin_and_a_least():
 def test_the_method_of_fewest_stages_is_taken():
     """Stiff dampers want extended steps; where lines spring more than they damp, the classical ones do."""
     calm, stiff, springy = np.array([-5.0 + 0.0j]), np.array([-110.0 + 0.0j]), np.array([-18.0 + 46.0j, -18.0 - 46.0j])
-    assert steps(calm, 0.1) == (3, CLASSICAL)
-    assert steps(stiff, 0.1) == (2, EXTENDED)  # 12 stages for 20
-    assert steps(springy, 0.1) == (3, CLASSICAL)
-    assert steps(stiff, 0.2) == (10, CLASSICAL)  # longer samples: what is stable is not right there
+    assert steps(calm, 0.1) == (3, CLASSICAL, 3)
+    assert steps(stiff, 0.1) == (2, EXTENDED, 5)  # 12 stages for 20
+    assert steps(springy, 0.1) == (3, CLASSICAL, 3)
+    assert steps(stiff, 0.2) == (10, CLASSICAL, 10)  # longer samples: what is stable is not right there
 
 
 def test_a_mode_is_stable_at_every_share_of_its_pole():

@@ -72,7 +72,7 @@ def _quiet(one):
 
 def test_steps_are_short_enough_for_what_gusts_do_to_risers(plan, landed, monkeypatch):
     """Against several times as many: two extended ones to a sample, which are stable, err by 0.7 m/s."""
-    monkeypatch.setattr(campaign_plan, "steps_per_sample", lambda one: Steps(40, CLASSICAL))
+    monkeypatch.setattr(campaign_plan, "steps_per_sample", lambda one: Steps(40, CLASSICAL, 40))
     tight = fly(replace(plan), nested(plan.draws, 48))
     for name, most in (("vertical_speed", 1e-3), ("horizontal_speed", 1e-3), ("incidence", 1e-4)):
         np.testing.assert_allclose(landed[name], tight[name], atol=most)

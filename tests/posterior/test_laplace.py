@@ -387,7 +387,7 @@ def test_numpyro_is_told_the_same(gusty):
     np.testing.assert_allclose(ours - 0.5 * z**2 - (ours[1] - 0.5 * z[1] ** 2), whole - whole[1], atol=1e-8)
 
 
-def _torn(monkeypatch, up, down):
+def _jump(monkeypatch, up, down):
     """Two axes of a flight of one output: relative covariances at the ends of the second, to either side."""
 
     def at_all(marginal, points):
@@ -406,14 +406,14 @@ def _torn(monkeypatch, up, down):
     return SimpleNamespace(centre=np.zeros(2))
 
 
-def test_covariances_that_are_torn_to_one_side_are_compared_to_the_other(monkeypatch):
+def test_covariances_that_jump_to_one_side_are_compared_to_the_other(monkeypatch):
     """A riser that goes slack on one path alone: its difference is no derivative."""
-    found = laplace.linear_errors(_torn(monkeypatch, 1e6, 1.2))
+    found = laplace.linear_errors(_jump(monkeypatch, 1e6, 1.2))
     np.testing.assert_allclose(found.slope, 1.0)
     change = np.array([0.1, -0.2]) / 0.4  # of three samples
     np.testing.assert_allclose(found.information, 1.5 * np.outer(change, change), rtol=1e-12)
 
 
-def test_covariances_that_are_torn_to_both_sides_are_told(monkeypatch):
-    with pytest.raises(FloatingPointError, match="torn to both sides"):
-        laplace.linear_errors(_torn(monkeypatch, 1e6, 1e7))
+def test_covariances_that_jump_to_both_sides_are_told(monkeypatch):
+    with pytest.raises(FloatingPointError, match="jump to both sides"):
+        laplace.linear_errors(_jump(monkeypatch, 1e6, 1e7))

@@ -28,7 +28,7 @@ from bayeschute.records.read import ColumnSpec
 from bayeschute.records.read import read_record as read_columns
 from bayeschute.study.job import Progress
 from bayeschute.study.schema.belief_schema import NoiseTable
-from bayeschute.study.schema.columns import with_units_meant
+from bayeschute.study.schema.columns import has_wind, with_units_meant
 from bayeschute.study.schema.structure_schema import StructureTable
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ def read_record(path: Path | str, columns: Columns | None = None, **conventions:
         raise InputError([Fault(f"read_record {name}", repr(conventions[name])[:60], "a text") for name in texts])
     specs = _specs(columns) if columns else None
     said = Conventions(**conventions)
-    if said.wind_is is not None and specs and not any(name.split(".")[0] == "wind" for name in specs):
+    if said.wind_is is not None and specs and not has_wind(specs):
         do = "Leave it out, or name the columns; the winds of `bc.wind_profile` blow towards."
         got = f"{said.wind_is!r} of a record without columns of the wind"
         raise InputError(Fault("read_record wind_is", got, "columns of the wind", do))

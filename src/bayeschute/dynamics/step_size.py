@@ -24,10 +24,11 @@ _REACH = 9.0  # no method is stable farther from zero
 
 
 class Steps(NamedTuple):
-    """How a flight goes through a sample: its steps, and their method."""
+    """How a flight goes through a sample: its steps, their method, and how many classical ones would do."""
 
     substeps: int
     method: RungeKutta
+    classical: int
 
 
 @jax.jit
@@ -92,8 +93,8 @@ def steps(found: NDArray[np.complex128], dt: float) -> Steps:
     Raises:
         ValueError: If a pole is not finite.
     """
-    classical = Steps(enough(CLASSICAL, found, dt, _LEAST[0]), CLASSICAL)
-    if dt > _LONGEST * (1.0 + _ROUNDING):
-        return classical
-    extended = Steps(enough(EXTENDED, found, dt, _LEAST[1]), EXTENDED)
-    return min(classical, extended, key=lambda one: one.substeps * len(one.method.weights))
+    classical = enough(CLASSICAL, found, dt, _LEAST[0])
+    choices = [Steps(classical, CLASSICAL, classical)]
+    if dt <= _LONGEST * (1.0 + _ROUNDING):
+        choices.append(Steps(enough(EXTENDED, found, dt, _LEAST[1]), EXTENDED, classical))
+    return min(choices, key=lambda one: one.substeps * len(one.method.weights))

@@ -98,7 +98,8 @@ def flight_model(plan: CampaignPlan, number: int) -> LandingFlight:
     law, middle, half = density_law(low, high)
     clock = SAMPLE * np.arange(SECOND + 1)
     base = jax.tree.map(lambda a: np.asarray(a, float), one.base)
-    return LandingFlight(base, law, middle, half, clock, SAMPLE, one.structure, one.names, *steps_per_sample(one))
+    how = steps_per_sample(one)
+    return LandingFlight(base, law, middle, half, clock, SAMPLE, one.structure, one.names, how.substeps, how.method)
 
 
 def steps_per_sample(one: Parameters) -> Steps:

@@ -12,14 +12,13 @@ from numpy.typing import NDArray
 
 from bayeschute.aero.coefficient import APPARENT_MASS
 from bayeschute.compiler.integrate import FlightModel
-from bayeschute.compiler.runge_kutta import CLASSICAL
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.core.vectors import Component, Quaternion, Vec3, quaternion
 from bayeschute.dynamics.cluster_flight import CHANNELS, LOGARITHMIC, ClusterFlight, ClusterInputs, channel_sizes
 from bayeschute.dynamics.descent import DensityProfile, DescentFlight, DescentInputs
 from bayeschute.dynamics.initial_state import Start, deviation_names, tangent_basis
 from bayeschute.dynamics.parameters import Cluster, Structure
-from bayeschute.dynamics.step_size import enough, poles, steps
+from bayeschute.dynamics.step_size import poles, steps
 from bayeschute.likelihood.disturbances import Latent
 from bayeschute.likelihood.joint import FlightData
 from bayeschute.likelihood.priors import Prior
@@ -176,8 +175,7 @@ def cluster_data(
     tail = {name: -3.0 if name == APPARENT_MASS else 3.0 for name in LOGARITHMIC}
     tails = tail, tail | {"riser_damping": -3.0}
     stiff = [np.array([p.centre + tail.get(p.name, 0.0) * p.scale for p in priors]) for tail in tails]
-    found = poles(flight, stiff, 9 + 4 * n)
-    flight = replace(flight, classical=enough(CLASSICAL, found, dt, 3), **steps(found, dt)._asdict())
+    flight = replace(flight, **steps(poles(flight, stiff, 9 + 4 * n), dt)._asdict())
 
     columns = {"canopy_position": apart.reshape(samples, -1), "capsule_velocity": velocity}
     columns |= {c: record[c].values.reshape(samples, -1) for c in used if c not in (*columns, "capsule_attitude")}

@@ -58,7 +58,7 @@ Progress = Callable[[int, int], None]
 _FARTHEST = 3.0  # standard deviations that a step to the mode may be long
 _FLATTEST = 0.2  # curvature of a Gaussian density in standard coordinates is one; the least that is left along an axis
 _CORNER_STEPS = 2  # to the conditional mode at a corner
-_TORN = 1e4  # information by covariances along an axis, in standard coordinates, that no difference can mean
+_JUMP = 1e4  # information by covariances along an axis, in standard coordinates, that no difference can mean
 _LOOKS = 3  # most axes on which a curvature less than that is measured
 
 
@@ -235,11 +235,11 @@ class LinearErrors(NamedTuple):
 def linear_errors(marginal: Marginal, step: float = 0.4) -> LinearErrors:
     """Gradient of the correction to the linear models, and the information in covariances, by one-sided differences.
 
-    Where a flight near the optimum fails, the difference is taken to the other side; likewise where the covariances are
-    torn: where a riser goes slack on one of the two paths alone, their difference is no derivative.
+    Where a flight near the optimum fails, the difference is taken to the other side; likewise where the covariances
+    jump: where a riser goes slack on one of the two paths alone, their difference is no derivative.
 
     Raises:
-        FloatingPointError: If flights fail to both sides, or covariances are torn.
+        FloatingPointError: If flights fail, or covariances jump, to both sides.
     """
     axes = np.eye(np.size(marginal.centre))
 
@@ -253,19 +253,21 @@ def linear_errors(marginal: Marginal, step: float = 0.4) -> LinearErrors:
         return (_more(here, there).sum(axis=1) - _own(marginal, points)) / by, np.array(change) / by
 
     slope, change = slopes(step * axes, step)
-    lost = ~np.isfinite(slope) | _torn(change)
+    lost = ~np.isfinite(slope) | _jump(change)
     if lost.any():
         slope[lost], change[lost] = slopes(-step * axes[lost], -step)
     if not np.isfinite(slope).all():
         raise FloatingPointError("flights to both sides of the optimum fail: the log density has no slope there")
-    if _torn(change).any():
-        raise FloatingPointError("covariances of the innovations are torn to both sides of the optimum")
+    if _jump(change).any():
+        raise FloatingPointError(
+            "covariances of the innovations jump to both sides: a riser goes slack in some of the flights alone"
+        )
     return LinearErrors(slope, 0.5 * change @ change.T)
 
 
-def _torn(change: Array) -> NDArray[np.bool_]:
+def _jump(change: Array) -> NDArray[np.bool_]:
     """Whether relative changes of covariances, one axis per row, are none of a smooth function."""
-    return np.asarray(0.5 * np.sum(change**2, axis=1) > _TORN)
+    return np.asarray(0.5 * np.sum(change**2, axis=1) > _JUMP)
 
 
 class Sides(NamedTuple):

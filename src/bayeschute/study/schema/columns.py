@@ -122,12 +122,17 @@ def check_columns(draft: Draft) -> list[Fault]:
     return list(dict.fromkeys(faults))  # one for conventions that flights share
 
 
+def has_wind(columns: Iterable[str]) -> bool:
+    """Whether some of the quantities that columns hold are of the wind."""
+    return any(name.split(".")[0] == "wind" for name in columns)
+
+
 def _windless(draft: Draft, index: int, flight: FlightTable, shared: Mapping[str, Column] | None) -> Iterator[Fault]:
     """Where winds come from, said of a record that has no column of the wind: it would change nothing."""
     own = flight.conventions is not None
     said = flight.conventions or draft.tables.get("conventions")
     columns = flight.columns if flight.columns is not None else shared
-    if said is None or said.wind_is is None or not columns or any(name.split(".")[0] == "wind" for name in columns):
+    if said is None or said.wind_is is None or not columns or has_wind(columns):
         return
     do = "Leave it out." if flight.wind_profile is None else "Say it in [flight.wind_profile.profile]."
     at = draft.at("flight", index, "conventions", "wind_is") if own else draft.at("conventions", "wind_is")
