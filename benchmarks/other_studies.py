@@ -41,6 +41,11 @@ NOMINAL_DRAG = 0.85  # of a canopy
 MOMENT = 0.3  # sd of a canopy's C_m_alpha and C_mq
 AIR_LOG_SD = 0.5  # of a canopy's apparent mass, which no meta file gives, over that of its enclosed air
 SCALE = 0.01  # sd of the scale of canopy positions, which are from video
+BIASES = {  # constant errors of a record, as `bayeschute init` states them
+    "wind_bias": {"sd": "1 m/s"},
+    "canopy_position_bias": {"sd": "0.5 m"},
+    "capsule_attitude_bias": {"sd": "0.5 deg"},
+}
 LENGTH_SHARE, LENGTH_LEAST = 0.006, 0.2  # sd of a riser's length: share of it, and [m]
 _KINDS = ("axial", "transverse")
 _UNITS = {"canopy_position": "m", "capsule_velocity": "m/s", "capsule_attitude": "rad"}
@@ -162,7 +167,7 @@ def _given(default: Mapping[str, Any], meta: Mapping[str, Any]) -> dict[str, Any
     sd = max(LENGTH_SHARE * length, LENGTH_LEAST)
     made |= {f"canopy_{of}": {"mean": 0.0, "sd": MOMENT} for of in ("pitch_moment_slope", "pitch_damping")}
     made |= {"enclosed_air_factor": {"median": 1.0, "log_sd": AIR_LOG_SD}}
-    made |= {"canopy_position_scale": {"mean": 1.0, "sd": SCALE}}
+    made |= {"canopy_position_scale": {"mean": 1.0, "sd": SCALE}} | BIASES
     return made | {"riser_length": {"mean": _si(length, "m"), "sd": _si(sd, "m")}}
 
 

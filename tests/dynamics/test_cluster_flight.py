@@ -13,7 +13,7 @@ from tests.twins import small_cluster as small
 from bayeschute.atmosphere.wind_field import wind_field
 from bayeschute.compiler import compiled_model as kernel
 from bayeschute.compiler.integrate import trajectory_compiled
-from bayeschute.core.vectors import Vec3
+from bayeschute.core.vectors import Vec3, quaternion, small_rotation
 from bayeschute.dynamics.cluster import geometry, state_rate
 from bayeschute.dynamics.cluster_flight import CHANNELS, air_between, blown, channel_sizes, output_names, quantity
 from bayeschute.dynamics.parameters import Structure
@@ -205,6 +205,50 @@ def test_a_scale_of_positions_changes_them_and_nothing_else():
     np.testing.assert_allclose(scaled_steps.out_state, factor[:, None] * np.asarray(steps.out_state), rtol=1e-12)
     slope = np.asarray(scaled_steps.out_theta)[..., -1]
     np.testing.assert_allclose(slope, np.where(factor == by, y, 0.0), rtol=1e-12)
+
+
+def test_constant_errors_of_instruments_are_added_to_their_channels_and_to_nothing_else():
+    """Of an attitude that was recorded turned against the true one nothing is left to be seen; machine code, too."""
+    pytest.importorskip("llvmlite")
+    names = [f"canopy_position_bias.{axis}" for axis in ("north", "east", "down")]
+    names += [f"capsule_attitude_bias.{axis}" for axis in "yz"]
+    off = np.array([0.5, -0.3, 0.2, 4e-3, -6e-3])
+    wrong, with_errors = replace(MODEL, names=(*NAMES, *names)), np.array([*THETA, *off])
+    start, error = 0.02 * np.random.default_rng(2).normal(size=17), np.zeros((6, 3))
+    states = np.asarray(kernel.states(MODEL, THETA, start, error))
+    np.testing.assert_array_equal(kernel.states(wrong, with_errors, start, error), states)
+    y, _, _ = kernel.along_path(MODEL, THETA, start, error, states)
+    assert kernel.why_not_compiled(wrong, with_errors, start, error) is None
+    got, _, steps = kernel.along_path(wrong, with_errors, start, error, states)
+    added = np.zeros(22)
+    added[PLACES["canopy_position"]], added[PLACES["capsule_attitude"][1:]] = np.tile(off[:3], 2), off[3:]
+    np.testing.assert_allclose(got - y, np.tile(added, (6, 1)), atol=1e-12)
+    told = np.asarray(steps.out_theta)[0][:, -5:]
+    np.testing.assert_allclose(told @ off, added, atol=1e-15)
+    x = states[3].copy()
+    turned = quaternion(x[6:10]).times(small_rotation(Vec3(0.0, *off[3:])))
+    recorded = replace(NOW, attitude=np.array([turned.w, turned.x, turned.y, turned.z]))
+    seen = wrong.observe(jnp.asarray(x), wrong.numbers(jnp.asarray(with_errors)), recorded)
+    third = np.sum(off[3:] ** 2) ** 1.5 / 12.0  # an angle over twice the sine of its half, to third order
+    np.testing.assert_allclose(np.asarray(seen)[PLACES["capsule_attitude"]], 0.0, atol=third)
+
+
+def test_the_wind_that_is_met_is_the_recorded_one_less_its_constant_error():
+    pytest.importorskip("llvmlite")
+    start, error = 0.02 * np.random.default_rng(2).normal(size=17), np.zeros((6, 3))
+    blown_off = replace(MODEL, names=(*NAMES, "wind_bias.north", "wind_bias.east"))
+    blown_off = replace(blown_off, record=replace(MODEL.record, wind=MODEL.record.wind + np.array([2.0, -1.0, 0.0])))
+    wrong = kernel.states(blown_off, np.array([*THETA, 2.0, -1.0]), start, error)
+    np.testing.assert_allclose(wrong, kernel.states(MODEL, THETA, start, error), rtol=1e-12, atol=1e-12)
+    field = wind_field(np.array([-100.0, 0.0, 100.0]), np.array([[1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 0.0]]))
+    x, none = jnp.asarray(np.asarray(wrong)[0]), jnp.zeros(3)
+    numbers = blown_off.numbers(jnp.asarray([*THETA, 2.0, -1.0]))
+    air = replace(blown_off, wind_field=field).air(x, numbers, NOW, NOW, none, none, 0.0)
+    want = replace(MODEL, wind_field=field).air(x, MODEL.numbers(jnp.asarray(THETA)), NOW, NOW, none, none, 0.0)
+    for one, other in ((air, want), (air.aloft, want.aloft)):
+        less = [np.asarray(a - b) for a, b in zip(other.wind.stack(), one.wind.stack(), strict=True)]
+        for got, by in zip(less, (2.0, -1.0, 0.0), strict=True):
+            np.testing.assert_allclose(got, by, atol=1e-12)
 
 
 EACH = replace(

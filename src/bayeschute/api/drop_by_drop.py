@@ -50,7 +50,7 @@ def priors_of(spec: StudySpec, priors: Sequence[Prior], draws: Mapping[str, Arra
 
 
 def next_priors(made: Priors, spec: StudySpec, taught: Sequence[str], flights: Sequence[Flight]) -> Priors:
-    """Priors of the next flights: where their vehicle is another one, its masses and risers begin anew.
+    """Priors of the next flights: constant errors of records begin anew, as do masses and risers of another vehicle.
 
     Args:
         made: From `priors_of`.
@@ -75,13 +75,17 @@ def next_priors(made: Priors, spec: StudySpec, taught: Sequence[str], flights: S
         faults.append(Fault("update", f"{len(flights)} descents", "one at a time: each is a fit of its own"))
     if faults:
         raise InputError(faults)
-    if spec.model == "descent" or flights[0].vehicle == spec.vehicle:
+    if spec.model == "descent":
         return made
+    from bayeschute.study.assembly.flight_parameters import is_bias
     from bayeschute.study.run.stage_data import given_priors
 
-    aerodynamic = tuple(p for p in made.parameters if is_coefficient(p.name))
-    fresh = tuple(p for p in given_priors(flights[0].study) if p.name not in [q.name for q in aerodynamic])
-    return replace(made, parameters=(*aerodynamic, *fresh))
+    same = flights[0].vehicle == spec.vehicle
+    kept = tuple(p for p in made.parameters if (same or is_coefficient(p.name)) and not is_bias(p.name))
+    of_vehicle = () if same else tuple(p for p in given_priors(flights[0].study) if not is_bias(p.name))
+    errors = tuple(p for p in given_priors(spec) if is_bias(p.name))
+    known = [p.name for p in kept]
+    return replace(made, parameters=(*kept, *(p for p in (*of_vehicle, *errors) if p.name not in known)))
 
 
 def taught_table(history: Sequence[Mapping[str, Any]]) -> pd.DataFrame:

@@ -18,7 +18,7 @@ from bayeschute.compiler.runge_kutta import CLASSICAL, RungeKutta, advanced
 from bayeschute.core.vectors import Component, Quaternion, Vec3, dot, norm, quaternion, vec3
 from bayeschute.dynamics.cluster import Air, geometry, state_rate, tension
 from bayeschute.dynamics.initial_state import Start, initial_state
-from bayeschute.dynamics.parameters import Capsule, Cluster, Risers, Structure
+from bayeschute.dynamics.parameters import BIASES, Capsule, Cluster, Risers, Structure
 from bayeschute.dynamics.state import ClusterState, pack, unpack
 
 LOGARITHMIC = ("riser_stiffness", "riser_damping", APPARENT_MASS)
@@ -69,6 +69,7 @@ def with_parameters(
     """
     aero = {"axial": list(base.axial), "transverse": list(base.transverse)}
     risers, capsule, canopies, scale = base.risers, base.capsule, base.canopies, base.position_scale
+    biases: dict[str, list[Component]] = {}
     more_air = jnp.exp(theta[names.index(APPARENT_MASS)]) - 1.0 if air_shares and APPARENT_MASS in names else None
     for i, name in enumerate(names):
         value = jnp.exp(theta[i]) if name in LOGARITHMIC else theta[i]
@@ -91,11 +92,15 @@ def with_parameters(
             canopies = replace(canopies, enclosed_volume=canopies.enclosed_volume * value)
         elif name == POSITION_SCALE:
             scale = value
+        elif (bias := name.partition(".")[0]) in BIASES:
+            _, axes = BIASES[bias]
+            biases.setdefault(bias, [0.0] * len(axes))[axes.index(name[len(bias) + 1 :])] = value
         elif name:
             raise KeyError(f"{name!r} is no parameter of the cluster")
     axial, transverse = (tuple(aero[kind]) for kind in ("axial", "transverse"))
     bodies = replace(base, risers=risers, capsule=capsule, canopies=canopies, position_scale=scale)
-    return replace(bodies, axial=axial, transverse=transverse)
+    errors: dict[str, Any] = {bias: tuple(values) for bias, values in biases.items()}
+    return replace(bodies, axial=axial, transverse=transverse, **errors)
 
 
 def _with_canopy(old: Component, canopy: int, value: Component, count: int) -> Component:
@@ -179,7 +184,8 @@ class ClusterFlight:
         """State at the first sample (13 + 6 n, ...)."""
         rank = start.ndim - 1
         first = jax.tree.map(lambda a: jnp.reshape(a[0], (*jnp.shape(a)[1:], *(1,) * rank)), self.record)
-        air = air_between(first, first, jnp.zeros((3, *(1,) * rank)), jnp.zeros((3, *(1,) * rank)), 0.0, self.dt)
+        none = jnp.zeros((3, *(1,) * rank))
+        air = unbiased(air_between(first, first, none, none, 0.0, self.dt), numbers)
         x = initial_state(self.start, self.basis, start, numbers, self.structure, air)
         if self.wind_field is None:
             return x
@@ -197,14 +203,21 @@ class ClusterFlight:
         self, x: jax.Array, numbers: Cluster, now: Any, then: Any, error_now: Any, error_then: Any, share: Component
     ) -> jax.Array:
         """Rate of the state when this share of the sample has passed."""
-        air = self.air(x, now, then, error_now, error_then, share)
+        air = self.air(x, numbers, now, then, error_now, error_then, share)
         return state_rate(x, numbers, self.structure, air)
 
     def air(
-        self, x: jax.Array, now: Any, then: Any, error_now: Component, error_then: Component, share: Component
+        self,
+        x: jax.Array,
+        numbers: Cluster,
+        now: Any,
+        then: Any,
+        error_now: Component,
+        error_then: Component,
+        share: Component,
     ) -> Air:
         """Air that a state meets when this share of the sample has passed."""
-        air = air_between(now, then, error_now, error_then, share, self.dt)
+        air = unbiased(air_between(now, then, error_now, error_then, share, self.dt), numbers)
         return air if self.wind_field is None else blown(air, self.wind_field, unpack(x, self.structure.canopies))
 
     def retract(self, x: Component, step: Component, theta: Component, change: Component) -> jax.Array:
@@ -238,6 +251,8 @@ class ClusterFlight:
                 apart = state.canopy_position - state.position
                 if numbers.position_scale is not None:
                     apart = apart * numbers.position_scale
+                if numbers.canopy_position_bias is not None:
+                    apart = apart + Vec3(*numbers.canopy_position_bias)
                 rows.append(_by_canopy(apart, n))
             elif channel == "canopy_velocity":
                 rows.append(_by_canopy(state.canopy_velocity, n))
@@ -246,6 +261,8 @@ class ClusterFlight:
             elif channel == "capsule_attitude":
                 apart_q = quaternion(now.attitude).conjugate().times(state.attitude)
                 turn = Vec3(apart_q.x, apart_q.y, apart_q.z) * (2.0 * jnp.sign(apart_q.w))
+                if numbers.capsule_attitude_bias is not None:
+                    turn = turn + Vec3(0.0, *numbers.capsule_attitude_bias)
                 rows.append(turn.stack())
             elif channel == "riser_tension":
                 rows.append(tension(geometry(state, numbers.capsule), numbers.risers))
@@ -338,6 +355,14 @@ def output_names(channels: Sequence[str], n: int) -> tuple[str, ...]:
         "canopy_velocity": [f".{i}.{a}" for i in each for a in axes],
     }
     return tuple(channel + part for channel in channels for part in parts.get(channel, [""]))
+
+
+def unbiased(air: Air, numbers: Cluster) -> Air:
+    """Air without the constant error of the recorded wind."""
+    if numbers.wind_bias is None:
+        return air
+    north, east = numbers.wind_bias
+    return replace(air, wind=air.wind - Vec3(north, east, 0.0))
 
 
 def blown(air: Air, field: WindField, state: ClusterState) -> Air:

@@ -181,7 +181,7 @@ def _cluster_faults(model: ClusterFlight, theta: jax.Array, states: jax.Array) -
         length = geometry(state, numbers.capsule).length
         fast = jnp.maximum(norm(state.velocity), norm(state.canopy_velocity).max(axis=0)) > FASTEST
         slack = (length <= numbers.risers.length).any(axis=0)
-        air = model.air(x, now, now, none, none, 0.0)
+        air = model.air(x, numbers, now, now, none, none, 0.0)
         posed = least_inertia(x, numbers, model.structure, air).min(axis=0)
         return fast | (length > LONGEST * numbers.risers.length).any(axis=0), slack, posed <= 0.0
 

@@ -11,6 +11,12 @@ from bayeschute.aero.capsule_table import CapsuleTable
 from bayeschute.core.vectors import Component, Vec3, dot
 
 STANDARD_GRAVITY = 9.80665  # [m/s^2]
+BIASES = {
+    "wind_bias": ("m/s", ("north", "east")),
+    "canopy_position_bias": ("m", ("north", "east", "down")),
+    "capsule_attitude_bias": ("rad", ("y", "z")),
+}
+"""Constant errors of a flight's record, each a field of `Cluster`: its unit, and the axes it is along or about."""
 
 
 @jax.tree_util.register_dataclass
@@ -161,6 +167,10 @@ class Cluster:
     `axial` and `transverse` are the coefficients of the structure's terms, one for all canopies or (canopy, ...);
     `breathing` serves one that breathes. `position_scale` is of the instrument that sees the canopies: recorded over
     true distance between them and the capsule; None: one.
+
+    The rest are constant errors of what was recorded, recorded less true by axis, as in `BIASES`; None: none.
+    `wind_bias` is that of the wind; `canopy_position_bias` that of the distance of all canopies from the capsule;
+    `capsule_attitude_bias` that of the attitude, a small turn about the body's axes across.
     """
 
     capsule: Capsule
@@ -171,6 +181,9 @@ class Cluster:
     gravity: Component = STANDARD_GRAVITY
     breathing: Breathing | None = None
     position_scale: Component | None = None
+    wind_bias: tuple[Component, ...] | None = None
+    canopy_position_bias: tuple[Component, ...] | None = None
+    capsule_attitude_bias: tuple[Component, ...] | None = None
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,7 @@ def _along(model: ClusterFlight, theta: jax.Array, path: jax.Array, error: jax.A
     n, numbers = model.structure.canopies, model.numbers(theta)
 
     def at(x: jax.Array, now: Any, error_now: jax.Array) -> Along:
-        air = model.air(x, now, now, error_now, error_now, 0.0)
+        air = model.air(x, numbers, now, now, error_now, error_now, 0.0)
         state = unpack(x, n)
         flow = canopy_flow(
             state, geometry(state, numbers.capsule), numbers, model.structure, air if air.aloft is None else air.aloft

@@ -4,9 +4,9 @@ If the model is right, the standardised one-step prediction errors (innovations)
 normal numbers, and so are draws of the standardised process noise given the record (a posterior draw under data from
 the model is a draw from the prior). Both are tested by statistics of the field: their mean, size, autocorrelation,
 power near a frequency and, for innovations, uniformity of their probability integral transform, which is a
-leave-future-out PIT. Estimates of noise parameters and coefficients are compared with their priors. p-values of many
-statistics are corrected by Bonferroni's method. Parameters are at their estimates, which makes the tests conservative
-where a parameter can follow the misfit.
+leave-future-out PIT. Estimates of noise parameters and coefficients are compared with their priors. Parameters are at
+their estimates, which makes these tests conservative where a parameter can follow the misfit; what it can follow is
+tested for by name (`posterior.assess.alternatives`). p-values of many statistics are corrected by Bonferroni's method.
 """
 
 from __future__ import annotations
@@ -24,6 +24,8 @@ BOUND = 0.01
 LAGS = 10
 SHOWN = 4
 """Statistics named in a sentence."""
+ESTIMATED = "estimated error"
+"""Statistic of an error that a fit is tested for."""
 OCTAVE = np.sqrt(2.0)
 """Half an octave to both sides of a frequency is its band."""
 
@@ -38,6 +40,8 @@ class Check(NamedTuple):
         value: Its value.
         expected: Its expectation under the model.
         p: p-value.
+        unit: Of the value.
+        matters: Whether a small p-value counts; not so of an error that would move no parameter.
     """
 
     flight: str
@@ -46,11 +50,14 @@ class Check(NamedTuple):
     value: float
     expected: float
     p: float
+    unit: str = ""
+    matters: bool = True
 
     @property
     def words(self) -> str:
         """The statistic with its value, expectation and p-value."""
-        return f"{self.statistic} of {self.what} {self.value:.3g} (expected {self.expected:.3g}, p = {self.p:.1g})"
+        value = f"{self.value:.3g} {self.unit}".rstrip()
+        return f"{self.statistic} of {self.what} {value} (expected {self.expected:.3g}, p = {self.p:.1g})"
 
 
 def _two_sided(z: float) -> float:
@@ -158,19 +165,24 @@ def mean_check(flight: str, what: str, mean: float, spread: float) -> Check:
     return Check(flight, what, "time mean", float(mean), 0.0, _two_sided(mean / spread))
 
 
+def error_check(flight: str, what: str, unit: str, estimate: float, p: float, matters: bool) -> Check:
+    """Estimated size of an error of a record or vehicle that the fit takes not to be there."""
+    return Check(flight, what, ESTIMATED, float(estimate), 0.0, float(p), unit, matters)
+
+
 def least(checks: Iterable[Check]) -> list[Check]:
     """By p-value, the smallest first."""
     return sorted(checks, key=lambda one: one.p)
 
 
 def missed(checks: Sequence[Check], bound: float = BOUND) -> list[Check]:
-    """Checks whose p-value is below the bound, after Bonferroni's correction for their number."""
-    return [one for one in least(checks) if one.p * len(checks) < bound]
+    """Checks that matter and whose p-value is below the bound, after Bonferroni's correction for their number."""
+    return [one for one in least(checks) if one.matters and one.p * len(checks) < bound]
 
 
 def verdict(checks: Sequence[Check], bound: float = BOUND) -> dict[str, Any]:
     """The check of a run: passed, smallest corrected p-value, bound and words."""
-    off, first = missed(checks, bound), least(checks)
+    off, first = missed(checks, bound), least(one for one in checks if one.matters)
     value = min(1.0, first[0].p * len(checks)) if first else 1.0
     counts = f"{len(checks)} predictive statistics"
     if off:

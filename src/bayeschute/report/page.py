@@ -324,6 +324,7 @@ def _context(results: Results) -> dict[str, Any]:
         "variance": _variance_picture(results, folder),
         "checks": trust_tables.check_table(results),
         "predictive": predictive_tables.predictive_table(results),
+        "possible_errors": predictive_tables.error_table(results),
         "predictive_picture": _predictive_picture(results, folder),
         "sampling": trust_tables.sampling_table(results),
         "chains": chains,

@@ -59,6 +59,9 @@ _PARAMETERS = {
     "canopy_pitch_moment_slope": "slope of a canopy's pitching moment",
     "canopy_pitch_damping": "pitch damping of a canopy",
     "canopy_position_scale": "scale of the recorded canopy positions",
+    "wind_bias": "constant error of the recorded wind",
+    "canopy_position_bias": "constant error of the recorded canopy positions",
+    "capsule_attitude_bias": "constant error of the recorded attitude, about body axis",
     "enclosed_air_factor": "factor on the apparent mass (enclosed air)",
     "canopy_mass": "dry mass of a canopy",
     "cds_over_mass": "drag area over mass, C_D S / m",
@@ -229,6 +232,9 @@ def parameter_meaning(name: str) -> str:
         whose = "" if one.canopy is None or one.flight is None else f", canopy {one.canopy} of {one.flight}"
         return f"{one.kind} force: " + " × ".join(factors) + whose
     stem, _, inner = name.partition("[")  # of a descent among several: the flight
-    inner = inner.removesuffix("]")
-    words = _PARAMETERS.get(stem, "")
-    return f"{words}, {inner}" if words and inner else words
+    stem, _, axis = stem.partition(".")  # of a constant error: the axis, and the flight among several
+    axis, _, flight = axis.partition("@")
+    words = " ".join(part for part in (_PARAMETERS.get(stem, ""), axis) if part)
+    return (
+        ", ".join([words, *(part for part in (inner.removesuffix("]"), flight) if part)]) if stem in _PARAMETERS else ""
+    )

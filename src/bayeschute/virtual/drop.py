@@ -268,7 +268,7 @@ def _seen(flight: ClusterFlight, states: jax.Array) -> tuple[jax.Array, jax.Arra
 
     def at(x: jax.Array, now: ClusterInputs) -> tuple[jax.Array, jax.Array]:
         zero = jnp.zeros(3)
-        air = flight.air(x, now, now, zero, zero, 0.0)
+        air = flight.air(x, model, now, now, zero, zero, 0.0)
         acceleration = vec3(state_rate(x, model, flight.structure, air)[3:6])
         lifted = Vec3(acceleration.x, acceleration.y, acceleration.z - model.gravity)
         felt = unpack(x, n).attitude.to_body(lifted).stack()

@@ -85,7 +85,7 @@ def test_the_fit_s_model_meets_the_air_flown(study, flown):
     for t in (0, 40, 90, 150):
         x = jnp.concatenate([jnp.asarray(place[t]), jnp.zeros(10), jnp.asarray(canopies[t].T.ravel()), jnp.zeros(6)])
         now = type(model.record)(*(np.asarray(v)[t] for v in vars(model.record).values()))
-        air = model.air(x, now, now, jnp.zeros(3), jnp.zeros(3), 0.0)
+        air = model.air(x, model.base, now, now, jnp.zeros(3), jnp.zeros(3), 0.0)
         np.testing.assert_allclose(air.wind.stack(), profile(-place[t, 2]), atol=1e-6)
         np.testing.assert_allclose(air.aloft.wind.stack().T, profile(-canopies[t, :, 2]), atol=1e-6)
     np.testing.assert_array_equal(np.asarray(data.model.record.density), np.asarray(model.record.density))

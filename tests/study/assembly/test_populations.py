@@ -12,6 +12,7 @@ import xarray as xr
 from arviz_base import from_dict
 
 from bayeschute.core.errors import InputError
+from bayeschute.dynamics.parameters import BIASES
 from bayeschute.likelihood.priors import Prior
 from bayeschute.posterior.combine import hierarchy
 from bayeschute.posterior.noise_uncertainty import NoiseEffect
@@ -143,7 +144,7 @@ def test_parameters_keep_their_correlation_in_the_draws_that_foretell(case, join
 
 
 def test_names_that_no_parameter_has_are_told_before_the_fit():
-    given = SimpleNamespace(**dict.fromkeys(stage_data._GIVEN))
+    given = SimpleNamespace(**dict.fromkeys([*stage_data._GIVEN, *BIASES]))
     priors = SimpleNamespace(vary=("axial[1]", "q"), vary_canopies=None, given=given, inflation=1.0, floor=0.1)
     study = SimpleNamespace(priors=priors, structure=None, vehicle=None, knowledge=(), with_role=lambda role: ())
     selected = {"coefficients": {"axial": {"selected": [{"term": "1", "estimate": 1.0, "se": 0.1}]}}}

@@ -9,6 +9,7 @@ import pytest
 import xarray as xr
 
 from bayeschute.core.errors import InputError
+from bayeschute.dynamics.parameters import BIASES
 from bayeschute.records.record import Repair, repairs
 from bayeschute.study.run import stage_data as module
 
@@ -46,18 +47,21 @@ def test_a_log_normal_law_of_what_is_fitted_as_a_value_has_its_moments():
 
 
 def test_priors_from_outside_are_those_that_are_there_with_their_units():
-    given = SimpleNamespace(**dict.fromkeys(module._GIVEN))
+    given = SimpleNamespace(**dict.fromkeys([*module._GIVEN, *BIASES]))
     given.riser_length, given.capsule_mass, given.riser_damping = (
         moments(70.0, 1.0),
         moments(9.0, 1.0),
         moments(5.0, 1.0),
     )
+    given.wind_bias = SimpleNamespace(sd=2.0)
     made = module.given_priors(SimpleNamespace(priors=SimpleNamespace(given=given)))
-    assert {p.name: p.unit for p in made} == {"riser_length": "m", "capsule_mass": "kg", "riser_damping": "N s/m"}
+    units = {"riser_length": "m", "capsule_mass": "kg", "riser_damping": "N s/m"}
+    assert {p.name: p.unit for p in made} == units | {"wind_bias.north": "m/s", "wind_bias.east": "m/s"}
+    assert all((p.centre, p.scale, p.logarithmic) == (0.0, 2.0, False) for p in made if p.name.startswith("wind"))
 
 
 def test_what_is_no_coefficient_does_not_differ_between_canopies():
-    given = SimpleNamespace(**dict.fromkeys(module._GIVEN))
+    given = SimpleNamespace(**dict.fromkeys([*module._GIVEN, *BIASES]))
     given.riser_length = SimpleNamespace(log_normal=False, mean=70.0, sd=1.0)
     priors = SimpleNamespace(vary=("q",), vary_canopies=("riser_length",), given=given, inflation=1.0, floor=0.1)
     study = SimpleNamespace(priors=priors, structure=None, vehicle=None, knowledge=(), with_role=lambda role: ())

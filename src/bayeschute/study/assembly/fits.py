@@ -24,7 +24,7 @@ from bayeschute.posterior.marginal import Marginal, Quadratic, marginalise
 from bayeschute.posterior.noise_uncertainty import NoiseEffect
 from bayeschute.posterior.sampling.protocol import Draws
 from bayeschute.posterior.sampling.sampler_checks import pareto_k
-from bayeschute.study.assembly import assemble, canopies
+from bayeschute.study.assembly import assemble, canopies, flight_parameters
 from bayeschute.study.assembly.canopy_wind import by_altitude
 from bayeschute.study.job import Job, load_flight, load_priors
 from bayeschute.study.study import Flight
@@ -45,14 +45,19 @@ def groups(job: Job) -> list[Group]:
     """The fits of a study."""
     study, priors = job.study, tuple(load_priors(job))
     flights = study.with_role("identify")
+    several = len(flights) > 1
     if study.model == "cluster":
         assert study.vehicle is not None
         if study.priors.hierarchical:  # a population's members are independent of the other parameters
             priors = tuple(replace(p, correlation={}) for p in priors)
         together = [(f.name, (f,)) for f in flights] if study.priors.vary else [("all", flights)]
         vary, n = study.priors.vary_canopies or (), study.vehicle.canopies.number
-        return [Group(name, some, canopies.each(priors, vary, [f.name for f in some], n)) for name, some in together]
-    several = len(flights) > 1
+        made = list[Group]()
+        for name, some in together:
+            own = [f.name for f in some]
+            of_each = flight_parameters.each(priors, own) if several else priors
+            made.append(Group(name, some, canopies.each(of_each, vary, own, n)))
+        return made
     return [
         Group(f.name, (f,), tuple(replace(p, name=f"{p.name}[{f.name}]") if several else p for p in priors))
         for f in flights
@@ -86,8 +91,7 @@ def data_of(job: Job, flight: Flight, priors: Sequence[Prior], like: Flight | No
     blank = replace(base, axial=(0.0,) * len(structure.axial), transverse=(0.0,) * len(structure.transverse))
     channels = tuple(study.noise.channels())
     own = () if flight.capsule_mass is None else ("capsule_mass",)
-    names = canopies.in_flight([p.name for p in priors], (like or flight).name)
-    names = tuple("" if name in own else name for name in names)
+    names = flight_parameters.in_flight(priors, (like or flight).name, own)
     made = cluster_data(record, blank, structure, priors, channels, assemble.latent(study, n), until, names)
     return made if flight.wind_profile is None else by_altitude(made, record, flight.wind_profile)
 
@@ -200,7 +204,8 @@ def summary_draws(job: Job) -> tuple[dict[str, Array], dict[str, str]]:
 
 
 def gaussian_summary(priors: Sequence[Prior], theta: Array) -> list[Prior]:
-    """Posterior draws (chain, draw, P) as Gaussian priors, for the initialisation window of another flight."""
+    """Posterior draws (chain, draw, P) as Gaussian priors of another flight, such as for its initialisation window."""
     flat = theta.reshape(-1, theta.shape[-1])
     named = [replace(p, source="posterior") for p in priors]
-    return correlated(named, flat.mean(axis=0), np.cov(flat, rowvar=False).reshape(len(priors), -1))
+    after = correlated(named, flat.mean(axis=0), np.cov(flat, rowvar=False).reshape(len(priors), -1))
+    return flight_parameters.of_unseen(priors, after)

@@ -15,12 +15,14 @@ from bayeschute.likelihood.joint import FlightData, Unknowns, as_seen, latent_pa
 from bayeschute.likelihood.kalman import innovations
 from bayeschute.likelihood.priors import working
 from bayeschute.likelihood.simulation_smoother import normals
+from bayeschute.posterior.assess.alternatives import Score, scores
 from bayeschute.posterior.assess.flight_groups import outputs_of
 from bayeschute.posterior.marginal import Linearisation, draw_flights
 from bayeschute.prediction.predictive_checks import (
     BOUND,
     Check,
     draws_checks,
+    error_check,
     mean_check,
     pit_counts,
     prior_check,
@@ -28,6 +30,7 @@ from bayeschute.prediction.predictive_checks import (
 )
 from bayeschute.study.assembly import assemble
 from bayeschute.study.assembly.fits import Group, Stored
+from bayeschute.study.evidence.possible_errors import possible_errors, remedy
 from bayeschute.study.job import Job
 
 Array = NDArray[np.float64]
@@ -43,6 +46,8 @@ _AXES = ("north", "east", "down")
 _ALONG = ("", "north ", "east ")  # a canopy's force along its axis, and across towards
 DRAWS = 16
 """Of the process noise, of each fit."""
+MATTERS = 0.5
+"""Posterior standard deviations by which an error moves some parameter where it matters: 90 % intervals hold 86 %."""
 LOG_SD = 0.7
 """Of the priors of noise parameters (`posterior.noise_evidence.NoisePrior`)."""
 
@@ -69,10 +74,12 @@ class Misfit(NamedTuple):
     Attributes:
         checks: All checks.
         pit: Counts of the probability integral transform of the innovations in ten equal bins, by flight and channel.
+        errors: Errors of record and vehicle that were tested for, by flight.
     """
 
     checks: list[Check]
     pit: dict[str, dict[str, list[int]]]
+    errors: dict[str, list[Score]]
 
 
 def misfit_of_fit(job: Job, group: Group, one: Stored) -> Misfit:
@@ -87,22 +94,31 @@ def misfit_of_fit(job: Job, group: Group, one: Stored) -> Misfit:
     flights = [flight.name for flight in group.flights]
     checks: list[Check] = []
     pit: dict[str, dict[str, list[int]]] = {}
-    for name, flight, along in zip(flights, one.marginal.flights, one.marginal.along, strict=True):
+    errors: dict[str, list[Score]] = {}
+    for place, (name, flight, along) in enumerate(zip(flights, one.marginal.flights, one.marginal.along, strict=True)):
         unit, by_channel = flight_innovations(flight, along), dict[str, list[Array]]()
         for i, output in enumerate(outputs_of(flight)[0]):
             checks += series_checks(name, f"innovations of {output}", unit[:, i], float(flight.dt), frequencies)
             by_channel.setdefault(output.split(".")[0], []).append(unit[:, i])
         pit[name] = {channel: pit_counts(np.stack(some)) for channel, some in by_channel.items()}
+        errors[name] = scores(one.marginal, place, possible_errors(flight, along))
+        checks += [error_check(name, s.what, s.unit, s.estimate, s.p, s.moves >= MATTERS) for s in errors[name]]
     checks += _of_disturbances(job, one, flights, frequencies)
     checks += _of_priors(job, group, one)
-    return Misfit(checks, pit)
+    return Misfit(checks, pit, errors)
 
 
 def as_document(misfit: Sequence[Misfit]) -> dict[str, Any]:
     """What a run stores of the checks of its fits."""
     checks = [one for fit in misfit for one in fit.checks]
     pit = {flight: counts for fit in misfit for flight, counts in fit.pit.items()}
-    return {"bound": BOUND, "checks": [one._asdict() for one in checks], "pit": pit}
+    errors = [
+        {"flight": flight, **s._asdict(), "p": s.p, "matters": s.moves >= MATTERS, "do": remedy(s.what)}
+        for fit in misfit
+        for flight, some in fit.errors.items()
+        for s in sorted(some, key=lambda one: one.p)
+    ]
+    return {"bound": BOUND, "checks": [one._asdict() for one in checks], "pit": pit, "errors": errors}
 
 
 def _of_disturbances(job: Job, one: Stored, flights: list[str], frequencies: dict[str, float]) -> Iterator[Check]:

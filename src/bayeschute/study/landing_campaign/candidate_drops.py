@@ -26,7 +26,7 @@ from bayeschute.posterior.noise_uncertainty import (
     noise_parameter_slope,
     noise_parameter_spread,
 )
-from bayeschute.study.assembly import assemble, canopies
+from bayeschute.study.assembly import assemble, flight_parameters
 from bayeschute.study.assembly.fits import data_of, gaussian_summary, groups, load_fit, structure_of
 from bayeschute.study.job import Job
 from bayeschute.study.load import load_candidates
@@ -173,7 +173,7 @@ def fly_candidate(
     base, _ = assemble.cluster(vehicle, flight.capsule_mass)
     base = replace(base, axial=(0.0,) * len(structure.axial), transverse=(0.0,) * len(structure.transverse))
     own = () if flight.capsule_mass is None else ("capsule_mass",)
-    names = ["" if name in own else name for name in canopies.in_flight([p.name for p in priors], like.name)]
+    names = flight_parameters.in_flight(priors, like.name, (*own, *flight_parameters.biases(priors)))
     numbers = with_parameters(base, structure, names, theta)
     record, _ = fly(assemble.drop(flight.virtual), numbers, structure, seed)
     if numbers.position_scale is not None:

@@ -14,7 +14,7 @@ from bayeschute.dynamics.cluster_flight import LOGARITHMIC
 from bayeschute.landing.campaign_plan import Parameters
 from bayeschute.likelihood.priors import own_coordinates
 from bayeschute.prediction import bands
-from bayeschute.study.assembly import assemble, canopies
+from bayeschute.study.assembly import assemble, flight_parameters
 from bayeschute.study.assembly.fits import Group, Stored, groups, load_fit, structure_of
 from bayeschute.study.assembly.populations import by_members
 from bayeschute.study.job import Job
@@ -72,11 +72,8 @@ def _of(
     structure = structure_of(group.priors, n)
     blank = replace(base, axial=(0.0,) * len(structure.axial), transverse=(0.0,) * len(structure.transverse))
     own = ("capsule_mass",) if capsule_mass is not None or vehicle is not None else ()
-    names = canopies.in_flight([p.name for p in group.priors], flight.name)
-    return Parameters(
-        blank, structure, tuple("" if name in own else name for name in names), own_coordinates(group.priors, theta),
-        assemble.latent(study, n), rows,
-    )  # fmt: skip
+    names = flight_parameters.in_flight(group.priors, flight.name, (*own, *flight_parameters.biases(group.priors)))
+    return Parameters(blank, structure, names, own_coordinates(group.priors, theta), assemble.latent(study, n), rows)
 
 
 def drawn_values(models: Sequence[Parameters]) -> dict[str, Array]:

@@ -33,6 +33,7 @@ from bayeschute.study.assembly.fits import (
     load_fit,
     load_noise_parameters,
 )
+from bayeschute.study.assembly.flight_parameters import drawn_for_unseen
 from bayeschute.study.assembly.populations import by_members
 from bayeschute.study.evidence.recalibrate import Widening
 from bayeschute.study.job import Job, load_flight, load_truth
@@ -149,6 +150,8 @@ def _order(job: Job, flight: Flight, group: Group, stored: Stored, draws: int) -
     else:
         whole = data_of(job, flight, group.priors, like=group.flights[0])
         known = (stored.hyper, gaussian_summary(group.priors, stored.theta))
+        errors = stream(study.seed, "constant errors of an unseen flight's record", flight.name, group.name)
+        theta = drawn_for_unseen(group.priors, theta, errors)
     seed, spread = seed_of(study.seed, "draws of a flight", flight.name, group.name), study.predict.disturbance_log_sd
     return _Order(known, index, whole, theta, noise_parameters, seed, until - time[0], spread), time
 

@@ -13,6 +13,7 @@ import xarray as xr
 from bayeschute.aero.coefficient import is_coefficient
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.core.files import write_whole
+from bayeschute.dynamics.parameters import BIASES
 from bayeschute.likelihood.channels import fitted_channels
 from bayeschute.likelihood.priors import Prior
 from bayeschute.records.back_driving import remove_velocity_bias
@@ -25,6 +26,7 @@ from bayeschute.study.aerodynamics.known import informed
 from bayeschute.study.assembly import assemble, canopies
 from bayeschute.study.assembly.canopy_wind import with_wind
 from bayeschute.study.assembly.fitted_terms import at_own_apparent_mass, in_order, of_library, of_selected
+from bayeschute.study.assembly.flight_parameters import is_bias
 from bayeschute.study.job import Job
 from bayeschute.study.load import Study
 from bayeschute.study.plausible import refuse_implausible, window_used
@@ -179,13 +181,18 @@ def given_priors(study: Study) -> list[Prior]:
     """Priors that the study gives from outside, ``[priors.given]``."""
     given = study.priors.given
     tables = {name: getattr(given, name) for name in _GIVEN}
-    return [_given(name, table, _GIVEN[name]) for name, table in tables.items() if table is not None]
+    made = [_given(name, table, _GIVEN[name]) for name, table in tables.items() if table is not None]
+    for name, (unit, axes) in BIASES.items():
+        if (bias := getattr(given, name)) is not None:
+            made += [Prior(f"{name}.{axis}", 0.0, bias.sd, False, unit, _FROM_STUDY) for axis in axes]
+    return made
 
 
 def _check_varying(study: Study, names: Sequence[str]) -> None:
     """Check that what varies between drops is a parameter of the fit, and between canopies a coefficient."""
     table, faults = study.priors, []
-    wanted = {"vary": list(names), "vary_canopies": [name for name in names if is_coefficient(name)]}
+    of_drops = [name for name in names if not is_bias(name)]
+    wanted = {"vary": of_drops, "vary_canopies": [name for name in names if is_coefficient(name)]}
     for key, known in wanted.items():
         if unknown := sorted(set(getattr(table, key) or ()) - set(known)):
             of_the_fit = f"{'parameters' if key == 'vary' else 'coefficients'} of the fit: {', '.join(known)}"
@@ -211,12 +218,13 @@ _GIVEN = {
     "canopy_mass": "kg",
     "cds_over_mass": "m^2/kg",
 }
+_FROM_STUDY = "given in the study"
 _POSITIVE = ("riser_stiffness", "riser_damping", "enclosed_air_factor", "cds_over_mass")
 
 
 def _given(name: str, table: Any, unit: str) -> Prior:
     """A prior from outside in its working coordinate; one that must be positive keeps its moments as a log-normal."""
-    source = "given in the study"
+    source = _FROM_STUDY
     if name not in _POSITIVE and not table.log_normal:
         return Prior(name, float(table.mean), float(table.sd), False, unit, source)
     if table.log_normal:

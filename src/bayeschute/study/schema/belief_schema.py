@@ -59,6 +59,16 @@ class Prior(Strict, Generic[Q]):
         return self.median is not None
 
 
+class Bias(Strict, Generic[Q]):
+    """Prior of a constant error of what was recorded, the same along each axis: normal about zero.
+
+    Attributes:
+        sd: Standard deviation [its unit].
+    """
+
+    sd: Q
+
+
 class GivenTable(Strict):
     """Priors from other sources, of parameters that a record alone can't determine; others are fixed at the vehicle's.
 
@@ -74,6 +84,10 @@ class GivenTable(Strict):
         canopy_pitch_moment_slope: C_m_alpha of a canopy about its reference point [1/rad]; see `CanopiesTable`.
         canopy_pitch_damping: C_mq of a canopy [1].
         canopy_position_scale: Recorded over true distance between canopies and capsule [1].
+        wind_bias: Constant error of the recorded wind, north and east [m/s]; each flight has its own, as of these two:
+        canopy_position_bias: Of the recorded distance between canopies and capsule, the same for all canopies, north,
+            east and down [m].
+        capsule_attitude_bias: Of the recorded attitude, a small turn about the body's axes y and z [rad].
         capsule_mass: Of the vehicle's capsule [kg]; not used for a flight with its own mass.
         canopy_mass: Dry mass of one canopy, the same for all [kg].
         cds_over_mass: C_D S/m of a descent [m^2/kg].
@@ -90,6 +104,9 @@ class GivenTable(Strict):
     canopy_pitch_moment_slope: Prior[Number] | None = None
     canopy_pitch_damping: Prior[Number] | None = None
     canopy_position_scale: Prior[PositiveNumber] | None = None
+    wind_bias: Bias[PositiveSpeed] | None = None
+    canopy_position_bias: Bias[PositiveLength] | None = None
+    capsule_attitude_bias: Bias[PositiveAngle] | None = None
     capsule_mass: Prior[Mass] | None = None
     canopy_mass: Prior[Mass] | None = None
     cds_over_mass: Prior[AreaPerMass] | None = None

@@ -23,7 +23,11 @@ from bayeschute.study.schema.vehicle_schema import NOT_FLOWN
 
 _CLUSTER_PRIORS = ("riser_stiffness", "riser_damping", "riser_length")
 _OF_DESCENT = "cds_over_mass"
-_OF_POSITIONS = "canopy_position_scale"
+_OF_CHANNELS = {  # the channel by which a parameter of its instrument is found
+    "canopy_position_scale": "canopy_position",
+    "canopy_position_bias": "canopy_position",
+    "capsule_attitude_bias": "capsule_attitude",
+}
 _OF_NO_TABLE = ("capsule_axial_force", "capsule_normal_force_slope", "capsule_pitch_moment_slope")
 _CLUSTER_ONLY = (
     "canopy_position", "capsule_velocity", "capsule_attitude", "swing_angle", "riser_tension", "canopy_velocity"
@@ -68,9 +72,8 @@ def check_model_cluster(draft: Draft) -> Iterator[Fault]:
         for name, wind in (("wind", noise.wind), ("slow_wind", noise.slow_wind)):
             if wind is not None and wind.horizontal is None:
                 yield Fault(draft.at("noise", name, "horizontal"), "nothing", "a speed (model 'cluster')", "Add it.")
-    seen = noise is None or noise.canopy_position is not None
-    useless = (_OF_DESCENT,) if seen else (_OF_DESCENT, _OF_POSITIONS)
-    yield from _check_given(draft, needed=_CLUSTER_PRIORS, useless=useless)
+    unseen = [name for name, c in _OF_CHANNELS.items() if noise is not None and getattr(noise, c) is None]
+    yield from _check_given(draft, needed=_CLUSTER_PRIORS, useless=(_OF_DESCENT, *unseen))
     yield from _check_capsule(draft)
     yield from _check_mass(draft)
     yield from _check_vary(draft)
