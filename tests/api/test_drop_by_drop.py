@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from typer.testing import CliRunner
 import bayeschute as bc
 from bayeschute.api.drop_by_drop import next_priors, taught_table
 from bayeschute.cli import app
-from bayeschute.likelihood.priors import Prior, correlated
+from bayeschute.likelihood.priors import Prior, correlated, covariance
 from bayeschute.study.assembly.lessons import lessons
 
 
@@ -81,6 +82,22 @@ def test_another_vehicle_keeps_coefficients_and_begins_its_masses_anew():
     fresh = {p.name: p for p in next_priors(made, study.spec, ["cdt-3-11"], [other]).parameters}
     assert fresh["axial[1]"] == made.parameters[0]
     assert fresh["riser_length"].source == "given in the study" and set(fresh) == set(names)
+
+
+def test_constant_errors_of_the_next_record_are_as_likely_as_those_of_the_first_were():
+    """A flight's instruments tell nothing of another's, though they tell of the parameters that it shares."""
+    study = bc.Study.example()
+    given = study.spec.priors.given.model_copy(update={"wind_bias": SimpleNamespace(sd=2.0)})
+    spec = replace(study.spec, priors=study.spec.priors.model_copy(update={"given": given}))
+    blank = [Prior(n, 0.0, 1.0, False, "1", "") for n in ("axial[1]", "transverse[e]", "wind_bias.north@a")]
+    law = np.diag([0.01, 0.1, 0.3]) + 0.02
+    made = bc.Priors(tuple(correlated(blank, np.array([0.9, 0.1, 1.7]), law)), spec.priors)
+    after = next_priors(made, spec, ["a"], [study.flights["cdt-3-12"]]).parameters
+    assert [p.name for p in after] == ["axial[1]", "transverse[e]", "wind_bias.north", "wind_bias.east"]
+    want = np.zeros((4, 4))
+    want[:2, :2], want[2:, 2:] = law[:2, :2], 4.0 * np.eye(2)
+    np.testing.assert_allclose(covariance(after), want, atol=1e-12)
+    assert [p.centre for p in after[2:]] == [0.0, 0.0]
 
 
 def test_lessons_are_of_the_parameters_of_one_fit(first):

@@ -11,6 +11,7 @@ from bayeschute.prediction.predictive_checks import (
     Check,
     autocorrelation_test,
     draws_checks,
+    error_check,
     least,
     mean_test,
     missed,
@@ -104,6 +105,10 @@ def test_the_distance_from_a_prior_is_two_sided():
 
 
 def test_no_check_is_no_objection():
+    lighter = error_check("a", "the mass of the capsule", "%", -4.96, 1e-9, matters=True)
+    assert lighter.words == "estimated error of the mass of the capsule -4.96 % (expected 0, p = 1e-09)"
+    assert missed([lighter]) == [lighter] and missed([lighter._replace(matters=False)]) == []
+    assert verdict([lighter._replace(matters=False), Check("a", "x", "mean", 0.0, 0.0, 0.5)])["value"] == 1.0
     assert verdict([])["passed"] is True and missed([Check("a", "x", "mean", 0.0, 0.0, 0.5)]) == []
 
 

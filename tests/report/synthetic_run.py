@@ -328,6 +328,19 @@ def build_run(
                 for what, p in (("innovations of capsule_velocity.north", 0.02), ("disturbance wind 1", 0.6))
             ],
             "pit": {"cdt-3-11": {"capsule_velocity": [10, 12, 9, 11, 8, 10, 13, 9, 10, 8]}},
+            "errors": [
+                {
+                    "flight": "cdt-3-11",
+                    "what": "the mass of the capsule",
+                    "unit": "%",
+                    "estimate": 0.4,
+                    "se": 0.5,
+                    "moves": 0.8,
+                    "p": 0.42,
+                    "matters": True,
+                    "do": "Weigh it.",
+                }
+            ],
         },
         "claim": {"sentences": ["Not promised by any calibration: riser_length."]},
         "flights": flights,

@@ -82,3 +82,6 @@ def test_parameters_in_words():
     assert wording.parameter_meaning("transverse[e*(e.rate)]").endswith("× angle times rate")
     assert wording.parameter_meaning("cds_over_mass[D20200117]") == "drag area over mass, C_D S / m, D20200117"
     assert wording.parameter_meaning("something_else") == ""
+    error = "constant error of the recorded wind north"
+    assert wording.parameter_meaning("wind_bias.north") == error
+    assert wording.parameter_meaning("wind_bias.north@drop-2") == f"{error}, drop-2"

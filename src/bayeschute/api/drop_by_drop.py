@@ -81,7 +81,11 @@ def next_priors(made: Priors, spec: StudySpec, taught: Sequence[str], flights: S
     from bayeschute.study.run.stage_data import given_priors
 
     same = flights[0].vehicle == spec.vehicle
-    kept = tuple(p for p in made.parameters if (same or is_coefficient(p.name)) and not is_bias(p.name))
+    if same and not any(is_bias(p.name) for p in made.parameters):
+        return made
+    left = [p for p in made.parameters if (same or is_coefficient(p.name)) and not is_bias(p.name)]
+    alike = [{name: r for name, r in p.correlation.items() if not is_bias(name)} for p in left]
+    kept = tuple(replace(p, correlation=r) for p, r in zip(left, alike, strict=True))
     of_vehicle = () if same else tuple(p for p in given_priors(flights[0].study) if not is_bias(p.name))
     errors = tuple(p for p in given_priors(spec) if is_bias(p.name))
     known = [p.name for p in kept]

@@ -134,6 +134,7 @@ DESCENT = [
     (r"^cds_over_mass = .*", "", "[priors.given] cds_over_mass", "nothing", "median and log_sd"),
     (r"^(?=cds_over_mass = )", "canopy_pitch_damping = { mean = -0.1, sd = 0.1 }\n", "[priors.given] canopy_pitch_damping", "no use", "Remove"),
     (r"^(?=cds_over_mass = )", "canopy_position_scale = { mean = 1.0, sd = 0.01 }\n", "[priors.given] canopy_position_scale", "no use", "Remove"),
+    (r"^(?=cds_over_mass = )", 'wind_bias = { sd = "1 m/s" }\n', "[priors.given] wind_bias", "no use", "Remove"),
     (r"^(?=cds_over_mass = )", "enclosed_air_factor = { median = 1.0, log_sd = 0.1 }\n", "[priors.given] enclosed_air_factor", "no use", "Remove"),
     (r'^vertical = "0.5 m/s"', 'vertical = "0.5 m/s"\nhorizontal = "1 m/s"', "[noise.wind] horizontal", "no use", "Remove"),
     (r"^\[sampler\]", '[noise.breathing]\nsd = 0.1\nfrequency = "1 Hz"\ndamping_ratio = 0.1\n[sampler]', "[noise] breathing", "no use", "Remove"),
@@ -175,6 +176,18 @@ def test_a_scale_of_positions_is_of_no_use_where_none_is_fitted(cluster: Path, s
     cluster.write_text(head + noise.split("\n", 1)[1], encoding="utf-8")
     told = only_fault(cluster)
     assert "[priors.given] canopy_position_scale" in told and "no use" in told and "Remove" in told
+
+
+def test_constant_errors_have_a_positive_sd_and_are_of_no_use_where_their_channel_is_not_fitted(cluster: Path, spoil):
+    spoil(cluster, r"^# canopy_position_scale", 'capsule_attitude_bias = { sd = "0.5 deg" }\n# canopy_position_scale')
+    assert check_study(cluster) == []
+    spoil(cluster, '^capsule_attitude_bias = { sd = "0.5 deg" }', 'capsule_attitude_bias = { sd = "-1 deg" }')
+    assert "[priors.given.capsule_attitude_bias] sd" in only_fault(cluster)
+    spoil(cluster, '^capsule_attitude_bias = { sd = "-1 deg" }', 'capsule_attitude_bias = { sd = "1 deg" }')
+    head, noise = cluster.read_text(encoding="utf-8").rsplit("capsule_attitude = ", 1)
+    cluster.write_text(head + noise.split("\n", 1)[1], encoding="utf-8")
+    told = only_fault(cluster)
+    assert "[priors.given] capsule_attitude_bias" in told and "no use" in told and "Remove" in told
 
 
 def test_one_canopy_has_no_flyout_angle(cluster: Path, spoil):

@@ -38,7 +38,7 @@ REMEDIES = {
     "the recorded wind": "The sounding and its axes; or `wind_bias` in `[priors.given]`.",
     "the recorded distance": "The origins of capsule and canopies; or `canopy_position_bias` in `[priors.given]`.",
     "the recorded attitude": "How the sensor is mounted, and the centre of mass; or `capsule_attitude_bias` there.",
-    "the clock": "The time stamps of the instruments: shift the columns of one against the others.",
+    "the clock": "Time stamps of the instruments. If they are right, forces lag in a way that the model lacks.",
     "the gain": "The calibration of the load cells: `scale` of the column.",
 }
 """What to do, by the beginning of what is wrong."""
