@@ -6,7 +6,9 @@ score test asks for the error itself: the slope of the marginal log density by i
 deviation of that slope given that the parameters adapt. It is the most powerful test of a small error, and one Newton
 step estimates the size, all without a fit. The slope of the squared innovations alone would mislead: at the optimum
 that of the log determinant balances it (on set R of another program density seemed to be off by 10 standard errors, by
-both together by 0.7). So flights are brought to their conditional modes with half a standard error of the error.
+both together by 0.7). So flights are brought to their conditional modes with a little of the error. And the mean over
+start and disturbances is not that at their mode: what corrects it (`posterior.marginal.Linearisation.mean_correction`)
+contributes up to 7 standard deviations to a slope (set Q), here with the correction held as it is at the optimum.
 """
 
 from __future__ import annotations
@@ -26,7 +28,7 @@ from bayeschute.posterior.along_record.conditional_mode import approached
 from bayeschute.posterior.marginal import Linearisation, Marginal
 
 Array = NDArray[np.float64]
-_SHARE = 0.5  # of its standard error, by which an error is tried
+_SHARE = 0.5  # of the standard error that it would have if nothing else were unknown, by which an error is tried
 _LEAST = 1e-12  # of a response's squares that the parameters leave, below which nothing can be told
 
 
@@ -82,8 +84,9 @@ def scores(marginal: Marginal, index: int, alternatives: Sequence[Alternative]) 
     """
     flight, along = marginal.flights[index], marginal.along[index]
     covariance = np.asarray(marginal.scale) @ np.asarray(marginal.scale).T
-    unit = np.asarray(innovations(along.gains, *as_seen(along.linear)))
+    unit = np.asarray(along.unit)
     residual, by_theta = unit[..., 0].ravel(), unit[..., 1:].reshape(-1, covariance.shape[0])
+    mean = np.asarray(innovations(along.gains, *as_seen(along.linear).column(0))).ravel() - residual
     here = stepped(flight, along.theta, along.at.latent_path(flight))
     cost, roots = _cost(flight, marginal.hyper, along)
 
@@ -96,10 +99,10 @@ def scores(marginal: Marginal, index: int, alternatives: Sequence[Alternative]) 
             return None
         slope = float(response @ residual)
         if not alternative.of_data:
-            size = _SHARE * told**-0.5
+            size = _SHARE * squares**-0.5
             there, others = _cost(alternative.changed(size), marginal.hyper, along)
             by_covariances = _information(roots, others) / size**2
-            slope = 0.5 * (squares + by_covariances) * size - (there - cost) / size
+            slope = 0.5 * (squares + by_covariances) * size - (there - cost) / size - float(response @ mean)
             told += by_covariances
         estimate = slope / told
         moves = float(np.max(np.abs(adapted * estimate) / np.sqrt(np.diag(covariance))))

@@ -27,6 +27,11 @@ _BIASES = {  # what is wrong, the unit in which it is told, and that in the mode
     "capsule_attitude_bias": ("the recorded attitude about body axis", "deg", _DEGREE),
 }
 _CHANNELS = {"canopy_position_bias": "canopy_position", "capsule_attitude_bias": "capsule_attitude"}
+_OF_CAPSULE = {  # parameters: field of `dynamics.parameters.Capsule`, words
+    "capsule_normal_force_slope": ("normal_force_slope", "the slope of the capsule's normal force"),
+    "capsule_pitch_moment_slope": ("moment_slope", "the slope of the capsule's pitching moment"),
+    "capsule_pitch_damping": ("pitch_damping", "the pitch damping of the capsule"),
+}
 _LATE = {
     "canopy_position": "the clock of the canopy positions",
     "capsule_velocity": "the clock of the capsule's velocity",
@@ -34,6 +39,9 @@ _LATE = {
 }
 REMEDIES = {
     "the mass": "Weigh it; or `capsule_mass` in `[priors.given]`. Moments of inertia wrong the other way look alike.",
+    "the slope of the capsule's normal": "`capsule_normal_force_slope` in `[priors.given]`.",
+    "the slope of the capsule's pitching": "`capsule_pitch_moment_slope` in `[priors.given]`.",
+    "the pitch damping": "`capsule_pitch_damping` in `[priors.given]`.",
     "the axial force": 'Canopies that differ: `vary_canopies = ["axial[1]"]` in `[priors]`, with `fit = "pool"`.',
     "the recorded wind": "The sounding and its axes; or `wind_bias` in `[priors.given]`.",
     "the recorded distance": "The origins of capsule and canopies; or `canopy_position_bias` in `[priors.given]`.",
@@ -65,7 +73,7 @@ def possible_errors(flight: FlightData, along: Linearisation) -> list[Alternativ
 
 
 def _of_bodies(flight: FlightData, model: ClusterFlight, fitted: Collection[str]) -> Iterator[Alternative]:
-    """Of the bodies: mass of the capsule, whose moments of inertia stay, axial force of one canopy over the others'."""
+    """Of the bodies: mass of the capsule (moments of inertia stay), its aerodynamics, and a canopy's axial force."""
     base = model.base
 
     def heavier(x: float) -> FlightData:
@@ -74,6 +82,14 @@ def _of_bodies(flight: FlightData, model: ClusterFlight, fitted: Collection[str]
 
     if "capsule_mass" not in fitted:
         yield Alternative("the mass of the capsule", "%", heavier)
+    for name, (field, words) in _OF_CAPSULE.items():
+        if name not in fitted and base.capsule.table is None:
+
+            def more(x: float, field: str = field) -> FlightData:
+                capsule = replace(base.capsule, **{field: getattr(base.capsule, field) + x})
+                return replace(flight, model=replace(model, base=replace(base, capsule=capsule)))
+
+            yield Alternative(words, "", more)
     n = model.structure.canopies
     for k in range(n if n > 2 else n - 1):
         own = np.eye(n)[k]

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from bayeschute.core.random import stream
 from bayeschute.likelihood.disturbances import STATES
-from bayeschute.likelihood.joint import FlightData, Unknowns, as_seen, latent_path_of
-from bayeschute.likelihood.kalman import innovations
+from bayeschute.likelihood.joint import FlightData, Unknowns, latent_path_of
 from bayeschute.likelihood.priors import working
 from bayeschute.likelihood.simulation_smoother import normals
 from bayeschute.posterior.assess.alternatives import Score, scores
@@ -54,8 +53,7 @@ LOG_SD = 0.7
 
 def flight_innovations(flight: FlightData, along: Linearisation) -> Array:
     """Standardised innovations (T, C) at the optimum; NaN where nothing was recorded."""
-    unit = np.asarray(innovations(along.gains, *as_seen(along.linear).column(0)))[..., 0]
-    return np.where(np.asarray(flight.present), unit, np.nan)
+    return np.where(np.asarray(flight.present), np.asarray(along.unit)[..., 0], np.nan)
 
 
 def latent_names(job: Job, flight: FlightData) -> list[str]:
