@@ -112,6 +112,22 @@ def test_what_is_simulated_is_changed_by_its_size(flown):
     assert not any(one.of_data for one in possible_errors(*flown) if one.what.startswith(("the mass", "the axial")))
 
 
+def test_the_capsule_s_slopes_are_changed_where_they_are_numbers_and_not_fitted(flown):
+    data, along = flown
+    base = data.model.base
+    changed = named(flown, "the pitch damping of the capsule").changed(-0.5).model.base.capsule
+    assert float(changed.pitch_damping) == pytest.approx(float(base.capsule.pitch_damping) - 0.5)
+    assert changed.moment_slope == base.capsule.moment_slope
+    tabled = replace(base, capsule=replace(base.capsule, table=SimpleNamespace()))
+    of_table = replace(data, model=replace(data.model, base=tabled))
+    fitted = replace(data, model=replace(data.model, names=("capsule_pitch_damping",)))
+    slopes = [
+        [one.what for one in possible_errors(some, along) if "slope" in one.what or "damping" in one.what]
+        for some in (data, of_table, fitted)
+    ]
+    assert [len(some) for some in slopes] == [3, 0, 2] and "the pitch damping of the capsule" not in slopes[2]
+
+
 def test_what_is_fitted_or_was_not_recorded_is_not_asked_for():
     fitted = ("capsule_mass", "wind_bias.north", "wind_bias.east", *(f"capsule_attitude_bias.{a}" for a in "yz"))
     data, along = case(names=fitted, channels=("canopy_position", "capsule_attitude"))
