@@ -135,6 +135,19 @@ def test_identifiability_is_what_was_stored_of_all_fits(known):
     assert told.loc["mass", "shift"] == 0.5 and np.isnan(told.loc["mass", "contraction"])
 
 
+def test_predictive_checks_and_possible_errors_are_as_stored_the_least_probable_check_first(known):
+    assert known.possible_errors().empty and known.predictive_checks().empty
+    rows = [
+        {"flight": "i", "what": "w", "statistic": "s", "value": 1.0, "expected": 0.0, "p": p} for p in (0.5, 0.01, 0.2)
+    ]
+    size = {"flight": "i", "what": "the mass", "unit": "%", "estimate": 5.0, "se": 1.0, "moves": 3.0}
+    stored = {"checks": rows, "errors": [size | {"p": 1e-6, "matters": True, "do": "Weigh it."}]}
+    told = with_files(known, predictive=stored)
+    table, (error,) = told.predictive_checks(), told.possible_errors().to_dict("records")
+    assert table["p"].tolist() == [0.01, 0.2, 0.5] and table.index.tolist() == [0, 1, 2]
+    assert (error["what"], error["estimate"], error["do"]) == ("the mass", 5.0, "Weigh it.")
+
+
 def test_what_leave_one_out_needs_is_of_its_data(known, monkeypatch):
     monkeypatch.setattr(module, "for_loo_pit", lambda *given: given)
     assert known.for_loo_pit("low", "descent_rate") == (known.data, "low", "descent_rate")

@@ -29,8 +29,6 @@ def told(run, name, value):
 
 def test_a_run_that_did_not_end_says_so(run):
     assert run.summary == {} and run.level == "not checked" and "not finished" in repr(run)
-    assert run.predictive_checks.empty and "p" in run.predictive_checks
-    assert run.possible_errors.empty and "estimate" in run.possible_errors
 
 
 def test_html_tells_missed_checks_and_requirements_without_markup_of_names(run):
@@ -48,19 +46,6 @@ def test_a_contradicted_run_has_no_level_whatever_its_label_claims(run):
     assert told(run, "summary.json", {"claim": claim, "label": "l"}).level == "self-consistent" and ": l)" in repr(run)
     assert told(run, "summary.json", {"claim": claim | {"contradicted": ["wind"]}}).level == CONTRADICTED
     assert told(run, "summary.json", {"label": "l"}).level == "not checked"
-
-
-def test_the_least_probable_check_comes_first(run):
-    rows = [
-        {"flight": "i", "what": "w", "statistic": "s", "value": 1.0, "expected": 0.0, "p": p} for p in (0.5, 0.01, 0.2)
-    ]
-    errors = [
-        {"flight": "i", "what": "the mass", "unit": "%", "estimate": 5.0, "se": 1.0, "p": 1e-6, "do": "Weigh it."}
-    ]
-    known = told(run, "predictive.json", {"checks": rows, "errors": errors})
-    assert known.possible_errors.iloc[0][["what", "estimate", "do"]].tolist() == ["the mass", 5.0, "Weigh it."]
-    table = known.predictive_checks
-    assert table["p"].tolist() == [0.01, 0.2, 0.5] and table.index.tolist() == [0, 1, 2]
 
 
 def test_flights_that_were_fitted_or_predicted_have_forecasts_each_made_once(run, monkeypatch):

@@ -29,7 +29,9 @@ from bayeschute.api.workspace import Files, workspace
 from bayeschute.calibration.label import Claim, without_level
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.likelihood.priors import Prior
+from bayeschute.posterior.assess.alternatives import Score
 from bayeschute.posterior.assess.flight_groups import for_loo_pit
+from bayeschute.prediction.predictive_checks import Check
 from bayeschute.report.check_words import wanted
 from bayeschute.report.wording import counted, shown_unit
 from bayeschute.study.aerodynamics.agreement import agreement
@@ -37,6 +39,7 @@ from bayeschute.study.aerodynamics.flown import flown, ranges
 from bayeschute.study.aerodynamics.term_proposals import as_rows, proposed_terms
 from bayeschute.study.assembly.fits import groups, load_fit
 from bayeschute.study.evidence.calibration_status import status
+from bayeschute.study.evidence.record_misfit import NAME as PREDICTIVE
 from bayeschute.study.job import Progress
 from bayeschute.study.run.stage_report import what_flights_taught
 from bayeschute.study.schema.belief_schema import NoiseTable
@@ -153,6 +156,35 @@ class Posterior:
         rows = {name: entry for group in told.values() for name, entry in group["parameters"].items()}
         table = pd.DataFrame.from_dict(rows, orient="index")
         return table if table.empty or "contraction" in table else table.assign(contraction=np.nan)
+
+    def predictive_checks(self) -> pd.DataFrame:
+        """Predictive checks of the fitted records, the smallest p-value first; empty before they were made.
+
+        Returns:
+            Columns ``flight``; ``statistic`` of ``what``; its ``value`` and what is ``expected`` [``unit``]; ``p``;
+            ``matters``: whether a small one counts.
+
+        Example:
+            >>> bool(posterior.predictive_checks()["p"].is_monotonic_increasing)
+            True
+        """
+        rows = self._json(PREDICTIVE).get("checks", [])
+        return pd.DataFrame(rows, columns=[*Check._fields]).sort_values("p", ignore_index=True)
+
+    def possible_errors(self) -> pd.DataFrame:
+        """Errors of records and vehicle that the fit was tested for by name, and what to do about each.
+
+        Returns:
+            Columns ``flight``; ``what`` the error is of; its size ``estimate`` and ``se`` [``unit``], each error by
+            itself (score test); ``moves``: by how many posterior standard deviations it would move the parameter that
+            it moves most; ``p``; ``matters``: whether a small p-value counts; ``do``. Empty of descents.
+
+        Example:
+            >>> list(posterior.possible_errors().columns[:4])
+            ['flight', 'what', 'unit', 'estimate']
+        """
+        rows = self._json(PREDICTIVE).get("errors", [])
+        return pd.DataFrame(rows, columns=["flight", *Score._fields, "p", "matters", "do"])
 
     @property
     def passed(self) -> bool:

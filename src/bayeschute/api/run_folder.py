@@ -9,8 +9,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
-
 from bayeschute.api import html
 from bayeschute.api.forecast import Forecast, forecast_of, stored_forecast_of
 from bayeschute.api.inputs import Study
@@ -62,27 +60,6 @@ class Run:
         """
         claim = self.summary.get("claim", {})
         return CONTRADICTED if claim.get("contradicted") else str(claim.get("level", "not checked"))
-
-    @property
-    def predictive_checks(self) -> pd.DataFrame:
-        """Predictive checks of the fitted records, the smallest p-value first; empty before the stage ``check``."""
-        path = self.folder / "predictive.json"
-        rows = json.loads(path.read_text(encoding="utf-8"))["checks"] if path.is_file() else []
-        columns = ["flight", "what", "statistic", "value", "expected", "p", "unit", "matters"]
-        return pd.DataFrame(rows, columns=columns).sort_values("p", ignore_index=True)
-
-    @property
-    def possible_errors(self) -> pd.DataFrame:
-        """Errors of records and vehicle that the fit was tested for: estimates, p-values, and what to do.
-
-        Columns: ``flight``; ``what`` the error is of; its size ``estimate`` and ``se`` [``unit``], each by itself, by a
-        score test; ``moves``: by how many posterior standard deviations it moves the parameter that it moves most;
-        whether that ``matters``; ``p``; ``do``. Empty before the stage ``check``, and of descents.
-        """
-        path = self.folder / "predictive.json"
-        rows = json.loads(path.read_text(encoding="utf-8")).get("errors", []) if path.is_file() else []
-        columns = ["flight", "what", "unit", "estimate", "se", "moves", "matters", "p", "do"]
-        return pd.DataFrame(rows, columns=columns)
 
     @cached_property
     def posterior(self) -> Posterior:

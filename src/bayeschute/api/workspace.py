@@ -11,7 +11,10 @@ from bayeschute.study.job import Job, Progress
 from bayeschute.study.study import Study
 
 Files = Mapping[str, bytes]
-KEPT = ("flights/*.nc", "structure.*", "priors.json", "fit/**/*", "checks.json", "identifiability.json", "history.json")
+KEPT = (
+    "flights/*.nc", "structure.*", "priors.json", "fit/**/*", "checks.json", "identifiability.json", "predictive.json",
+    "history.json",
+)  # fmt: skip
 """Files that a stored posterior needs for later predictions."""
 
 
