@@ -10,8 +10,8 @@ says. Only what depends on the vehicle is put in its place, by one rule for all,
 | reference speed | terminal speed of the nominal weight in sea-level air, with a drag coefficient of 0.85 |
 | prior of the risers | medians nominal, log sd as in the default; length nominal, sd 0.6 % of it or 0.2 m, the larger |
 | prior of the canopies' pitching moment | mean 0, sd 0.3 of C_m_alpha and C_mq |
-| prior of the capsule's derivatives | means as in the vehicle; sd 0.3 of C_N_alpha, 0.1 of C_m_alpha, 1 of C_mq |
-| prior of constant errors | sd 1 m/s of the wind, 0.5 m of canopy positions, 0.5 deg of the attitude |
+| prior of the capsule's pitching moment | means as in the vehicle; sd 0.1 of C_m_alpha, 1 of C_mq |
+| prior of constant errors | sd 0.5 m of canopy positions, 0.5 deg of the attitude |
 | prior of the canopies' apparent mass | median: air of the enclosed volume of the meta file; log sd 0.5 |
 | noise of channels | white part: scatter of the record's own samples; correlated: as many times that as by default |
 | breathing | frequency times reference speed over diameter, over that of the default vehicle |
@@ -43,9 +43,8 @@ NOMINAL_DRAG = 0.85  # of a canopy
 MOMENT = 0.3  # sd of a canopy's C_m_alpha and C_mq
 AIR_LOG_SD = 0.5  # of a canopy's apparent mass, which no meta file gives, over that of its enclosed air
 SCALE = 0.01  # sd of the scale of canopy positions, which are from video
-CAPSULE = {"normal_force_slope": 0.3, "pitch_moment_slope": 0.1, "pitch_damping": 1.0}  # sd
+CAPSULE = {"pitch_moment_slope": 0.1, "pitch_damping": 1.0}  # sd
 BIASES = {  # constant errors of a record, as `bayeschute init` states them
-    "wind_bias": {"sd": "1 m/s"},
     "canopy_position_bias": {"sd": "0.5 m"},
     "capsule_attitude_bias": {"sd": "0.5 deg"},
 }
@@ -171,9 +170,8 @@ def _given(default: Mapping[str, Any], meta: Mapping[str, Any]) -> dict[str, Any
     made |= {f"canopy_{of}": {"mean": 0.0, "sd": MOMENT} for of in ("pitch_moment_slope", "pitch_damping")}
     made |= {"enclosed_air_factor": {"median": 1.0, "log_sd": AIR_LOG_SD}}
     made |= {"canopy_position_scale": {"mean": 1.0, "sd": SCALE}} | BIASES
-    drag, usual = meta["capsule_CD_estimate"], default_vehicle()["capsule"]
-    made |= {"capsule_normal_force_slope": {"mean": drag, "sd": CAPSULE["normal_force_slope"]}}
-    made |= {f"capsule_{of}": {"mean": usual[of], "sd": CAPSULE[of]} for of in ("pitch_moment_slope", "pitch_damping")}
+    usual = default_vehicle()["capsule"]
+    made |= {f"capsule_{of}": {"mean": usual[of], "sd": sd} for of, sd in CAPSULE.items()}
     return made | {"riser_length": {"mean": _si(length, "m"), "sd": _si(sd, "m")}}
 
 
