@@ -107,7 +107,6 @@ def stored(monkeypatch):
     monkeypatch.setattr(module.assemble, "cluster", lambda *given: (seen.assembled.append(given), (Base(), None))[1])
     monkeypatch.setattr(module.assemble, "latent", lambda study, n: ("latent", n))
     monkeypatch.setattr(module, "structure_of", lambda priors, n: Structure(n))
-    monkeypatch.setattr(module.canopies, "in_flight", lambda names, flight: [f"{name}" for name in names])
     priors = tuple(Prior(n, 0.0, 1.0, False, "1", "") for n in ("axial[1]", "capsule_mass", "riser_length"))
     seen.fit = SimpleNamespace(held=held, hyper=law, noise_parameter_covariance=None, marginal=None, noise_effect=None)
     flight = SimpleNamespace(name="f")
@@ -148,3 +147,10 @@ def test_coefficients_of_the_base_are_blank_and_the_model_is_of_the_vehicle_that
 def test_a_mass_of_the_posterior_is_not_that_of_another_payload(stored, vehicle, mass):
     assert of(stored, 4).names == ("axial[1]", "capsule_mass", "riser_length")
     assert of(stored, 4, vehicle, mass).names == ("axial[1]", "", "riser_length")
+
+
+def test_landings_have_no_record_and_so_none_of_its_constant_errors(stored):
+    wrong = Prior("wind_bias.north", 0.0, 1.0, False, "m/s", "")
+    stored.group.priors = (*stored.group.priors[:2], wrong)
+    made = of(stored, 4)
+    assert made.names == ("axial[1]", "capsule_mass", "") and made.theta.shape == (4, 3)
