@@ -160,7 +160,7 @@ def test_the_default_study_runs_quickly_from_end_to_end(tmp_path: Path):
     assert {"the mass of the capsule", "the recorded wind north", "the clock of the attitude"} <= set(tested)
     assert all(row["se"] > 0.0 and abs(row["estimate"]) < 5.0 * row["se"] for row in tested.values()), tested
     report = (tmp_path / "run/report.html").read_text(encoding="utf-8")
-    assert "the axial force of canopy 1 beside the others" in report
+    assert "the axial force of canopy 1 relative to the others" in report
     with xr.open_datatree(tmp_path / "run/posterior.nc", engine="h5netcdf") as tree:
         total = tree["log_likelihood"]["cdt-3-11"].sum("time_cdt-3-11") + sum(tree["log_prior"].ds.data_vars.values())
         apart = (total - tree["sample_stats"]["lp"]).values

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import replace
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -21,13 +22,19 @@ Array = NDArray[np.float64]
 _DEGREE = np.pi / 180.0
 _PERCENT = 0.01
 _AXES = ("north", "east", "down")
-_BIASES = {  # what is wrong, the unit in which it is told, and that in the model's
-    "wind_bias": ("the recorded wind", "m/s", 1.0),
-    "canopy_position_bias": ("the recorded distance to the canopies", "m", 1.0),
-    "capsule_attitude_bias": ("the recorded attitude about body axis", "deg", _DEGREE),
-}
+_BIASES = {  # what is wrong, the unit in which it is told, that in the model's, and what to do
+    "wind_bias": ("the recorded wind", "m/s", 1.0, "The sounding and its axes; or `wind_bias` in `[priors.given]`."),
+    "canopy_position_bias": (
+        "the recorded distance to the canopies", "m", 1.0,
+        "The origins of capsule and canopies; or `canopy_position_bias` in `[priors.given]`.",
+    ),
+    "capsule_attitude_bias": (
+        "the recorded attitude about body axis", "deg", _DEGREE,
+        "How the sensor is mounted, and the centre of mass; or `capsule_attitude_bias` in `[priors.given]`.",
+    ),
+}  # fmt: skip
 _CHANNELS = {"canopy_position_bias": "canopy_position", "capsule_attitude_bias": "capsule_attitude"}
-_OF_CAPSULE = {  # parameters: field of `dynamics.parameters.Capsule`, words
+_OF_CAPSULE = {  # parameters: field of `dynamics.parameters.Capsule`, what is wrong
     "capsule_normal_force_slope": ("normal_force_slope", "the slope of the capsule's normal force"),
     "capsule_pitch_moment_slope": ("moment_slope", "the slope of the capsule's pitching moment"),
     "capsule_pitch_damping": ("pitch_damping", "the pitch damping of the capsule"),
@@ -37,28 +44,21 @@ _LATE = {
     "capsule_velocity": "the clock of the capsule's velocity",
     "capsule_attitude": "the clock of the attitude",
 }
-REMEDIES = {
-    "the mass": "Weigh it; or `capsule_mass` in `[priors.given]`. Moments of inertia wrong the other way look alike.",
-    "the slope of the capsule's normal": "`capsule_normal_force_slope` in `[priors.given]`.",
-    "the slope of the capsule's pitching": "`capsule_pitch_moment_slope` in `[priors.given]`.",
-    "the pitch damping": "`capsule_pitch_damping` in `[priors.given]`.",
-    "the axial force": 'Canopies that differ: `vary_canopies = ["axial[1]"]` in `[priors]`, with `fit = "pool"`.',
-    "the recorded wind": "The sounding and its axes; or `wind_bias` in `[priors.given]`.",
-    "the recorded distance": "The origins of capsule and canopies; or `canopy_position_bias` in `[priors.given]`.",
-    "the recorded attitude": "How the sensor is mounted, and the centre of mass; or `capsule_attitude_bias` there.",
-    "the clock": "Time stamps of the instruments. If they are right, forces lag in a way that the model lacks.",
-    "the gain": "The calibration of the load cells: `scale` of the column.",
-}
-"""What to do, by the beginning of what is wrong."""
+_WEIGH = "Weigh it; or `capsule_mass` in `[priors.given]`. Moments of inertia wrong the other way look alike."
+_VARY = 'Canopies that differ: `vary_canopies = ["axial[1]"]` in `[priors]`, with `fit = "pool"`.'
+_SET_CLOCKS = "Time stamps of the instruments. If they are right, forces lag in a way that the model lacks."
+_CALIBRATE = "The calibration of the load cells: `scale` of the column."
 
 
-def remedy(what: str) -> str:
-    """What to do about an error; empty for one that is not known."""
-    return next((do for begins, do in REMEDIES.items() if what.startswith(begins)), "")
+class PossibleError(NamedTuple):
+    """An error that a fit is tested for, and what to do where it is found."""
+
+    alternative: Alternative
+    do: str
 
 
-def possible_errors(flight: FlightData, along: Linearisation) -> list[Alternative]:
-    """Alternatives for a flight: none for a descent, and none of what the fit has as a parameter.
+def possible_errors(flight: FlightData, along: Linearisation) -> list[PossibleError]:
+    """Errors that a flight is tested for: none for a descent, and none of what the fit has as a parameter.
 
     Args:
         flight: The record.
@@ -72,7 +72,7 @@ def possible_errors(flight: FlightData, along: Linearisation) -> list[Alternativ
     return [one for some in found for one in some]
 
 
-def _of_bodies(flight: FlightData, model: ClusterFlight, fitted: Collection[str]) -> Iterator[Alternative]:
+def _of_bodies(flight: FlightData, model: ClusterFlight, fitted: Collection[str]) -> Iterator[PossibleError]:
     """Of the bodies: mass of the capsule (moments of inertia stay), its aerodynamics, and a canopy's axial force."""
     base = model.base
 
@@ -81,7 +81,7 @@ def _of_bodies(flight: FlightData, model: ClusterFlight, fitted: Collection[str]
         return replace(flight, model=replace(model, base=replace(base, capsule=capsule)))
 
     if "capsule_mass" not in fitted:
-        yield Alternative("the mass of the capsule", "%", heavier)
+        yield PossibleError(Alternative("the mass of the capsule", "%", heavier), _WEIGH)
     for name, (field, words) in _OF_CAPSULE.items():
         if name not in fitted and base.capsule.table is None:
 
@@ -89,7 +89,7 @@ def _of_bodies(flight: FlightData, model: ClusterFlight, fitted: Collection[str]
                 capsule = replace(base.capsule, **{field: getattr(base.capsule, field) + x})
                 return replace(flight, model=replace(model, base=replace(base, capsule=capsule)))
 
-            yield Alternative(words, "", more)
+            yield PossibleError(Alternative(words, "", more), f"`{name}` in `[priors.given]`.")
     n = model.structure.canopies
     for k in range(n if n > 2 else n - 1):
         own = np.eye(n)[k]
@@ -98,13 +98,14 @@ def _of_bodies(flight: FlightData, model: ClusterFlight, fitted: Collection[str]
             factor = np.asarray(model.record.axial_factor) * (1.0 + _PERCENT * x * own)
             return replace(flight, model=replace(model, record=replace(model.record, axial_factor=factor)))
 
-        yield Alternative(f"the axial force of canopy {k + 1} beside the others", "%", stronger)
+        what = f"the axial force of canopy {k + 1} relative to the others"
+        yield PossibleError(Alternative(what, "%", stronger), _VARY)
 
 
-def _constant(flight: FlightData, model: ClusterFlight, fitted: Collection[str]) -> Iterator[Alternative]:
+def _constant(flight: FlightData, model: ClusterFlight, fitted: Collection[str]) -> Iterator[PossibleError]:
     """Constant errors of the record, as of `dynamics.parameters.BIASES`."""
     names, record = output_names(model.channels, model.structure.canopies), model.record
-    for name, (words, unit, size) in _BIASES.items():
+    for name, (words, unit, size, do) in _BIASES.items():
         channel = _CHANNELS.get(name)
         if name in fitted or (channel is not None and channel not in model.channels):
             continue
@@ -115,13 +116,14 @@ def _constant(flight: FlightData, model: ClusterFlight, fitted: Collection[str])
                 def calmer(x: float, own: Array = own) -> FlightData:
                     return replace(flight, model=replace(model, record=replace(record, wind=record.wind - x * own)))
 
-                yield Alternative(f"{words} {axis}", unit, calmer)
+                yield PossibleError(Alternative(f"{words} {axis}", unit, calmer), do)
             else:
                 own = np.array([one.startswith(channel) and one.endswith(axis) for one in names])
-                yield Alternative(f"{words} {axis}", unit, _corrected(flight, size * own), of_data=True)
+                put_right = _corrected(flight, size * own)
+                yield PossibleError(Alternative(f"{words} {axis}", unit, put_right, of_data=True), do)
 
 
-def _of_instruments(flight: FlightData, model: ClusterFlight, along: Linearisation) -> Iterator[Alternative]:
+def _of_instruments(flight: FlightData, model: ClusterFlight, along: Linearisation) -> Iterator[PossibleError]:
     """Clocks of the instruments against each other, and the gain of load cells."""
     names = output_names(model.channels, model.structure.canopies)
     seen = np.asarray(outputs(model, along.at.path, along.theta))
@@ -132,11 +134,13 @@ def _of_instruments(flight: FlightData, model: ClusterFlight, along: Linearisati
     for channel, words in _LATE.items():
         if channel in model.channels:
             own = np.array([name.startswith(channel) for name in names])
-            yield Alternative(words, "s late", _corrected(flight, np.where(own, -rates, 0.0)), of_data=True)
+            on_time = _corrected(flight, np.where(own, -rates, 0.0))
+            yield PossibleError(Alternative(words, "s late", on_time, of_data=True), _SET_CLOCKS)
     if "riser_tension" in model.channels:
         own = np.array([name.startswith("riser_tension") for name in names])
         gain = _PERCENT * np.where(own, seen, 0.0)
-        yield Alternative("the gain of the load cells", "%", _corrected(flight, gain), of_data=True)
+        true = _corrected(flight, gain)
+        yield PossibleError(Alternative("the gain of the load cells", "%", true, of_data=True), _CALIBRATE)
 
 
 def _corrected(flight: FlightData, added: Array) -> Callable[[float], FlightData]:

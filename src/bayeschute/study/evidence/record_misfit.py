@@ -29,7 +29,7 @@ from bayeschute.prediction.predictive_checks import (
 )
 from bayeschute.study.assembly import assemble
 from bayeschute.study.assembly.fits import Group, Stored
-from bayeschute.study.evidence.possible_errors import possible_errors, remedy
+from bayeschute.study.evidence.possible_errors import possible_errors
 from bayeschute.study.job import Job
 
 Array = NDArray[np.float64]
@@ -72,12 +72,12 @@ class Misfit(NamedTuple):
     Attributes:
         checks: All checks.
         pit: Counts of the probability integral transform of the innovations in ten equal bins, by flight and channel.
-        errors: Errors of record and vehicle that were tested for, by flight.
+        errors: Errors of record and vehicle that were tested for, and what to do about each, by flight.
     """
 
     checks: list[Check]
     pit: dict[str, dict[str, list[int]]]
-    errors: dict[str, list[Score]]
+    errors: dict[str, list[tuple[Score, str]]]
 
 
 def misfit_of_fit(job: Job, group: Group, one: Stored) -> Misfit:
@@ -92,15 +92,18 @@ def misfit_of_fit(job: Job, group: Group, one: Stored) -> Misfit:
     flights = [flight.name for flight in group.flights]
     checks: list[Check] = []
     pit: dict[str, dict[str, list[int]]] = {}
-    errors: dict[str, list[Score]] = {}
+    errors: dict[str, list[tuple[Score, str]]] = {}
     for place, (name, flight, along) in enumerate(zip(flights, one.marginal.flights, one.marginal.along, strict=True)):
         unit, by_channel = flight_innovations(flight, along), dict[str, list[Array]]()
         for i, output in enumerate(outputs_of(flight)[0]):
             checks += series_checks(name, f"innovations of {output}", unit[:, i], float(flight.dt), frequencies)
             by_channel.setdefault(output.split(".")[0], []).append(unit[:, i])
         pit[name] = {channel: pit_counts(np.stack(some)) for channel, some in by_channel.items()}
-        errors[name] = scores(one.marginal, place, possible_errors(flight, along))
-        checks += [error_check(name, s.what, s.unit, s.estimate, s.p, s.moves >= MATTERS) for s in errors[name]]
+        known = possible_errors(flight, along)
+        remedies = {error.alternative.what: error.do for error in known}
+        tested = scores(one.marginal, place, [error.alternative for error in known])
+        checks += [error_check(name, s.what, s.unit, s.estimate, s.p, s.moves >= MATTERS) for s in tested]
+        errors[name] = [(s, remedies[s.what]) for s in sorted(tested, key=lambda one: one.p)]
     checks += _of_disturbances(job, one, flights, frequencies)
     checks += _of_priors(job, group, one)
     return Misfit(checks, pit, errors)
@@ -111,10 +114,10 @@ def as_document(misfit: Sequence[Misfit]) -> dict[str, Any]:
     checks = [one for fit in misfit for one in fit.checks]
     pit = {flight: counts for fit in misfit for flight, counts in fit.pit.items()}
     errors = [
-        {"flight": flight, **s._asdict(), "p": s.p, "matters": s.moves >= MATTERS, "do": remedy(s.what)}
+        {"flight": flight, **s._asdict(), "p": s.p, "matters": s.moves >= MATTERS, "do": do}
         for fit in misfit
         for flight, some in fit.errors.items()
-        for s in sorted(some, key=lambda one: one.p)
+        for s, do in some
     ]
     return {"bound": BOUND, "checks": [one._asdict() for one in checks], "pit": pit, "errors": errors}
 
