@@ -234,7 +234,8 @@ def _predictive_picture(results: Results, folder: Path) -> Picture | None:
         folder,
         "predictive",
         "p-values of the posterior predictive checks by statistic, and PIT histograms of the innovations by channel.",
-        "Posterior predictive checks of the fitted records. Right: probability integral transform of the innovations "
+        "Posterior predictive checks of the fitted records. Grey beyond the bound: an error that is there and moves no "
+        "parameter. Right: probability integral transform of the innovations "
         "given all earlier samples, which is uniform under the model; shaded: 90 % range of each bin.",
     )
 

@@ -64,15 +64,18 @@ def p_values(axes: Axes, checks: Sequence[Mapping[str, Any]], bound: float) -> A
 
     Args:
         axes: Where to draw.
-        checks: Entries with ``statistic`` and ``p``.
+        checks: Entries with ``statistic`` and ``p``; grey where they say that a small one does not count (``matters``).
         bound: Probability of a false alarm over all checks together.
     """
     names = list(dict.fromkeys(str(one["statistic"]) for one in checks))
     limit = bound / max(len(checks), 1)
     for place, name in enumerate(names):
-        p = np.array([max(float(one["p"]), LEAST) for one in checks if one["statistic"] == name])
+        some = [one for one in checks if one["statistic"] == name]
+        p = np.array([max(float(one["p"]), LEAST) for one in some])
         away = 0.25 * np.sin(np.arange(p.size) * 2.4)  # apart, so that points do not cover each other
-        colours = [VERMILION if value < limit else BLUE for value in p]
+        beyond = [value < limit for value in p]
+        counts = [bool(one.get("matters", True)) for one in some]
+        colours = [(VERMILION if c else SOFT) if b else BLUE for b, c in zip(beyond, counts, strict=True)]
         axes.scatter(p, place + away, s=10, c=colours, alpha=0.75, lw=0)
     axes.axvline(limit, color=VERMILION, lw=1.0, ls="--")
     axes.axvline(1.0, color=SOFT, lw=0.6)
