@@ -84,10 +84,10 @@ class GivenTable(Strict):
         canopy_pitch_moment_slope: C_m_alpha of a canopy about its reference point [1/rad]; see `CanopiesTable`.
         canopy_pitch_damping: C_mq of a canopy [1].
         canopy_position_scale: Recorded over true distance between canopies and capsule [1].
-        wind_bias: Constant error of the recorded wind, north and east [m/s]; each flight has its own, as of these two:
-        canopy_position_bias: Of the recorded distance between canopies and capsule, the same for all canopies, north,
-            east and down [m].
-        capsule_attitude_bias: Of the recorded attitude, a small turn about the body's axes y and z [rad].
+        wind_bias: Constant error of a flight's recorded wind, north and east, each flight's own [m/s].
+        canopy_position_bias: Likewise of the recorded distance from capsule to canopies, north, east and down, the same
+            for all canopies [m].
+        capsule_attitude_bias: Likewise of the recorded attitude, a small turn about the body's axes y and z [rad].
         capsule_mass: Of the vehicle's capsule [kg]; not used for a flight with its own mass.
         canopy_mass: Dry mass of one canopy, the same for all [kg].
         cds_over_mass: C_D S/m of a descent [m^2/kg].
