@@ -14,7 +14,6 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
-import sys
 import tempfile
 from collections import Counter
 from collections.abc import Sequence
@@ -183,7 +182,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     counts = {case: given.flights * (2 if case == "sound" and given.flights > 1 else 1) for case in given.cases}
     results = {case: test(case, n, given.duration, given.out, given.workers) for case, n in counts.items()}
     if given.store:
-        command = "python benchmarks/predictive_checks.py " + " ".join(arguments or sys.argv[1:])
+        command = (
+            f"python benchmarks/predictive_checks.py --flights {given.flights} --duration {given.duration:g} --store"
+        )
+        if given.cases != list(CASES):
+            command += f" --cases {' '.join(given.cases)}"
         facts = {"bound": BOUND, "duration_s": given.duration, "cases": results}
         whole = facts | provenance(command)
         STORED.write_text(json.dumps(whole, indent=1) + "\n", encoding="utf-8")
