@@ -111,6 +111,31 @@ def test_a_wind_of_another_north_is_turned_back(swinging, angle):
     assert _one(swinging, "the wind is turned") is None
 
 
+@pytest.mark.parametrize("wind_too", [True, False])
+@pytest.mark.parametrize(
+    ("level", "told"), [(430.0, "430 m too high: above another level"), (-350.0, "350 m too low: above the ground")]
+)
+def test_a_wind_profile_above_another_level_is_read_at_its_own(swinging, level, told, wind_too):
+    def aloft(height):
+        fallen = (3000.0 - height) / 8.0
+        return np.stack([5.0 - 0.05 * fallen, 2.0 + 0.05 * fallen, 0.0 * fallen], axis=1)
+
+    sound = replace(swinging, aloft=aloft).with_winds()
+    off = replace(swinging, aloft=lambda height: aloft(height - level)).with_winds()
+    if not wind_too:  # what the capsule goes with over some swings tells it less sharply
+        sound, off = replace(sound, wind=None), replace(off, wind=None)
+    one = _one(off, "altitudes of the wind profile")
+    if wind_too:
+        assert told in one.cause and one.do == f"Give altitudes above the sea: {-level:+.0f} m from those given."
+    np.testing.assert_allclose(one.undone(off).profile, sound.profile, atol=0.1 if wind_too else 1.0)
+    np.testing.assert_allclose(one.undone(off).shear, sound.shear, atol=1e-9)
+    assert np.abs(off.profile - sound.profile).max() > 1.5
+    if wind_too:
+        assert _one(sound, "altitudes of the wind profile") is None
+    assert _one(swinging, "altitudes of the wind profile") is None
+    assert _one(replace(off, wind=np.nan * TIME[:, None] * np.ones(3)), "altitudes of the wind profile") is None
+
+
 def test_load_cells_speak_for_a_mass_or_for_their_gain(swinging):
     light = replace(swinging, vehicle=replace(swinging.vehicle, mass=600.0))
     one = _one(light, "load cells say")

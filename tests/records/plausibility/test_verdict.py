@@ -87,6 +87,12 @@ def test_the_mistake_that_explains_most_comes_first_and_near_ones_are_told_as_ot
     assert only.causes == ("near 0", "near 1", "near 2", "near 3")
 
 
+def test_a_mistake_that_leaves_a_law_as_it_is_is_no_other_cause(say):
+    best, idle, other = _without("best", density=0.1), _without("idle", density=1.05), _without("other", density=0.9)
+    (only,) = say([idle, best, other], density=1.1).findings
+    assert only.causes == ("best", "other")
+
+
 def test_doubt_puts_a_mistake_behind_one_that_explains_less(say):
     doubted, plain = _without("doubted", 0.4, density=0.0), _without("plain", 0.1, density=0.4)
     (only,) = say([doubted, plain], density=10.0).findings

@@ -10,14 +10,23 @@ from typing import Any
 import numpy as np
 
 from bayeschute.atmosphere.standard import STANDARD_GRAVITY
-from bayeschute.records.plausibility.evidence import Array, Evidence, boxcar, slope, smoothed, turned, typical
-from bayeschute.records.plausibility.mistake import Mistake, of_vehicle, scaled, turned_attitude, turned_axes
+from bayeschute.records.plausibility.evidence import Array, Evidence, boxcar, slope, smoothed, spread, turned, typical
+from bayeschute.records.plausibility.mistake import (
+    Mistake,
+    of_vehicle,
+    other_heights,
+    scaled,
+    turned_attitude,
+    turned_axes,
+)
 from bayeschute.records.plausibility.vehicle_laws import air, attached
 
 Score = Callable[[Evidence], float]
 
 _DOUBT = 0.4  # of a mistake with a number that fits the record
 _FARTHEST = 8.0  # clocks are apart by less [s]
+_LEVELS = 3000.0  # levels that altitudes are above, likewise [m]
+_SWINGS = 30.0  # over which a capsule goes where the wind goes [s]
 _SHIFTED = {
     "canopy positions are": ("canopies",),
     "capsule velocities are": ("velocity",),
@@ -37,7 +46,7 @@ def estimated_mistakes(e: Evidence, score: Score) -> list[Mistake]:
         e: The evidence.
         score: Of evidence; smaller where more laws hold.
     """
-    found = [*_shifts(e, score), _heading(e), _wind_heading(e), *_gains(e)]
+    found = [*_shifts(e, score), _heading(e), _wind_heading(e), _wind_level(e), *_gains(e)]
     return [mistake for mistake in found if mistake is not None]
 
 
@@ -111,7 +120,7 @@ def _wind_heading(e: Evidence) -> Mistake | None:
     wind = air(e)
     if wind is None or e.velocity is None:
         return None
-    k = min(max(round(30.0 / e.step), 2), e.time.size // 2)
+    k = min(max(round(_SWINGS / e.step), 2), e.time.size // 2)
     angle = _angle(smoothed(wind, k), smoothed(e.velocity, k))
     if abs(angle) < np.deg2rad(10.0):
         return None
@@ -119,6 +128,32 @@ def _wind_heading(e: Evidence) -> Mistake | None:
     undo = partial(turned_axes, names=("wind",), matrix=np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]))
     words = f"the wind is turned by {np.rad2deg(-angle):.0f} deg: another north"
     return Mistake(words, f"Turn it by {np.rad2deg(angle):.0f} deg.", undo, _DOUBT + 0.2)
+
+
+def _wind_level(e: Evidence) -> Mistake | None:
+    """Altitudes of the wind profile are above another level than those of the record."""
+    aloft, height = e.aloft, e.height()
+    shown = e.wind if e.wind is not None else e.velocity
+    if aloft is None or height is None or shown is None:
+        return None
+    k = min(max(round(_SWINGS / e.step), 2), e.time.size // 2)
+    seen = smoothed(shown, k)[:, :2]
+
+    def apart(level: float) -> float:
+        return spread(seen - smoothed(aloft(height + level), k)[:, :2])
+
+    if np.isnan(apart(0.0)):
+        return None
+    coarse = np.arange(-_LEVELS, _LEVELS + 1.0, 50.0)
+    fine = coarse[np.argmin([apart(x) for x in coarse])] + np.arange(-40.0, 41.0, 10.0)
+    best = float(fine[np.argmin([apart(x) for x in fine])])
+    if abs(best) < 50.0:
+        return None
+    side = "high" if best > 0.0 else "low"
+    level = "another level" if best > 0.0 else "the ground, or another level"
+    words = f"altitudes of the wind profile are {abs(best):.0f} m too {side}: above {level}, read as above the sea"
+    do = f"Give altitudes above the sea: {-best:+.0f} m from those given."
+    return Mistake(words, do, partial(other_heights, read=partial(np.add, best)), _DOUBT)
 
 
 def _gains(e: Evidence) -> list[Mistake | None]:

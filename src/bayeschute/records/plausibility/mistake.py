@@ -54,6 +54,12 @@ def with_profile(names: tuple[str, ...], e: Evidence) -> tuple[str, ...]:
     return rest + winds
 
 
+def other_heights(e: Evidence, read: Callable[[Array], Array]) -> Evidence | None:
+    """The wind by altitude where its file gives another altitude for the true one; None where there is none."""
+    aloft = e.aloft
+    return None if aloft is None else replace(e, aloft=lambda height: aloft(read(height))).with_winds()
+
+
 def turned_axes(e: Evidence, names: tuple[str, ...], matrix: Array) -> Evidence | None:
     """Vectors along other earth axes; None where one isn't there."""
     names = with_profile(names, e)

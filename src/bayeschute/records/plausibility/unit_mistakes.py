@@ -11,7 +11,7 @@ import numpy as np
 from bayeschute.atmosphere.standard import HIGHEST, LOWEST, SEA_LEVEL_DENSITY, standard_density
 from bayeschute.core.units import factor_to_si
 from bayeschute.records.plausibility.evidence import Evidence
-from bayeschute.records.plausibility.mistake import Mistake, changed, scaled, with_profile
+from bayeschute.records.plausibility.mistake import Mistake, changed, other_heights, scaled, with_profile
 
 _OF_UNITS = {  # by channel: what it is called, units it may be in, its SI unit
     "position": ("capsule positions", ("ft", "km", "yd"), "m"),
@@ -60,23 +60,22 @@ def unit_mistakes() -> Iterator[Mistake]:
         undo = partial(scaled, names=("velocity", "canopy_velocity"), factor=factor)
         yield Mistake(told, _advice(unit, factor), undo)
     for target in ("wind", "profile"):  # one of the two only
+        words = "recorded winds" if target == "wind" else "winds by altitude"
+        channels: tuple[str, ...] = ("wind",) if target == "wind" else ("profile", "shear")
         for unit in ("knot", "ft/s"):
-            factor = factor_to_si(unit, "m/s")[0]
-            words = "recorded winds" if target == "wind" else "winds by altitude"
-
-            def one(e: Evidence, target: str = target, factor: float = factor) -> Evidence | None:
-                if e.wind is None or e.profile is None:
-                    return None
-                return scaled(e, (target,) if target == "wind" else ("profile", "shear"), factor)
-
-            told = f"{words} are in {_UNIT_WORDS.get(unit, unit)}, read as m/s"
-            yield Mistake(told, _advice(unit, factor), one, 0.2)
+            factor, read = factor_to_si(unit, "m/s")[0], _UNIT_WORDS.get(unit, unit)
+            for told, do, by, doubt in (
+                (f"{read}, read as m/s", unit, factor, 0.2),
+                (f"m/s already, converted as if in {read}", "m/s", 1.0 / factor, 0.3),
+            ):
+                undo = partial(_one_wind, names=channels, factor=by)
+                yield Mistake(f"{words} are in {told}", _advice(do, by), undo, doubt)
     for unit, told, doubt in (
         ("ft", "feet, read as metres", 0.1),
         ("m", "metres already, converted as if in feet", 0.3),
     ):
         by = foot if unit == "ft" else 1.0 / foot
-        undo_heights = partial(_other_heights, factor=by)
+        undo_heights = partial(other_heights, read=partial(np.multiply, 1.0 / by))
         yield Mistake(f"altitudes of the wind profile are in {told}", _advice(unit, by), undo_heights, doubt)
     yield Mistake(
         "temperatures are in degrees Celsius, read as kelvin",
@@ -97,10 +96,9 @@ def _rescaled(e: Evidence, name: str, factor: float) -> Evidence | None:
     return scaled(e, names, factor) if names else None
 
 
-def _other_heights(e: Evidence, factor: float) -> Evidence | None:
-    """The wind by altitude with its altitudes times a factor."""
-    aloft = e.aloft
-    return None if aloft is None else replace(e, aloft=lambda height: aloft(height / factor)).with_winds()
+def _one_wind(e: Evidence, names: tuple[str, ...], factor: float) -> Evidence | None:
+    """The recorded wind or that by altitude times a factor, where there are both."""
+    return None if e.wind is None or e.profile is None else scaled(e, names, factor)
 
 
 _UNIT_WORDS = {"ft": "feet", "m": "metres", "knot": "knots", "yd": "yards", "g_0": "g"}

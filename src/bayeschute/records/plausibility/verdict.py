@@ -22,7 +22,7 @@ from bayeschute.records.plausibility.reading import FAULT, WARNING, Reading
 LAWS = (*motion_laws.LAWS, *vehicle_laws.LAWS)
 _MOST_MISTAKES = 3  # made in one record
 _OTHERS = 3  # further causes that are told
-_NEAR = 1.0  # scores that lie this close to the best are told as other causes
+_NEAR = 1.0  # scores of other causes that are told lie this close to the best
 _LOST = 2.0  # score of a law that can't be tried any more
 _TIE = 3  # decimals of a misfit that tell two mistakes apart
 
@@ -103,6 +103,10 @@ class _Tried:
     after: dict[str, Reading]
     evidence: Evidence
 
+    def mends(self, law: str, limit: float) -> bool:
+        """Whether a law holds without the mistake."""
+        return law in self.after and self.after[law].excess < limit
+
 
 def _tried(e: Evidence, laws: Sequence[str]) -> list[_Tried]:
     """Every mistake, undone; the best first, and of those that explain alike the first of the catalogue."""
@@ -148,9 +152,10 @@ def verdict(e: Evidence) -> Verdict:
         solved = solved if broken else left
         if not solved:
             break
-        others = [one.mistake.cause for one in tried[1:] if one.score < best.score + _NEAR][:_OTHERS]
         causes.append(best.mistake.cause)
+        near_best = [one for one in tried[1:] if one.score < best.score + _NEAR]
         for law in solved:
+            others = [one.mistake.cause for one in near_best if one.mends(law, FAULT if broken else WARNING)][:_OTHERS]
             told.setdefault(law, ((best.mistake.cause, *others), best.mistake.do))
         now, left = best.evidence, [law for law in left if law not in solved]
         if not left:
