@@ -161,7 +161,8 @@ nothing is predicted. As wanted: {100 * WANTED:.0f} % of the flights with a mist
 {chr(10).join(table(columns, rows))}
 
 Where a mistake is not noticed, parameters or latent disturbances follow it: what was fitted then does not speak for
-another payload or vehicle. What bands of a predicted flight hold when another form flies: [calibration.md](calibration.md).
+another payload or vehicle. What bands of a predicted flight hold when another form flies:
+[calibration.md](calibration.md).
 """
 
 
