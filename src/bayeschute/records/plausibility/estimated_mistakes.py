@@ -25,8 +25,8 @@ Score = Callable[[Evidence], float]
 
 _DOUBT = 0.4  # of a mistake with a number that fits the record
 _FARTHEST = 8.0  # clocks are apart by less [s]
-_LEVELS = 3000.0  # levels that altitudes are above, likewise [m]
-_SWINGS = 30.0  # over which a capsule goes where the wind goes [s]
+_LEVELS = 3000.0  # the wind profile's altitudes are off by less [m]
+_SWINGS = 30.0  # several periods of a swing [s]
 _SHIFTED = {
     "canopy positions are": ("canopies",),
     "capsule velocities are": ("velocity",),
@@ -115,12 +115,17 @@ def _heading(e: Evidence) -> Mistake | None:
     return Mistake(words, f"Turn it about the vertical by {np.rad2deg(angle):.0f} deg.", undo, _DOUBT)
 
 
+def _over_swings(e: Evidence) -> int:
+    """Samples over which a capsule goes where the wind goes, at most half of all."""
+    return min(max(round(_SWINGS / e.step), 2), e.time.size // 2)
+
+
 def _wind_heading(e: Evidence) -> Mistake | None:
     """The wind's north is not that of positions."""
     wind = air(e)
     if wind is None or e.velocity is None:
         return None
-    k = min(max(round(_SWINGS / e.step), 2), e.time.size // 2)
+    k = _over_swings(e)
     angle = _angle(smoothed(wind, k), smoothed(e.velocity, k))
     if abs(angle) < np.deg2rad(10.0):
         return None
@@ -136,7 +141,7 @@ def _wind_level(e: Evidence) -> Mistake | None:
     shown = e.wind if e.wind is not None else e.velocity
     if aloft is None or height is None or shown is None:
         return None
-    k = min(max(round(_SWINGS / e.step), 2), e.time.size // 2)
+    k = _over_swings(e)
     seen = smoothed(shown, k)[:, :2]
 
     def apart(level: float) -> float:
