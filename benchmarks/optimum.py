@@ -7,9 +7,10 @@ so that it is the mode of one density. A start counts as found where its search 
 within 0.3 posterior standard deviations of the run's mode: a search ends where its next step would be shorter than 0.2.
 
     bayeschute run STUDY --until fit --out RUN
-    python benchmarks/optimum.py STUDY RUN [--starts 20] [--seed 1] [--store models/reference/starts] [--json]
+    python benchmarks/optimum.py STUDY RUN [--starts 20] [--seed 1] [--first 10] [--store DIR] [--json]
 
-``--store`` keeps the result in a file named after the study, for `evidence_page.py`.
+Every row is kept in the run's folder as it comes, so that a stop costs one start and a second process, begun with
+``--first``, does the other half. ``--store models/reference/starts`` keeps the result in a file named after the study, for `evidence_page.py`.
 """
 
 from __future__ import annotations
@@ -60,22 +61,36 @@ def problem(path: Path, folder: Path) -> Problem:
     return Problem(flights, group.priors, NoisePrior(assemble.hyper(study)), hyper, best)
 
 
-def modes(given: Problem, starts: int, seed: int) -> list[Told]:
+def row_of(file: Path, made_by: str) -> Told | None:
+    """A row as it was kept; None where there is none, or other numerics than ``made_by`` made it."""
+    from bayeschute.posterior.assess.multistart import Told
+
+    if not file.is_file():
+        return None
+    held = json.loads(file.read_text(encoding="utf-8"))
+    return Told(**held["row"]) if held["numerics"] == made_by else None
+
+
+def modes(given: Problem, starts: int, seed: int, folder: Path, first: int = 0) -> list[Told]:
     """Where starts lead.
 
     Args:
         given: The problem.
         starts: How many.
         seed: Of the draws.
+        folder: Where each row is kept as it comes; rows that these numerics have left there are not made again.
+        first: The start to begin with; those before it come last.
 
     Returns:
         Of every start its distance from the run's mode [posterior standard deviations], by how much the log density is
         less there, and minus the log evidence of the noise parameters that it found.
     """
+    from bayeschute.core.files import write_whole
     from bayeschute.posterior.along_record.conditional_mode import conditional_optimum
     from bayeschute.posterior.assess.multistart import Told, settle_from
     from bayeschute.posterior.fit.joint_fit import JointFit
     from bayeschute.posterior.fit.marginal_mode import marginal_mode
+    from bayeschute.study.evidence.numerics_hash import numerics
 
     def mode(place: JointFit) -> tuple[Any, float]:
         there = marginal_mode(given.flights, given.priors, place)
@@ -84,8 +99,14 @@ def modes(given: Problem, starts: int, seed: int) -> list[Told]:
 
     kept, least = mode(JointFit(given.optimum, given.hyper, np.nan))
     scale = np.sqrt(np.diag(kept.covariance))
-    rows = []
-    for number in range(starts):
+    made_by, rows = numerics(), {}
+    folder.mkdir(parents=True, exist_ok=True)
+    for number in [*range(first, starts), *range(first)]:
+        file = folder / f"seed-{seed}-start-{number}.json"
+        before = row_of(file, made_by)
+        if before is not None:
+            rows[number] = before
+            continue
         began = perf_counter()
         start = settle_from(given.flights, given.priors, given.prior, number, seed, spread=1.0)
         row = Told(number, start.why, False, np.nan, np.nan, "", np.nan)
@@ -101,8 +122,10 @@ def modes(given: Problem, starts: int, seed: int) -> list[Told]:
         words = row.why or f"{row.away:.3f} standard deviations off in {row.parameter}, log density {-row.worse:+.3g}"
         told = "" if row.converged else ", NOT CONVERGED"
         print(f"start {number}: {words}{told}, {perf_counter() - began:.0f} s", flush=True)
-        rows.append(row)
-    return rows
+        held = json.dumps({"row": row._asdict(), "numerics": made_by})
+        write_whole(file, lambda part, held=held: part.write_text(held, encoding="utf-8"), shared=True)
+        rows[number] = row
+    return [rows[number] for number in range(starts)]
 
 
 def kept(study: Path, seed: int, rows: list[Told]) -> dict[str, Any]:
@@ -128,9 +151,12 @@ def main() -> None:
     parser.add_argument("run", type=Path, help="folder of a run that has come to its fit")
     parser.add_argument("--starts", type=int, default=20)
     parser.add_argument("--seed", type=int, default=1, help="of the starts")
+    parser.add_argument("--first", type=int, default=0, help="the start to begin with; those before it come last")
     parser.add_argument("--store", type=Path, metavar="DIR", help="keep the result there")
     given = parser.parse_args()
-    rows = modes(problem(given.study, given.run), given.starts, given.seed)
+    if not 0 <= given.first < given.starts:
+        parser.error(f"--first is one of the {given.starts} starts, from 0; got {given.first}")
+    rows = modes(problem(given.study, given.run), given.starts, given.seed, given.run / "starts", given.first)
     made = kept(given.study, given.seed, rows)
     share = made["share_found"]
     reached = "reached" if share >= WANTED else "MISSED"

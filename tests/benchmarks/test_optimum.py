@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from types import SimpleNamespace
 
 import numpy as np
@@ -43,8 +44,8 @@ def led(monkeypatch):
     return Problem([], priors, None, "the run's", place([1.0, 2.0]))
 
 
-def test_a_start_is_found_where_its_mode_is_the_run_s(led, capsys):
-    one, other, none = modes(led, 3, 7)
+def test_a_start_is_found_where_its_mode_is_the_run_s(led, tmp_path, capsys):
+    one, other, none = modes(led, 3, 7, tmp_path)
     assert one == Told(0, "", True, -3.0, pytest.approx(0.05), "a", pytest.approx(0.0)) and found(one)
     assert other == Told(1, "", True, -3.0, pytest.approx(5.0), "b", pytest.approx(0.25)) and not found(other)
     assert none.why == "lost" and np.isnan(none.away) and not found(none) and not none.converged
@@ -59,7 +60,21 @@ def test_a_search_that_did_not_end_is_not_found():
 
 
 def test_what_is_kept_tells_the_share_and_what_made_it(led, tmp_path):
-    made = kept(tmp_path / "Q_1.toml", 7, modes(led, 3, 7))
+    made = kept(tmp_path / "Q_1.toml", 7, modes(led, 3, 7, tmp_path))
     assert made["study"] == "Q_1" and made["share_found"] == pytest.approx(1.0 / 3.0) and made["near"] == optimum.NEAR
     assert [row["number"] for row in made["rows"]] == [0, 1, 2]
     assert made["provenance"]["command"] == "benchmarks/optimum.py Q_1.toml RUN --starts 3 --seed 7"
+
+
+def test_rows_of_these_numerics_are_kept_and_not_made_again(led, tmp_path, capsys):
+    made = modes(led, 3, 7, tmp_path, first=2)
+    assert [line.split(":")[0] for line in capsys.readouterr().out.splitlines()] == ["start 2", "start 0", "start 1"]
+    file = tmp_path / "seed-7-start-0.json"
+    held = json.loads(file.read_text())
+    (tmp_path / "seed-7-start-1.json").unlink()
+    file.write_text(json.dumps(held | {"row": held["row"] | {"away": 0.25}}))
+    again = modes(led, 3, 7, tmp_path)
+    assert capsys.readouterr().out.startswith("start 1:") and again[0].away == 0.25
+    assert again[1] == made[1] and again[2].why == "lost"
+    file.write_text(json.dumps(held | {"numerics": "others"}))
+    assert modes(led, 3, 7, tmp_path)[0] == made[0]
