@@ -10,7 +10,8 @@ within 0.3 posterior standard deviations of the run's mode: a search ends where 
     python benchmarks/optimum.py STUDY RUN [--starts 20] [--seed 1] [--first 10] [--store DIR] [--json]
 
 Every row is kept in the run's folder as it comes, so that a stop costs one start and a second process, begun with
-``--first``, does the other half. ``--store models/reference/starts`` keeps the result in a file named after the study, for `evidence_page.py`.
+``--first``, does the other half. ``--store models/reference/starts`` keeps the result in a file named after the study,
+for `evidence_page.py`.
 """
 
 from __future__ import annotations
