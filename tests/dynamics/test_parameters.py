@@ -29,6 +29,8 @@ BASE = small.cluster()
         ("capsule_normal_force_slope", 0.5, lambda c: c.capsule.normal_force_slope, 0.5),
         ("capsule_pitch_moment_slope", -0.1, lambda c: c.capsule.moment_slope, -0.1),
         ("capsule_pitch_damping", -0.4, lambda c: c.capsule.pitch_damping, -0.4),
+        ("capsule_inertia_factor_y", 1.1, lambda c: c.capsule.inertia.y, 1.1 * float(BASE.capsule.inertia.y)),
+        ("capsule_inertia_factor_z", 0.9, lambda c: c.capsule.inertia.z, 0.9 * float(BASE.capsule.inertia.z)),
         ("canopy_mass", 140.0, lambda c: c.canopies.dry_mass, 140.0),
         ("enclosed_air_factor", np.log(1.1), lambda c: c.canopies.enclosed_volume, 1.1 * 3969.0),
     ],

@@ -29,6 +29,7 @@ OF_CAPSULE = {
     "capsule_pitch_moment_slope": "moment_slope",
     "capsule_pitch_damping": "pitch_damping",
 }
+OF_INERTIA = {"capsule_inertia_factor_y": "y", "capsule_inertia_factor_z": "z"}
 OF_CANOPIES = {
     "canopy_mass": "dry_mass",
     "canopy_pitch_moment_slope": "moment_slope",
@@ -86,6 +87,9 @@ def with_parameters(
         elif name in OF_CAPSULE:
             new_of_capsule: dict[str, Any] = {OF_CAPSULE[name]: value}
             capsule = replace(capsule, **new_of_capsule)
+        elif name in OF_INERTIA:
+            new_moment: dict[str, Any] = {OF_INERTIA[name]: value * getattr(capsule.inertia, OF_INERTIA[name])}
+            capsule = replace(capsule, inertia=replace(capsule.inertia, **new_moment))
         elif name in OF_CANOPIES:
             canopies = replace(canopies, **{OF_CANOPIES[name]: value})
         elif name == APPARENT_MASS:

@@ -56,6 +56,8 @@ _PARAMETERS = {
     "capsule_normal_force_slope": "slope of the capsule's normal force",
     "capsule_pitch_moment_slope": "slope of the capsule's pitching moment",
     "capsule_pitch_damping": "pitch damping of the capsule",
+    "capsule_inertia_factor_y": "factor on the capsule's moment of inertia about y",
+    "capsule_inertia_factor_z": "factor on the capsule's moment of inertia about z",
     "canopy_pitch_moment_slope": "slope of a canopy's pitching moment",
     "canopy_pitch_damping": "pitch damping of a canopy",
     "canopy_position_scale": "scale of the recorded canopy positions",

@@ -109,6 +109,13 @@ def test_what_is_simulated_is_changed_by_its_size(flown):
     data, _ = flown
     mass = named(flown, "the mass of the capsule").changed(5.0).model.base
     assert float(mass.capsule.mass) == pytest.approx(1.05 * float(data.model.base.capsule.mass))
+    moments = named(flown, "the moment of inertia of the capsule about body axis z").changed(-2.0).model.base.capsule
+    before = data.model.base.capsule.inertia
+    assert (moments.inertia.x, moments.inertia.y, moments.inertia.z) == (
+        before.x,
+        before.y,
+        pytest.approx(0.98 * before.z),
+    )
     wind = named(flown, "the recorded wind east").changed(2.0).model.record.wind
     np.testing.assert_allclose(data.model.record.wind - wind, np.tile([0.0, 2.0, 0.0], (small.SAMPLES, 1)))
     factor = named(flown, "the axial force of canopy 1 relative to the others").changed(10.0).model.record.axial_factor
@@ -133,10 +140,17 @@ def test_the_capsule_s_slopes_are_changed_where_they_are_numbers_and_not_fitted(
 
 
 def test_what_is_fitted_or_was_not_recorded_is_not_asked_for():
-    fitted = ("capsule_mass", "wind_bias.north", "wind_bias.east", *(f"capsule_attitude_bias.{a}" for a in "yz"))
+    fitted = (
+        "capsule_mass",
+        "capsule_inertia_factor_y",
+        "wind_bias.north",
+        "wind_bias.east",
+        *(f"capsule_attitude_bias.{a}" for a in "yz"),
+    )
     data, along = case(names=fitted, channels=("canopy_position", "capsule_attitude"))
     asked = [one.what for one in asked_for(replace(data, model=replace(data.model, names=fitted)), along)]
     assert not [what for what in asked if "mass" in what or "wind" in what or "recorded attitude" in what]
+    assert [what[-1] for what in asked if "inertia" in what] == ["z"]
     assert "the clock of the capsule's velocity" not in asked and "the gain of the load cells" not in asked
     assert [what for what in asked if "distance" in what] == [
         f"the recorded distance to the canopies {axis}" for axis in ("north", "east", "down")

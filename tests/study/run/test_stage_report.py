@@ -102,7 +102,7 @@ def study(*flights, vary_canopies=None, vehicle=True):
 
 NAMES = {
     "axial[1]": 0.8, "axial[alpha^2]": 0.0, "capsule_mass": 9000.0, "canopy_mass": 150.0, "enclosed_air_factor": 1.0,
-    "canopy_position_scale": 1.0, "capsule_axial_force": 0.7, "capsule_normal_force_slope": 0.0,
+    "canopy_position_scale": 1.0, "capsule_inertia_factor_y": 1.0, "capsule_axial_force": 0.7, "capsule_normal_force_slope": 0.0,
     "capsule_pitch_moment_slope": -0.1, "capsule_pitch_damping": -0.2, "canopy_pitch_moment_slope": -0.3,
     "canopy_pitch_damping": -0.4, "riser_length": 70.0, "riser_stiffness": 1e5, "riser_damping": 2e3,
 }  # fmt: skip

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayeschute.compiler.integrate import outputs
-from bayeschute.dynamics.cluster_flight import ClusterFlight, output_names
+from bayeschute.dynamics.cluster_flight import OF_INERTIA, ClusterFlight, output_names
 from bayeschute.dynamics.parameters import BIASES
 from bayeschute.dynamics.state import unpack
 from bayeschute.likelihood.joint import FlightData
@@ -45,6 +45,7 @@ _LATE = {
     "capsule_attitude": "the clock of the attitude",
 }
 _WEIGH = "Weigh it; or `capsule_mass` in `[priors.given]`. Moments of inertia wrong the other way look alike."
+_SWING_IT = "`{}` in `[priors.given]`, unless it was measured. A mass wrong the other way looks alike."
 _VARY = 'Canopies that differ: `vary_canopies = ["axial[1]"]` in `[priors]`, with `fit = "pool"`.'
 _SET_CLOCKS = "Time stamps of the instruments. If they are right, forces lag in a way that the model lacks."
 _CALIBRATE = "The calibration of the load cells: `scale` of the column."
@@ -73,7 +74,7 @@ def possible_errors(flight: FlightData, along: Linearisation) -> list[PossibleEr
 
 
 def _of_bodies(flight: FlightData, model: ClusterFlight, fitted: Collection[str]) -> Iterator[PossibleError]:
-    """Of the bodies: mass of the capsule (moments of inertia stay), its aerodynamics, and a canopy's axial force."""
+    """Of the bodies: mass of the capsule, its moments of inertia and aerodynamics, and a canopy's axial force."""
     base = model.base
 
     def heavier(x: float) -> FlightData:
@@ -82,6 +83,17 @@ def _of_bodies(flight: FlightData, model: ClusterFlight, fitted: Collection[str]
 
     if "capsule_mass" not in fitted:
         yield PossibleError(Alternative("the mass of the capsule", "%", heavier), _WEIGH)
+    for name, axis in OF_INERTIA.items():
+        if name not in fitted:
+
+            def larger(x: float, axis: str = axis) -> FlightData:
+                moments = base.capsule.inertia
+                moments = replace(moments, **{axis: getattr(moments, axis) * (1.0 + _PERCENT * x)})
+                capsule = replace(base.capsule, inertia=moments)
+                return replace(flight, model=replace(model, base=replace(base, capsule=capsule)))
+
+            what = f"the moment of inertia of the capsule about body axis {axis}"
+            yield PossibleError(Alternative(what, "%", larger), _SWING_IT.format(name))
     for name, (field, words) in _OF_CAPSULE.items():
         if name not in fitted and base.capsule.table is None:
 

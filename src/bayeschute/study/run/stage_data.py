@@ -210,6 +210,8 @@ _GIVEN = {
     "capsule_normal_force_slope": "1",
     "capsule_pitch_moment_slope": "1",
     "capsule_pitch_damping": "1",
+    "capsule_inertia_factor_y": "1",
+    "capsule_inertia_factor_z": "1",
     "enclosed_air_factor": "1",
     "canopy_pitch_moment_slope": "1",
     "canopy_pitch_damping": "1",

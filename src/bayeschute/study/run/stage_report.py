@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from bayeschute.aero.coefficient import APPARENT_MASS, Coefficient, is_coefficient
 from bayeschute.calibration.label import MOST_LOST, lost_simulations
+from bayeschute.dynamics.cluster_flight import OF_INERTIA
 from bayeschute.likelihood.priors import Prior
 from bayeschute.posterior.term_search import PENALTY
 from bayeschute.records.record import repairs
@@ -216,7 +217,7 @@ def true_values(job: Job) -> dict[str, float]:
     risers, capsule, canopies = study.vehicle.risers, study.vehicle.capsule, study.vehicle.canopies
     flown = flown_terms(study)
     flown |= {"capsule_mass": capsule.mass, "canopy_mass": canopies.dry_mass}
-    flown |= {"enclosed_air_factor": 1.0, "canopy_position_scale": 1.0}
+    flown |= dict.fromkeys(("enclosed_air_factor", "canopy_position_scale", *OF_INERTIA), 1.0)
     for name in ("axial_force", "normal_force_slope", "pitch_moment_slope", "pitch_damping"):
         flown[f"capsule_{name}"] = getattr(capsule, name) or 0.0
     for name in ("pitch_moment_slope", "pitch_damping"):

@@ -80,6 +80,10 @@ class GivenTable(Strict):
         capsule_normal_force_slope: See `CapsuleTable` [1/rad].
         capsule_pitch_moment_slope: Slope of the static moment about the reference centre [1/rad].
         capsule_pitch_damping: C_mq, and C_nr where the vehicle has no other [1].
+        capsule_inertia_factor_y: Times the moment of inertia of a flight's capsule about its body axis y [1]. A drawing
+            knows it to a few per cent, and a capsule that rocks tells of its moments to a few tenths of one: held at
+            nominal values they tie tensions, and so the canopies' drag, to what they are not.
+        capsule_inertia_factor_z: Likewise about z [1].
         enclosed_air_factor: Times the enclosed air of the vehicle's canopies [1].
         canopy_pitch_moment_slope: C_m_alpha of a canopy about its reference point [1/rad]; see `CanopiesTable`.
         canopy_pitch_damping: C_mq of a canopy [1].
@@ -100,6 +104,8 @@ class GivenTable(Strict):
     capsule_normal_force_slope: Prior[Number] | None = None
     capsule_pitch_moment_slope: Prior[Number] | None = None
     capsule_pitch_damping: Prior[Number] | None = None
+    capsule_inertia_factor_y: Prior[PositiveNumber] | None = None
+    capsule_inertia_factor_z: Prior[PositiveNumber] | None = None
     enclosed_air_factor: Prior[PositiveNumber] | None = None
     canopy_pitch_moment_slope: Prior[Number] | None = None
     canopy_pitch_damping: Prior[Number] | None = None
