@@ -34,7 +34,7 @@ def one(out: Path, seed: int, draws: int) -> tuple[dict[str, dict[str, float]], 
     """
     from bayeschute.likelihood.priors import working
     from bayeschute.posterior.joint_mode import conditional
-    from bayeschute.posterior.noise_evidence import NoisePrior, from_vector, function_of, to_vector
+    from bayeschute.posterior.noise_evidence import from_vector, function_of, to_vector
     from bayeschute.posterior.noise_uncertainty import NoiseEffect, joint_covariance
     from bayeschute.study.assembly import assemble
     from bayeschute.study.assembly.fits import groups, load_fit
@@ -48,7 +48,7 @@ def one(out: Path, seed: int, draws: int) -> tuple[dict[str, dict[str, float]], 
     stored = load_fit(job, group)
     linear, gaps = ([getattr(a, key) for a in stored.marginal.along] for key in ("linear", "mean_correction"))
     flights = stored.marginal.flights
-    evidence = function_of(flights, linear, group.priors, NoisePrior(assemble.hyper(job.study)), gaps)
+    evidence = function_of(flights, linear, group.priors, assemble.noise_prior(job.study), gaps)
     at, root = to_vector(stored.hyper), np.linalg.cholesky(stored.noise_parameter_covariance)
     half = np.random.default_rng([seed, 21]).standard_normal((draws // 2, at.size))
     log_weight, covariances = [], []

@@ -48,7 +48,6 @@ class Problem(NamedTuple):
 
 def problem(path: Path, folder: Path) -> Problem:
     """Of a study and its run, which has come to its fit."""
-    from bayeschute.posterior.noise_evidence import NoisePrior
     from bayeschute.study.assembly import assemble
     from bayeschute.study.assembly.fits import data_of, groups, load_noise_parameters, load_optimum
     from bayeschute.study.job import Job
@@ -59,7 +58,7 @@ def problem(path: Path, folder: Path) -> Problem:
     (group,) = groups(job)
     flights = [data_of(job, flight, group.priors) for flight in group.flights]
     hyper, best = load_noise_parameters(job, group), load_optimum(job, group)
-    return Problem(flights, group.priors, NoisePrior(assemble.hyper(study)), hyper, best)
+    return Problem(flights, group.priors, assemble.noise_prior(study), hyper, best)
 
 
 def row_of(file: Path, made_by: str) -> Told | None:

@@ -15,6 +15,7 @@ says. Only what depends on the vehicle is put in its place, by one rule for all,
 | prior of the canopies' apparent mass | median: air of the enclosed volume of the meta file; log sd 0.5 |
 | noise of channels | white part: scatter of the record's own samples; correlated: as many times that as by default |
 | breathing | frequency times reference speed over diameter, over that of the default vehicle |
+| slow vertical air | its time constant at most 1.5 times the default's, as `bayeschute init` states it |
 | rate | 10 Hz, or that of the canopies' samples where they are fewer |
 | one canopy | terms that need a neighbour are left out |
 """
@@ -44,6 +45,7 @@ MOMENT = 0.3  # sd of a canopy's C_m_alpha and C_mq
 AIR_LOG_SD = 0.5  # of a canopy's apparent mass, which no meta file gives, over that of its enclosed air
 SCALE = 0.01  # sd of the scale of canopy positions, which are from video
 CAPSULE = {"pitch_moment_slope": 0.1, "pitch_damping": 1.0}  # sd
+LONGEST = 1.5  # times the default's time constant: of slow vertical air
 BIASES = {  # constant errors of a record, as `bayeschute init` states them
     "canopy_position_bias": {"sd": "0.5 m"},
     "capsule_attitude_bias": {"sd": "0.5 deg"},
@@ -187,6 +189,9 @@ def _noise(default: Mapping[str, Any], flight: OtherFlight) -> dict[str, Any]:
                     ratio = 1.0 if white is None else _magnitude(table[key], unit) / white
                     table[key] = _si(ratio * seen[name], unit)
             made[name] = table
+    slow = made["slow_wind"]
+    longest = LONGEST * _magnitude(slow["time_constant"], "s")
+    made["slow_wind"] = slow | {"vertical_time_constant_at_most": _si(longest, "s")}
     if "breathing" in made:
         usual, meta = default_vehicle()["canopies"], flight.meta
         before = _magnitude(usual["reference_speed"], "m/s") / _magnitude(usual["reference_length"], "m")

@@ -93,7 +93,6 @@ def one(study: Any, seed: int, known: bool) -> dict[str, Any]:
     from bayeschute.posterior.fit.joint_fit import JointFit
     from bayeschute.posterior.fit.laplace_fit import find
     from bayeschute.posterior.fit.marginal_mode import marginal_mode
-    from bayeschute.posterior.noise_evidence import NoisePrior
     from bayeschute.posterior.noise_uncertainty import joint_covariance
     from bayeschute.records.sensors import SensorNoise
     from bayeschute.study.assembly import assemble
@@ -109,7 +108,7 @@ def one(study: Any, seed: int, known: bool) -> dict[str, Any]:
         best = marginal_mode(data, priors, JointFit(best, hyper, np.nan))
         covariance = best.covariance
     else:
-        found = find(data, priors, NoisePrior(assemble.hyper(study)))
+        found = find(data, priors, assemble.noise_prior(study))
         best = found.optimum
         covariance = joint_covariance(found.marginal.scale, found.noise_effect, found.noise_parameter_covariance)
     z = (best.theta - working(priors)[0]) / np.sqrt(np.diag(covariance))

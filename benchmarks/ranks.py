@@ -81,7 +81,7 @@ def cluster() -> sbc.Template:
         seen = quantities_of_states(data, x)
         return sbc.swing_quantities(seen["swing_angle"], seen["descent_rate"], float(data.dt))
 
-    return sbc.Template(opening(flight, 45.0), priors, NoisePrior(assemble.hyper(study), LOG_SD), quantities)
+    return sbc.Template(opening(flight, 45.0), priors, replace(assemble.noise_prior(study), log_sd=LOG_SD), quantities)
 
 
 @lru_cache(maxsize=2)

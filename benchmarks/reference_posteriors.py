@@ -69,7 +69,7 @@ def cluster_ar1() -> Case:
 
     study = with_noise(load_study(study_of.STUDY), "ar1")
     flight, priors = study_of.flown(study, SEED)
-    return Case(flight, priors, NoisePrior(assemble.hyper(study)))
+    return Case(flight, priors, assemble.noise_prior(study))
 
 
 CASES: dict[str, Callable[[], Case]] = {

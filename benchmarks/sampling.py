@@ -145,7 +145,6 @@ def apart(target: Any, count: int = 4) -> float:
 
 def begin(folder: Path, quick: bool, seed: int) -> tuple[Any, list[Any], Any, Any]:
     """Priors and data of the study's fit: priors, flights, priors of the noise parameters, settings of the sampler."""
-    from bayeschute.posterior.noise_evidence import NoisePrior
     from bayeschute.study.assembly import assemble
     from bayeschute.study.assembly.fits import data_of, groups
     from bayeschute.study.job import Job
@@ -157,7 +156,7 @@ def begin(folder: Path, quick: bool, seed: int) -> tuple[Any, list[Any], Any, An
     job = Job(assemble.smaller(study) if quick else study, folder, quick, "", lambda *_: None)
     group = groups(job)[0]
     flights = [data_of(job, flight, group.priors) for flight in group.flights]
-    return group.priors, flights, NoisePrior(assemble.hyper(study)), job.study.sampler
+    return group.priors, flights, assemble.noise_prior(study), job.study.sampler
 
 
 def twice(now: Callable[[], float], work: Callable[[], Any]) -> tuple[Any, float, float]:

@@ -127,6 +127,21 @@ def test_maximise_recovers_the_noise(descent):
     assert np.abs(evidence(made)[1]).max() < 0.1
 
 
+def test_a_drift_lasts_no_longer_than_it_may(descent):
+    """Drifts that last twenty times as long as the median says, sought with and without the limit."""
+    flight, u = descent.simulate(descent.flights[0], descent.hyper, descent.theta, 11)
+    lin = [_linearised(flight, descent.hyper, descent.theta, u)]
+    (law,) = descent.hyper.disturbance_parameters
+    brief = replace(descent.hyper, disturbance_parameters=(np.array([law[0], law[1] / 20.0]),))
+    free, held = NoisePrior(brief, 1.0), NoisePrior(brief, 1.0, longest=((0, 0.075 * law[1]),))
+    (low, high), (least, most) = free.limits(), held.limits()
+    np.testing.assert_array_equal(low, least)
+    assert most[-1] == pytest.approx(np.log(0.075 * law[1])) and (most[:-1] == high[:-1]).all()
+    evidence = noise_evidence.function_of([flight], lin, descent.priors, free)
+    found = [noise_evidence.maximise(evidence, brief, prior)[0].disturbance_parameters[0] for prior in (free, held)]
+    assert found[0][1] > 3.0 * law[1] / 20.0 and found[1][1] == pytest.approx(0.075 * law[1])
+
+
 def test_maximise_recovers_an_oscillator(linear):
     truth = NoiseParameters(linear.hyper.noise, (np.array([0.2, 2.5]), np.array([0.9, 0.35, 0.1])))
     drawn = [linear.simulate(linear.flight, truth, linear.theta, seed) for seed in (21, 22, 23)]

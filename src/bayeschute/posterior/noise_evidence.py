@@ -38,10 +38,17 @@ _TOLD = 0.1  # along axes with a smaller standard deviation the skewness is negl
 
 @dataclass(frozen=True)
 class NoisePrior:
-    """Log-normal priors of the noise parameters: medians, and one standard deviation of the logarithm for all."""
+    """Log-normal priors of the noise parameters: medians, and one standard deviation of the logarithm for all.
+
+    Attributes:
+        median: Of every noise parameter.
+        log_sd: Of the logarithms.
+        longest: Groups of drifts, and the longest time constant that is sought of each [s].
+    """
 
     median: NoiseParameters
     log_sd: float = 0.7
+    longest: tuple[tuple[int, float], ...] = ()
 
     def limits(self) -> tuple[Array, Array]:
         """Least and greatest logarithms of the noise parameters that are sought (V,), in the order of `to_vector`.
@@ -52,7 +59,10 @@ class NoisePrior:
         middle = to_vector(self.median)
         low, high = middle - _FARTHEST * self.log_sd, middle + _FARTHEST * self.log_sd
         place = len(middle) - sum(len(one) for one in self.median.disturbance_parameters)
-        for one in self.median.disturbance_parameters:
+        longest = dict(self.longest)
+        for group, one in enumerate(self.median.disturbance_parameters):
+            if group in longest:
+                high[place + 1] = np.log(longest[group])
             if len(one) == KINDS["oscillator"]:
                 low[place + 1], high[place + 1] = middle[place + 1] + np.log([1.0 / _DETUNED, _DETUNED])
                 high[place + 2] = np.log(max(_DAMPED, 2.0 * one[2]))

@@ -22,7 +22,6 @@ from bayeschute.calibration import simulation_based as sbc
 from bayeschute.calibration.campaign import run
 from bayeschute.calibration.rank_tables import summarise_ranks
 from bayeschute.core.errors import Fault, InputError
-from bayeschute.posterior.noise_evidence import NoisePrior
 from bayeschute.prediction.bands import quantities_of_states
 from bayeschute.study.assembly import assemble
 from bayeschute.study.assembly.fits import data_of, groups
@@ -77,7 +76,7 @@ def template(of: Tested) -> sbc.Template:
         seen = quantities_of_states(data, x)
         return sbc.swing_quantities(seen["swing_angle"], seen["descent_rate"], float(data.dt))
 
-    return sbc.Template(flight, group.priors, NoisePrior(assemble.hyper(study)), quantities)
+    return sbc.Template(flight, group.priors, assemble.noise_prior(study), quantities)
 
 
 @lru_cache(maxsize=2)

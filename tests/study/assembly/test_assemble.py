@@ -180,6 +180,19 @@ def test_slow_wind_adds_to_wind(study: Study, descents):
     assert assemble.noise_parameter_names(both) == ("wind, vertical", "slow wind, vertical")
 
 
+def test_vertical_air_lasts_as_long_as_the_study_allows(study: Study, descents):
+    assert assemble.noise_prior(study).longest == ()
+    for made, place in ((study, 3), (load_study(descents.study), 1)):
+        horizontal = "1 m/s" if place == 3 else None
+        slow = WindNoise(
+            horizontal=horizontal, vertical="0.5 m/s", time_constant="60 s", vertical_time_constant_at_most="80 s"
+        )
+        limited = replace(made, noise=made.noise.model_copy(update={"slow_wind": slow}))
+        prior = assemble.noise_prior(limited)
+        assert prior.longest == ((place, 80.0),) and list(prior.median.disturbance_parameters[place]) == [0.5, 60.0]
+        assert assemble.noise_parameter_names(limited)[place] == "slow wind, vertical"
+
+
 def test_quick_is_smaller_and_leaves_the_rest(study: Study):
     quick = assemble.smaller(study)
     assert quick.sampler.draws < study.sampler.draws and quick.predict.draws < study.predict.draws

@@ -88,13 +88,22 @@ def test_every_channel_has_a_unit_and_a_table_tells_itself():
     channels = {*NoiseTable.model_fields} - {"model", *FORCES}
     assert channels == {*NOISE_UNITS}
     raw = {"capsule_attitude": {"white": "1 deg", "kind": "white"}, "wind": OU, "breathing": BREATHING}
+    raw["slow_wind"] = OU | {"vertical_time_constant_at_most": "60 s"}
     head, *lines = repr(NoiseTable.model_validate(raw)).splitlines()
     assert head == "NoiseTable of model 'latent', SI"
     assert [line.split() for line in lines] == [
         ["capsule_attitude", "white", "0.01745", "rad"],
         ["wind", "horizontal", "1", "m/s,", "vertical", "0.5", "m/s,", "time_constant", "40", "s"],
+        ["slow_wind", *lines[1].split()[1:-1], "s,", "vertical_time_constant_at_most", "60", "s"],
         ["breathing", "sd", "0.05", "1,", "frequency", "0.25", "Hz,", "damping_ratio", "0.1", "1"],
     ]
+
+
+def test_a_limit_of_vertical_air_is_no_shorter_than_expected():
+    limited = OU | {"vertical_time_constant_at_most": "40 s"}
+    assert NoiseTable.model_validate({"slow_wind": limited}).slow_wind.vertical_time_constant_at_most == 40.0
+    told = _told(NoiseTable, {"slow_wind": OU | {"vertical_time_constant_at_most": "39 s"}})
+    assert "40 s, time_constant, or more" in told and "39 s" in told
 
 
 def test_populations_are_of_drops_or_of_canopies():

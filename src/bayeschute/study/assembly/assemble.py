@@ -18,10 +18,12 @@ from bayeschute.dynamics import parameters
 from bayeschute.dynamics.parameters import Canopies, Capsule, Cluster, Risers, Structure, engagement_length
 from bayeschute.likelihood.disturbances import Latent
 from bayeschute.likelihood.joint import NoiseParameters
+from bayeschute.posterior.noise_evidence import NoisePrior
 from bayeschute.records.reconstruct import ClusterGeometry
 from bayeschute.records.sensors import Dropouts, SensorNoise
 from bayeschute.study.formulation import noise_medians
 from bayeschute.study.load import Study
+from bayeschute.study.schema.belief_schema import WindNoise
 from bayeschute.study.schema.vehicle_schema import BreathingTable, CapsuleTable, Vehicle, from_centre_of_mass
 from bayeschute.study.schema.virtual_schema import VirtualFlight
 from bayeschute.study.schema.wind_schema import ProfileTable, WindTable
@@ -173,6 +175,15 @@ def hyper(study: Study) -> NoiseParameters:
     return NoiseParameters(noise, tuple(np.array(parameters) for _, _, _, parameters in _groups(study)))
 
 
+def noise_prior(study: Study) -> NoisePrior:
+    """Priors of the noise parameters about their medians, and the longest time constants of vertical air."""
+    most = {
+        f"{name}, vertical": wind.vertical_time_constant_at_most for name, wind in _winds(study) if wind is not None
+    }
+    longest = ((i, most.get(name)) for i, name in enumerate(noise_parameter_names(study)))
+    return NoisePrior(hyper(study), longest=tuple((i, limit) for i, limit in longest if limit is not None))
+
+
 def latent(study: Study, canopies: int) -> Latent:
     """Latent processes: errors of the wind north, east and down, each canopy's force along and across, the roll."""
     places = {"horizontal": (0, 1), "vertical": (2,), "canopy": tuple(range(3, 3 + canopies))}
@@ -191,13 +202,18 @@ def noise_parameter_names(study: Study) -> tuple[str, ...]:
     return tuple(name for name, _, _, _ in _groups(study))
 
 
+def _winds(study: Study) -> tuple[tuple[str, WindNoise | None], ...]:
+    """Gusts and slow wind, by the names of their groups."""
+    return ("wind", study.noise.wind), ("slow wind", study.noise.slow_wind)
+
+
 def _groups(study: Study) -> list[tuple[str, str, str, tuple[float, ...]]]:
     """Name, channel, kind and hyperparameters of every group of latent processes."""
     table = study.noise
     found: list[tuple[str, str, str, tuple[float, ...]]] = []
     if table.model != "latent":
         return found
-    for name, wind in (("wind", table.wind), ("slow wind", table.slow_wind)):
+    for name, wind in _winds(study):
         if wind is not None and wind.horizontal is not None and study.model != "descent":
             found.append((f"{name}, horizontal", "horizontal", "drift", (wind.horizontal, wind.time_constant)))
         if wind is not None:

@@ -142,7 +142,7 @@ def covariances(
                 record = fly_candidate(job.study, flight, priors, group.flights[0], flat.mean(axis=0), seed)
                 ingest_flight(drop, replace(flight, virtual=None), record)
                 data = data_of(drop, flight, priors, like=group.flights[0])
-                found.append(_covariance(data, known, NoisePrior(assemble.hyper(drop.study))))
+                found.append(_covariance(data, known, assemble.noise_prior(drop.study)))
             except (NoFitError, FloatingPointError) as error:
                 lost[flight.name] = " ".join(str(error).split())
         if found:

@@ -27,7 +27,6 @@ from bayeschute.posterior.fit.drawn_density import Sampled, sampled
 from bayeschute.posterior.fit.joint_fit import NoFitError
 from bayeschute.posterior.fit.laplace_fit import LaplaceFit, marginal_fit
 from bayeschute.posterior.marginal import Marginal
-from bayeschute.posterior.noise_evidence import NoisePrior
 from bayeschute.posterior.noise_uncertainty import NoiseEffect, widened
 from bayeschute.posterior.sampler import sample
 from bayeschute.posterior.sampling.protocol import Draws
@@ -268,7 +267,7 @@ def _found(job: Job, group: Group, say: Say) -> tuple[Group, LaplaceFit, dict[st
     Returns:
         The group with the priors that were used, the fit, and the last score tests of left-out terms.
     """
-    prior, kept = NoisePrior(assemble.hyper(job.study)), checkpoint.get_settled(job, group.name)
+    prior, kept = assemble.noise_prior(job.study), checkpoint.get_settled(job, group.name)
     if kept is None:
         group, settled, z = settled_terms.settle(job, group, prior, part_of(say, 0.0, _SETTLED))
         checkpoint.put_settled(job, group.name, group.priors, settled, z)

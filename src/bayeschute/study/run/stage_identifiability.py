@@ -23,7 +23,6 @@ from bayeschute.posterior.assess.identifiability_result import (
     diagnosis,
 )
 from bayeschute.posterior.assess.profile import likelihood_interval, profile
-from bayeschute.posterior.noise_evidence import NoisePrior
 from bayeschute.posterior.noise_uncertainty import NoiseEffect
 from bayeschute.study import formulation
 from bayeschute.study.assembly import assemble
@@ -96,7 +95,7 @@ def _with_noise(job: Job, group: Group, stored: Stored, found: FitIdentifiabilit
         parameters[name] = replace(
             parameters[name], noise_share=float(share), noise_partner=partner, noise_correlation=correlation
         )
-    before = NoisePrior(assemble.hyper(job.study)).log_sd
+    before = assemble.noise_prior(job.study).log_sd
     contraction = (1.0 - np.diag(spread) / before**2).tolist()
     rows = map(tuple, mixed.correlation.tolist())
     correlations = NoiseCorrelations(names, dict(zip(mixed.parameters, rows, strict=True)))

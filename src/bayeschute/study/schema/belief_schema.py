@@ -191,11 +191,22 @@ class WindNoise(Strict):
         horizontal: Standard deviation of north and east [m/s]; None in the descent model.
         vertical: Standard deviation of down [m/s].
         time_constant: [s].
+        vertical_time_constant_at_most: Longest that is sought for the vertical part [s]; None: as the prior allows.
+            Vertical air averages out over minutes, and what lasts for a whole record can't be told from drag: without a
+            limit an updraft of 0.9 m/s over 150 s stood for a quarter of the drag of a canopy whose payload rocked
+            otherwise than its moments of inertia said (set T of `docs/other-flights.md`).
     """
 
     horizontal: PositiveSpeed | None = None
     vertical: PositiveSpeed
     time_constant: PositiveTime
+    vertical_time_constant_at_most: PositiveTime | None = None
+
+    @rule
+    def _bounds_what_is_expected(self) -> None:
+        most = self.vertical_time_constant_at_most
+        if most is not None and most < self.time_constant:
+            refuse(f"vertical_time_constant_at_most of {self.time_constant:g} s, time_constant, or more", f"{most:g} s")
 
 
 class ForceNoise(Strict):
@@ -278,7 +289,8 @@ class NoiseTable(Strict):
         for name in (n for n in type(self).model_fields if n != "model" and getattr(self, n) is not None):
             values = getattr(self, name).model_dump(exclude_none=True)
             unit = NOISE_UNITS.get(name, "1")
-            units = {"time_constant": "s", "frequency": "Hz", "damping_ratio": "1"}
+            units = dict.fromkeys(("time_constant", "vertical_time_constant_at_most"), "s")
+            units |= {"frequency": "Hz", "damping_ratio": "1"}
             said = [f"{k} {v:.4g} {units.get(k, unit)}" for k, v in values.items() if isinstance(v, float)]
             lines.append(f"  {name:17} {', '.join(said)}")
         return "\n".join(lines)

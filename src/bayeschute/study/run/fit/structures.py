@@ -123,7 +123,7 @@ def _kind(job: Job) -> str:
 
 def _fitted(job: Job, group: Group, say: Say) -> _Fitted:
     """Fit, draw, store and score one structure."""
-    prior, table = NoisePrior(assemble.hyper(job.study)), job.study.sampler
+    prior, table = assemble.noise_prior(job.study), job.study.sampler
     settled = _settled(job, group, prior, lambda s, w: say(0.6 * s, w))
     flights = [data_of(job, f, group.priors) for f in group.flights]
     widen = job.study.noise.model == "latent"
