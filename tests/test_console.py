@@ -14,6 +14,15 @@ from bayeschute.console import Bars, place_for_json, reporting_faults, say, writ
 from bayeschute.core.errors import Fault, InputError, harmless
 
 
+@pytest.fixture
+def stoppable():
+    """A process that Ctrl-C stops: one that a shell started in the background ignores it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("stoppable")
 def test_a_stop_that_a_library_loses_is_heard_at_the_next_progress(capsys):
     """As one that falls into a callback of the garbage collector, of which Python prints that it is ignored."""
 
