@@ -67,6 +67,7 @@ CLUSTER = [
     (r'^(?=riser_length = \{)', 'canopy_mass = { mean = "149 lbf", sd = "9 kg" }\n', '[priors.given.canopy_mass] mean', "'149 lbf'", 'kg'),  # fmt: skip
     (r'^(?=riser_length = \{)', 'capsule_mass = { mean = "9000 kg", sd = "2700 kg" }\n', '[priors.given] capsule_mass', '30%', 'at most 20% of the mass'),  # fmt: skip
     (r'^(?=riser_length = \{)', 'canopy_mass = { median = "149 kg", log_sd = 0.3 }\n', '[priors.given] canopy_mass', '30%', 'at most 20% of the mass'),  # fmt: skip
+    (r'^(?=riser_length = \{)', 'capsule_inertia_factor_y = { mean = 1.0, sd = 0.5 }\n', '[priors.given] capsule_inertia_factor_y', '50%', 'at most 20% of the mean'),  # fmt: skip
     (r"^warmup = 300", "warmup = 3", "[sampler] warmup", "3", "from 50"),
     (r"^chains = 4", "chains = 1", "[sampler] chains", "1", "from 2"),
     (r"^draws = 500", "draws = 5e2", "[sampler] draws", "500.0", "a whole number"),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Generic, Literal, TypeVar
 
-from pydantic import AfterValidator, field_validator
+from pydantic import AfterValidator, ValidationInfo, field_validator
 
 from bayeschute.study.schema.quantities import (
     NOT_NEGATIVE,
@@ -31,7 +31,7 @@ from bayeschute.study.schema.structure_schema import distinct
 Q = TypeVar("Q")
 NoiseModel = Literal["latent", "ar1", "ar1+white", "white", "sandwich"]
 NoiseKind = Literal["ar1+white", "ar1", "white"]
-_LEAST_WEIGHED = 0.2  # largest prior sd of a mass, as a share of it
+_LEAST_WEIGHED = 0.2  # largest prior sd of a mass or a factor on moments of inertia, as a share of it
 PositiveAngle = Annotated[float, quantity("rad", "0.1 deg", POSITIVE)]
 
 
@@ -117,14 +117,16 @@ class GivenTable(Strict):
     canopy_mass: Prior[Mass] | None = None
     cds_over_mass: Prior[AreaPerMass] | None = None
 
-    @field_validator("capsule_mass", "canopy_mass")
+    @field_validator("capsule_mass", "canopy_mass", "capsule_inertia_factor_y", "capsule_inertia_factor_z")
     @classmethod
-    def _is_weighed(cls, prior: Prior[float] | None) -> Prior[float] | None:
-        """Masses are normal in the fit: their prior keeps well away from zero."""
+    def _is_weighed(cls, prior: Prior[float] | None, seen: ValidationInfo) -> Prior[float] | None:
+        """Masses and moments of inertia are normal in the fit: their prior keeps well away from zero."""
         if prior is not None:
             share = prior.log_sd if prior.log_sd is not None else (prior.sd or 0.0) / (prior.mean or 1.0)
             if share > _LEAST_WEIGHED:
-                refuse(f"an sd of at most {_LEAST_WEIGHED:.0%} of the mass", f"{share:.0%}", "Weigh it.")
+                mass = str(seen.field_name).endswith("mass")
+                what, do = ("mass", "Weigh it.") if mass else ("mean", "Measure the period of the capsule on a cable.")
+                refuse(f"an sd of at most {_LEAST_WEIGHED:.0%} of the {what}", f"{share:.0%}", do)
         return prior
 
 
