@@ -17,6 +17,7 @@ for `evidence_page.py`.
 from __future__ import annotations
 
 import json
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -37,19 +38,21 @@ def found(row: Told) -> bool:
 
 
 class Problem(NamedTuple):
-    """Flights, priors of the parameters and of the noise parameters; noise parameters and mode of a run."""
+    """Flights, priors of the parameters and of the noise parameters; noise parameters, mode and key of a run's fit."""
 
     flights: list[Any]
     priors: tuple[Any, ...]
     prior: Any
     hyper: Any
     optimum: Any
+    key: str
 
 
 def problem(path: Path, folder: Path) -> Problem:
     """Of a study and its run, which has come to its fit."""
     from bayeschute.study.assembly import assemble
     from bayeschute.study.assembly.fits import data_of, groups, load_noise_parameters, load_optimum
+    from bayeschute.study.evidence.numerics_hash import numerics
     from bayeschute.study.job import Job
     from bayeschute.study.load import load_study
 
@@ -58,17 +61,18 @@ def problem(path: Path, folder: Path) -> Problem:
     (group,) = groups(job)
     flights = [data_of(job, flight, group.priors) for flight in group.flights]
     hyper, best = load_noise_parameters(job, group), load_optimum(job, group)
-    return Problem(flights, group.priors, assemble.noise_prior(study), hyper, best)
+    key = f"{numerics()} {(folder / '.stages' / 'fit').read_text(encoding='utf-8').strip()}"
+    return Problem(flights, group.priors, assemble.noise_prior(study), hyper, best, key)
 
 
-def row_of(file: Path, made_by: str) -> Told | None:
-    """A row as it was kept; None where there is none, or other numerics than ``made_by`` made it."""
+def row_of(file: Path, key: str) -> Told | None:
+    """A row as it was kept; None where there is none, or it is of another fit or other numerics."""
     from bayeschute.posterior.assess.multistart import Told
 
     if not file.is_file():
         return None
     held = json.loads(file.read_text(encoding="utf-8"))
-    return Told(**held["row"]) if held["numerics"] == made_by else None
+    return Told(**held["row"]) if held["key"] == key else None
 
 
 def modes(given: Problem, starts: int, seed: int, folder: Path, first: int = 0) -> list[Told]:
@@ -78,7 +82,7 @@ def modes(given: Problem, starts: int, seed: int, folder: Path, first: int = 0) 
         given: The problem.
         starts: How many.
         seed: Of the draws.
-        folder: Where each row is kept as it comes; rows that these numerics have left there are not made again.
+        folder: Where each row is kept as it comes; rows of this fit that these numerics have left are not made again.
         first: The start to begin with; those before it come last.
 
     Returns:
@@ -90,7 +94,6 @@ def modes(given: Problem, starts: int, seed: int, folder: Path, first: int = 0) 
     from bayeschute.posterior.assess.multistart import Told, settle_from
     from bayeschute.posterior.fit.joint_fit import JointFit
     from bayeschute.posterior.fit.marginal_mode import marginal_mode
-    from bayeschute.study.evidence.numerics_hash import numerics
 
     def mode(place: JointFit) -> tuple[Any, float]:
         there = marginal_mode(given.flights, given.priors, place)
@@ -99,11 +102,10 @@ def modes(given: Problem, starts: int, seed: int, folder: Path, first: int = 0) 
 
     kept, least = mode(JointFit(given.optimum, given.hyper, np.nan))
     scale = np.sqrt(np.diag(kept.covariance))
-    made_by, rows = numerics(), {}
-    folder.mkdir(parents=True, exist_ok=True)
+    rows = {}
     for number in [*range(first, starts), *range(first)]:
         file = folder / f"seed-{seed}-start-{number}.json"
-        before = row_of(file, made_by)
+        before = row_of(file, given.key)
         if before is not None:
             rows[number] = before
             continue
@@ -122,8 +124,8 @@ def modes(given: Problem, starts: int, seed: int, folder: Path, first: int = 0) 
         words = row.why or f"{row.away:.3f} standard deviations off in {row.parameter}, log density {-row.worse:+.3g}"
         told = "" if row.converged else ", NOT CONVERGED"
         print(f"start {number}: {words}{told}, {perf_counter() - began:.0f} s", flush=True)
-        held = json.dumps({"row": row._asdict(), "numerics": made_by})
-        write_whole(file, lambda part, held=held: part.write_text(held, encoding="utf-8"), shared=True)
+        held = json.dumps({"row": row._asdict(), "key": given.key})
+        write_whole(file, partial(Path.write_text, data=held, encoding="utf-8"), shared=True)
         rows[number] = row
     return [rows[number] for number in range(starts)]
 

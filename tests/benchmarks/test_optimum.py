@@ -41,7 +41,7 @@ def led(monkeypatch):
     monkeypatch.setattr(marginal_mode, "marginal_mode", search)
     monkeypatch.setattr(conditional_mode, "conditional_optimum", at)
     priors = tuple(SimpleNamespace(name=name) for name in "ab")
-    return Problem([], priors, None, "the run's", place([1.0, 2.0]))
+    return Problem([], priors, None, "the run's", place([1.0, 2.0]), "a fit")
 
 
 def test_a_start_is_found_where_its_mode_is_the_run_s(led, tmp_path, capsys):
@@ -66,7 +66,7 @@ def test_what_is_kept_tells_the_share_and_what_made_it(led, tmp_path):
     assert made["provenance"]["command"] == "benchmarks/optimum.py Q_1.toml RUN --starts 3 --seed 7"
 
 
-def test_rows_of_these_numerics_are_kept_and_not_made_again(led, tmp_path, capsys):
+def test_rows_of_this_fit_are_kept_and_not_made_again(led, tmp_path, capsys):
     made = modes(led, 3, 7, tmp_path, first=2)
     assert [line.split(":")[0] for line in capsys.readouterr().out.splitlines()] == ["start 2", "start 0", "start 1"]
     file = tmp_path / "seed-7-start-0.json"
@@ -76,5 +76,5 @@ def test_rows_of_these_numerics_are_kept_and_not_made_again(led, tmp_path, capsy
     again = modes(led, 3, 7, tmp_path)
     assert capsys.readouterr().out.startswith("start 1:") and again[0].away == 0.25
     assert again[1] == made[1] and again[2].why == "lost"
-    file.write_text(json.dumps(held | {"numerics": "others"}))
+    file.write_text(json.dumps(held | {"key": "another fit"}))
     assert modes(led, 3, 7, tmp_path)[0] == made[0]

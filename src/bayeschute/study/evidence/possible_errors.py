@@ -45,7 +45,7 @@ _LATE = {
     "capsule_attitude": "the clock of the attitude",
 }
 _WEIGH = "Weigh it; or `capsule_mass` in `[priors.given]`. Moments of inertia wrong the other way look alike."
-_SWING_IT = "`{}` in `[priors.given]`, unless it was measured. A mass wrong the other way looks alike."
+_SWING_IT = "Swing it on a cable; or `{}` in `[priors.given]`. A mass wrong the other way looks alike."
 _VARY = 'Canopies that differ: `vary_canopies = ["axial[1]"]` in `[priors]`, with `fit = "pool"`.'
 _SET_CLOCKS = "Time stamps of the instruments. If they are right, forces lag in a way that the model lacks."
 _CALIBRATE = "The calibration of the load cells: `scale` of the column."

@@ -80,9 +80,7 @@ class GivenTable(Strict):
         capsule_normal_force_slope: See `CapsuleTable` [1/rad].
         capsule_pitch_moment_slope: Slope of the static moment about the reference centre [1/rad].
         capsule_pitch_damping: C_mq, and C_nr where the vehicle has no other [1].
-        capsule_inertia_factor_y: Times the moment of inertia of a flight's capsule about its body axis y [1]. A drawing
-            knows it to a few per cent, and a capsule that rocks tells of its moments to a few tenths of one: held at
-            nominal values they tie tensions, and so the canopies' drag, to what they are not.
+        capsule_inertia_factor_y: Times the moment of inertia of a flight's capsule about its body axis y [1].
         capsule_inertia_factor_z: Likewise about z [1].
         enclosed_air_factor: Times the enclosed air of the vehicle's canopies [1].
         canopy_pitch_moment_slope: C_m_alpha of a canopy about its reference point [1/rad]; see `CanopiesTable`.
@@ -125,7 +123,7 @@ class GivenTable(Strict):
             share = prior.log_sd if prior.log_sd is not None else (prior.sd or 0.0) / (prior.mean or 1.0)
             if share > _LEAST_WEIGHED:
                 mass = str(seen.field_name).endswith("mass")
-                what, do = ("mass", "Weigh it.") if mass else ("mean", "Measure the period of the capsule on a cable.")
+                what, do = ("mass", "Weigh it.") if mass else ("mean", "Swing the capsule on a cable.")
                 refuse(f"an sd of at most {_LEAST_WEIGHED:.0%} of the {what}", f"{share:.0%}", do)
         return prior
 
@@ -194,9 +192,7 @@ class WindNoise(Strict):
         vertical: Standard deviation of down [m/s].
         time_constant: [s].
         vertical_time_constant_at_most: Longest that is sought for the vertical part [s]; None: as the prior allows.
-            Vertical air averages out over minutes, and what lasts for a whole record can't be told from drag: without a
-            limit an updraft of 0.9 m/s over 150 s stood for a quarter of the drag of a canopy whose payload rocked
-            otherwise than its moments of inertia said (set T of `docs/other-flights.md`).
+            What lasts for a whole record can't be told from drag.
     """
 
     horizontal: PositiveSpeed | None = None
@@ -208,7 +204,9 @@ class WindNoise(Strict):
     def _bounds_what_is_expected(self) -> None:
         most = self.vertical_time_constant_at_most
         if most is not None and most < self.time_constant:
-            refuse(f"vertical_time_constant_at_most of {self.time_constant:g} s, time_constant, or more", f"{most:g} s")
+            refuse(
+                f"vertical_time_constant_at_most no shorter than time_constant, {self.time_constant:g} s", f"{most:g} s"
+            )
 
 
 class ForceNoise(Strict):
