@@ -179,3 +179,29 @@ def test_a_file_that_no_stage_left_is_no_entry(tmp_path):
     assert module._stored(job, "key", "a.json") == {}
     (tmp_path / "a.json").write_text("x")
     assert module._stored(job, "key", "a.json") == {"key": "content of a.json"}
+
+
+def test_noise_parameters_at_a_limit_are_told_and_others_are_not(monkeypatch):
+    """Only one that came to rest there: within a hundredth of the logarithm, at either end, and in use."""
+    study = load_study(Path(__file__).parents[3] / "models/studies/cdt-3-11.toml")
+    job = SimpleNamespace(study=study)
+    labels, _ = module.noise_labels(job)
+    low, high = module.assemble.noise_prior(study).limits()
+    slow, rate = labels.index("slow wind, vertical, time constant"), labels.index("breathing, frequency")
+
+    def told(vector, used=True):
+        monkeypatch.setattr(module, "groups", lambda job: [None])
+        monkeypatch.setattr(module, "load_noise_parameters", lambda job, group: vector)
+        monkeypatch.setattr(module, "to_vector", lambda vector: vector)
+        monkeypatch.setattr(module, "noise_labels", lambda job: (labels, np.full(len(labels), used)))
+        return module._at_limits(job)
+
+    middle = (low + high) / 2.0
+    assert told(middle) == []
+    middle[slow], middle[rate] = high[slow] - 0.005, low[rate] + 0.02
+    (note,) = told(middle)
+    assert note.endswith(f"would go: slow wind, vertical, time constant (at most {np.exp(high[slow]):.3g} s).")
+    middle[rate] = low[rate]
+    (note,) = told(middle)
+    assert f"would go: breathing, frequency (at least {np.exp(low[rate]):.3g} Hz); slow wind" in note
+    assert told(middle, used=False) == []

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from bayeschute.aero.coefficient import APPARENT_MASS, Coefficient, is_coefficient
 from bayeschute.calibration.label import MOST_LOST, lost_simulations
 from bayeschute.dynamics.cluster_flight import OF_INERTIA
+from bayeschute.likelihood.kalman_gradient import to_vector
 from bayeschute.likelihood.priors import Prior
 from bayeschute.posterior.term_search import PENALTY
 from bayeschute.records.record import repairs
@@ -29,10 +30,13 @@ from bayeschute.study.evidence.record_misfit import NAME as PREDICTIVE
 from bayeschute.study.job import Job, load_flight, load_priors
 from bayeschute.study.run.fit import structures
 from bayeschute.study.run.forecasts import OPENING
+from bayeschute.study.run.stage_identifiability import noise_labels
 from bayeschute.study.schema.belief_schema import NOISE_UNITS
 from bayeschute.study.study import Flight, Study, apparent_mass_taken_as_known, study_hash
 
 Array = NDArray[np.float64]
+_AT_LIMIT = 0.01  # of the logarithm of a noise parameter: as near to a limit counts as at it
+_UNIT_OF = {"time constant": " s", "frequency": " Hz"}
 _PROGRAMS = ("bayeschute", "jax", "numpyro", "emcee", "arviz-base", "numpy", "scipy")
 
 
@@ -253,7 +257,7 @@ def _notes(job: Job) -> list[str]:
         "its log determinant is interpolated by a polynomial in the parameters (the error is among the checks).",
     ]
     study, by = job.study, applied_recalibration(job)
-    notes += formulation.notes(study.noise)
+    notes += formulation.notes(study.noise) + _at_limits(job)
     if by is not None:
         notes.append(
             by.words[0].upper() + by.words[1:] + "; requirements and risk files are computed from the widened draws, "
@@ -291,6 +295,23 @@ def _notes(job: Job) -> list[str]:
     if missed and study.flights[0].virtual is not None:
         notes.append("True terms of the virtual flight that were not selected: " + ", ".join(sorted(missed)) + ".")
     return notes
+
+
+def _at_limits(job: Job) -> list[str]:
+    """The note on noise parameters that came to rest at a limit of what is sought (of the first fit); none: no note."""
+    found = np.asarray(to_vector(load_noise_parameters(job, groups(job)[0])))
+    (low, high), (labels, used) = assemble.noise_prior(job.study).limits(), noise_labels(job)
+    told = [
+        f"{label} ({word} {np.exp(limit):.3g}{_UNIT_OF.get(label.rpartition(', ')[2], '')})"
+        for limits, sign, word in ((low, -1.0, "at least"), (high, 1.0, "at most"))
+        for label, value, limit, u in zip(labels, found, limits, used, strict=True)
+        if u and sign * (value - limit) >= -_AT_LIMIT
+    ]
+    if not told:
+        return []
+    return [
+        "At the limit of the values that are sought, beyond which the record alone would go: " + "; ".join(told) + "."
+    ]
 
 
 def _fitted_terms(job: Job) -> dict[str, Any]:
