@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import jax
 import jax.numpy as jnp
@@ -25,6 +25,7 @@ class CanopyFlow:
         q_ratio: Dynamic pressure over that at the reference speed in sea-level air.
         speed_ratio: |V|/V_o - 1.
         neighbours: The other canopies, one entry each.
+        held: Total angle of attack beyond which its powers in terms keep their value [rad]; None: nowhere.
     """
 
     axis: Vec3
@@ -36,6 +37,7 @@ class CanopyFlow:
     q_ratio: Component
     speed_ratio: Component
     neighbours: tuple[Neighbour, ...]
+    held: float | None = field(default=None, metadata={"static": True})
 
 
 @jax.tree_util.register_dataclass

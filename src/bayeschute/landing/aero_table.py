@@ -7,7 +7,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from bayeschute.aero.curve_names import CURVES
-from bayeschute.aero.curves import regressors
+from bayeschute.aero.curves import Setting, regressors
 from bayeschute.dynamics.cluster_flight import with_parameters
 from bayeschute.landing.campaign_plan import Parameters
 
@@ -38,7 +38,8 @@ def aero_table(one: Parameters, first: int = 0, angles: Array = ANGLES) -> pd.Da
     numbers = with_parameters(one.base, structure, one.names, one.theta.T)
     each = [np.broadcast_to(value, (structure.canopies, draws)) for value in (*numbers.axial, *numbers.transverse)]
     mean = np.array(each).mean(axis=1)  # (terms, draws): curves are linear in the coefficients
-    curves = {f"{c}_1": regressors(c, structure.axial, structure.transverse, angles) @ mean for c in _CURVES}
+    alone = Setting(held=structure.held)
+    curves = {f"{c}_1": regressors(c, structure.axial, structure.transverse, angles, alone) @ mean for c in _CURVES}
     return pd.DataFrame(
         {"draw": first + np.repeat(np.arange(draws), len(angles)), "alpha_T_deg": np.rad2deg(np.tile(angles, draws))}
         | {name: values.T.ravel() for name, values in curves.items()}

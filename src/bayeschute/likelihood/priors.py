@@ -42,6 +42,8 @@ class Prior:
             parameter too, the value is the working coordinate times 1 + s (f - 1). Zero: it does not depend on it.
         widened: By how much `scale` is larger than its source says, since the flights contradict it [1]
             (`conflict_variance_factor`).
+        held: Of a coefficient: total angle of attack beyond which its powers in the term keep their value [rad]; None:
+            nowhere.
     """
 
     name: str
@@ -53,6 +55,7 @@ class Prior:
     correlation: Mapping[str, float] = field(default_factory=dict)
     air_share: float = 0.0
     widened: float = 1.0
+    held: float | None = None
 
     def value(self, working: NDArray[np.float64]) -> NDArray[np.float64]:
         """The value from the working coordinate, at the vehicle's apparent mass."""
@@ -87,6 +90,18 @@ def from_equation_error(
     return Prior(
         name, estimate, scale, False, unit, f"equation error on {flight}, {inflation:g} x colored standard error"
     )
+
+
+def held_of(priors: Sequence[Prior]) -> float | None:
+    """Angle of attack beyond which its powers keep their value in the terms of these coefficients [rad]; None: nowhere.
+
+    Args:
+        priors: Of all parameters of a fit; those of coefficients that were found on several records may differ.
+
+    Returns:
+        The least of their angles, beyond which one of the coefficients at least was not seen.
+    """
+    return min((p.held for p in priors if p.held is not None), default=None)
 
 
 def working(priors: Sequence[Prior]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

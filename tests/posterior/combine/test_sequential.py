@@ -108,3 +108,10 @@ def test_two_descents_one_by_one_are_two_descents_at_once(descent, found):
     assert one_by_one.std() == pytest.approx(at_once.std(), rel=0.2)
     assert one_by_one.mean() == pytest.approx(at_once.mean(), abs=0.35 * at_once.std())
     assert abs(values(told, one_by_one).mean() / 0.2 - 1.0) < 0.1
+
+
+def test_the_next_drop_s_terms_are_held_where_those_before_were(linear):
+    """A coefficient means what it meant: its term keeps its angle, whatever the next record flies."""
+    held = [replace(linear.priors[0], held=0.4), *linear.priors[1:]]
+    law = covariance(linear.priors)
+    assert [p.held for p in as_priors(held, np.zeros(len(held)), law, "posterior")] == [p.held for p in held]

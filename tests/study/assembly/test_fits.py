@@ -16,7 +16,7 @@ from bayeschute.posterior.marginal import Quadratic, log_density
 from bayeschute.posterior.mode_checks import profile
 from bayeschute.posterior.sampling.protocol import Draws
 from bayeschute.study.assembly import fits
-from bayeschute.study.assembly.fits import gaussian_summary, groups, load_fit
+from bayeschute.study.assembly.fits import gaussian_summary, groups, load_fit, structure_of
 from bayeschute.study.job import Job
 from bayeschute.study.load import load_study
 
@@ -101,3 +101,12 @@ def test_members_of_a_population_are_independent_of_the_rest(monkeypatch, vary, 
             np.testing.assert_array_equal(found, np.diag(np.diag(found)))
             assert all(p.correlation == {} for p in group.priors)
     assert len(made[0].priors) == (5 if canopies else 2)
+
+
+def test_the_structure_is_held_at_the_least_angle_of_its_coefficients():
+    def one(name, held=None):
+        return Prior(name, 0.0, 1.0, False, "1", "x", held=held)
+
+    assert structure_of([one("axial[1]"), one("riser_length")], 2).held is None
+    made = structure_of([one("axial[1]", 0.5), one("transverse[e]", 0.4), one("riser_length")], 2)
+    assert (made.axial, made.transverse, made.held) == (("1",), ("e",), 0.4)

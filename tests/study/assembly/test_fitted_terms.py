@@ -180,3 +180,24 @@ def test_a_regressor_that_is_zero_all_along_costs_the_others_nothing():
     found, plain = (covariance(of_library(TABLE, "axial", e, "one")) for e in (entry, _entry()))
     np.testing.assert_allclose(found[:3, :3], plain, rtol=1e-9)
     assert np.abs(found[3, :3]).max() == 0.0 and 1e3 < np.sqrt(found[3, 3]) < 1e4
+
+
+def test_every_coefficient_of_a_record_carries_the_angle_beyond_which_its_term_is_held():
+    """Selected, of the library or left out: all are coefficients of the same terms."""
+    entry = {
+        "selected": [{"term": "e", "estimate": 0.1, "se": 0.01}],
+        "covariance": [[1e-4]],
+        "left_out": [{"term": "c", "estimate": -0.1, "se": 0.05}],
+        "together": {
+            "terms": ["e", "c"], "rms": [0.1, 0.1], "estimate": [0.1, -0.1], "fitted": ["e", "c"],
+            "covariance": [[1e-4, 0.0], [0.0, 1e-4]],
+        },
+    }  # fmt: skip
+    for held in (None, 0.37):
+        told = entry if held is None else entry | {"held": held}
+        for make in (of_selected, of_library):
+            made = make(CLUSTER, "transverse", told, "one")
+            assert made and [p.held for p in made] == [held] * len(made)
+        job = _job()
+        job.load = lambda name, told=told: {"coefficients": {"transverse": told}}
+        assert [p.held for p in terms_left_out(job)] == [held]

@@ -21,7 +21,7 @@ TENSION, CONFLICT = 0.05, 0.01
 """p-values below which knowledge and flights are said to be in tension, and in conflict."""
 
 
-def agreement(study: Study, draws: Mapping[str, Array]) -> list[dict[str, Any]]:
+def agreement(study: Study, draws: Mapping[str, Array], held: float | None = None) -> list[dict[str, Any]]:
     """Each ``[[knowledge]]`` of a study beside the posterior.
 
     What was used as prior is part of the posterior: it is taken out again, as a Gaussian, so that it is compared with
@@ -31,6 +31,7 @@ def agreement(study: Study, draws: Mapping[str, Array]) -> list[dict[str, Any]]:
     Args:
         study: The study.
         draws: Of the posterior by parameter (chain, draw), in their units.
+        held: Of the fitted terms, as of `Structure` [rad].
 
     Returns:
         One entry a table, plain values: ``name``, ``source``, ``kind``, ``target``, ``use``, ``at``, ``unit``,
@@ -41,13 +42,18 @@ def agreement(study: Study, draws: Mapping[str, Array]) -> list[dict[str, Any]]:
     if not names or not study.knowledge:
         return []
     mean, posterior_covariance = moments(np.stack([np.ravel(draws[name]) for name in names], axis=-1))
-    return [_entry(study, table, names, mean, posterior_covariance) for table in study.knowledge]
+    return [_entry(study, table, names, mean, posterior_covariance, held) for table in study.knowledge]
 
 
 def _entry(
-    study: Study, table: KnowledgeTable, names: Sequence[str], mean: Array, posterior_covariance: Array
+    study: Study,
+    table: KnowledgeTable,
+    names: Sequence[str],
+    mean: Array,
+    posterior_covariance: Array,
+    held: float | None,
 ) -> dict[str, Any]:
-    known = observed(study, table, names)
+    known = observed(study, table, names, held)
     in_model = bool(np.any(known.design != 0.0))
     counted = table.use == "prior" and in_model
     if counted and (apart := without(mean, posterior_covariance, known)) is not None:

@@ -75,6 +75,7 @@ def table(
     ranges: Mapping[str, tuple[float, float]],
     reach: Mapping[str, float],
     truth: Mapping[str, float] | None = None,
+    held: float | None = None,
 ) -> pd.DataFrame:
     """Bands of all curves of a posterior, over the range flown and as far beyond as there is something to compare.
 
@@ -84,6 +85,7 @@ def table(
         ranges: From `flown.ranges`.
         reach: By curve, how far the grid goes at least.
         truth: Coefficients that a virtual drop was flown with; None: not known.
+        held: Of the fitted terms, as of `Structure` [rad].
 
     Returns:
         A row a point: curve, symbol, unit, at, flown, quantiles of posterior and prior, the truth where it is known.
@@ -96,15 +98,15 @@ def table(
         low, high = ranges[symbol]
         start = min(low, reach.get(f"{name} from", low))
         grid = np.linspace(start, max(high, reach.get(name, high)), POINTS)
-        made = curve_draws(name, posterior, prior, grid)
+        made = curve_draws(name, posterior, prior, grid, Setting(held=held))
         rows: dict[str, Any] = {"curve": name, "symbol": symbol, "unit": unit, "at": grid}
         rows["flown"] = (grid >= low - 1e-12) & (grid <= high + 1e-12)
         for words, values in (("posterior", made.draws), ("prior", made.prior)):
             if values is not None:
                 rows |= quantiles(words, values)
         if truth:
-            held = {n: np.array([v]) for n, v in truth.items()}
-            rows["truth"] = curve_draws(name, held, None, grid).draws[0]
+            flown = {n: np.array([v]) for n, v in truth.items()}
+            rows["truth"] = curve_draws(name, flown, None, grid).draws[0]
         frames.append(pd.DataFrame(rows))
     return pd.concat(frames, ignore_index=True) if frames else pd.DataFrame()
 

@@ -14,7 +14,7 @@ from bayeschute.aero.coefficient import APPARENT_MASS, Coefficient, is_coefficie
 from bayeschute.calibration.label import MOST_LOST, lost_simulations
 from bayeschute.dynamics.cluster_flight import OF_INERTIA
 from bayeschute.likelihood.kalman_gradient import to_vector
-from bayeschute.likelihood.priors import Prior
+from bayeschute.likelihood.priors import Prior, held_of
 from bayeschute.posterior.term_search import PENALTY
 from bayeschute.records.record import repairs
 from bayeschute.study import formulation
@@ -270,7 +270,7 @@ def _notes(job: Job) -> list[str]:
         f"Predictions of a flight use the first {OPENING:g} s of its record (for the initial state) and its recorded "
         "wind; bands are scored after that."
     )
-    notes += apparent_mass_taken_as_known(study)
+    notes += apparent_mass_taken_as_known(study) + _held(job)
     if study.priors.vary_canopies:
         notes.append(
             f"Hierarchical model over canopies for {', '.join(study.priors.vary_canopies)}: the name alone is the "
@@ -295,6 +295,17 @@ def _notes(job: Job) -> list[str]:
     if missed and study.flights[0].virtual is not None:
         notes.append("True terms of the virtual flight that were not selected: " + ", ".join(sorted(missed)) + ".")
     return notes
+
+
+def _held(job: Job) -> list[str]:
+    """The note on the angle of attack beyond which its powers keep their value; none: no note."""
+    held = held_of(load_priors(job))
+    if held is None:
+        return []
+    return [
+        f"Beyond {np.rad2deg(held):.3g} deg, which few samples of the fitted record exceed, powers of the angle of "
+        "attack keep their value in all terms: how forces go on from there is assumed, not identified."
+    ]
 
 
 def _at_limits(job: Job) -> list[str]:

@@ -49,9 +49,10 @@ def structure(job: Job) -> str:
     flights = study.with_role("structure")
     records = [load_flight(job, flight.name) for flight in flights]
     said = _before(study, flights, records)
-    tests, untested = _checks(job, flights, records)
+    held = _held(study, flights, records)
+    stacks = _stacked(study, flights, records, held)
+    tests, untested = _checks(job, flights, records, held)
     dt = float(records[0]["time"][1] - records[0]["time"][0])
-    stacks = _stacked(study, flights, records)
     rng = stream(study.seed, "selection of terms")
     made: dict[str, Identified] = {}
     for i, (name, stack) in enumerate(stacks.items()):
@@ -60,12 +61,14 @@ def structure(job: Job) -> str:
         job.say("structure")((i + 1) / (len(stacks) + 2), name)
     spread = propagate(
         records,
-        lambda noisy: _stacked(study, flights, noisy),
+        lambda noisy: _stacked(study, flights, noisy, held),
         {name: one.found.columns for name, one in made.items()},
         rng,
         _NOISIER,
     )
     entries = {name: _entry(job, name, one, dt, tests, spread[name], records) for name, one in made.items()}
+    if held is not None:
+        entries |= {name: entries[name] | {"held": held} for name in VECTOR}
     said += data_adequacy.noise_sentences({name: e["snr"] for name, e in entries.items()})
     for name, e in entries.items():
         said += data_adequacy.rival_sentences(name, e["rivals"])
@@ -102,10 +105,26 @@ def _along(study: Study, table: PolarPoolTable, made: xr.Dataset, canopy: int) -
     return polar_candidates(_pool(table), polar_variables(made, canopy, scale.reference_length, scale.reference_speed))
 
 
-def _problems(study: Study, flight: Flight, record: xr.Dataset, canopies: Sequence[int]) -> dict[str, list[Stack]]:
+def _held(study: Study, flights: Sequence[Flight], records: Sequence[xr.Dataset]) -> float | None:
+    """The angle of attack beyond which its powers in terms keep their value, of all canopies [rad]; None: nowhere."""
+    share = _table(study).held_beyond
+    if share is None:
+        return None
+    angles = []
+    for flight, record in zip(flights, records, strict=True):
+        scale, made = study.vehicle_of(flight).canopies, _reconstructed(study, flight, record)
+        flow = flow_along(record, made, scale.reference_length, scale.reference_speed)
+        angles.append(np.sqrt(np.ravel(np.asarray(flow.alpha_squared))))
+    every = np.concatenate(angles)
+    return float(np.quantile(every[np.isfinite(every)], share))
+
+
+def _problems(
+    study: Study, flight: Flight, record: xr.Dataset, canopies: Sequence[int], held: float | None
+) -> dict[str, list[Stack]]:
     """Regressions of every coefficient on the canopies (from 0) of one flight."""
     table, scale, made = _table(study), study.vehicle_of(flight).canopies, _reconstructed(study, flight, record)
-    flow = flow_along(record, made, scale.reference_length, scale.reference_speed)
+    flow = flow_along(record, made, scale.reference_length, scale.reference_speed, held)
     found = {
         name: [problem(getattr(table, name), flow, made, canopy) for canopy in canopies]
         for name, problem in VECTOR.items()
@@ -115,12 +134,14 @@ def _problems(study: Study, flight: Flight, record: xr.Dataset, canopies: Sequen
     return found
 
 
-def _stacked(study: Study, flights: Sequence[Flight], records: Sequence[xr.Dataset]) -> dict[str, Stack]:
+def _stacked(
+    study: Study, flights: Sequence[Flight], records: Sequence[xr.Dataset], held: float | None
+) -> dict[str, Stack]:
     """The regression of every coefficient on all canopies and flights that the structure is found on."""
     canopies = [canopy - 1 for canopy in _table(study).canopies]
     parts: dict[str, list[Stack]] = {}
     for flight, record in zip(flights, records, strict=True):
-        for name, stacks in _problems(study, flight, record, canopies).items():
+        for name, stacks in _problems(study, flight, record, canopies, held).items():
             parts.setdefault(name, []).extend(stacks)
     return {name: stack_records(stacks) for name, stacks in parts.items()}
 
@@ -168,7 +189,7 @@ def _before(study: Study, flights: Sequence[Flight], records: Sequence[xr.Datase
 
 
 def _checks(
-    job: Job, flights: Sequence[Flight], records: Sequence[xr.Dataset]
+    job: Job, flights: Sequence[Flight], records: Sequence[xr.Dataset], held: float | None
 ) -> tuple[dict[str, dict[str, Stack]], list[str]]:
     """Regressions of canopies and flights that were not fitted, by coefficient and label; notes on those that fail."""
     study, said = job.study, list[str]()
@@ -181,7 +202,7 @@ def _checks(
         if not canopies:
             continue
         try:
-            problems = _problems(study, flight, record, canopies)
+            problems = _problems(study, flight, record, canopies, held)
         except InputError as error:
             if flight in flights:
                 raise

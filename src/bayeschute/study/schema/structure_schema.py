@@ -12,11 +12,13 @@ from bayeschute.aero.term_names import check_axial, check_transverse
 from bayeschute.structure.candidates import exponent_tuples, product_name
 from bayeschute.structure.polar_names import canonical, check_term, check_variable
 from bayeschute.study.schema.quantities import (
+    Bounds,
     Name,
     NoiseCeiling,
     NotNegativeTime,
     PositiveNumber,
     each,
+    number,
     one_of,
     whole,
 )
@@ -126,6 +128,8 @@ class StructureTable(Strict):
             the whole ``pool``, for a small one: what a record can't tell apart then widens intervals, whichever terms
             equation error took; or ``search``: all candidates are fitted to the flight once, and those are kept that
             its evidence asks for, whatever equation error selected.
+        held_beyond: Share of the record's samples whose angle of attack is smaller than that beyond which its powers in
+            terms keep their value. A polynomial says nothing of angles that are hardly flown. None: they keep growing.
         core: Terms that ``search`` always keeps, ``axial[...]`` and ``transverse[...]``.
         replicates: Moving-block bootstrap replicates for the selection stability; 0 for none.
         stack: How many structures are fitted to the flight, the selected one and those that replicates select most
@@ -142,6 +146,7 @@ class StructureTable(Strict):
     penalty_factor: PositiveNumber = 2.0
     exchange: bool = False
     fit: Literal["search", "pool", "selected"] = "selected"
+    held_beyond: Annotated[float, number(Bounds(above=0.5, most=1.0))] | None = None
     core: Annotated[tuple[str, ...], AfterValidator(distinct)] = CORE
     replicates: Annotated[int, whole(0, 100_000)] = 100
     stack: Annotated[int, whole(2, 20)] | None = None

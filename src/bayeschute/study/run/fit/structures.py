@@ -66,7 +66,12 @@ def _options(job: Job, kind: str, entry: dict[str, Any], base: Sequence[Prior]) 
             continue
         rows = zip(one["terms"], one["estimate"], one["se"], strict=True)
         made = tuple(
-            from_equation_error(str(Coefficient(kind, term)), value, se, table.inflation, table.floor, flight=flights)
+            replace(
+                from_equation_error(
+                    str(Coefficient(kind, term)), value, se, table.inflation, table.floor, flight=flights
+                ),
+                held=entry.get("held"),
+            )
             for term, value, se in rows
         )
         found.append(_Option(tuple(one["terms"]), float(one["share"]), made))
