@@ -359,6 +359,22 @@ def test_machine_code_serves_pushes_and_the_roll():
             assert np.abs(want).max() > 1e-3
 
 
+def test_machine_code_holds_powers_of_the_angle():
+    """Canopies below and beyond the angle: trajectories are those of JAX, and not those without it."""
+    pytest.importorskip("llvmlite")
+    shape = Structure(("1", "alpha^2"), ("e*alpha^2", "e*(e.rate)"), 2, held=0.02)
+    base = replace(MODEL.base, axial=(0.0, 0.0), transverse=(0.0, 0.0))
+    names = ("axial[1]", "axial[alpha^2]", "transverse[e*alpha^2]", "transverse[e*(e.rate)]")
+    held = replace(EACH, base=base, structure=shape, names=names)
+    start, error = 0.05 * np.random.default_rng(2).normal(size=17), np.zeros((6, 3))
+    theta = np.array([0.9, -0.5, 3.0, 2.0])
+    assert kernel.why_not_compiled(held, theta, start, error) is None
+    got = np.asarray(kernel.states(held, theta, start, error))
+    np.testing.assert_allclose(got, trajectory_compiled(held, theta, start, error), rtol=1e-10, atol=1e-9)
+    free = replace(held, structure=replace(shape, held=None))
+    assert np.abs(got - kernel.states(free, theta, start, error)).max() > 1e-6
+
+
 def test_a_wind_field_leaves_push_and_roll(states):
     field = wind_field([-50.0, 0.0, 40.0], np.array([[1.0, 0.0, 0.0], [2.0, 0.0, 0.0], [4.0, 1.0, 0.0]]))
     air = _air(10)[1]
