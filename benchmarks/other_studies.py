@@ -16,7 +16,7 @@ says. Only what depends on the vehicle is put in its place, by one rule for all,
 | noise of channels | white part: scatter of the record's own samples; correlated: as many times that as by default |
 | breathing | frequency times reference speed over diameter, over that of the default vehicle |
 | slow vertical air | its time constant at most 1.5 times the default's, as `bayeschute init` states it |
-| powers of the angle of attack | keep their value beyond 95 % of the record's samples, as `init` states it |
+| powers of the angle of attack | level off beyond 95 % of the record's samples, as `init` states it |
 | rate | 10 Hz, or that of the canopies' samples where they are fewer |
 | one canopy | terms that need a neighbour are left out |
 """

@@ -25,7 +25,7 @@ class CanopyFlow:
         q_ratio: Dynamic pressure over that at the reference speed in sea-level air.
         speed_ratio: |V|/V_o - 1.
         neighbours: The other canopies, one entry each.
-        held: Total angle of attack beyond which its powers in terms keep their value [rad]; None: nowhere.
+        held: Total angle of attack at which its powers in terms level off [rad]; None: nowhere.
     """
 
     axis: Vec3

@@ -29,7 +29,7 @@ class Setting:
     Attributes:
         distance: D_prox of one neighbour, beside the pitch plane [1]; None: the canopy is alone.
         speed: Airspeed over the reference speed, in sea-level air [1].
-        held: Angle of attack beyond which its powers in terms keep their value [rad]; None: nowhere.
+        held: Angle of attack at which its powers in terms level off [rad]; None: nowhere.
     """
 
     distance: float | None = None

@@ -198,7 +198,7 @@ class Structure:
         force: A user-defined force law that replaces the terms (`bayeschute.dynamics.forces`), or None.
             `axial` and `transverse` then only name the law's coefficients.
         breathing: Whether the canopies breathe: the state grows by eta and its rate for each.
-        held: Total angle of attack beyond which its powers in terms keep their value [rad]; None: nowhere.
+        held: Total angle of attack at which its powers in terms level off [rad]; None: nowhere.
     """
 
     axial: tuple[str, ...]

@@ -42,8 +42,7 @@ class Prior:
             parameter too, the value is the working coordinate times 1 + s (f - 1). Zero: it does not depend on it.
         widened: By how much `scale` is larger than its source says, since the flights contradict it [1]
             (`conflict_variance_factor`).
-        held: Of a coefficient: total angle of attack beyond which its powers in the term keep their value [rad]; None:
-            nowhere.
+        held: Of a coefficient: total angle of attack at which its powers in the term level off [rad]; None: nowhere.
     """
 
     name: str
@@ -93,7 +92,7 @@ def from_equation_error(
 
 
 def held_of(priors: Sequence[Prior]) -> float | None:
-    """Angle of attack beyond which its powers keep their value in the terms of these coefficients [rad]; None: nowhere.
+    """Angle of attack at which its powers level off in the terms of these coefficients [rad]; None: nowhere.
 
     Args:
         priors: Of all parameters of a fit; those of coefficients that were found on several records may differ.

@@ -107,7 +107,7 @@ def _coefficient(name: str, entry: Entry) -> str:
     ]
     if "held" in entry:
         angle = math.degrees(entry["held"])
-        lines.append(f"powers of the angle of attack keep their value beyond {angle:.3g} deg (held_beyond)")
+        lines.append(f"powers of the angle of attack level off at {angle:.3g} deg (held_beyond)")
     if entry["check"]:
         lines.append(
             "tested on canopies and flights that had no part in the choice of terms and teach no parameter here:"

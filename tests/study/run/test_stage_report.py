@@ -205,3 +205,9 @@ def test_noise_parameters_at_a_limit_are_told_and_others_are_not(monkeypatch):
     (note,) = told(middle)
     assert f"would go: breathing, frequency (at least {np.exp(low[rate]):.3g} Hz); slow wind" in note
     assert told(middle, used=False) == []
+
+
+def test_the_angle_at_which_powers_level_off_is_told(monkeypatch):
+    for held, said in ((None, []), (0.4, ["At 22.9 deg, which few samples"])):
+        monkeypatch.setattr(module, "load_priors", lambda job, held=held: [SimpleNamespace(name="axial[1]", held=held)])
+        assert [note[: len(words)] for note, words in zip(module._held(None), said, strict=True)] == said

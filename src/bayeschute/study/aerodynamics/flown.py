@@ -25,7 +25,7 @@ _TAILS = (0.005, 0.995)
 class FlownFlight(NamedTuple):
     """A fitted flight: its name, the airflow and latent forces of its canopies, and the terms of its fit.
 
-    Beyond the angle of attack `held` [rad] its powers keep their value in these terms; None: nowhere.
+    At the angle of attack `held` [rad] its powers level off in these terms; None: nowhere.
     """
 
     name: str

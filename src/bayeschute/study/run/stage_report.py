@@ -298,13 +298,13 @@ def _notes(job: Job) -> list[str]:
 
 
 def _held(job: Job) -> list[str]:
-    """The note on the angle of attack beyond which its powers keep their value; none: no note."""
+    """The note on the angle of attack at which its powers level off; none: no note."""
     held = held_of(load_priors(job))
     if held is None:
         return []
     return [
-        f"Beyond {np.rad2deg(held):.3g} deg, which few samples of the fitted record exceed, powers of the angle of "
-        "attack keep their value in all terms: how forces go on from there is assumed, not identified."
+        f"At {np.rad2deg(held):.3g} deg, which few samples of the fitted record exceed, powers of the angle of attack "
+        "level off in all terms: how forces go on from there is assumed, not identified."
     ]
 
 

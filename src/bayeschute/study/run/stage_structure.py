@@ -106,7 +106,7 @@ def _along(study: Study, table: PolarPoolTable, made: xr.Dataset, canopy: int) -
 
 
 def _held(study: Study, flights: Sequence[Flight], records: Sequence[xr.Dataset]) -> float | None:
-    """The angle of attack beyond which its powers in terms keep their value, of all canopies [rad]; None: nowhere."""
+    """The angle of attack at which its powers level off in terms, of all canopies [rad]; None: nowhere."""
     share = _table(study).held_beyond
     if share is None:
         return None

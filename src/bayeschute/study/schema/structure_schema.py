@@ -128,8 +128,8 @@ class StructureTable(Strict):
             the whole ``pool``, for a small one: what a record can't tell apart then widens intervals, whichever terms
             equation error took; or ``search``: all candidates are fitted to the flight once, and those are kept that
             its evidence asks for, whatever equation error selected.
-        held_beyond: Share of the record's samples whose angle of attack is smaller than that beyond which its powers in
-            terms keep their value. A polynomial says nothing of angles that are hardly flown. None: they keep growing.
+        held_beyond: Share of the record's samples whose angle of attack is smaller than that at which its powers level
+            off in all terms. A polynomial says nothing of angles that are hardly flown. None: they keep growing.
         core: Terms that ``search`` always keeps, ``axial[...]`` and ``transverse[...]``.
         replicates: Moving-block bootstrap replicates for the selection stability; 0 for none.
         stack: How many structures are fitted to the flight, the selected one and those that replicates select most
