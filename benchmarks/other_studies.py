@@ -16,7 +16,6 @@ says. Only what depends on the vehicle is put in its place, by one rule for all,
 | noise of channels | white part: scatter of the record's own samples; correlated: as many times that as by default |
 | breathing | frequency times reference speed over diameter, over that of the default vehicle |
 | slow vertical air | its time constant at most 1.5 times the default's, as `bayeschute init` states it |
-| powers of the angle of attack | level off beyond 99 % of the record's samples, as `init` states it |
 | rate | 10 Hz, or that of the canopies' samples where they are fewer |
 | one canopy | terms that need a neighbour are left out |
 """
@@ -46,7 +45,6 @@ MOMENT = 0.3  # sd of a canopy's C_m_alpha and C_mq
 AIR_LOG_SD = 0.5  # of a canopy's apparent mass, which no meta file gives, over that of its enclosed air
 SCALE = 0.01  # sd of the scale of canopy positions, which are from video
 CAPSULE = {"pitch_moment_slope": 0.1, "pitch_damping": 1.0}  # sd
-HELD_BEYOND = 0.99  # share of the record's samples, as `bayeschute init` states it
 LONGEST = 1.5  # times the default's time constant: of slow vertical air
 BIASES = {  # constant errors of a record, as `bayeschute init` states them
     "canopy_position_bias": {"sd": "0.5 m"},
@@ -215,7 +213,7 @@ def study(
         title: For the report; empty: made of the flights' names.
     """
     default, meta = default_study(), first.meta
-    structure = dict(default["structure"]) | {"held_beyond": HELD_BEYOND}
+    structure = dict(default["structure"])
     if meta["n_canopies"] == 1:
         structure |= {kind: _alone(structure[kind]) for kind in _KINDS}
     priors = default["priors"] | {"given": _given(default["priors"].get("given", {}), meta)}

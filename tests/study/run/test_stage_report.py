@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -211,3 +212,16 @@ def test_the_angle_at_which_powers_level_off_is_told(monkeypatch):
     for held, said in ((None, []), (0.4, ["At 22.9 deg, which few samples"])):
         monkeypatch.setattr(module, "load_priors", lambda job, held=held: [SimpleNamespace(name="axial[1]", held=held)])
         assert [note[: len(words)] for note, words in zip(module._held(None), said, strict=True)] == said
+
+
+def test_lost_simulations_name_the_remedy_that_is_left():
+    """None where powers of the angle level off already, or nothing has such powers."""
+    table = {"a": {"swing_angle": {"draws": 300, "failed": 100}}}
+    whole = STUDY.structure
+    assert whole is not None and whole.held_beyond is None
+    made = bands_check(table, module._when_lost(STUDY))["bands"]["detail"]
+    assert made.startswith("100 of 400") and "held_beyond = 0.95" in made.split("; ")[1]
+    held = replace(STUDY, structure=whole.model_copy(update={"held_beyond": 0.95}))
+    for study in (held, replace(STUDY, structure=None)):
+        assert module._when_lost(study) == ""
+        assert bands_check(table, module._when_lost(study))["bands"]["detail"].count("; ") == 0

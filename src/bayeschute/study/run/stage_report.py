@@ -53,7 +53,7 @@ def _summary(job: Job) -> dict[str, Any]:
     study, facts, checked = job.study, job.load("fit/facts.json"), job.load("checks.json")
     coverage = job.load("coverage.json")
     (draws, units), (prior, stats) = summary_draws(job), _prior_and_stats(job)
-    checks = checked["checks"] | bands_check(coverage)
+    checks = checked["checks"] | bands_check(coverage, _when_lost(study))
     found = status(job, checks, coverage)
     calibration = found.check
     label = "; ".join(filter(None, (found.claim.label, formulation.label(study.noise.model))))
@@ -100,8 +100,20 @@ def origin(job: Job) -> dict[str, Any]:
     }
 
 
-def bands_check(coverage: dict[str, Any]) -> dict[str, dict[str, Any]]:
-    """The check `bands`, of a run with flights that lost more than `MOST_LOST` of their simulations alone."""
+def _when_lost(study: Study) -> str:
+    """What to do where simulations are lost; empty where nothing is known."""
+    if study.structure is None or study.structure.held_beyond is not None:
+        return ""
+    return "a flight that swings further than the fitted one may turn over: try held_beyond = 0.95 in [structure]"
+
+
+def bands_check(coverage: dict[str, Any], remedy: str = "") -> dict[str, dict[str, Any]]:
+    """The check `bands`, of a run with flights that lost more than `MOST_LOST` of their simulations alone.
+
+    Args:
+        coverage: By flight and quantity.
+        remedy: What to do then; empty: not known.
+    """
     share, told = 0.0, list[str]()
     for name, table in coverage.items():
         failed, drawn = max(((one["failed"], one["failed"] + one["draws"]) for one in table.values()), default=(0, 0))
@@ -110,7 +122,14 @@ def bands_check(coverage: dict[str, Any]) -> dict[str, dict[str, Any]]:
             told.append(words)
     if not told:
         return {}
-    return {"bands": {"passed": False, "value": share, "bound": MOST_LOST, "detail": "; ".join(told)}}
+    return {
+        "bands": {
+            "passed": False,
+            "value": share,
+            "bound": MOST_LOST,
+            "detail": "; ".join([*told, *([remedy] if remedy else [])]),
+        }
+    }
 
 
 def _parameters(
