@@ -175,16 +175,19 @@ def test_ranges_and_proposals_are_of_what_was_flown(known, monkeypatch):
 def test_a_curve_is_of_draws_and_ranges(known, monkeypatch):
     """In the order of the arguments of `views.curve.curve`."""
     monkeypatch.setattr(module, "curve", lambda *given: given)
-    monkeypatch.setattr(module, "agreement", lambda spec, draws: [spec, set(draws)])
+    monkeypatch.setattr(module, "agreement", lambda spec, draws, held: [spec, set(draws), held])
     monkeypatch.setattr(module, "flown", lambda job: [])
     made = replace(known)
     name, draws, prior, ranges, told, *rest = made.curve("C_A", 0.5, 7, over=(0.0, 1.0), distance=0.8, speed=1.1)
-    assert name == "C_A" and rest == [0.5, 7, (0.0, 1.0), 0.8, 1.1] and ranges == {}
+    assert name == "C_A" and rest == [0.5, 7, (0.0, 1.0), 0.8, 1.1, None] and ranges == {}
     np.testing.assert_array_equal(draws["angle"], DRAWS["angle"])
     np.testing.assert_array_equal(prior["angle"], 2.0 * DRAWS["angle"])
-    assert told == [known.spec, {"cds_over_mass", "angle"}] and made.knowledge is made.knowledge
+    assert told == [known.spec, {"cds_over_mass", "angle"}, None] and made.knowledge is made.knowledge
     bare = replace(known, data=tree(posterior=DRAWS)).curve("C_N")
-    assert bare[2] is None and bare[5:] == (0.9, 61, None, None, 1.0)
+    assert bare[2] is None and bare[5:] == (0.9, 61, None, None, 1.0, None)
+    monkeypatch.setattr(Posterior, "_priors", [replace(DRAG, held=0.4)])
+    levelled = replace(known)
+    assert levelled.curve("C_A")[-1] == 0.4 and levelled.knowledge[-1] == 0.4
 
 
 def test_priors_are_those_of_the_fit_where_it_put_them_right(known):

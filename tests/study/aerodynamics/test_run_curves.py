@@ -47,9 +47,9 @@ def table(monkeypatch):
 
 def test_a_run_has_its_table_and_its_words(tmp_path, table, monkeypatch):
     made, asked = table
-    monkeypatch.setattr(module, "flown", lambda job: ["a flight"])
+    monkeypatch.setattr(module, "flown", lambda job: [SimpleNamespace(held=0.3)])
     told = module.told_curves(job(tmp_path, 1), {"d": 1}, {"p": 2})
-    assert asked == [({"d": 1}, {"p": 2}, {"alpha": (0.1, 0.4)}, {"C_A": 0.5, "C_A from": 0.5}, {"axial[1]": 0.8})]
+    assert asked == [({"d": 1}, {"p": 2}, {"alpha": (0.1, 0.4)}, {"C_A": 0.5, "C_A from": 0.5}, {"axial[1]": 0.8}, 0.3)]
     pd.testing.assert_frame_equal(pd.read_csv(tmp_path / "curves.csv"), made)
     assert list(told["curves"]["words"]) == ["C_A", "C_N"] and told["curves"]["flown"] == {"alpha": [0.1, 0.4]}
     assert told["knowledge"] == [known("C_A", 0.5)] and told["proposals"] == ["p"]

@@ -154,7 +154,7 @@ def curve(
     over: tuple[float, float] | None,
     distance: float | None,
     speed: float,
-    held: float | None,
+    held: float | None = None,
 ) -> Curve:
     """A curve of a posterior; see `Posterior.curve`.
 
