@@ -25,7 +25,6 @@ are those of set P in ``other_records.py``. Integration is by classical Runge-Ku
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -34,6 +33,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from command import parser_of, print_result
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 from scipy.ndimage import gaussian_filter1d
@@ -496,13 +496,14 @@ def make_set(folder: Path, vehicle: Vehicle, seed: int, replicates: int = REPLIC
 
 def main() -> None:
     """Write a set."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser = parser_of(__doc__)
     parser.add_argument("out", type=Path, help="folder of the set")
     parser.add_argument("--kind", choices=KINDS, default="two-mains")
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()
     make_set(given.out, KINDS[given.kind], given.seed)
     print(f"{given.out}: P_1 and P_2, {given.kind}, seed {given.seed}; truths in {given.out / 'truth'}")
+    print_result(given, {}, {"kind": given.kind, "seed": given.seed})
 
 
 if __name__ == "__main__":

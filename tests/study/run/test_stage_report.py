@@ -214,14 +214,15 @@ def test_the_angle_at_which_powers_level_off_is_told(monkeypatch):
         assert [note[: len(words)] for note, words in zip(module._held(None), said, strict=True)] == said
 
 
-def test_lost_simulations_name_the_remedy_that_is_left():
-    """None where powers of the angle level off already, or nothing has such powers."""
+def test_lost_simulations_name_the_remedy_that_is_left(monkeypatch):
+    """None where powers of the angle level off already, be it by an earlier drop's, or nothing has such powers."""
     table = {"a": {"swing_angle": {"draws": 300, "failed": 100}}}
-    whole = STUDY.structure
-    assert whole is not None and whole.held_beyond is None
-    made = bands_check(table, module._when_lost(STUDY))["bands"]["detail"]
+    monkeypatch.setattr(module, "load_priors", lambda job: [SimpleNamespace(held=job.held)])
+
+    def remedy(study, held=None):
+        return module._when_lost(SimpleNamespace(study=study, held=held))
+
+    made = bands_check(table, remedy(STUDY))["bands"]["detail"]
     assert made.startswith("100 of 400") and "held_beyond = 0.95" in made.split("; ")[1]
-    held = replace(STUDY, structure=whole.model_copy(update={"held_beyond": 0.95}))
-    for study in (held, replace(STUDY, structure=None)):
-        assert module._when_lost(study) == ""
-        assert bands_check(table, module._when_lost(study))["bands"]["detail"].count("; ") == 0
+    for said in (remedy(STUDY, 0.4), remedy(replace(STUDY, structure=None))):
+        assert said == "" and bands_check(table, said)["bands"]["detail"].count("; ") == 0

@@ -53,7 +53,7 @@ def _summary(job: Job) -> dict[str, Any]:
     study, facts, checked = job.study, job.load("fit/facts.json"), job.load("checks.json")
     coverage = job.load("coverage.json")
     (draws, units), (prior, stats) = summary_draws(job), _prior_and_stats(job)
-    checks = checked["checks"] | bands_check(coverage, _when_lost(study))
+    checks = checked["checks"] | bands_check(coverage, _when_lost(job))
     found = status(job, checks, coverage)
     calibration = found.check
     label = "; ".join(filter(None, (found.claim.label, formulation.label(study.noise.model))))
@@ -100,9 +100,9 @@ def origin(job: Job) -> dict[str, Any]:
     }
 
 
-def _when_lost(study: Study) -> str:
-    """What to do where simulations are lost; empty where nothing is known."""
-    if study.structure is None or study.structure.held_beyond is not None:
+def _when_lost(job: Job) -> str:
+    """What to do where simulations are lost; empty where powers of the angle of attack level off, or there are none."""
+    if job.study.structure is None or held_of(load_priors(job)) is not None:
         return ""
     return "a flight that swings further than the fitted one may turn over: try held_beyond = 0.95 in [structure]"
 
