@@ -92,11 +92,11 @@ def test_a_curve_of_no_terms_has_no_columns():
 
 def test_curves_beyond_the_held_angle_go_on_without_its_powers():
     """C_A levels off there, C_N goes on in proportion to the sine, and well below nothing differs."""
-    held = Setting(held=0.3)
+    saturation = Setting(saturation=0.3)
     grid = np.array([0.0, 0.1, 0.9, 1.2])
     for name in ("C_A", "C_N"):
-        made = regressors(name, ["alpha^2"], ["e*alpha^4"], grid, held)
+        made = regressors(name, ["alpha^2"], ["e*alpha^4"], grid, saturation)
         np.testing.assert_allclose(made[:2], regressors(name, ["alpha^2"], ["e*alpha^4"], grid[:2]), rtol=1e-3)
-    np.testing.assert_allclose(regressors("C_A", ["alpha^2"], [], grid, held)[2:, 0], 0.09, rtol=1e-3)
-    made = regressors("C_N", [], ["e*alpha^4"], grid, held)[2:, 0]
+    np.testing.assert_allclose(regressors("C_A", ["alpha^2"], [], grid, saturation)[2:, 0], 0.09, rtol=1e-3)
+    made = regressors("C_N", [], ["e*alpha^4"], grid, saturation)[2:, 0]
     np.testing.assert_allclose(made, np.sin(grid[2:]) * 0.3**4, rtol=1e-3)

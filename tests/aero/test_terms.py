@@ -121,24 +121,24 @@ def test_coefficients_are_weighted_sums():
         axial_coefficient(("1",), (), f)
 
 
-HELD = 0.25
+SATURATION = 0.25
 
 
 def levelled(angle):
-    """Square of an angle, levelled off at `HELD`."""
-    return angle**2 / (1.0 + (angle / HELD) ** 8) ** 0.25
+    """Square of an angle, levelled off at `SATURATION`."""
+    return angle**2 / (1.0 + (angle / SATURATION) ** 8) ** 0.25
 
 
 @pytest.mark.parametrize("name", ["alpha", "alpha^2", "alpha^3", "alpha^4", "speed*alpha^2"])
 def test_powers_of_the_angle_level_off_where_they_are_held(name):
     """Below nothing changes, far beyond they have the value of the angle itself."""
     power = int(name[-1]) if "^" in name else 1
-    plain = float(axial_term(name, flow(HELD))[0])
-    for angle, near in ((0.1, None), (HELD, None), (0.4, None), (1.2, plain)):
-        made = float(axial_term(name, replace(flow(angle), held=HELD))[0])
-        assert made == pytest.approx(plain * (levelled(angle) / HELD**2) ** (power / 2.0), rel=1e-9)
+    plain = float(axial_term(name, flow(SATURATION))[0])
+    for angle, near in ((0.1, None), (SATURATION, None), (0.4, None), (1.2, plain)):
+        made = float(axial_term(name, replace(flow(angle), saturation=SATURATION))[0])
+        assert made == pytest.approx(plain * (levelled(angle) / SATURATION**2) ** (power / 2.0), rel=1e-9)
         assert near is None or made == pytest.approx(near, rel=1e-4)
-    assert float(axial_term(name, replace(flow(0.1), held=HELD))[0]) == pytest.approx(
+    assert float(axial_term(name, replace(flow(0.1), saturation=SATURATION))[0]) == pytest.approx(
         float(axial_term(name, flow(0.1))[0]), rel=1e-3
     )
 
@@ -147,28 +147,30 @@ def test_powers_of_the_angle_level_off_where_they_are_held(name):
 def test_vectors_go_on_in_proportion_where_powers_are_held(name):
     """Their scalar factor levels off, the vector itself does not."""
     plain, power = name.replace("*alpha^2", "").replace("*alpha^4", ""), 2 if "^4" in name else 1
-    made = np.asarray(transverse_term(name, replace(flow(0.9), held=HELD)).stack())[:, 0]
+    made = np.asarray(transverse_term(name, replace(flow(0.9), saturation=SATURATION)).stack())[:, 0]
     np.testing.assert_allclose(made, levelled(0.9) ** power * vector(plain, 0.9), rtol=1e-9)
 
 
-@pytest.mark.parametrize("angle", [0.1, HELD, 0.9])
+@pytest.mark.parametrize("angle", [0.1, SATURATION, 0.9])
 def test_anisotropic_damping_goes_on_in_proportion_to_rate(angle):
     """e (e.rate) is of second order in e; held, it levels off at e-hat (e-hat.rate) times the square of the angle."""
-    made = np.asarray(transverse_term("e*(e.rate)", replace(flow(angle), held=HELD)).stack())[:, 0]
+    made = np.asarray(transverse_term("e*(e.rate)", replace(flow(angle), saturation=SATURATION)).stack())[:, 0]
     np.testing.assert_allclose(made, levelled(angle) / angle**2 * vector("e*(e.rate)", angle), rtol=1e-9)
 
 
 @pytest.mark.parametrize("name", ["1", "restoring(10)", "(e.c)", "closing", "proximity(0.8)"])
 def test_what_is_no_power_of_the_angle_is_not_held(name):
-    assert float(axial_term(name, replace(flow(0.4), held=HELD))[0]) == float(axial_term(name, flow(0.4))[0])
+    assert float(axial_term(name, replace(flow(0.4), saturation=SATURATION))[0]) == float(
+        axial_term(name, flow(0.4))[0]
+    )
 
 
-@pytest.mark.parametrize("angle", [0.0, HELD, 0.9])
+@pytest.mark.parametrize("angle", [0.0, SATURATION, 0.9])
 def test_held_terms_are_smooth(angle):
     """Gradients are finite, and second derivatives those of differences."""
 
     def force(u):
-        held = replace(flow(u), held=HELD)
+        held = replace(flow(u), saturation=SATURATION)
         return axial_term("alpha^4", held)[0] + transverse_term("e*(e.rate)", held).x[0]
 
     slope = jax.grad(force)

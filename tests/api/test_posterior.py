@@ -185,7 +185,7 @@ def test_a_curve_is_of_draws_and_ranges(known, monkeypatch):
     assert told == [known.spec, {"cds_over_mass", "angle"}, None] and made.knowledge is made.knowledge
     bare = replace(known, data=tree(posterior=DRAWS)).curve("C_N")
     assert bare[2] is None and bare[5:] == (0.9, 61, None, None, 1.0, None)
-    monkeypatch.setattr(Posterior, "_priors", [replace(DRAG, held=0.4)])
+    monkeypatch.setattr(Posterior, "_priors", [replace(DRAG, saturation=0.4)])
     levelled = replace(known)
     assert levelled.curve("C_A")[-1] == 0.4 and levelled.knowledge[-1] == 0.4
 

@@ -362,7 +362,7 @@ def test_machine_code_serves_pushes_and_the_roll():
 def test_machine_code_holds_powers_of_the_angle():
     """Canopies below and beyond the angle: trajectories are those of JAX, and not those without it."""
     pytest.importorskip("llvmlite")
-    shape = Structure(("1", "alpha^2"), ("e*alpha^2", "e*(e.rate)"), 2, held=0.02)
+    shape = Structure(("1", "alpha^2"), ("e*alpha^2", "e*(e.rate)"), 2, saturation=0.02)
     base = replace(MODEL.base, axial=(0.0, 0.0), transverse=(0.0, 0.0))
     names = ("axial[1]", "axial[alpha^2]", "transverse[e*alpha^2]", "transverse[e*(e.rate)]")
     held = replace(EACH, base=base, structure=shape, names=names)
@@ -371,7 +371,7 @@ def test_machine_code_holds_powers_of_the_angle():
     assert kernel.why_not_compiled(held, theta, start, error) is None
     got = np.asarray(kernel.states(held, theta, start, error))
     np.testing.assert_allclose(got, trajectory_compiled(held, theta, start, error), rtol=1e-10, atol=1e-9)
-    free = replace(held, structure=replace(shape, held=None))
+    free = replace(held, structure=replace(shape, saturation=None))
     assert np.abs(got - kernel.states(free, theta, start, error)).max() > 1e-6
 
 

@@ -25,7 +25,7 @@ class CanopyFlow:
         q_ratio: Dynamic pressure over that at the reference speed in sea-level air.
         speed_ratio: |V|/V_o - 1.
         neighbours: The other canopies, one entry each.
-        held: Total angle of attack at which its powers in terms level off [rad]; None: nowhere.
+        saturation: Total angle of attack at which its powers in terms level off [rad]; None: nowhere.
     """
 
     axis: Vec3
@@ -37,7 +37,7 @@ class CanopyFlow:
     q_ratio: Component
     speed_ratio: Component
     neighbours: tuple[Neighbour, ...]
-    held: float | None = field(default=None, metadata={"static": True})
+    saturation: float | None = field(default=None, metadata={"static": True})
 
 
 @jax.tree_util.register_dataclass

@@ -29,12 +29,12 @@ class Setting:
     Attributes:
         distance: D_prox of one neighbour, beside the pitch plane [1]; None: the canopy is alone.
         speed: Airspeed over the reference speed, in sea-level air [1].
-        held: Angle of attack at which its powers in terms level off [rad]; None: nowhere.
+        saturation: Angle of attack at which its powers in terms level off [rad]; None: nowhere.
     """
 
     distance: float | None = None
     speed: float = 1.0
-    held: float | None = None
+    saturation: float | None = None
 
 
 def regressors(
@@ -105,7 +105,7 @@ def _planar(alpha: Component, rate: Component, setting: Setting) -> CanopyFlow:
         q_ratio=_constant(q_ratio, a),
         speed_ratio=_constant(setting.speed - 1.0, a),
         neighbours=near or (Neighbour(Vec3(zero, zero, zero), zero + jnp.inf, zero),),
-        held=setting.held,
+        saturation=setting.saturation,
     )
 
 

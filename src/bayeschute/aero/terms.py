@@ -23,7 +23,7 @@ Signs are such that a positive coefficient means what its name says: ``e`` and `
 | ``side`` | turns the vector factor by 90 degrees about the axis: x cross v |
 
 Polynomials say nothing of angles that no record has: a fit's ``-25 alpha^4`` turns a canopy over that flies a little
-further than the fitted one did. Where `CanopyFlow.held` states an angle h, alpha^2 in the powers is divided by
+further than the fitted one did. Where `CanopyFlow.saturation` states an angle h, alpha^2 in the powers is divided by
 (1 + (alpha/h)^8)^(1/4): it levels off at h^2. So is ``(e.rate)``, since ``e*(e.rate)`` is of second order in e: beyond
 h, force and damping go on in proportion to e and rate. The law is smooth, as the search of a mode wants it.
 """
@@ -59,10 +59,10 @@ def _alpha(squared: Component) -> Component:
 
 
 def _levelled(value: Component, flow: CanopyFlow) -> Component:
-    """What is of second order in the angle of attack, so that it levels off at `flow.held`, if that is stated."""
-    if flow.held is None:
+    """What is of second order in the angle of attack, so that it levels off at `flow.saturation`, if that is stated."""
+    if flow.saturation is None:
         return value
-    return value / jnp.sqrt(jnp.sqrt(1.0 + (flow.alpha_squared / flow.held**2) ** 4))
+    return value / jnp.sqrt(jnp.sqrt(1.0 + (flow.alpha_squared / flow.saturation**2) ** 4))
 
 
 def _power(flow: CanopyFlow, power: int) -> Component:

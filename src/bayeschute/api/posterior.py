@@ -28,7 +28,7 @@ from bayeschute.api.views.curve import Curve, curve
 from bayeschute.api.workspace import Files, workspace
 from bayeschute.calibration.label import Claim, without_level
 from bayeschute.core.errors import Fault, InputError
-from bayeschute.likelihood.priors import Prior, held_of
+from bayeschute.likelihood.priors import Prior, saturation_of
 from bayeschute.posterior.assess.alternatives import Score
 from bayeschute.posterior.assess.flight_groups import for_loo_pit
 from bayeschute.prediction.predictive_checks import Check
@@ -252,13 +252,13 @@ class Posterior:
             InputError: If the posterior has no term of it.
         """
         told, before = self._draws("posterior"), self._draws("prior") or None
-        known, held = self.knowledge, held_of(self._priors)
-        return curve(name, told, before, self.ranges, known, level, points, over, distance, speed, held)
+        known, saturation = self.knowledge, saturation_of(self._priors)
+        return curve(name, told, before, self.ranges, known, level, points, over, distance, speed, saturation)
 
     @cached_property
     def knowledge(self) -> list[dict[str, Any]]:
         """What the study says that others know, beside the posterior: z-scores, p-value and verdict of each."""
-        return agreement(self.spec, self._draws("posterior"), held_of(self._priors))
+        return agreement(self.spec, self._draws("posterior"), saturation_of(self._priors))
 
     @property
     def _priors(self) -> list[Prior]:

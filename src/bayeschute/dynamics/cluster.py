@@ -125,7 +125,7 @@ def canopy_flow(state: ClusterState, geo: RiserGeometry, model: Cluster, structu
         q_ratio=q / reference,
         speed_ratio=speed / canopies.speed - 1.0,
         neighbours=neighbours(state.canopy_position, state.canopy_velocity, axis, canopies.length, structure.canopies),
-        held=structure.held,
+        saturation=structure.saturation,
     )
 
 

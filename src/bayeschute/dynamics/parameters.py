@@ -198,7 +198,7 @@ class Structure:
         force: A user-defined force law that replaces the terms (`bayeschute.dynamics.forces`), or None.
             `axial` and `transverse` then only name the law's coefficients.
         breathing: Whether the canopies breathe: the state grows by eta and its rate for each.
-        held: Total angle of attack at which its powers in terms level off [rad]; None: nowhere.
+        saturation: Total angle of attack at which its powers in terms level off [rad]; None: nowhere.
     """
 
     axial: tuple[str, ...]
@@ -207,4 +207,4 @@ class Structure:
     rate: str = field(default="riser")
     force: Callable[..., Vec3] | None = None
     breathing: bool = False
-    held: float | None = None
+    saturation: float | None = None

@@ -38,7 +38,7 @@ def aero_table(one: Parameters, first: int = 0, angles: Array = ANGLES) -> pd.Da
     numbers = with_parameters(one.base, structure, one.names, one.theta.T)
     each = [np.broadcast_to(value, (structure.canopies, draws)) for value in (*numbers.axial, *numbers.transverse)]
     mean = np.array(each).mean(axis=1)  # (terms, draws): curves are linear in the coefficients
-    alone = Setting(held=structure.held)
+    alone = Setting(saturation=structure.saturation)
     curves = {f"{c}_1": regressors(c, structure.axial, structure.transverse, angles, alone) @ mean for c in _CURVES}
     return pd.DataFrame(
         {"draw": first + np.repeat(np.arange(draws), len(angles)), "alpha_T_deg": np.rad2deg(np.tile(angles, draws))}

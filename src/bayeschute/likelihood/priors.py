@@ -42,7 +42,7 @@ class Prior:
             parameter too, the value is the working coordinate times 1 + s (f - 1). Zero: it does not depend on it.
         widened: By how much `scale` is larger than its source says, since the flights contradict it [1]
             (`conflict_variance_factor`).
-        held: Of a coefficient: total angle of attack at which its powers in the term level off [rad]; None: nowhere.
+        saturation: Of a coefficient: angle of attack at which its powers in the term level off [rad]; None: nowhere.
     """
 
     name: str
@@ -54,7 +54,7 @@ class Prior:
     correlation: Mapping[str, float] = field(default_factory=dict)
     air_share: float = 0.0
     widened: float = 1.0
-    held: float | None = None
+    saturation: float | None = None
 
     def value(self, working: NDArray[np.float64]) -> NDArray[np.float64]:
         """The value from the working coordinate, at the vehicle's apparent mass."""
@@ -91,7 +91,7 @@ def from_equation_error(
     )
 
 
-def held_of(priors: Sequence[Prior]) -> float | None:
+def saturation_of(priors: Sequence[Prior]) -> float | None:
     """Angle of attack at which its powers level off in the terms of these coefficients [rad]; None: nowhere.
 
     Args:
@@ -100,7 +100,7 @@ def held_of(priors: Sequence[Prior]) -> float | None:
     Returns:
         The least of their angles, beyond which one of the coefficients at least was not seen.
     """
-    return min((p.held for p in priors if p.held is not None), default=None)
+    return min((p.saturation for p in priors if p.saturation is not None), default=None)
 
 
 def working(priors: Sequence[Prior]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 
 def flow_along(
-    record: xr.Dataset, made: xr.Dataset, length: float, speed: float, held: float | None = None
+    record: xr.Dataset, made: xr.Dataset, length: float, speed: float, saturation: float | None = None
 ) -> CanopyFlow:
     """The airflow of every canopy along a record.
 
@@ -33,7 +33,7 @@ def flow_along(
         made: What `bayeschute.records.reconstruct` made of it.
         length: Reference length l [m].
         speed: Reference speed V_o [m/s].
-        held: As of `CanopyFlow` [rad].
+        saturation: As of `CanopyFlow` [rad].
 
     Returns:
         The flow, arrays (canopy, T); the rate is the riser's.
@@ -61,7 +61,7 @@ def flow_along(
         q_ratio=q / reference,
         speed_ratio=airspeed / speed - 1.0,
         neighbours=neighbours(position, velocity, axis, length, airspeed.shape[0]),
-        held=held,
+        saturation=saturation,
     )
 
 

@@ -105,9 +105,9 @@ def _coefficient(name: str, entry: Entry) -> str:
         f"autocorrelation time {_number(noise['memory'], '.3g')} samples; null model {entry['null_model']['name']}: R2 "
         f"{_percent(entry['null_model']['r2'])}",
     ]
-    if "held" in entry:
-        angle = math.degrees(entry["held"])
-        lines.append(f"powers of the angle of attack level off at {angle:.3g} deg (held_beyond)")
+    if "saturation" in entry:
+        angle = math.degrees(entry["saturation"])
+        lines.append(f"powers of the angle of attack level off at {angle:.3g} deg (saturate)")
     if entry["check"]:
         lines.append(
             "tested on canopies and flights that had no part in the choice of terms and teach no parameter here:"

@@ -112,6 +112,8 @@ def test_two_descents_one_by_one_are_two_descents_at_once(descent, found):
 
 def test_the_next_drop_s_terms_are_held_where_those_before_were(linear):
     """A coefficient means what it meant: its term keeps its angle, whatever the next record flies."""
-    held = [replace(linear.priors[0], held=0.4), *linear.priors[1:]]
+    held = [replace(linear.priors[0], saturation=0.4), *linear.priors[1:]]
     law = covariance(linear.priors)
-    assert [p.held for p in as_priors(held, np.zeros(len(held)), law, "posterior")] == [p.held for p in held]
+    assert [p.saturation for p in as_priors(held, np.zeros(len(held)), law, "posterior")] == [
+        p.saturation for p in held
+    ]

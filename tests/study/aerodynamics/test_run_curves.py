@@ -47,7 +47,7 @@ def table(monkeypatch):
 
 def test_a_run_has_its_table_and_its_words(tmp_path, table, monkeypatch):
     made, asked = table
-    monkeypatch.setattr(module, "flown", lambda job: [SimpleNamespace(held=0.3)])
+    monkeypatch.setattr(module, "flown", lambda job: [SimpleNamespace(saturation=0.3)])
     told = module.told_curves(job(tmp_path, 1), {"d": 1}, {"p": 2})
     assert asked == [({"d": 1}, {"p": 2}, {"alpha": (0.1, 0.4)}, {"C_A": 0.5, "C_A from": 0.5}, {"axial[1]": 0.8}, 0.3)]
     pd.testing.assert_frame_equal(pd.read_csv(tmp_path / "curves.csv"), made)

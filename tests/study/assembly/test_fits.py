@@ -104,9 +104,9 @@ def test_members_of_a_population_are_independent_of_the_rest(monkeypatch, vary, 
 
 
 def test_the_structure_is_held_at_the_least_angle_of_its_coefficients():
-    def one(name, held=None):
-        return Prior(name, 0.0, 1.0, False, "1", "x", held=held)
+    def one(name, saturation=None):
+        return Prior(name, 0.0, 1.0, False, "1", "x", saturation=saturation)
 
-    assert structure_of([one("axial[1]"), one("riser_length")], 2).held is None
+    assert structure_of([one("axial[1]"), one("riser_length")], 2).saturation is None
     made = structure_of([one("axial[1]", 0.5), one("transverse[e]", 0.4), one("riser_length")], 2)
-    assert (made.axial, made.transverse, made.held) == (("1",), ("e",), 0.4)
+    assert (made.axial, made.transverse, made.saturation) == (("1",), ("e",), 0.4)

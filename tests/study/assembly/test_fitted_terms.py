@@ -193,11 +193,11 @@ def test_every_coefficient_of_a_record_carries_the_angle_beyond_which_its_term_i
             "covariance": [[1e-4, 0.0], [0.0, 1e-4]],
         },
     }  # fmt: skip
-    for held in (None, 0.37):
-        told = entry if held is None else entry | {"held": held}
+    for saturation in (None, 0.37):
+        told = entry if saturation is None else entry | {"saturation": saturation}
         for make in (of_selected, of_library):
             made = make(CLUSTER, "transverse", told, "one")
-            assert made and [p.held for p in made] == [held] * len(made)
+            assert made and [p.saturation for p in made] == [saturation] * len(made)
         job = _job()
         job.load = lambda name, told=told: {"coefficients": {"transverse": told}}
-        assert [p.held for p in terms_left_out(job)] == [held]
+        assert [p.saturation for p in terms_left_out(job)] == [saturation]

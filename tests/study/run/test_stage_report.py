@@ -209,20 +209,27 @@ def test_noise_parameters_at_a_limit_are_told_and_others_are_not(monkeypatch):
 
 
 def test_the_angle_at_which_powers_level_off_is_told(monkeypatch):
-    for held, said in ((None, []), (0.4, ["At 22.9 deg, which few samples"])):
-        monkeypatch.setattr(module, "load_priors", lambda job, held=held: [SimpleNamespace(name="axial[1]", held=held)])
-        assert [note[: len(words)] for note, words in zip(module._held(None), said, strict=True)] == said
+    def notes(saturation, saturate):
+        monkeypatch.setattr(
+            module, "load_priors", lambda job: [SimpleNamespace(name="axial[1]", saturation=saturation)]
+        )
+        return module._saturation(SimpleNamespace(study=SimpleNamespace(structure=SimpleNamespace(saturate=saturate))))
+
+    assert notes(None, "auto") == []
+    (asked,), (found,) = notes(0.4, "always"), notes(0.4, "auto")
+    assert asked.startswith("At 22.9 deg, which few samples") and "turn canopies over" not in asked
+    assert found.startswith("At 22.9 deg") and "since the normal force would turn canopies over" in found
 
 
 def test_lost_simulations_name_the_remedy_that_is_left(monkeypatch):
     """None where powers of the angle level off already, be it by an earlier drop's, or nothing has such powers."""
     table = {"a": {"swing_angle": {"draws": 300, "failed": 100}}}
-    monkeypatch.setattr(module, "load_priors", lambda job: [SimpleNamespace(held=job.held)])
+    monkeypatch.setattr(module, "load_priors", lambda job: [SimpleNamespace(saturation=job.saturation)])
 
-    def remedy(study, held=None):
-        return module._when_lost(SimpleNamespace(study=study, held=held))
+    def remedy(study, saturation=None):
+        return module._when_lost(SimpleNamespace(study=study, saturation=saturation))
 
     made = bands_check(table, remedy(STUDY))["bands"]["detail"]
-    assert made.startswith("100 of 400") and "held_beyond = 0.95" in made.split("; ")[1]
+    assert made.startswith("100 of 400") and 'saturate = "always"' in made.split("; ")[1]
     for said in (remedy(STUDY, 0.4), remedy(replace(STUDY, structure=None))):
         assert said == "" and bands_check(table, said)["bands"]["detail"].count("; ") == 0

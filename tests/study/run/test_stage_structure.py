@@ -192,21 +192,23 @@ def test_table_7_3_1_is_found_in_most_of_fifty_replicates(tmp_path: Path):
             assert term["se"] == pytest.approx(term["sd"], rel=0.3)
 
 
-def test_powers_of_the_angle_are_held_beyond_a_share_of_the_record(tmp_path: Path, default):
-    """The angle is told by structure.json and every coefficient's prior; without the share nothing is."""
-    assert all("held" not in entry for entry in default["coefficients"].values())
-    assert all(p["held"] is None for p in default["priors"])
+def test_powers_of_the_angle_level_off_where_the_study_says_so(tmp_path: Path, default):
+    """The angle is told by structure.json and every coefficient's prior; `auto` leaves both sides to the fit."""
+    assert all("saturation" not in entry for entry in default["coefficients"].values()) and "saturated" not in default
+    assert all(p["saturation"] is None for p in default["priors"])
     text = (MODELS / "studies/cdt-3-11.toml").read_text(encoding="utf-8").replace("../", f"{MODELS.as_posix()}/")
-    angles = []
-    for share in (0.9, 0.99):
-        study, out = tmp_path / f"{share}.toml", tmp_path / f"{share}"
-        study.write_text(text.replace("[structure]", f"[structure]\nheld_beyond = {share}"), encoding="utf-8")
+    made = {}
+    for word in ("always", "auto"):
+        study, out = tmp_path / f"{word}.toml", tmp_path / word
+        study.write_text(text.replace("[structure]", f'[structure]\nsaturate = "{word}"'), encoding="utf-8")
         run_study(study, out, until="priors")
-        found = json.loads((out / "structure.json").read_text(encoding="utf-8"))
-        (angle,) = {entry["held"] for entry in found["coefficients"].values()}
-        priors = json.loads((out / "priors.json").read_text(encoding="utf-8"))
-        assert {p["held"] for p in priors if "[" in p["name"]} == {angle}
-        assert {p["held"] for p in priors if "[" not in p["name"]} == {None}
-        assert f"{np.rad2deg(angle):.3g} deg" in (out / "structure.txt").read_text(encoding="utf-8")
-        angles.append(angle)
-    assert 0.1 < angles[0] < angles[1] < 0.8
+        found, priors = (json.loads((out / f"{n}.json").read_text(encoding="utf-8")) for n in ("structure", "priors"))
+        made[word] = found, priors, (out / "structure.txt").read_text(encoding="utf-8")
+    found, priors, words = made["always"]
+    (angle,) = {entry["saturation"] for entry in found["coefficients"].values()}
+    assert 0.1 < angle < 0.8 and f"{np.rad2deg(angle):.3g} deg" in words and "saturated" not in found
+    assert {p["saturation"] for p in priors if "[" in p["name"]} == {angle}
+    assert {p["saturation"] for p in priors if "[" not in p["name"]} == {None}
+    both, plain, _ = made["auto"]
+    assert both["saturated"] == found["coefficients"]
+    assert both["coefficients"] == default["coefficients"] and plain == default["priors"]

@@ -43,6 +43,8 @@ FAULTS = [
     (r'^noise = "colored".*', 'noise = "pink"', "[structure] noise", "'pink'", "'smoothing'"),
     (r"^penalty_factor = 2.0.*", "penalty_factor = 0", "penalty_factor", "0", "> 0"),
     (r"^exchange = true.*", "sigma = { C_D = 0.1 }", "[structure.sigma] C_D", "unknown key", "C_A"),
+    (r"^exchange = true.*", 'saturate = "auto"', "structure", 'with fit = "selected"', 'fit = "search"'),
+    (r"^exchange = true.*", 'saturate = "sometimes"', "[structure] saturate", "sometimes", "'always'"),
     (r"^exchange = true.*", "exchnge = true", "[structure] exchnge", "unknown key", "exchange"),
     (r'^published = "table-7.3-1".*', 'published = "table-7.1-2"', "[synthetic] published", "planar", "polar coefficients"),
     (r'^published = "table-7.3-1".*', 'published = "table-9"', "[synthetic] published", "'table-9'", "'table-7.3-1'"),

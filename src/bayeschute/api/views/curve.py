@@ -154,7 +154,7 @@ def curve(
     over: tuple[float, float] | None,
     distance: float | None,
     speed: float,
-    held: float | None = None,
+    saturation: float | None = None,
 ) -> Curve:
     """A curve of a posterior; see `Posterior.curve`.
 
@@ -181,6 +181,6 @@ def curve(
     if faults:
         raise InputError(faults)
     low, high = over or ranges[symbol]
-    made = curve_draws(name, posterior, prior, np.linspace(low, high, points), Setting(distance, speed, held))
+    made = curve_draws(name, posterior, prior, np.linspace(low, high, points), Setting(distance, speed, saturation))
     beside = tuple(k for k in known if k["kind"] == "curve" and k["target"] == name)
     return Curve(name, symbol, unit, made.grid, made.draws, made.prior, ranges[symbol], level, beside)

@@ -59,7 +59,7 @@ def as_priors(priors: Sequence[Prior], mean: Array, posterior_covariance: Array,
         posterior_covariance: Its posterior covariance (P, P).
         source: Where they come from, in words.
     """
-    named = [Prior(p.name, 0.0, 1.0, p.logarithmic, p.unit, source, held=p.held) for p in priors]
+    named = [Prior(p.name, 0.0, 1.0, p.logarithmic, p.unit, source, saturation=p.saturation) for p in priors]
     return correlated(named, np.asarray(mean, float), np.asarray(posterior_covariance, float))
 
 

@@ -21,7 +21,7 @@ TENSION, CONFLICT = 0.05, 0.01
 """p-values below which knowledge and flights are said to be in tension, and in conflict."""
 
 
-def agreement(study: Study, draws: Mapping[str, Array], held: float | None = None) -> list[dict[str, Any]]:
+def agreement(study: Study, draws: Mapping[str, Array], saturation: float | None = None) -> list[dict[str, Any]]:
     """Each ``[[knowledge]]`` of a study beside the posterior.
 
     What was used as prior is part of the posterior: it is taken out again, as a Gaussian, so that it is compared with
@@ -31,7 +31,7 @@ def agreement(study: Study, draws: Mapping[str, Array], held: float | None = Non
     Args:
         study: The study.
         draws: Of the posterior by parameter (chain, draw), in their units.
-        held: Of the fitted terms, as of `Structure` [rad].
+        saturation: Of the fitted terms, as of `Structure` [rad].
 
     Returns:
         One entry a table, plain values: ``name``, ``source``, ``kind``, ``target``, ``use``, ``at``, ``unit``,
@@ -42,7 +42,7 @@ def agreement(study: Study, draws: Mapping[str, Array], held: float | None = Non
     if not names or not study.knowledge:
         return []
     mean, posterior_covariance = moments(np.stack([np.ravel(draws[name]) for name in names], axis=-1))
-    return [_entry(study, table, names, mean, posterior_covariance, held) for table in study.knowledge]
+    return [_entry(study, table, names, mean, posterior_covariance, saturation) for table in study.knowledge]
 
 
 def _entry(
@@ -51,9 +51,9 @@ def _entry(
     names: Sequence[str],
     mean: Array,
     posterior_covariance: Array,
-    held: float | None,
+    saturation: float | None,
 ) -> dict[str, Any]:
-    known = observed(study, table, names, held)
+    known = observed(study, table, names, saturation)
     in_model = bool(np.any(known.design != 0.0))
     counted = table.use == "prior" and in_model
     if counted and (apart := without(mean, posterior_covariance, known)) is not None:

@@ -75,7 +75,7 @@ def table(
     ranges: Mapping[str, tuple[float, float]],
     reach: Mapping[str, float],
     truth: Mapping[str, float] | None = None,
-    held: float | None = None,
+    saturation: float | None = None,
 ) -> pd.DataFrame:
     """Bands of all curves of a posterior, over the range flown and as far beyond as there is something to compare.
 
@@ -85,7 +85,7 @@ def table(
         ranges: From `flown.ranges`.
         reach: By curve, how far the grid goes at least.
         truth: Coefficients that a virtual drop was flown with; None: not known.
-        held: Of the fitted terms, as of `Structure` [rad].
+        saturation: Of the fitted terms, as of `Structure` [rad].
 
     Returns:
         A row a point: curve, symbol, unit, at, flown, quantiles of posterior and prior, the truth where it is known.
@@ -98,7 +98,7 @@ def table(
         low, high = ranges[symbol]
         start = min(low, reach.get(f"{name} from", low))
         grid = np.linspace(start, max(high, reach.get(name, high)), POINTS)
-        made = curve_draws(name, posterior, prior, grid, Setting(held=held))
+        made = curve_draws(name, posterior, prior, grid, Setting(saturation=saturation))
         rows: dict[str, Any] = {"curve": name, "symbol": symbol, "unit": unit, "at": grid}
         rows["flown"] = (grid >= low - 1e-12) & (grid <= high + 1e-12)
         for words, values in (("posterior", made.draws), ("prior", made.prior)):

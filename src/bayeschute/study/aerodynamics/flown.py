@@ -25,14 +25,14 @@ _TAILS = (0.005, 0.995)
 class FlownFlight(NamedTuple):
     """A fitted flight: its name, the airflow and latent forces of its canopies, and the terms of its fit.
 
-    At the angle of attack `held` [rad] its powers level off in these terms; None: nowhere.
+    At the angle of attack `saturation` [rad] its powers level off in these terms; None: nowhere.
     """
 
     name: str
     along: Along
     axial: tuple[str, ...]
     transverse: tuple[str, ...]
-    held: float | None = None
+    saturation: float | None = None
 
 
 def flown(job: Job) -> list[FlownFlight]:
@@ -51,7 +51,7 @@ def flown(job: Job) -> list[FlownFlight]:
             assert isinstance(data.model, ClusterFlight)
             structure = data.model.structure
             along = flow_along(data, best.theta, at.path, at.error)
-            found.append(FlownFlight(flight.name, along, structure.axial, structure.transverse, structure.held))
+            found.append(FlownFlight(flight.name, along, structure.axial, structure.transverse, structure.saturation))
     return found
 
 

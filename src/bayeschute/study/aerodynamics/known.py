@@ -14,7 +14,7 @@ from bayeschute.aero.curves import Setting, regressors
 from bayeschute.aero.published import load_published
 from bayeschute.aero.published_curve import planar_curve, usual_angles
 from bayeschute.likelihood.knowledge import Observed, conditioned
-from bayeschute.likelihood.priors import Prior, held_of
+from bayeschute.likelihood.priors import Prior, saturation_of
 from bayeschute.study.schema.knowledge.knowledge_schema import KnowledgeTable
 from bayeschute.study.study import Study
 
@@ -53,14 +53,14 @@ def points(study: Study, table: KnowledgeTable) -> Points:
     return Points(at, values, np.diag(sd**2) + table.common_sd**2)
 
 
-def observed(study: Study, table: KnowledgeTable, names: Sequence[str], held: float | None = None) -> Observed:
+def observed(study: Study, table: KnowledgeTable, names: Sequence[str], saturation: float | None = None) -> Observed:
     """A table as an observation of parameters; a term that is not among them counts as zero.
 
     Args:
         study: The study.
         table: Of the study.
         names: Of the parameters, in order.
-        held: As of `Structure` [rad].
+        saturation: As of `Structure` [rad].
     """
     told = points(study, table)
     design: Array = np.zeros((told.values.size, len(names)))
@@ -69,7 +69,7 @@ def observed(study: Study, table: KnowledgeTable, names: Sequence[str], held: fl
             design[0, list(names).index(table.target)] = 1.0
     else:
         axial, transverse, places = terms_of(names)
-        design[:, places] = regressors(table.target, axial, transverse, told.at, Setting(held=held))
+        design[:, places] = regressors(table.target, axial, transverse, told.at, Setting(saturation=saturation))
     return Observed(design, told.values, told.covariance)
 
 
@@ -86,7 +86,7 @@ def informed(study: Study, priors: Sequence[Prior]) -> list[Prior]:
     for table in study.knowledge:
         if table.use != "prior":
             continue
-        known = observed(study, table, [p.name for p in made], held_of(made))
+        known = observed(study, table, [p.name for p in made], saturation_of(made))
         part = np.any(known.design != 0.0, axis=0)
         if part.any():
             made = [

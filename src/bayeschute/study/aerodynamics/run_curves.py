@@ -36,9 +36,9 @@ def told_curves(job: Job, draws: Mapping[str, Array], prior: Mapping[str, Array]
     flights = flown(job)
     if not flights:
         return {}
-    held = flights[0].held
-    known, over = agreement(job.study, draws, held), ranges(flights)
-    made = table(draws, prior, over, _reach(known), _truth(job), held)
+    saturation = flights[0].saturation
+    known, over = agreement(job.study, draws, saturation), ranges(flights)
+    made = table(draws, prior, over, _reach(known), _truth(job), saturation)
     if not made.empty:
         write_whole(job.out / FILE, lambda path: made.to_csv(path, index=False))
     names = list(dict.fromkeys(made["curve"])) if not made.empty else []

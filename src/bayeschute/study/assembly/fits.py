@@ -17,7 +17,7 @@ from bayeschute.core.trees import load_tree, save_tree
 from bayeschute.dynamics.parameters import Structure
 from bayeschute.likelihood.channels import cluster_data, descent_data
 from bayeschute.likelihood.joint import FlightData, Lifted, NoiseParameters
-from bayeschute.likelihood.priors import Prior, correlated, held_of
+from bayeschute.likelihood.priors import Prior, correlated, saturation_of
 from bayeschute.posterior.fit.laplace_fit import LaplaceFit
 from bayeschute.posterior.joint_mode import Optimum
 from bayeschute.posterior.marginal import Marginal, Quadratic, marginalise
@@ -41,9 +41,14 @@ class Group:
     priors: tuple[Prior, ...]
 
 
-def groups(job: Job) -> list[Group]:
-    """The fits of a study."""
-    study, priors = job.study, tuple(load_priors(job))
+def groups(job: Job, priors: Sequence[Prior] | None = None) -> list[Group]:
+    """The fits of a study.
+
+    Args:
+        job: The run.
+        priors: Of all parameters; None: the stored ones.
+    """
+    study, priors = job.study, tuple(load_priors(job) if priors is None else priors)
     flights = study.with_role("identify")
     several = len(flights) > 1
     if study.model == "cluster":
@@ -67,7 +72,7 @@ def groups(job: Job) -> list[Group]:
 def structure_of(priors: Sequence[Prior], n: int) -> Structure:
     """The structure of `n` canopies whose coefficients are among the parameters."""
     axial, transverse, _ = terms_of([p.name for p in canopies.together(priors)])
-    return Structure(tuple(axial), tuple(transverse), n, held=held_of(priors))
+    return Structure(tuple(axial), tuple(transverse), n, saturation=saturation_of(priors))
 
 
 def data_of(job: Job, flight: Flight, priors: Sequence[Prior], like: Flight | None = None) -> FlightData:

@@ -44,7 +44,7 @@ def of_selected(study: Study, kind: str, entry: Mapping[str, Any], flight: str) 
         )
         for r in rows
     ]
-    made = [replace(p, held=entry.get("held")) for p in made]
+    made = [replace(p, saturation=entry.get("saturation")) for p in made]
     if entry.get("covariance") is None or not rows:
         return made
     inflated_covariance = table.inflation**2 * np.array(entry["covariance"]) + table.floor**2 * np.eye(len(rows))
@@ -86,8 +86,8 @@ def of_library(study: Study, kind: str, entry: Mapping[str, Any], flight: str) -
         source += "; it can't separate all of them"
     plausible = np.where(np.array(names) == "1", 0.0, (np.maximum(size, _UNSEEN) / _LARGEST) ** 2)
     both = np.linalg.inv(known + np.diag(np.maximum(plausible, 1e-12)))
-    held = entry.get("held")
-    blank = [Prior(str(Coefficient(kind, name)), 0.0, 1.0, False, "1", source, held=held) for name in names]
+    saturation = entry.get("saturation")
+    blank = [Prior(str(Coefficient(kind, name)), 0.0, 1.0, False, "1", source, saturation=saturation) for name in names]
     return correlated(blank, both @ known @ centre, 0.5 * (both + both.T))
 
 
@@ -131,7 +131,7 @@ def terms_left_out(job: Job) -> list[Prior]:
         for term in entry.get("left_out", ()):
             name, table = str(Coefficient(kind, term["term"])), study.priors
             one = from_equation_error(name, term["estimate"], term["se"], table.inflation, table.floor, flight=flight)
-            made.append(replace(one, source=f"{one.source}; {ADDED}", held=entry.get("held")))
+            made.append(replace(one, source=f"{one.source}; {ADDED}", saturation=entry.get("saturation")))
     return at_own_apparent_mass(study, made)
 
 

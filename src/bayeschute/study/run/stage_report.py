@@ -14,7 +14,7 @@ from bayeschute.aero.coefficient import APPARENT_MASS, Coefficient, is_coefficie
 from bayeschute.calibration.label import MOST_LOST, lost_simulations
 from bayeschute.dynamics.cluster_flight import OF_INERTIA
 from bayeschute.likelihood.kalman_gradient import to_vector
-from bayeschute.likelihood.priors import Prior, held_of
+from bayeschute.likelihood.priors import Prior, saturation_of
 from bayeschute.posterior.term_search import PENALTY
 from bayeschute.records.record import repairs
 from bayeschute.study import formulation
@@ -102,9 +102,9 @@ def origin(job: Job) -> dict[str, Any]:
 
 def _when_lost(job: Job) -> str:
     """What to do where simulations are lost; empty where powers of the angle of attack level off, or there are none."""
-    if job.study.structure is None or held_of(load_priors(job)) is not None:
+    if job.study.structure is None or saturation_of(load_priors(job)) is not None:
         return ""
-    return "a flight that swings further than the fitted one may turn over: try held_beyond = 0.95 in [structure]"
+    return 'a flight that swings further than the fitted one may turn over: try saturate = "always" in [structure]'
 
 
 def bands_check(coverage: dict[str, Any], remedy: str = "") -> dict[str, dict[str, Any]]:
@@ -289,7 +289,7 @@ def _notes(job: Job) -> list[str]:
         f"Predictions of a flight use the first {OPENING:g} s of its record (for the initial state) and its recorded "
         "wind; bands are scored after that."
     )
-    notes += apparent_mass_taken_as_known(study) + _held(job)
+    notes += apparent_mass_taken_as_known(study) + _saturation(job)
     if study.priors.vary_canopies:
         notes.append(
             f"Hierarchical model over canopies for {', '.join(study.priors.vary_canopies)}: the name alone is the "
@@ -316,14 +316,16 @@ def _notes(job: Job) -> list[str]:
     return notes
 
 
-def _held(job: Job) -> list[str]:
+def _saturation(job: Job) -> list[str]:
     """The note on the angle of attack at which its powers level off; none: no note."""
-    held = held_of(load_priors(job))
-    if held is None:
+    saturation = saturation_of(load_priors(job))
+    if saturation is None:
         return []
+    table, angle = job.study.structure, np.rad2deg(saturation)
+    why = ", since the normal force would turn canopies over beyond" if table and table.saturate == "auto" else ""
     return [
-        f"At {np.rad2deg(held):.3g} deg, which few samples of the fitted record exceed, powers of the angle of attack "
-        "level off in all terms: how forces go on from there is assumed, not identified."
+        f"At {angle:.3g} deg, which few samples of the fitted record exceed, powers of the angle of attack level off "
+        f"in all terms{why}: how forces go on from there is assumed, not identified."
     ]
 
 

@@ -37,6 +37,7 @@ from bayeschute.study.study import Flight
 VECTOR = {"axial": axial_problem, "transverse": transverse_problem}
 _NOISIER = 8  # times the positions' noise is added once more
 _QUICK = 20  # replicates at most with --quick
+_FLOWN = 0.95  # share of a record's samples below the angle of attack at which its powers level off
 
 
 def structure(job: Job) -> str:
@@ -49,26 +50,9 @@ def structure(job: Job) -> str:
     flights = study.with_role("structure")
     records = [load_flight(job, flight.name) for flight in flights]
     said = _before(study, flights, records)
-    held = _held(study, flights, records)
-    stacks = _stacked(study, flights, records, held)
-    tests, untested = _checks(job, flights, records, held)
-    dt = float(records[0]["time"][1] - records[0]["time"][0])
-    rng = stream(study.seed, "selection of terms")
-    made: dict[str, Identified] = {}
-    for i, (name, stack) in enumerate(stacks.items()):
-        names, indices = _candidates(study, name)
-        made[name] = identify(stack, names, dt, _how(job, name), rng, indices)
-        job.say("structure")((i + 1) / (len(stacks) + 2), name)
-    spread = propagate(
-        records,
-        lambda noisy: _stacked(study, flights, noisy, held),
-        {name: one.found.columns for name, one in made.items()},
-        rng,
-        _NOISIER,
-    )
-    entries = {name: _entry(job, name, one, dt, tests, spread[name], records) for name, one in made.items()}
-    if held is not None:
-        entries |= {name: entries[name] | {"held": held} for name in VECTOR}
+    table, angle = _table(study), _saturation(study, flights, records)
+    saturated = table.saturate == "always"
+    entries, untested = _entries(job, flights, records, angle if saturated else None)
     said += data_adequacy.noise_sentences({name: e["snr"] for name, e in entries.items()})
     for name, e in entries.items():
         said += data_adequacy.rival_sentences(name, e["rivals"])
@@ -77,11 +61,49 @@ def structure(job: Job) -> str:
         "polar": {name: e for name, e in entries.items() if name not in VECTOR},
         "sufficiency": [*said, *untested],
     }
+    if table.saturate == "auto":
+        found["saturated"] = {
+            name: e for name, e in _entries(job, flights, records, angle)[0].items() if name in VECTOR
+        }
     if study.synthetic is not None:
-        found["synthetic"] = _synthetic(job, flights, records, dt)
+        found["synthetic"] = _synthetic(job, flights, records, _step(records))
     job.save("structure.json", found)
     write_whole(job.out / "structure.txt", partial(Path.write_text, data=structure_text(found), encoding="utf-8"))
     return ", ".join(f"{len(e['selected'])} of {len(e['candidates'])} {name} terms" for name, e in entries.items())
+
+
+def _step(records: Sequence[xr.Dataset]) -> float:
+    return float(records[0]["time"][1] - records[0]["time"][0])
+
+
+def _entries(
+    job: Job, flights: Sequence[Flight], records: Sequence[xr.Dataset], saturation: float | None
+) -> tuple[dict[str, dict[str, Any]], list[str]]:
+    """What is selected for every coefficient, with powers of the angle of attack that level off at one [rad], or none.
+
+    Returns:
+        Entries by coefficient, and notes on records that can't test them.
+    """
+    study, dt = job.study, _step(records)
+    stacks = _stacked(study, flights, records, saturation)
+    tests, untested = _checks(job, flights, records, saturation)
+    rng = stream(study.seed, "selection of terms")
+    made: dict[str, Identified] = {}
+    for i, (name, stack) in enumerate(stacks.items()):
+        names, indices = _candidates(study, name)
+        made[name] = identify(stack, names, dt, _how(job, name), rng, indices)
+        job.say("structure")((i + 1) / (len(stacks) + 2), name)
+    spread = propagate(
+        records,
+        lambda noisy: _stacked(study, flights, noisy, saturation),
+        {name: one.found.columns for name, one in made.items()},
+        rng,
+        _NOISIER,
+    )
+    entries = {name: _entry(job, name, one, dt, tests, spread[name], records) for name, one in made.items()}
+    if saturation is not None:
+        entries |= {name: entries[name] | {"saturation": saturation} for name in VECTOR}
+    return entries, untested
 
 
 def _table(study: Study) -> StructureTable:
@@ -105,10 +127,9 @@ def _along(study: Study, table: PolarPoolTable, made: xr.Dataset, canopy: int) -
     return polar_candidates(_pool(table), polar_variables(made, canopy, scale.reference_length, scale.reference_speed))
 
 
-def _held(study: Study, flights: Sequence[Flight], records: Sequence[xr.Dataset]) -> float | None:
-    """The angle of attack at which its powers level off in terms, of all canopies [rad]; None: nowhere."""
-    share = _table(study).held_beyond
-    if share is None:
+def _saturation(study: Study, flights: Sequence[Flight], records: Sequence[xr.Dataset]) -> float | None:
+    """The angle of attack at which its powers level off in terms where they do, of all canopies [rad]; None: never."""
+    if _table(study).saturate is None:
         return None
     angles = []
     for flight, record in zip(flights, records, strict=True):
@@ -116,15 +137,15 @@ def _held(study: Study, flights: Sequence[Flight], records: Sequence[xr.Dataset]
         flow = flow_along(record, made, scale.reference_length, scale.reference_speed)
         angles.append(np.sqrt(np.ravel(np.asarray(flow.alpha_squared))))
     every = np.concatenate(angles)
-    return float(np.quantile(every[np.isfinite(every)], share))
+    return float(np.quantile(every[np.isfinite(every)], _FLOWN))
 
 
 def _problems(
-    study: Study, flight: Flight, record: xr.Dataset, canopies: Sequence[int], held: float | None
+    study: Study, flight: Flight, record: xr.Dataset, canopies: Sequence[int], saturation: float | None
 ) -> dict[str, list[Stack]]:
     """Regressions of every coefficient on the canopies (from 0) of one flight."""
     table, scale, made = _table(study), study.vehicle_of(flight).canopies, _reconstructed(study, flight, record)
-    flow = flow_along(record, made, scale.reference_length, scale.reference_speed, held)
+    flow = flow_along(record, made, scale.reference_length, scale.reference_speed, saturation)
     found = {
         name: [problem(getattr(table, name), flow, made, canopy) for canopy in canopies]
         for name, problem in VECTOR.items()
@@ -135,13 +156,13 @@ def _problems(
 
 
 def _stacked(
-    study: Study, flights: Sequence[Flight], records: Sequence[xr.Dataset], held: float | None
+    study: Study, flights: Sequence[Flight], records: Sequence[xr.Dataset], saturation: float | None
 ) -> dict[str, Stack]:
     """The regression of every coefficient on all canopies and flights that the structure is found on."""
     canopies = [canopy - 1 for canopy in _table(study).canopies]
     parts: dict[str, list[Stack]] = {}
     for flight, record in zip(flights, records, strict=True):
-        for name, stacks in _problems(study, flight, record, canopies, held).items():
+        for name, stacks in _problems(study, flight, record, canopies, saturation).items():
             parts.setdefault(name, []).extend(stacks)
     return {name: stack_records(stacks) for name, stacks in parts.items()}
 
@@ -189,7 +210,7 @@ def _before(study: Study, flights: Sequence[Flight], records: Sequence[xr.Datase
 
 
 def _checks(
-    job: Job, flights: Sequence[Flight], records: Sequence[xr.Dataset], held: float | None
+    job: Job, flights: Sequence[Flight], records: Sequence[xr.Dataset], saturation: float | None
 ) -> tuple[dict[str, dict[str, Stack]], list[str]]:
     """Regressions of canopies and flights that were not fitted, by coefficient and label; notes on those that fail."""
     study, said = job.study, list[str]()
@@ -202,7 +223,7 @@ def _checks(
         if not canopies:
             continue
         try:
-            problems = _problems(study, flight, record, canopies, held)
+            problems = _problems(study, flight, record, canopies, saturation)
         except InputError as error:
             if flight in flights:
                 raise

@@ -12,13 +12,11 @@ from bayeschute.aero.term_names import check_axial, check_transverse
 from bayeschute.structure.candidates import exponent_tuples, product_name
 from bayeschute.structure.polar_names import canonical, check_term, check_variable
 from bayeschute.study.schema.quantities import (
-    Bounds,
     Name,
     NoiseCeiling,
     NotNegativeTime,
     PositiveNumber,
     each,
-    number,
     one_of,
     whole,
 )
@@ -128,8 +126,9 @@ class StructureTable(Strict):
             the whole ``pool``, for a small one: what a record can't tell apart then widens intervals, whichever terms
             equation error took; or ``search``: all candidates are fitted to the flight once, and those are kept that
             its evidence asks for, whatever equation error selected.
-        held_beyond: Share of the record's samples whose angle of attack is smaller than that at which its powers level
-            off in all terms. A polynomial says nothing of angles that are hardly flown. None: they keep growing.
+        saturate: Where powers of the angle of attack level off in all terms, at an angle that few samples of the record
+            exceed: a polynomial says nothing of angles that are hardly flown. ``always``; ``auto``, in a ``search``:
+            where the normal force that the flights support would turn canopies over beyond; None: nowhere.
         core: Terms that ``search`` always keeps, ``axial[...]`` and ``transverse[...]``.
         replicates: Moving-block bootstrap replicates for the selection stability; 0 for none.
         stack: How many structures are fitted to the flight, the selected one and those that replicates select most
@@ -146,11 +145,17 @@ class StructureTable(Strict):
     penalty_factor: PositiveNumber = 2.0
     exchange: bool = False
     fit: Literal["search", "pool", "selected"] = "selected"
-    held_beyond: Annotated[float, number(Bounds(above=0.5, most=1.0))] | None = None
+    saturate: Literal["auto", "always"] | None = None
     core: Annotated[tuple[str, ...], AfterValidator(distinct)] = CORE
     replicates: Annotated[int, whole(0, 100_000)] = 100
     stack: Annotated[int, whole(2, 20)] | None = None
     polar: PolarTable = PolarTable()
+
+    @rule
+    def _can_saturate(self) -> None:
+        if self.saturate == "auto" and self.fit != "search":
+            do = 'Say fit = "search", or saturate = "always".'
+            refuse('fit = "search" beside saturate = "auto"', f'saturate = "auto" with fit = "{self.fit}"', do)
 
     @rule
     def _can_stack(self) -> None:

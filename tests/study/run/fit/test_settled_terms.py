@@ -73,8 +73,8 @@ def run(tmp_path, monkeypatch):
         settled_terms, "data_of", lambda job, flight, priors: (flight.name, tuple(p.name for p in priors))
     )
     study = SimpleNamespace(
-        structure=SimpleNamespace(fit="search", core=CORE), noise=SimpleNamespace(model="latent"),
-        priors=SimpleNamespace(hierarchical=False, vary=None), sampler=SimpleNamespace(starts=None), model="cluster",
+        structure=SimpleNamespace(fit="search", core=CORE, saturate=None), noise=SimpleNamespace(model="latent"),
+        priors=SimpleNamespace(hierarchical=False, vary=None, vary_canopies=None), sampler=SimpleNamespace(starts=None), model="cluster",
         knowledge=(),
     )  # fmt: skip
     job = SimpleNamespace(
@@ -112,6 +112,48 @@ def test_the_air_that_moves_with_a_canopy_is_held_until_the_terms_are_chosen(run
     assert library.priors[:4] == PRIORS[:4] and library.priors[4] == replace(air, scale=settled_terms._HELD_SD)
     assert group.priors == chosen.priors and group.priors[-1] == air
     assert json.loads((run.folder / "fit" / "priors.json").read_text(encoding="utf-8"))[-1]["scale"] == 0.5
+
+
+TURNING = tuple(
+    Prior(name, 0.0, 1.0, False, "1", "x") for name in ("axial[1]", "transverse[e]", "transverse[e*alpha^2]", "length")
+)
+LEVEL = [replace(p, centre=0.1, saturation=0.4) for p in TURNING[:3]]
+
+
+@pytest.mark.parametrize(
+    ("fourth", "asked", "other", "levels"),
+    [
+        (-1.5, "auto", False, True),  # C_N = sin(alpha) (0.4 - 1.5 alpha^2), zero at 0.52, between 0.4 and 0.6
+        (-0.9, "auto", False, False),  # zero at 0.67: nowhere near what is flown
+        (-1.5, None, False, False),
+        (-1.5, "auto", True, False),  # priors of somebody else
+    ],
+)
+def test_powers_level_off_where_canopies_would_turn_over(run, monkeypatch, fourth, asked, other, levels):
+    """The library is then fitted again by what equation error says of powers that level off; the rest is as it was."""
+    table = run.job.study.structure
+    table.saturate, table.core = asked, tuple(p.name for p in TURNING)
+    told = {"coefficients": TURNING[:3], "saturated": {"priors": LEVEL, "transverse": {"saturation": 0.4}}}
+    run.job.load = lambda name: told if name == "structure.json" else None
+    monkeypatch.setattr(
+        settled_terms,
+        "of_structure",
+        lambda study, entries: entries["priors"] if isinstance(entries, dict) else entries,
+    )
+    mode = np.array([0.9, 0.4, fourth, 71.0])
+    monkeypatch.setattr(settled_terms, "marginal_mode", lambda *a, **k: _optimum(mode, 1e-4 * np.eye(4)))
+    monkeypatch.setattr(settled_terms, "beside_smaller", lambda flights, priors, prior, library, fewest, say: library)
+    mine = tuple(replace(p, source="a colleague") for p in TURNING) if other else TURNING
+    group, *_ = _settled(run, mine)
+    first, last = run.settled[0], run.settled[-1]
+    assert first.priors == mine and len(run.settled) == (3 if levels else 2)
+    assert [p.saturation for p in group.priors] == [p.saturation for p in last.priors]
+    assert [p.saturation for p in group.priors] == ([0.4, 0.4, 0.4, None] if levels else [None] * 4)
+    assert group.priors[3] == mine[3] and (not levels or [p.centre for p in run.settled[1].priors[:3]] == [0.1] * 3)
+    words = [one for _, one in run.told if "turn over" in one]
+    assert len(words) == levels and (not levels or "level off at 22.9 deg" in words[0])
+    shares = [share for share, _ in run.told]
+    assert shares == sorted(shares) and shares[-1] == 1.0
 
 
 @pytest.mark.parametrize("known", [(), (SimpleNamespace(use="prior"),)])

@@ -70,7 +70,7 @@ def _options(job: Job, kind: str, entry: dict[str, Any], base: Sequence[Prior]) 
                 from_equation_error(
                     str(Coefficient(kind, term)), value, se, table.inflation, table.floor, flight=flights
                 ),
-                held=entry.get("held"),
+                saturation=entry.get("saturation"),
             )
             for term, value, se in rows
         )
