@@ -339,6 +339,7 @@ def checked(monkeypatch):
     monkeypatch.setattr(module, "recorded_quantities", lambda job, flight, record: {"descent_rate": flight.name})
     noise = lambda job, stored, name: (1.0, 2.0, 3.0) if name == "descent_rate" else None  # noqa: E731
     monkeypatch.setattr(module, "channel_noise", noise)
+    monkeypatch.setattr(module, "when_lost", lambda job: "try this")
     return SimpleNamespace(load=lambda name: {"checks.json": checks}[name])
 
 
@@ -359,8 +360,11 @@ def test_one_canopy_has_no_flyout_angle(checked):
 
 
 def test_bands_of_too_few_simulations_have_no_level(checked):
+    """How many were lost, and what to do, is part of what it is called."""
     lost = Forecast.of(checked, foreseen(failed=7))
     assert lost.failed_checks == ("rhat", "ess", "bands") and lost.draws.attrs["failed"] == 7
+    assert "7 of 8 simulations of a failed: its bands are of the others; try this; " in repr(lost)
+    assert "simulations of a failed" not in repr(Forecast.of(checked, foreseen()))
 
 
 def test_a_jobs_forecast_is_widened_as_its_calibration_says(monkeypatch):

@@ -163,8 +163,8 @@ class TestStudies:
             assert left == [t for t in default["structure"][kind] if single and is_pairwise(t)]
 
     def test_a_flight_to_be_predicted_is_blanked_beyond_its_opening(self, written, letter):
+        from bayeschute.prediction.bands import OPENING
         from bayeschute.records.record import load_record
-        from bayeschute.study.run.forecasts import OPENING
 
         study = written(letter)
         tables = tomllib.loads(study.read_text())

@@ -23,7 +23,7 @@ from bayeschute.prediction.requirement import requirement_check
 from bayeschute.report.wording import shown_unit
 from bayeschute.study.evidence.recalibrate import widening
 from bayeschute.study.job import Job, load_flight
-from bayeschute.study.run.forecasts import FlightForecast, forecast_flight, stored_forecast, widened
+from bayeschute.study.run.forecasts import FlightForecast, forecast_flight, stored_forecast, when_lost, widened
 from bayeschute.study.run.stage_data import ingest_flight, read_and_judge
 from bayeschute.study.run.stage_predict import channel_noise, recorded_quantities
 from bayeschute.study.study import Flight as FlightSpec
@@ -126,11 +126,13 @@ class Forecast:
             if not (alone and name == "flyout_angle")
         }
         made = xr.Dataset(values, coords={"time": ("time", foreseen.time, {"units": "s"})})
+        lost = lost_simulations(foreseen.flight.name, one.failed, made.sizes["draw"])
         made.attrs = {"failed": one.failed, "flight": foreseen.flight.name}
+        made.attrs["lost"] = "; ".join(filter(None, [lost, when_lost(job)])) if lost else ""
         checks = job.load("checks.json")
         independent = int(min(*checks["ess_bulk"].values(), made.sizes["draw"]))  # as the stage `risk` counts
         failed = tuple(name for name, check in checks["checks"].items() if not check["passed"])
-        if lost_simulations(foreseen.flight.name, one.failed, made.sizes["draw"]):
+        if lost:
             failed = (*failed, "bands")
         return cls(
             foreseen.flight.name, made, foreseen.held_out, recorded, foreseen.truth, one.shares, independent, noise,
@@ -370,7 +372,7 @@ class Forecast:
         sizes = self.draws.sizes
         told = f"{sizes['draw']} draws of {', '.join(self.quantities)} at {sizes['time']} times"
         told = f"Forecast of {self.name}: {told}, {self.draws.attrs['failed']} failed"
-        return "; ".join(filter(None, (told, without_level(self.failed_checks))))
+        return "; ".join(filter(None, (told, self.draws.attrs.get("lost"), without_level(self.failed_checks))))
 
     def _repr_html_(self) -> str:
         """Medians and 90 % intervals of the mean over the flight, as a table."""

@@ -8,7 +8,7 @@ import xarray as xr
 
 from bayeschute.api.flight import Flight
 from bayeschute.api.posterior import Posterior, draws_held
-from bayeschute.calibration.label import lost_simulations, without_level
+from bayeschute.calibration.label import without_level
 from bayeschute.core.files import write_whole
 from bayeschute.report.figures.canvas import save
 from bayeschute.report.wording import quantity
@@ -55,7 +55,7 @@ def predict_file(
         bands[f"/{spec.name}"] = one.to_dataset()
         save(one.plot(), folder, f"bands-{spec.name}")
         failed |= dict.fromkeys(one.failed_checks)
-        lines += filter(None, [lost_simulations(spec.name, one.draws.attrs["failed"], one.draws.sizes["draw"])])
+        lines += filter(None, [one.draws.attrs["lost"]])
         for name in one.quantities:
             unit, ends = one.draws[name].attrs["units"], one.statistic(name).quantile([0.05, 0.5, 0.95])
             low, middle, high = (quantity(float(end), unit, 4) for end in ends)

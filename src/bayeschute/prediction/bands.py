@@ -30,6 +30,7 @@ from bayeschute.posterior.noise_uncertainty import NoiseEffect
 from bayeschute.records.sensors import ornstein_uhlenbeck
 
 Array = NDArray[np.float64]
+OPENING = 5.0  # [s] initialisation window: the part of its record that a prediction uses
 GROUP = 16  # draws that share their noise parameters
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 MOST_DRAWS = 400  # of every flight in ``predictions.nc``

@@ -13,6 +13,7 @@ from bayeschute.api.drop_by_drop import taught_table
 from bayeschute.likelihood.priors import Prior
 from bayeschute.posterior.term_search import PENALTY
 from bayeschute.study.load import load_study
+from bayeschute.study.run import forecasts
 from bayeschute.study.run import stage_report as module
 from bayeschute.study.run.stage_report import bands_check, flown_terms, true_values, what_flights_taught
 
@@ -224,10 +225,10 @@ def test_the_angle_at_which_powers_level_off_is_told(monkeypatch):
 def test_lost_simulations_name_the_remedy_that_is_left(monkeypatch):
     """None where powers of the angle level off already, be it by an earlier drop's, or nothing has such powers."""
     table = {"a": {"swing_angle": {"draws": 300, "failed": 100}}}
-    monkeypatch.setattr(module, "load_priors", lambda job: [SimpleNamespace(saturation=job.saturation)])
+    monkeypatch.setattr(forecasts, "load_priors", lambda job: [SimpleNamespace(saturation=job.saturation)])
 
     def remedy(study, saturation=None):
-        return module._when_lost(SimpleNamespace(study=study, saturation=saturation))
+        return module.when_lost(SimpleNamespace(study=study, saturation=saturation))
 
     made = bands_check(table, remedy(STUDY))["bands"]["detail"]
     assert made.startswith("100 of 400") and 'saturate = "always"' in made.split("; ")[1]

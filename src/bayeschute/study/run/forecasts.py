@@ -20,7 +20,7 @@ from bayeschute.core.errors import Fault, InputError
 from bayeschute.core.netcdf_groups import load_groups
 from bayeschute.core.random import seed_of, stream
 from bayeschute.likelihood.joint import FlightData, NoiseParameters
-from bayeschute.likelihood.priors import Prior
+from bayeschute.likelihood.priors import Prior, saturation_of
 from bayeschute.posterior.marginal import Marginal
 from bayeschute.prediction import bands
 from bayeschute.prediction.mixture import mix
@@ -36,15 +36,21 @@ from bayeschute.study.assembly.fits import (
 from bayeschute.study.assembly.flight_parameters import drawn_for_unseen
 from bayeschute.study.assembly.populations import by_members
 from bayeschute.study.evidence.recalibrate import Widening
-from bayeschute.study.job import Job, load_flight, load_truth
+from bayeschute.study.job import Job, load_flight, load_priors, load_truth
 from bayeschute.study.run.fit import structures
 from bayeschute.study.study import Flight
 
 Array = NDArray[np.float64]
-OPENING = 5.0  # [s] initialisation window: the part of its record that a prediction uses
 PART = 512  # least number of draws for a separate task
 _MOST_PARTS = 64  # of a flight: every part steps over the random numbers of those before it
 _AHEAD = 2  # parts per core submitted at once
+
+
+def when_lost(job: Job) -> str:
+    """What to do where simulations are lost; empty where powers of the angle of attack level off, or there are none."""
+    if job.study.structure is None or saturation_of(load_priors(job)) is not None:
+        return ""
+    return 'a flight that swings further than the fitted one may turn over: try saturate = "always" in [structure]'
 
 
 @dataclass(frozen=True)
@@ -115,7 +121,7 @@ class _Order:
             marginal = self.known
         else:
             assert self.whole is not None
-            marginal = bands.opened(bands.opening(self.whole, OPENING), *self.known)
+            marginal = bands.opened(bands.opening(self.whole, bands.OPENING), *self.known)
         return bands.predict(
             marginal, self.index, self.theta, self.noise_parameters, self.seed, self.whole, self.data_end, share,
             self.spread, groups,
@@ -159,7 +165,7 @@ def _order(job: Job, flight: Flight, group: Group, stored: Stored, draws: int) -
 def _until(flight: Flight, fitted: bool, time: Array) -> float:
     """Where the data end by which a flight is known [s]."""
     if not fitted:
-        return float(time[0]) + OPENING
+        return float(time[0]) + bands.OPENING
     return flight.identify_until.at(time[0], time[-1]) if flight.identify_until is not None else np.inf
 
 

@@ -16,6 +16,7 @@ from bayeschute.dynamics.cluster_flight import OF_INERTIA
 from bayeschute.likelihood.kalman_gradient import to_vector
 from bayeschute.likelihood.priors import Prior, saturation_of
 from bayeschute.posterior.term_search import PENALTY
+from bayeschute.prediction.bands import OPENING
 from bayeschute.records.record import repairs
 from bayeschute.study import formulation
 from bayeschute.study.aerodynamics.run_curves import told_curves
@@ -29,7 +30,7 @@ from bayeschute.study.evidence.recalibrate import applied_recalibration
 from bayeschute.study.evidence.record_misfit import NAME as PREDICTIVE
 from bayeschute.study.job import Job, load_flight, load_priors
 from bayeschute.study.run.fit import structures
-from bayeschute.study.run.forecasts import OPENING
+from bayeschute.study.run.forecasts import when_lost
 from bayeschute.study.run.stage_identifiability import noise_labels
 from bayeschute.study.schema.belief_schema import NOISE_UNITS
 from bayeschute.study.study import Flight, Study, apparent_mass_taken_as_known, study_hash
@@ -53,7 +54,7 @@ def _summary(job: Job) -> dict[str, Any]:
     study, facts, checked = job.study, job.load("fit/facts.json"), job.load("checks.json")
     coverage = job.load("coverage.json")
     (draws, units), (prior, stats) = summary_draws(job), _prior_and_stats(job)
-    checks = checked["checks"] | bands_check(coverage, _when_lost(job))
+    checks = checked["checks"] | bands_check(coverage, when_lost(job))
     found = status(job, checks, coverage)
     calibration = found.check
     label = "; ".join(filter(None, (found.claim.label, formulation.label(study.noise.model))))
@@ -98,13 +99,6 @@ def origin(job: Job) -> dict[str, Any]:
         "versions": {name: version(name) for name in _PROGRAMS} | {"python": platform.python_version()},
         "hashes": {"study": study_hash(job.study), "run": job.hash},
     }
-
-
-def _when_lost(job: Job) -> str:
-    """What to do where simulations are lost; empty where powers of the angle of attack level off, or there are none."""
-    if job.study.structure is None or saturation_of(load_priors(job)) is not None:
-        return ""
-    return 'a flight that swings further than the fitted one may turn over: try saturate = "always" in [structure]'
 
 
 def bands_check(coverage: dict[str, Any], remedy: str = "") -> dict[str, dict[str, Any]]:

@@ -114,45 +114,29 @@ def test_the_air_that_moves_with_a_canopy_is_held_until_the_terms_are_chosen(run
     assert json.loads((run.folder / "fit" / "priors.json").read_text(encoding="utf-8"))[-1]["scale"] == 0.5
 
 
-TURNING = tuple(
-    Prior(name, 0.0, 1.0, False, "1", "x") for name in ("axial[1]", "transverse[e]", "transverse[e*alpha^2]", "length")
-)
-LEVEL = [replace(p, centre=0.1, saturation=0.4) for p in TURNING[:3]]
+LEVEL = [replace(p, centre=0.1, saturation=0.4) for p in PRIORS[:4]]
 
 
-@pytest.mark.parametrize(
-    ("fourth", "asked", "other", "levels"),
-    [
-        (-1.5, "auto", False, True),  # C_N = sin(alpha) (0.4 - 1.5 alpha^2), zero at 0.52, between 0.4 and 0.6
-        (-0.9, "auto", False, False),  # zero at 0.67: nowhere near what is flown
-        (-1.5, None, False, False),
-        (-1.5, "auto", True, False),  # priors of somebody else
-    ],
-)
-def test_powers_level_off_where_canopies_would_turn_over(run, monkeypatch, fourth, asked, other, levels):
-    """The library is then fitted again by what equation error says of powers that level off; the rest is as it was."""
-    table = run.job.study.structure
-    table.saturate, table.core = asked, tuple(p.name for p in TURNING)
-    told = {"coefficients": TURNING[:3], "saturated": {"priors": LEVEL, "transverse": {"saturation": 0.4}}}
-    run.job.load = lambda name: told if name == "structure.json" else None
-    monkeypatch.setattr(
-        settled_terms,
-        "of_structure",
-        lambda study, entries: entries["priors"] if isinstance(entries, dict) else entries,
-    )
-    mode = np.array([0.9, 0.4, fourth, 71.0])
-    monkeypatch.setattr(settled_terms, "marginal_mode", lambda *a, **k: _optimum(mode, 1e-4 * np.eye(4)))
+@pytest.mark.parametrize(("share", "levels"), [(0.03, True), (0.02, False), (None, False)])
+def test_powers_level_off_where_flights_are_lost(run, monkeypatch, share, levels):
+    """The library is then fitted again by what equation error says of powers that level off; None: not to be tried."""
+    other = [None] if share is None else [Group("all", FLIGHTS, (*LEVEL, PRIORS[4])), None]
+    monkeypatch.setattr(settled_terms.saturation, "needed", lambda job, group: other.pop(0))
+    monkeypatch.setattr(settled_terms.saturation, "lost", lambda made, hyper, seed: share)
+    monkeypatch.setattr(settled_terms, "marginalise", lambda *given: given)
     monkeypatch.setattr(settled_terms, "beside_smaller", lambda flights, priors, prior, library, fewest, say: library)
-    mine = tuple(replace(p, source="a colleague") for p in TURNING) if other else TURNING
-    group, *_ = _settled(run, mine)
-    first, last = run.settled[0], run.settled[-1]
-    assert first.priors == mine and len(run.settled) == (3 if levels else 2)
-    assert [p.saturation for p in group.priors] == [p.saturation for p in last.priors]
-    assert [p.saturation for p in group.priors] == ([0.4, 0.4, 0.4, None] if levels else [None] * 4)
-    assert group.priors[3] == mine[3] and (not levels or [p.centre for p in run.settled[1].priors[:3]] == [0.1] * 3)
-    words = [one for _, one in run.told if "turn over" in one]
-    assert len(words) == levels and (not levels or "level off at 22.9 deg" in words[0])
-    shares = [share for share, _ in run.told]
+    monkeypatch.setattr(settled_terms, "marginal_mode", lambda *a, **k: _optimum(MODE, LAW))
+    run.job.study.seed = 1
+    group, *_ = _settled(run)
+    assert run.settled[0].priors == PRIORS and len(run.settled) == (3 if levels else 2)
+    assert {p.saturation for p in group.priors[:-1]} == {0.4 if levels else None} and group.priors[-1] == PRIORS[4]
+    if levels:
+        assert run.settled[1].priors == (*LEVEL, PRIORS[4]) and run.settled[1].begin is None
+    words = [one for _, one in run.told if one.endswith("are lost")]
+    assert words == (
+        [] if share is None else [f"{100 * share:.0f} % of flights with the full library of terms are lost"]
+    )
+    shares = [done for done, _ in run.told]
     assert shares == sorted(shares) and shares[-1] == 1.0
 
 

@@ -8,31 +8,29 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from bayeschute.aero.coefficient import APPARENT_MASS, KINDS, Coefficient, is_coefficient, shared_name, terms_of
-from bayeschute.aero.curves import regressors
+from bayeschute.aero.coefficient import APPARENT_MASS, KINDS, Coefficient, is_coefficient, shared_name
 from bayeschute.aero.term_names import is_pairwise
+from bayeschute.calibration.label import MOST_LOST
 from bayeschute.core.errors import FitError
 from bayeschute.likelihood.joint import FlightData
-from bayeschute.likelihood.priors import Prior, conflict_variance_factor, given_zero, saturation_of, values
+from bayeschute.likelihood.priors import Prior, conflict_variance_factor, given_zero
 from bayeschute.posterior.assess.score_test import scores
 from bayeschute.posterior.fit.joint_fit import Begin, JointFit, joint_fit
 from bayeschute.posterior.fit.marginal_mode import marginal_mode
 from bayeschute.posterior.fit.smaller_model import Smaller, beside_smaller, carried_over
+from bayeschute.posterior.marginal import marginalise
 from bayeschute.posterior.noise_evidence import NoisePrior
 from bayeschute.posterior.term_search import choose
-from bayeschute.study.aerodynamics.known import informed
 from bayeschute.study.assembly import canopies
 from bayeschute.study.assembly.fits import Group, data_of
 from bayeschute.study.assembly.fitted_terms import terms_left_out, with_terms
 from bayeschute.study.job import Job, Say, part_of
-from bayeschute.study.run.fit import several_starts
-from bayeschute.study.run.stage_data import of_structure
+from bayeschute.study.run.fit import saturation, several_starts
 
 Array = NDArray[np.float64]
 _HELD_SD = 0.02  # of the prior of the apparent mass until terms are chosen, at most
 _WIDENINGS, _WIDER = 3, 1.2  # most times that priors are widened; least factor on their standard deviations
 _LIBRARY_NEAR = 1.0  # standard deviations of the last step to the library's mode: terms are weighed there
-_REACH = 1.5  # times the angle of attack that most samples stay below, up to which the normal force is to restore
 SCORE = 4.0  # standard errors from zero at which a term that was left out is added
 
 
@@ -144,11 +142,12 @@ def _searched(
             break
         told = wider
         mode = marginal_mode(flights, told, begin_mode._replace(optimum=mode), tell(0.6, 0.9), near=_LIBRARY_NEAR)
-    if (saturated := _saturated(job, asked, _normal_force(told, mode.theta))) is not None:
-        angle = np.rad2deg(saturation_of(saturated.priors) or np.nan)
-        say(0.9, f"canopies would turn over at angles that are hardly flown: powers level off at {angle:.3g} deg")
-        return _searched(job, saturated, prior, part_of(say, 0.9, 1.0))
     group = replace(group, priors=told)
+    if (saturated := saturation.needed(job, asked)) is not None:
+        lost = saturation.lost(marginalise(flights, library.hyper, told, mode), library.hyper, job.study.seed)
+        say(0.9, f"{100.0 * lost:.0f} % of flights with the full library of terms are lost")
+        if lost > MOST_LOST:
+            return _searched(job, saturated, prior, part_of(say, 0.9, 1.0))
     chosen = choose(group.priors, mode.theta, mode.covariance, may_go)
     say(0.9, f"{int(chosen.kept.sum())} of {chosen.kept.size} parameters selected")
     smaller = replace(group, priors=tuple(own.get(p.name, p) for p in chosen.priors))
@@ -162,41 +161,6 @@ def _searched(
         settled = _joint(job, smaller, prior, part_of(say, 0.9, 1.0), begin)
     revise(job, smaller.priors)
     return smaller, settled, chosen.evidence
-
-
-def _normal_force(priors: Sequence[Prior], theta: Array) -> Callable[[Array], Array]:
-    """C_N [1] at total angles of attack [rad], both (K,), by working coordinates (P,); powers level off nowhere."""
-    axial, transverse, places = terms_of([p.name for p in priors])
-    return lambda angles: regressors("C_N", axial, transverse, angles) @ values(priors, theta)[places]
-
-
-def _saturated(job: Job, group: Group, normal_force: Callable[[Array], Array]) -> Group | None:
-    """The group with powers of the angle of attack that level off; None where they do, may not or need not.
-
-    They need to where the normal force would turn canopies over at angles half as large again as those that most
-    samples stay below: no canopy does, and simulations that fly there are lost.
-
-    Args:
-        job: The run.
-        group: With the priors that equation error left.
-        normal_force: C_N at angles (K,) [rad], by a fit of the whole library.
-    """
-    study = job.study
-    assert study.structure is not None
-    if study.structure.saturate != "auto" or study.priors.vary_canopies:
-        return None
-    found = job.load("structure.json")
-    if "saturated" not in found:  # priors that no equation error gave
-        return None
-    entries, now = found["saturated"], {p.name: p for p in group.priors}
-    before = informed(study, of_structure(study, found["coefficients"]))
-    if any(now.get(p.name) != p for p in before):  # nor do these come from it alone, or they level off already
-        return None
-    angle = float(entries["transverse"]["saturation"])
-    if np.all(normal_force(np.linspace(angle, _REACH * angle, 26)) > 0.0):
-        return None
-    after = {p.name: p for p in informed(study, of_structure(study, entries))}
-    return replace(group, priors=tuple(after.get(p.name, p) for p in group.priors))
 
 
 def _wider(job: Job, priors: tuple[Prior, ...], told: tuple[Prior, ...], theta: Array) -> tuple[Prior, ...]:
