@@ -278,7 +278,7 @@ def write_set(data: Path, names: Sequence[str], folder: Path) -> Path:
     Returns:
         Path of the study.
     """
-    from bayeschute.study.run.forecasts import OPENING
+    from bayeschute.prediction.bands import OPENING
 
     folder.mkdir(parents=True, exist_ok=True)
     first, *predicted = (read_flight(data, name) for name in names)
@@ -301,7 +301,7 @@ def flight_alone(data: Path, name: str, folder: Path) -> bc.Flight:
         folder: Where its vehicle file is written.
     """
     import bayeschute as bc
-    from bayeschute.study.run.forecasts import OPENING
+    from bayeschute.prediction.bands import OPENING
 
     flight = read_flight(data, name)
     path = folder / f"{name}_vehicle.toml"

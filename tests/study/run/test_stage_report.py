@@ -218,8 +218,8 @@ def test_the_angle_at_which_powers_level_off_is_told(monkeypatch):
 
     assert notes(None, "auto") == []
     (asked,), (found,) = notes(0.4, "always"), notes(0.4, "auto")
-    assert asked.startswith("At 22.9 deg, which few samples") and "turn canopies over" not in asked
-    assert found.startswith("At 22.9 deg") and "since the normal force would turn canopies over" in found
+    assert asked.startswith("At 22.9 deg, which few samples") and "were lost" not in asked
+    assert found.startswith("At 22.9 deg") and "since flights with powers that go on were lost" in found
 
 
 def test_lost_simulations_name_the_remedy_that_is_left(monkeypatch):

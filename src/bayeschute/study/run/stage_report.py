@@ -316,7 +316,7 @@ def _saturation(job: Job) -> list[str]:
     if saturation is None:
         return []
     table, angle = job.study.structure, np.rad2deg(saturation)
-    why = ", since the normal force would turn canopies over beyond" if table and table.saturate == "auto" else ""
+    why = ", since flights with powers that go on were lost" if table and table.saturate == "auto" else ""
     return [
         f"At {angle:.3g} deg, which few samples of the fitted record exceed, powers of the angle of attack level off "
         f"in all terms{why}: how forces go on from there is assumed, not identified."

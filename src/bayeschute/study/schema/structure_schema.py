@@ -128,7 +128,7 @@ class StructureTable(Strict):
             its evidence asks for, whatever equation error selected.
         saturate: Where powers of the angle of attack level off in all terms, at an angle that few samples of the record
             exceed: a polynomial says nothing of angles that are hardly flown. ``always``; ``auto``, in a ``search``:
-            where the normal force that the flights support would turn canopies over beyond; None: nowhere.
+            where simulations of the fitted flights with the whole library are lost; None: nowhere.
         core: Terms that ``search`` always keeps, ``axial[...]`` and ``transverse[...]``.
         replicates: Moving-block bootstrap replicates for the selection stability; 0 for none.
         stack: How many structures are fitted to the flight, the selected one and those that replicates select most
