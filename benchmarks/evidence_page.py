@@ -19,6 +19,7 @@ from other_stored import ROOT, present
 
 Result = dict[str, Any]
 STORED = ROOT / "models/reference/other_flights"
+INDEPENDENT = ROOT / "models/reference/independent_flights"
 STARTS = ROOT / "models/reference/starts"
 MEASURED = ROOT / "models/reference/measured_flights"
 PAGE = ROOT / "docs/other-flights.md"
@@ -58,6 +59,15 @@ _WINDOWS = """\
 ## Windows
 
 Fits of the first so many seconds of the first flight, up to the checks.
+"""
+_INDEPENDENT = """\
+## Flights of an independent simulator
+
+Sets that `benchmarks/independent_flights.py` makes, by kind and seed, treated like the others (`benchmarks/other_flights.py
+--independent`; numbers: `models/reference/independent_flights/*.json`). That simulator was written beside this program, by
+the same people, but shares no code with it: tables for coefficients, a wake that lags, canopies that are not in line with
+their risers, apparent mass that differs along and across. Its flights say more than those of the program's own simulator,
+and less than those of others.
 """
 _STARTS = """\
 ## Starts from the prior
@@ -165,11 +175,21 @@ def starts_table(records: Sequence[Result]) -> list[str]:
     return table(["record", "found", "not converged", "farthest", "cost", "made by", "numerics"], rows)
 
 
-def page(sets: Sequence[Result], starts: Sequence[Result], measured: Sequence[Result]) -> str:
+def _whole_tables(name: str, wholes: Sequence[tuple[str, Result]]) -> list[str]:
+    """Fits of whole flights, and scores of the flights that they foretell."""
+    head = [name, "converged", "checks missed", "processor, s", "terms", "made by", "numerics"]
+    fits = [[of, *_fit(w), str(len(w["terms"])), *_made(w)] for of, w in wholes]
+    return [*table(head, fits), *foretold([whole for _, whole in wholes])]
+
+
+def page(
+    sets: Sequence[Result], independent: Sequence[Result], starts: Sequence[Result], measured: Sequence[Result]
+) -> str:
     """The page.
 
     Args:
         sets: As stored.
+        independent: Sets of an independent simulator, as stored.
         starts: Records fitted from many starts, as stored.
         measured: Studies of measured records, as stored.
     """
@@ -183,20 +203,17 @@ def page(sets: Sequence[Result], starts: Sequence[Result], measured: Sequence[Re
     others = [
         (f"{one['set']}_{number}", whole) for one in sets for number, whole in sorted(one.get("turned", {}).items())
     ]
-    again = [[name, *_fit(w), str(len(w["terms"])), *_made(w)] for name, w in others]
     head = ["converged", "checks missed", "processor, s"]
     text = [_WORDS, "## Whole flights", "", *table(["set", *head, "terms", "made by", "numerics"], fits)]
     text += [_FORETOLD, *foretold([whole for _, whole in wholes])]
     if others:
-        text += [
-            _TURNED,
-            *table(["fitted", *head, "terms", "made by", "numerics"], again),
-            *foretold([whole for _, whole in others]),
-        ]
+        text += [_TURNED, *_whole_tables("fitted", others)]
     text += [_WINDOWS, *table(["set", "seconds", *head, "made by", "numerics"], windows)]
+    if independent:
+        text += [_INDEPENDENT, *_whole_tables("set", [(one["set"], one["whole"]) for one in independent])]
     text += [_STARTS, *starts_table(starts), _MEASURED, *measured_tables(measured)]
     return "\n".join(text).rstrip() + "\n"
 
 
 if __name__ == "__main__":
-    PAGE.write_text(page(stored(), stored(STARTS), stored(MEASURED)), encoding="utf-8")
+    PAGE.write_text(page(stored(), stored(INDEPENDENT), stored(STARTS), stored(MEASURED)), encoding="utf-8")

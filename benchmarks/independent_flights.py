@@ -3,8 +3,8 @@
 Whoever has no flights of another program makes some here: a vehicle whose physics the product's terms can't express,
 recorded by imperfect instruments, with true histories of a second flight and of twelve replicates of it.
 
-    python benchmarks/independent_flights.py OUT [--kind two-mains] [--seed 1]
-    python benchmarks/other_flights.py --data OUT --sets P
+    python benchmarks/other_flights.py --independent two-mains-1        # makes the set, fits and scores it
+    python benchmarks/independent_flights.py OUT [--kind two-mains] [--seed 1]    # the files alone
 
 What differs from the product's model, by intent:
 

@@ -8,7 +8,9 @@ there are none, against its own record, beside climatology: the constant band of
 
     python benchmarks/other_flights.py --data ../shared/otherflights [--sets P Q R S T U] [--windows 45 90 180]
         [--only-windows] [--identify 2] [--workdir DIR] [--resume] [--quick] [--json] [--store DIR [--made-at COMMIT]]
+    python benchmarks/other_flights.py --independent two-mains-1 small-1 [--workdir DIR] [...]
 
+``--independent`` makes sets by ``independent_flights.py``, by kind and seed, and takes them in place of those of ``--data``.
 ``--identify 2`` turns the sets round: their second flight is identified, and the first is one of those predicted; sets
 without a flight of that number are passed over. ``--windows`` also fits the first so many seconds of each flight, up to
 the checks. With ``--resume`` finished results that ``--workdir`` holds for the same studies are taken as they are.
@@ -34,6 +36,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
+import independent_flights
 import numpy as np
 from command import parser_of, print_result
 from numpy.typing import NDArray
@@ -57,6 +60,7 @@ SIZES = {  # columns of a fitted channel, in order: so many, and so many a canop
 }  # fmt: skip
 _GROUPS = ("observed_data", "posterior_predictive")
 KINDS = ("axial[", "transverse[")
+_LETTER = "P"  # set whose layout independent flights have
 
 
 def load(path: Path) -> dict[str, Any]:
@@ -263,8 +267,33 @@ def whole_flights(
     }  # fmt: skip
 
 
-def set_results(data: Path, letter: str, folder: Path, given: argparse.Namespace) -> dict[str, Any]:
-    """All results of a set, kept as they come in ``results.json`` of its folder."""
+def independent(name: str, folder: Path, resume: bool) -> Path:
+    """The folder of flights of `independent_flights`, by kind and seed such as ``two-mains-1``; made if need be."""
+    kind, _, seed = name.rpartition("-")
+    if kind not in independent_flights.KINDS or not seed.isdigit():
+        kinds = ", ".join(independent_flights.KINDS)
+        sys.exit(f"--independent {name}: kind and seed, such as two-mains-1; kinds are {kinds}")
+    data = folder / "data"
+    if not (resume and data.is_dir()):
+        shutil.rmtree(data, ignore_errors=True)
+        part = folder / "data.part"  # a set that was stopped half-way is none
+        shutil.rmtree(part, ignore_errors=True)
+        independent_flights.make_set(part, independent_flights.KINDS[kind], int(seed))
+        part.rename(data)
+    return data
+
+
+def set_results(data: Path, letter: str, folder: Path, given: argparse.Namespace, name: str = "") -> dict[str, Any]:
+    """All results of a set, kept as they come in ``results.json`` of its folder.
+
+    Args:
+        data: Folder of the flights.
+        letter: By which their files and layout go.
+        folder: Of studies, runs and results.
+        given: Options.
+        name: By which results are told; empty: the letter.
+    """
+    called = name or letter
     kept, others = by_canopies(data, turned(flights_of(data, letter), given.identify))
     study, path = write_set(data, kept, folder), folder / "results.json"
     options = ["--quick"] if given.quick else []
@@ -273,7 +302,7 @@ def set_results(data: Path, letter: str, folder: Path, given: argparse.Namespace
     def get(name: str, of: Path, make: Any, length: str | None = None) -> dict[str, Any]:
         known, key = results.get(name, {}), key_of(folder, of, given.quick)
         if known.get("key") != key:
-            told = made_now(letter, length, given.identify)  # before: files may be changed while it runs
+            told = made_now(called, length, given.identify)  # before: files may be changed while it runs
             results[name] = known = make() | {"key": key, "provenance": told, "quick": given.quick}
             path.write_text(json.dumps(results, indent=1), encoding="utf-8")
         return dict(known)
@@ -394,6 +423,9 @@ def main() -> None:
     parser = parser_of(__doc__)
     parser.add_argument("--data", type=Path, default=Path("../shared/otherflights"), help="folder of the sets")
     parser.add_argument("--sets", nargs="+", choices=list(LAYOUTS), default=list(LAYOUTS))
+    parser.add_argument(
+        "--independent", nargs="+", default=[], metavar="KIND-SEED", help="flights of independent_flights.py instead"
+    )
     parser.add_argument("--windows", type=float, nargs="*", default=[], metavar="S", help="lengths to be fitted too")
     parser.add_argument("--only-windows", action="store_true", help="leave the whole flights out")
     parser.add_argument("--identify", type=int, default=1, metavar="N", help="number of the flight that is fitted")
@@ -411,12 +443,13 @@ def main() -> None:
     if given.made_at:
         if given.store is None or given.workdir is None:
             sys.exit("--made-at stores what --workdir holds into --store: name both")
-        for letter in given.sets:
-            print(store(letter, given.workdir / letter, given.store, given.made_at))
+        for name in given.independent or given.sets:
+            print(store(name, given.workdir / name, given.store, given.made_at))
         return
-    if not given.data.is_dir():
+    if not given.independent and not given.data.is_dir():
         sys.exit(f"{given.data}: no such folder; --data says where the flights are")
-    given.sets = [one for one in given.sets if f"{one}_{given.identify}" in flights_of(given.data, one)]
+    if not given.independent:
+        given.sets = [one for one in given.sets if f"{one}_{given.identify}" in flights_of(given.data, one)]
     if not given.sets:
         sys.exit(f"no set of {given.data} that was asked for has a flight of number {given.identify}")
     if given.prepare and given.workdir is None:
@@ -424,15 +457,18 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as temporary:
         place = given.workdir or Path(temporary)
         results = {}
-        for letter in given.sets:
+        for name in given.independent or given.sets:
+            letter, data = name, given.data
+            if given.independent:
+                letter, data = _LETTER, independent(name, place / name, given.resume)
             if given.prepare:
-                names = turned(flights_of(given.data, letter), given.identify)
-                print(write_set(given.data, by_canopies(given.data, names)[0], place / letter))
+                names = turned(flights_of(data, letter), given.identify)
+                print(write_set(data, by_canopies(data, names)[0], place / name))
                 continue
-            results[letter] = made = set_results(given.data, letter, place / letter, given)
-            print("\n".join(lines(letter, made)), flush=True)
+            results[name] = made = set_results(data, letter, place / name, given, name)
+            print("\n".join(lines(name, made)), flush=True)
             if given.store:
-                print(store(letter, place / letter, given.store))
+                print(store(name, place / name, given.store))
     if given.prepare:
         return
     shares = ratios(results)

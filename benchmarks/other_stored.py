@@ -20,20 +20,21 @@ from bayeschute.study.evidence.numerics_hash import PACKAGE, engine, hash_of
 from bayeschute.study.evidence.provenance import provenance
 
 ROOT = Path(__file__).parents[1]
-SCRIPT = "benchmarks/other_flights.py --data ../shared/otherflights"
+SCRIPT = "benchmarks/other_flights.py"
 
 
 def made_now(letter: str, length: str | None, identify: int = 1) -> dict[str, Any]:
     """Provenance of a result that the present code is about to make.
 
     Args:
-        letter: Of the set.
+        letter: Of the set; of independent flights kind and seed.
         length: Of the window [s]; None for whole flights.
         identify: Number of the flight that is fitted.
     """
+    which = f"--data ../shared/otherflights --sets {letter}" if len(letter) == 1 else f"--independent {letter}"
     window = f" --only-windows --windows {length}" if length else ""
-    which = f" --identify {identify}" if identify != 1 else ""
-    return provenance(f"{SCRIPT} --sets {letter}{window}{which}")
+    turned = f" --identify {identify}" if identify != 1 else ""
+    return provenance(f"{SCRIPT} {which}{window}{turned}")
 
 
 def made_at(commit: str, letter: str, length: str | None, date: str, identify: int = 1) -> dict[str, Any]:
@@ -41,7 +42,7 @@ def made_at(commit: str, letter: str, length: str | None, date: str, identify: i
 
     Args:
         commit: Its name.
-        letter: Of the set.
+        letter: Of the set; of independent flights kind and seed.
         length: Of the window [s]; None for whole flights.
         date: When.
         identify: Number of the flight that is fitted.
@@ -72,7 +73,7 @@ def store(letter: str, folder: Path, stored: Path, commit: str | None = None) ->
     """Merge the results of a set's working folder into its stored file: a result replaces its own kind only.
 
     Args:
-        letter: Of the set.
+        letter: Of the set; of independent flights kind and seed.
         folder: Holds ``results.json``.
         stored: Folder of the stored files.
         commit: That made those results that do not tell.

@@ -16,6 +16,7 @@ says. Only what depends on the vehicle is put in its place, by one rule for all,
 | noise of channels | white part: scatter of the record's own samples; correlated: as many times that as by default |
 | breathing | frequency times reference speed over diameter, over that of the default vehicle |
 | slow vertical air | its time constant at most 1.5 times the default's, as `bayeschute init` states it |
+| powers of the angle of attack | may level off (`saturate = "auto"`), as `bayeschute init` states it |
 | rate | 10 Hz, or that of the canopies' samples where they are fewer |
 | one canopy | terms that need a neighbour are left out |
 """
@@ -213,7 +214,7 @@ def study(
         title: For the report; empty: made of the flights' names.
     """
     default, meta = default_study(), first.meta
-    structure = dict(default["structure"])
+    structure = dict(default["structure"]) | {"saturate": "auto"}
     if meta["n_canopies"] == 1:
         structure |= {kind: _alone(structure[kind]) for kind in _KINDS}
     priors = default["priors"] | {"given": _given(default["priors"].get("given", {}), meta)}

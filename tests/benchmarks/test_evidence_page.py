@@ -76,7 +76,7 @@ def test_other_numerics_are_said_to_be_older(made):
     other = now["versions"] | {"jax": "0.0.1"}
     assert not made.stored.present(now | {"versions": other})
     one = {"set": "Q", "windows": {"45": FIT | {"provenance": now | {"numerics": "0" * 64}}}}
-    assert "| older numerics |" in made.page.page([one], [], [])
+    assert "| older numerics |" in made.page.page([one], [], [], [])
 
 
 def test_the_farthest_of_all_starts_is_told_and_how_many_did_not_converge(made):
@@ -126,9 +126,9 @@ def test_a_set_turned_round_stands_beside_the_set_as_it_is(made, tmp_path):
         path = made.stored.store("S", folder, kept)
     held = json.loads(path.read_text(encoding="utf-8"))
     assert set(held) == {"set", "whole", "turned"} and held["turned"]["2"]["flights"] == whole["flights"]
-    before, _, after = made.page.page([held], [], []).partition("## Turned round")
+    before, _, after = made.page.page([held], [], [], []).partition("## Turned round")
     assert "| S_1 | its own record | 72 |" in after and "| S_2 | yes |" in after and "S_1" not in before
-    assert "Turned round" not in made.page.page([held | {"turned": {}}], [], [])
+    assert "Turned round" not in made.page.page([held | {"turned": {}}], [], [], [])
 
 
 def test_a_result_of_unknown_origin_is_refused(made, tmp_path):

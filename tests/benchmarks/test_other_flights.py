@@ -21,6 +21,7 @@ from bayeschute.records.foreign.attitudes import rate_of_attitude
 from bayeschute.records.foreign.conventions import Conventions
 
 DATA = Path(__file__).parents[3] / "shared" / "otherflights"
+TEMPLATES = Path(__file__).parents[2] / "src" / "bayeschute" / "templates"
 SETS = "PQRSTU"
 there = pytest.mark.skipif(not DATA.is_dir(), reason=f"flights of the other program are not in {DATA}")
 
@@ -156,6 +157,8 @@ class TestStudies:
             k: default[k] for k in ("sampler", "predict", "seed")
         }
         single = letter in "ST"
+        told = tomllib.loads((TEMPLATES / "cluster.toml").read_text(encoding="utf-8"))["structure"]
+        assert ours["structure"]["saturate"] == told["saturate"] == "auto"
         for kind, check in (("axial", check_axial), ("transverse", check_transverse)):
             terms = ours["structure"][kind]
             assert not [term for term in terms if check(term)]
