@@ -63,11 +63,11 @@ Fits of the first so many seconds of the first flight, up to the checks.
 _INDEPENDENT = """\
 ## Flights of an independent simulator
 
-Sets that `benchmarks/independent_flights.py` makes, by kind and seed, treated like the others (`benchmarks/other_flights.py
---independent`; numbers: `models/reference/independent_flights/*.json`). That simulator was written beside this program, by
-the same people, but shares no code with it: tables for coefficients, a wake that lags, canopies that are not in line with
-their risers, apparent mass that differs along and across. Its flights say more than those of the program's own simulator,
-and less than those of others.
+Sets that `benchmarks/independent_flights.py` makes, by kind and seed, treated like the others
+(`benchmarks/other_flights.py --independent`; numbers: `models/reference/independent_flights/*.json`). That simulator
+was written beside this program, by the same people, but shares no code with it: tables for coefficients, a wake that
+lags, canopies that are not in line with their risers, apparent mass that differs along and across. Its flights say more
+than those of the program's own simulator, and less than those of others.
 """
 _STARTS = """\
 ## Starts from the prior

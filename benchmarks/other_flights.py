@@ -10,7 +10,7 @@ there are none, against its own record, beside climatology: the constant band of
         [--only-windows] [--identify 2] [--workdir DIR] [--resume] [--quick] [--json] [--store DIR [--made-at COMMIT]]
     python benchmarks/other_flights.py --independent two-mains-1 small-1 [--workdir DIR] [...]
 
-``--independent`` makes sets by ``independent_flights.py``, by kind and seed, and takes them in place of those of ``--data``.
+``--independent`` takes sets that ``independent_flights.py`` makes, by kind and seed, in place of those of ``--data``.
 ``--identify 2`` turns the sets round: their second flight is identified, and the first is one of those predicted; sets
 without a flight of that number are passed over. ``--windows`` also fits the first so many seconds of each flight, up to
 the checks. With ``--resume`` finished results that ``--workdir`` holds for the same studies are taken as they are.

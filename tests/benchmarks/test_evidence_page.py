@@ -33,7 +33,8 @@ def _numbers(tree, path=()):
 
 
 def _stored(made):
-    return [made.page.stored(place) for place in (made.page.STORED, made.page.STARTS, made.page.MEASURED)]
+    page = made.page
+    return [page.stored(place) for place in (page.STORED, page.INDEPENDENT, page.STARTS, page.MEASURED)]
 
 
 def test_the_shipped_page_is_that_of_the_stored_files(made):
@@ -45,10 +46,10 @@ def test_the_shipped_page_is_that_of_the_stored_files(made):
 def test_a_stored_number_that_is_changed_changes_the_page(made):
     kept = _stored(made)
     places = [
-        (kind, index, path) for kind in range(3) for index, one in enumerate(kept[kind]) for path in _numbers(one)
+        (kind, index, path) for kind in range(4) for index, one in enumerate(kept[kind]) for path in _numbers(one)
     ]
     before = made.page.page(*kept)
-    assert {kind for kind, _, _ in places} == {0, 1, 2}
+    assert {kind for kind, _, _ in places} == {0, 1, 2, 3}
     for kind, index, path in places:
         changed = copy.deepcopy(kept)
         at = changed[kind][index]

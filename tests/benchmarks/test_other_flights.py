@@ -310,3 +310,41 @@ def test_the_command_prints_one_object_and_resumes(other, tmp_path, monkeypatch,
     assert calls == [("T_1.toml", ("--quick",)), ("T_1_45s.toml", ("--until", "check", "--quick"))]
     assert json.loads(main("--quick", "--resume", "--only-windows")[-1])["ratios"] == {"windows_converged_share": 1.0}
     assert len(calls) == 2
+
+
+def test_independent_flights_are_made_once_and_told_by_kind_and_seed(other, tmp_path, monkeypatch, capsys):
+    """A set that was stopped half-way is made again; what is stored says the command that makes it."""
+    made, asked = [], []
+
+    def make_set(folder, vehicle, seed):
+        made.append((vehicle.canopies, seed))
+        folder.mkdir(parents=True)
+        if len(made) == 1:
+            raise KeyboardInterrupt
+
+    def set_results(data, letter, folder, given, name):
+        asked.append((data.relative_to(tmp_path).as_posix(), letter, folder.name, name))
+        return {"windows": {}}
+
+    def main(*more):
+        told = ["--independent", "one-main-7", "--workdir", str(tmp_path), "--json", *more]
+        monkeypatch.setattr(sys, "argv", ["other_flights.py", *told])
+        other.flights.main()
+        return json.loads(capsys.readouterr().out.splitlines()[-1])
+
+    monkeypatch.setattr(other.flights.independent_flights, "make_set", make_set)
+    monkeypatch.setattr(other.flights, "set_results", set_results)
+    with pytest.raises(KeyboardInterrupt):
+        main()
+    assert asked == [] and not (tmp_path / "one-main-7" / "data").exists()
+    main("--resume")
+    main("--resume")
+    main()
+    assert made == [(1, 7)] * 3 and asked == [("one-main-7/data", "P", "one-main-7", "one-main-7")] * 3
+    for wrong in ("one-main", "three-mains-1", "one-main-x"):
+        with pytest.raises(SystemExit, match=f"{wrong}: kind and seed, such as two-mains-1"):
+            other.flights.independent(wrong, tmp_path, False)
+    told = other.flights.made_now
+    assert told("one-main-7", None)["command"] == "benchmarks/other_flights.py --independent one-main-7"
+    command = "benchmarks/other_flights.py --data ../shared/otherflights --sets T --only-windows --windows 90"
+    assert told("T", "90")["command"] == command
