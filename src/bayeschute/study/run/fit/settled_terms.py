@@ -144,7 +144,8 @@ def _searched(
         mode = marginal_mode(flights, told, begin_mode._replace(optimum=mode), tell(0.6, 0.9), near=_LIBRARY_NEAR)
     group = replace(group, priors=told)
     if (saturated := saturation.needed(job, asked)) is not None:
-        lost = saturation.lost(marginalise(flights, library.hyper, told, mode), library.hyper, job.study.seed)
+        hyper = begin_mode.hyper
+        lost = saturation.lost(marginalise(flights, hyper, told, mode), hyper, job.study.seed)
         say(0.9, f"{100.0 * lost:.0f} % of flights with the full library of terms are lost")
         if lost > MOST_LOST:
             return _searched(job, saturated, prior, part_of(say, 0.9, 1.0))
