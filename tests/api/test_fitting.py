@@ -136,6 +136,17 @@ def test_without_priors_structure_and_the_studys_own_are_asked(low, high, stages
     assert spec == spec_of([low, high], ("structure", "identify"))
 
 
+def test_without_a_study_the_first_records_own_noise_is_taken(low, high, stages, monkeypatch):
+    alone = [bc.Flight(stage_data.as_read(one.spec), name=one.name) for one in (low, high)]
+    quiet, loud = (
+        bc.noise({"descent_rate": {"white": f"{sd} m/s", "correlated": "1 m/s", "time_constant": "3 s"}})
+        for sd in (0.1, 3.0)
+    )
+    monkeypatch.setattr(bc.Flight, "usual_noise", lambda flight: quiet if flight.name == "low" else None)
+    assert fitted_flights(alone, None, None, None, None)[0].noise == quiet
+    assert fitted_flights(alone, None, loud, None, None)[0].noise == loud
+
+
 def test_priors_that_are_given_take_the_place_of_two_stages(low, sondes, stages):
     found = {"coefficients": {"axial": {}}}
     given = (Prior("b", 0.0, 1.0, False, "1", "x"), Prior("cds_over_mass", -2.0, 0.5, True, "m^2/kg", "y"))

@@ -15,7 +15,7 @@ import bayeschute as bc
 from bayeschute.cli import app
 from bayeschute.records.record import write_record
 from bayeschute.study.load import examine_study, load_study
-from bayeschute.study.plausible import judge
+from bayeschute.study.plausible import judge, usual_noise
 from bayeschute.study.schema.reading.strict import part_of
 from bayeschute.study.schema.vehicle_schema import Vehicle
 from bayeschute.study.templates import template
@@ -189,6 +189,27 @@ def test_plausibility_tells_the_noise_as_check_does(study, flown):
     wind = {"horizontal": "1 m/s", "vertical": "0.3 m/s", "time_constant": "2 s"}
     (told,) = alone.plausibility(bc.noise({"capsule_attitude": table, "wind": wind})).noise
     assert told.startswith("scatter of capsule_attitude") and "Say white = '0.1" in told and "flight" not in told
+
+
+def test_noise_is_as_large_as_the_record_shows_and_as_fast_as_the_canopies_breathe(study, flown):
+    """Whatever the study had stated: the record was flown with 0.15 m, 0.06 m/s and 0.1 deg; the rest stays."""
+    flight = bc.Flight(flown, bc.Study.load(study()).vehicle)
+    stated = flight.study.noise
+    made, canopies = flight.usual_noise(), flight.vehicle.canopies
+    for name, white in (("canopy_position", 0.15), ("capsule_velocity", 0.06), ("capsule_attitude", np.deg2rad(0.1))):
+        found, usual = getattr(made, name), getattr(stated, name)
+        assert found.white == pytest.approx(white, rel=0.1)
+        assert found.correlated / found.white == pytest.approx(usual.correlated / usual.white)
+        assert (found.time_constant, found.kind) == (usual.time_constant, usual.kind)
+    assert made.breathing.frequency == pytest.approx(0.9 * canopies.reference_speed / canopies.reference_length)
+    assert made.model_copy(update=dict.fromkeys(made.channels()) | {"breathing": None}) == stated.model_copy(
+        update=dict.fromkeys(stated.channels()) | {"breathing": None}
+    )
+    assert flight.plausibility(made).noise == ()
+    loud = flown.assign(capsule_velocity=20.0 * flown["capsule_velocity"])
+    assert bc.Flight(loud, flight.vehicle).usual_noise().capsule_velocity.white == pytest.approx(1.2, rel=0.1)
+    blind = usual_noise(flown.drop_vars("canopy_position"), stated, None)
+    assert blind.canopy_position == stated.canopy_position and blind.breathing == stated.breathing
 
 
 def test_breathing_far_from_what_canopies_of_their_size_do_is_told(study):

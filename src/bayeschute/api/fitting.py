@@ -91,7 +91,9 @@ def fitted_flights(
         known = tuple(k for k in spec.knowledge if k.use == "compare")
         known += tuple(k for k in priors.known if k.name not in [other.name for other in known])
         spec = replace(spec, priors=priors.table, structure=priors.candidates or spec.structure, knowledge=known)
-    spec = replace(spec, noise=noise or spec.noise, seed=spec.seed if seed is None else seed)
+    if noise is None:  # a flight without a study tells its own
+        noise = spec.noise if spec.text else flights[0].usual_noise()
+    spec = replace(spec, noise=noise, seed=spec.seed if seed is None else seed)
     with shown(progress) as tell, workspace(spec, progress=tell) as job:
         ingest(job, flights)
         if priors is None:

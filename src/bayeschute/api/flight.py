@@ -85,7 +85,7 @@ class Flight:
     Attributes:
         spec: The flight's table of the study file.
         study: The study it belongs to; for a single flight, one with the default tables: the risers' priors are about
-            the vehicle's values, the noise (`bc.noise`) is that of a capsule of ten tonnes.
+            the vehicle's values, and `fit` takes the noise from the record (`usual_noise`).
         raw: The record as read, where it does not come from a file.
 
     Example:
@@ -267,6 +267,25 @@ class Flight:
         told = noise_shown(record) if fitted else []
         told = told if noise is None else noise_told(record, noise, vehicle, window)
         return Plausibility(self.name, found, record, spec.accept_implausible, tuple(told))
+
+    def usual_noise(self) -> NoiseTable:
+        """Noise to begin with: what `fit` takes for a flight without a study, where no other is given.
+
+        The white part of a channel is the scatter of the record's own samples, the correlated part as many times that
+        as in the commented study of `bayeschute init`; breathing goes with the canopies' speed over their diameter.
+        Wind and forces are those of that study. These are medians of priors: the fit finds the noise, and moves them by
+        a factor of two with ease, not of ten.
+
+        Example:
+            >>> noise = bc.Study.example().flights[0].usual_noise()
+            >>> 0.1 < noise.canopy_position.white < 0.2  # [m], 0.15 were flown
+            True
+        """
+        from bayeschute.study.plausible import usual_noise
+        from bayeschute.study.run.stage_data import as_read
+
+        record = self.record if self.spec.virtual is not None else as_read(self.spec) if self.raw is None else self.raw
+        return usual_noise(record, self.study.noise, self.vehicle if self.study.model == "cluster" else None)
 
     def plot(self) -> Figure:
         """The record over time, one panel a channel; shaded where samples were missing, faulty or excluded."""

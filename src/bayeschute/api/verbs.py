@@ -173,7 +173,8 @@ def fit(
     Args:
         flights: A study, whose flights with the role ``identify`` are fitted; or flights.
         priors: Of all parameters; None: by `select_structure` and the study's own.
-        noise: Noise of channels and latent disturbances; None: the study's.
+        noise: Noise of channels and latent disturbances; None: the study's, or `Flight.usual_noise` of the first flight
+            where there is none.
         seed: Of random numbers; None: the study's.
         progress: Called with stage, share done and words; True: shown in the terminal.
 

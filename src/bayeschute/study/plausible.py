@@ -198,6 +198,28 @@ def noise_told(
     return [f"{of}{one}" for one in (*told[0], *_shifts_told(record, noise, window), *told[1])]
 
 
+def usual_noise(record: xr.Dataset, noise: NoiseTable, vehicle: Vehicle | None) -> NoiseTable:
+    """Noise of the kind that a study has, as large as a record shows and as fast as a vehicle breathes.
+
+    The white part of a channel is the scatter of its samples, the correlated part as many times that as in the study;
+    breathing has the usual frequency of such canopies. Channels that tell no scatter stay as they are, as do wind and
+    forces.
+
+    Args:
+        record: As read.
+        noise: ``[noise]`` of the study.
+        vehicle: That flew; None of a point mass.
+    """
+    made, seen = dict[str, Any](), scatter_of_channels(record)
+    for name, table in noise.channels().items():
+        if name in seen and table.white:
+            correlated = None if table.correlated is None else seen[name] * table.correlated / table.white
+            made[name] = table.model_copy(update={"white": seen[name], "correlated": correlated})
+    if noise.breathing is not None and np.isfinite(usual := _usual_breathing(vehicle)):
+        made["breathing"] = noise.breathing.model_copy(update={"frequency": usual})
+    return noise.model_copy(update=made)
+
+
 def noise_shown(record: xr.Dataset) -> list[str]:
     """White noise that the samples of a record's channels show, as `[noise]` takes it; empty where none is told.
 
@@ -236,14 +258,19 @@ def _shifts_told(record: xr.Dataset, noise: NoiseTable, window: tuple[float, flo
 
 
 def _breathing_told(vehicle: Vehicle | None, noise: NoiseTable) -> Iterator[str]:
-    """Its frequency is sought within a factor of two; that of the CPAS canopies is scaled by speed over diameter."""
-    canopies = getattr(vehicle, "canopies", None)
-    usual = _BREATHING * _known(canopies, "reference_speed") / _known(canopies, "reference_length")
+    """Its frequency is sought within a factor of two."""
+    usual = _usual_breathing(vehicle)
     if noise.breathing is not None and abs(np.log(noise.breathing.frequency / usual)) > _DETUNED:
         got = f"{noise.breathing.frequency:.2g} Hz in [noise.breathing]"
         rule = f"{_BREATHING:g} times the canopies' reference speed over their diameter, {usual:.2g} Hz"
         do = f"Say frequency = '{usual:.2g} Hz', unless more is known: it is sought within a factor of two."
         yield f"frequency of breathing: got {got}; usual is {rule}. {do}"
+
+
+def _usual_breathing(vehicle: Vehicle | None) -> float:
+    """Frequency of the CPAS canopies, scaled by speed over diameter [Hz]; NaN where these are not known."""
+    canopies = getattr(vehicle, "canopies", None)
+    return _BREATHING * _known(canopies, "reference_speed") / _known(canopies, "reference_length")
 
 
 def _by_cause(findings: tuple[Finding, ...], accepted: tuple[str, ...], causes: tuple[str, ...]) -> list[list[Finding]]:
