@@ -117,7 +117,7 @@ def test_the_air_that_moves_with_a_canopy_is_held_until_the_terms_are_chosen(run
 LEVEL = [replace(p, centre=0.1, saturation=0.4) for p in PRIORS[:4]]
 
 
-@pytest.mark.parametrize(("share", "levels"), [(0.03, True), (0.02, False), (None, False)])
+@pytest.mark.parametrize(("share", "levels"), [(0.06, True), (0.05, False), (None, False)])
 def test_powers_level_off_where_flights_are_lost(run, monkeypatch, share, levels):
     """The library is then fitted again by what equation error says of powers that level off; None: not to be tried."""
     other = [None] if share is None else [Group("all", FLIGHTS, (*LEVEL, PRIORS[4])), None]

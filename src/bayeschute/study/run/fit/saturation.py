@@ -22,7 +22,10 @@ from bayeschute.study.job import Job
 from bayeschute.study.run.stage_data import of_structure
 
 _FLOWN = 96
-"""Simulations of every flight: where one in ten would be lost, more than one in fifty of these is all but surely."""
+"""Simulations of every flight that are tried."""
+MANY = 0.05
+"""Share of them that may be lost. A run says that bands are of too few simulations from 2 % on: of a fit that loses that
+many, more than this share of so few are lost once in twenty."""
 
 
 def needed(job: Job, group: Group) -> Group | None:

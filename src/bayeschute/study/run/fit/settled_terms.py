@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from bayeschute.aero.coefficient import APPARENT_MASS, KINDS, Coefficient, is_coefficient, shared_name
 from bayeschute.aero.term_names import is_pairwise
-from bayeschute.calibration.label import MOST_LOST
 from bayeschute.core.errors import FitError
 from bayeschute.likelihood.joint import FlightData
 from bayeschute.likelihood.priors import Prior, conflict_variance_factor, given_zero
@@ -147,7 +146,7 @@ def _searched(
         hyper = begin_mode.hyper
         lost = saturation.lost(marginalise(flights, hyper, told, mode), hyper, job.study.seed)
         say(0.9, f"{100.0 * lost:.0f} % of flights with the full library of terms are lost")
-        if lost > MOST_LOST:
+        if lost > saturation.MANY:
             return _searched(job, saturated, prior, part_of(say, 0.9, 1.0))
     chosen = choose(group.priors, mode.theta, mode.covariance, may_go)
     say(0.9, f"{int(chosen.kept.sum())} of {chosen.kept.size} parameters selected")
