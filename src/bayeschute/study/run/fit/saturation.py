@@ -24,8 +24,8 @@ from bayeschute.study.run.stage_data import of_structure
 _FLOWN = 96
 """Simulations of every flight that are tried."""
 MANY = 0.05
-"""Share of them that may be lost. A run says that bands are of too few simulations from 2 % on: of a fit that loses that
-many, more than this share of so few are lost once in twenty."""
+"""Share of them that may be lost. From 2 % on a run says that bands are of too few simulations: of a fit that loses as
+many, this share of so few is passed once in twenty."""
 
 
 def needed(job: Job, group: Group) -> Group | None:
