@@ -46,6 +46,25 @@ def test_a_wind_is_of_numbers_in_si():
     assert square == still
 
 
+def test_a_wind_may_be_in_other_units():
+    """Of altitudes, and of velocities."""
+    made = wind_profile([0.0, 1000.0], [10.0, -20.0], [0.0, 5.0], units=("ft", "kt"))
+    knot = 1852.0 / 3600.0
+    np.testing.assert_allclose(made.rows(), [[0.0, 10.0 * knot, 0.0, 0.0], [304.8, -20.0 * knot, 5.0 * knot, 0.0]])
+    for units in (("m", "ft"), ("kt", "kt"), ("m", "metres")):
+        with pytest.raises(bc.InputError, match="wind_profile"):
+            wind_profile([0.0, 10.0], [1.0, 2.0], [3.0, 4.0], units=units)
+
+
+def test_priors_of_a_flight_without_a_study_are_about_its_vehicle(drop):
+    risers = drop.vehicle.risers.model_copy(update={"length": 61.0})
+    made = bc.Flight(drop.record, drop.vehicle.model_copy(update={"risers": risers})).priors
+    (length,) = [p for p in made.parameters if p.name == "riser_length"]
+    assert length.centre == 61.0 and "canopy_position_bias.north" in made.names and "axial[1]" not in made.names
+    more = made | bc.Priors.given(capsule_normal_force_slope={"mean": 0.8, "sd": 0.2})
+    assert set(more.names) == {*made.names, "capsule_normal_force_slope"} and more.candidates == made.candidates
+
+
 @pytest.mark.parametrize(
     "columns",
     [

@@ -14,6 +14,7 @@ from scipy import stats
 import bayeschute as bc
 from bayeschute.api import forecast as module
 from bayeschute.api.forecast import Forecast, Probability, forecast, forecast_of
+from bayeschute.calibration.label import CONTRADICTED
 from bayeschute.prediction import bands
 
 TIME = np.arange(100.0, 110.0)
@@ -193,6 +194,20 @@ def test_a_probability_on_one_line():
     )
 
 
+def test_the_level_of_trust_is_told_with_every_answer(slowing):
+    """Failed checks first: they leave none."""
+    for level, words in (
+        ("not checked", "level of trust: not checked"),
+        ("self-consistent", "level of trust: self-consistent"),
+        (CONTRADICTED, f"{CONTRADICTED}, no level of trust"),
+    ):
+        told = replace(slowing, level=level)
+        for one in (told, told.probability("descent_rate", at_most=1.0)):
+            assert repr(one).endswith(f"; {words}") and words in one._repr_html_()
+        doubted = replace(told, failed_checks=("bands",))
+        assert repr(doubted).endswith("; no level of trust, failed checks: bands") and words not in repr(doubted)
+
+
 def test_failed_checks_are_told_with_every_answer(slowing):
     doubted = replace(slowing, failed_checks=("bands",))
     assert doubted.probability("descent_rate", at_most=1.0).failed_checks == ("bands",)
@@ -219,12 +234,13 @@ def test_a_check_counts_samples_that_are_known_and_were_not_seen(slowing):
     truth[4] = np.nan
     made = replace(slowing, truth=xr.Dataset({"descent_rate": ("time", truth)}, {"time": TIME}))
     table = made.check((0.5, 0.9, 0.7)).set_index("reference")
-    assert list(table.columns) == ["quantity", "samples", "inside 50 %", "inside 90 %", "inside 70 %", "p"]
+    assert list(table.columns) == ["quantity", "samples", "inside 50 %", "inside 90 %", "inside 70 %", "p", "passed"]
     row = table.loc["truth"]
     assert row["samples"] == 6 and row["inside 90 %"] == 1.0
     assert row["inside 50 %"] == pytest.approx(2 / 6) and row["inside 70 %"] == pytest.approx(2 / 6)
     assert table.loc["record", "samples"] == 7 and table.loc["record", "inside 90 %"] == 0.0
     assert row["p"] == 1.0 and table.loc["record", "p"] == pytest.approx(11 / 102)  # ten of 101 draws are never inside
+    assert table["passed"].to_list() == [True, True]
     edges = xr.Dataset({"descent_rate": ("time", rate + 0.5)}, {"time": TIME})
     assert replace(slowing, truth=edges, record={}).check((0.9001,))["inside 90.01 %"].to_list() == [1.0]
 

@@ -254,7 +254,7 @@ def test_an_update_fits_by_this_as_the_prior_and_keeps_the_history(alone, sondes
 
 @pytest.fixture
 def foretold(monkeypatch):
-    """What `forecast` is asked; its answer has two failed checks of its own."""
+    """What `forecast` is asked; its answer has two failed checks of its own, and the posterior no level."""
     asked = []
 
     def forecast(*given):
@@ -263,6 +263,7 @@ def foretold(monkeypatch):
         return bc.Forecast("a", draws, np.zeros(0, bool), {}, None, {}, 1, {}, 0, ("bands", "mode"))
 
     monkeypatch.setattr(module, "forecast", forecast)
+    monkeypatch.setattr(Posterior, "trust", SimpleNamespace(words="not checked"))
     return asked
 
 
@@ -270,6 +271,7 @@ def test_a_prediction_is_asked_by_study_and_files(known, foretold):
     made = known.predict("flight", 10, 0, like="low")
     assert foretold == [(known.spec, known.files, "flight", 10, 0, "low")]
     assert made.failed_checks == ("mode", "bands")  # its own first, none twice
+    assert made.level == "not checked"
     known.predict("flight")
     assert foretold[1] == (known.spec, known.files, "flight", None, None, None)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from types import SimpleNamespace
 
 import pytest
@@ -48,6 +49,14 @@ def test_a_contradicted_run_has_no_level_whatever_its_label_claims(run):
     assert told(run, "summary.json", {"label": "l"}).level == "not checked"
 
 
+@dataclass(frozen=True)
+class Foretold:
+    """A stand-in of a forecast."""
+
+    name: str
+    level: str = ""
+
+
 def test_flights_that_were_fitted_or_predicted_have_forecasts_each_made_once(run, monkeypatch):
     made = []
 
@@ -63,11 +72,12 @@ def test_flights_that_were_fitted_or_predicted_have_forecasts_each_made_once(run
 
     monkeypatch.setattr(module, "workspace", Workspace)
     monkeypatch.setattr(module, "collected", lambda folder: {})
-    monkeypatch.setattr(module, "forecast_of", lambda job, one: made.append(one.name) or f"of {one.name}")
+    monkeypatch.setattr(module, "forecast_of", lambda job, one: made.append(one.name) or Foretold(f"of {one.name}"))
     monkeypatch.setattr(module, "stored_forecast_of", lambda job, one: pytest.fail("stage predict has not ended"))
     forecasts = run.forecasts
     assert list(forecasts) == ["i", "p"] and len(forecasts) == 2 and "s" not in forecasts
-    assert [forecasts["p"], forecasts["p"], forecasts["i"]] == ["of p", "of p", "of i"] and made == ["p", "i"]
+    assert [forecasts[name].name for name in ("p", "p", "i")] == ["of p", "of p", "of i"] and made == ["p", "i"]
+    assert forecasts["p"].level == run.level
     for none in ("s", "x"):
         with pytest.raises(KeyError, match=f"no forecast '{none}'; there are i, p"):
             forecasts[none]
@@ -75,7 +85,7 @@ def test_flights_that_were_fitted_or_predicted_have_forecasts_each_made_once(run
 
 def test_a_flight_that_the_run_has_drawn_is_not_drawn_again(run, monkeypatch):
     monkeypatch.setattr(module, "forecast_of", lambda *_: pytest.fail("drawn anew"))
-    monkeypatch.setattr(module, "stored_forecast_of", lambda job, one: f"{one.name} of {job.out.name}")
+    monkeypatch.setattr(module, "stored_forecast_of", lambda job, one: Foretold(f"{one.name} of {job.out.name}"))
     (run.folder / ".stages").mkdir()
     (run.folder / ".stages/predict").write_text("key", encoding="utf-8")
-    assert run.forecasts["p"] == f"p of {run.folder.name}"
+    assert run.forecasts["p"].name == f"p of {run.folder.name}"

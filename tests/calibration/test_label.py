@@ -63,6 +63,12 @@ def test_what_is_not_promised_is_named():
     assert made.plain()["level"] == "self-consistent" and made.plain()["rank"] == 1
 
 
+def test_a_claim_prints_its_label_and_what_to_know_beside_it():
+    sound, lost = claim([SELF]), claim([SELF], contradicted=["the record"])
+    assert str(sound).splitlines() == [sound.label, *sound.sentences] and repr(sound) == f"Claim({sound.label!r})"
+    assert (sound.words, lost.words, claim([]).words) == ("self-consistent", CONTRADICTED, "not checked")
+
+
 def test_what_to_do_is_said_where_a_run_contradicts_itself_and_only_there():
     held = [Rung(Level.SELF_CONSISTENT, kept="40 replicates")]
     told = claim(held, contradicted=["the record is not one that the model makes"]).sentences

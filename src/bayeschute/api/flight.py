@@ -31,6 +31,7 @@ from bayeschute.study.study import Study as StudySpec
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from bayeschute.api.beliefs import Priors
     from bayeschute.api.views.plausibility import Plausibility
 
 
@@ -39,7 +40,14 @@ def _vehicle(told: Vehicle | Path | str | None) -> Vehicle | None:
     return load_vehicle(told) if isinstance(told, Path | str) else told
 
 
-def wind_profile(altitude: ArrayLike, north: ArrayLike, east: ArrayLike, down: ArrayLike | None = None) -> ProfileTable:
+def wind_profile(
+    altitude: ArrayLike,
+    north: ArrayLike,
+    east: ArrayLike,
+    down: ArrayLike | None = None,
+    *,
+    units: tuple[str, str] = ("m", "m/s"),
+) -> ProfileTable:
     """Wind by altitude; air moves *towards* north, east and down.
 
     Args:
@@ -47,6 +55,10 @@ def wind_profile(altitude: ArrayLike, north: ArrayLike, east: ArrayLike, down: A
         north: Velocity of the air to the north (K,) [m/s].
         east: To the east (K,) [m/s].
         down: Downwards (K,) [m/s]; zero where None.
+        units: Of altitudes and of velocities, where they differ from these, such as ``("ft", "kt")``.
+
+    Raises:
+        InputError: If altitudes don't increase, columns differ in length, or a unit is none of its kind.
 
     Example:
         >>> import bayeschute as bc
@@ -56,7 +68,7 @@ def wind_profile(altitude: ArrayLike, north: ArrayLike, east: ArrayLike, down: A
     """
     columns = {"altitude": altitude, "north": north, "east": east} | ({} if down is None else {"down": down})
     rows = {name: np.asarray(values, float).ravel() for name, values in columns.items()}
-    unit = {name: "m" if name == "altitude" else "m/s" for name in rows}
+    unit = {name: units[name != "altitude"] for name in rows}
     written = {name: [f"{value!r} {unit[name]}" for value in values.tolist()] for name, values in rows.items()}
     try:
         return ProfileTable.model_validate(written)
@@ -237,6 +249,22 @@ class Flight:
     def repairs(self) -> Repairs:
         """Samples and variables that were dropped, interpolated, derived or assumed."""
         return Repairs(repairs(self.record))
+
+    @property
+    def priors(self) -> Priors:
+        """Priors from outside: its study's, or where it has none the commented study's about the vehicle's values.
+
+        They are of risers, apparent mass, moments and constant errors. A fit with another one besides takes
+        ``found | flight.priors | bc.Priors.given(...)``, with `found` by `Priors.from_structure`.
+
+        Example:
+            >>> "riser_length" in bc.Study.example().flights[0].priors.names
+            True
+        """
+        from bayeschute.api.beliefs import Priors
+        from bayeschute.study.run.stage_data import given_priors
+
+        return Priors(tuple(given_priors(self.study)), self.study.priors, self.study.structure)
 
     def plausibility(self, noise: NoiseTable | None = None) -> Plausibility:
         """What looks wrong about the record's axes, units, signs, clocks and sizes, before anything is fitted.

@@ -15,7 +15,7 @@ from bayeschute.api import html
 from bayeschute.api.flight import Flight
 from bayeschute.api.quantity import central, si
 from bayeschute.api.workspace import Files, workspace
-from bayeschute.calibration.label import lost_simulations, without_level
+from bayeschute.calibration.label import caveat, lost_simulations
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.prediction import bands
 from bayeschute.prediction.flight_statistics import REDUCTIONS
@@ -49,6 +49,7 @@ class Probability:
         draws: How many draws.
         failed: Simulations that failed.
         failed_checks: Of the forecast: with one or more, the number has no level of trust.
+        level: Level of trust of the posterior, as `Run.level` has it; empty: not asked.
 
     Example:
         >>> found = forecast.probability("descent_rate", at_most="100 m/s")
@@ -63,20 +64,21 @@ class Probability:
     draws: int
     failed: int
     failed_checks: tuple[str, ...] = ()
+    level: str = ""
 
     def __repr__(self) -> str:
         """On one line, to as many digits as the draws tell."""
         failed = f", {self.failed:,} of them failed to simulate and counted as not met" if self.failed else ""
         between = f"{self.low:.3f} to {self.high:.3f} for the number of draws ({100.0 * self.confidence:.0f} %)"
         told = f"P(met) = {self.met:.3f}, {between}, {self.draws:,} draws{failed}"
-        return "; ".join(filter(None, (told, without_level(self.failed_checks))))
+        return "; ".join(filter(None, (told, caveat(self.failed_checks, self.level))))
 
     def _repr_html_(self) -> str:
         """The same as a table."""
         limits = f"{self.low:.3f} to {self.high:.3f} ({100.0 * self.confidence:.0f} %)"
         rows = [("P(met)", f"{self.met:.3f}"), ("for the number of draws alone", limits)]
         rows.append(("draws, of them failed to simulate", f"{self.draws:,}, {self.failed:,}"))
-        return html.table("Probability", ("of", "told"), rows, without_level(self.failed_checks))
+        return html.table("Probability", ("of", "told"), rows, caveat(self.failed_checks, self.level))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -96,6 +98,7 @@ class Forecast:
         seed: Of that noise in `as_recorded`.
         failed_checks: Of the posterior, and ``bands`` where too many of these simulations failed: with one or more, the
             bands have no level of trust.
+        level: Level of trust of the posterior, as `Run.level` has it; empty: not asked.
 
     Example:
         >>> band = forecast.band("descent_rate", 0.9)
@@ -113,6 +116,7 @@ class Forecast:
     recorded_with: Mapping[str, tuple[float, float, float]]
     seed: int
     failed_checks: tuple[str, ...] = ()
+    level: str = ""
 
     @classmethod
     def of(cls, job: Job, foreseen: FlightForecast) -> Forecast:
@@ -275,7 +279,14 @@ class Forecast:
         )  # fmt: skip
         low, high = made["simulation_low"], made["simulation_high"]
         return Probability(
-            made["probability_met"], low, high, confidence, made["draws"], made["failed"], self.failed_checks
+            made["probability_met"],
+            low,
+            high,
+            confidence,
+            made["draws"],
+            made["failed"],
+            self.failed_checks,
+            self.level,
         )
 
     def as_recorded(self, quantity: str) -> xr.DataArray:
@@ -304,7 +315,7 @@ class Forecast:
             A row per quantity and reference: how many samples, the share of them inside each band, and ``p``, how often
             a flight drawn from this forecast is no more of the time inside the widest of these bands. A swing that is
             once out of phase stays so for long: the share of one flight scatters widely, and ``p`` tells whether it is
-            too small. Not a number without draws.
+            too small. Not a number without draws. ``passed``: it is not below 0.05.
 
         Raises:
             InputError: If there is neither record nor truth.
@@ -321,7 +332,7 @@ class Forecast:
                 for level in levels:
                     row[f"inside {100 * level:g} %"] = _inside(draws.values, reference[name], known, level)[0]
                 row["p"] = _rarity(draws.values, reference[name], known, max(levels))
-                rows.append(row)
+                rows.append(row | {"passed": bool(row["p"] >= _RARE)})
         if not rows:
             raise InputError(Fault(f"forecast of {self.name}", "no record", "a flight with a record to check by"))
         return pd.DataFrame(rows)
@@ -372,11 +383,14 @@ class Forecast:
         sizes = self.draws.sizes
         told = f"{sizes['draw']} draws of {', '.join(self.quantities)} at {sizes['time']} times"
         told = f"Forecast of {self.name}: {told}, {self.draws.attrs['failed']} failed"
-        return "; ".join(filter(None, (told, self.draws.attrs.get("lost"), without_level(self.failed_checks))))
+        return "; ".join(filter(None, (told, self.draws.attrs.get("lost"), caveat(self.failed_checks, self.level))))
 
     def _repr_html_(self) -> str:
         """Medians and 90 % intervals of the mean over the flight, as a table."""
         return html.summary(repr(self), "mean over the flight", self.summary())
+
+
+_RARE = 0.05  # share of flights that are inside their bands for as little of the time: fewer, and a band is too narrow
 
 
 def _central(draws: Array, level: float) -> Array:

@@ -425,7 +425,8 @@ class Posterior:
             table = spec.predict.model_copy(update={"disturbance_log_sd": float(disturbance_log_sd)})
             spec = replace(spec, predict=table)
         made = forecast(spec, self.files, flight, draws, seed, like)
-        return replace(made, failed_checks=tuple(dict.fromkeys((*self.failed_checks, *made.failed_checks))))
+        failed = tuple(dict.fromkeys((*self.failed_checks, *made.failed_checks)))
+        return replace(made, failed_checks=failed, level=self.trust.words)
 
     def land(
         self,

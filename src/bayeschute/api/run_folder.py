@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -115,7 +115,7 @@ class _Forecasts(Mapping[str, Forecast]):
             flight = next((f for f in study.flights if f.name == name and f.name in set(self)), None)
             if flight is None:
                 raise KeyError(f"no forecast {name!r}; there are {', '.join(self)}")
-            self._made[name] = self._stored(flight) or self._drawn(flight)
+            self._made[name] = replace(self._stored(flight) or self._drawn(flight), level=self._run.level)
         return self._made[name]
 
     def _stored(self, flight: Flight) -> Forecast | None:

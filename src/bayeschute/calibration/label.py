@@ -109,9 +109,18 @@ class Claim:
             return f"{text}; worst case stored of a wrong model: {self.misspecification}"
         return text if self.level is Level.NOT_CHECKED else f"{text}; no case of a wrong model is stored"
 
+    @property
+    def words(self) -> str:
+        """The level in few words, or that the data contradict the intervals."""
+        return CONTRADICTED if self.contradicted else self.level.words
+
     def __repr__(self) -> str:
         """The label."""
         return f"Claim({self.label!r})"
+
+    def __str__(self) -> str:
+        """The label, and what a reader must know beside it."""
+        return "\n".join([self.label, *self.sentences])
 
     @property
     def sentences(self) -> list[str]:
@@ -175,6 +184,18 @@ def lost_simulations(flight: str, failed: int, drawn: int) -> str:
         return ""
     bands = "it has no bands" if failed == drawn else "its bands are of the others"
     return f"{failed:,} of {drawn:,} simulations of {flight} failed: {bands}"
+
+
+def caveat(failed: Sequence[str], level: str) -> str:
+    """What is said beside a number: failed checks of what it comes from, else its level of trust.
+
+    Args:
+        failed: Names of the checks.
+        level: As `Claim.words` has it; empty: not asked.
+    """
+    if failed or not level:
+        return without_level(failed)
+    return f"{CONTRADICTED}, no level of trust" if level == CONTRADICTED else f"level of trust: {level}"
 
 
 def without_level(failed: Sequence[str]) -> str:
