@@ -253,7 +253,7 @@ def test_an_update_fits_by_this_as_the_prior_and_keeps_the_history(alone, sondes
 
 
 @pytest.fixture
-def foretold(monkeypatch):
+def foretold(known, monkeypatch):
     """What `forecast` is asked; its answer has two failed checks of its own, and the posterior no level."""
     asked = []
 
@@ -263,7 +263,7 @@ def foretold(monkeypatch):
         return bc.Forecast("a", draws, np.zeros(0, bool), {}, None, {}, 1, {}, 0, ("bands", "mode"))
 
     monkeypatch.setattr(module, "forecast", forecast)
-    monkeypatch.setattr(Posterior, "trust", SimpleNamespace(words="not checked"))
+    monkeypatch.setitem(vars(known), "trust", SimpleNamespace(words="not checked"))
     return asked
 
 
