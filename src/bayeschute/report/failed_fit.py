@@ -15,7 +15,7 @@ from matplotlib.patches import Patch
 from bayeschute.core.trees import load_tree
 from bayeschute.posterior.best_path import BestPath
 from bayeschute.records.record import VARIABLES
-from bayeschute.report.figures.canvas import INK, SERIES, SHADE, VERMILION, sheet, styled
+from bayeschute.report.figures.canvas import INK, SERIES, SHADE, VERMILION, sheet, styled, time_axis
 from bayeschute.report.run_results import Results, entries, json_object, mappings, try_read
 from bayeschute.report.structure_view import Draw
 from bayeschute.report.tables.summary_tables import (
@@ -176,7 +176,7 @@ def residual_figure(path: BestPath) -> Figure:
         residuals(axes, path, channel)
     if loose:
         defects(all_axes[-1], path)
-    all_axes[-1].set_xlabel("time [s]")
+    time_axis(all_axes[-1], float(path.time[0]))
     figure.legend(handles=[Patch(color=SHADE, label="90 % range of the sensor noise")], loc="outside upper right")
     return figure
 

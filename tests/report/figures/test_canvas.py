@@ -29,6 +29,20 @@ def test_the_second_axis_is_in_feet():
     assert second.get_ylim() == pytest.approx((0.0, 100.0)) and second.get_ylabel() == "[ft]"
 
 
+def test_a_clock_that_has_run_for_long_counts_from_near_the_first_sample():
+    def shown(start):
+        axes = Figure().add_subplot()
+        axes.plot([start, start + 100.0], [0.0, 1.0])
+        canvas.time_axis(axes, start)
+        axes.figure.draw_without_rendering()
+        return axes.get_xlabel(), [one.get_text() for one in axes.get_xticklabels()]
+
+    for start in (0.0, -30.0):
+        assert shown(start)[0] == "time [s]"
+    label, ticks = shown(295_217.3)
+    assert label == "time after 295200 s on the record's clock [s]" and {"20", "100"} <= set(ticks)
+
+
 def test_a_figure_is_stored_twice_at_its_size_and_without_a_date(tmp_path):
     figure, (axes,) = canvas.sheet(1.0, width=2.0)
     axes.plot([0.0, 1.0], label="a")

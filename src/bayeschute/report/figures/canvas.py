@@ -32,6 +32,10 @@ GREEN, PURPLE = "#009E73", "#CC79A7"
 INK, SOFT, LINE, SHADE = "#1f2933", "#66727f", "#d5dbe1", "#f0ece2"
 SERIES = (BLUE, ORANGE, GREEN, PURPLE, SKY, VERMILION)
 
+_LONG, _ROUND = (
+    10_000.0,
+    100.0,
+)  # of a clock at a record's first sample, as GPS has; steps of where ticks count from [s]
 WIDTH = 9.6  # [in], the width of the text at 100 %
 STYLE: dict[str, Any] = {
     "font.family": "DejaVu Sans",
@@ -149,6 +153,16 @@ def feet_axis(axes: Axes, unit: str = "ft/s") -> None:
     axes.secondary_yaxis(
         "right", functions=(lambda v: np.asarray(v) * factor, lambda v: np.asarray(v) / factor)
     ).set_ylabel(f"[{unit}]")
+
+
+def time_axis(axes: Axes, start: float) -> None:
+    """Label an axis of times [s]; on a clock that had run for long at the first, ticks count from near there."""
+    if abs(start) < _LONG:
+        axes.set_xlabel("time [s]")
+        return
+    origin = _ROUND * math.floor(start / _ROUND)
+    axes.xaxis.set_major_formatter(lambda time, _: f"{time - origin:g}")
+    axes.set_xlabel(f"time after {origin:.0f} s on the record's clock [s]")
 
 
 def literal(text: str) -> str:

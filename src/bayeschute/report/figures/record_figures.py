@@ -30,6 +30,7 @@ from bayeschute.report.figures.canvas import (
     panels,
     sheet,
     styled,
+    time_axis,
 )
 from bayeschute.report.wording import is_number, quantity_name, shown_unit, statistic_name
 
@@ -144,7 +145,7 @@ def band_figure(bands: xr.Dataset, limits: Mapping[str, float] | None = None) ->
     figure, all_axes = sheet(0.7 + 2.15 * len(names), len(names), 1, sharex=True)
     for axes, name in zip(all_axes, names, strict=True):
         band(axes, bands, name, (limits or {}).get(name))
-    all_axes[-1].set_xlabel("time [s]")
+    time_axis(all_axes[-1], float(bands["time"].values[0]))
     legend_of(all_axes, markerscale=2)
     return figure
 
@@ -241,7 +242,7 @@ def record_figure(record: xr.Dataset, repairs: Sequence[Mapping[str, Any]] = ())
     time = np.asarray(record["time"].values, dtype=float)
     for axes, channel in zip(all_axes, shown, strict=True):
         recorded(axes, time, channel, repairs)
-    all_axes[-1].set_xlabel("time [s]")
+    time_axis(all_axes[-1], time[0])
     return figure
 
 
