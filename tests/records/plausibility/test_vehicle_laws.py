@@ -120,6 +120,18 @@ def test_a_pull_across_the_risers_is_told_as_a_share_of_the_weight():
     assert found.excess == pytest.approx(share / (0.02 + 0.15 * swing), rel=5e-3)
 
 
+def test_canopies_that_are_seen_badly_may_pull_aside_by_more():
+    """By three times the scatter of their samples over the risers' length."""
+    rng = np.random.default_rng(1)
+    scatter = 0.004 * GOOD.vehicle.riser_length
+    blurred = replace(GOOD, canopies=GOOD.canopies + scatter * rng.standard_normal(GOOD.canopies.shape))
+    clear, found = (read("pull", e)["pull.direction"] for e in (GOOD, blurred))
+    limits = [float(one.wanted.split()[1]) for one in (clear, found)]
+    assert limits[1] - limits[0] == pytest.approx(0.012, abs=0.003)
+    turned = replace(blurred, velocity=GOOD.velocity + np.outer(0.1 * G * T, [0.0, 1.0, 0.0]))
+    assert read("pull", turned)["pull.direction"].excess > 1.0
+
+
 def test_exchanged_load_cells_are_told_by_their_difference():
     """The capsule is pulled to and fro in the plane of the risers: each pulls more when it goes its way."""
     push = 0.1 * G * np.sin(0.3 * T)

@@ -15,9 +15,11 @@ from bayeschute.atmosphere.standard import (
 from bayeschute.records.plausibility.evidence import Array, Evidence, smoothed, spread, turned, typical
 from bayeschute.records.plausibility.motion_laws import earth_force, over_lag
 from bayeschute.records.plausibility.reading import Reading, reading
+from bayeschute.records.plausibility.scatter import scatter
 
 _SWING = 30.0  # over which swing and glide average out [s]
 _DRAG = 0.75  # coefficient of a canopy, about
+_CONSTANT = 3.0  # times the scatter of canopies' samples: constant error of where they are seen
 
 
 def count(e: Evidence) -> list[Reading]:
@@ -80,7 +82,11 @@ def risers(e: Evidence) -> list[Reading]:
 
 
 def pull(e: Evidence) -> list[Reading]:
-    """The capsule is pulled along its risers; load cells say how strongly."""
+    """The capsule is pulled along its risers; load cells say how strongly.
+
+    Where canopies are seen as well as their samples scatter, a constant error turns the risers by some times that over
+    their length: of little account on risers of 70 m, of a few per cent on those of 3 m.
+    """
     r, f = attached(e), earth_force(e)
     v = e.vehicle
     if r is None or f is None or v is None:
@@ -101,7 +107,9 @@ def pull(e: Evidence) -> list[Reading]:
     share = spread(left) * np.sqrt(3.0) / (v.mass * STANDARD_GRAVITY)
     tests = "direction of the capsule's acceleration less gravity against the risers"
     swing = spread(g[:, :2]) * np.sqrt(2.0) / (v.mass * STANDARD_GRAVITY)
-    out = reading("pull.direction", tests, share, 0.02 + 0.15 * swing, "{:.3f} of the weight across them")
+    apart = np.array([scatter(x) for x in r.reshape(len(r), -1).T]) / typical(np.linalg.norm(r, axis=2))
+    most = 0.02 + 0.15 * swing + _CONSTANT * np.nan_to_num(typical(apart))
+    out = reading("pull.direction", tests, share, most, "{:.3f} of the weight across them")
     if e.tension is None or e.tension.shape[1] != n.shape[2]:
         return out
     cells = over_lag(e, e.tension)[seen]
