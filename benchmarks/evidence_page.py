@@ -175,6 +175,11 @@ def starts_table(records: Sequence[Result]) -> list[str]:
     return table(["record", "found", "not converged", "farthest", "cost", "made by", "numerics"], rows)
 
 
+def _of_set(name: str, whole: Result) -> Result:
+    """A result whose flights, which have the same names in every set, are told by that of the set too."""
+    return whole | {"flights": {f"{name}, {flight}": scores for flight, scores in whole["flights"].items()}}
+
+
 def _whole_tables(name: str, wholes: Sequence[tuple[str, Result]]) -> list[str]:
     """Fits of whole flights, and scores of the flights that they foretell."""
     head = [name, "converged", "checks missed", "processor, s", "terms", "made by", "numerics"]
@@ -210,7 +215,8 @@ def page(
         text += [_TURNED, *_whole_tables("fitted", others)]
     text += [_WINDOWS, *table(["set", "seconds", *head, "made by", "numerics"], windows)]
     if independent:
-        text += [_INDEPENDENT, *_whole_tables("set", [(one["set"], one["whole"]) for one in independent])]
+        named = [(one["set"], _of_set(one["set"], one["whole"])) for one in independent]
+        text += [_INDEPENDENT, *_whole_tables("set", named)]
     text += [_STARTS, *starts_table(starts), _MEASURED, *measured_tables(measured)]
     return "\n".join(text).rstrip() + "\n"
 

@@ -60,9 +60,10 @@ def test_a_stored_number_that_is_changed_changes_the_page(made):
 
 
 def test_every_stored_result_tells_what_made_it(made):
-    sets, starts, studies = _stored(made)
+    sets, independent, starts, studies = _stored(made)
     results = [(f"--sets {one['set']}", r) for one in sets for r in one.get("windows", {}).values()]
     results += [(f"--sets {one['set']}", one["whole"]) for one in sets if "whole" in one]
+    results += [(f"--independent {one['set']}", one["whole"]) for one in independent]
     results += [(f"optimum.py {one['study']}.toml", one) for one in starts]
     for option, result in results + [(f"--studies {one['study']}", one) for one in studies]:
         told = result["provenance"]
