@@ -150,14 +150,14 @@ def test_coefficients_of_a_law_are_parameters_with_names_and_gradients():
     assert hash(structure) != hash(replace(structure, force=None))
 
 
-def test_canopies_far_beyond_the_held_angle_feel_its_powers_no_more():
+def test_canopies_far_beyond_the_angle_of_saturation_feel_its_powers_no_more():
     """With one power the law there is that with a constant in its place; far below nothing differs."""
     x, held = state(), 0.005
     model = small.cluster((0.9,), (0.5, 400.0))
     names = Structure(("1",), ("e", "e*alpha^2"), 2)
-    made = np.asarray(state_rate(x, model, replace(names, held=held), AIR))
+    made = np.asarray(state_rate(x, model, replace(names, saturation=held), AIR))
     line = small.cluster((0.9,), (0.5 + 400.0 * held**2, 0.0))
     beyond, free = (np.asarray(state_rate(x, one, names, AIR)) for one in (line, model))
     assert np.abs(made - free).max() > 1e-2
     np.testing.assert_allclose(made, beyond, rtol=1e-5, atol=1e-6)
-    np.testing.assert_allclose(state_rate(x, model, replace(names, held=3.0), AIR), free, rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(state_rate(x, model, replace(names, saturation=3.0), AIR), free, rtol=1e-5, atol=1e-6)
