@@ -16,6 +16,7 @@ from bayeschute.likelihood.priors import (
     of_values,
     own_coordinates,
     precision,
+    read_priors,
     standard,
     values,
     values_and_sds,
@@ -168,3 +169,10 @@ def test_a_prior_in_conflict_is_the_gaussian_that_a_t_distribution_has_there(fou
         priors, theta, ["another"]
     )
     assert conflict_variance_factor(priors, theta, names[:2]) != factor
+
+
+@pytest.mark.parametrize("key", ["saturation", "held", None])
+def test_priors_are_read_back_also_under_the_angles_earlier_name(key):
+    one = Prior("transverse[e]", 0.1, 0.2, False, "1", "x", {"axial[1]": 0.3}, saturation=0.4 if key else None)
+    entry = {name: value for name, value in vars(one).items() if name != "saturation"}
+    assert read_priors([entry | ({key: 0.4} if key else {})]) == [one]

@@ -261,10 +261,9 @@ class Flight:
             >>> "riser_length" in bc.Study.example().flights[0].priors.names
             True
         """
-        from bayeschute.api.beliefs import Priors
-        from bayeschute.study.run.stage_data import given_priors
+        from bayeschute.api.inputs import Study
 
-        return Priors(tuple(given_priors(self.study)), self.study.priors, self.study.structure)
+        return Study(self.study).priors
 
     def plausibility(self, noise: NoiseTable | None = None) -> Plausibility:
         """What looks wrong about the record's axes, units, signs, clocks and sizes, before anything is fitted.

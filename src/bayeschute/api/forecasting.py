@@ -8,7 +8,7 @@ import xarray as xr
 
 from bayeschute.api.flight import Flight
 from bayeschute.api.posterior import Posterior, draws_held
-from bayeschute.calibration.label import without_level
+from bayeschute.calibration.label import caveat
 from bayeschute.core.files import write_whole
 from bayeschute.report.figures.canvas import save
 from bayeschute.report.wording import quantity
@@ -72,4 +72,4 @@ def predict_file(
     write_json(folder / "requirements.json", rows)
     if progress is not None:
         progress("predict", 1.0, f"{len(bands)} flights")
-    return [*lines, *filter(None, [without_level(tuple(failed))])]
+    return [*lines, caveat(tuple(failed), asked.trust.words)]

@@ -28,7 +28,7 @@ from bayeschute.api.views.curve import Curve, curve
 from bayeschute.api.workspace import Files, workspace
 from bayeschute.calibration.label import Claim, without_level
 from bayeschute.core.errors import Fault, InputError
-from bayeschute.likelihood.priors import Prior, saturation_of
+from bayeschute.likelihood.priors import Prior, read_priors, saturation_of
 from bayeschute.posterior.assess.alternatives import Score
 from bayeschute.posterior.assess.flight_groups import for_loo_pit
 from bayeschute.prediction.predictive_checks import Check
@@ -264,7 +264,7 @@ class Posterior:
     def _priors(self) -> list[Prior]:
         """Priors of the parameters, those of terms that the fit added or left out put right."""
         told = self._json("fit/priors.json") or self._json("priors.json") or []
-        return [Prior(**entry) for entry in told]
+        return read_priors(told)
 
     @cached_property
     def _history(self) -> list[dict[str, Any]]:

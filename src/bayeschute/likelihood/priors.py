@@ -12,8 +12,9 @@ and which are what equation error estimates.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import scipy.linalg
@@ -89,6 +90,11 @@ def from_equation_error(
     return Prior(
         name, estimate, scale, False, unit, f"equation error on {flight}, {inflation:g} x colored standard error"
     )
+
+
+def read_priors(entries: Iterable[Mapping[str, Any]]) -> list[Prior]:
+    """Priors as a file has them; files of 28 and 29 November 2026 call `Prior.saturation` ``held``."""
+    return [Prior(**{"saturation" if key == "held" else key: value for key, value in one.items()}) for one in entries]
 
 
 def saturation_of(priors: Sequence[Prior]) -> float | None:

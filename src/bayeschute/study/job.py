@@ -11,7 +11,7 @@ from typing import Any
 import xarray as xr
 
 from bayeschute.core.files import write_whole
-from bayeschute.likelihood.priors import Prior
+from bayeschute.likelihood.priors import Prior, read_priors
 from bayeschute.records.record import load_record
 from bayeschute.study.study import Study
 
@@ -80,4 +80,4 @@ def load_truth(job: Job, name: str) -> xr.Dataset | None:
 def load_priors(job: Job) -> list[Prior]:
     """The priors of all parameters: those of the stage `priors`, or with the terms that the fit added."""
     revised = "fit/priors.json" if (job.out / "fit" / "priors.json").exists() else "priors.json"
-    return [Prior(**entry) for entry in job.load(revised)]
+    return read_priors(job.load(revised))

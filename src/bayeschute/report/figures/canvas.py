@@ -32,10 +32,8 @@ GREEN, PURPLE = "#009E73", "#CC79A7"
 INK, SOFT, LINE, SHADE = "#1f2933", "#66727f", "#d5dbe1", "#f0ece2"
 SERIES = (BLUE, ORANGE, GREEN, PURPLE, SKY, VERMILION)
 
-_LONG, _ROUND = (
-    10_000.0,
-    100.0,
-)  # of a clock at a record's first sample, as GPS has; steps of where ticks count from [s]
+_LONG = 10_000.0  # of a clock at a record's first sample, as GPS has [s]
+_ROUND = 100.0  # steps of where ticks then count from [s]
 WIDTH = 9.6  # [in], the width of the text at 100 %
 STYLE: dict[str, Any] = {
     "font.family": "DejaVu Sans",

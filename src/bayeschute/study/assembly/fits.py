@@ -41,14 +41,9 @@ class Group:
     priors: tuple[Prior, ...]
 
 
-def groups(job: Job, priors: Sequence[Prior] | None = None) -> list[Group]:
-    """The fits of a study.
-
-    Args:
-        job: The run.
-        priors: Of all parameters; None: the stored ones.
-    """
-    study, priors = job.study, tuple(load_priors(job) if priors is None else priors)
+def groups(job: Job) -> list[Group]:
+    """The fits of a study."""
+    study, priors = job.study, tuple(load_priors(job))
     flights = study.with_role("identify")
     several = len(flights) > 1
     if study.model == "cluster":

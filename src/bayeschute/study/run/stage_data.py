@@ -162,15 +162,11 @@ def _not_fitted(record: xr.Dataset, channels: tuple[str, ...]) -> list[Repair]:
 
 def priors(job: Job) -> str:
     """Priors of every parameter: from equation error, or given from outside."""
-    made = every_prior(job.study, job.load("structure.json")["coefficients"])
-    _check_varying(job.study, [p.name for p in made])
+    study, found = job.study, job.load("structure.json")["coefficients"]
+    made = in_order(study, informed(study, [*of_structure(study, found), *given_priors(study)]))
+    _check_varying(study, [p.name for p in made])
     job.save("priors.json", [p.__dict__ for p in made])
     return f"{len(made)} parameters"
-
-
-def every_prior(study: Study, found: Mapping[str, Any]) -> list[Prior]:
-    """Priors of all parameters, those of coefficients from ``coefficients`` or ``saturated`` of structure.json."""
-    return in_order(study, informed(study, [*of_structure(study, found), *given_priors(study)]))
 
 
 def of_structure(study: Study, found: Mapping[str, Any]) -> list[Prior]:

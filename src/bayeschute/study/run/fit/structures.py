@@ -11,7 +11,7 @@ import numpy as np
 from bayeschute.aero.coefficient import Coefficient, is_coefficient
 from bayeschute.core.errors import FitError
 from bayeschute.core.random import seed_of, stream
-from bayeschute.likelihood.priors import Prior, from_equation_error
+from bayeschute.likelihood.priors import Prior, from_equation_error, read_priors
 from bayeschute.posterior.combine.model_average import TRAINING, counts, sequential_scores, weights
 from bayeschute.posterior.fit.drawn_density import Sampled, sampled
 from bayeschute.posterior.fit.joint_fit import JointFit, joint_fit
@@ -216,7 +216,7 @@ def members(job: Job, group: Group, draws: int) -> list[tuple[Group, int]]:
         return [(group, draws)]
     rows = job.load(FILE)
     share = counts(np.array([r["weight"] for r in rows]), draws)
-    made = [replace(group, name=r["name"], priors=tuple(Prior(**p) for p in r["priors"])) for r in rows]
+    made = [replace(group, name=r["name"], priors=tuple(read_priors(r["priors"]))) for r in rows]
     return [(one, int(n)) for one, n in zip(made, share, strict=True) if n > 0]
 
 
