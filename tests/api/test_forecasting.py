@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 
 import bayeschute as bc
 from bayeschute.api.forecasting import predict_file
+from bayeschute.calibration.label import caveat
 from bayeschute.cli import app
 from bayeschute.study.load import load_flights
 from bayeschute.study.schema.study_schema import ConventionsTable
@@ -81,6 +82,8 @@ def test_flights_of_a_file_are_predicted_and_judged(stored, asked, tmp_path):
 def test_another_limit_needs_no_refit(stored, asked, tmp_path):
     lines = predict_file(stored, asked, tmp_path / "a", draws=64, seed=3, like="high")
     assert " m/s (" in lines[0] and " ft/s)" in lines[0]
+    known = bc.Posterior.load(stored)  # as Python says it beside every number
+    assert lines[-1] == caveat(known.failed_checks, known.trust.words) and "level of trust" in lines[-1]
     asked.write_text(FLIGHTS.replace('"100 m/s"', '"1 m/s"'), encoding="utf-8")
     again = predict_file(stored, asked, tmp_path / "b", draws=64, seed=3, like="high")
     assert lines[:2] == again[:2] and lines[2:] != again[2:]
