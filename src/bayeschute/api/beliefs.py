@@ -122,6 +122,13 @@ class Priors:
         return cls(tuple(made), table, structure.spec.structure, structure.found, known)
 
     @classmethod
+    def of_study(cls, study: StudySpec) -> Priors:
+        """Priors that a study gives from outside."""
+        from bayeschute.study.run.stage_data import given_priors
+
+        return cls(tuple(given_priors(study)), study.priors, study.structure)
+
+    @classmethod
     def of(cls, *parameters: Prior) -> Priors:
         """Priors one by one.
 

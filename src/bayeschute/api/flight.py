@@ -261,9 +261,9 @@ class Flight:
             >>> "riser_length" in bc.Study.example().flights[0].priors.names
             True
         """
-        from bayeschute.api.inputs import Study
+        from bayeschute.api.beliefs import Priors
 
-        return Study(self.study).priors
+        return Priors.of_study(self.study)
 
     def plausibility(self, noise: NoiseTable | None = None) -> Plausibility:
         """What looks wrong about the record's axes, units, signs, clocks and sizes, before anything is fitted.

@@ -96,9 +96,7 @@ class Study:
     @property
     def priors(self) -> Priors:
         """Priors that the study gives from outside: risers, masses."""
-        from bayeschute.study.run.stage_data import given_priors
-
-        return Priors(tuple(given_priors(self.spec)), self.spec.priors, self.spec.structure)
+        return Priors.of_study(self.spec)
 
     @property
     def noise(self) -> NoiseTable:
