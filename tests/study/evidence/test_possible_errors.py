@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import tomllib
 from dataclasses import replace
+from importlib.resources import files
 from types import SimpleNamespace
 
 import jax.numpy as jnp
@@ -10,12 +12,13 @@ import numpy as np
 import pytest
 from tests.twins import small_cluster as small
 
+from bayeschute.aero.term_names import is_pairwise
 from bayeschute.compiler.integrate import outputs
 from bayeschute.dynamics.cluster_flight import output_names
 from bayeschute.dynamics.parameters import Structure
 from bayeschute.likelihood.disturbances import Latent
 from bayeschute.likelihood.joint import FlightData
-from bayeschute.study.evidence.possible_errors import possible_errors
+from bayeschute.study.evidence.possible_errors import LIBRARY, possible_errors
 
 CHANNELS = ("canopy_position", "capsule_velocity", "capsule_attitude", "riser_tension")
 NAMES = output_names(CHANNELS, 2)
@@ -137,6 +140,36 @@ def test_the_capsule_s_slopes_are_changed_where_they_are_numbers_and_not_fitted(
         for some in (data, of_table, fitted)
     ]
     assert [len(some) for some in slopes] == [3, 0, 2] and "the pitch damping of the capsule" not in slopes[2]
+
+
+def test_a_term_that_the_fit_lacks_is_added_with_its_coefficient_alone(flown):
+    data, _ = flown
+    added = named(flown, "the coefficient transverse[e*alpha^2], taken to be zero").changed(0.3).model
+    structure, base = added.structure, added.base
+    assert structure.axial[0] == "1" and structure.transverse[0] == "e"
+    assert dict(zip(structure.transverse, map(float, base.transverse), strict=True)) == {
+        "e": 0.1,
+        **dict.fromkeys(structure.transverse[1:], 0.0),
+        "e*alpha^2": 0.3,
+    }
+    assert not any(base.axial[1:])
+    nothing = named(flown, "the coefficient axial[closing], taken to be zero").changed(0.0).model
+    before, same, other = (small.fly(replace(model, names=())) for model in (data.model, nothing, added))
+    np.testing.assert_allclose(same, before, atol=1e-12)
+    assert np.abs(other - before).max() > 1e-4
+
+
+def test_one_canopy_is_not_asked_for_terms_of_two_and_none_for_what_it_has():
+    single = asked_for(*case(directions=((0.2,), (0.1,), (-1.0,))))
+    terms = [one.what.split("[")[1].split("]")[0] for one in single if one.what.startswith("the coefficient")]
+    assert terms and "e" not in terms and not [term for term in terms if is_pairwise(term)]
+
+
+def test_terms_asked_for_are_those_of_a_new_study():
+    told = tomllib.loads((files("bayeschute") / "templates" / "cluster.toml").read_text(encoding="utf-8"))["structure"]
+    assert {kind: ("1", *terms) if kind == "axial" else terms for kind, terms in LIBRARY.items()} == {
+        kind: tuple(told[kind]) for kind in LIBRARY
+    }
 
 
 def test_what_is_fitted_or_was_not_recorded_is_not_asked_for():

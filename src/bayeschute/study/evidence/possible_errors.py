@@ -1,15 +1,16 @@
-"""Errors of a cluster's record or vehicle that a fit is tested for, each with what to do about it."""
+"""Errors of a cluster's record, vehicle or terms that a fit is tested for, each with what to do about it."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
+from bayeschute.aero.term_names import is_pairwise
 from bayeschute.compiler.integrate import outputs
 from bayeschute.dynamics.cluster_flight import OF_INERTIA, ClusterFlight, output_names
 from bayeschute.dynamics.parameters import BIASES
@@ -44,10 +45,19 @@ _LATE = {
     "capsule_velocity": "the clock of the capsule's velocity",
     "capsule_attitude": "the clock of the attitude",
 }
+LIBRARY = {
+    "axial": ("alpha^2", "alpha^4", "proximity(0.8)", "closing"),
+    "transverse": (
+        "e", "e*alpha^2", "e*alpha^4", "rate", "rate*alpha^2", "e*(e.rate)", "e*alpha^2*(e.rate)",
+        "repulsion(0.8)", "c", "side*e", "side*rate",
+    ),
+}  # fmt: skip
+"""Terms of a canopy's force, by kind, that a fit is tested for: those that a new study chooses from."""
 _WEIGH = "Weigh it; or `capsule_mass` in `[priors.given]`. Moments of inertia wrong the other way look alike."
 _SWING_IT = "Swing it on a cable; or `{}` in `[priors.given]`. A mass wrong the other way looks alike."
 _VARY = 'Canopies that differ: `vary_canopies = ["axial[1]"]` in `[priors]`, with `fit = "pool"`.'
 _SET_CLOCKS = "Time stamps of the instruments. If they are right, forces lag in a way that the model lacks."
+_ADD_IT = "Add `{}` to `{}` and `core` in `[structure]`; or other terms of the angles flown, which act like it."
 _CALIBRATE = "The calibration of the load cells: `scale` of the column."
 
 
@@ -69,7 +79,12 @@ def possible_errors(flight: FlightData, along: Linearisation) -> list[PossibleEr
     if not isinstance(model, ClusterFlight):
         return []
     fitted = {name.partition(".")[0] for name in model.names}
-    found = _of_bodies(flight, model, fitted), _constant(flight, model, fitted), _of_instruments(flight, model, along)
+    found = (
+        _of_bodies(flight, model, fitted),
+        missing_terms(flight, model, LIBRARY),
+        _constant(flight, model, fitted),
+        _of_instruments(flight, model, along),
+    )
     return [one for some in found for one in some]
 
 
@@ -112,6 +127,35 @@ def _of_bodies(flight: FlightData, model: ClusterFlight, fitted: Collection[str]
 
         what = f"the axial force of canopy {k + 1} relative to the others"
         yield PossibleError(Alternative(what, "%", stronger), _VARY)
+
+
+def missing_terms(
+    flight: FlightData, model: ClusterFlight, library: Mapping[str, Sequence[str]]
+) -> Iterator[PossibleError]:
+    """Coefficients that a model takes to be zero.
+
+    Args:
+        flight: The record.
+        model: Its model.
+        library: Terms by kind; those that the model has are left out, and of one canopy those that tell of two.
+    """
+    base, structure = model.base, model.structure
+    lacking = {
+        kind: [t for t in terms if t not in getattr(structure, kind) and (structure.canopies > 1 or not is_pairwise(t))]
+        for kind, terms in library.items()
+    }
+    wider: dict[str, Any] = {kind: (*getattr(structure, kind), *terms) for kind, terms in lacking.items()}
+    for kind, term in [(kind, term) for kind, terms in lacking.items() for term in terms]:
+
+        def with_term(x: float, its: tuple[str, str] = (kind, term)) -> FlightData:
+            values = {k: [x if (k, t) == its else 0.0 for t in terms] for k, terms in lacking.items()}
+            more: dict[str, Any] = {k: (*getattr(base, k), *some) for k, some in values.items()}
+            changed = replace(model, structure=replace(structure, **wider), base=replace(base, **more))
+            return replace(flight, model=changed)
+
+        name = f"{kind}[{term}]"
+        alternative = Alternative(f"the coefficient {name}, taken to be zero", "", with_term)
+        yield PossibleError(alternative, _ADD_IT.format(name, kind))
 
 
 def _constant(flight: FlightData, model: ClusterFlight, fitted: Collection[str]) -> Iterator[PossibleError]:
