@@ -46,6 +46,7 @@ MOMENT = 0.3  # sd of a canopy's C_m_alpha and C_mq
 AIR_LOG_SD = 0.5  # of a canopy's apparent mass, which no meta file gives, over that of its enclosed air
 SCALE = 0.01  # sd of the scale of canopy positions, which are from video
 CAPSULE = {"pitch_moment_slope": 0.1, "pitch_damping": 1.0}  # sd
+DRAG, INERTIA = 0.3, 0.02  # of C_A about the estimate, and of moments of inertia over those that are told: sd
 LONGEST = 1.5  # times the default's time constant: of slow vertical air
 BIASES = {  # constant errors of a record, as `bayeschute init` states them
     "canopy_position_bias": {"sd": "0.5 m"},
@@ -175,6 +176,8 @@ def _given(default: Mapping[str, Any], meta: Mapping[str, Any]) -> dict[str, Any
     made |= {"canopy_position_scale": {"mean": 1.0, "sd": SCALE}} | BIASES
     usual = default_vehicle()["capsule"]
     made |= {f"capsule_{of}": {"mean": usual[of], "sd": sd} for of, sd in CAPSULE.items()}
+    made |= {"capsule_axial_force": {"mean": -meta["capsule_CD_estimate"], "sd": DRAG}}
+    made |= {f"capsule_inertia_factor_{axis}": {"mean": 1.0, "sd": INERTIA} for axis in "yz"}
     return made | {"riser_length": {"mean": _si(length, "m"), "sd": _si(sd, "m")}}
 
 
