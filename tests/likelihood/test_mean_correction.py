@@ -28,7 +28,7 @@ def along(linear):
 def test_a_linear_flight_has_none(linear, along):
     """So its innovations stay as they are."""
     lin, made = along
-    found, lost = mean_correction.mean(linear.flight, linear.hyper, made, linear.theta, lin.latent_path)
+    found, lost = mean_correction.mean(linear.flight, linear.hyper, made, linear.theta, lin)
     assert lost == 0
     assert found.outputs.shape == np.shape(linear.flight.observed) and found.inputs.shape == np.shape(
         lin.latent_path.path
@@ -43,7 +43,7 @@ def test_flights_that_all_fail_are_refused(linear, along):
     lin, made = along
     spoiled = replace(linear.flight, observed=np.full(np.shape(linear.flight.observed), np.nan))
     with pytest.raises(FloatingPointError, match="drawn disturbances"):
-        mean_correction.mean(spoiled, linear.hyper, made, linear.theta, lin.latent_path)
+        mean_correction.mean(spoiled, linear.hyper, made, linear.theta, lin)
 
 
 def test_the_slope_is_that_of_half_the_squared_innovations(linear, along):
@@ -101,9 +101,9 @@ def test_the_gap_of_a_square_is_that_of_its_dense_conditional_law(square, dense,
     pair = 0.5 * (np.eye(6)[1:5] + np.eye(6)[2:6])
     wanted = 0.2 * np.einsum("ti,ij,tj->t", pair, covariance, pair)
     assert wanted.min() > 0.01
-    few, _ = mean_correction.mean(flight, hyper, made, theta, at.latent_path(flight))
+    few, _ = mean_correction.mean(flight, hyper, made, theta, linearise(flight, theta, at.latent_path(flight)))
     monkeypatch.setattr(mean_correction, "_PAIRS", 20_000)
-    many, lost = mean_correction.mean(flight, hyper, made, theta, at.latent_path(flight))
+    many, lost = mean_correction.mean(flight, hyper, made, theta, linearise(flight, theta, at.latent_path(flight)))
     assert lost == 0
     for found, close in ((few, 5.0 * np.sqrt(2.0 / 32)), (many, 5.0 * np.sqrt(2.0 / 20_000))):
         np.testing.assert_allclose(found.inputs[1:, 0], wanted, rtol=close)
@@ -116,7 +116,8 @@ def test_a_pair_is_left_out_only_at_the_samples_where_it_fails(square, monkeypat
     """At sample 3 some pairs of 32 fail at full width: the others keep all, or all are drawn at half the width."""
     flight, hyper, theta, at, made = square
     path, sound, calls = at.latent_path(flight), mean_correction.stepped, []
-    whole, _ = mean_correction.mean(flight, hyper, made, theta, path)
+    lin = linearise(flight, theta, path)
+    whole, _ = mean_correction.mean(flight, hyper, made, theta, lin)
 
     def failed(data, theta, latent_path):
         residual, defects = (np.array(a) for a in sound(data, theta, latent_path))
@@ -128,7 +129,7 @@ def test_a_pair_is_left_out_only_at_the_samples_where_it_fails(square, monkeypat
         return residual, defects
 
     monkeypatch.setattr(mean_correction, "stepped", failed)
-    found, lost = mean_correction.mean(flight, hyper, made, theta, path)
+    found, lost = mean_correction.mean(flight, hyper, made, theta, lin)
     assert lost == failing and len(calls) == 1 + narrower
     if narrower:
         return
@@ -146,7 +147,7 @@ def test_the_gap_is_the_mean_of_steps_over_many_draws(descent, dense, monkeypatc
     (at,) = fit([flight], hyper, held, theta, tolerance=1e-6).flights
     lin = linearise(flight, theta, at.latent_path(flight))
     monkeypatch.setattr(mean_correction, "_PAIRS", 2000)
-    found, _ = mean_correction.mean(flight, hyper, filter_gains(flight, hyper, lin), theta, lin.latent_path)
+    found, _ = mean_correction.mean(flight, hyper, filter_gains(flight, hyper, lin), theta, lin)
     by = _responses(flight, hyper, lin)
     outputs = dense.stack(np.einsum("tcx,txk->tck", lin.steps.out_state, by), flight.present)
     noise = jax.tree.map(np.asarray, hyper.outputs(flight))
@@ -193,7 +194,7 @@ def _stepped(flight, theta, path, error):
 def test_where_no_pair_flies_narrower_ones_tell_the_same(square, monkeypatch):
     """Of a flight bent by a square the second order is all there is, so a quarter of the width tells it exactly."""
     flight, hyper, theta, at, made = square
-    wanted, lost = mean_correction.mean(flight, hyper, made, theta, at.latent_path(flight))
+    wanted, lost = mean_correction.mean(flight, hyper, made, theta, linearise(flight, theta, at.latent_path(flight)))
     assert lost == 0 and np.abs(wanted.inputs).max() > 0.01
     widths, real = [], mean_correction.stepped
 
@@ -206,7 +207,7 @@ def test_where_no_pair_flies_narrower_ones_tell_the_same(square, monkeypatch):
         return residual, defects
 
     monkeypatch.setattr(mean_correction, "stepped", narrow)
-    found, lost = mean_correction.mean(flight, hyper, made, theta, at.latent_path(flight))
+    found, lost = mean_correction.mean(flight, hyper, made, theta, linearise(flight, theta, at.latent_path(flight)))
     assert len(widths) == 3 and widths[2] == pytest.approx(0.25 * widths[0]) and lost == 32
     for part, want in zip(found, wanted, strict=True):
         np.testing.assert_allclose(part, want, rtol=1e-9, atol=1e-12)
@@ -215,10 +216,11 @@ def test_where_no_pair_flies_narrower_ones_tell_the_same(square, monkeypatch):
 def test_few_pairs_close_together_tell_the_same_as_wide_ones_of_them(square, monkeypatch):
     """What they tell of a flight bent by a square is exact, so only their number matters."""
     flight, hyper, theta, at, made = square
-    few, _ = mean_correction.mean(flight, hyper, made, theta, at.latent_path(flight), rough=True)
+    lin = linearise(flight, theta, at.latent_path(flight))
+    few, _ = mean_correction.mean(flight, hyper, made, theta, lin, rough=True)
     monkeypatch.setattr(mean_correction, "_FEW", mean_correction._PAIRS)
-    many, _ = mean_correction.mean(flight, hyper, made, theta, at.latent_path(flight), rough=True)
-    wanted, _ = mean_correction.mean(flight, hyper, made, theta, at.latent_path(flight))
+    many, _ = mean_correction.mean(flight, hyper, made, theta, lin, rough=True)
+    wanted, _ = mean_correction.mean(flight, hyper, made, theta, lin)
     np.testing.assert_allclose(many.inputs, wanted.inputs, rtol=1e-6, atol=1e-12)
     assert np.abs(few.inputs - wanted.inputs).max() > 1e-3
 
@@ -235,7 +237,7 @@ def test_a_pair_that_leads_beyond_all_states_of_the_draws_is_left_out(square, mo
         return residual, defects
 
     monkeypatch.setattr(mean_correction, "stepped", far)
-    found, lost = mean_correction.mean(flight, hyper, made, theta, at.latent_path(flight))
+    found, lost = mean_correction.mean(flight, hyper, made, theta, linearise(flight, theta, at.latent_path(flight)))
     assert lost == 1 and np.abs(found.inputs).max() < 0.1
 
 
@@ -249,9 +251,9 @@ def test_a_pair_that_fails_is_left_out_and_counted(square, monkeypatch):
             defects[2, :, 5] = np.inf
         return residual, defects
 
-    whole, _ = mean_correction.mean(flight, hyper, made, theta, at.latent_path(flight))
+    whole, _ = mean_correction.mean(flight, hyper, made, theta, linearise(flight, theta, at.latent_path(flight)))
     monkeypatch.setattr(mean_correction, "stepped", lost_one)
-    found, lost = mean_correction.mean(flight, hyper, made, theta, at.latent_path(flight))
+    found, lost = mean_correction.mean(flight, hyper, made, theta, linearise(flight, theta, at.latent_path(flight)))
     assert lost == 1 and np.isfinite(found.inputs).all()
     off = np.abs(np.asarray(found.inputs) - np.asarray(whole.inputs))
     assert 0.0 < off.max() < 0.3 * np.abs(whole.inputs).max()

@@ -11,7 +11,6 @@ from __future__ import annotations
 import jax
 import numpy as np
 
-from bayeschute.core.random import stream
 from bayeschute.core.vectors import Component
 from bayeschute.likelihood.joint import (
     FlightData,
@@ -24,7 +23,7 @@ from bayeschute.likelihood.joint import (
     stepped,
 )
 from bayeschute.likelihood.kalman import Gains, MeanCorrection, Seen, innovations
-from bayeschute.likelihood.simulation_smoother import drawn, normals
+from bayeschute.likelihood.simulation_smoother import drawn, same_normals
 
 _PAIRS, _FEW = 32, 8  # pairs of trajectories: for the correction itself, and for its derivative
 _SHARES = (1.0, 0.5, 0.25, 0.125)  # of the conditional distribution's width at which pairs are tried
@@ -35,7 +34,7 @@ def mean(
     hyper: NoiseParameters,
     made: Gains,
     theta: Component,
-    latent_path: LatentPath,
+    linear: Linear,
     rough: bool = False,
 ) -> tuple[MeanCorrection, int]:
     """Mean deviation of steps and outputs over the conditional distribution of trajectory, start and disturbances.
@@ -50,7 +49,7 @@ def mean(
         hyper: Noise parameters.
         made: The filter of the flight linearised along the path.
         theta: Parameters (P,).
-        latent_path: The conditional optimum, with its path.
+        linear: The flight linearised there, along the conditional optimum.
         rough: Few pairs, close together: sufficient for derivatives of the correction.
 
     Returns:
@@ -59,15 +58,16 @@ def mean(
     Raises:
         FloatingPointError: If at some sample fewer than half remain at every width.
     """
+    latent_path = linear.latent_path
     pairs, shares = (_FEW, _SHARES[2:]) if rough else (_PAIRS, _SHARES)
     (samples, states), outputs = np.shape(latent_path.path), np.shape(flight.observed)[1]
     blank = Seen(np.zeros((samples, outputs, pairs)), np.zeros((samples, states, pairs)))
-    z = normals(flight, pairs, stream(0, "pairs of the mean flight"))
+    z = same_normals(flight, pairs, "pairs of the mean flight")
     off = drawn(flight, hyper, made, blank, z)
     by = latent_path_of(flight, hyper, off.unknowns)
     wide, lost = np.repeat(np.asarray(theta)[:, None], 2 * pairs, axis=1), 0
     path = np.repeat(np.asarray(latent_path.path)[..., None], 2 * pairs, axis=2)
-    still = [np.asarray(a)[..., None] for a in stepped(flight, theta, latent_path)]
+    still = [np.asarray(a)[..., None] for a in (linear.residual, linear.defects)]
     for share in shares:
         start, error = (
             np.concatenate([m[..., None] + share * d, m[..., None] - share * d], axis=-1)

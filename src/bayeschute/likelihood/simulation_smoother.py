@@ -7,12 +7,14 @@ small where the draw itself grows without bound, as for an unstable flight.
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from bayeschute.core.random import stream
 from bayeschute.core.vectors import Component
 from bayeschute.likelihood.joint import FlightData, NoiseParameters, Unknowns
 from bayeschute.likelihood.kalman import Gains, Seen, backward, forward
@@ -36,8 +38,23 @@ class Drawn(NamedTuple):
 
 def normals(flight: FlightData, draws: int, rng: np.random.Generator) -> Normals:
     """Numbers for `drawn`."""
+    return Normals(*(rng.standard_normal((*shape, draws)) for shape in _shapes(flight)))
+
+
+def _shapes(flight: FlightData) -> tuple[tuple[int, ...], ...]:
+    """Of one draw of `Normals`."""
     t, c = np.shape(flight.observed)
-    shapes = ((flight.starts,), (t, flight.latent.size), (t, c), (t, c))
+    return (flight.starts,), (t, flight.latent.size), (t, c), (t, c)
+
+
+def same_normals(flight: FlightData, draws: int, name: str) -> Normals:
+    """Numbers for `drawn` that are the same in every call, by the name of their random stream; not to be changed."""
+    return _of_stream(_shapes(flight), draws, name)
+
+
+@lru_cache(maxsize=8)
+def _of_stream(shapes: tuple[tuple[int, ...], ...], draws: int, name: str) -> Normals:
+    rng = stream(0, name)
     return Normals(*(rng.standard_normal((*shape, draws)) for shape in shapes))
 
 

@@ -156,8 +156,8 @@ def _along(flight: FlightData, hyper: NoiseParameters, theta: Array, at: Lifted,
     """A flight about its conditional optimum."""
     slope, known_slope, made = _about(flight, hyper, linear)
     aside = jax.tree.map(lambda a: np.zeros(np.shape(a)), slope)
-    mean, lost = mean_correction.mean(flight, hyper, made, theta, linear.latent_path)
-    rough, _ = mean_correction.mean(flight, hyper, made, theta, linear.latent_path, rough=True)
+    mean, lost = mean_correction.mean(flight, hyper, made, theta, linear)
+    rough, _ = mean_correction.mean(flight, hyper, made, theta, linear, rough=True)
     known = disturbed(linear.steps, linear.latent_path)
     unit = innovations(made, *as_seen(linear).less(mean))
     return Linearisation(theta, at, slope, aside, known, known_slope, mean, rough, lost, linear, made, unit)
