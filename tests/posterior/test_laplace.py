@@ -390,7 +390,7 @@ def test_numpyro_is_told_the_same(gusty):
 def _jump(monkeypatch, up, down):
     """Two axes of a flight of one output: relative covariances at the ends of the second, to either side."""
 
-    def at_all(marginal, points):
+    def at_all(marginal, points, most):
         sign = np.sign(points.sum(axis=1))
         second = np.abs(points[:, 1]) > 0.0
         sizes = np.where(second, np.where(sign > 0, up, down), 1.1)
