@@ -189,3 +189,15 @@ def test_a_flight_without_a_study_has_priors_of_its_own_risers_and_terms_of_its_
     assert made.structure.axial == ("1", "alpha^2", "alpha^4")
     assert "c" not in made.structure.transverse and "repulsion(0.8)" not in made.structure.transverse
     assert {"e", "side*e", "e*(e.rate)"} <= set(made.structure.transverse)
+
+
+def test_a_flight_without_a_study_has_a_prior_of_its_own_capsule_s_drag_and_none_beside_a_table():
+    whole = bc.Study.example().flights[0].vehicle
+    draggy = whole.model_copy(update={"capsule": whole.capsule.model_copy(update={"axial_force": -0.5})})
+    given = usual_study("cluster", draggy).priors.given
+    assert (given.capsule_axial_force.mean, given.capsule_axial_force.sd) == (-0.5, 0.3)
+    tabled = {"axial_force": None, "normal_force_slope": None, "pitch_moment_slope": None, "table": "any"}
+    with_table = whole.model_copy(update={"capsule": whole.capsule.model_copy(update=tabled)})
+    given = usual_study("cluster", with_table).priors.given
+    assert given.capsule_axial_force is None and given.capsule_pitch_moment_slope is None
+    assert given.capsule_pitch_damping is not None and given.capsule_inertia_factor_y is not None

@@ -20,7 +20,7 @@ from bayeschute.records.plausibility.verdict import Verdict
 from bayeschute.study.plausible import axes_said, judge, noise_told, told, warned, window_used
 from bayeschute.study.schema.belief_schema import NoiseTable
 from bayeschute.study.schema.columns import check_columns, tells_columns
-from bayeschute.study.schema.crosscheck import as_far_as_known, check_span, check_vehicles, crosscheck
+from bayeschute.study.schema.crosscheck import OF_NO_TABLE, as_far_as_known, check_span, check_vehicles, crosscheck
 from bayeschute.study.schema.draft import Draft
 from bayeschute.study.schema.reading.strict import UnknownValueError, part_of
 from bayeschute.study.schema.schema_faults import validated
@@ -323,7 +323,8 @@ def usual_study(model: str, vehicle: Vehicle | None = None) -> Study:
 
     Args:
         model: ``cluster`` or ``descent``.
-        vehicle: Priors of the risers are then about its values, and a single canopy has no terms of a neighbour.
+        vehicle: Priors of risers and of the capsule's drag are then about its values, those of what a table of the
+            capsule tells are left out, and a single canopy has no terms of a neighbour.
     """
     study = _read_study(template(f"{model}.toml"), None).study  # its record is the user's, and not there
     assert study is not None
@@ -333,14 +334,16 @@ def usual_study(model: str, vehicle: Vehicle | None = None) -> Study:
 
 def _of_vehicle(study: Study, vehicle: Vehicle) -> Study:
     """The study with the priors and candidate terms that suit a vehicle."""
-    given, risers, structure = study.priors.given, vehicle.risers, study.structure
+    given, risers, capsule, structure = study.priors.given, vehicle.risers, vehicle.capsule, study.structure
     told: dict[str, Any] = {
         "riser_stiffness": {"median": risers.stiffness},
         "riser_damping": {"median": risers.damping},
+        "capsule_axial_force": {"mean": capsule.axial_force},
     }
     if given.riser_length is not None and risers.length != given.riser_length.mean:
         told["riser_length"] = {"mean": risers.length, "sd": max(_LENGTH_SHARE * risers.length, _LENGTH_LEAST)}
     priors = {name: getattr(given, name).model_copy(update=values) for name, values in told.items()}
+    priors |= dict.fromkeys(OF_NO_TABLE) if capsule.table is not None else {}
     if structure is not None and vehicle.canopies.number == 1:
         alone = [tuple(t for t in terms if not is_pairwise(t)) for terms in (structure.axial, structure.transverse)]
         structure = structure.model_copy(update=dict(zip(("axial", "transverse"), alone, strict=True)))

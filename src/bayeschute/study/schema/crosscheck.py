@@ -28,7 +28,8 @@ _OF_CHANNELS = {  # the channel by which a parameter of its instrument is found
     "canopy_position_bias": "canopy_position",
     "capsule_attitude_bias": "capsule_attitude",
 }
-_OF_NO_TABLE = ("capsule_axial_force", "capsule_normal_force_slope", "capsule_pitch_moment_slope")
+OF_NO_TABLE = ("capsule_axial_force", "capsule_normal_force_slope", "capsule_pitch_moment_slope")
+"""Parameters that a capsule with a table of coefficients has not."""
 _CLUSTER_ONLY = (
     "canopy_position", "capsule_velocity", "capsule_attitude", "swing_angle", "riser_tension", "canopy_velocity"
 )  # fmt: skip
@@ -130,7 +131,7 @@ def _check_capsule(draft: Draft) -> Iterator[Fault]:
     priors: PriorsTable | None = draft.tables.get("priors")
     if priors is None or draft.vehicle is None or draft.vehicle.capsule.table is None:
         return
-    for name in _OF_NO_TABLE:
+    for name in OF_NO_TABLE:
         if getattr(priors.given, name) is not None:
             got = "a prior of what the vehicle's [capsule.table] tells"
             yield Fault(draft.at("priors", "given", name), got, "none", "Remove it, or the table.")
