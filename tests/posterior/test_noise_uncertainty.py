@@ -103,12 +103,12 @@ def test_law_spread_of_matrices_that_are_known(monkeypatch):
     scale = np.tril(rng.standard_normal((3, 3))) + 2.0 * np.eye(3)
     inverse, covariance = np.linalg.inv(scale), np.array([[0.5, 0.2], [0.2, 0.3]])
 
-    def conditional(flight, law, linear):
+    def information(flight, law, linear):
         square = law[0] ** 2 * bent[0] + law[1] ** 2 * bent[1] + law[0] * law[1] * bent[2]
         precision = inverse.T @ scipy.linalg.expm(np.tensordot(law, parts, 1) + square) @ inverse
-        return SimpleNamespace(matrix=linear * (precision - np.eye(3) / prior**2))
+        return linear * (precision - np.eye(3) / prior**2)
 
-    monkeypatch.setattr(noise_uncertainty, "conditional", conditional)
+    monkeypatch.setattr(noise_uncertainty, "_information", information)
     monkeypatch.setattr(noise_uncertainty, "to_vector", lambda law: law)
     monkeypatch.setattr(noise_uncertainty, "from_vector", lambda vector, like: vector)
     made = SimpleNamespace(

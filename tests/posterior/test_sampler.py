@@ -54,7 +54,7 @@ def test_good_draws_come_without_a_word(draws):
 )
 def test_a_walk_that_mixes_slowly_is_made_as_long_as_it_takes(found, draws, slow, lengths, monkeypatch):
     verdicts, heard = iter(slow), []
-    monkeypatch.setattr(sampler, "slowness", lambda made: next(verdicts))
+    monkeypatch.setattr(sampler, "slowness", lambda made, scale: next(verdicts))
     other = sampler.sample(
         found.marginal, "nuts", CHAINS, 200, DRAWS, 2, lambda share, words: heard.append(words.split(":")[0])
     )

@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 
 from bayeschute.core.numerics import processors
 from bayeschute.core.random import stream
-from bayeschute.likelihood.joint import as_seen, linearise
+from bayeschute.likelihood.joint import FlightData, Linear, NoiseParameters, as_seen, filter_gains, linearise
+from bayeschute.likelihood.kalman import innovations
 from bayeschute.likelihood.kalman_gradient import conditional_score, from_vector, to_vector
 from bayeschute.posterior.differences import beside
-from bayeschute.posterior.joint_mode import conditional
 from bayeschute.posterior.marginal import Marginal, latent_path_at, shifted
 
 Array = NDArray[np.float64]
@@ -127,7 +127,7 @@ def noise_parameter_spread(marginal: Marginal, covariance: Array) -> tuple[Array
     def log_covariance(vector: Array) -> Array:
         hyper, matrix = from_vector(vector, marginal.hyper), prior
         for flight, along in zip(marginal.flights, marginal.along, strict=True):
-            matrix = matrix + np.asarray(conditional(flight, hyper, along.linear).matrix)
+            matrix = matrix + _information(flight, hyper, along.linear)
         values, axes = np.linalg.eigh(scale.T @ matrix @ scale)
         return np.asarray(-(axes * np.log(values)) @ axes.T)
 
@@ -136,6 +136,13 @@ def noise_parameter_spread(marginal: Marginal, covariance: Array) -> tuple[Array
     up, down = np.split(np.array(beside_it) - here, 2)
     by_column = np.linalg.solve(root.T, (0.5 * (up - down)).reshape(len(root), -1))
     return by_column.reshape(up.shape), 0.5 * np.sum(up + down, axis=0)
+
+
+def _information(flight: FlightData, hyper: NoiseParameters, linear: Linear) -> Array:
+    """Gauss-Newton matrix of a flight (P, P), start and process noise eliminated: the filter without the smoother."""
+    unit = np.asarray(innovations(filter_gains(flight, hyper, linear), *as_seen(linear)))
+    by_theta = unit.reshape(-1, unit.shape[2])[:, 1:]
+    return np.asarray(by_theta.T @ by_theta)
 
 
 def widened(xi: Array, effect: NoiseEffect, covariance: Array, seed: int) -> Array:

@@ -123,7 +123,7 @@ class _Asked:
         given = self.exact, density, self.parameters, self.chains, self.warmup, self.draws, self.seed
         made, longer = [delayed_acceptance.corrected(*given, progress=self.tell(kind))], 1
         for _ in range(_LONGER):
-            slow = slowness(made[-1])
+            slow = slowness(made[-1], np.asarray(self.marginal.scale))
             if slow <= 1.0 or longer == _LONGEST:
                 break
             longer = int(np.ceil(min(max(_SPARE * slow, 2.0) * longer, _LONGEST)))

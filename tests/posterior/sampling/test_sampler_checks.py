@@ -13,9 +13,11 @@ import bayeschute
 from bayeschute.posterior.sampling import delayed_acceptance
 from bayeschute.posterior.sampling.protocol import Draws
 from bayeschute.posterior.sampling.sampler_checks import (
+    FEWEST,
     MOST_K,
     MOST_RHAT,
     judge_rhat,
+    least_effective,
     pareto_k,
     rhat_bound,
     rhat_of,
@@ -94,15 +96,33 @@ def test_doubt_says_why():
     assert "R-hat" in why_not_trusted(_made(xi))
 
 
+def _slow(xi, *ratio):
+    return slowness(_made(xi, *ratio), np.eye(xi.shape[2]))
+
+
+def test_a_walk_is_slow_where_its_draws_tell_too_little_of_some_parameter():
+    """Draws that come eight at a time, the same in all chains in another order. Of few draws none is asked."""
+    rng = np.random.default_rng(8)
+    one = rng.standard_normal((62, 2))
+    xi = np.repeat(np.stack([rng.permutation(one) for _ in range(4)]), 8, axis=1)
+    told = least_effective(xi)
+    assert 150.0 < told < 350.0
+    assert _slow(xi) == pytest.approx(FEWEST / (0.9 * told))
+    turn = np.array([[1.0, 0.0], [1.0, 1.0]])
+    assert slowness(_made(xi), turn) == pytest.approx(FEWEST / (0.9 * least_effective(xi @ turn.T)))
+    assert _slow(xi[:, ::8]) < 1.0
+    assert _slow(rng.standard_normal((4, 500, 2))) < 0.3
+
+
 def test_a_walk_is_slow_where_its_chains_hardly_agree_though_proposals_are_good():
     rng = np.random.default_rng(6)
     xi = rng.standard_normal((4, 500, 3))
-    assert 0.0 < slowness(_made(xi)) < 1.0
+    assert 0.0 < _slow(xi) < 1.0
     xi[1, :, 2] += 0.5
-    assert slowness(_made(xi)) > 1.0
-    assert slowness(_made(xi, -1.0 * np.log(rng.random((4, 500))))) == 0.0  # more of the same would not help
+    assert _slow(xi) > 1.0
+    assert _slow(xi, -1.0 * np.log(rng.random((4, 500)))) == 0.0  # more of the same would not help
     xi[..., 2] = 1.0  # never moved
-    assert slowness(_made(xi)) == 0.0
+    assert _slow(xi) < 1.0
 
 
 def test_slowness_tells_how_many_times_as_long_a_walk_must_be():
@@ -114,7 +134,7 @@ def test_slowness_tells_how_many_times_as_long_a_walk_must_be():
         xi = rng.standard_normal((4, 500, 4))
         for i in range(1, 500):
             xi[:, i] = stay * xi[:, i - 1] + np.sqrt(1.0 - stay**2) * xi[:, i]
-        return slowness(_made(xi))
+        return _slow(xi)
 
     first = np.median([walk(1) for _ in range(10)])
     again = np.median([walk(first) for _ in range(10)])

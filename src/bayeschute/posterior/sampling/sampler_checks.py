@@ -21,9 +21,12 @@ from bayeschute.posterior.sampling.protocol import Array, Draws
 
 MOST_K = 0.7
 MOST_RHAT = 1.01
+FEWEST = 400.0
+"""Effective draws, in bulk and tails, of every parameter that a run wants."""
 _EQUAL = 0.05  # spread of log ratios up to which weights are all but the same: they cost less than 0.1 % of the draws
 _LEAST = 25  # ratios of which a tail can be fitted: ArviZ takes a fifth of few, and wants five
 _SLOW = 0.9  # of the bound on R-hat less one; what is added for the noise parameters moves it a little
+_MANY = 2.0  # times `FEWEST`: draws of which that many effective ones are asked for
 _FALSE_ALARM = 1e-3  # chance that independent draws, as many as there are, are refused by R-hat
 
 
@@ -96,22 +99,39 @@ def rhat_bound(chains: int, draws: int, parameters: int) -> float:
     return max(MOST_RHAT, float(np.sqrt(1.0 + 2.0 * max(spread - 1.0, 0.0) / draws)))
 
 
-def slowness(draws: Draws) -> float:
-    """How many times as long a walk by delayed acceptance would have to be for its chains to agree.
+def slowness(draws: Draws, scale: Array) -> float:
+    """How many times as long a walk by delayed acceptance would have to be for its chains to agree, and to tell enough.
 
     What R-hat exceeds one by falls as one over the length of a walk (Vehtari et al. 2021: its square is one plus the
-    inverse of the effective draws of a chain, nearly).
+    inverse of the effective draws of a chain, nearly). Effective draws are asked for where there are several times as
+    many draws as `FEWEST`.
 
     Args:
         draws: As of `why_not_trusted`.
+        scale: From standard coordinates to parameters (P, P).
 
     Returns:
-        At most one where chains agree; zero where proposals don't cover the density, which no length makes good.
+        At most one where a walk will do; zero where proposals don't cover the density, which no length makes good.
     """
     if not pareto_k(draws.stats["log_ratio"]) < MOST_K:
         return 0.0
-    rhat = judge_rhat(rhat_of(draws.xi), *draws.xi.shape[:2])
-    return float(np.nan_to_num((rhat.largest - 1.0) / (_SLOW * (rhat.bound - 1.0)), nan=0.0))
+    chains, length, _ = draws.xi.shape
+    rhat = judge_rhat(rhat_of(draws.xi), chains, length)
+    apart = float(np.nan_to_num((rhat.largest - 1.0) / (_SLOW * (rhat.bound - 1.0)), nan=0.0))
+    few = FEWEST / (_SLOW * least_effective(draws.xi @ scale.T)) if chains * length >= _MANY * FEWEST else 0.0
+    return max(apart, few)
+
+
+def effective_draws(theta: Array, method: str = "bulk") -> Array:
+    """Effective number of draws (chain, draw, P) of each parameter (P,); NaN of one that never moved."""
+    rows = xr.DataArray(theta, dims=("chain", "draw", "parameter"))
+    return np.asarray(arviz_stats.ess(rows, method=method), dtype=float)
+
+
+def least_effective(theta: Array) -> float:
+    """Fewest effective draws, in bulk or tails, of any parameter of draws (chain, draw, P) that moved."""
+    sizes = np.concatenate([effective_draws(theta, method) for method in ("bulk", "tail")])
+    return float(np.nanmin(sizes)) if np.isfinite(sizes).any() else float(np.inf)
 
 
 def why_not_trusted(draws: Draws) -> str:

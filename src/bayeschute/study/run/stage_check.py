@@ -17,7 +17,7 @@ from bayeschute.likelihood.kalman import Seen, innovations
 from bayeschute.posterior.assess.identifiability_result import FitIdentifiability
 from bayeschute.posterior.fit.correction_fit import MOST_SHIFT
 from bayeschute.posterior.marginal import Linearisation
-from bayeschute.posterior.sampling.sampler_checks import MOST_K, judge_rhat
+from bayeschute.posterior.sampling.sampler_checks import FEWEST, MOST_K, judge_rhat
 from bayeschute.posterior.score_dispersion import Dispersion, dispersion, parts_of
 from bayeschute.prediction.predictive_checks import verdict
 from bayeschute.study.assembly import assemble
@@ -32,7 +32,6 @@ from bayeschute.study.run.stage_identifiability import of_fit
 Array = NDArray[np.float64]
 Checks = dict[str, dict[str, Any]]
 """By name: whether it passed, value, bound and what they are."""
-_LEAST_DRAWS = 400.0  # effective, of every parameter
 _FAR_DRAWS = 2.0  # standard deviations: farther off, draws are not about the mode that was found
 
 
@@ -220,7 +219,7 @@ def _mixing(job: Job) -> _Mixing:
     for kind, sizes in (("bulk", bulk), ("tail", tail)):
         least = min(sizes.values())
         detail = f"smallest {kind} effective sample size of any parameter"
-        checks[f"ess_{kind}"] = _check(least, _LEAST_DRAWS, least > _LEAST_DRAWS, detail)
+        checks[f"ess_{kind}"] = _check(least, FEWEST, least > FEWEST, detail)
     return _Mixing(rhat, bulk, tail, checks | divergences_check(stats))
 
 
