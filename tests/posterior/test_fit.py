@@ -17,6 +17,7 @@ from bayeschute.posterior.fit import joint_fit, laplace_fit, marginal_mode
 from bayeschute.posterior.marginal import Quadratic, log_density
 from bayeschute.posterior.mode_checks import Profile
 from bayeschute.posterior.noise_evidence import NoisePrior
+from bayeschute.posterior.score_dispersion import Dispersion
 
 
 def test_found(found, descent):
@@ -455,8 +456,8 @@ def test_places_far_from_the_mode_are_passed_by_without_corners(found, descent, 
 
 def test_parts_that_disagree_widen_the_posterior_unless_a_classical_method_is_wanted(found, descent, monkeypatch):
     settled = joint_fit.JointFit(found.optimum, found.hyper, found.evidence)
-    plain = laplace_fit.dispersion(np.zeros((12, 1)), np.full((12, 1, 1), 1.0 / 12.0))
-    wide = plain._replace(ratio=4.0, bound=1.5, widening=np.log([[4.0]]))
+    plain = Dispersion(1.0, 1.5, 1.0, np.zeros((1, 1)))
+    wide = Dispersion(4.0, 1.5, 4.0, np.log([[4.0]]))
     made = {}
     for name, parts, widen in (("plain", plain, True), ("wide", wide, True), ("classical", wide, False)):
         monkeypatch.setattr(laplace_fit, "dispersion", lambda *given, parts=parts: parts)
@@ -468,4 +469,4 @@ def test_parts_that_disagree_widen_the_posterior_unless_a_classical_method_is_wa
     np.testing.assert_allclose(effects["classical"].excess, effects["plain"].excess, atol=1e-9)
     still = np.zeros(effects["wide"].slope.shape[1])
     ratio = effects["wide"].carried(np.ones(1), still) / effects["plain"].carried(np.ones(1), still)
-    assert ratio[0] == pytest.approx(2.0) and made["classical"].dispersion.widens
+    assert ratio[0] == pytest.approx(2.0) and made["classical"].dispersion.disagree

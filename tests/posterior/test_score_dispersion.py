@@ -32,9 +32,38 @@ def test_the_ratio_of_a_right_model_is_about_one_and_seldom_above_its_bound():
     found = [dispersion(*_posterior(np.random.default_rng(seed))) for seed in range(400)]
     ratios = np.array([one.ratio for one in found])
     assert 0.95 < ratios.mean() < 1.2  # the largest of three beside its bound: each is one on average
-    beyond = sum(one.widens for one in found)
+    beyond = sum(one.disagree for one in found)
     assert 1 <= beyond <= 12  # of 400 at 1 %: more in one of 1,000 cases
-    assert all(not one.widening.any() for one in found if not one.widens)
+    factors = np.array([one.factor for one in found])
+    assert 1.0 < factors.min() and np.median(factors) < 1.15 and np.quantile(factors, 0.9) < 1.5
+
+
+@pytest.mark.parametrize("ratio", [0.2, 0.7, 1.5, 2.0, 6.0])
+def test_the_factor_is_the_mean_over_the_posterior_of_the_share_of_information_that_counts(ratio):
+    """By quadrature over the share, for parts whose ratio has the law of chi-square at each length."""
+    parts = np.random.default_rng(2).standard_normal((PARTS, 1))
+    informations = np.full((PARTS, 1, 1), 1.0 / PARTS)
+    scores = (parts - parts.mean()) * np.sqrt(ratio / PARTS)
+    found, share = dispersion(scores, informations), np.linspace(0.0, 1.0, 200_001)[1:]
+    evidence, first = [1.0], [1.0]
+    for joined in (1, 2, 4):
+        count = PARTS // joined
+        square = float(np.sum(scores.reshape(count, joined, 1).sum(axis=1) ** 2) * count)
+        square = max(square, 0.3 * (count - 1))
+        density = chi2.pdf(share * square, count - 1) * share / chi2.pdf(square, count - 1)
+        evidence.append(np.mean(density) / 3.0)
+        first.append(np.mean(density / share) / 3.0)
+    assert found.factor == pytest.approx(sum(first) / sum(evidence), rel=1e-3)
+
+
+def test_there_is_no_ratio_at_which_the_widening_jumps():
+    scores, informations = _posterior(np.random.default_rng(5))
+    by = np.sqrt(np.linspace(0.5, 6.0, 400))
+    found = [dispersion(factor * scores, informations) for factor in by]
+    factors = np.array([one.factor for one in found])
+    assert np.all(np.diff(factors) > 0.0) and np.max(np.diff(factors)) < 0.05
+    assert found[-1].disagree and not found[0].disagree
+    assert 0.5 < found[-1].factor / found[-1].ratio < 1.0  # of the length that is worst; others say less
 
 
 def test_the_ratio_does_not_hang_on_where_the_scores_are_taken():
@@ -59,13 +88,17 @@ def test_parts_of_equal_information_give_the_law_of_chi_square(joined):
     assert found.bound == pytest.approx(chi2.ppf(1.0 - 0.01 / 3, freedom) / freedom, rel=1e-6)
 
 
-def test_widened_intervals_hold_what_drifts():
-    """The mean over parts of drifting parameters: nominal 90 % of it is held with the widening, half of it without."""
+@pytest.mark.parametrize("drift", [0.0, 0.05, 0.1, 0.15, 0.25, 0.5])
+def test_widened_intervals_hold_what_drifts(drift):
+    """The mean over parts of drifting parameters: nominal 90 % of it is held, however far they drift.
+
+    From 88 % of a right model's down to 26 % are held without the widening.
+    """
     held = {"plain": 0, "widened": 0}
-    for seed in range(300):
+    for seed in range(600):
         rng = np.random.default_rng(seed)
         slope = rng.standard_normal((PARTS, 100, 1))
-        wander = 0.25 * rng.standard_normal(PARTS)
+        wander = drift * rng.standard_normal(PARTS)
         data = slope[..., 0] * wander[:, None] + rng.standard_normal((PARTS, 100))
         information = np.einsum("btp,btq->bpq", slope, slope)
         total = float(information.sum())
@@ -74,18 +107,18 @@ def test_widened_intervals_hold_what_drifts():
         found = dispersion(score, information / total)
         for name, factor in (("plain", 1.0), ("widened", np.exp(0.5 * found.widening[0, 0]))):
             held[name] += abs(best) * np.sqrt(total) < 1.645 * factor
-    assert held["plain"] / 300 < 0.65
-    assert 0.78 < held["widened"] / 300 < 0.95  # a ratio that five parts beyond the mean tell: t has wider tails
+    assert held["plain"] / 600 < (0.92 if drift < 0.1 else 0.8 if drift < 0.2 else 0.5)
+    assert 0.86 < held["widened"] / 600 < 0.955
 
 
 def test_the_covariance_is_that_of_a_tempered_likelihood():
     scores, informations = _posterior(np.random.default_rng(1), drift=0.5, prior=400.0)
     found, total = dispersion(scores, informations), informations.sum(axis=0)
-    assert found.widens and found.ratio > 3.0
+    assert found.disagree and found.ratio > 3.0
     values, axes = np.linalg.eigh(found.widening)
     covariance = (axes * np.exp(values)) @ axes.T
-    np.testing.assert_allclose(np.linalg.inv(covariance), total / found.ratio + np.eye(SIZE) - total, atol=1e-9)
-    assert values.min() > 0.0 and np.exp(values.max()) < found.ratio  # the prior is not widened
+    np.testing.assert_allclose(np.linalg.inv(covariance), total / found.factor + np.eye(SIZE) - total, atol=1e-9)
+    assert values.min() > 0.0 and np.exp(values.max()) < found.factor  # the prior is not widened
 
 
 def test_what_the_record_does_not_tell_is_neither_counted_nor_widened():
@@ -94,7 +127,7 @@ def test_what_the_record_does_not_tell_is_neither_counted_nor_widened():
     scores = np.zeros((PARTS, 2))
     scores[:, 0] = np.tile([2.0, -2.0, 1.0, -1.0], 3)
     found = dispersion(scores, informations)
-    assert found.widens and found.widening[0, 0] == pytest.approx(np.log(found.ratio))
+    assert found.disagree and found.widening[0, 0] == pytest.approx(np.log(found.factor))
     np.testing.assert_allclose(found.widening[1], 0.0, atol=1e-12)
 
 
@@ -102,8 +135,8 @@ def test_where_one_part_tells_all_nothing_is_said():
     informations = np.zeros((PARTS, 2, 2))
     informations[2] = np.eye(2)
     found = dispersion(np.ones((PARTS, 2)), informations)
-    assert np.isnan(found.ratio) and not found.widens and not found.widening.any()
-    assert not dispersion(np.ones((PARTS, 2)), 0.0 * informations).widens  # a record that tells nothing
+    assert np.isnan(found.ratio) and not found.disagree and found.factor == 1.0 and not found.widening.any()
+    assert not dispersion(np.ones((PARTS, 2)), 0.0 * informations).disagree  # a record that tells nothing
     with pytest.raises(ValueError, match="12 parts of every record are wanted, got 7"):
         dispersion(np.ones((7, 2)), np.zeros((7, 2, 2)))
 
@@ -111,7 +144,9 @@ def test_where_one_part_tells_all_nothing_is_said():
 def test_words_name_flights_and_numbers():
     found = dispersion(*_posterior(np.random.default_rng(1), drift=0.5))
     said = told_in_words(found, ["a", "b"])
-    assert "is widened" in said and "Nothing is widened" in told_in_words(found, ["a"], widened=False)
+    assert f"{found.factor:.2g} times larger" in said and "Nothing is widened" in told_in_words(
+        found, ["a"], widened=False
+    )
     assert "Parts of a and b disagree" in said and f"{found.ratio:.2g} times" in said and f"{found.bound:.2g}" in said
 
 
@@ -124,4 +159,4 @@ def test_parts_of_a_fit_add_up_to_its_record(found):
     np.testing.assert_allclose(informations.sum(axis=0), whole.sum(axis=0))
     assert 0.5 < whole.sum() < 1.05  # the record tells nearly all
     again = dispersion(scores, informations)
-    assert again.ratio == found.dispersion.ratio and not again.widens
+    assert again.ratio == found.dispersion.ratio and not again.disagree

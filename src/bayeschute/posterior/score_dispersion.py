@@ -6,10 +6,14 @@ new after each of its time constants, so a longer record makes intervals narrowe
 one part of the record draws the parameters elsewhere than another. Scores of parts then scatter more than their
 information says, and the more so the longer the parts, if the error keeps its sign over many swings: what counts is the
 variance of the scores over the whole record (Newey and West 1987, Econometrica 55, 703-708), which long parts show and
-short parts tell more surely. So parts of three lengths are looked at, and the one that contradicts the model most is
-believed. By its ratio the information of the record is divided: a posterior with a tempered likelihood (Miller
-and Dunson 2019, J. Am. Stat. Assoc. 114, 1113-1125), which is the sandwich covariance where its middle is a multiple of
-the information. A few parts of a record tell that multiple, but no matrix.
+short parts tell more surely. So parts of three lengths are looked at.
+
+What follows is a posterior with a tempered likelihood (Miller and Dunson 2019, J. Am. Stat. Assoc. 114, 1113-1125):
+only a share of the record's information counts. It is the sandwich covariance where its middle is a multiple of the
+information; a few parts of a record tell that multiple, but no matrix. They tell the multiple itself to a third or so.
+A test that widens by it or not at all is wrong to both sides: small misfit is passed over, and what is just found is
+taken for what is. So the share is averaged over its own posterior: as probable as not it is one, otherwise anything
+below (uniform), and a length of parts tells its ratio with the law of chi-square.
 """
 
 from __future__ import annotations
@@ -20,6 +24,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
+from scipy.special import gammainc, gammaln, softmax
 from scipy.stats import chi2
 
 from bayeschute.posterior.marginal import Marginal
@@ -31,6 +36,7 @@ _JOINED = (1, 2, 4)  # neighbours that are taken as one: twelfths, sixths and th
 _LEVEL = 0.99  # least probability that no ratio is above its bound where the model is right
 _INFORMED = 0.05  # least share of the data in the precision along a direction that counts
 _LEAST = 0.1  # of the scatter that is left to parts once all agree on the parameters, below which they tell nothing
+_SMALL = 0.3  # ratios below it are taken for it: they say as little of a share below one
 
 
 class Dispersion(NamedTuple):
@@ -41,17 +47,19 @@ class Dispersion(NamedTuple):
             records have too few parts that tell of the parameters. Of the length of parts whose ratio is largest
             beside its bound.
         bound: Of that ratio. In 99 of 100 records none is above its bound where the model is right (Bonferroni).
-        widening: Logarithm of the factor on the parameters' covariance, standard coordinates (P, P); zero where the
-            ratio is below the bound.
+        factor: By which variances that the records determine are to be widened: the mean of the ratio over its
+            posterior; 1 where no part tells.
+        widening: Logarithm of the factor on the parameters' covariance that follows, standard coordinates (P, P).
     """
 
     ratio: float
     bound: float
+    factor: float
     widening: Array
 
     @property
-    def widens(self) -> bool:
-        """Whether the posterior is widened."""
+    def disagree(self) -> bool:
+        """Whether parts of the records disagree by more than chance."""
         return self.ratio > self.bound
 
 
@@ -89,15 +97,41 @@ def dispersion(scores: Array, informations: Array) -> Dispersion:
     each = np.swapaxes(whitened[None], 1, 2) @ informations @ whitened
     unit = unit - each @ unit.sum(axis=0)
     found = [_ratio(_joined(unit, count), _joined(each, count)) for count in _JOINED] if told.any() else []
-    found = [one for one in found if np.isfinite(one[0])]
-    nothing = np.zeros_like(informations[0])
+    found = [one for one in found if np.isfinite(one.value)]
     if not found:
-        return Dispersion(np.nan, np.inf, nothing)
-    ratio, bound = max(found, key=lambda one: one[0] / one[1])
-    if ratio <= bound:
-        return Dispersion(ratio, bound, nothing)
+        return Dispersion(np.nan, np.inf, 1.0, np.zeros_like(informations[0]))
+    worst = max(found, key=lambda one: one.value / one.bound)
+    factor = _expected(found)
     by_data = np.clip(shares, 0.0, 1.0)
-    return Dispersion(ratio, bound, np.asarray(-(axes * np.log(by_data / ratio + 1.0 - by_data)) @ axes.T))
+    widening = -(axes * np.log(by_data / factor + 1.0 - by_data)) @ axes.T
+    return Dispersion(worst.value, worst.bound, factor, np.asarray(widening))
+
+
+class _Ratio(NamedTuple):
+    """Of one length of parts: about chi-square over its degrees of freedom where the model is right."""
+
+    value: float
+    freedom: float
+
+    @property
+    def bound(self) -> float:
+        """Above which one of the lengths is in one of a hundred right models."""
+        return float(chi2.ppf(1.0 - (1.0 - _LEVEL) / len(_JOINED), self.freedom) / self.freedom)
+
+
+def _expected(found: Sequence[_Ratio]) -> float:
+    """Posterior mean of the true ratio, which is one or the reciprocal of a share that is uniform below one.
+
+    Given a share `u`, the likelihood of a ratio is that of a scaled chi-square, ``u^a exp(-u x)`` with half its degrees
+    of freedom and half its sum, beside that of ``u = 1``; its integrals over `u` are incomplete gamma functions. Which
+    length of parts shows the error is not known: each is as probable as another.
+    """
+    half = 0.5 * np.array([one.freedom for one in found])
+    x = half * np.maximum([one.value for one in found], _SMALL)
+    evidence = x + gammaln(half + 1.0) + np.log(gammainc(half + 1.0, x)) - (half + 1.0) * np.log(x)
+    mean = x / half * gammainc(half, x) / gammainc(half + 1.0, x)
+    weight = softmax(np.array([0.0, *(evidence - np.log(len(found)))]))
+    return float(weight @ np.array([1.0, *mean]))
 
 
 def _joined(parts: Array, count: int) -> Array:
@@ -105,25 +139,23 @@ def _joined(parts: Array, count: int) -> Array:
     return np.asarray(parts.reshape(-1, count, *parts.shape[1:]).sum(axis=1))
 
 
-def _ratio(unit: Array, each: Array) -> tuple[float, float]:
-    """Ratio and its bound of centred scores (B, P), with information (B, P, P) whose sum is the unit matrix.
+def _ratio(unit: Array, each: Array) -> _Ratio:
+    """Of centred scores (B, P), with information (B, P, P) whose sum is the unit matrix.
 
-    The ratio is about chi-square over its degrees of freedom, by mean and variance; NaN where the parts can't tell.
+    Mean and variance of their sum of squares are those of a chi-square; NaN where the parts can't tell.
     """
     count, size = unit.shape
     joint = scipy.linalg.block_diag(*each) - np.einsum("bij,cjk->bick", each, each).reshape(count * size, -1)
     expected = float(np.trace(joint))
     if expected < _LEAST * size:
-        return np.nan, np.inf
-    freedom = expected**2 / float(np.sum(joint**2))
-    level = 1.0 - (1.0 - _LEVEL) / len(_JOINED)
-    return float(np.sum(unit**2)) / expected, float(chi2.ppf(level, freedom) / freedom)
+        return _Ratio(np.nan, np.nan)
+    return _Ratio(float(np.sum(unit**2)) / expected, expected**2 / float(np.sum(joint**2)))
 
 
 def told_in_words(found: Dispersion, flights: Sequence[str], widened: bool = True) -> str:
     """What was found and done, for the notes of a run."""
     done = (
-        "The posterior is widened accordingly: variances that the record determines are that many times larger."
+        f"Variances that the record determines are {found.factor:.2g} times larger than by the model alone."
         if widened
         else "Nothing is widened, as this noise model has no latent disturbances; intervals are too narrow."
     )

@@ -10,7 +10,7 @@ from bayeschute.study.assembly.fits import Group
 from bayeschute.study.run import stage_fit
 
 FORCES = tuple(Prior(name, 0.1, 0.05, False, "1", "x") for name in ("axial[1]", "transverse[e]", "transverse[c]"))
-FOUND = SimpleNamespace(lost=(), dispersion=SimpleNamespace(widens=False))
+FOUND = SimpleNamespace(lost=(), dispersion=SimpleNamespace(disagree=False))
 
 
 def test_a_prior_that_the_flights_contradict_is_told():

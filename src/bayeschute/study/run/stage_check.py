@@ -138,9 +138,10 @@ class _Fits(NamedTuple):
             detail = (
                 "scatter of the scores of parts of the records over that by their information; 1 where the model is "
                 "right. Beyond the bound, which one right model in a hundred exceeds, parts disagree about the "
-                "parameters, and the posterior of a model with latent disturbances is widened by the ratio"
+                "parameters. Variances that the records determine are widened by the ratio to be expected "
+                f"({worst.factor:.2g}) where the model has latent disturbances"
             )
-            made["score_dispersion"] = _check(worst.ratio, worst.bound, not worst.widens, detail)
+            made["score_dispersion"] = _check(worst.ratio, worst.bound, not worst.disagree, detail)
         return made
 
 

@@ -156,7 +156,7 @@ def _notes(one: Fitted, widened: bool) -> list[str]:
                 f"{one.group.name}: the flights contradict equation error on the {kind} force; its prior is {more:.2g} "
                 "times as wide as that says."
             )
-    if one.found.dispersion.widens:
+    if one.found.dispersion.disagree:
         made.append(told_in_words(one.found.dispersion, [flight.name for flight in one.group.flights], widened))
     return made
 
