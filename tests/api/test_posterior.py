@@ -310,20 +310,23 @@ def landed(monkeypatch):
     return asked
 
 
-def test_landings_are_asked_by_campaign_and_source(known, landed, tmp_path):
+def test_landings_are_asked_by_campaign_and_source(known, landed, tmp_path, monkeypatch):
+    monkeypatch.setitem(vars(known), "trust", SimpleNamespace(words="not checked"))
     made = known.land(
         "vehicle", "winds", 10, start={"tilt": "1 deg"}, workers=3, folder=str(tmp_path), progress=print, name="n"
     )
     assert made == "landings" and landed.land == [("source", tmp_path)]
     assert landed.campaign == [(("vehicle", "winds", 10, {"tilt": "1 deg"}, 4), {"name": "n"})]
-    assert landed.source == [(("campaign", known.spec, known.files, ("mode",), 3), {"progress": print})]
+    assert landed.source == [
+        (("campaign", known.spec, known.files, ("mode",), 3), {"progress": print, "level": "not checked"})
+    ]
     known.land(seed=0)
     assert landed.campaign[1] == ((None, None, 100_000, None, 0), {}) and landed.land[1] == ("source", None)
 
 
 def test_a_flight_without_own_payload_and_wind_lands_as_its_vehicle(landed):
     study = bc.Study.example()
-    of = SimpleNamespace(spec=study.spec, files=None, failed_checks=())
+    of = SimpleNamespace(spec=study.spec, files=None, failed_checks=(), trust=SimpleNamespace(words=""))
     bare = study.flights["cdt-3-12"].changed(capsule_mass=None)
     assert bare.spec.capsule_mass is None and bare.spec.wind_profile is None
     Posterior.land(of, bare, draws=5)

@@ -467,7 +467,9 @@ class Posterior:
             tables |= {"capsule_mass": f"{own.capsule_mass!r} kg"} if own.capsule_mass is not None else {}
             vehicle = vehicle.vehicle if vehicle.vehicle != self.spec.vehicle else None
         campaign = campaign_of(vehicle, winds, draws, start, self.spec.seed if seed is None else seed, **tables)
-        source = source_of(campaign, self.spec, self.files, self.failed_checks, workers, progress=progress)
+        source = source_of(
+            campaign, self.spec, self.files, self.failed_checks, workers, progress=progress, level=self.trust.words
+        )
         return land(source, None if folder is None else Path(folder))
 
     def __repr__(self) -> str:

@@ -36,7 +36,12 @@ class Answer:
 @pytest.fixture
 def done(monkeypatch):
     """Every step, in its order, with what it was given."""
-    steps, known = [], SimpleNamespace(spec="spec", files="files", failed_checks=("rhat",))
+    steps, known = (
+        [],
+        SimpleNamespace(
+            spec="spec", files="files", failed_checks=("rhat",), trust=SimpleNamespace(words="not checked")
+        ),
+    )
     source, made = SimpleNamespace(plan="plan"), SimpleNamespace(rows="rows", name="n")
 
     def step(name, answer):
@@ -64,7 +69,7 @@ def test_without_more_it_lands_and_writes(done):
     assert asked(done, "load_campaign") == [(("c.toml", None), {})] and asked(done, "load") == [(("p.nc",), {})]
     (campaign, also, spec, data), _ = asked(done, "check_questions")[0]
     assert (campaign.landings, also, spec, data) == ("as the file says", (), "spec", None)
-    assert asked(done, "source_of") == [((campaign, "spec", "files", ("rhat",), 1, None, None), {})]
+    assert asked(done, "source_of") == [((campaign, "spec", "files", ("rhat",), 1, None, None, "not checked"), {})]
     assert asked(done, "land") == [((done.source, Path("out")), {})]
     assert asked(done, "write_landings") == [((done.made, Path("out")), {})]
     assert asked(done, "write_for_others") == [((done.known, "plan", Path("out"), "n", 0), {})]
@@ -75,7 +80,7 @@ def test_options_go_where_they_belong(done):
     land_file("p.nc", "c.toml", Path("out"), wanted, "data", print)
     assert asked(done, "load_campaign") == [(("c.toml", "data"), {})]
     (campaign, *rest), _ = asked(done, "source_of")[0]
-    assert campaign.landings == 640 and rest == ["spec", "files", ("rhat",), 3, "tcp://x", print]
+    assert campaign.landings == 640 and rest == ["spec", "files", ("rhat",), 3, "tcp://x", print, "not checked"]
     assert asked(done, "check_questions")[0][0][0].landings == 640 and asked(done, "check_questions")[0][0][3] == "data"
     assert asked(done, "write_for_others")[0][0][4] == 5
     assert LandingOptions() == (None, 1, None, (), 0)

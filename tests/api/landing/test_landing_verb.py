@@ -87,10 +87,11 @@ def test_a_source_has_the_plan_of_the_posterior(monkeypatch, sondes):
     monkeypatch.setattr(module, "workspace", workspace)
     monkeypatch.setattr(module, "plan_of", lambda campaign, job: (campaign, job))
     campaign = campaign_of(None, None, 64, None, 1)
-    made = source_of(campaign, sondes.spec, {"a": b""}, ("rhat",), 3, "tcp://x", print)
+    made = source_of(campaign, sondes.spec, {"a": b""}, ("rhat",), 3, "tcp://x", print, "not checked")
     assert opened == [(sondes.spec, {"a": b""})] and made.plan == (campaign, "job")
     assert (made.campaign, made.spec, made.files) == (campaign, sondes.spec, {"a": b""})
     assert (made.failed_checks, made.workers, made.address, made.progress) == (("rhat",), 3, "tcp://x", print)
+    assert made.level == "not checked"
     usual = source_of(campaign, sondes.spec, {})
     assert (usual.failed_checks, usual.workers, usual.address, usual.progress) == ((), 1, None, None)
 
@@ -108,12 +109,12 @@ def test_landings_are_flown_as_the_source_says(plan, monkeypatch, tmp_path):
     monkeypatch.setattr(module, "fly_campaign", lambda *given: asked.append(given) or "rows")
     monkeypatch.setattr(module, "stopping", lambda wanted: ("stopping", wanted))
     campaign = campaign_of(None, None, 640, None, 1, name="n", requirement=REQUIREMENT)
-    source = LandingSource(campaign, plan, "spec", {}, ("rhat",), 3, "tcp://x", print)
+    source = LandingSource(campaign, plan, "spec", {}, ("rhat",), 3, "tcp://x", print, "held")
     made, wanted = land(source, tmp_path), requirements_of(campaign)
     identity = identity_of(campaign, plan.models)
     assert asked == [(plan, 640, tmp_path, identity, 3, "tcp://x", print, ("stopping", wanted))]
     assert (made.name, made.rows, made.requirements, made.failed_checks) == ("n", "rows", wanted, ("rhat",))
-    assert made.source is source
+    assert made.source is source and made.level == "held"
     drawn = drawn_values(plan.models)
     assert list(made.parameters) == list(drawn)
     for name, values in drawn.items():

@@ -90,6 +90,9 @@ def test_it_is_stored_and_read(landings, tmp_path):
     back = bc.Landings.load(doubted.save(path))
     assert back.failed_checks == ("rhat", "mode") and in_words(back, [])[0] == repr(doubted)
     assert repr(doubted).endswith("0 failed; no level of trust, failed checks: rhat, mode")
+    sound = replace(landings, level="self-consistent")
+    back = bc.Landings.load(sound.save(path))
+    assert back.level == "self-consistent" and repr(back).endswith("0 failed; level of trust: self-consistent")
     other = tmp_path / "other.nc"
     xr.Dataset({"x": ("t", np.zeros(2))}).to_netcdf(other, engine="h5netcdf")
     for bad, word in ((other, "can't be read"), (tmp_path / "none.nc", "no such file")):
@@ -116,7 +119,7 @@ def test_a_flight_lands_with_its_payload_in_its_wind(monkeypatch):
     monkeypatch.setattr(module, "source_of", lambda *given, **named: None)
     monkeypatch.setattr(module, "land", lambda *given, **named: None)
     study, wind = bc.Study.example(), bc.wind_profile([0.0, 2000.0], [1.0, 2.0], [0.0, 0.0])
-    of = SimpleNamespace(spec=study.spec, files=None, failed_checks=())
+    of = SimpleNamespace(spec=study.spec, files=None, failed_checks=(), trust=SimpleNamespace(words=""))
     heavy = study.flights["cdt-3-12"].changed(name="heavy", capsule_mass=9500.0, wind=wind)
     bc.Posterior.land(of, heavy, draws=10)
     bc.Posterior.land(of, None, wind, 10, capsule_mass="9500.0 kg")
@@ -238,6 +241,9 @@ def test_an_answer_from_a_posterior_with_failed_checks_says_so(landings):
     assert (
         "no level of trust, failed checks: rhat, predictive" in found._repr_html_() and "trust" not in found.words[-1]
     )
+    sound = replace(landings, source=replace(landings.source, level="not checked"))
+    found = sound.placard(shear=["3 m/s"], landings=64)
+    assert repr(found).endswith("level of trust: not checked") and "level of trust: not checked" in found._repr_html_()
 
 
 def test_questions_need_landings_that_were_flown(landings, tmp_path):

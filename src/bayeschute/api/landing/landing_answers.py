@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import pandas as pd
 
-from bayeschute.calibration.label import without_level
+from bayeschute.calibration.label import caveat
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.landing.decisions.onset import Cell, placard_table
 from bayeschute.landing.decisions.rare import Rare
@@ -27,10 +27,12 @@ class Answer(ABC):
     Attributes:
         table: The answer.
         failed_checks: Of the posterior: with one or more, nothing here has a level of trust.
+        level: Of trust, of the posterior, as `Run.level` has it; empty: not asked.
     """
 
     table: pd.DataFrame
     failed_checks: tuple[str, ...] = field(default=(), kw_only=True)
+    level: str = field(default="", kw_only=True)
 
     @property
     @abstractmethod
@@ -43,11 +45,11 @@ class Answer(ABC):
 
     def __repr__(self) -> str:
         """All sentences, a line each."""
-        return "\n".join(filter(None, (*self.words, without_level(self.failed_checks))))
+        return "\n".join(filter(None, (*self.words, caveat(self.failed_checks, self.level))))
 
     def _repr_html_(self) -> str:
         """The table."""
-        doubt = without_level(self.failed_checks)
+        doubt = caveat(self.failed_checks, self.level)
         table = self.table.to_html(index=False, float_format=lambda x: f"{x:.3g}")
         return f"{table}<p>{escape(doubt)}</p>" if doubt else str(table)
 
@@ -116,11 +118,11 @@ class RareFailures(Answer):
     found: Mapping[str, Rare]
 
     @classmethod
-    def of(cls, found: Mapping[str, Rare], failed_checks: tuple[str, ...] = ()) -> RareFailures:
+    def of(cls, found: Mapping[str, Rare]) -> RareFailures:
         """From simulations by requirement."""
         rows = [(name, one.probability, one.variation, one.evaluations) for name, one in found.items()]
         table = pd.DataFrame(rows, columns=["requirement", "probability_not_met", "variation", "landings"])
-        return cls(table, found, failed_checks=failed_checks)
+        return cls(table, found)
 
     @property
     def words(self) -> list[str]:
@@ -141,9 +143,9 @@ class Placard(Answer):
     cells: tuple[Cell, ...]
 
     @classmethod
-    def of(cls, cells: Sequence[Cell], failed_checks: tuple[str, ...] = ()) -> Placard:
+    def of(cls, cells: Sequence[Cell]) -> Placard:
         """From cells."""
-        return cls(placard_table(cells), tuple(cells), failed_checks=failed_checks)
+        return cls(placard_table(cells), tuple(cells))
 
     @property
     def words(self) -> list[str]:

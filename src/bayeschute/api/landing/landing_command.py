@@ -70,7 +70,9 @@ def land_file(
         read = read.with_landings(wanted.landings)
     known = Posterior.load(posterior)
     check_questions(read, wanted.also, known.spec, data)
-    source = source_of(read, known.spec, known.files, known.failed_checks, wanted.workers, wanted.address, progress)
+    source = source_of(
+        read, known.spec, known.files, known.failed_checks, wanted.workers, wanted.address, progress, known.trust.words
+    )
     made = land(source, folder)
     lines = write_landings(made, folder)
     lines += write_for_others(known, source.plan, folder, made.name, wanted.jsbsim_draws)

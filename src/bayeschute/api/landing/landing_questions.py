@@ -99,7 +99,7 @@ def sensitivity(source: LandingSource, flown: Rows, samples: int = 512) -> Sensi
             made += [(name, "shapley", part, share, np.nan) for part, share in by.items()]
     source.say("shares")(1.0, f"{len(rows)} landings")
     table = pd.DataFrame(made, columns=["quantity", "kind", "source", "share", "standard_error"])
-    return Sensitivity(table, failed_checks=source.failed_checks)
+    return source.told(Sensitivity(table))
 
 
 def rare_failures(source: LandingSource, samples: int = 1000) -> RareFailures:
@@ -114,7 +114,7 @@ def rare_failures(source: LandingSource, samples: int = 1000) -> RareFailures:
         source.say("rare")(i / len(wanted), one.name)
         found[one.name] = failure(source.plan, one, samples)
     source.say("rare")(1.0, f"{len(found)} requirements")
-    return RareFailures.of(found, source.failed_checks)
+    return source.told(RareFailures.of(found))
 
 
 def wind_placard(source: LandingSource, table: PlacardTable | None = None) -> Placard:
@@ -138,7 +138,7 @@ def wind_placard(source: LandingSource, table: PlacardTable | None = None) -> Pl
 
     made = placard(source.plan, cells, requirements_of(source.campaign), fly_draws, source.say("placard"))
     source.say("placard")(1.0, f"{len(made)} cells")
-    return Placard.of(made, source.failed_checks)
+    return source.told(Placard.of(made))
 
 
 def drop_ranking(
@@ -177,7 +177,7 @@ def drop_ranking(
     source.say("design")(1.0, f"{len(after)} candidates" + (f", {len(lost)} can't be judged" if lost else ""))
     names = [name or f"parameter {i}" for i, name in enumerate(one.names)]
     ranked = ranking(slope, now, after, names, table.interval)
-    return DropRanking(ranked, table.interval, lost, failed_checks=source.failed_checks)
+    return source.told(DropRanking(ranked, table.interval, lost))
 
 
 def _candidates(campaign: Campaign, table: DesignTable, spec: Study, data: Path | str | None) -> Candidates:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bayeschute.api.landing.landing_answers import Answer
 from bayeschute.api.workspace import Files
 from bayeschute.calibration.workers import client_of, finished
 from bayeschute.core.errors import Fault, InputError
@@ -19,6 +21,7 @@ from bayeschute.study.landing_campaign.campaign_file import Campaign
 from bayeschute.study.study import Study
 
 Rows = NDArray[np.void]
+A = TypeVar("A", bound=Answer)
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +37,7 @@ class LandingSource:
         workers: Local processes.
         address: Of a Dask scheduler.
         progress: Called with a name, the share done and words.
+        level: Of trust, of the posterior, as `Run.level` has it; empty: not asked.
     """
 
     campaign: Campaign
@@ -44,6 +48,11 @@ class LandingSource:
     workers: int = 1
     address: str | None = None
     progress: Progress | None = None
+    level: str = ""
+
+    def told(self, answer: A) -> A:
+        """An answer with what the posterior lacks."""
+        return replace(answer, failed_checks=self.failed_checks, level=self.level)
 
     def say(self, name: str) -> Callable[[float, str], None]:
         """A progress function of one question."""

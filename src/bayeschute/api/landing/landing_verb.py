@@ -67,11 +67,12 @@ def source_of(
     workers: int = 1,
     address: str | None = None,
     progress: Progress | None = None,
+    level: str = "",
 ) -> LandingSource:
     """How the landings of a campaign are flown by a posterior: arguments as of `LandingSource`."""
     with workspace(spec, files) as job:
         plan = plan_of(campaign, job)
-    return LandingSource(campaign, plan, spec, files, failed_checks, workers, address, progress)
+    return LandingSource(campaign, plan, spec, files, failed_checks, workers, address, progress, level)
 
 
 def land(source: LandingSource, folder: Path | None = None) -> Landings:
@@ -87,4 +88,4 @@ def land(source: LandingSource, folder: Path | None = None) -> Landings:
         source.progress, stopping(wanted) if wanted else None,
     )  # fmt: skip
     drawn = drawn_values(plan.models)
-    return Landings(campaign.tables.name, rows, wanted, drawn, source.failed_checks, source)
+    return Landings(campaign.tables.name, rows, wanted, drawn, source.failed_checks, source, source.level)

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from bayeschute.api import html
 from bayeschute.api.quantity import central, si
-from bayeschute.calibration.label import without_level
+from bayeschute.calibration.label import caveat
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.core.files import write_whole
 from bayeschute.core.version import __version__
@@ -51,6 +51,7 @@ class Landings:
         parameters: Draws of the parameters (draw,) by name, in their own units.
         failed_checks: Of the posterior: with one or more, nothing that follows has a level of trust.
         source: How further landings are flown; None: they were read from a file.
+        level: Of trust, of the posterior, as `Run.level` has it; empty: not asked.
 
     Example:
         >>> found = landings.requirement(vertical_speed="40 ft/s", probability=0.5)
@@ -66,6 +67,7 @@ class Landings:
     parameters: Mapping[str, NDArray[np.float64]]
     failed_checks: tuple[str, ...] = ()
     source: LandingSource | None = None
+    level: str = ""
 
     @cached_property
     def table(self) -> xr.Dataset:
@@ -346,7 +348,7 @@ class Landings:
         asked = [{**one._asdict(), "limits": [tuple(limit) for limit in one.limits]} for one in self.requirements]
         said = {
             "format": _FORMAT, "name": self.name, "requirements": asked, "parameters": list(self.parameters),
-            "failed_checks": self.failed_checks,
+            "failed_checks": self.failed_checks, "level": self.level,
         }  # fmt: skip
         made.attrs = {"bayeschute_landings": json.dumps(said), "version": __version__}
         write_whole(path, lambda aside: made.to_netcdf(aside, engine="h5netcdf"))
@@ -379,13 +381,13 @@ class Landings:
             for r in said["requirements"]
         )
         drawn = {name: held[f"parameter_{i}"].values for i, name in enumerate(said["parameters"])}
-        return cls(said["name"], rows, asked, drawn, tuple(said.get("failed_checks", ())))
+        return cls(said["name"], rows, asked, drawn, tuple(said.get("failed_checks", ())), level=said.get("level", ""))
 
     def __repr__(self) -> str:
         """Campaign, landings and draws, and what their posterior lacks."""
         draws = len(np.unique(self.rows["draw"]))
         told = f"Landings of {self.name}: {len(self.rows)} with {draws} draws of the parameters, {self.failed} failed"
-        return "; ".join(filter(None, (told, without_level(self.failed_checks))))
+        return "; ".join(filter(None, (told, caveat(self.failed_checks, self.level))))
 
     def _repr_html_(self) -> str:
         """Medians and 90 % intervals as a table."""
