@@ -6,9 +6,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from tests.twins import expressions as twin
 
-from bayeschute.compiler.derivative import jacobian
+from bayeschute.compiler.derivative import jacobian, jacobian_of
 from bayeschute.compiler.graph import Graph
 from bayeschute.compiler.trace import UnknownOperationError, trace
 
@@ -31,15 +30,10 @@ def test_values_and_derivatives_are_those_of_jax(seed):
     x = np.random.default_rng(seed).uniform(-1.0, 1.0, 6)
     traced = trace(everything, (TABLE, x), ("shared", "x"))
     inputs = {"shared": TABLE, "x": x}
-    np.testing.assert_allclose(twin.evaluate(traced.graph, traced.result, inputs), everything(TABLE, x), rtol=1e-14)
+    np.testing.assert_allclose(traced.graph.evaluate(traced.result, inputs), everything(TABLE, x), rtol=1e-14)
+    np.testing.assert_array_equal(traced.value(TABLE, x), traced.graph.evaluate(traced.result, inputs))
     want = np.asarray(jax.jacfwd(everything, argnums=1)(TABLE, x))
-    got = np.zeros_like(want)
-    entries = jacobian(traced.graph, traced.result, ("x",))
-    for (i, (_, j), _), value in zip(
-        entries, twin.evaluate(traced.graph, [n for *_, n in entries], inputs), strict=True
-    ):
-        got[i, j] = value
-    np.testing.assert_allclose(got, want, rtol=1e-12, atol=1e-14)
+    np.testing.assert_allclose(jacobian_of(traced, "x", TABLE, x), want, rtol=1e-12, atol=1e-14)
 
 
 def test_ties_are_halved_and_a_branch_switched_off_counts_nothing():
@@ -49,7 +43,7 @@ def test_ties_are_halved_and_a_branch_switched_off_counts_nothing():
 
     traced = trace(lambda none, x: function(x), ((), np.zeros(2)), ("shared", "x"))
     entries = jacobian(traced.graph, traced.result, ("x",))
-    slopes = twin.evaluate(traced.graph, [n for *_, n in entries], {"x": np.zeros(2)})
+    slopes = traced.graph.evaluate([n for *_, n in entries], {"x": np.zeros(2)})
     assert {(i, j): float(s) for (i, (_, j), _), s in zip(entries, slopes, strict=True)} == {
         (0, 1): 0.5,
         (1, 1): 0.5,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.twins import expressions as twin
 
 from bayeschute.compiler.emit import Code
 from bayeschute.compiler.graph import FLOAT, Graph
@@ -136,7 +135,7 @@ def test_values_are_those_of_every_node_on_its_own(lanes):
     for t, s, lane in np.ndindex(samples, states, lanes):
         given = {"shared": shared, "theta": theta[:, lane], "now": now[t], "error_now": error[t, :, lane]}
         given |= {"x": x[t, s, :, lane], "share": [share[s]]}
-        np.testing.assert_allclose(made[t, s, :, lane], twin.evaluate(g, results, given), rtol=1e-13, atol=1e-14)
+        np.testing.assert_allclose(made[t, s, :, lane], g.evaluate(results, given), rtol=1e-13, atol=1e-14)
 
 
 def test_a_long_chain_of_operations_is_no_obstacle():
@@ -163,7 +162,7 @@ def test_operands_keep_their_sides_and_kinds():
     for given in ([3.0, 2.0], [2.0, 3.0], [-5.0, -4.5]):
         made = np.zeros(3)
         compiled(code.program("tried", ("x", "out"), (), 0))(np.array(given), made)
-        np.testing.assert_array_equal(made, twin.evaluate(g, results, {"x": given}))
+        np.testing.assert_array_equal(made, g.evaluate(results, {"x": given}))
 
 
 def test_a_result_that_is_a_constant_or_an_input_needs_no_memory():

@@ -7,7 +7,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax import lax
-from tests.twins import expressions as twin
 
 from bayeschute.compiler.trace import UnknownOperationError, trace
 
@@ -18,7 +17,7 @@ GRID = X.reshape(2, 3)
 def value(function, x=X, table=()):
     traced = trace(function, (table, x), ("shared", "x"))
     rows = {"x": np.ravel(x), "shared": np.ravel(table)}
-    return np.array(twin.evaluate(traced.graph, traced.result, rows))
+    return np.array(traced.graph.evaluate(traced.result, rows))
 
 
 ELEMENTS = {
@@ -95,7 +94,7 @@ def test_a_known_index_reads_its_row_and_a_table_behind_another_leaf_its_own():
     traced = trace(function, (leaves, np.array([1.0])), ("shared", "x"))
     held = np.concatenate([np.ravel(leaves["ab"[number]]) for number in traced.read])
     assert traced.rows == {"shared": 6, "x": 1}
-    assert twin.evaluate(traced.graph, traced.result, {"x": [1.0], "shared": held}) == [13.0, -1.0]
+    assert traced.graph.evaluate(traced.result, {"x": [1.0], "shared": held}) == [13.0, -1.0]
 
 
 def test_only_leaves_of_the_first_argument_that_are_read_have_a_place():
@@ -104,7 +103,7 @@ def test_only_leaves_of_the_first_argument_that_are_read_have_a_place():
     traced = trace(lambda t, x, unread: inner(t, x), (leaves, X, np.zeros(3)), ("shared", "x", "unread"))
     assert sorted(traced.read) == [1, 3] and traced.rows == {"shared": 3, "x": 6, "unread": 3}
     held = np.concatenate([np.ravel(leaves[i]) for i in traced.read])
-    assert twin.evaluate(traced.graph, traced.result, {"x": X, "shared": held}) == [X[1] * 3.0 + 4.0]
+    assert traced.graph.evaluate(traced.result, {"x": X, "shared": held}) == [X[1] * 3.0 + 4.0]
 
 
 @pytest.mark.parametrize(

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from tests.twins import small_cluster as small
 
 from bayeschute.compiler.runge_kutta import CLASSICAL, EXTENDED
 from bayeschute.core.vectors import Vec3
+from bayeschute.dynamics.cluster import state_rate
+from bayeschute.dynamics.cluster_flight import air_between
 from bayeschute.dynamics.parameters import Structure
 from bayeschute.dynamics.step_size import enough, poles, steps
 
@@ -44,6 +48,20 @@ def test_poles_of_several_parameters_stand_together():
     one, other = (poles(flight, [np.array([np.log(c)])], 13) for c in (1e5, 2e5))
     np.testing.assert_array_equal(poles(flight, [np.array([np.log(1e5)]), np.array([np.log(2e5)])], 13), [*one, *other])
     assert np.abs(other).max() > 1.5 * np.abs(one).max()
+
+
+TWO = small.flight(small.cluster(), small.start([[0.2, -0.15], [0.03, 0.0], [-1.0, -1.0]]), wind=(2.0, -1.0, 0.0))
+
+
+@pytest.mark.parametrize("flight", [FLIGHT, TWO], ids=["one canopy", "two"])
+def test_poles_are_the_eigenvalues_of_the_rate_as_jax_differentiates_it(flight):
+    flight, theta = replace(flight, names=("riser_damping",)), np.array([np.log(2e5)])
+    numbers, still = flight.numbers(theta), np.zeros(9 + 4 * flight.structure.canopies)
+    now, zero = jax.tree.map(lambda a: a[0], flight.record), jnp.zeros(3)
+    air = air_between(now, now, zero, zero, 0.0, flight.dt)
+    slope = jax.jacfwd(lambda x: state_rate(x, numbers, flight.structure, air))(flight.initial(numbers, still))
+    want, got = np.linalg.eigvals(np.asarray(slope)), poles(flight, [theta], len(still))
+    np.testing.assert_allclose(np.sort(np.abs(got)), np.sort(np.abs(want)), rtol=1e-7, atol=1e-6)
 
 
 @pytest.mark.parametrize("method", [CLASSICAL, EXTENDED], ids=["classical", "extended"])

@@ -317,6 +317,22 @@ def test_start_and_disturbances_move_states_linearly(linear, line):
         np.testing.assert_allclose(disturbed(steps, LatentPath(start[:, b], error[..., b])), made[..., b], atol=1e-14)
 
 
+def test_records_without_their_models_are_of_one_kind_and_cost_the_same(linear, descent):
+    """So what needs no model is compiled once."""
+
+    def kind(flight):
+        return jax.tree.structure(flight)
+
+    other = replace(linear.flight, model=descent.flights[0].model)
+    assert kind(linear.flight) != kind(other) and kind(linear.flight.without_model()) == kind(other.without_model())
+    residual = jnp.asarray(np.random.default_rng(3).standard_normal(np.shape(linear.flight.observed)))
+    whole, bare = (
+        joint._joint(flight, linear.hyper, residual, linear.flight.still())
+        for flight in (linear.flight, linear.flight.without_model())
+    )
+    assert whole == bare > 0.0
+
+
 def test_a_path_is_moved_by_its_change_or_as_its_model_retracts(linear):
     """A model that keeps something has the last word."""
     rng = np.random.default_rng(9)

@@ -20,7 +20,6 @@ from bayeschute.compiler.integrate import FlightModel, Steps
 from bayeschute.compiler.machine import Array, aligned
 from bayeschute.compiler.programs import LANES, Programs, opening, programs_of
 from bayeschute.compiler.runge_kutta import stage_plan
-from bayeschute.compiler.trace import Traced
 from bayeschute.core.numerics import processors
 
 _DRIVEN = ("theta", "error_now", "error_then")
@@ -135,12 +134,6 @@ def arrays_along(
     return y, reached, Steps(*parts)
 
 
-def _shared(model: Any, traced: Traced) -> Array:
-    """Numbers of a model, in the order of their group of inputs."""
-    leaves = jax.tree.leaves(model)
-    return np.concatenate([np.zeros(0), *(np.ravel(np.asarray(leaves[i], float)) for i in traced.read)])
-
-
 def _record(model: Any) -> Array:
     """Inputs at the samples (T, R)."""
     leaves = [np.asarray(leaf, float) for leaf in jax.tree.leaves(model.inputs())]
@@ -187,7 +180,7 @@ def _first_slopes(programs: Programs, model: Any, theta: Any, start: Any) -> tup
     """The first state (X,) and its derivatives by parameters (X, P) and by deviations (X, D)."""
     made, traced, size = programs.begin_slopes(), programs.first, len(programs.first.result)
     first, by_theta, by_start = aligned(size), aligned(size, np.size(theta)), aligned(size, np.size(start))
-    given = _shared(opening(model), traced), np.array(theta, float), np.array(start, float)
+    given = traced.shared(opening(model)), np.array(theta, float), np.array(start, float)
     made.call(*given, first, by_theta, by_start, aligned(made.scratch), 1, 0, 1)
     return first, by_theta, by_start
 
@@ -204,13 +197,13 @@ def _states(programs: Programs, model: Any, theta: Any, start: Any, error: Any, 
     )
     samples, size = len(error), len(programs.first.result)
     begin, first = programs.begin(lanes), aligned(stride, size)
-    shared = _shared(opening(model), programs.first)
+    shared = programs.first.shared(opening(model))
     begin.call(shared, theta, start, first, aligned(begin.scratch), stride, 0, blocks)
     made = aligned(samples, size, stride)
     made[0] = first.T
     known = made[:1].copy() if path is None else np.reshape(np.asarray(path, float), (len(path), size, count))
     known = _padded(known, stride)
-    simulate, shared, record = programs.simulate(lanes), _shared(model, programs.rate), _record(model)
+    simulate, shared, record = programs.simulate(lanes), programs.rate.shared(model), _record(model)
     plan = stage_plan(model.method, float(model.dt), model.substeps)
 
     def work(begin: int, end: int) -> None:
@@ -242,7 +235,7 @@ class _Along:
         source = _columns([np.zeros((size, sum(columns))), np.eye(size)])
         blocks, wanted = len(source), 0 if by_theta else columns[0] // LANES
         out = aligned(self.blocks * LANES, size, blocks * LANES)
-        shared = _shared(model, self.programs.rate)
+        shared = self.programs.rate.shared(model)
         plan = stage_plan(model.method, float(model.dt), model.substeps)
 
         def work(begin: int, end: int) -> None:
@@ -262,7 +255,7 @@ class _Along:
         made, traced = self.programs.observe(), self.programs.outputs
         total, count = self.blocks * LANES, len(traced.result)
         y, by_state, by_theta = (aligned(total, count, *s) for s in ((), (self.x.shape[1],), (self.theta.size,)))
-        shared, scratch = _shared(self.model, traced), aligned(made.scratch)
+        shared, scratch = traced.shared(self.model), aligned(made.scratch)
         places = shared, self.theta, self.states, self.record, y, by_state, by_theta, scratch
         made.call(*places, self.stride, 0, self.blocks)
         count = len(self.x)

@@ -9,9 +9,13 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from bayeschute.compiler.graph import FLOAT, Graph, Place
-from bayeschute.compiler.trace import UnknownOperationError
+from bayeschute.compiler.trace import Traced, UnknownOperationError
 
 Partials = list[tuple[int, int]]
 
@@ -48,6 +52,30 @@ def jacobian(graph: Graph, outputs: Sequence[int], groups: Sequence[str]) -> lis
     sinks = {~i: {node: one} for i, node in enumerate(outputs) if node in active}
     _eliminate(graph, down | sinks)
     return [(~i, graph.nodes[n].place, slope) for i, row in sinks.items() for n, slope in row.items()]
+
+
+def jacobian_of(traced: Traced, by: str, first: Any, *others: Any) -> NDArray[np.float64]:
+    """Derivatives of a traced function by one of its arguments, without compiling anything.
+
+    Args:
+        traced: The function.
+        by: The group of inputs that the argument has become.
+        first: Its first argument.
+        others: Its other arguments.
+
+    Returns:
+        Array (C, R) of C results by R inputs.
+
+    Raises:
+        UnknownOperationError: If an operation has no rule.
+    """
+    graph = traced.graph.copy()
+    entries = jacobian(graph, traced.result, (by,))
+    values = graph.evaluate([node for _, _, node in entries], traced.given(first, *others))
+    made = np.zeros((len(traced.result), traced.rows[by]))
+    for (i, (_, row), _), value in zip(entries, values, strict=True):
+        made[i, row] = value
+    return made
 
 
 def _eliminate(graph: Graph, down: dict[int, dict[int, int]]) -> None:

@@ -6,10 +6,11 @@ changes no rounding, and returns the existing node where there is one: common su
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from typing import NamedTuple
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 Place = tuple[str, int]
 SHARED = "shared"  # the group of numbers that all lanes have in common
@@ -24,6 +25,11 @@ _FOLDS: dict[str, Callable] = {
     "not": np.logical_not, "sin": np.sin, "cos": np.cos, "exp": np.exp, "log": np.log, "atan2": np.arctan2,
     "tan": np.tan, "tanh": np.tanh, "asin": np.arcsin, "acos": np.arccos, "atan": np.arctan, "sinh": np.sinh,
     "cosh": np.cosh, "pow": np.power, "copysign": np.copysign,
+}  # fmt: skip
+
+
+_UNFOLDED: dict[str, Callable] = {
+    "select": np.where, "to_float": np.float64, "to_integer": np.int64, "power_of_two": lambda a: np.ldexp(1.0, a),
 }  # fmt: skip
 
 
@@ -113,6 +119,28 @@ class Graph:
         """Operands of a node if it is this operation."""
         found = self.nodes[node]
         return found.args if found.op == op else None
+
+    def evaluate(self, wanted: Iterable[int], given: Mapping[str, NDArray[np.float64]]) -> list[Any]:
+        """Values of nodes by NumPy, one operation after the other: for what is asked once, and not worth compiling.
+
+        Args:
+            wanted: Nodes.
+            given: Each group of inputs (R,).
+        """
+        wanted, known = list(wanted), dict[int, Any]()
+        functions = _FOLDS | _UNFOLDED
+        with np.errstate(all="ignore"):
+            for number in self.needed(wanted):
+                op, args, value, (group, row) = self.nodes[number]
+                if op == "constant":
+                    known[number] = value
+                elif op == "input":
+                    known[number] = given[group][row]
+                elif op == "lookup":
+                    known[number] = given[group][row + known[args[0]]]
+                else:
+                    known[number] = functions[op](*(known[a] for a in args))
+        return [known[number] for number in wanted]
 
     def needed(self, wanted: Iterable[int]) -> list[int]:
         """All nodes that some nodes depend on, themselves included, operands first."""

@@ -34,6 +34,20 @@ class Traced(NamedTuple):
     rows: dict[str, int]
     read: list[int]
 
+    def shared(self, first: Any) -> NDArray[np.float64]:
+        """Numbers of the first argument, in the order of their group of inputs."""
+        leaves = jax.tree.leaves(first)
+        return np.concatenate([np.zeros(0), *(np.ravel(np.asarray(leaves[i], float)) for i in self.read)])
+
+    def given(self, first: Any, *others: Any) -> dict[str, NDArray[np.float64]]:
+        """All groups of inputs by arguments."""
+        flat = (np.concatenate([np.zeros(0), *map(np.ravel, jax.tree.leaves(other))]) for other in others)
+        return dict(zip(self.rows, (self.shared(first), *flat), strict=True))
+
+    def value(self, first: Any, *others: Any) -> NDArray[np.float64]:
+        """The flattened result for arguments, without compiling anything."""
+        return np.array(self.graph.evaluate(self.result, self.given(first, *others)), float)
+
 
 class _Leaf(NamedTuple):
     """A leaf of an argument, made into inputs when first read; `row` is None where that decides its place."""

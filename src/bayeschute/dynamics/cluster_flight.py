@@ -242,7 +242,10 @@ class ClusterFlight:
         """
         rows = np.array([i for i, name in enumerate(self.names) if name.startswith(_RISER)], dtype=int)
         names = tuple(self.names[i][len(_RISER) :] for i in rows)
-        given = jnp.asarray(theta)[rows], jnp.asarray(change)[rows]
+        traced = any(isinstance(a, jax.core.Tracer) for a in (theta, change))
+        made: Any = jnp if traced else np  # which compiles nothing
+        change = made.asarray(change)[rows]
+        given = made.broadcast_to(made.asarray(theta)[rows], change.shape), change
         return _retracted(x, step, self.base.risers, self.base.capsule, *given, names, self.structure.canopies)
 
     def observe(self, x: jax.Array, numbers: Cluster, now: Any) -> jax.Array:
@@ -318,7 +321,6 @@ def _retracted(
         return given.length, given.stiffness, given.damping
 
     (turned, length, rate), by = jax.jvp(kept, (jnp.moveaxis(x, 1, 0),), (jnp.moveaxis(step, 1, 0),))
-    theta = jnp.broadcast_to(theta, jnp.shape(change))
     (slack, *given), (longer, *more) = jax.jvp(risers, (theta,), (change,))
     new_slack, *new = risers(theta + change)
 

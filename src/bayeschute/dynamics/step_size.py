@@ -12,7 +12,10 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
+from bayeschute.compiler.derivative import jacobian_of
+from bayeschute.compiler.graph import SHARED
 from bayeschute.compiler.runge_kutta import CLASSICAL, EXTENDED, RungeKutta
+from bayeschute.compiler.trace import trace
 from bayeschute.dynamics.cluster import state_rate
 from bayeschute.dynamics.cluster_flight import ClusterFlight, air_between
 
@@ -31,13 +34,16 @@ class Steps(NamedTuple):
     classical: int
 
 
-@jax.jit
-def _local_jacobian(flight: ClusterFlight, theta: jax.Array, still: jax.Array) -> jax.Array:
-    x = flight.initial(flight.numbers(theta), still)
+def _initial(flight: ClusterFlight, theta: jax.Array, still: jax.Array) -> jax.Array:
+    return flight.initial(flight.numbers(theta), still)
+
+
+def _rate(flight: ClusterFlight, theta: jax.Array, x: jax.Array) -> jax.Array:
+    """In the air of the first sample."""
     now = jax.tree.map(lambda a: a[0], flight.record)
     zero = jnp.zeros(3)
     air = air_between(now, now, zero, zero, 0.0, flight.dt)
-    return jax.jacfwd(lambda s: state_rate(s, flight.numbers(theta), flight.structure, air))(x)
+    return state_rate(x, flight.numbers(theta), flight.structure, air)
 
 
 def poles(flight: ClusterFlight, thetas: Sequence[np.ndarray], deviations: int) -> NDArray[np.complex128]:
@@ -48,9 +54,11 @@ def poles(flight: ClusterFlight, thetas: Sequence[np.ndarray], deviations: int) 
         thetas: Parameters in working coordinates (P,), all together of interest.
         deviations: Number of initial deviations, all zero here.
     """
-    begun = replace(flight, record=jax.tree.map(lambda a: a[:1], flight.record))  # compiled once for all lengths
-    found = [np.linalg.eigvals(np.asarray(_local_jacobian(begun, theta, np.zeros(deviations)))) for theta in thetas]
-    return np.concatenate(found).astype(complex)
+    begun, still = replace(flight, record=jax.tree.map(lambda a: a[:1], flight.record)), np.zeros(deviations)
+    first = trace(_initial, (begun, thetas[0], still), (SHARED, "theta", "start"))
+    rate = trace(_rate, (begun, thetas[0], np.zeros(len(first.result))), (SHARED, "theta", "x"))
+    found = [jacobian_of(rate, "x", begun, theta, first.value(begun, theta, still)) for theta in thetas]
+    return np.concatenate([np.linalg.eigvals(one) for one in found]).astype(complex)
 
 
 def enough(method: RungeKutta, found: NDArray[np.complex128], dt: float, least: int = 1) -> int:

@@ -9,7 +9,7 @@ where flights are combined.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
@@ -65,6 +65,10 @@ class FlightData:
         """The same record with a model in steps that bear jolts, where the model knows any."""
         small = getattr(self.model, "in_small_steps", None)
         return self if small is None else replace(self, model=small())
+
+    def without_model(self) -> FlightData:
+        """The record alone: what needs no model is compiled once for flights of any terms."""
+        return replace(self, model=cast(FlightModel, None))
 
     def still(self) -> Unknowns:
         """Unknowns at their prior means."""

@@ -143,7 +143,7 @@ def slope(flight: FlightData, hyper: NoiseParameters, linear: Linear, done: Pass
         sums = Sums(*passes.score(done.gains, series, done.latents, done.noises))
     else:
         sums = _sums(done.gains, series, done.latents, done.noises)
-    return _by_parts(flight, hyper, sums)
+    return _by_parts(flight.without_model(), hyper, sums)
 
 
 @jax.jit
@@ -234,7 +234,7 @@ def conditional_score(
     """
     hyper = from_vector(vector, like)
     done = run(flight, hyper, linear, seen)
-    return pull(flight, vector, like, slope(flight, hyper, linear, done, np.eye(1)))
+    return pull(flight.without_model(), vector, like, slope(flight, hyper, linear, done, np.eye(1)))
 
 
 def evidence_score(
@@ -267,7 +267,7 @@ def evidence_score(
     runs = [run(flight, hyper, lin, data) for flight, lin, data in zip(flights, linear, seen, strict=True)]
     value, mix, gradient = _collected(vector, median, log_sd, tuple(runs), prior_precision)
     for flight, lin, done in zip(flights, linear, runs, strict=True):
-        gradient = gradient + pull(flight, vector, median, slope(flight, hyper, lin, done, mix))
+        gradient = gradient + pull(flight.without_model(), vector, median, slope(flight, hyper, lin, done, mix))
     return value, gradient
 
 

@@ -68,7 +68,7 @@ def drawn(flight: FlightData, hyper: NoiseParameters, made: Gains, seen: Seen, z
         seen: Data relative to a trajectory, one column per draw.
         z: From `normals`; zeros give the smoothed unknowns.
     """
-    series, inputs = _less_draw(flight, hyper, made, seen, z)
+    series, inputs = _less_draw(flight.without_model(), hyper, made, seen, z)
     _, weighted, predicted = forward(made, series, inputs, seen.inputs.shape[1])
     start, process_noise, states = backward(made, weighted, predicted)
     return Drawn(Unknowns(start + z.start, process_noise + z.process_noise), states)

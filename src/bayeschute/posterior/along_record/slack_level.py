@@ -110,7 +110,7 @@ class Level:
         made, defect, unit = [], 0.0, self.level or LEVELS[-1]
         for flight, at in zip(self.records, flights, strict=True):
             made.append(linearise(flight, theta, at.latent_path(flight), self.by_theta))
-            part = terms(flight, self.hyper, self.slack(flight, at, unit), at, made[-1])
+            part = terms(flight.without_model(), self.hyper, self.slack(flight, at, unit), at, made[-1])
             cost += float(part.data)
             merit += float(part.data) + (float(part.squares) if self.level else _PRICE * float(part.sizes))
             defect = max(defect, float(part.largest) * unit / LEVELS[-1])
