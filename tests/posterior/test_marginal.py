@@ -274,3 +274,10 @@ def test_places_where_innovations_bend_too_far_are_dear(straight):
     price = beyond + 0.025 * beyond**2
     np.testing.assert_allclose(log_density(straight, xi) - log_density(short, xi), price, rtol=1e-6)
     assert np.all(np.asarray(linear_residuals(short, xi)[1]) > 0.0)
+
+
+def test_batches_side_by_side_are_those_one_after_the_other():
+    xi = np.random.default_rng(4).standard_normal((3, 11))
+    one, other = (in_batches(lambda part: np.cumsum(part, axis=0) ** 2, xi, 4, side) for side in (False, True))
+    np.testing.assert_array_equal(one, np.cumsum(xi, axis=0) ** 2)
+    np.testing.assert_array_equal(one, other)

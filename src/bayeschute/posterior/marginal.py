@@ -12,6 +12,7 @@ standard errors, and the curvature of the exact conditional mode (`posterior.lap
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
@@ -22,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
+from bayeschute.core.numerics import processors
 from bayeschute.core.vectors import Component
 from bayeschute.likelihood import mean_correction
 from bayeschute.likelihood.joint import (
@@ -402,9 +404,17 @@ def _where_small(free: Unknowns, path: jax.Array, again: Unknowns, there: jax.Ar
 _disturbed = jax.jit(lambda linear, latent_path: disturbed(linear.steps, latent_path))
 
 
-def in_batches(function: Callable[[Array], Any], xi: Array, batch: int = BATCH) -> Any:
-    """Apply a function of (P, batch) to (P, B) in equal pieces, so that one compilation serves; last axes joined."""
+def in_batches(function: Callable[[Array], Any], xi: Array, batch: int = BATCH, side_by_side: bool = False) -> Any:
+    """Apply a function of (P, batch) to (P, B) in equal pieces, so that one compilation serves; last axes joined.
+
+    Side by side: on all processors, for a function that may be called at the same time.
+    """
     count = xi.shape[-1]
     padded = np.concatenate([xi, np.repeat(xi[..., -1:], -count % batch, axis=-1)], axis=-1)
-    pieces = [function(padded[..., i : i + batch]) for i in range(0, padded.shape[-1], batch)]
+    parts = [padded[..., i : i + batch] for i in range(0, padded.shape[-1], batch)]
+    if side_by_side:
+        with ThreadPoolExecutor(processors()) as pool:
+            pieces = list(pool.map(function, parts))
+    else:
+        pieces = [function(part) for part in parts]
     return jax.tree.map(lambda *a: np.concatenate([np.asarray(x) for x in a], axis=-1)[..., :count], *pieces)

@@ -144,10 +144,12 @@ def flight_groups(
 
         return made
 
-    def rows(function: Callable[[Array], Any], words: str, draws: NDArray[np.int_]) -> list[Any]:
+    def rows(
+        function: Callable[[Array], Any], words: str, draws: NDArray[np.int_], side_by_side: bool = False
+    ) -> list[Any]:
         """Of each flight, (chain, draw, ...)."""
         flat = xi[:, draws].reshape(-1, parameters).T
-        found = in_batches(said(function, words, flat.shape[1]), flat)
+        found = in_batches(said(function, words, flat.shape[1]), flat, side_by_side=side_by_side)
         return [np.moveaxis(a, -1, 0).reshape(chains, draws.size, *a.shape[:-1]) for a in found]
 
     clock = times or [np.arange(flight.samples, dtype=float) * float(flight.dt) for flight in flights]
@@ -162,7 +164,7 @@ def flight_groups(
 
     places = {"chain": np.arange(chains), "draw": np.arange(count)}
     observed: list[Any] = [np.where(np.asarray(f.present), np.asarray(f.observed), np.nan) for f in flights]
-    everywhere = rows(lambda part: sample_log_likelihoods(marginal, part), "log likelihood", places["draw"])
+    everywhere = rows(lambda part: sample_log_likelihoods(marginal, part), "log likelihood", places["draw"], True)
     made = {"observed_data": group(observed, _OBSERVED, {}), "log_likelihood": group(everywhere, _EACH, places)}
     if not predictions:
         return made

@@ -6,14 +6,16 @@ computed only of parameters that are sensitive to the prior: for the others the 
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bayeschute.core.numerics import processors
 from bayeschute.likelihood.priors import working
 from bayeschute.posterior.assess import identifiability
-from bayeschute.posterior.assess.identifiability import Confounding, Sensitivity
+from bayeschute.posterior.assess.identifiability import Confounding
 from bayeschute.posterior.assess.identifiability_result import (
     SENSITIVE,
     FitIdentifiability,
@@ -106,19 +108,22 @@ def _with_noise(job: Job, group: Group, stored: Stored, found: FitIdentifiabilit
 def _with_prior(job: Job, group: Group, stored: Stored, found: FitIdentifiability) -> FitIdentifiability:
     """With the power-scaling sensitivity of every parameter; a profile-likelihood interval where the prior matters."""
     scaled = identifiability.power_scaling(group.priors, stored.held, log_likelihood(job, group))
+    felt = [i for i, p in enumerate(group.priors) if scaled[p.name].prior >= SENSITIVE]
+
+    def interval(i: int) -> LikelihoodInterval:
+        ends = likelihood_interval(profile(stored.marginal, group.priors, i, rounds=ROUNDS), LEVEL)
+        return LikelihoodInterval(LEVEL, group.priors[i].unit, ends.low, ends.high)
+
+    with ThreadPoolExecutor(processors()) as pool:
+        intervals = dict(zip(felt, pool.map(interval, felt), strict=True))
     parameters = dict(found.parameters)
     for i, p in enumerate(group.priors):
-        felt: Sensitivity = scaled[p.name]
-        interval = None
-        if felt.prior >= SENSITIVE:
-            ends = likelihood_interval(profile(stored.marginal, group.priors, i, rounds=ROUNDS), LEVEL)
-            interval = LikelihoodInterval(LEVEL, p.unit, ends.low, ends.high)
-        prior, likelihood = (float(one) if np.isfinite(one) else None for one in felt)
+        prior, likelihood = (float(one) if np.isfinite(one) else None for one in scaled[p.name])
         facts = replace(
             parameters[p.name],
             prior_sensitivity=prior,
             likelihood_sensitivity=likelihood,
-            likelihood_interval=interval,
+            likelihood_interval=intervals.get(i),
         )
         parameters[p.name] = replace(facts, diagnosis=diagnosis(facts))
     return replace(found, parameters=parameters)
