@@ -67,6 +67,7 @@ REFUSED = {
     "No space left on device": RuntimeError(HDF5),
     "the memory is used up": MemoryError(),
     "The memory is used up": RuntimeError("RESOURCE_EXHAUSTED: Out of memory allocating 8 bytes"),
+    "the MEMORY is used up": RuntimeError("std::bad_alloc"),
     "THE MEMORY is used up": ImportError("_backend_agg.so: failed to map segment from shared object"),
 }
 

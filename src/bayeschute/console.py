@@ -30,7 +30,7 @@ _OF_SYSTEM = {getattr(errno, name) for name in _REFUSALS if hasattr(errno, name)
 _NUMBER = re.compile(r"\berrno = (\d+)")  # as HDF5 tells it when a file can't be closed
 _NO_MEMORY = (  # of libraries
     "RESOURCE_EXHAUSTED", "Unable to allocate", "can't start new thread", "failed to map segment",
-    "Cannot allocate memory",
+    "Cannot allocate memory", "std::bad_alloc",
 )  # fmt: skip
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import xarray as xr
@@ -10,6 +11,7 @@ from bayeschute.api.flight import Flight
 from bayeschute.api.posterior import Posterior, draws_held
 from bayeschute.calibration.label import caveat
 from bayeschute.core.files import write_whole
+from bayeschute.core.netcdf_groups import write_netcdf
 from bayeschute.report.figures.canvas import save
 from bayeschute.report.wording import quantity
 from bayeschute.study.job import Progress, write_json
@@ -68,7 +70,7 @@ def predict_file(
             said = f"met in {100 * met.met:.1f} % of {met.draws} draws ({100 * met.low:.1f} to {100 * met.high:.1f} %)"
             lines.append(f"{spec.name}: {wanted.name} {said}")
     tree = xr.DataTree.from_dict(bands)
-    write_whole(folder / "predictions.nc", lambda path: tree.to_netcdf(path, engine="h5netcdf"))
+    write_whole(folder / "predictions.nc", partial(write_netcdf, tree))
     write_json(folder / "requirements.json", rows)
     if progress is not None:
         progress("predict", 1.0, f"{len(bands)} flights")

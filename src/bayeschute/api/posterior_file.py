@@ -17,6 +17,7 @@ import xarray as xr
 from bayeschute.api.workspace import KEPT, Files, collected
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.core.files import write_whole
+from bayeschute.core.netcdf_groups import write_netcdf
 from bayeschute.core.version import __version__
 from bayeschute.study.archive import study_from_plain, study_to_plain
 from bayeschute.study.load import load_study
@@ -46,7 +47,7 @@ def write_posterior(path: Path, study: Study, data: xr.DataTree, files: Files) -
     tree[_GROUP] = xr.DataTree(stored)
 
     def write(aside: Path) -> None:
-        tree.to_netcdf(aside, engine="h5netcdf")
+        write_netcdf(tree, aside)
         seal = _SEAL + _sha256(aside, aside.stat().st_size).encode()
         with aside.open("ab") as file:
             file.write(seal)

@@ -1,8 +1,9 @@
-"""Groups of a NetCDF file, read one by one."""
+"""NetCDF files: groups are read one by one, and files written from memory."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import h5netcdf
 import xarray as xr
@@ -23,3 +24,17 @@ def load_groups(path: Path, *names: str) -> tuple[xr.Dataset, ...]:
     return tuple(
         xr.load_dataset(path, group=name, engine="h5netcdf") if name in has else xr.Dataset() for name in names
     )
+
+
+def write_netcdf(data: xr.Dataset | xr.DataTree, path: Path, **options: Any) -> None:
+    """Write a file, made whole in memory first: HDF5 that can't end a file on a full disk ends the process.
+
+    Args:
+        data: What is written.
+        path: The file.
+        options: Of `xarray`'s ``to_netcdf``.
+
+    Raises:
+        OSError: If the disk is full, or the file can't be written.
+    """
+    path.write_bytes(data.to_netcdf(None, engine="h5netcdf", **options))

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayeschute.core.errors import Fault, InputError
+from bayeschute.core.netcdf_groups import write_netcdf
 from bayeschute.core.units import factor_to_si
 from bayeschute.records.netcdf import open_netcdf
 
@@ -331,7 +332,7 @@ def write_record(ds: xr.Dataset, path: Path | str) -> Path:
     if faults:
         raise InputError(faults)
     summed = {str(name): {"fletcher32": True} for name in ds.data_vars}  # damage shows when the file is read
-    ds.to_netcdf(path, engine="h5netcdf", encoding=summed)
+    write_netcdf(ds, path, encoding=summed)
     return path
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +19,7 @@ from bayeschute.api.quantity import central, si
 from bayeschute.calibration.label import caveat
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.core.files import write_whole
+from bayeschute.core.netcdf_groups import write_netcdf
 from bayeschute.core.version import __version__
 from bayeschute.landing.decisions import requirements
 from bayeschute.landing.decisions.requirements import Judgement, Limit, Requirement, judge
@@ -351,7 +352,7 @@ class Landings:
             "failed_checks": self.failed_checks, "level": self.level,
         }  # fmt: skip
         made.attrs = {"bayeschute_landings": json.dumps(said), "version": __version__}
-        write_whole(path, lambda aside: made.to_netcdf(aside, engine="h5netcdf"))
+        write_whole(path, partial(write_netcdf, made))
         return path
 
     @classmethod

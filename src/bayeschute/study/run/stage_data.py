@@ -13,6 +13,7 @@ import xarray as xr
 from bayeschute.aero.coefficient import is_coefficient
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.core.files import write_whole
+from bayeschute.core.netcdf_groups import write_netcdf
 from bayeschute.dynamics.parameters import BIASES
 from bayeschute.likelihood.channels import fitted_channels
 from bayeschute.likelihood.priors import Prior
@@ -60,7 +61,7 @@ def flown(study: Study, flight: Flight, seed: int, quick: bool = False) -> tuple
 def write_truth(truth: xr.Dataset, path: Path) -> Path:
     """Write the true motion next to a record."""
     kept = {name: value for name, value in truth.attrs.items() if name != "repairs"}
-    truth.drop_attrs(deep=False).assign_attrs(kept).to_netcdf(path, engine="h5netcdf")
+    write_netcdf(truth.drop_attrs(deep=False).assign_attrs(kept), path)
     return path
 
 

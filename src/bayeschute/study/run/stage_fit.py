@@ -6,7 +6,6 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 from bayeschute.aero.coefficient import KINDS
 from bayeschute.core.errors import FitError
 from bayeschute.core.files import write_whole
+from bayeschute.core.netcdf_groups import write_netcdf
 from bayeschute.core.random import seed_of, stream
 from bayeschute.dynamics.cluster_flight import output_names
 from bayeschute.likelihood.joint import linearise
@@ -111,7 +111,7 @@ def store(
     chosen = [one.group for one in made]
     alone = len(chosen) == 1 and not job.study.priors.hierarchical
     tree = drawn[0].tree if alone else populations.joined(job, chosen, [one.tree for one in drawn])
-    write_whole(job.out / "posterior.nc", partial(_write_tree, tree))
+    write_whole(job.out / "posterior.nc", partial(write_netcdf, tree))
     failed = sum(one.draws.failed for one in drawn)
     latent = job.study.noise.model == "latent"
     said = [
@@ -196,7 +196,7 @@ def draw_group(job: Job, fitted: Fitted, say: Say, predictions: bool = True) -> 
             predictions, (list(study.noise.channels()), assemble.noise_parameter_names(study)),
         )  # fmt: skip
         if results:
-            write_whole(job.out / f"posterior.{kind}.nc", partial(_write_tree, tree))
+            write_whole(job.out / f"posterior.{kind}.nc", partial(write_netcdf, tree))
         else:
             save_fit(job, group, found, draws, wide)
         results.append((tree, draws))
@@ -280,7 +280,3 @@ def _found(job: Job, group: Group, say: Say) -> tuple[Group, LaplaceFit, dict[st
     widen = job.study.noise.model == "latent"
     found = marginal_fit(flights, group.priors, prior, settled, part_of(say, _SETTLED, 1.0), widen)
     return group, found, z
-
-
-def _write_tree(tree: xr.DataTree, path: Path) -> None:
-    tree.to_netcdf(path, engine="h5netcdf")

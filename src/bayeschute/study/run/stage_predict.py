@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from bayeschute.core.files import write_whole
+from bayeschute.core.netcdf_groups import write_netcdf
 from bayeschute.core.trees import load_tree, save_tree
 from bayeschute.likelihood.joint import NoiseParameters
 from bayeschute.prediction import bands, risk_files
@@ -55,10 +57,8 @@ def predict(job: Job) -> str:
         without += [name] if not any(entry["draws"] for entry in coverage[name].values()) else []
         statistics[name] = flight_statistics(prediction, counted)
         changed += [name] if one.widened_by else []
-    write_whole(
-        job.out / "predictions.nc",
-        lambda p: xr.DataTree.from_dict({f"/{k}": v for k, v in made.items()}).to_netcdf(p, engine="h5netcdf"),
-    )
+    tree = xr.DataTree.from_dict({f"/{k}": v for k, v in made.items()})
+    write_whole(job.out / "predictions.nc", partial(write_netcdf, tree))
     job.save("coverage.json", assemble.as_plain(coverage))
     (job.out / RECALIBRATION).unlink(missing_ok=True)
     if by is not None:
