@@ -54,7 +54,8 @@ def test_quickstart(tmp_path: Path):
     mean, sd = found["held"]
     assert abs(found["plain"][0] - mean) < 0.35 * sd and 0.8 < found["plain"][1] / sd < 1.25
     assert found["contraction"] > 0.95 and 0.2 < found["share"] < 0.5 and "wind" in found["partner"]
-    assert 1.0 - (sd / found["sd"]) ** 2 == pytest.approx(found["share"], abs=0.15)  # 800 draws
+    wider = 1.0 - (sd / found["sd"]) ** 2  # of 800 draws; parts of the record that disagree widen it further
+    assert found["share"] - 0.15 < wider < found["share"] + 0.3
     assert "spike" in found["kinds"]
     assert {"posterior", "prior", "log_likelihood"} <= set(found["groups"])
     assert found["widths"][1] > found["widths"][0]

@@ -56,6 +56,18 @@ def test_the_factor_is_the_mean_over_the_posterior_of_the_share_of_information_t
     assert found.factor == pytest.approx(sum(first) / sum(evidence), rel=1e-3)
 
 
+@pytest.mark.parametrize(("ratio", "factor"), [(0.1, 1.0), (0.9, 1.0), (1.0, 1.0), (1.5, 1.5), (4.0, 4.0)])
+def test_many_records_of_many_parameters_tell_the_ratio_itself(ratio, factor):
+    """And where scores scatter less than they can, nothing overflows."""
+    records, size = 40, 30
+    informations = np.repeat(np.eye(size)[None] / (PARTS * records), PARTS * records, axis=0)
+    scores = np.random.default_rng(0).standard_normal((PARTS * records, size))
+    whole = scores - scores.mean(axis=0)
+    scores = whole * np.sqrt(ratio * size * (PARTS * records - 1) / np.sum(whole**2) / (PARTS * records))
+    found = dispersion(scores, informations)
+    assert found.factor == pytest.approx(factor, rel=0.1) and np.isfinite(found.widening).all()
+
+
 def test_there_is_no_ratio_at_which_the_widening_jumps():
     scores, informations = _posterior(np.random.default_rng(5))
     by = np.sqrt(np.linspace(0.5, 6.0, 400))

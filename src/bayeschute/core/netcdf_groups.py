@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -37,4 +39,11 @@ def write_netcdf(data: xr.Dataset | xr.DataTree, path: Path, **options: Any) -> 
     Raises:
         OSError: If the disk is full, or the file can't be written.
     """
-    path.write_bytes(data.to_netcdf(None, engine="h5netcdf", **options))
+    with _no_lock_of_a_cluster():
+        path.write_bytes(data.to_netcdf(None, engine="h5netcdf", **options))
+
+
+def _no_lock_of_a_cluster() -> AbstractContextManager[Any]:
+    """A worker of a Dask cluster would ask its scheduler for a lock by the file's name, which memory has none of."""
+    dask = sys.modules.get("dask")
+    return nullcontext() if dask is None else dask.config.set(scheduler="synchronous")

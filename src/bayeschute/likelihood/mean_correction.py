@@ -62,7 +62,7 @@ def mean(
     pairs, shares = (_FEW, _SHARES[2:]) if rough else (_PAIRS, _SHARES)
     (samples, states), outputs = np.shape(latent_path.path), np.shape(flight.observed)[1]
     blank = Seen(np.zeros((samples, outputs, pairs)), np.zeros((samples, states, pairs)))
-    z = same_normals(flight, pairs, "pairs of the mean flight")
+    z = same_normals(flight, pairs)
     off = drawn(flight, hyper, made, blank, z)
     by = latent_path_of(flight, hyper, off.unknowns)
     wide, lost = np.repeat(np.asarray(theta)[:, None], 2 * pairs, axis=1), 0

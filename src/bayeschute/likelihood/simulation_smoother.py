@@ -47,14 +47,14 @@ def _shapes(flight: FlightData) -> tuple[tuple[int, ...], ...]:
     return (flight.starts,), (t, flight.latent.size), (t, c), (t, c)
 
 
-def same_normals(flight: FlightData, draws: int, name: str) -> Normals:
-    """Numbers for `drawn` that are the same in every call, by the name of their random stream; not to be changed."""
-    return _of_stream(_shapes(flight), draws, name)
+def same_normals(flight: FlightData, draws: int) -> Normals:
+    """Numbers for `drawn` that are the same in every call; not to be changed."""
+    return _of_stream(_shapes(flight), draws)
 
 
 @lru_cache(maxsize=8)
-def _of_stream(shapes: tuple[tuple[int, ...], ...], draws: int, name: str) -> Normals:
-    rng = stream(0, name)
+def _of_stream(shapes: tuple[tuple[int, ...], ...], draws: int) -> Normals:
+    rng = stream(0, "pairs of the mean flight")
     return Normals(*(rng.standard_normal((*shape, draws)) for shape in shapes))
 
 

@@ -128,8 +128,12 @@ def _expected(found: Sequence[_Ratio]) -> float:
     """
     half = 0.5 * np.array([one.freedom for one in found])
     x = half * np.maximum([one.value for one in found], _SMALL)
-    evidence = x + gammaln(half + 1.0) + np.log(gammainc(half + 1.0, x)) - (half + 1.0) * np.log(x)
-    mean = x / half * gammainc(half, x) / gammainc(half + 1.0, x)
+    below = gammainc(half + 1.0, x)
+    with np.errstate(
+        divide="ignore", invalid="ignore"
+    ):  # zero: many flights that agree all too well, for a share of one
+        evidence = x + gammaln(half + 1.0) + np.log(below) - (half + 1.0) * np.log(x)
+        mean = np.where(below > 0.0, x / half * gammainc(half, x) / below, 1.0)
     weight = softmax(np.array([0.0, *(evidence - np.log(len(found)))]))
     return float(weight @ np.array([1.0, *mean]))
 

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayeschute.core.errors import Fault, InputError
-from bayeschute.core.netcdf_groups import write_netcdf
 from bayeschute.core.units import factor_to_si
 from bayeschute.records.netcdf import open_netcdf
 
@@ -327,6 +326,8 @@ def write_record(ds: xr.Dataset, path: Path | str) -> Path:
     Raises:
         InputError: If it does not fit the schema.
     """
+    from bayeschute.core.netcdf_groups import write_netcdf
+
     path = Path(path)
     faults = validate_record(ds, str(path), {**VARIABLES, **QUANTITIES}, empty=True)
     if faults:

@@ -15,6 +15,7 @@ import pytest
 import xarray as xr
 
 from bayeschute.posterior.marginal import log_density
+from bayeschute.posterior.score_dispersion import dispersion, parts_of
 from bayeschute.study.assembly import assemble
 from bayeschute.study.assembly.fits import groups, load_fit
 from bayeschute.study.job import Job
@@ -51,7 +52,8 @@ def test_numbers_agree_with_the_draws(told, finished, job):
         assert facts["shift"] == pytest.approx((stored.held.mean() - prior.centre) / prior.scale)
         (direction,) = told[group.name]["directions"]
         assert direction["contraction"] == pytest.approx(1.0 - (stored.held.std() / prior.scale) ** 2, abs=0.01)
-        added = 1.0 - np.var(stored.held) / np.var(stored.theta)
+        misfit = np.exp(dispersion(*parts_of(stored.marginal)).widening[0, 0])  # widens too, but is none of the noise's
+        added = 1.0 - misfit * np.var(stored.held) / np.var(stored.theta)
         assert facts["noise_share"] == pytest.approx(added, abs=0.15)  # 200 draws
         assert facts["noise_correlation"] ** 2 - 1e-9 <= facts["noise_share"] < 1.0
 
