@@ -25,7 +25,7 @@ def test_found(found, descent):
     assert abs(found.optimum.theta[0] - descent.theta[0]) < 4.0 * np.sqrt(found.optimum.covariance[0, 0])
     assert found.noise_parameter_covariance.shape == (5, 5) and np.isfinite(found.evidence)
     assert np.linalg.eigvalsh(found.noise_parameter_covariance).min() > 0.0
-    slope, spread, excess = found.noise_effect
+    slope, spread, excess, _ = found.noise_effect
     assert slope.shape == (1, 5) and 0.01 < np.abs(slope).max() < 2.0
     assert spread.shape == (5, 1, 1) and 0.1 < np.abs(spread).max() < 2.5
     assert excess.shape == (1, 1) and abs(excess[0, 0]) < 0.2
@@ -467,6 +467,8 @@ def test_parts_that_disagree_widen_the_posterior_unless_a_classical_method_is_wa
     effects = {name: one.noise_effect for name, one in made.items()}
     np.testing.assert_allclose(effects["wide"].excess - effects["plain"].excess, np.log(4.0), atol=1e-9)
     np.testing.assert_allclose(effects["classical"].excess, effects["plain"].excess, atol=1e-9)
+    np.testing.assert_allclose(effects["wide"].misfit, np.log(4.0))  # known apart from the noise parameters' part
+    assert effects["classical"].misfit is None and not effects["plain"].misfit.any()
     still = np.zeros(effects["wide"].slope.shape[1])
     ratio = effects["wide"].carried(np.ones(1), still) / effects["plain"].carried(np.ones(1), still)
     assert ratio[0] == pytest.approx(2.0) and made["classical"].dispersion.disagree

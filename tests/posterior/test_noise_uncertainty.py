@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 
+from bayeschute.core.trees import load_tree, save_tree
 from bayeschute.likelihood import kalman_gradient
 from bayeschute.posterior import noise_uncertainty
 from bayeschute.posterior.joint_mode import fit
@@ -156,3 +157,13 @@ def test_joint_covariance_is_exact_for_one_noise_parameter():
     effect = NoiseEffect(np.array([[0.5], [2.0]]), (turn @ np.diag(d) @ turn.T)[None], np.zeros((2, 2)))
     wanted = turn @ np.diag(np.exp(0.5 * (d * s) ** 2)) @ turn.T + s**2 * effect.slope @ effect.slope.T
     np.testing.assert_allclose(joint_covariance(np.eye(2), effect, np.array([[s**2]])), wanted, rtol=1e-12)
+
+
+def test_an_effect_is_stored_with_the_part_of_misfit_and_read_where_that_was_not_known_apart(effect, tmp_path):
+    both = effect._replace(misfit=np.eye(2))
+    for made in (effect, both):
+        save_tree(tmp_path / "a.npz", made)
+        back = load_tree(tmp_path / "a.npz", NoiseEffect)
+        assert (back.misfit is None) == (made.misfit is None)
+        np.testing.assert_array_equal(back.excess, made.excess)
+    np.testing.assert_array_equal(back.misfit, np.eye(2))

@@ -11,7 +11,7 @@ from bayeschute.api.flight import Flight
 from bayeschute.api.posterior import Posterior, draws_held
 from bayeschute.calibration.label import caveat
 from bayeschute.core.files import write_whole
-from bayeschute.core.netcdf_groups import write_netcdf
+from bayeschute.core.netcdf_files import write_netcdf
 from bayeschute.report.figures.canvas import save
 from bayeschute.report.wording import quantity
 from bayeschute.study.job import Progress, write_json

@@ -17,7 +17,7 @@ import xarray as xr
 from bayeschute.api.workspace import KEPT, Files, collected
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.core.files import write_whole
-from bayeschute.core.netcdf_groups import write_netcdf
+from bayeschute.core.netcdf_files import write_netcdf
 from bayeschute.core.version import __version__
 from bayeschute.study.archive import study_from_plain, study_to_plain
 from bayeschute.study.load import load_study

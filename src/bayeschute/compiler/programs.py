@@ -93,7 +93,8 @@ def _observe(model: Any, theta: Any, x: Any, now: Any) -> jax.Array:
     return model.observe(x, model.numbers(theta), now)
 
 
-def _initial(model: Any, theta: Any, start: Any) -> jax.Array:
+def initial(model: Any, theta: Any, start: Any) -> jax.Array:
+    """The first state (X, ...) of a model with parameters (P, ...) and initial deviations (D, ...)."""
     return model.initial(model.numbers(theta), start)
 
 
@@ -132,7 +133,7 @@ def programs_of(model: Any, theta: Any, start: Any, error: Any) -> Programs | st
 
 def _traced(model: Any, theta: np.ndarray, start: np.ndarray, error: np.ndarray) -> Programs:
     now = jax.tree.map(lambda a: np.asarray(a, float)[0], model.inputs())
-    first = trace(_initial, (opening(model), theta, start), (SHARED, "theta", "start"))
+    first = trace(initial, (opening(model), theta, start), (SHARED, "theta", "start"))
     x = np.zeros(len(first.result))
     rate = trace(
         _rate,

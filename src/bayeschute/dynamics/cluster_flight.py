@@ -242,10 +242,10 @@ class ClusterFlight:
         """
         rows = np.array([i for i, name in enumerate(self.names) if name.startswith(_RISER)], dtype=int)
         names = tuple(self.names[i][len(_RISER) :] for i in rows)
-        traced = any(isinstance(a, jax.core.Tracer) for a in (theta, change))
-        made: Any = jnp if traced else np  # which compiles nothing
-        change = made.asarray(change)[rows]
-        given = made.broadcast_to(made.asarray(theta)[rows], change.shape), change
+        # By NumPy, which compiles nothing, where numbers are known.
+        library: Any = jnp if any(isinstance(a, jax.core.Tracer) for a in (theta, change)) else np
+        change = library.asarray(change)[rows]
+        given = library.broadcast_to(library.asarray(theta)[rows], change.shape), change
         return _retracted(x, step, self.base.risers, self.base.capsule, *given, names, self.structure.canopies)
 
     def observe(self, x: jax.Array, numbers: Cluster, now: Any) -> jax.Array:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from itertools import count
 from typing import NamedTuple
 
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 
 from bayeschute.compiler.derivative import jacobian_of
 from bayeschute.compiler.graph import SHARED
+from bayeschute.compiler.programs import initial, opening
 from bayeschute.compiler.runge_kutta import CLASSICAL, EXTENDED, RungeKutta
 from bayeschute.compiler.trace import trace
 from bayeschute.dynamics.cluster import state_rate
@@ -34,10 +34,6 @@ class Steps(NamedTuple):
     classical: int
 
 
-def _initial(flight: ClusterFlight, theta: jax.Array, still: jax.Array) -> jax.Array:
-    return flight.initial(flight.numbers(theta), still)
-
-
 def _rate(flight: ClusterFlight, theta: jax.Array, x: jax.Array) -> jax.Array:
     """In the air of the first sample."""
     now = jax.tree.map(lambda a: a[0], flight.record)
@@ -54,8 +50,8 @@ def poles(flight: ClusterFlight, thetas: Sequence[np.ndarray], deviations: int) 
         thetas: Parameters in working coordinates (P,), all together of interest.
         deviations: Number of initial deviations, all zero here.
     """
-    begun, still = replace(flight, record=jax.tree.map(lambda a: a[:1], flight.record)), np.zeros(deviations)
-    first = trace(_initial, (begun, thetas[0], still), (SHARED, "theta", "start"))
+    begun, still = opening(flight), np.zeros(deviations)
+    first = trace(initial, (begun, thetas[0], still), (SHARED, "theta", "start"))
     rate = trace(_rate, (begun, thetas[0], np.zeros(len(first.result))), (SHARED, "theta", "x"))
     found = [jacobian_of(rate, "x", begun, theta, first.value(begun, theta, still)) for theta in thetas]
     return np.concatenate([np.linalg.eigvals(one) for one in found]).astype(complex)

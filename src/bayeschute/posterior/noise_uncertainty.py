@@ -38,13 +38,14 @@ class NoiseEffect(NamedTuple):
         slope: Derivatives of its mode (P, V), from `noise_parameter_slope`.
         spread: Derivatives of the logarithm of its covariance, symmetric matrices (V, P, P), from
             `noise_parameter_spread`.
-        excess: Mean of that logarithm over the noise parameters (P, P), likewise; in a fit also what misfit adds
-            (`score_dispersion`).
+        excess: Mean of that logarithm over the noise parameters (P, P), likewise; in a fit also what misfit adds.
+        misfit: That part of it (`score_dispersion`); None: none, or not known apart.
     """
 
     slope: Array
     spread: Array
     excess: Array
+    misfit: Array | None = None
 
     @classmethod
     def none(cls, parameters: int, noise_parameters: int) -> NoiseEffect:

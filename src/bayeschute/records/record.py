@@ -326,7 +326,7 @@ def write_record(ds: xr.Dataset, path: Path | str) -> Path:
     Raises:
         InputError: If it does not fit the schema.
     """
-    from bayeschute.core.netcdf_groups import write_netcdf
+    from bayeschute.core.netcdf_files import write_netcdf
 
     path = Path(path)
     faults = validate_record(ds, str(path), {**VARIABLES, **QUANTITIES}, empty=True)

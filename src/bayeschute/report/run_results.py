@@ -13,7 +13,7 @@ import pandas as pd
 import xarray as xr
 
 from bayeschute.core.errors import Fault, InputError
-from bayeschute.core.netcdf_groups import load_groups
+from bayeschute.core.netcdf_files import load_groups
 from bayeschute.core.plain import from_plain
 from bayeschute.posterior.assess.identifiability_result import FitIdentifiability
 

@@ -19,7 +19,7 @@ from bayeschute.api.quantity import central, si
 from bayeschute.calibration.label import caveat
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.core.files import write_whole
-from bayeschute.core.netcdf_groups import write_netcdf
+from bayeschute.core.netcdf_files import write_netcdf
 from bayeschute.core.version import __version__
 from bayeschute.landing.decisions import requirements
 from bayeschute.landing.decisions.requirements import Judgement, Limit, Requirement, judge

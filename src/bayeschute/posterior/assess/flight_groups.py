@@ -164,7 +164,9 @@ def flight_groups(
 
     places = {"chain": np.arange(chains), "draw": np.arange(count)}
     observed: list[Any] = [np.where(np.asarray(f.present), np.asarray(f.observed), np.nan) for f in flights]
-    everywhere = rows(lambda part: sample_log_likelihoods(marginal, part), "log likelihood", places["draw"], True)
+    everywhere = rows(
+        lambda part: sample_log_likelihoods(marginal, part), "log likelihood", places["draw"], side_by_side=True
+    )
     made = {"observed_data": group(observed, _OBSERVED, {}), "log_likelihood": group(everywhere, _EACH, places)}
     if not predictions:
         return made

@@ -125,7 +125,9 @@ def marginal_fit(
     slope = scipy.linalg.solve_triangular(np.asarray(made.scale), scale @ slope, lower=True)
     spread, excess = noise_parameter_spread(made, known)
     agree = dispersion(*parts_of(made))
-    effect = NoiseEffect(slope, spread, excess + agree.widening if widen else excess)
+    effect = NoiseEffect(slope, spread, excess)
+    if widen:
+        effect = effect._replace(excess=excess + agree.widening, misfit=agree.widening)
     return LaplaceFit(best, hyper, made, value, known, effect, wrong, seen, agree, lost)
 
 

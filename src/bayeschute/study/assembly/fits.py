@@ -12,7 +12,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from bayeschute.aero.coefficient import terms_of
-from bayeschute.core.netcdf_groups import load_groups
+from bayeschute.core.netcdf_files import load_groups
 from bayeschute.core.trees import load_tree, save_tree
 from bayeschute.dynamics.parameters import Structure
 from bayeschute.likelihood.channels import cluster_data, descent_data

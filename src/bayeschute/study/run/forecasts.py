@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from bayeschute.calibration.workers import Lost, client_of, finished
 from bayeschute.core.errors import Fault, InputError
-from bayeschute.core.netcdf_groups import load_groups
+from bayeschute.core.netcdf_files import load_groups
 from bayeschute.core.random import seed_of, stream
 from bayeschute.likelihood.joint import FlightData, NoiseParameters
 from bayeschute.likelihood.priors import Prior, saturation_of

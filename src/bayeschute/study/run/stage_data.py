@@ -13,7 +13,7 @@ import xarray as xr
 from bayeschute.aero.coefficient import is_coefficient
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.core.files import write_whole
-from bayeschute.core.netcdf_groups import write_netcdf
+from bayeschute.core.netcdf_files import write_netcdf
 from bayeschute.dynamics.parameters import BIASES
 from bayeschute.likelihood.channels import fitted_channels
 from bayeschute.likelihood.priors import Prior

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from bayeschute.aero.coefficient import KINDS
 from bayeschute.core.errors import FitError
 from bayeschute.core.files import write_whole
-from bayeschute.core.netcdf_groups import write_netcdf
+from bayeschute.core.netcdf_files import write_netcdf
 from bayeschute.core.random import seed_of, stream
 from bayeschute.dynamics.cluster_flight import output_names
 from bayeschute.likelihood.joint import linearise

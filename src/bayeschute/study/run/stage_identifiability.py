@@ -26,7 +26,6 @@ from bayeschute.posterior.assess.identifiability_result import (
 )
 from bayeschute.posterior.assess.profile import likelihood_interval, profile
 from bayeschute.posterior.noise_uncertainty import NoiseEffect
-from bayeschute.posterior.score_dispersion import dispersion, parts_of
 from bayeschute.study import formulation
 from bayeschute.study.assembly import assemble
 from bayeschute.study.assembly.fits import Group, Stored, posterior_groups
@@ -87,10 +86,8 @@ def _with_noise(job: Job, group: Group, stored: Stored, found: FitIdentifiabilit
     labels, used = noise_labels(job)
     names = tuple(label for label, u in zip(labels, used, strict=True) if u)
     spread = stored.noise_parameter_covariance[np.ix_(used, used)]
-    slope, by_noise_parameter, excess = stored.noise_effect
-    if job.study.noise.model == "latent":  # of which a part is for parts of the records that disagree
-        excess = excess - dispersion(*parts_of(stored.marginal)).widening
-    effect = NoiseEffect(slope[:, used], by_noise_parameter[used], excess)
+    slope, by_noise_parameter, excess, misfit = stored.noise_effect
+    effect = NoiseEffect(slope[:, used], by_noise_parameter[used], excess if misfit is None else excess - misfit)
     mixed: Confounding = identifiability.confounding(
         np.asarray(stored.marginal.scale), effect, spread, group.priors, names
     )

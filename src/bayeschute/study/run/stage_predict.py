@@ -10,7 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from bayeschute.core.files import write_whole
-from bayeschute.core.netcdf_groups import write_netcdf
+from bayeschute.core.netcdf_files import write_netcdf
 from bayeschute.core.trees import load_tree, save_tree
 from bayeschute.likelihood.joint import NoiseParameters
 from bayeschute.prediction import bands, risk_files

@@ -1,4 +1,4 @@
-"""NetCDF files: groups are read one by one, and files written from memory."""
+"""NetCDF files: their groups are read one by one, and they are written from memory."""
 
 from __future__ import annotations
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from bayeschute.core.netcdf_groups import load_groups, write_netcdf
+from bayeschute.core.netcdf_files import load_groups, write_netcdf
 
 
 @pytest.fixture
@@ -48,7 +48,7 @@ def test_a_file_that_finds_no_room_is_an_error_of_the_system_and_not_the_end_of_
     """HDF5 itself, which can't close a file then, had ended in a segmentation fault."""
     program = (
         "import resource, sys, numpy as np, xarray as xr; from pathlib import Path\n"
-        "from bayeschute.core.netcdf_groups import write_netcdf\n"
+        "from bayeschute.core.netcdf_files import write_netcdf\n"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))\n"
         "data = xr.Dataset({'x': ('t', np.random.default_rng(0).standard_normal(100_000))})\n"
         "try:\n    write_netcdf(data, Path(sys.argv[1]))\nexcept OSError as error:\n    print(error.errno)\n"
