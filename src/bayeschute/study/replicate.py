@@ -27,6 +27,7 @@ from bayeschute.study.run.stage_report import flown_terms, true_values
 from bayeschute.study.study import Study
 
 Row = dict[str, Any]
+PACKAGE = Path(__file__).parents[1]
 WINDOW = 30.0  # [s] of the time since the start by which scores are split
 
 
@@ -46,7 +47,7 @@ def replicate(seed: int, study: Study, disturbance: str = "none", quick: bool = 
     try:
         row = _scored(replace(study, seed=seed), disturbance, quick)
     except Exception as error:  # any error fails this replicate only: it is counted and reported
-        frames = [f for f in traceback.extract_tb(error.__traceback__) if "bayeschute" in f.filename]
+        frames = [f for f in traceback.extract_tb(error.__traceback__) if PACKAGE in Path(f.filename).parents]
         row = {
             "ok": False,
             "error": f"{type(error).__name__} in {frames[-1].name}: {' '.join(str(error).split())}"[:500],
