@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from bayeschute.compiler.derivative import jacobian, jacobian_of
+from bayeschute.compiler.derivative import Jacobian, jacobian
 from bayeschute.compiler.graph import Graph
 from bayeschute.compiler.trace import UnknownOperationError, trace
 
@@ -33,7 +33,7 @@ def test_values_and_derivatives_are_those_of_jax(seed):
     np.testing.assert_allclose(traced.graph.evaluate(traced.result, inputs), everything(TABLE, x), rtol=1e-14)
     np.testing.assert_array_equal(traced.value(TABLE, x), traced.graph.evaluate(traced.result, inputs))
     want = np.asarray(jax.jacfwd(everything, argnums=1)(TABLE, x))
-    np.testing.assert_allclose(jacobian_of(traced, "x", TABLE, x), want, rtol=1e-12, atol=1e-14)
+    np.testing.assert_allclose(Jacobian(traced, "x").at(TABLE, x), want, rtol=1e-12, atol=1e-14)
 
 
 def test_ties_are_halved_and_a_branch_switched_off_counts_nothing():

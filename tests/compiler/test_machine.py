@@ -44,6 +44,12 @@ def test_second_process_finds_the_code(folder, monkeypatch):
     np.testing.assert_array_equal(run(), (np.arange(8) + 1.0) / 2.0)
 
 
+def test_a_function_is_made_once_in_a_process(folder, monkeypatch):
+    run()
+    monkeypatch.setattr(machine, "_load", lambda *_: pytest.fail("made again"))
+    np.testing.assert_array_equal(run(), (np.arange(8) + 1.0) / 2.0)
+
+
 def test_other_program_has_its_own_file(folder):
     run(8), run(1), run(8)
     assert len(list(folder.iterdir())) == 2

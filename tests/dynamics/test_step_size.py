@@ -12,6 +12,7 @@ from tests.twins import small_cluster as small
 
 from bayeschute.compiler.runge_kutta import CLASSICAL, EXTENDED
 from bayeschute.core.vectors import Vec3
+from bayeschute.dynamics import step_size
 from bayeschute.dynamics.cluster import state_rate
 from bayeschute.dynamics.cluster_flight import air_between
 from bayeschute.dynamics.parameters import Structure
@@ -41,6 +42,20 @@ def test_the_fastest_pole_is_the_axial_one_of_a_damped_riser(pole):
     u = 1 / 9463.0 + 1 / m
     drag = 1.1 * 981.8 * 1.8 * 10.0 / m
     assert pole == pytest.approx(-np.roots([1.0, 1.46e5 * u, 2.19e5 * u]).min() + drag / (m * u), rel=0.01)
+
+
+def test_flights_of_one_kind_share_their_expressions_not_their_numbers(monkeypatch):
+    theta = [np.array([np.log(1e5)])]
+    one = replace(FLIGHT, names=("riser_damping",))
+    heavy = replace(one.base, capsule=replace(one.base.capsule, mass=2.0 * one.base.capsule.mass))
+    other = replace(one, base=heavy)
+    poles(one, theta, 13)
+    with monkeypatch.context() as patched:
+        patched.setattr(step_size, "trace", lambda *_: pytest.fail("traced again"))
+        shared = poles(other, theta, 13)
+    monkeypatch.setattr(step_size, "_known", {})
+    np.testing.assert_array_equal(shared, poles(other, theta, 13))
+    assert not np.array_equal(shared, poles(one, theta, 13))
 
 
 def test_poles_of_several_parameters_stand_together():

@@ -54,28 +54,31 @@ def jacobian(graph: Graph, outputs: Sequence[int], groups: Sequence[str]) -> lis
     return [(~i, graph.nodes[n].place, slope) for i, row in sinks.items() for n, slope in row.items()]
 
 
-def jacobian_of(traced: Traced, by: str, first: Any, *others: Any) -> NDArray[np.float64]:
-    """Derivatives of a traced function by one of its arguments, without compiling anything.
+class Jacobian:
+    """Derivatives of a traced function by one of its arguments, without compiling anything."""
 
-    Args:
-        traced: The function.
-        by: The group of inputs that the argument has become.
-        first: Its first argument.
-        others: Its other arguments.
+    def __init__(self, traced: Traced, by: str) -> None:
+        """Differentiate.
 
-    Returns:
-        Array (C, R) of C results by R inputs.
+        Args:
+            traced: The function.
+            by: The group of inputs that the argument has become.
 
-    Raises:
-        UnknownOperationError: If an operation has no rule.
-    """
-    graph = traced.graph.copy()
-    entries = jacobian(graph, traced.result, (by,))
-    values = graph.evaluate([node for _, _, node in entries], traced.given(first, *others))
-    made = np.zeros((len(traced.result), traced.rows[by]))
-    for (i, (_, row), _), value in zip(entries, values, strict=True):
-        made[i, row] = value
-    return made
+        Raises:
+            UnknownOperationError: If an operation has no rule.
+        """
+        self._traced, self._graph = traced, traced.graph.copy()
+        self._entries = jacobian(self._graph, traced.result, (by,))
+        self._shape = len(traced.result), traced.rows[by]
+
+    def at(self, first: Any, *others: Any) -> NDArray[np.float64]:
+        """Array (C, R) of C results by R inputs, at the function's arguments."""
+        given = self._traced.given(first, *others)
+        values = self._graph.evaluate([node for _, _, node in self._entries], given)
+        made = np.zeros(self._shape)
+        for (i, (_, row), _), value in zip(self._entries, values, strict=True):
+            made[i, row] = value
+        return made
 
 
 def _eliminate(graph: Graph, down: dict[int, dict[int, int]]) -> None:

@@ -19,7 +19,7 @@ from bayeschute.core.files import write_whole
 from bayeschute.core.numerics import compilation_cache
 
 Array = NDArray[np.float64]
-_loaded: dict[str, tuple[Callable, Any]] = {}
+_loaded: dict[tuple[str, bool], tuple[Callable, Any]] = {}  # by a program's text, and whether it is tuned
 _lock = threading.Lock()
 
 
@@ -43,29 +43,34 @@ def compiled(program: Program, tuned: bool = False) -> Callable[..., None]:
         program: The program.
         tuned: Spend time on LLVM's own optimisations: pays for a single lane, whose operations it pairs.
     """
-    import llvmlite.binding as llvm
-
     with _lock:
-        llvm.initialize_native_target()
-        llvm.initialize_native_asmprinter()
-        host = llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
-        machine = llvm.Target.from_default_triple().create_target_machine(*host, opt=3, jit=True, reloc="pic")
-        made_of = (program.text, str(tuned), str(llvm.llvm_version_info), machine.triple, *host)
-        key = hashlib.sha256("\0".join(made_of).encode()).hexdigest()
-        if key not in _loaded:
-            code = _kept(key) or _keep(key, _object(program, machine, tuned))
-            engine = llvm.create_lljit_compiler(machine)
-            builder = llvm.JITLibraryBuilder().add_object_img(code).add_current_process()
-            library = builder.export_symbol(program.name).link(engine, key)
-            types = [ctypes.c_void_p] * len(program.pointers) + [ctypes.c_int64] * len(program.sizes)
-            _loaded[key] = ctypes.CFUNCTYPE(None, *types)(library[program.name]), (engine, library)
-        function = _loaded[key][0]
+        if (program.text, tuned) not in _loaded:
+            _loaded[program.text, tuned] = _load(program, tuned)
+        function = _loaded[program.text, tuned][0]
 
     def call(*given: Array | int) -> None:
         assert all(a.flags.c_contiguous and a.dtype == float for a in given if isinstance(a, np.ndarray))
         function(*(a.ctypes.data if isinstance(a, np.ndarray) else a for a in given))
 
     return call
+
+
+def _load(program: Program, tuned: bool) -> tuple[Callable, Any]:
+    """The function, and what has to live as long."""
+    import llvmlite.binding as llvm
+
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    host = llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
+    machine = llvm.Target.from_default_triple().create_target_machine(*host, opt=3, jit=True, reloc="pic")
+    made_of = (program.text, str(tuned), str(llvm.llvm_version_info), machine.triple, *host)
+    key = hashlib.sha256("\0".join(made_of).encode()).hexdigest()
+    code = _kept(key) or _keep(key, _object(program, machine, tuned))
+    engine = llvm.create_lljit_compiler(machine)
+    builder = llvm.JITLibraryBuilder().add_object_img(code).add_current_process()
+    library = builder.export_symbol(program.name).link(engine, key)
+    types = [ctypes.c_void_p] * len(program.pointers) + [ctypes.c_int64] * len(program.sizes)
+    return ctypes.CFUNCTYPE(None, *types)(library[program.name]), (engine, library)
 
 
 def _object(program: Program, machine: Any, tuned: bool) -> bytes:

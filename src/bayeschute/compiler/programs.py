@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -104,6 +104,12 @@ def opening(model: Any) -> Any:
     return jax.tree.map(lambda leaf: leaf[:1] if id(leaf) in inputs else leaf, model)
 
 
+def kind_of(model: Any) -> Hashable:
+    """What models have in common whose functions have the same trace: type, structure, shapes of the numbers."""
+    leaves, structure = jax.tree.flatten(model)
+    return type(model), structure, tuple(np.shape(leaf) for leaf in leaves)
+
+
 def programs_of(model: Any, theta: Any, start: Any, error: Any) -> Programs | str:
     """The programs of a model, or why there are none.
 
@@ -119,9 +125,8 @@ def programs_of(model: Any, theta: Any, start: Any, error: Any) -> Programs | st
         return f"JAX computes on {jax.default_backend()}"
     if not hasattr(model, "rate"):
         return f"{type(model).__name__} has no method 'rate'"
-    leaves, kind = jax.tree.flatten(model)
     sizes = np.shape(theta)[0], np.shape(start)[0], np.shape(error)[1]
-    key = type(model), kind, tuple(np.shape(leaf) for leaf in leaves), sizes
+    key = kind_of(model), sizes
     with _lock:
         if key not in _known:
             try:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from itertools import count
 from typing import NamedTuple
 
@@ -11,11 +11,11 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from bayeschute.compiler.derivative import jacobian_of
+from bayeschute.compiler.derivative import Jacobian
 from bayeschute.compiler.graph import SHARED
-from bayeschute.compiler.programs import initial, opening
+from bayeschute.compiler.programs import initial, kind_of, opening
 from bayeschute.compiler.runge_kutta import CLASSICAL, EXTENDED, RungeKutta
-from bayeschute.compiler.trace import trace
+from bayeschute.compiler.trace import Traced, trace
 from bayeschute.dynamics.cluster import state_rate
 from bayeschute.dynamics.cluster_flight import ClusterFlight, air_between
 
@@ -23,6 +23,9 @@ _MARGIN = 0.85
 _LEAST = 3, 2  # classical and extended steps per sample that accuracy wants anyway
 _LONGEST = 0.1  # [s] of a sample that extended steps go through: two steps, of which longer ones err where risers jolt
 _ROUNDING = 1e-9
+_known: dict[
+    Hashable, tuple[Traced, Jacobian]
+] = {}  # first state, and the rate's slope by the state, by kind of flight
 _REACH = 9.0  # no method is stable farther from zero
 
 
@@ -51,9 +54,13 @@ def poles(flight: ClusterFlight, thetas: Sequence[np.ndarray], deviations: int) 
         deviations: Number of initial deviations, all zero here.
     """
     begun, still = opening(flight), np.zeros(deviations)
-    first = trace(initial, (begun, thetas[0], still), (SHARED, "theta", "start"))
-    rate = trace(_rate, (begun, thetas[0], np.zeros(len(first.result))), (SHARED, "theta", "x"))
-    found = [jacobian_of(rate, "x", begun, theta, first.value(begun, theta, still)) for theta in thetas]
+    kind = kind_of(begun), len(thetas[0]), deviations
+    if kind not in _known:
+        first = trace(initial, (begun, thetas[0], still), (SHARED, "theta", "start"))
+        rate = trace(_rate, (begun, thetas[0], np.zeros(len(first.result))), (SHARED, "theta", "x"))
+        _known[kind] = first, Jacobian(rate, "x")
+    first, slope = _known[kind]
+    found = [slope.at(begun, theta, first.value(begun, theta, still)) for theta in thetas]
     return np.concatenate([np.linalg.eigvals(one) for one in found]).astype(complex)
 
 
