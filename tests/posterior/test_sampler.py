@@ -75,7 +75,7 @@ def broken(monkeypatch):
 
     def narrow(*given):
         made, failed = build(*given)
-        return replace(made, factor=3.0 * made.factor), failed
+        return replace(made, **{part: 9.0 * getattr(made, part) for part in ("straight", "mixed", "bent")}), failed
 
     monkeypatch.setattr(sampler, "build", narrow)
 

@@ -1,10 +1,10 @@
 """Polynomial surrogate of the marginal posterior: quadratic response surfaces of the projected residuals.
 
 The marginal log density is ``-1/2 |r(xi)|^2 - rest`` with r nearly linear in xi and the rest a polynomial.
-Fit ``r(xi) ~ C m(xi)``, m all monomials up to degree two, to simulations around the optimum, and compress: with
-``C = Q R`` the first part is ``-1/2 |R m(xi)|^2``, a product with a triangular matrix of as many rows as monomials. It
-costs microseconds and has a gradient. Far off, where the residuals' second degree cancels their first, the squares are
-small again; the density has its price there (`marginal.out_of_range`), and the surrogate by its own second degree.
+Fit ``r(xi) ~ C m(xi)``, m all monomials up to degree two, to simulations around the optimum: the first part is half the
+form ``m(xi)' C'C m(xi)``, which costs microseconds and has a gradient. Far off, where the residuals' second degree
+cancels their first, the squares are small again; the density has its price there (`marginal.out_of_range`), and the
+surrogate by its own second degree.
 """
 
 from __future__ import annotations
@@ -26,25 +26,35 @@ Array = NDArray[np.float64]
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Surrogate:
-    """``log density = -(1/2 |factor @ monomials(xi)|^2 + price + rest) / temperature``.
+    """``log density = -(1/2 |C m(xi)|^2 + price + rest) / temperature``.
 
     Attributes:
-        factor: (M, M), M = 1 + P + P (P + 1)/2.
+        straight: C'C of the monomials of degrees zero and one (1 + P, 1 + P).
+        mixed: C'C of those of degree two by these (M - 1 - P, 1 + P), M = 1 + P + P (P + 1)/2.
+        bent: C'C of those of degree two (M - 1 - P, M - 1 - P).
         correction: What the density is besides the squares.
         temperature: Above 1, the density is flatter than the fitted one: what proposes has to have the heavier tails,
             and a quartic polynomial falls faster than a density that flattens out, as along a stiff riser's stiffness.
     """
 
-    factor: Component
+    straight: Component
+    mixed: Component
+    bent: Component
     correction: Quadratic
     temperature: Component = 1.0
 
     def log_density(self, xi: jax.Array) -> jax.Array:
         """Surrogate log density at standard coordinates (P, ...), up to a constant."""
-        terms, second = monomials(xi), 1 + xi.shape[0]
-        squares = jnp.sum((self.factor @ terms) ** 2, axis=0)
-        bent = jnp.sum((self.factor[:, second:] @ terms[second:]) ** 2, axis=0)
+        first, second = jnp.split(monomials(xi), [1 + xi.shape[0]])
+        bent = _form(self.bent, second)
+        squares = _form(self.straight, first) + 2.0 * jnp.sum(second * (self.mixed @ first), axis=0) + bent
         return -(0.5 * (squares + twice_price(bent, xi)) + self.correction.at(xi)) / self.temperature
+
+
+def _form(matrix: Component, x: jax.Array) -> jax.Array:
+    """``x' matrix x`` of a symmetric matrix; its gradient takes no second product."""
+    fixed = jax.lax.stop_gradient(x)
+    return jnp.sum((2.0 * x - fixed) * (matrix @ fixed), axis=0)
 
 
 def monomials(xi: jax.Array) -> jax.Array:
@@ -92,4 +102,6 @@ def build(
     design = np.asarray(_monomials(points[:, good]))
     weight = np.exp(-0.25 * np.sum(points[:, good] ** 2, axis=0) * (1.0 - 1.0 / spread**2))
     coefficients = np.linalg.lstsq((design * weight).T, (values[:, good] * weight).T, rcond=None)[0].T
-    return Surrogate(np.linalg.qr(coefficients, mode="r"), correction), int((~good).sum())
+    first, second = np.split(coefficients, [1 + parameters], axis=1)
+    made = Surrogate(first.T @ first, second.T @ first, second.T @ second, correction)
+    return made, int((~good).sum())
