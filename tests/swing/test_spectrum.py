@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bayeschute.core.errors import InputError
-from bayeschute.swing.spectrum import multitaper, spectral_peak
+from bayeschute.swing.spectrum import Spectrum, multitaper, spectral_peak
 
 DT, N = 0.1, 600
 
@@ -53,6 +53,22 @@ def test_noise_has_no_peak():
     ]
     assert np.mean(np.array(chances) < 0.1) < 0.17
     assert np.mean(np.array(chances) < 0.5) > 0.15  # and the chance means something
+
+
+@pytest.mark.parametrize(("wide", "tapers"), [(2, 3), (4, 2)])
+def test_chance_is_that_of_the_highest_of_cells_over_a_ground_of_the_others(wide, tapers):
+    """Simulated: a cell's mean of chi-squares over that of the band's other bandwidths."""
+    half, step = 0.1, 0.02
+    frequency = step * np.arange(80)
+    each = np.ones((tapers, 80))
+    each[:, (20 + 5 * wide)] = 5.0  # the middle of the band
+    spectrum = Spectrum(frequency, each.mean(axis=0), each[0], each[0], half, each)
+    peak = spectral_peak(spectrum, 0.4 - 1e-9, 0.4 + 2.0 * half * wide + 1e-9)
+    rng = np.random.default_rng(3)
+    cell, others = (rng.chisquare(2 * tapers * n, 400_000) / (2 * tapers * n) for n in (1, wide - 1))
+    alone = np.mean(cell / others > peak.ratio)
+    cells = 2.0 * half * wide / (8 * step)
+    assert peak.chance == pytest.approx(1.0 - (1.0 - alone) ** cells, rel=0.04)
 
 
 def test_bad_input():
