@@ -168,7 +168,7 @@ def test_a_turn_of_noise_parameters_that_leads_astray_is_shortened_and_at_last_n
     sds, steps = {3: (4.0, 24), 1: (12.0, 2)}[spoiled]  # two steps leave something to gain
     prior = NoisePrior(descent.hyper, 0.4)
     settled = joint_fit.joint_fit(descent.flights, descent.priors, prior)
-    begin = settled._replace(hyper=joint_fit._looser(descent.hyper))
+    begin = settled._replace(hyper=joint_fit._looser(descent.hyper, 3.0))
     usual, ended, said = marginal_mode.marginal_mode, [], []
 
     def astray(flights, priors, place, **most):
@@ -317,7 +317,7 @@ def test_where_the_density_has_no_mode_the_search_goes_on(found, descent, monkey
 def test_corrections_are_left_out_only_where_no_noise_parameters_lead_to_a_mode(found, descent, monkeypatch, second):
     """The first have none, wherever they lead; the second have one, or not."""
     begin, usual = joint_fit.JointFit(found.optimum, found.hyper, found.evidence), laplace.corrected
-    other = joint_fit._looser(found.hyper)
+    other = joint_fit._looser(found.hyper, 3.0)
 
     def told(plain, near, progress=None):
         made, about = usual(plain, near=near)
@@ -380,7 +380,7 @@ def test_noise_parameters_without_a_mode_give_way_to_the_next(found, descent, mo
         return usual(made, *middle) if made.hyper is right else Profile(np.eye(1), np.array([[2.0, -0.3, 0.5, 2.0]]))
 
     monkeypatch.setattr(laplace_fit, "profile", told)
-    other = joint_fit._looser(right)
+    other = joint_fit._looser(right, 3.0)
     _, hyper, made, lost, _ = laplace_fit._last(
         descent.flights, descent.priors, settled, [("mean", other), ("mode", right)]
     )
@@ -394,7 +394,7 @@ def test_noise_parameters_without_a_mode_give_way_to_the_next(found, descent, mo
 
 def test_noise_parameters_under_which_nothing_flies_give_way_to_the_next(found, descent, settled, monkeypatch):
     settled, usual = joint_fit.JointFit(found.optimum, found.hyper, found.evidence), marginal_mode.marginal_mode
-    other = joint_fit._looser(found.hyper)
+    other = joint_fit._looser(found.hyper, 3.0)
 
     def lost(flights, priors, settled, progress=None, most=0):
         if settled.hyper is other:

@@ -121,8 +121,30 @@ def test_a_fit_with_nothing_left_to_try_tells_all_that_was_tried(monkeypatch, de
     assert told.value.best.rows[-1].defect == 0.3
 
 
+def test_noise_grows_until_a_flight_follows_its_record(monkeypatch, descent):
+    """Own noise, and three times as much, in usual and in smaller steps; then ten times as much."""
+    flights = [replace(f, path=SimpleNamespace()) for f in descent.flights]
+    at = tuple(Lifted(f.still(), np.zeros((1, 1)), np.zeros((1, 1))) for f in flights)
+    asked = []
+
+    def descended(flights, hyper, priors, theta, places, levels, near=None, progress=None):
+        times = float(np.asarray(hyper.noise.white)[0]) / 0.05
+        asked.append((times, places is None, len(levels)))
+        led = times > 9.0 or places is not None
+        return lifted_fit.LiftedFit(theta, at, np.eye(1), (_row(1e-4 if led else 0.5),), True)
+
+    monkeypatch.setattr(lifted_fit, "descend", descended)
+    monkeypatch.setattr(Optimum, "linear", lambda self, flights: [])
+    monkeypatch.setattr(noise_evidence, "function_of", lambda *_: lambda vector: (1.0, None))
+    _hold_noise(monkeypatch)
+    joint_fit.joint_fit(flights, descent.priors, NoisePrior(descent.hyper))
+    usual, small = len(LEVELS) + 1, len(joint_fit._SMALL_LEVELS)
+    first = [(LOUD, True, usual), (OWN, True, usual), (LOUD, True, small), (pytest.approx(10.0), True, usual)]
+    assert asked[:5] == [*first, (OWN, False, 1)]
+
+
 def test_looser_noise_has_larger_standard_deviations_and_the_same_times(descent):
-    made, hyper = joint_fit._looser(descent.hyper), descent.hyper
+    made, hyper = joint_fit._looser(descent.hyper, 3.0), descent.hyper
     np.testing.assert_allclose(made.noise.white, 3.0 * hyper.noise.white)
     np.testing.assert_allclose(made.noise.correlated, 3.0 * hyper.noise.correlated)
     np.testing.assert_array_equal(made.noise.time_constant, hyper.noise.time_constant)

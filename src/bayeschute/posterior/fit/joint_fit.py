@@ -30,7 +30,7 @@ _TURN_NEAR = Near(20.0, np.inf, 0.05, _FALL)  # end of a turn
 _LAST_NEAR = Near(1.0, 0.5, FEW_DEFECTS, _FALL)  # and of the last: the marginal mode is sought from there
 _JOINT_NEAR = Near(0.1, 0.1, FEW_DEFECTS)  # where joint optima are compared
 _NOISE_STEPS = (4, 20)  # most steps of the noise parameters, turn by turn: the first are of too loose a path
-_LOOSE = 3.0  # times the prior medians of all standard deviations, until noise parameters are found
+_LOOSE = (3.0, 10.0, 30.0)  # times the prior medians of all standard deviations, until noise parameters are found
 _BREAKS = "no flight of the model follows the record: steps along the best path break the equations of motion"
 
 
@@ -116,14 +116,15 @@ def joint_fit(
     return JointFit(best, hyper, value)
 
 
-def _looser(hyper: NoiseParameters) -> NoiseParameters:
+def _looser(hyper: NoiseParameters, times: float) -> NoiseParameters:
     """Noise parameters whose noise and disturbances are stronger: with these a flight follows its record more easily.
 
-    As a likelihood to a small power does, they leave more of the say to the priors and make a wrong path cheaper.
+    As a likelihood to a small power does, they leave more of the say to the priors and make a wrong path cheaper. A
+    model without disturbances, whose noise stands for gusts, asks for ten times the noise that its instruments have.
     """
     noise, processes = hyper.noise, (np.asarray(one, float) for one in hyper.disturbance_parameters)
-    noise = replace(noise, white=_LOOSE * np.asarray(noise.white), correlated=_LOOSE * np.asarray(noise.correlated))
-    stronger = tuple(np.concatenate([_LOOSE * one[:1], one[1:]]) for one in processes)
+    noise = replace(noise, white=times * np.asarray(noise.white), correlated=times * np.asarray(noise.correlated))
+    stronger = tuple(np.concatenate([times * one[:1], one[1:]]) for one in processes)
     return replace(hyper, noise=noise, disturbance_parameters=stronger)
 
 
@@ -216,7 +217,9 @@ def _settle_along(
 
         near, anew = _LAST_NEAR if turn == turns else _TURN_NEAR, _from_record(hyper)
         if at is None:
-            first, *further = _from_record(_looser(hyper), ", noise stronger")
+            first, *further = [
+                way for times in _LOOSE for way in _from_record(_looser(hyper, times), f", noise {times:g} times")
+            ]
             several = [[first, anew[0], *further]]
         elif turn == 1:
             several = [[_from_path(hyper, at)], anew]
