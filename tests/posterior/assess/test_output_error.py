@@ -13,6 +13,7 @@ from bayeschute.likelihood.joint import FlightData, NoiseParameters
 from bayeschute.likelihood.noise import Noise
 from bayeschute.likelihood.priors import Prior
 from bayeschute.posterior import joint_mode as optimum
+from bayeschute.posterior.assess import output_error
 from bayeschute.posterior.assess.output_error import bounds, gaussian_draws, table
 
 NONE = Latent((), (), 2)
@@ -104,6 +105,25 @@ def test_white_residuals_leave_the_bound_alone(linear, empty):
         made = bounds([flight], WHITE, WIDE, fitted(flight))
         ratios.append(np.sqrt(np.diag(made.corrected) / np.diag(made.raw)))
     np.testing.assert_allclose(np.mean(ratios, axis=0), 1.0, atol=0.15)
+
+
+def test_sensitivities_that_grow_beyond_half_of_the_digits_leave_bounds(linear, empty, monkeypatch):
+    """As those of a record that diverges do: of other parameters that mix the same two, the same bounds."""
+    flight, _ = linear.simulate(empty, WHITE, THETA, 5)
+    free = [replace(p, scale=1e14) for p in WIDE]
+    best, mixed = fitted(flight), np.eye(4)
+    turns = [np.array([[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]]) for a in (0.6, 0.3)]
+    mixed[:2, :2] = turns[0] @ np.diag([1e11, 1.0]) @ turns[1]
+    plain = bounds([flight], WHITE, free, best)
+    seen = output_error._sensitivities
+    monkeypatch.setattr(output_error, "_sensitivities", lambda *given: seen(*given) @ mixed)
+    made, back = bounds([flight], WHITE, free, best), np.linalg.inv(mixed[:2, :2])
+    sd = np.sqrt(np.diag(made.raw))
+    for found, wanted in ((made.raw, plain.raw), (made.corrected, plain.corrected)):
+        np.testing.assert_allclose(found / np.outer(sd, sd), back @ wanted @ back.T / np.outer(sd, sd), atol=2e-3)
+    drawn = gaussian_draws(made, made.theta, np.diag(sd), 4, 5000, np.random.default_rng(0))
+    want = np.sqrt(np.diag(made.corrected)) / sd
+    np.testing.assert_allclose(drawn.xi.reshape(-1, 2).std(axis=0), want, rtol=0.05)
 
 
 def test_a_prior_that_knows_everything_is_the_answer(linear, empty):

@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.likelihood.joint import FlightData, Linear, NoiseParameters
 from bayeschute.likelihood.kalman import response
-from bayeschute.likelihood.priors import Prior, factor, precision, values_and_sds
+from bayeschute.likelihood.priors import Prior, factor, values_and_sds
 from bayeschute.posterior.joint_mode import Optimum
 from bayeschute.posterior.sampling.protocol import Draws
-from bayeschute.regression.colored_errors import residual_noise
+from bayeschute.regression.colored_errors import ColoredNoise, residual_noise
 
 Array = NDArray[np.float64]
 
@@ -34,15 +34,25 @@ class Bounds(NamedTuple):
 
     Attributes:
         theta: Estimates (P,).
-        raw: Cramer-Rao bound under white noise (P, P).
-        corrected: The same under colored residuals (P, P).
+        raw_factor: Lower factor of the Cramer-Rao bound under white noise (P, P).
+        corrected_factor: Of the same under colored residuals (P, P).
         memory: Integrated autocorrelation time of the residuals per flight [samples]; 1 for white noise.
     """
 
     theta: Array
-    raw: Array
-    corrected: Array
+    raw_factor: Array
+    corrected_factor: Array
     memory: tuple[float, ...]
+
+    @property
+    def raw(self) -> Array:
+        """Cramer-Rao bound under white noise (P, P)."""
+        return self.raw_factor @ self.raw_factor.T
+
+    @property
+    def corrected(self) -> Array:
+        """The same under colored residuals (P, P)."""
+        return self.corrected_factor @ self.corrected_factor.T
 
 
 class Row(NamedTuple):
@@ -71,25 +81,49 @@ def _noise_sd(flight: FlightData, hyper: NoiseParameters) -> Array:
     return np.hypot(np.asarray(noise.white), np.asarray(noise.correlated))
 
 
-def _meat(
-    residual: Array, design: Array, present: NDArray[np.bool_], prior_factor: Array, taper: str, share: float
-) -> tuple[Array, float]:
-    """``S' R^-1 Rvv R^-1 S`` of one flight from scaled residuals (T, C) and sensitivities (T, C, Q), and the memory."""
+class _Scaled(NamedTuple):
+    """A flight's present data, output after output, in standard deviations.
+
+    Attributes:
+        rows: Sensitivities by all unknowns (N, Q).
+        noise: Autocovariance of the residuals.
+    """
+
+    rows: Array
+    noise: ColoredNoise
+
+
+def _scaled(
+    flight: FlightData,
+    linear: Linear,
+    hyper: NoiseParameters,
+    root: Array,
+    own: Array,
+    size: int,
+    taper: str,
+    share: float,
+) -> _Scaled:
+    """A flight's data for unknowns (Q,) of which it has its `own`, under their prior's factor `root`."""
+    sd, present = _noise_sd(flight, hyper), np.asarray(flight.present, bool)
     samples, outputs = present.shape
+    residual = np.where(present, np.asarray(linear.residual) / sd, np.nan)
     used = present.T.ravel()
-    rows = np.moveaxis(design, 1, 0).reshape(samples * outputs, -1)[used]
+    design = np.moveaxis(np.asarray(_sensitivities(flight, linear)) / sd[:, None], 1, 0)
+    rows = design.reshape(samples * outputs, -1)[used]
     # What fitting took out of the residuals lies in the directions that the data move more than the prior holds.
-    left, size, _ = scipy.linalg.svd(rows @ prior_factor, full_matrices=False)
+    left, length, _ = scipy.linalg.svd(rows @ root, full_matrices=False)
     noise = residual_noise(
-        np.where(present, residual, np.nan).T.ravel(),
+        residual.T.ravel(),
         blocks=np.repeat(np.arange(outputs), samples),
         groups=np.zeros(samples * outputs, int),
         time=np.tile(np.arange(float(samples)), outputs),
-        Q=left[:, size > 1.0],
+        Q=left[:, length > 1.0],
         max_lag_fraction=share,
         taper=taper,
     )
-    return noise.quadratic(rows), noise.integrated_time
+    wide = np.zeros((len(rows), size))
+    wide[:, own] = rows
+    return _Scaled(wide, noise)
 
 
 def bounds(
@@ -121,23 +155,22 @@ def bounds(
         raise InputError(Fault("output error", "latent disturbances", wanted, "Use [noise] model = 'sandwich'."))
     root, p = factor(priors), len(priors)
     size = p + sum(flight.starts for flight in flights)
-    information = scipy.linalg.block_diag(precision(priors), np.eye(size - p))
-    middle, memory = information.copy(), []
-    at = p
+    held = scipy.linalg.block_diag(scipy.linalg.solve_triangular(root, np.eye(p), lower=True), np.eye(size - p))
+    told, at = list[_Scaled](), p
     for flight, linear in zip(flights, optimum.linear(flights), strict=True):
-        sd, present = _noise_sd(flight, hyper), np.asarray(flight.present, bool)
-        design = np.where(present[..., None], np.asarray(_sensitivities(flight, linear)) / sd[:, None], 0.0)
         own = np.concatenate([np.arange(p), np.arange(at, at + flight.starts)])
         at += flight.starts
-        residual = np.asarray(linear.residual) / sd
-        prior_factor = scipy.linalg.block_diag(root, np.eye(flight.starts))
-        quadratic, remembered = _meat(residual, design, present, prior_factor, taper, max_lag_fraction)
-        information[np.ix_(own, own)] += np.einsum("tcp,tcq->pq", design, design)
-        middle[np.ix_(own, own)] += quadratic
-        memory.append(remembered)
-    inverse = scipy.linalg.inv(information)
-    corrected = inverse @ middle @ inverse
-    return Bounds(np.asarray(optimum.theta), inverse[:p, :p], 0.5 * (corrected + corrected.T)[:p, :p], tuple(memory))
+        both = scipy.linalg.block_diag(root, np.eye(flight.starts))
+        told.append(_scaled(flight, linear, hyper, both, own, size, taper, max_lag_fraction))
+    # Sensitivities of a flight that diverges grow through the record: information squares them beyond all digits.
+    unit, triangle = scipy.linalg.qr(np.concatenate([*(one.rows for one in told), held]), mode="economic")
+    *parts, rest = np.split(unit, np.cumsum([len(one.rows) for one in told]))
+    middle = rest.T @ rest + sum(one.noise.quadratic(part) for one, part in zip(told, parts, strict=True))
+    value, vector = np.linalg.eigh(middle)
+    back = scipy.linalg.solve_triangular(triangle, np.eye(size))[:p]
+    spread = back @ (vector * np.sqrt(np.maximum(value, 0.0)))
+    raw, corrected = (np.asarray(np.linalg.qr(one.T, mode="r")).T for one in (back, spread))
+    return Bounds(np.asarray(optimum.theta), raw, corrected, tuple(one.noise.integrated_time for one in told))
 
 
 def table(made: Bounds, priors: Sequence[Prior]) -> list[Row]:
@@ -166,7 +199,7 @@ def gaussian_draws(
         rng: Source of randomness.
     """
     z = rng.standard_normal((chains, draws, made.theta.size))
-    theta = made.theta + z @ np.linalg.cholesky(made.corrected).T
+    theta = made.theta + z @ made.corrected_factor.T
     xi = np.einsum("pq,cdq->cdp", np.linalg.inv(scale), theta - centre)
     density: Array = -0.5 * np.einsum("cdp,cdp->cd", z, z)
     return Draws(xi, density, notes=("normal draws with the sandwich covariance; no sampler ran",))
