@@ -61,6 +61,13 @@ def _failed(result: Result) -> str:
     return str(len(result["failed"]) if isinstance(result["failed"], dict) else result["failed"])
 
 
+def _made_by(result: Result) -> str:
+    """Commit and date; results of version 0.1.0 state neither."""
+    if "commit" not in result:
+        return f"version {result['versions']['bayeschute']}"
+    return f"`{result['commit'][:7]}`, {result['date']}"
+
+
 def overview(results: Sequence[Result]) -> list[str]:
     """One row per configuration and disturbance: shares of nominal 90 % held.
 
@@ -68,9 +75,17 @@ def overview(results: Sequence[Result]) -> list[str]:
         results: As written by ``bayeschute calibrate``.
     """
     bands = list(dict.fromkeys(n for r in results for n, b in r["bands"].items() if b["role"] == "predict"))
-    head = ["noise model, disturbance", "replicates", "failed", "aerodynamic parameters (least to most)", *bands]
+    parameters = "aerodynamic parameters (least to most)"
+    head = ["noise model, disturbance", "replicates", "failed", parameters, *bands, "made by"]
     rows = [
-        [_name(r), str(r["replicates"]), str(len(r["failed"])), _pooled(r), *(_marked(r, b) for b in bands)]
+        [
+            _name(r),
+            str(r["replicates"]),
+            str(len(r["failed"])),
+            _pooled(r),
+            *(_marked(r, b) for b in bands),
+            _made_by(r),
+        ]
         for r in results
     ]
     return _table(head, rows)
@@ -220,7 +235,7 @@ def page(results: Sequence[Result], ranks: Sequence[Result], command: str) -> st
         f"one-sided 95 % lower confidence limit of the share is {_LEAST} or more, and the upper side does not show",
         f"more than {_MOST}. In the overview what lies two standard errors outside is bold; of aerodynamic parameters",
         "it has the share of all intervals together, with the least and the most of those parameters that half of",
-        "the replicates or more have fitted.",
+        "the replicates or more have fitted. *made by*: the code that flew them, and the day (UTC).",
         "",
         *on_the_clock([*results, *ranks]),
     ]

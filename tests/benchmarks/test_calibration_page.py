@@ -25,14 +25,21 @@ def result(share=0.9, band=0.88, disturbance="none", replicates=100):
         "coverage": {"axial[1]": share, "new/swing_angle": band},
         "standard_error": {"axial[1]": 0.03, "new/swing_angle": 0.02},
         "parameters": {"axial[1]": parameter}, "bands": {"new/swing_angle": swing},
+        "commit": "0123456789abcdef", "date": "2026-11-30", "versions": {"bayeschute": "0.1.0"},
     }  # fmt: skip
 
 
 def test_the_overview_has_a_row_a_result_and_marks_what_is_surely_off():
     made = overview([result(), result(band=0.70, disturbance="mass")])
     assert len(made) == 2 + 2 + 1
-    assert "| `latent`, none | 100 | 1 | 90 (90 to 90) | 88 ± 2 |" in made
+    assert "| `latent`, none | 100 | 1 | 90 (90 to 90) | 88 ± 2 | `0123456`, 2026-11-30 |" in made
     assert "**70 ± 2**" in made[3]
+
+
+def test_the_overview_says_what_code_flew_the_replicates():
+    early = {name: value for name, value in result().items() if name not in ("commit", "date")}
+    one, other = overview([result(), early])[2:4]
+    assert one.endswith("| `0123456`, 2026-11-30 |") and other.endswith("| version 0.1.0 |")
 
 
 def test_a_term_that_few_replicates_select_counts_by_its_intervals_and_is_no_least_or_most():
