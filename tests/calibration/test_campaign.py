@@ -79,7 +79,8 @@ def test_progress_tells_failures_and_what_is_left(tmp_path: Path):
     assert told[-1][0] == 1.0 and "8 of 8, 1 failed" in told[-1][1]
 
 
-def test_a_dead_scheduler_is_bad_input(tmp_path: Path):
+def test_a_dead_scheduler_is_bad_input(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("bayeschute.calibration.workers.ANSWERS_WITHIN", 1.0)
     with pytest.raises(InputError, match="Dask scheduler"):
         run(drawn, SEEDS, tmp_path / "rows", "a", address="tcp://127.0.0.1:9")
 

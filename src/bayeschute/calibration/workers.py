@@ -15,6 +15,7 @@ R = TypeVar("R")
 _RETRIES = 3
 PATIENCE = 180.0
 """Time without any local worker after which they count as lost [s]; Dask starts one that died again within seconds."""
+ANSWERS_WITHIN = 20.0  # [s] that a scheduler may take to answer
 _LOOK, _POLL = 5.0, 0.05  # between looks at the workers, and at what is finished [s]
 
 
@@ -37,7 +38,7 @@ def client_of(workers: int, address: str | None) -> Iterator[Any]:
         raise InputError(Fault("--workers/--dask", "Dask is not installed", "the extra `dask`", do)) from error
     if address is not None:
         try:
-            client = Client(address, timeout="20s", set_as_default=False)
+            client = Client(address, timeout=ANSWERS_WITHIN, set_as_default=False)
         except (OSError, ValueError) as error:
             do = "Start a scheduler (dask scheduler) and workers, or use --workers."
             raise InputError(Fault(f"--dask {address}", str(error), "a Dask scheduler", do)) from error
