@@ -23,10 +23,8 @@ _MARGIN = 0.85
 _LEAST = 3, 2  # classical and extended steps per sample that accuracy wants anyway
 _LONGEST = 0.1  # [s] of a sample that extended steps go through: two steps, of which longer ones err where risers jolt
 _ROUNDING = 1e-9
-_known: dict[
-    Hashable, tuple[Traced, Jacobian]
-] = {}  # first state, and the rate's slope by the state, by kind of flight
 _REACH = 9.0  # no method is stable farther from zero
+_known: dict[Hashable, tuple[Traced, Jacobian]] = {}  # first state, and slope of the rate by the state, by kind
 
 
 class Steps(NamedTuple):

@@ -24,7 +24,7 @@ from bayeschute.likelihood.kalman import response
 from bayeschute.likelihood.priors import Prior, factor, values_and_sds
 from bayeschute.posterior.joint_mode import Optimum
 from bayeschute.posterior.sampling.protocol import Draws
-from bayeschute.regression.colored_errors import ColoredNoise, residual_noise
+from bayeschute.regression.colored_errors import residual_noise
 
 Array = NDArray[np.float64]
 
@@ -81,49 +81,41 @@ def _noise_sd(flight: FlightData, hyper: NoiseParameters) -> Array:
     return np.hypot(np.asarray(noise.white), np.asarray(noise.correlated))
 
 
-class _Scaled(NamedTuple):
-    """A flight's present data, output after output, in standard deviations.
+class _Told(NamedTuple):
+    """What a flight tells of its own unknowns.
 
     Attributes:
-        rows: Sensitivities by all unknowns (N, Q).
-        noise: Autocovariance of the residuals.
+        triangle: R of the factors Q R of the sensitivities, in standard deviations of the noise (Q, Q).
+        middle: Autocovariance of the residuals as the columns of the factor Q see it (Q, Q).
+        memory: Integrated autocorrelation time of the residuals [samples].
     """
 
-    rows: Array
-    noise: ColoredNoise
+    triangle: Array
+    middle: Array
+    memory: float
 
 
-def _scaled(
-    flight: FlightData,
-    linear: Linear,
-    hyper: NoiseParameters,
-    root: Array,
-    own: Array,
-    size: int,
-    taper: str,
-    share: float,
-) -> _Scaled:
-    """A flight's data for unknowns (Q,) of which it has its `own`, under their prior's factor `root`."""
+def _told(
+    flight: FlightData, linear: Linear, hyper: NoiseParameters, prior_factor: Array, taper: str, share: float
+) -> _Told:
+    """Of parameters and initial state, Q in all."""
     sd, present = _noise_sd(flight, hyper), np.asarray(flight.present, bool)
     samples, outputs = present.shape
-    residual = np.where(present, np.asarray(linear.residual) / sd, np.nan)
-    used = present.T.ravel()
     design = np.moveaxis(np.asarray(_sensitivities(flight, linear)) / sd[:, None], 1, 0)
-    rows = design.reshape(samples * outputs, -1)[used]
+    rows = design.reshape(samples * outputs, -1)[present.T.ravel()]
     # What fitting took out of the residuals lies in the directions that the data move more than the prior holds.
-    left, length, _ = scipy.linalg.svd(rows @ root, full_matrices=False)
+    left, size, _ = scipy.linalg.svd(rows @ prior_factor, full_matrices=False)
     noise = residual_noise(
-        residual.T.ravel(),
+        np.where(present, np.asarray(linear.residual) / sd, np.nan).T.ravel(),
         blocks=np.repeat(np.arange(outputs), samples),
         groups=np.zeros(samples * outputs, int),
         time=np.tile(np.arange(float(samples)), outputs),
-        Q=left[:, length > 1.0],
+        Q=left[:, size > 1.0],
         max_lag_fraction=share,
         taper=taper,
     )
-    wide = np.zeros((len(rows), size))
-    wide[:, own] = rows
-    return _Scaled(wide, noise)
+    unit, triangle = scipy.linalg.qr(rows, mode="economic")
+    return _Told(triangle, noise.quadratic(unit), noise.integrated_time)
 
 
 def bounds(
@@ -156,21 +148,23 @@ def bounds(
     root, p = factor(priors), len(priors)
     size = p + sum(flight.starts for flight in flights)
     held = scipy.linalg.block_diag(scipy.linalg.solve_triangular(root, np.eye(p), lower=True), np.eye(size - p))
-    told, at = list[_Scaled](), p
+    told, triangles, at = list[_Told](), list[Array](), p
     for flight, linear in zip(flights, optimum.linear(flights), strict=True):
-        own = np.concatenate([np.arange(p), np.arange(at, at + flight.starts)])
+        prior_factor = scipy.linalg.block_diag(root, np.eye(flight.starts))
+        told.append(_told(flight, linear, hyper, prior_factor, taper, max_lag_fraction))
+        wide = np.zeros((len(told[-1].triangle), size))
+        wide[:, np.r_[:p, at : at + flight.starts]] = told[-1].triangle
+        triangles.append(wide)
         at += flight.starts
-        both = scipy.linalg.block_diag(root, np.eye(flight.starts))
-        told.append(_scaled(flight, linear, hyper, both, own, size, taper, max_lag_fraction))
     # Sensitivities of a flight that diverges grow through the record: information squares them beyond all digits.
-    unit, triangle = scipy.linalg.qr(np.concatenate([*(one.rows for one in told), held]), mode="economic")
-    *parts, rest = np.split(unit, np.cumsum([len(one.rows) for one in told]))
-    middle = rest.T @ rest + sum(one.noise.quadratic(part) for one, part in zip(told, parts, strict=True))
+    unit, triangle = scipy.linalg.qr(np.concatenate([*triangles, held]), mode="economic")
+    *parts, rest = np.split(unit, np.cumsum([len(one) for one in triangles]))
+    middle = rest.T @ rest + sum(part.T @ one.middle @ part for one, part in zip(told, parts, strict=True))
     value, vector = np.linalg.eigh(middle)
     back = scipy.linalg.solve_triangular(triangle, np.eye(size))[:p]
     spread = back @ (vector * np.sqrt(np.maximum(value, 0.0)))
     raw, corrected = (np.asarray(np.linalg.qr(one.T, mode="r")).T for one in (back, spread))
-    return Bounds(np.asarray(optimum.theta), raw, corrected, tuple(one.noise.integrated_time for one in told))
+    return Bounds(np.asarray(optimum.theta), raw, corrected, tuple(one.memory for one in told))
 
 
 def table(made: Bounds, priors: Sequence[Prior]) -> list[Row]:
