@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from bayeschute.compiler import machine
-from bayeschute.compiler.evaluation import evaluation
+from bayeschute.compiler.evaluation import by_sample, evaluation
 from bayeschute.compiler.graph import Graph
 
 pytest.importorskip("llvmlite")
@@ -90,3 +92,37 @@ def test_derivatives_stand_at_their_lane_result_and_row(lanes):
     assert np.flatnonzero(by_table.any(axis=0)).tolist() == [4, 7]
     np.testing.assert_array_equal(by_table[:, 0, 4], 1.0)
     np.testing.assert_array_equal(by_table[:, 1, 2], x[0])
+
+
+def of_a_sample(shared, x, theta, change):
+    """Reads every group; a comparison of what all samples share decides in each of them."""
+    grown = jnp.where(theta[0] > 0.0, x[0] * theta[0], x[0] / change[0])
+    return jnp.stack([grown + shared["offset"][1], jnp.sin(x[1]) * shared["offset"][0], jnp.maximum(x[0], x[1])])
+
+
+def of_all_samples(shared, x, theta, change):
+    grown = np.where(theta[0] > 0.0, x[:, 0] * theta[0], x[:, 0] / change[0])
+    rest = np.sin(x[:, 1]) * shared["offset"][0], np.maximum(x[:, 0], x[:, 1])
+    return np.stack([grown + shared["offset"][1], *rest], axis=1)
+
+
+@pytest.mark.parametrize("flights", [(), (1,), (8,), (13,)])
+@pytest.mark.parametrize("wide", [("x",), ("theta",), ("x", "theta", "change")])
+def test_samples_of_one_flight_and_of_many_are_those_of_numpy(flights, wide):
+    rng, shared, samples = np.random.default_rng(len(wide)), {"offset": np.array([2.0, -1.0])}, 11
+    shapes = {"x": (samples, 2), "theta": (1,), "change": (1,)}
+    given = {name: rng.normal(size=shape + (flights if name in wide else ())) for name, shape in shapes.items()}
+    made = by_sample("test", of_a_sample, shared, given, ("x",))
+    spread = {
+        name: a if name in wide or not flights else np.broadcast_to(a[..., None], (*a.shape, *flights))
+        for name, a in given.items()
+    }
+    np.testing.assert_allclose(made, of_all_samples(shared, *spread.values()), rtol=1e-14)
+
+
+def test_functions_of_samples_that_are_traced_or_have_no_scalar_form_are_left_to_jax():
+    given = {"x": np.ones((3, 2)), "theta": np.ones(1), "change": np.ones(1)}
+    shared, left = {"offset": np.ones(2)}, []
+    jax.jit(lambda x: left.append(by_sample("test", of_a_sample, shared, {**given, "x": x}, ("x",))))(given["x"])
+    assert left == [None]
+    assert by_sample("sorted", lambda shared, x: jnp.sort(x), shared, {"x": given["x"]}, ("x",)) is None

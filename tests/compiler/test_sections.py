@@ -173,3 +173,33 @@ def test_a_result_that_is_a_constant_or_an_input_needs_no_memory():
     names = sections.write(STATE, {"theta": Place("%theta"), "x": Place("%x", "2")})
     assert memory.size == 0 and sections.operations == []
     assert names(results[0]) == code.constant(3.0) and g.kinds[results[0]] == FLOAT
+
+
+@pytest.mark.parametrize("lanes", [1, 4])
+def test_comparisons_and_whole_numbers_are_kept_between_levels(lanes):
+    """What the parameters decide once, every state asks for."""
+    g = Graph()
+    theta, x = [g.input("theta", row) for row in range(2)], g.input("x", 0)
+    decided, whole = g.apply("lt", *theta), g.apply("to_integer", g.apply("mul", theta[1], g.constant(10.0)))
+    results = [
+        g.apply("select", decided, x, g.constant(-1.0)), g.apply("to_float", g.apply("add", g.apply("to_integer", x), whole)),
+        g.apply("to_float", decided), g.apply("to_float", g.apply("not", decided)),
+    ]  # fmt: skip
+    code, memory = Code(lanes), Memory(lanes)
+    sections = Sections(g, results, code, memory)
+    assert {decided, whole} <= set(sections.slots)
+    places = {"theta": Place("%theta", str(lanes)), "x": Place("%x", str(lanes))}
+    for level in (RUN, SAMPLE, STATE):
+        name_of = sections.write(level, places)
+    for i, node in enumerate(results):
+        code.store(name_of(node), "%out", i * lanes)
+    program = code.program("kept", ("theta", "x", "out", "scratch"), (), memory.size)
+    for values in ([0.2, 0.75], [0.75, 0.2]):
+        given, out = aligned(2, lanes), aligned(4, lanes)
+        given[:], here = np.array(values)[:, None], aligned(1, lanes)
+        here[:] = np.arange(lanes) + 3.0
+        compiled(program)(given, here, out, aligned(memory.size))
+        below = values[0] < values[1]
+        np.testing.assert_array_equal(out[0], here[0] if below else -1.0)
+        np.testing.assert_array_equal(out[1], here[0] + int(10.0 * values[1]))
+        np.testing.assert_array_equal(out[2:], np.full((2, lanes), [[below], [not below]], float))

@@ -11,6 +11,7 @@ import pytest
 from jax.flatten_util import ravel_pytree
 
 from bayeschute.likelihood import kalman_gradient
+from bayeschute.likelihood.filter_code import passes
 from bayeschute.likelihood.joint import NoiseParameters, as_seen, filter_gains, latent_path_of, linearise
 from bayeschute.likelihood.kalman import innovations
 from bayeschute.likelihood.noise import Noise
@@ -19,7 +20,13 @@ from bayeschute.posterior import noise_evidence
 from bayeschute.posterior.noise_evidence import NoisePrior
 
 LOG_SD = 0.7
-WAYS = pytest.mark.parametrize("by", [lambda f: f, jax.jit], ids=["machine code", "JAX"])
+
+
+@pytest.fixture(params=["machine code", "JAX"])
+def passes_by(request, monkeypatch):
+    """The filter's passes by machine code, and by JAX, which takes them where no code can be generated."""
+    if request.param == "JAX":
+        monkeypatch.setattr(passes, "available", lambda: False)
 
 
 def _plain(vector, like, flights, linear, before, parameters=True):
@@ -56,9 +63,9 @@ def _case(name, request):
     return made, flights, linear, like
 
 
-@WAYS
+@pytest.mark.usefixtures("passes_by")
 @pytest.mark.parametrize("name", ["linear", "descent"])
-def test_gradient_is_that_of_the_differentiated_filter(name, by, request):
+def test_gradient_is_that_of_the_differentiated_filter(name, request):
     """Two flights with gaps: drifts and an oscillator in one case, a simulation in the other."""
     made, flights, linear, like = _case(name, request)
     at = jnp.asarray(kalman_gradient.to_vector(made.hyper))
@@ -66,13 +73,13 @@ def test_gradient_is_that_of_the_differentiated_filter(name, by, request):
     before = jnp.asarray(precision(made.priors))
     value, gradient = _by_ad(at, like, flights, linear, before, True)
     seen = tuple(as_seen(lin) for lin in linear)
-    ours = by(kalman_gradient.evidence_score)(at, like, LOG_SD, flights, linear, seen, before)
+    ours = kalman_gradient.evidence_score(at, like, LOG_SD, flights, linear, seen, before)
     assert float(ours[0]) == pytest.approx(float(value), rel=1e-11)
     np.testing.assert_allclose(ours[1], gradient, rtol=1e-8, atol=1e-8 * np.abs(gradient).max())
     assert (np.abs(gradient) > 1e-4).all()
     # Parameters held: the same without their matrix, and no prior.
     held = sum(
-        by(kalman_gradient.conditional_score)(at, like, f, lin, s.column(0))
+        kalman_gradient.conditional_score(at, like, f, lin, s.column(0))
         for f, lin, s in zip(flights, linear, seen, strict=True)
     )
     wanted = (
@@ -89,22 +96,22 @@ def test_gradient_by_differences(descent, request):
     np.testing.assert_allclose(value(at)[1], wanted, rtol=1e-5, atol=1e-5)
 
 
-@WAYS
-def test_noise_without_processes_of_its_own_has_a_gradient(by, descent):
+@pytest.mark.usefixtures("passes_by")
+def test_noise_without_processes_of_its_own_has_a_gradient(descent):
     """Residual noise alone: no latent process is there to have a transition or a shock."""
     flight = replace(descent.flights[0], latent=descent.flights[0].latent._replace(kinds=(), processes=(), least=1))
     hyper = NoiseParameters(Noise(*(jnp.asarray(a) for a in descent.hyper.noise.__dict__.values())), ())
     lin = linearise(flight, descent.theta, latent_path_of(flight, hyper, flight.still()))
     at, before = jnp.asarray(kalman_gradient.to_vector(hyper)) + 0.1, jnp.asarray(precision(descent.priors))
-    ours = by(kalman_gradient.evidence_score)(at, hyper, LOG_SD, (flight,), (lin,), (as_seen(lin),), before)
+    ours = kalman_gradient.evidence_score(at, hyper, LOG_SD, (flight,), (lin,), (as_seen(lin),), before)
     value, gradient = _by_ad(at, hyper, (flight,), (lin,), before, True)
     assert float(ours[0]) == pytest.approx(float(value), rel=1e-11)
     np.testing.assert_allclose(ours[1], gradient, rtol=1e-8, atol=1e-8)
 
 
-@WAYS
+@pytest.mark.usefixtures("passes_by")
 @pytest.mark.parametrize("growth", [1.0, 2.0])
-def test_gradient_of_a_flight_that_diverges_without_its_data(by, linear, request, growth):
+def test_gradient_of_a_flight_that_diverges_without_its_data(linear, request, growth):
     """Rounding must not grow as the open loop does, here by a factor of two a sample."""
     made, flights, lin, like = _case("linear", request)
     flight, steps = flights[0], lin[0].steps
@@ -112,6 +119,6 @@ def test_gradient_of_a_flight_that_diverges_without_its_data(by, linear, request
     before = jnp.asarray(precision(made.priors))
     at = jnp.asarray(kalman_gradient.to_vector(made.hyper)) + 0.2
     value, gradient = _by_ad(at, like, (flight,), (grown,), before, True)
-    ours = by(kalman_gradient.evidence_score)(at, like, LOG_SD, (flight,), (grown,), (as_seen(grown),), before)
+    ours = kalman_gradient.evidence_score(at, like, LOG_SD, (flight,), (grown,), (as_seen(grown),), before)
     assert float(ours[0]) == pytest.approx(float(value), rel=1e-9)
     np.testing.assert_allclose(ours[1], gradient, rtol=1e-6, atol=1e-6 * np.abs(gradient).max())

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import jax
-import jax.numpy as jnp
 
+from bayeschute.core.array_library import library_of
 from bayeschute.core.vectors import Component, Vec3, dot, norm, perpendicular
 
 
@@ -58,9 +58,10 @@ class Neighbour:
 
 def squared_angle(sin_squared: Component, cosine: Component) -> Component:
     """Angle squared from its sine squared and cosine, smooth through zero [rad^2]."""
-    small = sin_squared < 1e-8
-    sine = jnp.sqrt(jnp.where(small, 1e-8, sin_squared))  # at 180 deg: true to 1e-4 rad, gradient finite
-    return jnp.where(small & (cosine > 0.0), sin_squared * (1.0 + sin_squared / 3.0), jnp.arctan2(sine, cosine) ** 2)
+    library, small = library_of(sin_squared, cosine), sin_squared < 1e-8
+    sine = library.sqrt(library.where(small, 1e-8, sin_squared))  # at 180 deg: true to 1e-4 rad, gradient finite
+    near_zero = sin_squared * (1.0 + sin_squared / 3.0)
+    return library.where(small & (cosine > 0.0), near_zero, library.arctan2(sine, cosine) ** 2)
 
 
 def axis_rate(n: Vec3, v_across: Vec3, length: Component) -> Vec3:
@@ -92,8 +93,8 @@ def neighbours(
     """
     found = []
     for shift in range(1, n):
-        apart = position - position.map(lambda c, s=shift: jnp.roll(c, s, axis=0))
-        opening = velocity - velocity.map(lambda c, s=shift: jnp.roll(c, s, axis=0))
+        apart = position - position.map(lambda c, s=shift: library_of(c).roll(c, s, axis=0))
+        opening = velocity - velocity.map(lambda c, s=shift: library_of(c).roll(c, s, axis=0))
         distance = norm(apart, 1e-6)
         away = apart / distance
         found.append(

@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -73,7 +72,7 @@ def regressors(
         columns = [dot(transverse_term(term, flow), away) for term in transverse]
         return np.hstack([zero, _columns(columns, over.size)])
     # A term's rate is that across the axis, r = cos(alpha) alpha_dot; the curve is by alpha_dot.
-    still, moving = _planar(over, 0.0, setting), _planar(over, jnp.cos(over), setting)
+    still, moving = _planar(over, 0.0, setting), _planar(over, np.cos(over), setting)
     columns = []
     for term in transverse:
         here = -transverse_term(term, still).z  # restoring: against the airflow across the axis
@@ -86,32 +85,32 @@ def _columns(parts: Sequence[Component], points: int) -> Float[np.ndarray, "K P"
 
 
 def _constant(value: float, like: Component) -> Component:
-    return jnp.zeros_like(like) + value
+    return np.zeros_like(like) + value
 
 
 def _planar(alpha: Component, rate: Component, setting: Setting) -> CanopyFlow:
     """One canopy, axis along x, airflow turned by alpha towards z; a neighbour, if any, along y."""
-    a = jnp.asarray(alpha)[None]
-    zero = jnp.zeros_like(a)
+    a = np.asarray(alpha)[None]
+    zero = np.zeros_like(a)
     near = () if setting.distance is None else (Neighbour(Vec3(zero, zero + 1.0, zero), zero + setting.distance, zero),)
     q_ratio = setting.speed**2
     return CanopyFlow(
         axis=Vec3(zero + 1.0, zero, zero),
-        e=Vec3(zero, zero, jnp.sin(a)),
+        e=Vec3(zero, zero, np.sin(a)),
         rate=Vec3(zero, zero, zero + rate),
         alpha_squared=a * a,
-        cos_alpha=jnp.cos(a),
+        cos_alpha=np.cos(a),
         q=_constant(q_ratio, a),
         q_ratio=_constant(q_ratio, a),
         speed_ratio=_constant(setting.speed - 1.0, a),
-        neighbours=near or (Neighbour(Vec3(zero, zero, zero), zero + jnp.inf, zero),),
+        neighbours=near or (Neighbour(Vec3(zero, zero, zero), zero + np.inf, zero),),
         saturation=setting.saturation,
     )
 
 
 def _facing(distance: Component, setting: Setting) -> CanopyFlow:
     """One canopy in flow along its axis, another beside it at every distance."""
-    d = jnp.asarray(distance)[None]
-    zero = jnp.zeros_like(d)
-    made = _planar(jnp.zeros_like(d[0]), 0.0, setting)
+    d = np.asarray(distance)[None]
+    zero = np.zeros_like(d)
+    made = _planar(np.zeros_like(d[0]), 0.0, setting)
     return CanopyFlow(**{**made.__dict__, "neighbours": (Neighbour(Vec3(zero, zero + 1.0, zero), d, zero),)})

@@ -34,10 +34,11 @@ import re
 from collections.abc import Sequence
 from functools import cache
 
-import jax.numpy as jnp
+import numpy as np
 
 from bayeschute.aero.airflow import CanopyFlow, Neighbour
 from bayeschute.aero.term_names import is_pairwise, parse_term
+from bayeschute.core.array_library import library_of
 from bayeschute.core.vectors import Component, Vec3, cross, dot
 
 _TINY = 1e-12
@@ -55,14 +56,23 @@ def _argument(factor: str) -> float:
 
 
 def _alpha(squared: Component) -> Component:
-    return jnp.sqrt(squared + _TINY**2)
+    return library_of(squared).sqrt(squared + _TINY**2)
 
 
 def _levelled(value: Component, flow: CanopyFlow) -> Component:
     """What is of second order in the angle of attack, so that it levels off at `flow.saturation`, if that is stated."""
     if flow.saturation is None:
         return value
-    return value / jnp.sqrt(jnp.sqrt(1.0 + (flow.alpha_squared / flow.saturation**2) ** 4))
+    sqrt = library_of(flow.alpha_squared).sqrt
+    return value / sqrt(sqrt(1.0 + (flow.alpha_squared / flow.saturation**2) ** 4))
+
+
+def _positive(value: Component) -> Component:
+    return library_of(value).maximum(value, 0.0)
+
+
+def _zero(flow: CanopyFlow) -> Component:
+    return library_of(flow.cos_alpha).zeros_like(flow.cos_alpha)
 
 
 def _power(flow: CanopyFlow, power: int) -> Component:
@@ -73,14 +83,14 @@ def _power(flow: CanopyFlow, power: int) -> Component:
 def _sine_ratio(flow: CanopyFlow) -> Component:
     """alpha/sin(alpha), smooth at zero."""
     a2 = flow.alpha_squared
-    small = a2 < 1e-4
-    a = jnp.sqrt(jnp.where(small, 1.0, a2))
-    return jnp.where(small, 1.0 + a2 / 6.0 + 7.0 * a2 * a2 / 360.0, a / jnp.sin(a))
+    library, small = library_of(a2), a2 < 1e-4
+    a = library.sqrt(library.where(small, 1.0, a2))
+    return library.where(small, 1.0 + a2 / 6.0 + 7.0 * a2 * a2 / 360.0, a / library.sin(a))
 
 
 def _scalar(factor: str, flow: CanopyFlow, other: Neighbour | None) -> Component:
     if factor == "1":
-        return jnp.ones_like(flow.cos_alpha)
+        return library_of(flow.cos_alpha).ones_like(flow.cos_alpha)
     if factor == "q":
         return flow.q_ratio
     if factor == "speed":
@@ -90,10 +100,10 @@ def _scalar(factor: str, flow: CanopyFlow, other: Neighbour | None) -> Component
     if factor.startswith("alpha"):
         return _power(flow, int(factor[6:]) if "^" in factor else 1)
     if factor.startswith("restoring("):
-        return jnp.maximum(_alpha(flow.alpha_squared) - jnp.deg2rad(_argument(factor)), 0.0) ** 2
+        return _positive(_alpha(flow.alpha_squared) - np.deg2rad(_argument(factor))) ** 2
     assert other is not None, factor
     if factor.startswith("proximity("):
-        return jnp.maximum(_argument(factor) - other.distance, 0.0)
+        return _positive(_argument(factor) - other.distance)
     if factor == "closing":
         return other.closing
     return dot(other.away, flow.e if factor == "(e.c)" else flow.rate)
@@ -109,7 +119,7 @@ def _vector(factor: str, flow: CanopyFlow, other: Neighbour | None) -> Vec3:
     assert other is not None, factor
     if factor == "c":
         return other.away
-    return other.away * jnp.maximum(_argument(factor) - other.distance, 0.0)
+    return other.away * _positive(_argument(factor) - other.distance)
 
 
 _VECTORS = ("e", "angle", "rate", "c")
@@ -131,14 +141,14 @@ def axial_term(name: str, flow: CanopyFlow) -> Component:
     """
 
     def product(other: Neighbour | None) -> Component:
-        value = jnp.ones_like(flow.cos_alpha)
+        value = library_of(flow.cos_alpha).ones_like(flow.cos_alpha)
         for factor in _split(name):
             value = value * _scalar(factor, flow, other)
         return value
 
     if not is_pairwise(name):
         return product(None)
-    return sum((product(other) for other in flow.neighbours), jnp.zeros_like(flow.cos_alpha))
+    return sum((product(other) for other in flow.neighbours), _zero(flow))
 
 
 def transverse_term(name: str, flow: CanopyFlow) -> Vec3:
@@ -165,13 +175,13 @@ def transverse_term(name: str, flow: CanopyFlow) -> Vec3:
 
     if not is_pairwise(name):
         return product(None)
-    zero = jnp.zeros_like(flow.cos_alpha)
+    zero = _zero(flow)
     return sum((product(other) for other in flow.neighbours), Vec3(zero, zero, zero))
 
 
 def axial_coefficient(names: Sequence[str], values: Sequence[Component], flow: CanopyFlow) -> Component:
     """C_A: the weighted sum of its terms."""
-    total = jnp.zeros_like(flow.cos_alpha)
+    total = _zero(flow)
     for name, value in zip(names, values, strict=True):
         total = total + axial_term(name, flow) * value
     return total
@@ -179,7 +189,7 @@ def axial_coefficient(names: Sequence[str], values: Sequence[Component], flow: C
 
 def transverse_coefficient(names: Sequence[str], values: Sequence[Component], flow: CanopyFlow) -> Vec3:
     """Transverse force coefficient: the weighted sum of its vector terms (NED components)."""
-    zero = jnp.zeros_like(flow.cos_alpha)
+    zero = _zero(flow)
     total = Vec3(zero, zero, zero)
     for name, value in zip(names, values, strict=True):
         total = total + transverse_term(name, flow) * value

@@ -8,8 +8,6 @@ None and `integrate` does the same more slowly; `why_not_compiled` gives the rea
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import jax
@@ -17,17 +15,17 @@ import numpy as np
 
 from bayeschute.compiler import integrate
 from bayeschute.compiler.integrate import FlightModel, Steps
-from bayeschute.compiler.machine import Array, aligned
+from bayeschute.compiler.machine import Array, aligned, in_parts, padded
 from bayeschute.compiler.programs import LANES, Programs, opening, programs_of
 from bayeschute.compiler.runge_kutta import stage_plan
-from bayeschute.core.numerics import processors
+from bayeschute.core.array_library import traced
 
 _DRIVEN = ("theta", "error_now", "error_then")
 
 
 def _served(model: FlightModel, theta: Any, start: Any, error: Any) -> Programs | str:
     """Programs for a call, or why there are none."""
-    if any(isinstance(a, jax.core.Tracer) for a in jax.tree.leaves((model, theta, start, error))):
+    if traced(model, theta, start, error):
         return "the call is traced"
     batch = np.shape(theta)[1:]
     if len(batch) > 1 or np.shape(start)[1:] != batch or np.shape(error)[2:] != batch:
@@ -89,6 +87,27 @@ def reached(model: FlightModel, theta: Any, start: Any, error: Any, path: Any) -
     return integrate.Reached(made[0], made[1:])
 
 
+def outputs(model: FlightModel, theta: Any, path: Any, starts: int, errors: int) -> Array | None:
+    """Outputs of the states of a path, as `integrate.outputs`.
+
+    Args:
+        model: The flight.
+        theta: Parameters (P,) or (P, B).
+        path: States (T, X) or (T, X, B).
+        starts: Number of initial deviations of the model, D.
+        errors: Number of its latent disturbances, A.
+
+    Returns:
+        Outputs (T, C) or (T, C, B), or None where there is an `why_not_compiled`.
+    """
+    if traced(model, theta, path) or np.ndim(path) > 3:
+        return None
+    programs = programs_of(model, theta, np.zeros(starts), np.zeros((1, errors)))
+    if isinstance(programs, str):
+        return None
+    return programs.seen.at(model, {"theta": theta, "x": path, "now": _record(model)})
+
+
 def along_path(
     model: FlightModel, theta: Any, start: Any, error: Any, path: Any, by_theta: bool = True
 ) -> tuple[Array, integrate.Reached, Steps] | None:
@@ -140,15 +159,6 @@ def _record(model: Any) -> Array:
     return np.ascontiguousarray(np.concatenate([leaf.reshape(len(leaf), -1) for leaf in leaves], axis=1))
 
 
-def _padded(a: Any, length: int) -> Array:
-    """An array with its last axis continued to a length by its last entries."""
-    a = np.asarray(a, float)
-    made = aligned(*a.shape[:-1], length)
-    made[..., : a.shape[-1]] = a
-    made[..., a.shape[-1] :] = a[..., -1:]
-    return made
-
-
 def _handed_over(part: Array) -> Array:
     """A copy of a part of an array in aligned memory, which JAX takes without copying."""
     made = aligned(*part.shape)
@@ -167,15 +177,6 @@ def _columns(parts: list[Array]) -> Array:
     return made
 
 
-def _in_parts(count: int, work: Callable[[int, int], None]) -> None:
-    """Do ranges of blocks on all processors."""
-    shares = np.linspace(0, count, min(processors(), count) + 1).astype(int)
-    if len(shares) == 2:
-        return work(0, count)
-    with ThreadPoolExecutor(len(shares) - 1) as pool:
-        list(pool.map(work, shares[:-1].tolist(), shares[1:].tolist()))
-
-
 def _first_slopes(programs: Programs, model: Any, theta: Any, start: Any) -> tuple[Array, Array, Array]:
     """The first state (X,) and its derivatives by parameters (X, P) and by deviations (X, D)."""
     made, traced, size = programs.begin_slopes(), programs.first, len(programs.first.result)
@@ -192,7 +193,7 @@ def _states(programs: Programs, model: Any, theta: Any, start: Any, error: Any, 
     lanes = 1 if count == 1 else LANES
     stride, blocks = -(-count // lanes) * lanes, -(-count // lanes)
     theta, start, error = (
-        _padded(np.reshape(np.asarray(a, float), (*np.shape(a)[:k], count)), stride)
+        padded(np.reshape(np.asarray(a, float), (*np.shape(a)[:k], count)), stride)
         for a, k in ((theta, 1), (start, 1), (error, 2))
     )
     samples, size = len(error), len(programs.first.result)
@@ -202,7 +203,7 @@ def _states(programs: Programs, model: Any, theta: Any, start: Any, error: Any, 
     made = aligned(samples, size, stride)
     made[0] = first.T
     known = made[:1].copy() if path is None else np.reshape(np.asarray(path, float), (len(path), size, count))
-    known = _padded(known, stride)
+    known = padded(known, stride)
     simulate, shared, record = programs.simulate(lanes), programs.rate.shared(model), _record(model)
     plan = stage_plan(model.method, float(model.dt), model.substeps)
 
@@ -210,7 +211,7 @@ def _states(programs: Programs, model: Any, theta: Any, start: Any, error: Any, 
         sizes = samples, stride, begin, end, model.substeps, plan.shape[1], len(known)
         simulate.call(shared, theta, record, error, plan, known, made, aligned(simulate.scratch), *sizes)
 
-    _in_parts(blocks, work)
+    in_parts(blocks, work)
     return made[..., :count].reshape(samples, size, *batch)
 
 
@@ -224,7 +225,7 @@ class _Along:
         self.blocks = -(-len(x) // LANES)
         self.stride = (self.blocks + 1) * LANES
         self.record, self.error, self.states = (
-            _padded(a.T, self.stride) for a in (_record(model), np.asarray(error), x)
+            padded(a.T, self.stride) for a in (_record(model), np.asarray(error), x)
         )
         self.reached = aligned(x.shape[1], self.stride)
 
@@ -244,7 +245,7 @@ class _Along:
             sizes = self.stride, begin, end, model.substeps, plan.shape[1], wanted, blocks
             made.call(*known, source, out, self.reached, *memory, *sizes)
 
-        _in_parts(self.blocks, work)
+        in_parts(self.blocks, work)
         parts = np.split(out[: len(self.x) - 1], np.cumsum([*columns, size]), axis=2)
         if not by_theta:
             parts[0] = parts[0][..., :0]

@@ -7,6 +7,7 @@ import hashlib
 import importlib.util
 import threading
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 
 from bayeschute.compiler.emit import Program
 from bayeschute.core.files import write_whole
-from bayeschute.core.numerics import compilation_cache
+from bayeschute.core.numerics import compilation_cache, processors
 
 Array = NDArray[np.float64]
 _loaded: dict[tuple[str, bool], tuple[Callable, Any]] = {}  # by a program's text, and whether it is tuned
@@ -34,6 +35,24 @@ def aligned(*shape: int) -> Array:
     room = np.zeros(size + 8)
     first = -room.ctypes.data % 64 // 8
     return room[first : first + size].reshape(shape)
+
+
+def padded(a: Any, length: int) -> Array:
+    """An array with its last axis continued to a length by its last entries."""
+    a = np.asarray(a, float)
+    made = aligned(*a.shape[:-1], length)
+    made[..., : a.shape[-1]] = a
+    made[..., a.shape[-1] :] = a[..., -1:]
+    return made
+
+
+def in_parts(count: int, work: Callable[[int, int], None]) -> None:
+    """Do ranges of blocks on all processors."""
+    shares = np.linspace(0, count, min(processors(), count) + 1).astype(int)
+    if len(shares) == 2:
+        return work(0, count)
+    with ThreadPoolExecutor(len(shares) - 1) as pool:
+        list(pool.map(work, shares[:-1].tolist(), shares[1:].tolist()))
 
 
 def compiled(program: Program, tuned: bool = False) -> Callable[..., None]:

@@ -10,13 +10,12 @@ import jax
 import numpy as np
 
 from bayeschute.compiler.differentiation import differentiation
-from bayeschute.compiler.evaluation import evaluation
+from bayeschute.compiler.evaluation import LANES, BySample, evaluation
 from bayeschute.compiler.graph import SHARED
 from bayeschute.compiler.machine import available, compiled
 from bayeschute.compiler.simulation import simulation
 from bayeschute.compiler.trace import Traced, UnknownOperationError, trace
 
-LANES = 8
 _lock = threading.RLock()
 _known: dict[Any, Programs | str] = {}
 
@@ -35,11 +34,13 @@ class Programs:
     Attributes:
         rate: Expressions of the rate of the state.
         outputs: Expressions of the outputs.
+        seen: The same, to be evaluated along paths.
         first: Expressions of the first state, of a model cut to its `opening`.
     """
 
     def __init__(self, rate: Traced, outputs: Traced, first: Traced) -> None:
         self.rate, self.outputs, self.first = rate, outputs, first
+        self.seen = BySample(outputs, ("x", "now"))
         self._made: dict[Any, Compiled] = {}
 
     def simulate(self, lanes: int) -> Compiled:

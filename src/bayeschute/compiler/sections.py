@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 from bayeschute.compiler.emit import Code
-from bayeschute.compiler.graph import SHARED, Graph
+from bayeschute.compiler.graph import BOOLEAN, FLOAT, SHARED, Graph
 
 RUN, SAMPLE, STATE = 1, 2, 3
 LEVELS = {
@@ -17,6 +17,8 @@ LEVELS = {
     "error_now": SAMPLE,
     "error_then": SAMPLE,
     "x": STATE,
+    "step": STATE,
+    "change": STATE,
     "start": STATE,
     "share": STATE,
 }
@@ -88,8 +90,22 @@ class Sections:
         if level != STATE:
             for node in self.slots:
                 if self.level[node] == level:
-                    self.code.store(name(node), "%scratch", self.slots[node])
+                    self._keep(node, name(node))
         return name
+
+    def _keep(self, node: int, value: str) -> None:
+        """Write a value for later levels, as a double whatever it is."""
+        kind = self.graph.kinds[node]
+        self.code.store(
+            value if kind == FLOAT else self.code.operation("to_float", kind, [value]), "%scratch", self.slots[node]
+        )
+
+    def _kept(self, node: int) -> str:
+        """Read a value of an earlier level."""
+        kind, value = self.graph.kinds[node], self.code.load("%scratch", self.slots[node])
+        if kind == BOOLEAN:
+            return self.code.operation("ne", FLOAT, [value, self.code.constant(0.0)])
+        return value if kind == FLOAT else self.code.operation("to_integer", FLOAT, [value])
 
     def _written(self, node: int, names: Mapping[int, str], places: Mapping[str, Place]) -> str:
         graph, code = self.graph, self.code
@@ -104,7 +120,7 @@ class Sections:
         if value is not None:
             return self.code.constant(value)
         if op != "input":
-            return self.code.load("%scratch", self.slots[node])
+            return self._kept(node)
         if group == "share":
             assert share is not None
             return share

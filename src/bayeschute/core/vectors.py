@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import jax
-import jax.numpy as jnp
+
+from bayeschute.core.array_library import library_of
 
 Component = Any  # jax.Array, numpy.ndarray or float: whatever broadcasts
 
@@ -50,9 +51,14 @@ class Vec3:
         """Apply a function to every component."""
         return Vec3(function(self.x), function(self.y), function(self.z))
 
-    def stack(self) -> jax.Array:
+    def stack(self) -> Component:
         """The components on a new leading axis."""
-        return jnp.stack(jnp.broadcast_arrays(self.x, self.y, self.z))
+        return _stacked(self.x, self.y, self.z)
+
+
+def _stacked(*parts: Component) -> Component:
+    library = library_of(*parts)
+    return library.stack(library.broadcast_arrays(*parts))
 
 
 def vec3(array: Component) -> Vec3:
@@ -72,7 +78,8 @@ def cross(a: Vec3, b: Vec3) -> Vec3:
 
 def norm(a: Vec3, least: float = 0.0) -> Component:
     """Length; `least` keeps the gradient finite where the vector may vanish."""
-    return jnp.sqrt(dot(a, a) + least * least)
+    square = dot(a, a) + least * least
+    return library_of(square).sqrt(square)
 
 
 def perpendicular(a: Vec3, axis: Vec3) -> Vec3:
@@ -125,12 +132,13 @@ class Quaternion:
 
     def normalised(self) -> Quaternion:
         """The same direction at unit length."""
-        scale = 1.0 / jnp.sqrt(self.w**2 + self.x**2 + self.y**2 + self.z**2)
+        square = self.w**2 + self.x**2 + self.y**2 + self.z**2
+        scale = 1.0 / library_of(square).sqrt(square)
         return Quaternion(self.w * scale, self.x * scale, self.y * scale, self.z * scale)
 
-    def stack(self) -> jax.Array:
+    def stack(self) -> Component:
         """Scalar part, then vector part, on a new leading axis."""
-        return jnp.stack(jnp.broadcast_arrays(self.w, self.x, self.y, self.z))
+        return _stacked(self.w, self.x, self.y, self.z)
 
 
 def quaternion(array: Component) -> Quaternion:
@@ -141,6 +149,6 @@ def quaternion(array: Component) -> Quaternion:
 def small_rotation(rotation: Vec3) -> Quaternion:
     """The unit quaternion of a rotation vector [rad]; smooth at zero."""
     half = rotation * 0.5
-    w = jnp.ones_like(half.x)
+    w = library_of(half.x).ones_like(half.x)
     # A Rodrigues vector scaled to unit length: exact direction, angle 2 atan(|half|), |rotation| to third order.
     return Quaternion(w, half.x, half.y, half.z).normalised()

@@ -14,7 +14,9 @@ import numpy as np
 from bayeschute.aero.coefficient import APPARENT_MASS, Coefficient
 from bayeschute.atmosphere.standard import SEA_LEVEL_DENSITY
 from bayeschute.atmosphere.wind_field import WindField
+from bayeschute.compiler.evaluation import by_sample
 from bayeschute.compiler.runge_kutta import CLASSICAL, RungeKutta, advanced
+from bayeschute.core.array_library import library_of
 from bayeschute.core.vectors import Component, Quaternion, Vec3, dot, norm, quaternion, vec3
 from bayeschute.dynamics.cluster import Air, geometry, state_rate, tension
 from bayeschute.dynamics.initial_state import Start, initial_state
@@ -224,7 +226,7 @@ class ClusterFlight:
         air = unbiased(air_between(now, then, error_now, error_then, share, self.dt), numbers)
         return air if self.wind_field is None else blown(air, self.wind_field, unpack(x, self.structure.canopies))
 
-    def retract(self, x: Component, step: Component, theta: Component, change: Component) -> jax.Array:
+    def retract(self, x: Component, step: Component, theta: Component, change: Component) -> Component:
         """States a step away, risers pulling as the linear step says.
 
         A canopy that moves across its riser in a straight line stretches it by the square of that move, and a stiff
@@ -242,11 +244,16 @@ class ClusterFlight:
         """
         rows = np.array([i for i, name in enumerate(self.names) if name.startswith(_RISER)], dtype=int)
         names = tuple(self.names[i][len(_RISER) :] for i in rows)
-        # By NumPy, which compiles nothing, where numbers are known.
-        library: Any = jnp if any(isinstance(a, jax.core.Tracer) for a in (theta, change)) else np
+        library = library_of(theta, change)
         change = library.asarray(change)[rows]
-        given = library.broadcast_to(library.asarray(theta)[rows], change.shape), change
-        return _retracted(x, step, self.base.risers, self.base.capsule, *given, names, self.structure.canopies)
+        theta = library.broadcast_to(library.asarray(theta)[rows], change.shape)
+        function = partial(_retracted, names=names, n=self.structure.canopies)
+        shared, given = (self.base.risers, self.base.capsule), {"x": x, "step": step, "theta": theta, "change": change}
+        made = by_sample(("retract", names, self.structure.canopies), function, shared, given, ("x", "step"))
+        if made is None:
+            each = (jnp.moveaxis(jnp.asarray(a), 1, 0) for a in (x, step))
+            return jnp.moveaxis(function(shared, *each, theta, change), 0, 1)
+        return made
 
     def observe(self, x: jax.Array, numbers: Cluster, now: Any) -> jax.Array:
         """Outputs of `channels`, in order (C, ...)."""
@@ -279,15 +286,14 @@ class ClusterFlight:
                 rows.append(quantity(channel, x, now.density, numbers.capsule.attach_b, n)[None])
             else:
                 raise KeyError(f"{channel!r} is no channel of the cluster")
-        return jnp.concatenate(rows)
+        return jnp.concatenate([jnp.zeros((0, *x.shape[1:])), *rows])
 
 
 @partial(jax.jit, static_argnames=("names", "n"))
 def _retracted(
+    shared: tuple[Risers, Capsule],
     x: jax.Array,
     step: jax.Array,
-    known: Risers,
-    capsule: Capsule,
     theta: jax.Array,
     change: jax.Array,
     names: tuple[str, ...],
@@ -296,15 +302,15 @@ def _retracted(
     """`ClusterFlight.retract` with what it needs of a flight, so that flights of any terms share a compiled function.
 
     Args:
-        x: States (T, X, ...).
-        step: Their change (T, X, ...).
-        known: Risers, but for the parameters.
-        capsule: With the attach point.
+        shared: Risers, but for the parameters, and the capsule, with the attach point.
+        x: States (X, ...).
+        step: Their change (X, ...).
         theta: Parameters of the risers (R, ...).
         change: Their change (R, ...).
         names: Fields of the risers, in the order of theta.
         n: Number of canopies.
     """
+    known, capsule = shared
 
     def size(q: Quaternion) -> jax.Array:
         return jnp.sqrt(q.w**2 + q.x**2 + q.y**2 + q.z**2)
@@ -320,7 +326,7 @@ def _retracted(
         given = replace(known, **dict(zip(names, values, strict=True)))
         return given.length, given.stiffness, given.damping
 
-    (turned, length, rate), by = jax.jvp(kept, (jnp.moveaxis(x, 1, 0),), (jnp.moveaxis(step, 1, 0),))
+    (turned, length, rate), by = jax.jvp(kept, (x,), (step,))
     (slack, *given), (longer, *more) = jax.jvp(risers, (theta,), (change,))
     new_slack, *new = risers(theta + change)
 
@@ -330,13 +336,13 @@ def _retracted(
 
     turned, stretch, rate = turned + by[0], pulled(0, length - slack, by[1] - longer), pulled(1, rate, by[2])
     length = new_slack + stretch
-    there = unpack(jnp.moveaxis(x + step, 1, 0), n)
+    there = unpack(x + step, n)
     q, share = there.attitude, turned / size(there.attitude)
     there = replace(there, attitude=Quaternion(q.w * share, q.x * share, q.y * share, q.z * share))
     geo = geometry(there, capsule)
     place = there.canopy_position + geo.direction * (length - geo.length)
     moving = there.canopy_velocity + geo.direction * (rate - geo.stretch_rate)
-    return jnp.moveaxis(pack(replace(there, canopy_position=place, canopy_velocity=moving)), 0, 1)
+    return pack(replace(there, canopy_position=place, canopy_velocity=moving))
 
 
 def _by_canopy(vector: Vec3, n: int) -> jax.Array:

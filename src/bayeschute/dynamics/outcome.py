@@ -72,7 +72,7 @@ def simulate(model: FlightModel, theta: Component, start: Component, error: Comp
         start: Initial deviations (D, ...).
         error: Latent disturbances at every sample (T, A, ...).
     """
-    return examine(model, theta, start, error, _flown(model, theta, start, error))
+    return examine(model, theta, start, error, flown(model, theta, start, error))
 
 
 def examine(model: FlightModel, theta: Component, start: Component, error: Component, states: Component) -> Simulation:
@@ -90,12 +90,12 @@ def examine(model: FlightModel, theta: Component, start: Component, error: Compo
     """
     coarse: Any = model  # every flight model is a dataclass with substeps, which its protocol does not contain
     finer = replace(coarse, substeps=2 * coarse.substeps)
-    return _examined(model, theta, states, _flown(finer, theta, start, error))
+    return _examined(model, theta, states, flown(finer, theta, start, error))
 
 
-def _flown(model: FlightModel, theta: Component, start: Component, error: Component) -> Component:
-    """States (T, X, ...); machine code is made for models that have outputs."""
-    made = kernel.states(model, theta, start, error) if getattr(model, "channels", True) else None
+def flown(model: FlightModel, theta: Component, start: Component, error: Component) -> Component:
+    """States (T, X, ...) as of `integrate.trajectory`, by machine code where there is any."""
+    made = kernel.states(model, theta, start, error)
     return trajectory_compiled(model, theta, start, error) if made is None else made
 
 

@@ -43,7 +43,7 @@ def size(n: int, breathing: bool = False) -> int:
     return CAPSULE_SIZE + (8 if breathing else 6) * n
 
 
-def unpack(x: jax.Array, n: int) -> ClusterState:
+def unpack(x: Component, n: int) -> ClusterState:
     """State by name from an array of shape (13 + 6 n, ...), or (13 + 8 n, ...) with the canopies' shape."""
     batch = x.shape[1:]
     split, end = CAPSULE_SIZE + 3 * n, size(n)

@@ -9,14 +9,18 @@ a fit. A disturbance may be the sum of several processes.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import jax.scipy.linalg
+import numpy as np
+import scipy.linalg
 
+from bayeschute.compiler.machine import available
+from bayeschute.core.array_library import library_of, traced
 from bayeschute.core.vectors import Component
+from bayeschute.likelihood.filter_code.latent_pass import latent_states
 
 KINDS = {"drift": 2, "oscillator": 3}
 """Parameters of each kind: drift (sd, e-folding time [s]); oscillator (sd, frequency [Hz], damping ratio)."""
@@ -66,23 +70,23 @@ class Dynamics(NamedTuple):
 
 def _block(kind: str, parameters: Component, dt: Component) -> tuple[Component, Component, Component]:
     """Transition, and Cholesky factors of the process noise's and the stationary covariance, of one process."""
+    library = library_of(parameters, dt)
     if kind == "drift":
         sd, tau = parameters[0], parameters[1]
         return (
-            jnp.exp(-dt / tau).reshape(1, 1),
-            (sd * jnp.sqrt(-jnp.expm1(-2.0 * dt / tau))).reshape(1, 1),
+            library.exp(-dt / tau).reshape(1, 1),
+            (sd * library.sqrt(-library.expm1(-2.0 * dt / tau))).reshape(1, 1),
             sd.reshape(1, 1),
         )
-    sd, omega, zeta = parameters[0], 2.0 * jnp.pi * parameters[1], parameters[2]
+    sd, omega, zeta = parameters[0], 2.0 * np.pi * parameters[1], parameters[2]
     # States (x, x'/omega) have the stationary covariance sd^2 I.
-    generator = jnp.array([[0.0, 1.0], [-1.0, 0.0]]) * omega + jnp.array([[0.0, 0.0], [0.0, -2.0]]) * omega * zeta
-    transition = jax.scipy.linalg.expm(generator * dt)
-    driven = jnp.linalg.cholesky(jnp.eye(2) * (1.0 + 1e-13) - transition @ transition.T)
-    return transition, sd * driven, sd * jnp.eye(2)
+    generator = np.array([[0.0, 1.0], [-1.0, 0.0]]) * omega + np.array([[0.0, 0.0], [0.0, -2.0]]) * omega * zeta
+    transition = (scipy.linalg.expm if library is np else jax.scipy.linalg.expm)(generator * dt)
+    covariance = np.eye(2) * (1.0 + 1e-13) - transition @ transition.T
+    driven = library.linalg.cholesky(covariance)
+    return transition, sd * driven, sd * np.eye(2)
 
 
-# Compiled by itself: the matrix exponential takes seconds, and every length of a record has functions of its own.
-@partial(jax.jit, static_argnums=0)
 def dynamics(latent: Latent, disturbance_parameters: Sequence[Component], dt: Component) -> Dynamics:
     """State-space model of all processes.
 
@@ -92,23 +96,38 @@ def dynamics(latent: Latent, disturbance_parameters: Sequence[Component], dt: Co
         dt: Sample interval [s].
     """
     if not latent.processes:
-        none = jnp.zeros((0, 0))
-        return Dynamics(none, none, none, jnp.zeros((latent.rows, 0)))
-    blocks = [
-        _block(kind, jnp.asarray(parameters), dt)
-        for kind, parameters in zip(latent.kinds, disturbance_parameters, strict=True)
-    ]
+        none = np.zeros((0, 0))
+        return Dynamics(none, none, none, np.zeros((latent.rows, 0)))
+    library = library_of(disturbance_parameters, dt)
+    groups = list(zip(latent.kinds, disturbance_parameters, strict=True))
+    blocks = [_block(kind, library.asarray(parameters, float), dt) for kind, parameters in groups]
     chosen = [blocks[group] for _, group in latent.processes]
-    transition, noise_gain, first = (jax.scipy.linalg.block_diag(*(b[i] for b in chosen)) for i in range(3))
+    diagonal = scipy.linalg.block_diag if library is np else jax.scipy.linalg.block_diag
+    transition, noise_gain, first = (diagonal(*(b[i] for b in chosen)) for i in range(3))
     columns = []
     for row, group in latent.processes:
         columns += [[1.0 if a == row else 0.0 for a in range(latent.rows)]]
         columns += [[0.0] * latent.rows] * (STATES[latent.kinds[group]] - 1)
-    return Dynamics(transition, noise_gain, first, jnp.array(columns).T)
+    return Dynamics(transition, noise_gain, first, np.array(columns).T)
 
 
-def path(made: Dynamics, process_noise: jax.Array) -> jax.Array:
-    """Latent states (T, L, ...) from standard normal process noise (T, L, ...), the first for the initial state."""
+def path(made: Dynamics, process_noise: Component) -> Component:
+    """Latent states (T, L, ...) from standard normal process noise (T, L, ...), the first for the initial state.
+
+    By machine code where nothing is being traced, else by JAX.
+    """
+    if available() and not traced(made, process_noise):
+        shape = np.shape(process_noise)
+        wide = np.asarray(process_noise).reshape(*shape[:2], int(np.prod(shape[2:])))
+        driven = np.asarray(made.noise_gain) @ wide
+        driven[0] = np.asarray(made.first) @ wide[0]
+        return latent_states(np.asarray(made.transition), driven).reshape(shape)
+    return _path(made, process_noise)
+
+
+@jax.jit
+def _path(made: Dynamics, process_noise: jax.Array) -> jax.Array:
+    """`path` by JAX alone."""
 
     def step(state: jax.Array, z: jax.Array) -> tuple[jax.Array, jax.Array]:
         state = jnp.tensordot(made.transition, state, axes=1) + jnp.tensordot(made.noise_gain, z, axes=1)
@@ -119,6 +138,7 @@ def path(made: Dynamics, process_noise: jax.Array) -> jax.Array:
     return jnp.concatenate([first[None], rest])
 
 
-def disturbances(made: Dynamics, process_noise: jax.Array) -> jax.Array:
+def disturbances(made: Dynamics, process_noise: Component) -> Component:
     """Disturbances (T, A, ...) from standard normal process noise (T, L, ...)."""
-    return jnp.moveaxis(jnp.tensordot(made.output, path(made, process_noise), axes=(1, 1)), 0, 1)
+    library = library_of(made, process_noise)
+    return library.moveaxis(library.tensordot(made.output, path(made, process_noise), axes=(1, 1)), 0, 1)

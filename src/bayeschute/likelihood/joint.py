@@ -18,6 +18,7 @@ import numpy as np
 from bayeschute.compiler import compiled_model as kernel
 from bayeschute.compiler import integrate
 from bayeschute.compiler.integrate import FlightModel, Reached, Steps, outputs, trajectory
+from bayeschute.core.array_library import library_of
 from bayeschute.core.vectors import Component
 from bayeschute.likelihood import disturbances as processes
 from bayeschute.likelihood.disturbances import Latent
@@ -143,13 +144,8 @@ class Lifted(NamedTuple):
 
 def latent_path_of(data: FlightData, hyper: NoiseParameters, unknowns: Unknowns) -> LatentPath:
     """Initial deviations and disturbances of standard unknowns."""
-    return _latent_path(data.start_scale, hyper.dynamics(data), unknowns)
-
-
-@jax.jit
-def _latent_path(start_scale: jax.Array, made: processes.Dynamics, unknowns: Unknowns) -> LatentPath:
-    scale = jnp.reshape(start_scale, (-1, *(1,) * (unknowns.start.ndim - 1)))
-    return LatentPath(scale * unknowns.start, processes.disturbances(made, unknowns.process_noise))
+    scale = np.reshape(data.start_scale, (-1, *(1,) * (np.ndim(unknowns.start) - 1)))
+    return LatentPath(scale * unknowns.start, processes.disturbances(hyper.dynamics(data), unknowns.process_noise))
 
 
 # The simulation is compiled once per batch size: what is built on it is put together outside of compiled functions.
@@ -192,15 +188,15 @@ def moved(data: FlightData, path: Component, by: Component, theta: Component, ch
 def jax_stepped(data: FlightData, theta: jax.Array, latent_path: LatentPath) -> tuple[jax.Array, jax.Array]:
     """`stepped` by JAX alone, which can differentiate it."""
     made = integrate.reached(data.model, theta, latent_path.start, latent_path.error, latent_path.path)
-    return _stepped(data, theta, latent_path.path, made)
+    return compared(data, theta, latent_path.path), _defects(made, latent_path.path)
 
 
-@jax.jit
-def _stepped(data: FlightData, theta: jax.Array, path: jax.Array, made: Reached) -> tuple[jax.Array, jax.Array]:
-    return compared(data, theta, path), jnp.concatenate([made.first[None], made.steps]) - path
+def _defects(made: Reached, path: Component) -> Component:
+    """Continuity defects of the first state and all steps (T, X, ...)."""
+    return library_of(made, path).concatenate([made.first[None], made.steps]) - path
 
 
-def stepped(data: FlightData, theta: Component, latent_path: LatentPath) -> tuple[jax.Array, jax.Array]:
+def stepped(data: FlightData, theta: Component, latent_path: LatentPath) -> tuple[Component, Component]:
     """Residuals (T, C, ...) along a trajectory, and the continuity defects of its first state and all steps.
 
     Args:
@@ -212,16 +208,30 @@ def stepped(data: FlightData, theta: Component, latent_path: LatentPath) -> tupl
         The residuals, zero where no datum exists, and the defects (T, X, ...).
     """
     made = kernel.reached(data.model, theta, latent_path.start, latent_path.error, latent_path.path)
-    return jax_stepped(data, theta, latent_path) if made is None else _stepped(data, theta, latent_path.path, made)
+    if made is None:
+        return jax_stepped(data, theta, latent_path)
+    return compared(data, theta, latent_path.path), _defects(made, latent_path.path)
 
 
-@jax.jit
-def compared(data: FlightData, theta: jax.Array, x: jax.Array) -> jax.Array:
+_jax_outputs = jax.jit(outputs)
+
+
+def compared(data: FlightData, theta: Component, x: Component) -> Component:
     """Data minus outputs of states (T, C, ...); zero where no datum exists."""
-    y = outputs(data.model, x, theta)
-    extra = (1,) * (y.ndim - 2)
-    observed, present = (jnp.reshape(a, (*a.shape, *extra)) for a in (data.observed, data.present))
-    return jnp.where(present, observed - y, 0.0)
+    return _less_outputs(data, outputs_of(data, theta, x))
+
+
+def outputs_of(data: FlightData, theta: Component, x: Component) -> Component:
+    """Outputs (T, C, ...) of states (T, X, ...), made like `states`."""
+    y = kernel.outputs(data.model, theta, x, data.starts, data.latent.rows)
+    return _jax_outputs(data.model, x, theta) if y is None else y
+
+
+def _less_outputs(data: FlightData, y: Component) -> Component:
+    """Data minus outputs (T, C, ...); zero where no datum exists."""
+    library, extra = library_of(data, y), (1,) * (y.ndim - 2)
+    observed, present = (library.reshape(a, (*a.shape, *extra)) for a in (data.observed, data.present))
+    return library.where(present, observed - y, 0.0)
 
 
 def residuals(data: FlightData, theta: Component, latent_path: LatentPath) -> jax.Array:
@@ -280,16 +290,8 @@ def linearise(data: FlightData, theta: Component, latent_path: LatentPath, by_th
         latent_path = latent_path._replace(path=states(data, theta, latent_path))
     made = kernel.along_path(data.model, theta, latent_path.start, latent_path.error, latent_path.path, by_theta)
     y, reached, steps = _along_by_jax(data, theta, latent_path) if made is None else made
-    residual, defects = _compared_along(data, y, reached, latent_path.path)
-    found = Linear(residual, defects, latent_path, steps)
+    found = Linear(_less_outputs(data, y), _defects(reached, latent_path.path), latent_path, steps)
     return found if by_theta else found.without_theta()
-
-
-@jax.jit
-def _compared_along(data: FlightData, y: jax.Array, reached: Reached, path: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Data minus outputs, zero where no datum exists, and the continuity defects."""
-    defects = jnp.concatenate([reached.first[None], reached.steps]) - path
-    return jnp.where(data.present, data.observed - y, 0.0), defects
 
 
 def filter_gains(data: FlightData, hyper: NoiseParameters, linear: Linear, slack: Component | None = None) -> Gains:
@@ -305,27 +307,26 @@ def filter_gains(data: FlightData, hyper: NoiseParameters, linear: Linear, slack
     return gains(steps, data.start_scale, latent, noise, data.dt, data.present, slack)
 
 
-@jax.jit
 def as_seen(linear: Linear) -> Seen:
     """The linear model's data and their derivatives, 1 + P columns.
 
     The first: the data relative to the undisturbed, linearised flight at theta (residuals plus the contribution of
     start and disturbances to the trajectory); then the derivatives of the outputs by theta.
     """
-    steps = linear.steps
+    steps, library = linear.steps, library_of(linear)
     known = linear.defects - disturbed(steps, linear.latent_path)
-    by_theta = jnp.concatenate([steps.first_theta[None], steps.by_theta])
+    by_theta = library.concatenate([steps.first_theta[None], steps.by_theta])
     return Seen(
-        jnp.concatenate([linear.residual[..., None], steps.out_theta], axis=2),
-        jnp.concatenate([known[..., None], -by_theta], axis=2),
+        library.concatenate([linear.residual[..., None], steps.out_theta], axis=2),
+        library.concatenate([known[..., None], -by_theta], axis=2),
     )
 
 
-@jax.jit
-def disturbed(steps: Steps, latent_path: LatentPath) -> jax.Array:
+def disturbed(steps: Steps, latent_path: LatentPath) -> Component:
     """Linear contribution of start and disturbances to the first state and to every step (T, X, ...)."""
-    start, error = jnp.asarray(latent_path.start), jnp.asarray(latent_path.error)
+    library = library_of(steps, latent_path)
+    start, error = library.asarray(latent_path.start), library.asarray(latent_path.error)
     wide = error.reshape(*error.shape[:2], -1)
     first = steps.first_start @ start.reshape(len(start), -1)
-    made = jnp.concatenate([first[None], steps.by_now @ wide[:-1] + steps.by_then @ wide[1:]])
+    made = library.concatenate([first[None], steps.by_now @ wide[:-1] + steps.by_then @ wide[1:]])
     return made.reshape(*made.shape[:2], *start.shape[1:])

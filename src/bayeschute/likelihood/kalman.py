@@ -17,6 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from bayeschute.compiler.integrate import Steps
+from bayeschute.core.array_library import library_of
 from bayeschute.core.vectors import Component
 from bayeschute.likelihood.disturbances import Dynamics
 from bayeschute.likelihood.filter_code import passes
@@ -146,18 +147,17 @@ def covariances(
     return Gains(**made, **dict(zip(names, fixed, strict=True))), latents, noises
 
 
-@partial(jax.jit, static_argnums=4)
 def _beginning(
-    first_start: jax.Array, scale: Component, first_latent: jax.Array, slack: Component | None, outputs: int
-) -> tuple[jax.Array, jax.Array]:
+    first_start: Component, scale: Component, first_latent: Component, slack: Component | None, outputs: int
+) -> tuple[Component, Component]:
     """Effects of standardised initial deviations and of the first process noise on the first state."""
+    library = library_of(first_start, scale, first_latent, slack)
     x, size = first_start.shape[0], first_latent.shape[0]
-    total = x + size + outputs
-    start = jnp.zeros((total, first_start.shape[1])).at[:x].set(first_start * scale)
-    first = jnp.zeros((total, size)).at[x : x + size].set(first_latent)
+    start = library.concatenate([first_start * scale, np.zeros((size + outputs, first_start.shape[1]))])
+    first = library.concatenate([np.zeros((x, size)), first_latent, np.zeros((outputs, size))])
     if slack is not None:
-        free = jnp.zeros((total, x)).at[:x].set(jnp.diag(jnp.asarray(slack)))
-        first = jnp.concatenate([first, free], axis=1)
+        free = library.concatenate([library.diag(library.asarray(slack)), np.zeros((size + outputs, x))])
+        first = library.concatenate([first, free], axis=1)
     return start, first
 
 
@@ -241,7 +241,11 @@ class Seen(NamedTuple):
 
     def less(self, mean_correction: MeanCorrection) -> Seen:
         """The first column with the mean correction: subtracted from the data, added to the inputs of the states."""
-        return _less(self, mean_correction)
+        outputs, inputs = mean_correction
+        series, states = np.array(self.series), np.array(self.inputs)
+        series[..., 0] -= outputs
+        states[..., 0] += inputs
+        return Seen(series, states)
 
 
 class MeanCorrection(NamedTuple):
@@ -252,12 +256,6 @@ class MeanCorrection(NamedTuple):
 
     outputs: Component
     inputs: Component
-
-
-@jax.jit
-def _less(seen: Seen, mean_correction: MeanCorrection) -> Seen:
-    outputs, inputs = mean_correction
-    return Seen(seen.series.at[..., 0].add(-outputs), seen.inputs.at[..., 0].add(inputs))
 
 
 def innovations(made: Gains, series: Component, inputs: Component | None = None) -> Component:

@@ -17,9 +17,10 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.flatten_util import ravel_pytree
 from numpy.typing import NDArray
+from scipy.linalg import block_diag, solve_triangular
 
+from bayeschute.core.array_library import library_of
 from bayeschute.core.vectors import Component
 from bayeschute.likelihood.filter_code import passes
 from bayeschute.likelihood.joint import FlightData, Linear, NoiseParameters
@@ -70,20 +71,22 @@ class Pass(NamedTuple):
 
 def to_vector(hyper: NoiseParameters) -> Array:
     """Logarithms of all noise parameters in one vector (V,)."""
-    return np.asarray(ravel_pytree(jax.tree.map(lambda a: jnp.log(jnp.asarray(a, float)), hyper))[0])
+    return np.log(np.concatenate([np.ravel(np.asarray(a, float)) for a in jax.tree.leaves(hyper)]))
 
 
-@jax.jit
 def from_vector(vector: Component, like: NoiseParameters) -> NoiseParameters:
     """The inverse of `to_vector`, in the form of another set of noise parameters."""
-    unravel = ravel_pytree(jax.tree.map(lambda a: jnp.asarray(a, float), like))[1]
-    return jax.tree.map(jnp.exp, unravel(jnp.asarray(vector)))
+    leaves, form = jax.tree.flatten(like)
+    ends = np.cumsum([np.size(leaf) for leaf in leaves])
+    parts = zip(ends - [np.size(leaf) for leaf in leaves], ends, leaves, strict=True)
+    exp = library_of(vector).exp
+    return jax.tree.unflatten(form, [exp(vector[first:end]).reshape(np.shape(leaf)) for first, end, leaf in parts])
 
 
 def parts(flight: FlightData, hyper: NoiseParameters) -> Parts:
     """Matrices of a flight's state-space model for given noise parameters."""
     made, noise = hyper.dynamics(flight), hyper.outputs(flight)
-    kept = jnp.exp(-flight.dt / noise.time_constant)
+    kept = library_of(noise).exp(-flight.dt / noise.time_constant)
     return Parts(made.transition, made.noise_gain, made.first, kept, noise.correlated**2, noise.white**2)
 
 
@@ -117,10 +120,10 @@ class _Series(NamedTuple):
             ``way @ shock`` (T - 1, X, L).
     """
 
-    inner: jax.Array
-    weighted: jax.Array
-    means: jax.Array
-    way: jax.Array
+    inner: Component
+    weighted: Component
+    means: Component
+    way: Component
 
 
 def slope(flight: FlightData, hyper: NoiseParameters, linear: Linear, done: Pass, mix: Component) -> Parts:
@@ -143,16 +146,15 @@ def slope(flight: FlightData, hyper: NoiseParameters, linear: Linear, done: Pass
         sums = Sums(*passes.score(done.gains, series, done.latents, done.noises))
     else:
         sums = _sums(done.gains, series, done.latents, done.noises)
-    return _by_parts(flight.without_model(), hyper, sums)
+    return _by_parts(flight, hyper, sums)
 
 
-@jax.jit
-def _series(done: Pass, by_then: jax.Array, output: jax.Array, mix: jax.Array) -> _Series:
+def _series(done: Pass, by_then: Component, output: Component, mix: Component) -> _Series:
     made, x = done.gains, done.gains.output.shape[2]
     filtered = done.predicted[:, x:] + made.gain[:, x:] @ (made.root @ done.unit)
     weighted, means = done.weighted @ mix, filtered @ mix
-    inner = jnp.swapaxes(made.inverse, 1, 2) @ made.inverse - weighted @ jnp.swapaxes(weighted, 1, 2)
-    return _Series(inner, weighted, jnp.swapaxes(means, 1, 2), by_then @ output)
+    inner = np.swapaxes(made.inverse, 1, 2) @ made.inverse - weighted @ np.swapaxes(weighted, 1, 2)
+    return _Series(inner, weighted, np.swapaxes(means, 1, 2), by_then @ output)
 
 
 @jax.jit
@@ -198,7 +200,6 @@ def _sums(made: Gains, series: _Series, latents: jax.Array, noises: jax.Array) -
     return Sums(transition, noise_gain, kept, drift, white, z)
 
 
-@jax.jit
 def _by_parts(flight: FlightData, hyper: NoiseParameters, sums: Sums) -> Parts:
     given, size = parts(flight, hyper), sums.transition.shape[0]
     phi, c = given.kept, given.kept.shape[0]
@@ -209,7 +210,7 @@ def _by_parts(flight: FlightData, hyper: NoiseParameters, sums: Sums) -> Parts:
         sums.noise_gain @ given.noise_gain,
         z[x : x + size, x : x + size] @ given.first,
         sums.kept - phi * given.stationary * sums.drift,
-        0.5 * (1.0 - phi**2) * sums.drift + 0.5 * jnp.diagonal(z)[x + size :],
+        0.5 * (1.0 - phi**2) * sums.drift + 0.5 * np.diagonal(z)[x + size :],
         sums.white,
     )
 
@@ -222,7 +223,7 @@ def pull(flight: FlightData, vector: jax.Array, like: NoiseParameters, by: Parts
 
 def conditional_score(
     vector: Component, like: NoiseParameters, flight: FlightData, linear: Linear, seen: Seen
-) -> jax.Array:
+) -> Component:
     """Gradient (V,) of a flight's ``1/2 |innovations|^2 + log det``, parameters held.
 
     Args:
@@ -245,7 +246,7 @@ def evidence_score(
     linear: tuple[Linear, ...],
     seen: tuple[Seen, ...],
     prior_precision: Component,
-) -> tuple[jax.Array, jax.Array]:
+) -> tuple[float, Array]:
     """Minus the log evidence and the log prior, up to a constant, and its gradient.
 
     With M the matrix of the parameters, ``B B' = M^-1`` held fixed, the gradient of ``1/2 log det M`` is that of half
@@ -262,27 +263,30 @@ def evidence_score(
 
     Returns:
         The value and its gradient (V,).
+
+    Raises:
+        numpy.linalg.LinAlgError: If the matrix of the parameters is not positive definite.
     """
     hyper = from_vector(vector, median)
     runs = [run(flight, hyper, lin, data) for flight, lin, data in zip(flights, linear, seen, strict=True)]
     value, mix, gradient = _collected(vector, median, log_sd, tuple(runs), prior_precision)
     for flight, lin, done in zip(flights, linear, runs, strict=True):
-        gradient = gradient + pull(flight.without_model(), vector, median, slope(flight, hyper, lin, done, mix))
+        by = pull(flight.without_model(), vector, median, slope(flight, hyper, lin, done, mix))
+        gradient = gradient + np.asarray(by)
     return value, gradient
 
 
-@jax.jit
 def _collected(
-    vector: jax.Array, median: NoiseParameters, log_sd: float, runs: tuple[Pass, ...], prior_precision: jax.Array
-) -> tuple[jax.Array, jax.Array, jax.Array]:
+    vector: Array, median: NoiseParameters, log_sd: float, runs: tuple[Pass, ...], prior_precision: Array
+) -> tuple[float, Array, Array]:
     """Minus the log evidence, the series whose squares are its gradient (1 + P, 1 + P), and that of the prior (V,)."""
-    off = (vector - ravel_pytree(jax.tree.map(jnp.log, median))[0]) / log_sd
+    off = (vector - to_vector(median)) / log_sd
     value, matrix = 0.5 * off @ off, prior_precision
     for done in runs:
         unit = done.unit.reshape(-1, done.unit.shape[2])
         value = value + 0.5 * unit[:, 0] @ unit[:, 0] + done.gains.log_determinant
         matrix = matrix + unit[:, 1:].T @ unit[:, 1:]
-    root = jnp.linalg.cholesky(matrix)
-    value = value + jnp.sum(jnp.log(jnp.diagonal(root)))
-    spread = jax.scipy.linalg.solve_triangular(root, jnp.eye(len(root)), lower=True).T
-    return value, jax.scipy.linalg.block_diag(jnp.eye(1), spread), off / log_sd
+    root = np.linalg.cholesky(matrix)
+    value = value + np.sum(np.log(np.diagonal(root)))
+    spread = solve_triangular(root, np.eye(len(root)), lower=True).T
+    return float(value), block_diag(np.eye(1), spread), off / log_sd

@@ -8,7 +8,6 @@ It is the term by which a second-order filter differs from an extended Kalman fi
 
 from __future__ import annotations
 
-import jax
 import numpy as np
 
 from bayeschute.core.vectors import Component
@@ -86,14 +85,10 @@ def mean(
     raise FloatingPointError("steps under most drawn disturbances about the optimum fail")
 
 
-def slope(linear: Linear, made: Gains, mean_correction: MeanCorrection) -> jax.Array:
+def slope(linear: Linear, made: Gains, mean_correction: MeanCorrection) -> Component:
     """Contribution of the correction to the gradient of minus the log density by theta (P,), at the linearisation."""
-    unit = innovations(made, *_corrected_alone(as_seen(linear), mean_correction))
+    seen = as_seen(linear)
+    blank = Seen(*(np.concatenate([0.0 * part[..., :1], part[..., 1:]], axis=-1) for part in seen))
+    unit = innovations(made, *blank.less(mean_correction))
     unit = unit.reshape(-1, unit.shape[2])
     return -unit[:, 1:].T @ unit[:, 0]
-
-
-@jax.jit
-def _corrected_alone(seen: Seen, mean_correction: MeanCorrection) -> Seen:
-    """The mean correction in place of the data, beside their derivatives."""
-    return Seen(*(part.at[..., 0].set(0.0) for part in seen)).less(mean_correction)

@@ -8,11 +8,14 @@ derivatives alike. Innovations at missing samples are zero.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 
 import jax
 import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
 
+from bayeschute.core.array_library import library_of
 from bayeschute.core.vectors import Component
 
 
@@ -32,10 +35,10 @@ class Noise:
     time_constant: Component
 
 
-@partial(jax.jit, static_argnums=1)
 def of_outputs(noise: Noise, channel: tuple[int, ...]) -> Noise:
     """Noise of outputs (C,) from that of channels (K,), given the channel of every output by number (C entries)."""
-    return jax.tree.map(lambda a: jnp.asarray(a)[jnp.array(channel)], noise)
+    library = library_of(noise)
+    return jax.tree.map(lambda a: library.asarray(a)[np.array(channel, int)], noise)
 
 
 def gains(noise: Noise, dt: Component, present: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
@@ -89,18 +92,13 @@ def whiten(noise: Noise, dt: Component, present: jax.Array, series: jax.Array) -
     return jax.lax.scan(step, jnp.zeros(series.shape[1:]), rows)[1]
 
 
-@jax.jit
-def colour(noise: Noise, dt: Component, drift: jax.Array, white: jax.Array) -> jax.Array:
+def colour(noise: Noise, dt: Component, drift: Component, white: Component) -> NDArray[np.float64]:
     """AR(1) plus white noise (T, C, ...) from two arrays of standard normal numbers of that shape."""
-    extra = (1,) * (drift.ndim - 2)
+    extra = (1,) * (np.ndim(drift) - 2)
     phi, sd, small = (
-        jnp.reshape(a, (-1, *extra)) for a in (jnp.exp(-dt / noise.time_constant), noise.correlated, noise.white)
+        np.reshape(a, (-1, *extra)) for a in (np.exp(-dt / noise.time_constant), noise.correlated, noise.white)
     )
-
-    def step(state: jax.Array, z: jax.Array) -> tuple[jax.Array, jax.Array]:
-        state = phi * state + sd * jnp.sqrt(1.0 - phi**2) * z
-        return state, state
-
-    first = sd * drift[0]
-    _, rest = jax.lax.scan(step, first, drift[1:])
-    return jnp.concatenate([first[None], rest]) + small * white
+    driven = sd * np.sqrt(1.0 - phi**2) * np.asarray(drift)
+    driven[0] = sd * drift[0]
+    states = [lfilter([1.0], [1.0, -one], driven[:, i], axis=0) for i, one in enumerate(phi.ravel())]
+    return np.stack(states, axis=1) + small * white

@@ -10,8 +10,6 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from bayeschute.core.random import stream
@@ -33,7 +31,7 @@ class Drawn(NamedTuple):
     """A draw: standard start and process noise, and the deviation of its states from the trajectory (T, X, B)."""
 
     unknowns: Unknowns
-    states: jax.Array
+    states: Component
 
 
 def normals(flight: FlightData, draws: int, rng: np.random.Generator) -> Normals:
@@ -68,22 +66,25 @@ def drawn(flight: FlightData, hyper: NoiseParameters, made: Gains, seen: Seen, z
         seen: Data relative to a trajectory, one column per draw.
         z: From `normals`; zeros give the smoothed unknowns.
     """
-    series, inputs = _less_draw(flight.without_model(), hyper, made, seen, z)
+    series, inputs = _less_draw(flight, hyper, made, seen, z)
     _, weighted, predicted = forward(made, series, inputs, seen.inputs.shape[1])
     start, process_noise, states = backward(made, weighted, predicted)
     return Drawn(Unknowns(start + z.start, process_noise + z.process_noise), states)
 
 
-@jax.jit
 def _less_draw(flight: FlightData, hyper: NoiseParameters, made: Gains, seen: Seen, z: Normals) -> Seen:
     """Data less those of a draw, and inputs to all states with which predicted means are those of data and draw."""
     noise, many = hyper.outputs(flight), z.start.shape[1]
     states, count = made.first.shape[0], seen.series.shape[1]
-    phi, sd = (jnp.asarray(a)[:, None] for a in (jnp.exp(-flight.dt / noise.time_constant), noise.correlated))
-    drift = (sd * jnp.sqrt(1.0 - phi**2) * z.drift).at[0].set(sd * z.drift[0])
-    shocks = jnp.asarray(z.process_noise)
-    moved = jnp.concatenate([made.by_shock @ shocks[1:], jnp.asarray(made.noise_gain) @ shocks[1:]], axis=1)
-    inputs = jnp.zeros((len(shocks), states, many)).at[1:, : moved.shape[1]].set(moved)
-    inputs = inputs.at[0].set(made.start @ z.start + made.first @ shocks[0])
-    inputs = inputs.at[:, states - count :].add(drift).at[:, : seen.inputs.shape[1]].add(seen.inputs)
-    return Seen(seen.series - jnp.asarray(noise.white)[:, None] * z.white, inputs)
+    phi, sd = (np.asarray(a)[:, None] for a in (np.exp(-flight.dt / noise.time_constant), noise.correlated))
+    drift = sd * np.sqrt(1.0 - phi**2) * z.drift
+    drift[0] = sd * z.drift[0]
+    shocks = z.process_noise
+    own, latent = np.asarray(made.by_shock) @ shocks[1:], np.asarray(made.noise_gain) @ shocks[1:]
+    inputs = np.zeros((len(shocks), states, many))
+    inputs[1:, : own.shape[1]] = own
+    inputs[1:, own.shape[1] : own.shape[1] + latent.shape[1]] = latent
+    inputs[0] = made.start @ z.start + made.first @ shocks[0]
+    inputs[:, states - count :] += drift
+    inputs[:, : seen.inputs.shape[1]] += seen.inputs
+    return Seen(seen.series - np.asarray(noise.white)[:, None] * z.white, inputs)

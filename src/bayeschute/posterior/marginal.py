@@ -18,11 +18,11 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
+from bayeschute.core.array_library import library_of
 from bayeschute.core.numerics import processors
 from bayeschute.core.vectors import Component
 from bayeschute.likelihood import mean_correction
@@ -96,15 +96,11 @@ class Quadratic(NamedTuple):
         """Zero."""
         return cls(np.zeros(parameters), np.zeros((parameters, parameters)))
 
-    def at(self, xi: Component) -> jax.Array:
+    def at(self, xi: Component) -> Component:
         """Values (...) at (P, ...)."""
-        return _quadratic(self, xi)
-
-
-@jax.jit
-def _quadratic(form: Quadratic, xi: jax.Array) -> jax.Array:
-    bent = jnp.tensordot(form.curvature, xi, axes=1)
-    return jnp.tensordot(form.slope, xi, axes=1) + 0.5 * jnp.sum(xi * bent, axis=0)
+        library = library_of(self, xi)
+        bent = library.tensordot(self.curvature, xi, axes=1)
+        return library.tensordot(self.slope, xi, axes=1) + 0.5 * library.sum(xi * bent, axis=0)
 
 
 @jax.tree_util.register_dataclass
@@ -142,10 +138,10 @@ class Marginal:
 
     def theta(self, xi: Component) -> Component:
         """Parameters (P, ...) of standard coordinates (P, ...)."""
-        return _shifted(self.centre, self.scale, xi)[0]
+        return shifted(self, xi)[0]
 
 
-def _about(flight: FlightData, hyper: NoiseParameters, linear: Linear) -> tuple[Lifted, jax.Array, Gains]:
+def _about(flight: FlightData, hyper: NoiseParameters, linear: Linear) -> tuple[Lifted, Component, Gains]:
     """Derivatives of the conditional optimum, those of `Linearisation.known`, and the filter."""
     given = conditional(flight, hyper, linear)
     by_theta = jax.tree.map(np.negative, given.slope)
@@ -183,56 +179,40 @@ def mean_correction_slope(marginal: Marginal) -> Array:
     return total
 
 
-@jax.jit
-def _led(at: Lifted, slope: Lifted, shift: jax.Array) -> tuple[Lifted, Lifted, Lifted]:
-    """An optimum as wide as `shift` (P, ...), its linear change, and their sum."""
-    many = (1,) * (jnp.ndim(shift) - 1)
-    by = jax.tree.map(lambda a: jnp.tensordot(a, shift, axes=1), slope)
-    wide = jax.tree.map(lambda a, b: jnp.broadcast_to(jnp.reshape(a, (*jnp.shape(a), *many)), b.shape), at, by)
-    return wide, by, jax.tree.map(jnp.add, wide, by)
-
-
-def _place(flight: FlightData, theta: jax.Array, at: Lifted, slope: Lifted, shift: jax.Array) -> Lifted:
-    wide, by, both = _led(at, slope, shift)
-    theta = jnp.reshape(theta, (-1, *(1,) * (jnp.ndim(shift) - 1)))
-    return both._replace(path=moved(flight, wide.path, by.path, theta, shift))
-
-
-def place_at(flight: FlightData, along: Linearisation, shift: jax.Array) -> Lifted:
+def place_at(flight: FlightData, along: Linearisation, shift: Component) -> Lifted:
     """Start, process noise and trajectory at ``theta_0 + shift`` (P, ...), followed linearly."""
-    return _place(flight, along.theta, along.at, along.slope, shift)
+    library, many = library_of(along.theta, shift), (1,) * (np.ndim(shift) - 1)
+    by = jax.tree.map(lambda a: library.tensordot(a, shift, axes=1), along.slope)
+    at = jax.tree.map(lambda a: library.reshape(a, (*np.shape(a), *many)), along.at)
+    unknowns, error = jax.tree.map(library.add, (at.unknowns, at.error), (by.unknowns, by.error))
+    path = library.broadcast_to(at.path, by.path.shape)
+    return Lifted(unknowns, error, moved(flight, path, by.path, library.reshape(along.theta, (-1, *many)), shift))
 
 
-def latent_path_at(flight: FlightData, along: Linearisation, shift: jax.Array) -> LatentPath:
+def latent_path_at(flight: FlightData, along: Linearisation, shift: Component) -> LatentPath:
     """Likewise, as a latent path."""
-    return place_at(flight, along, shift).latent_path(flight, jnp.ndim(shift) - 1)
+    return place_at(flight, along, shift).latent_path(flight, np.ndim(shift) - 1)
 
 
-def shifted(marginal: Marginal, xi: Component) -> tuple[jax.Array, jax.Array]:
+def shifted(marginal: Marginal, xi: Component) -> tuple[Component, Component]:
     """Parameters at standard coordinates (P, ...), and their difference from the centre."""
-    return _shifted(marginal.centre, marginal.scale, xi)
-
-
-@jax.jit
-def _shifted(centre: jax.Array, scale: jax.Array, xi: jax.Array) -> tuple[jax.Array, jax.Array]:
-    middle = jnp.reshape(centre, (-1, *(1,) * (jnp.ndim(xi) - 1)))
-    theta = middle + jnp.tensordot(scale, xi, axes=1)
+    library = library_of(marginal.centre, xi)
+    middle = library.reshape(marginal.centre, (-1, *(1,) * (np.ndim(xi) - 1)))
+    theta = middle + library.tensordot(marginal.scale, xi, axes=1)
     return theta, theta - middle
 
 
-@jax.jit
-def seen_along(along: Linearisation, residual: jax.Array, defects: jax.Array, shift: jax.Array) -> Seen:
+def seen_along(along: Linearisation, residual: Component, defects: Component, shift: Component) -> Seen:
     """Data of the linear model from residuals (T, C, B) and defects (T, X, B) along `latent_path_at`."""
     inputs = defects - along.known[..., None] - along.known_slope @ shift
     return Seen(residual - along.mean_correction.outputs[..., None], inputs + along.mean_correction.inputs[..., None])
 
 
-def _seen(flight: FlightData, along: Linearisation, theta: jax.Array, shift: jax.Array) -> Seen:
+def _seen(flight: FlightData, along: Linearisation, theta: Component, shift: Component) -> Seen:
     return seen_along(along, *stepped(flight, theta, latent_path_at(flight, along, shift)), shift)
 
 
-@jax.jit
-def out_of_range(along: Linearisation, unit: jax.Array, shift: jax.Array, xi: jax.Array) -> jax.Array:
+def out_of_range(along: Linearisation, unit: Component, shift: Component, xi: Component) -> Component:
     """Root of twice the price of innovations (T, C, B) that have bent too far (B,).
 
     They bend with theta, as steps are taken with the full equations. The farther they depart from a straight line, the
@@ -246,18 +226,20 @@ def out_of_range(along: Linearisation, unit: jax.Array, shift: jax.Array, xi: ja
         xi: The same in standard coordinates (P, B).
     """
     straight = along.unit[..., 1:] @ shift
-    twice = twice_price(jnp.sum((unit - along.unit[..., :1] + straight) ** 2, axis=(0, 1)), xi)
-    return jnp.where(twice > 0.0, jnp.sqrt(jnp.where(twice > 0.0, twice, 1.0)), 0.0)
+    library = library_of(unit, shift, xi)
+    twice = twice_price(library.sum((unit - along.unit[..., :1] + straight) ** 2, axis=(0, 1)), xi)
+    return library.where(twice > 0.0, library.sqrt(library.where(twice > 0.0, twice, 1.0)), 0.0)
 
 
-def twice_price(bent: jax.Array, xi: jax.Array) -> jax.Array:
+def twice_price(bent: Component, xi: Component) -> Component:
     """Twice the price (...) of squared departures (...) from a straight line at standard coordinates (P, ...).
 
     What minus the log density lacks of Laplace's approximation at points of a posterior grows as innovations bend, by
     about the squared departure beyond a twentieth of the squared step. That is the price; far off it grows faster, as
     the squares there may fall by more than a departure's own.
     """
-    more = jnp.maximum(bent - _BENT * (jnp.sum(xi**2, axis=0) + _ROUNDING), 0.0)
+    library = library_of(bent, xi)
+    more = library.maximum(bent - _BENT * (library.sum(xi**2, axis=0) + _ROUNDING), 0.0)
     return more * (2.0 + _STEEPER * more)
 
 
@@ -300,7 +282,7 @@ def half_squares(marginal: Marginal, xi: Component) -> Array:
         return np.asarray(0.5 * np.sum(projected_residuals(marginal, xi) ** 2, axis=0))
 
 
-def one_step_errors(marginal: Marginal, xi: Component) -> tuple[jax.Array, ...]:
+def one_step_errors(marginal: Marginal, xi: Component) -> tuple[Component, ...]:
     """Standardised errors (T, C, B) of predicting every sample from all earlier ones, per flight, at (P, B).
 
     Zero where nothing was recorded. An output's error is that given the outputs before it in the same sample.
@@ -310,7 +292,7 @@ def one_step_errors(marginal: Marginal, xi: Component) -> tuple[jax.Array, ...]:
     return tuple(innovations(a.gains, *_seen(f, a, theta, shift)) for f, a in pairs)
 
 
-def sample_log_likelihoods(marginal: Marginal, xi: Component) -> tuple[jax.Array, ...]:
+def sample_log_likelihoods(marginal: Marginal, xi: Component) -> tuple[Component, ...]:
     """Log density of every sample given all earlier ones and the parameters, start and disturbances integrated out.
 
     Its sum over the samples of all flights is `log_density` without the prior, up to a constant. The squared prediction
@@ -332,15 +314,14 @@ def sample_log_likelihoods(marginal: Marginal, xi: Component) -> tuple[jax.Array
     return tuple(_log_likelihoods(flight, along, unit, shift, xi, each) for flight, along, unit in rows)
 
 
-@jax.jit
 def _log_likelihoods(
-    flight: FlightData, along: Linearisation, unit: jax.Array, shift: jax.Array, xi: jax.Array, each: jax.Array
-) -> jax.Array:
-    scale = jnp.log(jnp.diagonal(along.gains.root, axis1=1, axis2=2)) + 0.5 * jnp.log(2.0 * jnp.pi)
-    constant = jnp.sum(jnp.where(flight.present, scale, 0.0), axis=1)
-    price = 0.5 * out_of_range(along, unit, shift, xi) ** 2 / jnp.sum(flight.present)
-    shares = jnp.sum(flight.present, axis=1)[:, None] * (each + price)
-    return -0.5 * jnp.sum(unit**2, axis=1) - constant[:, None] - shares
+    flight: FlightData, along: Linearisation, unit: Component, shift: Component, xi: Component, each: Component
+) -> Component:
+    scale = np.log(np.diagonal(along.gains.root, axis1=1, axis2=2)) + 0.5 * np.log(2.0 * np.pi)
+    constant = np.sum(np.where(flight.present, scale, 0.0), axis=1)
+    price = 0.5 * out_of_range(along, unit, shift, xi) ** 2 / np.sum(flight.present)
+    shares = np.sum(flight.present, axis=1)[:, None] * (each + price)
+    return -0.5 * np.sum(unit**2, axis=1) - constant[:, None] - shares
 
 
 def draw_flights(
@@ -380,7 +361,7 @@ def draw_flights(
             residual, defects = stepped(flight, theta, latent_path)
             seen = Seen(  # the linear model has no correction here
                 residual + np.asarray(along.linear.steps.out_state) @ aside_path,
-                np.asarray(defects) - _disturbed(along.linear, latent_path_of(flight, noise_parameters, free)),
+                np.asarray(defects) - disturbed(along.linear.steps, latent_path_of(flight, noise_parameters, free)),
             )
             again, away = drawn(flight, noise_parameters, made, seen, z)
             free, path = _where_small(free, path, again, moved(flight, path, away, theta, held))
@@ -393,15 +374,11 @@ def _followed(shift: Array, slope: Component) -> Array:
     return np.tensordot(slope, shift, axes=1)
 
 
-@jax.jit
-def _where_small(free: Unknowns, path: jax.Array, again: Unknowns, there: jax.Array) -> tuple[Unknowns, jax.Array]:
+def _where_small(free: Unknowns, path: Component, again: Unknowns, there: Component) -> tuple[Unknowns, Component]:
     """Unknowns and path of each draw after a correction; before it where its root mean square is a half or more."""
-    change = jnp.concatenate([jnp.reshape(b - a, (-1, path.shape[-1])) for a, b in zip(free, again, strict=True)])
-    small = jnp.isfinite(there).all(axis=(0, 1)) & (jnp.mean(change**2, axis=0) < _MOST_CORRECTED**2)
-    return jax.tree.map(lambda a, b: jnp.where(small, b, a), (free, path), (again, there))
-
-
-_disturbed = jax.jit(lambda linear, latent_path: disturbed(linear.steps, latent_path))
+    change = np.concatenate([np.reshape(b - a, (-1, path.shape[-1])) for a, b in zip(free, again, strict=True)])
+    small = np.isfinite(there).all(axis=(0, 1)) & (np.mean(change**2, axis=0) < _MOST_CORRECTED**2)
+    return jax.tree.map(lambda a, b: np.where(small, b, a), (free, path), (again, there))
 
 
 def in_batches(function: Callable[[Array], Any], xi: Array, batch: int = BATCH, side_by_side: bool = False) -> Any:

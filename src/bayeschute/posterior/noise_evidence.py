@@ -26,7 +26,6 @@ from bayeschute.likelihood.kalman_gradient import to_vector as to_vector
 from bayeschute.likelihood.priors import Prior, precision
 
 Array = NDArray[np.float64]
-_seen = jax.jit(as_seen)
 Evidence = Callable[[Array], tuple[float, Array]]
 """Minus a log evidence and its gradient (V,) at the logarithms of the noise parameters (V,): see `function_of`."""
 _FARTHEST = 5.0  # standard deviations of its prior that a noise parameter may be away from the median
@@ -90,16 +89,18 @@ def function_of(
         From (V,), in the order of `to_vector`, to value and gradient (V,); 1e300 and zeros where it is not finite.
     """
     median = jax.tree.map(lambda a: np.asarray(a, float), prior.median)
-    seen = tuple(_seen(lin) for lin in linear)
+    seen = tuple(as_seen(lin) for lin in linear)
     if mean_corrections is not None:
         seen = tuple(s.less(mean_correction) for s, mean_correction in zip(seen, mean_corrections, strict=True))
     before = precision(priors)
 
     def objective(vector: Array) -> tuple[float, Array]:
-        value, gradient = evidence_score(vector, median, prior.log_sd, tuple(flights), tuple(linear), seen, before)
-        if not np.isfinite(value):
-            return 1e300, np.zeros_like(vector)
-        return float(value), np.asarray(gradient)
+        given = vector, median, prior.log_sd, tuple(flights), tuple(linear), seen, before
+        try:
+            value, gradient = evidence_score(*given)
+        except np.linalg.LinAlgError:  # the noise is so far off that rounding makes a covariance indefinite
+            value = np.inf
+        return (value, gradient) if np.isfinite(value) else (1e300, np.zeros_like(vector))
 
     return objective
 

@@ -28,7 +28,6 @@ from bayeschute.posterior.differences import beside
 from bayeschute.posterior.marginal import Marginal, latent_path_at, shifted
 
 Array = NDArray[np.float64]
-_seen = jax.jit(lambda linear, mean_correction: as_seen(linear).column(0).less(mean_correction))
 
 
 class NoiseEffect(NamedTuple):
@@ -97,9 +96,8 @@ def noise_parameter_slope(marginal: Marginal, step: float = 0.5) -> Array:
         total: Array = np.zeros(at.size)
         for flight, along in zip(marginal.flights, marginal.along, strict=True):
             linear = linearise(flight, theta, latent_path_at(flight, along, shift))
-            total = total + np.asarray(
-                conditional_score(at, like, flight, linear, _seen(linear, along.mean_correction))
-            )
+            seen = as_seen(linear).column(0).less(along.mean_correction)
+            total = total + np.asarray(conditional_score(at, like, flight, linear, seen))
         return total
 
     with ThreadPoolExecutor(processors()) as pool:

@@ -13,13 +13,12 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from bayeschute.atmosphere.standard import standard_density
-from bayeschute.compiler.integrate import trajectory_compiled
 from bayeschute.core.random import stream
 from bayeschute.core.vectors import Vec3, vec3
 from bayeschute.dynamics.cluster import geometry, state_rate, tension
 from bayeschute.dynamics.cluster_flight import QUANTITIES, ClusterFlight, ClusterInputs, quantity
 from bayeschute.dynamics.initial_state import Start, tangent_basis
-from bayeschute.dynamics.outcome import attributes, examine
+from bayeschute.dynamics.outcome import attributes, examine, flown
 from bayeschute.dynamics.parameters import Cluster, Structure
 from bayeschute.dynamics.state import CAPSULE_SIZE, unpack
 from bayeschute.records.record import make_record
@@ -191,7 +190,7 @@ def fly(
         inputs = ClusterInputs(wind, standard_density(altitude), factor, np.zeros((time.size, 4)))
         basis = tangent_basis(start.direction)
         flight = ClusterFlight(model, start, basis, inputs, dt, structure, (), (), substeps, wind_field)
-        states = np.asarray(trajectory_compiled(flight, *still))
+        states = np.asarray(flown(flight, *still))
         if not np.isfinite(states).all():
             bad = time[~np.isfinite(states).all(axis=1)][0]
             raise FloatingPointError(f"the virtual drop left the finite numbers at {bad:.1f} s")

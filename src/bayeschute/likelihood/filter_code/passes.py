@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import jax
 import numpy as np
 from numpy.typing import NDArray
 
 from bayeschute.compiler.emit import Program
 from bayeschute.compiler.integrate import Steps
 from bayeschute.compiler.machine import aligned, available, compiled
+from bayeschute.core.array_library import traced
 from bayeschute.likelihood.disturbances import Dynamics
 from bayeschute.likelihood.filter_code.covariance_pass import Sizes, covariance_pass
 from bayeschute.likelihood.filter_code.mean_passes import SYSTEM, MeanSizes, backward_pass, forward_pass
@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 def served(*given: Any) -> bool:
     """Whether the passes can be run: code can be generated, and no argument is being traced by JAX."""
-    return available() and not any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(given))
+    return available() and not traced(*given)
 
 
 def covariances(

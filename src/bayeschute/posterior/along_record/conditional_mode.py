@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from bayeschute.likelihood.disturbances import Dynamics, disturbances
+from bayeschute.likelihood.disturbances import disturbances
 from bayeschute.likelihood.joint import FlightData, Lifted, Linear, NoiseParameters
 from bayeschute.likelihood.kalman import Gains
 from bayeschute.likelihood.priors import Prior
@@ -168,14 +167,10 @@ def _accelerated(tried: Sequence[tuple[Sequence[Lifted], Sequence[Lifted]]]) -> 
     return made
 
 
-@jax.jit
-def _apart(made: Dynamics, at: Lifted) -> jax.Array:
-    return jnp.max(jnp.abs(at.error - disturbances(made, at.unknowns.process_noise)), initial=0.0)
-
-
 def _consistent(flight: FlightData, hyper: NoiseParameters, at: Lifted) -> bool:
     """Whether the disturbances belong to the process noise under these noise parameters, not to earlier ones."""
-    return bool(_apart(hyper.dynamics(flight), at) <= 1e-9 * (1.0 + np.max(np.abs(at.error), initial=0.0)))
+    apart = np.abs(at.error - disturbances(hyper.dynamics(flight), at.unknowns.process_noise))
+    return bool(np.max(apart, initial=0.0) <= 1e-9 * (1.0 + np.max(np.abs(at.error), initial=0.0)))
 
 
 def onward(

@@ -15,7 +15,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
@@ -100,8 +99,8 @@ def begin(flight: FlightData) -> Lifted:
     """
     if flight.path is None:
         raise ValueError("a fit along the record wants a flight with the path of its record")
-    error = jnp.zeros((flight.samples, flight.latent.rows))
-    return Lifted(flight.still(), error, jnp.asarray(flight.path.states))
+    error = np.zeros((flight.samples, flight.latent.rows))
+    return Lifted(flight.still(), error, np.asarray(flight.path.states))
 
 
 def _resettled(level: Level, here: Point) -> Point:

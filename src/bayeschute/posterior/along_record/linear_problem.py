@@ -5,12 +5,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
 from bayeschute.core.vectors import Component
-from bayeschute.likelihood.disturbances import Dynamics, disturbances
+from bayeschute.likelihood.disturbances import disturbances
 from bayeschute.likelihood.joint import (
     FlightData,
     Lifted,
@@ -21,7 +20,7 @@ from bayeschute.likelihood.joint import (
     filter_gains,
     moved,
 )
-from bayeschute.likelihood.kalman import Gains, Seen, Smoothed, smooth_driven
+from bayeschute.likelihood.kalman import Gains, Seen, smooth_driven
 from bayeschute.likelihood.noise import whiten
 
 Array = NDArray[np.float64]
@@ -37,10 +36,10 @@ class Terms(NamedTuple):
         largest: The largest of them.
     """
 
-    data: jax.Array
-    squares: jax.Array
-    sizes: jax.Array
-    largest: jax.Array
+    data: float
+    squares: float
+    sizes: float
+    largest: float
 
 
 class Solved(NamedTuple):
@@ -61,14 +60,16 @@ class Solved(NamedTuple):
     determinant: Component
 
 
-@jax.jit
 def terms(flight: FlightData, hyper: NoiseParameters, slack: Component, at: Lifted, made: Linear) -> Terms:
     """Contribution of a flight to the merit function."""
-    unit = whiten(hyper.outputs(flight), flight.dt, jnp.asarray(flight.present), made.residual)
+    unit = _whitened(hyper.outputs(flight), flight.dt, flight.present, made.residual)
     defect = made.defects / slack
-    data = 0.5 * (jnp.sum(unit**2) + jnp.sum(at.unknowns.start**2) + jnp.sum(at.unknowns.process_noise**2))
-    sizes = jnp.abs(defect)
-    return Terms(data, 0.5 * jnp.sum(defect**2), jnp.sum(sizes), jnp.max(sizes))
+    data = 0.5 * sum(float(np.sum(np.asarray(a) ** 2)) for a in (unit, *at.unknowns))
+    sizes = np.abs(defect)
+    return Terms(data, 0.5 * float(np.sum(defect**2)), float(np.sum(sizes)), float(np.max(sizes)))
+
+
+_whitened = jax.jit(whiten)
 
 
 def solve(flight: FlightData, hyper: NoiseParameters, slack: Component | None, made: Linear) -> tuple[Solved, Gains]:
@@ -92,15 +93,11 @@ def solve(flight: FlightData, hyper: NoiseParameters, slack: Component | None, m
 
 def led(flight: FlightData, hyper: NoiseParameters, at: Lifted, solved: Solved, step: Component) -> Lifted:
     """Start, process noise and trajectory after a step of the parameters (P,) in the linear problem."""
-    return _led(hyper.dynamics(flight), at.path, solved, step)
-
-
-@jax.jit
-def _led(made: Dynamics, path: jax.Array, solved: Solved, step: jax.Array) -> Lifted:
     start, process_noise, away = (
         a[..., 0] - a[..., 1:] @ step for a in (solved.start, solved.process_noise, solved.states)
     )
-    return Lifted(Unknowns(start, process_noise), disturbances(made, process_noise), path + away)
+    error = disturbances(hyper.dynamics(flight), process_noise)
+    return Lifted(Unknowns(start, process_noise), error, at.path + away)
 
 
 def closed(flight: FlightData, hyper: NoiseParameters, at: Lifted, made: Linear) -> Lifted:
@@ -116,25 +113,12 @@ def closed(flight: FlightData, hyper: NoiseParameters, at: Lifted, made: Linear)
     """
     filtered = filter_gains(flight, hyper, made)
     got = smooth_driven(filtered, Seen(np.zeros((*np.shape(made.residual), 1)), made.defects[..., None]))
-    return _beside(hyper.dynamics(flight), at, got)
-
-
-@jax.jit
-def _beside(made: Dynamics, at: Lifted, got: Smoothed) -> Lifted:
-    """Start, process noise and trajectory after a change that was smoothed."""
     process_noise = at.unknowns.process_noise + got.process_noise[..., 0]
     unknowns = Unknowns(at.unknowns.start + got.start[:, 0], process_noise)
-    return Lifted(unknowns, disturbances(made, process_noise), at.path + got.states[..., 0])
+    return Lifted(unknowns, disturbances(hyper.dynamics(flight), process_noise), at.path + got.states[..., 0])
 
 
 def shortened(flight: FlightData, at: Lifted, there: Lifted, share: float, theta: Component, step: Component) -> Lifted:
     """A fraction of a linear step of flight and parameters (P,)."""
-    there, by = _between(at, there, share)
-    return there._replace(path=moved(flight, at.path, by, theta, share * step))
-
-
-@jax.jit
-def _between(at: Lifted, there: Lifted, share: float) -> tuple[Lifted, jax.Array]:
-    """A share of the way in a straight line, and how far the path moves on it."""
     there = jax.tree.map(lambda a, b: a + share * (b - a), at, there)
-    return there, there.path - at.path
+    return there._replace(path=moved(flight, at.path, there.path - at.path, theta, share * step))

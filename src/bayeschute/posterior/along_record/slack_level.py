@@ -110,10 +110,10 @@ class Level:
         made, defect, unit = [], 0.0, self.level or LEVELS[-1]
         for flight, at in zip(self.records, flights, strict=True):
             made.append(linearise(flight, theta, at.latent_path(flight), self.by_theta))
-            part = terms(flight.without_model(), self.hyper, self.slack(flight, at, unit), at, made[-1])
-            cost += float(part.data)
-            merit += float(part.data) + (float(part.squares) if self.level else _PRICE * float(part.sizes))
-            defect = max(defect, float(part.largest) * unit / LEVELS[-1])
+            part = terms(flight, self.hyper, self.slack(flight, at, unit), at, made[-1])
+            cost += part.data
+            merit += part.data + (part.squares if self.level else _PRICE * part.sizes)
+            defect = max(defect, part.largest * unit / LEVELS[-1])
         merit = merit if np.isfinite(merit) else np.inf
         return Point(theta, tuple(flights), tuple(made), merit, cost, defect)
 

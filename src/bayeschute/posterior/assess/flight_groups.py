@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-import jax
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
@@ -186,13 +185,8 @@ def flight_groups(
 def _read(flight: FlightData, hyper: NoiseParameters, theta: Component, path: Component, z: Normals) -> Single:
     """Data (T, C, B) read on paths (T, X, B) with noise; NaN where nothing was recorded."""
     off = np.asarray(compared(flight, theta, path))
-    noise = np.asarray(_noise(flight, hyper, z))
+    noise = colour(hyper.outputs(flight), flight.dt, z.drift, z.white)
     return _seen(flight, np.asarray(flight.observed)[..., None] - off + noise)
-
-
-@jax.jit
-def _noise(flight: FlightData, hyper: NoiseParameters, z: Normals) -> jax.Array:
-    return colour(hyper.outputs(flight), flight.dt, z.drift, z.white)
 
 
 def _seen(flight: FlightData, made: Array) -> Single:

@@ -18,16 +18,14 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
 from bayeschute.core.numerics import processors
-from bayeschute.likelihood.joint import FlightData, as_seen, filter_gains, linearise
-from bayeschute.likelihood.kalman import Gains, innovations
+from bayeschute.likelihood.joint import FlightData, filter_gains, linearise
+from bayeschute.likelihood.kalman import Gains
 from bayeschute.posterior.differences import beside
-from bayeschute.posterior.marginal import Linearisation, Marginal, latent_path_at, shifted
+from bayeschute.posterior.marginal import Marginal, latent_path_at, shifted
 
 Array = NDArray[np.float64]
 TRAINING = 0.25  # share of every record that is used for training and not scored
@@ -53,16 +51,10 @@ class Terms(NamedTuple):
     tilt: Array
 
 
-@jax.jit
-def _by_sample(flight: FlightData, made: Gains) -> jax.Array:
+def _by_sample(flight: FlightData, made: Gains) -> Array:
     """Log determinant of every sample given earlier ones (T,)."""
-    scale = jnp.log(jnp.diagonal(made.root, axis1=1, axis2=2))
-    return jnp.sum(jnp.where(flight.present, scale, 0.0), axis=1)
-
-
-@jax.jit
-def _unit(along: Linearisation) -> jax.Array:
-    return innovations(along.gains, *as_seen(along.linear).less(along.mean_correction))
+    scale = np.log(np.diagonal(made.root, axis1=1, axis2=2))
+    return np.asarray(np.sum(np.where(flight.present, scale, 0.0), axis=1))
 
 
 def terms(marginal: Marginal, step: float = 1.0) -> list[Terms]:
@@ -82,7 +74,7 @@ def terms(marginal: Marginal, step: float = 1.0) -> list[Terms]:
         found = []
         for flight, along in zip(marginal.flights, marginal.along, strict=True):
             linear = linearise(flight, theta, latent_path_at(flight, along, shift))
-            found.append(np.asarray(_by_sample(flight, filter_gains(flight, marginal.hyper, linear))))
+            found.append(_by_sample(flight, filter_gains(flight, marginal.hyper, linear)))
         return np.concatenate(found)
 
     with ThreadPoolExecutor(processors()) as pool:
@@ -92,9 +84,8 @@ def terms(marginal: Marginal, step: float = 1.0) -> list[Terms]:
     ends = np.cumsum([len(np.asarray(flight.present)) for flight in marginal.flights])
     tilts, made = np.split(((up - down) / (2.0 * h)).T, ends[:-1]), []
     for flight, along, tilt in zip(marginal.flights, marginal.along, tilts, strict=True):
-        unit = np.asarray(_unit(along))
-        constant = np.asarray(_by_sample(flight, along.gains))
-        constant = constant + 0.5 * np.log(2.0 * np.pi) * np.asarray(flight.present).sum(axis=1)
+        unit = np.asarray(along.unit)
+        constant = _by_sample(flight, along.gains) + 0.5 * np.log(2.0 * np.pi) * np.asarray(flight.present).sum(axis=1)
         made.append(Terms(unit[:, :, 0], unit[:, :, 1:] @ scale, constant, tilt))
     return made
 

@@ -6,16 +6,14 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
 from bayeschute.aero.term_names import is_pairwise
-from bayeschute.compiler.integrate import outputs
 from bayeschute.dynamics.cluster_flight import OF_INERTIA, ClusterFlight, output_names
 from bayeschute.dynamics.parameters import BIASES
 from bayeschute.dynamics.state import unpack
-from bayeschute.likelihood.joint import FlightData
+from bayeschute.likelihood.joint import FlightData, outputs_of
 from bayeschute.posterior.assess.alternatives import Alternative
 from bayeschute.posterior.marginal import Linearisation
 
@@ -182,9 +180,9 @@ def _constant(flight: FlightData, model: ClusterFlight, fitted: Collection[str])
 def _of_instruments(flight: FlightData, model: ClusterFlight, along: Linearisation) -> Iterator[PossibleError]:
     """Clocks of the instruments against each other, and the gain of load cells."""
     names = output_names(model.channels, model.structure.canopies)
-    seen = np.asarray(outputs(model, along.at.path, along.theta))
+    seen = np.asarray(outputs_of(flight, along.theta, along.at.path))
     rates = np.gradient(seen, float(flight.dt), axis=0)
-    body = unpack(jnp.asarray(along.at.path).T, model.structure.canopies).rate
+    body = unpack(np.asarray(along.at.path).T, model.structure.canopies).rate
     for i, name in enumerate(names):  # told relative to the recorded attitude, which is what is late
         rates[:, i] = getattr(body, name[-1]) if name.startswith("capsule_attitude") else rates[:, i]
     for channel, words in _LATE.items():

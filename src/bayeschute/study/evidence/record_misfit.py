@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
@@ -128,7 +127,7 @@ def as_document(misfit: Sequence[Misfit]) -> dict[str, Any]:
 def _of_disturbances(job: Job, one: Stored, flights: list[str], frequencies: dict[str, float]) -> Iterator[Check]:
     """Checks of draws of the process noise."""
     rng = stream(job.study.seed, "process noise of predictive checks")
-    xi = jnp.zeros((one.optimum.theta.size, DRAWS))
+    xi = np.zeros((one.optimum.theta.size, DRAWS))
     if not any(flight.latent.size for flight in one.marginal.flights):
         return
     numbers = tuple(normals(flight, DRAWS, rng) for flight in one.marginal.flights)
