@@ -178,6 +178,20 @@ def test_points_are_added_while_what_the_error_implies_is_not_small(bent, monkey
 def test_the_search_ends_where_no_polynomial_will_do(bent):
     made = bent(lambda points: 3.0 * np.sin(40.0 * points[:, 0]))
     got = fitted(made, np.random.default_rng(1))
-    size = np.size(made.centre)
-    assert correction_fit._MOST * size <= got.points < correction_fit._MOST * size + correction_fit._FIRST
+    batch = max(correction_fit._FIRST, correction_fit._BATCH * np.size(made.centre))
+    assert got.points == correction_fit._FIRST + (correction_fit._STILL + 1) * batch
     assert 1.0 < got.error and 0.2 < got.shift
+
+
+@pytest.mark.parametrize(
+    ("off", "vain"),
+    [
+        ([2.0, 2.0, 2.0], False),
+        ([2.0, 2.0, 2.0, 2.0], True),
+        ([2.0, 2.0, 1.9, 1.7], False),
+        ([9.0, 0.4, 0.4, 0.4], False),
+    ],
+    ids=["too few", "no better", "better", "small enough for the most points"],
+)
+def test_more_points_are_in_vain_where_they_help_no_more_and_the_most_would_not_do(off, vain):
+    assert correction_fit._in_vain(off, 100) is vain

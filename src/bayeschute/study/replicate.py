@@ -19,6 +19,7 @@ from bayeschute.prediction.flight_statistics import REDUCTIONS
 from bayeschute.study.assembly import assemble
 from bayeschute.study.assembly.fits import summary_draws
 from bayeschute.study.evidence.conditions import conditions
+from bayeschute.study.evidence.numerics_hash import PACKAGE
 from bayeschute.study.evidence.scenarios import SCENARIOS
 from bayeschute.study.job import Job
 from bayeschute.study.run import stage_list
@@ -27,7 +28,6 @@ from bayeschute.study.run.stage_report import flown_terms, true_values
 from bayeschute.study.study import Study
 
 Row = dict[str, Any]
-PACKAGE = Path(__file__).parents[1]
 WINDOW = 30.0  # [s] of the time since the start by which scores are split
 
 

@@ -9,12 +9,13 @@ What counts is not the error itself but what it does to means and standard devia
 density tell (`implied`). Points are added until that is known well enough, and small. If the corrections can be
 improved they are, by Bayesian linear regression (MacKay 1992): the expansion about the mode is what is expected, and
 how far it may be left, and how exact the values are, is what makes the points most probable. Its errors are those of
-leaving out one point after the other.
+leaving out one point after the other. Where they are so large that the most points ever used would not do, and more
+points don't make them smaller, no more are tried: some flights bend too much for any quadratic polynomial.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import product
 from typing import NamedTuple
@@ -32,7 +33,8 @@ MOST_SHIFT = 0.2
 """Change of a mean, in standard deviations, or relative of one of these, by the density's error, that will do."""
 _KNOWN = 0.05  # standard error of what the density's error implies that will do [standard deviations]
 _FINITE = 0.75  # least share of the points at which flights must not fail, nor the linear models
-_BETTER = 0.9  # of the error without a fit, below which a fit is taken
+_BETTER = 0.9  # of the error without a fit, or of an earlier one, below which a fit is taken to be better
+_STILL = 2  # batches without a better fit after which more are in vain
 _SLOPE = 0.3  # prior standard deviation of the slope's change
 _BENDS = (0.003, 0.01, 0.03, 0.06, 0.1, 0.2, 0.4)  # of the curvatures' change, one of
 _ERRORS = (0.02, 0.05, 0.1, 0.2, 0.4, 0.8, 1.6)  # standard deviation of a value about the polynomial, one of
@@ -80,7 +82,7 @@ def fitted(
         rng: Source of the points.
         progress: Called with a share done and words.
     """
-    size = np.size(marginal.centre)
+    size, off = np.size(marginal.centre), list[float]()
     points, seen = np.zeros((0, size)), Compared(np.zeros(0), np.zeros(0), np.zeros(0, bool))
     while True:
         xi = rng.standard_normal((max(_FIRST, _BATCH * size) if len(points) else _FIRST, size))
@@ -107,8 +109,14 @@ def fitted(
             )
             progress(min(len(points) / (_MOST * size), 1.0), words)
         good = error / np.sqrt(use.sum()) < _KNOWN and shift < MOST_SHIFT
-        if good or len(points) >= _MOST * size:
+        off.append(error)
+        if good or len(points) >= _MOST * size or _in_vain(off, _MOST * size):
             return Fitted(made, error, shift, before, len(points))
+
+
+def _in_vain(off: Sequence[float], most: int) -> bool:
+    """Whether so many points won't do: errors with more and more points are too large for that, and fall no more."""
+    return len(off) > _STILL + 1 and off[-1] > _KNOWN * most**0.5 and off[-1] > _BETTER * off[-1 - _STILL]
 
 
 def implied(points: Array, own: Array, right: Array) -> float:

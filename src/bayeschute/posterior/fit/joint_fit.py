@@ -218,7 +218,9 @@ def _settle_along(
         near, anew = _LAST_NEAR if turn == turns else _TURN_NEAR, _from_record(hyper)
         if at is None:
             first, *further = [
-                way for times in _LOOSE for way in _from_record(_looser(hyper, times), f", noise {times:g} times")
+                way
+                for times in _LOOSE
+                for way in _from_record(_looser(hyper, times), f", noise {times:g} times as strong")
             ]
             several = [[first, anew[0], *further]]
         elif turn == 1:
