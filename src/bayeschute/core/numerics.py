@@ -65,5 +65,5 @@ os.environ.setdefault(THREADS_VARIABLE, "1")
 jax.config.update("jax_enable_x64", True)
 if not getattr(jax.config, "jax_compilation_cache_dir", None):
     jax.config.update("jax_compilation_cache_dir", str(compilation_cache()))
-    # Small functions too: a run compiles some 580, most of them in less than half a second each.
+    # Small functions too: most take less than half a second each.
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)

@@ -41,6 +41,17 @@ def test_parameters_that_fit_the_path_already_stay(drop):
     assert np.max(np.abs(level.on_the_path(fitted).theta - fitted.theta)) < 1e-6
 
 
+def test_a_step_that_diverges_leaves_the_parameters_where_they_are(drop):
+    """Its sensitivities, 32 orders of magnitude above the others', leave these no digit: their squares are singular."""
+    level = slack_level.Level([drop.flight], drop.hyper, drop.priors, 3.0)
+    here = level.point(np.array([p.centre for p in drop.priors]), [begin(drop.flight)])
+    (made,) = here.along
+    by_theta = np.array(made.steps.by_theta)
+    by_theta[-1] = 1e32
+    lost = here._replace(along=(made._replace(steps=made.steps._replace(by_theta=by_theta)),))
+    assert level.on_the_path(lost) is lost
+
+
 @pytest.mark.parametrize("level", [*LEVELS, 0.0])
 def test_what_a_level_lowers_is_what_it_says(drop, level):
     """Cost plus squares, or prices, of the defects, put together by hand at both ends of a level: it falls by its gains."""

@@ -150,7 +150,11 @@ class Level:
                 gradient = gradient + np.einsum("txp,tx->p", by_theta, np.asarray(made.defects) / slack)
             if not (np.isfinite(matrix).all() and np.isfinite(gradient).all()):
                 break
-            there = self.point(here.theta - np.linalg.solve(matrix, gradient), here.flights)
+            try:
+                step = np.linalg.solve(matrix, gradient)
+            except np.linalg.LinAlgError:  # one step diverges: beside its sensitivities no other has digits left
+                break
+            there = self.point(here.theta - step, here.flights)
             if not there.merit < here.merit:
                 break
             gain, here = here.merit - there.merit, there
