@@ -16,7 +16,9 @@ import bayeschute as bc
 from bayeschute.records.foreign.attitudes import in_schema, of_matrix, product
 from bayeschute.records.foreign.conventions import Conventions
 from bayeschute.records.plausibility.evidence import Nominal, conjugate
+from bayeschute.records.plausibility.mistakes import known_mistakes
 from bayeschute.records.plausibility.reading import NAMES
+from bayeschute.records.plausibility.verdict import Laws, readings
 from bayeschute.study.load import load_vehicle
 from bayeschute.study.plausible import nominal, told, warned
 
@@ -67,6 +69,15 @@ def test_a_virtual_flight_keeps_all_laws(virtual):
     assert found.findings == () and found.causes == ()
     assert {r.law for r in found.readings} <= set(NAMES) and len(found.readings) > 25
     assert not any(" rad" in r.got + r.wanted for r in found.readings)  # people read deg
+
+
+def test_laws_that_remember_say_what_they_say_anew(virtual):
+    e, laws = virtual.verdict().evidence, Laws()
+    for mistake in known_mistakes()[::3]:
+        made = mistake.undone(e)
+        if made is not None:
+            remembered, anew = laws.readings(made), readings(made)
+            assert list(remembered) == list(anew) and remembered == anew, mistake.cause
 
 
 @pytest.mark.parametrize(

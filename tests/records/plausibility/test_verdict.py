@@ -63,6 +63,22 @@ def test_a_law_that_gives_no_number_is_no_reading(monkeypatch):
     assert [*readings(evidence())] == ["b"]
 
 
+def test_a_law_is_asked_again_only_where_something_that_it_read_has_changed(monkeypatch):
+    """Also where what it reads depends on what it has read."""
+    asked = []
+
+    def law(e):
+        asked.append(e)
+        other = e.altitude if e.density is None else e.density
+        return [Reading("a", "", 0.0 if other is None else float(other[0]), "", "")]
+
+    monkeypatch.setattr(module, "LAWS", (law,))
+    laws, e = module.Laws(), replace(evidence(), density=None, altitude=np.array([3.0]))
+    seen = [e, replace(e, velocity=np.zeros((1, 3))), replace(e, density=np.array([5.0])), replace(e, altitude=None), e]
+    assert [laws.readings(one)["a"].excess for one in seen] == [3.0, 3.0, 5.0, 0.0, 3.0] and len(asked) == 3
+    assert laws.readings(replace(seen[2], altitude=np.array([9.0])))["a"].excess == 5.0 and len(asked) == 3
+
+
 def test_nothing_is_sought_where_all_laws_hold(say):
     found = say([_without("x", density=0.0)], density=0.69)
     assert found.findings == () and found.causes == () and [r.excess for r in found.readings] == pytest.approx([0.69])

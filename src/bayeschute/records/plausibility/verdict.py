@@ -7,8 +7,9 @@ with the first undone.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +20,10 @@ from bayeschute.records.plausibility.mistake import Mistake
 from bayeschute.records.plausibility.mistakes import known_mistakes
 from bayeschute.records.plausibility.reading import FAULT, WARNING, Reading
 
-LAWS = (*motion_laws.LAWS, *vehicle_laws.LAWS)
+Law = Callable[[Evidence], Iterable[Reading]]
+_Said = dict[tuple[str, ...], dict[tuple[int, ...], tuple[list[Any], list[Reading]]]]
+"""Of a law: by the fields that it read, by the identities of these, the fields themselves, and the readings."""
+LAWS: tuple[Law, ...] = (*motion_laws.LAWS, *vehicle_laws.LAWS)
 _MOST_MISTAKES = 3  # made in one record
 _OTHERS = 3  # further causes that are told
 _NEAR = 1.0  # scores of other causes that are told lie this close to the best
@@ -86,8 +90,49 @@ class Verdict:
 
 def readings(e: Evidence) -> dict[str, Reading]:
     """Every law that the channels, and what is known of the vehicle, allow, by name."""
-    with np.errstate(all="ignore"):
-        return {found.law: found for law in LAWS for found in law(e) if not np.isnan(found.excess)}
+    return Laws().readings(e)
+
+
+class _Watched(Evidence):
+    """Evidence that notes which of its fields are read."""
+
+    def __getattribute__(self, name: str) -> Any:
+        own = object.__getattribute__(self, "__dict__")
+        if name in own and "read" in own:
+            own["read"].add(name)
+        return object.__getattribute__(self, name)
+
+
+class Laws:
+    """The laws, with what they said before: undoing a mistake changes few channels, and most laws read others.
+
+    What a law reads next depends on nothing but what it has read. So where all that it read is the same, it says the
+    same.
+    """
+
+    def __init__(self) -> None:
+        self._said: list[_Said] = [{} for _ in LAWS]
+
+    def readings(self, e: Evidence) -> dict[str, Reading]:
+        """As the function of this name."""
+        with np.errstate(all="ignore"):
+            each = [self._of(law, said, e) for law, said in zip(LAWS, self._said, strict=True)]
+        return {found.law: found for told in each for found in told if not np.isnan(found.excess)}
+
+    @staticmethod
+    def _of(law: Law, said: _Said, e: Evidence) -> list[Reading]:
+        own = vars(e)
+        for fields, before in said.items():
+            known = before.get(tuple(id(own[name]) for name in fields))
+            if known is not None:
+                return known[1]
+        watched = object.__new__(_Watched)
+        watched.__dict__.update(own, read=set[str]())
+        told = list(law(watched))
+        fields = tuple(sorted(watched.__dict__["read"]))
+        values = [own[name] for name in fields]
+        said.setdefault(fields, {})[tuple(map(id, values))] = values, told
+        return told
 
 
 def misfit(found: dict[str, Reading], of: Sequence[str]) -> float:
@@ -108,12 +153,12 @@ class _Tried:
         return law in self.after and self.after[law].excess < limit
 
 
-def _tried(e: Evidence, laws: Sequence[str]) -> list[_Tried]:
+def _tried(e: Evidence, laws: Laws, names: Sequence[str]) -> list[_Tried]:
     """Every mistake, undone; the best first, and of those that explain alike the first of the catalogue."""
     import warnings
 
     def score(x: Evidence) -> float:
-        return misfit(readings(x), laws)
+        return misfit(laws.readings(x), names)
 
     out = []
     with warnings.catch_warnings(), np.errstate(all="ignore"):
@@ -121,8 +166,8 @@ def _tried(e: Evidence, laws: Sequence[str]) -> list[_Tried]:
         for mistake in (*known_mistakes(), *estimated_mistakes(e, score)):
             made = mistake.undone(e)
             if made is not None:
-                after = readings(made)
-                out.append(_Tried(mistake, misfit(after, laws) + mistake.doubt, after, made))
+                after = laws.readings(made)
+                out.append(_Tried(mistake, misfit(after, names) + mistake.doubt, after, made))
     return sorted(out, key=lambda one: round(one.score, _TIE))
 
 
@@ -134,17 +179,18 @@ def verdict(e: Evidence) -> Verdict:
     """
     import warnings
 
+    laws = Laws()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
-        first = readings(e)
+        first = laws.readings(e)
     broken = [law for law, found in first.items() if found.excess >= FAULT]
     near = [law for law, found in first.items() if WARNING <= found.excess < FAULT]
     told: dict[str, tuple[tuple[str, ...], str]] = {}
     causes: list[str] = []
     now, left = e, list(broken or near)
     for _ in range(_MOST_MISTAKES if left else 0):
-        before = misfit(readings(now), list(first))
-        tried = _tried(now, list(first))
+        before = misfit(laws.readings(now), list(first))
+        tried = _tried(now, laws, list(first))
         if not tried or tried[0].score > before - 0.3:
             break
         best = tried[0]
