@@ -72,7 +72,8 @@ def test_a_virtual_flight_keeps_all_laws(virtual):
 
 
 def test_laws_that_remember_say_what_they_say_anew(virtual):
-    e, laws = virtual.verdict().evidence, Laws()
+    e = virtual.verdict().evidence
+    laws = Laws(e)
     for mistake in known_mistakes()[::3]:
         made = mistake.undone(e)
         if made is not None:

@@ -21,8 +21,6 @@ from bayeschute.records.plausibility.mistakes import known_mistakes
 from bayeschute.records.plausibility.reading import FAULT, WARNING, Reading
 
 Law = Callable[[Evidence], Iterable[Reading]]
-_Said = dict[tuple[str, ...], dict[tuple[int, ...], tuple[list[Any], list[Reading]]]]
-"""Of a law: by the fields that it read, by the identities of these, the fields themselves, and the readings."""
 LAWS: tuple[Law, ...] = (*motion_laws.LAWS, *vehicle_laws.LAWS)
 _MOST_MISTAKES = 3  # made in one record
 _OTHERS = 3  # further causes that are told
@@ -90,7 +88,7 @@ class Verdict:
 
 def readings(e: Evidence) -> dict[str, Reading]:
     """Every law that the channels, and what is known of the vehicle, allow, by name."""
-    return Laws().readings(e)
+    return Laws(e).readings(e)
 
 
 class _Watched(Evidence):
@@ -104,35 +102,35 @@ class _Watched(Evidence):
 
 
 class Laws:
-    """The laws, with what they said before: undoing a mistake changes few channels, and most laws read others.
+    """The laws, and what they say of a record: undoing a mistake changes few channels, and most laws read others.
 
     What a law reads next depends on nothing but what it has read. So where all that it read is the same, it says the
     same.
     """
 
-    def __init__(self) -> None:
-        self._said: list[_Said] = [{} for _ in LAWS]
+    def __init__(self, e: Evidence) -> None:
+        """Try every law.
+
+        Args:
+            e: The record.
+        """
+        self._record, self._said = vars(e), list[tuple[set[str], list[Reading]]]()
+        with np.errstate(all="ignore"):
+            for law in LAWS:
+                watched = object.__new__(_Watched)
+                watched.__dict__.update(self._record, read=set[str]())
+                told = list(law(watched))
+                self._said.append((watched.__dict__["read"], told))
 
     def readings(self, e: Evidence) -> dict[str, Reading]:
-        """As the function of this name."""
-        with np.errstate(all="ignore"):
-            each = [self._of(law, said, e) for law, said in zip(LAWS, self._said, strict=True)]
-        return {found.law: found for told in each for found in told if not np.isnan(found.excess)}
-
-    @staticmethod
-    def _of(law: Law, said: _Said, e: Evidence) -> list[Reading]:
+        """As the function of this name, of evidence of which some fields are those of the record."""
         own = vars(e)
-        for fields, before in said.items():
-            known = before.get(tuple(id(own[name]) for name in fields))
-            if known is not None:
-                return known[1]
-        watched = object.__new__(_Watched)
-        watched.__dict__.update(own, read=set[str]())
-        told = list(law(watched))
-        fields = tuple(sorted(watched.__dict__["read"]))
-        values = [own[name] for name in fields]
-        said.setdefault(fields, {})[tuple(map(id, values))] = values, told
-        return told
+        with np.errstate(all="ignore"):
+            each = [
+                told if all(own[name] is self._record[name] for name in read) else law(e)
+                for law, (read, told) in zip(LAWS, self._said, strict=True)
+            ]
+            return {found.law: found for told in each for found in told if not np.isnan(found.excess)}
 
 
 def misfit(found: dict[str, Reading], of: Sequence[str]) -> float:
@@ -179,9 +177,9 @@ def verdict(e: Evidence) -> Verdict:
     """
     import warnings
 
-    laws = Laws()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
+        laws = Laws(e)
         first = laws.readings(e)
     broken = [law for law, found in first.items() if found.excess >= FAULT]
     near = [law for law, found in first.items() if WARNING <= found.excess < FAULT]
@@ -206,6 +204,7 @@ def verdict(e: Evidence) -> Verdict:
         now, left = best.evidence, [law for law in left if law not in solved]
         if not left:
             break
+        laws = Laws(now)
     found = [_finding(first[law], *told.get(law, ((), ""))) for law in (*broken, *near)]
     return Verdict(e, tuple(first.values()), tuple(found), tuple(causes))
 
