@@ -17,6 +17,7 @@ from bayeschute.compiler import compiled_model as kernel
 from bayeschute.compiler import programs
 from bayeschute.compiler.integrate import (
     along_path,
+    outputs,
     reached,
     trajectory,
     trajectory_compiled,
@@ -168,6 +169,16 @@ def test_every_flight_of_a_batch_is_the_single_flight(case):
     many = np.asarray(kernel.states(case.model, case.theta, case.start, case.error))
     for i in (0, 7, BATCH - 1):
         assert_close(kernel.states(*case.one(i)), many[..., i], 1e-10)
+
+
+def test_outputs_of_paths_are_those_of_jax(case):
+    path = np.asarray(kernel.states(case.model, case.theta, case.start, case.error))
+    made = kernel.outputs(case.model, case.theta, path)
+    assert_close(made, outputs(case.model, jnp.asarray(path), jnp.asarray(case.theta)), 1e-12)
+    np.testing.assert_allclose(kernel.outputs(case.model, case.theta[:, 3], path[..., 3]), made[..., 3], atol=1e-12)
+    while_traced = []
+    jax.jit(lambda x: while_traced.append(kernel.outputs(case.model, case.theta, x)))(path)
+    assert while_traced == [None]
 
 
 def test_steps_from_a_path_are_those_of_jax(case):

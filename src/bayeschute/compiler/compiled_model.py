@@ -15,9 +15,10 @@ import numpy as np
 
 from bayeschute.compiler import integrate
 from bayeschute.compiler.integrate import FlightModel, Steps
-from bayeschute.compiler.machine import Array, aligned, in_parts, padded
-from bayeschute.compiler.programs import LANES, Programs, opening, programs_of
+from bayeschute.compiler.machine import Array, aligned, available, in_parts, padded
+from bayeschute.compiler.programs import LANES, Programs, observed, opening, programs_of
 from bayeschute.compiler.runge_kutta import stage_plan
+from bayeschute.compiler.trace import UnknownOperationError
 from bayeschute.core.array_library import traced
 
 _DRIVEN = ("theta", "error_now", "error_then")
@@ -87,25 +88,24 @@ def reached(model: FlightModel, theta: Any, start: Any, error: Any, path: Any) -
     return integrate.Reached(made[0], made[1:])
 
 
-def outputs(model: FlightModel, theta: Any, path: Any, starts: int, errors: int) -> Array | None:
+def outputs(model: FlightModel, theta: Any, path: Any) -> Array | None:
     """Outputs of the states of a path, as `integrate.outputs`.
 
     Args:
         model: The flight.
         theta: Parameters (P,) or (P, B).
         path: States (T, X) or (T, X, B).
-        starts: Number of initial deviations of the model, D.
-        errors: Number of its latent disturbances, A.
 
     Returns:
-        Outputs (T, C) or (T, C, B), or None where there is an `why_not_compiled`.
+        Outputs (T, C) or (T, C, B), or None where no code can be generated or JAX is tracing.
     """
-    if traced(model, theta, path) or np.ndim(path) > 3:
+    if not available() or jax.default_backend() != "cpu" or np.ndim(path) > 3 or traced(model, theta, path):
         return None
-    programs = programs_of(model, theta, np.zeros(starts), np.zeros((1, errors)))
-    if isinstance(programs, str):
+    try:
+        function = observed(model, np.shape(theta)[0], np.shape(path)[1])
+    except UnknownOperationError:
         return None
-    return programs.seen.at(model, {"theta": theta, "x": path, "now": _record(model)})
+    return function.at(model, {"theta": theta, "x": path, "now": _record(model)})
 
 
 def along_path(

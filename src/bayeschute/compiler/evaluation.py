@@ -87,7 +87,11 @@ def evaluation(
 
 
 class BySample:
-    """A function of a sample, with machine code for one flight, its samples side by side, and for many flights."""
+    """A function of a sample, with machine code for one flight, its samples side by side, and for many flights.
+
+    Attributes:
+        function: The function.
+    """
 
     def __init__(self, function: Traced, along: Sequence[str]) -> None:
         """Keep a function.
@@ -96,7 +100,7 @@ class BySample:
             function: Of numbers that all samples share and of further groups.
             along: Groups that differ from sample to sample.
         """
-        self._function, self._along = function, tuple(along)
+        self.function, self._along = function, tuple(along)
         self._made: dict[tuple[str, ...], tuple[Callable[..., None], int]] = {}
 
     def at(self, shared: Any, given: Mapping[str, Any]) -> Array:
@@ -117,10 +121,10 @@ class BySample:
         blocks = -(-samples // LANES)
         groups = [padded(a.T, blocks * LANES) if name in self._along else a.copy() for name, a in arrays.items()]
         call, scratch = self._program(self._along, False)
-        values = aligned(blocks * LANES, len(self._function.result))
+        values = aligned(blocks * LANES, len(self.function.result))
 
         def work(first: int, last: int) -> None:
-            call(self._function.shared(shared), *groups, values, aligned(scratch), blocks * LANES, first, last)
+            call(self.function.shared(shared), *groups, values, aligned(scratch), blocks * LANES, first, last)
 
         in_parts(blocks, work)
         return values[:samples]
@@ -130,10 +134,10 @@ class BySample:
         blocks = -(-flights // LANES)
         groups = [padded(a, blocks * LANES) if name in wide else np.ascontiguousarray(a) for name, a in arrays.items()]
         call, scratch = self._program(wide, True)
-        values = aligned(samples, blocks * LANES, len(self._function.result))
+        values = aligned(samples, blocks * LANES, len(self.function.result))
 
         def work(begin: int, end: int) -> None:
-            given = self._function.shared(shared), *groups, values, aligned(scratch)
+            given = self.function.shared(shared), *groups, values, aligned(scratch)
             call(*given, blocks * LANES, 0, blocks, begin, end)
 
         in_parts(samples, work)
@@ -143,7 +147,7 @@ class BySample:
         key = ("many" if many else "one", *varied)
         with _lock:
             if key not in self._made:
-                made, along = self._function, self._along if many else None
+                made, along = self.function, self._along if many else None
                 program = evaluation(made.graph.copy(), made.result, made.rows, varied, (), LANES, along)
                 self._made[key] = compiled(program), program.scratch
             return self._made[key]

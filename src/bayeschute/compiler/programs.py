@@ -18,6 +18,7 @@ from bayeschute.compiler.trace import Traced, UnknownOperationError, trace
 
 _lock = threading.RLock()
 _known: dict[Any, Programs | str] = {}
+_observed: dict[Hashable, BySample | UnknownOperationError] = {}
 
 
 class Compiled(NamedTuple):
@@ -34,13 +35,11 @@ class Programs:
     Attributes:
         rate: Expressions of the rate of the state.
         outputs: Expressions of the outputs.
-        seen: The same, to be evaluated along paths.
         first: Expressions of the first state, of a model cut to its `opening`.
     """
 
     def __init__(self, rate: Traced, outputs: Traced, first: Traced) -> None:
         self.rate, self.outputs, self.first = rate, outputs, first
-        self.seen = BySample(outputs, ("x", "now"))
         self._made: dict[Any, Compiled] = {}
 
     def simulate(self, lanes: int) -> Compiled:
@@ -146,4 +145,30 @@ def _traced(model: Any, theta: np.ndarray, start: np.ndarray, error: np.ndarray)
         (model, theta, x, now, now, error, error, 0.0),
         (SHARED, "theta", "x", "now", "then", "error_now", "error_then", "share"),
     )
-    return Programs(rate, trace(_observe, (model, theta, x, now), (SHARED, "theta", "x", "now")), first)
+    return Programs(rate, observed(model, len(theta), len(x)).function, first)
+
+
+def observed(model: Any, parameters: int, states: int) -> BySample:
+    """The outputs of a model, for states along records.
+
+    Args:
+        model: A `FlightModel`.
+        parameters: How many.
+        states: Likewise.
+
+    Raises:
+        UnknownOperationError: If some operation has no scalar form.
+    """
+    key = kind_of(model), parameters, states
+    with _lock:
+        if key not in _observed:
+            now = jax.tree.map(lambda a: np.asarray(a, float)[0], model.inputs())
+            examples = model, np.zeros(parameters), np.zeros(states), now
+            try:
+                _observed[key] = BySample(trace(_observe, examples, (SHARED, "theta", "x", "now")), ("x", "now"))
+            except UnknownOperationError as operation:
+                _observed[key] = operation
+        found = _observed[key]
+    if isinstance(found, UnknownOperationError):
+        raise found
+    return found

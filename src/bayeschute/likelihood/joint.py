@@ -223,7 +223,7 @@ def compared(data: FlightData, theta: Component, x: Component) -> Component:
 
 def outputs_of(data: FlightData, theta: Component, x: Component) -> Component:
     """Outputs (T, C, ...) of states (T, X, ...), made like `states`."""
-    y = kernel.outputs(data.model, theta, x, data.starts, data.latent.rows)
+    y = kernel.outputs(data.model, theta, x)
     return _jax_outputs(data.model, x, theta) if y is None else y
 
 

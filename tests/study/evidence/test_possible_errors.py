@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from tests.twins import small_cluster as small
 
+from bayeschute.aero.capsule_table import capsule_table
 from bayeschute.aero.term_names import is_pairwise
 from bayeschute.compiler.integrate import outputs
 from bayeschute.dynamics.cluster_flight import output_names
@@ -132,7 +133,9 @@ def test_the_capsule_s_slopes_are_changed_where_they_are_numbers_and_not_fitted(
     changed = named(flown, "the pitch damping of the capsule").changed(-0.5).model.base.capsule
     assert float(changed.pitch_damping) == pytest.approx(float(base.capsule.pitch_damping) - 0.5)
     assert changed.moment_slope == base.capsule.moment_slope
-    tabled = replace(base, capsule=replace(base.capsule, table=SimpleNamespace()))
+    angle = np.linspace(0.0, np.pi, 5)
+    table = capsule_table(angle, np.zeros(1), {name: np.sin(angle)[:, None] for name in ("C_A", "C_N", "C_m")})
+    tabled = replace(base, capsule=replace(base.capsule, table=table))
     of_table = replace(data, model=replace(data.model, base=tabled))
     fitted = replace(data, model=replace(data.model, names=("capsule_pitch_damping",)))
     slopes = [

@@ -210,17 +210,9 @@ def cross_determinant(
     return jnp.prod(sign), jnp.sum(value)
 
 
-@jax.jit
-def _centre(flight: FlightData, hyper: NoiseParameters, linear: Linear) -> Unknowns:
-    return conditional(flight, hyper, linear).optimum
-
-
 def _seen(flight: FlightData, linear: Linear, theta: jax.Array, latent_path: LatentPath) -> Seen:
     """What the linear model sees of simulations."""
-    return Seen(residuals(flight, theta, latent_path), -_disturbed(linear, latent_path))
-
-
-_disturbed = jax.jit(lambda linear, latent_path: disturbed(linear.steps, latent_path))
+    return Seen(residuals(flight, theta, latent_path), -disturbed(linear.steps, latent_path))
 
 
 def _apart(one: Unknowns, other: Unknowns) -> Array:
@@ -257,7 +249,7 @@ def estimates(
         near: A latent path near the conditional optimum.
         numbers: From `drawing.normals`, M draws.
     """
-    centre = _centre(flight, hyper, linearise(flight, theta, near))
+    centre = conditional(flight, hyper, linearise(flight, theta, near)).optimum
     best = linearise(flight, theta, latent_path_of(flight, hyper, centre))
     made, many = filter_gains(flight, hyper, best), np.shape(numbers.start)[1]
     wide = jnp.repeat(jnp.asarray(theta)[:, None], many, axis=1)
