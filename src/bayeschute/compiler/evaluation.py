@@ -1,4 +1,4 @@
-"""Functions and their derivatives evaluated for several inputs side by side: outputs, first states, steps to take.
+"""Functions and their derivatives evaluated for several inputs side by side: outputs, first states, retractions.
 
 A function of one sample's numbers is evaluated at all samples of a flight (`BySample`), or of many flights at once.
 """

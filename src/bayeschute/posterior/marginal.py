@@ -273,7 +273,8 @@ def projected_residuals(marginal: Marginal, xi: Component) -> Array:
 
 def log_density(marginal: Marginal, xi: Component) -> Array:
     """Marginal log density (B,) up to a constant at standard coordinates (P, B); NaN where a step fails."""
-    return np.asarray(-half_squares(marginal, xi) - np.asarray(marginal.correction.at(xi)))
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.asarray(-half_squares(marginal, xi) - marginal.correction.at(xi))
 
 
 def half_squares(marginal: Marginal, xi: Component) -> Array:

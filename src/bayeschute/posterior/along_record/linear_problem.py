@@ -61,12 +61,12 @@ class Solved(NamedTuple):
 
 
 def terms(flight: FlightData, hyper: NoiseParameters, slack: Component, at: Lifted, made: Linear) -> Terms:
-    """Contribution of a flight to the merit function."""
+    """Contribution of a flight to the merit function; not finite where a step or an output is too large."""
     unit = _whitened(hyper.outputs(flight), flight.dt, flight.present, made.residual)
-    defect = made.defects / slack
-    data = 0.5 * sum(float(np.sum(np.asarray(a) ** 2)) for a in (unit, *at.unknowns))
-    sizes = np.abs(defect)
-    return Terms(data, 0.5 * float(np.sum(defect**2)), float(np.sum(sizes)), float(np.max(sizes)))
+    with np.errstate(over="ignore", invalid="ignore"):
+        data = 0.5 * sum(float(np.sum(np.asarray(a) ** 2)) for a in (unit, *at.unknowns))
+        sizes = np.abs(made.defects / slack)
+        return Terms(data, 0.5 * float(np.sum(sizes**2)), float(np.sum(sizes)), float(np.max(sizes)))
 
 
 _whitened = jax.jit(whiten)
