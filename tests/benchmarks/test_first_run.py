@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import first_run
+import pytest
 
 RUN = """
 import jax
@@ -47,3 +48,10 @@ def test_an_earlier_run_s_functions_are_told_as_kept():
     }
     assert "1 functions compiled by XLA" in first_run._row("here", "filled", made)
     assert first_run._ratio({"processor_s": 3.0}, {"processor_s": 2.0}) == 1.5
+
+
+@pytest.mark.slow
+def test_a_first_run_of_the_default_study_compiles_few_functions(tmp_path):
+    """A tenth of a second each, again for every number of samples, parameters and columns: 290 before NumPy took most."""
+    made = first_run.measured(first_run.ROOT, first_run.STUDY, tmp_path)
+    assert 0 < made["compilations"] <= 80 and 0 < made["programs"] and set(made["stages"]) == set(first_run.STAGES)
