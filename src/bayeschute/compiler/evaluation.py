@@ -40,8 +40,8 @@ def evaluation(
 
     Arguments of the function: the groups of inputs in the order of `rows`, (R,) or, where they vary, (R, stride);
     ``values`` (stride, C); the derivatives by each group of `by` (stride, C, R), zero before; ``scratch``; then stride,
-    first and last block of lanes. Along samples these are groups with one more axis in front, and so are the values;
-    first and last sample follow.
+    first and last block of lanes. Along samples these are groups with one more axis in front, the values are (T, C,
+    stride), and first and last sample follow.
 
     Args:
         graph: Expressions; grows.
@@ -69,12 +69,15 @@ def evaluation(
             return Place(code.address(base, lane), "%stride") if group in varied else Place(base)
 
         places = {group: place(group) for group in rows}
-        at = lane if sample is None else code.integer("add", lane, code.integer("mul", sample, "%stride"))
         for level in (RUN, SAMPLE, STATE):
             name_of = sections.write(level, places)
 
         def put(node: int, array: str, width: int, place: int) -> None:
-            base = code.address(f"%{array}", code.integer("mul", at, width))
+            if sample is not None:
+                row = code.integer("add", code.integer("mul", sample, width), place)
+                code.store(name_of(node), code.address(f"%{array}", code.integer("mul", row, "%stride")), lane)
+                return
+            base = code.address(f"%{array}", code.integer("mul", lane, width))
             code.scatter(name_of(node), [code.address(base, k * width + place) for k in range(lanes)])
 
         for i, node in enumerate(nodes[:count]):
@@ -134,14 +137,14 @@ class BySample:
         blocks = -(-flights // LANES)
         groups = [padded(a, blocks * LANES) if name in wide else np.ascontiguousarray(a) for name, a in arrays.items()]
         call, scratch = self._program(wide, True)
-        values = aligned(samples, blocks * LANES, len(self.function.result))
+        values = aligned(samples, len(self.function.result), blocks * LANES)
 
         def work(begin: int, end: int) -> None:
             given = self.function.shared(shared), *groups, values, aligned(scratch)
             call(*given, blocks * LANES, 0, blocks, begin, end)
 
         in_parts(samples, work)
-        return np.moveaxis(values[:, :flights], 1, 2)
+        return values[..., :flights]
 
     def _program(self, varied: tuple[str, ...], many: bool) -> tuple[Callable[..., None], int]:
         key = ("many" if many else "one", *varied)
