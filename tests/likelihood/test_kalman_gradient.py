@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from jax.flatten_util import ravel_pytree
 
+from bayeschute.compiler import machine
 from bayeschute.likelihood import kalman_gradient
-from bayeschute.likelihood.filter_code import passes
 from bayeschute.likelihood.joint import NoiseParameters, as_seen, filter_gains, latent_path_of, linearise
 from bayeschute.likelihood.kalman import innovations
 from bayeschute.likelihood.noise import Noise
@@ -26,7 +26,7 @@ LOG_SD = 0.7
 def passes_by(request, monkeypatch):
     """The filter's passes by machine code, and by JAX, which takes them where no code can be generated."""
     if request.param == "JAX":
-        monkeypatch.setattr(passes, "available", lambda: False)
+        monkeypatch.setattr(machine, "available", lambda: False)
 
 
 def _plain(vector, like, flights, linear, before, parameters=True):

@@ -15,7 +15,7 @@ import numpy as np
 
 from bayeschute.compiler import integrate
 from bayeschute.compiler.integrate import FlightModel, Steps
-from bayeschute.compiler.machine import Array, aligned, available, in_parts, padded
+from bayeschute.compiler.machine import Array, aligned, in_parts, padded, takes
 from bayeschute.compiler.programs import LANES, Programs, observed, opening, programs_of
 from bayeschute.compiler.runge_kutta import stage_plan
 from bayeschute.compiler.trace import UnknownOperationError
@@ -99,7 +99,7 @@ def outputs(model: FlightModel, theta: Any, path: Any) -> Array | None:
     Returns:
         Outputs (T, C) or (T, C, B), or None where no code can be generated or JAX is tracing.
     """
-    if not available() or jax.default_backend() != "cpu" or np.ndim(path) > 3 or traced(model, theta, path):
+    if jax.default_backend() != "cpu" or np.ndim(path) > 3 or not takes(model, theta, path):
         return None
     try:
         function = observed(model, np.shape(theta)[0], np.shape(path)[1])
@@ -160,7 +160,7 @@ def _record(model: Any) -> Array:
 
 
 def _handed_over(part: Array) -> Array:
-    """A copy of a part of an array in aligned memory, which JAX takes without copying."""
+    """A copy of a part of an array, its numbers side by side as the passes of the filter want them."""
     made = aligned(*part.shape)
     made[...] = part
     return made

@@ -17,10 +17,9 @@ from bayeschute.compiler.derivative import jacobian
 from bayeschute.compiler.elementary import written_out
 from bayeschute.compiler.emit import Code, Program
 from bayeschute.compiler.graph import SHARED, Graph
-from bayeschute.compiler.machine import Array, aligned, available, compiled, in_parts, padded
+from bayeschute.compiler.machine import Array, aligned, compiled, in_parts, padded, takes
 from bayeschute.compiler.sections import RUN, SAMPLE, STATE, Memory, Place, Sections
 from bayeschute.compiler.trace import Traced, UnknownOperationError, trace
-from bayeschute.core.array_library import traced
 
 LANES = 8
 _lock = threading.RLock()
@@ -72,13 +71,13 @@ def evaluation(
         for level in (RUN, SAMPLE, STATE):
             name_of = sections.write(level, places)
 
-        def put(node: int, array: str, width: int, place: int) -> None:
+        def put(node: int, array: str, width: int, entry: int) -> None:
             if sample is not None:
-                row = code.integer("add", code.integer("mul", sample, width), place)
+                row = code.integer("add", code.integer("mul", sample, width), entry)
                 code.store(name_of(node), code.address(f"%{array}", code.integer("mul", row, "%stride")), lane)
                 return
             base = code.address(f"%{array}", code.integer("mul", lane, width))
-            code.scatter(name_of(node), [code.address(base, k * width + place) for k in range(lanes)])
+            code.scatter(name_of(node), [code.address(base, k * width + entry) for k in range(lanes)])
 
         for i, node in enumerate(nodes[:count]):
             put(node, "values", count, i)
@@ -169,7 +168,7 @@ def by_sample(
             (T, R, B) where they differ from sample to sample, else (R,) or (R, B).
         along: Groups that differ from sample to sample.
     """
-    if not available() or jax.default_backend() != "cpu" or traced(shared, *given.values()):
+    if jax.default_backend() != "cpu" or not takes(shared, *given.values()):
         return None
     rows = [np.shape(a)[1 if name in along else 0] for name, a in given.items()]
     leaves, structure = jax.tree.flatten(shared)

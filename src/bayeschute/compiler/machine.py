@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayeschute.compiler.emit import Program
+from bayeschute.core.array_library import traced
 from bayeschute.core.files import write_whole
 from bayeschute.core.numerics import compilation_cache, processors
 
@@ -27,6 +28,11 @@ _lock = threading.Lock()
 def available() -> bool:
     """Whether the code generator is installed."""
     return importlib.util.find_spec("llvmlite") is not None
+
+
+def takes(*given: Any) -> bool:
+    """Whether machine code can be called with pytrees of numbers: there is a code generator, and JAX traces none."""
+    return available() and not traced(*given)
 
 
 def aligned(*shape: int) -> Array:

@@ -17,8 +17,8 @@ import jax.scipy.linalg
 import numpy as np
 import scipy.linalg
 
-from bayeschute.compiler.machine import available
-from bayeschute.core.array_library import library_of, traced
+from bayeschute.compiler.machine import takes
+from bayeschute.core.array_library import library_of
 from bayeschute.core.vectors import Component
 from bayeschute.likelihood.filter_code.latent_pass import latent_states
 
@@ -125,7 +125,7 @@ def path(made: Dynamics, process_noise: Component) -> Component:
 
     By machine code where nothing is being traced, else by JAX.
     """
-    if available() and not traced(made, process_noise):
+    if takes(made, process_noise):
         shape = np.shape(process_noise)
         wide = np.asarray(process_noise).reshape(*shape[:2], int(np.prod(shape[2:])))
         driven = np.asarray(made.noise_gain) @ wide

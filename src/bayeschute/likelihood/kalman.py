@@ -17,6 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from bayeschute.compiler.integrate import Steps
+from bayeschute.compiler.machine import takes
 from bayeschute.core.array_library import library_of
 from bayeschute.core.vectors import Component
 from bayeschute.likelihood.disturbances import Dynamics
@@ -136,7 +137,7 @@ def covariances(
         columns of the residual noise of the same (T, S, C).
     """
     start, first = _beginning(steps.first_start, start_scale, latent.first, slack, here.shape[1])
-    if not passes.served(steps, start_scale, latent, noise, dt, here, slack) or not steps.by_state.shape[0]:
+    if not takes(steps, start_scale, latent, noise, dt, here, slack) or not steps.by_state.shape[0]:
         return _covariances(steps, start, first, latent, noise, dt, here, slack)
     given = steps, np.asarray(start), np.asarray(first), latent, noise, float(dt), here, slack, score
     made = passes.covariances(*given)
@@ -282,7 +283,7 @@ def forward(
     """
     count = made.first.shape[0] if told is None else told
     wide = series.reshape(*series.shape[:2], -1)
-    if passes.served(made, series, inputs) and made.by_state.shape[0]:
+    if takes(made, series, inputs) and made.by_state.shape[0]:
         unit, weighted, predicted = passes.forward(made, wide, inputs, count)
     else:
         unit, weighted, predicted = _forward(made, wide, inputs, count)
@@ -320,7 +321,7 @@ def backward(made: Gains, weighted: Component, predicted: Component) -> tuple[Co
         weighted: ``S^-1`` times the innovations (T, C, M).
         predicted: Predicted means of the flight's own states (T, X, M).
     """
-    if passes.served(made, weighted, predicted) and made.by_state.shape[0]:
+    if takes(made, weighted, predicted) and made.by_state.shape[0]:
         adjoint, process_noise, states = passes.backward(made, weighted, predicted)
         process_noise[0] = np.asarray(made.first).T @ adjoint
         return np.asarray(made.start).T @ adjoint, process_noise, states

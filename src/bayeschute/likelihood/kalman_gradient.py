@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag, solve_triangular
 
+from bayeschute.compiler.machine import takes
 from bayeschute.core.array_library import library_of
 from bayeschute.core.vectors import Component
 from bayeschute.likelihood.filter_code import passes
@@ -142,7 +143,7 @@ def slope(flight: FlightData, hyper: NoiseParameters, linear: Linear, done: Pass
         The derivatives, in the form of the parts.
     """
     series = _series(done, linear.steps.by_then, hyper.dynamics(flight).output, mix)
-    if passes.served(done, mix) and done.gains.by_state.shape[0]:
+    if takes(done, mix) and done.gains.by_state.shape[0]:
         sums = Sums(*passes.score(done.gains, series, done.latents, done.noises))
     else:
         sums = _sums(done.gains, series, done.latents, done.noises)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from bayeschute.compiler.integrate import Steps
+from bayeschute.compiler.machine import takes
 from bayeschute.likelihood import disturbances, kalman
 from bayeschute.likelihood.disturbances import Latent
 from bayeschute.likelihood.filter_code import passes
@@ -92,7 +93,7 @@ def test_adjoint_pass_is_that_of_the_scan(system):
 
 def test_what_is_traced_is_left_to_jax(system):
     given, _ = system
-    assert passes.served(given)
+    assert takes(given)
     seen = []
-    jax.jit(lambda a: seen.append(passes.served(a)))(given[0])
+    jax.jit(lambda a: seen.append(takes(a)))(given[0])
     assert seen == [False]

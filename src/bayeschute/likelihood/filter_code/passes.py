@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from bayeschute.compiler.emit import Program
 from bayeschute.compiler.integrate import Steps
-from bayeschute.compiler.machine import aligned, available, compiled
-from bayeschute.core.array_library import traced
+from bayeschute.compiler.machine import aligned, compiled
 from bayeschute.likelihood.disturbances import Dynamics
 from bayeschute.likelihood.filter_code.covariance_pass import Sizes, covariance_pass
 from bayeschute.likelihood.filter_code.mean_passes import SYSTEM, MeanSizes, backward_pass, forward_pass
@@ -20,11 +19,6 @@ from bayeschute.likelihood.filter_code.score_pass import score_pass
 from bayeschute.likelihood.noise import Noise
 
 Array = NDArray[np.float64]
-
-
-def served(*given: Any) -> bool:
-    """Whether the passes can be run: code can be generated, and no argument is being traced by JAX."""
-    return available() and not traced(*given)
 
 
 def covariances(
