@@ -129,8 +129,9 @@ def whole(result: Result) -> list[str]:
         by_time = ", ".join(f"{w}: {100 * share:.0f}" for w, share in entry["by_time"].items())
         says = _MARKS.get(verdict(result, name), "") if name in named else ""
         s_e = f"{100 * entry['standard_error']:.1f}"
-        numbers = [f"{entry[key]:.3g}" for key in ("width", "interval_score", "crps")]
-        rows.append([name, *shares(entry), s_e + says, *numbers, by_time])
+        numbers = ["" if entry[key] is None else f"{entry[key]:.3g}" for key in ("width", "interval_score", "crps")]
+        lost = f"; not flown by any draw: {entry['not_flown']} times" if entry.get("not_flown") else ""
+        rows.append([name, *shares(entry), s_e + says, *numbers, by_time + lost])
     head = [
         "flight/quantity",
         *levels,
@@ -163,7 +164,8 @@ def by_mode(result: Result) -> list[str]:
         shares = [f"{100 * entry['coverage'][str(level)]:.0f}" for level in LEVELS]
         z = "" if entry["rms_z"] is None else f"{entry['mean_z']:+.2f}, {entry['rms_z']:.2f}"
         s_e = f"{100 * entry['standard_error']:.1f}"
-        rows.append([name, str(entry["replicates"]), *shares, s_e, z, f"{entry['pit']:.2f}"])
+        pit = "" if entry["pit"] is None else f"{entry['pit']:.2f}"
+        rows.append([name, str(entry["replicates"]), *shares, s_e, z, pit])
     if not rows:
         return []
     levels = [f"{100 * level:.0f} %" for level in LEVELS]

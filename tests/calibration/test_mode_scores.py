@@ -51,3 +51,10 @@ def test_what_is_not_known_or_does_not_move_is_left_out():
     gap = wave(0.1, 0.1)
     gap[3] = np.nan
     assert score_modes({"swing_angle": wave(0.1, 0.1)[None]}, {"swing_angle": gap}, DT) == {}
+
+
+def test_the_truth_of_a_flight_that_no_draw_could_fly_is_outside():
+    made = score_modes({"swing_angle": np.full((3, TIME.size), np.nan)}, {"swing_angle": wave(0.1, 0.1)}, DT)
+    assert set(made) == {"pendulum amplitude", "pendulum frequency"}
+    for entry in made.values():
+        assert entry["inside"] == (False,) * len(LEVELS) and entry["mean"] is entry["sd"] is entry["pit"] is None

@@ -61,6 +61,14 @@ def test_failed_draws_and_unknown_truth_are_left_out():
     assert score(draws, truth) == want
 
 
+def test_a_flight_that_no_draw_could_fly_holds_nothing():
+    """To leave it out would flatter a fit so wrong that its parameters can't be flown."""
+    got = score(np.full((60, 7), np.nan), TRUTH)
+    assert got.coverage == (0.0,) * len(LEVELS)
+    assert got.width is got.interval_score is got.crps is got.pit is None
+    assert inside(np.empty(0), 0.0) == (False,) * len(LEVELS)
+
+
 def test_nothing_to_score_is_refused():
     with pytest.raises(ValueError, match="nothing to score"):
         score(DRAWS, np.full(7, np.nan))

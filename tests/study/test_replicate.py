@@ -9,6 +9,9 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from bayeschute.calibration.coverage_tables import lines, summarise
+from bayeschute.calibration.recalibration import FACTORS
+from bayeschute.calibration.replicate_rows import read_rows, write_row
 from bayeschute.calibration.scores import LEVELS
 from bayeschute.study import replicate as module
 from bayeschute.study.run.forecasts import FlightForecast
@@ -71,6 +74,35 @@ def test_modes_have_the_frequency_of_the_record_s_clock():
     assert found["pendulum frequency"]["mean"] == pytest.approx(0.15, rel=2e-3)
     assert found["pendulum amplitude"]["truth"] == pytest.approx(1.0, rel=1e-3)
     assert found["mean descent rate"]["truth"] == pytest.approx(0.0, abs=1e-9) and "scissors amplitude" not in found
+
+
+def test_a_flight_that_no_draw_could_fly_counts_as_missed_in_everything(tmp_path):
+    """From draws to the table, through the stored row: the replicate is not dropped, which would flatter the fit."""
+    truth = 0.1 * np.sin(np.arange(10.0))
+    unseen = {"held_out": [True] * 10}
+    flown, lost = forecast(truth, **unseen), forecast(truth, **unseen, draws=np.full((5, 1), np.nan))
+    for seed, one in enumerate((flown, lost)):
+        row = {"seed": seed, "ok": True, "wall_s": 1.0, "parameters": {}, "left_out": [], "missed_checks": []}
+        row |= {"bands": {"new": module._bands(one, JOB)}, "modes": {"new": module._modes(one)}}
+        write_row(tmp_path, "campaign", row | {"statistics": {"new": module._statistics(one, JOB)}})
+    alone, both = (summarise(rows) for rows in ([read_rows(tmp_path)[0]], list(read_rows(tmp_path).values())))
+    name, at = "new/descent_rate", str(LEVELS[2])
+    assert alone["bands"][name]["coverage"][at] == 1.0 and both["bands"][name]["coverage"][at] == 0.5
+    assert both["bands"][name]["lowest"] == 0.0 and (
+        alone["bands"][name]["not_flown"],
+        both["bands"][name]["not_flown"],
+    ) == (0, 1)
+    assert both["bands"][name]["scaled"] == [0.5] * len(FACTORS)
+    for key in ("width", "interval_score", "crps", "pit"):
+        assert both["bands"][name][key] == alone["bands"][name][key]
+    for kind in ("modes", "statistics"):
+        assert alone[kind].keys() == both[kind].keys() and alone[kind]
+        for one, entry in both[kind].items():
+            assert entry["coverage"]["0.99"] == alone[kind][one]["coverage"]["0.99"] / 2.0
+            assert entry["pit"] == alone[kind][one]["pit"] and entry["replicates"] == 2
+    assert "not flown by any draw 1 times" in "\n".join(lines(both))
+    only = summarise([read_rows(tmp_path)[1]])["bands"][name]
+    assert only["share"] == 0.0 and only["width"] is None
 
 
 @dataclass(frozen=True)

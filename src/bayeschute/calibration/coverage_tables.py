@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,12 @@ def _share(values: Sequence[Any], of_shares: bool) -> dict[str, float]:
     mean = float(held.mean())
     spread = float(held.std(ddof=1)) if of_shares and held.size > 1 else None
     return {"share": mean, "standard_error": standard_error(mean, held.size, spread), "replicates": held.size}
+
+
+def _mean(values: Iterable[Any]) -> Any:
+    """Mean over the replicates that have a value, None where none has."""
+    known = [value for value in values if value is not None]
+    return np.mean(known, axis=0).tolist() if known else None
 
 
 def coverage_of_parameters(rows: Sequence[Row]) -> dict[str, dict[str, Any]]:
@@ -56,10 +62,10 @@ def coverage_of_bands(rows: Sequence[Row]) -> dict[str, dict[str, Any]]:
         rows: Rows of a campaign that are ok.
 
     Returns:
-        Per flight and quantity: as `coverage_of_parameters`, the ``lowest`` share of a replicate, and the means of
-        width and interval
-        score (at 90 %), CRPS,
-        PIT, and coverage at 90 % ``by_time``; where rows have it, shares by `recalibration.FACTORS` (``scaled``).
+        Per flight and quantity: as `coverage_of_parameters`, the ``lowest`` share of a replicate, the means of width
+        and interval score (at 90 %), CRPS and PIT, coverage at 90 % ``by_time``, and in how many replicates the flight
+        was ``not_flown`` by any draw: these hold nothing and have no width. Where rows have it, shares by
+        `recalibration.FACTORS` (``scaled``).
     """
     made: dict[str, dict[str, Any]] = {}
     at = LEVELS.index(NOMINAL)
@@ -74,10 +80,11 @@ def coverage_of_bands(rows: Sequence[Row]) -> dict[str, dict[str, Any]]:
                 "coverage": dict(
                     zip(map(str, LEVELS), np.mean([s["coverage"] for s in seen], axis=0).tolist(), strict=True)
                 ),
-                "width": float(np.mean([s["width"][at] for s in seen])),
-                "interval_score": float(np.mean([s["interval_score"][at] for s in seen])),
-                "crps": float(np.mean([s["crps"] for s in seen])),
-                "pit": np.mean([s["pit"] for s in seen], axis=0).tolist(),
+                "width": _mean(s["width"] and s["width"][at] for s in seen),
+                "interval_score": _mean(s["interval_score"] and s["interval_score"][at] for s in seen),
+                "crps": _mean(s["crps"] for s in seen),
+                "pit": _mean(s["pit"] for s in seen),
+                "not_flown": sum(s["crps"] is None for s in seen),
                 "by_time": {
                     w: float(np.mean([s["by_time"][w][at] for s in seen if w in s["by_time"]])) for w in windows
                 },
@@ -105,7 +112,7 @@ def coverage_of_values(rows: Sequence[Row], kind: str) -> dict[str, dict[str, An
     scored = [row for row in rows if row.get(kind)]
     for flight, name in dict.fromkeys((f, n) for row in scored for f, found in row[kind].items() for n in found):
         seen = [row[kind][flight][name] for row in scored if name in row[kind].get(flight, {})]
-        z = np.array([(s["mean"] - s["truth"]) / s["sd"] for s in seen if s["sd"] > 0.0])
+        z = np.array([(s["mean"] - s["truth"]) / s["sd"] for s in seen if s["sd"]])
         inside = np.mean([s["inside"] for s in seen], axis=0).tolist()
         made[f"{flight}/{name}"] = {
             **_share([s["inside"][at] for s in seen], False),
@@ -113,7 +120,7 @@ def coverage_of_values(rows: Sequence[Row], kind: str) -> dict[str, dict[str, An
             "coverage": dict(zip(map(str, LEVELS), inside, strict=True)),
             "mean_z": float(z.mean()) if z.size else None,
             "rms_z": float(np.sqrt(np.mean(z**2))) if z.size else None,
-            "pit": float(np.mean([s["pit"] for s in seen])),
+            "pit": _mean(s["pit"] for s in seen),
         }
     return made
 
@@ -123,9 +130,9 @@ def summarise(rows: Sequence[Row]) -> dict[str, Any]:
 
     Returns:
         ``replicates`` that are ok, ``failed`` with the reasons, ``nominal``, ``coverage`` and ``standard_error`` by
-        name, the full tables of ``parameters``, ``bands``, ``modes`` and ``statistics`` of flights, how often each of a
         name, the full tables of ``parameters``, ``bands``, ``modes`` and ``statistics`` of flights, how often each of
-        a run's own checks was missed, in how many replicates Pareto k of the sampler's correction was
+        a run's own checks was missed, in how many replicates Pareto k of the sampler's correction was ``below`` 0.7 of
+        those that told it, and the mean ``wall_s``.
     """
     good = [row for row in rows if row["ok"]]
     parameters, bands = coverage_of_parameters(good), coverage_of_bands(good)
@@ -158,5 +165,6 @@ def lines(summary: dict[str, Any]) -> list[str]:
         shares = "  ".join(f"{100 * entry['coverage'][str(level)]:5.1f}" for level in LEVELS)
         says = verdict(summary, name) if name in promised(summary) else ""
         left = f"  left out {entry['left_out']} times" if entry.get("left_out") else ""
+        left += f"  not flown by any draw {entry['not_flown']} times" if entry.get("not_flown") else ""
         made.append(f"{name:{wide}}  {shares}   {100 * entry['standard_error']:4.1f}  {says}{left}")
     return made

@@ -58,7 +58,8 @@ def score_modes(draws: Mapping[str, Array], truth: Mapping[str, Array], dt: floa
 
     Returns:
         As `content` names them: ``truth``, ``mean`` and ``sd`` of the draws, ``inside`` by `scores.LEVELS`, and
-        ``pit``, the share of draws below the truth. What is not finite of the truth, or of all draws, is left out.
+        ``pit``, the share of draws below the truth. What is not finite of the truth is left out; where that of every
+        draw is not finite the truth counts as outside, and mean, sd and pit are None.
     """
     names = [name for name in truth if name in draws and np.isfinite(truth[name]).all()]
     true, drawn = content({n: truth[n] for n in names}, dt), content({n: draws[n] for n in names}, dt)
@@ -78,12 +79,12 @@ def score_values(drawn: Mapping[str, Array], true: Mapping[str, float]) -> dict[
     made = {}
     for name, value in true.items():
         known = drawn[name][np.isfinite(drawn[name])]
-        if known.size and np.isfinite(value):
+        if np.isfinite(value):
             made[name] = {
                 "truth": float(value),
-                "mean": float(known.mean()),
-                "sd": float(known.std()),
+                "mean": float(known.mean()) if known.size else None,
+                "sd": float(known.std()) if known.size else None,
                 "inside": inside(known, float(value)),
-                "pit": float(np.mean(known < value)),
+                "pit": float(np.mean(known < value)) if known.size else None,
             }
     return made

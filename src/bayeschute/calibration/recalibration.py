@@ -25,11 +25,13 @@ def scaled_shares(draws: Array, truth: Array) -> list[float]:
     """Share of samples inside the 90 % band widened about the median, by `FACTORS`.
 
     Args:
-        draws: (S, T); draws that failed are not finite and left out.
+        draws: (S, T); draws that failed are not finite and left out; no band holds anything where all did.
         truth: (T,); samples that are NaN are left out.
     """
     known = np.isfinite(truth)
     draws, truth = draws[np.isfinite(draws).all(axis=1)][:, known], truth[known]
+    if not draws.size:
+        return [0.0] * len(FACTORS)
     low, middle, high = np.quantile(draws, [0.5 - NOMINAL / 2.0, 0.5, 0.5 + NOMINAL / 2.0], axis=0)
     off = truth - middle
     half = np.where(off < 0.0, middle - low, high - middle)

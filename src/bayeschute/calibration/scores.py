@@ -13,7 +13,7 @@ LEVELS = (0.5, 0.8, 0.9, 0.95, 0.99)
 
 
 class BandScore(NamedTuple):
-    """Averages over samples.
+    """Averages over samples. Where every draw failed nothing is held, and all but the coverage is None.
 
     Attributes:
         coverage: Share of samples inside the central interval, by `LEVELS`.
@@ -24,10 +24,10 @@ class BandScore(NamedTuple):
     """
 
     coverage: tuple[float, ...]
-    width: tuple[float, ...]
-    interval_score: tuple[float, ...]
-    crps: float
-    pit: tuple[float, ...]
+    width: tuple[float, ...] | None
+    interval_score: tuple[float, ...] | None
+    crps: float | None
+    pit: tuple[float, ...] | None
 
 
 def crps(draws: Array, truth: Array) -> Array:
@@ -53,12 +53,14 @@ def score(draws: Array, truth: Array) -> BandScore:
         truth: (T,); samples that are NaN are left out.
 
     Raises:
-        ValueError: If no draw or no sample is left.
+        ValueError: If no sample is left.
     """
     draws, known = draws[np.isfinite(draws).all(axis=1)], np.isfinite(truth)
     draws, truth = draws[:, known], truth[known]
+    if not truth.size:
+        raise ValueError("nothing to score: no truth is known")
     if not draws.size:
-        raise ValueError("nothing to score: every draw failed or no truth is known")
+        return BandScore((0.0,) * len(LEVELS), None, None, None, None)
     coverage, width, missed = [], [], []
     for level in LEVELS:
         low, high = np.quantile(draws, [0.5 - level / 2.0, 0.5 + level / 2.0], axis=0)
@@ -73,7 +75,9 @@ def score(draws: Array, truth: Array) -> BandScore:
 
 
 def inside(draws: Array, truth: float) -> tuple[bool, ...]:
-    """Whether a truth lies inside the central interval of draws (S,), by `LEVELS`."""
+    """Whether a truth lies inside the central interval of draws (S,), by `LEVELS`; it does not where there are none."""
+    if not draws.size:
+        return (False,) * len(LEVELS)
     edges = [np.quantile(draws, [0.5 - level / 2.0, 0.5 + level / 2.0]) for level in LEVELS]
     return tuple(bool(low <= truth <= high) for low, high in edges)
 
