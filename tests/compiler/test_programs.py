@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import jax
@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 
 from bayeschute.compiler import programs
+from bayeschute.compiler.compiled_model import states
 from bayeschute.compiler.machine import aligned
 from bayeschute.compiler.programs import LANES, Compiled, Programs, opening, programs_of
-from bayeschute.compiler.runge_kutta import CLASSICAL, stage_plan
+from bayeschute.compiler.runge_kutta import CLASSICAL, EXTENDED, RungeKutta, stage_plan
 
 pytest.importorskip("llvmlite")
 
@@ -27,6 +28,9 @@ class Ramp:
     drive: Any  # (T, 2)
     scale: Any
     table: Any  # (3,)
+    dt = 0.4
+    substeps: int = field(default=2, metadata={"static": True})
+    method: RungeKutta = field(default=CLASSICAL, metadata={"static": True})
 
     def inputs(self):
         return self.drive
@@ -186,6 +190,28 @@ def test_models_of_one_kind_share_their_programs(fresh):
         programs_of(RAMP, THETA, np.arange(3.0), ERROR), programs_of(RAMP, THETA, START, np.zeros((3, 2))),
     ]  # fmt: skip
     assert len({id(one) for one in (found, *others)}) == 5 and len(programs._known) == 5
+
+
+def test_records_of_any_length_share_their_programs(made):
+    """And give what the longer one gives as far as both go; steps of any number and method too."""
+    short = replace(RAMP, drive=RAMP.drive[:2])
+    assert programs_of(replace(RAMP, substeps=3, method=EXTENDED), *SIZES) is made
+    assert programs_of(short, THETA, START, ERROR[:2]) is made
+    assert programs.observed(short, 2, 2) is programs.observed(RAMP, 2, 2)
+    np.testing.assert_allclose(states(short, THETA, START, ERROR[:2]), wanted_states()[:2], rtol=1e-13)
+    np.testing.assert_allclose(states(RAMP, THETA, START, ERROR), wanted_states(), rtol=1e-13)
+
+
+def test_a_model_whose_rate_reads_inputs_of_other_samples_has_no_programs(fresh):
+    """They would be those of whatever record came first."""
+
+    @jax.tree_util.register_dataclass
+    @dataclass(frozen=True)
+    class Ahead(Ramp):
+        def rate(self, x, numbers, *given):
+            return super().rate(x, numbers, *given) + self.drive[-1, 0]
+
+    assert programs_of(Ahead(RAMP.drive, RAMP.scale, RAMP.table), *SIZES) == "no scalar form of inputs of other samples"
 
 
 def test_models_of_two_classes_with_the_same_fields_do_not_share():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Hashable, Sequence
+from dataclasses import fields, is_dataclass, replace
 from typing import Any, NamedTuple
 
 import jax
@@ -13,6 +14,7 @@ from bayeschute.compiler.differentiation import differentiation
 from bayeschute.compiler.evaluation import LANES, BySample, evaluation
 from bayeschute.compiler.graph import SHARED
 from bayeschute.compiler.machine import available, compiled
+from bayeschute.compiler.runge_kutta import CLASSICAL
 from bayeschute.compiler.simulation import simulation
 from bayeschute.compiler.trace import Traced, UnknownOperationError, trace
 
@@ -98,16 +100,26 @@ def initial(model: Any, theta: Any, start: Any) -> jax.Array:
     return model.initial(model.numbers(theta), start)
 
 
+_STEPS = {"substeps": 1, "method": CLASSICAL, "classical": None}
+
+
 def opening(model: Any) -> Any:
-    """A model whose inputs end with the first sample."""
+    """A model whose inputs end with the first sample, in a single step: its functions of a sample know of no more."""
     inputs = {id(leaf) for leaf in jax.tree.leaves(model.inputs())}
-    return jax.tree.map(lambda leaf: leaf[:1] if id(leaf) in inputs else leaf, model)
+    begun = jax.tree.map(lambda leaf: leaf[:1] if id(leaf) in inputs else leaf, model)
+    has = {field.name for field in fields(begun)} if is_dataclass(begun) else set[str]()
+    steps: Any = {name: one for name, one in _STEPS.items() if name in has}
+    return replace(begun, **steps) if steps else begun
 
 
-def kind_of(model: Any) -> Hashable:
-    """What models have in common whose functions have the same trace: type, structure, shapes of the numbers."""
-    leaves, structure = jax.tree.flatten(model)
-    return type(model), structure, tuple(np.shape(leaf) for leaf in leaves)
+def kind_of(begun: Any) -> Hashable:
+    """What models have in common whose functions have the same trace: type, structure, shapes of the numbers.
+
+    Args:
+        begun: The `opening` of a model: the functions are those of a sample, however many there are.
+    """
+    leaves, structure = jax.tree.flatten(begun)
+    return type(begun), structure, tuple(np.shape(leaf) for leaf in leaves)
 
 
 def programs_of(model: Any, theta: Any, start: Any, error: Any) -> Programs | str:
@@ -126,26 +138,40 @@ def programs_of(model: Any, theta: Any, start: Any, error: Any) -> Programs | st
     if not hasattr(model, "rate"):
         return f"{type(model).__name__} has no method 'rate'"
     sizes = np.shape(theta)[0], np.shape(start)[0], np.shape(error)[1]
-    key = kind_of(model), sizes
+    begun = opening(model)
+    key = kind_of(begun), sizes
     with _lock:
         if key not in _known:
             try:
-                _known[key] = _traced(model, *(np.zeros(size) for size in sizes))
+                _known[key] = _traced(begun, *(np.zeros(size) for size in sizes))
             except UnknownOperationError as operation:
                 _known[key] = f"no scalar form of {operation}"
         return _known[key]
 
 
-def _traced(model: Any, theta: np.ndarray, start: np.ndarray, error: np.ndarray) -> Programs:
-    now = jax.tree.map(lambda a: np.asarray(a, float)[0], model.inputs())
-    first = trace(initial, (opening(model), theta, start), (SHARED, "theta", "start"))
-    x = np.zeros(len(first.result))
-    rate = trace(
+def _traced(begun: Any, theta: np.ndarray, start: np.ndarray, error: np.ndarray) -> Programs:
+    first = trace(initial, (begun, theta, start), (SHARED, "theta", "start"))
+    x, now = np.zeros(len(first.result)), _first_inputs(begun)
+    rate = _at_a_sample(
         _rate,
-        (model, theta, x, now, now, error, error, 0.0),
+        (begun, theta, x, now, now, error, error, 0.0),
         (SHARED, "theta", "x", "now", "then", "error_now", "error_then", "share"),
     )
-    return Programs(rate, observed(model, len(theta), len(x)).function, first)
+    return Programs(rate, observed(begun, len(theta), len(x)).function, first)
+
+
+def _first_inputs(begun: Any) -> Any:
+    return jax.tree.map(lambda a: np.asarray(a, float)[0], begun.inputs())
+
+
+def _at_a_sample(function: Callable, examples: Sequence[Any], groups: Sequence[str]) -> Traced:
+    """The trace of a function of the opening of a model; it must take a sample's inputs as arguments alone."""
+    made = trace(function, examples, groups)
+    inputs = {id(leaf) for leaf in jax.tree.leaves(examples[0].inputs())}
+    leaves = jax.tree.leaves(examples[0])
+    if any(id(leaves[number]) in inputs for number in made.read):
+        raise UnknownOperationError("inputs of other samples")
+    return made
 
 
 def observed(model: Any, parameters: int, states: int) -> BySample:
@@ -159,13 +185,14 @@ def observed(model: Any, parameters: int, states: int) -> BySample:
     Raises:
         UnknownOperationError: If some operation has no scalar form.
     """
-    key = kind_of(model), parameters, states
+    begun = opening(model)
+    key = kind_of(begun), parameters, states
     with _lock:
         if key not in _observed:
-            now = jax.tree.map(lambda a: np.asarray(a, float)[0], model.inputs())
-            examples = model, np.zeros(parameters), np.zeros(states), now
+            examples = begun, np.zeros(parameters), np.zeros(states), _first_inputs(begun)
             try:
-                _observed[key] = BySample(trace(_observe, examples, (SHARED, "theta", "x", "now")), ("x", "now"))
+                made = _at_a_sample(_observe, examples, (SHARED, "theta", "x", "now"))
+                _observed[key] = BySample(made, ("x", "now"))
             except UnknownOperationError as operation:
                 _observed[key] = operation
         found = _observed[key]

@@ -169,7 +169,7 @@ def cluster_data(
     shares = tuple(p.air_share for p in priors)
     flight = ClusterFlight(
         base, start, tangent_basis(start.direction), inputs, dt, structure, names, used,
-        air_shares=shares if any(shares) else (),
+        air_shares=shares if APPARENT_MASS in names and any(shares) else (),
     )  # fmt: skip
     # Stiff lines and light canopies make the fastest pole; where lines hardly damp, it swings.
     tail = {name: -3.0 if name == APPARENT_MASS else 3.0 for name in LOGARITHMIC}
