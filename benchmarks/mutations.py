@@ -12,6 +12,9 @@ number; a longer sample begins with the shorter one.
 Rows are kept in ``--out``; the same command goes on where it was. Survivors are judged by a reader: those that change
 nothing that anyone could see are left out of the shares by ``--harmless NUMBER ...``. ``--only NUMBER ...`` runs these
 again, as after a test was added.
+
+``--store FILE`` adds the sample to those of the file, drawn from other sources or by other seeds, or replaces it there.
+``--survivors`` draws none: it tries the survivors of that file again, as far as their lines are still there.
 """
 
 from __future__ import annotations
@@ -184,6 +187,57 @@ def run(
             pool.shutdown()
 
 
+def stored(path: Path) -> list[dict[str, Any]]:
+    """Samples that a file holds: rows, numbers of harmless ones, provenance."""
+    return list(json.loads(path.read_text(encoding="utf-8"))["samples"]) if path.is_file() else []
+
+
+def store(path: Path, samples: Iterable[dict[str, Any]]) -> None:
+    """Write samples into a file."""
+    text = json.dumps({"samples": list(samples)}, indent=1, ensure_ascii=False)
+    path.write_text(text + "\n", encoding="utf-8")
+
+
+def with_sample(samples: Iterable[dict[str, Any]], made: dict[str, Any]) -> list[dict[str, Any]]:
+    """Samples with one more, which takes the place of an earlier part of itself."""
+    return [*(one for one in samples if one["sample"] != made["sample"]), made]
+
+
+def still_there(root: Path, row: dict[str, Any]) -> Mutant | None:
+    """The change of a stored row, made in the present source; None where its line is gone, or is there twice."""
+    path = root / row["file"]
+    text = path.read_text(encoding="utf-8") if path.is_file() else ""
+    changed = text.replace(row["before"], row["after"])
+    if text.count(row["before"]) != 1 or not sound(text, changed):
+        return None
+    line = text[: text.index(row["before"])].count("\n") + 1
+    told = {name: row[name] for name in ("number", "room", "file", "kind", "before", "after")}
+    return Mutant(**told, line=line, text=changed)
+
+
+def try_survivors(root: Path, samples: Iterable[dict[str, Any]], most: int, limit: float, commit: str) -> None:
+    """Try stored survivors again that are not harmless, and change their rows.
+
+    Args:
+        root: The tree.
+        samples: As stored.
+        most: Test files tried besides the mirrored one.
+        limit: Longest time of a test file [s].
+        commit: That the results are made at.
+    """
+    imports = Imports.read(root)
+    rows = [row for one in samples for row in one["rows"] if row["number"] not in one["harmless"]]
+    with tempfile.TemporaryDirectory(prefix="mutations-") as place:
+        trials = Trials(root, Path(place), 1, limit, lambda row: None)
+        for row in rows:
+            if row["result"] != "survived" or (mutant := still_there(root, row)) is None:
+                continue
+            found = trials.judge(mutant, imports.nearest(root / mutant.file), most)
+            row |= found | {"at_first": row.get("at_first", row["result"]), "commit": commit}
+            print(line_of(row), flush=True)
+        trials.end()
+
+
 def line_of(row: dict[str, Any]) -> str:
     """A row in words."""
     by = f" by {row['by']}" if row["by"] else f" ({len(row['passed'])} test files passed)"
@@ -252,7 +306,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--list", action="store_true", help="print the sample and run nothing")
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--store", type=Path, metavar="FILE", help="keep rows, harmless numbers and provenance there")
+    parser.add_argument("--survivors", action="store_true", help="try those of --store FILE again, and nothing else")
     given = parser.parse_args(arguments)
+    if given.survivors and not given.store:
+        parser.error("--survivors: wants --store FILE, whose survivors it tries")
     sampled = sample(ROOT, given.rooms, max(given.changes, *(given.only or [0])), given.seed)
     if given.only:
         sampled = [one for one in sampled if one.number in given.only]
@@ -263,6 +320,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # as an interrupt does: processes end, copies go
     told = provenance("python benchmarks/mutations.py " + " ".join(arguments or sys.argv[1:]))
     told["commit"] = given.made_at or told["commit"] or "unknown"
+    if given.survivors:
+        samples = stored(given.store)
+        try_survivors(ROOT, samples, given.most_files, given.limit, told["commit"])
+        return store(given.store, samples)
     what = {"seed": given.seed, "rooms": given.rooms, "source": source_hash(ROOT, given.rooms)}
     rows = Rows(given.out or ROOT / "runs" / f"mutations-{given.seed}.jsonl", what)
     run(ROOT, sampled, rows, given.workers, given.most_files, given.limit, told["commit"], given.only or ())
@@ -271,7 +332,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     totals = report(made, given.harmless, failing)
     if given.store:
         kept = {"provenance": told, "sample": what, "harmless": sorted(given.harmless), "rows": made}
-        given.store.write_text(json.dumps(kept, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+        store(given.store, with_sample(stored(given.store), kept))
     if given.json:
         print(json.dumps(totals | {"sample": what, "rows": made} | told, ensure_ascii=False))
 

@@ -89,19 +89,27 @@ def stops_table(stops: Mapping[str, Result]) -> list[str]:
     return table(head, rows)
 
 
-def changes_table(changes: Mapping[str, Any]) -> list[str]:
-    """Table of changes by room, and those that nothing noticed.
+def pooled(samples: Iterable[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """Rows of all samples, each with whether it is ``harmless``.
 
     Args:
-        changes: As stored: rows, numbers of harmless ones, provenance.
+        samples: As stored: rows, numbers of harmless ones, provenance.
     """
-    harmless = set(changes["harmless"])
-    rooms: dict[str, list[Mapping[str, Any]]] = {"all": list(changes["rows"])}
-    for row in changes["rows"]:
+    return [row | {"harmless": row["number"] in one["harmless"]} for one in samples for row in one["rows"]]
+
+
+def changes_table(changes: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Table of changes by room.
+
+    Args:
+        changes: Rows of `pooled`.
+    """
+    rooms: dict[str, list[Mapping[str, Any]]] = {"all": list(changes)}
+    for row in changes:
         rooms.setdefault(row["room"], []).append(row)
     rows = []
     for room, some in [("all", rooms.pop("all")), *sorted(rooms.items())]:
-        left_out = sum(row["number"] in harmless for row in some)
+        left_out = sum(row["harmless"] for row in some)
         caught, counted = sum(row["result"] != "survived" for row in some), len(some) - left_out
         share = "–"
         if counted:
@@ -113,16 +121,16 @@ def changes_table(changes: Mapping[str, Any]) -> list[str]:
     return table(head, rows)
 
 
-def survivors(changes: Mapping[str, Any]) -> list[str]:
+def survivors(changes: Sequence[Mapping[str, Any]]) -> list[str]:
     """Every change that nothing noticed, as a list.
 
     Args:
-        changes: As stored.
+        changes: Rows of `pooled`.
     """
     said = []
-    for row in changes["rows"]:
+    for row in changes:
         if row["result"] == "survived":
-            why = "harmless" if row["number"] in set(changes["harmless"]) else "not noticed"
+            why = "harmless" if row["harmless"] else "not noticed"
             said.append(f"- {why}: `{row['file']}:{row['line']}`, `{row['before']}` became `{row['after']}`")
     return said
 
@@ -137,9 +145,11 @@ def page(stops: Mapping[str, Result] | None, changes: Mapping[str, Any] | None) 
     text: Sequence[str] = [_STOPS, *(stops_table(stops) if stops else ["None are stored.", ""]), _CHANGES]
     if changes is None:
         return "\n".join([*text, "None are stored."]) + "\n"
-    note = changes.get("note", "")
-    text = [*text, f"Made by {_made(changes['provenance'])}. {note}".rstrip(), ""]
-    text = [*text, *changes_table(changes), *survivors(changes)]
+    for one in changes["samples"]:
+        head = f"{len(one['rows'])} changes by {_made(one['provenance'])}"
+        text = [*text, f"- {head}: `{one['provenance']['command']}`. {one.get('note', '')}".rstrip()]
+    rows = pooled(changes["samples"])
+    text = [*text, "", *changes_table(rows), *survivors(rows)]
     return "\n".join(text).rstrip() + "\n"
 
 

@@ -202,6 +202,31 @@ def test_a_run_that_was_ended_goes_on_and_other_samples_are_refused(tree, tmp_pa
         mutations.Rows(out, {"seed": 2})
 
 
+def test_a_sample_joins_those_that_are_stored_and_replaces_an_earlier_part_of_itself(tmp_path):
+    path, rows = tmp_path / "changes.json", [{"number": 1}, {"number": 2}]
+    first, part = {"sample": {"seed": 1}, "rows": rows[:1]}, {"sample": {"seed": 2}, "rows": rows[:1]}
+    whole = {"sample": {"seed": 2}, "rows": rows}
+    for made in (first, part, whole):
+        mutations.store(path, mutations.with_sample(mutations.stored(path), made))
+    assert mutations.stored(path) == [first, whole] and mutations.stored(tmp_path / "none.json") == []
+
+
+def test_survivors_are_tried_again_where_their_lines_are_still_there(tree, monkeypatch, capsys):
+    def row(line, piece, **more):
+        return _one(tree, line, piece).told() | {"result": "survived", "by": None, "passed": [], "seconds": 1.0} | more
+
+    caught, unseen = row(8, "FACTOR / x"), row(20, "x + 1.0")
+    gone, harmless = row(3, "4.0", before="FACTOR = 7.0"), row(14, "n += 1")
+    samples = [{"harmless": [14], "rows": [caught, unseen, gone, harmless]}]
+    before = [dict(gone), dict(harmless)]
+    module = tree / "src" / "tiny" / "room" / "numbers.py"
+    module.write_text("# A line more.\n" + SOURCE, encoding="utf-8")
+    mutations.try_survivors(tree, samples, 4, 20.0, "abc")
+    assert (caught["result"], caught["at_first"], caught["line"], caught["commit"]) == ("caught", "survived", 9, "abc")
+    assert (unseen["result"], unseen["at_first"], unseen["commit"]) == ("survived", "survived", "abc")
+    assert [gone, harmless] == before and capsys.readouterr().out.count("numbers.py:") == 2
+
+
 def test_shares_leave_out_what_is_judged_to_be_harmless():
     rows = [
         {"number": n, "room": "a" if n < 3 else "b", "kind": "sign", "result": result}

@@ -22,11 +22,11 @@ def _change(number, result, room="records", **more):
     return {"number": number, "room": room, "result": result} | told | more
 
 
-CHANGES = {
-    "provenance": MADE, "harmless": [3],
-    "rows": [_change(1, "caught"), _change(2, "survived"), _change(3, "survived"), _change(4, "timeout", "core"),
-             _change(5, "caught", at_first="survived")],
-}  # fmt: skip
+CHANGES = {"samples": [
+    {"provenance": MADE, "harmless": [3], "sample": {"seed": 1},
+     "rows": [_change(1, "caught"), _change(2, "survived"), _change(3, "survived"), _change(4, "timeout", "core")]},
+    {"provenance": MADE, "harmless": [], "sample": {"seed": 2}, "rows": [_change(3, "caught", at_first="survived")]},
+]}  # fmt: skip
 
 
 def _cells(lines, name):
@@ -55,16 +55,18 @@ def test_a_kind_of_stop_replaces_its_own_only_and_what_was_not_tried_is_told_apa
 
 
 def test_changes_are_counted_by_room_and_harmless_ones_leave_the_share():
-    lines = stops_page.changes_table(CHANGES)
+    """And those of one sample are no others' of the same number."""
+    rows = stops_page.pooled(CHANGES["samples"])
+    lines = stops_page.changes_table(rows)
     assert _cells(lines, "all")[1:5] == ["5", "1", "2", "3"] and _cells(lines, "all")[5].startswith("75%")
     assert _cells(lines, "core")[1:5] == ["1", "0", "1", "1"]
     assert _cells(lines, "records")[1:5] == ["4", "1", "1", "2"]
-    said = stops_page.survivors(CHANGES)
+    said = stops_page.survivors(rows)
     assert [line.split(":")[0] for line in said] == ["- not noticed", "- harmless"]
 
 
 def test_a_room_of_harmless_changes_alone_has_no_share():
-    alone = CHANGES | {"rows": [_change(3, "survived")]}
+    alone = [_change(3, "survived", harmless=True)]
     assert _cells(stops_page.changes_table(alone), "all")[5] == "–"
 
 
