@@ -5,7 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
+import pytest
+
+from bayeschute.core.errors import FitError
 from bayeschute.likelihood.priors import Prior
+from bayeschute.posterior.fit.joint_fit import NoFitError
 from bayeschute.study.assembly.fits import Group
 from bayeschute.study.run import stage_fit
 
@@ -20,3 +25,18 @@ def test_a_prior_that_the_flights_contradict_is_told():
     assert notes(FORCES) == []
     (note,) = notes((FORCES[0], *(replace(p, widened=2.345) for p in FORCES[1:])))
     assert "equation error on the transverse force" in note and "2.3 times" in note
+
+
+@pytest.mark.parametrize(
+    ("model", "do"), [("latent", "a shorter window"), ("ar1", 'model = "latent"'), ("sandwich", 'model = "latent"')]
+)
+def test_a_fit_without_an_optimum_says_what_to_do_and_where_it_ended(model, do):
+    job = SimpleNamespace(study=SimpleNamespace(noise=SimpleNamespace(model=model)))
+    best = SimpleNamespace(flights=(), theta=np.array([0.2, -0.1, 0.3]), covariance=np.diag([0.01, 0.04, 0.09]))
+    error = NoFitError("the search did not end", ["first way"], best, FORCES, None)
+    told = stage_fit._with_paths(job, Group("all", (), ()), error)
+    assert told.reason.startswith("fit of all: the search did not end; ") and do in told.reason
+    assert told.tried == ("first way",) and told.paths == ()
+    assert told.parameters[1] == ("transverse[e]", -0.1, pytest.approx(0.2), "1")
+    other = FitError("of another kind")
+    assert stage_fit._with_paths(job, Group("all", (), ()), other) is other

@@ -203,8 +203,17 @@ def draw_group(job: Job, fitted: Fitted, say: Say, predictions: bool = True) -> 
     return Drawn(*results[0], seconds)
 
 
+_REMEDIES = {
+    "latent": "fit a shorter window, without gaps and opening transients, or give a prior to what else may be wrong (a "
+    "mass, a clock)",
+    "others": "with noise of the channels alone a wrong wind has to be followed for a whole flight: let it be part of "
+    'the flight (model = "latent" in [noise]), or fit a shorter window',
+}
+"""What to do where a fit ends without an optimum, by noise model."""
+
+
 def _with_paths(job: Job, group: Group, error: FitError) -> FitError:
-    """The error with the residuals of the best trajectory found, and the parameters there."""
+    """The error with what to do, the residuals of the best trajectory found, and the parameters there."""
     if not isinstance(error, NoFitError):
         return error
     group = replace(group, priors=error.priors)
@@ -223,7 +232,8 @@ def _with_paths(job: Job, group: Group, error: FitError) -> FitError:
         paths.append(BestPath(flight.name, time, names, residual, sd, defect))
     rows = zip(group.priors, *values_and_sds(group.priors, best.theta, best.covariance), strict=True)
     parameters = [(p.name, float(value), float(sd), p.unit) for p, value, sd in rows]
-    return FitError(f"fit of {group.name}: {error.reason}", error.tried, paths, parameters)
+    do = _REMEDIES.get(job.study.noise.model, _REMEDIES["others"])
+    return FitError(f"fit of {group.name}: {error.reason}; {do}", error.tried, paths, parameters)
 
 
 def _structures(job: Job, group: Group) -> list[str]:
