@@ -68,6 +68,12 @@ def test_what_is_found_outside_and_a_quick_run_count(descent: Path, keys):
     assert _changed(keys, stage_keys(study, False, {"other": 1})) == set() and len(set(keys.values())) == len(STAGES)
 
 
+def test_what_is_found_outside_reaches_all_that_read_its_stage_and_always_the_report(descent: Path, keys):
+    study = load_study(descent)
+    for stage in STAGES:
+        assert _changed(keys, stage_keys(study, False, {stage: {"x": 1}})) == {*readers(stage), "report"}
+
+
 def test_readers_are_found_through_others_in_order():
     assert readers("priors") == ("priors", "fit", "check", "predict", "risk", "report")
     assert readers("check") == ("check", "risk", "report") and readers("report") == ("report",)
