@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 
+import numpy as np
 import pytest
 
 from bayeschute.core import pace as module
@@ -65,6 +66,25 @@ def test_of_a_pace_that_is_not_steady_the_time_that_passed_is_told(clock):
         assert pace.left("fit") == "" and pace.told("fit") == words
     pace.at("fit", 1.0)
     assert pace.told("fit") == ""
+
+
+@pytest.mark.parametrize(
+    ("reached", "told"),
+    [
+        ([(0, 0.0), (600, 0.6)], True),
+        ([(0, 0.0), (300, 0.45), (450, 0.45), (600, 0.6)], False),
+        ([(0, 0.0), (300, 0.3), (450, 0.525), (525, 0.525), (600, 0.6)], False),
+        ([(0, 0.0), (450, 0.45), (525, 0.57), (600, 0.6)], False),
+    ],
+    ids=["steady", "half", "quarter", "eighth"],
+)
+def test_the_last_half_quarter_and_eighth_alone_make_a_pace_unsteady(clock, reached, told: bool):
+    """Each goes on at most half as fast as the whole, which all the others do."""
+    pace = Pace()
+    for second in range(0, 601, 5):
+        clock[0] = float(second)
+        pace.at("fit", float(np.interp(second, *zip(*reached, strict=True))))
+    assert bool(pace.left("fit")) == told
 
 
 def test_a_jump_is_no_pace(clock):

@@ -153,6 +153,16 @@ def test_where_one_part_tells_all_nothing_is_said():
         dispersion(np.ones((7, 2)), np.zeros((7, 2, 2)))
 
 
+@pytest.mark.parametrize(("share", "told"), [(0.04, False), (0.06, True)])
+def test_a_tenth_of_the_scatter_left_is_enough_to_tell(share, told):
+    """Of two parts with the shares p and 1 - p of the information, 2 p (1 - p) of the scatter is left."""
+    informations = np.zeros((PARTS, 1, 1))
+    informations[3], informations[8] = share, 1.0 - share
+    scores = np.zeros((PARTS, 1))
+    scores[3], scores[8] = 0.5, -0.5
+    assert np.isfinite(dispersion(scores, informations).ratio) == told
+
+
 def test_words_name_flights_and_numbers():
     found = dispersion(*_posterior(np.random.default_rng(1), drift=0.5))
     said = told_in_words(found, ["a", "b"])
