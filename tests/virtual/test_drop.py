@@ -11,6 +11,7 @@ from tests.twins import small_cluster as small
 
 from bayeschute.atmosphere.standard import standard_density
 from bayeschute.records.sensors import Dropouts, SensorNoise
+from bayeschute.virtual import drop
 from bayeschute.virtual.drop import (
     Breathing,
     Turbulence,
@@ -126,6 +127,19 @@ def test_breathing_is_stationary_and_peaks_at_its_frequency():
 
 def test_no_breathing_is_exactly_none():
     np.testing.assert_array_equal(breathing_history(Breathing(), 0.1, 50, 2, np.random.default_rng(0)), 1.0)
+
+
+def test_a_failed_flight_says_since_when(monkeypatch):
+    whole = drop.flown
+
+    def torn(*given):
+        states = np.array(whole(*given))
+        states[4:, 2] = np.nan
+        return states
+
+    monkeypatch.setattr(drop, "flown", torn)
+    with pytest.raises(FloatingPointError, match=f"left the finite numbers at {4 * small.DT:.1f} s"):
+        go()
 
 
 def test_a_failed_flight_says_when():

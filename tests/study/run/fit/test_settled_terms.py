@@ -223,3 +223,30 @@ def test_where_there_is_no_search_the_whole_library_is_fitted(run, change, monke
     group, settled, scores = _settled(run)
     assert group.priors == PRIORS and scores == {} and settled.evidence == -1.0 and len(run.settled) == 1
     assert not (run.folder / "fit/priors.json").exists()
+
+
+def test_a_term_that_was_left_out_is_added_by_its_score_and_the_fit_begins_where_it_was(run, monkeypatch):
+    """A score is a step over its standard error: five of them ask for a term, three do not."""
+    run.job.study.structure.fit = "selected"
+    fitted, (asked_for, not_asked_for) = (PRIORS[0], PRIORS[2], PRIORS[4]), (PRIORS[1], PRIORS[3])
+    steps = {asked_for.name: (-0.5, 0.1), not_asked_for.name: (0.9, 0.3)}
+    changed, scored = [], []
+
+    def with_terms(study, priors, more):
+        return [*priors, *more], np.arange(len(priors) + len(more)) < len(priors)
+
+    def scores(flights, hyper, whole, theta, places, kept):
+        scored.append((theta.tolist(), kept.tolist()))
+        return np.array([steps.get(p.name, (0.0, 1.0)) for p in whole]).T
+
+    monkeypatch.setattr(settled_terms, "terms_left_out", lambda job: [asked_for, not_asked_for])
+    monkeypatch.setattr(settled_terms, "with_terms", with_terms)
+    monkeypatch.setattr(settled_terms, "scores", scores)
+    monkeypatch.setattr(settled_terms, "revise", lambda job, priors: changed.append(list(priors)))
+    group, settled, z = _settled(run, fitted)
+    assert group.priors == (*fitted, asked_for) and changed == [[*fitted, asked_for]]
+    assert z == {not_asked_for.name: pytest.approx(3.0)}
+    begins = [one.begin for one in run.settled]
+    assert begins[:2] == [None, None] and begins[2][0].tolist() == [7.0, 7.0, 7.0, 0.0]
+    assert settled.evidence == -3.0 and len(begins) == 3  # the greatest of all begins
+    assert scored[0] == ([7.0, 7.0, 7.0, 0.0, 0.0], [True] * 3 + [False] * 2)
