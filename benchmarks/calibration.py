@@ -6,7 +6,7 @@ replicates are kept, so the same command goes on where it was stopped; the time 
 
 Workers stay for all of them, and so does what they compiled. The longest campaign comes last.
 
-    python benchmarks/calibration.py [--workers 2] [--only latent.none ranks.dumbbell] [--few 8] [--many 120] [--page]
+    python benchmarks/calibration.py [--workers 2] [--only latent.none ranks.dumbbell] [--few 40] [--many 120] [--page]
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ STORED = ROOT / "models" / "reference" / "calibration"
 PAGE = ROOT / "docs" / "calibration.md"
 COMMAND = "python benchmarks/calibration.py"
 FIRST_SEED = 40_000  # none of these flights was seen while the approximations of the inference were chosen
-FEW = 8
+FEW = 40
 MANY = 120
 CAMPAIGNS = (  # noise model, disturbance, replicates
     ("latent", "none", MANY),
