@@ -10,6 +10,7 @@ from tests.twins import damped_swing, hanging_body
 from bayeschute.core.errors import InputError
 from bayeschute.records.read import ColumnSpec, read_record
 from bayeschute.records.record import make_record
+from bayeschute.swing import hanging_swing as module
 from bayeschute.swing.hanging_swing import hanging_swing
 
 TWINS = Path(__file__).parents[1] / "twins"
@@ -53,6 +54,16 @@ def test_a_spinning_swinging_rocket(rocket):
     assert abs(found.motion.spin[0]) > 3.0
     given = hanging_swing(record, window=(21.0, 43.5))
     assert abs(given.fit.frequency.mean - fit.frequency.mean) < fit.frequency.sd
+
+
+@pytest.mark.parametrize(("rate", "taken"), [(150.0, 150.0), (300.0, 200.0), (500.0, 200.0)])
+def test_samples_that_are_faster_than_200_hz_are_averaged(rocket, monkeypatch, rate, taken):
+    slow, _ = rocket
+    asked = []
+    monkeypatch.setattr(module, "fit_swing", lambda rate, dt, **more: asked.append((len(rate), dt)))
+    found = hanging_swing(slow.interp(time=np.arange(21.0, 43.5, 1.0 / rate)), window=(22.0, 42.0))
+    ((samples, dt),) = asked
+    assert dt == pytest.approx(1.0 / taken) and samples == found.time.size == pytest.approx(20.0 * taken, abs=2)
 
 
 def test_bad_input(rocket):
