@@ -318,7 +318,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
             print(f"{one.number:4d} {one.file}:{one.line} [{one.kind}]\n       - {one.before}\n       + {one.after}")
         return
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # as an interrupt does: processes end, copies go
-    told = provenance("python benchmarks/mutations.py " + " ".join(arguments or sys.argv[1:]))
+    rooms = "" if given.rooms == list(ROOMS) else " --rooms " + " ".join(given.rooms)
+    told = provenance(f"python benchmarks/mutations.py --changes {given.changes} --seed {given.seed}{rooms}")
     told["commit"] = given.made_at or told["commit"] or "unknown"
     if given.survivors:
         samples = stored(given.store)
