@@ -7,6 +7,7 @@ import hashlib
 import json
 import os
 import re
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,8 @@ from bayeschute.study.evidence.numerics_hash import PACKAGE, hash_of
 
 NOTEBOOKS = Path(__file__).parents[1] / "notebooks"
 DATA = Path(os.environ.get("BAYESCHUTE_DATA") or "no-such-folder")
+
+numerics_on = cache(partial(hash_of, PACKAGE))  # by libraries: a second of reading sources
 
 MOST_IMPORTS = {"modal": 14}  # it calls the swing's parts one by one; others keep under a dozen
 
@@ -113,7 +116,7 @@ def test_numbers_of_a_rendered_notebook_are_those_of_the_present_code(path):
     last = nbformat.read(path, as_version=4).cells[-1].source
     told = re.search(r"^\*Run on \d{4}-\d\d-\d\d by .*, numerics `(\w{8})` on (.*) \(`docs/render.py`\)", last)
     assert told, "no last line names the code that it was run by: make notebooks"
-    here, found = hash_of(PACKAGE, told[2]), comparisons()
+    here, found = numerics_on(told[2]), comparisons()
     kinds = {row.configuration for one in found for row in one.studies}
     alike = {here}.union(*(same_as(here, kind, found) for kind in kinds))
     assert told[1] in {one[:8] for one in alike}, f"{path.name} is of other numerics: make notebooks"
