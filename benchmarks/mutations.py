@@ -310,13 +310,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
     given = parser.parse_args(arguments)
     if given.survivors and not given.store:
         parser.error("--survivors: wants --store FILE, whose survivors it tries")
-    sampled = sample(ROOT, given.rooms, max(given.changes, *(given.only or [0])), given.seed)
-    if given.only:
-        sampled = [one for one in sampled if one.number in given.only]
-    if given.list:
-        for one in sampled:
-            print(f"{one.number:4d} {one.file}:{one.line} [{one.kind}]\n       - {one.before}\n       + {one.after}")
-        return
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # as an interrupt does: processes end, copies go
     rooms = "" if given.rooms == list(ROOMS) else " --rooms " + " ".join(given.rooms)
     told = provenance(f"python benchmarks/mutations.py --changes {given.changes} --seed {given.seed}{rooms}")
@@ -325,6 +318,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
         samples = stored(given.store)
         try_survivors(ROOT, samples, given.most_files, given.limit, told["commit"])
         return store(given.store, samples)
+    sampled = sample(ROOT, given.rooms, max(given.changes, *(given.only or [0])), given.seed)
+    if given.only:
+        sampled = [one for one in sampled if one.number in given.only]
+    if given.list:
+        for one in sampled:
+            print(f"{one.number:4d} {one.file}:{one.line} [{one.kind}]\n       - {one.before}\n       + {one.after}")
+        return
     what = {"seed": given.seed, "rooms": given.rooms, "source": source_hash(ROOT, given.rooms)}
     rows = Rows(given.out or ROOT / "runs" / f"mutations-{given.seed}.jsonl", what)
     run(ROOT, sampled, rows, given.workers, given.most_files, given.limit, told["commit"], given.only or ())

@@ -100,7 +100,7 @@ def initial(model: Any, theta: Any, start: Any) -> jax.Array:
     return model.initial(model.numbers(theta), start)
 
 
-_STEPS = {"substeps": 1, "method": CLASSICAL, "classical": None}
+_STEPS = {"substeps": 1, "method": CLASSICAL, "classical": None}  # how a model steps: no function of a sample asks
 
 
 def opening(model: Any) -> Any:

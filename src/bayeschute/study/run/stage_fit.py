@@ -39,6 +39,14 @@ from bayeschute.study.run.fit import checkpoint, settled_terms, several_starts, 
 Array = NDArray[np.float64]
 _FITTED = 0.85  # share of the time after which draws begin, on clusters of other programs
 _SETTLED = 0.3  # of that, after which the terms are chosen
+_DO = (
+    "fit a shorter window, without gaps and opening transients, or give a prior to what else may be wrong (a mass, a "
+    "constant error of the wind or of a channel)"
+)
+_DO_BY_LATENT = (
+    "with noise of the channels alone a wrong wind has to be followed for a whole flight: let it be part of the flight "
+    '(model = "latent" in [noise]), or fit a shorter window'
+)
 
 
 class Fitted(NamedTuple):
@@ -203,15 +211,6 @@ def draw_group(job: Job, fitted: Fitted, say: Say, predictions: bool = True) -> 
     return Drawn(*results[0], seconds)
 
 
-_REMEDIES = {
-    "latent": "fit a shorter window, without gaps and opening transients, or give a prior to what else may be wrong (a "
-    "mass, a clock)",
-    "others": "with noise of the channels alone a wrong wind has to be followed for a whole flight: let it be part of "
-    'the flight (model = "latent" in [noise]), or fit a shorter window',
-}
-"""What to do where a fit ends without an optimum, by noise model."""
-
-
 def _with_paths(job: Job, group: Group, error: FitError) -> FitError:
     """The error with what to do, the residuals of the best trajectory found, and the parameters there."""
     if not isinstance(error, NoFitError):
@@ -232,7 +231,7 @@ def _with_paths(job: Job, group: Group, error: FitError) -> FitError:
         paths.append(BestPath(flight.name, time, names, residual, sd, defect))
     rows = zip(group.priors, *values_and_sds(group.priors, best.theta, best.covariance), strict=True)
     parameters = [(p.name, float(value), float(sd), p.unit) for p, value, sd in rows]
-    do = _REMEDIES.get(job.study.noise.model, _REMEDIES["others"])
+    do = _DO if job.study.noise.model == "latent" else _DO_BY_LATENT
     return FitError(f"fit of {group.name}: {error.reason}; {do}", error.tried, paths, parameters)
 
 
