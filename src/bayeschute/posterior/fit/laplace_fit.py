@@ -268,7 +268,7 @@ def _last(
     for words, hyper in candidates:
         start = JointFit(began.optimum, hyper, began.evidence)
         try:
-            found, highest = _places(flights, priors, start, say)
+            found, highest, steps = _places(flights, priors, start, say)
         except FloatingPointError as error:
             reason = str(error)
             tried.append(f"{words}: {reason}")
@@ -286,7 +286,7 @@ def _last(
             flat = flat or last
             continue
         why = (
-            f"after {len(found)} steps towards it the mode is still off by {place.away:.2g} standard deviations, root "
+            f"after {steps} steps towards it the mode is still off by {place.away:.2g} standard deviations, root "
             f"mean square of all axes, and less than {_BESIDE_MODE:g} is wanted"
             if seen.is_mode
             else seen.why_not
@@ -301,8 +301,8 @@ def _last(
 
 def _places(
     flights: Sequence[FlightData], priors: Sequence[Prior], start: JointFit, say: Progress
-) -> tuple[list[_Place], bool]:
-    """Places on the way to the mode, and whether the density is no higher in reach of the last of them.
+) -> tuple[list[_Place], bool, int]:
+    """Places on the way to the mode, whether the density is no higher in reach of the last, and how many were reached.
 
     Those far from it are passed by without corrections at corners, which cost most, where the axes alone show the way.
 
@@ -328,7 +328,7 @@ def _places(
                 break
             ahead = _ahead(near, found[-1])
             if ahead is None:
-                return found, True
+                return found, True, len(passed)
             here = ahead
     except FloatingPointError:
         if not passed:
@@ -336,7 +336,7 @@ def _places(
     if not found:
         here, near, beside = passed[-1]
         found.append(_Place(here, *laplace.corrected(near, near=beside)))
-    return found, False
+    return found, False, len(passed)
 
 
 def _heard(say: Progress, move: int, part: tuple[float, float], where: str, done: int, wanted: int) -> None:
