@@ -448,8 +448,8 @@ def test_places_far_from_the_mode_are_passed_by_without_corners(found, descent, 
     monkeypatch.setattr(laplace_fit, "marginal_mode", lambda *given: aside)
     monkeypatch.setattr(laplace_fit, "_ahead", ahead)
     monkeypatch.setattr(laplace, "corrected", told)
-    places, highest = laplace_fit._places(descent.flights, descent.priors, begin, lambda share, words: None)
-    assert len(whole) == len(places) == 1 and not highest
+    places, highest, steps = laplace_fit._places(descent.flights, descent.priors, begin, lambda share, words: None)
+    assert len(whole) == len(places) == 1 and not highest and steps == (2 if flies else 1)
     away = (places[0].optimum.theta - found.optimum.theta)[0] / np.sqrt(found.optimum.covariance[0, 0])
     assert abs(away) < 0.3 if flies else away == pytest.approx(1.5)
 
