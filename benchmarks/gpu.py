@@ -97,7 +97,7 @@ def main() -> None:
     some = flights(PLAIN, SAMPLES, 1)
     model, centre = some.model, some.theta[:, 0]
     by_cpu, want = timed(jax.devices("cpu")[0], model, drivers(model, centre, CHECKED), 1)
-    print(f"{device.device_kind}: flights of {(SAMPLES - 1) * DT:.0f} s in {model.substeps} steps per sample")
+    print(f"{device.device_kind}: flights of {(SAMPLES - 1) * DT:.0f} s in {model.stepping.substeps} steps per sample")
     rates, worst = {}, 0.0
     for count in options.batches:
         taken, got = timed(device, model, drivers(model, centre, max(count, CHECKED)))

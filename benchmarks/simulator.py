@@ -33,6 +33,7 @@ from simulator_flights import DT, PLAIN, RICH, SAMPLES, Flights, errors, flights
 
 from bayeschute.compiler import compiled_model as kernel
 from bayeschute.compiler.integrate import along_path, trajectory
+from bayeschute.compiler.runge_kutta import Stepping
 
 Array = NDArray[np.float64]
 Numbers = dict[str, Any]
@@ -88,12 +89,13 @@ def accurate(x: Array, tight: Array, of: Flights) -> bool:
 def accuracy(given: Flights, context: Numbers) -> Array:
     """States of all flights in tight steps (T, X, B); the simulator itself must be near enough to them."""
     model, *driven = given.all()
-    tight = np.asarray(kernel.states(replace(model, substeps=TIGHT * model.substeps), *driven))
+    tight = np.asarray(kernel.states(replace(model, stepping=model.stepping.finer(TIGHT)), *driven))
     ours = np.asarray(kernel.states(model, *driven))
     swing, descent = errors(model, ours, tight)
     context["errors"] = {"bayeschute": {"swing_deg": swing, "descent_ft_s": descent}}
     print(
-        f"largest errors of {given.theta.shape[1]} flights in {model.substeps} steps per sample, against {TIGHT} times"
+        f"largest errors of {given.theta.shape[1]} flights in {model.stepping.substeps} steps per sample, against "
+        f"{TIGHT} times"
     )
     print(f"  as many: swing {swing:.1e} deg, descent {descent:.1e} ft/s (asked: {SWING:.0e} deg, {DESCENT} ft/s)")
     if not accurate(ours, tight, given):
@@ -185,7 +187,7 @@ def growth(ratios: Numbers, context: Numbers) -> None:
     """Exponents of time and memory in record length and batch size."""
     for what, sizes in (("length", [226, 451, 901, 1801]), ("batch", [16, 32, 64, 128, 256])):
         made = {n: (flights(PLAIN, n, BATCH) if what == "length" else flights(PLAIN, SAMPLES, n)).all() for n in sizes}
-        made = {n: (replace(model, substeps=3), *driven) for n, (model, *driven) in made.items()}
+        made = {n: (replace(model, stepping=Stepping(3)), *driven) for n, (model, *driven) in made.items()}
         times = best({str(n): lambda g=g: kernel.states(*g) for n, g in made.items()}, 7)
         by_time = exponent(sizes, [times[str(n)] for n in sizes])
         memory = exponent(sizes, [peak(lambda g=g: kernel.states(*g)) for g in made.values()])
@@ -219,7 +221,7 @@ def main() -> None:
     context: Numbers = {
         "samples": SAMPLES,
         "dt_s": DT,
-        "substeps": given.model.substeps,
+        "substeps": given.model.stepping.substeps,
         "compiler": others.compiler_version(),
     }
     tight = accuracy(given, context)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from bayeschute.aero.coefficient import Coefficient
 from bayeschute.atmosphere.standard import standard_density
-from bayeschute.compiler.runge_kutta import CLASSICAL
+from bayeschute.compiler.runge_kutta import CLASSICAL, Stepping
 from bayeschute.dynamics.cluster_flight import LOGARITHMIC, ClusterFlight, ClusterInputs, quantity
 from bayeschute.dynamics.initial_state import tangent_basis
 from bayeschute.dynamics.parameters import Structure
@@ -97,7 +97,7 @@ def flights(structure: Structure, samples: int, batch: int, axes: int = 5) -> Fl
     deviations = 9 + 4 * structure.canopies
     scatter = [0.02 if n in LOGARITHMIC else 0.01 * abs(c) or 0.001 for n, c in zip(names, centre, strict=True)]
     theta = centre[:, None] + np.array(scatter)[:, None] * rng.standard_normal((centre.size, batch))
-    model = replace(model, substeps=enough(CLASSICAL, poles(model, [theta.max(axis=1)], deviations), DT, 3))
+    model = replace(model, stepping=Stepping(enough(CLASSICAL, poles(model, [theta.max(axis=1)], deviations), DT, 3)))
     scale = np.where(np.arange(axes) < 3, 0.2, 0.02)
     error = np.stack([smooth(rng, time, 1.0, axes) * scale for _ in range(batch)], axis=-1)
     return Flights(model, theta, 0.01 * rng.standard_normal((deviations, batch)), np.ascontiguousarray(error))

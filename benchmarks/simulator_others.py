@@ -79,7 +79,7 @@ def _c_simulation(function: Any, lanes: int) -> Callable[..., Array]:
         for lane in range(0, batch, lanes):
             parameters, disturbances, out = (a.ctypes.data + 8 * lane for a in (given, error, states))
             at = vehicle.ctypes.data, parameters, record.ctypes.data, disturbances, out
-            function(*at, samples, batch, float(model.dt), model.substeps)
+            function(*at, samples, batch, float(model.dt), model.stepping.substeps)
         return states
 
     return simulate

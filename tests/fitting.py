@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from bayeschute.compiler.runge_kutta import Stepping
 from bayeschute.dynamics.descent import DensityProfile, DescentFlight, DescentInputs
 from bayeschute.likelihood.disturbances import Latent
 from bayeschute.likelihood.joint import FlightData, Lifted, NoiseParameters, Unknowns, latent_path_of, residuals, states
@@ -36,6 +37,7 @@ class LinearFlight:
     """A `FlightModel` that is linear in everything: two states, two outputs, two parameters, two disturbances."""
 
     drive: Any
+    stepping: Stepping = field(default=Stepping(1), metadata={"static": True})
 
     def inputs(self):
         return self.drive
@@ -62,6 +64,7 @@ class BentFlight:
     """A `FlightModel` whose disturbance enters with its square as well: its mean is not the flight of the mean."""
 
     drive: Any
+    stepping: Stepping = field(default=Stepping(1), metadata={"static": True})
 
     def inputs(self):
         return self.drive
@@ -133,7 +136,7 @@ def quadrature():
 def descent():
     """A descent of 50 s at 2 Hz under wind error and noise, twice, with its truth."""
     air = DensityProfile(0.0, 500.0, np.log(1.225) - 500.0 * np.arange(8) / 9000.0)
-    model = DescentFlight(air, DescentInputs(np.zeros(101)), 2500.0, 10.0, 0.5, substeps=2)
+    model = DescentFlight(air, DescentInputs(np.zeros(101)), 2500.0, 10.0, 0.5, Stepping(2))
     nothing = np.zeros((101, 1))
     empty = FlightData(model, nothing, nothing == 0.0, 0.5, np.array([2.0]), (0,), GUSTS)
     hyper = NoiseParameters(Noise(*(np.array([x]) for x in (0.05, 0.10, 2.0))), (np.array([0.4, 12.0]),))

@@ -118,12 +118,12 @@ def reference(case):
     )
     inputs = jax.tree.map(np.asarray, model.inputs())
     x = np.asarray(model.initial(model.numbers(theta), jnp.asarray(case.start)))
-    h, found = float(model.dt) / model.substeps, [x]
+    h, found = float(model.dt) / model.stepping.substeps, [x]
     for t in range(T - 1):
         now, then = (jax.tree.map(lambda a, k=k: a[k], inputs) for k in (t, t + 1))
-        for s in range(model.substeps):
+        for s in range(model.stepping.substeps):
             slope = lambda y, part, at=(now, then, error[t], error[t + 1]), s=s: np.asarray(  # noqa: E731
-                rate(y, *at, (s + part) / model.substeps)
+                rate(y, *at, (s + part) / model.stepping.substeps)
             )
             k1 = slope(x, 0.0)
             k2 = slope(x + 0.5 * h * k1, 0.5)

@@ -10,7 +10,7 @@ import pytest
 from bayeschute.compiler.differentiation import Slopes, differentiation
 from bayeschute.compiler.graph import Graph
 from bayeschute.compiler.machine import aligned, compiled
-from bayeschute.compiler.runge_kutta import CLASSICAL, stage_plan
+from bayeschute.compiler.runge_kutta import Stepping
 from bayeschute.compiler.trace import trace
 
 pytest.importorskip("llvmlite")
@@ -76,7 +76,7 @@ def run(flight, lanes, source, blocks, wanted=0, groups=DRIVEN, fill=0.0):
     tangents[:] = held.reshape(len(source), -1, lanes).swapaxes(0, 1)
     out, reached = np.full((stride, len(source), wide), fill), np.full((len(source), stride), fill)
     arrays = [np.ascontiguousarray(flight[name]) for name in ("shared", "theta", "record", "error")]
-    arrays += [stage_plan(CLASSICAL, H * SUBSTEPS, SUBSTEPS), np.ascontiguousarray(flight["x"]), tangents, out, reached]
+    arrays += [Stepping(SUBSTEPS).plan(H * SUBSTEPS), np.ascontiguousarray(flight["x"]), tangents, out, reached]
     arrays += [aligned(table * SUBSTEPS * 4), aligned(program.scratch)]
     compiled(program)(*arrays, stride, *blocks, SUBSTEPS, 4, wanted, wide // lanes)
     return out, reached

@@ -15,7 +15,7 @@ from bayeschute.compiler import programs
 from bayeschute.compiler.compiled_model import states
 from bayeschute.compiler.machine import aligned
 from bayeschute.compiler.programs import LANES, Compiled, Programs, opening, programs_of
-from bayeschute.compiler.runge_kutta import CLASSICAL, EXTENDED, RungeKutta, stage_plan
+from bayeschute.compiler.runge_kutta import EXTENDED, Stepping
 
 pytest.importorskip("llvmlite")
 
@@ -29,8 +29,7 @@ class Ramp:
     scale: Any
     table: Any  # (3,)
     dt = 0.4
-    substeps: int = field(default=2, metadata={"static": True})
-    method: RungeKutta = field(default=CLASSICAL, metadata={"static": True})
+    stepping: Stepping = field(default=Stepping(2), metadata={"static": True})
 
     def inputs(self):
         return self.drive
@@ -113,7 +112,7 @@ def wanted_states():
 def test_simulation(made, lanes):
     simulate, states = made.simulate(lanes), aligned(3, 2, lanes)
     wide = [np.repeat(a[..., None], lanes, axis=-1) for a in (THETA, ERROR, np.array([FIRST]))]
-    given = np.array([0.5]), wide[0], RAMP.drive, wide[1], stage_plan(CLASSICAL, 0.4, 2), wide[2], states
+    given = np.array([0.5]), wide[0], RAMP.drive, wide[1], RAMP.stepping.plan(0.4), wide[2], states
     simulate.call(*given, aligned(simulate.scratch), 3, lanes, 0, 1, 2, 4, 1)
     np.testing.assert_allclose(states[1:], np.repeat(wanted_states()[1:, :, None], lanes, axis=2), rtol=1e-13)
 
@@ -140,7 +139,7 @@ def test_tangents(made):
     source, out, reached = aligned(1, 2, LANES), aligned(LANES, 2, LANES), aligned(2, stride)
     source[0, :, 4:6] = np.eye(2)
     memory = aligned(differentiate.table * 2 * 4), aligned(differentiate.scratch)
-    given = np.array([0.5]), THETA, record, error, stage_plan(CLASSICAL, 0.4, 2), states, source, out, reached
+    given = np.array([0.5]), THETA, record, error, RAMP.stepping.plan(0.4), states, source, out, reached
     differentiate.call(*given, *memory, stride, 0, 1, 2, 4, 0, 1)
     np.testing.assert_allclose(reached[:, :2], wanted_states()[1:].T, rtol=1e-13)
     slopes = [[0.4 * 0.5, 0.0, 40.0, 400.0, 1.0, 0.0], [0.0, 0.4 * 0.5, 0.0, 0.0, 0.0, 1.0]]
@@ -195,7 +194,7 @@ def test_models_of_one_kind_share_their_programs(fresh):
 def test_records_of_any_length_share_their_programs(made):
     """And give what the longer one gives as far as both go; steps of any number and method too."""
     short = replace(RAMP, drive=RAMP.drive[:2])
-    assert programs_of(replace(RAMP, substeps=3, method=EXTENDED), *SIZES) is made
+    assert programs_of(replace(RAMP, stepping=Stepping(3, EXTENDED)), *SIZES) is made
     assert programs_of(short, THETA, START, ERROR[:2]) is made
     assert programs.observed(short, 2, 2) is programs.observed(RAMP, 2, 2)
     np.testing.assert_allclose(states(short, THETA, START, ERROR[:2]), wanted_states()[:2], rtol=1e-13)

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from bayeschute.compiler.runge_kutta import CLASSICAL, EXTENDED, advanced, stage_plan
+from bayeschute.compiler.runge_kutta import CLASSICAL, EXTENDED, Stepping, advanced
 from bayeschute.core import numerics as numerics  # 64 bits
 
 METHODS = pytest.mark.parametrize("method", [CLASSICAL, EXTENDED], ids=["classical", "extended"])
@@ -20,7 +20,7 @@ def tableau(method):
 
 def gone(method, rate, x, dt, substeps):
     """Through a sample as the machine code goes: begin, stage and sum; `rate` of state and share of the sample."""
-    way, weight, place = stage_plan(method, dt, substeps)
+    way, weight, place = Stepping(substeps, method).plan(dt)
     for step in range(substeps):
         begin, stage, total = x, x, x
         for k in range(len(weight)):
@@ -47,6 +47,14 @@ def test_growth_is_what_a_step_does_to_a_linear_flight(method):
         grown = 1.0 + z * b @ np.linalg.solve(np.eye(len(b)) - z * a, np.ones(len(b)))
         assert np.polyval(method.growth[::-1], z) == pytest.approx(grown, rel=1e-12)
         assert gone(method, lambda x, s, z=z: z * x, 1.0, 1.0, 1) == pytest.approx(grown, rel=1e-12)
+
+
+def test_a_stepping_is_made_finer_and_classical():
+    long = Stepping(2, EXTENDED, classical=5)
+    assert (long.stages, Stepping(5).stages) == (12, 20)
+    assert long.finer() == Stepping(4, EXTENDED, 5) and long.finer(10).substeps == 20
+    assert long.in_classical_steps() == Stepping(5, CLASSICAL, 5)
+    assert Stepping(3).in_classical_steps() == Stepping(3)  # nobody has asked how many are stable
 
 
 @pytest.mark.parametrize(("method", "real", "imaginary"), [(CLASSICAL, 2.785, 2.828), (EXTENDED, 8.70, 3.55)])
@@ -87,7 +95,7 @@ def test_jax_goes_the_same_way(method):
     def rate(x, s):
         return jnp.stack([x[1] * s, jnp.sin(x[0]) - 0.3 * x[1]])
 
-    made = advanced(method, rate, jnp.array([0.4, -1.0]), 0.8, 3)
+    made = advanced(Stepping(3, method), rate, jnp.array([0.4, -1.0]), 0.8)
     np.testing.assert_allclose(made, gone(method, rate, jnp.array([0.4, -1.0]), 0.8, 3), rtol=1e-14)
 
 
@@ -98,6 +106,6 @@ def test_errors_of_a_flight_that_is_not_linear_fall_with_the_fourth_power(method
     def rate(x, s):
         return x**2 + s
 
-    right = float(advanced(CLASSICAL, rate, jnp.array(0.5), 1.0, 4000))
-    error = [abs(float(advanced(method, rate, jnp.array(0.5), 1.0, k)) - right) for k in (16, 32, 64)]
+    right = float(advanced(Stepping(4000), rate, jnp.array(0.5), 1.0))
+    error = [abs(float(advanced(Stepping(k, method), rate, jnp.array(0.5), 1.0)) - right) for k in (16, 32, 64)]
     assert (np.log2(np.array(error[:-1]) / error[1:]) > 3.8).all()

@@ -16,7 +16,7 @@ from tests.twins import small_cluster as small
 
 from bayeschute.compiler import compiled_model as kernel
 from bayeschute.compiler.integrate import along_path, trajectory_compiled
-from bayeschute.compiler.runge_kutta import CLASSICAL, advanced
+from bayeschute.compiler.runge_kutta import Stepping, advanced
 from bayeschute.core.vectors import Vec3
 from bayeschute.dynamics.cluster import Air, geometry, state_rate
 from bayeschute.dynamics.parameters import Structure
@@ -47,7 +47,7 @@ def states(z, horizon):
     def rate(s, _):
         return state_rate(s, model, ONE, Air(still, still, 1.1, 1.0, still))
 
-    return advanced(CLASSICAL, rate, jnp.stack([row + zero for row in rows]), horizon, STEPS)
+    return advanced(Stepping(STEPS), rate, jnp.stack([row + zero for row in rows]), horizon)
 
 
 # Straight under the canopy with airflow along the riser; the same, swinging through; slack by 0.02 m.

@@ -10,6 +10,7 @@ import pytest
 from tests.twins import small_cluster as small
 
 from bayeschute.compiler.integrate import trajectory_compiled
+from bayeschute.compiler.runge_kutta import Stepping
 from bayeschute.dynamics.descent import DensityProfile, DescentFlight, DescentInputs
 from bayeschute.dynamics.outcome import Outcome, judge, simulate
 from bayeschute.dynamics.parameters import Structure
@@ -134,7 +135,7 @@ def test_any_other_model_is_judged_by_its_numbers():
     model = DescentFlight(air, DescentInputs(np.zeros(51)), 1500.0, 5.0, 0.5)
     flown = simulate(model, np.log([0.1]), np.zeros(1), np.zeros((51, 1)))
     assert Outcome(int(flown.outcome)) is Outcome.OK
-    true = trajectory_compiled(replace(model, substeps=40), np.log([0.1]), np.zeros(1), np.zeros((51, 1)))
+    true = trajectory_compiled(replace(model, stepping=Stepping(40)), np.log([0.1]), np.zeros(1), np.zeros((51, 1)))
     error = np.abs(np.asarray(flown.states - true)).max(axis=0)
     np.testing.assert_allclose(flown.step_error, error, rtol=0.3)
     wild = np.array(flown.states)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from tests.twins import small_cluster as small
 
-from bayeschute.compiler.runge_kutta import CLASSICAL, EXTENDED
+from bayeschute.compiler.runge_kutta import CLASSICAL, EXTENDED, Stepping
 from bayeschute.core.vectors import Vec3
 from bayeschute.dynamics import step_size
 from bayeschute.dynamics.cluster import state_rate
@@ -87,7 +87,7 @@ def test_enough_steps_are_stable_and_one_fewer_diverges(pole, sample, method):
     assert enough(method, np.array([-pole + 0.0j]), sample) >= needed
     jump = []
     for length in (sample / needed, 1.3 * limit / pole):
-        x = small.fly(replace(FLIGHT, dt=length, method=method))
+        x = small.fly(replace(FLIGHT, dt=length, stepping=Stepping(1, method)))
         line = np.linalg.norm(x[:, 13:16] - x[:, 0:3], axis=1)
         jump.append(np.abs(np.diff(line[:60], 2)).max())
     # Past the limit the transient grows: it hits the clamp of the tension, or is soon not finite.
@@ -132,9 +132,9 @@ def test_modes_that_grow_ask_for_no_steps_and_those_that_are_not_finite_for_none
 def test_both_methods_err_alike_at_their_least_steps():
     """Of a flight of 8 s whose riser both keep stable, against tight steps."""
     damped = replace(FLIGHT, dt=0.1, record=FLIGHT.record)
-    tight = small.fly(replace(damped, substeps=60))
+    tight = small.fly(replace(damped, stepping=Stepping(60)))
     off = [
-        np.abs(small.fly(replace(damped, substeps=n, method=method)) - tight)[1:, :6].max()
+        np.abs(small.fly(replace(damped, stepping=Stepping(n, method))) - tight)[1:, :6].max()
         for n, method in ((4, CLASSICAL), (2, EXTENDED))
     ]
     assert max(off) < 2e-3

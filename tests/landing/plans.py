@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bayeschute.compiler.runge_kutta import CLASSICAL
+from bayeschute.compiler.runge_kutta import Stepping
 from bayeschute.landing.campaign_plan import CampaignPlan, Parameters
 from bayeschute.landing.landing_model import LandingFlight, density_law
 from bayeschute.landing.start_plan import StartPlan
@@ -36,7 +36,7 @@ def small_plan() -> CampaignPlan:
 def small_model(one: Parameters) -> LandingFlight:
     """The model of some draws between -500 m and 1500 m, 0.2 s between samples."""
     law, middle, half = density_law(-500.0, 1500.0)
-    return LandingFlight(one.base, law, middle, half, 0.2 * np.arange(6), 0.2, one.structure, one.names, 6, CLASSICAL)
+    return LandingFlight(one.base, law, middle, half, 0.2 * np.arange(6), 0.2, one.structure, one.names, Stepping(6))
 
 
 def single(one: Parameters) -> Parameters:

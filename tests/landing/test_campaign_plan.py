@@ -11,7 +11,7 @@ from tests.landing.plans import single
 from bayeschute.atmosphere.standard import standard_density
 from bayeschute.dynamics.step_size import steps
 from bayeschute.landing import campaign_plan as module
-from bayeschute.landing.campaign_plan import flight_model, steps_per_sample
+from bayeschute.landing.campaign_plan import flight_model, stepping
 from bayeschute.landing.descend import SAMPLE, SECOND
 from bayeschute.landing.start_plan import StartPlan
 from bayeschute.landing.wind_plan import STEP
@@ -47,7 +47,7 @@ def test_the_model_of_a_plan_is_made_once_and_has_the_air_of_all_its_altitudes(p
     np.testing.assert_allclose([float(model.density_at(one)) for one in h], standard_density(h), rtol=1e-6)
     np.testing.assert_allclose(model.clock, 0.2 * np.arange(6))
     assert (model.dt, len(model.clock)) == (SAMPLE, SECOND + 1)
-    assert (model.substeps, model.method) == steps(POLES, SAMPLE)[:2]
+    assert model.stepping == steps(POLES, SAMPLE)
     assert model.names == own.models[0].names and model.structure == own.models[0].structure
 
 
@@ -56,7 +56,7 @@ def test_steps_are_of_the_stiffest_risers_among_the_draws_and_else_of_their_mean
     rng = np.random.default_rng(0)
     more = np.concatenate([one.theta, rng.standard_normal((12, 2))], axis=1)
     stiff = replace(one, names=(*one.names, "riser_stiffness", "riser_damping"), theta=more)
-    assert steps_per_sample(stiff) == steps(POLES, 0.2)
+    assert stepping(stiff) == steps(POLES, 0.2)
     flight, thetas, deviations = asked[0]
     for theta, damping in zip(thetas, (more[:, -1].max(), more[:, -1].min()), strict=True):
         np.testing.assert_allclose(theta[:-2], one.theta.mean(axis=0))
@@ -65,8 +65,8 @@ def test_steps_are_of_the_stiffest_risers_among_the_draws_and_else_of_their_mean
 
 
 def test_the_steps_are_of_canopies_around_the_vertical_in_a_steady_fall(plan, asked):
-    steps_per_sample(plan.models[0])
-    steps_per_sample(single(plan.models[0]))
+    stepping(plan.models[0])
+    stepping(single(plan.models[0]))
     two, alone = (given[0].start for given in asked)
     np.testing.assert_allclose(np.linalg.norm(two.direction, axis=0), 1.0)
     np.testing.assert_allclose(two.direction.sum(axis=1), [0.0, 0.0, -2.0 * np.cos(0.15)], atol=1e-15)
@@ -80,5 +80,5 @@ def test_the_steps_are_of_canopies_around_the_vertical_in_a_steady_fall(plan, as
 def test_stronger_damping_of_the_risers_needs_more_steps(plan):
     one = plan.models[0]
     strong = replace(one.base.risers, damping=4.0 * one.base.risers.damping)
-    more, few = (steps_per_sample(m) for m in (replace(one, base=replace(one.base, risers=strong)), one))
-    assert more.substeps * len(more.method.weights) > few.substeps * len(few.method.weights) >= 12
+    more, few = (stepping(m) for m in (replace(one, base=replace(one.base, risers=strong)), one))
+    assert more.stages > few.stages >= 12

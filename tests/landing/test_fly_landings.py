@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from bayeschute.atmosphere.standard import standard_density
-from bayeschute.compiler.runge_kutta import CLASSICAL
-from bayeschute.dynamics.step_size import Steps
+from bayeschute.compiler.runge_kutta import Stepping
 from bayeschute.landing import campaign_plan
 from bayeschute.landing.fly_landings import fly, nested
 from bayeschute.landing.measures import LABELS, MEASURES
@@ -72,7 +71,7 @@ def _quiet(one):
 
 def test_steps_are_short_enough_for_what_gusts_do_to_risers(plan, landed, monkeypatch):
     """Against several times as many: two extended ones to a sample, which are stable, err by 0.7 m/s."""
-    monkeypatch.setattr(campaign_plan, "steps_per_sample", lambda one: Steps(40, CLASSICAL, 40))
+    monkeypatch.setattr(campaign_plan, "stepping", lambda one: Stepping(40))
     tight = fly(replace(plan), nested(plan.draws, 48))
     for name, most in (("vertical_speed", 1e-3), ("horizontal_speed", 1e-3), ("incidence", 1e-4)):
         np.testing.assert_allclose(landed[name], tight[name], atol=most)

@@ -63,7 +63,7 @@ def test_a_second_of_flight_is_that_of_the_simulator(plan):
     )
     for b in range(3):
         flight = ClusterFlight(
-            plan.models[0].base, None, None, inputs, SAMPLE, model.structure, model.names, (), model.substeps
+            plan.models[0].base, None, None, inputs, SAMPLE, model.structure, model.names, (), model.stepping
         )
         want = trajectory_compiled(Begun(flight, x[:, b]), theta[:, b], np.zeros(0), np.zeros((SECOND + 1, 3)))
         np.testing.assert_allclose(made[:, :, b], want, rtol=1e-9, atol=1e-7)

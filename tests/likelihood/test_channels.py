@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from bayeschute.compiler.runge_kutta import Stepping
 from bayeschute.core.errors import InputError
 from bayeschute.dynamics.initial_state import deviation_names
 from bayeschute.likelihood import channels
@@ -66,7 +67,7 @@ def test_the_zero_of_the_clock_does_not_matter():
     record = _record()
     late = record.assign_coords(time=record["time"] + 300.0)
     one, other = descent_data(record, GUSTS, until=20.0), descent_data(late, GUSTS, until=320.0)
-    assert float(other.dt) == float(other.model.dt) == 0.5 and other.model.substeps == one.model.substeps == 2
+    assert float(other.dt) == float(other.model.dt) == 0.5 and other.model.stepping == one.model.stepping == Stepping(2)
     for name in ("observed", "present"):
         np.testing.assert_array_equal(getattr(other, name), getattr(one, name))
 

@@ -72,10 +72,10 @@ def test_steps_are_stable_for_the_stiffest_risers_of_the_priors_in_either_method
     calm = cluster_data(
         flown[0], MODEL, FEW, [replace(p, scale=0.0) if p in log else p for p in [*PRIORS, *log]], TENSE, GUSTS
     )
-    assert (made.model.substeps, made.model.method) == (2, EXTENDED)
-    assert made.model.classical > calm.model.classical >= 3
+    assert made.model.stepping[:2] == (2, EXTENDED)
+    assert made.model.stepping.classical > calm.model.stepping.classical >= 3
     small_steps = made.in_small_steps()
-    assert (small_steps.model.substeps, small_steps.model.method) == (made.model.classical, CLASSICAL)
+    assert small_steps.model.stepping[:2] == (made.model.stepping.classical, CLASSICAL)
     (leaves, form), (again, form_again) = (jax.tree.flatten(one) for one in (small_steps, small_steps.in_small_steps()))
     assert form == form_again and all(a is b for a, b in zip(leaves, again, strict=True))
     np.testing.assert_array_equal(small_steps.observed, made.observed)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import jax
@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from bayeschute.compiler.runge_kutta import Stepping
 from bayeschute.likelihood import disturbances
 from bayeschute.likelihood.joint import (
     LatentPath,
@@ -90,6 +91,7 @@ class GrowingFlight:
     """A linear flight that runs away from every path, by 22 powers of ten over the record."""
 
     drive: Any
+    stepping: Stepping = field(default=Stepping(1), metadata={"static": True})
 
     def inputs(self):
         return self.drive

@@ -13,6 +13,7 @@ import pytest
 import xarray as xr
 from tests.twins import dense_noise as twin
 
+from bayeschute.compiler.runge_kutta import Stepping
 from bayeschute.dynamics.descent import DensityProfile, DescentFlight, DescentInputs
 from bayeschute.likelihood.disturbances import Latent
 from bayeschute.likelihood.joint import FlightData, NoiseParameters, Unknowns, latent_path_of, residuals
@@ -34,7 +35,7 @@ PRIORS = [Prior("cds_over_mass", float(THETA[0]) + 0.1, 0.3, True, "m^2/kg", "")
 def flight():
     """A descent with data drawn from its own law, and its noise-free descent rate."""
     air = DensityProfile(0.0, 500.0, np.log(1.225) - 500.0 * np.arange(8) / 9000.0)
-    model = DescentFlight(air, DescentInputs(np.zeros(SAMPLES)), 2500.0, 10.0, DT, substeps=2)
+    model = DescentFlight(air, DescentInputs(np.zeros(SAMPLES)), 2500.0, 10.0, DT, Stepping(2))
     times, nothing = DT * np.arange(SAMPLES), np.zeros((SAMPLES, 1))
     empty = FlightData(model, nothing, nothing == 0.0, DT, np.array([2.0]), (0,), GUSTS)
     rng = np.random.default_rng(4)

@@ -6,6 +6,7 @@ import jax
 import numpy as np
 
 from bayeschute.compiler.integrate import trajectory_compiled
+from bayeschute.compiler.runge_kutta import Stepping
 from bayeschute.core.vectors import Vec3
 from bayeschute.dynamics.cluster_flight import ClusterFlight, ClusterInputs
 from bayeschute.dynamics.initial_state import Start, tangent_basis
@@ -50,7 +51,9 @@ def flight(
     )
     model = jax.tree.map(float, model)  # one type of leaf, one compilation
     names, channels = options.get("names", ()), options.get("channels", ())
-    return ClusterFlight(model, start, tangent_basis(start.direction), inputs, dt, structure, names, channels, substeps)
+    return ClusterFlight(
+        model, start, tangent_basis(start.direction), inputs, dt, structure, names, channels, Stepping(substeps)
+    )
 
 
 def start(direction, turning=None, velocity=(0.0, 0.0, 10.0)) -> Start:

@@ -17,7 +17,6 @@ from bayeschute.compiler import integrate
 from bayeschute.compiler.integrate import FlightModel, Steps
 from bayeschute.compiler.machine import Array, aligned, in_parts, padded, takes
 from bayeschute.compiler.programs import LANES, Programs, observed, opening, programs_of
-from bayeschute.compiler.runge_kutta import stage_plan
 from bayeschute.compiler.trace import UnknownOperationError
 from bayeschute.core.array_library import traced
 
@@ -205,10 +204,10 @@ def _states(programs: Programs, model: Any, theta: Any, start: Any, error: Any, 
     known = made[:1].copy() if path is None else np.reshape(np.asarray(path, float), (len(path), size, count))
     known = padded(known, stride)
     simulate, shared, record = programs.simulate(lanes), programs.rate.shared(model), _record(model)
-    plan = stage_plan(model.method, float(model.dt), model.substeps)
+    plan = model.stepping.plan(float(model.dt))
 
     def work(begin: int, end: int) -> None:
-        sizes = samples, stride, begin, end, model.substeps, plan.shape[1], len(known)
+        sizes = samples, stride, begin, end, model.stepping.substeps, plan.shape[1], len(known)
         simulate.call(shared, theta, record, error, plan, known, made, aligned(simulate.scratch), *sizes)
 
     in_parts(blocks, work)
@@ -237,12 +236,12 @@ class _Along:
         blocks, wanted = len(source), 0 if by_theta else columns[0] // LANES
         out = aligned(self.blocks * LANES, size, blocks * LANES)
         shared = self.programs.rate.shared(model)
-        plan = stage_plan(model.method, float(model.dt), model.substeps)
+        plan = model.stepping.plan(float(model.dt))
 
         def work(begin: int, end: int) -> None:
-            memory = aligned(made.table * model.substeps * plan.shape[1]), aligned(made.scratch)
+            memory = aligned(made.table * model.stepping.substeps * plan.shape[1]), aligned(made.scratch)
             known = shared, self.theta, self.record, self.error, plan, self.states
-            sizes = self.stride, begin, end, model.substeps, plan.shape[1], wanted, blocks
+            sizes = self.stride, begin, end, model.stepping.substeps, plan.shape[1], wanted, blocks
             made.call(*known, source, out, self.reached, *memory, *sizes)
 
         in_parts(self.blocks, work)

@@ -11,13 +11,22 @@ from typing import Any, NamedTuple, Protocol
 import jax
 import jax.numpy as jnp
 
+from bayeschute.compiler.runge_kutta import Stepping
+
 
 class FlightModel(Protocol):
-    """A flight in discrete time: a pytree whose leaves are the record's inputs; batch axes are last.
+    """A flight in discrete time: a dataclass and a pytree whose leaves are the record's inputs; batch axes are last.
 
     `theta` (P, ...) are parameters in working coordinates, `start` (D, ...) deviations of the initial state, `error`
     (A, ...) the latent disturbances at a sample.
+
+    Attributes:
+        stepping: How it goes through a sample.
     """
+
+    @property
+    def stepping(self) -> Stepping:
+        """Static."""
 
     def inputs(self) -> Any:
         """Inputs with a leading time axis, one entry per sample."""

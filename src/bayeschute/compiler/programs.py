@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Hashable, Sequence
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import jax
@@ -14,7 +14,7 @@ from bayeschute.compiler.differentiation import differentiation
 from bayeschute.compiler.evaluation import LANES, BySample, evaluation
 from bayeschute.compiler.graph import SHARED
 from bayeschute.compiler.machine import available, compiled
-from bayeschute.compiler.runge_kutta import CLASSICAL
+from bayeschute.compiler.runge_kutta import Stepping
 from bayeschute.compiler.simulation import simulation
 from bayeschute.compiler.trace import Traced, UnknownOperationError, trace
 
@@ -100,16 +100,11 @@ def initial(model: Any, theta: Any, start: Any) -> jax.Array:
     return model.initial(model.numbers(theta), start)
 
 
-_STEPS = {"substeps": 1, "method": CLASSICAL, "classical": None}  # how a model steps: no function of a sample asks
-
-
 def opening(model: Any) -> Any:
     """A model whose inputs end with the first sample, in a single step: its functions of a sample know of no more."""
     inputs = {id(leaf) for leaf in jax.tree.leaves(model.inputs())}
     begun = jax.tree.map(lambda leaf: leaf[:1] if id(leaf) in inputs else leaf, model)
-    has = {field.name for field in fields(begun)} if is_dataclass(begun) else set[str]()
-    steps: Any = {name: one for name, one in _STEPS.items() if name in has}
-    return replace(begun, **steps) if steps else begun
+    return replace(begun, stepping=Stepping(1))
 
 
 def kind_of(begun: Any) -> Hashable:

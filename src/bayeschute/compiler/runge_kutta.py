@@ -54,31 +54,53 @@ Of all methods of this form it has about the least error in R(z) on the real axi
 mode that is over, so that this does not ring (`benchmarks/extended_steps.py`)."""
 
 
-def stage_plan(method: RungeKutta, dt: float, substeps: int) -> NDArray[np.float64]:
-    """A method by stage: way to the next stage's state, weight in the sum, place in the sample (3, S).
+class Stepping(NamedTuple):
+    """How a model goes through a sample: in equal steps of one method.
 
-    Args:
-        method: The method.
-        dt: Sample interval [s].
+    Attributes:
         substeps: Steps per sample.
+        method: Of the steps.
+        classical: As many classical ones are stable as well; None: nobody has asked.
     """
-    h, ways = dt / substeps, np.array(method.ways)
-    return np.array([[*(h * ways), 0.0], h * np.array(method.weights), [0.0, *(ways / substeps)]])
+
+    substeps: int
+    method: RungeKutta = CLASSICAL
+    classical: int | None = None
+
+    @property
+    def stages(self) -> int:
+        """Rates per sample."""
+        return self.substeps * len(self.method.weights)
+
+    def finer(self, times: int = 2) -> Stepping:
+        """In so many times as many steps."""
+        return self._replace(substeps=times * self.substeps)
+
+    def in_classical_steps(self) -> Stepping:
+        """In stable classical steps; as it is where nobody has asked how many these are."""
+        return self if self.classical is None else self._replace(substeps=self.classical, method=CLASSICAL)
+
+    def plan(self, dt: float) -> NDArray[np.float64]:
+        """By stage of a step: way to the next stage's state, weight in the sum, place in the sample (3, S).
+
+        Args:
+            dt: Sample interval [s].
+        """
+        h, ways = dt / self.substeps, np.array(self.method.ways)
+        return np.array([[*(h * ways), 0.0], h * np.array(self.method.weights), [0.0, *(ways / self.substeps)]])
 
 
-def advanced(
-    method: RungeKutta, rate: Callable[[jax.Array, jax.Array], jax.Array], x: jax.Array, dt: Any, substeps: int
-) -> jax.Array:
-    """Steps across one sample.
+def advanced(stepping: Stepping, rate: Callable[[jax.Array, jax.Array], jax.Array], x: jax.Array, dt: Any) -> jax.Array:
+    """The state one sample later.
 
     Args:
-        method: The method.
+        stepping: How the sample is gone through.
         rate: Rate of the state by the state and the share of the sample that has passed.
         x: State (X, ...).
         dt: Sample interval [s].
-        substeps: Steps per sample.
     """
-    h, plan = dt / substeps, stage_plan(method, 1.0, 1).T
+    substeps = stepping.substeps
+    h, plan = dt / substeps, Stepping(1, stepping.method).plan(1.0).T
 
     def step(begin: jax.Array, i: jax.Array) -> tuple[jax.Array, None]:
         def stage(held: tuple[jax.Array, jax.Array], one: jax.Array) -> tuple[tuple[jax.Array, jax.Array], None]:

@@ -70,7 +70,7 @@ def simulation(graph: Graph, rates: Sequence[int], rows: Mapping[str, int], lane
     """Fly blocks of flights, the flights of a block side by side.
 
     Arguments of the function: ``shared``; ``theta`` (P, stride); ``record`` (T, R); ``error`` (T, A, stride); ``plan``
-    from `runge_kutta.stage_plan`; ``path`` (given, X, stride), at whose states the first steps begin; ``states``
+    from `Stepping.plan`; ``path`` (given, X, stride), at whose states the first steps begin; ``states``
     (T, X, stride), where they lead; ``scratch``; then samples, stride, first and last block, substeps, stages, and how
     many states are given, at least one.
 

@@ -15,7 +15,7 @@ from bayeschute.aero.coefficient import APPARENT_MASS, Coefficient
 from bayeschute.atmosphere.standard import SEA_LEVEL_DENSITY
 from bayeschute.atmosphere.wind_field import WindField
 from bayeschute.compiler.evaluation import by_sample
-from bayeschute.compiler.runge_kutta import CLASSICAL, RungeKutta, advanced
+from bayeschute.compiler.runge_kutta import Stepping, advanced
 from bayeschute.core.array_library import library_of
 from bayeschute.core.vectors import Component, Quaternion, Vec3, dot, norm, quaternion, vec3
 from bayeschute.dynamics.cluster import Air, geometry, state_rate, tension
@@ -151,11 +151,9 @@ class ClusterFlight:
             ``capsule_velocity`` (3), ``capsule_attitude`` (rotation vector from the recorded attitude, 3),
             ``riser_tension`` (n) [N], ``swing_angle`` (1) [rad] and ``descent_rate`` (1) [m/s] as of `quantity`,
             ``canopy_velocity`` (over ground, of each canopy's reference point, 3 n) [m/s].
-        substeps: Runge-Kutta steps per sample.
+        stepping: How it goes through a sample.
         wind_field: Wind by altitude added to the record's, at every body's altitude; None: all have the record's.
         air_shares: By parameter, as of `with_parameters`.
-        method: Of the steps.
-        classical: As many classical ones are stable as well; None: nobody has asked.
     """
 
     base: Cluster
@@ -166,17 +164,9 @@ class ClusterFlight:
     structure: Structure = field(metadata={"static": True})
     names: tuple[str, ...] = field(metadata={"static": True})
     channels: tuple[str, ...] = field(metadata={"static": True})
-    substeps: int = field(default=4, metadata={"static": True})
+    stepping: Stepping = field(default=Stepping(4), metadata={"static": True})
     wind_field: WindField | None = None
     air_shares: tuple[float, ...] = field(default=(), metadata={"static": True})
-    method: RungeKutta = field(default=CLASSICAL, metadata={"static": True})
-    classical: int | None = field(default=None, metadata={"static": True})
-
-    def in_small_steps(self) -> ClusterFlight:
-        """The same flight in classical steps, which are shorter: for paths that jolt its risers."""
-        if self.method == CLASSICAL or self.classical is None:
-            return self
-        return replace(self, substeps=self.classical, method=CLASSICAL)
 
     def inputs(self) -> ClusterInputs:
         """The record's inputs."""
@@ -203,7 +193,7 @@ class ClusterFlight:
     ) -> jax.Array:
         """State one sample later."""
         given = numbers, now, then, error_now, error_then
-        return advanced(self.method, lambda state, share: self.rate(state, *given, share), x, self.dt, self.substeps)
+        return advanced(self.stepping, lambda state, share: self.rate(state, *given, share), x, self.dt)
 
     def rate(
         self, x: jax.Array, numbers: Cluster, now: Any, then: Any, error_now: Any, error_then: Any, share: Component

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from bayeschute.atmosphere.standard import SEA_LEVEL_DENSITY
-from bayeschute.compiler.runge_kutta import CLASSICAL, RungeKutta, advanced
+from bayeschute.compiler.runge_kutta import Stepping, advanced
 from bayeschute.core.vectors import Component
 from bayeschute.dynamics.parameters import STANDARD_GRAVITY
 
@@ -59,8 +59,7 @@ class DescentFlight:
         altitude: Altitude at the first sample [m].
         speed: Reference descent rate at the first sample [m/s].
         dt: Sample interval [s].
-        substeps: Runge-Kutta steps per sample.
-        method: Of these steps.
+        stepping: How it goes through a sample.
     """
 
     air: DensityProfile
@@ -70,8 +69,7 @@ class DescentFlight:
     dt: Component
     names: tuple[str, ...] = field(default=("cds_over_mass",), metadata={"static": True})
     channels: tuple[str, ...] = field(default=("descent_rate",), metadata={"static": True})
-    substeps: int = field(default=4, metadata={"static": True})
-    method: RungeKutta = field(default=CLASSICAL, metadata={"static": True})
+    stepping: Stepping = field(default=Stepping(4), metadata={"static": True})
 
     def inputs(self) -> DescentInputs:
         """The record's inputs."""
@@ -88,7 +86,7 @@ class DescentFlight:
     def advance(self, x: jax.Array, numbers: Any, now: Any, then: Any, error_now: Any, error_then: Any) -> jax.Array:
         """State one sample later."""
         given = numbers, now, then, error_now, error_then
-        return advanced(self.method, lambda state, share: self.rate(state, *given, share), x, self.dt, self.substeps)
+        return advanced(self.stepping, lambda state, share: self.rate(state, *given, share), x, self.dt)
 
     def rate(
         self, x: jax.Array, numbers: Any, now: Any, then: Any, error_now: Any, error_then: Any, share: Component

@@ -67,7 +67,7 @@ def simulate(model: FlightModel, theta: Component, start: Component, error: Comp
     the rest costs twice their time.
 
     Args:
-        model: The flight; it has a number of `substeps`.
+        model: The flight.
         theta: Parameters (P, ...).
         start: Initial deviations (D, ...).
         error: Latent disturbances at every sample (T, A, ...).
@@ -88,8 +88,8 @@ def examine(model: FlightModel, theta: Component, start: Component, error: Compo
         error: Latent disturbances at every sample (T, A, ...).
         states: From `bayeschute.compiler.integrate.trajectory` (T, X, ...).
     """
-    coarse: Any = model  # every flight model is a dataclass with substeps, which its protocol does not contain
-    finer = replace(coarse, substeps=2 * coarse.substeps)
+    given: Any = model
+    finer = replace(given, stepping=model.stepping.finer())
     return _examined(model, theta, states, flown(finer, theta, start, error))
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
 from itertools import count
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 from bayeschute.compiler.derivative import Jacobian
 from bayeschute.compiler.graph import SHARED
 from bayeschute.compiler.programs import initial, kind_of, opening
-from bayeschute.compiler.runge_kutta import CLASSICAL, EXTENDED, RungeKutta
+from bayeschute.compiler.runge_kutta import CLASSICAL, EXTENDED, RungeKutta, Stepping
 from bayeschute.compiler.trace import Traced, trace
 from bayeschute.dynamics.cluster import state_rate
 from bayeschute.dynamics.cluster_flight import ClusterFlight, air_between
@@ -25,14 +24,6 @@ _LONGEST = 0.1  # [s] of a sample that extended steps go through: two steps, of 
 _ROUNDING = 1e-9
 _REACH = 9.0  # no method is stable farther from zero
 _known: dict[Hashable, tuple[Traced, Jacobian]] = {}  # first state, and slope of the rate by the state, by kind
-
-
-class Steps(NamedTuple):
-    """How a flight goes through a sample: its steps, their method, and how many classical ones would do."""
-
-    substeps: int
-    method: RungeKutta
-    classical: int
 
 
 def _rate(flight: ClusterFlight, theta: jax.Array, x: jax.Array) -> jax.Array:
@@ -88,7 +79,7 @@ def enough(method: RungeKutta, found: NDArray[np.complex128], dt: float, least: 
     return next(substeps for substeps in count(first) if stable(substeps))
 
 
-def steps(found: NDArray[np.complex128], dt: float) -> Steps:
+def steps(found: NDArray[np.complex128], dt: float) -> Stepping:
     """The method and its steps per sample with the fewest stages that are `enough`.
 
     Extended steps are stable at lengths at which they are wrong where gusts jolt a riser: touchdowns were off by
@@ -103,7 +94,7 @@ def steps(found: NDArray[np.complex128], dt: float) -> Steps:
         ValueError: If a pole is not finite.
     """
     classical = enough(CLASSICAL, found, dt, _LEAST[0])
-    choices = [Steps(classical, CLASSICAL, classical)]
+    choices = [Stepping(classical, CLASSICAL, classical)]
     if dt <= _LONGEST * (1.0 + _ROUNDING):
-        choices.append(Steps(enough(EXTENDED, found, dt, _LEAST[1]), EXTENDED, classical))
-    return min(choices, key=lambda one: one.substeps * len(one.method.weights))
+        choices.append(Stepping(enough(EXTENDED, found, dt, _LEAST[1]), EXTENDED, classical))
+    return min(choices, key=lambda one: one.stages)

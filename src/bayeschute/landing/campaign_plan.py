@@ -15,10 +15,11 @@ import jax
 import numpy as np
 from numpy.typing import NDArray
 
+from bayeschute.compiler.runge_kutta import Stepping
 from bayeschute.dynamics.cluster_flight import ClusterFlight, ClusterInputs
 from bayeschute.dynamics.initial_state import Start, tangent_basis
 from bayeschute.dynamics.parameters import Cluster, Structure
-from bayeschute.dynamics.step_size import Steps, poles, steps
+from bayeschute.dynamics.step_size import poles, steps
 from bayeschute.landing.descend import SAMPLE, SECOND
 from bayeschute.landing.landing_model import LandingFlight, density_law
 from bayeschute.landing.start_plan import StartPlan
@@ -98,11 +99,10 @@ def flight_model(plan: CampaignPlan, number: int) -> LandingFlight:
     law, middle, half = density_law(low, high)
     clock = SAMPLE * np.arange(SECOND + 1)
     base = jax.tree.map(lambda a: np.asarray(a, float), one.base)
-    how = steps_per_sample(one)
-    return LandingFlight(base, law, middle, half, clock, SAMPLE, one.structure, one.names, how.substeps, how.method)
+    return LandingFlight(base, law, middle, half, clock, SAMPLE, one.structure, one.names, stepping(one))
 
 
-def steps_per_sample(one: Parameters) -> Steps:
+def stepping(one: Parameters) -> Stepping:
     """Runge-Kutta steps per sample that are stable for the stiffest risers of the draws, damped most and least."""
     n = one.structure.canopies
     up = np.array([np.sqrt(0.5), 0.0, np.sqrt(0.5), 0.0])

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from bayeschute.atmosphere.standard import standard_density
 from bayeschute.compiler import compiled_model as kernel
 from bayeschute.compiler.integrate import trajectory_compiled
-from bayeschute.compiler.runge_kutta import RungeKutta, advanced
+from bayeschute.compiler.runge_kutta import Stepping, advanced
 from bayeschute.core.vectors import Component, Vec3, vec3
 from bayeschute.dynamics.cluster import Air, state_rate
 from bayeschute.dynamics.cluster_flight import with_parameters
@@ -50,8 +50,7 @@ class LandingFlight:
         dt: Sample interval [s].
         structure: Terms and options.
         names: Parameters, in the order of theta.
-        substeps: Runge-Kutta steps per sample.
-        method: Of these steps.
+        stepping: How it goes through a sample.
     """
 
     base: Cluster
@@ -62,8 +61,7 @@ class LandingFlight:
     dt: Component
     structure: Structure = field(metadata={"static": True})
     names: tuple[str, ...] = field(metadata={"static": True})
-    substeps: int = field(metadata={"static": True})
-    method: RungeKutta = field(metadata={"static": True})
+    stepping: Stepping = field(metadata={"static": True})
 
     def inputs(self) -> Component:
         """Times; nothing else is the same for all landings."""
@@ -109,7 +107,7 @@ class LandingFlight:
     ) -> jax.Array:
         """State one sample later."""
         given = numbers, now, then, error_now, error_then
-        return advanced(self.method, lambda state, share: self.rate(state, *given, share), x, self.dt, self.substeps)
+        return advanced(self.stepping, lambda state, share: self.rate(state, *given, share), x, self.dt)
 
     def observe(self, x: jax.Array, numbers: Cluster, now: Any) -> jax.Array:
         """Altitude of the capsule [m]."""

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from bayeschute.aero.coefficient import APPARENT_MASS
 from bayeschute.compiler.integrate import FlightModel
+from bayeschute.compiler.runge_kutta import Stepping
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.core.vectors import Component, Quaternion, Vec3, quaternion
 from bayeschute.dynamics.cluster_flight import CHANNELS, LOGARITHMIC, ClusterFlight, ClusterInputs, channel_sizes
@@ -175,7 +176,7 @@ def cluster_data(
     tail = {name: -3.0 if name == APPARENT_MASS else 3.0 for name in LOGARITHMIC}
     tails = tail, tail | {"riser_damping": -3.0}
     stiff = [np.array([p.centre + tail.get(p.name, 0.0) * p.scale for p in priors]) for tail in tails]
-    flight = replace(flight, **steps(poles(flight, stiff, 9 + 4 * n), dt)._asdict())
+    flight = replace(flight, stepping=steps(poles(flight, stiff, 9 + 4 * n), dt))
 
     columns = {"canopy_position": apart.reshape(samples, -1), "capsule_velocity": velocity}
     columns |= {c: record[c].values.reshape(samples, -1) for c in used if c not in (*columns, "capsule_attitude")}
@@ -360,6 +361,6 @@ def descent_data(record: xr.Dataset, latent: Latent, until: float | None = None)
         float(filled(altitude, "altitude")[0]),
         float(np.median(first)),
         dt,
-        substeps=steps,
+        stepping=Stepping(steps),
     )
     return flight_data(model, time, rate[:, None], (0,), latent, np.array([2.0]), until)

@@ -63,9 +63,9 @@ class FlightData:
         return int(self.observed.shape[0])
 
     def in_small_steps(self) -> FlightData:
-        """The same record with a model in steps that bear jolts, where the model knows any."""
-        small = getattr(self.model, "in_small_steps", None)
-        return self if small is None else replace(self, model=small())
+        """The same record with a model in classical steps, which are shorter: for paths that jolt its risers."""
+        model: Any = self.model
+        return replace(self, model=replace(model, stepping=model.stepping.in_classical_steps()))
 
     def without_model(self) -> FlightData:
         """The record alone: what needs no model is compiled once for flights of any terms."""

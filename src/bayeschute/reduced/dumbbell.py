@@ -13,7 +13,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from bayeschute.compiler.runge_kutta import CLASSICAL, RungeKutta, advanced
+from bayeschute.compiler.runge_kutta import Stepping, advanced
 from bayeschute.core.vectors import Component
 from bayeschute.dynamics.parameters import STANDARD_GRAVITY, Canopies
 from bayeschute.reduced.planar import PlanarAero
@@ -159,8 +159,7 @@ class DumbbellFlight:
         dt: Sample interval [s].
         names: Parameters, in the order of theta: fields of `PlanarAero`, ``capsule_mass`` or ``length``.
         channels: Outputs, of `CHANNELS`.
-        substeps: Runge-Kutta steps per sample.
-        method: Of these steps.
+        stepping: How it goes through a sample.
     """
 
     base: Dumbbell
@@ -170,8 +169,7 @@ class DumbbellFlight:
     dt: Component
     names: tuple[str, ...] = field(default=(), metadata={"static": True})
     channels: tuple[str, ...] = field(default=("swing_angle", "air_velocity"), metadata={"static": True})
-    substeps: int = field(default=2, metadata={"static": True})
-    method: RungeKutta = field(default=CLASSICAL, metadata={"static": True})
+    stepping: Stepping = field(default=Stepping(2), metadata={"static": True})
 
     def inputs(self) -> DumbbellInputs:
         """The record's inputs."""
@@ -192,7 +190,7 @@ class DumbbellFlight:
     ) -> jax.Array:
         """State one sample later; wind and density are linear between samples."""
         given = numbers, now, then, error_now, error_then
-        return advanced(self.method, lambda state, share: self.rate(state, *given, share), x, self.dt, self.substeps)
+        return advanced(self.stepping, lambda state, share: self.rate(state, *given, share), x, self.dt)
 
     def rate(
         self, x: jax.Array, numbers: Any, now: Any, then: Any, error_now: Any, error_then: Any, share: Component

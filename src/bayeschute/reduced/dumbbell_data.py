@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
+from bayeschute.compiler.runge_kutta import Stepping
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.likelihood.channels import filled, flight_data, initial_motion
 from bayeschute.likelihood.disturbances import Latent
@@ -68,7 +69,9 @@ def dumbbell_data(
     value, slope, _ = initial_motion(time, measured)
     start = np.array([0.0, 0.0, value[1], value[2], value[0], slope[0]])
     names = tuple(p.name for p in priors)
-    model = DumbbellFlight(base, aero, start, inputs, float(time[1] - time[0]), names, tuple(channels), substeps)
+    model = DumbbellFlight(
+        base, aero, start, inputs, float(time[1] - time[0]), names, tuple(channels), Stepping(substeps)
+    )
     columns = {"swing_angle": swing[:, None], "capsule_velocity": velocity, "air_velocity": velocity - wind}
     observed = np.concatenate([columns[c] for c in channels], axis=1)
     numbers = tuple(i for i, c in enumerate(channels) for _ in range(CHANNELS[c]))

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from bayeschute.atmosphere.standard import standard_density
 from bayeschute.compiler.integrate import trajectory_compiled
+from bayeschute.compiler.runge_kutta import Stepping
 from bayeschute.core.random import stream
 from bayeschute.likelihood import disturbances as processes
 from bayeschute.likelihood.joint import FlightData, NoiseParameters
@@ -81,7 +82,7 @@ def fly_swing(
     for _ in range(12):
         steady, density = drop.wind.at(altitude)[:, [0, 2]], standard_density(altitude)
         inputs = DumbbellInputs(steady + turbulence, density)
-        flight = DumbbellFlight(base, aero, start, inputs, drop.dt, (), ("swing_angle",), substeps)
+        flight = DumbbellFlight(base, aero, start, inputs, drop.dt, (), ("swing_angle",), Stepping(substeps))
         states = np.asarray(trajectory_compiled(flight, np.zeros(0), np.zeros(4), np.zeros((time.size, 2))))
         if not np.isfinite(states).all():
             raise FloatingPointError("the virtual swing left the finite numbers")

@@ -13,6 +13,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from bayeschute.atmosphere.standard import standard_density
+from bayeschute.compiler.runge_kutta import Stepping
 from bayeschute.core.random import stream
 from bayeschute.core.vectors import Vec3, vec3
 from bayeschute.dynamics.cluster import geometry, state_rate, tension
@@ -189,7 +190,7 @@ def fly(
         wind = (slow if drop.every_body else steady) + turbulence
         inputs = ClusterInputs(wind, standard_density(altitude), factor, np.zeros((time.size, 4)))
         basis = tangent_basis(start.direction)
-        flight = ClusterFlight(model, start, basis, inputs, dt, structure, (), (), substeps, wind_field)
+        flight = ClusterFlight(model, start, basis, inputs, dt, structure, (), (), Stepping(substeps), wind_field)
         states = np.asarray(flown(flight, *still))
         if not np.isfinite(states).all():
             bad = time[~np.isfinite(states).all(axis=1)][0]

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from bayeschute.compiler.runge_kutta import CLASSICAL, EXTENDED, Stepping
 from bayeschute.likelihood.joint import Lifted
 from bayeschute.posterior import joint_mode, noise_evidence
 from bayeschute.posterior.along_record import lifted_fit
@@ -32,14 +33,15 @@ def test_a_fit_along_the_record_takes_the_flight_s_small_steps(monkeypatch, desc
     at, seen = Lifted(descent.flights[0].still(), np.zeros((1, 1)), np.zeros((1, 1))), []
 
     def led(flights, hyper, priors, theta, places, levels, near=None, progress=None):
-        seen.append([flight.model for flight in flights])
+        seen.extend(flight.model.stepping for flight in flights)
         return lifted_fit.LiftedFit(theta, (at,), np.eye(1), (_row(1e-4),), True)
 
     monkeypatch.setattr(lifted_fit, "descend", led)
-    flights = [replace(f, model=SimpleNamespace(in_small_steps=lambda: "small")) for f in descent.flights]
+    long = Stepping(2, EXTENDED, classical=5)
+    flights = [replace(f, model=replace(f.model, stepping=long)) for f in descent.flights]
     ways = _ways(descent.hyper, [at])
     joint_fit._along_record(flights, descent.priors, np.zeros(1), [ways], NEAR, print)
-    assert seen == [["small"] * len(flights)] and flights[0].model != "small"
+    assert seen == [Stepping(5, CLASSICAL, 5)] * len(flights) and flights[0].model.stepping == long
 
 
 def test_what_is_fast_is_tried_first_then_what_gets_further(monkeypatch, descent):

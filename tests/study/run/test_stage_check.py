@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import scipy.stats
 
+from bayeschute.compiler.runge_kutta import Stepping
 from bayeschute.likelihood.kalman import MeanCorrection
 from bayeschute.posterior.marginal import projected_residuals
 from bayeschute.study.assembly.fits import groups, load_fit
@@ -28,7 +29,7 @@ def test_the_error_of_a_step_falls_with_its_fourth_power(stored):
     flight, along, theta = stored.marginal.flights[0], stored.marginal.along[0], stored.optimum.theta
     told = []
     for substeps in (2, 4):
-        coarse = replace(flight, model=replace(flight.model, substeps=substeps))
+        coarse = replace(flight, model=replace(flight.model, stepping=Stepping(substeps)))
         told.append(_step_error(coarse, theta, along))
     assert told[0] < 0.1 and 10.0 < told[0] / told[1] < 24.0
 
@@ -36,10 +37,10 @@ def test_the_error_of_a_step_falls_with_its_fourth_power(stored):
 def test_a_step_s_error_is_in_standard_deviations_of_prediction_errors(stored):
     """Against the first step after a datum by itself, which no later one adds to."""
     flight, along, theta = stored.marginal.flights[0], stored.marginal.along[0], stored.optimum.theta
-    coarse = replace(flight, model=replace(flight.model, substeps=1))
+    coarse = replace(flight, model=replace(flight.model, stepping=Stepping(1)))
 
     def ends(substeps):
-        model, driven = replace(flight.model, substeps=substeps), along.at.latent_path(flight)
+        model, driven = replace(flight.model, stepping=Stepping(substeps)), along.at.latent_path(flight)
         numbers = model.numbers(jnp.asarray(theta))
         record, path, error = model.inputs(), np.asarray(driven.path), np.asarray(driven.error)
         rows = [type(record)(*(np.asarray(a)[t] for a in vars(record).values())) for t in (0, 1)]

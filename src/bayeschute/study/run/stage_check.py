@@ -264,7 +264,7 @@ def _over(posterior: xr.Dataset, function: Any) -> dict[str, float]:
 def _step_error(flight: FlightData, theta: Array, along: Linearisation) -> float:
     """Largest change of a one-step prediction error when the integration step is halved [standard deviations]."""
     model: Any = flight.model
-    finer = replace(flight, model=replace(model, substeps=2 * model.substeps))
+    finer = replace(flight, model=replace(model, stepping=model.stepping.finer()))
     latent_path = along.at.latent_path(flight)
     coarse, fine = (np.asarray(stepped(one, theta, latent_path)[1]) for one in (flight, finer))
     change = Seen(np.zeros((*np.shape(flight.observed), 1)), (fine - coarse)[..., None])
