@@ -38,6 +38,14 @@ def test_one_quantity_and_one_kind_are_drawn():
         Sensitivity(SHARES).plot("hang_angle", "shapley")
 
 
+def test_what_is_the_same_in_all_landings_is_said_to_be_driven_by_nothing():
+    same = Sensitivity(SHARES.assign(share=SHARES["share"].where(SHARES["quantity"] != "time")))
+    assert same.words[1] == "time: the same in all landings, so that nothing drives it"
+    axes = same.plot("time")
+    assert not axes.patches and [t.get_text() for t in axes.texts] == ["the same in all landings"]
+    assert axes.get_title("left") == "time: what drives it"
+
+
 def test_a_posterior_with_failed_checks_is_doubted_in_words_and_in_the_table():
     doubted = Sensitivity(SHARES, failed_checks=("rhat", "<mode>"))
     assert repr(doubted).splitlines()[-1] == "no level of trust, failed checks: rhat, <mode>"

@@ -29,6 +29,26 @@ def test_ishigami():
     assert (np.abs(total - whole_share) < 4.0 * total_error).all()
 
 
+def test_a_failure_that_is_rare_has_errors_of_resamples_that_meet_it():
+    """Most resamples have the one failure; without it there is nothing to share."""
+    a, b, mixed = np.zeros(40), np.zeros(40), np.zeros((2, 40))
+    a[7] = mixed[0, 7] = 1.0  # what the second source is changes it
+    first, first_error, total, total_error = jansen(a, b, mixed)
+    variance = 1.0 / 80.0 - 1.0 / 80.0**2
+    np.testing.assert_allclose(total, [0.0, 0.5 / 40.0 / variance], atol=1e-12)
+    np.testing.assert_allclose(first, [1.0 - 0.5 / 40.0 / variance, 1.0], atol=1e-12)
+    assert (first_error < 1.0).all() and (total_error < 1.0).all()
+
+
+def test_what_never_differs_has_no_shares():
+    for value in (0.0, 9.81):
+        found = by_groups(np.full(8 * 30, value) * (1.0 + 1e-15 * np.arange(240)))
+        assert np.isnan([found.first, found.first_error, found.total, found.total_error]).all()
+        assert np.isnan(
+            list(shapley(np.random.default_rng(0).random((30, 2)), np.full(30, value), "xy").values())
+        ).all()
+
+
 @pytest.mark.parametrize("draws", [2, 50, 700])
 def test_no_landing_of_the_design_meets_its_own_draw_again_and_all_draws_are_used(draws):
     first, second = design(draws, 2000)[:2000, 0], design(draws, 2000)[2000:4000, 0]

@@ -60,8 +60,8 @@ class Sensitivity(Answer):
 
     Attributes:
         table: ``quantity``; ``kind``: ``first`` and ``total`` are Sobol's shares of groups (parameters, winds, start,
-            gusts, canopies), ``shapley`` those of single parameters; ``source``; ``share``; ``standard_error``, NaN
-            where it is not known.
+            gusts, canopies), ``shapley`` those of single parameters; ``source``; ``share``, NaN of a quantity that is
+            the same in all landings; ``standard_error``, NaN where it is not known.
     """
 
     @property
@@ -69,6 +69,9 @@ class Sensitivity(Answer):
         """Total shares, the greatest first, a line a quantity."""
         lines = []
         for name, part in self.table[self.table["kind"] == "total"].groupby("quantity", sort=False):
+            if part["share"].isna().all():
+                lines.append(f"{name}: the same in all landings, so that nothing drives it")
+                continue
             some = part.sort_values("share", ascending=False)
             rows = zip(some["source"], some["share"], some["standard_error"], strict=True)
             lines.append(f"{name}, total shares: " + ", ".join(f"{s} {x:.2f} +- {e:.2f}" for s, x, e in rows))

@@ -22,12 +22,13 @@ from bayeschute.landing.measures import IDS
 Array = NDArray[np.float64]
 SOURCES = dict(zip(IDS, ("parameters", "winds", "start", "gusts", "canopies", "surface"), strict=True))
 """What shares of landings are called, by what landings are made of."""
+_ROUNDING = 1e-12  # of a value that never differs
 _MOST_EXACT = 12  # parameters up to which all subsets are looked at
 _ORDERS = 400  # random orders beyond
 
 
 class Shares(NamedTuple):
-    """Shares of a variance.
+    """Shares of a variance; NaN where all landings are the same.
 
     Attributes:
         names: Sources.
@@ -45,7 +46,9 @@ class Shares(NamedTuple):
 
 
 def jansen(a: Array, b: Array, mixed: Array, seed: int = 0, resamples: int = 200) -> tuple[Array, Array, Array, Array]:
-    """First and total shares with their standard errors.
+    """First and total shares with their standard errors; NaN of a function that never differs.
+
+    A resample that never differs, as of a failure that is rare, has no shares and is left out of the errors.
 
     Args:
         a: Values of the first base sample (N,).
@@ -57,14 +60,21 @@ def jansen(a: Array, b: Array, mixed: Array, seed: int = 0, resamples: int = 200
     rng = stream(seed, "bootstrap of shares")
 
     def both(pick: NDArray[np.int64] | slice) -> tuple[Array, Array]:
-        variance = max(float(np.var(np.concatenate([a[pick], b[pick]]))), 1e-300)
+        variance = _variance(np.concatenate([a[pick], b[pick]]))
         first = 1.0 - 0.5 * ((b[pick] - mixed[:, pick]) ** 2).mean(axis=1) / variance
         return first, 0.5 * ((a[pick] - mixed[:, pick]) ** 2).mean(axis=1) / variance
 
     first, total = both(slice(None))
     again = [both(rng.integers(0, a.size, a.size)) for _ in range(resamples)]
-    errors = [np.std([one[i] for one in again], axis=0) for i in (0, 1)]
+    known = [one for one in again if np.isfinite(one[0]).all()]
+    errors = np.std(known, axis=0) if known else np.full((2, len(mixed)), np.nan)
     return first, errors[0], total, errors[1]
+
+
+def _variance(values: Array) -> float:
+    """NaN if they differ by no more than they are rounded."""
+    found = float(np.var(values))
+    return found if found > (_ROUNDING * np.abs(values).max()) ** 2 else np.nan
 
 
 def design(draws: int, samples: int, varied: Sequence[str] = IDS) -> NDArray[np.int64]:
@@ -110,12 +120,15 @@ def shapley(inputs: Array, values: ArrayLike, names: Sequence[str]) -> dict[str,
         names: Of the inputs.
 
     Returns:
-        Share by name; they sum to the squared multiple correlation, corrected for the number of inputs.
+        Share by name; they sum to the squared multiple correlation, corrected for the number of inputs. NaN of values
+        that never differ.
     """
     x = (inputs - inputs.mean(axis=0)) / np.maximum(inputs.std(axis=0), 1e-300)
     y = np.asarray(values, float)
+    if np.isnan(_variance(y)):
+        return dict.fromkeys(names, float("nan"))
     y = y - y.mean()
-    gram, cross, power = x.T @ x / y.size, x.T @ y / y.size, max(float(y @ y) / y.size, 1e-300)
+    gram, cross, power = x.T @ x / y.size, x.T @ y / y.size, float(y @ y) / y.size
     gram += 1e-10 * np.eye(len(gram))
     known: dict[tuple[int, ...], float] = {(): 0.0}
 

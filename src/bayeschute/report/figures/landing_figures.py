@@ -97,10 +97,14 @@ def tornado(
 
     Args:
         ax: Where to draw.
-        shares: Share by source [1].
+        shares: Share by source [1]; all NaN where nothing differs.
         errors: Standard error of each [1].
         title: Of the axes.
     """
+    if shares and np.isnan(list(shares.values())).all():
+        ax.text(0.5, 0.5, "the same in all landings", ha="center", va="center", transform=ax.transAxes)
+        ax.set(xticks=[], yticks=[], title=literal(title))
+        return ax
     names = sorted(shares, key=lambda name: shares[name])
     spread = [(errors or {}).get(name, 0.0) for name in names]
     ax.barh(names, [shares[name] for name in names], xerr=spread, color=BLUE, height=0.6, ecolor=SOFT)
