@@ -429,6 +429,14 @@ def test_a_search_whose_steps_stay_long_ended_beside_the_mode(found, descent, mo
     assert best.cost == 1.5  # the step that led to the point from which 0.4 are left
 
 
+def test_how_far_the_mode_is_from_a_place_is_told_with_or_more_where_the_step_was_cut(found):
+    def told(slope):
+        return laplace_fit._Place(found.optimum, found.marginal, laplace.Expansion(np.array(slope), np.eye(2))).distance
+
+    assert told([-1.2, 0.0]) == "0.85 standard deviations"
+    assert told([-2.99, 0.0]) == "2.1 standard deviations" and told([-7.0, 0.0]) == "2.1 standard deviations or more"
+
+
 @pytest.mark.parametrize("flies", [True, False])
 def test_places_far_from_the_mode_are_passed_by_without_corners(found, descent, monkeypatch, flies):
     """Those cost most; where nothing flies further on, the last such place gets them after all."""

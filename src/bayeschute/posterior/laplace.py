@@ -54,7 +54,7 @@ from bayeschute.posterior.marginal import (
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
 """Called with the points that are done and wanted."""
-_FARTHEST = 3.0  # standard deviations that a step to the mode may be long
+FARTHEST = 3.0  # standard deviations that a step to the mode may be long
 _FLATTEST = 0.2  # curvature of a Gaussian density in standard coordinates is one; the least that is left along an axis
 _CORNER_STEPS = 2  # to the conditional mode at a corner
 _SLOPE_STEPS = 0  # to that a little aside, for slopes (see `linear_errors`)
@@ -216,7 +216,7 @@ class Expansion(NamedTuple):
         """Over a step (P,)."""
         return float(self.slope @ step + 0.5 * step @ self.curvature @ step)
 
-    def step(self, radius: float = _FARTHEST) -> Array:
+    def step(self, radius: float = FARTHEST) -> Array:
         """From the centre to its least value within a sphere (P,)."""
         return least_within(self.slope, self.curvature, radius)
 
@@ -408,7 +408,7 @@ def flattened(made: Marginal, expansion: Expansion) -> tuple[Marginal, Expansion
     return replace(made, bend=bend), expansion._replace(curvature=expansion.curvature + more)
 
 
-def least_within(slope: Array, curvature: Array, radius: float = _FARTHEST) -> Array:
+def least_within(slope: Array, curvature: Array, radius: float = FARTHEST) -> Array:
     """Where a quadratic polynomial is least within a sphere about the centre (Moré and Sorensen 1983).
 
     Args:

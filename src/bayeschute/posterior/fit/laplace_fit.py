@@ -41,6 +41,7 @@ _LOST_BEND = "part of the corrections' curvature, which along some axis outweigh
 _LOST_MEAN = "the shift of the noise parameters from their mode to their mean, where no mode was found"
 _AT_MODE, _BESIDE_MODE = 0.2, 0.5  # root mean square distance from there, along all axes, that ends it, or will do
 _MOVES = 5  # most steps to the mode of the posterior with all its corrections
+_ROUNDING = 1e-6
 _RADII, _ENOUGH = (3.0, 1.5, 0.75), 0.1  # lengths of such a step; share of the promised gain at which it is taken
 _FAR = 1.0  # standard deviations by which noise parameters at their mean may move a parameter
 
@@ -234,6 +235,12 @@ class _Place(NamedTuple):
         """Root mean square of that step."""
         return float(np.sqrt(np.mean(self.step**2)))
 
+    @property
+    def distance(self) -> str:
+        """That in words: of a step as long as one may be, the mode may lie beyond its end."""
+        beyond = np.linalg.norm(self.step) > (1.0 - _ROUNDING) * laplace.FARTHEST
+        return f"{self.away:.2g} standard deviations{' or more' if beyond else ''}"
+
 
 class _Ended(NamedTuple):
     """Where the search for the mode ended: what `_last` returns."""
@@ -286,7 +293,7 @@ def _last(
             flat = flat or last
             continue
         why = (
-            f"after {steps} steps towards it the mode is still off by {place.away:.2g} standard deviations, root "
+            f"after {steps} steps towards it the mode is still off by {place.distance}, root "
             f"mean square of all axes, and less than {_BESIDE_MODE:g} is wanted"
             if seen.is_mode
             else seen.why_not
