@@ -50,9 +50,18 @@ def test_good_draws_come_without_a_word(draws):
 
 @pytest.mark.parametrize(
     ("slow", "lengths"),
-    [((1.1, 0.9), (2,)), ((3.0, 0.9), (4,)), ((3.0, 1.2, 5.0), (4, 8)), ((40.0, 2.0), (16,)), ((1.7e308, 0.0), (16,))],
+    [
+        ((1.1, 0.9), (2,)),
+        ((3.0, 0.9), (4,)),
+        ((3.0, 1.2, 5.0), (4, 8)),
+        ((30.0, 2.0), (16,)),
+        ((3.0, 9.0), (4,)),
+        ((40.0,), ()),
+        ((1.7e308,), ()),
+    ],
 )
 def test_a_walk_that_mixes_slowly_is_made_as_long_as_it_takes(found, draws, slow, lengths, monkeypatch):
+    """And not at all where even the longest would have to be longer still."""
     verdicts, heard = iter(slow), []
     monkeypatch.setattr(sampler, "slowness", lambda made, scale: next(verdicts))
     other = sampler.sample(

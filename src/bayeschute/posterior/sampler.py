@@ -23,6 +23,7 @@ EMCEE_DREW, INDEPENDENCE_DREW = "emcee drew instead", "an independence sampler d
 """Last words of the note on draws that are not those of the sampler asked for."""
 _LONGER, _LONGEST = 2, 16  # longer walks that are tried where one mixes slowly, and how many times as long at most
 _SPARE = 1.3  # of the length at which chains would just agree
+_HOPELESS = 2.0  # times the longest walk: where one would have to be longer still, none is made
 _LAST_STEPS = 1000  # of emcee's ensembles where all else failed: hours would not make such draws good
 
 
@@ -34,9 +35,9 @@ def sample(
     Args:
         marginal: The posterior.
         kind: ``"nuts"`` (numpyro's NUTS on a quadratic surrogate, corrected exactly by delayed acceptance) or
-            ``"emcee"`` (ensembles on the same density). Where NUTS' walk mixes slowly longer ones are made. Where its
-            draws fail their own check (`why_not_trusted`), an independence sampler (`posterior.sampling.independence`)
-            draws, and where its draws fail it too, emcee; a note says why.
+            ``"emcee"`` (ensembles on the same density). Where NUTS' walk mixes slowly longer ones are made, unless none
+            would be long enough. Where its draws fail their own check (`why_not_trusted`), an independence sampler
+            (`posterior.sampling.independence`) draws, and where its draws fail it too, emcee; a note says why.
         chains: Chains.
         warmup: Warm-up steps.
         draws: Draws per chain.
@@ -124,7 +125,7 @@ class _Asked:
         made, longer = [delayed_acceptance.corrected(*given, progress=self.tell(kind))], 1
         for _ in range(_LONGER):
             slow = slowness(made[-1], np.asarray(self.marginal.scale))
-            if slow <= 1.0 or longer == _LONGEST:
+            if slow <= 1.0 or longer == _LONGEST or slow * longer > _HOPELESS * _LONGEST:
                 break
             longer = int(np.ceil(min(max(_SPARE * slow, 2.0) * longer, _LONGEST)))
             tell = self.tell(f"{kind}, {longer} times as long")
