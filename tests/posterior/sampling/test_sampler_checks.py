@@ -16,6 +16,7 @@ from bayeschute.posterior.sampling.sampler_checks import (
     FEWEST,
     MOST_K,
     MOST_RHAT,
+    directions,
     judge_rhat,
     least_effective,
     pareto_k,
@@ -94,6 +95,18 @@ def test_doubt_says_why():
     assert "Pareto k" in both and "R-hat" in both
     xi[..., 2] = 1.0  # never moved
     assert "R-hat" in why_not_trusted(_made(xi))
+
+
+def test_draws_vary_in_as_many_directions_as_they_have_and_rounding_is_none():
+    """Two of the directions are told apart by a thousandth; then one goes with another, then all are one place."""
+    rng = np.random.default_rng(5)
+    theta = np.array([1e5, 0.0, -3.0]) + rng.standard_normal((4, 100, 3)) * [1.0, 1e-9, 0.1]
+    theta[..., 2] = -3.0 + 1e-2 * (theta[..., 0] - 1e5) + 1e-5 * rng.standard_normal((4, 100))
+    assert directions(theta) == 3
+    theta[..., 2] = -3.0 + 1e-2 * (theta[..., 0] - 1e5)
+    assert directions(theta) == 2
+    assert directions(1.0 + 1e-15 * rng.standard_normal((4, 100, 3))) == 0
+    assert directions(rng.standard_normal((2, 2, 7))) == 3  # four draws: less than the parameters
 
 
 def _slow(xi, *ratio):

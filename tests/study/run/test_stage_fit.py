@@ -11,6 +11,7 @@ import pytest
 from bayeschute.core.errors import FitError
 from bayeschute.likelihood.priors import Prior
 from bayeschute.posterior.fit.joint_fit import NoFitError
+from bayeschute.posterior.sampling.protocol import Draws
 from bayeschute.study.assembly.fits import Group
 from bayeschute.study.run import stage_fit
 
@@ -40,3 +41,27 @@ def test_a_fit_without_an_optimum_says_what_to_do_and_where_it_ended(model, do):
     assert told.parameters[1] == ("transverse[e]", -0.1, pytest.approx(0.2), "1")
     other = FitError("of another kind")
     assert stage_fit._with_paths(job, Group("all", (), ()), other) is other
+
+
+def _drawn(xi):
+    return Draws(xi, np.zeros(xi.shape[:2]), notes=("a note",))
+
+
+@pytest.mark.parametrize(
+    ("kind", "sd", "length", "says"),
+    [
+        ("sandwich", 1e-18, 500, 'vary in 0 of 3 directions: the standard errors of output error .*model = "latent"'),
+        ("nuts", 1e-18, 500, "vary in 0 of 3 directions: walks did not leave where they began; fit a shorter window"),
+        ("nuts", 1.0, 1, "vary in 1 of 3 directions: they are too few; ask for more"),
+    ],
+)
+def test_draws_that_are_no_posterior_are_refused(kind, sd, length, says):
+    """Forecasts begin from the draws' covariance, which has no factor there."""
+    job = SimpleNamespace(study=SimpleNamespace(noise=SimpleNamespace(model="latent")))
+    marginal = SimpleNamespace(centre=np.array([1.0, 2.0, 3.0]), scale=0.1 * np.eye(3))
+    xi = np.random.default_rng(0).standard_normal((2, length, 3))
+    enough = np.random.default_rng(1).standard_normal((2, 2, 3))
+    stage_fit._refuse_a_place(job, Group("all", (), ()), marginal, _drawn(enough), kind)
+    with pytest.raises(FitError, match=says) as refused:
+        stage_fit._refuse_a_place(job, Group("all", (), ()), marginal, _drawn(sd * xi), kind)
+    assert refused.value.tried == (f"all: {kind}, 2 chains of {length} draws", "a note")

@@ -30,6 +30,7 @@ from bayeschute.posterior.marginal import Marginal
 from bayeschute.posterior.noise_uncertainty import NoiseEffect, widened
 from bayeschute.posterior.sampler import sample
 from bayeschute.posterior.sampling.protocol import Draws
+from bayeschute.posterior.sampling.sampler_checks import directions
 from bayeschute.posterior.score_dispersion import told_in_words
 from bayeschute.study.assembly import assemble, populations
 from bayeschute.study.assembly.fits import Group, data_of, groups, save_fit
@@ -180,6 +181,9 @@ def draw_group(job: Job, fitted: Fitted, say: Say, predictions: bool = True) -> 
 
     Returns:
         Its draws; those of the first sampler where the study wants both.
+
+    Raises:
+        FitError: If the draws don't vary in all directions: they are no posterior.
     """
     study, (group, found, _) = job.study, fitted
     kinds = ["nuts", "emcee"] if study.sampler.kind == "both" else [study.sampler.kind]
@@ -197,6 +201,7 @@ def draw_group(job: Job, fitted: Fitted, say: Say, predictions: bool = True) -> 
             drawn = _drawn(job, seed, found, bounds, kind, part_of(say, 0.0, 0.5))
             checkpoint.put_draws(job, group.name, kind, drawn)
         found, draws = drawn.of(found), drawn.draws
+        _refuse_a_place(job, group, found.marginal, draws, kind)
         seconds[f"{kind}_s"] = time.perf_counter() - clock
         wide = widened(draws.xi, found.noise_effect, found.noise_parameter_covariance, seed)
         tree = data_tree(
@@ -209,6 +214,31 @@ def draw_group(job: Job, fitted: Fitted, say: Say, predictions: bool = True) -> 
             save_fit(job, group, found, draws, wide)
         results.append((tree, draws))
     return Drawn(*results[0], seconds)
+
+
+def _refuse_a_place(job: Job, group: Group, marginal: Marginal, draws: Draws, kind: str) -> None:
+    """Refuse draws that don't vary in all directions: summaries and forecasts of them would be of no posterior.
+
+    Raises:
+        FitError: If they don't.
+    """
+    theta = np.asarray(marginal.centre) + draws.xi @ np.asarray(marginal.scale).T
+    chains, length, count = theta.shape
+    if (found := directions(theta)) == count:
+        return
+    if kind == "sandwich":
+        why = "the standard errors of output error are below the rounding of its estimates: its flight is unstable"
+        do = _DO_BY_LATENT
+    elif chains * length <= count:
+        why, do = "they are too few", "ask for more (draws in [sampler])"
+    else:
+        why, do = "walks did not leave where they began", _advice(job)
+    reason = f"fit of {group.name}: draws vary in {found} of {count} directions: {why}; {do}"
+    raise FitError(reason, (f"{group.name}: {kind}, {chains} chains of {length} draws", *draws.notes))
+
+
+def _advice(job: Job) -> str:
+    return _DO if job.study.noise.model == "latent" else _DO_BY_LATENT
 
 
 def _with_paths(job: Job, group: Group, error: FitError) -> FitError:
@@ -231,8 +261,7 @@ def _with_paths(job: Job, group: Group, error: FitError) -> FitError:
         paths.append(BestPath(flight.name, time, names, residual, sd, defect))
     rows = zip(group.priors, *values_and_sds(group.priors, best.theta, best.covariance), strict=True)
     parameters = [(p.name, float(value), float(sd), p.unit) for p, value, sd in rows]
-    do = _DO if job.study.noise.model == "latent" else _DO_BY_LATENT
-    return FitError(f"fit of {group.name}: {error.reason}; {do}", error.tried, paths, parameters)
+    return FitError(f"fit of {group.name}: {error.reason}; {_advice(job)}", error.tried, paths, parameters)
 
 
 def _structures(job: Job, group: Group) -> list[str]:
