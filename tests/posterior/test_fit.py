@@ -11,6 +11,7 @@ from scipy.optimize import brentq
 
 from bayeschute.core.errors import FitError
 from bayeschute.likelihood.kalman_gradient import to_vector
+from bayeschute.likelihood.priors import Prior
 from bayeschute.posterior import laplace, noise_evidence
 from bayeschute.posterior.along_record import conditional_mode
 from bayeschute.posterior.fit import joint_fit, laplace_fit, marginal_mode
@@ -435,6 +436,14 @@ def test_how_far_the_mode_is_from_a_place_is_told_with_or_more_where_the_step_wa
 
     assert told([-1.2, 0.0]) == "0.85 standard deviations"
     assert told([-2.99, 0.0]) == "2.1 standard deviations" and told([-7.0, 0.0]) == "2.1 standard deviations or more"
+
+
+def test_an_axis_is_told_by_the_parameters_that_change_along_it_by_half_as_much_as_the_most():
+    priors = [Prior(name, 0.0, 1.0, False, "1", "test") for name in "abcd"]
+    root = np.diag([10.0, 1.0, 0.1, 1.0])  # changes count in standard deviations
+    made = SimpleNamespace(scale=root)
+    assert laplace_fit._in_names(priors, made, np.array([0.3, 0.9, 0.5, 0.1])) == " (an axis of b, c)"
+    assert laplace_fit._in_names(priors, made, None) == "" == laplace_fit._in_names(priors[:1], made, np.ones(1))
 
 
 @pytest.mark.parametrize("flies", [True, False])

@@ -93,8 +93,10 @@ def test_one_axis_decides(row, mode):
         ([2.0, 0.5, 0.5, 0.4], "two standard deviations away .* higher than at one"),
     ],
 )
-def test_what_is_no_mode_says_why(row, words):
-    assert re.search(words, _told(GAUSSIAN, row).why_not)
+def test_what_is_no_mode_says_why_and_along_which_axis(row, words):
+    told = _told(GAUSSIAN, row)
+    assert re.search(words, told.why_not)
+    assert told.blamed is None if told.is_mode else told.blamed.tolist() == [0.0, 1.0]
 
 
 def test_the_worst_is_the_least_that_is_known():

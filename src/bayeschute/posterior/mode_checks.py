@@ -47,23 +47,34 @@ class Profile(NamedTuple):
     @property
     def why_not(self) -> str:
         """Why this is no mode, in words; empty if it is one."""
+        return self._fault[0]
+
+    @property
+    def blamed(self) -> Array | None:
+        """The axis along which it is none (P,); None if it is one."""
+        words, row = self._fault
+        return self.direction[row] if words else None
+
+    @property
+    def _fault(self) -> tuple[str, int]:
+        """Words, and the row of the axis that they speak of."""
         by_place = dict(zip(PLACES, self.fall.T, strict=True))
         near = np.array([by_place[-1.0], by_place[1.0]])
         far = np.array([by_place[-2.0], by_place[2.0]])
-        if not np.isfinite(near).all():
-            return "one standard deviation away from it flights fail"
-        if (near <= 0.0).any():
-            return (
-                f"one standard deviation away from it the log density rises by {abs(np.min(near)):.3g} along some axis"
-            )
-        if (near > _STEEPEST).any():
-            return (
-                f"one standard deviation away from it the log density falls by {np.max(near):.3g} along some axis, "
-                "where about 0.5 is expected"
-            )
-        if (far <= near).any():  # not where flights fail
-            return "two standard deviations away from it the log density is higher than at one, along some axis"
-        return ""
+        if (failed := ~np.isfinite(near).all(axis=0)).any():
+            return "one standard deviation away from it flights fail", int(np.argmax(failed))
+        least, most, on = near.min(axis=0), near.max(axis=0), (far - near).min(axis=0)
+        if (least <= 0.0).any():
+            rise = abs(np.min(least))
+            words = f"one standard deviation away from it the log density rises by {rise:.3g} along some axis"
+            return words, int(np.argmin(least))
+        if (most > _STEEPEST).any():
+            words = f"one standard deviation away from it the log density falls by {np.max(most):.3g} along some axis, "
+            return f"{words}where about 0.5 is expected", int(np.argmax(most))
+        if (on <= 0.0).any():  # not where flights fail
+            words = "two standard deviations away from it the log density is higher than at one, along some axis"
+            return words, int(np.nanargmin(on))
+        return "", 0
 
 
 def profile(marginal: Marginal, middle: Array | None = None, more: Sequence[Array] = ()) -> Profile:

@@ -42,6 +42,7 @@ _LOST_MEAN = "the shift of the noise parameters from their mode to their mean, w
 _AT_MODE, _BESIDE_MODE = 0.2, 0.5  # root mean square distance from there, along all axes, that ends it, or will do
 _MOVES = 5  # most steps to the mode of the posterior with all its corrections
 _ROUNDING = 1e-6
+_NAMED = 4  # most parameters by which an axis is told
 _RADII, _ENOUGH = (3.0, 1.5, 0.75), 0.1  # lengths of such a step; share of the promised gain at which it is taken
 _FAR = 1.0  # standard deviations by which noise parameters at their mean may move a parameter
 
@@ -296,7 +297,7 @@ def _last(
             f"after {steps} steps towards it the mode is still off by {place.distance}, root "
             f"mean square of all axes, and less than {_BESIDE_MODE:g} is wanted"
             if seen.is_mode
-            else seen.why_not
+            else seen.why_not + _in_names(priors, made, seen.blamed)
         )
         ended, reason = best, f"the search for the mode of the marginal posterior did not end at one: {why}"
         lengths = ", ".join(f"{one.away:.2g}" for one in found)
@@ -304,6 +305,16 @@ def _last(
     if flat is not None:
         return flat
     raise NoFitError(reason, tried, ended, priors, candidates[-1][1])
+
+
+def _in_names(priors: Sequence[Prior], made: Marginal, axis: Array | None) -> str:
+    """Words for an axis of standard coordinates (P,): what changes along it by half as much as what changes most."""
+    if axis is None or len(priors) == 1:
+        return ""
+    root = np.asarray(made.scale)
+    change = np.abs(root @ axis) / np.linalg.norm(root, axis=1)
+    most = sorted(np.flatnonzero(change >= 0.5 * change.max()), key=lambda i: -change[i])[:_NAMED]
+    return f" (an axis of {', '.join(priors[int(i)].name for i in most)})"
 
 
 def _places(
