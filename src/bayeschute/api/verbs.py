@@ -209,6 +209,10 @@ def sample(
         sampler: ``nuts``, ``emcee`` or ``both``.
         progress: Called with stage, share done and words; True: shown in the terminal.
 
+    Raises:
+        InputError: If a size is out of range.
+        FitError: If the draws don't vary in all directions.
+
     Example:
         >>> bc.sample(fitted, draws=200, chains=2, warmup=50)[fitted.parameters.index[0]].size
         200

@@ -48,20 +48,18 @@ def _drawn(xi):
 
 
 @pytest.mark.parametrize(
-    ("kind", "sd", "length", "says"),
+    ("kind", "says"),
     [
-        ("sandwich", 1e-18, 500, 'vary in 0 of 3 directions: the standard errors of output error .*model = "latent"'),
-        ("nuts", 1e-18, 500, "vary in 0 of 3 directions: walks did not leave where they began; fit a shorter window"),
-        ("nuts", 1.0, 1, "vary in 1 of 3 directions: they are too few; ask for more"),
+        ("sandwich", 'vary in 0 of 3 directions: the standard errors of output error .*model = "latent"'),
+        ("nuts", "vary in 0 of 3 directions: walks did not leave where they began; fit a shorter window"),
     ],
 )
-def test_draws_that_are_no_posterior_are_refused(kind, sd, length, says):
+def test_draws_that_are_no_posterior_are_refused(kind, says):
     """Forecasts begin from the draws' covariance, which has no factor there."""
     job = SimpleNamespace(study=SimpleNamespace(noise=SimpleNamespace(model="latent")))
     marginal = SimpleNamespace(centre=np.array([1.0, 2.0, 3.0]), scale=0.1 * np.eye(3))
-    xi = np.random.default_rng(0).standard_normal((2, length, 3))
-    enough = np.random.default_rng(1).standard_normal((2, 2, 3))
-    stage_fit._refuse_a_place(job, Group("all", (), ()), marginal, _drawn(enough), kind)
+    xi = np.random.default_rng(0).standard_normal((2, 500, 3))
+    stage_fit._refuse_a_place(job, Group("all", (), ()), marginal, _drawn(xi), kind)
     with pytest.raises(FitError, match=says) as refused:
-        stage_fit._refuse_a_place(job, Group("all", (), ()), marginal, _drawn(sd * xi), kind)
-    assert refused.value.tried == (f"all: {kind}, 2 chains of {length} draws", "a note")
+        stage_fit._refuse_a_place(job, Group("all", (), ()), marginal, _drawn(1e-18 * xi), kind)
+    assert refused.value.tried == (f"all: {kind}, 2 chains of 500 draws", "a note")

@@ -229,8 +229,6 @@ def _refuse_a_place(job: Job, group: Group, marginal: Marginal, draws: Draws, ki
     if kind == "sandwich":
         why = "the standard errors of output error are below the rounding of its estimates: its flight is unstable"
         do = _DO_BY_LATENT
-    elif chains * length <= count:
-        why, do = "they are too few", "ask for more (draws in [sampler])"
     else:
         why, do = "walks did not leave where they began", _advice(job)
     reason = f"fit of {group.name}: draws vary in {found} of {count} directions: {why}; {do}"
