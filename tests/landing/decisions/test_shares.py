@@ -40,6 +40,12 @@ def test_a_failure_that_is_rare_has_errors_of_resamples_that_meet_it():
     assert (first_error < 1.0).all() and (total_error < 1.0).all()
 
 
+def test_landings_of_which_none_was_flown_have_no_shares():
+    found = by_groups(np.full(8 * 30, np.nan))
+    assert np.isnan([found.first, found.first_error, found.total, found.total_error]).all()
+    assert np.isnan(shapley(np.ones((0, 2)), np.zeros(0), "xy")["y"])
+
+
 def test_what_never_differs_has_no_shares():
     for value in (0.0, 9.81):
         found = by_groups(np.full(8 * 30, value) * (1.0 + 1e-15 * np.arange(240)))

@@ -57,6 +57,8 @@ def jansen(a: Array, b: Array, mixed: Array, seed: int = 0, resamples: int = 200
         seed: Of the bootstrap.
         resamples: Of the bootstrap.
     """
+    if np.isnan(_variance(np.concatenate([a, b]))):
+        return (np.full(len(mixed), np.nan),) * 4
     rng = stream(seed, "bootstrap of shares")
 
     def both(pick: NDArray[np.int64] | slice) -> tuple[Array, Array]:
@@ -66,13 +68,14 @@ def jansen(a: Array, b: Array, mixed: Array, seed: int = 0, resamples: int = 200
 
     first, total = both(slice(None))
     again = [both(rng.integers(0, a.size, a.size)) for _ in range(resamples)]
-    known = [one for one in again if np.isfinite(one[0]).all()]
-    errors = np.std(known, axis=0) if known else np.full((2, len(mixed)), np.nan)
+    errors = np.std([one for one in again if np.isfinite(one[0]).all()], axis=0)
     return first, errors[0], total, errors[1]
 
 
 def _variance(values: Array) -> float:
-    """NaN if they differ by no more than they are rounded."""
+    """NaN if they differ by no more than they are rounded, or are none."""
+    if not values.size:
+        return np.nan
     found = float(np.var(values))
     return found if found > (_ROUNDING * np.abs(values).max()) ** 2 else np.nan
 
@@ -123,10 +126,10 @@ def shapley(inputs: Array, values: ArrayLike, names: Sequence[str]) -> dict[str,
         Share by name; they sum to the squared multiple correlation, corrected for the number of inputs. NaN of values
         that never differ.
     """
-    x = (inputs - inputs.mean(axis=0)) / np.maximum(inputs.std(axis=0), 1e-300)
     y = np.asarray(values, float)
     if np.isnan(_variance(y)):
         return dict.fromkeys(names, float("nan"))
+    x = (inputs - inputs.mean(axis=0)) / np.maximum(inputs.std(axis=0), 1e-300)
     y = y - y.mean()
     gram, cross, power = x.T @ x / y.size, x.T @ y / y.size, float(y @ y) / y.size
     gram += 1e-10 * np.eye(len(gram))
