@@ -51,3 +51,13 @@ def test_numbers_that_are_the_same_for_all_of_a_batch_are_repeated():
     want = x.copy()
     want[[0, 1, 2, 6, 7, 8, 9, *range(19, 25)]] = x[[0, 1, 2, 6, 7, 8, 9, *range(19, 25)], :1]
     np.testing.assert_array_equal(made, want)
+
+
+def test_a_capsule_of_one_flight_is_repeated_for_the_batch_of_its_canopies():
+    x = np.arange(25.0 * 4).reshape(25, 4)
+    state, capsule = unpack(x, 2), unpack(x[:, 0], 2)
+    mixed = type(state)(
+        capsule.position, capsule.velocity, capsule.attitude, capsule.rate, state.canopy_position, state.canopy_velocity
+    )
+    want = np.concatenate([np.repeat(x[:CAPSULE_SIZE, :1], 4, axis=1), x[CAPSULE_SIZE:]])
+    np.testing.assert_array_equal(np.asarray(pack(mixed)), want)

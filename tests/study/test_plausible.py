@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ import bayeschute as bc
 from bayeschute.cli import app
 from bayeschute.records.record import write_record
 from bayeschute.study.load import examine_study, load_study
-from bayeschute.study.plausible import judge, usual_noise
+from bayeschute.study.plausible import judge, refuse_implausible, usual_noise
 from bayeschute.study.schema.reading.strict import part_of
 from bayeschute.study.schema.vehicle_schema import Vehicle
 from bayeschute.study.templates import template
@@ -168,6 +169,20 @@ def test_a_record_whose_scatter_the_study_did_not_expect_is_told(study):
     (line,) = [one for one in found.warnings if "scatter" in one]
     assert found.faults == [] and "scatter of capsule_velocity from sample to sample: got 0.06" in line
     assert "[noise] says, white = 0.6 m/s. Say white = '0.06" in line
+
+
+def test_a_run_is_warned_of_the_noise_of_flights_that_it_fits(study, flown):
+    """Of those that it only predicts it needs none."""
+    sound = study()
+    text = sound.read_text(encoding="utf-8").replace('white = "0.06 m/s"', 'white = "0.6 m/s"', 1)
+    sound.write_text(text, encoding="utf-8")
+    found = load_study(sound)
+    (flight,) = found.flights
+    lines = refuse_implausible(found, flight, flown)
+    assert [one for one in lines if "scatter of capsule_velocity" in one]
+    assert refuse_implausible(found, replace(flight, roles=("predict",)), flown) == [
+        one for one in lines if "scatter" not in one and "apparent mass" not in one
+    ]
 
 
 def test_plausibility_tells_the_noise_as_check_does(study, flown):

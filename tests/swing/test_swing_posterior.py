@@ -122,6 +122,15 @@ def test_the_prior_of_damping_is_the_energy_of_the_motion(problem):
     assert p[4] < p[5] < p[4] + 1.0
 
 
+def test_the_prior_of_damping_counts_the_energy_over_the_whole_record(problem):
+    """Energy falls as exp(-2 b t): half a decay constant of the swing over the record is one of the energy."""
+    record = problem.dt * len(problem.data)
+    rows = np.tile(row(BASE), (2, 1))
+    rows[:, 1] = [0.0, 0.5 / record]
+    still, damped = swing_posterior._log_prior(problem, rows)
+    assert damped - still == pytest.approx(np.log1p(np.log(2.0)) - np.log1p(np.log1p(np.e)), rel=1e-9)
+
+
 def test_without_forcing_its_prior_says_nothing(problem):
     still = replace(problem, forcing=False)
     rows = np.tile(row(BASE), (2, 1))

@@ -181,3 +181,14 @@ def test_order_and_sense_are_those_before_the_body_axes_that_were_said_turned_it
     assert alike(plain.undone(read), replace(e, body_turn=turn))
     if not cause.endswith("conjugated"):  # whose order commutes with some turns
         assert not alike(plain.undone(replace(read, body_turn=None)), e)
+
+
+def test_one_wrong_table_is_believed_before_two_and_the_third_axis_before_the_others():
+    def doubt(words):
+        return ONES[words].doubt
+
+    assert (
+        doubt("capsule positions: z points up, not down") == doubt("capsule velocities: z points up, not down") == 0.1
+    )
+    assert doubt("capsule positions and velocities: z points up, not down") == 0.15
+    assert doubt("capsule positions: the second axis points west, not east") == pytest.approx(0.3)
