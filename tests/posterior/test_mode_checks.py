@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import jax.numpy as jnp
 import numpy as np
@@ -125,3 +126,13 @@ def test_all_that_is_found_of_a_descent_is_a_mode(found):
     assert found.profile.is_mode and 0.3 < found.profile.worst < 0.7 and found.lost == ()
     _, ahead = corrected(found.marginal)
     np.testing.assert_allclose(profile(found.marginal, ahead.step()).fall, found.profile.fall, atol=1e-4)
+
+
+def test_a_density_is_looked_at_from_where_it_shows_a_mode(monkeypatch):
+    looks = {(): (False, 0.9), ("step",): (True, 0.1)}
+    monkeypatch.setattr(
+        mode_checks, "profile", lambda made, *step: SimpleNamespace(is_mode=looks[step][0], worst=looks[step][1])
+    )
+    assert mode_checks.best_profile("made", "step").worst == 0.1
+    looks[()] = (True, 0.9)
+    assert mode_checks.best_profile("made", "step").worst == 0.9

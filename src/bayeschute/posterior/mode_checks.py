@@ -96,3 +96,8 @@ def profile(marginal: Marginal, middle: Array | None = None, more: Sequence[Arra
     points = points if middle is None else points + middle[:, None]
     value = np.asarray(log_density(marginal, points))
     return Profile(direction, (value[0] - value[1:]).reshape(len(PLACES), len(direction)).T)
+
+
+def best_profile(made: Marginal, step: Array) -> Profile:
+    """The density along the axes about the centre, or about the mode a step (P,) away: where it shows a mode rather."""
+    return max((profile(made), profile(made, step)), key=lambda one: (one.is_mode, one.worst))

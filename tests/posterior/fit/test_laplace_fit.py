@@ -48,16 +48,6 @@ def test_corrections_under_which_there_is_no_mode_are_not_taken(monkeypatch, is_
     seen = SimpleNamespace(is_mode=is_mode)
     monkeypatch.setattr(module.correction_fit, "fitted", lambda made, rng, say: fit)
     monkeypatch.setattr(module.laplace, "expansion", lambda made: SimpleNamespace(step=lambda: np.zeros(1)))
-    monkeypatch.setattr(module, "_seen", lambda made, step: seen)
+    monkeypatch.setattr(module, "best_profile", lambda made, step: seen)
     made, profile, shift = module._over_the_posterior("made", "before", lambda *_: None)
     assert made == kept and profile is (seen if is_mode else "before") and shift == (0.1 if is_mode else 0.7)
-
-
-def test_a_density_is_looked_at_from_where_it_shows_a_mode(monkeypatch):
-    looks = {(): (False, 0.9), ("step",): (True, 0.1)}
-    monkeypatch.setattr(
-        module, "profile", lambda made, *step: SimpleNamespace(is_mode=looks[step][0], worst=looks[step][1])
-    )
-    assert module._seen("made", "step").worst == 0.1
-    looks[()] = (True, 0.9)
-    assert module._seen("made", "step").worst == 0.9
