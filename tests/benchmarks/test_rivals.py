@@ -85,6 +85,17 @@ def test_a_script_that_fails_is_told_without_places(tmp_path):
     assert said == "NoFitError: in problem.json"
 
 
+@pytest.mark.slow
+def test_a_swing_in_still_air_has_an_answer_that_holds(tmp_path):
+    """The record hardly tells three coefficients apart: under the noise that it shows its posterior is a curved valley."""
+    ours, limit = next(p for p in rivals.PROGRAMS if p.script == "bayeschute"), 30.0
+    truth = make("swing-calm", 4, tmp_path)
+    one = rivals.scored(rivals.ask(ours, "swing-calm", tmp_path, sys.executable, limit), truth, tmp_path)
+    assert one["rhat"] < 1.02 and sum(p["held"] for p in one["parameters"].values()) >= 4
+    assert all(0.02 < p["sd"] / abs(p["truth"]) < 0.3 for p in one["parameters"].values())
+    assert all(band["held"] > 0.8 for band in one["bands"].values())
+
+
 @pytest.mark.parametrize("case", ["descent-calm", "descent-gusts", "swing-calm", "swing-gusts"])
 def test_records_are_of_the_seed_alone_and_gusts_are_not_in_the_calm(case, tmp_path):
     truth, again = (make(case, 1, tmp_path / name) for name in ("one", "two"))

@@ -51,3 +51,21 @@ def test_corrections_under_which_there_is_no_mode_are_not_taken(monkeypatch, is_
     monkeypatch.setattr(module, "best_profile", lambda made, step: seen)
     made, profile, shift = module._over_the_posterior("made", "before", lambda *_: None)
     assert made == kept and profile is (seen if is_mode else "before") and shift == (0.1 if is_mode else 0.7)
+
+
+def test_noise_weaker_than_its_priors_have_it_may_be_raised_on_the_way_there():
+    """By logarithms, standard deviations alone, and only those that are weaker."""
+    prior = NoisePrior(noise(), 0.7)
+    weak = NoiseParameters(Noise(np.array([0.05 / 4.0]), np.array([0.3]), np.array([9.0])), (np.array([0.1, 3.0]),))
+    louder = module._louder(weak, prior)
+    assert [round(float(one.hyper.noise.white[0]), 6) for one in louder] == [0.025, 0.035355, 0.05]
+    for one in louder:
+        assert one.hyper.noise.correlated == 0.3 and one.hyper.noise.time_constant == 9.0
+        assert one.hyper.disturbance_parameters[0][1] == 3.0 and len(one.lost) == 1
+    np.testing.assert_allclose([one.hyper.disturbance_parameters[0][0] for one in louder], [0.2, 0.4 / 2**0.5, 0.4])
+    assert "50% of the way" in louder[0].words and "wider than the record asks for" in louder[0].lost[0]
+
+
+@pytest.mark.parametrize(("factor", "count"), [(0.5, 3), (0.65, 3), (0.7, 0), (1.0, 0), (2.0, 0)])
+def test_noise_that_is_hardly_weaker_is_left(factor, count):
+    assert len(module._louder(noise(factor, factor), NoisePrior(noise(), 0.7))) == count

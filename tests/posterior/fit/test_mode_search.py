@@ -12,6 +12,7 @@ from bayeschute.core.errors import FitError
 from bayeschute.likelihood.priors import Prior
 from bayeschute.posterior import laplace, mode_checks
 from bayeschute.posterior.fit import joint_fit, marginal_mode, mode_search
+from bayeschute.posterior.fit.mode_search import Candidate
 from bayeschute.posterior.marginal import Quadratic
 from bayeschute.posterior.mode_checks import Profile
 from bayeschute.posterior.noise_evidence import NoisePrior
@@ -77,7 +78,9 @@ def test_no_step_is_taken_where_the_density_does_not_rise(found, descent, monkey
     begin = joint_fit.JointFit(found.optimum, found.hyper, found.evidence)
     usual = laplace.corrected
     monkeypatch.setattr(laplace, "corrected", lambda made, near, progress=None: (usual(made, near=near)[0], away))
-    best, _, _, lost, seen = mode_search.search(descent.flights, descent.priors, begin, [("those", found.hyper)])
+    best, _, _, lost, seen = mode_search.search(
+        descent.flights, descent.priors, begin, [Candidate("those", found.hyper)]
+    )
     assert lost == () and seen.is_mode
     assert abs(best.theta - found.optimum.theta)[0] < 0.3 * np.sqrt(found.optimum.covariance[0, 0])
 
@@ -94,7 +97,7 @@ def test_where_the_density_has_no_mode_the_search_goes_on(found, descent, monkey
             return _bent(made, -2.0), about._replace(curvature=about.curvature - 2.0)
         return made, about
 
-    given = descent.flights, descent.priors, begin, [("those", found.hyper)]
+    given = descent.flights, descent.priors, begin, [Candidate("those", found.hyper)]
     monkeypatch.setattr(mode_search, "marginal_mode", lambda *given: _beside(found, descent, 2.0)[0])
     monkeypatch.setattr(laplace, "expanded", lambda *given: laplace.Expansion(np.zeros(1), np.eye(1)))
     monkeypatch.setattr(laplace, "corrected", lambda made, near, progress=None: told(made, near, 1))
@@ -124,10 +127,10 @@ def test_corrections_are_left_out_only_where_no_noise_parameters_lead_to_a_mode(
     monkeypatch.setattr(mode_search, "marginal_mode", lambda *given: found.optimum)
     monkeypatch.setattr(mode_search, "_ahead", lambda *given: None)
     monkeypatch.setattr(laplace, "corrected", told)
-    candidates = [("mean", other), ("mode", found.hyper)]
+    candidates = [Candidate("mean", other), Candidate("mode", found.hyper, ("shift",))]
     _, hyper, made, lost, profile = mode_search.search(descent.flights, descent.priors, begin, candidates)
     assert profile.is_mode and made.hyper is hyper and hyper is (found.hyper if second else other)
-    assert lost == ((mode_search._LOST_MEAN,) if second else (mode_search._LOST_BEND,))
+    assert lost == (("shift",) if second else (mode_search._LOST_BEND,))
 
 
 def test_a_way_on_that_leads_where_nothing_flies_ends_the_search_at_what_was_found(found, descent, monkeypatch):
@@ -142,7 +145,7 @@ def test_a_way_on_that_leads_where_nothing_flies_ends_the_search_at_what_was_fou
 
     monkeypatch.setattr(laplace, "corrected", told)
     monkeypatch.setattr(mode_search, "_ahead", nowhere)
-    best, *_, lost, _ = mode_search.search(descent.flights, descent.priors, begin, [("those", found.hyper)])
+    best, *_, lost, _ = mode_search.search(descent.flights, descent.priors, begin, [Candidate("those", found.hyper)])
     assert lost == () and abs(best.theta - found.optimum.theta)[0] < 0.3 * np.sqrt(found.optimum.covariance[0, 0])
 
 
@@ -160,7 +163,7 @@ def test_the_search_goes_on_to_the_mode_that_the_corrections_tell_of(found, desc
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(mode_search, "marginal_mode", beside)
         best, hyper, made, lost, seen = mode_search.search(
-            descent.flights, descent.priors, begin, [("those", found.hyper)]
+            descent.flights, descent.priors, begin, [Candidate("those", found.hyper)]
         )
     assert hyper is found.hyper and lost == () and len(moved) == 1
     assert abs(best.theta[0] - found.optimum.theta[0]) < 0.3 * sd
@@ -178,11 +181,11 @@ def test_noise_parameters_without_a_mode_give_way_to_the_next(found, descent, mo
     monkeypatch.setattr(mode_checks, "profile", told)
     other = joint_fit._looser(right, 3.0)
     _, hyper, made, lost, _ = mode_search.search(
-        descent.flights, descent.priors, settled, [("mean", other), ("mode", right)]
+        descent.flights, descent.priors, settled, [Candidate("mean", other), Candidate("mode", right, ("shift",))]
     )
-    assert hyper is right and made.hyper is right and seen == [other, right] and mode_search._LOST_MEAN in lost
+    assert hyper is right and made.hyper is right and seen == [other, right] and lost == ("shift",)
     with pytest.raises(joint_fit.NoFitError, match=r"rises by 0\.3 along") as told_of:
-        mode_search.search(descent.flights, descent.priors, settled, [("mean", other)])
+        mode_search.search(descent.flights, descent.priors, settled, [Candidate("mean", other)])
     (line,) = told_of.value.tried
     assert line.startswith("mean: steps left from") and "rises by 0.3" in line
     assert told_of.value.hyper is other and np.isfinite(told_of.value.best.theta).all()
@@ -199,11 +202,16 @@ def test_noise_parameters_under_which_nothing_flies_give_way_to_the_next(found, 
 
     monkeypatch.setattr(mode_search, "marginal_mode", lost)
     assert (
-        mode_search.search(descent.flights, descent.priors, settled, [("mean", other), ("mode", found.hyper)])[1]
+        mode_search.search(
+            descent.flights,
+            descent.priors,
+            settled,
+            [Candidate("mean", other), Candidate("mode", found.hyper, ("shift",))],
+        )[1]
         is found.hyper
     )
     with pytest.raises(joint_fit.NoFitError, match="a step fails"):
-        mode_search.search(descent.flights, descent.priors, settled, [("mean", other)])
+        mode_search.search(descent.flights, descent.priors, settled, [Candidate("mean", other)])
 
 
 def test_a_search_whose_steps_stay_long_ended_beside_the_mode(found, descent, monkeypatch):
@@ -220,8 +228,8 @@ def test_a_search_whose_steps_stay_long_ended_beside_the_mode(found, descent, mo
     monkeypatch.setattr(mode_search, "_ahead", lambda near, place: replace(place.optimum, cost=place.step[0]))
     monkeypatch.setattr(mode_checks, "profile", lambda made, *middle: SimpleNamespace(is_mode=True, worst=0.5))
     with pytest.raises(FitError, match=r"after 6 steps towards it the mode is still off by 1\.2 standard deviations"):
-        mode_search.search(descent.flights, descent.priors, begin, [("those", found.hyper)])
-    best, *_ = mode_search.search(descent.flights, descent.priors, begin, [("those", found.hyper)])
+        mode_search.search(descent.flights, descent.priors, begin, [Candidate("those", found.hyper)])
+    best, *_ = mode_search.search(descent.flights, descent.priors, begin, [Candidate("those", found.hyper)])
     assert best.cost == 1.5  # the step that led to the point from which 0.4 are left
 
 
@@ -264,3 +272,47 @@ def test_places_far_from_the_mode_are_passed_by_without_corners(found, descent, 
     assert len(whole) == len(places) == 1 and not highest and steps == (2 if flies else 1)
     away = (places[0].optimum.theta - found.optimum.theta)[0] / np.sqrt(found.optimum.covariance[0, 0])
     assert abs(away) < 0.3 if flies else away == pytest.approx(1.5)
+
+
+@pytest.mark.parametrize("among", ["candidates", "others", "flattened candidates"])
+def test_other_noise_parameters_are_tried_only_where_no_candidate_leads_to_a_mode(found, descent, monkeypatch, among):
+    """Not even one about which corrections are left out; the error tells of the candidates, the list of all."""
+    begin = joint_fit.JointFit(found.optimum, found.hyper, found.evidence)
+    first, second = found.hyper, joint_fit._looser(found.hyper, 1.2)
+    usual, corrected, sought = mode_checks.profile, laplace.corrected, []
+    cliff = Profile(np.eye(1), np.array([[2.0, -0.3, 0.5, 2.0]]))
+
+    def told(made, *middle):
+        return cliff if among == "others" and made.hyper is first else usual(made, *middle)
+
+    def bent(made, near, progress=None):
+        sought.append(made.hyper)
+        made, about = corrected(made, near=near)
+        return (
+            (_bent(made, -2.0), about._replace(curvature=about.curvature - 2.0)) if "flat" in among else (made, about)
+        )
+
+    monkeypatch.setattr(mode_checks, "profile", told)
+    monkeypatch.setattr(laplace, "corrected", bent)
+    if "flat" in among:
+        monkeypatch.setattr(mode_search, "_ahead", lambda *given: None)
+    given = descent.flights, descent.priors, begin, [Candidate("mode", first)], [Candidate("more", second, ("raised",))]
+    ended = mode_search.search(*given)
+    assert ended.hyper is (second if among == "others" else first) and (second in sought) == (among == "others")
+    wanted = {"candidates": (), "others": ("raised",), "flattened candidates": (mode_search._LOST_BEND,)}
+    assert ended.lost == wanted[among]
+
+
+def test_where_nothing_leads_to_a_mode_the_error_is_that_of_the_candidates(found, descent, monkeypatch):
+    begin = joint_fit.JointFit(found.optimum, found.hyper, found.evidence)
+    other = joint_fit._looser(found.hyper, 1.2)
+
+    def told(made, *middle):
+        return Profile(np.eye(1), np.array([[2.0, -0.3 if made.hyper is other else -0.7, 0.5, 2.0]]))
+
+    monkeypatch.setattr(mode_checks, "profile", told)
+    given = descent.flights, descent.priors, begin, [Candidate("mode", found.hyper)], [Candidate("more", other)]
+    with pytest.raises(joint_fit.NoFitError, match=r"rises by 0\.7") as error:
+        mode_search.search(*given)
+    assert [line.split(":")[0] for line in error.value.tried] == ["mode", "more"]
+    assert "rises by 0.3" in error.value.tried[1] and error.value.hyper is found.hyper

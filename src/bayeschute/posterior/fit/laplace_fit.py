@@ -11,6 +11,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from bayeschute.core.random import stream
+from bayeschute.core.vectors import Component
 from bayeschute.likelihood.joint import FlightData, NoiseParameters
 from bayeschute.likelihood.priors import Prior
 from bayeschute.posterior import laplace, noise_evidence
@@ -19,7 +20,7 @@ from bayeschute.posterior.fit import correction_fit
 from bayeschute.posterior.fit.continuation import Progress
 from bayeschute.posterior.fit.joint_fit import JointFit, joint_fit
 from bayeschute.posterior.fit.marginal_mode import marginal_mode
-from bayeschute.posterior.fit.mode_search import search
+from bayeschute.posterior.fit.mode_search import Candidate, search
 from bayeschute.posterior.joint_mode import Optimum
 from bayeschute.posterior.marginal import Marginal, marginalise
 from bayeschute.posterior.mode_checks import Profile, best_profile
@@ -35,6 +36,14 @@ _NOISE_STEPS = 24  # most of the noise parameters in each of them
 _MODE_TURN = 2  # most steps of the mode in each of them
 _SHARES = (1.0, 0.3, 0.1)  # of the way to the noise parameters of greatest evidence that are tried
 _FAR = 1.0  # standard deviations by which noise parameters at their mean may move a parameter
+_LOST_MEAN = "the shift of the noise parameters from their mode to their mean, where no mode was found"
+_LOUDER = (0.5, 0.75, 1.0)  # of the way to the medians of their priors that standard deviations are raised
+_QUIET_WORDS = (
+    "standard deviations of noise and disturbances that are less than the medians of their priors are {:.0%} of the "
+    "way there (in logarithms) from the most probable ones, about which the density has no mode that can be described; "
+    "intervals and bands are wider than the record asks for"
+)
+_QUIET = 1.5  # times below its prior's median a standard deviation must be for that to make a difference
 
 
 @dataclass(frozen=True)
@@ -82,7 +91,8 @@ def marginal_fit(
     `marginal_mode`. Nor are the noise parameters of maximum evidence the same at both points: they are estimated again
     at the mode, and the mode with them, until it converges. Then they are set to their posterior mean
     (`evidence.mean_less_mode`) and the mode is found again, unless that would move a parameter by more than its
-    standard deviation, which is beyond the validity of an expansion about the mode.
+    standard deviation, which is beyond the validity of an expansion about the mode. Where under neither a mode is
+    found, and noise is weaker than its priors have it, stronger noise is tried: a wide answer rather than none.
 
     Args:
         flights: Records.
@@ -105,13 +115,14 @@ def marginal_fit(
     before = np.linalg.solve(np.asarray(made.prior_factor), scale)
     known = noise_evidence.noise_parameter_covariance(evidence, hyper, prior, slope, before.T @ before)
     moved = noise_evidence.mean_less_mode(evidence, hyper, known)
-    candidates = [("most probable noise parameters", hyper)]
+    most_probable = Candidate("most probable noise parameters", hyper)
+    candidates, others = [most_probable], _louder(hyper, prior)
     if np.max(np.abs(scale @ slope @ moved) / np.linalg.norm(scale, axis=1)) <= _FAR:
         mean = jax.tree.map(np.asarray, noise_evidence.from_vector(noise_evidence.to_vector(hyper) + moved, hyper))
-        candidates.insert(0, ("noise parameters at their mean", mean))
+        candidates = [Candidate("noise parameters at their mean", mean), most_probable._replace(lost=(_LOST_MEAN,))]
     began = JointFit(replace(best, converged=settled.optimum.converged), hyper, value)
     best, hyper, made, lost, seen = search(
-        flights, priors, began, candidates, lambda share, words: say(0.4 + 0.35 * share, words)
+        flights, priors, began, candidates, others, lambda share, words: say(0.4 + 0.35 * share, words)
     )
     made, seen, wrong = _over_the_posterior(made, seen, lambda share, words: say(0.75 + 0.25 * share, words))
     slope = scipy.linalg.solve_triangular(np.asarray(made.scale), scale @ slope, lower=True)
@@ -157,6 +168,37 @@ def _by_turns(
         if gain < _GAINED or moved < _SETTLED:
             break
     return place
+
+
+def _louder(hyper: NoiseParameters, prior: NoisePrior) -> list[Candidate]:
+    """Noise parameters with stronger noise than the most probable ones, where that is weaker than its prior's median.
+
+    Where noise and gusts are weak the data may confine parameters that are hardly told apart to a curved valley,
+    beyond the reach of any expansion about one place. Under stronger noise the posterior is wider and rounder: as a
+    likelihood to a small power does, it leaves more of the say to the priors, and never claims more than the data do.
+    """
+
+    def raised(one: Component, median: Component, share: float) -> Array:
+        return np.asarray(one) * np.maximum(np.asarray(median) / np.asarray(one), 1.0) ** share
+
+    def made(share: float) -> NoiseParameters:
+        noise, usual = hyper.noise, prior.median.noise
+        pairs = zip(hyper.disturbance_parameters, prior.median.disturbance_parameters, strict=True)
+        groups = tuple(np.append(raised(one[:1], median[:1], share), one[1:]) for one, median in pairs)
+        white, correlated = (raised(getattr(noise, n), getattr(usual, n), share) for n in ("white", "correlated"))
+        return replace(hyper, noise=replace(noise, white=white, correlated=correlated), disturbance_parameters=groups)
+
+    whole = noise_evidence.to_vector(made(1.0)) - noise_evidence.to_vector(hyper)
+    if np.max(whole) < np.log(_QUIET):
+        return []
+    return [
+        Candidate(
+            f"standard deviations of the noise {share:.0%} of the way to the medians of their priors",
+            made(share),
+            (f"how quiet the record is: {_QUIET_WORDS.format(share)}",),
+        )
+        for share in _LOUDER
+    ]
 
 
 def _part_of_the_way(evidence: Evidence, place: JointFit, end: NoiseParameters, share: float) -> JointFit:

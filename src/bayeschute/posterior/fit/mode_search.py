@@ -24,7 +24,6 @@ from bayeschute.posterior.mode_checks import Profile, best_profile
 Array = NDArray[np.float64]
 _BESIDE, _NEARER = 1.0, 0.3  # steps [standard deviations] to where Laplace's approximation is taken; where flights fail
 _LOST_BEND = "part of the corrections' curvature, which along some axis outweighs the density"
-_LOST_MEAN = "the shift of the noise parameters from their mode to their mean, where no mode was found"
 _AT_MODE, _BESIDE_MODE = 0.2, 0.5  # root mean square distance from there, along all axes, that ends it, or will do
 _MOVES = 5  # most steps to the mode of the posterior with all its corrections
 _ROUNDING = 1e-6
@@ -57,6 +56,20 @@ class _Place(NamedTuple):
         return f"{self.away:.2g} standard deviations{' or more' if beyond else ''}"
 
 
+class Candidate(NamedTuple):
+    """Noise parameters under which a mode is sought.
+
+    Attributes:
+        words: What they are.
+        hyper: The noise parameters.
+        lost: What a posterior under them leaves out, in words.
+    """
+
+    words: str
+    hyper: NoiseParameters
+    lost: tuple[str, ...] = ()
+
+
 class Ended(NamedTuple):
     """Where the search for the mode ended: what `search` returns."""
 
@@ -67,58 +80,87 @@ class Ended(NamedTuple):
     profile: Profile
 
 
+class _Missed(NamedTuple):
+    """A search that did not end at a mode.
+
+    Attributes:
+        optimum: Where it ended; None where nothing flies.
+        reason: Why.
+        words: On what was tried, for users.
+    """
+
+    optimum: Optimum | None
+    reason: str
+    words: str
+
+
 def search(
     flights: Sequence[FlightData],
     priors: Sequence[Prior],
     began: JointFit,
-    candidates: Sequence[tuple[str, NoiseParameters]],
+    candidates: Sequence[Candidate],
+    others: Sequence[Candidate] = (),
     progress: Progress | None = None,
 ) -> Ended:
     """The mode under the first noise parameters that lead to one, the posterior, corrections left out, the density.
 
     A point that turns out to lie beside the mode, once what the linear models lack is known, is left for it; a point
     about which the density has no mode, for where it is highest within reach. Where the density is no higher on the
-    way, the point stays. If it has no mode there, other noise parameters are tried; only if none leads to one are
+    way, the point stays. If it has no mode there, the next noise parameters are tried; only if none leads to one are
     corrections left out, as far as they outweigh the density.
+
+    Args:
+        flights: Records.
+        priors: Priors of the parameters.
+        began: Where to begin.
+        candidates: Noise parameters, tried in turn.
+        others: Likewise, where no candidate leads to a mode even with corrections left out.
+        progress: Progress callback: share done and words.
 
     Raises:
         NoFitError: If none does.
     """
-    say = progress or (lambda share, words: None)
-    tried, ended, reason = list[str](), began.optimum, ""
-    flat: Ended | None = None
-    for words, hyper in candidates:
-        start = JointFit(began.optimum, hyper, began.evidence)
-        try:
-            found, highest, steps = _places(flights, priors, start, say)
-        except FloatingPointError as error:
-            reason = str(error)
-            tried.append(f"{words}: {reason}")
-            continue
-        sound = [place for place in found[-1 if highest else 0 :] if place.expansion.has_mode] or [
-            _flattened(found[-1])
-        ]
-        best, made, _, lost = place = min(sound, key=lambda one: one.away)
-        seen = best_profile(made, place.step)
-        if seen.is_mode and (highest or place.away < _BESIDE_MODE):
-            shift = () if hyper is candidates[0][1] else (_LOST_MEAN,)
-            last = Ended(replace(best, converged=began.optimum.converged), hyper, made, (*lost, *shift), seen)
-            if not lost:
-                return last
-            flat = flat or last
-            continue
-        why = (
-            f"after {steps} steps towards it the mode is still off by {place.distance}, root "
-            f"mean square of all axes, and less than {_BESIDE_MODE:g} is wanted"
-            if seen.is_mode
-            else seen.why_not + _in_names(priors, made, seen.blamed)
-        )
-        ended, reason = best, f"the search for the mode of the marginal posterior did not end at one: {why}"
-        lengths = ", ".join(f"{one.away:.2g}" for one in found)
-        tried.append(f"{words}: steps left from {len(found)} places (root mean square of all axes): {lengths}; {why}")
-    if flat is not None:
-        return flat
-    raise NoFitError(reason, tried, ended, priors, candidates[-1][1])
+    say, missed = progress or (lambda share, words: None), list[_Missed]()
+    for several in (candidates, others):
+        flat: Ended | None = None
+        for one in several:
+            found = _sought(flights, priors, JointFit(began.optimum, one.hyper, began.evidence), one, say)
+            if isinstance(found, _Missed):
+                missed.append(found)
+            elif _LOST_BEND not in found.lost:
+                return found
+            else:
+                flat = flat or found
+        if flat is not None:
+            return flat
+    first = missed[: len(candidates)]
+    ended = next((one.optimum for one in reversed(first) if one.optimum is not None), began.optimum)
+    raise NoFitError(first[-1].reason, [one.words for one in missed], ended, priors, candidates[-1].hyper)
+
+
+def _sought(
+    flights: Sequence[FlightData], priors: Sequence[Prior], start: JointFit, one: Candidate, say: Progress
+) -> Ended | _Missed:
+    """Where the search for the mode under a candidate's noise parameters ended, or why at none."""
+    try:
+        found, highest, steps = _places(flights, priors, start, say)
+    except FloatingPointError as error:
+        return _Missed(None, str(error), f"{one.words}: {error}")
+    sound = [place for place in found[-1 if highest else 0 :] if place.expansion.has_mode]
+    best, made, _, lost = place = min(sound or [_flattened(found[-1])], key=lambda one: one.away)
+    seen = best_profile(made, place.step)
+    if seen.is_mode and (highest or place.away < _BESIDE_MODE):
+        best = replace(best, converged=start.optimum.converged)
+        return Ended(best, one.hyper, made, (*lost, *one.lost), seen)
+    why = (
+        f"after {steps} steps towards it the mode is still off by {place.distance}, root "
+        f"mean square of all axes, and less than {_BESIDE_MODE:g} is wanted"
+        if seen.is_mode
+        else seen.why_not + _in_names(priors, made, seen.blamed)
+    )
+    lengths = ", ".join(f"{one.away:.2g}" for one in found)
+    words = f"{one.words}: steps left from {len(found)} places (root mean square of all axes): {lengths}; {why}"
+    return _Missed(best, f"the search for the mode of the marginal posterior did not end at one: {why}", words)
 
 
 def _in_names(priors: Sequence[Prior], made: Marginal, axis: Array | None) -> str:
