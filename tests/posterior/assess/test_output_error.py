@@ -159,6 +159,15 @@ def test_the_table_is_in_the_parameters_units(linear, empty):
     np.testing.assert_allclose(rows[1].corrected_sd, np.sqrt(made.corrected[1, 1]))
 
 
+def test_standard_errors_below_the_rounding_of_an_estimate_are_not_known(linear, empty):
+    flight, _ = linear.simulate(empty, WHITE, THETA, 8)
+    made = bounds([flight], WHITE, WIDE, fitted(flight))
+    tiny = np.diag([1e-14 / np.sqrt(made.raw[0, 0]), 1.0])
+    one, two = table(made._replace(raw_factor=tiny @ made.raw_factor), WIDE)
+    assert np.isnan(one.raw_sd) and one.estimate == made.theta[0]
+    np.testing.assert_allclose([one.corrected_sd, two.raw_sd], np.sqrt([made.corrected[0, 0], made.raw[1, 1]]))
+
+
 def test_draws_have_the_corrected_moments(linear, empty):
     flight, _ = linear.simulate(empty, WHITE, THETA, 9)
     made = bounds([flight], WHITE, WIDE, fitted(flight))

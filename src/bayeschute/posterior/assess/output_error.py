@@ -24,6 +24,7 @@ from bayeschute.likelihood.kalman import response
 from bayeschute.likelihood.priors import Prior, factor, values_and_sds
 from bayeschute.posterior.joint_mode import Optimum
 from bayeschute.posterior.sampling.protocol import Draws
+from bayeschute.posterior.sampling.sampler_checks import ROUNDING
 from bayeschute.regression.colored_errors import residual_noise
 
 Array = NDArray[np.float64]
@@ -56,7 +57,7 @@ class Bounds(NamedTuple):
 
 
 class Row(NamedTuple):
-    """One line of the table: estimate and standard errors in the parameter's unit."""
+    """One line of the table: estimate and standard errors in the parameter's unit, NaN where they are not known."""
 
     parameter: str
     estimate: float
@@ -170,9 +171,11 @@ def bounds(
 def table(made: Bounds, priors: Sequence[Prior]) -> list[Row]:
     """The table of estimates (table 7.1-2 of the report): parameter, estimate, raw and corrected standard error.
 
-    A parameter whose working coordinate is its logarithm has its standard errors by the delta method.
+    A parameter whose working coordinate is its logarithm has its standard errors by the delta method. The sensitivities
+    of an unstable flight may grow beyond all digits: standard errors below the rounding of the estimate are not known.
     """
     (estimates, raw), (_, corrected) = (values_and_sds(priors, made.theta, c) for c in (made.raw, made.corrected))
+    raw, corrected = (np.where(sd > ROUNDING * np.abs(estimates), sd, np.nan) for sd in (raw, corrected))
     return [
         Row(p.name, float(e), float(r), float(c), p.unit)
         for p, e, r, c in zip(priors, estimates, raw, corrected, strict=True)

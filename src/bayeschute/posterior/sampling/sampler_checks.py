@@ -23,11 +23,12 @@ MOST_K = 0.7
 MOST_RHAT = 1.01
 FEWEST = 400.0
 """Effective draws, in bulk and tails, of every parameter that a run wants."""
+ROUNDING = 1e-12
+"""Of a parameter's size: a smaller standard deviation is none."""
 _EQUAL = 0.05  # spread of log ratios up to which weights are all but the same: they cost less than 0.1 % of the draws
 _LEAST = 25  # ratios of which a tail can be fitted: ArviZ takes a fifth of few, and wants five
 _SLOW = 0.9  # of the bound on R-hat less one; what is added for the noise parameters moves it a little
 _MANY = 2.0  # times `FEWEST`: draws of which that many effective ones are asked for
-_ROUNDING = 1e-12  # of a parameter's size
 _FLAT = 1e-6  # standard deviations along an axis on which draws don't vary, each parameter's being one
 _FALSE_ALARM = 1e-3  # chance that independent draws, as many as there are, are refused by R-hat
 
@@ -128,7 +129,7 @@ def directions(theta: Array) -> int:
     """In how many directions draws (chain, draw, P) vary, beyond what rounding makes of one place: P of a posterior."""
     flat = theta.reshape(-1, theta.shape[-1])
     away, sd = flat - flat.mean(axis=0), flat.std(axis=0)
-    moved = sd > _ROUNDING * np.abs(flat).max(axis=0)
+    moved = sd > ROUNDING * np.abs(flat).max(axis=0)
     return int(np.linalg.matrix_rank(away[:, moved] / sd[moved], tol=_FLAT * np.sqrt(len(flat)))) if moved.any() else 0
 
 

@@ -270,6 +270,7 @@ def output_error_table(results: Results) -> Table | None:
     columns = "Parameter:text|Estimate:num|Raw s.e.:num|Corrected s.e.:num|Unit:text"
     caption = (
         "Classical output error. Raw: Cramer-Rao bound for white residuals. Corrected: for colored (autocorrelated) "
-        "residuals. In the form of table 7.1-2 of NASA/TM-2019-220410; priors included."
+        "residuals; none where the flight is so unstable that they are below the rounding of the estimate. In the form "
+        "of table 7.1-2 of NASA/TM-2019-220410; priors included."
     )
     return table_of(columns, rows, caption, style="narrow")
