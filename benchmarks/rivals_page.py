@@ -33,7 +33,8 @@ WORDS = {
     "descent-calm": "The same in still air, with white noise: the model that the others' likelihood assumes is true.",
     "swing-gusts": "The planar dumbbell, five coefficients sought. Gusts and an error of the recorded wind that nobody "
     "knows of, and sensors whose noise remembers. Another capsule in another wind is predicted from its true start.",
-    "swing-calm": "The same in still air, with white noise.",
+    "swing-calm": "The same in still air, with white noise. The posterior of so quiet a record is a curved valley: "
+    "bayeschute answers under stronger noise than the record shows; its intervals and bands are wider than need be.",
     "swing-wide": "As in gusts, but priors several times as wide, centred 10 to 50 % off.",
     "cluster": "The drop of the default study, two canopies in three dimensions. The others see it as a planar "
     "dumbbell in the plane of its first swing, the most that a user would write; bayeschute runs its study. The "
