@@ -102,6 +102,25 @@ def test_accelerated_steps_come_to_rest_where_plain_ones_do(drop, shot, monkeypa
     assert found.marginal == pytest.approx(plain.marginal, abs=0.05)
 
 
+def test_steps_that_lead_nowhere_end_the_search_where_it_is(drop, shot, monkeypatch):
+    """The linear problem of a flight that diverges has no digits left, at once or after some steps."""
+    theta, usual = shot.theta + 1.5 * np.sqrt(np.diag(shot.covariance)), Level.relaxed
+    for turn in (1, 2, 3):
+        asked = []
+
+        def relaxed(level, here, turn=turn, asked=asked):
+            asked.append(here)
+            made = usual(level, here)
+            lost = jax.tree.map(lambda a: np.full(np.shape(a), np.nan), made.ends)
+            return made._replace(ends=lost, gain=10.0) if len(asked) == turn else made
+
+        monkeypatch.setattr(Level, "relaxed", relaxed)
+        rough = descend([drop.flight], drop.hyper, drop.priors, shot.theta, near=Near(1e4, np.inf, 0.5))
+        asked.clear()
+        found = conditional_optimum([drop.flight], drop.hyper, drop.priors, theta, rough.flights)
+        assert len(asked) >= turn and np.isfinite(found.cost)
+
+
 def test_at_rest_a_drop_obeys(drop, shot):
     """Start, process noise and path from the record's path, parameters held at the optimum of single shooting."""
     rough = descend([drop.flight], drop.hyper, drop.priors, shot.theta, near=Near(1e4, np.inf, 0.5))

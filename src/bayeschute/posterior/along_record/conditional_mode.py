@@ -140,7 +140,8 @@ def resting(level: Level, here: Point, near: float = _RESTING, most: int = _MOST
         if relaxed.gain < near or not left:
             break
         tried = [*tried[-_ANDERSON:], (here.flights, relaxed.ends)]
-        there = stepped_and_closed(level, here, _accelerated(tried), held, 1.0) if len(tried) > 1 else here
+        several = len(tried) > 1 and _finite(relaxed.ends)
+        there = stepped_and_closed(level, here, _accelerated(tried), held, 1.0) if several else here
         if not there.merit < here.merit:
             tried = tried[-1:]
             found = lowered(level, here, relaxed.ends, held)
@@ -165,6 +166,11 @@ def _accelerated(tried: Sequence[tuple[Sequence[Lifted], Sequence[Lifted]]]) -> 
         shares = np.append(weights, 1.0) - np.append(0.0, weights)
         made.append(jax.tree.map(lambda *ends, c=shares: np.tensordot(c, np.stack(ends), axes=1), *ends))
     return made
+
+
+def _finite(ends: Sequence[Lifted]) -> bool:
+    """Whether steps lead anywhere: where a flight diverges beyond all digits they don't."""
+    return all(np.isfinite(part).all() for part in jax.tree.leaves(ends))
 
 
 def _consistent(flight: FlightData, hyper: NoiseParameters, at: Lifted) -> bool:
