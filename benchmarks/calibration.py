@@ -36,6 +36,7 @@ MANY = 120
 CAMPAIGNS = (  # noise model, disturbance, replicates
     ("latent", "none", MANY),
     ("ar1", "none", FEW),
+    ("ar1+white", "none", FEW),
     ("sandwich", "none", FEW),
     ("white", "none", FEW),
     ("latent", "strong-gusts", FEW),
