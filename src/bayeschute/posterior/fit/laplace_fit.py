@@ -175,7 +175,7 @@ def _louder(hyper: NoiseParameters, prior: NoisePrior) -> list[Candidate]:
 
     Where noise and gusts are weak the data may confine parameters that are hardly told apart to a curved valley,
     beyond the reach of any expansion about one place. Under stronger noise the posterior is wider and rounder: as a
-    likelihood to a small power does, it leaves more of the say to the priors, and never claims more than the data do.
+    likelihood to a small power does, it leaves more of the say to the priors.
     """
 
     def raised(one: Component, median: Component, share: float) -> Array:
