@@ -13,6 +13,7 @@ from bayeschute.compiler import compiled_model as kernel
 from bayeschute.likelihood import joint
 from bayeschute.likelihood.joint import (
     LatentPath,
+    NoiseParameters,
     Unknowns,
     as_seen,
     cost,
@@ -28,6 +29,7 @@ from bayeschute.likelihood.joint import (
     stepped,
 )
 from bayeschute.likelihood.kalman import Seen, innovations, response, smooth_driven
+from bayeschute.likelihood.noise import Noise
 from bayeschute.posterior.joint_mode import conditional
 
 
@@ -359,3 +361,21 @@ def test_a_lifted_flight_s_course_has_the_start_in_its_own_units(linear, flown):
     np.testing.assert_allclose(made.start[:, 1], 2.0 * made.start[:, 0])
     np.testing.assert_array_equal(made.path, wide.path)
     np.testing.assert_array_equal(made.error, wide.error)
+
+
+def test_standard_deviations_change_and_nothing_else_does():
+    """A drift has a time constant, an oscillator a frequency and a damping ratio besides."""
+    one, other = (
+        NoiseParameters(
+            Noise(f * np.array([0.1, 0.2]), f * np.array([0.3, 0.4]), np.array([2.0, 5.0])),
+            (f * np.array([0.5, 12.0]), np.array([f * 0.02, 0.2, 0.1])),
+        )
+        for f in (1.0, 3.0)
+    )
+    made = one.with_deviations(lambda sd, more: sd + 2.0 * more, other)
+    np.testing.assert_allclose(made.noise.white, [0.7, 1.4])
+    np.testing.assert_allclose(made.noise.correlated, [2.1, 2.8])
+    np.testing.assert_array_equal(made.noise.time_constant, one.noise.time_constant)
+    np.testing.assert_allclose(made.disturbance_parameters[0], [3.5, 12.0])
+    np.testing.assert_allclose(made.disturbance_parameters[1], [0.14, 0.2, 0.1])
+    np.testing.assert_allclose(one.with_deviations(lambda sd: 2.0 * sd).noise.white, [0.2, 0.4])

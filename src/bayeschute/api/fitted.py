@@ -57,7 +57,7 @@ class Fit:
 
     @property
     def notes(self) -> list[str]:
-        """Corrections that had to be left out, since they can't be trusted."""
+        """What is left out since it can't be trusted: corrections, or how weak the noise of a record is."""
         return [lost for one in self.groups for lost in one.found.lost]
 
     def __repr__(self) -> str:

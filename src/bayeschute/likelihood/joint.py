@@ -8,6 +8,7 @@ where flights are combined.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple, cast
 
@@ -103,6 +104,23 @@ class NoiseParameters:
     def dynamics(self, data: FlightData) -> processes.Dynamics:
         """State-space model of the flight's latent processes."""
         return processes.dynamics(data.latent, self.disturbance_parameters, data.dt)
+
+    def with_deviations(self, change: Callable[..., Component], *others: NoiseParameters) -> NoiseParameters:
+        """The same with other standard deviations; time constants, frequencies and damping ratios stay.
+
+        Args:
+            change: From the standard deviations here, and those of the others in the same places, to the new ones.
+            others: Noise parameters of the same form.
+        """
+        several = self, *others
+        white = change(*(np.asarray(one.noise.white) for one in several))
+        correlated = change(*(np.asarray(one.noise.correlated) for one in several))
+        groups = tuple(
+            np.concatenate([change(*(np.asarray(one, float)[:1] for one in group)), np.asarray(group[0], float)[1:]])
+            for group in zip(*(one.disturbance_parameters for one in several), strict=True)
+        )
+        noise = replace(self.noise, white=white, correlated=correlated)
+        return replace(self, noise=noise, disturbance_parameters=groups)
 
 
 class LatentPath(NamedTuple):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -122,10 +121,7 @@ def _looser(hyper: NoiseParameters, times: float) -> NoiseParameters:
     As a likelihood to a small power does, they leave more of the say to the priors and make a wrong path cheaper. A
     model without disturbances, whose noise stands for gusts, asks for ten times the noise that its instruments have.
     """
-    noise, processes = hyper.noise, (np.asarray(one, float) for one in hyper.disturbance_parameters)
-    noise = replace(noise, white=times * np.asarray(noise.white), correlated=times * np.asarray(noise.correlated))
-    stronger = tuple(np.concatenate([times * one[:1], one[1:]]) for one in processes)
-    return replace(hyper, noise=noise, disturbance_parameters=stronger)
+    return hyper.with_deviations(lambda sd: times * sd)
 
 
 class _Way(NamedTuple):

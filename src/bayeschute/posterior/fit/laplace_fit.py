@@ -11,7 +11,6 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from bayeschute.core.random import stream
-from bayeschute.core.vectors import Component
 from bayeschute.likelihood.joint import FlightData, NoiseParameters
 from bayeschute.likelihood.priors import Prior
 from bayeschute.posterior import laplace, noise_evidence
@@ -62,7 +61,7 @@ class LaplaceFit:
             of the log density over the posterior implies, Laplace's at the same points being right.
         profile: The density along the axes about the mode.
         dispersion: Whether parts of the records agree about the parameters.
-        lost: Corrections that were left out since they can't be trusted, in words.
+        lost: What the posterior leaves out since it can't be trusted, in words: corrections, or how weak the noise is.
     """
 
     optimum: Optimum
@@ -178,15 +177,8 @@ def _louder(hyper: NoiseParameters, prior: NoisePrior) -> list[Candidate]:
     likelihood to a small power does, it leaves more of the say to the priors.
     """
 
-    def raised(one: Component, median: Component, share: float) -> Array:
-        return np.asarray(one) * np.maximum(np.asarray(median) / np.asarray(one), 1.0) ** share
-
     def made(share: float) -> NoiseParameters:
-        noise, usual = hyper.noise, prior.median.noise
-        pairs = zip(hyper.disturbance_parameters, prior.median.disturbance_parameters, strict=True)
-        groups = tuple(np.append(raised(one[:1], median[:1], share), one[1:]) for one, median in pairs)
-        white, correlated = (raised(getattr(noise, n), getattr(usual, n), share) for n in ("white", "correlated"))
-        return replace(hyper, noise=replace(noise, white=white, correlated=correlated), disturbance_parameters=groups)
+        return hyper.with_deviations(lambda sd, median: sd * np.maximum(median / sd, 1.0) ** share, prior.median)
 
     whole = noise_evidence.to_vector(made(1.0)) - noise_evidence.to_vector(hyper)
     if np.max(whole) < np.log(_QUIET):
@@ -195,7 +187,7 @@ def _louder(hyper: NoiseParameters, prior: NoisePrior) -> list[Candidate]:
         Candidate(
             f"standard deviations of the noise {share:.0%} of the way to the medians of their priors",
             made(share),
-            (f"how quiet the record is: {_QUIET_WORDS.format(share)}",),
+            (f"how weak the noise of the record is: {_QUIET_WORDS.format(share)}",),
         )
         for share in _LOUDER
     ]
