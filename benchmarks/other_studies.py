@@ -11,6 +11,7 @@ says. Only what depends on the vehicle is put in its place, by one rule for all,
 | prior of the risers | medians nominal, log sd as in the default; length nominal, sd 0.6 % of it or 0.2 m, the larger |
 | prior of the canopies' pitching moment | mean 0, sd 0.3 of C_m_alpha and C_mq |
 | prior of the capsule's pitching moment | means as in the vehicle; sd 0.1 of C_m_alpha, 1 of C_mq |
+| prior of the capsule's force | C_A and the normal force slope as in the vehicle, sd 0.3 each |
 | prior of constant errors | sd 0.5 m of canopy positions, 0.5 deg of the attitude |
 | prior of the canopies' apparent mass | median: air of the enclosed volume of the meta file; log sd 0.5 |
 | noise of channels | white part: scatter of the record's own samples; correlated: as many times that as by default |
@@ -46,7 +47,8 @@ MOMENT = 0.3  # sd of a canopy's C_m_alpha and C_mq
 AIR_LOG_SD = 0.5  # of a canopy's apparent mass, which no meta file gives, over that of its enclosed air
 SCALE = 0.01  # sd of the scale of canopy positions, which are from video
 CAPSULE = {"pitch_moment_slope": 0.1, "pitch_damping": 1.0}  # sd
-DRAG, INERTIA = 0.3, 0.02  # of C_A about the estimate, and of moments of inertia over those that are told: sd
+DRAG = 0.3  # sd of C_A and of the slope of the normal force about the estimate
+INERTIA = 0.02  # sd of moments of inertia over those that are told
 LONGEST = 1.5  # times the default's time constant: of slow vertical air
 BIASES = {  # constant errors of a record, as `bayeschute init` states them
     "canopy_position_bias": {"sd": "0.5 m"},
@@ -176,7 +178,9 @@ def _given(default: Mapping[str, Any], meta: Mapping[str, Any]) -> dict[str, Any
     made |= {"canopy_position_scale": {"mean": 1.0, "sd": SCALE}} | BIASES
     usual = default_vehicle()["capsule"]
     made |= {f"capsule_{of}": {"mean": usual[of], "sd": sd} for of, sd in CAPSULE.items()}
-    made |= {"capsule_axial_force": {"mean": -meta["capsule_CD_estimate"], "sd": DRAG}}
+    drag = meta["capsule_CD_estimate"]
+    made |= {"capsule_axial_force": {"mean": -drag, "sd": DRAG}}
+    made |= {"capsule_normal_force_slope": {"mean": drag, "sd": DRAG}}
     made |= {f"capsule_inertia_factor_{axis}": {"mean": 1.0, "sd": INERTIA} for axis in "yz"}
     return made | {"riser_length": {"mean": _si(length, "m"), "sd": _si(sd, "m")}}
 
