@@ -71,6 +71,14 @@ def test_a_sound_flight_is_seldom_flagged_and_a_spoiled_one_is_named():
     assert "on a" in off["detail"] and "of 72 predictive statistics" in off["detail"]
 
 
+def test_a_record_that_only_priors_contradict_is_not_called_one_that_the_model_can_not_make():
+    off = [prior_check("a", "standard deviation of gusts", -6.0), prior_check("a", "C_A", 0.5)]
+    told = "the record is not what the priors say: distance from the prior of standard deviation of gusts -6 "
+    assert verdict(off)["detail"].startswith(told)
+    both = [*off, *series_checks("a", "x", SPOILED["mean"](np.random.default_rng(8).standard_normal(900)), DT, {})]
+    assert verdict(both)["detail"].startswith("the record is not one that the model makes: ")
+
+
 def test_gaps_are_left_out_and_short_series_not_tested():
     z = np.random.default_rng(6).standard_normal(900)
     z[::3] = np.nan

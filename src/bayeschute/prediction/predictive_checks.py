@@ -26,6 +26,8 @@ SHOWN = 4
 """Statistics named in a sentence."""
 ESTIMATED = "estimated error"
 """Statistic of an error that a fit is tested for."""
+FROM_PRIOR = "distance from the prior"
+"""Statistic of an estimate that a prior was stated for."""
 OCTAVE = np.sqrt(2.0)
 """Half an octave to both sides of a frequency is its band."""
 
@@ -157,7 +159,7 @@ def draws_checks(flight: str, what: str, draws: Array, dt: float, frequencies: M
 
 def prior_check(flight: str, what: str, z: float) -> Check:
     """Prior-data conflict: distance of an estimate from its prior [its standard deviations before the data]."""
-    return Check(flight, what, "distance from the prior", float(z), 0.0, _two_sided(z))
+    return Check(flight, what, FROM_PRIOR, float(z), 0.0, _two_sided(z))
 
 
 def mean_check(flight: str, what: str, mean: float, spread: float) -> Check:
@@ -188,7 +190,9 @@ def verdict(checks: Sequence[Check], bound: float = BOUND) -> dict[str, Any]:
     if off:
         named = "; ".join(f"{one.words} on {one.flight}" for one in off[:SHOWN])
         more = f"; and {len(off) - SHOWN} more" if len(off) > SHOWN else ""
-        detail = f"the record is not one that the model makes: {named}{more} ({len(off)} of {counts})"
+        of_priors = all(one.statistic == FROM_PRIOR for one in off)
+        fault = "is not what the priors say" if of_priors else "is not one that the model makes"
+        detail = f"the record {fault}: {named}{more} ({len(off)} of {counts})"
     else:
         detail = f"smallest p-value of {counts}, corrected for their number (Bonferroni)"
     return {"passed": not off, "value": value, "bound": bound, "detail": detail}
