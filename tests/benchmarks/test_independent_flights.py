@@ -41,7 +41,7 @@ def test_a_calm_descent_comes_to_its_terminal_speed():
     one = replace(one, inertia=(0.11, 0.15, 0.14, 0.0, 0.0, 0.0), start=400.0, wake=(0.0, 0.4, 0.5))
     one = replace(one, normal=table((0.0, 0.5, 1.6), (0.0, 0.3, 0.6)))  # restores: else it would glide
     flights = Flights(as_drawn(one), calm_air(one), one.mass, 1, np.random.default_rng(1))
-    history = flights.fly(flights.start(0.0, 0.0), 25.0)
+    history = flights.fly(flights.start(0.0, 0.0), 14.0)
     x = history.states[-1, 0]
     areas = 0.8 * one.area[0] + one.capsule[0] * one.capsule[1]
     fall = np.sqrt(2.0 * GRAVITY * (one.mass + one.area[3]) / (density(-x[2]) * areas))
@@ -84,7 +84,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("set")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "SETTLING", 5.0)
-        make_set(folder, replace(TWO_MAINS, start=TWO_MAINS.ground + 220.0), 5, replicates=2)
+        make_set(folder, replace(TWO_MAINS, start=TWO_MAINS.ground + 120.0), 5, replicates=2)
     return folder
 
 
@@ -106,14 +106,15 @@ def test_a_set_is_read_as_set_p_is(made: Path):
 
 def test_replicates_begin_alike_and_part(made: Path):
     first, second = (np.load(made / "truth" / f"P_2_{k:02d}.npz")["swing_angle_deg"] for k in (0, 1))
-    assert first[0] == second[0] and abs(first[100] - second[100]) > 1e-3
+    assert first[0] == second[0] and abs(first[60] - second[60]) > 1e-3
 
 
 def test_a_seed_makes_one_set(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(module, "SETTLING", 1.0)
-    short = replace(SMALL, start=SMALL.ground + 45.0)
+    short = replace(SMALL, start=SMALL.ground + 35.0)
     for name, seed in (("a", 1), ("b", 1), ("c", 2)):
         make_set(tmp_path / name, short, seed, replicates=1)
     a, b, c = (read_flight(tmp_path / name, "P_1") for name in "abc")
     np.testing.assert_array_equal(a.position, b.position)
+    assert min(len(a.position), len(c.position)) >= 50
     assert not np.array_equal(a.position[:50], c.position[:50])
