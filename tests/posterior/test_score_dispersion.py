@@ -59,7 +59,7 @@ def test_the_factor_is_the_mean_over_the_posterior_of_the_share_of_information_t
 @pytest.mark.parametrize(("ratio", "factor"), [(0.1, 1.0), (0.9, 1.0), (1.0, 1.0), (1.5, 1.5), (4.0, 4.0)])
 def test_many_records_of_many_parameters_tell_the_ratio_itself(ratio, factor):
     """And where scores scatter less than they can, nothing overflows."""
-    records, size = 40, 30
+    records, size = 10, 30
     informations = np.repeat(np.eye(size)[None] / (PARTS * records), PARTS * records, axis=0)
     scores = np.random.default_rng(0).standard_normal((PARTS * records, size))
     whole = scores - scores.mean(axis=0)
