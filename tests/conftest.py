@@ -128,6 +128,6 @@ def finished(descents: Descents, tmp_path_factory: pytest.TempPathFactory) -> Fi
 
 @pytest.fixture(autouse=True, scope="module")
 def _room_for_compiled_functions() -> Iterator[None]:
-    """The whole suite in one process would need more memory maps than Linux allows, and gigabytes."""
+    """The suite in one process would need more memory maps than Linux allows; a run may keep more of them than a test."""
     yield
     clear_compiled(15_000)

@@ -35,8 +35,9 @@ def predictive_table(results: Results) -> Table | None:
         rows.append(cells(*texts, number(one["expected"], 3), Cell(f"{float(one['p']):.1g}", kind)))
     caption = (
         f"Smallest of {len(checks)} p-values. With a p-value below {limit:.1g} "
-        "(Bonferroni) the record is not one that the model makes. Innovations: standardised one-step prediction "
-        "errors. Disturbances: draws of the standardised process noise, given the record."
+        "(Bonferroni) the record contradicts the model, or its prior where the statistic is a distance from one. "
+        "Innovations: standardised one-step prediction errors. Disturbances: draws of the standardised process noise, "
+        "given the record."
     )
     columns = "Flight:text|Of:text|Statistic:text|Value:num|Expected:num|p-value:num"
     return table_of(columns, rows, caption, style="dense")
