@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from bayeschute.core.errors import InputError
-from bayeschute.prediction.marginal_fits import FAMILIES, NO_EVIDENCE, distribution, fit_marginal
+from bayeschute.prediction.marginal_fits import FAMILIES, NO_EVIDENCE, Marginal, distribution, fit_marginal
 
 RNG = np.random.default_rng(7)
 
@@ -28,6 +28,12 @@ def test_each_family_is_found_again():
     heavy = fit_marginal(5.0 + 0.1 * RNG.standard_t(3.0, 4000))
     assert heavy.family == "student-t"
     assert (heavy.location, heavy.scale, heavy.degrees_of_freedom) == pytest.approx((5.0, 0.1, 3.0), rel=0.15)
+
+
+def test_a_truncated_normal_is_zero_outside_its_limits():
+    made = distribution(Marginal("truncated normal", 1.0, 2.0, 0.5, 4.0))
+    assert made.support() == pytest.approx((0.5, 4.0))
+    assert made.pdf(2.0) / made.pdf(1.0) == pytest.approx(math.exp(-0.125))
 
 
 def test_far_truncation_is_a_normal():

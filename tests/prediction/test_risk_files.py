@@ -30,6 +30,7 @@ def final():
 
 
 def test_draws_come_back_with_units(tmp_path, draws):
+    tmp_path = tmp_path / "made" / "where missing"
     table = risk_files.write_draws(draws, tmp_path, UNITS)
     back = pd.read_parquet(tmp_path / "draws.parquet")
     pd.testing.assert_frame_equal(back, table)

@@ -93,6 +93,19 @@ def test_a_stuck_sensor_is_found():
     assert np.isnan(out["altitude"].values[201:239]).all()
 
 
+@pytest.mark.parametrize(("repeated", "stuck"), [(0.04, True), (0.08, False)])
+def test_a_rough_channel_is_stuck_only_where_it_seldom_repeats_a_value(repeated, stuck):
+    """A tension in coarse steps stays at one for a while without a fault."""
+    rng = np.random.default_rng(2)
+    tension = 1e4 + rng.standard_normal((T.size, 1))
+    again = np.flatnonzero(rng.random(T.size - 1) < repeated - 12 / T.size) + 1
+    tension[again] = tension[again - 1]
+    tension[200:212] = tension[200]
+    assert np.mean(np.diff(tension[:, 0]) == 0.0) == pytest.approx(repeated, abs=0.008)
+    found = kinds(clean(make_record(time=T, riser_tension=tension), 10), "stuck")
+    assert bool(found) == stuck
+
+
 def test_a_slow_quantised_channel_is_not_stuck():
     temperature = np.round(280 + 0.05 * T, 1)
     assert repairs(clean(make_record(time=T, temperature=temperature), 10)) == ()

@@ -43,6 +43,11 @@ def test_a_plain_descent_is_left_whole():
     assert descent_window(jumped).words == ""
 
 
+def test_a_descent_of_twelve_seconds_is_no_window():
+    assert descent_window(_flown([(0, 6.0), (138, -6.0)])).words == ""
+    assert descent_window(_flown([(0, 6.0), (130, -6.0)])).start == pytest.approx(130.0, abs=1.0)
+
+
 def test_the_start_is_left_to_a_study_that_skips_some():
     found = descent_window(_flown([(0, 40.0), (10, -6.0), (110, 0.0)]), begins=False)
     assert found.start == 0.0 and 106.0 < found.end < 111.0

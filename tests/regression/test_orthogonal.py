@@ -214,6 +214,10 @@ def test_copies_zeros_and_combinations_are_dropped_and_listed():
     assert len(s.order) == 3 and s.exhausted
     assert {name for name, _ in s.dropped} | set(s.terms) == set("1abz3cs")
     assert ("z", 0) in s.dropped and s.order.count(0) + s.order.count(4) == 1
+    after = dict(s.dropped)
+    for copies in ((0, 4), (1, 6)):  # a copy is dropped by the step that takes the other
+        taken, gone = sorted(copies, key=lambda j: j not in s.order)
+        assert after["1abz3cs"[gone]] == s.order.index(taken) + 1
 
 
 def test_more_candidates_than_rows():

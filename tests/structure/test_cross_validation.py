@@ -35,6 +35,13 @@ def test_another_law_is_seen():
     np.testing.assert_allclose(test.residual, z - X @ f.estimate)
 
 
+def test_what_data_are_more_than_foretold_is_a_positive_bias():
+    rng = np.random.default_rng(5)
+    f = fit(*record(rng))
+    X, z = record(rng)
+    assert predict_record(f, X, z + 0.3).bias == pytest.approx(0.3, abs=0.02)
+
+
 def test_extrapolation_is_told():
     rng = np.random.default_rng(2)
     f = fit(*record(rng))

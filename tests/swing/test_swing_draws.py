@@ -3,8 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from tests.twins import damped_swing as twin
 
+from bayeschute.swing import swing_draws
 from bayeschute.swing.swing_draws import importance, optimum
 from bayeschute.swing.swing_posterior import SwingProblem, solve
 
@@ -26,6 +28,13 @@ def test_nothing_beside_the_optimum_is_more_likely():
         + np.random.default_rng(0).standard_normal((300, 6)) * problem.step * np.logspace(-1.5, 1.0, 300)[:, None]
     )
     assert solve(problem, beside).log_density.max() < best + 0.01
+
+
+def test_the_search_starts_near_the_frequency_of_the_swing():
+    """Which lies aside of the middle of the grid."""
+    swing = twin.Swing(frequency=0.95)
+    problem = posed(twin.make(swing, np.random.default_rng(5)), swing)
+    assert np.exp(swing_draws._start(problem)[0]) / (2.0 * np.pi) == pytest.approx(0.95, abs=0.01)
 
 
 def test_without_forcing_it_stays_out():

@@ -14,7 +14,7 @@ from bayeschute.likelihood.disturbances import Latent
 from bayeschute.likelihood.joint import NoiseParameters
 from bayeschute.likelihood.noise import Noise
 from bayeschute.likelihood.priors import Prior
-from bayeschute.posterior.assess.alternatives import Alternative, scores
+from bayeschute.posterior.assess.alternatives import Alternative, Score, scores
 from bayeschute.posterior.joint_mode import fit
 from bayeschute.posterior.marginal import marginalise
 
@@ -62,6 +62,11 @@ def test_an_error_that_was_made_is_found_and_its_p_value_says_so(linear):
     best = fit([wrong], linear.hyper, linear.priors, np.zeros(2), tolerance=1e-8)
     (found,) = scores(marginalise([wrong], linear.hyper, linear.priors, best), 0, [shifted(wrong)])
     assert abs(found.estimate - 3.0) < 4.0 * found.se and found.p < 1e-4
+
+
+@pytest.mark.parametrize(("z", "p"), [(0.0, 1.0), (1.959964, 0.05), (-2.575829, 0.01)])
+def test_the_p_value_is_of_both_sides(z, p):
+    assert Score("an error", "m", 3.0 * z, 3.0, 0.0).p == pytest.approx(p, rel=1e-5)
 
 
 def test_what_changes_nothing_or_can_not_be_flown_is_left_out(linear, straight):

@@ -33,6 +33,18 @@ def test_terms_of_two_canopies_need_a_second_one(tmp_path):
     assert not any("canopy alone" in fault for fault in faults(tmp_path))
 
 
+def test_a_second_canopy_of_a_flight_that_is_only_predicted_is_no_use_to_a_fit(tmp_path):
+    two = (MODELS / "vehicles" / "cpas-two-mains.toml").read_text(encoding="utf-8")
+    (tmp_path / "two.toml").write_text(two, encoding="utf-8")
+    found = faults(tmp_path, 1, ('roles = ["predict"]', 'roles = ["predict"]\nvehicle = "two.toml"'))
+    assert sum("a term of a canopy alone" in fault for fault in found) == 4
+    (tmp_path / "one").mkdir()
+    one = two.replace("number = 2", "number = 1", 1)
+    (tmp_path / "one" / "one.toml").write_text(one, encoding="utf-8")
+    found = faults(tmp_path / "one", 2, ('roles = ["predict"]', 'roles = ["predict"]\nvehicle = "one.toml"'))
+    assert not any("a term of a canopy alone" in fault for fault in found)
+
+
 @pytest.mark.parametrize("fit", ["pool", "selected", "search"])
 def test_a_search_has_one_set_of_terms_for_all_canopies(tmp_path, fit):
     found = faults(

@@ -24,6 +24,8 @@ def test_a_drop_in_si_with_what_is_not_said_left_out():
     made = VirtualFlight.model_validate(DROP)
     assert made.swing == pytest.approx(0.174533, rel=1e-5) and made.shape == () and made.turbulence is None
     assert made.breathing is None and made.canopy_sd is None and made.sensors == SensorsTable()
+    rough = SensorsTable.model_validate({"wind": {"correlated": "1 m/s", "time_constant": "20 s"}}).wind
+    assert (rough.white, rough.correlated, rough.time_constant) == (0.0, 1.0, 20.0)
 
 
 @pytest.mark.parametrize(("duration", "rate"), [("5 s", "10 Hz"), ("50 s", "1 Hz"), ("10000 s", "100 Hz")])
