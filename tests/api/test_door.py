@@ -240,6 +240,7 @@ def test_a_run_its_files_and_its_python_say_the_same_of_a_requirement(finished, 
     run = bc.Run(finished.folder, bc.Study.load(descents.study))
     told = run.forecasts[row["run"]].probability(row["quantity"], statistic=row["statistic"], at_most=row["at_most"])
     assert (told.met, told.low, told.high) == (row["probability_met"], row["simulation_low"], row["simulation_high"])
+    assert row["widened_by"] == 1.0
 
 
 @pytest.mark.parametrize(

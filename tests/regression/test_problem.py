@@ -106,3 +106,12 @@ def test_positive_numbers():
     for bad in (0.0, -1.0, np.nan, np.inf):
         with pytest.raises(InputError, match="a finite number above 0"):
             positive("dt", bad)
+
+
+@pytest.mark.parametrize("rows", [999, 1001, 3001])
+def test_rounding_of_a_mean_is_no_variance_however_large_the_values(rows):
+    same = np.full(rows, 1e8 + 0.1)
+    labels = np.zeros(rows, int)
+    assert np.mean((same - np.bincount(labels, weights=same) / rows) ** 2) > 0.0
+    assert group_variance(same, labels) == 0.0
+    assert group_variance(1e-12 * same, labels) == 0.0

@@ -33,3 +33,14 @@ def test_only_walkers_that_do_not_fly_are_put_nearer_and_values_stay_with_their_
 def test_walkers_that_fly_nowhere_are_left_after_ten_halvings():
     state, counted = begun(-1.0, walkers=3)
     assert np.isneginf(state.log_prob).all() and counted.evaluations == 3 * 11
+
+
+def test_four_walkers_for_each_parameter_where_nobody_says_how_many():
+    sizes = []
+
+    def density(x):
+        sizes.append(x.shape[1])
+        return -0.5 * np.sum(x**2, axis=0)
+
+    made = ensemble.sample(density, 3, 1, 20, 0, most_steps=400)
+    assert sizes[0] == 12 and made.xi.shape == (1, 20, 3)

@@ -119,6 +119,8 @@ def _statistics_are_of_the_widened_draws(plain_folder, folder, summary, factors)
         for name, factor in factors.items():
             spread = was[name] - was[name].median()
             np.testing.assert_allclose(now[name] - now[name].median(), factor * spread, atol=1e-9)
+    as_found = json.loads((plain_folder / "risk/requirements.json").read_text(encoding="utf-8"))
+    assert {row["widened_by"] for row in as_found} == {1.0}
     table = pd.read_csv(folder / "risk/exceedance.csv")
     for name, part in table.groupby("quantity"):
         assert set(part.widened_by) == {factors.get(name, 1.0)}
