@@ -7,7 +7,7 @@
 ``--made-at`` is the commit whose code made the earlier runs. The result is kept in ``models/reference/numerics``, named
 after both hashes. Of a configuration of which three studies or more are the same by
 `study.evidence.numerics_compared`, results that the earlier numerics have stored count for the present ones. Where the
-runs are of three configurations or more and the same to the last bit (code that was only written differently; small
+runs are of three configurations or more and the same but for rounding (code that was only written differently; small
 runs with ``--quick`` will do), all do.
 """
 

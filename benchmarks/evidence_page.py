@@ -37,8 +37,8 @@ is fitted, the others are predicted from that fit. Sets and parts that are not l
 - *converged*: whether the fit found its optimum; *checks missed*: of the run, which then has no level of trust.
 - *processor*: seconds of the command and its children; *terms*: aerodynamic terms that were fitted.
 - *made by*: commit, whose rules wrote the study and whose checks judged it (`+`: with uncommitted changes), and date
-  (UTC); *numerics*: whether the code that computes is the present one by its hash, or gives the same numbers to the
-  last bit in the runs of `models/reference/numerics`.
+  (UTC); *numerics*: whether the code that computes is the present one by its hash, or gives the same numbers but
+  for rounding in the runs of `models/reference/numerics`.
 """
 _FORETOLD = """\
 ## Predicted flights

@@ -109,7 +109,7 @@ def store(letter: str, folder: Path, stored: Path, commit: str | None = None) ->
 
 
 def present(made: Mapping[str, Any]) -> bool:
-    """Whether the code that made a result computes as the present code does to the last bit, on the engine that it had.
+    """Whether the code that made a result computes as the present code does but for rounding, on the engine it had.
 
     Args:
         made: Provenance of the result.

@@ -63,6 +63,11 @@ def _case(name, request):
     return made, flights, linear, like
 
 
+def _all(before):
+    """Numbers of all parameters, of which a flight tells."""
+    return np.arange(len(before))
+
+
 @pytest.mark.usefixtures("passes_by")
 @pytest.mark.parametrize("name", ["linear", "descent"])
 def test_gradient_is_that_of_the_differentiated_filter(name, request):
@@ -73,7 +78,9 @@ def test_gradient_is_that_of_the_differentiated_filter(name, request):
     before = jnp.asarray(precision(made.priors))
     value, gradient = _by_ad(at, like, flights, linear, before, True)
     seen = tuple(as_seen(lin) for lin in linear)
-    ours = kalman_gradient.evidence_score(at, like, LOG_SD, flights, linear, seen, before)
+    ours = kalman_gradient.evidence_score(
+        at, like, LOG_SD, flights, linear, seen, (_all(before),) * len(flights), before
+    )
     assert float(ours[0]) == pytest.approx(float(value), rel=1e-11)
     np.testing.assert_allclose(ours[1], gradient, rtol=1e-8, atol=1e-8 * np.abs(gradient).max())
     assert (np.abs(gradient) > 1e-4).all()
@@ -103,7 +110,9 @@ def test_noise_without_processes_of_its_own_has_a_gradient(descent):
     hyper = NoiseParameters(Noise(*(jnp.asarray(a) for a in descent.hyper.noise.__dict__.values())), ())
     lin = linearise(flight, descent.theta, latent_path_of(flight, hyper, flight.still()))
     at, before = jnp.asarray(kalman_gradient.to_vector(hyper)) + 0.1, jnp.asarray(precision(descent.priors))
-    ours = kalman_gradient.evidence_score(at, hyper, LOG_SD, (flight,), (lin,), (as_seen(lin),), before)
+    ours = kalman_gradient.evidence_score(
+        at, hyper, LOG_SD, (flight,), (lin,), (as_seen(lin),), (_all(before),), before
+    )
     value, gradient = _by_ad(at, hyper, (flight,), (lin,), before, True)
     assert float(ours[0]) == pytest.approx(float(value), rel=1e-11)
     np.testing.assert_allclose(ours[1], gradient, rtol=1e-8, atol=1e-8)
@@ -119,6 +128,8 @@ def test_gradient_of_a_flight_that_diverges_without_its_data(linear, request, gr
     before = jnp.asarray(precision(made.priors))
     at = jnp.asarray(kalman_gradient.to_vector(made.hyper)) + 0.2
     value, gradient = _by_ad(at, like, (flight,), (grown,), before, True)
-    ours = kalman_gradient.evidence_score(at, like, LOG_SD, (flight,), (grown,), (as_seen(grown),), before)
+    ours = kalman_gradient.evidence_score(
+        at, like, LOG_SD, (flight,), (grown,), (as_seen(grown),), (_all(before),), before
+    )
     assert float(ours[0]) == pytest.approx(float(value), rel=1e-9)
     np.testing.assert_allclose(ours[1], gradient, rtol=1e-6, atol=1e-6 * np.abs(gradient).max())

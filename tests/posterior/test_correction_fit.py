@@ -77,7 +77,8 @@ def bent(straight, monkeypatch):
         def compared(marginal, points, progress=None):
             own = 0.5 * np.sum(points**2, axis=1) + np.asarray(marginal.correction.at(points.T))
             broken = np.where(in_range(points), own, 1e4)
-            return Compared(broken, 0.5 * np.sum(points**2, axis=1) + right(points), in_range(points))
+            exact = 0.5 * np.sum(points**2, axis=1) + right(points)
+            return Compared(broken, exact, in_range(points), (exact - broken)[None])
 
         monkeypatch.setattr(laplace, "compared", compared)
         return straight
@@ -114,6 +115,13 @@ def test_what_an_error_implies_is_the_difference_of_two_densities():
     off = own + 0.5 * xi[:, 0]
     assert implied(xi, off, off + 0.3 * xi[:, 1]) == pytest.approx(0.3, abs=0.02)
     assert np.isfinite(implied(xi, own, own + 40.0 * np.sin(9.0 * xi[:, 0])))
+
+
+def test_where_the_right_density_holds_one_point_only_nothing_can_be_told():
+    xi = np.random.default_rng(3).standard_normal((50, 2))
+    own = 0.5 * np.sum(xi**2, axis=1)
+    alone = np.where(np.arange(50) == 7, own, own + 1e4)
+    assert implied(xi, own, alone) == implied(xi, alone, alone) == np.inf
 
 
 def test_a_hole_where_there_is_next_to_nothing_changes_next_to_nothing():

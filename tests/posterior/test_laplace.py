@@ -62,6 +62,11 @@ def _plain(marginal):
     return replace(marginal, determinant=none, bend=none, along=tuple(along))
 
 
+def _minus_log_density(marginal, xi):
+    made = at(marginal, xi)
+    return made.square + made.determinant
+
+
 def test_it_is_the_dense_marginal_density_where_all_is_linear(linear, straight):
     """And its flights are the dense conditional means."""
     flight, hyper, priors = linear.flight, linear.hyper, linear.priors
@@ -115,7 +120,7 @@ def test_corrected_agrees_to_second_order(which, request):
     made = request.getfixturevalue(which)
     h = 0.25
     made, _ = corrected(made[-1] if which == "gusty" else made, step=h)
-    exact = {x: -sum(at(made, np.array([x]))[:2]) for x in (-h, 0.0, h)}
+    exact = {x: -_minus_log_density(made, np.array([x])) for x in (-h, 0.0, h)}
     off = []
     for one in (made, _plain(made)):
         ours = np.asarray(log_density(one, np.array([[-h, 0.0, h]])))
@@ -198,12 +203,13 @@ def test_an_expansion_by_axes_is_the_whole_one_but_for_what_corners_tell(straigh
     """The squares get a product of both axes, and a bend along one, that the linear models don't have."""
 
     def bent(usual):
-        def made(*given):
-            found, xi = usual(*given), given[-1]
-            return found._replace(square=found.square + 0.3 * xi[0] * xi[1] + 0.1 * xi[1] ** 2)
+        def made(*given, **rest):
+            found, xi = usual(*given, **rest), given[1 if usual is plain else 4]
+            return found._replace(squares=found.squares + 0.3 * xi[0] * xi[1] + 0.1 * xi[1] ** 2)
 
         return made
 
+    plain = laplace.at
     for name in ("at", "at_corner"):
         monkeypatch.setattr(laplace, name, bent(getattr(laplace, name)))
     by_axes, whole = laplace.expanded(straight, laplace.sides(straight)), corrected(straight)[1]
@@ -259,10 +265,10 @@ def test_only_the_axis_on_which_flights_fail_gets_a_shorter_step(straight, monke
     """The second, to one side."""
     real, asked = laplace.at, []
 
-    def some(marginal, xi):
+    def some(marginal, xi, **rest):
         asked.append(tuple(xi.tolist()))
-        made = real(marginal, xi)
-        return made._replace(determinant=np.nan) if xi[1] > 0.3 else made
+        made = real(marginal, xi, **rest)
+        return made._replace(determinants=np.nan * made.determinants) if xi[1] > 0.3 else made
 
     monkeypatch.setattr(laplace, "at", some)
     made, _ = corrected(straight)
@@ -283,15 +289,16 @@ def test_the_polynomials_have_products_of_axes(straight, monkeypatch, fails, kno
         return np.nan if failed else slope @ xi + 0.5 * xi @ curvature @ xi
 
     def bent(exact, xi):
-        return exact._replace(square=exact.square - 2.0 * value(xi), determinant=7.0 + value(xi))
+        return exact._replace(squares=exact.squares - 2.0 * value(xi), determinants=np.array([7.0 + value(xi)]))
 
-    def bent_corner(marginal, here, one, other, xi):
+    def bent_corner(marginal, here, one, other, xi, both):
         begun.append(tuple(xi.tolist()))
-        found, exact = at_corner(marginal, here, one, other, xi), real(marginal, xi)
-        assert found[:2] == pytest.approx(exact[:2], abs=1e-6)  # linear: two steps together are exact
+        found, exact = at_corner(marginal, here, one, other, xi, both), real(marginal, xi)
+        for ours, wanted in zip(found[:3], exact[:3], strict=True):
+            assert ours == pytest.approx(wanted, abs=1e-6)  # linear: two steps together are exact
         return bent(found, xi)
 
-    monkeypatch.setattr(laplace, "at", lambda marginal, xi: bent(real(marginal, xi), xi))
+    monkeypatch.setattr(laplace, "at", lambda marginal, xi, **rest: bent(real(marginal, xi, **rest), xi))
     monkeypatch.setattr(laplace, "at_corner", bent_corner)
     made, product = corrected(straight)[0], 0.3 * known
     assert begun == [(1.0, 1.0), (-1.0, -1.0)][: 1 + bool(fails)]
@@ -306,7 +313,7 @@ def test_two_steps_together_lead_to_what_is_found_there(falling):
     here, step, there = at(falling, 0.0 * half), at(falling, half), at(falling, 2.0 * half)
 
     def error(one, other):
-        found = laplace.at_corner(falling, here, one, other, 2.0 * half)
+        found = laplace.at_corner(falling, here, one, other, 2.0 * half, np.ones(2, bool))
         return abs(found.square - there.square), abs(found.determinant - there.determinant)
 
     square, determinant = error(step, step)
@@ -320,7 +327,7 @@ def test_what_the_polynomials_leave_is_told(which, request):
     made = request.getfixturevalue(which)
     made = made[-1] if which == "gusty" else made
     xi = np.random.default_rng(7).standard_normal((3, 1))
-    exact = np.array([-sum(at(made, x)[:2]) for x in (np.zeros(1), *xi)])
+    exact = np.array([-_minus_log_density(made, x) for x in (np.zeros(1), *xi)])
     found = []
     for one in (made, _plain(made)):
         ours = np.asarray(log_density(one, np.concatenate([np.zeros((1, 1)), xi]).T))
@@ -394,16 +401,17 @@ def _jump(monkeypatch, up, down):
         sign = np.sign(points.sum(axis=1))
         second = np.abs(points[:, 1]) > 0.0
         sizes = np.where(second, np.where(sign > 0, up, down), 1.1)
-        here = laplace.Laplace(0.0, 0.0, (), (), (np.ones((3, 1, 1)),))
+        here = laplace.Laplace(0.0, np.zeros(1), np.zeros(1), (), (), (np.ones((3, 1, 1)),))
         there = [
-            here._replace(square=0.4 * s, roots=(np.sqrt(v) * np.ones((3, 1, 1)),))
+            here._replace(squares=np.array([0.4 * s]), roots=(np.sqrt(v) * np.ones((3, 1, 1)),))
             for s, v in zip(sign, sizes, strict=True)
         ]
-        return [here, *there]
+        return here, there
 
     monkeypatch.setattr(laplace, "_at_all", at_all)
-    monkeypatch.setattr(laplace, "_own", lambda marginal, points: np.zeros(len(points)))
-    return SimpleNamespace(centre=np.zeros(2))
+    monkeypatch.setattr(laplace, "_own", lambda marginal, points, which: np.zeros(which.shape))
+    along = SimpleNamespace(gains=SimpleNamespace(root=np.ones((3, 1, 1))))
+    return SimpleNamespace(centre=np.zeros(2), felt=np.ones((1, 2), bool), along=(along,))
 
 
 def test_covariances_that_jump_to_one_side_are_compared_to_the_other(monkeypatch):

@@ -80,11 +80,12 @@ def broken(monkeypatch):
 
     The draws of a study (4 chains of 500) notice with twelve seeds of twelve, 2 of 300 with eleven.
     """
-    build = sampler.build
+    build, narrower = sampler.build, ("straight", "mixed", "bent")
 
     def narrow(*given):
         made, failed = build(*given)
-        return replace(made, **{part: 9.0 * getattr(made, part) for part in ("straight", "mixed", "bent")}), failed
+        flights = tuple(one._replace(**{part: 9.0 * getattr(one, part) for part in narrower}) for one in made.flights)
+        return replace(made, flights=flights, prior=9.0 * made.prior), failed
 
     monkeypatch.setattr(sampler, "build", narrow)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from scipy.stats import chi2
@@ -59,7 +61,7 @@ def test_the_factor_is_the_mean_over_the_posterior_of_the_share_of_information_t
 @pytest.mark.parametrize(("ratio", "factor"), [(0.1, 1.0), (0.9, 1.0), (1.0, 1.0), (1.5, 1.5), (4.0, 4.0)])
 def test_many_records_of_many_parameters_tell_the_ratio_itself(ratio, factor):
     """And where scores scatter less than they can, nothing overflows."""
-    records, size = 10, 30
+    records, size = 40, 30
     informations = np.repeat(np.eye(size)[None] / (PARTS * records), PARTS * records, axis=0)
     scores = np.random.default_rng(0).standard_normal((PARTS * records, size))
     whole = scores - scores.mean(axis=0)
@@ -131,6 +133,44 @@ def test_the_covariance_is_that_of_a_tempered_likelihood():
     covariance = (axes * np.exp(values)) @ axes.T
     np.testing.assert_allclose(np.linalg.inv(covariance), total / found.factor + np.eye(SIZE) - total, atol=1e-9)
     assert values.min() > 0.0 and np.exp(values.max()) < found.factor  # the prior is not widened
+
+
+def test_law_of_the_ratio_is_that_of_the_joint_covariance_of_all_scores():
+    """Written out: E_b where b = c, less E_b E_c, for every pair of parts."""
+    parts = [_posterior(np.random.default_rng(seed)) for seed in (7, 8)]
+    scores, informations = (np.concatenate([one[k] for one in parts]) for k in (0, 1))
+    axes = np.linalg.inv(np.linalg.cholesky(informations.sum(axis=0))).T
+    scores, informations = scores @ axes, axes.T @ informations @ axes
+    found, bounds = dispersion(scores, informations), {}
+    for joined in (1, 2, 4):
+        each = informations.reshape(-1, joined, SIZE, SIZE).sum(axis=1)
+        blocks = [[(b == c) * each[b] - each[b] @ each[c] for c in range(len(each))] for b in range(len(each))]
+        covariance = np.block(blocks)
+        away = scores.reshape(-1, joined, SIZE).sum(axis=1) - each @ scores.sum(axis=0)
+        freedom = np.trace(covariance) ** 2 / np.sum(covariance**2)
+        bounds[np.sum(away**2) / np.trace(covariance)] = chi2.ppf(1.0 - 0.01 / 3, freedom) / freedom
+    (ratio,) = [one for one in bounds if one == pytest.approx(found.ratio, rel=1e-9)]
+    assert found.bound == pytest.approx(bounds[ratio], rel=1e-9)
+
+
+def test_twenty_flights_with_biases_of_their_own_need_no_large_matrix():
+    """The joint covariance of 240 parts and 175 parameters would have 1.8e9 entries."""
+    flights, own, common, rng = 20, 8, 15, np.random.default_rng(0)
+    size = common + flights * own
+    scores, informations = np.zeros((PARTS * flights, size)), np.zeros((PARTS * flights, size, size))
+    for part in range(PARTS * flights):
+        told = [*range(common), *range(common + part // PARTS * own, common + (part // PARTS + 1) * own)]
+        slope = rng.standard_normal((100, len(told)))
+        scores[part, told] = rng.standard_normal(100) @ slope
+        informations[part][np.ix_(told, told)] = slope.T @ slope
+    axes = np.linalg.inv(np.linalg.cholesky(informations.sum(axis=0))).T
+    scores, informations = scores @ axes, axes.T @ informations @ axes
+    tracemalloc.start()
+    found = dispersion(scores, informations)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 10 * informations.nbytes
+    assert not found.disagree and 0.9 < found.ratio < 1.1
 
 
 def test_what_the_record_does_not_tell_is_neither_counted_nor_widened():

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from numpy.typing import NDArray
 
 from bayeschute.compiler.integrate import Steps
 from bayeschute.compiler.machine import takes
@@ -23,6 +24,8 @@ from bayeschute.core.vectors import Component
 from bayeschute.likelihood.disturbances import Dynamics
 from bayeschute.likelihood.filter_code import passes
 from bayeschute.likelihood.noise import Noise
+
+Array = NDArray[np.float64]
 
 
 class Gains(NamedTuple):
@@ -238,7 +241,16 @@ class Seen(NamedTuple):
 
     def column(self, which: int) -> Seen:
         """One of the columns, alone."""
-        return Seen(self.series[..., which, None], self.inputs[..., which, None])
+        return self.some(np.array([which]))
+
+    def some(self, columns: NDArray[np.intp]) -> Seen:
+        """Some of the columns."""
+        return Seen(self.series[..., columns], self.inputs[..., columns])
+
+    def told(self) -> NDArray[np.intp]:
+        """Numbers of the columns that are not zero all along: others are derivatives by other flights' parameters."""
+        parts = (np.asarray(self.series), np.asarray(self.inputs))
+        return np.flatnonzero(np.any([np.any(part, axis=(0, 1)) for part in parts], axis=0))
 
     def less(self, mean_correction: MeanCorrection) -> Seen:
         """The first column with the mean correction: subtracted from the data, added to the inputs of the states."""
@@ -372,9 +384,20 @@ class Smoothed(NamedTuple):
 
 
 def smooth_driven(made: Gains, seen: Seen) -> Smoothed:
-    """Filter and smoother of a flight with known inputs to its states."""
+    """Filter and smoother of a flight with known inputs to its states; columns that are zero stay so, at no cost."""
+    count = seen.series.shape[2]
+    told = seen.told() if takes(made, *seen) else np.arange(count)
+    if len(told) < count:
+        return Smoothed(*(_spread(part, told, count) for part in smooth_driven(made, seen.some(told))))
     unit, weighted, predicted = forward(made, seen.series, seen.inputs, made.output.shape[2])
     return Smoothed(unit, *backward(made, weighted, predicted))
+
+
+def _spread(part: Component, columns: NDArray[np.intp], count: int) -> Array:
+    """Columns of an array (..., K) among zeros (..., M)."""
+    made = np.zeros((*part.shape[:-1], count))
+    made[..., columns] = part
+    return made
 
 
 def response(steps: Steps, start: jax.Array, disturbance: jax.Array, theta: jax.Array) -> jax.Array:

@@ -246,12 +246,14 @@ def evidence_score(
     flights: tuple[FlightData, ...],
     linear: tuple[Linear, ...],
     seen: tuple[Seen, ...],
+    columns: tuple[NDArray[np.intp], ...],
     prior_precision: Component,
 ) -> tuple[float, Array]:
     """Minus the log evidence and the log prior, up to a constant, and its gradient.
 
     With M the matrix of the parameters, ``B B' = M^-1`` held fixed, the gradient of ``1/2 log det M`` is that of half
-    the squared innovations of the columns of derivatives times B: one more set of series in the deviance.
+    the squared innovations of the columns of derivatives times B: one more set of series in the deviance. Of a flight
+    that tells of some parameters only, B is a factor of that part of the inverse.
 
     Args:
         vector: Logarithms of the noise parameters (V,).
@@ -259,7 +261,8 @@ def evidence_score(
         log_sd: Standard deviation of the logarithms.
         flights: Records.
         linear: Their linearisations.
-        seen: From `target.as_seen`, per flight.
+        seen: From `joint.as_seen`, per flight; without derivatives by parameters that it does not tell of.
+        columns: Which parameters these are, per flight.
         prior_precision: Of the parameters (P, P).
 
     Returns:
@@ -270,24 +273,29 @@ def evidence_score(
     """
     hyper = from_vector(vector, median)
     runs = [run(flight, hyper, lin, data) for flight, lin, data in zip(flights, linear, seen, strict=True)]
-    value, mix, gradient = _collected(vector, median, log_sd, tuple(runs), prior_precision)
-    for flight, lin, done in zip(flights, linear, runs, strict=True):
+    value, spread, gradient = _collected(vector, median, log_sd, tuple(runs), columns, prior_precision)
+    for flight, lin, done, own in zip(flights, linear, runs, columns, strict=True):
+        mix = block_diag(np.eye(1), np.asarray(np.linalg.qr(spread[own].T, mode="r")).T)
         by = pull(flight.without_model(), vector, median, slope(flight, hyper, lin, done, mix))
         gradient = gradient + np.asarray(by)
     return value, gradient
 
 
 def _collected(
-    vector: Array, median: NoiseParameters, log_sd: float, runs: tuple[Pass, ...], prior_precision: Array
+    vector: Array,
+    median: NoiseParameters,
+    log_sd: float,
+    runs: tuple[Pass, ...],
+    columns: tuple[NDArray[np.intp], ...],
+    prior_precision: Array,
 ) -> tuple[float, Array, Array]:
-    """Minus the log evidence, the series whose squares are its gradient (1 + P, 1 + P), and that of the prior (V,)."""
+    """Minus the log evidence, a factor of the parameters' inverse matrix (P, P), and the prior's gradient (V,)."""
     off = (vector - to_vector(median)) / log_sd
-    value, matrix = 0.5 * off @ off, prior_precision
-    for done in runs:
+    value, matrix = 0.5 * off @ off, np.array(prior_precision)
+    for done, own in zip(runs, columns, strict=True):
         unit = done.unit.reshape(-1, done.unit.shape[2])
         value = value + 0.5 * unit[:, 0] @ unit[:, 0] + done.gains.log_determinant
-        matrix = matrix + unit[:, 1:].T @ unit[:, 1:]
+        matrix[np.ix_(own, own)] += unit[:, 1:].T @ unit[:, 1:]
     root = np.linalg.cholesky(matrix)
     value = value + np.sum(np.log(np.diagonal(root)))
-    spread = solve_triangular(root, np.eye(len(root)), lower=True).T
-    return float(value), block_diag(np.eye(1), spread), off / log_sd
+    return float(value), solve_triangular(root, np.eye(len(root)), lower=True).T, off / log_sd

@@ -9,12 +9,13 @@ parameters that determine the response to gusts. And the squares are weighed by 
 average the curvatures of this and of the log determinant add up to the Fisher information in the covariances
 (`linear_errors`), and the second alone is negative. Both are evaluated on either side along every axis and at corners
 between them, and two quadratic polynomials correct the linearised marginal: one for the squares, one for the log
-determinant.
+determinant. A flight is looked at only where its own coordinates differ (`Marginal.felt`), so that of many flights with
+constant errors of their own none is looked at along the axes of another's.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
@@ -39,15 +40,17 @@ from bayeschute.likelihood.joint import (
 from bayeschute.likelihood.kalman import Gains, MeanCorrection, innovations
 from bayeschute.posterior.along_record.conditional_mode import MOST_CLOSE, LinearOptimum, approached
 from bayeschute.posterior.differences import beside
+from bayeschute.posterior.felt_axes import apart, groups
 from bayeschute.posterior.marginal import (
     Linearisation,
     Marginal,
     Quadratic,
-    half_squares,
+    flight_half_squares,
     in_batches,
     in_range,
-    linear_residuals,
     place_at,
+    prior_lines,
+    prior_residuals,
     shifted,
 )
 
@@ -66,18 +69,30 @@ class Laplace(NamedTuple):
     """The marginal log density at a point by Laplace's approximation there.
 
     Attributes:
-        square: Half the squares of innovations and of theta under its prior.
-        determinant: Log determinant.
+        prior: Half the squares of theta under its prior.
+        squares: Half the squares of innovations, by flight (F,).
+        determinants: Log determinants, by flight (F,).
         flights: Conditional optima.
         means: The mean corrections there, by flight.
         roots: Factors of the innovations' covariances by sample (N, D, D), by flight.
     """
 
-    square: float
-    determinant: float
+    prior: float
+    squares: Array
+    determinants: Array
     flights: tuple[Lifted, ...]
     means: tuple[MeanCorrection, ...]
     roots: tuple[Array, ...]
+
+    @property
+    def square(self) -> float:
+        """Half the squares of innovations and of theta under its prior."""
+        return self.prior + float(np.sum(self.squares))
+
+    @property
+    def determinant(self) -> float:
+        """Log determinant of all flights."""
+        return float(np.sum(self.determinants))
 
 
 def _squares(made: Gains, linear: Linear, mean_correction: MeanCorrection) -> float:
@@ -107,37 +122,57 @@ def _place(flight: FlightData, along: Linearisation, shift: jax.Array) -> Lifted
     return place_at(flight, along._replace(slope=followed), shift)
 
 
-def at(marginal: Marginal, xi: Array, most: int = MOST_CLOSE) -> Laplace:
+def at(
+    marginal: Marginal,
+    xi: Array,
+    most: int = MOST_CLOSE,
+    here: Laplace | None = None,
+) -> Laplace:
     """Laplace's approximation at standard coordinates (P,); not finite where a step fails.
 
     Args:
         marginal: The posterior.
         xi: Standard coordinates (P,).
         most: Most steps to the conditional mode there.
+        here: At theta_0, for flights that the coordinates do not move; None: all are looked at.
     """
     theta, shift = shifted(marginal, xi)
-    pairs = list(zip(marginal.flights, marginal.along, strict=True))
-    places = [_place(*pair, shift) for pair in pairs]
-    found = approached(marginal.flights, marginal.hyper, np.asarray(theta), places, most)
+    moved = range(len(marginal.flights)) if here is None else np.flatnonzero(marginal.felt @ (xi != 0.0))
+    pairs = {int(k): (marginal.flights[k], marginal.along[k]) for k in moved}
+    places = [_place(*pair, shift) for pair in pairs.values()]
+    records = [flight for flight, _ in pairs.values()]
+    found = approached(records, marginal.hyper, np.asarray(theta), places, most) if pairs else []
     means = [
         _mean_correction(flight, marginal.hyper, along, theta, one)
-        for (flight, along), one in zip(pairs, found, strict=True)
+        for (flight, along), one in zip(pairs.values(), found, strict=True)
     ]
-    return _told(marginal, np.asarray(theta), found, means)
+    return _told(marginal, np.asarray(theta), dict(zip(pairs, zip(found, means, strict=True), strict=True)), here)
 
 
-def _told(marginal: Marginal, theta: Array, found: Sequence[LinearOptimum], means: Sequence[MeanCorrection]) -> Laplace:
-    """Laplace's approximation at parameters (P,), of flights near their conditional modes and the mean corrections."""
+def _told(
+    marginal: Marginal, theta: Array, found: Mapping[int, tuple[LinearOptimum, MeanCorrection]], rest: Laplace | None
+) -> Laplace:
+    """Laplace's approximation at parameters (P,), of flights near their conditional modes and the mean corrections.
+
+    Args:
+        marginal: The posterior.
+        theta: Parameters (P,).
+        found: By number of the flight.
+        rest: For all other flights.
+    """
     away = np.linalg.solve(np.asarray(marginal.prior_factor), theta - np.asarray(marginal.prior_centre))
-    square = 0.5 * float(away @ away)
-    for one, mean in zip(found, means, strict=True):
-        square += _squares(one.gains, one.linear, mean)
-    determinant = sum(float(one.gains.log_determinant) for one in found)
-    flights, roots = tuple(one.flight for one in found), tuple(np.asarray(one.gains.root) for one in found)
-    return Laplace(square, determinant, flights, tuple(means), roots)
+    none = [None] * len(marginal.flights)
+    squares, determinants = (np.zeros(len(none)), np.zeros(len(none))) if rest is None else map(np.array, rest[1:3])
+    flights, means, roots = (list[Any](part) for part in ((none,) * 3 if rest is None else rest[3:]))
+    for k, (one, mean) in found.items():
+        squares[k], determinants[k] = _squares(one.gains, one.linear, mean), float(one.gains.log_determinant)
+        flights[k], means[k], roots[k] = one.flight, mean, np.asarray(one.gains.root)
+    return Laplace(0.5 * float(away @ away), squares, determinants, tuple(flights), tuple(means), tuple(roots))
 
 
-def at_corner(marginal: Marginal, here: Laplace, one: Laplace, other: Laplace, xi: Array) -> Laplace:
+def at_corner(
+    marginal: Marginal, here: Laplace, one: Laplace, other: Laplace, xi: Array, both: NDArray[np.bool_]
+) -> Laplace:
     """Laplace's approximation at standard coordinates (P,) to which two steps lead, from that at their ends.
 
     Their changes of the conditional modes add up to a place so near the mode that two steps bring a flight there, and
@@ -151,17 +186,23 @@ def at_corner(marginal: Marginal, here: Laplace, one: Laplace, other: Laplace, x
         one: After the first step.
         other: After the second.
         xi: Standard coordinates (P,).
+        both: Whether both steps move a flight (F,): of all others the changes add up.
 
     Returns:
         Without flights, mean corrections and factors: there are many corners.
     """
     theta, change = shifted(marginal, xi)
-    four = zip(marginal.flights, here.flights, one.flights, other.flights, strict=True)
+    numbers = np.flatnonzero(both).tolist()
+    records = [marginal.flights[k] for k in numbers]
+    four = ((marginal.flights[k], here.flights[k], one.flights[k], other.flights[k]) for k in numbers)
     places = [_beyond(flight, a, b, c, marginal.centre, change) for flight, a, b, c in four]
-    found = approached(marginal.flights, marginal.hyper, np.asarray(theta), places, _CORNER_STEPS)
-    trio = zip(here.means, one.means, other.means, strict=True)
+    found = approached(records, marginal.hyper, np.asarray(theta), places, _CORNER_STEPS)
+    trio = ((here.means[k], one.means[k], other.means[k]) for k in numbers)
     means = [jax.tree.map(lambda a, b, c: b + c - a, *three) for three in trio]
-    return _told(marginal, np.asarray(theta), found, means)._replace(flights=(), means=(), roots=())
+    squares = one.squares + other.squares - here.squares
+    rest = here._replace(squares=squares, determinants=one.determinants + other.determinants - here.determinants)
+    made = _told(marginal, np.asarray(theta), dict(zip(numbers, zip(found, means, strict=True), strict=True)), rest)
+    return made._replace(flights=(), means=(), roots=())
 
 
 def _at_each(
@@ -179,9 +220,10 @@ def _at_each(
 
 def _at_all(
     marginal: Marginal, points: Array, progress: Progress | None = None, most: int = MOST_CLOSE
-) -> list[Laplace]:
+) -> tuple[Laplace, list[Laplace]]:
     """Laplace's approximation at theta_0 and at points (N, P)."""
-    return _at_each(partial(at, marginal, most=most), [0.0 * points[0], *points], progress=progress)
+    here = at(marginal, 0.0 * points[0], most)
+    return here, _at_each(partial(at, marginal, most=most, here=here), points, progress=progress)
 
 
 def _more(here: Laplace, there: Sequence[Laplace]) -> Array:
@@ -189,11 +231,28 @@ def _more(here: Laplace, there: Sequence[Laplace]) -> Array:
     return np.array([[one.square - here.square, one.determinant - here.determinant] for one in there])
 
 
-def _own(marginal: Marginal, points: Array) -> Array:
-    """Minus the log density of the linear models (N,) at points (N, P), less that at theta_0."""
-    places = np.vstack([0.0 * points[:1], points])
-    squares = in_batches(lambda part: half_squares(marginal, part), places.T)
-    return np.asarray(squares[1:] - squares[0])
+def _own(marginal: Marginal, points: Array, which: NDArray[np.bool_]) -> Array:
+    """Half the squares of the linear models (N, F) at points (N, P), less those at theta_0: zero of all but `which`."""
+    made = np.zeros(which.shape)
+    for number, rows in enumerate(which.T):
+        if rows.any():
+            places = np.vstack([0.0 * points[:1], points[rows]])
+            squares, _ = in_batches(partial(flight_half_squares, marginal, number), places.T)
+            made[rows, number] = squares[1:] - squares[0]
+    return made
+
+
+def _beyond_linear(
+    marginal: Marginal, here: Laplace, points: Array, there: Sequence[Laplace], which: NDArray[np.bool_]
+) -> Array:
+    """What squares are more than the linear models', and the log determinant, at points (N, P), less here (N, F, 2).
+
+    Zero of all flights but `which` (N, F).
+    """
+    squares, determinants = ([getattr(one, name) for one in there] for name in ("squares", "determinants"))
+    more = np.stack([np.array(squares) - here.squares, np.array(determinants) - here.determinants], axis=2)
+    more[:, :, 0] -= _own(marginal, points, which)
+    return np.where(which[:, :, None], more, 0.0)
 
 
 class Expansion(NamedTuple):
@@ -247,33 +306,45 @@ def linear_errors(marginal: Marginal, step: float = 0.4) -> LinearErrors:
     Raises:
         FloatingPointError: If flights fail, or covariances jump, to both sides.
     """
-    axes = np.eye(np.size(marginal.centre))
+    felt, size = marginal.felt, np.size(marginal.centre)
+    slope, rank = np.zeros(size), np.cumsum(felt, axis=1) - 1
+    changes = [np.zeros((sum(row), np.size(one.gains.root))) for row, one in zip(felt, marginal.along, strict=True)]
 
-    def slopes(points: Array, by: float) -> tuple[Array, Array]:
-        here, *there = _at_all(marginal, points, most=_SLOPE_STEPS)
-        inverse = [np.linalg.inv(root) for root in here.roots]
-        change = []
-        for one in there:
-            units = [a @ b for a, b in zip(inverse, one.roots, strict=True)]
-            change.append(np.concatenate([(u @ np.swapaxes(u, 1, 2) - np.eye(u.shape[1])).ravel() for u in units]))
-        return (_more(here, there).sum(axis=1) - _own(marginal, points)) / by, np.array(change) / by
+    def look(axes: NDArray[np.intp], by: float) -> None:
+        points = by * np.eye(size)[axes]
+        here, there = _at_all(marginal, points, most=_SLOPE_STEPS)
+        slope[axes] = _beyond_linear(marginal, here, points, there, felt.T[axes]).sum(axis=(1, 2)) / by
+        for k, change in enumerate(changes):
+            inverse = np.linalg.inv(here.roots[k])
+            for axis, one in zip(axes, there, strict=True):
+                if felt[k, axis]:
+                    unit = inverse @ one.roots[k]
+                    change[rank[k, axis]] = (unit @ np.swapaxes(unit, 1, 2) - np.eye(unit.shape[1])).ravel() / by
 
-    slope, change = slopes(step * axes, step)
-    lost = ~np.isfinite(slope) | _jump(change)
+    def information() -> Array:
+        made = np.zeros((size, size))
+        for row, change in zip(felt, changes, strict=True):
+            made[np.ix_(row, row)] += 0.5 * change @ change.T
+        return made
+
+    look(np.arange(size), step)
+    told = information()
+    lost = ~np.isfinite(slope) | _jump(told)
     if lost.any():
-        slope[lost], change[lost] = slopes(-step * axes[lost], -step)
+        look(np.flatnonzero(lost), -step)
+        told = information()
     if not np.isfinite(slope).all():
         raise FloatingPointError("flights to both sides of the optimum fail: the log density has no slope there")
-    if _jump(change).any():
+    if _jump(told).any():
         raise FloatingPointError(
             "covariances of the innovations jump to both sides: a riser goes slack in some of the flights alone"
         )
-    return LinearErrors(slope, 0.5 * change @ change.T)
+    return LinearErrors(slope, told)
 
 
-def _jump(change: Array) -> NDArray[np.bool_]:
-    """Whether relative changes of covariances, one axis per row, are none of a smooth function."""
-    return np.asarray(0.5 * np.sum(change**2, axis=1) > _JUMP)
+def _jump(information: Array) -> NDArray[np.bool_]:
+    """Whether relative changes of covariances along an axis (P,) are none of a smooth function, by their squares."""
+    return np.asarray(np.diag(information) > _JUMP)
 
 
 class Sides(NamedTuple):
@@ -306,15 +377,16 @@ def sides(marginal: Marginal, step: float = 1.0, progress: Progress | None = Non
         FloatingPointError: If a flight fails at an eighth of the step too.
     """
     count, ends = np.size(marginal.centre), dict[tuple[float, ...], Laplace]()
+    here = at(marginal, np.zeros(count))
 
     def told(points: Array) -> Array:
-        found = _at_each(partial(at, marginal), points, progress=progress)
+        found = _at_each(partial(at, marginal, here=here), points, progress=progress)
         ends.update(zip(map(tuple, points.tolist()), found, strict=True))
         return np.array([[one.square, one.determinant] for one in found])
 
     *_, h = beside(told, count, step, "the marginal log density")
     up, down = ([ends[tuple(row.tolist())] for row in sign * h * np.eye(count)] for sign in (1.0, -1.0))
-    return Sides(at(marginal, np.zeros(count)), up, down, h[:, 0])
+    return Sides(here, up, down, h[:, 0])
 
 
 def expanded(marginal: Marginal, near: Sides) -> Expansion:
@@ -328,7 +400,7 @@ def expanded(marginal: Marginal, near: Sides) -> Expansion:
         near: From `sides`.
     """
     slope, own = _expansion(marginal, near.steps)
-    up, down = (change.sum(axis=1) for change in _changes(marginal, near))
+    up, down = (change.sum(axis=(1, 2)) for change in _changes(marginal, near))
     bend = np.diag((up + down) / near.steps**2)
     return Expansion(slope + (up - down) / (2.0 * near.steps), own + bend)
 
@@ -434,41 +506,41 @@ def least_within(slope: Array, curvature: Array, radius: float = FARTHEST) -> Ar
     return np.asarray(axes @ made)
 
 
-def _beyond_linear(marginal: Marginal, here: Laplace, points: Array, there: Sequence[Laplace]) -> Array:
-    """What squares are more than the linear models', and the log determinant, at points (N, P), less here (N, 2)."""
-    more = _more(here, there)
-    more[:, 0] -= _own(marginal, points)
-    return more
-
-
 def _changes(marginal: Marginal, near: Sides) -> tuple[Array, Array]:
-    """Likewise to both sides along every axis (P, 2)."""
-    axes = np.diag(near.steps)
-    return _beyond_linear(marginal, near.here, axes, near.up), _beyond_linear(marginal, near.here, -axes, near.down)
+    """Likewise to both sides along every axis (P, F, 2)."""
+    axes, which = np.diag(near.steps), marginal.felt.T
+    up = _beyond_linear(marginal, near.here, axes, near.up, which)
+    return up, _beyond_linear(marginal, near.here, -axes, near.down, which)
 
 
 def _polynomials(marginal: Marginal, near: Sides, progress: Progress | None = None) -> tuple[Quadratic, Quadratic]:
-    """What squares are more than the linear models', and the log determinant: along every axis, and at corners."""
+    """What squares are more than the linear models', and the log determinant: along every axis, and at corners.
+
+    Two axes have a product if they move the same flight; of each flight that both move it is looked at.
+    """
     here, h, axes = near.here, near.steps, np.diag(near.steps)
     up, down = _changes(marginal, near)
-    curvature = np.array([np.diag(column) for column in ((up + down) / h[:, None] ** 2).T])
+    curvature = np.array([np.diag(column) for column in ((up + down).sum(axis=1) / h[:, None] ** 2).T])
     left = np.array(np.triu_indices(len(h), 1)).T
+    both = np.all(marginal.felt.T[left], axis=1)
+    shared = np.any(both, axis=1)
+    left, both = left[shared], both[shared]
     for change, ends, sign in ((up, near.up, 1.0), (down, near.down, -1.0)):
         if not left.size:
             break
         i, j = left.T
         points = sign * (axes[i] + axes[j])
 
-        def corner(point: Array, pair: Array, ends: Sequence[Laplace] = ends) -> Laplace:
-            return at_corner(marginal, here, ends[pair[0]], ends[pair[1]], point)
+        def corner(point: Array, pair: Array, moved: NDArray[np.bool_], ends: Sequence[Laplace] = ends) -> Laplace:
+            return at_corner(marginal, here, ends[pair[0]], ends[pair[1]], point, moved)
 
-        there = _at_each(corner, points, left, progress=progress)
-        mixed = _beyond_linear(marginal, here, points, there) - change[i] - change[j]
-        mixed /= (h[i] * h[j])[:, None]
+        there = _at_each(corner, points, left, both, progress=progress)
+        mixed = _beyond_linear(marginal, here, points, there, both) - change[i] - change[j]
+        mixed = np.sum(mixed, axis=1, where=both[:, :, None]) / (h[i] * h[j])[:, None]
         known = np.isfinite(mixed).all(axis=1)
         curvature[:, i[known], j[known]] = curvature[:, j[known], i[known]] = mixed[known].T
-        left = left[~known]
-    slope = ((up - down) / (2.0 * h[:, None])).T
+        left, both = left[~known], both[~known]
+    slope = ((up - down).sum(axis=1) / (2.0 * h[:, None])).T
     return Quadratic(slope[0], curvature[0]), Quadratic(slope[1], curvature[1])
 
 
@@ -482,14 +554,23 @@ def _beyond(
 
 
 def _expansion(marginal: Marginal, h: Array) -> tuple[Array, Array]:
-    """Slope and curvature of minus the log density of the linear models at theta_0: zero where a step fails."""
-    i, j = np.triu_indices(len(h), 1)
-    corners = np.diag(h)[i] + np.diag(h)[j]
-    value = _own(marginal, np.concatenate([np.diag(h), -np.diag(h), corners, -corners]))
-    up, down, first, second = np.split(value, np.cumsum([len(h), len(h), len(i)]))
-    made = np.diag((up + down) / h**2)
-    made[i, j] = made[j, i] = (first + second - up[i] - up[j] - down[i] - down[j]) / (2.0 * h[i] * h[j])
-    return np.nan_to_num((up - down) / (2.0 * h), nan=0.0), np.asarray(np.nan_to_num(made, nan=0.0))
+    """Slope and curvature of minus the log density of the linear models at theta_0, without flights that fail there."""
+    here, *along = prior_lines(marginal).T
+    slope, curvature = np.array(along) @ here, np.array(along) @ np.array(along).T
+    for number, row in enumerate(marginal.felt):
+        axes = np.flatnonzero(row)
+        steps, (i, j) = h[axes], np.triu_indices(len(axes), 1)
+        sides = np.diag(h)[axes]
+        points = np.concatenate([sides, -sides, sides[i] + sides[j], -sides[i] - sides[j]])
+        which = np.zeros((len(points), len(marginal.felt)), bool)
+        which[:, number] = True
+        value = _own(marginal, points, which)[:, number]
+        up, down, first, second = np.split(value, np.cumsum([len(axes), len(axes), len(i)]))
+        made = np.diag((up + down) / steps**2)
+        made[i, j] = made[j, i] = (first + second - up[i] - up[j] - down[i] - down[j]) / (2.0 * steps[i] * steps[j])
+        slope[axes] += np.nan_to_num((up - down) / (2.0 * steps), nan=0.0)
+        curvature[np.ix_(axes, axes)] += np.nan_to_num(made, nan=0.0)
+    return np.asarray(slope), np.asarray(curvature)
 
 
 def _followed(marginal: Marginal, near: Sides) -> Marginal:
@@ -513,11 +594,18 @@ class Compared(NamedTuple):
         own: The posterior's (N,).
         laplace: Laplace's (N,); neither is finite where a flight fails.
         in_range: Whether the linear models tell anything there (N,).
+        missing: What the posterior's lacks, by group of flights (G, N): see `felt_axes.groups`.
     """
 
     own: Array
     laplace: Array
     in_range: NDArray[np.bool_]
+    missing: Array
+
+    @classmethod
+    def none(cls, parts: int) -> Compared:
+        """Of no points, for so many groups of flights."""
+        return cls(np.zeros(0), np.zeros(0), np.zeros(0, bool), np.zeros((parts, 0)))
 
     @property
     def known(self) -> NDArray[np.bool_]:
@@ -529,6 +617,10 @@ class Compared(NamedTuple):
         """What the posterior's lacks (N,)."""
         return self.laplace - self.own
 
+    def and_at(self, more: Compared) -> Compared:
+        """At further points, too."""
+        return Compared(*(np.concatenate(both, axis=-1) for both in zip(self, more, strict=True)))
+
 
 def compared(marginal: Marginal, points: Array, progress: Progress | None = None) -> Compared:
     """A posterior's density beside Laplace's approximation at points.
@@ -538,9 +630,16 @@ def compared(marginal: Marginal, points: Array, progress: Progress | None = None
         points: Standard coordinates (N, P).
         progress: See `Progress`.
     """
-    here, *there = _at_all(marginal, points, progress)
-    rows, prices = in_batches(partial(linear_residuals, marginal), np.vstack([0.0 * points[:1], points]).T)
-    with np.errstate(over="ignore"):
-        squares = 0.5 * (np.sum(rows**2, axis=0) + np.sum(prices**2, axis=0))
-    own = squares[1:] - squares[0] + np.asarray(marginal.correction.at(points.T))
-    return Compared(own, _more(here, there).sum(axis=1), in_range(prices[:, 1:]))
+    here, there = _at_all(marginal, points, progress)
+    places = np.vstack([0.0 * points[:1], points]).T
+    own, prices = np.zeros((2, len(marginal.flights), len(points)))
+    for number in range(len(own)):
+        squares, price = in_batches(partial(flight_half_squares, marginal, number), places)
+        own[number], prices[number] = squares[1:] - squares[0], price[1:]
+    exact = np.array([one.squares + one.determinants - here.squares - here.determinants for one in there]).T
+    parts, before = groups(marginal), 0.5 * np.sum(prior_residuals(marginal, places) ** 2, axis=0)
+    corrections = [one.at(points[:, g.axes].T) for one, g in zip(apart(marginal.correction, parts), parts, strict=True)]
+    own = np.array([own[list(g.flights)].sum(axis=0) + more for g, more in zip(parts, corrections, strict=True)])
+    exact = np.array([exact[list(g.flights)].sum(axis=0) for g in parts])
+    more = before[1:] - before[0]
+    return Compared(more + own.sum(axis=0), more + exact.sum(axis=0), in_range(prices), exact - own)

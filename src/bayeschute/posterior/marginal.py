@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import jax
@@ -50,6 +50,7 @@ Array = NDArray[np.float64]
 _CORRECTIONS, _MOST_CORRECTED = 1, 0.5
 _BENT, _STEEPER, _ROUNDING = 0.05, 0.05, 1e-3  # see `twice_price`
 _DEAR = 20.0  # price of a place, in log density, beyond which the linear models say nothing of it
+_NO_CHANGE = 1e-9  # share of a parameter's standard deviation
 BATCH = 64
 
 
@@ -135,6 +136,18 @@ class Marginal:
     def correction(self) -> Quadratic:
         """Minus the log density less the squares of `projected_residuals`."""
         return Quadratic(*(a + b for a, b in zip(self.determinant, self.bend, strict=True)))
+
+    @cached_property
+    def felt(self) -> NDArray[np.bool_]:
+        """Whether a standard coordinate moves a flight (F, P): changes a parameter that its innovations tell of.
+
+        Constant errors of a record are parameters of its flight alone. They stand behind what flights share, and given
+        that they are independent from flight to flight, so the Cholesky factor gives them coordinates of their own.
+        """
+        scale = np.abs(np.asarray(self.scale))
+        changes = scale > _NO_CHANGE * np.linalg.norm(scale, axis=1, keepdims=True)
+        told = [np.any(np.asarray(along.unit)[..., 1:], axis=(0, 1)) for along in self.along]
+        return np.array([changes[parameters].any(axis=0) for parameters in told])
 
     def theta(self, xi: Component) -> Component:
         """Parameters (P, ...) of standard coordinates (P, ...)."""
@@ -223,7 +236,7 @@ def out_of_range(along: Linearisation, unit: Component, shift: Component, xi: Co
         along: The flight.
         unit: Innovations.
         shift: Parameters less theta_0 (P, B).
-        xi: The same in standard coordinates (P, B).
+        xi: The same in standard coordinates (P, B), those that move the flight (see `Marginal.felt`).
     """
     straight = along.unit[..., 1:] @ shift
     library = library_of(unit, shift, xi)
@@ -243,6 +256,34 @@ def twice_price(bent: Component, xi: Component) -> Component:
     return more * (2.0 + _STEEPER * more)
 
 
+def flight_residuals(marginal: Marginal, number: int, xi: Component) -> tuple[Array, Array]:
+    """Innovations (N, B) of one flight's linear model at standard coordinates (P, B), and what is `out_of_range` (B,).
+
+    Args:
+        marginal: The posterior.
+        number: Of the flight.
+        xi: Standard coordinates (P, B).
+    """
+    theta, shift = shifted(marginal, xi)
+    along = marginal.along[number]
+    unit = innovations(along.gains, *_seen(marginal.flights[number], along, theta, shift))
+    price = out_of_range(along, unit, shift, xi[marginal.felt[number]])
+    return np.reshape(unit, (-1, xi.shape[1])), np.asarray(price)
+
+
+def prior_residuals(marginal: Marginal, xi: Component) -> Array:
+    """Parameters (P, B) under their prior, standardised, at standard coordinates (P, B)."""
+    away = np.asarray(shifted(marginal, xi)[0]) - np.asarray(marginal.prior_centre)[:, None]
+    return np.asarray(solve_triangular(np.asarray(marginal.prior_factor), away, lower=True))
+
+
+def prior_lines(marginal: Marginal) -> Array:
+    """`prior_residuals` as a linear function of ``(1, xi)``, (P, 1 + P)."""
+    away = np.asarray(marginal.centre) - np.asarray(marginal.prior_centre)
+    lines = np.column_stack([away, np.asarray(marginal.scale)])
+    return np.asarray(solve_triangular(np.asarray(marginal.prior_factor), lines, lower=True))
+
+
 def linear_residuals(marginal: Marginal, xi: Component) -> tuple[Array, Array]:
     """Residuals of the linear models at standard coordinates (P, B), and the price of what bends.
 
@@ -250,15 +291,8 @@ def linear_residuals(marginal: Marginal, xi: Component) -> tuple[Array, Array]:
         (N, B): innovations of every flight, then theta under its prior; (F, B): what is `out_of_range` per flight,
         roots of twice the price.
     """
-    theta, shift = shifted(marginal, xi)
-    rows, prices = [], []
-    for flight, along in zip(marginal.flights, marginal.along, strict=True):
-        unit = innovations(along.gains, *_seen(flight, along, theta, shift))
-        rows.append(np.reshape(unit, (-1, xi.shape[1])))
-        prices.append(np.asarray(out_of_range(along, unit, shift, xi)))
-    away = np.asarray(theta) - np.asarray(marginal.prior_centre)[:, None]
-    rows.append(solve_triangular(np.asarray(marginal.prior_factor), away, lower=True))
-    return np.concatenate(rows), np.stack(prices)
+    rows, prices = zip(*(flight_residuals(marginal, k, xi) for k in range(len(marginal.flights))), strict=True)
+    return np.concatenate([*rows, prior_residuals(marginal, xi)]), np.stack(prices)
 
 
 def in_range(prices: Array) -> NDArray[np.bool_]:
@@ -281,6 +315,13 @@ def half_squares(marginal: Marginal, xi: Component) -> Array:
     """Half the squares (B,) of `projected_residuals` at (P, B); infinite where the linear models break."""
     with np.errstate(over="ignore"):
         return np.asarray(0.5 * np.sum(projected_residuals(marginal, xi) ** 2, axis=0))
+
+
+def flight_half_squares(marginal: Marginal, number: int, xi: Component) -> tuple[Array, Array]:
+    """Half the squares (B,) of `flight_residuals` and their price at (P, B), and the root of twice the price (B,)."""
+    with np.errstate(over="ignore"):
+        unit, price = flight_residuals(marginal, number, xi)
+        return np.asarray(0.5 * (np.sum(unit**2, axis=0) + price**2)), price
 
 
 def one_step_errors(marginal: Marginal, xi: Component) -> tuple[Component, ...]:
@@ -311,8 +352,8 @@ def sample_log_likelihoods(marginal: Marginal, xi: Component) -> tuple[Component
     """
     _, shift = shifted(marginal, xi)
     each = np.asarray(marginal.correction.at(xi)) / sum(np.sum(flight.present) for flight in marginal.flights)
-    rows = zip(marginal.flights, marginal.along, one_step_errors(marginal, xi), strict=True)
-    return tuple(_log_likelihoods(flight, along, unit, shift, xi, each) for flight, along, unit in rows)
+    rows = zip(marginal.flights, marginal.along, one_step_errors(marginal, xi), marginal.felt, strict=True)
+    return tuple(_log_likelihoods(flight, along, unit, shift, xi[felt], each) for flight, along, unit, felt in rows)
 
 
 def _log_likelihoods(

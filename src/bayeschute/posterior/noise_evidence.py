@@ -92,10 +92,12 @@ def function_of(
     seen = tuple(as_seen(lin) for lin in linear)
     if mean_corrections is not None:
         seen = tuple(s.less(mean_correction) for s, mean_correction in zip(seen, mean_corrections, strict=True))
+    columns = tuple(data.told()[data.told() > 0] - 1 for data in seen)
+    seen = tuple(data.some(np.array([0, *(own + 1)])) for data, own in zip(seen, columns, strict=True))
     before = precision(priors)
 
     def objective(vector: Array) -> tuple[float, Array]:
-        given = vector, median, prior.log_sd, tuple(flights), tuple(linear), seen, before
+        given = vector, median, prior.log_sd, tuple(flights), tuple(linear), seen, columns, before
         try:
             value, gradient = evidence_score(*given)
         except np.linalg.LinAlgError:  # the noise is so far off that rounding makes a covariance indefinite

@@ -63,11 +63,11 @@ def log_likelihood(marginal: Marginal) -> Callable[[jax.Array], jax.Array]:
         shift = theta - jnp.asarray(marginal.centre)
         xi = inverse @ shift
         total = -marginal.correction.at(xi)
-        for flight, along, look in zip(marginal.flights, marginal.along, looks, strict=True):
+        for flight, along, look, felt in zip(marginal.flights, marginal.along, looks, marginal.felt, strict=True):
             residual, defects = look(theta, latent_path_at(flight, along, shift))
             seen = seen_along(along, residual[..., None], defects[..., None], shift[:, None])
             unit = innovations(along.gains, *seen)
-            dear = out_of_range(along, unit, shift[:, None], xi[:, None])[0]
+            dear = out_of_range(along, unit, shift[:, None], xi[felt][:, None])[0]
             total = total - 0.5 * (jnp.sum(unit**2) + dear**2)
         return total
 

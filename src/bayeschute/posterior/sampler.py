@@ -4,13 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import jax
 import numpy as np
 from numpy.typing import NDArray
 
 from bayeschute.core.random import stream
-from bayeschute.posterior.marginal import BATCH, Marginal, in_batches, in_range, linear_residuals, log_density
+from bayeschute.posterior.felt_axes import groups
+from bayeschute.posterior.marginal import (
+    BATCH,
+    Marginal,
+    flight_residuals,
+    in_batches,
+    in_range,
+    log_density,
+    prior_lines,
+)
 from bayeschute.posterior.sampling import delayed_acceptance, ensemble, independence
 from bayeschute.posterior.sampling.protocol import Draws
 from bayeschute.posterior.sampling.sampler_checks import slowness, why_not_trusted
@@ -97,10 +107,10 @@ class _Asked:
             return np.asarray(log_density(self.marginal, xi))
         return np.asarray(in_batches(lambda part: log_density(self.marginal, part), xi))
 
-    def residuals(self, xi: Array) -> Array:
-        """Of the linear models, for the surrogate; NaN where these tell nothing."""
-        rows, prices = linear_residuals(self.marginal, xi)
-        return np.where(in_range(prices), rows, np.nan)
+    def residuals(self, number: int, xi: Array) -> Array:
+        """Of a flight's linear model, for the surrogate; NaN where it tells nothing."""
+        rows, price = flight_residuals(self.marginal, number, xi)
+        return np.where(in_range(price[None]), rows, np.nan)
 
     def tell(self, name: str) -> Callable[[int, int], None]:
         """Progress of a sampler."""
@@ -110,7 +120,12 @@ class _Asked:
     def surrogate(self) -> tuple[Surrogate, list[str]]:
         """That on which NUTS walks, and what is to be said of it."""
         rng = stream(self.seed, "points of the surrogate")
-        made, failed = build(lambda xi: in_batches(self.residuals, xi), self.marginal.correction, rng)
+
+        def residuals(number: int, xi: Array) -> Array:
+            return np.asarray(in_batches(partial(self.residuals, number), xi))
+
+        marginal = self.marginal
+        made, failed = build(residuals, groups(marginal), prior_lines(marginal), marginal.correction, rng)
         lost = sum(int(along.lost) for along in self.marginal.along)
         notes = [
             f"{failed} of the places where the surrogate was fitted failed, or lie out of the linear models' range",

@@ -22,7 +22,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 from scipy.special import gammainc, gammaln, softmax
 from scipy.stats import chi2
@@ -146,14 +145,15 @@ def _joined(parts: Array, count: int) -> Array:
 def _ratio(unit: Array, each: Array) -> _Ratio:
     """Of centred scores (B, P), with information (B, P, P) whose sum is the unit matrix.
 
-    Mean and variance of their sum of squares are those of a chi-square; NaN where the parts can't tell.
+    Mean and variance of their sum of squares are those of a chi-square; NaN where the parts can't tell. The scores have
+    the joint covariance E_b (where b = c) - E_b E_c; of that only the trace and the sum of squares are needed.
     """
-    count, size = unit.shape
-    joint = scipy.linalg.block_diag(*each) - np.einsum("bij,cjk->bick", each, each).reshape(count * size, -1)
-    expected = float(np.trace(joint))
-    if expected < _LEAST * size:
+    squares = each @ each
+    expected = float(np.einsum("bii->", each) - np.einsum("bii->", squares))
+    if expected < _LEAST * unit.shape[1]:
         return _Ratio(np.nan, np.nan)
-    return _Ratio(float(np.sum(unit**2)) / expected, expected**2 / float(np.sum(joint**2)))
+    joint = np.sum(each**2) - 2.0 * np.sum(squares * each) + np.sum(np.sum(squares, axis=0) ** 2)
+    return _Ratio(float(np.sum(unit**2)) / expected, expected**2 / float(joint))
 
 
 def told_in_words(found: Dispersion, flights: Sequence[str], widened: bool = True) -> str:

@@ -23,6 +23,8 @@ class Gaussian:
 
     bend: Quadratic
 
+    felt = np.ones((1, SIZE), bool)
+
     @property
     def correction(self) -> Quadratic:
         return self.bend
@@ -61,7 +63,7 @@ def told(monkeypatch):
             laplace = 0.5 * np.sum(points**2, axis=1) + np.asarray(right.at(points.T))
             laplace += noise * rng.standard_normal(len(points)) + 7.0  # of a constant the density does not depend
             laplace[rng.random(len(points)) < lost] = np.nan
-            return Compared(own, laplace, np.ones(len(points), bool))
+            return Compared(own, laplace, np.ones(len(points), bool), (laplace - own)[None])
 
         monkeypatch.setattr(drawn_density.laplace, "compared", compared)
         monkeypatch.setattr(

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayeschute.posterior import laplace
+from bayeschute.posterior.felt_axes import apart, groups, together
 from bayeschute.posterior.laplace import Compared
 from bayeschute.posterior.marginal import Marginal, Quadratic
 
@@ -82,18 +83,18 @@ def fitted(
         rng: Source of the points.
         progress: Called with a share done and words.
     """
-    size, off = np.size(marginal.centre), list[float]()
-    points, seen = np.zeros((0, size)), Compared(np.zeros(0), np.zeros(0), np.zeros(0, bool))
+    parts, off = groups(marginal), list[float]()
+    parameters, size = np.size(marginal.centre), max(len(group.axes) for group in parts)
+    points, seen = np.zeros((0, parameters)), Compared.none(len(parts))
     while True:
-        xi = rng.standard_normal((max(_FIRST, _BATCH * size) if len(points) else _FIRST, size))
-        more = laplace.compared(marginal, xi)
-        points, seen = np.vstack([points, xi]), Compared(*(np.append(a, b) for a, b in zip(seen, more, strict=True)))
+        xi = rng.standard_normal((max(_FIRST, _BATCH * size) if len(points) else _FIRST, parameters))
+        points, seen = np.vstack([points, xi]), seen.and_at(laplace.compared(marginal, xi))
         use = seen.known & seen.in_range
         if use.mean() < _FINITE:
             return Fitted(marginal, np.nan, np.nan, np.nan, len(points))
         made, errors, own = marginal, seen.errors[use], seen.own
         if len(points) > _FIRST:
-            better = change(marginal.correction, points[use], errors)
+            better = changes(marginal, points[use], seen.missing[:, use])
             if np.std(better.errors) < _BETTER * np.std(errors):
                 bend = Quadratic(*(a + b for a, b in zip(marginal.bend, better.polynomial, strict=True)))
                 made, errors = replace(marginal, bend=bend), better.errors
@@ -136,7 +137,8 @@ def shifted(points: Array, own: Array, right: Array) -> float:
 
     Both are integrated by importance weights of the same points, so that the chance of these cancels where the
     densities agree. Weights of each are bounded by root N times their mean (Ionides 2008). A place that one of them
-    holds to be impossible counts for as much as the other holds to be there.
+    holds to be impossible counts for as much as the other holds to be there. Infinite where the right one holds all
+    points but one to be impossible: then nothing can be told.
 
     Args:
         points: (N, P).
@@ -144,6 +146,8 @@ def shifted(points: Array, own: Array, right: Array) -> float:
         right: By the one that is right (N,).
     """
     (mean, sd), (right_mean, right_sd) = _moments(points, own), _moments(points, right)
+    if not right_sd.all():
+        return np.inf
     return float(max(np.max(np.abs(mean - right_mean) / right_sd), np.max(np.abs(sd / right_sd - 1.0))))
 
 
@@ -154,6 +158,21 @@ def _moments(points: Array, log_weights: Array) -> tuple[Array, Array]:
     weights /= np.sum(weights)
     mean = weights @ points
     return mean, np.sqrt(weights @ (points - mean) ** 2)
+
+
+def changes(marginal: Marginal, points: Array, missing: Array) -> Change:
+    """What is to be added to the corrections, by what each group of flights lacks as a function of its coordinates.
+
+    Args:
+        marginal: The posterior.
+        points: Standard coordinates (N, P).
+        missing: What groups lack, up to constants (G, N).
+    """
+    parts = groups(marginal)
+    before = apart(marginal.correction, parts)
+    made = [change(*three) for three in zip(before, (points[:, group.axes] for group in parts), missing, strict=True)]
+    polynomial = together([one.polynomial for one in made], parts, points.shape[1])
+    return Change(polynomial, np.sum([one.errors for one in made], axis=0))
 
 
 def change(expected: Quadratic, points: Array, missing: Array) -> Change:

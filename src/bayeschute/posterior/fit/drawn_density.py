@@ -2,7 +2,7 @@
 
 `correction_fit` compares at standard normal points before anything is drawn. A density that is too high beyond two
 standard deviations along some axis is hardly seen by these, but the sampler goes there. So the corrections are compared
-once more at draws. By Bayesian linear regression of the errors there (`correction_fit.change`) a quadratic polynomial
+once more at draws. By Bayesian linear regression of the errors there (`correction_fit.changes`) a quadratic polynomial
 tells what the errors do to means and standard deviations: all draws are weighed by it. If that is too much, the
 polynomial is added to the corrections, the sampler draws again, and these draws are judged anew.
 """
@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from bayeschute.core.random import stream
 from bayeschute.posterior import laplace
-from bayeschute.posterior.fit.correction_fit import MOST_SHIFT, change, shifted
+from bayeschute.posterior.felt_axes import groups
+from bayeschute.posterior.fit.correction_fit import MOST_SHIFT, changes, shifted
 from bayeschute.posterior.fit.laplace_fit import LaplaceFit
 from bayeschute.posterior.laplace import Compared
 from bayeschute.posterior.marginal import Marginal, Quadratic
@@ -119,24 +120,23 @@ def judged(
         fitted: Whether the corrections are to be changed by what is found: that takes as many draws as there may be.
     """
     say = progress or (lambda count: None)
-    size = xi.shape[-1]
-    flat = xi.reshape(-1, size)
+    parts, flat = groups(marginal), xi.reshape(-1, xi.shape[-1])
+    size = max(len(group.axes) for group in parts)
     order = stream(0, "draws that are compared").permutation(len(flat))[: _MOST * size]
-    seen, errors = Compared(np.zeros(0), np.zeros(0), np.zeros(0, bool)), np.zeros(0)
+    seen, errors = Compared.none(len(parts)), np.zeros(0)
     for batch in np.split(order, range(_BATCH * size, len(order), _BATCH * size)):
 
         def heard(done: int, wanted: int, before: int = len(seen.own)) -> None:
-            say(before + done - 1)  # the first is the centre
+            say(before + done)
 
-        more = laplace.compared(marginal, flat[batch], heard)
-        seen = Compared(*(np.append(a, b) for a, b in zip(seen, more, strict=True)))
+        seen = seen.and_at(laplace.compared(marginal, flat[batch], heard))
         errors = seen.errors[seen.known]
         if seen.known.mean() < _LEAST:
-            return Judged(Quadratic.none(size), np.nan, np.nan, len(seen.own))
+            return Judged(Quadratic.none(flat.shape[1]), np.nan, np.nan, len(seen.own))
         if not fitted and np.std(errors) / np.sqrt(len(errors)) < _KNOWN:
             break
     at = flat[order[: len(seen.own)]]
-    missing = change(marginal.correction, at[seen.known], errors).polynomial
+    missing = changes(marginal, at[seen.known], seen.missing[:, seen.known]).polynomial
     shift, error = shifted(flat, np.zeros(len(flat)), -np.asarray(missing.at(flat.T))), float(np.std(errors))
     return Judged(missing, error, min(shift, _most(error)), len(at))
 
