@@ -397,18 +397,13 @@ def test_numpyro_is_told_the_same(gusty):
 def _jump(monkeypatch, up, down):
     """Two axes of a flight of one output: relative covariances at the ends of the second, to either side."""
 
-    def at_all(marginal, points, most):
-        sign = np.sign(points.sum(axis=1))
-        second = np.abs(points[:, 1]) > 0.0
-        sizes = np.where(second, np.where(sign > 0, up, down), 1.1)
-        here = laplace.Laplace(0.0, np.zeros(1), np.zeros(1), (), (), (np.ones((3, 1, 1)),))
-        there = [
-            here._replace(squares=np.array([0.4 * s]), roots=(np.sqrt(v) * np.ones((3, 1, 1)),))
-            for s, v in zip(sign, sizes, strict=True)
-        ]
-        return here, there
+    def at(marginal, point, most, here=None):
+        sign = np.sign(point.sum())
+        size = 1.0 if sign == 0.0 else 1.1 if point[1] == 0.0 else up if sign > 0.0 else down
+        roots = (np.sqrt(size) * np.ones((3, 1, 1)),)
+        return laplace.Laplace(0.0, np.array([0.4 * sign]), np.zeros(1), (), (), roots)
 
-    monkeypatch.setattr(laplace, "_at_all", at_all)
+    monkeypatch.setattr(laplace, "at", at)
     monkeypatch.setattr(laplace, "_own", lambda marginal, points, which: np.zeros(which.shape))
     along = SimpleNamespace(gains=SimpleNamespace(root=np.ones((3, 1, 1))))
     return SimpleNamespace(centre=np.zeros(2), felt=np.ones((1, 2), bool), along=(along,))

@@ -174,6 +174,7 @@ def test_a_flight_whose_simulations_all_fail_has_no_bands(finished, descents, tm
     assert summary["checks"]["bands"]["passed"] is False and summary["checks"]["bands"]["value"] == 1.0
     assert "bands" in summary["label"]
     assert all(row["probability_met"] == 0.0 and row["failed"] == 100 for row in summary["requirements"])
+    assert {row["widened_by"] for row in summary["requirements"]} == {1.0}  # nothing is recalibrated
     text = (folder / "report.html").read_text(encoding="utf-8")
     lost = "; ".join(f"100 of 100 simulations of {name} failed: it has no bands" for name in ("low", "high")) + "."
     assert lost in text and ">none</td>" in text
