@@ -84,6 +84,10 @@ class Laplace(NamedTuple):
     means: tuple[MeanCorrection, ...]
     roots: tuple[Array, ...]
 
+    def bare(self) -> Laplace:
+        """Without flights, mean corrections and factors: the factors are many times as large as the record."""
+        return self._replace(flights=(), means=(), roots=())
+
     @property
     def square(self) -> float:
         """Half the squares of innovations and of theta under its prior."""
@@ -202,7 +206,7 @@ def at_corner(
     squares = one.squares + other.squares - here.squares
     rest = here._replace(squares=squares, determinants=one.determinants + other.determinants - here.determinants)
     made = _told(marginal, np.asarray(theta), dict(zip(numbers, zip(found, means, strict=True), strict=True)), rest)
-    return made._replace(flights=(), means=(), roots=())
+    return made.bare()
 
 
 def _at_each(
@@ -216,14 +220,6 @@ def _at_each(
             if progress is not None:
                 progress(len(made), len(given[0]))
     return made
-
-
-def _at_all(
-    marginal: Marginal, points: Array, progress: Progress | None = None, most: int = MOST_CLOSE
-) -> tuple[Laplace, list[Laplace]]:
-    """Laplace's approximation at theta_0 and at points (N, P)."""
-    here = at(marginal, 0.0 * points[0], most)
-    return here, _at_each(partial(at, marginal, most=most, here=here), points, progress=progress)
 
 
 def _more(here: Laplace, there: Sequence[Laplace]) -> Array:
@@ -312,14 +308,18 @@ def linear_errors(marginal: Marginal, step: float = 0.4) -> LinearErrors:
 
     def look(axes: NDArray[np.intp], by: float) -> None:
         points = by * np.eye(size)[axes]
-        here, there = _at_all(marginal, points, most=_SLOPE_STEPS)
+        here = at(marginal, np.zeros(size), most=_SLOPE_STEPS)
+        inverse = [np.linalg.inv(root) for root in here.roots]
+
+        def end(axis: int, point: Array) -> Laplace:
+            one = at(marginal, point, most=_SLOPE_STEPS, here=here)
+            for k in np.flatnonzero(felt[:, axis]):
+                unit = inverse[k] @ one.roots[k]
+                changes[k][rank[k, axis]] = (unit @ np.swapaxes(unit, 1, 2) - np.eye(unit.shape[1])).ravel() / by
+            return one.bare()
+
+        there = _at_each(end, axes, points)
         slope[axes] = _beyond_linear(marginal, here, points, there, felt.T[axes]).sum(axis=(1, 2)) / by
-        for k, change in enumerate(changes):
-            inverse = np.linalg.inv(here.roots[k])
-            for axis, one in zip(axes, there, strict=True):
-                if felt[k, axis]:
-                    unit = inverse @ one.roots[k]
-                    change[rank[k, axis]] = (unit @ np.swapaxes(unit, 1, 2) - np.eye(unit.shape[1])).ravel() / by
 
     def information() -> Array:
         made = np.zeros((size, size))
@@ -379,8 +379,11 @@ def sides(marginal: Marginal, step: float = 1.0, progress: Progress | None = Non
     count, ends = np.size(marginal.centre), dict[tuple[float, ...], Laplace]()
     here = at(marginal, np.zeros(count))
 
+    def end(point: Array) -> Laplace:
+        return at(marginal, point, here=here)._replace(roots=())
+
     def told(points: Array) -> Array:
-        found = _at_each(partial(at, marginal, here=here), points, progress=progress)
+        found = _at_each(end, points, progress=progress)
         ends.update(zip(map(tuple, points.tolist()), found, strict=True))
         return np.array([[one.square, one.determinant] for one in found])
 
@@ -630,7 +633,8 @@ def compared(marginal: Marginal, points: Array, progress: Progress | None = None
         points: Standard coordinates (N, P).
         progress: See `Progress`.
     """
-    here, there = _at_all(marginal, points, progress)
+    here = at(marginal, np.zeros(points.shape[1]))
+    there = _at_each(lambda point: at(marginal, point).bare(), points, progress=progress)
     places = np.vstack([0.0 * points[:1], points]).T
     own, prices = np.zeros((2, len(marginal.flights), len(points)))
     for number in range(len(own)):
