@@ -27,6 +27,8 @@ import numpy as np
 from command import parser_of, print_result
 from planning import machine
 
+from bayeschute.study.evidence.provenance import provenance
+
 ROOT = Path(__file__).parents[1]
 STUDY = ROOT / "models" / "studies" / "cdt-3-11.toml"
 PAGE = ROOT / "docs" / "growth.md"
@@ -81,7 +83,7 @@ Path(told["result"]).write_text(json.dumps({
 """
 
 
-def fitted(what: str, size: float, quick: bool, cache: Path) -> dict[str, float]:
+def fitted(what: str, size: float, quick: bool, cache: Path) -> dict[str, Any]:
     """Cost of one fit, in a process of its own.
 
     Args:
@@ -91,7 +93,7 @@ def fitted(what: str, size: float, quick: bool, cache: Path) -> dict[str, float]
         cache: Folder of compiled functions.
 
     Returns:
-        Number of parameters, processor seconds of the fit and those in which XLA compiled, memory [byte].
+        Number of parameters, processor seconds of the fit and those in which XLA compiled, memory [byte], commit.
 
     Raises:
         SystemExit: If the fit fails, with what it said.
@@ -109,22 +111,22 @@ def fitted(what: str, size: float, quick: bool, cache: Path) -> dict[str, float]
         done = subprocess.run(command, env=environment, capture_output=True, text=True)
         if done.returncode:
             raise SystemExit(f"{size:g} {WORDS[what]}: the fit failed.\n{done.stderr[-2000:]}")
-        made: dict[str, float] = json.loads(result.read_text(encoding="utf-8"))
-    return made
+        made: dict[str, Any] = json.loads(result.read_text(encoding="utf-8"))
+    return made | {"commit": str(provenance("growth.py")["commit"])}
 
 
-def kept(file: Path | None) -> dict[str, dict[float, dict[str, float]]]:
+def kept(file: Path | None) -> dict[str, dict[float, dict[str, Any]]]:
     """Fits of an earlier run, by what grew and size."""
-    found = dict[str, dict[float, dict[str, float]]]()
+    found = dict[str, dict[float, dict[str, Any]]]()
     for line in file.read_text(encoding="utf-8").splitlines() if file is not None and file.exists() else ():
         one = json.loads(line)
         found.setdefault(one.pop("what"), {})[one.pop("size")] = one
     return {what: dict(sorted(found[what].items())) for what in SIZES if what in found}
 
 
-def seconds(made: Mapping[str, float]) -> float:
+def seconds(made: Mapping[str, Any]) -> float:
     """Processor seconds of a fit without those in which XLA compiled."""
-    return made["processor_s"] - made["compiling_s"]
+    return float(made["processor_s"] - made["compiling_s"])
 
 
 def exponent(costs: Mapping[float, float]) -> float:
@@ -137,7 +139,7 @@ def exponent(costs: Mapping[float, float]) -> float:
     return float(slope)
 
 
-def exponents(found: Mapping[str, Mapping[float, Mapping[str, float]]]) -> dict[str, float]:
+def exponents(found: Mapping[str, Mapping[float, Mapping[str, Any]]]) -> dict[str, float]:
     """Of time and memory, by what grew."""
     made = dict[str, float]()
     for what, by_size in found.items():
@@ -147,13 +149,13 @@ def exponents(found: Mapping[str, Mapping[float, Mapping[str, float]]]) -> dict[
     return made
 
 
-def row(what: str, size: float, made: Mapping[str, float]) -> str:
+def row(what: str, size: float, made: Mapping[str, Any]) -> str:
     """A row of the table."""
     cost = f"{seconds(made):.0f} s | {made['compiling_s']:.0f} s | {made['bytes'] / 2**30:.2f} GiB"
-    return f"| {size:g} {WORDS[what]} | {made['parameters']:.0f} | {cost} |"
+    return f"| {size:g} {WORDS[what]} | {made['parameters']:.0f} | {cost} | `{made['commit'][:7]}` |"
 
 
-def page(found: Mapping[str, Mapping[float, Mapping[str, float]]], here: Mapping[str, Any], command: str) -> str:
+def page(found: Mapping[str, Mapping[float, Mapping[str, Any]]], here: Mapping[str, Any], command: str) -> str:
     """The page, from what was measured."""
     rows = "\n".join(row(what, size, made) for what, by_size in found.items() for size, made in by_size.items())
     told = exponents(found)
@@ -170,8 +172,8 @@ Measured on {here["date"]}, Python {here["python"]}, on {here["cpu"]}, {here["co
 {here["load_average"]} at the end. The flights are those of `models/studies/cdt-3-11.toml`, 90 s at 10 Hz
 where no length is told. Errors of their own are constant errors of each recorded wind, canopy positions, attitude.
 
-| fitted together | parameters | processor | compiling, not counted | memory, beyond what the process had |
-|---|---|---|---|---|
+| fitted together | parameters | processor | compiling, not counted | memory, beyond what the process had | made by |
+|---|---|---|---|---|---|
 {rows}
 
 They grow by these powers of the size (one: in proportion):

@@ -6,9 +6,9 @@ import growth
 import pytest
 
 FOUND = {
-    "flights": {1.0: {"parameters": 9, "processor_s": 12.0, "compiling_s": 2.0, "bytes": 2**30},
-                4.0: {"parameters": 9, "processor_s": 43.0, "compiling_s": 3.0, "bytes": 2**31}},
-    "own": {1.0: {"parameters": 17, "processor_s": 20.0, "compiling_s": 2.0, "bytes": 2**30}},
+    "flights": {1.0: {"parameters": 9, "processor_s": 12.0, "compiling_s": 2.0, "bytes": 2**30, "commit": "abcdef012"},
+                4.0: {"parameters": 9, "processor_s": 43.0, "compiling_s": 3.0, "bytes": 2**31, "commit": "abcdef012+"}},
+    "own": {1.0: {"parameters": 17, "processor_s": 20.0, "compiling_s": 2.0, "bytes": 2**30, "commit": "abcdef012"}},
 }  # fmt: skip
 
 
@@ -24,8 +24,8 @@ def test_compiling_is_not_counted_and_one_size_has_no_exponent():
 def test_the_page_tells_every_fit_and_its_command():
     here = {"date": "2026-01-02", "python": "3.11", "cpu": "a processor", "cores": 2, "load_average": 0.1}
     made = growth.page(FOUND, here, "python benchmarks/growth.py --flights 1 4")
-    assert "| 4 flights | 9 | 40 s | 3 s | 2.00 GiB |" in made and "| flights | 1.00 | 0.50 |" in made
-    assert "| 1 flights with errors of their own | 17 | 18 s | 2 s | 1.00 GiB |" in made
+    assert "| 4 flights | 9 | 40 s | 3 s | 2.00 GiB | `abcdef0` |" in made and "| flights | 1.00 | 0.50 |" in made
+    assert "| 1 flights with errors of their own | 17 | 18 s | 2 s | 1.00 GiB | `abcdef0` |" in made
     assert made.startswith("<!-- Written by `python benchmarks/growth.py --flights 1 4`")
     assert "| flights with errors of their own | 1" not in made.split("powers")[1]
 

@@ -510,7 +510,7 @@ def least_within(slope: Array, curvature: Array, radius: float = FARTHEST) -> Ar
 
 
 def _changes(marginal: Marginal, near: Sides) -> tuple[Array, Array]:
-    """Likewise to both sides along every axis (P, F, 2)."""
+    """`_beyond_linear` to both sides along every axis (P, F, 2)."""
     axes, which = np.diag(near.steps), marginal.felt.T
     up = _beyond_linear(marginal, near.here, axes, near.up, which)
     return up, _beyond_linear(marginal, near.here, -axes, near.down, which)

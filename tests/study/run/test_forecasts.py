@@ -10,6 +10,7 @@ import pytest
 
 from bayeschute.calibration.workers import Lost
 from bayeschute.core.errors import InputError
+from bayeschute.posterior.marginal import Marginal
 from bayeschute.prediction.bands import GROUP
 from bayeschute.study.job import Job
 from bayeschute.study.load import load_study
@@ -47,6 +48,12 @@ def test_parts_in_any_order_are_the_whole(job, alone, small_parts):
     carried = pickle.loads(pickle.dumps(order))  # as a worker gets it
     made = {part.start: carried.draw(part) for part in reversed(order.parts())}
     assert same(module._joined(order, made), alone[1].prediction)
+
+
+def test_fitted_flights_are_drawn_from_their_fit(job):
+    for flight in job.study.flights:
+        (order,), _ = module._orders(job, flight)
+        assert isinstance(order.known, Marginal) and order.whole is None
 
 
 def test_over_processes_the_same_bit_for_bit(job, alone, small_parts):
