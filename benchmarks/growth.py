@@ -152,7 +152,8 @@ def exponents(found: Mapping[str, Mapping[float, Mapping[str, Any]]]) -> dict[st
 def row(what: str, size: float, made: Mapping[str, Any]) -> str:
     """A row of the table."""
     cost = f"{seconds(made):.0f} s | {made['compiling_s']:.0f} s | {made['bytes'] / 2**30:.2f} GiB"
-    return f"| {size:g} {WORDS[what]} | {made['parameters']:.0f} | {cost} | `{made['commit'][:7]}` |"
+    words = WORDS[what].replace("flights", "flight") if size == 1.0 else WORDS[what]
+    return f"| {size:g} {words} | {made['parameters']:.0f} | {cost} | `{made['commit'][:7]}` |"
 
 
 def page(found: Mapping[str, Mapping[float, Mapping[str, Any]]], here: Mapping[str, Any], command: str) -> str:
@@ -182,7 +183,7 @@ They grow by these powers of the size (one: in proportion):
 |---|---|---|
 {powers}
 
-How many iterations a fit takes differs from record to record, so that single numbers scatter by a third.
+How many iterations a fit takes differs from record to record.
 """
 
 

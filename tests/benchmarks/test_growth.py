@@ -25,7 +25,7 @@ def test_the_page_tells_every_fit_and_its_command():
     here = {"date": "2026-01-02", "python": "3.11", "cpu": "a processor", "cores": 2, "load_average": 0.1}
     made = growth.page(FOUND, here, "python benchmarks/growth.py --flights 1 4")
     assert "| 4 flights | 9 | 40 s | 3 s | 2.00 GiB | `abcdef0` |" in made and "| flights | 1.00 | 0.50 |" in made
-    assert "| 1 flights with errors of their own | 17 | 18 s | 2 s | 1.00 GiB | `abcdef0` |" in made
+    assert "| 1 flight with errors of their own | 17 | 18 s | 2 s | 1.00 GiB | `abcdef0` |" in made
     assert made.startswith("<!-- Written by `python benchmarks/growth.py --flights 1 4`")
     assert "| flights with errors of their own | 1" not in made.split("powers")[1]
 
