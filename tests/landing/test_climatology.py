@@ -56,9 +56,8 @@ def test_months_are_as_likely_as_they_have_days():
 def test_events_errors_and_factors_add_to_it():
     gust = Event("gust", 600.0, 0.0, 80.0, (0.0, 0.0, 3.0))
     plan = WindPlan((MEAN,), events=(gust,), scatter=(SCATTER,), error_sd=4.0, error_length=5000.0)
-    made = winds(plan, altitude=ALTITUDE)
-    np.testing.assert_allclose(made[:, 2].max(axis=0), 3.0, atol=0.02)
-    np.testing.assert_allclose(made[0, :2].std(axis=1), np.sqrt(np.array([1.0, 2.0]) ** 2 + 4.0**2), rtol=0.03)
+    np.testing.assert_allclose(winds(plan, 500, altitude=ALTITUDE)[:, 2].max(axis=0), 3.0, atol=0.02)
+    np.testing.assert_allclose(winds(plan)[0, :2].std(axis=1), np.sqrt(np.array([1.0, 2.0]) ** 2 + 4.0**2), rtol=0.03)
     still = Scatter(H, 0.0 * SCATTER.sd, SCATTER.correlation)
     u = np.random.default_rng(1).standard_normal((plan.size, 50))
     sure = replace(plan, scatter=(still,), scale_sd=0.2)
