@@ -25,6 +25,7 @@ def test_every_flight_has_its_own_and_all_share_the_rest():
     assert flight_parameters.in_flight(made, "one") == ("axial[1]", "wind_bias.north", "", "riser_length")
     assert flight_parameters.in_flight(made, "two") == ("axial[1]", "", "wind_bias.north", "riser_length")
     assert flight_parameters.biases(made) == ("wind_bias.north",)
+    assert flight_parameters.each(made, ["one", "two"]) == made  # as a search of terms has stored them
 
 
 def test_a_flight_goes_without_what_it_does_not_take_from_the_fit():

@@ -29,12 +29,14 @@ def each(priors: Sequence[Prior], flights: Sequence[str]) -> tuple[Prior, ...]:
     """Priors with a constant error of each flight in the place of each, called after it.
 
     Args:
-        priors: Of all parameters.
+        priors: Of all parameters. Those that a fit has called after flights already, as a search of terms leaves them,
+            stay as they are.
         flights: Names of the flights that are fitted together.
     """
     made: list[Prior] = []
     for p in priors:
-        made += [replace(p, name=p.name + _OF + flight) for flight in flights] if is_bias(p.name) else [p]
+        shared = is_bias(p.name) and _OF not in p.name
+        made += [replace(p, name=p.name + _OF + flight) for flight in flights] if shared else [p]
     return tuple(made)
 
 
