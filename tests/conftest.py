@@ -21,6 +21,7 @@ from tests.fitting import (  # noqa: F401
     felt_flight,
     flown,
     found,
+    gusty,
     linear,
     quadrature,
     settled,

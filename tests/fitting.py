@@ -18,11 +18,11 @@ from bayeschute.likelihood.joint import FlightData, Lifted, NoiseParameters, Unk
 from bayeschute.likelihood.noise import Noise
 from bayeschute.likelihood.priors import Prior
 from bayeschute.likelihood.simulation_smoother import Normals
-from bayeschute.posterior import laplace
+from bayeschute.posterior.beyond_linear import laplace, polynomials
 from bayeschute.posterior.fit.joint_fit import joint_fit
 from bayeschute.posterior.fit.laplace_fit import find
 from bayeschute.posterior.joint_mode import fit
-from bayeschute.posterior.marginal import marginalise, shifted
+from bayeschute.posterior.marginal import Quadratic, marginalise, shifted
 from bayeschute.posterior.noise_evidence import NoisePrior
 from tests.twins import dense_noise as _dense
 from tests.twins import quadrature as _quadrature
@@ -228,7 +228,44 @@ def straight(linear):
 @pytest.fixture(scope="session")
 def falling(descent):
     """The marginal posterior of two descents with one parameter, with what its linear models lack."""
-    return laplace.corrected(optimal_marginal(descent.flights, descent, descent.theta))[0]
+    return polynomials.corrected(optimal_marginal(descent.flights, descent, descent.theta))[0]
+
+
+@pytest.fixture(scope="session")
+def gusty(descent, felt_flight):
+    """A flight whose parameter tells how strongly a gust is felt, and its marginal posterior before and after."""
+    priors = [Prior("felt", 1.0, 1.0, False, "1", "test")]
+    hyper = NoiseParameters(Noise(*(np.array([x]) for x in (0.2, 0.2, 2.0))), (np.array([0.5, 3.0]),))
+    nothing = np.zeros((100, 1))
+    empty = replace(
+        descent.flights[0], model=felt_flight(nothing[:, 0]), observed=nothing, present=nothing == 0.0, start_scale=np.array([0.2])
+    )  # fmt: skip
+    flight, _ = descent.simulate(empty, hyper, np.array([1.0]), 4)
+    made = marginalise([flight], hyper, priors, fit([flight], hyper, priors, np.array([1.0]), tolerance=1e-4))
+    return flight, hyper, priors, made, polynomials.corrected(made)[0]
+
+
+def plain(marginal):
+    """The posterior without its corrections."""
+    none = Quadratic.none(np.size(marginal.centre))
+    along = [one._replace(aside=jax.tree.map(np.zeros_like, one.aside)) for one in marginal.along]
+    return replace(marginal, determinant=none, bend=none, along=tuple(along))
+
+
+def minus_log_density(marginal, xi):
+    made = laplace.at(marginal, xi)
+    return made.square + made.determinant
+
+
+def limited(monkeypatch, least, most):
+    """Flights fail outside these standard coordinates."""
+
+    def some(marginal, xi):
+        theta, shift = shifted(marginal, xi)
+        flies = (np.asarray(xi) >= least).all() and (np.asarray(xi) <= most).all()
+        return (theta if flies else np.nan * theta), shift
+
+    monkeypatch.setattr(laplace, "shifted", some)
 
 
 class _Matrices:

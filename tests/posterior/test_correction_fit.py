@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayeschute.posterior import laplace
+from bayeschute.posterior.beyond_linear import comparison
+from bayeschute.posterior.beyond_linear.comparison import Compared
 from bayeschute.posterior.fit import correction_fit
 from bayeschute.posterior.fit.correction_fit import change, fitted, implied
-from bayeschute.posterior.laplace import Compared
 from bayeschute.posterior.marginal import Quadratic
 
 SIZE = 6
@@ -80,7 +80,7 @@ def bent(straight, monkeypatch):
             exact = 0.5 * np.sum(points**2, axis=1) + right(points)
             return Compared(broken, exact, in_range(points), (exact - broken)[None])
 
-        monkeypatch.setattr(laplace, "compared", compared)
+        monkeypatch.setattr(comparison, "compared", compared)
         return straight
 
     return put
@@ -145,7 +145,7 @@ def test_a_correction_read_near_the_mode_is_replaced_where_it_fails_far_from_it(
     got = fitted(made, np.random.default_rng(1), lambda share, words: said.append((share, words)))
     assert got.before > 0.2 > got.shift and got.points > correction_fit._FIRST
     fresh = np.random.default_rng(2).standard_normal((2000, size))
-    left, before = laplace.compared(got.marginal, fresh), laplace.compared(made, fresh)
+    left, before = comparison.compared(got.marginal, fresh), comparison.compared(made, fresh)
     assert np.std(left.errors) < 0.1 * np.std(before.errors)
     assert np.std(left.errors) < 2.0 * got.error < 0.2 * np.std(before.errors)
     assert implied(fresh, *left[:2]) < 0.1 and implied(fresh, *before[:2]) > 0.2

@@ -14,7 +14,8 @@ from bayeschute.likelihood.joint import NoiseParameters
 from bayeschute.likelihood.kalman import Seen
 from bayeschute.likelihood.noise import Noise
 from bayeschute.likelihood.priors import Prior
-from bayeschute.posterior import laplace, noise_evidence
+from bayeschute.posterior import noise_evidence
+from bayeschute.posterior.beyond_linear import comparison, laplace, linear_errors, polynomials
 from bayeschute.posterior.felt_axes import Group, apart, groups, together
 from bayeschute.posterior.fit import correction_fit
 from bayeschute.posterior.joint_mode import conditional, fit
@@ -83,8 +84,8 @@ def test_law_the_density_is_that_of_all_flights_looked_at_along_all_axes(made, m
     found = []
     for marginal in (made, _as_one(made)):
         looked.clear()
-        errors = laplace.linear_errors(marginal)
-        corrected, expansion = laplace.corrected(marginal)
+        errors = linear_errors.linear_errors(marginal)
+        corrected, expansion = polynomials.corrected(marginal)
         found.append(((*errors, *corrected.determinant, *corrected.bend, *expansion), corrected, sum(looked)))
     (ours, by_groups, few), (whole, at_once, many) = found
     for a, b in zip(ours, whole, strict=True):
@@ -98,9 +99,9 @@ def test_law_the_density_is_that_of_all_flights_looked_at_along_all_axes(made, m
 
 
 def test_comparisons_by_groups_add_up(made):
-    marginal = laplace.corrected(made)[0]
+    marginal = polynomials.corrected(made)[0]
     points = 0.5 * np.random.default_rng(1).standard_normal((6, SIZE))
-    ours, whole = laplace.compared(marginal, points), laplace.compared(_as_one(marginal), points)
+    ours, whole = comparison.compared(marginal, points), comparison.compared(_as_one(marginal), points)
     assert ours.missing.shape == (FLIGHTS, 6) and whole.missing.shape == (1, 6)
     np.testing.assert_allclose(ours.missing.sum(axis=0), ours.errors, atol=1e-9)
     for name in ("own", "laplace", "errors", "in_range"):
@@ -139,9 +140,9 @@ def test_what_flights_lack_is_found_flight_by_flight(made, monkeypatch):
         before = apart(marginal.correction, parts)
         own = np.array([one.at(points[:, g.axes].T) for one, g in zip(before, parts, strict=True)])
         known = np.ones(len(points), bool)
-        return laplace.Compared(inside + own.sum(axis=0), inside + exact.sum(axis=0), known, exact - own)
+        return comparison.Compared(inside + own.sum(axis=0), inside + exact.sum(axis=0), known, exact - own)
 
-    monkeypatch.setattr(laplace, "compared", compared)
+    monkeypatch.setattr(comparison, "compared", compared)
     done = correction_fit.fitted(made, rng)
     assert done.before > 0.1 and done.shift < 0.02 and done.error < 0.05
     np.testing.assert_allclose(done.marginal.correction.slope, total.slope, atol=0.03)

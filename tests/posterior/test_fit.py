@@ -10,8 +10,9 @@ import pytest
 from scipy.optimize import brentq
 
 from bayeschute.likelihood.kalman_gradient import to_vector
-from bayeschute.posterior import laplace, noise_evidence
+from bayeschute.posterior import noise_evidence
 from bayeschute.posterior.along_record import conditional_mode
+from bayeschute.posterior.beyond_linear import linear_errors, polynomials
 from bayeschute.posterior.fit import joint_fit, laplace_fit, marginal_mode
 from bayeschute.posterior.marginal import Quadratic, log_density
 from bayeschute.posterior.noise_evidence import NoisePrior
@@ -37,7 +38,7 @@ def test_the_optimum_is_the_mode_of_the_marginal_posterior(found):
         ends = np.asarray(log_density(marginal, np.array([[-0.1, 0.1]])))
         return (ends[1] - ends[0]) / 0.2
 
-    again, _ = laplace.corrected(found.marginal)
+    again, _ = polynomials.corrected(found.marginal)
     for name in ("determinant", "bend"):
         for stored, anew in zip(getattr(found.marginal, name), getattr(again, name), strict=True):
             np.testing.assert_allclose(
@@ -64,9 +65,9 @@ def test_the_mode_is_found_far_from_the_joint_optimum(descent, settled, monkeypa
     def bent(made):
         """Slope of 6 per standard deviation at the joint optimum, of half that at two standard deviations."""
         away = np.linalg.solve(factor, np.asarray(made.centre) - start)
-        return laplace.LinearErrors(6.0 * np.exp(away * np.log(2.0) / 2.0), np.zeros((1, 1)))
+        return linear_errors.LinearErrors(6.0 * np.exp(away * np.log(2.0) / 2.0), np.zeros((1, 1)))
 
-    monkeypatch.setattr(laplace, "linear_errors", bent)
+    monkeypatch.setattr(linear_errors, "linear_errors", bent)
     best = marginal_mode.marginal_mode(descent.flights, descent.priors, settled)
     away = float(np.linalg.solve(factor, best.theta - start)[0])
     balance = brentq(lambda x: x + 6.0 * np.exp(x * np.log(2.0) / 2.0), -6.0, 0.0)
@@ -82,9 +83,9 @@ def test_the_mode_is_found_across_a_slope_much_flatter_than_gauss_newton_expects
 
     def flat(made):
         away = np.linalg.solve(factor, np.asarray(made.centre) - start)
-        return laplace.LinearErrors(share * (away - mode) - away, np.zeros((1, 1)))
+        return linear_errors.LinearErrors(share * (away - mode) - away, np.zeros((1, 1)))
 
-    monkeypatch.setattr(laplace, "linear_errors", flat)
+    monkeypatch.setattr(linear_errors, "linear_errors", flat)
     best = marginal_mode.marginal_mode(descent.flights, descent.priors, settled)
     away = float(np.linalg.solve(factor, best.theta - start)[0])
     assert best.converged and abs(away - mode) < 0.2
@@ -98,9 +99,9 @@ def test_between_two_looks_at_what_linear_models_lack_its_slope_follows_its_info
     def curved(made):
         away = np.linalg.solve(factor, np.asarray(made.centre) - start)
         looked.append(away)
-        return laplace.LinearErrors(8.0 * away + 1.2, np.array([[8.0]]))
+        return linear_errors.LinearErrors(8.0 * away + 1.2, np.array([[8.0]]))
 
-    monkeypatch.setattr(laplace, "linear_errors", curved)
+    monkeypatch.setattr(linear_errors, "linear_errors", curved)
     best = marginal_mode.marginal_mode(
         descent.flights, descent.priors, settled, lambda share, words: said.append(words), near=0.01
     )
@@ -126,7 +127,9 @@ def test_the_slope_over_a_short_step_says_nothing_of_the_curvature(descent, sett
 @pytest.mark.parametrize(("short", "looks"), [(-np.inf, 3), (1.5, 3), (3.0, 1)])
 def test_a_search_that_cannot_become_of_use_ends(descent, settled, monkeypatch, short, looks):
     """Begun 6 standard deviations off, its first step promises a rise of 18; where thrice that is wanted it is given up."""
-    monkeypatch.setattr(laplace, "linear_errors", lambda made: laplace.LinearErrors(np.zeros(1), np.zeros((1, 1))))
+    monkeypatch.setattr(
+        linear_errors, "linear_errors", lambda made: linear_errors.LinearErrors(np.zeros(1), np.zeros((1, 1)))
+    )
     off = replace(
         settled.optimum, theta=settled.optimum.theta + 6.0 * np.sqrt(settled.optimum.covariance[0]), converged=True
     )
@@ -149,13 +152,15 @@ def test_a_step_that_leads_to_where_flights_fail_is_halved(descent, settled, mon
         if np.abs(away) > 2.0:
             failures.append(float(away[0]))
             raise FloatingPointError("flights to both sides fail")
-        return laplace.LinearErrors(4.0 * np.exp(away), np.zeros((1, 1)))
+        return linear_errors.LinearErrors(4.0 * np.exp(away), np.zeros((1, 1)))
 
-    monkeypatch.setattr(laplace, "linear_errors", steep)
+    monkeypatch.setattr(linear_errors, "linear_errors", steep)
     best = marginal_mode.marginal_mode(descent.flights, descent.priors, settled)
     away = float(np.linalg.solve(factor, best.theta - start)[0])
     assert failures and best.converged and abs(away - brentq(lambda x: x + 4.0 * np.exp(x), -4.0, 0.0)) < 0.2
-    monkeypatch.setattr(laplace, "linear_errors", lambda made: steep(SimpleNamespace(centre=start + 3.0 * factor[0])))
+    monkeypatch.setattr(
+        linear_errors, "linear_errors", lambda made: steep(SimpleNamespace(centre=start + 3.0 * factor[0]))
+    )
     with pytest.raises(FloatingPointError, match="both sides"):
         marginal_mode.marginal_mode(descent.flights, descent.priors, settled)
 

@@ -11,7 +11,10 @@ import pytest
 from bayeschute.likelihood import mean_correction
 from bayeschute.likelihood.joint import Unknowns, cost
 from bayeschute.likelihood.simulation_smoother import normals
-from bayeschute.posterior import laplace
+from bayeschute.posterior.beyond_linear import laplace
+from bayeschute.posterior.beyond_linear.comparison import compared
+from bayeschute.posterior.beyond_linear.linear_errors import linear_errors
+from bayeschute.posterior.beyond_linear.polynomials import corrected
 from bayeschute.posterior.joint_mode import fit
 from bayeschute.posterior.marginal import (
     Quadratic,
@@ -33,8 +36,8 @@ def made(short):
 def test_a_descent_against_brute_force_integration(short, made, quadrature):
     """The integral over six unknowns; without the determinant the marginal is visibly wrong, with it right."""
     flight, hyper, priors = short
-    tilt = replace(made, determinant=Quadratic(laplace.linear_errors(made).slope, np.zeros((1, 1))))
-    right, _ = laplace.corrected(made)
+    tilt = replace(made, determinant=Quadratic(linear_errors(made).slope, np.zeros((1, 1))))
+    right, _ = corrected(made)
     grid = np.linspace(-2.0, 2.0, 5)
     theta = np.asarray(made.theta(grid[None]))
     prior = -0.5 * ((theta[0] - priors[0].centre) / priors[0].scale) ** 2
@@ -47,10 +50,7 @@ def test_a_descent_against_brute_force_integration(short, made, quadrature):
     assert np.ptp(wanted) > 1.5  # it isn't flat
     # What its polynomials leave is told.
     xi = np.random.default_rng(0).standard_normal((8, 1))
-    assert (
-        np.abs(laplace.compared(right, xi).errors).max() < 0.02
-        and np.abs(laplace.compared(made, xi).errors).max() > 0.1
-    )
+    assert np.abs(compared(right, xi).errors).max() < 0.02 and np.abs(compared(made, xi).errors).max() > 0.1
 
 
 def test_the_gap_is_what_the_exact_hessian_adds_to_that_of_a_linear_model(bent, quadrature, monkeypatch):
@@ -70,7 +70,7 @@ def test_the_gap_is_what_the_exact_hessian_adds_to_that_of_a_linear_model(bent, 
 
     def off(marginal):
         """Slope and curvature that are missing."""
-        ours = np.asarray(log_density(laplace.corrected(marginal)[0], grid[None]))
+        ours = np.asarray(log_density(corrected(marginal)[0], grid[None]))
         left = ours - ours[1] - wanted + wanted[1]
         return np.array([0.5 * (left[2] - left[0]), left[2] + left[0]])
 

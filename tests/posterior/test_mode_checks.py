@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from bayeschute.posterior import mode_checks
-from bayeschute.posterior.laplace import corrected
+from bayeschute.posterior.beyond_linear.polynomials import corrected
 from bayeschute.posterior.marginal import Quadratic, log_density
 from bayeschute.posterior.mode_checks import PLACES, Profile, profile
 

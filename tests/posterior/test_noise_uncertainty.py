@@ -12,8 +12,8 @@ import scipy.linalg
 from bayeschute.core.trees import load_tree, save_tree
 from bayeschute.likelihood import kalman_gradient
 from bayeschute.posterior import noise_uncertainty
+from bayeschute.posterior.beyond_linear.linear_errors import linear_errors
 from bayeschute.posterior.joint_mode import fit
-from bayeschute.posterior.laplace import linear_errors
 from bayeschute.posterior.marginal import marginalise
 from bayeschute.posterior.noise_uncertainty import (
     NoiseEffect,

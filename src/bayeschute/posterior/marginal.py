@@ -6,7 +6,7 @@ equations of motion, and the remainder is integrated as a Gaussian: the filter o
 continuity defects into innovations, ``log density = -1/2 |innovations|^2 - rest`` (METHODS 6). Steps are corrected by
 the data one by one, so that the likelihood of an unstable flight is well-behaved. The errors of the linear model, whose
 derivatives are those at theta_0, are corrected by polynomials: the log determinant, which moves parameters by several
-standard errors, and the curvature of the exact conditional mode (`posterior.laplace`).
+standard errors, and the curvature of the exact conditional mode (`posterior.beyond_linear`).
 """
 
 from __future__ import annotations

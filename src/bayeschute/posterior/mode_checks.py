@@ -1,7 +1,7 @@
 """Checks of the mode: profile of the marginal density along its axes, and size of the corrections.
 
 The marginal density is the sum of squares that one simulation gives, plus corrections that are expanded about the mode:
-the curvature of the conditional mode, and the log determinant (`posterior.laplace`). About a mode, in coordinates with
+the curvature of the conditional mode, and the log determinant (`beyond_linear`). About a mode, in coordinates with
 unit covariance, the log density of a Gaussian falls by 1/2 at one standard deviation along every axis, and by 2 at two.
 Where a correction makes it rise there, or fall much more steeply, the expansion is not valid, however well a sampler
 converges on it.

@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+from bayeschute.posterior.beyond_linear.comparison import Compared
+from bayeschute.posterior.beyond_linear.expansion import Expansion
 from bayeschute.posterior.fit import drawn_density
 from bayeschute.posterior.fit.correction_fit import MOST_SHIFT
 from bayeschute.posterior.fit.drawn_density import Sampled, judged, sampled
-from bayeschute.posterior.laplace import Compared, Expansion
 from bayeschute.posterior.marginal import Quadratic
 from bayeschute.posterior.sampling.protocol import Draws
 
@@ -65,10 +66,10 @@ def told(monkeypatch):
             laplace[rng.random(len(points)) < lost] = np.nan
             return Compared(own, laplace, np.ones(len(points), bool), (laplace - own)[None])
 
-        monkeypatch.setattr(drawn_density.laplace, "compared", compared)
+        monkeypatch.setattr(drawn_density.comparison, "compared", compared)
         monkeypatch.setattr(
-            drawn_density.laplace,
-            "expansion",
+            drawn_density,
+            "expansion_of",
             lambda marginal: Expansion(np.zeros(SIZE), np.eye(SIZE) + np.asarray(marginal.bend.curvature)),
         )
         return asked

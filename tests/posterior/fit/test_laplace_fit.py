@@ -47,7 +47,7 @@ def test_corrections_under_which_there_is_no_mode_are_not_taken(monkeypatch, is_
     fit = SimpleNamespace(marginal="corrected", shift=0.1, before=0.7)
     seen = SimpleNamespace(is_mode=is_mode)
     monkeypatch.setattr(module.correction_fit, "fitted", lambda made, rng, say: fit)
-    monkeypatch.setattr(module.laplace, "expansion", lambda made: SimpleNamespace(step=lambda: np.zeros(1)))
+    monkeypatch.setattr(module, "expansion_of", lambda made: SimpleNamespace(step=lambda: np.zeros(1)))
     monkeypatch.setattr(module, "best_profile", lambda made, step: seen)
     made, profile, shift = module._over_the_posterior("made", "before", lambda *_: None)
     assert made == kept and profile is (seen if is_mode else "before") and shift == (0.1 if is_mode else 0.7)

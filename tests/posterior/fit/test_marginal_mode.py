@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bayeschute.posterior import laplace
+from bayeschute.posterior.beyond_linear import linear_errors
 from bayeschute.posterior.fit import marginal_mode as module
 
 SCALE = np.array([[2.0, 0.0, 0.0], [0.5, 0.3, 0.0], [-1.0, 0.2, 4.0]])
@@ -24,7 +24,7 @@ def left_out(theta):
 
 def test_slope_and_information_are_those_of_the_parameters(monkeypatch):
     """Standard coordinates are lower triangular in the parameters: a transpose in the wrong place gives another slope."""
-    monkeypatch.setattr(laplace, "linear_errors", lambda made: laplace.LinearErrors(SLOPE, INFORMATION))
+    monkeypatch.setattr(linear_errors, "linear_errors", lambda made: linear_errors.LinearErrors(SLOPE, INFORMATION))
     errors = module._LinearErrors.at(SimpleNamespace(centre=CENTRE, scale=SCALE))
     for theta in (CENTRE, CENTRE + [0.3, -0.1, 0.7]):
         steps = 1e-5 * np.eye(3)

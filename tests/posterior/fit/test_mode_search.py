@@ -10,7 +10,9 @@ import pytest
 
 from bayeschute.core.errors import FitError
 from bayeschute.likelihood.priors import Prior
-from bayeschute.posterior import laplace, mode_checks
+from bayeschute.posterior import mode_checks
+from bayeschute.posterior.beyond_linear import polynomials
+from bayeschute.posterior.beyond_linear.expansion import Expansion
 from bayeschute.posterior.fit import joint_fit, marginal_mode, mode_search
 from bayeschute.posterior.fit.mode_search import Candidate
 from bayeschute.posterior.marginal import Quadratic
@@ -20,7 +22,7 @@ from bayeschute.posterior.noise_evidence import NoisePrior
 
 @pytest.mark.parametrize(("fail", "tried"), [((), [1.0]), ((1.0,), [1.0, 0.3])])
 def test_the_density_is_looked_at_nearer_where_flights_fail(found, monkeypatch, fail, tried):
-    usual, steps = laplace.sides, []
+    usual, steps = polynomials.sides, []
 
     def sides(made, step, progress):
         steps.append(step)
@@ -28,7 +30,7 @@ def test_the_density_is_looked_at_nearer_where_flights_fail(found, monkeypatch, 
             raise FloatingPointError("flights beside the optimum fail")
         return usual(made, step, progress)
 
-    monkeypatch.setattr(laplace, "sides", sides)
+    monkeypatch.setattr(polynomials, "sides", sides)
     np.testing.assert_array_equal(mode_search._sides(found.marginal).steps, tried[-1])
     assert steps == tried
     monkeypatch.setattr(mode_search, "_NEARER", 1.0)
@@ -48,7 +50,7 @@ def _beside(found, descent, sds):
 
 
 def test_a_correction_that_outweighs_the_density_is_left_out_as_far_as_it_does(found):
-    about = laplace.Expansion(np.zeros(1), np.array([[-1.0]]))
+    about = Expansion(np.zeros(1), np.array([[-1.0]]))
     made = mode_search._flattened(mode_search._Place(found.optimum, _bent(found.marginal, -2.0), about))
     assert made.lost == (mode_search._LOST_BEND,) and made.expansion.has_mode and made.away == 0.0
     assert made.marginal.bend.curvature[0, 0] == pytest.approx(-0.8)
@@ -58,7 +60,7 @@ def test_a_correction_that_outweighs_the_density_is_left_out_as_far_as_it_does(f
 def test_a_step_is_taken_where_the_density_rises_as_it_should(found, descent, flown, sds):
     """Two standard deviations beside the mode, where the curvature is said to be negative, at least half of the way."""
     aside, near = _beside(found, descent, sds)
-    about = laplace.Expansion(np.array([sds]), np.array([[-1.0 if sds > 1.0 else 1.0]]))
+    about = Expansion(np.array([sds]), np.array([[-1.0 if sds > 1.0 else 1.0]]))
     made = mode_search._ahead(near, mode_search._Place(aside, near, about))
     sd = np.sqrt(found.optimum.covariance[0, 0])
     assert abs(made.theta - found.optimum.theta)[0] <= (1.1 if sds > 1.0 else 0.2) * sd
@@ -67,17 +69,17 @@ def test_a_step_is_taken_where_the_density_rises_as_it_should(found, descent, fl
         np.testing.assert_allclose(at.path, own.path, atol=0.05 * np.ptp(own.path))
 
 
-NONE = laplace.Expansion(np.array([0.1]), -np.eye(1))
+NONE = Expansion(np.array([0.1]), -np.eye(1))
 
 
 def test_no_step_is_taken_where_the_density_does_not_rise(found, descent, monkeypatch):
     """The mode stays the mode, wherever the polynomial says it is."""
-    away = laplace.Expansion(np.array([0.9]), np.eye(1))
+    away = Expansion(np.array([0.9]), np.eye(1))
     assert mode_search._ahead(found.marginal, mode_search._Place(found.optimum, found.marginal, away)) is None
     assert mode_search._ahead(found.marginal, mode_search._Place(found.optimum, found.marginal, NONE)) is None
     begin = joint_fit.JointFit(found.optimum, found.hyper, found.evidence)
-    usual = laplace.corrected
-    monkeypatch.setattr(laplace, "corrected", lambda made, near, progress=None: (usual(made, near=near)[0], away))
+    usual = polynomials.corrected
+    monkeypatch.setattr(polynomials, "corrected", lambda made, near, progress=None: (usual(made, near=near)[0], away))
     best, _, _, lost, seen = mode_search.search(
         descent.flights, descent.priors, begin, [Candidate("those", found.hyper)]
     )
@@ -88,7 +90,7 @@ def test_no_step_is_taken_where_the_density_does_not_rise(found, descent, monkey
 def test_where_the_density_has_no_mode_the_search_goes_on(found, descent, monkeypatch):
     """From a place whose curvature is negative, to the next; only where none is higher the correction is left out."""
     begin = joint_fit.JointFit(found.optimum, found.hyper, found.evidence)
-    usual, seen = laplace.corrected, []
+    usual, seen = polynomials.corrected, []
 
     def told(near, beside, least):
         seen.append(near)
@@ -99,14 +101,14 @@ def test_where_the_density_has_no_mode_the_search_goes_on(found, descent, monkey
 
     given = descent.flights, descent.priors, begin, [Candidate("those", found.hyper)]
     monkeypatch.setattr(mode_search, "marginal_mode", lambda *given: _beside(found, descent, 2.0)[0])
-    monkeypatch.setattr(laplace, "expanded", lambda *given: laplace.Expansion(np.zeros(1), np.eye(1)))
-    monkeypatch.setattr(laplace, "corrected", lambda made, near, progress=None: told(made, near, 1))
+    monkeypatch.setattr(polynomials, "expanded", lambda *given: Expansion(np.zeros(1), np.eye(1)))
+    monkeypatch.setattr(polynomials, "corrected", lambda made, near, progress=None: told(made, near, 1))
     best, _, made, lost, _ = mode_search.search(*given)
     assert lost == () and len(seen) >= 2 and made.centre is not seen[0].centre
     assert abs(best.theta - found.optimum.theta)[0] < 0.5 * np.sqrt(found.optimum.covariance[0, 0])
     seen.clear()
     monkeypatch.setattr(mode_search, "marginal_mode", lambda *given: found.optimum)
-    monkeypatch.setattr(laplace, "corrected", lambda made, near, progress=None: told(made, near, 9))
+    monkeypatch.setattr(polynomials, "corrected", lambda made, near, progress=None: told(made, near, 9))
     *_, made, lost, profile = mode_search.search(*given)
     assert lost == (mode_search._LOST_BEND,) and len(seen) == 1 and -1.0 < made.bend.curvature[0, 0] < -0.7
     assert profile.is_mode
@@ -115,7 +117,7 @@ def test_where_the_density_has_no_mode_the_search_goes_on(found, descent, monkey
 @pytest.mark.parametrize("second", [True, False])
 def test_corrections_are_left_out_only_where_no_noise_parameters_lead_to_a_mode(found, descent, monkeypatch, second):
     """The first have none, wherever they lead; the second have one, or not."""
-    begin, usual = joint_fit.JointFit(found.optimum, found.hyper, found.evidence), laplace.corrected
+    begin, usual = joint_fit.JointFit(found.optimum, found.hyper, found.evidence), polynomials.corrected
     other = joint_fit._looser(found.hyper, 3.0)
 
     def told(plain, near, progress=None):
@@ -126,7 +128,7 @@ def test_corrections_are_left_out_only_where_no_noise_parameters_lead_to_a_mode(
 
     monkeypatch.setattr(mode_search, "marginal_mode", lambda *given: found.optimum)
     monkeypatch.setattr(mode_search, "_ahead", lambda *given: None)
-    monkeypatch.setattr(laplace, "corrected", told)
+    monkeypatch.setattr(polynomials, "corrected", told)
     candidates = [Candidate("mean", other), Candidate("mode", found.hyper, ("shift",))]
     _, hyper, made, lost, profile = mode_search.search(descent.flights, descent.priors, begin, candidates)
     assert profile.is_mode and made.hyper is hyper and hyper is (found.hyper if second else other)
@@ -135,15 +137,15 @@ def test_corrections_are_left_out_only_where_no_noise_parameters_lead_to_a_mode(
 
 def test_a_way_on_that_leads_where_nothing_flies_ends_the_search_at_what_was_found(found, descent, monkeypatch):
     begin = joint_fit.JointFit(found.optimum, found.hyper, found.evidence)
-    usual = laplace.corrected
+    usual = polynomials.corrected
 
     def told(made, near, progress=None):
-        return usual(made, near=near)[0], laplace.Expansion(np.array([-0.3]), np.eye(1))
+        return usual(made, near=near)[0], Expansion(np.array([-0.3]), np.eye(1))
 
     def nowhere(*given):
         raise FloatingPointError("a step fails")
 
-    monkeypatch.setattr(laplace, "corrected", told)
+    monkeypatch.setattr(polynomials, "corrected", told)
     monkeypatch.setattr(mode_search, "_ahead", nowhere)
     best, *_, lost, _ = mode_search.search(descent.flights, descent.priors, begin, [Candidate("those", found.hyper)])
     assert lost == () and abs(best.theta - found.optimum.theta)[0] < 0.3 * np.sqrt(found.optimum.covariance[0, 0])
@@ -220,11 +222,11 @@ def test_a_search_whose_steps_stay_long_ended_beside_the_mode(found, descent, mo
     begin = joint_fit.JointFit(found.optimum, found.hyper, 0.0)
 
     def about():
-        return laplace.Expansion(np.array([-next(ways)]), np.eye(1))
+        return Expansion(np.array([-next(ways)]), np.eye(1))
 
     monkeypatch.setattr(mode_search, "marginal_mode", lambda *given: found.optimum)
     monkeypatch.setattr(mode_search, "marginalise", lambda *given: found.marginal)
-    monkeypatch.setattr(laplace, "corrected", lambda made, near, progress=None: (made, about()))
+    monkeypatch.setattr(polynomials, "corrected", lambda made, near, progress=None: (made, about()))
     monkeypatch.setattr(mode_search, "_ahead", lambda near, place: replace(place.optimum, cost=place.step[0]))
     monkeypatch.setattr(mode_checks, "profile", lambda made, *middle: SimpleNamespace(is_mode=True, worst=0.5))
     with pytest.raises(FitError, match=r"after 6 steps towards it the mode is still off by 1\.2 standard deviations"):
@@ -235,7 +237,7 @@ def test_a_search_whose_steps_stay_long_ended_beside_the_mode(found, descent, mo
 
 def test_how_far_the_mode_is_from_a_place_is_told_with_or_more_where_the_step_was_cut(found):
     def told(slope):
-        return mode_search._Place(found.optimum, found.marginal, laplace.Expansion(np.array(slope), np.eye(2))).distance
+        return mode_search._Place(found.optimum, found.marginal, Expansion(np.array(slope), np.eye(2))).distance
 
     assert told([-1.2, 0.0]) == "0.85 standard deviations"
     assert told([-2.99, 0.0]) == "2.1 standard deviations" and told([-7.0, 0.0]) == "2.1 standard deviations or more"
@@ -253,7 +255,7 @@ def test_an_axis_is_told_by_the_parameters_that_change_along_it_by_half_as_much_
 def test_places_far_from_the_mode_are_passed_by_without_corners(found, descent, monkeypatch, flies):
     """Those cost most; where nothing flies further on, the last such place gets them after all."""
     begin, usual, whole = joint_fit.JointFit(found.optimum, found.hyper, 0.0), mode_search._ahead, []
-    corrected = laplace.corrected
+    corrected = polynomials.corrected
     aside, _ = _beside(found, descent, 1.5)
 
     def ahead(near, place):
@@ -267,7 +269,7 @@ def test_places_far_from_the_mode_are_passed_by_without_corners(found, descent, 
 
     monkeypatch.setattr(mode_search, "marginal_mode", lambda *given: aside)
     monkeypatch.setattr(mode_search, "_ahead", ahead)
-    monkeypatch.setattr(laplace, "corrected", told)
+    monkeypatch.setattr(polynomials, "corrected", told)
     places, highest, steps = mode_search._places(descent.flights, descent.priors, begin, lambda share, words: None)
     assert len(whole) == len(places) == 1 and not highest and steps == (2 if flies else 1)
     away = (places[0].optimum.theta - found.optimum.theta)[0] / np.sqrt(found.optimum.covariance[0, 0])
@@ -279,7 +281,7 @@ def test_other_noise_parameters_are_tried_only_where_no_candidate_leads_to_a_mod
     """Not even one about which corrections are left out; the error tells of the candidates, the list of all."""
     begin = joint_fit.JointFit(found.optimum, found.hyper, found.evidence)
     first, second = found.hyper, joint_fit._looser(found.hyper, 1.2)
-    usual, corrected, sought = mode_checks.profile, laplace.corrected, []
+    usual, corrected, sought = mode_checks.profile, polynomials.corrected, []
     cliff = Profile(np.eye(1), np.array([[2.0, -0.3, 0.5, 2.0]]))
 
     def told(made, *middle):
@@ -293,7 +295,7 @@ def test_other_noise_parameters_are_tried_only_where_no_candidate_leads_to_a_mod
         )
 
     monkeypatch.setattr(mode_checks, "profile", told)
-    monkeypatch.setattr(laplace, "corrected", bent)
+    monkeypatch.setattr(polynomials, "corrected", bent)
     if "flat" in among:
         monkeypatch.setattr(mode_search, "_ahead", lambda *given: None)
     given = descent.flights, descent.priors, begin, [Candidate("mode", first)], [Candidate("more", second, ("raised",))]

@@ -136,7 +136,7 @@ def _information(roots: Array, others: Array) -> float:
 def _cost(flight: FlightData, hyper: NoiseParameters, along: Linearisation) -> tuple[float, Array]:
     """Minus the marginal log density of a flight by Laplace's approximation, and factors of the covariances (T, C, C).
 
-    Up to a constant; as of `posterior.laplace.at` without what is the same with and without a small error.
+    Up to a constant; as of `beyond_linear.laplace.at` without what is the same with and without a small error.
     """
     (made,) = approached([flight], hyper, np.asarray(along.theta), [along.at])
     unit = np.asarray(innovations(made.gains, *as_seen(made.linear).column(0)))

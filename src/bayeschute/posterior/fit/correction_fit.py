@@ -1,6 +1,6 @@
 """Corrections of the marginal posterior compared with Laplace's approximation over the posterior, and fitted to it.
 
-`laplace.corrected` expands what the linear models lack about the mode, from places one standard deviation away. The
+`polynomials.corrected` expands what the linear models lack about the mode, from places one standard deviation away. The
 posterior of P parameters has its mass at root P standard deviations: where the density is no quadratic polynomial, or
 where its values are known to a tenth only, what is read from differences near the mode is wrong there, by several units
 of the log density on some flights. So the density is compared with Laplace's approximation at standard normal points.
@@ -23,9 +23,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bayeschute.posterior import laplace
+from bayeschute.posterior.beyond_linear import comparison
+from bayeschute.posterior.beyond_linear.comparison import Compared
 from bayeschute.posterior.felt_axes import apart, groups, together
-from bayeschute.posterior.laplace import Compared
 from bayeschute.posterior.marginal import Marginal, Quadratic
 
 Array = NDArray[np.float64]
@@ -79,7 +79,7 @@ def fitted(
     """Compare the corrections with Laplace's approximation over the posterior, and fit them where that helps.
 
     Args:
-        marginal: From `laplace.corrected`.
+        marginal: From `polynomials.corrected`.
         rng: Source of the points.
         progress: Called with a share done and words.
     """
@@ -88,7 +88,7 @@ def fitted(
     points, seen = np.zeros((0, parameters)), Compared.none(len(parts))
     while True:
         xi = rng.standard_normal((max(_FIRST, _BATCH * size) if len(points) else _FIRST, parameters))
-        points, seen = np.vstack([points, xi]), seen.and_at(laplace.compared(marginal, xi))
+        points, seen = np.vstack([points, xi]), seen.and_at(comparison.compared(marginal, xi))
         use = seen.known & seen.in_range
         if use.mean() < _FINITE:
             return Fitted(marginal, np.nan, np.nan, np.nan, len(points))

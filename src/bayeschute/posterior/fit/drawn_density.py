@@ -17,11 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayeschute.core.random import stream
-from bayeschute.posterior import laplace
+from bayeschute.posterior.beyond_linear import comparison
+from bayeschute.posterior.beyond_linear.comparison import Compared
+from bayeschute.posterior.beyond_linear.expansion import expansion_of
 from bayeschute.posterior.felt_axes import groups
 from bayeschute.posterior.fit.correction_fit import MOST_SHIFT, changes, shifted
 from bayeschute.posterior.fit.laplace_fit import LaplaceFit
-from bayeschute.posterior.laplace import Compared
 from bayeschute.posterior.marginal import Marginal, Quadratic
 from bayeschute.posterior.sampling.protocol import Draws
 
@@ -103,7 +104,7 @@ def sampled(found: LaplaceFit, sampler: Callable[[Marginal], Draws], say: Progre
             break
         bend = Quadratic(*(a + b for a, b in zip(marginal.bend, seen.missing, strict=True)))
         marginal = replace(marginal, bend=bend)
-        if not laplace.expansion(marginal).has_mode:
+        if not expansion_of(marginal).has_mode:
             break
     return min(tried, key=lambda one: np.nan_to_num(one.shift, nan=np.inf))
 
@@ -129,7 +130,7 @@ def judged(
         def heard(done: int, wanted: int, before: int = len(seen.own)) -> None:
             say(before + done)
 
-        seen = seen.and_at(laplace.compared(marginal, flat[batch], heard))
+        seen = seen.and_at(comparison.compared(marginal, flat[batch], heard))
         errors = seen.errors[seen.known]
         if seen.known.mean() < _LEAST:
             return Judged(Quadratic.none(flat.shape[1]), np.nan, np.nan, len(seen.own))

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from bayeschute.core.random import stream
 from bayeschute.likelihood.joint import FlightData, NoiseParameters
 from bayeschute.likelihood.priors import Prior
-from bayeschute.posterior import laplace, noise_evidence
+from bayeschute.posterior import noise_evidence
 from bayeschute.posterior.along_record import conditional_mode
+from bayeschute.posterior.beyond_linear.expansion import expansion_of
 from bayeschute.posterior.fit import correction_fit
 from bayeschute.posterior.fit.continuation import Progress
 from bayeschute.posterior.fit.joint_fit import JointFit, joint_fit
@@ -233,7 +234,7 @@ def _over_the_posterior(made: Marginal, seen: Profile, say: Progress) -> tuple[M
     fit = correction_fit.fitted(made, stream(0, "points of the log determinant"), say)
     if fit.marginal is made:
         return made, seen, fit.shift
-    there = best_profile(fit.marginal, laplace.expansion(fit.marginal).step())
+    there = best_profile(fit.marginal, expansion_of(fit.marginal).step())
     return (fit.marginal, there, fit.shift) if there.is_mode else (made, seen, fit.before)
 
 

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from bayeschute.likelihood.joint import FlightData, Lifted, NoiseParameters
 from bayeschute.likelihood.priors import Prior
-from bayeschute.posterior import laplace
 from bayeschute.posterior.along_record import conditional_mode
+from bayeschute.posterior.beyond_linear import linear_errors
 from bayeschute.posterior.fit.continuation import Progress
 from bayeschute.posterior.fit.joint_fit import JointFit
 from bayeschute.posterior.joint_mode import Optimum
@@ -31,7 +31,7 @@ _SAME_SLOPE = 0.5  # standard deviations within which the slope of what linear m
 
 
 class _LinearErrors(NamedTuple):
-    """What the linear models about a point lack (`laplace.LinearErrors`), by theta.
+    """What the linear models about a point lack (`linear_errors.LinearErrors`), by theta.
 
     Attributes:
         theta: The point (P,).
@@ -46,7 +46,7 @@ class _LinearErrors(NamedTuple):
     @classmethod
     def at(cls, made: Marginal) -> _LinearErrors:
         """At the centre of a posterior."""
-        errors, inverse = laplace.linear_errors(made), np.linalg.inv(np.asarray(made.scale))
+        errors, inverse = linear_errors.linear_errors(made), np.linalg.inv(np.asarray(made.scale))
         return cls(np.asarray(made.centre), inverse.T @ errors.slope, inverse.T @ errors.information @ inverse)
 
     def slope_at(self, theta: Array) -> Array:

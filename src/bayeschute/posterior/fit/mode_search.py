@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 
 from bayeschute.likelihood.joint import FlightData, NoiseParameters
 from bayeschute.likelihood.priors import Prior
-from bayeschute.posterior import laplace
+from bayeschute.posterior.beyond_linear import laplace, polynomials
+from bayeschute.posterior.beyond_linear.expansion import FARTHEST, Expansion
+from bayeschute.posterior.beyond_linear.polynomials import Sides
 from bayeschute.posterior.fit.continuation import Progress
 from bayeschute.posterior.fit.joint_fit import JointFit, NoFitError
 from bayeschute.posterior.fit.marginal_mode import marginal_mode
 from bayeschute.posterior.joint_mode import Optimum
-from bayeschute.posterior.laplace import Expansion, Sides
 from bayeschute.posterior.marginal import Marginal, marginalise
 from bayeschute.posterior.mode_checks import Profile, best_profile
 
@@ -52,7 +53,7 @@ class _Place(NamedTuple):
     @property
     def distance(self) -> str:
         """That in words: of a step as long as one may be, the mode may lie beyond its end."""
-        beyond = np.linalg.norm(self.step) > (1.0 - _ROUNDING) * laplace.FARTHEST
+        beyond = np.linalg.norm(self.step) > (1.0 - _ROUNDING) * FARTHEST
         return f"{self.away:.2g} standard deviations{' or more' if beyond else ''}"
 
 
@@ -191,13 +192,13 @@ def _places(
             heard = partial(_heard, say, move)
             beside = _sides(near, partial(heard, (0.0, 0.2), "along the axes"))
             passed.append((here, near, beside))
-            place = _Place(here, near, laplace.expanded(near, beside))
+            place = _Place(here, near, polynomials.expanded(near, beside))
             ahead = _ahead(near, place) if move < _MOVES and place.away > _BESIDE_MODE else None
             if ahead is not None:
                 here = ahead
                 continue
             pairs = partial(heard, (0.2, 1.0), "along pairs of axes")
-            found.append(_Place(here, *laplace.corrected(near, near=beside, progress=pairs)))
+            found.append(_Place(here, *polynomials.corrected(near, near=beside, progress=pairs)))
             if found[-1].expansion.has_mode and found[-1].away < _AT_MODE:
                 break
             ahead = _ahead(near, found[-1])
@@ -209,7 +210,7 @@ def _places(
             raise
     if not found:
         here, near, beside = passed[-1]
-        found.append(_Place(here, *laplace.corrected(near, near=beside)))
+        found.append(_Place(here, *polynomials.corrected(near, near=beside)))
     return found, False, len(passed)
 
 
@@ -231,8 +232,7 @@ def _ahead(near: Marginal, place: _Place) -> Optimum | None:
     for radius in _RADII:
         step = place.expansion.step(radius)
         there = laplace.at(near, step)
-        change = there.square + there.determinant - here.square - here.determinant
-        if change < _ENOUGH * place.expansion.change(step):
+        if there.rise(here) < _ENOUGH * place.expansion.change(step):
             return replace(
                 place.optimum, theta=place.optimum.theta + np.asarray(near.scale) @ step, flights=there.flights
             )
@@ -246,11 +246,11 @@ def _sides(made: Marginal, progress: laplace.Progress | None = None) -> Sides:
         FloatingPointError: If flights fail there.
     """
     try:
-        return laplace.sides(made, _BESIDE, progress)
+        return polynomials.sides(made, _BESIDE, progress)
     except FloatingPointError:
-        return laplace.sides(made, _NEARER, progress)
+        return polynomials.sides(made, _NEARER, progress)
 
 
 def _flattened(place: _Place) -> _Place:
     """A place about which the density has no mode, without what is to blame."""
-    return _Place(place.optimum, *laplace.flattened(place.marginal, place.expansion), (_LOST_BEND,))
+    return _Place(place.optimum, *polynomials.flattened(place.marginal, place.expansion), (_LOST_BEND,))
