@@ -22,7 +22,7 @@ from bayeschute.likelihood.priors import Prior
 from bayeschute.posterior.joint_mode import fit
 from bayeschute.posterior.marginal import marginalise
 from bayeschute.posterior.noise_uncertainty import NoiseEffect
-from bayeschute.prediction import bands
+from bayeschute.prediction import bands, held_shares
 from bayeschute.prediction.bands import Prediction
 
 GUSTS = Latent(("drift",), ((0, 0),))
@@ -93,7 +93,7 @@ def test_a_fitted_flight_is_smoothed(smoothed, flight):
     z = (made.mean(axis=0) - flight.clean) / made.std(axis=0)
     assert np.sqrt(np.mean(z**2)) < 2.0
     assert made.std(axis=0).mean() < 0.12  # narrower than the noise of one sample
-    assert bands.coverage(made, flight.clean, np.ones(SAMPLES, bool)) > 0.6
+    assert held_shares.coverage(made, flight.clean, np.ones(SAMPLES, bool)) > 0.6
 
 
 def test_a_forecast_widens_after_its_opening_and_holds_the_truth(forecast, flight):
@@ -133,7 +133,7 @@ def test_a_failed_simulation_is_counted_and_left_empty(fitted, log_area):
     assert np.isfinite(np.delete(made.draws["descent_rate"], 3, axis=0)).all()
     for share in made.shares.values():
         assert sum(share.values()) == pytest.approx(1.0)
-    kept = bands.coverage(made.draws["descent_rate"], np.full(SAMPLES, 10.0), np.ones(SAMPLES, bool))
+    kept = held_shares.coverage(made.draws["descent_rate"], np.full(SAMPLES, 10.0), np.ones(SAMPLES, bool))
     assert kept is not None
 
 
@@ -224,26 +224,6 @@ def test_every_group_is_carried_along_with_its_noise_parameters(fitted):
     np.testing.assert_allclose(bands.carried(fitted, theta, laws, NoiseEffect.none(1, 5)), theta, rtol=1e-12)
 
 
-def test_coverage_counts_known_and_counted_samples():
-    draws = np.tile(np.linspace(0.0, 1.0, 101)[:, None], (1, 4))  # 90 % band: 0.05 to 0.95
-    counted = np.array([True, True, True, False])
-    assert bands.coverage(draws, np.array([0.5, 0.99, np.nan, 9.0]), counted) == 0.5
-    assert bands.coverage(draws, np.array([0.06, 0.94, 0.5, 9.0]), counted) == 1.0
-    assert bands.coverage(draws, np.full(4, np.nan), counted) is None
-    draws[7] = np.nan
-    assert bands.coverage(draws, np.array([0.5, 0.99, np.nan, 9.0]), counted) == 0.5
-
-
-def test_where_every_draw_failed_there_is_no_band_and_no_coverage(recwarn):
-    everywhere = np.ones(4, bool)
-    assert bands.coverage(np.full((10, 4), np.nan), np.zeros(4), everywhere) is None
-    assert np.isnan(bands.quantiles(np.full((10, 4), np.nan))).all()
-    part = np.full((10, 4), np.nan)
-    part[:3, :2] = [[-1.0, -1.0], [0.0, 0.0], [1.0, 1.0]]
-    assert bands.coverage(part, np.array([0.0, 5.0, 0.0, 0.0]), everywhere) == 0.5  # of samples that have a band
-    assert not recwarn.list
-
-
 def test_a_prediction_that_failed_altogether_has_no_shares(fitted, monkeypatch):
     monkeypatch.setattr(bands, "_simulate", _lost(bands._simulate))
     made = bands.predict(fitted, 0, np.tile(np.asarray(fitted.centre), (4, 1)), [fitted.hyper], 3)
@@ -283,7 +263,7 @@ def _lost(honest):
 
 def test_coverage_of_gaussian_draws_is_ninety_percent():
     rng = np.random.default_rng(10)
-    made = bands.coverage(rng.standard_normal((4000, 3000)), rng.standard_normal(3000), np.ones(3000, bool))
+    made = held_shares.coverage(rng.standard_normal((4000, 3000)), rng.standard_normal(3000), np.ones(3000, bool))
     assert made == pytest.approx(0.9, abs=0.025)
 
 

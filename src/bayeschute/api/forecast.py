@@ -19,6 +19,7 @@ from bayeschute.calibration.label import caveat, lost_simulations
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.prediction import bands
 from bayeschute.prediction.flight_statistics import REDUCTIONS
+from bayeschute.prediction.held_shares import rarity, shares_inside
 from bayeschute.prediction.requirement import requirement_check
 from bayeschute.report.wording import shown_unit
 from bayeschute.study.evidence.recalibrate import widening
@@ -320,6 +321,7 @@ class Forecast:
         Raises:
             InputError: If there is neither record nor truth.
         """
+        bands_wanted = {level: central(level)[::2] for level in levels}
         truth = {} if self.truth is None else {q: self.truth[q].values for q in self.quantities if q in self.truth}
         rows = []
         for kind, reference in (("record", self.record), ("truth", truth)):
@@ -329,9 +331,10 @@ class Forecast:
                 draws = self.as_recorded(name) if kind == "record" else self.draws[name]
                 known = np.isfinite(reference[name]) & self.counted
                 row: dict[str, Any] = {"quantity": name, "reference": kind, "samples": int(known.sum())}
-                for level in levels:
-                    row[f"inside {100 * level:g} %"] = _inside(draws.values, reference[name], known, level)[0]
-                row["p"] = _rarity(draws.values, reference[name], known, max(levels))
+                for level, ends in bands_wanted.items():
+                    row[f"inside {100 * level:g} %"] = shares_inside(draws.values, reference[name], known, ends)[0]
+                p = rarity(draws.values, reference[name], known, bands_wanted[max(levels)])
+                row["p"] = np.nan if p is None else p
                 rows.append(row | {"passed": bool(row["p"] >= _RARE)})
         if not rows:
             raise InputError(Fault(f"forecast of {self.name}", "no record", "a flight with a record to check by"))
@@ -396,21 +399,6 @@ _RARE = 0.05  # share of flights that are inside their bands for as little of th
 def _central(draws: Array, level: float) -> Array:
     """Lower end, median and upper end (3, T) of the central band of draws (B, T)."""
     return bands.quantiles(draws, central(level))
-
-
-def _inside(draws: Array, motions: Array, known: NDArray[np.bool_], level: float) -> Array:
-    """Share of the known samples that each of motions (N, T) or (T,) has in the central band of draws (B, T), (N,)."""
-    low, _, high = _central(draws, level)
-    here = known & np.isfinite(low)
-    inside = (motions >= low) & (motions <= high)
-    return np.atleast_2d(inside)[:, here].mean(axis=1) if here.any() else np.full(len(np.atleast_2d(motions)), np.nan)
-
-
-def _rarity(draws: Array, reference: Array, known: NDArray[np.bool_], level: float) -> float:
-    """How often one of the draws (B, T) and the reference (T,) is in the band for no more of the time than that."""
-    flown = draws[np.isfinite(draws).all(axis=1)]
-    share, shares = _inside(draws, reference, known, level), _inside(draws, flown, known, level)
-    return float((1 + np.sum(shares <= share)) / (1 + len(flown))) if np.isfinite(share[0]) else float("nan")
 
 
 def _led_by(spec: Study, flight: str, like: str | None) -> Study:

@@ -47,6 +47,7 @@ class Prediction:
         last: Capsule velocity at the last sample of the record, (draw, 3) NED [m/s]; descents hold (0, 0, rate).
         failed: Simulations that were not finite.
         shares: Share of variance by quantity and source; NaN without successful simulations.
+        why: Why no simulation could be begun; empty where one could.
     """
 
     time: Array
@@ -54,6 +55,7 @@ class Prediction:
     last: Array
     failed: int
     shares: Mapping[str, Mapping[str, float]]
+    why: str = ""
 
 
 def _simulate(flight: FlightData, theta: jax.Array, latent_path: LatentPath) -> tuple[jax.Array, jax.Array]:
@@ -108,6 +110,10 @@ def opened(flight: FlightData, hyper: NoiseParameters, posterior: Sequence[Prior
 
     Returns:
         The marginal posterior whose unknowns `predict` draws and continues.
+
+    Raises:
+        NoFitError: If no flight follows the record of the window.
+        FloatingPointError: If flights about the one that does fail.
     """
     theta = np.array([p.centre for p in posterior])
     best = joint([flight], hyper, posterior, theta)
@@ -225,6 +231,22 @@ def predict(
     return Prediction(time, {name: made[i].T for i, name in enumerate(names)}, ends.T, int(bad.sum()), shares)
 
 
+def lost(flight: FlightData, draws: int, why: str, groups: range | None = None) -> Prediction:
+    """A prediction every simulation of which failed, since none could be begun.
+
+    Args:
+        flight: The whole flight.
+        draws: How many were wanted.
+        why: For the reader.
+        groups: Only these groups, as of `predict`.
+    """
+    count = draws if groups is None else min(groups.stop * GROUP, draws) - groups.start * GROUP
+    names, none = quantities_of(flight), {source: np.nan for source in ("parameter", "initial state", *_kinds(flight))}
+    time = np.arange(flight.samples, dtype=float) * float(flight.dt)
+    nothing = {name: np.full((count, flight.samples), np.nan) for name in names}
+    return Prediction(time, nothing, np.full((count, 3), np.nan), count, dict.fromkeys(names, none), why)
+
+
 def _shares(
     marginal: Marginal,
     flight: FlightData,
@@ -237,9 +259,9 @@ def _shares(
     """Variance of each quantity when one source alone varies, as shares of their sum, averaged over the flight."""
     cases = {"parameter": (xi, followed), "initial state": (0.0 * xi, LatentPath(drawn.start, middle.error))}
     kind = np.array([_latent(flight, row) for row in range(flight.latent.rows)])
-    for source in dict.fromkeys(kind):
+    for source in _kinds(flight):
         error = np.where((kind == source)[:, None], drawn.error, middle.error)
-        cases[str(source)] = (0.0 * xi, LatentPath(middle.start, error))
+        cases[source] = (0.0 * xi, LatentPath(middle.start, error))
     variance = {}
     for source, (x, latent_path) in cases.items():
         quantities, _ = _simulate(flight, marginal.theta(x), latent_path)
@@ -254,6 +276,11 @@ def _shares(
         name: {source: 0.0 if total[i] == 0.0 else float(v[i] / total[i]) for source, v in variance.items()}
         for i, name in enumerate(names)
     }
+
+
+def _kinds(flight: FlightData) -> list[str]:
+    """Kinds of disturbances, in the order of their rows."""
+    return list(dict.fromkeys(_latent(flight, row) for row in range(flight.latent.rows)))
 
 
 def _latent(flight: FlightData, row: int) -> str:
@@ -278,17 +305,6 @@ def quantiles(draws: Array, shares: Sequence[float] = QUANTILES) -> Array:
     made = np.full((len(shares), draws.shape[1]), np.nan)
     made[:, known] = np.nanquantile(draws[:, known], shares, axis=0)
     return made
-
-
-def coverage(draws: Array, reference: Array, counted: NDArray[np.bool_]) -> float | None:
-    """Share of counted samples with the reference (T,) inside the 90 % band of draws (B, T).
-
-    Returns:
-        The share [1]; None where no sample has both a reference and a band, which draws that all failed have nowhere.
-    """
-    low, high = quantiles(draws, (QUANTILES[0], QUANTILES[-1]))
-    known = np.isfinite(reference) & np.isfinite(low) & np.isfinite(high) & counted
-    return float(np.mean((reference[known] >= low[known]) & (reference[known] <= high[known]))) if known.any() else None
 
 
 def dataset(

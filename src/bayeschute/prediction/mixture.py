@@ -38,7 +38,8 @@ def mix(parts: Sequence[Prediction]) -> Prediction:
     draws = {name: np.concatenate([p.draws[name] for p in parts]) for name in first.draws}
     shares = {name: _shares(name, parts) for name in first.draws}
     last = np.concatenate([p.last for p in parts])
-    return Prediction(first.time, draws, last, sum(p.failed for p in parts), shares)
+    why = "; ".join(dict.fromkeys(p.why for p in parts if p.why))
+    return Prediction(first.time, draws, last, sum(p.failed for p in parts), shares, why)
 
 
 def _shares(name: str, parts: Sequence[Prediction]) -> Mapping[str, float]:

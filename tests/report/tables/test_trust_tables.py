@@ -21,13 +21,16 @@ def texts(row):
 
 
 def test_coverage_is_of_truth_record_and_the_inner_band_in_this_order():
-    shares = {"truth": 0.91, "record": 0.85, "draws": 90, "failed": 10}
+    shares = {"truth": 0.91, "truth_p": 0.52, "record": 0.85, "record_p": 0.3, "draws": 90, "failed": 10}
     found = results({"coverage": {"a": {"swing_angle": shares, "descent_rate": {"draws": 0, "failed": 100}}}})
     swing, descent = trust_tables.coverage_table(found, {("a", "swing_angle"): 0.48}).rows
-    assert texts(swing) == ["a", "swing angle", "91 %", "85 %", "48 %"]
+    assert texts(swing) == ["a", "swing angle", "91 %", "85 %", "48 %", "0.52"]
     assert swing[1].small == "10 of 100 simulations failed"
-    assert texts(descent)[2:] == ["none"] * 3 and {cell.kind for cell in descent[2:]} == {"bad"}
+    assert texts(descent)[2:] == ["none"] * 4 and {cell.kind for cell in descent[2:]} == {"bad"}
     assert trust_tables.coverage_table(results({}), {}) is None
+    recorded = {"truth": None, "record": 0.85, "record_p": 0.0025, "draws": 90, "failed": 0}
+    (row,) = trust_tables.coverage_table(results({"coverage": {"a": {"swing_angle": recorded}}}), {}).rows
+    assert texts(row)[2:] == [MISSING, "85 %", MISSING, "0.0025"]
 
 
 def test_a_check_is_passed_failed_or_not_judged():

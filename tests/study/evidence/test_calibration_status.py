@@ -212,6 +212,19 @@ def test_a_run_whose_band_holds_a_third_of_the_swing_has_no_level(found):
     assert found(stored(), coverage=coverage).claim.level is Level.SELF_CONSISTENT
 
 
+def test_without_replicates_a_flight_is_judged_by_how_rare_its_share_is_among_draws(found):
+    entry = {"truth": None, "record": 0.6, "record_p": 0.005, "draws": 400}
+    coverage = {"cdt-3-12": {"swing_angle": entry}}
+    label = found(coverage=coverage).claim.label
+    assert "the 90 % band of the swing angle of cdt-3-12 contains only 60 % of it (p 0.005)" in label
+    for usual in ({"record_p": 0.02}, {"record_p": None}, {"draws": 0}):  # not rare, no draw, nothing flown
+        assert CONTRADICTED not in found(coverage={"cdt-3-12": {"swing_angle": entry | usual}}).claim.label
+    several = replace(RECORDS, flights=tuple(replace(RECORDS.flights[1], name=f"f{i}") for i in range(3)))
+    for p, contradicted in ((0.004, False), (0.003, True)):  # one in a hundred over all three
+        label = found(study=several, coverage={"f1": {"swing_angle": entry | {"record_p": p}}}).claim.label
+        assert (CONTRADICTED in label) == contradicted
+
+
 def held_out(count, share, simulated_by=None):
     flights = [replace(RECORDS.flights[1], name=f"f{i}", simulated_by=simulated_by) for i in range(count)]
     study = replace(RECORDS, flights=(replace(RECORDS.flights[0], simulated_by=simulated_by), *flights))

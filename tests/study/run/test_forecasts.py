@@ -10,6 +10,7 @@ import pytest
 
 from bayeschute.calibration.workers import Lost
 from bayeschute.core.errors import InputError
+from bayeschute.likelihood.priors import Prior
 from bayeschute.posterior.marginal import Marginal
 from bayeschute.prediction.bands import GROUP
 from bayeschute.study.job import Job
@@ -79,6 +80,33 @@ def test_parts_that_were_lost_count_as_failed(job, alone, small_parts):
         np.testing.assert_array_equal(values[~gone], whole.draws[name][~gone])
     with pytest.raises(InputError, match="worker lost: killed"):
         module._joined(order, made | {0: Lost("killed")})
+
+
+def test_a_flight_whose_opening_can_not_be_fitted_has_failed_simulations_and_says_why(
+    job, alone, small_parts, monkeypatch
+):
+    """Of the whole flight and of its parts alike; nothing else is lost."""
+
+    def opened(*given):
+        raise FloatingPointError("steps fail")
+
+    (order,), tell = module._orders(job, job.study.flights[1])
+    whole, priors = order.known.flights[0], [Prior("cds_over_mass", 0.0, 1.0, True, "m^2/kg", "")]
+    unseen = replace(order, known=(order.known.hyper, priors), whole=whole)
+    monkeypatch.setattr(module.bands, "opened", opened)
+    made = unseen.draw()
+    assert made.failed == len(order.theta) and made.why == "its first 5 s: steps fail"
+    assert {name: values.shape for name, values in made.draws.items()} == {
+        name: values.shape for name, values in alone[1].prediction.draws.items()
+    }
+    assert np.isnan(made.last).all() and np.isnan(np.concatenate([*made.draws.values()])).all()
+    assert {name: list(one) for name, one in made.shares.items()} == {
+        name: list(one) for name, one in alone[1].prediction.shares.items()
+    }
+    parts = {part.start: unseen.draw(part) for part in unseen.parts()}
+    joined = module._joined(unseen, parts)
+    assert joined.failed == made.failed and joined.why == made.why
+    assert tell([made]).prediction.why == made.why
 
 
 def test_many_draws_are_few_parts(job):

@@ -48,14 +48,18 @@ def coverage_table(results: Results, half: Mapping[tuple[str, str], float]) -> T
     for flight, quantities in entries(results.part("coverage")).items():
         for name, shares in entries(quantities).items():
             texts = [percent(shares.get("truth")), percent(shares.get("record")), percent(half.get((flight, name)))]
+            p = shares.get("truth_p") if is_number(shares.get("truth")) else shares.get("record_p")
+            texts.append(number(p, 2) if is_number(p) else MISSING)
             flown, failed = shares.get("draws"), shares.get("failed")
             words = f"{failed} of {flown + failed} simulations failed" if is_number(flown) and failed else ""
-            none = [Cell("none", "bad")] * 3 if flown == 0 else texts
+            none = [Cell("none", "bad")] * 4 if flown == 0 else texts
             rows.append(cells(flight, Cell(quantity_name(name), "", words), *none))
-    columns = "Flight:text|Quantity:text|Truth in 90 % band:num|Record in 90 % band:num|In 50 % band:num"
+    columns = "Flight:text|Quantity:text|Truth in 90 % band:num|Record in 90 % band:num|In 50 % band:num|p:num"
     caption = (
         "The bands are of the true motion; a record also contains sensor noise, so a smaller share of it may lie "
-        "inside. 50 % band: share of the truth where it is known, else of the record."
+        "inside. 50 % band: share of the truth where it is known, else of the record. p: how often a flight drawn from "
+        "this forecast has no more of itself in its 90 % band; a swing once out of phase stays so, so that shares of "
+        "single flights scatter widely. A very small p contradicts the band."
     )
     return table_of(columns, rows, caption)
 

@@ -35,8 +35,8 @@ from bayeschute.study.study import Study
 
 NONE_STORED = "no calibration of this configuration is stored"
 OLDER = "not checked with these numerics"
-LEAST_HELD = 0.5
-"""Share of an unseen flight in its 90 % band below which the band is contradicted, where no replicates tell."""
+RARE = 0.01
+"""How often a flight of a right forecast may contradict its band, over all held-out flights, without replicates."""
 OF_THE_DATA = ("innovations", "predictive")
 """Checks that compare the record with the model; others are about the computation."""
 _LANDINGS = "landings"
@@ -193,7 +193,7 @@ def contradictions(
         study: The study.
         checks: The run's own checks.
         coverage: Shares inside the 90 % bands.
-        found: Stored replicates, whose lowest share of a flight is the bound; None: `LEAST_HELD`.
+        found: Stored replicates, whose lowest share of a flight is the bound; without them it is `RARE`.
     """
     made = []
     if checks.get("innovations", {}).get("passed") is False:
@@ -209,22 +209,24 @@ def contradictions(
 
 
 def _low_shares(study: Study, coverage: Mapping[str, Any], found: Mapping[str, Any] | None) -> Iterator[str]:
-    """Held-out flights of which their bands contain less than of any replicate's."""
+    """Held-out flights of which their bands contain less than of any replicate's, or of nearly all their own draws."""
     lowest: dict[str, float] = {}
     many = found is not None and int(found["replicates"]) >= ENOUGH
     for name, entry in found["bands"].items() if found is not None and many else ():
         if entry["role"] == "predict" and "lowest" in entry:
             quantity = name.split("/", 1)[1]
             lowest[quantity] = min(entry["lowest"], lowest.get(quantity, 1.0))
-    for flight in study.flights:
-        if "predict" not in flight.roles and flight.identify_until is None:
-            continue
+    flights = [f for f in study.flights if "predict" in f.roles or f.identify_until is not None]
+    for flight in flights:
         for quantity, entry in coverage.get(flight.name, {}).items():
-            share = entry["truth"] if entry.get("truth") is not None else entry.get("record")
-            bound = min(lowest.get(quantity, LEAST_HELD), NOMINAL)
-            if share is not None and entry.get("draws", 1) and share < bound:
-                words = quantity.replace("_", " ")
-                yield f"the 90 % band of the {words} of {flight.name} contains only {100 * share:.0f} % of it"
+            kind = "truth" if entry.get("truth") is not None else "record"
+            share, p = entry.get(kind), entry.get(f"{kind}_p")
+            if share is None or not entry.get("draws", 1):
+                continue
+            rare = p is not None and p < RARE / len(flights)
+            if share < min(lowest[quantity], NOMINAL) if quantity in lowest else rare:
+                words = f"the 90 % band of the {quantity.replace('_', ' ')} of {flight.name} contains"
+                yield f"{words} only {100 * share:.0f} % of it{f' (p {p:.2g})' if rare else ''}"
 
 
 def worst_misspecification(both: Stored) -> str:

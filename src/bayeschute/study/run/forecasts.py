@@ -16,7 +16,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from bayeschute.calibration.workers import Lost, client_of, finished
-from bayeschute.core.errors import Fault, InputError
+from bayeschute.core.errors import Fault, FitError, InputError
 from bayeschute.core.netcdf_files import load_groups
 from bayeschute.core.random import seed_of, stream
 from bayeschute.likelihood.joint import FlightData, NoiseParameters
@@ -116,12 +116,15 @@ class _Order:
         return [range(i, min(i + size, count)) for i in range(0, count, size)]
 
     def draw(self, groups: range | None = None, share: Callable[[float], None] | None = None) -> bands.Prediction:
-        """Draw groups of the flight's draws, or all."""
+        """Draw groups of the flight's draws, or all; where its first seconds can't be fitted all have failed."""
         if isinstance(self.known, Marginal):
             marginal = self.known
         else:
             assert self.whole is not None
-            marginal = bands.opened(bands.opening(self.whole, bands.OPENING), *self.known)
+            try:
+                marginal = bands.opened(bands.opening(self.whole, bands.OPENING), *self.known)
+            except (FitError, FloatingPointError) as error:
+                return bands.lost(self.whole, len(self.theta), f"its first {bands.OPENING:g} s: {error}", groups)
         return bands.predict(
             marginal, self.index, self.theta, self.noise_parameters, self.seed, self.whole, self.data_end, share,
             self.spread, groups,
@@ -290,7 +293,7 @@ def _joined(order: _Order, made: Mapping[int, bands.Prediction | Lost]) -> bands
         ends.append(one.last)
         failed += one.failed
     whole = {name: np.concatenate(values) for name, values in drawn.items()}
-    return bands.Prediction(first.time, whole, np.concatenate(ends), failed, first.shares)
+    return bands.Prediction(first.time, whole, np.concatenate(ends), failed, first.shares, first.why)
 
 
 def widened(one: FlightForecast, by: Widening | None) -> FlightForecast:

@@ -15,6 +15,7 @@ from bayeschute.core.trees import load_tree, save_tree
 from bayeschute.likelihood.joint import NoiseParameters
 from bayeschute.prediction import bands, risk_files
 from bayeschute.prediction.flight_statistics import flight_statistics
+from bayeschute.prediction.held_shares import coverage, rarity
 from bayeschute.records.reconstruct import reconstruct
 from bayeschute.study.assembly import assemble
 from bayeschute.study.assembly.fits import summary_draws
@@ -35,7 +36,7 @@ def predict(job: Job) -> str:
     wanted = job.study.predict.quantities or ()
     made: dict[str, xr.Dataset] = {}
     statistics: dict[str, dict[str, dict[str, Array]]] = {}
-    coverage: dict[str, Any] = {}
+    shares: dict[str, Any] = {}
     without: list[str] = []
     changed: list[str] = []
     by = widening(job)
@@ -44,22 +45,23 @@ def predict(job: Job) -> str:
         recorded = recorded_quantities(job, one.flight, one.record)
         role = "predict" if one.held_out.any() else "identify"
         made[name] = bands.dataset(prediction, one.time, wanted, truth, recorded, one.held_out, role)
-        coverage[name] = {
+        shares[name] = {
             q: {
-                "truth": None if truth is None else bands.coverage(prediction.draws[q], truth[q].values, counted),
-                "record": _record_coverage(job, one, q, recorded),
+                **({"truth": None} if truth is None else _held("truth", prediction.draws[q], truth[q].values, counted)),
+                **_record_held(job, one, q, recorded),
                 "draws": int(np.isfinite(prediction.draws[q]).all(axis=1).sum()),
                 "failed": prediction.failed,
             }
             for q in wanted
             if q in prediction.draws
         }
-        without += [name] if not any(entry["draws"] for entry in coverage[name].values()) else []
+        if not any(entry["draws"] for entry in shares[name].values()):
+            without.append(f"{name} ({prediction.why})" if prediction.why else name)
         statistics[name] = flight_statistics(prediction, counted)
         changed += [name] if one.widened_by else []
     tree = xr.DataTree.from_dict({f"/{k}": v for k, v in made.items()})
     write_whole(job.out / "predictions.nc", partial(write_netcdf, tree))
-    job.save("coverage.json", assemble.as_plain(coverage))
+    job.save("coverage.json", assemble.as_plain(shares))
     (job.out / RECALIBRATION).unlink(missing_ok=True)
     if by is not None:
         job.save(RECALIBRATION, by._replace(flights=tuple(changed))._asdict())
@@ -68,7 +70,12 @@ def predict(job: Job) -> str:
     return f"{len(made)} flights{none}"
 
 
-def _record_coverage(job: Job, one: FlightForecast, quantity: str, recorded: dict[str, Array]) -> float | None:
+def _held(what: str, draws: Array, reference: Array, counted: NDArray[np.bool_]) -> dict[str, float | None]:
+    """Share of truth or record inside the band, and how often a flight of the forecast has no more there."""
+    return {what: coverage(draws, reference, counted), f"{what}_p": rarity(draws, reference, counted)}
+
+
+def _record_held(job: Job, one: FlightForecast, quantity: str, recorded: dict[str, Array]) -> dict[str, float | None]:
     """Share of recorded samples inside the band, the channel's noise added where the quantity has a channel.
 
     A quantity derived from several channels has no noise model here: compared with the wide band of an unseen flight
@@ -76,9 +83,9 @@ def _record_coverage(job: Job, one: FlightForecast, quantity: str, recorded: dic
     """
     noise = channel_noise(job, one.hyper, quantity)
     if quantity not in recorded or (noise is None and not one.held_out.any()):
-        return None
+        return {"record": None}
     seen = bands.recorded_draws(one.prediction, quantity, noise, one.seed)
-    return bands.coverage(seen, recorded[quantity], one.counted)
+    return _held("record", seen, recorded[quantity], one.counted)
 
 
 def channel_noise(job: Job, hyper: NoiseParameters, quantity: str) -> tuple[float, float, float] | None:
