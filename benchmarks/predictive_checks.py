@@ -37,9 +37,9 @@ from bayeschute.prediction.predictive_checks import BOUND, least, missed
 from bayeschute.records.record import write_record
 from bayeschute.study.assembly import assemble
 from bayeschute.study.assembly.fits import groups, load_fit
+from bayeschute.study.assembly.missing_terms import missing_terms
 from bayeschute.study.evidence.identity import with_noise
 from bayeschute.study.evidence.numerics_hash import numerics
-from bayeschute.study.evidence.possible_errors import missing_terms
 from bayeschute.study.evidence.provenance import provenance
 from bayeschute.study.evidence.record_misfit import misfit_of_fit
 from bayeschute.study.evidence.scenarios import SCENARIOS
@@ -98,7 +98,7 @@ def best_power(marginal: Marginal, study: Study, count: int) -> float:
         kind: [name[len(kind) + 1 : -1] for name in sizes if name.startswith(kind)] for kind in ("axial", "transverse")
     }
     assert isinstance(flight.model, ClusterFlight)
-    tested = scores(marginal, 0, [e.alternative for e in missing_terms(flight, flight.model, library)])
+    tested = scores(marginal, 0, [alternative for _, alternative in missing_terms(flight, library)])
     least = norm.isf(BOUND / count / 2.0)
     by_name = {name: next(one.se for one in tested if name in one.what) for name in sizes}
     return float(max(norm.sf(least - abs(sizes[name]) / se) for name, se in by_name.items()))

@@ -145,23 +145,6 @@ def test_the_capsule_s_slopes_are_changed_where_they_are_numbers_and_not_fitted(
     assert [len(some) for some in slopes] == [3, 0, 2] and "the pitch damping of the capsule" not in slopes[2]
 
 
-def test_a_term_that_the_fit_lacks_is_added_with_its_coefficient_alone(flown):
-    data, _ = flown
-    added = named(flown, "the coefficient transverse[e*alpha^2], taken to be zero").changed(0.3).model
-    structure, base = added.structure, added.base
-    assert structure.axial[0] == "1" and structure.transverse[0] == "e"
-    assert dict(zip(structure.transverse, map(float, base.transverse), strict=True)) == {
-        "e": 0.1,
-        **dict.fromkeys(structure.transverse[1:], 0.0),
-        "e*alpha^2": 0.3,
-    }
-    assert not any(base.axial[1:])
-    nothing = named(flown, "the coefficient axial[closing], taken to be zero").changed(0.0).model
-    before, same, other = (small.fly(replace(model, names=())) for model in (data.model, nothing, added))
-    np.testing.assert_allclose(same, before, atol=1e-12)
-    assert np.abs(other - before).max() > 1e-4
-
-
 def test_one_canopy_is_not_asked_for_terms_of_two_and_none_for_what_it_has():
     single = asked_for(*case(directions=((0.2,), (0.1,), (-1.0,))))
     terms = [one.what.split("[")[1].split("]")[0] for one in single if one.what.startswith("the coefficient")]

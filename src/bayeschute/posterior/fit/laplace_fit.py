@@ -52,7 +52,7 @@ class LaplaceFit:
 
     Attributes:
         optimum: Mode of the marginal posterior, with start and process noise there.
-        hyper: Noise parameters: the means of their logarithms, or the most probable ones (see `marginal_fit`).
+        hyper: Noise parameters: the means of their logarithms, or the most probable ones (see `about_mode`).
         marginal: The marginal posterior about the optimum.
         evidence: Minus the log evidence of the most probable noise parameters, up to a constant.
         noise_parameter_covariance: Of the logarithms of the noise parameters (V, V).
@@ -85,14 +85,24 @@ def marginal_fit(
     progress: Progress | None = None,
     widen: bool = True,
 ) -> LaplaceFit:
-    """Find the mode of the marginal posterior from the joint mode, and set the marginal posterior up there.
+    """The marginal posterior from the joint mode: `mode_and_noise`, then `about_mode`, whose arguments these are."""
+    say = progress or (lambda share, words: None)
+    place = mode_and_noise(flights, priors, prior, settled, lambda share, words: say(0.35 * share, words))
+    return about_mode(flights, priors, prior, place, lambda share, words: say(0.35 + 0.65 * share, words), widen)
+
+
+def mode_and_noise(
+    flights: Sequence[FlightData],
+    priors: Sequence[Prior],
+    prior: NoisePrior,
+    settled: JointFit,
+    progress: Progress | None = None,
+) -> JointFit:
+    """The mode of the linearised marginal posterior, and the noise parameters of greatest evidence there.
 
     The joint mode of parameters and disturbances is not the mode of the marginal posterior of the parameters: see
     `marginal_mode`. Nor are the noise parameters of maximum evidence the same at both points: they are estimated again
-    at the mode, and the mode with them, until it converges. Then they are set to their posterior mean
-    (`evidence.mean_less_mode`) and the mode is found again, unless that would move a parameter by more than its
-    standard deviation, which is beyond the validity of an expansion about the mode. Where under neither a mode is
-    found, and noise is weaker than its priors have it, stronger noise is tried: a wide answer rather than none.
+    at the mode, and the mode with them, until it converges.
 
     Args:
         flights: Records.
@@ -100,15 +110,41 @@ def marginal_fit(
         prior: Priors of the noise parameters.
         settled: From `joint_fit`.
         progress: Progress callback: share done and words.
+    """
+    say = progress or (lambda share, words: None)
+    best = marginal_mode(flights, priors, settled, lambda share, words: say(0.4 * share, words))
+    place = settled._replace(optimum=best)
+    found = _by_turns(flights, priors, prior, place, lambda share, words: say(0.4 + 0.6 * share, words))
+    return found._replace(optimum=replace(found.optimum, converged=settled.optimum.converged))
+
+
+def about_mode(
+    flights: Sequence[FlightData],
+    priors: Sequence[Prior],
+    prior: NoisePrior,
+    place: JointFit,
+    progress: Progress | None = None,
+    widen: bool = True,
+) -> LaplaceFit:
+    """The marginal posterior about its mode, with all corrections.
+
+    The noise parameters are set to their posterior mean (`evidence.mean_less_mode`) and the mode is found again, unless
+    that would move a parameter by more than its standard deviation, which is beyond the validity of an expansion about
+    the mode. Where under neither a mode is found, and noise is weaker than its priors have it, stronger noise is tried:
+    a wide answer rather than none.
+
+    Args:
+        flights: Records.
+        priors: Priors of the parameters.
+        prior: Priors of the noise parameters.
+        place: From `mode_and_noise`.
+        progress: Progress callback: share done and words.
         widen: Whether parts of the records that disagree widen the posterior; not what classical methods do.
     """
     say = progress or (lambda share, words: None)
-    best = marginal_mode(flights, priors, settled, lambda share, words: say(0.15 * share, words))
-    best, hyper, value = _by_turns(
-        flights, priors, prior, settled._replace(optimum=best), lambda share, words: say(0.15 + 0.2 * share, words)
-    )
+    best, hyper, value = place
     made = marginalise(flights, hyper, priors, best)
-    say(0.35, "uncertainty of the noise parameters")
+    say(0.0, "uncertainty of the noise parameters")
     slope = noise_parameter_slope(made)
     evidence = _evidence(made, priors, prior)
     scale = np.asarray(made.scale)
@@ -120,11 +156,10 @@ def marginal_fit(
     if np.max(np.abs(scale @ slope @ moved) / np.linalg.norm(scale, axis=1)) <= _FAR:
         mean = jax.tree.map(np.asarray, noise_evidence.from_vector(noise_evidence.to_vector(hyper) + moved, hyper))
         candidates = [Candidate("noise parameters at their mean", mean), most_probable._replace(lost=(_LOST_MEAN,))]
-    began = JointFit(replace(best, converged=settled.optimum.converged), hyper, value)
     best, hyper, made, lost, seen = search(
-        flights, priors, began, candidates, others, lambda share, words: say(0.4 + 0.35 * share, words)
+        flights, priors, place, candidates, others, lambda share, words: say(0.1 + 0.5 * share, words)
     )
-    made, seen, wrong = _over_the_posterior(made, seen, lambda share, words: say(0.75 + 0.25 * share, words))
+    made, seen, wrong = _over_the_posterior(made, seen, lambda share, words: say(0.6 + 0.4 * share, words))
     slope = scipy.linalg.solve_triangular(np.asarray(made.scale), scale @ slope, lower=True)
     spread, excess = noise_parameter_spread(made, known)
     agree = dispersion(*parts_of(made))

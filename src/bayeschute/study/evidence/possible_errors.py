@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bayeschute.aero.term_names import is_pairwise
 from bayeschute.dynamics.cluster_flight import OF_INERTIA, ClusterFlight, output_names
 from bayeschute.dynamics.parameters import BIASES
 from bayeschute.dynamics.state import unpack
 from bayeschute.likelihood.joint import FlightData, outputs_of
 from bayeschute.posterior.assess.alternatives import Alternative
 from bayeschute.posterior.marginal import Linearisation
+from bayeschute.study.assembly.missing_terms import missing_terms
 
 Array = NDArray[np.float64]
 _DEGREE = np.pi / 180.0
@@ -79,7 +79,7 @@ def possible_errors(flight: FlightData, along: Linearisation) -> list[PossibleEr
     fitted = {name.partition(".")[0] for name in model.names}
     found = (
         _of_bodies(flight, model, fitted),
-        missing_terms(flight, model, LIBRARY),
+        _missing_terms(flight),
         _constant(flight, model, fitted),
         _of_instruments(flight, model, along),
     )
@@ -127,33 +127,10 @@ def _of_bodies(flight: FlightData, model: ClusterFlight, fitted: Collection[str]
         yield PossibleError(Alternative(what, "%", stronger), _VARY)
 
 
-def missing_terms(
-    flight: FlightData, model: ClusterFlight, library: Mapping[str, Sequence[str]]
-) -> Iterator[PossibleError]:
-    """Coefficients that a model takes to be zero.
-
-    Args:
-        flight: The record.
-        model: Its model.
-        library: Terms by kind; those that the model has are left out, and of one canopy those that tell of two.
-    """
-    base, structure = model.base, model.structure
-    lacking = {
-        kind: [t for t in terms if t not in getattr(structure, kind) and (structure.canopies > 1 or not is_pairwise(t))]
-        for kind, terms in library.items()
-    }
-    wider: dict[str, Any] = {kind: (*getattr(structure, kind), *terms) for kind, terms in lacking.items()}
-    for kind, term in [(kind, term) for kind, terms in lacking.items() for term in terms]:
-
-        def with_term(x: float, its: tuple[str, str] = (kind, term)) -> FlightData:
-            values = {k: [x if (k, t) == its else 0.0 for t in terms] for k, terms in lacking.items()}
-            more: dict[str, Any] = {k: (*getattr(base, k), *some) for k, some in values.items()}
-            changed = replace(model, structure=replace(structure, **wider), base=replace(base, **more))
-            return replace(flight, model=changed)
-
-        name = f"{kind}[{term}]"
-        alternative = Alternative(f"the coefficient {name}, taken to be zero", "", with_term)
-        yield PossibleError(alternative, _ADD_IT.format(name, kind))
+def _missing_terms(flight: FlightData) -> Iterator[PossibleError]:
+    """Terms of a canopy's force that a model does not have."""
+    for coefficient, alternative in missing_terms(flight, LIBRARY):
+        yield PossibleError(alternative, _ADD_IT.format(coefficient, coefficient.kind))
 
 
 def _constant(flight: FlightData, model: ClusterFlight, fitted: Collection[str]) -> Iterator[PossibleError]:

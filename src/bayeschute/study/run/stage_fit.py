@@ -24,9 +24,10 @@ from bayeschute.posterior.assess import output_error
 from bayeschute.posterior.assess.data_tree import data_tree
 from bayeschute.posterior.best_path import BestPath
 from bayeschute.posterior.fit.drawn_density import Sampled, sampled
-from bayeschute.posterior.fit.joint_fit import NoFitError
-from bayeschute.posterior.fit.laplace_fit import LaplaceFit, marginal_fit
+from bayeschute.posterior.fit.joint_fit import JointFit, NoFitError
+from bayeschute.posterior.fit.laplace_fit import LaplaceFit, about_mode, mode_and_noise
 from bayeschute.posterior.marginal import Marginal
+from bayeschute.posterior.noise_evidence import NoisePrior
 from bayeschute.posterior.noise_uncertainty import NoiseEffect, widened
 from bayeschute.posterior.sampler import sample
 from bayeschute.posterior.sampling.protocol import Draws
@@ -40,6 +41,8 @@ from bayeschute.study.run.fit import checkpoint, settled_terms, several_starts, 
 Array = NDArray[np.float64]
 _FITTED = 0.85  # share of the time after which draws begin, on clusters of other programs
 _SETTLED = 0.3  # of that, after which the terms are chosen
+_RESTED = 0.5  # after which mode and noise parameters are found
+_TAKEN_BACK = 2  # most times that a fit takes back terms
 _DO = (
     "fit a shorter window, without gaps and opening transients, or give a prior to what else may be wrong (a mass, a "
     "constant error of the wind or of a channel)"
@@ -165,6 +168,8 @@ def _notes(one: Fitted, widened: bool) -> list[str]:
                 f"{one.group.name}: the flights contradict equation error on the {kind} force; its prior is {more:.2g} "
                 "times as wide as that says."
             )
+    if back := [p.name for p in one.group.priors if p.source.endswith(settled_terms.TAKEN_BACK)]:
+        made.append(f"{one.group.name}: the search of terms had left out {', '.join(back)}, which a flight demands.")
     if one.found.dispersion.disagree:
         made.append(told_in_words(one.found.dispersion, [flight.name for flight in one.group.flights], widened))
     return made
@@ -303,7 +308,7 @@ def _found(job: Job, group: Group, say: Say) -> tuple[Group, LaplaceFit, dict[st
     Returns:
         The group with the priors that were used, the fit, and the last score tests of left-out terms.
     """
-    prior, kept = assemble.noise_prior(job.study), checkpoint.get_settled(job, group.name)
+    prior, kept, asked = assemble.noise_prior(job.study), checkpoint.get_settled(job, group.name), group
     if kept is None:
         group, settled, z = settled_terms.settle(job, group, prior, part_of(say, 0.0, _SETTLED))
         checkpoint.put_settled(job, group.name, group.priors, settled, z)
@@ -312,7 +317,51 @@ def _found(job: Job, group: Group, say: Say) -> tuple[Group, LaplaceFit, dict[st
         if tuple(priors) != group.priors:
             group = replace(group, priors=tuple(priors))
             settled_terms.revise(job, priors)
-    flights = [data_of(job, f, group.priors) for f in group.flights]
-    widen = job.study.noise.model == "latent"
-    found = marginal_fit(flights, group.priors, prior, settled, part_of(say, _SETTLED, 1.0), widen)
-    return group, found, z
+    places = _at_rest(job, asked, group, settled, prior, part_of(say, _SETTLED, _RESTED))
+    while True:
+        at, place = places.pop()
+        flights = [data_of(job, f, at.priors) for f in at.flights]
+        try:
+            widen = job.study.noise.model == "latent"
+            found = about_mode(flights, at.priors, prior, place, part_of(say, _RESTED, 1.0), widen)
+            break
+        except (FitError, FloatingPointError) as error:
+            if not places:
+                raise
+            say(_RESTED, f"without the terms taken back: {error}")
+    if at is not group:
+        settled_terms.revise(job, at.priors)
+    return at, found, z
+
+
+def _at_rest(
+    job: Job, asked: Group, group: Group, settled: JointFit, prior: NoisePrior, say: Say
+) -> list[tuple[Group, JointFit]]:
+    """A group at its mode, with the noise parameters there; then with terms that a flight demands at the last one.
+
+    Args:
+        job: The run.
+        asked: The group before terms were chosen.
+        group: With these terms.
+        settled: Its joint optimum.
+        prior: Priors of the noise parameters.
+        say: Progress callback: share done and words.
+    """
+
+    def at_rest(group: Group, begin: JointFit, start: float) -> tuple[Group, JointFit]:
+        flights = [data_of(job, f, group.priors) for f in group.flights]
+        return group, mode_and_noise(flights, group.priors, prior, begin, part_of(say, start, 1.0))
+
+    made = [at_rest(group, settled, 0.0)]
+    for _ in range(_TAKEN_BACK):
+        more = settled_terms.with_demanded(job, asked, *made[-1], prior)
+        if more is None:
+            break
+        new = {p.name for p in more[0].priors} - {p.name for p in made[-1][0].priors}
+        say(0.9, f"once more with terms that a flight demands after all: {', '.join(sorted(new))}")
+        try:
+            made.append(at_rest(*more, 0.9))
+        except FloatingPointError as error:
+            say(1.0, f"without them: {error}")
+            break
+    return made

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from bayeschute.aero.coefficient import Coefficient
 from bayeschute.likelihood.joint import Lifted, NoiseParameters, Unknowns
 from bayeschute.likelihood.noise import Noise
 from bayeschute.likelihood.priors import Prior, covariance, given_zero
@@ -250,3 +251,62 @@ def test_a_term_that_was_left_out_is_added_by_its_score_and_the_fit_begins_where
     assert begins[:2] == [None, None] and begins[2][0].tolist() == [7.0, 7.0, 7.0, 0.0]
     assert settled.evidence == -3.0 and len(begins) == 3  # the greatest of all begins
     assert scored[0] == ([7.0, 7.0, 7.0, 0.0, 0.0], [True] * 3 + [False] * 2)
+
+
+@pytest.fixture
+def demanding(run, monkeypatch):
+    """A searched group without two of its terms, of which scores on two flights are made up: (estimate, se) by name."""
+    scores = {"axial[q]": [(0.2, 0.1), (-0.3, 0.1)], "transverse[c]": [(0.1, 0.1), (-0.9, 0.2)]}
+
+    def missing_terms(flight, library):
+        assert library == {"axial": ["q"], "transverse": ["c"]}
+        for kind, terms in library.items():
+            for term in terms:
+                yield (
+                    Coefficient(kind, term),
+                    SimpleNamespace(what=f"the coefficient of {term}", name=f"{kind}[{term}]"),
+                )
+
+    def tested(marginal, number, lacking):
+        assert marginal == (chosen.priors, place.optimum)
+        rows = [(one.what, *scores[one.name][number]) for one in lacking if scores[one.name] is not None]
+        return [SimpleNamespace(what=what, estimate=estimate, se=se) for what, estimate, se in rows]
+
+    monkeypatch.setattr(settled_terms, "missing_terms", missing_terms)
+    monkeypatch.setattr(settled_terms.alternatives, "scores", tested)
+    out = ["axial[q]", "transverse[c]"]
+    wide = [replace(p, scale=2.0 * p.scale, widened=2.0) if p.name.startswith("transverse") else p for p in PRIORS]
+    chosen = Group("all", FLIGHTS, tuple(given_zero(wide, out)))
+    place = JointFit(_optimum(np.array([0.8, 0.3, 70.0]), np.eye(3)), HYPER, -2.0)
+    monkeypatch.setattr(settled_terms, "marginalise", lambda flights, hyper, priors, best: (priors, best))
+
+    def again(asked=PRIORS):
+        return settled_terms.with_demanded(run.job, Group("all", FLIGHTS, asked), chosen, place, None)
+
+    return SimpleNamespace(scores=scores, again=again, chosen=chosen, run=run)
+
+
+def test_a_term_far_off_zero_on_any_flight_comes_back_where_the_fit_without_it_led(demanding):
+    """With the priors that it had in the library, as wide as those of the terms that stayed."""
+    group, place = demanding.again()
+    assert [p.name for p in group.priors] == ["axial[1]", "transverse[e]", "transverse[c]", "riser_length"]
+    assert group.priors[2].scale == 2.0 and group.priors[2].source.endswith(settled_terms.TAKEN_BACK)
+    same = {p.name: p for p in group.priors}
+    assert all(same[p.name] == p for p in demanding.chosen.priors)
+    (begun,) = demanding.run.settled
+    assert begun.begin[0].tolist() == [0.8, 0.3, 0.0, 70.0] and begun.begin[1] is PLACES and place.hyper is HYPER
+
+
+def test_the_search_stands_where_no_term_is_far_off_zero(demanding):
+    demanding.scores["transverse[c]"] = [(0.1, 0.1), (-0.79, 0.2)]
+    assert demanding.again() is None
+    demanding.scores["transverse[c]"] = None  # the record tells nothing of it
+    assert demanding.again() is None and demanding.run.settled == []
+
+
+def test_terms_come_back_to_a_search_only_and_only_where_flights_follow(demanding, monkeypatch):
+    monkeypatch.setattr(settled_terms, "carried_over", lambda *given: None)
+    assert demanding.again() is None
+    demanding.run.job.study.structure.fit = "pool"
+    monkeypatch.setattr(settled_terms.alternatives, "scores", None)  # not asked
+    assert demanding.again() is None
