@@ -114,7 +114,7 @@ def test_law_spread_of_matrices_that_are_known(monkeypatch):
     monkeypatch.setattr(noise_uncertainty, "from_vector", lambda vector, like: vector)
     made = SimpleNamespace(
         hyper=np.zeros(2), scale=scale, prior_factor=prior * np.eye(3), flights=("a", "b"),
-        along=tuple(SimpleNamespace(linear=share) for share in (0.25, 0.75)),
+        along=tuple(SimpleNamespace(linear=share, parameters=np.arange(3)) for share in (0.25, 0.75)),
     )  # fmt: skip
     spread, excess = noise_parameter_spread(made, covariance)
     np.testing.assert_allclose(spread, -parts, atol=1e-9)

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple, cast
 import jax
 import jax.numpy as jnp
 import numpy as np
+from numpy.typing import NDArray
 
 from bayeschute.compiler import compiled_model as kernel
 from bayeschute.compiler import integrate
@@ -277,17 +278,32 @@ class Linear(NamedTuple):
         defects: Continuity defects of the first state and every step: end of the step minus the next state (T, X).
         latent_path: The latent path.
         steps: Derivatives of all steps and outputs.
+        parameters: Numbers of the parameters by which there are derivatives (P,).
     """
 
     residual: Component
     defects: Component
     latent_path: LatentPath
     steps: Steps
+    parameters: Component
 
     def without_theta(self) -> Linear:
         """The same without derivatives by theta, P = 0: cheaper for fixed parameters."""
-        none = {name: getattr(self.steps, name)[..., :0] for name in ("first_theta", "by_theta", "out_theta")}
-        return self._replace(steps=self.steps._replace(**none))
+        return self._of(np.zeros(0, int))
+
+    def told(self) -> Linear:
+        """The same with derivatives by those parameters only that move a step or an output: not other flights' own."""
+        columns = (getattr(self.steps, name) for name in _BY_PARAMETERS)
+        moving = [np.any(np.asarray(one) != 0.0, axis=tuple(range(one.ndim - 1))) for one in columns]
+        return self._of(np.flatnonzero(np.any(moving, axis=0)))
+
+    def _of(self, columns: NDArray[np.intp]) -> Linear:
+        some = {name: getattr(self.steps, name)[..., columns] for name in _BY_PARAMETERS}
+        return self._replace(steps=self.steps._replace(**some), parameters=self.parameters[columns])
+
+
+_BY_PARAMETERS = ("first_theta", "by_theta", "out_theta")
+"""Fields of `Steps` whose last axis is the parameters."""
 
 
 @jax.jit
@@ -308,7 +324,8 @@ def linearise(data: FlightData, theta: Component, latent_path: LatentPath, by_th
         latent_path = latent_path._replace(path=states(data, theta, latent_path))
     made = kernel.along_path(data.model, theta, latent_path.start, latent_path.error, latent_path.path, by_theta)
     y, reached, steps = _along_by_jax(data, theta, latent_path) if made is None else made
-    found = Linear(_less_outputs(data, y), _defects(reached, latent_path.path), latent_path, steps)
+    parameters = np.arange(np.shape(theta)[0])
+    found = Linear(_less_outputs(data, y), _defects(reached, latent_path.path), latent_path, steps, parameters)
     return found if by_theta else found.without_theta()
 
 

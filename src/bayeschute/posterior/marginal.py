@@ -57,19 +57,21 @@ BATCH = 64
 class Linearisation(NamedTuple):
     """A flight about the conditional optimum of its path.
 
+    Derivatives are by the K of all P parameters that move the flight (`parameters`), last axis.
+
     Attributes:
         theta: theta_0 (P,).
         at: The optimum there.
-        slope: Its derivatives by theta in the linear model, last axis.
+        slope: Its derivatives in the linear model.
         aside: Difference of these from the derivatives of the exact conditional mode.
         known: Linear contribution of start and disturbances to every step at theta_0 (T, X).
-        known_slope: Its derivatives by theta (T, X, P).
+        known_slope: Its derivatives (T, X, K).
         mean_correction: Mean of steps and outputs over start and disturbances given theta_0, minus those at the mode.
         rough: The same of few paths, for its change with theta.
         lost: Number of pairs of the mean correction that failed.
         linear: The flight linearised there.
         gains: The filter.
-        unit: Innovations at theta_0, and minus their derivatives by theta (T, C, 1 + P).
+        unit: Innovations at theta_0, and minus their derivatives (T, C, 1 + K).
     """
 
     theta: Component
@@ -84,6 +86,11 @@ class Linearisation(NamedTuple):
     linear: Linear
     gains: Gains
     unit: Component
+
+    @property
+    def parameters(self) -> Component:
+        """Numbers of the parameters that move the flight (K,)."""
+        return self.linear.parameters
 
 
 class Quadratic(NamedTuple):
@@ -146,7 +153,7 @@ class Marginal:
         """
         scale = np.abs(np.asarray(self.scale))
         changes = scale > _NO_CHANGE * np.linalg.norm(scale, axis=1, keepdims=True)
-        told = [np.any(np.asarray(along.unit)[..., 1:], axis=(0, 1)) for along in self.along]
+        told = [along.parameters[np.any(np.asarray(along.unit)[..., 1:], axis=(0, 1))] for along in self.along]
         return np.array([changes[parameters].any(axis=0) for parameters in told])
 
     def theta(self, xi: Component) -> Component:
@@ -165,6 +172,7 @@ def _about(flight: FlightData, hyper: NoiseParameters, linear: Linear) -> tuple[
 
 def _along(flight: FlightData, hyper: NoiseParameters, theta: Array, at: Lifted, linear: Linear) -> Linearisation:
     """A flight about its conditional optimum."""
+    linear = linear.told()
     slope, known_slope, made = _about(flight, hyper, linear)
     aside = jax.tree.map(lambda a: np.zeros(np.shape(a)), slope)
     mean, lost = mean_correction.mean(flight, hyper, made, theta, linear)
@@ -188,14 +196,15 @@ def mean_correction_slope(marginal: Marginal) -> Array:
     """Contribution of the mean correction to the gradient of minus the log density at theta_0, by theta (P,)."""
     total: Array = np.zeros(np.size(marginal.centre))
     for along in marginal.along:
-        total = total + np.asarray(mean_correction.slope(along.linear, along.gains, along.mean_correction))
+        total[along.parameters] += np.asarray(mean_correction.slope(along.linear, along.gains, along.mean_correction))
     return total
 
 
 def place_at(flight: FlightData, along: Linearisation, shift: Component) -> Lifted:
     """Start, process noise and trajectory at ``theta_0 + shift`` (P, ...), followed linearly."""
     library, many = library_of(along.theta, shift), (1,) * (np.ndim(shift) - 1)
-    by = jax.tree.map(lambda a: library.tensordot(a, shift, axes=1), along.slope)
+    own = shift[along.parameters]
+    by = jax.tree.map(lambda a: library.tensordot(a, own, axes=1), along.slope)
     at = jax.tree.map(lambda a: library.reshape(a, (*np.shape(a), *many)), along.at)
     unknowns, error = jax.tree.map(library.add, (at.unknowns, at.error), (by.unknowns, by.error))
     path = library.broadcast_to(at.path, by.path.shape)
@@ -217,7 +226,7 @@ def shifted(marginal: Marginal, xi: Component) -> tuple[Component, Component]:
 
 def seen_along(along: Linearisation, residual: Component, defects: Component, shift: Component) -> Seen:
     """Data of the linear model from residuals (T, C, B) and defects (T, X, B) along `latent_path_at`."""
-    inputs = defects - along.known[..., None] - along.known_slope @ shift
+    inputs = defects - along.known[..., None] - along.known_slope @ shift[along.parameters]
     return Seen(residual - along.mean_correction.outputs[..., None], inputs + along.mean_correction.inputs[..., None])
 
 
@@ -238,7 +247,7 @@ def out_of_range(along: Linearisation, unit: Component, shift: Component, xi: Co
         shift: Parameters less theta_0 (P, B).
         xi: The same in standard coordinates (P, B), those that move the flight (see `Marginal.felt`).
     """
-    straight = along.unit[..., 1:] @ shift
+    straight = along.unit[..., 1:] @ shift[along.parameters]
     library = library_of(unit, shift, xi)
     twice = twice_price(library.sum((unit - along.unit[..., :1] + straight) ** 2, axis=(0, 1)), xi)
     return library.where(twice > 0.0, library.sqrt(library.where(twice > 0.0, twice, 1.0)), 0.0)
@@ -389,7 +398,7 @@ def draw_flights(
     noise_parameters, found = hyper or marginal.hyper, []
     for flight, along, z in zip(marginal.flights, marginal.along, numbers, strict=True):
         made = along.gains if hyper is None else filter_gains(flight, hyper, along.linear)
-        aside, _, aside_path = jax.tree.map(partial(_followed, np.asarray(shift)), along.aside)
+        aside, _, aside_path = jax.tree.map(partial(_followed, np.asarray(shift)[along.parameters]), along.aside)
         latent_path = latent_path_at(flight, along, shift)
         free, away = drawn(
             flight, noise_parameters, made, seen_along(along, *stepped(flight, theta, latent_path), shift), z

@@ -92,8 +92,9 @@ def function_of(
     seen = tuple(as_seen(lin) for lin in linear)
     if mean_corrections is not None:
         seen = tuple(s.less(mean_correction) for s, mean_correction in zip(seen, mean_corrections, strict=True))
-    columns = tuple(data.told()[data.told() > 0] - 1 for data in seen)
-    seen = tuple(data.some(np.array([0, *(own + 1)])) for data, own in zip(seen, columns, strict=True))
+    told = tuple(data.told()[data.told() > 0] - 1 for data in seen)
+    seen = tuple(data.some(np.array([0, *(own + 1)])) for data, own in zip(seen, told, strict=True))
+    columns = tuple(np.asarray(one.parameters)[own] for one, own in zip(linear, told, strict=True))
     before = precision(priors)
 
     def objective(vector: Array) -> tuple[float, Array]:

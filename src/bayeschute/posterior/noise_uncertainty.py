@@ -124,9 +124,9 @@ def noise_parameter_spread(marginal: Marginal, covariance: Array) -> tuple[Array
     prior = np.linalg.inv(np.asarray(marginal.prior_factor) @ np.asarray(marginal.prior_factor).T)
 
     def log_covariance(vector: Array) -> Array:
-        hyper, matrix = from_vector(vector, marginal.hyper), prior
+        hyper, matrix = from_vector(vector, marginal.hyper), prior.copy()
         for flight, along in zip(marginal.flights, marginal.along, strict=True):
-            matrix = matrix + _information(flight, hyper, along.linear)
+            matrix[np.ix_(along.parameters, along.parameters)] += _information(flight, hyper, along.linear)
         values, axes = np.linalg.eigh(scale.T @ matrix @ scale)
         return np.asarray(-(axes * np.log(values)) @ axes.T)
 
@@ -138,7 +138,7 @@ def noise_parameter_spread(marginal: Marginal, covariance: Array) -> tuple[Array
 
 
 def _information(flight: FlightData, hyper: NoiseParameters, linear: Linear) -> Array:
-    """Gauss-Newton matrix of a flight (P, P), start and process noise eliminated: the filter without the smoother."""
+    """Gauss-Newton matrix of a flight (K, K), start and process noise eliminated: the filter without the smoother."""
     unit = np.asarray(innovations(filter_gains(flight, hyper, linear), *as_seen(linear)))
     by_theta = unit.reshape(-1, unit.shape[2])[:, 1:]
     return np.asarray(by_theta.T @ by_theta)

@@ -35,7 +35,7 @@ Look = Callable[[jax.Array, LatentPath], tuple[jax.Array, jax.Array]]
 def _look(flight: FlightData, along: Linearisation) -> Look:
     """Residuals and defects of a flight at parameters and a path: by machine code where that serves it, else by JAX."""
     model, at = flight.model, along.at
-    sizes = np.size(along.known_slope, 2), np.size(at.unknowns.start), np.shape(at.error)[1], np.shape(at.path)
+    sizes = np.size(along.theta), np.size(at.unknowns.start), np.shape(at.error)[1], np.shape(at.path)
     steps = differentiable_steps(model, *sizes, np.shape(flight.observed)[1])
     if steps is None:
         return lambda theta, latent_path: jax_stepped(flight, theta, latent_path)

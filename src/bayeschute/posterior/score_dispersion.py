@@ -67,7 +67,7 @@ def parts_of(marginal: Marginal, parts: int = PARTS) -> tuple[Array, Array]:
     scores, informations = list[Array](), list[Array]()
     for along in marginal.along:
         unit = np.asarray(along.unit)
-        slope = unit[..., 1:] @ np.asarray(marginal.scale)
+        slope = unit[..., 1:] @ np.asarray(marginal.scale)[along.parameters]
         for rows in np.array_split(np.arange(len(unit)), parts):
             scores.append(np.einsum("tcp,tc->p", slope[rows], unit[rows, :, 0]))
             informations.append(np.einsum("tcp,tcq->pq", slope[rows], slope[rows]))

@@ -84,8 +84,8 @@ def scores(marginal: Marginal, index: int, alternatives: Sequence[Alternative]) 
     """
     flight, along = marginal.flights[index], marginal.along[index]
     covariance = np.asarray(marginal.scale) @ np.asarray(marginal.scale).T
-    unit = np.asarray(along.unit)
-    residual, by_theta = unit[..., 0].ravel(), unit[..., 1:].reshape(-1, covariance.shape[0])
+    unit, own = np.asarray(along.unit), along.parameters
+    residual, by_theta = unit[..., 0].ravel(), unit[..., 1:].reshape(-1, np.size(own))
     mean = np.asarray(innovations(along.gains, *as_seen(along.linear).column(0))).ravel() - residual
     here = stepped(flight, along.theta, along.at.latent_path(flight))
     cost, roots = _cost(flight, marginal.hyper, along)
@@ -93,8 +93,8 @@ def scores(marginal: Marginal, index: int, alternatives: Sequence[Alternative]) 
     def one(alternative: Alternative) -> Score | None:
         response = _response(flight, along, here, alternative)
         squares, shared = float(response @ response), by_theta.T @ response
-        adapted = covariance @ shared
-        told = squares - float(shared @ adapted)
+        adapted = covariance[:, own] @ shared
+        told = squares - float(shared @ adapted[own])
         if not np.isfinite(told) or told <= _LEAST * squares:
             return None
         slope = float(response @ residual)

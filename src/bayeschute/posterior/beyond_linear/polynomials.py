@@ -198,6 +198,7 @@ def _followed(marginal: Marginal, near: Sides) -> Marginal:
             jax.tree.map(lambda a, b, h=h: (np.asarray(a) - np.asarray(b)) / (2.0 * h), *pair)
             for *pair, h in zip(up, down, near.steps, strict=True)
         ]
-        exact = jax.tree.map(lambda *columns: np.stack(columns, axis=-1) @ inverse, *slopes)
+        own = inverse[:, along.parameters]
+        exact = jax.tree.map(lambda *columns, own=own: np.stack(columns, axis=-1) @ own, *slopes)
         made.append(along._replace(aside=jax.tree.map(lambda a, b: np.asarray(a - b), exact, along.slope)))
     return replace(marginal, along=tuple(made))

@@ -86,7 +86,7 @@ def terms(marginal: Marginal, step: float = 1.0) -> list[Terms]:
     for flight, along, tilt in zip(marginal.flights, marginal.along, tilts, strict=True):
         unit = np.asarray(along.unit)
         constant = _by_sample(flight, along.gains) + 0.5 * np.log(2.0 * np.pi) * np.asarray(flight.present).sum(axis=1)
-        made.append(Terms(unit[:, :, 0], unit[:, :, 1:] @ scale, constant, tilt))
+        made.append(Terms(unit[:, :, 0], unit[:, :, 1:] @ scale[along.parameters], constant, tilt))
     return made
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
+import jax
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
@@ -20,7 +21,7 @@ from bayeschute.likelihood.joint import FlightData, Lifted, NoiseParameters
 from bayeschute.likelihood.priors import Prior, correlated, saturation_of
 from bayeschute.posterior.fit.laplace_fit import LaplaceFit
 from bayeschute.posterior.joint_mode import Optimum
-from bayeschute.posterior.marginal import Marginal, Quadratic, marginalise
+from bayeschute.posterior.marginal import Linearisation, Marginal, Quadratic, marginalise
 from bayeschute.posterior.noise_uncertainty import NoiseEffect
 from bayeschute.posterior.sampling.protocol import Draws
 from bayeschute.posterior.sampling.sampler_checks import pareto_k
@@ -182,13 +183,21 @@ def load_fit(job: Job, group: Group) -> Stored:
     kept = load_tree(_file(job, group), _Kept)
     flights = [data_of(job, f, group.priors) for f in group.flights]
     marginal = marginalise(flights, kept.hyper, group.priors, kept.optimum)
-    along = tuple(one._replace(aside=aside) for one, aside in zip(marginal.along, kept.asides, strict=True))
+    along = tuple(
+        one._replace(aside=_of_own(aside, one)) for one, aside in zip(marginal.along, kept.asides, strict=True)
+    )
     marginal = replace(marginal, along=along, determinant=kept.determinant, bend=kept.bend)
     theta, held = (kept.optimum.theta + xi @ np.asarray(marginal.scale).T for xi in (kept.wide, kept.xi))
     return Stored(
         marginal, kept.optimum, kept.hyper, theta, held, kept.failed, kept.evaluations, kept.noise_parameter_covariance,
         kept.noise_effect, kept.determinant_error, kept.least_fall, kept.is_mode, kept.pareto_k,
     )  # fmt: skip
+
+
+def _of_own(aside: Lifted, along: Linearisation) -> Lifted:
+    """Derivatives by the parameters that move a flight, of those by all parameters that fits stored until 0.2."""
+    own, whole = np.size(along.parameters), np.size(along.theta)
+    return jax.tree.map(lambda a: a[..., along.parameters] if np.shape(a)[-1] == whole != own else a, aside)
 
 
 def posterior_groups(job: Job, *names: str) -> tuple[xr.Dataset, ...]:
