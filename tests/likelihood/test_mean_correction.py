@@ -257,3 +257,39 @@ def test_a_pair_that_fails_is_left_out_and_counted(square, monkeypatch):
     assert lost == 1 and np.isfinite(found.inputs).all()
     off = np.abs(np.asarray(found.inputs) - np.asarray(whole.inputs))
     assert 0.0 < off.max() < 0.3 * np.abs(whole.inputs).max()
+
+
+def test_elsewhere_it_has_the_change_of_few_pairs(square):
+    """At another parameter of a flight whose steps bend as they did it is what it was."""
+    flight, hyper, theta, at, made = square
+    lin = linearise(flight, theta, at.latent_path(flight))
+    here, _ = mean_correction.mean(flight, hyper, made, theta, lin)
+    rough, _ = mean_correction.mean(flight, hyper, made, theta, lin, rough=True)
+    off = MeanCorrection(rough.outputs - 0.01, rough.inputs - 0.02)
+    same, aside = (mean_correction.elsewhere(flight, hyper, made, theta, lin, here, one) for one in (rough, off))
+    for part, want, more in zip(same, here, (0.01, 0.02), strict=True):
+        np.testing.assert_allclose(part, want, atol=1e-15)
+        np.testing.assert_allclose(aside[more == 0.02], want + more, atol=1e-12)
+
+
+def test_where_it_is_not_of_second_order_all_pairs_tell_it_at_full_width(square, monkeypatch):
+    """A step with a kink deviates in proportion to a pair's width: continued as a square that is several times too much."""
+    flight, hyper, theta, at, made = square
+    lin = linearise(flight, theta, at.latent_path(flight))
+    known = [mean_correction.mean(flight, hyper, made, theta, lin, rough=rough)[0] for rough in (False, True)]
+    real = mean_correction.stepped
+
+    def kinked(flight, theta, driven):
+        residual, defects = (np.array(a) for a in real(flight, theta, driven))
+        if defects.ndim == 3:
+            away = np.asarray(driven.error)[2, 0] - np.asarray(at.error)[2, 0]
+            defects[2] += 0.4 * np.abs(away)
+        return residual, defects
+
+    monkeypatch.setattr(mean_correction, "stepped", kinked)
+    wide, _ = mean_correction.mean(flight, hyper, made, theta, lin)
+    close, _ = mean_correction.mean(flight, hyper, made, theta, lin, rough=True)
+    assert close.inputs[2, 0] > 3.0 * wide.inputs[2, 0] > 0.0
+    found = mean_correction.elsewhere(flight, hyper, made, theta, lin, *known)
+    for part, want in zip(found, wide, strict=True):
+        np.testing.assert_array_equal(part, want)

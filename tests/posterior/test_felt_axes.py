@@ -72,6 +72,14 @@ def test_coordinates_of_a_flights_own_parameters_move_it_alone(made):
     assert one.flights == (0, 1, 2) and one.axes.tolist() == [*range(SIZE)]
 
 
+def test_a_flight_keeps_derivatives_by_the_parameters_that_move_it(made):
+    """Of all the others they are zero: no memory in proportion to all flights' errors for each of them."""
+    for k, along in enumerate(made.along):
+        assert along.parameters.tolist() == [0, 1 + k]
+        sizes = {np.shape(part)[-1] for part in jax.tree.leaves((along.slope, along.aside, along.known_slope))}
+        assert sizes == {2} and np.shape(along.unit)[-1] == 3
+
+
 def test_law_the_density_is_that_of_all_flights_looked_at_along_all_axes(made, monkeypatch):
     """Slopes, polynomials, expansion, followed paths; at a share of the places."""
     usual, looked = laplace.approached, []

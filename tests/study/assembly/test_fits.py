@@ -11,6 +11,7 @@ import jax
 import numpy as np
 import pytest
 
+from bayeschute.likelihood.joint import Lifted, Unknowns
 from bayeschute.likelihood.priors import Prior, correlated, covariance, working
 from bayeschute.posterior.marginal import Quadratic, log_density
 from bayeschute.posterior.mode_checks import profile
@@ -26,6 +27,17 @@ PRIORS = correlated(
     np.array([0.9, 0.1]),
     LAW,
 )
+
+
+def test_derivatives_by_all_parameters_are_taken_up_as_those_by_a_flights_own():
+    along = SimpleNamespace(parameters=np.array([0, 2]), theta=np.zeros(3))
+    whole = Lifted(Unknowns(np.arange(6.0).reshape(2, 3), np.ones((4, 1, 3))), np.ones((4, 1, 3)), np.ones((4, 2, 3)))
+    own = fits._of_own(whole, along)
+    np.testing.assert_array_equal(own.unknowns.start, [[0.0, 2.0], [3.0, 5.0]])
+    assert own.path.shape == (4, 2, 2)
+    jax.tree.map(np.testing.assert_array_equal, fits._of_own(own, along), own)  # as fits store them now
+    alone = SimpleNamespace(parameters=np.arange(3), theta=np.zeros(3))
+    jax.tree.map(np.testing.assert_array_equal, fits._of_own(whole, alone), whole)
 
 
 def test_a_fit_that_is_taken_up_says_whether_it_ended_at_a_mode(finished, descents):

@@ -218,9 +218,9 @@ def _mean_correction(
     theta: jax.Array,
     one: LinearOptimum,
 ) -> MeanCorrection:
-    """The mean correction at another theta; its change is estimated from few pairs. Not finite where these fail."""
+    """The mean correction at another theta; not finite where its draws fail."""
+    known = along.mean_correction, along.rough
     try:
-        few, _ = mean_correction.mean(flight, hyper, one.gains, theta, one.linear, rough=True)
+        return mean_correction.elsewhere(flight, hyper, one.gains, theta, one.linear, *known)
     except FloatingPointError:
         return jax.tree.map(lambda a: np.full(np.shape(a), np.nan), along.mean_correction)
-    return MeanCorrection(*(a + b - c for a, b, c in zip(along.mean_correction, few, along.rough, strict=True)))
