@@ -24,9 +24,12 @@ from bayeschute.posterior.marginal import (
     log_density,
     marginalise,
     place_at,
+    prior_residuals,
     projected_residuals,
     seen_along,
+    within_reach,
 )
+from bayeschute.posterior.numpyro_model import log_likelihood
 
 POINT = np.array([1.3, -0.4])  # standard coordinates away from the optimum
 
@@ -281,3 +284,21 @@ def test_batches_side_by_side_are_those_one_after_the_other():
     one, other = (in_batches(lambda part: np.cumsum(part, axis=0) ** 2, xi, 4, side) for side in (False, True))
     np.testing.assert_array_equal(one, np.cumsum(xi, axis=0) ** 2)
     np.testing.assert_array_equal(one, other)
+
+
+def test_law_the_density_does_not_rise_without_bound_where_its_corrections_fall(straight):
+    """Along an axis on which the polynomial outweighs the squares; within its reach the density is what it was."""
+    bent = replace(straight, bend=Quadratic(np.zeros(2), np.diag([-1.4, 0.0])))
+    away = np.array([[0.0, 2.0, 5.0, 20.0, 100.0, 1000.0], np.zeros(6)])
+    held, free = np.asarray(log_density(bent, away)), np.asarray(log_density(straight, away))
+    np.testing.assert_allclose(held[:3] - free[:3], 0.7 * away[0, :3] ** 2, atol=1e-9)
+    assert held[1] > held[0]  # as on the way to another place
+    np.testing.assert_allclose(held[3:] - free[3:], 0.7 * (4.0 + 2.0**0.5) ** 2, rtol=1e-9)
+    assert (np.diff(held[2:]) < 0.0).all() and held[-1] < held[0] - 1e4
+    np.testing.assert_allclose(within_reach(away)[0, 3:], 4.0 + 2.0**0.5)
+    np.testing.assert_array_equal(within_reach(away)[:, :3], away[:, :3])
+    ours = np.array([float(log_likelihood(bent)(jnp.asarray(t))) for t in np.asarray(bent.theta(away)).T])
+    before = -0.5 * np.sum(prior_residuals(bent, away) ** 2, axis=0)
+    np.testing.assert_allclose(ours + before - ours[0] - before[0], held - held[0], rtol=1e-9, atol=1e-9)
+    slope = jax.grad(log_likelihood(bent))(jnp.asarray(np.asarray(bent.theta(np.zeros((2, 1))))[:, 0]))
+    assert np.isfinite(slope).all()

@@ -51,6 +51,7 @@ _CORRECTIONS, _MOST_CORRECTED = 1, 0.5
 _BENT, _STEEPER, _ROUNDING = 0.05, 0.05, 1e-3  # see `twice_price`
 _DEAR = 20.0  # price of a place, in log density, beyond which the linear models say nothing of it
 _NO_CHANGE = 1e-9  # share of a parameter's standard deviation
+_REACH = 4.0  # standard coordinates beyond the usual distance of draws up to which polynomials are followed
 BATCH = 64
 
 
@@ -111,6 +112,19 @@ class Quadratic(NamedTuple):
         return library.tensordot(self.slope, xi, axes=1) + 0.5 * library.sum(xi * bent, axis=0)
 
 
+def within_reach(xi: Component) -> Component:
+    """Standard coordinates (P, ...), those beyond the reach of polynomials at its end along their ray.
+
+    Corrections are told from places one standard deviation off and from draws, whose distance from the mode is about
+    the root of P. A polynomial that falls would make the density rise without bound farther off: of a flight whose
+    posterior no surrogate could propose for (independent set small-13) a walk came to rest 500 standard deviations
+    away. Beyond the reach it stays as it is there, and the squares of data and prior decide.
+    """
+    library, reach = library_of(xi), _REACH + np.sqrt(np.shape(xi)[0])
+    square = library.sum(xi**2, axis=0)
+    return xi * library.where(square > reach**2, reach / library.sqrt(library.maximum(square, reach**2)), 1.0)
+
+
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Marginal:
@@ -159,6 +173,10 @@ class Marginal:
     def theta(self, xi: Component) -> Component:
         """Parameters (P, ...) of standard coordinates (P, ...)."""
         return shifted(self, xi)[0]
+
+    def correction_at(self, xi: Component) -> Component:
+        """`correction` (...) at standard coordinates (P, ...): see `within_reach`."""
+        return self.correction.at(within_reach(xi))
 
 
 def _about(flight: FlightData, hyper: NoiseParameters, linear: Linear) -> tuple[Lifted, Component, Gains]:
@@ -317,7 +335,7 @@ def projected_residuals(marginal: Marginal, xi: Component) -> Array:
 def log_density(marginal: Marginal, xi: Component) -> Array:
     """Marginal log density (B,) up to a constant at standard coordinates (P, B); NaN where a step fails."""
     with np.errstate(over="ignore", invalid="ignore"):
-        return np.asarray(-half_squares(marginal, xi) - marginal.correction.at(xi))
+        return np.asarray(-half_squares(marginal, xi) - marginal.correction_at(xi))
 
 
 def half_squares(marginal: Marginal, xi: Component) -> Array:
@@ -360,7 +378,7 @@ def sample_log_likelihoods(marginal: Marginal, xi: Component) -> tuple[Component
         (T, B) per flight, zero where nothing was recorded.
     """
     _, shift = shifted(marginal, xi)
-    each = np.asarray(marginal.correction.at(xi)) / sum(np.sum(flight.present) for flight in marginal.flights)
+    each = np.asarray(marginal.correction_at(xi)) / sum(np.sum(flight.present) for flight in marginal.flights)
     rows = zip(marginal.flights, marginal.along, one_step_errors(marginal, xi), marginal.felt, strict=True)
     return tuple(_log_likelihoods(flight, along, unit, shift, xi[felt], each) for flight, along, unit, felt in rows)
 

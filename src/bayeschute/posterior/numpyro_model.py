@@ -62,7 +62,7 @@ def log_likelihood(marginal: Marginal) -> Callable[[jax.Array], jax.Array]:
     def value(theta: jax.Array) -> jax.Array:
         shift = theta - jnp.asarray(marginal.centre)
         xi = inverse @ shift
-        total = -marginal.correction.at(xi)
+        total = -marginal.correction_at(xi)
         for flight, along, look, felt in zip(marginal.flights, marginal.along, looks, marginal.felt, strict=True):
             residual, defects = look(theta, latent_path_at(flight, along, shift))
             seen = seen_along(along, residual[..., None], defects[..., None], shift[:, None])

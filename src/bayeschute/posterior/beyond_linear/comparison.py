@@ -11,7 +11,14 @@ from numpy.typing import NDArray
 from bayeschute.posterior.beyond_linear import laplace
 from bayeschute.posterior.beyond_linear.laplace import Progress
 from bayeschute.posterior.felt_axes import apart, groups
-from bayeschute.posterior.marginal import Marginal, flight_half_squares, in_batches, in_range, prior_residuals
+from bayeschute.posterior.marginal import (
+    Marginal,
+    flight_half_squares,
+    in_batches,
+    in_range,
+    prior_residuals,
+    within_reach,
+)
 
 Array = NDArray[np.float64]
 
@@ -68,7 +75,8 @@ def compared(marginal: Marginal, points: Array, progress: Progress | None = None
         own[number], prices[number] = squares[1:] - squares[0], price[1:]
     exact = np.array([one.squares + one.determinants - here.squares - here.determinants for one in there]).T
     parts, before = groups(marginal), 0.5 * np.sum(prior_residuals(marginal, places) ** 2, axis=0)
-    corrections = [one.at(points[:, g.axes].T) for one, g in zip(apart(marginal.correction, parts), parts, strict=True)]
+    near, shares = within_reach(points.T), apart(marginal.correction, parts)
+    corrections = [one.at(near[g.axes]) for one, g in zip(shares, parts, strict=True)]
     own = np.array([own[list(g.flights)].sum(axis=0) + more for g, more in zip(parts, corrections, strict=True)])
     exact = np.array([exact[list(g.flights)].sum(axis=0) for g in parts])
     more = before[1:] - before[0]
