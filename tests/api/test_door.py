@@ -276,9 +276,10 @@ def test_a_run_opens_as_posterior_and_forecasts(finished, descents):
     )
     counted = json.loads((finished.folder / "coverage.json").read_text(encoding="utf-8"))
     for name, made in run.forecasts.items():
-        checked = made.check().query("reference == 'record'").set_index("quantity")["inside 90 %"]
-        known = {q: one["record"] for q, one in counted[name].items() if one["record"] is not None}
-        assert known and checked[list(known)].to_dict() == pytest.approx(known)
+        checked = made.check().query("reference == 'record'").set_index("quantity")
+        for column, kept in (("inside 90 %", "record"), ("p", "record_p")):
+            known = {q: one[kept] for q, one in counted[name].items() if one["record"] is not None}
+            assert known and checked.loc[list(known), column].to_dict() == pytest.approx(known)
     assert run.posterior.names == tuple(
         map(str, xr.open_datatree(finished.folder / "posterior.nc", engine="h5netcdf")["posterior"].data_vars)
     )

@@ -27,7 +27,6 @@ from bayeschute.posterior.marginal import (
     prior_residuals,
     projected_residuals,
     seen_along,
-    within_reach,
 )
 from bayeschute.posterior.numpyro_model import log_likelihood
 
@@ -295,10 +294,19 @@ def test_law_the_density_does_not_rise_without_bound_where_its_corrections_fall(
     assert held[1] > held[0]  # as on the way to another place
     np.testing.assert_allclose(held[3:] - free[3:], 0.7 * (4.0 + 2.0**0.5) ** 2, rtol=1e-9)
     assert (np.diff(held[2:]) < 0.0).all() and held[-1] < held[0] - 1e4
-    np.testing.assert_allclose(within_reach(away)[0, 3:], 4.0 + 2.0**0.5)
-    np.testing.assert_array_equal(within_reach(away)[:, :3], away[:, :3])
+    np.testing.assert_allclose(bent.followed(away)[0, 3:], 4.0 + 2.0**0.5)
+    np.testing.assert_array_equal(bent.followed(away)[:, :3], away[:, :3])
     ours = np.array([float(log_likelihood(bent)(jnp.asarray(t))) for t in np.asarray(bent.theta(away)).T])
     before = -0.5 * np.sum(prior_residuals(bent, away) ** 2, axis=0)
     np.testing.assert_allclose(ours + before - ours[0] - before[0], held - held[0], rtol=1e-9, atol=1e-9)
     slope = jax.grad(log_likelihood(bent))(jnp.asarray(np.asarray(bent.theta(np.zeros((2, 1))))[:, 0]))
     assert np.isfinite(slope).all()
+
+
+def test_a_correction_that_grows_is_followed_however_far(straight):
+    """What keeps a walk from a place is not forgotten there; of two axes, one each."""
+    grown = replace(straight, bend=Quadratic(np.zeros(2), np.diag([0.6, -0.6])))
+    away = np.array([[0.0, 20.0, 0.0, 20.0], [0.0, 0.0, 20.0, 10.0]])
+    found = np.asarray(log_density(straight, away) - log_density(grown, away))
+    end = 0.3 * (4.0 + 2.0**0.5) ** 2
+    np.testing.assert_allclose(found, [0.0, 0.3 * 400.0, -end, 0.3 * (400.0 - 100.0)], atol=1e-9)

@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import kstest
 
 from bayeschute.prediction.bands import quantiles
-from bayeschute.prediction.held_shares import coverage, rarity, shares_inside
+from bayeschute.prediction.held_shares import coverage, p_value, shares_inside
 
 
 def test_coverage_counts_known_and_counted_samples():
@@ -47,7 +47,7 @@ def test_law_p_of_a_right_forecast_is_uniform_or_larger_and_small_of_a_wrong_one
     """400 forecasts of 200 draws each: of a right one 1 % are below 0.01; of one that is off nearly all are small."""
     rng, counted = np.random.default_rng(0), np.ones(200, bool)
     right, wrong = (
-        np.array([rarity(_slow(200, rng), _slow(1, rng, bias)[0], counted) for _ in range(400)]) for bias in (0.0, 8.0)
+        np.array([p_value(_slow(200, rng), _slow(1, rng, bias)[0], counted) for _ in range(400)]) for bias in (0.0, 8.0)
     )
     assert kstest(right, "uniform", alternative="greater").pvalue > 0.01 and np.mean(right < 0.01) < 0.03
     assert np.mean(wrong < 0.05) > 0.9
@@ -55,9 +55,9 @@ def test_law_p_of_a_right_forecast_is_uniform_or_larger_and_small_of_a_wrong_one
 
 def test_the_rarest_share_is_one_of_all_draws_and_the_reference():
     draws, counted = np.random.default_rng(1).standard_normal((99, 50)), np.ones(50, bool)
-    assert rarity(draws, np.full(50, 9.0), counted) == pytest.approx(0.01)
-    assert rarity(draws, np.zeros(50), counted) == 1.0
+    assert p_value(draws, np.full(50, 9.0), counted) == pytest.approx(0.01)
+    assert p_value(draws, np.zeros(50), counted) == 1.0
     draws[3, 7] = np.nan  # a simulation that failed is no flight
-    assert rarity(draws, np.full(50, 9.0), counted) == pytest.approx(1.0 / 99.0)
-    assert rarity(draws, np.full(50, np.nan), counted) is None
-    assert rarity(np.full((9, 50), np.nan), np.zeros(50), counted) is None
+    assert p_value(draws, np.full(50, 9.0), counted) == pytest.approx(1.0 / 99.0)
+    assert p_value(draws, np.full(50, np.nan), counted) is None
+    assert p_value(np.full((9, 50), np.nan), np.zeros(50), counted) is None

@@ -19,7 +19,7 @@ from bayeschute.calibration.label import caveat, lost_simulations
 from bayeschute.core.errors import Fault, InputError
 from bayeschute.prediction import bands
 from bayeschute.prediction.flight_statistics import REDUCTIONS
-from bayeschute.prediction.held_shares import rarity, shares_inside
+from bayeschute.prediction.held_shares import p_value, shares_inside
 from bayeschute.prediction.requirement import requirement_check
 from bayeschute.report.wording import shown_unit
 from bayeschute.study.evidence.recalibrate import widening
@@ -333,7 +333,7 @@ class Forecast:
                 row: dict[str, Any] = {"quantity": name, "reference": kind, "samples": int(known.sum())}
                 for level, ends in bands_wanted.items():
                     row[f"inside {100 * level:g} %"] = shares_inside(draws.values, reference[name], known, ends)[0]
-                p = rarity(draws.values, reference[name], known, bands_wanted[max(levels)])
+                p = p_value(draws.values, reference[name], known, bands_wanted[max(levels)])
                 row["p"] = np.nan if p is None else p
                 rows.append(row | {"passed": bool(row["p"] >= _RARE)})
         if not rows:

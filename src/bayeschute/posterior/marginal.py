@@ -112,19 +112,6 @@ class Quadratic(NamedTuple):
         return library.tensordot(self.slope, xi, axes=1) + 0.5 * library.sum(xi * bent, axis=0)
 
 
-def within_reach(xi: Component) -> Component:
-    """Standard coordinates (P, ...), those beyond the reach of polynomials at its end along their ray.
-
-    Corrections are told from places one standard deviation off and from draws, whose distance from the mode is about
-    the root of P. A polynomial that falls would make the density rise without bound farther off: of a flight whose
-    posterior no surrogate could propose for (independent set small-13) a walk came to rest 500 standard deviations
-    away. Beyond the reach it stays as it is there, and the squares of data and prior decide.
-    """
-    library, reach = library_of(xi), _REACH + np.sqrt(np.shape(xi)[0])
-    square = library.sum(xi**2, axis=0)
-    return xi * library.where(square > reach**2, reach / library.sqrt(library.maximum(square, reach**2)), 1.0)
-
-
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Marginal:
@@ -175,8 +162,23 @@ class Marginal:
         return shifted(self, xi)[0]
 
     def correction_at(self, xi: Component) -> Component:
-        """`correction` (...) at standard coordinates (P, ...): see `within_reach`."""
-        return self.correction.at(within_reach(xi))
+        """`correction` (...) at standard coordinates (P, ...): see `followed`."""
+        return self.correction.at(self.followed(xi))
+
+    def followed(self, xi: Component) -> Component:
+        """Standard coordinates (P, ...) at which `correction` is taken: beyond its reach it does not fall any more.
+
+        It is told from places one standard deviation off and from draws, whose distance from the mode is about the root
+        of P. Where it falls farther off the density would rise without bound: of a flight whose posterior no surrogate
+        could propose for (independent set small-13) a walk came to rest 500 standard deviations away. So it is not less
+        there than at the end of its reach on the same ray. Where it grows it is followed: it may be all that keeps a
+        walk from places where linear models fit too well.
+        """
+        library, reach = library_of(xi), _REACH + np.sqrt(np.shape(xi)[0])
+        square = library.sum(xi**2, axis=0)
+        far = square > reach**2
+        end = xi * library.where(far, reach / library.sqrt(library.maximum(square, reach**2)), 1.0)
+        return library.where(far & (self.correction.at(xi) < self.correction.at(end)), end, xi)
 
 
 def _about(flight: FlightData, hyper: NoiseParameters, linear: Linear) -> tuple[Lifted, Component, Gains]:

@@ -47,10 +47,10 @@ def coverage(draws: Array, reference: Array, counted: NDArray[np.bool_]) -> floa
     return float(share) if np.isfinite(share) else None
 
 
-def rarity(draws: Array, reference: Array, counted: NDArray[np.bool_], ends: Ends = NOMINAL) -> float | None:
+def p_value(draws: Array, reference: Array, counted: NDArray[np.bool_], ends: Ends = NOMINAL) -> float | None:
     """How often one of the draws (B, T) and the reference (T,) is in the band for no more of the time than that is.
 
-    A p-value: of a forecast that is right it is uniform between zero and one, or larger (Gelman, Meng and Stern 1996).
+    Of a forecast that is right it is uniform between zero and one, or larger (Gelman, Meng and Stern 1996).
 
     Returns:
         It; None where there is neither a draw that did not fail nor a sample with a reference.

@@ -17,7 +17,6 @@ from bayeschute.posterior.marginal import (
     in_batches,
     in_range,
     prior_residuals,
-    within_reach,
 )
 
 Array = NDArray[np.float64]
@@ -75,8 +74,8 @@ def compared(marginal: Marginal, points: Array, progress: Progress | None = None
         own[number], prices[number] = squares[1:] - squares[0], price[1:]
     exact = np.array([one.squares + one.determinants - here.squares - here.determinants for one in there]).T
     parts, before = groups(marginal), 0.5 * np.sum(prior_residuals(marginal, places) ** 2, axis=0)
-    near, shares = within_reach(points.T), apart(marginal.correction, parts)
-    corrections = [one.at(near[g.axes]) for one, g in zip(shares, parts, strict=True)]
+    followed, shares = np.asarray(marginal.followed(points.T)), apart(marginal.correction, parts)
+    corrections = [one.at(followed[g.axes]) for one, g in zip(shares, parts, strict=True)]
     own = np.array([own[list(g.flights)].sum(axis=0) + more for g, more in zip(parts, corrections, strict=True)])
     exact = np.array([exact[list(g.flights)].sum(axis=0) for g in parts])
     more = before[1:] - before[0]

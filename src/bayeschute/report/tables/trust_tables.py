@@ -58,8 +58,7 @@ def coverage_table(results: Results, half: Mapping[tuple[str, str], float]) -> T
     caption = (
         "The bands are of the true motion; a record also contains sensor noise, so a smaller share of it may lie "
         "inside. 50 % band: share of the truth where it is known, else of the record. p: how often a flight drawn from "
-        "this forecast has no more of itself in its 90 % band; a swing once out of phase stays so, so that shares of "
-        "single flights scatter widely. A very small p contradicts the band."
+        "this forecast has no more of itself in its 90 % band; a very small p contradicts the band."
     )
     return table_of(columns, rows, caption)
 

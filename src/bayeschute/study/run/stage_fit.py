@@ -318,11 +318,11 @@ def _found(job: Job, group: Group, say: Say) -> tuple[Group, LaplaceFit, dict[st
             group = replace(group, priors=tuple(priors))
             settled_terms.revise(job, priors)
     places = _at_rest(job, asked, group, settled, prior, part_of(say, _SETTLED, _RESTED))
+    widen = job.study.noise.model == "latent"
     while True:
         at, place = places.pop()
         flights = [data_of(job, f, at.priors) for f in at.flights]
         try:
-            widen = job.study.noise.model == "latent"
             found = about_mode(flights, at.priors, prior, place, part_of(say, _RESTED, 1.0), widen)
             break
         except (FitError, FloatingPointError) as error:

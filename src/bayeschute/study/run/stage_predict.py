@@ -15,7 +15,7 @@ from bayeschute.core.trees import load_tree, save_tree
 from bayeschute.likelihood.joint import NoiseParameters
 from bayeschute.prediction import bands, risk_files
 from bayeschute.prediction.flight_statistics import flight_statistics
-from bayeschute.prediction.held_shares import coverage, rarity
+from bayeschute.prediction.held_shares import coverage, p_value
 from bayeschute.records.reconstruct import reconstruct
 from bayeschute.study.assembly import assemble
 from bayeschute.study.assembly.fits import summary_draws
@@ -72,7 +72,7 @@ def predict(job: Job) -> str:
 
 def _held(what: str, draws: Array, reference: Array, counted: NDArray[np.bool_]) -> dict[str, float | None]:
     """Share of truth or record inside the band, and how often a flight of the forecast has no more there."""
-    return {what: coverage(draws, reference, counted), f"{what}_p": rarity(draws, reference, counted)}
+    return {what: coverage(draws, reference, counted), f"{what}_p": p_value(draws, reference, counted)}
 
 
 def _record_held(job: Job, one: FlightForecast, quantity: str, recorded: dict[str, Array]) -> dict[str, float | None]:

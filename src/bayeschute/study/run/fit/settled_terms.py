@@ -227,18 +227,14 @@ def _demanded(job: Job, group: Group, place: JointFit, library: Mapping[str, Seq
 
 def _taken_back(library: Sequence[Prior], chosen: Sequence[Prior], more: Collection[str]) -> tuple[Prior, ...]:
     """Priors of the chosen terms and more, the library's others known to be zero; as wide as those of the chosen."""
-    here, made = {p.name for p in chosen}, list[Prior]()
-    for p in library:
-        wider = max((c.widened for c in chosen if _kind(c) is not None and _kind(c) == _kind(p)), default=1.0)
-        source = f"{p.source}; {TAKEN_BACK}" if p.name in more else p.source
-        made.append(replace(p, scale=wider * p.scale, widened=wider * p.widened, source=source))
+    here, made = {p.name for p in chosen}, list(library)
+    for kind in KINDS:
+        factor = max((p.widened for p in chosen if p.name.startswith(f"{kind}[")), default=1.0)
+        for i, p in enumerate(made):
+            if p.name.startswith(f"{kind}["):
+                source = f"{p.source}; {TAKEN_BACK}" if p.name in more else p.source
+                made[i] = replace(p, scale=factor * p.scale, widened=factor * p.widened, source=source)
     return tuple(given_zero(made, [p.name for p in library if p.name not in here and p.name not in more]))
-
-
-def _kind(prior: Prior) -> str | None:
-    """Of force, if it is a coefficient's."""
-    coefficient = Coefficient.parse(prior.name)
-    return None if coefficient is None else coefficient.kind
 
 
 def _wider(job: Job, priors: tuple[Prior, ...], told: tuple[Prior, ...], theta: Array) -> tuple[Prior, ...]:
