@@ -219,6 +219,8 @@ def test_without_replicates_a_flight_is_judged_by_how_rare_its_share_is_among_dr
     assert "the 90 % band of the swing angle of cdt-3-12 contains only 60 % of it (p 0.005)" in label
     for usual in ({"record_p": 0.02}, {"record_p": None}, {"draws": 0}):  # not rare, no draw, nothing flown
         assert CONTRADICTED not in found(coverage={"cdt-3-12": {"swing_angle": entry | usual}}).claim.label
+    half = found(coverage={"cdt-3-12": {"swing_angle": entry | {"record": 0.49, "record_p": 0.2}}}).claim.label
+    assert "contains only 49 % of it" in half and "(p" not in half  # where few draws, of many flights, can't tell
     several = replace(RECORDS, flights=tuple(replace(RECORDS.flights[1], name=f"f{i}") for i in range(3)))
     for p, contradicted in ((0.004, False), (0.003, True)):  # one in a hundred over all three
         label = found(study=several, coverage={"f1": {"swing_angle": entry | {"record_p": p}}}).claim.label

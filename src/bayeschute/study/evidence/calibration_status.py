@@ -35,8 +35,10 @@ from bayeschute.study.study import Study
 
 NONE_STORED = "no calibration of this configuration is stored"
 OLDER = "not checked with these numerics"
+LEAST_HELD = 0.5
+"""Share of an unseen flight in its 90 % band below which the band is contradicted, where no replicates tell."""
 RARE = 0.01
-"""How often a flight of a right forecast may contradict its band, over all held-out flights, without replicates."""
+"""How often a right forecast may be contradicted by how rare a share is among its draws, over all held-out flights."""
 OF_THE_DATA = ("innovations", "predictive")
 """Checks that compare the record with the model; others are about the computation."""
 _LANDINGS = "landings"
@@ -193,7 +195,7 @@ def contradictions(
         study: The study.
         checks: The run's own checks.
         coverage: Shares inside the 90 % bands.
-        found: Stored replicates, whose lowest share of a flight is the bound; without them it is `RARE`.
+        found: Stored replicates, whose lowest share of a flight is the bound; None: `LEAST_HELD`, and `RARE`.
     """
     made = []
     if checks.get("innovations", {}).get("passed") is False:
@@ -209,7 +211,7 @@ def contradictions(
 
 
 def _low_shares(study: Study, coverage: Mapping[str, Any], found: Mapping[str, Any] | None) -> Iterator[str]:
-    """Held-out flights of which their bands contain less than of any replicate's, or of nearly all their own draws."""
+    """Held-out flights of which bands contain less than of any replicate's; without these, less than is usual."""
     lowest: dict[str, float] = {}
     many = found is not None and int(found["replicates"]) >= ENOUGH
     for name, entry in found["bands"].items() if found is not None and many else ():
@@ -223,8 +225,8 @@ def _low_shares(study: Study, coverage: Mapping[str, Any], found: Mapping[str, A
             share, p = entry.get(kind), entry.get(f"{kind}_p")
             if share is None or not entry.get("draws", 1):
                 continue
-            rare = p is not None and p < RARE / len(flights)
-            if share < min(lowest[quantity], NOMINAL) if quantity in lowest else rare:
+            rare = quantity not in lowest and p is not None and p < RARE / len(flights)
+            if rare or share < min(lowest.get(quantity, LEAST_HELD), NOMINAL):
                 words = f"the 90 % band of the {quantity.replace('_', ' ')} of {flight.name} contains"
                 yield f"{words} only {100 * share:.0f} % of it{f' (p {p:.2g})' if rare else ''}"
 
