@@ -176,6 +176,14 @@ class ClusterFlight:
         """The cluster with these parameters."""
         return with_parameters(self.base, self.structure, self.names, theta, self.air_shares)
 
+    def with_own_parameters(self) -> tuple[ClusterFlight, tuple[int, ...]]:
+        """The flight of the parameters that it has alone, and their numbers among all: others move nothing."""
+        own = tuple(i for i, name in enumerate(self.names) if name)
+        if len(own) == len(self.names):
+            return self, own
+        shares = tuple(self.air_shares[i] for i in own) if self.air_shares else ()
+        return replace(self, names=tuple(self.names[i] for i in own), air_shares=shares), own
+
     def initial(self, numbers: Cluster, start: jax.Array) -> jax.Array:
         """State at the first sample (13 + 6 n, ...)."""
         rank = start.ndim - 1

@@ -64,6 +64,19 @@ class FlightData:
         """Number of samples."""
         return int(self.observed.shape[0])
 
+    def own(self, theta: Component) -> tuple[FlightData, Component, NDArray[np.intp]]:
+        """The record with a model of the parameters (P, ...) that it has alone, these (K, ...), and their numbers (K,).
+
+        Many flights fitted together have errors of their own, each of which moves one: none has to be asked of others.
+        """
+        model: Any = self.model
+        if hasattr(model, "with_own_parameters"):
+            alone, numbers = model.with_own_parameters()
+            if alone is not model:
+                rows = np.array(numbers, int)
+                return replace(self, model=alone), theta[rows], rows
+        return self, theta, np.arange(np.shape(theta)[0])
+
     def in_small_steps(self) -> FlightData:
         """The same record with a model in classical steps, which are shorter: for paths that jolt its risers."""
         model: Any = self.model
@@ -185,6 +198,7 @@ def states(data: FlightData, theta: Component, latent_path: LatentPath, known: C
         latent_path: Initial deviations and disturbances; its path is not used.
         known: States at the first samples (K, X, ...), from which the simulation continues.
     """
+    data, theta, _ = data.own(theta)
     made = kernel.states(data.model, theta, latent_path.start, latent_path.error, known)
     return jax_states(data, theta, latent_path, known) if made is None else made
 
@@ -199,6 +213,8 @@ def moved(data: FlightData, path: Component, by: Component, theta: Component, ch
         theta: Parameters there (P, ...).
         change: That of the parameters (P, ...), zero where they are held.
     """
+    change = data.own(change)[1]
+    data, theta, _ = data.own(theta)
     model: Any = data.model
     return model.retract(path, by, theta, change) if hasattr(model, "retract") else path + by
 
@@ -226,6 +242,7 @@ def stepped(data: FlightData, theta: Component, latent_path: LatentPath) -> tupl
     Returns:
         The residuals, zero where no datum exists, and the defects (T, X, ...).
     """
+    data, theta, _ = data.own(theta)
     made = kernel.reached(data.model, theta, latent_path.start, latent_path.error, latent_path.path)
     if made is None:
         return jax_stepped(data, theta, latent_path)
@@ -242,6 +259,7 @@ def compared(data: FlightData, theta: Component, x: Component) -> Component:
 
 def outputs_of(data: FlightData, theta: Component, x: Component) -> Component:
     """Outputs (T, C, ...) of states (T, X, ...), made like `states`."""
+    data, theta, _ = data.own(theta)
     y = kernel.outputs(data.model, theta, x)
     return _jax_outputs(data.model, x, theta) if y is None else y
 
@@ -278,7 +296,7 @@ class Linear(NamedTuple):
         defects: Continuity defects of the first state and every step: end of the step minus the next state (T, X).
         latent_path: The latent path.
         steps: Derivatives of all steps and outputs.
-        parameters: Numbers of the parameters by which there are derivatives (P,).
+        parameters: Numbers of the parameters by which there are derivatives, K of all P (K,).
     """
 
     residual: Component
@@ -288,18 +306,9 @@ class Linear(NamedTuple):
     parameters: Component
 
     def without_theta(self) -> Linear:
-        """The same without derivatives by theta, P = 0: cheaper for fixed parameters."""
-        return self._of(np.zeros(0, int))
-
-    def told(self) -> Linear:
-        """The same with derivatives by those parameters only that move a step or an output: not other flights' own."""
-        columns = (getattr(self.steps, name) for name in _BY_PARAMETERS)
-        moving = [np.any(np.asarray(one) != 0.0, axis=tuple(range(one.ndim - 1))) for one in columns]
-        return self._of(np.flatnonzero(np.any(moving, axis=0)))
-
-    def _of(self, columns: NDArray[np.intp]) -> Linear:
-        some = {name: getattr(self.steps, name)[..., columns] for name in _BY_PARAMETERS}
-        return self._replace(steps=self.steps._replace(**some), parameters=self.parameters[columns])
+        """The same without derivatives by theta, K = 0: cheaper for fixed parameters."""
+        none = {name: getattr(self.steps, name)[..., :0] for name in _BY_PARAMETERS}
+        return self._replace(steps=self.steps._replace(**none), parameters=self.parameters[:0])
 
 
 _BY_PARAMETERS = ("first_theta", "by_theta", "out_theta")
@@ -318,13 +327,16 @@ def linearise(data: FlightData, theta: Component, latent_path: LatentPath, by_th
         data: The record.
         theta: Parameters (P,).
         latent_path: Where.
-        by_theta: Whether derivatives by the parameters are wanted: cheaper without, P = 0.
+        by_theta: Whether derivatives by the parameters are wanted: cheaper without, K = 0.
+
+    Returns:
+        The flight, with derivatives by the K parameters that its model has (`FlightData.own`).
     """
+    data, theta, parameters = data.own(theta)
     if latent_path.path is None:
         latent_path = latent_path._replace(path=states(data, theta, latent_path))
     made = kernel.along_path(data.model, theta, latent_path.start, latent_path.error, latent_path.path, by_theta)
     y, reached, steps = _along_by_jax(data, theta, latent_path) if made is None else made
-    parameters = np.arange(np.shape(theta)[0])
     found = Linear(_less_outputs(data, y), _defects(reached, latent_path.path), latent_path, steps, parameters)
     return found if by_theta else found.without_theta()
 
@@ -343,7 +355,7 @@ def filter_gains(data: FlightData, hyper: NoiseParameters, linear: Linear, slack
 
 
 def as_seen(linear: Linear) -> Seen:
-    """The linear model's data and their derivatives, 1 + P columns.
+    """The linear model's data and their derivatives, 1 + K columns.
 
     The first: the data relative to the undisturbed, linearised flight at theta (residuals plus the contribution of
     start and disturbances to the trajectory); then the derivatives of the outputs by theta.

@@ -78,13 +78,16 @@ class Optimum:
 class Conditional(NamedTuple):
     """Start and process noise given theta near a linearisation: ``optimum - slope (theta - theta_0)``, and the rest.
 
+    Derivatives are by the K parameters that the flight has.
+
     Attributes:
         optimum: Conditional optimum at the linearisation.
         slope: Its derivatives by theta, last axis, sign turned.
-        states: How far the path moves to that optimum, then its derivatives, sign turned (T, X, 1 + P).
-        matrix: Gauss-Newton matrix of theta, start and process noise eliminated (P, P).
-        gradient: Gradient of minus the log density by theta, likewise (P,).
+        states: How far the path moves to that optimum, then its derivatives, sign turned (T, X, 1 + K).
+        matrix: Gauss-Newton matrix of theta, start and process noise eliminated (K, K).
+        gradient: Gradient of minus the log density by theta, likewise (K,).
         gains: The filter.
+        parameters: Numbers of these parameters among all (K,).
     """
 
     optimum: Unknowns
@@ -93,6 +96,12 @@ class Conditional(NamedTuple):
     matrix: Component
     gradient: Component
     gains: Gains
+    parameters: Component
+
+    def add_to(self, matrix: Array, gradient: Array) -> None:
+        """Add the flight to the matrix (P, P) and the gradient (P,) of all parameters."""
+        matrix[np.ix_(self.parameters, self.parameters)] += self.matrix
+        gradient[self.parameters] += self.gradient
 
 
 def conditional(data: FlightData, hyper: NoiseParameters, linear: Linear) -> Conditional:
@@ -107,6 +116,7 @@ def conditional(data: FlightData, hyper: NoiseParameters, linear: Linear) -> Con
         unit[:, 1:].T @ unit[:, 1:],
         -unit[:, 1:].T @ unit[:, 0],
         made,
+        linear.parameters,
     )
 
 
@@ -162,7 +172,8 @@ class _Point(NamedTuple):
         """Parameters a share of a step away, and unknowns a share of the way to their optimum at its end."""
 
         def moved(part: Unknowns, given: Conditional) -> Unknowns:
-            there = jax.tree.map(lambda best, slope: best - slope @ step, given.optimum, given.slope)
+            own = step[given.parameters]
+            there = jax.tree.map(lambda best, slope: best - slope @ own, given.optimum, given.slope)
             return jax.tree.map(lambda a, b: np.asarray(a + share * (b - a)), part, there)
 
         return self.theta + share * step, [moved(x, g) for x, g in zip(self.unknowns, self.given, strict=True)]
@@ -191,9 +202,10 @@ class _Problem:
         if self.first_part:
             linear = [_opening(f, one) for f, one in zip(self.flights, linear, strict=True)]
         given = [conditional(f, self.hyper, one) for f, one in zip(self.flights, linear, strict=True)]
-        before = precision(self.priors)
-        matrix = before + sum(np.asarray(g.matrix) for g in given)
-        gradient = before @ (theta - working(self.priors)[0]) + self.tilt + sum(np.asarray(g.gradient) for g in given)
+        matrix = precision(self.priors)
+        gradient = matrix @ (theta - working(self.priors)[0]) + self.tilt
+        for one in given:
+            one.add_to(matrix, gradient)
         finite = np.isfinite(matrix).all() and np.isfinite(gradient).all()
         return _Point(theta, unknowns, value, given, matrix, gradient) if finite else None
 

@@ -192,7 +192,6 @@ def _about(flight: FlightData, hyper: NoiseParameters, linear: Linear) -> tuple[
 
 def _along(flight: FlightData, hyper: NoiseParameters, theta: Array, at: Lifted, linear: Linear) -> Linearisation:
     """A flight about its conditional optimum."""
-    linear = linear.told()
     slope, known_slope, made = _about(flight, hyper, linear)
     aside = jax.tree.map(lambda a: np.zeros(np.shape(a)), slope)
     mean, lost = mean_correction.mean(flight, hyper, made, theta, linear)

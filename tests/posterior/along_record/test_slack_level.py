@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from bayeschute.likelihood.joint import linearise
-from bayeschute.likelihood.priors import standard
+from bayeschute.likelihood.joint import FlightData, linearise, stepped
+from bayeschute.likelihood.priors import Prior, standard
+from bayeschute.posterior import joint_mode as optimum
 from bayeschute.posterior.along_record import slack_level
 from bayeschute.posterior.along_record.lifted_fit import begin, descend
 from bayeschute.posterior.along_record.linear_problem import terms
@@ -73,3 +76,54 @@ def test_what_a_level_lowers_is_what_it_says(drop, level):
     lin = linearise(drop.flight, made.theta, at.latent_path(drop.flight))
     sizes = terms(drop.flight, drop.hyper, LEVELS[-1] * drop.flight.path.slack, at, lin)
     assert made.rows[-1].defect == pytest.approx(float(sizes.largest), rel=1e-9)
+
+
+@pytest.fixture(scope="module")
+def pair(drop):
+    """The drop twice, each with an error of its own wind, and the priors of all parameters."""
+    names = [p.name for p in drop.priors]
+    error = Prior("wind_bias.north", 0.0, 0.5, False, "m/s", "")
+    own = [("wind_bias.north", ""), ("", "wind_bias.north")]
+    models = (replace(drop.flight.model, names=(*names, *both)) for both in own)
+    return [replace(drop.flight, model=model) for model in models], [*drop.priors, error, error]
+
+
+@pytest.mark.parametrize("level", [LEVELS[-1], 0.0])
+def test_flights_with_errors_of_their_own_are_as_if_each_were_asked_for_all_of_them(pair, drop, level, monkeypatch):
+    """Naive twin: every flight with derivatives by all parameters, those of the other's error being zero."""
+    flights, priors = pair
+    problem = slack_level.Level(flights, drop.hyper, priors, level)
+    theta = np.array([*drop.theta, 0.3, -0.2])
+    at = [begin(flight) for flight in flights]
+    step = np.array([0.01, 0.02, -0.01, 0.1, 0.2])
+
+    def told():
+        here = problem.point(theta, at)
+        solved, matrix, gradient = problem.solved(here)
+        ends = problem.moved(here, solved, step)
+        held = [optimum.conditional(f, drop.hyper, linear) for f, linear in zip(flights, here.along, strict=True)]
+        whole, slope = np.zeros((5, 5)), np.zeros(5)
+        for one in held:
+            one.add_to(whole, slope)
+        found = problem.on_the_path(here)
+        sizes = [one.steps.by_theta.shape[-1] for one in here.along]
+        return sizes, [matrix, gradient, *(end.path for end in ends), whole, slope, found.theta]
+
+    def asked_for_all(data, theta):
+        return data, theta, np.arange(len(theta))
+
+    sizes, got = told()
+    monkeypatch.setattr(FlightData, "own", asked_for_all)
+    all_of, want = told()
+    assert sizes == [4, 4] and all_of == [5, 5]
+    for one, other in zip(got, want, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9 * np.max(np.abs(other)))
+
+
+def test_an_error_of_the_other_flight_alone_moves_nothing_of_a_flight(pair, drop):
+    flights, _ = pair
+    theta, other = np.array([*drop.theta, 0.3, -0.2]), np.array([*drop.theta, 0.3, 4.0])
+    at = begin(flights[0]).latent_path(flights[0])
+    for one, same in zip(stepped(flights[0], theta, at), stepped(flights[0], other, at), strict=True):
+        np.testing.assert_array_equal(one, same)
+    assert np.max(np.abs(stepped(flights[1], theta, at)[1] - stepped(flights[1], other, at)[1])) > 1e-3

@@ -43,14 +43,15 @@ class Terms(NamedTuple):
 
 
 class Solved(NamedTuple):
-    """The linear problem of a flight along a path, solved for all but the parameters.
+    """The linear problem of a flight along a path, solved for all but the parameters, K of which the flight has.
 
     Attributes:
-        gram: Products of the innovations of data and of the derivatives by parameters (1 + P, 1 + P).
-        start: Standard start, and its derivatives by the parameters, sign turned (D, 1 + P).
-        process_noise: Likewise of the process noise of the latent processes (T, L, 1 + P).
-        states: Likewise of how far the path moves (T, X, 1 + P).
+        gram: Products of the innovations of data and of the derivatives by parameters (1 + K, 1 + K).
+        start: Standard start, and its derivatives by the parameters, sign turned (D, 1 + K).
+        process_noise: Likewise of the process noise of the latent processes (T, L, 1 + K).
+        states: Likewise of how far the path moves (T, X, 1 + K).
         determinant: Log determinant of the innovations.
+        parameters: Numbers of these parameters among all (K,).
     """
 
     gram: Component
@@ -58,6 +59,7 @@ class Solved(NamedTuple):
     process_noise: Component
     states: Component
     determinant: Component
+    parameters: Component
 
 
 def terms(flight: FlightData, hyper: NoiseParameters, slack: Component, at: Lifted, made: Linear) -> Terms:
@@ -88,13 +90,16 @@ def solve(flight: FlightData, hyper: NoiseParameters, slack: Component | None, m
     got = smooth_driven(filtered, as_seen(made))
     process_noise = got.process_noise[:, : flight.latent.size]
     flat = np.reshape(got.innovations, (-1, got.innovations.shape[2]))
-    return Solved(flat.T @ flat, got.start, process_noise, got.states, filtered.log_determinant), filtered
+    gram = flat.T @ flat
+    solved = Solved(gram, got.start, process_noise, got.states, filtered.log_determinant, made.parameters)
+    return solved, filtered
 
 
 def led(flight: FlightData, hyper: NoiseParameters, at: Lifted, solved: Solved, step: Component) -> Lifted:
     """Start, process noise and trajectory after a step of the parameters (P,) in the linear problem."""
+    own = step[solved.parameters]
     start, process_noise, away = (
-        a[..., 0] - a[..., 1:] @ step for a in (solved.start, solved.process_noise, solved.states)
+        a[..., 0] - a[..., 1:] @ own for a in (solved.start, solved.process_noise, solved.states)
     )
     error = disturbances(hyper.dynamics(flight), process_noise)
     return Lifted(Unknowns(start, process_noise), error, at.path + away)

@@ -123,8 +123,9 @@ class Level:
         gradient = matrix @ (here.theta - working(self.priors)[0])
         for flight, at, made in zip(self.records, here.flights, here.along, strict=True):
             found.append(solve(flight, self.hyper, self._freedom(flight, at), made)[0])
-            gram = np.asarray(found[-1].gram)
-            matrix, gradient = matrix + gram[1:, 1:], gradient - gram[1:, 0]
+            gram, own = np.asarray(found[-1].gram), made.parameters
+            matrix[np.ix_(own, own)] += gram[1:, 1:]
+            gradient[own] -= gram[1:, 0]
         return found, matrix, gradient
 
     def relaxed(self, here: Point) -> Relaxed:
@@ -146,8 +147,8 @@ class Level:
             for flight, at, made in zip(self.records, here.flights, here.along, strict=True):
                 slack = self.slack(flight, at, self.level or LEVELS[-1])
                 by_theta = np.concatenate([made.steps.first_theta[None], made.steps.by_theta]) / slack[:, None]
-                matrix = matrix + np.einsum("txp,txq->pq", by_theta, by_theta)
-                gradient = gradient + np.einsum("txp,tx->p", by_theta, np.asarray(made.defects) / slack)
+                matrix[np.ix_(made.parameters, made.parameters)] += np.einsum("txp,txq->pq", by_theta, by_theta)
+                gradient[made.parameters] += np.einsum("txp,tx->p", by_theta, np.asarray(made.defects) / slack)
             if not (np.isfinite(matrix).all() and np.isfinite(gradient).all()):
                 break
             try:

@@ -68,7 +68,7 @@ class Row(NamedTuple):
 
 @jax.jit
 def _sensitivities(flight: FlightData, linear: Linear) -> jax.Array:
-    """Derivatives of the outputs by parameters and standard start (T, C, P + D)."""
+    """Derivatives of the outputs by the flight's parameters and standard start (T, C, K + D)."""
     p, d = linear.steps.out_theta.shape[2], flight.start_scale.shape[0]
     start = jnp.concatenate([jnp.zeros((d, p)), jnp.diag(jnp.asarray(flight.start_scale))], axis=1)
     error = jnp.asarray(linear.latent_path.error)
@@ -86,7 +86,7 @@ class _Told(NamedTuple):
     """What a flight tells of its own unknowns.
 
     Attributes:
-        triangle: R of the factors Q R of the sensitivities, in standard deviations of the noise (Q, Q).
+        triangle: R of the factors Q R of the sensitivities, in standard deviations of the noise (Q, Q); Q = K + D.
         middle: Autocovariance of the residuals as the columns of the factor Q see it (Q, Q).
         memory: Integrated autocorrelation time of the residuals [samples].
     """
@@ -99,7 +99,7 @@ class _Told(NamedTuple):
 def _told(
     flight: FlightData, linear: Linear, hyper: NoiseParameters, prior_factor: Array, taper: str, share: float
 ) -> _Told:
-    """Of parameters and initial state, Q in all."""
+    """Of the K parameters that the flight has and D initial deviations, whose prior has this factor (K + D, P + D)."""
     sd, present = _noise_sd(flight, hyper), np.asarray(flight.present, bool)
     samples, outputs = present.shape
     design = np.moveaxis(np.asarray(_sensitivities(flight, linear)) / sd[:, None], 1, 0)
@@ -151,10 +151,10 @@ def bounds(
     held = scipy.linalg.block_diag(scipy.linalg.solve_triangular(root, np.eye(p), lower=True), np.eye(size - p))
     told, triangles, at = list[_Told](), list[Array](), p
     for flight, linear in zip(flights, optimum.linear(flights), strict=True):
-        prior_factor = scipy.linalg.block_diag(root, np.eye(flight.starts))
+        prior_factor = scipy.linalg.block_diag(root[linear.parameters], np.eye(flight.starts))
         told.append(_told(flight, linear, hyper, prior_factor, taper, max_lag_fraction))
         wide = np.zeros((len(told[-1].triangle), size))
-        wide[:, np.r_[:p, at : at + flight.starts]] = told[-1].triangle
+        wide[:, np.r_[linear.parameters, at : at + flight.starts]] = told[-1].triangle
         triangles.append(wide)
         at += flight.starts
     # Sensitivities of a flight that diverges grow through the record: information squares them beyond all digits.

@@ -45,7 +45,6 @@ def scores(
     gradient: Array = np.zeros(theta.size)
     matrix[np.ix_(kept, kept)] = precision([p for p, here in zip(priors, kept, strict=True) if here])
     for flight, x in zip(flights, at, strict=True):
-        given = conditional(flight, hyper, linearise(flight, theta, x.latent_path(flight)))
-        matrix, gradient = matrix + np.asarray(given.matrix), gradient + np.asarray(given.gradient)
+        conditional(flight, hyper, linearise(flight, theta, x.latent_path(flight))).add_to(matrix, gradient)
     covariance: Array = np.asarray(np.linalg.inv(matrix), np.float64)
     return -covariance @ np.where(kept, 0.0, gradient), np.sqrt(np.diag(covariance))
