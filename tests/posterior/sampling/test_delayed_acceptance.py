@@ -87,3 +87,25 @@ def test_place_slope_and_density_move_together_and_adaptation_goes_on():
     np.testing.assert_array_equal(made.z_grad, -made.z)
     np.testing.assert_array_equal(made.potential_energy, [1.0, 0.0, 1.0])
     assert made.adapted == 5
+
+
+@pytest.mark.parametrize("warmup", [60, 400])
+def test_law_a_normal_of_forty_parameters_is_drawn_in_short_walks(warmup):
+    """Variances from 0.5 to 2 and a correlation; a covariance learnt from sixty steps takes hundreds of steps a draw."""
+    import jax
+
+    size = 40
+    covariance = np.diag(np.linspace(0.5, 2.0, size))
+    covariance[0, 1] = covariance[1, 0] = 0.3
+    precision = np.linalg.inv(covariance)
+    density = jax.tree_util.Partial(_quadratic, precision)
+    drawn = module.plain(density, size, 4, warmup, 500, 5)
+    xi = drawn.xi.reshape(-1, size)
+    assert np.mean(drawn.stats["n_steps"]) < 20.0
+    np.testing.assert_allclose(np.mean(xi, axis=0), 0.0, atol=0.2)
+    np.testing.assert_allclose(np.cov(xi.T), covariance, atol=0.3)
+    assert np.cov(xi.T)[0, 1] == pytest.approx(0.3, abs=0.1)
+
+
+def _quadratic(precision, xi):
+    return -0.5 * xi @ (precision @ xi)
