@@ -176,7 +176,9 @@ def cluster_data(
     tail = {name: -3.0 if name == APPARENT_MASS else 3.0 for name in LOGARITHMIC}
     tails = tail, tail | {"riser_damping": -3.0}
     stiff = [np.array([p.centre + tail.get(p.name, 0.0) * p.scale for p in priors]) for tail in tails]
-    flight = replace(flight, stepping=steps(poles(flight, stiff, 9 + 4 * n), dt))
+    alone, own = flight.with_own_parameters()  # of one kind, whatever other flights have
+    found = poles(alone, [theta[list(own)] for theta in stiff], 9 + 4 * n)
+    flight = replace(flight, stepping=steps(found, dt))
 
     columns = {"canopy_position": apart.reshape(samples, -1), "capsule_velocity": velocity}
     columns |= {c: record[c].values.reshape(samples, -1) for c in used if c not in (*columns, "capsule_attitude")}
