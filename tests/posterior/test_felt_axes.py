@@ -32,6 +32,9 @@ class OwnFlight(FeltFlight):
 
     own: int = field(default=1, metadata={"static": True})
 
+    def with_own_parameters(self):
+        return replace(self, own=1), (0, self.own)
+
     def numbers(self, theta):
         return jnp.stack([theta[0], theta[self.own]])
 
