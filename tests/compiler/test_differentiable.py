@@ -23,7 +23,8 @@ def case(request):
     path = np.asarray(integrate.trajectory_compiled(made.model, theta, start, error))
     path = path + 1e-3 * rng.standard_normal(path.shape)
     given = tuple(map(jnp.asarray, (theta, start, error, path)))
-    y, reached, _ = integrate.along_path(made.model, *given)
+    reached = jax.jit(integrate.reached)(made.model, *given)
+    y = jax.jit(integrate.outputs)(made.model, given[3], given[0])
     weights = jnp.asarray(rng.standard_normal(y.shape)), jnp.asarray(rng.standard_normal(path.shape))
     steps = differentiable_steps(made.model, theta.size, start.size, error.shape[1], path.shape, y.shape[1])
     return made.model, given, (y, jnp.concatenate([reached.first[None], reached.steps])), weights, steps
