@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -127,8 +128,20 @@ def finished(descents: Descents, tmp_path_factory: pytest.TempPathFactory) -> Fi
     return Finished(folder, summary, told)
 
 
+_MOST_RESIDENT = 1.5 * 2**30  # of a worker, after a test file [byte]; none adds more than a third of it
+
+
 @pytest.fixture(autouse=True, scope="module")
 def _room_for_compiled_functions() -> Iterator[None]:
-    """The suite in one process would need more memory maps than Linux allows; a run may keep more of them than a test."""
+    """The suite in one process would need more memory maps than Linux allows; a run may keep more of them than a test.
+
+    Nor does a worker need the functions of all test files before: they would take 3 GiB.
+    """
     yield
-    clear_compiled(15_000)
+    clear_compiled(0 if _resident() > _MOST_RESIDENT else 15_000)
+
+
+def _resident() -> float:
+    """Memory of this process [byte]; none where it can't be told (not Linux)."""
+    told = Path("/proc/self/statm")
+    return float(told.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") if told.exists() else 0.0
